@@ -1,0 +1,1 @@
+"""Pressure controllers: what is asked of the regulator, and when."""

@@ -1,0 +1,77 @@
+"""Finding and reading device files: presets by name, anything else by path."""
+
+import hashlib
+import tomllib
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+from klute_sim.device.schema import DeviceSpec, parse
+from klute_sim.device.step import Parameters
+from klute_sim.errors import InputError
+
+DEFAULT_PROSTHESIS = "klute-1-1-4-pair"
+
+
+@dataclass(frozen=True)
+class Device:
+    """A device file, read and checked."""
+
+    spec: DeviceSpec
+    text: str
+    """The file as it was read: a run keeps it verbatim."""
+
+    @property
+    def name(self) -> str:
+        """The device's own name."""
+        return self.spec.name
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """What the law needs, SI."""
+        return self.spec.parameters()
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the file's text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+
+def _preset_folder() -> Traversable:
+    return resources.files("klute_sim.device") / "presets"
+
+
+def preset_names() -> list[str]:
+    """Names of the devices that come with the package."""
+    return sorted(f.name.removesuffix(".toml") for f in _preset_folder().iterdir() if f.name.endswith(".toml"))
+
+
+def load(name_or_path: str | Path) -> Device:
+    """The preset of that name, or the device file at that path.
+
+    Raises InputError when there is neither, or when the file is not TOML or not a device.
+    """
+    wanted = str(name_or_path)
+    if wanted in preset_names():
+        return read((_preset_folder() / f"{wanted}.toml").read_text("utf-8"), wanted)
+    path = Path(wanted)
+    if not path.is_file():
+        raise InputError(
+            f"no device '{wanted}': give the path of a device file, or one of {', '.join(preset_names())}"
+        )
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"device file {wanted} cannot be read: {error}") from None
+    return read(text, wanted)
+
+
+def read(text: str, where: str) -> Device:
+    """The device that ``text`` (TOML) describes; ``where`` names its place in errors."""
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"device file {where} is not valid TOML: {error}") from None
+    return Device(parse(content, where), text)

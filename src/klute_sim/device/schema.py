@@ -1,0 +1,269 @@
+"""The device file: which keys exist, what each may hold, and the SI parameters they stand for.
+
+A key carries its unit at its end. What is not allowed is refused with the key, the value and what would be
+allowed; nothing is defaulted silently except what this page says may be left out.
+"""
+
+import math
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
+
+from klute_sim.device.step import Parameters
+from klute_sim.errors import InputError
+from klute_sim.laws import damper as damper_law
+from klute_sim.laws.damper import Damper
+from klute_sim.laws.mckibben import Muscle
+from klute_sim.laws.pneumatics import ZERO_CELSIUS, Supply
+from klute_sim.laws.tendon import Tendon
+from klute_sim.units import to_si
+
+RADIUS_AGREEMENT = 0.05
+"""How far the radius that braid and turns imply may be from the bladder's (Table 3.1: up to 2.6 %)."""
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    def si(self, key: str) -> float:
+        """Value of ``key`` in SI."""
+        return to_si(key, float(getattr(self, key)))
+
+
+class MuscleSection(_Section):
+    """``count`` equal McKibben actuators side by side."""
+
+    count: Annotated[int, Field(ge=1)] = 1
+    """Actuators in parallel."""
+    resting_length_mm: Positive
+    """L0."""
+    braid_length_ratio: Annotated[FiniteFloat, Field(gt=1.0, lt=math.sqrt(3.0))]
+    """B/L0; a braid as long as the muscle could not wind, one of sqrt(3) L0 is locked at rest."""
+    turns_per_m: Positive
+    """N/L0."""
+    bladder_radius_mm: Positive
+    """R0, outer."""
+    bladder_thickness_mm: Positive
+    """t0."""
+    c10_kpa: NotNegative
+    c01_kpa: NotNegative
+    friction_slope_n_per_bar: FiniteFloat
+    """m, per actuator."""
+    friction_offset_n: FiniteFloat
+    """b, per actuator, signed as printed."""
+    bladder: bool = True
+    """False leaves the bladder term out (the geometric model)."""
+    friction: bool = True
+    """False leaves the friction offset out."""
+
+    @model_validator(mode="after")
+    def _bladder_fits_braid(self) -> Self:
+        if self.bladder_thickness_mm >= self.bladder_radius_mm:
+            raise PydanticCustomError(
+                "wall",
+                "bladder_thickness_mm is {t} but must be less than bladder_radius_mm, {r}",
+                {"t": self.bladder_thickness_mm, "r": self.bladder_radius_mm},
+            )
+        ratio = self.braid_length_ratio
+        braid_radius = 1e3 * math.sqrt(ratio * ratio - 1.0) / (2.0 * math.pi * self.turns_per_m)
+        if abs(braid_radius / self.bladder_radius_mm - 1.0) > RADIUS_AGREEMENT:
+            raise PydanticCustomError(
+                "radius",
+                "bladder_radius_mm is {r} but braid_length_ratio and turns_per_m imply a radius of "
+                "{b} mm; the two must agree within 5 %",
+                {"r": self.bladder_radius_mm, "b": f"{braid_radius:.2f}"},
+            )
+        return self
+
+    def parameters(self) -> Muscle:
+        """The law's parameters, SI."""
+        length = self.si("resting_length_mm")
+        return Muscle(
+            count=float(self.count),
+            resting_length=length,
+            braid_length=self.braid_length_ratio * length,
+            turns=self.turns_per_m * length,
+            bladder_radius=self.si("bladder_radius_mm"),
+            bladder_thickness=self.si("bladder_thickness_mm"),
+            c10=self.si("c10_kpa") if self.bladder else 0.0,
+            c01=self.si("c01_kpa") if self.bladder else 0.0,
+            friction_slope=self.si("friction_slope_n_per_bar") if self.friction else 0.0,
+            friction_offset=self.si("friction_offset_n") if self.friction else 0.0,
+        )
+
+
+class DamperSection(_Section):
+    """An orifice damper in parallel with the muscle, discharge coefficient 1 as in the design."""
+
+    bore_mm: Positive
+    orifice_concentric_mm: Positive
+    """Open while shortening."""
+    orifice_eccentric_mm: Positive
+    """Open while lengthening."""
+    oil_density_kg_m3: Positive
+
+    @model_validator(mode="after")
+    def _orifice_fits_bore(self) -> Self:
+        for key in ("orifice_concentric_mm", "orifice_eccentric_mm"):
+            if getattr(self, key) > self.bore_mm:
+                raise PydanticCustomError(
+                    "orifice",
+                    "{key} is {value} but must not exceed bore_mm, {bore}",
+                    {"key": key, "value": getattr(self, key), "bore": self.bore_mm},
+                )
+        return self
+
+    def parameters(self) -> Damper:
+        """The law's parameters, SI."""
+        bore, density = self.si("bore_mm"), self.si("oil_density_kg_m3")
+        return Damper(
+            concentric=damper_law.coefficient(bore, self.si("orifice_concentric_mm"), density, 1.0),
+            eccentric=damper_law.coefficient(bore, self.si("orifice_eccentric_mm"), density, 1.0),
+        )
+
+
+class TendonSection(_Section):
+    """Two offset parallel springs in series with muscle and damper."""
+
+    slack_length_mm: NotNegative
+    stiffness_1_n_per_mm: Positive
+    stiffness_2_n_per_mm: NotNegative
+    engagement_mm: NotNegative
+
+    def parameters(self) -> Tendon:
+        """The law's parameters, SI."""
+        return Tendon(
+            slack_length=self.si("slack_length_mm"),
+            stiffness_1=self.si("stiffness_1_n_per_mm"),
+            stiffness_2=self.si("stiffness_2_n_per_mm"),
+            engagement=self.si("engagement_mm"),
+            rigid=False,
+        )
+
+
+class SupplySection(_Section):
+    """What the pressure regulator can do."""
+
+    pressure_bar: Positive
+    """Highest gauge pressure."""
+    rate_bar_per_s: Positive
+    """Fastest change either way."""
+    gas_temperature_c: Annotated[FiniteFloat, Field(gt=-ZERO_CELSIUS)]
+
+    def parameters(self) -> Supply:
+        """The law's parameters, SI."""
+        return Supply(
+            pressure=self.si("pressure_bar"),
+            rate=self.si("rate_bar_per_s"),
+            temperature=self.gas_temperature_c + ZERO_CELSIUS,
+        )
+
+
+class MountingSection(_Section):
+    """How the device is cut to length when it is built into an ankle."""
+
+    neutral_muscle_ratio: Annotated[FiniteFloat, Field(gt=0.6, le=1.0)]
+    """Muscle length over L0 with the ankle at neutral and the tendon just taut."""
+
+
+class Publication(_Section):
+    """A published measurement of this device, to lay beside the model."""
+
+    muscle_ratio: Annotated[FiniteFloat, Field(gt=0, le=1.0)]
+    """lambda_1 at which it was taken."""
+    pressure_bar: NotNegative
+    force_n: FiniteFloat
+    note: str
+
+
+class DeviceSpec(_Section):
+    """One device file."""
+
+    name: Annotated[str, Field(min_length=1)]
+    description: str = ""
+    muscle: MuscleSection
+    damper: DamperSection | None = None
+    """Left out: no damper."""
+    tendon: TendonSection | None = None
+    """Left out: a rigid tie of length 0 (a bare muscle on a tester)."""
+    supply: SupplySection
+    mounting: MountingSection | None = None
+    """Left out: the device cannot be built into an ankle."""
+    published: list[Publication] = []
+    sources: dict[str, str] = {}
+    """``section.key`` -> where the number is from; begins with 'assumed' if nobody printed it."""
+
+    @model_validator(mode="after")
+    def _sources_name_keys(self) -> Self:
+        known = self.numbers()
+        for key in self.sources:
+            if key not in known:
+                raise PydanticCustomError(
+                    "source", "sources names '{key}', which is no number of this file", {"key": key}
+                )
+        return self
+
+    def numbers(self) -> dict[str, float]:
+        """Every number of the device, ``section.key`` -> value as written in the file."""
+        found: dict[str, float] = {}
+        for title in ("muscle", "damper", "tendon", "supply", "mounting"):
+            section = getattr(self, title)
+            if section is not None:
+                values = section.model_dump()
+                found.update({f"{title}.{k}": v for k, v in values.items() if not isinstance(v, bool)})
+        return found
+
+    def assumed(self) -> dict[str, str]:
+        """The numbers nobody printed, ``section.key`` -> why."""
+        return {k: v for k, v in self.sources.items() if v.startswith("assumed")}
+
+    def parameters(self) -> Parameters:
+        """The law's parameters, SI, with neutral stand-ins for what is left out."""
+        return Parameters(
+            muscle=self.muscle.parameters(),
+            damper=self.damper.parameters() if self.damper else Damper(0.0, 0.0),
+            tendon=self.tendon.parameters() if self.tendon else Tendon(0.0, 0.0, 0.0, 0.0, rigid=True),
+            supply=self.supply.parameters(),
+        )
+
+
+def parse(content: dict[str, Any], where: str) -> DeviceSpec:
+    """Check the ``content`` of a device file found at ``where``; raises InputError with one sentence."""
+    try:
+        return DeviceSpec.model_validate(content)
+    except ValidationError as error:
+        raise InputError(_sentence(error, where)) from None
+
+
+def _sentence(error: ValidationError, where: str) -> str:
+    problems = error.errors(include_url=False)
+    first = problems[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        known = ", ".join(_keys_beside(first["loc"]))
+        text = f"unknown key '{key}'; allowed here: {known}"
+    elif first["type"] == "missing":
+        text = f"key '{key}' is missing"
+    elif first["type"] in {"wall", "radius", "orifice", "source"}:
+        text = f"[{key}] {first['msg']}" if key else first["msg"]
+    else:
+        text = f"{key} = {first['input']!r} is refused: {first['msg'][0].lower()}{first['msg'][1:]}"
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return f"device file {where}: {text}{more}"
+
+
+def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
+    sections: dict[str, type[_Section]] = {
+        "muscle": MuscleSection,
+        "damper": DamperSection,
+        "tendon": TendonSection,
+        "supply": SupplySection,
+        "mounting": MountingSection,
+        "published": Publication,
+    }
+    owner = sections.get(str(location[0]), DeviceSpec) if len(location) > 1 else DeviceSpec
+    return list(owner.model_fields)

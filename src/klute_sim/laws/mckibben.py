@@ -1,0 +1,129 @@
+"""The McKibben pneumatic muscle (dissertation chapter 3): gas, then bladder, then the friction offset.
+
+``F = -P dV/dL + Vb dW/dL - Ff``: each term is a function of its own, and every one is *added* with its
+sign, so a caller can keep a ledger line per term. ``lambda_1 = L/L0``; the muscle never exceeds L0 (the
+stop is kept by the device, which solves for the length).
+
+Several equal actuators in parallel are one :class:`Muscle` with ``count`` > 1.
+"""
+
+import math
+from typing import NamedTuple
+
+FRICTION_ONSET = 2.0e5
+"""Gauge pressure [Pa] below which the friction offset is faded out (assumed; fitted data start at 2 bar)."""
+
+
+class Muscle(NamedTuple):
+    """Parameters of ``count`` equal McKibben actuators in parallel."""
+
+    count: float
+    """Number of actuators [1]."""
+    resting_length: float
+    """L0, length unloaded and unpressurised [m]; the muscle's longest length."""
+    braid_length: float
+    """B, length of one braid thread [m]."""
+    turns: float
+    """N, turns of a thread around the muscle [1]."""
+    bladder_radius: float
+    """R0, outer radius of the bladder at rest [m]."""
+    bladder_thickness: float
+    """t0, wall thickness of the bladder at rest [m]."""
+    c10: float
+    """First Mooney-Rivlin constant [Pa]; 0 leaves the bladder term out."""
+    c01: float
+    """Second Mooney-Rivlin constant [Pa]; 0 leaves the bladder term out."""
+    friction_slope: float
+    """m, friction offset per pressure, per actuator [N/Pa]."""
+    friction_offset: float
+    """b, friction offset at zero pressure, per actuator, signed as printed [N]."""
+
+
+def lock_length(muscle: Muscle) -> float:
+    """Length [m] at which gas pressure no longer pulls: ``B / sqrt(3)`` (braid angle 54.7 degrees)."""
+    return muscle.braid_length / math.sqrt(3.0)
+
+
+def volume(muscle: Muscle, length: float) -> float:
+    """Gas volume [m3] of all actuators at ``length`` [m]: ``L (B^2 - L^2) / (4 pi N^2)``.
+
+    Chou & Hannaford 1996; the cylinder inside a braid of inextensible threads, no dead volume.
+    """
+    b, n = muscle.braid_length, muscle.turns
+    return muscle.count * length * (b * b - length * length) / (4.0 * math.pi * n * n)
+
+
+def gas_force(muscle: Muscle, pressure: float, length: float) -> float:
+    """Tension [N] from gauge ``pressure`` [Pa] at ``length`` [m]: ``-P dV/dL = P (3 L^2 - B^2) / (4 pi N^2)``.
+
+    Gaylord 1958, Schulte 1961; the geometric model of dissertation chapter 3. Negative below the lock
+    length.
+    """
+    b, n = muscle.braid_length, muscle.turns
+    return muscle.count * pressure * (3.0 * length * length - b * b) / (4.0 * math.pi * n * n)
+
+
+def bladder_volume(muscle: Muscle) -> float:
+    """Rubber volume [m3] of one bladder: ``pi L0 (R0^2 - (R0 - t0)^2)``, with R0 the outer radius (3.3)."""
+    inner = muscle.bladder_radius - muscle.bladder_thickness
+    outer = muscle.bladder_radius
+    return math.pi * muscle.resting_length * (outer * outer - inner * inner)
+
+
+def _bladder_strain(muscle: Muscle, length: float) -> tuple[float, float, float]:
+    """Squared stretches ``lambda_1^2``, ``lambda_2^2`` and ``k`` with ``lambda_2^2 = 1 + k (1 - lambda_1^2)``."""
+    ratio = length / muscle.resting_length
+    a = ratio * ratio
+    grip = muscle.resting_length / (2.0 * math.pi * muscle.turns * muscle.bladder_radius)
+    k = grip * grip
+    return a, 1.0 + k * (1.0 - a), k
+
+
+def bladder_energy(muscle: Muscle, length: float) -> float:
+    """Elastic energy [J] of all bladders at ``length`` [m]: ``Vb (C10 (I1 - 3) + C01 (I2 - 3))``, eq. (3.3).
+
+    Incompressible Mooney-Rivlin rubber that follows the braid; zero at L0.
+    """
+    a, q, _ = _bladder_strain(muscle, length)
+    i1 = a + q + 1.0 / (a * q)
+    i2 = a * q + 1.0 / a + 1.0 / q
+    density = muscle.c10 * (i1 - 3.0) + muscle.c01 * (i2 - 3.0)
+    return muscle.count * bladder_volume(muscle) * density
+
+
+def bladder_force(muscle: Muscle, length: float) -> float:
+    """Tension [N] from the bladders at ``length`` [m]: ``Vb dW/dL``, eq. (3.3).
+
+    Zero at L0 and negative below it: the bladder resists contraction and re-extends a slack muscle. It is
+    a potential and therefore never floored.
+    """
+    a, q, k = _bladder_strain(muscle, length)
+    # dI/d(lambda_1^2) at fixed lambda_2, and dI/d(lambda_2^2) at fixed lambda_1
+    i1_a = 1.0 - 1.0 / (a * a * q)
+    i1_q = 1.0 - 1.0 / (a * q * q)
+    i2_a = q - 1.0 / (a * a)
+    i2_q = a - 1.0 / (q * q)
+    slope = muscle.c10 * (i1_a - k * i1_q) + muscle.c01 * (i2_a - k * i2_q)
+    ratio = length / muscle.resting_length
+    dw_dlambda = 2.0 * ratio * slope
+    return muscle.count * bladder_volume(muscle) * dw_dlambda / muscle.resting_length
+
+
+def friction_force(muscle: Muscle, pressure: float) -> float:
+    """Tension [N] of the printed friction at gauge ``pressure`` [Pa]: ``-(m P + b) min(1, P / 2 bar)``.
+
+    Table 3.1 fits ``Ff = m P + b`` to data at 2-5 bar. As printed it is an *offset*: it has no sign of
+    velocity, so with pressure changing over a cycle it can create energy, and with ``b`` < 0 it adds
+    tension at low pressure. The fade below 2 bar is assumed: zero at zero pressure, continuous.
+    """
+    fade = min(1.0, pressure / FRICTION_ONSET)
+    return -muscle.count * (muscle.friction_slope * pressure + muscle.friction_offset) * fade
+
+
+def force(muscle: Muscle, pressure: float, length: float) -> float:
+    """Tension [N] of the whole muscle at gauge ``pressure`` [Pa] and ``length`` [m]; may be negative."""
+    return (
+        gas_force(muscle, pressure, length)
+        + bladder_force(muscle, length)
+        + friction_force(muscle, pressure)
+    )

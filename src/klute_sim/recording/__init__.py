@@ -1,0 +1,1 @@
+"""One type for everything that was recorded or measured, and its readers and writers."""

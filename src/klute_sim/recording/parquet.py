@@ -1,0 +1,41 @@
+"""Recordings as Parquet: columns ``name [unit]``, the unit in each field's metadata, provenance in the schema's."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from klute_sim.errors import InputError
+from klute_sim.recording.recording import Recording
+
+_KEY = b"klute_sim"
+
+
+def write(recording: Recording, path: Path) -> None:
+    """Write ``recording`` to ``path``; the same recording gives the same bytes."""
+    fields = [
+        pa.field(recording.heading(name), pa.float64(), metadata={"unit": recording.units[name]})
+        for name in recording.channels
+    ]
+    provenance = json.dumps(recording.provenance, sort_keys=True)
+    schema = pa.schema(fields, metadata={_KEY: provenance.encode()})
+    table = pa.table(list(recording.channels.values()), schema=schema)
+    pq.write_table(table, path, compression="zstd")
+
+
+def read(path: Path) -> Recording:
+    """Read a recording; raises InputError when ``path`` is no Parquet file with ``name [unit]`` columns."""
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"recording {path} cannot be read: {error}") from None
+    stored = (table.schema.metadata or {}).get(_KEY, b"{}")
+    columns = []
+    for heading, column in zip(table.column_names, table.columns, strict=True):
+        try:
+            columns.append((heading, column.to_numpy().astype(np.float64)))
+        except (TypeError, ValueError, pa.ArrowException):
+            raise InputError(f"recording {path}: column '{heading}' does not hold numbers") from None
+    return Recording.from_columns(columns, json.loads(stored))

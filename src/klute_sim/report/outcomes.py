@@ -1,0 +1,251 @@
+"""What a gait recording amounts to: one set of outcomes per stride, and their mean.
+
+Ankle moment, power and work are those of the *net joint moment* (tendon, return spring, joint damping, stop),
+plantarflexor positive: what inverse dynamics would measure. The actuator's own work stands beside it.
+
+The first stride starts from the reference's posture and is left out of the mean when there is another one.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from klute_sim.recording.recording import Recording, Samples
+
+GRAVITY = 9.81
+POWER_WINDOW = 0.015
+"""Moving average [s] under which peak power is read: the raw power spikes as the last sole sphere lifts off."""
+CONTACT = 0.02
+"""Vertical ground reaction in body weights above which the foot counts as in contact."""
+SPIKE_BEFORE = 12.0
+"""A vertical maximum before this phase [%] is the first contact's transient, not the first hump."""
+HUMPS = ((4.0, 33.0), (33.0, 65.0))
+"""Phases [%] between which the two humps of the vertical ground reaction are looked for."""
+CLEAR = (65.0, 97.0)
+"""Phases [%] in which nothing may touch the ground."""
+FLOORS = {"angle_deg": 2.0, "moment_nm_per_kg": 0.05, "power_w_per_kg": 0.1}
+"""Least standard deviation that a distance is measured in: those of swing are tiny."""
+ROLLOVER = 50.0
+"""Phase [%] of the opposite heel strike: the roll-over shape is taken up to it (Hansen & Meier 2010)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distance:
+    """Distance to the reference in its standard deviations; None where the reference has none."""
+
+    stance_rms: float | None
+    swing_rms: float | None
+    largest: float | None
+    """Anywhere in the cycle."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrideOutcome:
+    """One stride; phases in % of the cycle, work and power per kg of body mass."""
+
+    ankle_range_deg: float
+    ankle_moment_peak_nm_per_kg: float
+    ankle_moment_peak_pct: float
+    ankle_power_peak_w_per_kg: float
+    """Of power averaged over :data:`POWER_WINDOW`."""
+    ankle_power_peak_pct: float
+    ankle_work_net_j_per_kg: float
+    ankle_work_positive_j_per_kg: float
+    actuator_work_net_j_per_kg: float
+    first_contact_pct: float | None
+    """Negative: before the reference's heel strike. None: never touched."""
+    toe_off_pct: float | None
+    touches_in_swing: bool
+    grf_vertical_peaks_bw: tuple[float, float]
+    """Tracked, not predicted."""
+    grf_vertical_max_bw: float
+    grf_vertical_tracking_rms_bw: float
+    grf_forward_min_bw: float
+    grf_forward_max_bw: float
+    sole_depth_max_mm: float
+    rollover_radius_m: float | None
+    """Of the centre of pressure in the shank's frame; None if it does not describe an arc."""
+    angle_distance_sd: Distance
+    moment_distance_sd: Distance
+    power_distance_sd: Distance
+    air_g: float
+    """Air taken from the supply; isothermal and without dead volume (assumed)."""
+    ledger_residual_pct: float
+    """Energy ledger: what does not close, over the work the device did both ways."""
+
+
+@dataclass(frozen=True)
+class GaitOutcome:
+    """All strides of a recording."""
+
+    strides: tuple[StrideOutcome, ...]
+
+    @property
+    def settled(self) -> tuple[StrideOutcome, ...]:
+        """The strides that the mean is over: all but the first, if there is another."""
+        return self.strides[1:] or self.strides
+
+    def mean(self, value: Callable[[StrideOutcome], float | None]) -> float | None:
+        """Mean of ``value`` over the settled strides; None if any of them has none."""
+        values = [value(s) for s in self.settled]
+        known = [v for v in values if v is not None]
+        return float(np.mean(known)) if len(known) == len(values) else None
+
+
+def outcomes(recording: Recording) -> GaitOutcome:
+    """Outcomes of every stride of a gait ``recording``."""
+    mass = float(recording.provenance["options"]["mass_kg"])
+    first, last = int(recording["stride"][0]), int(recording["stride"][-1])
+    return GaitOutcome(
+        tuple(_stride(recording.select(recording["stride"] == k), mass) for k in range(first, last + 1))
+    )
+
+
+def _stride(r: Recording, mass: float) -> StrideOutcome:
+    phase, step = r["gait_phase"], float(r["time"][1] - r["time"][0])
+    weight = mass * GRAVITY
+    moment, power = r["ankle_moment"] / mass, r["ankle_power"] / mass
+    smooth = _smoothed(power, POWER_WINDOW / step)
+    vertical, forward = r["grf_vertical"] / weight, r["grf_forward"] / weight
+    contact = vertical > CONTACT
+    first, lift = _contact_events(phase, contact)
+    stance = r["reference_grf_vertical"] > CONTACT * weight
+    return StrideOutcome(
+        ankle_range_deg=float(np.ptp(r["ankle_angle"])),
+        ankle_moment_peak_nm_per_kg=float(moment.max()),
+        ankle_moment_peak_pct=float(phase[moment.argmax()]),
+        ankle_power_peak_w_per_kg=float(smooth.max()),
+        ankle_power_peak_pct=float(phase[smooth.argmax()]),
+        ankle_work_net_j_per_kg=float(power.sum() * step),
+        ankle_work_positive_j_per_kg=float(np.maximum(power, 0.0).sum() * step),
+        actuator_work_net_j_per_kg=float(r["actuator_power"].sum() * step / mass),
+        first_contact_pct=first,
+        toe_off_pct=lift,
+        touches_in_swing=bool((r["grf_vertical"][_between(phase, *CLEAR)] > 0.0).any()),
+        grf_vertical_peaks_bw=(
+            float(vertical[_between(phase, *HUMPS[0])].max()),
+            float(vertical[_between(phase, *HUMPS[1])].max()),
+        ),
+        grf_vertical_max_bw=float(vertical.max()),
+        grf_vertical_tracking_rms_bw=_rms(vertical - r["reference_grf_vertical"] / weight),
+        grf_forward_min_bw=float(forward.min()),
+        grf_forward_max_bw=float(forward.max()),
+        sole_depth_max_mm=float(1e3 * r["sole_depth"].max()),
+        rollover_radius_m=_rollover_radius(r, contact & (phase < ROLLOVER)),
+        angle_distance_sd=_distance(r, "ankle_angle", 1.0, FLOORS["angle_deg"], stance),
+        moment_distance_sd=_distance(r, "ankle_moment", mass, FLOORS["moment_nm_per_kg"], stance),
+        power_distance_sd=_distance(r, "ankle_power", mass, FLOORS["power_w_per_kg"], stance),
+        air_g=float(1e3 * np.maximum(np.diff(r["air_mass"]), 0.0).sum()),
+        ledger_residual_pct=_ledger_residual(r, step),
+    )
+
+
+def _between(phase: Samples, low: float, high: float) -> np.ndarray:
+    return np.asarray((phase >= low) & (phase <= high))
+
+
+def _rms(values: Samples) -> float:
+    return float(np.sqrt(np.mean(values * values)))
+
+
+def _smoothed(values: Samples, width: float) -> Samples:
+    """Centred periodic moving average over about ``width`` samples."""
+    half = max(0, round((width - 1.0) / 2.0))
+    padded = np.concatenate([values[len(values) - half :], values, values[:half]])
+    return np.convolve(padded, np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
+
+
+def _contact_events(phase: Samples, contact: np.ndarray) -> tuple[float | None, float | None]:
+    """First contact, looked for from 85 % of the cycle on, and the last contact of stance."""
+    cycle = np.where(phase >= 85.0, phase - 100.0, phase)
+    touching = contact & (cycle < 85.0)
+    if not touching.any():
+        return None, None
+    return float(cycle[touching].min()), float(cycle[touching].max())
+
+
+def _distance(r: Recording, channel: str, mass: float, floor: float, stance: np.ndarray) -> Distance:
+    if f"reference_{channel}_sd" not in r:
+        return Distance(stance_rms=None, swing_rms=None, largest=None)
+    deviation = np.maximum(r[f"reference_{channel}_sd"] / mass, floor)
+    z = (r[channel] - r[f"reference_{channel}"]) / mass / deviation
+    return Distance(stance_rms=_rms(z[stance]), swing_rms=_rms(z[~stance]), largest=float(np.abs(z).max()))
+
+
+def _rollover_radius(r: Recording, loaded: np.ndarray) -> float | None:
+    """Radius [m] of the circle that fits the centre of pressure in the shank's frame best (Kasa's fit)."""
+    use = loaded & np.isfinite(r["cop_x"])
+    if use.sum() < 10:
+        return None
+    tilt = np.radians(r["shank_angle"][use])
+    x, z = r["cop_x"][use] - r["ankle_x"][use], -r["ankle_z"][use]
+    along, up = np.cos(tilt) * x - np.sin(tilt) * z, np.sin(tilt) * x + np.cos(tilt) * z
+    matrix = np.column_stack([along, up, np.ones_like(along)])
+    (a, b, c), _, rank, _ = np.linalg.lstsq(matrix, along * along + up * up, rcond=None)
+    square = c + 0.25 * (a * a + b * b)
+    return float(np.sqrt(square)) if rank == 3 and square > 0.0 else None
+
+
+def _ledger_residual(r: Recording, step: float) -> float:
+    """Percent of the device's work, both ways, that its own ledger does not account for."""
+    lines = ("gas_power", "friction_power", "damper_power", "stop_power")
+    given = sum(float(r[line].sum()) * step for line in lines)
+    stored = r["bladder_energy"] + r["tendon_energy"]
+    delivered = r["actuator_power"]
+    residual = given - float(stored[-1] - stored[0]) - float(delivered.sum()) * step
+    return 100.0 * residual / (float(np.abs(delivered).sum()) * step)
+
+
+def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
+    """The run as one JSON object: means over the settled strides, then every stride."""
+    options, mean = recording.provenance["options"], outcome.mean
+    distances = {
+        name: {
+            "stance_rms": mean(lambda s, n=name: getattr(s, n).stance_rms),  # type: ignore[misc]
+            "swing_rms": mean(lambda s, n=name: getattr(s, n).swing_rms),  # type: ignore[misc]
+            "largest": mean(lambda s, n=name: getattr(s, n).largest),  # type: ignore[misc]
+        }
+        for name in ("angle_distance_sd", "moment_distance_sd", "power_distance_sd")
+    }
+    return {
+        "device": recording.provenance["device"]["name"],
+        "controller": recording.provenance["controller"],
+        "reference": recording.provenance["reference"]["name"],
+        "mass_kg": options["mass_kg"],
+        "stature_m": options["stature_m"],
+        "speed_m_per_s": options["speed_m_per_s"],
+        "stride_time_s": options["stride_time_s"],
+        "strides": options["strides"],
+        "mean_over_strides": [len(outcome.strides) - len(outcome.settled) + 1, len(outcome.strides)],
+        "ankle_range_deg": mean(lambda s: s.ankle_range_deg),
+        "ankle_moment_peak_nm_per_kg": mean(lambda s: s.ankle_moment_peak_nm_per_kg),
+        "ankle_moment_peak_pct": mean(lambda s: s.ankle_moment_peak_pct),
+        "ankle_power_peak_w_per_kg": mean(lambda s: s.ankle_power_peak_w_per_kg),
+        "ankle_power_peak_pct": mean(lambda s: s.ankle_power_peak_pct),
+        "ankle_work_net_j_per_kg": mean(lambda s: s.ankle_work_net_j_per_kg),
+        "ankle_work_positive_j_per_kg": mean(lambda s: s.ankle_work_positive_j_per_kg),
+        "actuator_work_net_j_per_kg": mean(lambda s: s.actuator_work_net_j_per_kg),
+        "first_contact_pct": mean(lambda s: s.first_contact_pct),
+        "toe_off_pct": mean(lambda s: s.toe_off_pct),
+        "touches_in_swing": any(s.touches_in_swing for s in outcome.settled),
+        "grf_vertical_peaks_bw": [
+            mean(lambda s: s.grf_vertical_peaks_bw[0]),
+            mean(lambda s: s.grf_vertical_peaks_bw[1]),
+        ],
+        "grf_vertical_max_bw": mean(lambda s: s.grf_vertical_max_bw),
+        "grf_vertical_tracking_rms_bw": mean(lambda s: s.grf_vertical_tracking_rms_bw),
+        "grf_vertical_note": "tracked, not predicted: the reference's load is fed to the carriage",
+        "grf_forward_bw": [mean(lambda s: s.grf_forward_min_bw), mean(lambda s: s.grf_forward_max_bw)],
+        "sole_depth_max_mm": mean(lambda s: s.sole_depth_max_mm),
+        "rollover_radius_m": mean(lambda s: s.rollover_radius_m),
+        "distance_to_reference": distances,
+        "air_per_stride_g": mean(lambda s: s.air_g),
+        "ledger_residual_pct": mean(lambda s: s.ledger_residual_pct),
+        "assumptions": [
+            "air: isothermal, no dead volume",
+            "prosthesis masses and inertias, return spring and joint damping: see models/ankle.xml",
+        ],
+        "per_stride": [asdict(s) for s in outcome.strides],
+    }

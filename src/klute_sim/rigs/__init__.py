@@ -1,0 +1,1 @@
+"""Experiments: what is prescribed and what is measured."""

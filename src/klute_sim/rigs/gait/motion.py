@@ -1,0 +1,170 @@
+"""What the rig prescribes: the residual limb's motion and the load, from a reference.
+
+The reference gives joint angles and ground reaction but neither the hip's height nor its speed. Both follow
+from the sole: the hip is where the reference foot just touches the ground, and moves as fast as that foot
+rolls without slipping.
+
+Angles lean forward when positive: ``thigh = knee - shank`` is turned into the hinge angle of the model, about
++y; the foot's pitch is ``shank - dorsiflexion``.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PPoly
+
+from klute_sim.rigs.gait.reference import GRAVITY, Reference
+from klute_sim.recording.recording import Samples
+
+GRID = np.arange(400) / 400.0
+"""Phases at which the sole's contact is worked out."""
+
+STANCE_KNOTS = np.array([0.05, 0.09, 0.13, 0.17, 0.21, 0.26, 0.31, 0.36, 0.41, 0.46, 0.50, 0.54, 0.59])
+"""Phases at which the hip height is that of contact, for a reference that lifts off at :data:`KNOTS_LIFT`."""
+SWING_KNOTS = np.array([0.70, 0.80, 0.88, 0.94, 1.0])
+KNOTS_LIFT = 0.633
+STANCE_CLEARANCE = 0.5e-3
+"""Hip above contact height in stance [m]; the load presses the foot down."""
+SWING_HEIGHTS = (0.898, 0.908, 0.905)
+"""Hip height at the first swing knots [m] (the third is a least height), for legs of 0.43 + 0.43 m."""
+SWING_CLEARANCES = (12e-3, 9e-3, 5e-3)
+"""Hip above contact height at the last three knots [m]; the last one sets first contact."""
+SPEED_HARMONICS = 6
+"""Fourier terms kept of the hip's forward speed."""
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Lengths that turn angles into positions, and the sole's contact points."""
+
+    thigh: float
+    """Hip to knee [m]."""
+    shank: float
+    """Knee to ankle [m]."""
+    sole: Samples
+    """(n, 3): x, z and radius of the sole's spheres in the foot's frame [m]."""
+    scale: float
+    """Over the legs of 0.43 + 0.43 m [1]."""
+
+    def ankle_height(self, pitch: Samples) -> Samples:
+        """Height [m] of the ankle axis above flat ground when a foot at ``pitch`` [rad] just touches it."""
+        x, z, radius = self.sole.T
+        lowest = -np.sin(pitch)[:, None] * x + np.cos(pitch)[:, None] * z - radius
+        return np.asarray(-lowest.min(axis=1), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One stride of prescribed motion as functions of phase; multiply a derivative by 1/stride_time per order."""
+
+    stride_time: float
+    """[s]"""
+    speed: float
+    """Mean forward speed [m/s]."""
+    height: CubicSpline
+    """Hip height [m]."""
+    velocity: CubicSpline
+    """Hip forward speed [m/s]."""
+    travel: PPoly
+    """Integral of ``velocity`` over phase: hip forward position over stride time [m/s]."""
+
+    @property
+    def stride_length(self) -> float:
+        """Distance the hip covers in one stride [m]."""
+        return float(self.travel(1.0)) * self.stride_time
+
+
+def thigh_angle(reference: Reference, phase: Samples, order: int = 0) -> Samples:
+    """Thigh hinge angle [rad], or its derivative by phase."""
+    shank = reference("shank_forward_deg", phase, order)
+    return np.radians(shank - reference("knee_flexion_deg", phase, order))
+
+
+def knee_angle(reference: Reference, phase: Samples, order: int = 0) -> Samples:
+    """Knee hinge angle [rad], flexion positive, or its derivative by phase."""
+    return np.radians(reference("knee_flexion_deg", phase, order))
+
+
+def plan(reference: Reference, leg: Leg, stride_time: float, speed: float | None = None) -> Motion:
+    """Motion of the hip that walks ``reference`` with ``leg``.
+
+    The reference's angles and the leg fix how far the hip travels per stride. ``stride_time`` [s] then implies
+    the speed; a chosen ``speed`` [m/s] scales the stride time instead.
+    """
+    thigh = thigh_angle(reference, GRID)
+    shank = thigh + knee_angle(reference, GRID)
+    pitch = shank - np.radians(reference("ankle_dorsiflexion_deg", GRID))
+    ankle = leg.ankle_height(pitch)
+    contact = ankle + leg.shank * np.cos(shank) + leg.thigh * np.cos(thigh)
+
+    # Forward speed per cycle [m]: the ankle moves as the foot rolls, the hip as the leg swings over it.
+    behind = -leg.thigh * np.sin(thigh) - leg.shank * np.sin(shank)
+    rolling = -_by_phase(behind) + _by_phase(pitch) * ankle
+    per_cycle = _blend_legs(reference, rolling, leg.scale)
+    if speed is not None:
+        stride_time = float(per_cycle.mean()) / speed
+    forward = _closed_spline(per_cycle / stride_time)
+    return Motion(
+        stride_time=stride_time,
+        speed=float(per_cycle.mean()) / stride_time,
+        height=_hip_height(reference, contact, leg.scale),
+        velocity=forward,
+        travel=forward.antiderivative(),
+    )
+
+
+def _by_phase(values: Samples) -> Samples:
+    return np.asarray((np.roll(values, -1) - np.roll(values, 1)) * (len(values) / 2.0))
+
+
+def _closed_spline(values: Samples) -> CubicSpline:
+    return CubicSpline(np.append(GRID, 1.0), np.append(values, values[0]), bc_type="periodic")
+
+
+def _blend_legs(reference: Reference, rolling: Samples, scale: float) -> Samples:
+    """Hip travel per cycle [m]: each leg's rolling speed, weighted with the load it carries, smoothed."""
+    low, high = 0.55 * scale, 2.2 * scale  # outside of these a foot is about to leave or meet the ground
+    load = np.maximum(reference("grf_vertical_n_per_kg", GRID), 0.0)
+    speed = np.clip(rolling, low, high)
+    half = len(GRID) // 2
+    other_load, other_speed = np.roll(load, half), np.roll(speed, half)
+    blended = (load * speed + other_load * other_speed) / (load + other_load)
+    spectrum = np.fft.rfft(blended)
+    spectrum[SPEED_HARMONICS + 1 :] = 0.0
+    return np.asarray(np.fft.irfft(spectrum, len(GRID)))
+
+
+def _hip_height(reference: Reference, contact: Samples, scale: float) -> CubicSpline:
+    """One periodic spline: contact height through stance, high enough to clear the toe in swing."""
+    lift = reference.stance_end()
+
+    def moved(knots: Samples) -> Samples:
+        return np.interp(knots, [0.0, KNOTS_LIFT, 1.0], [0.0, lift, 1.0])
+
+    def touching(phase: Samples) -> Samples:
+        return np.interp(phase, np.append(GRID, 1.0), np.append(contact, contact[0]))
+
+    stance, swing = moved(STANCE_KNOTS), moved(SWING_KNOTS)
+    first, second, least = (scale * height for height in SWING_HEIGHTS)
+    touch = touching(swing[2:])
+    late = touch + np.array(SWING_CLEARANCES)
+    late[0] = max(late[0], least)
+    phases = np.concatenate([[swing[-1] - 1.0], stance, swing])
+    heights = np.concatenate([[late[-1]], touching(stance) + STANCE_CLEARANCE, [first, second], late])
+    return CubicSpline(phases, heights, bc_type="periodic")
+
+
+def vertical_feedforward(reference: Reference, motion: Motion, moved: float, body: float, phase: Samples) -> Samples:
+    """Force on the carriage [N] that leaves the reference's load on the foot.
+
+    ``m (g + z'') - GRF``: ``moved`` [kg] is the rig's moving mass, ``body`` [kg] the mass whose reference load
+    is applied. Without ``m z''`` the first contact is a spike of 1.5 body weights.
+    """
+    lift = np.asarray(motion.height(phase, 2)) / motion.stride_time**2
+    return moved * (GRAVITY + lift) - body * reference("grf_vertical_n_per_kg", phase)
+
+
+def forward_feedforward(reference: Reference, motion: Motion, moved: float, body: float, phase: Samples) -> Samples:
+    """Force on the carriage [N] that leaves the reference's fore-aft load on the foot: ``m x'' - GRF``."""
+    push = np.asarray(motion.velocity(phase, 1)) / motion.stride_time
+    return moved * push - body * reference("grf_forward_n_per_kg", phase)

@@ -1,0 +1,153 @@
+"""Measured human gait over one cycle, heel strike to heel strike: what the rig follows and is compared with.
+
+The package's own reference is the mean of three published able-bodied adult groups walking level at
+comfortable speed: Winter (normal cadence, 19 adults), Bovi et al. 2011 (free speed, 20 adults) and Fukuchi et
+al. 2018 (1.2 m/s, 42 adults); ankle power is from the first two, standard deviations are Winter's, between
+subjects. The sources' peak moments run from 1.32 to 1.63 N.m/kg and toe-off from 59 to 67 %.
+"""
+
+import csv
+import hashlib
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from klute_sim.errors import InputError
+from klute_sim.recording.recording import Samples
+
+GRAVITY = 9.81
+"""Acceleration of gravity [m/s2], as in the models; body weights are in its terms."""
+STRIDE_TIME = 1.10
+"""Stride time [s] that goes with the package's reference: it reproduces power from moment and angle."""
+
+PHASE = "gait_pct"
+REQUIRED = (
+    "hip_flexion_deg",
+    "knee_flexion_deg",
+    "ankle_dorsiflexion_deg",
+    "shank_forward_deg",
+    "ankle_plantarflexor_moment_nm_per_kg",
+    "ankle_power_w_per_kg",
+    "grf_vertical_n_per_kg",
+    "grf_forward_n_per_kg",
+)
+DEVIATIONS = ("ankle_dorsiflexion_sd_deg", "ankle_moment_sd_nm_per_kg", "ankle_power_sd_w_per_kg")
+
+CLOSURE = 0.15
+"""Largest mismatch of a column's two ends, over its range, that is still taken for one periodic stride."""
+LOADED = 0.02
+"""Vertical ground reaction, in body weights, above which the foot counts as loaded."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A gait cycle as periodic splines over phase (0-1)."""
+
+    name: str
+    digest: str
+    """SHA-256 of the file."""
+    splines: Mapping[str, CubicSpline]
+    """Column -> periodic spline, in the column's units."""
+    ranges: Mapping[str, tuple[float, float]]
+    """Column -> smallest and largest value at the rows of the file."""
+
+    def __call__(self, column: str, phase: Samples, order: int = 0) -> Samples:
+        """``column``, or its ``order``-th derivative by phase, at ``phase`` (0-1, periodic)."""
+        return np.asarray(self.splines[column](phase, order), dtype=np.float64)
+
+    def has(self, column: str) -> bool:
+        """Whether the file had the optional ``column``."""
+        return column in self.splines
+
+    def deviation(self, column: str, phase: Samples) -> Samples:
+        """Standard deviation ``column`` at ``phase``; interpolation may not make it negative."""
+        lowest, _ = self.ranges[column]
+        return np.maximum(self(column, phase), lowest)
+
+    def stance_end(self) -> float:
+        """Phase (0-1) at which the reference foot leaves the ground (:data:`LOADED`)."""
+        phase = np.arange(0.0, 1.0, 0.001)
+        loaded = self("grf_vertical_n_per_kg", phase) > LOADED * GRAVITY
+        # From mid-swing backwards: the load of an early heel strike is at the other end of the cycle.
+        swing = (phase > 0.5) & ~loaded
+        return float(phase[np.argmax(swing)]) if swing.any() else 1.0
+
+
+def default() -> Reference:
+    """The package's reference."""
+    file = resources.files("klute_sim.rigs.gait") / "normative_gait.csv"
+    return parse(file.read_text("utf-8"), "normative_gait.csv")
+
+
+def load(path: str | Path) -> Reference:
+    """The reference in a CSV file of the same columns; raises InputError with what is wrong, and where."""
+    try:
+        text = Path(path).read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
+        raise InputError(f"reference {path} cannot be read: {reason}") from None
+    return parse(text, str(path))
+
+
+def parse(text: str, where: str) -> Reference:
+    """The reference that CSV ``text`` holds; ``where`` names it in errors."""
+    columns = _columns(text, where)
+    phase = columns.pop(PHASE)
+    if phase[0] != 0.0 or phase[-1] != 100.0 or not np.all(np.diff(phase) > 0):
+        raise InputError(f"reference {where}: {PHASE} must rise strictly from 0 to 100")
+    splines, ranges = {}, {}
+    for name, values in columns.items():
+        splines[name] = _periodic(name, phase / 100.0, values, where)
+        ranges[name] = (float(values.min()), float(values.max()))
+    weight = float(columns["grf_vertical_n_per_kg"].max())
+    if not 0.3 * GRAVITY < weight < 5.0 * GRAVITY:
+        raise InputError(
+            f"reference {where}: grf_vertical_n_per_kg peaks at {weight:.3g}; walking is near 11 N/kg, up positive"
+        )
+    return Reference(Path(where).name, hashlib.sha256(text.encode()).hexdigest(), splines, ranges)
+
+
+def _columns(text: str, where: str) -> dict[str, Samples]:
+    rows = list(csv.reader(io.StringIO(text)))
+    if len(rows) < 10:
+        raise InputError(f"reference {where}: needs a heading and at least 9 rows over the cycle")
+    heading = [name.strip() for name in rows[0]]
+    for name in (PHASE, *REQUIRED):
+        if name not in heading:
+            raise InputError(f"reference {where}: column '{name}' is missing")
+    wanted = [n for n in (PHASE, *REQUIRED, *DEVIATIONS) if n in heading]
+    columns: dict[str, Samples] = {name: np.empty(len(rows) - 1) for name in wanted}
+    for number, row in enumerate(rows[1:], start=2):
+        if len(row) != len(heading):
+            raise InputError(f"reference {where}: row {number} has {len(row)} cells, the heading {len(heading)}")
+        for name in wanted:
+            cell = row[heading.index(name)]
+            try:
+                value = float(cell)
+            except ValueError:
+                value = np.nan
+            if not np.isfinite(value):
+                raise InputError(f"reference {where}: column '{name}', row {number}: '{cell}' is not a finite number")
+            columns[name][number - 2] = value
+    for name in DEVIATIONS:
+        if name in columns and columns[name].min() < 0:
+            raise InputError(f"reference {where}: column '{name}' is negative; a standard deviation is not")
+    return columns
+
+
+def _periodic(name: str, phase: Samples, values: Samples, where: str) -> CubicSpline:
+    """Periodic cubic spline; the small mismatch of measured ends is spread over the cycle."""
+    mismatch = values[-1] - values[0]
+    spread = float(np.ptp(values))
+    if abs(mismatch) > CLOSURE * spread and spread > 0:
+        raise InputError(
+            f"reference {where}: column '{name}' does not close: {values[0]:g} at 0 %, {values[-1]:g} at 100 %"
+        )
+    closed = values - mismatch * phase
+    closed[-1] = closed[0]
+    return CubicSpline(phase, closed, bc_type="periodic")
