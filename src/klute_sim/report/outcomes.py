@@ -19,8 +19,10 @@ POWER_WINDOW = 0.015
 """Moving average [s] under which peak power is read: the raw power spikes as the last sole sphere lifts off."""
 CONTACT = 0.02
 """Vertical ground reaction in body weights above which the foot counts as in contact."""
-SPIKE_BEFORE = 12.0
-"""A vertical maximum before this phase [%] is the first contact's transient, not the first hump."""
+MID_STANCE = 30.0
+"""Phase [%] that stance is looked for around."""
+GAP = 5.0
+"""Longest loss of contact [%] that does not end stance."""
 HUMPS = ((4.0, 33.0), (33.0, 65.0))
 """Phases [%] between which the two humps of the vertical ground reaction are looked for."""
 CLEAR = (65.0, 97.0)
@@ -42,8 +44,8 @@ class Distance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StrideOutcome:
-    """One stride; phases in % of the cycle, work and power per kg of body mass."""
+class AnkleOutcome:
+    """One stride of an ankle, human or not; phases in % of the cycle, work and power per kg of body mass."""
 
     ankle_range_deg: float
     ankle_moment_peak_nm_per_kg: float
@@ -53,17 +55,23 @@ class StrideOutcome:
     ankle_power_peak_pct: float
     ankle_work_net_j_per_kg: float
     ankle_work_positive_j_per_kg: float
-    actuator_work_net_j_per_kg: float
     first_contact_pct: float | None
     """Negative: before the reference's heel strike. None: never touched."""
     toe_off_pct: float | None
-    touches_in_swing: bool
     grf_vertical_peaks_bw: tuple[float, float]
-    """Tracked, not predicted."""
+    """The prosthesis': tracked, not predicted."""
     grf_vertical_max_bw: float
-    grf_vertical_tracking_rms_bw: float
     grf_forward_min_bw: float
     grf_forward_max_bw: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrideOutcome(AnkleOutcome):
+    """One stride of the prosthesis on the rig."""
+
+    actuator_work_net_j_per_kg: float
+    touches_in_swing: bool
+    grf_vertical_tracking_rms_bw: float
     sole_depth_max_mm: float
     rollover_radius_m: float | None
     """Of the centre of pressure in the shank's frame; None if it does not describe an arc."""
@@ -103,35 +111,48 @@ def outcomes(recording: Recording) -> GaitOutcome:
     )
 
 
-def _stride(r: Recording, mass: float) -> StrideOutcome:
-    phase, step = r["gait_phase"], float(r["time"][1] - r["time"][0])
-    weight = mass * GRAVITY
-    moment, power = r["ankle_moment"] / mass, r["ankle_power"] / mass
+def human_outcome(recording: Recording) -> AnkleOutcome:
+    """The same outcomes of the human reference that ``recording`` was compared with."""
+    mass = float(recording.provenance["options"]["mass_kg"])
+    return AnkleOutcome(**_ankle(recording.select(recording["stride"] == recording["stride"][0]), "reference_", mass))
+
+
+def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
+    """Fields of :class:`AnkleOutcome` from one stride's channels that begin with ``prefix``."""
+    phase, step, weight = r["gait_phase"], _step(r), mass * GRAVITY
+    moment, power = r[f"{prefix}ankle_moment"] / mass, r[f"{prefix}ankle_power"] / mass
     smooth = _smoothed(power, POWER_WINDOW / step)
-    vertical, forward = r["grf_vertical"] / weight, r["grf_forward"] / weight
-    contact = vertical > CONTACT
-    first, lift = _contact_events(phase, contact)
-    stance = r["reference_grf_vertical"] > CONTACT * weight
-    return StrideOutcome(
-        ankle_range_deg=float(np.ptp(r["ankle_angle"])),
-        ankle_moment_peak_nm_per_kg=float(moment.max()),
-        ankle_moment_peak_pct=float(phase[moment.argmax()]),
-        ankle_power_peak_w_per_kg=float(smooth.max()),
-        ankle_power_peak_pct=float(phase[smooth.argmax()]),
-        ankle_work_net_j_per_kg=float(power.sum() * step),
-        ankle_work_positive_j_per_kg=float(np.maximum(power, 0.0).sum() * step),
-        actuator_work_net_j_per_kg=float(r["actuator_power"].sum() * step / mass),
-        first_contact_pct=first,
-        toe_off_pct=lift,
-        touches_in_swing=bool((r["grf_vertical"][_between(phase, *CLEAR)] > 0.0).any()),
-        grf_vertical_peaks_bw=(
+    vertical, forward = r[f"{prefix}grf_vertical"] / weight, r[f"{prefix}grf_forward"] / weight
+    first, lift = _contact_events(phase, vertical > CONTACT)
+    return {
+        "ankle_range_deg": float(np.ptp(r[f"{prefix}ankle_angle"])),
+        "ankle_moment_peak_nm_per_kg": float(moment.max()),
+        "ankle_moment_peak_pct": float(phase[moment.argmax()]),
+        "ankle_power_peak_w_per_kg": float(smooth.max()),
+        "ankle_power_peak_pct": float(phase[smooth.argmax()]),
+        "ankle_work_net_j_per_kg": float(power.sum() * step),
+        "ankle_work_positive_j_per_kg": float(np.maximum(power, 0.0).sum() * step),
+        "first_contact_pct": first,
+        "toe_off_pct": lift,
+        "grf_vertical_peaks_bw": (
             float(vertical[_between(phase, *HUMPS[0])].max()),
             float(vertical[_between(phase, *HUMPS[1])].max()),
         ),
-        grf_vertical_max_bw=float(vertical.max()),
-        grf_vertical_tracking_rms_bw=_rms(vertical - r["reference_grf_vertical"] / weight),
-        grf_forward_min_bw=float(forward.min()),
-        grf_forward_max_bw=float(forward.max()),
+        "grf_vertical_max_bw": float(vertical.max()),
+        "grf_forward_min_bw": float(forward.min()),
+        "grf_forward_max_bw": float(forward.max()),
+    }
+
+
+def _stride(r: Recording, mass: float) -> StrideOutcome:
+    phase, step, weight = r["gait_phase"], _step(r), mass * GRAVITY
+    contact = r["grf_vertical"] > CONTACT * weight
+    stance = r["reference_grf_vertical"] > CONTACT * weight
+    return StrideOutcome(
+        **_ankle(r, "", mass),
+        actuator_work_net_j_per_kg=float(r["actuator_power"].sum() * step / mass),
+        touches_in_swing=bool((r["grf_vertical"][_between(phase, *CLEAR)] > 0.0).any()),
+        grf_vertical_tracking_rms_bw=_rms((r["grf_vertical"] - r["reference_grf_vertical"]) / weight),
         sole_depth_max_mm=float(1e3 * r["sole_depth"].max()),
         rollover_radius_m=_rollover_radius(r, contact & (phase < ROLLOVER)),
         angle_distance_sd=_distance(r, "ankle_angle", 1.0, FLOORS["angle_deg"], stance),
@@ -140,6 +161,10 @@ def _stride(r: Recording, mass: float) -> StrideOutcome:
         air_g=float(1e3 * np.maximum(np.diff(r["air_mass"]), 0.0).sum()),
         ledger_residual_pct=_ledger_residual(r, step),
     )
+
+
+def _step(r: Recording) -> float:
+    return float(r["time"][1] - r["time"][0])
 
 
 def _between(phase: Samples, low: float, high: float) -> np.ndarray:
@@ -158,12 +183,24 @@ def _smoothed(values: Samples, width: float) -> Samples:
 
 
 def _contact_events(phase: Samples, contact: np.ndarray) -> tuple[float | None, float | None]:
-    """First contact, looked for from 85 % of the cycle on, and the last contact of stance."""
-    cycle = np.where(phase >= 85.0, phase - 100.0, phase)
-    touching = contact & (cycle < 85.0)
-    if not touching.any():
+    """First and last contact [%] of the stance around :data:`MID_STANCE`, over gaps up to :data:`GAP`.
+
+    A scuff in swing is no stance: it is told apart by the gap before it.
+    """
+    if not contact.any():
         return None, None
-    return float(cycle[touching].min()), float(cycle[touching].max())
+    cycle = np.sort(phase[contact] - MID_STANCE)
+    cycle = np.concatenate([cycle[cycle >= 50.0] - 100.0, cycle[cycle < 50.0]])  # mid-stance in the middle
+    before, after = cycle[cycle <= 0.0][::-1], cycle[cycle >= 0.0]
+    return MID_STANCE - _reach(-before), MID_STANCE + _reach(after)
+
+
+def _reach(distances: Samples) -> float:
+    """How far rising ``distances`` go from 0 before the first gap."""
+    steps = np.diff(distances, prepend=0.0)
+    gaps = np.flatnonzero(steps > GAP)
+    unbroken = distances[: gaps[0]] if len(gaps) else distances
+    return float(unbroken[-1]) if len(unbroken) else 0.0
 
 
 def _distance(r: Recording, channel: str, mass: float, floor: float, stance: np.ndarray) -> Distance:

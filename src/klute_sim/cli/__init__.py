@@ -1,0 +1,71 @@
+"""The command line: thin, and quick to say what it can do.
+
+Commands import what they need when they run, so that ``--help`` does not wait for MuJoCo.
+"""
+
+import sys
+from collections.abc import Sequence
+
+import click
+
+from klute_sim import __version__
+from klute_sim.errors import KluteSimError
+
+COMMANDS = {
+    "gait": ("klute_sim.cli.gait", "Walk the prosthesis on measured human gait."),
+    "device": ("klute_sim.cli.device", "List devices, or show one: numbers, sources, forces."),
+    "view": ("klute_sim.cli.view", "Open a run in the rerun viewer."),
+}
+"""Name -> (module that defines it as ``command``, one line of help)."""
+
+
+class _Lazy(click.Group):
+    """Imports a command's module only when that command is asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module = __import__(COMMANDS[cmd_name][0], fromlist=["command"])
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+
+@click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="klute-sim")
+def group() -> None:
+    """Simulate a powered below-knee prosthesis with Klute's artificial muscle-tendon.
+
+    \b
+    Examples:
+      klute-sim gait                     five strides of the default prosthesis
+      klute-sim device klute-3-4-pair    what a device is made of, and what is assumed
+      klute-sim view runs/gait-001       scrub through a run
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point: anything the user can do wrong ends in one sentence on stderr and exit code 2."""
+    try:
+        code = group.main(args=arguments, prog_name="klute-sim", standalone_mode=False)
+    except click.ClickException as error:
+        _fail(error.format_message().replace("\n", " "), 2)
+    except KluteSimError as error:
+        _fail(str(error), 2)
+    except (KeyboardInterrupt, click.Abort):
+        _fail("interrupted; no file was left half-written", 130)
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader of our output has gone; Python would complain while closing stdout
+        sys.exit(0)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(sentence: str, code: int) -> None:
+    click.echo(f"klute-sim: {sentence}", err=True)
+    sys.exit(code)

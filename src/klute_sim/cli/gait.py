@@ -1,0 +1,152 @@
+"""``klute-sim gait``."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from klute_sim.control.pressure import PressureController
+    from klute_sim.device.files import Device
+    from klute_sim.recording.recording import Recording
+    from klute_sim.rigs.gait.rig import GaitOptions
+
+
+@click.command("gait")
+@click.option("--device", "device_name", default=None, metavar="NAME|FILE",
+              help="Preset or device file.  [default: klute-1-1-4-pair]")
+@click.option("--controller", type=click.Choice(["profile", "constant", "off"]), default=None,
+              help="Pressure over gait phase, the same pressure all the time, or none.  [default: profile]")
+@click.option("--profile", "profile_file", type=click.Path(path_type=Path), default=None, metavar="FILE",
+              help="CSV with columns gait_pct,pressure_bar: knots of the profile.  [default: the tuned one]")
+@click.option("--pressure", type=float, default=None, metavar="BAR", help="Gauge pressure of --controller constant [bar].")
+@click.option("--reference", "reference_file", type=click.Path(path_type=Path), default=None, metavar="FILE",
+              help="CSV of a gait cycle with the columns of docs/gait.md.  [default: able-bodied adults]")
+@click.option("--mass", type=float, default=75.0, show_default=True, metavar="KG", help="Body mass [kg].")
+@click.option("--stature", type=float, default=1.75, show_default=True, metavar="M", help="Stature [m].")
+@click.option("--speed", type=float, default=None, metavar="M/S",
+              help="Walking speed [m/s]; scales the stride time.  [default: what reference and legs imply]")
+@click.option("--strides", type=int, default=5, show_default=True, help="Strides to walk.")
+@click.option("--step", "step_ms", type=float, default=0.5, show_default=True, metavar="MS", help="Time step [ms].")
+@click.option("--out", type=click.Path(path_type=Path), default=None, metavar="FOLDER",
+              help="New or empty folder for the run.  [default: runs/gait-NNN]")
+@click.option("--csv", "with_csv", is_flag=True, help="Write recording.csv, too.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
+def command(
+    device_name: str | None,
+    controller: str | None,
+    profile_file: Path | None,
+    pressure: float | None,
+    reference_file: Path | None,
+    mass: float,
+    stature: float,
+    speed: float | None,
+    strides: int,
+    step_ms: float,
+    out: Path | None,
+    with_csv: bool,
+    as_json: bool,
+) -> None:
+    """Walk the prosthesis on measured human gait.
+
+    The residual limb follows the reference's motion and the reference's vertical load is applied to it; the ankle is
+    moved by the device, its passive parts and the ground alone. Ankle angle, net moment, power, work, fore-aft force
+    and centre of pressure are outcomes; vertical ground reaction is tracked, not predicted.
+
+    Writes recording.parquet, summary.json, report.png, device.toml and, with the extra 'rerun', recording.rrd.
+
+    \b
+    Examples:
+      klute-sim gait
+      klute-sim gait --controller off --strides 3
+      klute-sim gait --device my-device.toml --mass 82 --stature 1.80 --speed 1.3
+      klute-sim gait --json | python -m json.tool
+    """
+    from klute_sim.device.files import DEFAULT_PROSTHESIS, load
+    from klute_sim.recording import run_folder
+    from klute_sim.rigs.gait import reference
+    from klute_sim.rigs.gait.rig import GaitOptions
+
+    device = load(device_name or DEFAULT_PROSTHESIS)
+    chosen = _controller(controller, profile_file, pressure)
+    options = GaitOptions(
+        mass=mass,
+        stature=stature,
+        speed=speed,
+        strides=strides,
+        step=1e-3 * step_ms,
+        reference=reference.load(reference_file) if reference_file else reference.default(),
+    )
+    folder = run_folder.choose("gait", out)
+    recording = _walk(device, chosen, options)
+    _write(recording, device, options, folder, with_csv=with_csv, as_json=as_json)
+
+
+def _controller(kind: str | None, profile_file: Path | None, pressure: float | None) -> "PressureController":
+    from klute_sim.control import pressure as control
+    from klute_sim.errors import InputError
+    from klute_sim.units import BAR
+
+    kind = kind or "profile"
+    if pressure is not None and kind != "constant":
+        raise InputError("--pressure goes with --controller constant")
+    if profile_file is not None and kind != "profile":
+        raise InputError("--profile goes with --controller profile")
+    if kind == "off":
+        return control.off()
+    if kind == "constant":
+        if pressure is None:
+            raise InputError("--controller constant needs --pressure BAR")
+        return control.Constant(pressure * BAR)
+    return control.load_profile(profile_file) if profile_file else control.tuned()
+
+
+def _walk(device: "Device", controller: "PressureController", options: "GaitOptions") -> "Recording":
+    from klute_sim.cli.console import progress_bar
+    from klute_sim.rigs.gait.rig import walk
+
+    with progress_bar("walking") as progress:
+        return walk(device, controller, options, progress)
+
+
+def _write(
+    recording: "Recording", device: "Device", options: "GaitOptions", folder: Path, *, with_csv: bool, as_json: bool
+) -> None:
+    from klute_sim.cli.console import console, notes, progress_bar
+    from klute_sim.errors import MissingExtraError
+    from klute_sim.recording import csv, parquet, rerun, run_folder
+    from klute_sim.report import figure
+    from klute_sim.report.outcomes import outcomes, summary
+    from klute_sim.report.table import table
+    from klute_sim.rigs.gait.build import build
+
+    outcome = outcomes(recording)
+    result: dict[str, Any] = {**summary(recording, outcome), "run": str(folder)}
+    missing = None
+    with run_folder.writing(folder) as scratch, progress_bar("writing") as progress:
+        (scratch / "device.toml").write_text(device.text, "utf-8")
+        parquet.write(recording, scratch / "recording.parquet")
+        if with_csv:
+            csv.write(recording, scratch / "recording.csv")
+        progress(0.2)
+        figure.draw(recording, scratch / "report.png")
+        progress(0.6)
+        try:
+            model = build(device, mass=options.mass, stature=options.stature, step=options.step)
+            rerun.write(recording, model, scratch / "recording.rrd")
+        except MissingExtraError as error:
+            missing = str(error)
+        result["files"] = sorted(file.name for file in scratch.iterdir()) + ["summary.json"]
+        text = json.dumps(result, indent=2, allow_nan=False)
+        (scratch / "summary.json").write_text(text + "\n", "utf-8")
+    if as_json:
+        click.echo(text)
+    else:
+        console().print(table(recording, outcome))
+        if result["touches_in_swing"]:
+            console().print("The foot touches the ground in swing: it trips, and the later strides mean little.")
+        console().print("Vertical ground reaction is tracked, not predicted: the reference's load is applied.")
+        console().print(f"Run folder: {folder}  ({', '.join(result['files'])})", soft_wrap=True)
+    if missing:
+        notes().print(f"No recording.rrd: {missing}.", soft_wrap=True, markup=False)

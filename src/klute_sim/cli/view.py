@@ -1,0 +1,23 @@
+"""``klute-sim view``."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command("view")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--web", is_flag=True, help="Serve the viewer to a browser on this machine instead of a window.")
+def command(run: Path, web: bool) -> None:
+    """Open the folder RUN in the rerun viewer, on the loopback address only.
+
+    Needs the optional extra 'rerun' (pip install 'klute-sim[rerun]').
+
+    \b
+    Examples:
+      klute-sim view runs/gait-001
+      klute-sim view runs/gait-001 --web
+    """
+    from klute_sim.recording.view import open_viewer
+
+    open_viewer(run, web=web)

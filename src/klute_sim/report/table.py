@@ -1,0 +1,66 @@
+"""The results table of a gait run, for a terminal."""
+
+from collections.abc import Callable
+
+from rich.table import Table
+
+from klute_sim.recording.recording import Recording
+from klute_sim.report.outcomes import AnkleOutcome, GaitOutcome, StrideOutcome, human_outcome
+
+MOST_STRIDES = 5
+"""Strides shown beside the mean: the last ones."""
+
+ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleOutcome], float | None]], ...] = (
+    ("ankle range", "deg", ".1f", lambda s: s.ankle_range_deg),
+    ("peak net moment", "N·m/kg", ".3f", lambda s: s.ankle_moment_peak_nm_per_kg),
+    ("  at", "% cycle", ".1f", lambda s: s.ankle_moment_peak_pct),
+    ("peak net power (15 ms mean)", "W/kg", ".2f", lambda s: s.ankle_power_peak_w_per_kg),
+    ("  at", "% cycle", ".1f", lambda s: s.ankle_power_peak_pct),
+    ("net ankle work", "J/kg", "+.3f", lambda s: s.ankle_work_net_j_per_kg),
+    ("positive ankle work", "J/kg", ".3f", lambda s: s.ankle_work_positive_j_per_kg),
+    ("first contact", "% cycle", ".1f", lambda s: s.first_contact_pct),
+    ("toe-off", "% cycle", ".1f", lambda s: s.toe_off_pct),
+    ("fore-aft reaction, braking", "body wt", "+.3f", lambda s: s.grf_forward_min_bw),
+    ("fore-aft reaction, push-off", "body wt", "+.3f", lambda s: s.grf_forward_max_bw),
+    ("vertical reaction, hump 1 (tracked)", "body wt", ".3f", lambda s: s.grf_vertical_peaks_bw[0]),
+    ("vertical reaction, hump 2 (tracked)", "body wt", ".3f", lambda s: s.grf_vertical_peaks_bw[1]),
+)
+"""What a human ankle has, too: label, unit, format, reading."""
+
+RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideOutcome], float | None]], ...] = (
+    ("vertical tracking error, rms", "body wt", ".3f", lambda s: s.grf_vertical_tracking_rms_bw),
+    ("angle distance to human, stance rms", "sd", ".2f", lambda s: s.angle_distance_sd.stance_rms),
+    ("moment distance, stance rms", "sd", ".2f", lambda s: s.moment_distance_sd.stance_rms),
+    ("power distance, stance rms", "sd", ".2f", lambda s: s.power_distance_sd.stance_rms),
+    ("roll-over radius", "m", ".3f", lambda s: s.rollover_radius_m),
+    ("actuator's own net work", "J/kg", "+.3f", lambda s: s.actuator_work_net_j_per_kg),
+    ("air (isothermal, no dead volume: assumed)", "g", ".2f", lambda s: s.air_g),
+    ("energy ledger, not accounted for", "%", "+.2f", lambda s: s.ledger_residual_pct),
+)
+"""What only the prosthesis on the rig has."""
+
+
+def table(recording: Recording, outcome: GaitOutcome) -> Table:
+    """Human reference, mean and the last strides, one row per outcome."""
+    human = human_outcome(recording)
+    shown = list(enumerate(outcome.strides, start=1))[-MOST_STRIDES:]
+    first = len(outcome.strides) - len(outcome.settled) + 1
+    result = Table(title=f"{recording.provenance['device']['name']}: {len(outcome.strides)} strides")
+    result.add_column("")
+    result.add_column("unit", style="dim")
+    result.add_column("human", justify="right")
+    result.add_column(f"mean {first}-{len(outcome.strides)}", justify="right", style="bold")
+    for number, _ in shown:
+        result.add_column(f"stride {number}", justify="right")
+    for label, unit, form, reading in ANKLE_ROWS:
+        cells = [reading(human), outcome.mean(reading), *(reading(stride) for _, stride in shown)]
+        result.add_row(label, unit, *(_cell(value, form) for value in cells))
+    result.add_section()
+    for label, unit, form, own in RIG_ROWS:
+        cells = [None, outcome.mean(own), *(own(stride) for _, stride in shown)]
+        result.add_row(label, unit, *(_cell(value, form) for value in cells))
+    return result
+
+
+def _cell(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
