@@ -1,0 +1,95 @@
+"""Device files: presets are complete and sourced, everything else is refused in one sentence."""
+
+from pathlib import Path
+
+import pytest
+
+from klute_sim.device.files import DEFAULT_PROSTHESIS, load, preset_names, read
+from klute_sim.errors import InputError
+
+TEXT = load("klute-3-4-pair").text
+
+
+def refused(text: str) -> str:
+    with pytest.raises(InputError) as caught:
+        read(text, "mine.toml")
+    sentence = str(caught.value)
+    assert "mine.toml" in sentence
+    assert "\n" not in sentence
+    return sentence
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_number_of_every_preset_has_a_source(name: str) -> None:
+    device = load(name)
+    assert device.name == name
+    assert set(device.spec.numbers()) == set(device.spec.sources)
+
+
+def test_presets_are_the_ones_promised() -> None:
+    bare = {"klute-1-1-4", "klute-3-4", "klute-1-2"}
+    assert set(preset_names()) == bare | {"klute-3-4-pair", "klute-1-1-4-pair"}
+    assert DEFAULT_PROSTHESIS in preset_names()
+    assert all(load(n).parameters.tendon.rigid and load(n).parameters.damper == (0.0, 0.0) for n in bare)
+
+
+def test_assumed_numbers_are_marked() -> None:
+    assumed = load("klute-1-1-4-pair").spec.assumed()
+    assert {"damper.bore_mm", "tendon.stiffness_1_n_per_mm", "supply.rate_bar_per_s"} <= set(assumed)
+    assert "muscle.c10_kpa" not in assumed
+
+
+def test_units_of_the_keys_become_si() -> None:
+    p = load("klute-3-4-pair").parameters
+    assert p.muscle.resting_length == pytest.approx(0.25)
+    assert p.muscle.c10 == pytest.approx(118.4e3)
+    assert p.muscle.friction_slope == pytest.approx(28.0 / 1e5)
+    assert p.tendon.stiffness_2 == pytest.approx(140e3)
+    assert p.supply == pytest.approx((5e5, 100e5, 293.15))
+    assert p.damper.concentric * 0.3**2 == pytest.approx(1472, rel=2e-3)
+
+
+def test_bladder_and_friction_can_be_left_out() -> None:
+    bare = read(TEXT.replace("count = 2", "count = 2\nbladder = false\nfriction = false"), "x").parameters.muscle
+    assert (bare.c10, bare.c01, bare.friction_slope, bare.friction_offset) == (0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("bore_mm = 20.0", "bore_mm = 20.0\ncolour = 3", "unknown key 'damper.colour'; allowed here: bore_mm"),
+        ("[tendon]", "[tendons]", "unknown key 'tendons'"),
+        ("braid_length_ratio = 1.053039", "braid_length_ratio = 1.0", "greater than 1"),
+        ("braid_length_ratio = 1.053039", "braid_length_ratio = 0.9", "muscle.braid_length_ratio = 0.9"),
+        ("braid_length_ratio = 1.053039", "braid_length_ratio = nan", "muscle.braid_length_ratio"),
+        ("bladder_radius_mm = 6.4", "bladder_radius_mm = 7.4", "6.34 mm; the two must agree within 5 %"),
+        ("bladder_thickness_mm = 1.6", "bladder_thickness_mm = 6.5", "less than bladder_radius_mm"),
+        ("resting_length_mm = 250.0", "resting_length_mm = -250.0", "greater than 0"),
+        ("resting_length_mm = 250.0", 'resting_length_mm = "long"', "muscle.resting_length_mm = 'long'"),
+        ("resting_length_mm = 250.0", "", "key 'muscle.resting_length_mm' is missing"),
+        ("count = 2", "count = 0", "greater than or equal to 1"),
+        ("count = 2", "count = 1.5", "muscle.count = 1.5"),
+        ("orifice_concentric_mm = 1.084", "orifice_concentric_mm = 21.0", "must not exceed bore_mm, 20"),
+        ("pressure_bar = 5.0", "pressure_bar = inf", "supply.pressure_bar = inf"),
+        ('"damper.bore_mm" =', '"damper.boar_mm" =', "'damper.boar_mm', which is no number"),
+        ("[muscle]", "[muscle", "not valid TOML"),
+    ],
+)
+def test_bad_files_are_refused_with_key_value_and_what_is_allowed(old: str, new: str, says: str) -> None:
+    assert old in TEXT
+    assert says in refused(TEXT.replace(old, new, 1))
+
+
+def test_no_such_device_names_those_there_are(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="klute-1-1-4-pair"):
+        load("klute-9")
+    with pytest.raises(InputError, match="no device"):
+        load(tmp_path)
+    (tmp_path / "x.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="cannot be read"):
+        load(tmp_path / "x.toml")
+
+
+def test_digest_follows_the_text() -> None:
+    assert load("klute-3-4").digest != load("klute-1-2").digest
+    assert read(TEXT, "a").digest == read(TEXT, "b").digest

@@ -1,0 +1,201 @@
+"""The implicit step: it balances, it respects the stops, it converges, and it makes no energy."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from klute_sim.device import step as unit
+from klute_sim.device.files import load
+from klute_sim.device.ledger import entries
+from klute_sim.device.step import Parameters, State
+from klute_sim.laws import mckibben
+from klute_sim.laws import tendon as tendon_law
+
+PAIR = load("klute-3-4-pair").parameters
+ANKLE = load("klute-1-1-4-pair").parameters
+LOCK, REST = mckibben.lock_length(ANKLE.muscle), ANKLE.muscle.resting_length
+
+
+def without_friction(parameters: Parameters) -> Parameters:
+    return parameters._replace(muscle=parameters.muscle._replace(friction_slope=0.0, friction_offset=0.0))
+
+
+@settings(max_examples=300)
+@given(
+    pressure=st.floats(0.0, 5e5),
+    start=st.floats(LOCK, REST),
+    unit_length=st.floats(LOCK, REST + 0.14),
+    step=st.floats(1e-4, 5e-3),
+    concentric=st.sampled_from([0.0, 1.0, 3e4, 1e7]),
+    eccentric=st.sampled_from([0.0, 1.0, 3e4, 1e7]),
+)
+def test_every_step_balances_or_rests_on_a_stop(
+    pressure: float, start: float, unit_length: float, step: float, concentric: float, eccentric: float
+) -> None:
+    device = ANKLE._replace(damper=ANKLE.damper._replace(concentric=concentric, eccentric=eccentric))
+    length = unit.balance(device, pressure, start, unit_length, step)
+    pull = tendon_law.force(device.tendon, unit_length - length - device.tendon.slack_length)
+    push = unit.muscle_side(device, pressure, length, (length - start) / step)
+    assert LOCK <= length <= REST
+    if length == REST:
+        assert push <= pull + 1e-9  # the stop only holds the muscle back
+    elif length == LOCK:
+        assert push >= pull - 1e-9
+    else:
+        # The balance can be met no better than the last bit of the length allows.
+        stiffness = 3e5 + 2 * max(concentric, eccentric) * abs(length - start) / step**2
+        assert abs(push - pull) <= 1e-9 * (1 + pull) + 4 * math.ulp(length) * stiffness
+
+
+def test_balance_agrees_with_an_independent_solver() -> None:
+    from scipy.optimize import brentq
+
+    random = np.random.default_rng(1)
+    for _ in range(200):
+        pressure, step = random.uniform(1e5, 5e5), 5e-4
+        start = random.uniform(0.8, 0.99) * REST
+        unit_length = start + 0.1 + random.uniform(0.0, 0.01)
+
+        def imbalance(x: float, p: float = pressure, s: float = start, u: float = unit_length) -> float:
+            pull = tendon_law.force(ANKLE.tendon, u - x - ANKLE.tendon.slack_length)
+            return unit.muscle_side(ANKLE, p, x, (x - s) / 5e-4) - pull
+
+        wanted = brentq(imbalance, LOCK, REST, xtol=1e-15)
+        assert unit.balance(ANKLE, pressure, start, unit_length, step) == pytest.approx(wanted, abs=1e-13)
+
+
+def test_settled_length_needs_no_damper_to_be_the_static_balance() -> None:
+    state, undamped = State(4e5, 0.24), PAIR._replace(damper=PAIR.damper._replace(concentric=0.0, eccentric=0.0))
+    for _ in range(4000):
+        state = unit.advance(PAIR, state, 0.34, 4e5, 1e-3)
+    alone = unit.advance(undamped, State(4e5, 0.24), 0.34, 4e5, 1e-3)
+    assert state.length == pytest.approx(alone.length, abs=1e-6)
+
+
+def test_order_of_convergence_is_one() -> None:
+    def end_length(step: float) -> float:
+        state = State(1e5, 0.24)
+        for k in range(round(0.2 / step)):
+            length = 0.34 + 0.01 * math.sin(2 * math.pi * 3 * (k + 1) * step)
+            state = unit.advance(PAIR, state, length, 4e5, step)
+        return state.length
+
+    errors = [abs(end_length(h) - end_length(h / 2)) for h in (2e-3, 1e-3, 5e-4, 2.5e-4)]
+    orders = [math.log2(a / b) for a, b in zip(errors, errors[1:], strict=False)]
+    assert all(0.85 < order < 1.15 for order in orders), orders
+
+
+def test_closed_orifices_hold_the_muscle_and_open_ones_do_not_chatter() -> None:
+    closed = PAIR._replace(damper=PAIR.damper._replace(concentric=1e12, eccentric=1e12))
+    assert unit.balance(closed, 4e5, 0.24, 0.36, 5e-4) == pytest.approx(0.24, abs=1e-7)
+    state, lengths = State(4e5, 0.24), []
+    for _ in range(2000):
+        state = unit.advance(PAIR, state, 0.345, 4e5, 5e-4)
+        lengths.append(state.length)
+    moves = np.diff(lengths)
+    assert (moves >= -1e-15).all() or (moves <= 1e-15).all()  # one way, towards the balance
+
+
+def test_no_pressure_and_a_slack_tendon_bring_the_muscle_back_to_rest() -> None:
+    state = State(0.0, 0.8 * REST)
+    for _ in range(4000):
+        state = unit.advance(ANKLE, state, 0.8 * REST, 0.0, 1e-3)
+    assert state.length == pytest.approx(REST, abs=2e-4)
+    assert unit.tension(ANKLE, state, 0.8 * REST, 0.0) == 0.0
+
+
+def test_rigid_tie_is_the_muscle_itself_both_ways() -> None:
+    bare = load("klute-1-1-4").parameters
+    for ratio, force in ((0.96, 1354), (0.70, -164)):
+        state = unit.advance(bare, State(5e5, REST), ratio * REST, 5e5, 1e-3)
+        assert state.length == ratio * REST
+        assert unit.tension(bare, state, ratio * REST, 0.0) == pytest.approx(force, abs=0.6)
+
+
+def test_not_a_number_comes_out_as_not_a_number() -> None:
+    assert math.isnan(unit.balance(PAIR, math.nan, 0.24, 0.34, 1e-3))
+    assert math.isnan(unit.balance(PAIR, 1e5, 0.24, math.nan, 1e-3))
+
+
+@given(st.floats(0.3, 0.34), st.floats(1e5, 4.9e5))
+def test_more_pressure_more_length_more_force(unit_length: float, pressure: float) -> None:
+    def held(p: float, length: float) -> float:
+        undamped = PAIR._replace(damper=PAIR.damper._replace(concentric=0.0, eccentric=0.0))
+        state = unit.advance(undamped, State(p, 0.24), length, p, 1.0)
+        return unit.tension(undamped, state, length, 0.0)
+
+    assert held(pressure + 1e4, unit_length) >= held(pressure, unit_length)
+    assert held(pressure, unit_length + 0.002) >= held(pressure, unit_length)
+
+
+def test_faster_shortening_is_weaker_and_faster_lengthening_stronger() -> None:
+    def force_while_passing(speed: float) -> float:
+        step, state = 1e-4, State(4e5, 0.235)
+        count = round(0.01 / abs(speed) / step)
+        for k in range(count + 1):
+            length = 0.34 + speed * (k - count) * step
+            state = unit.advance(PAIR, state, length, 4e5, step)
+        return unit.tension(PAIR, state, 0.34, 0.0)
+
+    forces = [force_while_passing(v) for v in (-0.3, -0.1, -0.02, 0.02, 0.1, 0.15)]
+    assert forces == sorted(forces)
+    assert forces[0] < 0.9 * forces[2]
+
+
+def work_over_a_cycle(parameters: Parameters, step: float) -> tuple[float, dict[str, float], float]:
+    """Work delivered, ledger integrals and change of stored energy over one cycle of length and pressure."""
+    state = State(2e5, 0.95 * parameters.muscle.resting_length)
+    middle = state.length + parameters.tendon.slack_length + 0.008
+    lines = dict.fromkeys(("gas_power", "friction_power", "damper_power", "stop_power"), 0.0)
+    delivered, count, energy, stored = 0.0, round(0.5 / step), 0.0, 0.0
+    for cycle in range(3):
+        for k in range(count):
+            angle = 2 * math.pi * k / count
+            length = middle + 0.008 * math.sin(angle)
+            rate = 0.008 * 2 * math.pi / 0.5 * math.cos(angle)
+            after = unit.advance(parameters, state, length, 3e5 + 1.5e5 * math.sin(angle + 1.2), step)
+            row = entries(parameters, state, after, length, step)
+            energy = row.bladder_energy + row.tendon_energy
+            if cycle == 1:
+                stored = energy
+            if cycle == 2:
+                for name in lines:
+                    lines[name] += step * getattr(row, name)
+                delivered -= step * rate * unit.tension(parameters, after, length, rate)
+            state = after
+    return delivered, lines, energy - stored
+
+
+def test_ledger_closes_and_closes_better_with_a_smaller_step() -> None:
+    residuals = []
+    for step in (1e-3, 2.5e-4):
+        delivered, lines, stored = work_over_a_cycle(PAIR, step)
+        residuals.append(abs(sum(lines.values()) - stored - delivered))
+    assert residuals[1] < 0.005 * abs(lines["gas_power"])
+    assert residuals[1] < 0.4 * residuals[0]
+
+
+def test_passive_without_the_friction_offset_at_constant_pressure() -> None:
+    quiet = without_friction(PAIR)
+    state = State(3e5, 0.24)
+    work, step, count = 0.0, 2.5e-4, 2000
+    for cycle in range(3):
+        for k in range(count):
+            angle = 2 * math.pi * k / count
+            after = unit.advance(quiet, state, 0.335 + 0.01 * math.sin(angle), 3e5, step)
+            if cycle == 2:
+                rate = 0.01 * 2 * math.pi / (count * step) * math.cos(angle)
+                work -= step * rate * unit.tension(quiet, after, 0.335 + 0.01 * math.sin(angle), rate)
+            state = after
+    assert work < 0.0  # a closed loop at constant pressure only takes energy: the damper's
+
+
+def test_friction_offset_has_a_ledger_line_of_its_own() -> None:
+    _, with_offset, _ = work_over_a_cycle(PAIR, 5e-4)
+    _, without, _ = work_over_a_cycle(without_friction(PAIR), 5e-4)
+    assert with_offset["friction_power"] != 0.0
+    assert without["friction_power"] == 0.0
+    assert with_offset["damper_power"] < 0.0

@@ -1,0 +1,106 @@
+"""Damper, tendon and gas: the source's design numbers, inverses, limits and signs."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from klute_sim.device.files import load
+from klute_sim.laws import damper, mckibben, pneumatics, tendon
+from klute_sim.laws.damper import Damper
+from klute_sim.laws.pneumatics import Supply
+from klute_sim.laws.tendon import Tendon
+
+OIL = 900.0
+SPRINGS = Tendon(slack_length=0.1, stiffness_1=60e3, stiffness_2=140e3, engagement=0.005, rigid=False)
+SUPPLY = Supply(pressure=5e5, rate=50e5, temperature=293.15)
+
+speeds = st.floats(-1.0, 1.0)
+
+
+def test_design_points_of_the_pair() -> None:
+    assert 1e3 * damper.orifice_for(1472, 0.3, 0.02, OIL, 1.0) == pytest.approx(1.084, abs=5e-4)
+    assert 1e3 * damper.orifice_for(400, 0.15, 0.02, OIL, 1.0) == pytest.approx(1.062, abs=5e-4)
+    assert 1e3 * damper.orifice_for(441, 0.15, 0.02, OIL, 1.0) == pytest.approx(1.036, abs=6e-4)
+    assert damper.bore_for(1472, 4.7e6) == pytest.approx(0.02, rel=2e-3)
+
+
+def test_default_prosthesis_is_sized_by_the_same_equations() -> None:
+    device = load("klute-1-1-4-pair")
+    muscle, sized = device.parameters.muscle, device.spec.damper
+    assert sized is not None
+    full = mckibben.force(muscle, 5e5, 0.96 * muscle.resting_length)
+    bore = 1e-3 * sized.bore_mm
+    assert damper.desired_force(full, 0.0) == pytest.approx(2707, abs=1)
+    assert damper.bore_for(full, 4.7e6) == pytest.approx(bore, rel=5e-3)
+    assert 1e3 * damper.orifice_for(full, 0.3, bore, OIL, 1.0) == pytest.approx(sized.orifice_concentric_mm, abs=1e-3)
+    eccentric = 1e3 * damper.orifice_for(0.3 * full, 0.15, bore, OIL, 1.0)
+    assert eccentric == pytest.approx(sized.orifice_eccentric_mm, abs=1e-3)
+    stretch = tendon.stretch_under(device.parameters.tendon, 2234.0)
+    whole = device.parameters.tendon.slack_length + muscle.resting_length
+    assert stretch / whole == pytest.approx(0.04, abs=0.002)
+
+
+@given(st.floats(1.0, 5e3), st.floats(0.01, 1.0), st.floats(0.005, 0.05), st.floats(0.5, 1.0))
+def test_orifice_and_coefficient_are_inverse(force: float, speed: float, bore: float, discharge: float) -> None:
+    orifice = damper.orifice_for(force, speed, bore, OIL, discharge)
+    back = damper.coefficient(bore, orifice, OIL, discharge) * speed * speed
+    assert back == pytest.approx(force, rel=1e-9)
+
+
+def test_real_discharge_makes_the_same_orifice_2_69_times_as_strong() -> None:
+    ratio = damper.coefficient(0.02, 0.001, OIL, 0.61) / damper.coefficient(0.02, 0.001, OIL, 1.0)
+    assert ratio == pytest.approx(2.69, abs=0.01)
+
+
+@given(speeds, st.floats(0.0, 1e6), st.floats(0.0, 1e6))
+def test_damper_never_gives_energy_and_is_quadratic(speed: float, concentric: float, eccentric: float) -> None:
+    device = Damper(concentric, eccentric)
+    force = damper.force(device, speed)
+    assert force * speed >= 0.0
+    assert damper.force(device, 2.0 * speed) == pytest.approx(4.0 * force)
+
+
+def test_damper_direction_picks_the_orifice() -> None:
+    device = Damper(concentric=100.0, eccentric=200.0)
+    assert damper.force(device, -1.0) == -100.0
+    assert damper.force(device, +1.0) == +200.0
+
+
+@given(st.floats(-0.05, 0.05))
+def test_tendon_force_is_the_slope_of_its_energy(stretch: float) -> None:
+    d = 1e-7
+    slope = (tendon.energy(SPRINGS, stretch + d) - tendon.energy(SPRINGS, stretch - d)) / (2 * d)
+    assert tendon.force(SPRINGS, stretch) == pytest.approx(slope, abs=0.02)
+
+
+@given(st.floats(0.0, 5e3))
+def test_stretch_is_the_inverse_of_force(force: float) -> None:
+    assert tendon.force(SPRINGS, tendon.stretch_under(SPRINGS, force)) == pytest.approx(force, abs=1e-9, rel=1e-12)
+
+
+def test_tendon_never_pushes_and_is_bilinear() -> None:
+    assert tendon.force(SPRINGS, -0.01) == 0.0
+    assert tendon.energy(SPRINGS, -0.01) == 0.0
+    assert tendon.force(SPRINGS, 0.005) == pytest.approx(300.0)
+    assert tendon.force(SPRINGS, 0.010) == pytest.approx(300.0 + 5e-3 * 200e3)
+    assert math.isnan(tendon.stretch_under(SPRINGS._replace(rigid=True), 1.0))
+
+
+@given(st.floats(0.0, 5e5), st.floats(-1e6, 2e6), st.floats(1e-5, 0.1))
+def test_regulator_stays_in_the_supply_and_in_its_rate(start: float, command: float, step: float) -> None:
+    after = pneumatics.regulate(SUPPLY, start, command, step)
+    assert 0.0 <= after <= SUPPLY.pressure
+    assert abs(after - start) <= SUPPLY.rate * step * (1 + 1e-9)
+
+
+def test_regulator_reaches_a_reachable_command_exactly() -> None:
+    assert pneumatics.regulate(SUPPLY, 1e5, 1.01e5, 1e-3) == 1.01e5
+    assert pneumatics.regulate(SUPPLY, 1e5, 5e5, 1e-3) == 1e5 + 50e5 * 1e-3
+    assert pneumatics.regulate(SUPPLY, 1e5, 9e5, 1.0) == 5e5
+
+
+def test_air_mass_of_a_litre_at_the_atmosphere() -> None:
+    assert pneumatics.air_mass(0.0, 1e-3, 293.15) == pytest.approx(1.204e-3, rel=1e-3)
+    assert pneumatics.air_mass(pneumatics.ATMOSPHERE, 1e-3, 293.15) == pytest.approx(2 * 1.204e-3, rel=1e-3)

@@ -1,0 +1,121 @@
+"""References: the package's own, a user's, and what is refused."""
+
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.errors import InputError
+from klute_sim.rigs.gait import motion, reference
+from klute_sim.rigs.gait.build import build, leg
+from klute_sim.device.files import load
+
+TEXT = (resources.files("klute_sim.rigs.gait") / "normative_gait.csv").read_text("utf-8")
+OWN = reference.default()
+PHASE = np.arange(0, 1, 0.001)
+
+
+def test_own_reference_has_the_published_peaks() -> None:
+    angle, moment, power = (
+        OWN(c, PHASE)
+        for c in ("ankle_dorsiflexion_deg", "ankle_plantarflexor_moment_nm_per_kg", "ankle_power_w_per_kg")
+    )
+    assert (angle.max(), 100 * PHASE[angle.argmax()]) == pytest.approx((11.4, 44), abs=0.5)
+    assert (angle.min(), 100 * PHASE[angle.argmin()]) == pytest.approx((-17.6, 64), abs=1.0)
+    assert (moment.max(), 100 * PHASE[moment.argmax()]) == pytest.approx((1.43, 48), abs=1.0)
+    assert (power.max(), 100 * PHASE[power.argmax()]) == pytest.approx((3.30, 54), abs=0.5)
+    vertical = OWN("grf_vertical_n_per_kg", PHASE)
+    assert vertical.mean() == pytest.approx(4.88, abs=0.03)
+    # net ankle work over the cycle at the reference's stride time
+    assert power.mean() * reference.STRIDE_TIME == pytest.approx(0.215, abs=0.015)
+
+
+def test_splines_are_periodic_in_value_and_slope() -> None:
+    for column in reference.REQUIRED:
+        for order in (0, 1, 2):
+            ends = OWN(column, np.array([0.0, 1.0]), order)
+            assert ends[0] == pytest.approx(ends[1], abs=1e-8), (column, order)
+
+
+def test_shank_is_knee_minus_hip_and_the_foot_is_flat_in_mid_stance() -> None:
+    flat = PHASE[(PHASE >= 0.14) & (PHASE <= 0.36)]
+    shank = OWN("shank_forward_deg", flat)
+    assert shank == pytest.approx(OWN("knee_flexion_deg", flat) - OWN("hip_flexion_deg", flat) + 4.03, abs=0.05)
+    # 1.2 degrees at the table's rows; closing the cycle moves each angle by up to another 0.2
+    assert np.abs(shank - OWN("ankle_dorsiflexion_deg", flat)).max() < 1.6
+
+
+def test_deviation_columns_are_optional() -> None:
+    rows = [line.split(",") for line in TEXT.splitlines()]
+    keep = [i for i, name in enumerate(rows[0]) if "_sd_" not in name]
+    text = "\n".join(",".join(row[i] for i in keep) for row in rows)
+    assert not reference.parse(text, "x").has("ankle_dorsiflexion_sd_deg")
+    assert OWN.has("ankle_dorsiflexion_sd_deg")
+
+
+def without_column(text: str) -> str:
+    return text.replace("knee_flexion_deg", "knee_bend_deg", 1)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (without_column, "column 'knee_flexion_deg' is missing"),
+        (lambda t: t.replace("\n4,", "\nnan,", 1), "column 'gait_pct', row 4"),
+        (lambda t: t.replace("\n4,", "\n1,", 1), "must rise strictly from 0 to 100"),
+        (lambda t: t.replace("\n100,", "\n99,", 1), "must rise strictly from 0 to 100"),
+        (lambda t: t.replace("27.10", "", 1), "column 'hip_flexion_deg', row 3: '' is not a finite number"),
+        (lambda t: t.replace("27.10", "inf", 1), "row 3"),
+        (lambda t: t.replace("27.10,", "27.10,5,", 1), "row 3 has 13 cells"),
+        (lambda t: t.replace("\n100,26.75,2.48", "\n100,26.75,40.0", 1), "'knee_flexion_deg' does not close"),
+        (lambda t: t.replace(",3.93,", ",-3.93,", 1), "is negative; a standard deviation is not"),
+        (lambda t: "\n".join(t.splitlines()[:5]), "at least 9 rows"),
+        (lambda t: "", "at least 9 rows"),
+    ],
+)
+def test_bad_references_are_refused_with_place_and_reason(spoil: Callable[[str], str], says: str) -> None:
+    with pytest.raises(InputError) as caught:
+        reference.parse(spoil(TEXT), "mine.csv")
+    assert says in str(caught.value)
+    assert "mine.csv" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        reference.load(tmp_path / "none.csv")
+
+
+def test_grf_in_newtons_is_noticed() -> None:
+    rows = [line.split(",") for line in TEXT.splitlines()]
+    i = rows[0].index("grf_vertical_n_per_kg")
+    for row in rows[1:]:
+        row[i] = str(float(row[i]) * 75)
+    with pytest.raises(InputError, match="N/kg"):
+        reference.parse("\n".join(map(",".join, rows)), "x")
+
+
+def test_speed_follows_from_legs_and_stride_time_and_scales_it() -> None:
+    model = build(load("klute-1-1-4-pair"), mass=75, stature=1.75, step=5e-4)
+    plan = motion.plan(OWN, leg(model), 1.10)
+    assert plan.speed == pytest.approx(1.18, abs=0.01)
+    slower = motion.plan(OWN, leg(model), 1.10, speed=0.8)
+    assert slower.speed == pytest.approx(0.8)
+    assert slower.stride_length == pytest.approx(plan.stride_length, rel=1e-6)
+    assert slower.stride_time == pytest.approx(1.10 * plan.speed / 0.8, rel=1e-6)
+    taller = motion.plan(OWN, leg(build(load("klute-1-1-4-pair"), mass=75, stature=1.925, step=5e-4)), 1.10)
+    assert taller.speed == pytest.approx(1.1 * plan.speed, rel=0.01)
+
+
+def test_prescribed_velocities_are_the_derivatives_of_prescribed_positions() -> None:
+    model = build(load("klute-1-1-4-pair"), mass=75, stature=1.75, step=5e-4)
+    plan = motion.plan(OWN, leg(model), 1.10)
+    d = 1e-5
+    inside = PHASE[1:]
+    slope = (plan.travel(inside + d) - plan.travel(inside - d)) / (2 * d)
+    assert slope == pytest.approx(plan.velocity(inside), abs=1e-5)
+    for angle in (motion.thigh_angle, motion.knee_angle):
+        slope = (angle(OWN, PHASE + d) - angle(OWN, PHASE - d)) / (2 * d)
+        assert slope == pytest.approx(angle(OWN, PHASE, 1), abs=1e-4)
