@@ -124,14 +124,16 @@ def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
     smooth = _smoothed(power, POWER_WINDOW / step)
     vertical, forward = r[f"{prefix}grf_vertical"] / weight, r[f"{prefix}grf_forward"] / weight
     first, lift = _contact_events(phase, vertical > CONTACT)
+    # Over the angle, not over time: a reference has no stride time of its own.
+    work = -moment * np.gradient(np.radians(r[f"{prefix}ankle_angle"]))
     return {
         "ankle_range_deg": float(np.ptp(r[f"{prefix}ankle_angle"])),
         "ankle_moment_peak_nm_per_kg": float(moment.max()),
         "ankle_moment_peak_pct": float(phase[moment.argmax()]),
         "ankle_power_peak_w_per_kg": float(smooth.max()),
         "ankle_power_peak_pct": float(phase[smooth.argmax()]),
-        "ankle_work_net_j_per_kg": float(power.sum() * step),
-        "ankle_work_positive_j_per_kg": float(np.maximum(power, 0.0).sum() * step),
+        "ankle_work_net_j_per_kg": float(work.sum()),
+        "ankle_work_positive_j_per_kg": float(np.maximum(work, 0.0).sum()),
         "first_contact_pct": first,
         "toe_off_pct": lift,
         "grf_vertical_peaks_bw": (

@@ -141,13 +141,21 @@ def _columns(text: str, where: str) -> dict[str, Samples]:
 
 
 def _periodic(name: str, phase: Samples, values: Samples, where: str) -> CubicSpline:
-    """Periodic cubic spline; the small mismatch of measured ends is spread over the cycle."""
+    """Periodic cubic spline through measured values whose two ends nearly agree.
+
+    An angle's mismatch is spread over the cycle, which leaves its rate smooth. A load's is taken up at the two ends
+    alone: in swing it is zero and has to stay so.
+    """
     mismatch = values[-1] - values[0]
     spread = float(np.ptp(values))
     if abs(mismatch) > CLOSURE * spread and spread > 0:
         raise InputError(
             f"reference {where}: column '{name}' does not close: {values[0]:g} at 0 %, {values[-1]:g} at 100 %"
         )
-    closed = values - mismatch * phase
-    closed[-1] = closed[0]
+    closed = values.copy()
+    if name.endswith("_deg"):
+        closed -= mismatch * phase
+        closed[-1] = closed[0]
+    else:
+        closed[0] = closed[-1] = 0.5 * (values[0] + values[-1])
     return CubicSpline(phase, closed, bc_type="periodic")

@@ -1,0 +1,145 @@
+"""Make the project's environment if it is missing or out of date, then run a command in it.
+
+    python3 scripts/env.py pytest                        # any command, its exit code is passed on
+    python3 scripts/env.py                               # only make .venv
+    python3 scripts/env.py --resolution newest pytest    # in .venv-newest, without the lock file
+
+Needs Python 3.11 or later and nothing else; uses uv where it is installed and pip otherwise.
+The environment belongs to this script: an unfinished or outdated one is deleted and made anew.
+"""
+
+import argparse
+import hashlib
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+
+def refusal(major: int, minor: int) -> str:
+    """Return why this version of Python will not do, or an empty string."""
+    # Up to here and below, the syntax is that of Python 3.6, which must reach this sentence.
+    if (major, minor) >= (3, 11):
+        return ""
+    return "klute-sim needs Python 3.11 or later, and this is {}.{}.".format(major, minor)  # noqa: UP032
+
+
+if refusal(*sys.version_info[:2]):
+    sys.stderr.write(refusal(*sys.version_info[:2]) + "\n")
+    sys.exit(2)
+
+import tomllib
+
+ROOT = Path(__file__).resolve().parent.parent
+LOCK = "requirements-dev.lock"
+FOLDERS = {"locked": ".venv", "newest": ".venv-newest", "floor": ".venv-floor"}
+SCRIPTS = "Scripts" if os.name == "nt" else "bin"
+
+
+class EnvironmentFailure(Exception):
+    """The environment cannot be made; the message is one sentence on what to do."""
+
+
+def project(root: Path) -> dict[str, object]:
+    """Return the tables of pyproject.toml that an installation depends on."""
+    content = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    return {name: content.get(name, {}) for name in ("build-system", "project", "dependency-groups")}
+
+
+def dev_requirements(root: Path) -> list[str]:
+    """Return the dev group, which pip before 25.1 cannot read itself."""
+    content = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    return list(content["dependency-groups"]["dev"])
+
+
+def stamp_text(root: Path, resolution: str) -> str:
+    """Return a hash of all that decides what is in the environment."""
+    lock = (root / LOCK).read_text(encoding="utf-8") if resolution == "locked" else ""
+    inputs = [resolution, sys.version_info[:2], str(root), project(root), lock]
+    return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()
+
+
+def step(sentence: str, command: list[str], advice: str) -> None:
+    """Say what is done and do it, keeping the output of this script's own steps off stdout."""
+    print(f"env: {sentence}", file=sys.stderr, flush=True)
+    if subprocess.run(command, cwd=ROOT, stdout=sys.stderr, check=False).returncode:
+        raise EnvironmentFailure(advice)
+
+
+def make(folder: Path, resolution: str) -> None:
+    """Make the environment from nothing."""
+    uv = shutil.which("uv")
+    if resolution == "floor" and not uv:
+        raise EnvironmentFailure("--resolution floor needs uv: install it (pip install uv) and try again.")
+    if not uv and not (importlib.util.find_spec("venv") and importlib.util.find_spec("ensurepip")):
+        raise EnvironmentFailure("this Python lacks venv: install python3-venv, or uv, and try again.")
+    if folder.exists():
+        shutil.rmtree(folder)
+    python = str(folder / SCRIPTS / "python")
+    base = sys._base_executable  # not sys.executable, which may lie in the folder just deleted
+    maker = [uv, "venv", "--quiet", "--python", base] if uv else [base, "-m", "venv"]
+    installer = [uv, "pip", "install", "--python", python] if uv else [python, "-m", "pip", "install"]
+    installer.append("--quiet")
+    tool = "uv" if uv else "pip"
+    again = "see the message above, check the network connection and the disk, and try again."
+    step(f"making {folder.name} with {tool}", [*maker, str(folder)], f"no environment was made: {again}")
+    if resolution == "locked":
+        installs = [["-r", LOCK], ["--no-deps", "-e", "."]]
+    else:
+        lowest = ["--resolution", "lowest-direct"] if resolution == "floor" else []
+        installs = [[*lowest, "-e", ".[all]", *dev_requirements(ROOT)]]
+    for what in installs:
+        name = f"the packages of {LOCK}" if LOCK in what else "klute-sim"
+        step(f"installing {name}", [*installer, *what], f"{name} could not be installed: {again}")
+
+
+def run(command: list[str], folder: Path) -> int:
+    """Run a command inside the environment and return its exit code."""
+    variables = {name: value for name, value in os.environ.items() if name != "PYTHONHOME"}
+    variables["VIRTUAL_ENV"] = str(folder)
+    variables["PATH"] = os.pathsep.join([str(folder / SCRIPTS), os.environ.get("PATH", os.defpath)])
+    program = shutil.which(command[0], path=variables["PATH"])
+    if program is None:
+        print(f"env: there is no command {command[0]!r} in {folder.name}.", file=sys.stderr)
+        return 127
+    if os.name == "posix":
+        os.execve(program, command, variables)  # signals then reach the command alone
+    process = subprocess.Popen([program, *command[1:]], env=variables)
+    while True:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:
+            continue  # the command got it too, and ends in its own way
+
+
+def main(arguments: list[str]) -> int:
+    """Make the environment if need be and run the command in it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--resolution", choices=FOLDERS, default="locked", help="which versions to install")
+    parser.add_argument("command", nargs=argparse.REMAINDER, help="what to run in the environment")
+    options = parser.parse_args(arguments)
+    folder = ROOT / FOLDERS[options.resolution]
+    stamp = folder / "klute-sim-stamp"
+    try:
+        wanted = stamp_text(ROOT, options.resolution)
+        python = folder / SCRIPTS / ("python.exe" if os.name == "nt" else "python")
+        if not (python.exists() and stamp.is_file() and stamp.read_text(encoding="utf-8") == wanted):
+            make(folder, options.resolution)
+            stamp.write_text(wanted, encoding="utf-8")
+    except (EnvironmentFailure, OSError) as problem:
+        print(f"env: {problem}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    if options.command:
+        return run(options.command, folder)
+    activate = folder / SCRIPTS / "activate"
+    print(f"To activate the environment: {'' if os.name == 'nt' else 'source '}{activate}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
