@@ -17,21 +17,20 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 
 def refusal(major: int, minor: int) -> str:
     """Return why this version of Python will not do, or an empty string."""
-    # Up to here and below, the syntax is that of Python 3.6, which must reach this sentence.
     if (major, minor) >= (3, 11):
         return ""
-    return "klute-sim needs Python 3.11 or later, and this is {}.{}.".format(major, minor)  # noqa: UP032
+    return f"klute-sim needs Python 3.11 or later, and this is {major}.{minor}."
 
 
+# The whole file keeps to the syntax of Python 3.6, so that an old Python can get to this sentence.
 if refusal(*sys.version_info[:2]):
     sys.stderr.write(refusal(*sys.version_info[:2]) + "\n")
     sys.exit(2)
-
-import tomllib
 
 ROOT = Path(__file__).resolve().parent.parent
 LOCK = "requirements-dev.lock"
@@ -39,20 +38,16 @@ FOLDERS = {"locked": ".venv", "newest": ".venv-newest", "floor": ".venv-floor"}
 SCRIPTS = "Scripts" if os.name == "nt" else "bin"
 
 
-class EnvironmentFailure(Exception):
+class EnvironmentMakingError(Exception):
     """The environment cannot be made; the message is one sentence on what to do."""
 
 
-def project(root: Path) -> dict[str, object]:
+def project(root: Path) -> dict[str, Any]:
     """Return the tables of pyproject.toml that an installation depends on."""
+    import tomllib  # new in Python 3.11
+
     content = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
     return {name: content.get(name, {}) for name in ("build-system", "project", "dependency-groups")}
-
-
-def dev_requirements(root: Path) -> list[str]:
-    """Return the dev group, which pip before 25.1 cannot read itself."""
-    content = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
-    return list(content["dependency-groups"]["dev"])
 
 
 def stamp_text(root: Path, resolution: str) -> str:
@@ -66,34 +61,35 @@ def step(sentence: str, command: list[str], advice: str) -> None:
     """Say what is done and do it, keeping the output of this script's own steps off stdout."""
     print(f"env: {sentence}", file=sys.stderr, flush=True)
     if subprocess.run(command, cwd=ROOT, stdout=sys.stderr, check=False).returncode:
-        raise EnvironmentFailure(advice)
+        raise EnvironmentMakingError(advice)
 
 
 def make(folder: Path, resolution: str) -> None:
     """Make the environment from nothing."""
     uv = shutil.which("uv")
     if resolution == "floor" and not uv:
-        raise EnvironmentFailure("--resolution floor needs uv: install it (pip install uv) and try again.")
+        raise EnvironmentMakingError("--resolution floor needs uv: pip install uv, and try again.")
     if not uv and not (importlib.util.find_spec("venv") and importlib.util.find_spec("ensurepip")):
-        raise EnvironmentFailure("this Python lacks venv: install python3-venv, or uv, and try again.")
+        raise EnvironmentMakingError("this Python lacks venv: install python3-venv, or uv, and try again.")
     if folder.exists():
         shutil.rmtree(folder)
     python = str(folder / SCRIPTS / "python")
-    base = sys._base_executable  # not sys.executable, which may lie in the folder just deleted
+    # Not sys.executable itself, which may lie in the folder just deleted.
+    base = getattr(sys, "_base_executable", sys.executable)
     maker = [uv, "venv", "--quiet", "--python", base] if uv else [base, "-m", "venv"]
     installer = [uv, "pip", "install", "--python", python] if uv else [python, "-m", "pip", "install"]
-    installer.append("--quiet")
     tool = "uv" if uv else "pip"
     again = "see the message above, check the network connection and the disk, and try again."
-    step(f"making {folder.name} with {tool}", [*maker, str(folder)], f"no environment was made: {again}")
+    step(f"making {folder.name} with {tool}", [*maker, str(folder)], again)
     if resolution == "locked":
         installs = [["-r", LOCK], ["--no-deps", "-e", "."]]
     else:
         lowest = ["--resolution", "lowest-direct"] if resolution == "floor" else []
-        installs = [[*lowest, "-e", ".[all]", *dev_requirements(ROOT)]]
+        # The group is spelt out because pip before 25.1 cannot read one.
+        installs = [[*lowest, "-e", ".[all]", *project(ROOT)["dependency-groups"]["dev"]]]
     for what in installs:
         name = f"the packages of {LOCK}" if LOCK in what else "klute-sim"
-        step(f"installing {name}", [*installer, *what], f"{name} could not be installed: {again}")
+        step(f"installing {name}", [*installer, "--quiet", *what], again)
 
 
 def run(command: list[str], folder: Path) -> int:
@@ -106,7 +102,7 @@ def run(command: list[str], folder: Path) -> int:
         print(f"env: there is no command {command[0]!r} in {folder.name}.", file=sys.stderr)
         return 127
     if os.name == "posix":
-        os.execve(program, command, variables)  # signals then reach the command alone
+        os.execve(program, [program, *command[1:]], variables)  # signals then reach the command alone
     process = subprocess.Popen([program, *command[1:]], env=variables)
     while True:
         try:
@@ -117,7 +113,8 @@ def run(command: list[str], folder: Path) -> int:
 
 def main(arguments: list[str]) -> int:
     """Make the environment if need be and run the command in it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    layout = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=layout)
     parser.add_argument("--resolution", choices=FOLDERS, default="locked", help="which versions to install")
     parser.add_argument("command", nargs=argparse.REMAINDER, help="what to run in the environment")
     options = parser.parse_args(arguments)
@@ -129,8 +126,8 @@ def main(arguments: list[str]) -> int:
         if not (python.exists() and stamp.is_file() and stamp.read_text(encoding="utf-8") == wanted):
             make(folder, options.resolution)
             stamp.write_text(wanted, encoding="utf-8")
-    except (EnvironmentFailure, OSError) as problem:
-        print(f"env: {problem}", file=sys.stderr)
+    except (EnvironmentMakingError, OSError, ValueError) as problem:
+        print(f"env: the environment is not ready: {problem}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130

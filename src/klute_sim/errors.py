@@ -13,6 +13,7 @@ class MissingExtraError(KluteSimError):
     """An optional dependency is needed for what was asked and is not installed."""
 
     def __init__(self, what: str, extra: str) -> None:
+        """``what`` was asked for; ``extra`` would bring it."""
         super().__init__(f"{what} needs the optional extra '{extra}': pip install 'klute-sim[{extra}]'")
 
 

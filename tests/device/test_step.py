@@ -1,5 +1,6 @@
 """The implicit step: it balances, it respects the stops, it converges, and it makes no energy."""
 
+import itertools
 import math
 
 import numpy as np
@@ -84,7 +85,7 @@ def test_order_of_convergence_is_one() -> None:
         return state.length
 
     errors = [abs(end_length(h) - end_length(h / 2)) for h in (2e-3, 1e-3, 5e-4, 2.5e-4)]
-    orders = [math.log2(a / b) for a, b in zip(errors, errors[1:], strict=False)]
+    orders = [math.log2(a / b) for a, b in itertools.pairwise(errors)]
     assert all(0.85 < order < 1.15 for order in orders), orders
 
 

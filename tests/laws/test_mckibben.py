@@ -1,5 +1,6 @@
 """The McKibben law against the source's check numbers, its own energy, and what the source contradicts."""
 
+import itertools
 import math
 
 import pytest
@@ -136,5 +137,5 @@ def test_capability_of_the_pairs() -> None:
 def test_worst_slope_of_one_big_muscle_at_no_pressure() -> None:
     lengths = [BIG.resting_length * (0.62 + 0.0005 * i) for i in range(761)]
     forces = [mckibben.force(BIG, 0.0, length) for length in lengths]
-    slopes = [(b - a) / (lengths[1] - lengths[0]) for a, b in zip(forces, forces[1:], strict=False)]
+    slopes = [(b - a) / (lengths[1] - lengths[0]) for a, b in itertools.pairwise(forces)]
     assert min(slopes) == pytest.approx(-2400, rel=0.1)

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from klute_sim.device.files import load
 from klute_sim.errors import InputError
 from klute_sim.rigs.gait import motion, reference
 from klute_sim.rigs.gait.build import build, leg
-from klute_sim.device.files import load
 
 TEXT = (resources.files("klute_sim.rigs.gait") / "normative_gait.csv").read_text("utf-8")
 OWN = reference.default()

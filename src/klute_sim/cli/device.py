@@ -14,8 +14,14 @@ RATIOS = (0.7, 0.8, 0.9, 0.96, 1.0)
 
 @click.command("device")
 @click.argument("name", metavar="[NAME|FILE]", required=False)
-@click.option("--pressure", type=float, default=5.0, show_default=True, metavar="BAR",
-              help="Gauge pressure of the force table [bar].")
+@click.option(
+    "--pressure",
+    type=float,
+    default=5.0,
+    show_default=True,
+    metavar="BAR",
+    help="Gauge pressure of the force table [bar].",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
 def command(name: str | None, pressure: float, as_json: bool) -> None:
     """List the devices that come with the package, or show one.
@@ -62,7 +68,9 @@ def describe(device: "Device", pressure_bar: float) -> dict[str, Any]:
         geometric = mckibben.gas_force(muscle, pressure, length)
         with_bladder = geometric + mckibben.bladder_force(muscle, length)
         with_friction = with_bladder + mckibben.friction_force(muscle, pressure)
-        forces.append({"ratio": ratio, "geometric_n": geometric, "bladder_n": with_bladder, "friction_n": with_friction})
+        forces.append(
+            {"ratio": ratio, "geometric_n": geometric, "bladder_n": with_bladder, "friction_n": with_friction}
+        )
     published = [
         {
             "ratio": p.muscle_ratio,

@@ -14,23 +14,56 @@ if TYPE_CHECKING:
 
 
 @click.command("gait")
-@click.option("--device", "device_name", default=None, metavar="NAME|FILE",
-              help="Preset or device file.  [default: klute-1-1-4-pair]")
-@click.option("--controller", type=click.Choice(["profile", "constant", "off"]), default=None,
-              help="Pressure over gait phase, the same pressure all the time, or none.  [default: profile]")
-@click.option("--profile", "profile_file", type=click.Path(path_type=Path), default=None, metavar="FILE",
-              help="CSV with columns gait_pct,pressure_bar: knots of the profile.  [default: the tuned one]")
-@click.option("--pressure", type=float, default=None, metavar="BAR", help="Gauge pressure of --controller constant [bar].")
-@click.option("--reference", "reference_file", type=click.Path(path_type=Path), default=None, metavar="FILE",
-              help="CSV of a gait cycle with the columns of docs/gait.md.  [default: able-bodied adults]")
+@click.option(
+    "--device",
+    "device_name",
+    default=None,
+    metavar="NAME|FILE",
+    help="Preset or device file.  [default: klute-1-1-4-pair]",
+)
+@click.option(
+    "--controller",
+    type=click.Choice(["profile", "constant", "off"]),
+    default=None,
+    help="Pressure over gait phase, the same pressure all the time, or none.  [default: profile]",
+)
+@click.option(
+    "--profile",
+    "profile_file",
+    type=click.Path(path_type=Path),
+    default=None,
+    metavar="FILE",
+    help="CSV with columns gait_pct,pressure_bar: knots of the profile.  [default: the tuned one]",
+)
+@click.option(
+    "--pressure", type=float, default=None, metavar="BAR", help="Gauge pressure of --controller constant [bar]."
+)
+@click.option(
+    "--reference",
+    "reference_file",
+    type=click.Path(path_type=Path),
+    default=None,
+    metavar="FILE",
+    help="CSV of a gait cycle with the columns of docs/gait.md.  [default: able-bodied adults]",
+)
 @click.option("--mass", type=float, default=75.0, show_default=True, metavar="KG", help="Body mass [kg].")
 @click.option("--stature", type=float, default=1.75, show_default=True, metavar="M", help="Stature [m].")
-@click.option("--speed", type=float, default=None, metavar="M/S",
-              help="Walking speed [m/s]; scales the stride time.  [default: what reference and legs imply]")
+@click.option(
+    "--speed",
+    type=float,
+    default=None,
+    metavar="M/S",
+    help="Walking speed [m/s]; scales the stride time.  [default: what reference and legs imply]",
+)
 @click.option("--strides", type=int, default=5, show_default=True, help="Strides to walk.")
 @click.option("--step", "step_ms", type=float, default=0.5, show_default=True, metavar="MS", help="Time step [ms].")
-@click.option("--out", type=click.Path(path_type=Path), default=None, metavar="FOLDER",
-              help="New or empty folder for the run.  [default: runs/gait-NNN]")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=None,
+    metavar="FOLDER",
+    help="New or empty folder for the run.  [default: runs/gait-NNN]",
+)
 @click.option("--csv", "with_csv", is_flag=True, help="Write recording.csv, too.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
 def command(
@@ -137,7 +170,7 @@ def _write(
             rerun.write(recording, model, scratch / "recording.rrd")
         except MissingExtraError as error:
             missing = str(error)
-        result["files"] = sorted(file.name for file in scratch.iterdir()) + ["summary.json"]
+        result["files"] = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
         text = json.dumps(result, indent=2, allow_nan=False)
         (scratch / "summary.json").write_text(text + "\n", "utf-8")
     if as_json:

@@ -71,7 +71,7 @@ class Profile:
         phase, pressure = np.array(self.gait_pct), np.array(self.pressure_bar)
         if len(phase) < 2 or len(phase) != len(pressure):
             raise InputError(f"pressure profile {self.name}: needs at least two rows of {' and '.join(COLUMNS)}")
-        if not (np.all(np.isfinite(phase)) and np.all(np.diff(phase) > 0) and 0 <= phase[0] and phase[-1] < 100):
+        if not (np.all(np.isfinite(phase)) and np.all(np.diff(phase) > 0) and phase[0] >= 0 and phase[-1] < 100):
             raise InputError(f"pressure profile {self.name}: gait_pct must rise from 0 or more to less than 100")
         if not (np.all(np.isfinite(pressure)) and np.all(pressure >= 0)):
             raise InputError(f"pressure profile {self.name}: pressure_bar must be 0 or more everywhere")

@@ -58,9 +58,7 @@ def load(name_or_path: str | Path) -> Device:
         return read((_preset_folder() / f"{wanted}.toml").read_text("utf-8"), wanted)
     path = Path(wanted)
     if not path.is_file():
-        raise InputError(
-            f"no device '{wanted}': give the path of a device file, or one of {', '.join(preset_names())}"
-        )
+        raise InputError(f"no device '{wanted}': give the path of a device file, or one of {', '.join(preset_names())}")
     try:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:

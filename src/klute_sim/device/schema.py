@@ -83,7 +83,7 @@ class MuscleSection(_Section):
         """The law's parameters, SI."""
         length = self.si("resting_length_mm")
         return Muscle(
-            count=float(self.count),
+            actuators=float(self.count),
             resting_length=length,
             braid_length=self.braid_length_ratio * length,
             turns=self.turns_per_m * length,

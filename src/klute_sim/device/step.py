@@ -60,9 +60,7 @@ def _imbalance(
     return muscle_side(parameters, pressure, length, (length - start) / step) - pull
 
 
-def balance(
-    parameters: Parameters, pressure: float, start: float, unit_length: float, step: float
-) -> float:
+def balance(parameters: Parameters, pressure: float, start: float, unit_length: float, step: float) -> float:
     """Muscle length [m] that balances the junction after ``step`` [s], from muscle length ``start`` [m].
 
     ``unit_length`` [m] is the whole muscle-tendon unit. The root is found with Chandrupatla's bracketed
@@ -117,17 +115,13 @@ def balance(
     return best
 
 
-def advance(
-    parameters: Parameters, state: State, unit_length: float, command: float, step: float
-) -> State:
+def advance(parameters: Parameters, state: State, unit_length: float, command: float, step: float) -> State:
     """State one ``step`` [s] later, at muscle-tendon length ``unit_length`` [m] and pressure ``command`` [Pa]."""
     pressure = pneumatics.regulate(parameters.supply, state.pressure, command, step)
     return State(pressure, balance(parameters, pressure, state.length, unit_length, step))
 
 
-def tension(
-    parameters: Parameters, state: State, unit_length: float, rate: float
-) -> float:
+def tension(parameters: Parameters, state: State, unit_length: float, rate: float) -> float:
     """Tension [N] the unit delivers at ``unit_length`` [m] with its muscle moving at ``rate`` = dl/dt [m/s].
 
     With a tendon this is the tendon's force and never negative. A rigid tie passes on what muscle and

@@ -4,7 +4,7 @@
 sign, so a caller can keep a ledger line per term. ``lambda_1 = L/L0``; the muscle never exceeds L0 (the
 stop is kept by the device, which solves for the length).
 
-Several equal actuators in parallel are one :class:`Muscle` with ``count`` > 1.
+Several equal actuators in parallel are one :class:`Muscle` with ``actuators`` > 1.
 """
 
 import math
@@ -15,9 +15,9 @@ FRICTION_ONSET = 2.0e5
 
 
 class Muscle(NamedTuple):
-    """Parameters of ``count`` equal McKibben actuators in parallel."""
+    """Parameters of ``actuators`` equal McKibben actuators in parallel."""
 
-    count: float
+    actuators: float
     """Number of actuators [1]."""
     resting_length: float
     """L0, length unloaded and unpressurised [m]; the muscle's longest length."""
@@ -50,7 +50,7 @@ def volume(muscle: Muscle, length: float) -> float:
     Chou & Hannaford 1996; the cylinder inside a braid of inextensible threads, no dead volume.
     """
     b, n = muscle.braid_length, muscle.turns
-    return muscle.count * length * (b * b - length * length) / (4.0 * math.pi * n * n)
+    return muscle.actuators * length * (b * b - length * length) / (4.0 * math.pi * n * n)
 
 
 def gas_force(muscle: Muscle, pressure: float, length: float) -> float:
@@ -60,7 +60,7 @@ def gas_force(muscle: Muscle, pressure: float, length: float) -> float:
     length.
     """
     b, n = muscle.braid_length, muscle.turns
-    return muscle.count * pressure * (3.0 * length * length - b * b) / (4.0 * math.pi * n * n)
+    return muscle.actuators * pressure * (3.0 * length * length - b * b) / (4.0 * math.pi * n * n)
 
 
 def bladder_volume(muscle: Muscle) -> float:
@@ -88,7 +88,7 @@ def bladder_energy(muscle: Muscle, length: float) -> float:
     i1 = a + q + 1.0 / (a * q)
     i2 = a * q + 1.0 / a + 1.0 / q
     density = muscle.c10 * (i1 - 3.0) + muscle.c01 * (i2 - 3.0)
-    return muscle.count * bladder_volume(muscle) * density
+    return muscle.actuators * bladder_volume(muscle) * density
 
 
 def bladder_force(muscle: Muscle, length: float) -> float:
@@ -106,7 +106,7 @@ def bladder_force(muscle: Muscle, length: float) -> float:
     slope = muscle.c10 * (i1_a - k * i1_q) + muscle.c01 * (i2_a - k * i2_q)
     ratio = length / muscle.resting_length
     dw_dlambda = 2.0 * ratio * slope
-    return muscle.count * bladder_volume(muscle) * dw_dlambda / muscle.resting_length
+    return muscle.actuators * bladder_volume(muscle) * dw_dlambda / muscle.resting_length
 
 
 def friction_force(muscle: Muscle, pressure: float) -> float:
@@ -117,13 +117,9 @@ def friction_force(muscle: Muscle, pressure: float) -> float:
     tension at low pressure. The fade below 2 bar is assumed: zero at zero pressure, continuous.
     """
     fade = min(1.0, pressure / FRICTION_ONSET)
-    return -muscle.count * (muscle.friction_slope * pressure + muscle.friction_offset) * fade
+    return -muscle.actuators * (muscle.friction_slope * pressure + muscle.friction_offset) * fade
 
 
 def force(muscle: Muscle, pressure: float, length: float) -> float:
     """Tension [N] of the whole muscle at gauge ``pressure`` [Pa] and ``length`` [m]; may be negative."""
-    return (
-        gas_force(muscle, pressure, length)
-        + bladder_force(muscle, length)
-        + friction_force(muscle, pressure)
-    )
+    return gas_force(muscle, pressure, length) + bladder_force(muscle, length) + friction_force(muscle, pressure)

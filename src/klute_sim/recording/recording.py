@@ -75,7 +75,7 @@ class Recording:
 
     @staticmethod
     def from_columns(
-        columns: Iterable[tuple[str, Samples]], provenance: Mapping[str, Any] | None = None
+        columns: Iterable[tuple[str, NDArray[np.floating[Any]]]], provenance: Mapping[str, Any] | None = None
     ) -> "Recording":
         """From ``("name [unit]", samples)`` pairs."""
         channels: dict[str, Samples] = {}

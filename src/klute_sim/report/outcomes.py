@@ -106,9 +106,7 @@ def outcomes(recording: Recording) -> GaitOutcome:
     """Outcomes of every stride of a gait ``recording``."""
     mass = float(recording.provenance["options"]["mass_kg"])
     first, last = int(recording["stride"][0]), int(recording["stride"][-1])
-    return GaitOutcome(
-        tuple(_stride(recording.select(recording["stride"] == k), mass) for k in range(first, last + 1))
-    )
+    return GaitOutcome(tuple(_stride(recording.select(recording["stride"] == k), mass) for k in range(first, last + 1)))
 
 
 def human_outcome(recording: Recording) -> AnkleOutcome:

@@ -3,8 +3,11 @@
 The device runs as the same MuJoCo actuator as in the ankle, between a load cell and a crosshead.
 """
 
+from typing import Any
+
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from klute_sim.device.files import Device
 from klute_sim.device.step import State
@@ -90,7 +93,7 @@ def pull(device: Device, length: Samples, command: Samples, step: float) -> Reco
                 ledger.tendon_energy,
                 ledger.air_mass,
             )
-    columns = [
+    columns: list[tuple[str, NDArray[np.floating[Any]]]] = [
         ("time [s]", np.arange(len(length)) * step),
         ("length [mm]", 1e3 * length),
         ("pressure_command [bar]", command / BAR),

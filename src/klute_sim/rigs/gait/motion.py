@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
-from klute_sim.rigs.gait.reference import GRAVITY, Reference
 from klute_sim.recording.recording import Samples
+from klute_sim.rigs.gait.reference import GRAVITY, Reference
 
 GRID = np.arange(400) / 400.0
 """Phases at which the sole's contact is worked out."""
@@ -139,10 +139,11 @@ def _hip_height(reference: Reference, contact: Samples, scale: float) -> CubicSp
     lift = reference.stance_end()
 
     def moved(knots: Samples) -> Samples:
-        return np.interp(knots, [0.0, KNOTS_LIFT, 1.0], [0.0, lift, 1.0])
+        return np.asarray(np.interp(knots, [0.0, KNOTS_LIFT, 1.0], [0.0, lift, 1.0]), dtype=np.float64)
 
     def touching(phase: Samples) -> Samples:
-        return np.interp(phase, np.append(GRID, 1.0), np.append(contact, contact[0]))
+        closed = np.append(contact, contact[0])
+        return np.asarray(np.interp(phase, np.append(GRID, 1.0), closed), dtype=np.float64)
 
     stance, swing = moved(STANCE_KNOTS), moved(SWING_KNOTS)
     first, second, least = (scale * height for height in SWING_HEIGHTS)

@@ -13,6 +13,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from klute_sim.control.pressure import PressureController
 from klute_sim.device.files import Device
@@ -71,7 +72,7 @@ class GaitOptions:
             ("stature", self.stature, 1.0, 2.4, "m"),
             ("speed", self.speed, 0.4, 2.5, "m/s"),
             ("strides", self.strides, 1, 1000, ""),
-            ("step", self.step, 1e-5, 1e-3, "s"),
+            ("step", 1e3 * self.step, 0.01, 1.0, "ms"),
         ]
         for name, value, low, high, unit in limits:
             if value is not None and not low <= value <= high:  # also refuses NaN
@@ -133,9 +134,7 @@ def walk(
     return _recording(device, controller, options, plan, pressure, samples, per_stride)
 
 
-def _servo_commands(
-    model: mujoco.MjModel, reference: Reference, plan: paths.Motion, phase: Samples
-) -> Samples:
+def _servo_commands(model: mujoco.MjModel, reference: Reference, plan: paths.Motion, phase: Samples) -> Samples:
     """(n, 4) commands of the position servos over a stride: ``q + (kv/kp) dq/dt``."""
     time = plan.stride_time
     position = np.column_stack(
@@ -201,7 +200,7 @@ def _recording(
     count, reference = len(samples), options.reference
     index = np.arange(count)
     phase = (index % per_stride) / per_stride
-    columns: list[tuple[str, Samples]] = [
+    columns: list[tuple[str, NDArray[np.floating[Any]]]] = [
         ("time [s]", index * options.step),
         ("gait_phase [%]", 100.0 * phase),
         ("stride [1]", index // per_stride + 1.0),

@@ -1,0 +1,5 @@
+"""``python -m klute_sim`` is ``klute-sim``."""
+
+from klute_sim.cli import main
+
+main()

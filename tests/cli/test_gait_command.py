@@ -1,0 +1,202 @@
+"""``klute-sim gait`` end to end, as a user types it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.device.files import load
+from klute_sim.recording import parquet
+
+PROMISED = {
+    "device", "mass_kg", "strides", "ankle_range_deg", "ankle_moment_peak_nm_per_kg", "ankle_power_peak_w_per_kg",
+    "ankle_work_net_j_per_kg", "toe_off_pct", "grf_vertical_peaks_bw", "air_per_stride_g", "run",
+}  # fmt: skip
+
+
+def run(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "klute_sim", *arguments],
+        cwd=cwd,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def default(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
+    folder = tmp_path_factory.mktemp("default")
+    done = run("gait", "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder, json.loads(done.stdout)
+
+
+def test_json_has_what_is_promised_and_the_run_folder_is_there(default: tuple[Path, dict[str, object]]) -> None:
+    folder, summary = default
+    assert set(summary) >= PROMISED
+    assert summary["device"] == "klute-1-1-4-pair"
+    assert summary["strides"] == 5
+    made = folder / str(summary["run"])
+    assert made == folder / "runs" / "gait-001"
+    wanted = {"recording.parquet", "summary.json", "report.png", "device.toml"}
+    if find_spec("rerun"):
+        wanted.add("recording.rrd")
+    assert {file.name for file in made.iterdir()} == wanted == set(summary["files"])  # type: ignore[call-overload]
+    assert json.loads((made / "summary.json").read_text()) == summary
+    assert (made / "device.toml").read_text() == load("klute-1-1-4-pair").text
+    assert (made / "report.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_recording_holds_the_numbers_of_the_summary(default: tuple[Path, dict[str, object]]) -> None:
+    folder, summary = default
+    recording = parquet.read(folder / str(summary["run"]) / "recording.parquet")
+    assert len(recording) == 5 * 2200
+    last = recording.select(recording["stride"] > 1)
+    peaks = [last.select(last["stride"] == k)["ankle_moment"].max() / 75 for k in (2, 3, 4, 5)]
+    assert np.mean(peaks) == pytest.approx(summary["ankle_moment_peak_nm_per_kg"], rel=1e-12)
+    assert recording.units["ankle_moment"] == "N*m"
+    assert recording.provenance["device"]["sha256"] == load("klute-1-1-4-pair").digest
+
+
+def test_same_command_same_parquet_bits(tmp_path: Path) -> None:
+    files = []
+    for name in ("a", "b"):
+        assert run("gait", "--strides", "1", "--out", name, "--json", cwd=tmp_path).returncode == 0
+        files.append((tmp_path / name / "recording.parquet").read_bytes())
+    assert files[0] == files[1]
+
+
+def test_table_names_what_is_tracked_and_the_csv_reads_back(tmp_path: Path) -> None:
+    done = run("gait", "--strides", "1", "--out", "r", "--csv", cwd=tmp_path, COLUMNS="150")
+    assert done.returncode == 0
+    assert "tracked, not predicted" in done.stdout
+    assert "peak net moment" in done.stdout
+    assert "human" in done.stdout
+    recording = parquet.read(tmp_path / "r" / "recording.parquet")
+    lines = (tmp_path / "r" / "recording.csv").read_text().splitlines()
+    assert lines[0].split(",")[0] == "time [s]"
+    assert len(lines) == len(recording) + 1
+    force = lines[0].split(",").index("force [N]")
+    assert [float(line.split(",")[force]) for line in lines[1:]] == recording["force"].tolist()
+
+
+def test_a_reference_without_deviations_and_a_profile_of_ones_own(tmp_path: Path) -> None:
+    from klute_sim.rigs.gait import reference
+
+    text = (Path(reference.__file__).parent / "normative_gait.csv").read_text()
+    rows = [line.split(",") for line in text.splitlines()]
+    keep = [i for i, name in enumerate(rows[0]) if "_sd_" not in name]
+    (tmp_path / "ref.csv").write_text("\n".join(",".join(row[i] for i in keep) for row in rows))
+    (tmp_path / "p.csv").write_text("gait_pct,pressure_bar\n0,0.9\n30,2\n50,4\n65,1\n")
+    arguments = ("--strides", "1", "--reference", "ref.csv", "--profile", "p.csv", "--out", "r", "--json")
+    done = run("gait", *arguments, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["distance_to_reference"]["moment_distance_sd"]["stance_rms"] is None
+    assert summary["reference"] == "ref.csv"
+    assert summary["controller"]["name"] == "p.csv"
+
+
+def test_tripping_is_said(tmp_path: Path) -> None:
+    arguments = ("--strides", "2", "--controller", "constant", "--pressure", "2", "--out", "r")
+    done = run("gait", *arguments, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "it trips" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--mass", "-75"], "mass is -75; allowed: 20 to 250 kg"),
+        (["--mass", "nan"], "mass is nan"),
+        (["--speed", "0"], "speed is 0; allowed: 0.4 to 2.5 m/s"),
+        (["--strides", "0"], "strides is 0; allowed: 1 to 1000"),
+        (["--step", "7"], "step is 7; allowed: 0.01 to 1 ms"),
+        (["--device", "nobody"], "no device 'nobody'"),
+        (["--device", "klute-3-4"], "no [tendon] section"),
+        (["--device", "bad.toml"], "unknown key 'muscle.weight'"),
+        (["--reference", "none.csv"], "reference none.csv cannot be read"),
+        (["--reference", "bad.toml"], "reference bad.toml"),
+        (["--profile", "none.csv"], "pressure profile none.csv cannot be read"),
+        (["--pressure", "2"], "--pressure goes with --controller constant"),
+        (["--controller", "constant"], "needs --pressure BAR"),
+        (["--controller", "constant", "--pressure", "-1"], "0 bar or more"),
+        (["--controller", "off", "--profile", "x"], "--profile goes with --controller profile"),
+        (["--controller", "pid"], "'pid'"),
+        (["--out", "full"], "output folder full is not empty"),
+        (["--out", "bad.toml"], "is a file"),
+        (["--out", "bad.toml/run"], "cannot be written"),
+        (["--frobnicate"], "No such option"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_leaves_nothing(arguments: list[str], says: str, tmp_path: Path) -> None:
+    text = load("klute-1-1-4-pair").text.replace("count = 2", "count = 2\nweight = 3")
+    (tmp_path / "bad.toml").write_text(text)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "x").touch()
+    before = sorted(tmp_path.rglob("*"))
+    done = run("gait", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert done.stdout == ""
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_without_rerun_everything_else_is_written_and_the_extra_is_named(tmp_path: Path) -> None:
+    (tmp_path / "rerun").mkdir()
+    (tmp_path / "rerun" / "__init__.py").write_text("raise ImportError('not here')")
+    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    done = run("gait", "--strides", "1", "--out", "r", cwd=tmp_path, PYTHONPATH=paths)
+    assert done.returncode == 0, done.stderr
+    assert "klute-sim[rerun]" in done.stderr
+    names = {file.name for file in (tmp_path / "r").iterdir()}
+    assert names == {"recording.parquet", "summary.json", "report.png", "device.toml"}
+    done = run("view", "r", cwd=tmp_path, PYTHONPATH=paths)
+    assert done.returncode == 2
+    assert "klute-sim[rerun]" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_ctrl_c_leaves_no_half_written_run(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "klute_sim", "gait", "--strides", "300"],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(3.0)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in errors
+    assert "Traceback" not in errors
+    assert [file for file in tmp_path.rglob("*") if file.is_file()] == []
+
+
+def test_a_full_disk_is_one_sentence_and_leaves_nothing(tmp_path: Path) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full")
+    code = (
+        "import errno, sys\n"
+        "from klute_sim.recording import parquet\n"
+        "def full(recording, path):\n"
+        "    path.write_bytes(b'half'); raise OSError(errno.ENOSPC, 'No space left on device')\n"
+        "parquet.write = full\n"
+        "from klute_sim.cli import main\n"
+        "main(['gait', '--strides', '1', '--out', 'r'])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "the disk is full" in done.stderr
+    assert list(tmp_path.iterdir()) == []
