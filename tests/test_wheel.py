@@ -1,0 +1,35 @@
+"""The wheel carries everything the program needs, models and presets included, and runs away from the checkout."""
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_wheel_runs_by_itself(tmp_path: Path) -> None:
+    build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path / "dist")]
+    done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (wheel,) = (tmp_path / "dist").glob("klute_sim-*.whl")
+    site = tmp_path / "site"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(site)
+    inside = {str(file.relative_to(site / "klute_sim")) for file in (site / "klute_sim").rglob("*")}
+    wanted = {"py.typed", "models/ankle.xml", "models/bench.xml", "models/gait_rig.xml", "control/tuned_profile.csv"}
+    assert {str(Path(name)) for name in wanted} <= inside
+    code = (
+        "import klute_sim, sys; from klute_sim.plant import models; from klute_sim.cli import main\n"
+        "print(klute_sim.__file__, models.folder(), file=sys.stderr)\n"
+        "main(['gait', '--strides', '1', '--json'])"
+    )
+    away = {**os.environ, "PYTHONPATH": str(site)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=away, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count(str(site)) == 2
+    assert json.loads(done.stdout)["strides"] == 1
