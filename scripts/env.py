@@ -13,6 +13,7 @@ import hashlib
 import importlib.util
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -35,7 +36,8 @@ if refusal(*sys.version_info[:2]):
 ROOT = Path(__file__).resolve().parent.parent
 LOCK = "requirements-dev.lock"
 FOLDERS = {"locked": ".venv", "newest": ".venv-newest", "floor": ".venv-floor"}
-SCRIPTS = "Scripts" if os.name == "nt" else "bin"
+WINDOWS = os.name == "nt"
+SCRIPTS = "Scripts" if WINDOWS else "bin"
 
 
 class EnvironmentMakingError(Exception):
@@ -101,7 +103,7 @@ def run(command: list[str], folder: Path) -> int:
     if program is None:
         print(f"env: there is no command {command[0]!r} in {folder.name}.", file=sys.stderr)
         return 127
-    if os.name == "posix":
+    if not WINDOWS:
         os.execve(program, [program, *command[1:]], variables)  # signals then reach the command alone
     process = subprocess.Popen([program, *command[1:]], env=variables)
     while True:
@@ -122,7 +124,7 @@ def main(arguments: list[str]) -> int:
     stamp = folder / "klute-sim-stamp"
     try:
         wanted = stamp_text(ROOT, options.resolution)
-        python = folder / SCRIPTS / ("python.exe" if os.name == "nt" else "python")
+        python = folder / SCRIPTS / ("python.exe" if WINDOWS else "python")
         if not (python.exists() and stamp.is_file() and stamp.read_text(encoding="utf-8") == wanted):
             make(folder, options.resolution)
             stamp.write_text(wanted, encoding="utf-8")
@@ -133,8 +135,8 @@ def main(arguments: list[str]) -> int:
         return 130
     if options.command:
         return run(options.command, folder)
-    activate = folder / SCRIPTS / "activate"
-    print(f"To activate the environment: {'' if os.name == 'nt' else 'source '}{activate}")
+    activate = str(folder / SCRIPTS / "activate")
+    print("To activate it:", activate if WINDOWS else f"source {shlex.quote(activate)}")
     return 0
 
 

@@ -29,7 +29,7 @@ def imported(file: Path) -> set[str]:
 
 @pytest.mark.parametrize("file", FILES, ids=lambda f: str(f.relative_to(SOURCE)))
 def test_imports_go_down(file: Path) -> None:
-    home = file.relative_to(SOURCE).parts[0]
+    home = "cli" if file.name == "__main__.py" else file.relative_to(SOURCE).parts[0]
     if home not in FLOORS:
         assert not imported(file)
         return
@@ -57,5 +57,7 @@ def test_files_fit_on_a_few_screens() -> None:
     ids=" ".join,
 )
 def test_style_and_types(command: list[str]) -> None:
+    if command == ["mypy"] and Path(sys.prefix).name == ".venv-floor":
+        pytest.skip("the oldest NumPy and SciPy annotate less; types are checked on the locked versions")
     done = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -23,6 +23,6 @@ def notes() -> Console:
 @contextmanager
 def progress_bar(doing: str) -> Iterator[Callable[[float], None]]:
     """A bar on stderr, where that is a terminal, told the finished fraction; gone when done."""
-    with Progress(console=notes(), transient=True) as progress:
+    with Progress(console=notes(), transient=True, disable=not notes().is_terminal) as progress:
         task = progress.add_task(doing, total=1.0)
         yield lambda fraction: progress.update(task, completed=fraction)

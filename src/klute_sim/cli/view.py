@@ -11,7 +11,8 @@ import click
 def command(run: Path, web: bool) -> None:
     """Open the folder RUN in the rerun viewer, on the loopback address only.
 
-    Needs the optional extra 'rerun' (pip install 'klute-sim[rerun]').
+    Needs the optional extra 'rerun' (pip install 'klute-sim[rerun]'). Turns rerun's usage statistics off, as
+    `rerun analytics disable` does.
 
     \b
     Examples:

@@ -1,0 +1,118 @@
+"""Gait recordings for the rerun viewer: every channel as a series, the rig in 3-D, and a layout made for them.
+
+rerun is an optional extra and is imported when it is used.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from klute_sim.errors import MissingExtraError
+from klute_sim.recording.recording import Recording
+from klute_sim.recording.scene import log_scene
+
+TIMELINE = "time"
+
+Series = tuple[str, str, tuple[int, int, int]]
+"""Entity under ``channels/`` or ``band/``, name in the legend, colour."""
+
+BLUE, GREY, LIGHT = (31, 119, 180), (90, 90, 90), (185, 185, 185)
+GREEN, PALE_GREEN, RED, VIOLET, BROWN = (44, 160, 44), (150, 210, 150), (214, 39, 40), (148, 103, 189), (140, 86, 75)
+
+
+def _against_human(channel: str) -> tuple[Series, ...]:
+    return (
+        (f"band/{channel}_low", "human - 1 sd", LIGHT),
+        (f"band/{channel}_high", "human + 1 sd", LIGHT),
+        (f"channels/reference_{channel}", "human", GREY),
+        (f"channels/{channel}", "prosthesis", BLUE),
+    )
+
+
+PLOTS: tuple[tuple[str, tuple[Series, ...]], ...] = (
+    ("ankle angle [deg], dorsiflexion up", _against_human("ankle_angle")),
+    ("net ankle moment [N·m], plantarflexor up", _against_human("ankle_moment")),
+    ("net ankle power [W], generation up", _against_human("ankle_power")),
+    (
+        "gauge pressure [bar]",
+        (
+            ("channels/pressure_command", "commanded", PALE_GREEN),
+            ("channels/pressure", "delivered", GREEN),
+        ),
+    ),
+    (
+        "device forces [N]",
+        (
+            ("channels/muscle_force", "muscle", VIOLET),
+            ("channels/damper_force", "damper", BROWN),
+            ("channels/force", "tendon", RED),
+        ),
+    ),
+    (
+        "ground reaction [N], vertical: tracked, not predicted",
+        (
+            ("channels/reference_grf_vertical", "human, vertical", GREY),
+            ("channels/reference_grf_forward", "human, forward", LIGHT),
+            ("channels/grf_vertical", "vertical", BLUE),
+            ("channels/grf_forward", "forward", RED),
+        ),
+    ),
+)
+"""Title and series of each plot."""
+
+
+def write(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
+    """Write a gait ``recording`` on the rig ``model`` to ``path`` (.rrd); raises MissingExtraError without rerun."""
+    try:
+        import rerun as rr
+    except ImportError:
+        raise MissingExtraError("a rerun recording", "rerun") from None
+
+    identity = hashlib.sha256(json.dumps(recording.provenance, sort_keys=True).encode()).hexdigest()
+    stream = rr.RecordingStream("klute-sim", recording_id=identity, send_properties=False)
+    stream.save(path, default_blueprint=blueprint())
+    log_scene(stream, recording, model, TIMELINE)
+    times = [rr.TimeColumn(TIMELINE, duration=recording["time"])]
+    series = {f"channels/{name}": values for name, values in recording.channels.items() if name != "time"}
+    for name in ("ankle_angle", "ankle_moment", "ankle_power"):
+        if f"reference_{name}_sd" in recording:
+            middle, deviation = recording[f"reference_{name}"], recording[f"reference_{name}_sd"]
+            series[f"band/{name}_low"], series[f"band/{name}_high"] = middle - deviation, middle + deviation
+    for entity, values in series.items():
+        stream.send_columns(entity, indexes=times, columns=rr.Scalars.columns(scalars=values))
+    for _, plotted in PLOTS:
+        for entity, name, colour in plotted:
+            if entity in series:
+                thickness = 1.0 if colour == LIGHT else 2.0
+                style = rr.SeriesLines(names=name, colors=np.array(colour), widths=thickness)
+                stream.log(entity, style, static=True)
+    stream.flush()
+    stream.disconnect()
+
+
+def blueprint() -> Any:
+    """Layout: the leg seen from its side on the left, six plots on the right, panels folded away."""
+    import rerun.blueprint as rrb
+
+    # The view's origin is the hip, so the camera walks along.
+    eye = rrb.EyeControls3D(position=[0.35, -2.1, -0.25], look_target=[0.0, 0.0, -0.45], eye_up=[0.0, 0.0, 1.0])
+    scene = rrb.Spatial3DView(
+        origin="world/carriage",
+        contents="world/**",
+        name="leg (tendon: grey slack, red at peak force)",
+        eye_controls=eye,
+    )
+    plots = [
+        rrb.TimeSeriesView(origin="/", contents=[f"/{entity}" for entity, _, _ in plotted], name=title)
+        for title, plotted in PLOTS
+    ]
+    return rrb.Blueprint(
+        rrb.Horizontal(scene, rrb.Grid(*plots, grid_columns=2), column_shares=[1, 2]),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+    )

@@ -1,0 +1,99 @@
+"""Recordings: what they refuse, and that files give back what went in."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from klute_sim.errors import InputError
+from klute_sim.recording import csv, parquet
+from klute_sim.recording.recording import Recording, split_heading
+
+TIME = np.arange(5) * 0.1
+
+
+def example() -> Recording:
+    force = np.array([0.1, np.nan, 1e-300, -2.0, 1 / 3])
+    columns = [("time [s]", TIME), ("force [N]", force), ("ankle_moment [N*m]", TIME**2)]
+    return Recording.from_columns(columns, {"device": {"name": "x"}, "seed": None})
+
+
+def test_headings_split_and_join() -> None:
+    assert split_heading("ankle_moment [N*m]") == ("ankle_moment", "N*m")
+    assert example().heading("ankle_moment") == "ankle_moment [N*m]"
+
+
+@given(st.text(max_size=20))
+def test_a_heading_is_name_and_unit_or_refused(text: str) -> None:
+    try:
+        name, unit = split_heading(text)
+    except InputError:
+        return
+    assert f"{name} [{unit}]" == text
+
+
+@pytest.mark.parametrize(
+    ("columns", "says"),
+    [
+        ([("force [N]", TIME)], "needs a channel 'time"),
+        ([("time [s]", TIME), ("force [N]", TIME[1:])], "'force' has shape"),
+        ([("time [s]", TIME), ("force", TIME)], "'name \\[unit\\]'"),
+        ([("time [s]", TIME), ("force [N]", TIME), ("force [kN]", TIME)], "'force' occurs twice"),
+    ],
+)
+def test_what_is_no_recording_is_refused(columns: list[tuple[str, np.ndarray]], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        Recording.from_columns(columns)
+
+
+def test_an_unknown_channel_names_those_there_are() -> None:
+    with pytest.raises(InputError, match="time, force, ankle_moment"):
+        example()["torque"]
+    assert "force" in example()
+    assert "torque" not in example()
+
+
+def test_select_keeps_units_and_provenance() -> None:
+    part = example().select(TIME > 0.15)
+    assert len(part) == 3
+    assert part.units == example().units
+    assert part.provenance == example().provenance
+
+
+def test_parquet_gives_back_every_bit_units_and_provenance(tmp_path: Path) -> None:
+    file = tmp_path / "r.parquet"
+    parquet.write(example(), file)
+    back = parquet.read(file)
+    for name, samples in example().channels.items():
+        assert np.array_equal(back[name], samples, equal_nan=True)
+    assert list(back.channels) == list(example().channels)
+    assert back.units == example().units
+    assert back.provenance == example().provenance
+    schema = pq.read_schema(file)
+    assert schema.field("force [N]").metadata[b"unit"] == b"N"
+    parquet.write(example(), tmp_path / "again.parquet")
+    assert (tmp_path / "again.parquet").read_bytes() == file.read_bytes()
+
+
+def test_bad_parquet_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "x.parquet").write_text("hello")
+    with pytest.raises(InputError, match="cannot be read"):
+        parquet.read(tmp_path / "x.parquet")
+    with pytest.raises(InputError, match="cannot be read"):
+        parquet.read(tmp_path / "none.parquet")
+    pq.write_table(pa.table({"time [s]": TIME, "note [1]": list("abcde")}), tmp_path / "t.parquet")
+    with pytest.raises(InputError, match="'note \\[1\\]' does not hold numbers"):
+        parquet.read(tmp_path / "t.parquet")
+
+
+def test_csv_gives_back_every_bit_and_leaves_missing_samples_empty(tmp_path: Path) -> None:
+    csv.write(example(), tmp_path / "r.csv")
+    lines = (tmp_path / "r.csv").read_text().splitlines()
+    assert lines[0] == "time [s],force [N],ankle_moment [N*m]"
+    cells = [line.split(",") for line in lines[1:]]
+    assert cells[1][1] == ""
+    assert [float(row[2]) for row in cells] == example()["ankle_moment"].tolist()
