@@ -1,14 +1,13 @@
 """Biological muscle against the printed tables and claims, Hill's own equation, limits, signs and continuity."""
 
-import importlib.util
 import inspect
 import itertools
 import math
 import random
-import types
 from typing import Any
 
 import pytest
+from compiling import compiled
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -395,28 +394,14 @@ def samples(seed: int, count: int) -> dict[type, list[Any]]:
     }
 
 
-def compiled(module: types.ModuleType, njit: Any) -> dict[str, Any]:
-    """Every function of ``module``'s source under ``njit``, calling the compiled others; the module stays as it is."""
-    assert module.__file__ is not None
-    spec = importlib.util.spec_from_file_location(module.__name__ + "_compiled", module.__file__)
-    assert spec is not None
-    assert spec.loader is not None
-    copy = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(copy)
-    own = {name: f for name, f in vars(copy).items() if inspect.isfunction(f) and f.__module__ == copy.__name__}
-    functions = {name: njit(f) for name, f in own.items()}
-    vars(copy).update(functions)
-    return functions
-
-
 @pytest.mark.parametrize("seed", [1, 2])
 def test_compiled_laws_are_bit_identical(seed: int) -> None:
-    numba = pytest.importorskip("numba")
     count = 400
-    functions = compiled(hill, numba.njit)
-    assert len(functions) == 11
-    for name, fast in functions.items():
-        plain = getattr(hill, name)
+    fast_hill = compiled(hill)
+    names = [name for name, f in vars(hill).items() if inspect.isfunction(f) and f.__module__ == hill.__name__]
+    assert len(names) == 11
+    for name in names:
+        plain, fast = getattr(hill, name), getattr(fast_hill, name)
         kinds = [parameter.annotation for parameter in inspect.signature(plain).parameters.values()]
         # A seed of its own for each argument, or isometric force and velocity would be the same number.
         columns = [samples(seed + 10 * i, count)[kind] for i, kind in enumerate(kinds)]
