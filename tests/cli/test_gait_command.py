@@ -117,7 +117,7 @@ def test_tripping_is_said(tmp_path: Path) -> None:
         (["--mass", "-75"], "mass is -75; allowed: 20 to 250 kg"),
         (["--mass", "nan"], "mass is nan"),
         (["--speed", "0"], "speed is 0; allowed: 0.4 to 2.5 m/s"),
-        (["--strides", "0"], "strides is 0; allowed: 1 to 1000"),
+        (["--strides", "0"], "strides is 0; allowed: 1 to 200"),
         (["--step", "7"], "step is 7; allowed: 0.01 to 1 ms"),
         (["--device", "nobody"], "no device 'nobody'"),
         (["--device", "klute-3-4"], "no [tendon] section"),

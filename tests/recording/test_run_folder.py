@@ -36,7 +36,7 @@ def test_a_failed_run_leaves_nothing(failure: BaseException, tmp_path: Path) -> 
         (scratch / "half").write_text("1")
         raise failure
 
-    with pytest.raises(expected), run_folder.writing(tmp_path / "r") as scratch:
+    with pytest.raises(expected), run_folder.writing(tmp_path / "runs" / "deep" / "r") as scratch:
         fail(scratch)
     assert list(tmp_path.iterdir()) == []
 

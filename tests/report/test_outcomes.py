@@ -35,6 +35,7 @@ def channels() -> dict[str, Samples]:
         "stride": zero + 1.0,
         "ankle_power": power,
         "actuator_power": power,
+        "actuator_moment": 0.9 * moment,
         "sole_depth": zero + 1e-3,
         "shank_angle": np.degrees(shank),
         "ankle_x": zero,
@@ -155,6 +156,8 @@ def test_ledger_residual_finds_a_missing_line() -> None:
     power = channels()["actuator_power"]
     lost = one(gas_power=0.9 * power).strides[0].ledger_residual_pct
     assert lost == pytest.approx(-10 * power[1:].sum() / np.abs(power[1:]).sum(), rel=1e-6)
+    nothing = np.zeros(COUNT)
+    assert one(gas_power=nothing, actuator_power=nothing).strides[0].ledger_residual_pct == 0.0
     stored = np.linspace(0.0, 1.0, COUNT)
     assert one(tendon_energy=stored).strides[0].ledger_residual_pct < -0.1
 

@@ -86,6 +86,13 @@ def test_bad_references_are_refused_with_place_and_reason(spoil: Callable[[str],
     assert "\n" not in str(caught.value)
 
 
+def test_spreadsheets_leave_marks_and_blank_lines(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_bytes(("\ufeff" + TEXT + "\n\n").replace("\n", "\r\n").encode())
+    assert reference.load(tmp_path / "r.csv")("knee_flexion_deg", PHASE) == pytest.approx(
+        OWN("knee_flexion_deg", PHASE)
+    )
+
+
 def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read: No such file"):
         reference.load(tmp_path / "none.csv")

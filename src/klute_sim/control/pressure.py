@@ -106,7 +106,7 @@ def tuned() -> Profile:
 def load_profile(path: str | Path) -> Profile:
     """The profile in a CSV file with columns gait_pct and pressure_bar; raises InputError."""
     try:
-        text = Path(path).read_text("utf-8")
+        text = Path(path).read_text("utf-8-sig")  # spreadsheets put a mark in front
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
         raise InputError(f"pressure profile {path} cannot be read: {reason}") from None

@@ -9,7 +9,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from klute_sim.errors import InputError, KluteSimError
@@ -48,6 +48,7 @@ def writing(folder: Path) -> Iterator[Path]:
 
     Raises KluteSimError when the disk is full or the place is not writable after all.
     """
+    made = [parent for parent in folder.absolute().parents if not parent.exists()]
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
@@ -66,3 +67,6 @@ def writing(folder: Path) -> Iterator[Path]:
     finally:
         if scratch.exists():
             shutil.rmtree(scratch, ignore_errors=True)
+            for parent in made:
+                with suppress(OSError):  # somebody else's run may be in it by now
+                    parent.rmdir()

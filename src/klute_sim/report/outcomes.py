@@ -69,6 +69,7 @@ class AnkleOutcome:
 class StrideOutcome(AnkleOutcome):
     """One stride of the prosthesis on the rig."""
 
+    actuator_moment_peak_nm_per_kg: float
     actuator_work_net_j_per_kg: float
     touches_in_swing: bool
     grf_vertical_tracking_rms_bw: float
@@ -150,6 +151,7 @@ def _stride(r: Recording, mass: float) -> StrideOutcome:
     stance = r["reference_grf_vertical"] > CONTACT * weight
     return StrideOutcome(
         **_ankle(r, "", mass),
+        actuator_moment_peak_nm_per_kg=float(r["actuator_moment"].max() / mass),
         actuator_work_net_j_per_kg=float(r["actuator_power"].sum() * step / mass),
         touches_in_swing=bool((r["grf_vertical"][_between(phase, *CLEAR)] > 0.0).any()),
         grf_vertical_tracking_rms_bw=_rms((r["grf_vertical"] - r["reference_grf_vertical"]) / weight),
@@ -233,7 +235,8 @@ def _ledger_residual(r: Recording, step: float) -> float:
     stored = r["bladder_energy"] + r["tendon_energy"]
     delivered = r["actuator_power"][1:]
     residual = given - float(stored[-1] - stored[0]) - float(delivered.sum()) * step
-    return 100.0 * residual / (float(np.abs(delivered).sum()) * step)
+    exchanged = float(np.abs(delivered).sum()) * step
+    return 100.0 * residual / exchanged if exchanged > 0.0 else 0.0
 
 
 def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
@@ -264,6 +267,7 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "ankle_power_peak_pct": mean(lambda s: s.ankle_power_peak_pct),
         "ankle_work_net_j_per_kg": mean(lambda s: s.ankle_work_net_j_per_kg),
         "ankle_work_positive_j_per_kg": mean(lambda s: s.ankle_work_positive_j_per_kg),
+        "actuator_moment_peak_nm_per_kg": mean(lambda s: s.actuator_moment_peak_nm_per_kg),
         "actuator_work_net_j_per_kg": mean(lambda s: s.actuator_work_net_j_per_kg),
         "first_contact_pct": mean(lambda s: s.first_contact_pct),
         "toe_off_pct": mean(lambda s: s.toe_off_pct),

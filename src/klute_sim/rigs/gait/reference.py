@@ -87,7 +87,7 @@ def default() -> Reference:
 def load(path: str | Path) -> Reference:
     """The reference in a CSV file of the same columns; raises InputError with what is wrong, and where."""
     try:
-        text = Path(path).read_text("utf-8")
+        text = Path(path).read_text("utf-8-sig")  # spreadsheets put a mark in front
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
         raise InputError(f"reference {path} cannot be read: {reason}") from None
@@ -113,16 +113,16 @@ def parse(text: str, where: str) -> Reference:
 
 
 def _columns(text: str, where: str) -> dict[str, Samples]:
-    rows = list(csv.reader(io.StringIO(text)))
+    rows = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text)), start=1) if row]
     if len(rows) < 10:
         raise InputError(f"reference {where}: needs a heading and at least 9 rows over the cycle")
-    heading = [name.strip() for name in rows[0]]
+    heading = [name.strip() for name in rows[0][1]]
     for name in (PHASE, *REQUIRED):
         if name not in heading:
             raise InputError(f"reference {where}: column '{name}' is missing")
     wanted = [n for n in (PHASE, *REQUIRED, *DEVIATIONS) if n in heading]
     columns: dict[str, Samples] = {name: np.empty(len(rows) - 1) for name in wanted}
-    for number, row in enumerate(rows[1:], start=2):
+    for index, (number, row) in enumerate(rows[1:]):
         if len(row) != len(heading):
             raise InputError(f"reference {where}: row {number} has {len(row)} cells, the heading {len(heading)}")
         for name in wanted:
@@ -133,7 +133,7 @@ def _columns(text: str, where: str) -> dict[str, Samples]:
                 value = np.nan
             if not np.isfinite(value):
                 raise InputError(f"reference {where}: column '{name}', row {number}: '{cell}' is not a finite number")
-            columns[name][number - 2] = value
+            columns[name][index] = value
     for name in DEVIATIONS:
         if name in columns and columns[name].min() < 0:
             raise InputError(f"reference {where}: column '{name}' is negative; a standard deviation is not")

@@ -71,7 +71,7 @@ class GaitOptions:
             ("mass", self.mass, 20.0, 250.0, "kg"),
             ("stature", self.stature, 1.0, 2.4, "m"),
             ("speed", self.speed, 0.4, 2.5, "m/s"),
-            ("strides", self.strides, 1, 1000, ""),
+            ("strides", self.strides, 1, 200, ""),
             ("step", 1e3 * self.step, 0.01, 1.0, "ms"),
         ]
         for name, value, low, high, unit in limits:
@@ -97,10 +97,11 @@ def walk(
     actuator = DeviceActuator(model, ANKLE + "muscle_tendon", device.parameters)
     gauges = Gauges(model, actuator)
 
-    plan = paths.plan(options.reference, leg(model), STRIDE_TIME, options.speed)
-    per_stride = max(1, round(plan.stride_time / options.step))
+    limb = leg(model)
+    stride_time = paths.plan(options.reference, limb, STRIDE_TIME, options.speed).stride_time
     # A stride is a whole number of steps, so that every stride has the same inputs.
-    plan = paths.plan(options.reference, leg(model), per_stride * options.step)
+    per_stride = round(stride_time / options.step)
+    plan = paths.plan(options.reference, limb, per_stride * options.step)
     phase = np.arange(per_stride) / per_stride
     servo = _servo_commands(model, options.reference, plan, phase)
     moved = float(model.body_mass.sum())
