@@ -1,9 +1,11 @@
 """Outcomes from recordings whose truth is known."""
 
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from klute_sim.recording.recording import Recording, Samples
 from klute_sim.report import figure
@@ -173,7 +175,12 @@ def test_mean_leaves_the_first_stride_out_unless_it_is_the_only_one() -> None:
 def test_table_and_figure_take_any_number_of_strides(tmp_path: Path) -> None:
     for strides in (1, 7):
         run = recording(strides=strides)
-        shown = table(run, outcomes(run))
-        assert len(shown.columns) == 4 + min(strides, 5)
+        for width, most in ((40, 1), (80, 2), (110, 5), (200, 5)):
+            shown = table(run, outcomes(run), width)
+            assert len(shown.columns) == 4 + min(strides, most)
+            printed = Console(width=width, file=io.StringIO())
+            printed.print(shown)
+            if width >= 80:
+                assert "…" not in printed.file.getvalue()  # type: ignore[attr-defined]
         figure.draw(run, tmp_path / f"{strides}.png")
         assert (tmp_path / f"{strides}.png").stat().st_size > 10_000

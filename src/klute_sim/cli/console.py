@@ -1,5 +1,6 @@
 """What commands print with: results on stdout, progress and remarks on stderr."""
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -10,8 +11,9 @@ from rich.progress import Progress
 
 @cache
 def console() -> Console:
-    """For results."""
-    return Console(highlight=False)
+    """For results; wide enough for every stride where nobody's terminal sets the width."""
+    screen = Console(highlight=False)
+    return screen if screen.is_terminal or "COLUMNS" in os.environ else Console(highlight=False, width=110)
 
 
 @cache

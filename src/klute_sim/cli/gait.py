@@ -176,7 +176,7 @@ def _write(
     if as_json:
         click.echo(text)
     else:
-        console().print(table(recording, outcome))
+        console().print(table(recording, outcome, console().width))
         if result["touches_in_swing"]:
             console().print("The foot touches the ground in swing: it trips, and the later strides mean little.")
         console().print("Vertical ground reaction is tracked, not predicted: the reference's load is applied.")

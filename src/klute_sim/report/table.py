@@ -2,13 +2,16 @@
 
 from collections.abc import Callable
 
+from rich import box
 from rich.table import Table
 
 from klute_sim.recording.recording import Recording
 from klute_sim.report.outcomes import AnkleOutcome, GaitOutcome, StrideOutcome, human_outcome
 
 MOST_STRIDES = 5
-"""Strides shown beside the mean: the last ones."""
+"""Strides shown beside the mean, where the width allows: the last ones."""
+WITHOUT_STRIDES, PER_STRIDE = 61, 9
+"""Characters that the table takes without stride columns, and each of those."""
 
 ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleOutcome], float | None]], ...] = (
     ("ankle range", "deg", ".1f", lambda s: s.ankle_range_deg),
@@ -22,38 +25,40 @@ ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleOutcome], float | None]], 
     ("toe-off", "% cycle", ".1f", lambda s: s.toe_off_pct),
     ("fore-aft reaction, braking", "body wt", "+.3f", lambda s: s.grf_forward_min_bw),
     ("fore-aft reaction, push-off", "body wt", "+.3f", lambda s: s.grf_forward_max_bw),
-    ("vertical reaction, hump 1 (tracked)", "body wt", ".3f", lambda s: s.grf_vertical_peaks_bw[0]),
-    ("vertical reaction, hump 2 (tracked)", "body wt", ".3f", lambda s: s.grf_vertical_peaks_bw[1]),
+    ("vertical hump 1 (tracked)", "body wt", ".3f", lambda s: s.grf_vertical_peaks_bw[0]),
+    ("vertical hump 2 (tracked)", "body wt", ".3f", lambda s: s.grf_vertical_peaks_bw[1]),
 )
 """What a human ankle has, too: label, unit, format, reading."""
 
 RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideOutcome], float | None]], ...] = (
     ("vertical tracking error, rms", "body wt", ".3f", lambda s: s.grf_vertical_tracking_rms_bw),
-    ("angle distance to human, stance rms", "sd", ".2f", lambda s: s.angle_distance_sd.stance_rms),
-    ("angle distance, swing rms", "sd", ".2f", lambda s: s.angle_distance_sd.swing_rms),
-    ("moment distance, stance rms", "sd", ".2f", lambda s: s.moment_distance_sd.stance_rms),
-    ("power distance, stance rms", "sd", ".2f", lambda s: s.power_distance_sd.stance_rms),
+    ("angle to human, stance rms", "sd", ".2f", lambda s: s.angle_distance_sd.stance_rms),
+    ("angle to human, swing rms", "sd", ".2f", lambda s: s.angle_distance_sd.swing_rms),
+    ("moment to human, stance rms", "sd", ".2f", lambda s: s.moment_distance_sd.stance_rms),
+    ("power to human, stance rms", "sd", ".2f", lambda s: s.power_distance_sd.stance_rms),
     ("roll-over radius", "m", ".3f", lambda s: s.rollover_radius_m),
     ("actuator's own peak moment", "N·m/kg", ".3f", lambda s: s.actuator_moment_peak_nm_per_kg),
     ("actuator's own net work", "J/kg", "+.3f", lambda s: s.actuator_work_net_j_per_kg),
-    ("air (isothermal, no dead volume: assumed)", "g", ".2f", lambda s: s.air_g),
-    ("energy ledger, not accounted for", "%", "+.2f", lambda s: s.ledger_residual_pct),
+    ("air, no dead volume (assumed)", "g", ".2f", lambda s: s.air_g),
+    ("energy not accounted for", "%", "+.2f", lambda s: s.ledger_residual_pct),
 )
 """What only the prosthesis on the rig has."""
 
 
-def table(recording: Recording, outcome: GaitOutcome) -> Table:
-    """Human reference, mean and the last strides, one row per outcome."""
+def table(recording: Recording, outcome: GaitOutcome, width: int) -> Table:
+    """Human reference, mean and the last strides, one row per outcome, in ``width`` characters."""
     human = human_outcome(recording)
-    shown = list(enumerate(outcome.strides, start=1))[-MOST_STRIDES:]
+    room = max(1, min(MOST_STRIDES, (width - WITHOUT_STRIDES) // PER_STRIDE))
+    shown = list(enumerate(outcome.strides, start=1))[-room:]
     first = len(outcome.strides) - len(outcome.settled) + 1
-    result = Table(title=f"{recording.provenance['device']['name']}: {len(outcome.strides)} strides")
-    result.add_column("")
-    result.add_column("unit", style="dim")
-    result.add_column("human", justify="right")
-    result.add_column(f"mean {first}-{len(outcome.strides)}", justify="right", style="bold")
+    title = f"{recording.provenance['device']['name']}, last {len(shown)} of {len(outcome.strides)} strides"
+    result = Table(title=title, box=box.SIMPLE_HEAD)
+    result.add_column("", no_wrap=True)
+    result.add_column("unit", style="dim", no_wrap=True)
+    result.add_column("human", justify="right", no_wrap=True)
+    result.add_column(f"mean\n{first}-{len(outcome.strides)}", justify="right", style="bold", no_wrap=True)
     for number, _ in shown:
-        result.add_column(f"stride {number}", justify="right")
+        result.add_column(f"stride\n{number}", justify="right", no_wrap=True)
     for label, unit, form, reading in ANKLE_ROWS:
         cells = [reading(human), outcome.mean(reading), *(reading(stride) for _, stride in shown)]
         result.add_row(label, unit, *(_cell(value, form) for value in cells))
