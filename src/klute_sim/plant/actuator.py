@@ -69,7 +69,7 @@ class DeviceActuator:
         """Rates that carry the states to the implicit step's end; raises SimulationError on NaN."""
         state, step = self.state(data), model.opt.timestep
         command = float(data.ctrl[self._ctrl]) * BAR
-        length = float(data.actuator_length[self._out])
+        length = self.unit_length(data)
         after = advance(self.parameters, state, length, command, step)
         if not (math.isfinite(after.length) and math.isfinite(after.pressure) and math.isfinite(command)):
             raise SimulationError(
@@ -85,13 +85,17 @@ class DeviceActuator:
         """Force on the tendon [N]: minus the tension at the step's end."""
         rate = float(data.act_dot[self._act + 1])
         after = self._next(model, data, self.state(data))
-        return -tension(self.parameters, after, float(data.actuator_length[self._out]), rate)
+        return -tension(self.parameters, after, self.unit_length(data), rate)
 
     def ledger(self, model: mujoco.MjModel, data: mujoco.MjData, before: State) -> tuple[State, Ledger]:
         """State and entries of the step just taken from ``before``; ``data`` is as the step left it."""
         after = self._next(model, data, before)
-        length = float(data.actuator_length[self._out])
+        length = self.unit_length(data)
         return after, entries(self.parameters, before, after, length, model.opt.timestep)
+
+    def unit_length(self, data: mujoco.MjData) -> float:
+        """Length [m] of the whole muscle-tendon unit at the last evaluation."""
+        return float(data.actuator_length[self._out])
 
     def tension(self, data: mujoco.MjData) -> float:
         """Tension [N] at the last evaluation."""

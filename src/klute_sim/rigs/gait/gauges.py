@@ -101,7 +101,7 @@ class Gauges:
             moment * rate,
             by_actuator * rate,
             self._moment_arm(data),
-            float(data.actuator_length[actuator.id]),
+            actuator.unit_length(data),
             device.length,
             device.pressure / BAR,
             tension,

@@ -183,7 +183,7 @@ def _start(
     data.qpos[ankle.qposadr[0]] = -math.radians(reference("ankle_dorsiflexion_deg", zero)[0])
     mujoco.mj_forward(model, data)
     parameters = actuator.parameters
-    taut = float(data.actuator_length[actuator.id]) - parameters.tendon.slack_length
+    taut = actuator.unit_length(data) - parameters.tendon.slack_length
     shortest, longest = mckibben.lock_length(parameters.muscle), parameters.muscle.resting_length
     pressure = min(max(controller.pressure(0.0), 0.0), parameters.supply.pressure)
     actuator.set_state(data, State(pressure, min(max(taut, shortest), longest)))
