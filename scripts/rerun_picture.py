@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from klute_sim.errors import KluteSimError
-from klute_sim.recording.view import LOOPBACK, recording_of, viewer_program
+from klute_sim.report.view import LOOPBACK, recording_of, viewer_program
 
 
 def draw(recording: Path, folder: Path, seconds: float) -> list[Path]:

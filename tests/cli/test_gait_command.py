@@ -50,7 +50,7 @@ def test_json_has_what_is_promised_and_the_run_folder_is_there(default: tuple[Pa
         wanted.add("recording.rrd")
     assert {file.name for file in made.iterdir()} == wanted == set(summary["files"])  # type: ignore[call-overload]
     assert json.loads((made / "summary.json").read_text()) == summary
-    assert (made / "device.toml").read_text() == load("klute-1-1-4-pair").text
+    assert (made / "device.toml").read_text() == load("klute-1-1-4-pair").content.decode()
     assert (made / "report.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -137,7 +137,7 @@ def test_tripping_is_said(tmp_path: Path) -> None:
     ],
 )
 def test_bad_input_is_one_sentence_and_leaves_nothing(arguments: list[str], says: str, tmp_path: Path) -> None:
-    text = load("klute-1-1-4-pair").text.replace("count = 2", "count = 2\nweight = 3")
+    text = load("klute-1-1-4-pair").content.decode().replace("count = 2", "count = 2\nweight = 3")
     (tmp_path / "bad.toml").write_text(text)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "x").touch()

@@ -7,12 +7,12 @@ import pytest
 from klute_sim.device.files import DEFAULT_PROSTHESIS, load, preset_names, read
 from klute_sim.errors import InputError
 
-TEXT = load("klute-3-4-pair").text
+TEXT = load("klute-3-4-pair").content.decode()
 
 
 def refused(text: str) -> str:
     with pytest.raises(InputError) as caught:
-        read(text, "mine.toml")
+        read(text.encode(), "mine.toml")
     sentence = str(caught.value)
     assert "mine.toml" in sentence
     assert "\n" not in sentence
@@ -47,10 +47,12 @@ def test_units_of_the_keys_become_si() -> None:
     assert p.tendon.stiffness_2 == pytest.approx(140e3)
     assert p.supply == pytest.approx((5e5, 100e5, 293.15))
     assert p.damper.concentric * 0.3**2 == pytest.approx(1472, rel=2e-3)
+    assert p.damper.eccentric * 0.15**2 == pytest.approx(400, rel=2e-3)
 
 
 def test_bladder_and_friction_can_be_left_out() -> None:
-    bare = read(TEXT.replace("count = 2", "count = 2\nbladder = false\nfriction = false"), "x").parameters.muscle
+    text = TEXT.replace("count = 2", "count = 2\nbladder = false\nfriction = false")
+    bare = read(text.encode(), "x").parameters.muscle
     assert (bare.c10, bare.c01, bare.friction_slope, bare.friction_offset) == (0, 0, 0, 0)
 
 
@@ -69,9 +71,11 @@ def test_bladder_and_friction_can_be_left_out() -> None:
         ("resting_length_mm = 250.0", "", "key 'muscle.resting_length_mm' is missing"),
         ("count = 2", "count = 0", "greater than or equal to 1"),
         ("count = 2", "count = 1.5", "muscle.count = 1.5"),
-        ("orifice_concentric_mm = 1.084", "orifice_concentric_mm = 21.0", "must not exceed bore_mm, 20"),
+        ("orifice_concentric_mm = 1.084", "orifice_concentric_mm = 21.0", "between bore_mm / 1000 and bore_mm, 20"),
         ("pressure_bar = 5.0", "pressure_bar = inf", "supply.pressure_bar = inf"),
         ('"damper.bore_mm" =', '"damper.boar_mm" =', "'damper.boar_mm', which is no number"),
+        ("orifice_eccentric_mm = 1.062", "orifice_eccentric_mm = 1e-9", "between bore_mm / 1000 and bore_mm, 20"),
+        ("count = 2", "count = 101", "less than or equal to 100"),
         ("[muscle]", "[muscle", "not valid TOML"),
     ],
 )
@@ -83,13 +87,22 @@ def test_bad_files_are_refused_with_key_value_and_what_is_allowed(old: str, new:
 def test_no_such_device_names_those_there_are(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="klute-1-1-4-pair"):
         load("klute-9")
-    with pytest.raises(InputError, match="no device"):
+    with pytest.raises(InputError, match="cannot be read: Is a directory"):
         load(tmp_path)
+    with pytest.raises(InputError, match="cannot be read: File name too long"):
+        load("x" * 300)
     (tmp_path / "x.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="cannot be read"):
         load(tmp_path / "x.toml")
 
 
+def test_a_files_mark_and_line_ends_are_kept_and_do_no_harm() -> None:
+    content = b"\xef\xbb\xbf" + TEXT.replace("\n", "\r\n").encode()
+    device = read(content, "x")
+    assert device.parameters == load("klute-3-4-pair").parameters
+    assert device.content == content
+
+
 def test_digest_follows_the_text() -> None:
     assert load("klute-3-4").digest != load("klute-1-2").digest
-    assert read(TEXT, "a").digest == read(TEXT, "b").digest
+    assert read(TEXT.encode(), "a").digest == read(TEXT.encode(), "b").digest

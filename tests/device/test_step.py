@@ -116,6 +116,13 @@ def test_rigid_tie_is_the_muscle_itself_both_ways() -> None:
         assert unit.tension(bare, state, ratio * REST, 0.0) == pytest.approx(force, abs=0.6)
 
 
+def test_a_rigid_tie_stops_with_the_muscle() -> None:
+    bare = load("klute-1-1-4").parameters
+    lock = mckibben.lock_length(bare.muscle)
+    for length, wanted in ((1.2 * REST, REST), (0.1 * REST, lock)):
+        assert unit.advance(bare, State(5e5, REST), length, 5e5, 1e-3).length == wanted
+
+
 def test_not_a_number_comes_out_as_not_a_number() -> None:
     assert math.isnan(unit.balance(PAIR, math.nan, 0.24, 0.34, 1e-3))
     assert math.isnan(unit.balance(PAIR, 1e5, 0.24, math.nan, 1e-3))
@@ -177,6 +184,20 @@ def test_ledger_closes_and_closes_better_with_a_smaller_step() -> None:
         residuals.append(abs(sum(lines.values()) - stored - delivered))
     assert residuals[1] < 0.005 * abs(lines["gas_power"])
     assert residuals[1] < 0.4 * residuals[0]
+
+
+def test_stops_only_take_and_only_when_hit() -> None:
+    # pulled onto its resting length
+    before = State(1e5, ANKLE.muscle.resting_length - 1e-4)
+    after = unit.advance(ANKLE, before, REST + 0.12, 1e5, 5e-4)
+    assert after.length == REST
+    assert entries(ANKLE, before, after, REST + 0.12, 5e-4).stop_power < 0.0
+    # on it, at rest
+    again = unit.advance(ANKLE, after, REST + 0.12, 1e5, 5e-4)
+    assert entries(ANKLE, after, again, REST + 0.12, 5e-4).stop_power == 0.0
+    # away from it
+    free = unit.advance(ANKLE, State(3e5, 0.25), 0.352, 3e5, 5e-4)
+    assert entries(ANKLE, State(3e5, 0.25), free, 0.352, 5e-4).stop_power == pytest.approx(0.0, abs=1e-6)
 
 
 def test_passive_without_the_friction_offset_at_constant_pressure() -> None:

@@ -129,6 +129,20 @@ def test_who_installs_while_we_are_in_keeps_the_slot() -> None:
         mujoco.set_mjcb_act_bias(None)
 
 
+def test_who_wraps_our_callback_and_stays_is_asked_once() -> None:
+    foreign = mujoco.MjModel.from_xml_string(FOREIGN)
+    theirs = mujoco.MjData(foreign)
+    try:
+        with router.installed():
+            ours = mujoco.get_mjcb_act_bias()
+            mujoco.set_mjcb_act_bias(lambda m, d, i: 5.0 + ours(m, d, i))
+        with router.installed():
+            mujoco.mj_step(foreign, theirs)
+        assert theirs.actuator_force[0] == 5.0
+    finally:
+        mujoco.set_mjcb_act_bias(None)
+
+
 def test_nested_and_after_an_exception_the_slots_are_free() -> None:
     with router.installed(), router.installed():
         assert mujoco.get_mjcb_act_bias() is not None

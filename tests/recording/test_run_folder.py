@@ -1,6 +1,7 @@
 """Run folders appear whole or not at all."""
 
 import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -9,45 +10,79 @@ from klute_sim.errors import InputError, KluteSimError
 from klute_sim.recording import run_folder
 
 
-def test_default_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def fill(scratch: Path) -> None:
+    (scratch / "a").write_text("1")
+
+
+def test_default_folders_are_numbered_and_two_runs_at_a_time_get_two(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
-    assert run_folder.choose("gait", None) == Path("runs/gait-001")
-    (tmp_path / "runs" / "gait-001").mkdir(parents=True)
-    assert run_folder.choose("gait", None) == Path("runs/gait-002")
+    with run_folder.new("gait", None) as (one, scratch), run_folder.new("gait", None) as (two, other):
+        fill(scratch)
+        fill(other)
+    assert [one, two] == [Path("runs/gait-001"), Path("runs/gait-002")]
+    assert sorted(str(p) for p in Path("runs").rglob("*") if p.is_file()) == ["runs/gait-001/a", "runs/gait-002/a"]
 
 
-def test_a_finished_run_takes_its_place_even_an_empty_one(tmp_path: Path) -> None:
-    for name in ("new", "deep/er/new", "empty"):
-        folder = tmp_path / name
-        if name == "empty":
-            folder.mkdir()
-        with run_folder.writing(run_folder.choose("gait", folder)) as scratch:
-            (scratch / "a").write_text("1")
-            assert not (folder / "a").exists()
-        assert [file.name for file in folder.iterdir()] == ["a"]
-        assert [file.name for file in folder.parent.iterdir() if file.name.startswith(".")] == []
+@pytest.mark.parametrize("name", ["new", "deep/er/new", "empty", "link", "."])
+def test_a_finished_run_takes_its_place_even_an_empty_one(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if name == "empty":
+        (tmp_path / name).mkdir()
+    if name == "link":
+        (tmp_path / "elsewhere").mkdir()
+        (tmp_path / name).symlink_to("elsewhere")
+    with run_folder.new("gait", name) as (folder, scratch):
+        fill(scratch)
+        assert not (folder / "a").exists()
+    assert [file.name for file in (tmp_path / name).iterdir()] == ["a"]
 
 
-@pytest.mark.parametrize("failure", [KeyboardInterrupt(), ValueError("x"), OSError(errno.ENOSPC, "full")])
-def test_a_failed_run_leaves_nothing(failure: BaseException, tmp_path: Path) -> None:
+@pytest.mark.parametrize("there", [True, False])
+@pytest.mark.parametrize(
+    "failure", [KeyboardInterrupt(), SystemExit(143), ValueError("x"), OSError(errno.ENOSPC, "full")]
+)
+def test_a_failed_run_leaves_nothing(failure: BaseException, there: bool, tmp_path: Path) -> None:
     expected = KluteSimError if isinstance(failure, OSError) else type(failure)
+    folder = tmp_path / "runs" / "deep" / "r"
+    if there:
+        folder.mkdir(parents=True)
 
     def fail(scratch: Path) -> None:
-        (scratch / "half").write_text("1")
+        fill(scratch)
         raise failure
 
-    with pytest.raises(expected), run_folder.writing(tmp_path / "runs" / "deep" / "r") as scratch:
+    with pytest.raises(expected), run_folder.new("gait", folder) as (_, scratch):
         fail(scratch)
-    assert list(tmp_path.iterdir()) == []
+    assert [p for p in tmp_path.rglob("*") if not p.is_dir()] == []
+    assert folder.exists() == there
+    assert (tmp_path / "runs").exists() == there
 
 
-def test_places_that_cannot_take_a_run_are_refused(tmp_path: Path) -> None:
+def test_places_that_cannot_take_a_run_are_refused_before_it_starts(tmp_path: Path) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "x").touch()
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="is not empty"):
-        run_folder.choose("gait", tmp_path / "full")
-    with pytest.raises(InputError, match="is a file"):
-        run_folder.choose("gait", tmp_path / "file")
-    with pytest.raises(InputError, match="cannot be written"):
-        run_folder.choose("gait", tmp_path / "file" / "run")
+    (tmp_path / "broken").symlink_to("nowhere/at/all")
+    before = sorted(tmp_path.rglob("*"))
+    for name, says in {
+        "full": "is not empty",
+        "file": "is a file",
+        "file/run": "cannot be written",
+        "broken": "cannot be written",
+        "x" * 300: "cannot be written",
+        "y/" + "x" * 300: "cannot be written",
+    }.items():
+        with pytest.raises(InputError, match=says), run_folder.new("gait", tmp_path / name):
+            pytest.fail("it should not have started")
+        assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs a user whom permissions hold back")
+def test_a_place_without_permission_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "locked").mkdir(mode=0o555)
+    with pytest.raises(InputError, match="Permission denied"), run_folder.new("gait", tmp_path / "locked" / "r"):
+        pytest.fail("it should not have started")

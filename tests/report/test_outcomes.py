@@ -10,7 +10,7 @@ from rich.console import Console
 from klute_sim.recording.recording import Recording, Samples
 from klute_sim.report import figure
 from klute_sim.report.outcomes import GaitOutcome, human_outcome, outcomes, summary
-from klute_sim.report.table import table
+from klute_sim.report.table import remarks, table
 
 MASS, STEP, COUNT = 80.0, 1e-3, 1000
 WEIGHT = MASS * 9.81
@@ -71,7 +71,7 @@ def recording(strides: int = 1, **changed: Samples) -> Recording:
     whole["time"] = np.arange(strides * COUNT) * STEP
     whole["stride"] = np.repeat(np.arange(1.0, strides + 1), COUNT)
     provenance = {
-        "device": {"name": "test"},
+        "device": {"name": "test", "assumed": {"damper.bore_mm": "assumed: lost"}},
         "controller": {},
         "reference": {"name": "itself"},
         "options": {"mass_kg": MASS, "stature_m": 1.75, "speed_m_per_s": 1.2, "stride_time_s": 1.0, "strides": strides},
@@ -104,6 +104,23 @@ def test_distance_floors_hold_where_deviations_are_tiny() -> None:
     tiny = np.full(COUNT, 1e-6)
     distance = one(ankle_moment=shifted, reference_ankle_moment_sd=tiny).strides[0].moment_distance_sd
     assert distance.largest == pytest.approx(1.0)
+
+
+def test_power_distance_is_per_kilogram() -> None:
+    shifted = channels()["ankle_power"] + 0.6 * MASS
+    assert one(ankle_power=shifted).strides[0].power_distance_sd.largest == pytest.approx(2.0)
+
+
+def test_tracking_error_is_against_the_reference() -> None:
+    off = channels()["grf_vertical"] + 0.2 * WEIGHT
+    assert one(grf_vertical=off).strides[0].grf_vertical_tracking_rms_bw == pytest.approx(0.2)
+
+
+def test_friction_offset_and_its_fade_are_told() -> None:
+    pressure = np.where(PHASE < 25, 3.0, 1.0)
+    stride = one(pressure=pressure, friction_power=np.full(COUNT, MASS * 0.5)).strides[0]
+    assert stride.below_friction_fit_pct == pytest.approx(75.0)
+    assert stride.friction_offset_work_j_per_kg == pytest.approx(0.5)
 
 
 def test_peaks_work_and_range() -> None:
@@ -170,6 +187,16 @@ def test_mean_leaves_the_first_stride_out_unless_it_is_the_only_one() -> None:
     assert len(outcome.settled) == 2
     assert summary(recording(strides=3), outcome)["mean_over_strides"] == [2, 3]
     assert outcome.mean(lambda s: None) is None
+
+
+def test_assumptions_are_told() -> None:
+    told = summary(recording(), outcomes(recording()))
+    assert {"damper.bore_mm", "air", "friction below 2 bar", "length stops", "prosthesis"} == set(told["assumptions"])
+    assert all(text.startswith("assumed") for text in told["assumptions"].values())
+    said = " ".join(remarks(told))
+    assert "tracked, not predicted" in said
+    assert "Assumed: 5 things" in said
+    assert "100 % of the stride is below 2 bar" in said
 
 
 def test_table_and_figure_take_any_number_of_strides(tmp_path: Path) -> None:

@@ -66,6 +66,12 @@ def test_impossible_series_are_refused(length: np.ndarray, command: np.ndarray, 
         bench.pull(BARE, length, command, STEP)
 
 
+def test_a_step_of_nothing_is_refused() -> None:
+    for step in (0.0, -1e-3, float("nan")):
+        with pytest.raises(InputError, match="step is"):
+            bench.pull(BARE, np.full(10, 0.18), np.full(10, 1e5), step)
+
+
 def test_the_bench_covers_the_muscle_and_not_less() -> None:
     lock = mckibben.lock_length(BARE.parameters.muscle)
     recording = bench.pull(BARE, np.linspace(lock, 0.181, 500), np.full(500, 5e5), STEP)

@@ -14,6 +14,7 @@ from klute_sim.report.outcomes import GaitOutcome, outcomes
 from klute_sim.rigs.gait.rig import GaitOptions, walk
 
 DEVICE = load("klute-1-1-4-pair")
+TEXT = DEVICE.content.decode()
 WEIGHT = 75 * 9.81
 
 
@@ -193,12 +194,12 @@ def test_options_nobody_has_are_refused(name: str, value: float) -> None:
 def test_a_device_that_does_not_fit_the_ankle_is_refused() -> None:
     with pytest.raises(InputError, match=r"no \[tendon\] section"):
         walk(load("klute-3-4"), pressure.off())
-    text = DEVICE.text.replace("resting_length_mm = 264.0", "resting_length_mm = 364.0")
+    text = TEXT.replace("resting_length_mm = 264.0", "resting_length_mm = 364.0")
     with pytest.raises(InputError, match="room for 430 mm"):
-        walk(read(text, "x"), pressure.off())
-    text = DEVICE.text[: DEVICE.text.index("[mounting]")] + DEVICE.text[DEVICE.text.index("[sources]") :]
+        walk(read(text.encode(), "x"), pressure.off())
+    text = TEXT[: TEXT.index("[mounting]")] + TEXT[TEXT.index("[sources]") :]
     with pytest.raises(InputError, match=r"no \[mounting\] section"):
-        walk(read(text.replace('"mounting.neutral', "#"), "x"), pressure.off())
+        walk(read(text.replace('"mounting.neutral', "#").encode(), "x"), pressure.off())
 
 
 def test_a_run_that_leaves_its_path_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

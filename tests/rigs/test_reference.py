@@ -4,6 +4,7 @@ from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -58,6 +59,14 @@ def test_deviation_columns_are_optional() -> None:
     assert OWN.has("ankle_dorsiflexion_sd_deg")
 
 
+def changed(text: str, column: str, change: Callable[[float], float]) -> str:
+    rows = [line.split(",") for line in text.splitlines()]
+    where = rows[0].index(column)
+    for row in rows[1:]:
+        row[where] = repr(change(float(row[where])))
+    return "\n".join(map(",".join, rows))
+
+
 def without_column(text: str) -> str:
     return text.replace("knee_flexion_deg", "knee_bend_deg", 1)
 
@@ -76,6 +85,9 @@ def without_column(text: str) -> str:
         (lambda t: t.replace(",3.93,", ",-3.93,", 1), "is negative; a standard deviation is not"),
         (lambda t: "\n".join(t.splitlines()[:5]), "at least 9 rows"),
         (lambda t: "", "at least 9 rows"),
+        (lambda t: t.replace("\n50,", "\n50," + "9" * 140_000, 1), "is no CSV file"),
+        (lambda t: changed(t, "grf_vertical_n_per_kg", lambda v: v + 1.0), "never falls below 0.20 N/kg in swing"),
+        (lambda t: changed(t, "knee_flexion_deg", lambda v: -v), "more than 30 is a wrong sign"),
     ],
 )
 def test_bad_references_are_refused_with_place_and_reason(spoil: Callable[[str], str], says: str) -> None:
@@ -99,12 +111,8 @@ def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
 
 
 def test_grf_in_newtons_is_noticed() -> None:
-    rows = [line.split(",") for line in TEXT.splitlines()]
-    i = rows[0].index("grf_vertical_n_per_kg")
-    for row in rows[1:]:
-        row[i] = str(float(row[i]) * 75)
     with pytest.raises(InputError, match="N/kg"):
-        reference.parse("\n".join(map(",".join, rows)), "x")
+        reference.parse(changed(TEXT, "grf_vertical_n_per_kg", lambda v: 75 * v), "x")
 
 
 def test_speed_follows_from_legs_and_stride_time_and_scales_it() -> None:
@@ -117,6 +125,47 @@ def test_speed_follows_from_legs_and_stride_time_and_scales_it() -> None:
     assert slower.stride_time == pytest.approx(1.10 * plan.speed / 0.8, rel=1e-6)
     taller = motion.plan(OWN, leg(build(load("klute-1-1-4-pair"), mass=75, stature=1.925, step=5e-4)), 1.10)
     assert taller.speed == pytest.approx(1.1 * plan.speed, rel=0.01)
+
+
+def test_stride_time_of_a_reference_sets_the_speed(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_text(TEXT)
+    assert reference.load(tmp_path / "r.csv", 1.3).stride_time == 1.3
+    for bad in (0.0, -1.0, float("nan"), 9.0):
+        with pytest.raises(InputError, match="stride time is"):
+            reference.load(tmp_path / "r.csv", bad)
+
+
+def test_feedforward_leaves_the_references_load_on_the_foot() -> None:
+    plan = motion.plan(OWN, leg(build(load("klute-1-1-4-pair"), mass=75, stature=1.75, step=5e-4)), 1.10)
+    d = 1e-4
+    inside = PHASE[1:-1]
+    acceleration = (plan.height(inside + d) - 2 * plan.height(inside) + plan.height(inside - d)) / (d * 1.10) ** 2
+    wanted = 80 * (9.81 + acceleration) - 75 * OWN("grf_vertical_n_per_kg", inside)
+    assert motion.vertical_feedforward(OWN, plan, 80, 75, inside) == pytest.approx(wanted, abs=5)
+    acceleration = (plan.velocity(inside + d) - plan.velocity(inside - d)) / (2 * d * 1.10)
+    wanted = 80 * acceleration - 75 * OWN("grf_forward_n_per_kg", inside)
+    assert motion.forward_feedforward(OWN, plan, 80, 75, inside) == pytest.approx(wanted, abs=5)
+
+
+def test_the_model_scales_with_its_walker() -> None:
+    device = load("klute-1-1-4-pair")
+    one, other = (build(device, mass=m, stature=s, step=5e-4) for m, s in ((75, 1.75), (90, 1.925)))
+    assert other.body_mass.sum() == pytest.approx(90)
+    assert one.body_mass.sum() == pytest.approx(75)
+    for limb in ("thigh", "residual_limb"):
+        a, b = one.body(limb).id, other.body(limb).id
+        assert other.body_mass[b] == pytest.approx(1.2 * one.body_mass[a])
+        assert other.body_inertia[b] == pytest.approx(1.2 * 1.21 * one.body_inertia[a])
+        assert other.body_ipos[b] == pytest.approx(1.1 * one.body_ipos[a])
+    for part in ("prosthesis_pylon", "prosthesis_foot", "prosthesis_heel"):
+        assert other.body_mass[other.body(part).id] == one.body_mass[one.body(part).id]
+    a, b = leg(one), leg(other)
+    assert (b.thigh, b.shank, b.scale) == pytest.approx((0.473, 0.473, 1.1))
+    assert (a.thigh, a.shank, a.scale) == pytest.approx((0.43, 0.43, 1.0))
+    assert b.sole == pytest.approx(1.1 * a.sole)
+    data = mujoco.MjData(other)
+    mujoco.mj_forward(other, data)
+    assert data.ten_length[0] == pytest.approx(0.975 * 0.264 + 0.1)
 
 
 def test_prescribed_velocities_are_the_derivatives_of_prescribed_positions() -> None:

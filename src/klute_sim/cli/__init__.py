@@ -3,6 +3,7 @@
 Commands import what they need when they run, so that ``--help`` does not wait for MuJoCo.
 """
 
+import signal
 import sys
 from collections.abc import Sequence
 
@@ -52,6 +53,7 @@ def group() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: anything the user can do wrong ends in one sentence on stderr and exit code 2."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that what was begun is cleaned up
     try:
         code = group.main(args=arguments, prog_name="klute-sim", standalone_mode=False)
     except click.ClickException as error:
@@ -60,9 +62,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _fail(str(error), 2)
     except (KeyboardInterrupt, click.Abort):
         _fail("interrupted; no file was left half-written", 130)
+    except MemoryError:
+        _fail("there is not enough memory for this; take fewer strides or a longer step", 2)
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output has gone; Python would complain while closing stdout
         sys.exit(0)
+    except (OSError, UnicodeEncodeError) as error:
+        _fail(f"the results cannot be printed or a file not read: {error}", 2)
     sys.exit(code if isinstance(code, int) else 0)
 
 

@@ -1,6 +1,7 @@
 """What commands print with: results on stdout, progress and remarks on stderr."""
 
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -12,14 +13,14 @@ from rich.progress import Progress
 @cache
 def console() -> Console:
     """For results; wide enough for every stride where nobody's terminal sets the width."""
-    screen = Console(highlight=False)
-    return screen if screen.is_terminal or "COLUMNS" in os.environ else Console(highlight=False, width=110)
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 110
+    return Console(width=width, highlight=False, markup=False, emoji=False)  # names and paths are the user's own
 
 
 @cache
 def notes() -> Console:
     """For remarks that are no result."""
-    return Console(stderr=True, highlight=False)
+    return Console(stderr=True, highlight=False, markup=False, emoji=False)
 
 
 @contextmanager

@@ -46,6 +46,13 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="CSV of a gait cycle with the columns of docs/gait.md.  [default: able-bodied adults]",
 )
+@click.option(
+    "--stride-time",
+    type=float,
+    default=None,
+    metavar="S",
+    help="Stride time of --reference [s].  [default: 1.1]",
+)
 @click.option("--mass", type=float, default=75.0, show_default=True, metavar="KG", help="Body mass [kg].")
 @click.option("--stature", type=float, default=1.75, show_default=True, metavar="M", help="Stature [m].")
 @click.option(
@@ -72,6 +79,7 @@ def command(
     profile_file: Path | None,
     pressure: float | None,
     reference_file: Path | None,
+    stride_time: float | None,
     mass: float,
     stature: float,
     speed: float | None,
@@ -84,8 +92,8 @@ def command(
     """Walk the prosthesis on measured human gait.
 
     The residual limb follows the reference's motion and the reference's vertical load is applied to it; the ankle is
-    moved by the device, its passive parts and the ground alone. Ankle angle, net moment, power, work, fore-aft force
-    and centre of pressure are outcomes; vertical ground reaction is tracked, not predicted.
+    moved by the device, its passive parts and the ground alone. Ankle angle, net moment, power, work and centre of
+    pressure are outcomes; vertical ground reaction is tracked, not predicted, and fore-aft reaction partly so.
 
     Writes recording.parquet, summary.json, report.png, device.toml and, with the extra 'rerun', recording.rrd.
 
@@ -97,23 +105,25 @@ def command(
       klute-sim gait --json | python -m json.tool
     """
     from klute_sim.device.files import DEFAULT_PROSTHESIS, load
+    from klute_sim.errors import InputError
     from klute_sim.recording import run_folder
     from klute_sim.rigs.gait import reference
     from klute_sim.rigs.gait.rig import GaitOptions
 
     device = load(device_name or DEFAULT_PROSTHESIS)
     chosen = _controller(controller, profile_file, pressure)
+    if stride_time is not None and reference_file is None:
+        raise InputError("--stride-time goes with --reference")
+    human = reference.default()
+    if reference_file is not None:
+        human = reference.load(reference_file, reference.STRIDE_TIME if stride_time is None else stride_time)
     options = GaitOptions(
-        mass=mass,
-        stature=stature,
-        speed=speed,
-        strides=strides,
-        step=1e-3 * step_ms,
-        reference=reference.load(reference_file) if reference_file else reference.default(),
+        mass=mass, stature=stature, speed=speed, strides=strides, step=1e-3 * step_ms, reference=human
     )
-    folder = run_folder.choose("gait", out)
-    recording = _walk(device, chosen, options)
-    _write(recording, device, options, folder, with_csv=with_csv, as_json=as_json)
+    with run_folder.new("gait", out) as (folder, scratch):
+        recording = _walk(device, chosen, options)
+        result, missing = _write(recording, device, options, folder, scratch, with_csv=with_csv)
+    _report(recording, result, missing, as_json=as_json)
 
 
 def _controller(kind: str | None, profile_file: Path | None, pressure: float | None) -> "PressureController":
@@ -144,21 +154,19 @@ def _walk(device: "Device", controller: "PressureController", options: "GaitOpti
 
 
 def _write(
-    recording: "Recording", device: "Device", options: "GaitOptions", folder: Path, *, with_csv: bool, as_json: bool
-) -> None:
-    from klute_sim.cli.console import console, notes, progress_bar
+    recording: "Recording", device: "Device", options: "GaitOptions", folder: Path, scratch: Path, *, with_csv: bool
+) -> tuple[dict[str, Any], str | None]:
+    """Fill ``scratch``; the summary, and what an optional extra would have added."""
+    from klute_sim.cli.console import progress_bar
     from klute_sim.errors import MissingExtraError
-    from klute_sim.recording import csv, parquet, rerun, run_folder
-    from klute_sim.report import figure
+    from klute_sim.recording import csv, parquet
+    from klute_sim.report import figure, rerun
     from klute_sim.report.outcomes import outcomes, summary
-    from klute_sim.report.table import table
     from klute_sim.rigs.gait.build import build
 
-    outcome = outcomes(recording)
-    result: dict[str, Any] = {**summary(recording, outcome), "run": str(folder)}
     missing = None
-    with run_folder.writing(folder) as scratch, progress_bar("writing") as progress:
-        (scratch / "device.toml").write_text(device.text, "utf-8")
+    with progress_bar("writing") as progress:
+        (scratch / "device.toml").write_bytes(device.content)
         parquet.write(recording, scratch / "recording.parquet")
         if with_csv:
             csv.write(recording, scratch / "recording.csv")
@@ -170,16 +178,28 @@ def _write(
             rerun.write(recording, model, scratch / "recording.rrd")
         except MissingExtraError as error:
             missing = str(error)
-        result["files"] = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
-        text = json.dumps(result, indent=2, allow_nan=False)
-        (scratch / "summary.json").write_text(text + "\n", "utf-8")
+        files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
+        result = {**summary(recording, outcomes(recording)), "run": str(folder), "files": files}
+        (scratch / "summary.json").write_text(_json(result) + "\n", "utf-8")
+    return result, missing
+
+
+def _json(result: dict[str, Any]) -> str:
+    return json.dumps(result, indent=2, allow_nan=False)
+
+
+def _report(recording: "Recording", result: dict[str, Any], missing: str | None, *, as_json: bool) -> None:
+    from klute_sim.cli.console import console, notes
+    from klute_sim.report.outcomes import outcomes
+    from klute_sim.report.table import remarks, table
+
     if as_json:
-        click.echo(text)
+        click.echo(_json(result))
     else:
-        console().print(table(recording, outcome, console().width))
-        if result["touches_in_swing"]:
-            console().print("The foot touches the ground in swing: it trips, and the later strides mean little.")
-        console().print("Vertical ground reaction is tracked, not predicted: the reference's load is applied.")
-        console().print(f"Run folder: {folder}  ({', '.join(result['files'])})", soft_wrap=True)
+        out = console()
+        out.print(table(recording, outcomes(recording), out.width))
+        for remark in remarks(result):
+            out.print(remark)
+        out.print(f"Run folder: {result['run']}  ({', '.join(result['files'])})", soft_wrap=True)
     if missing:
-        notes().print(f"No recording.rrd: {missing}.", soft_wrap=True, markup=False)
+        notes().print(f"No recording.rrd: {missing}.", soft_wrap=True)

@@ -19,6 +19,6 @@ def command(run: Path, web: bool) -> None:
       klute-sim view runs/gait-001
       klute-sim view runs/gait-001 --web
     """
-    from klute_sim.recording.view import open_viewer
+    from klute_sim.report.view import open_viewer
 
     open_viewer(run, web=web)

@@ -115,11 +115,14 @@ def load_profile(path: str | Path) -> Profile:
 
 def parse_profile(text: str, where: str) -> Profile:
     """The profile that CSV ``text`` holds; ``where`` names it in errors."""
-    rows = [row for row in csv.reader(io.StringIO(text)) if row]
-    if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
+    try:
+        rows = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text)), start=1) if row]
+    except csv.Error as error:
+        raise InputError(f"pressure profile {where} is no CSV file: {error}") from None
+    if not rows or tuple(cell.strip() for cell in rows[0][1]) != COLUMNS:
         raise InputError(f"pressure profile {where}: the heading must be '{','.join(COLUMNS)}'")
     knots = []
-    for number, row in enumerate(rows[1:], start=2):
+    for number, row in rows[1:]:
         try:
             phase, pressure = (float(cell) for cell in row)
         except ValueError:

@@ -20,7 +20,7 @@ class Device:
     """A device file, read and checked."""
 
     spec: DeviceSpec
-    text: str
+    content: bytes
     """The file as it was read: a run keeps it verbatim."""
 
     @property
@@ -35,8 +35,8 @@ class Device:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the file's text."""
-        return hashlib.sha256(self.text.encode()).hexdigest()
+        """SHA-256 of the file."""
+        return hashlib.sha256(self.content).hexdigest()
 
 
 def _preset_folder() -> Traversable:
@@ -55,21 +55,23 @@ def load(name_or_path: str | Path) -> Device:
     """
     wanted = str(name_or_path)
     if wanted in preset_names():
-        return read((_preset_folder() / f"{wanted}.toml").read_text("utf-8"), wanted)
-    path = Path(wanted)
-    if not path.is_file():
-        raise InputError(f"no device '{wanted}': give the path of a device file, or one of {', '.join(preset_names())}")
+        return read((_preset_folder() / f"{wanted}.toml").read_bytes(), wanted)
     try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"device file {wanted} cannot be read: {error}") from None
-    return read(text, wanted)
+        content = Path(wanted).read_bytes()
+    except FileNotFoundError:
+        known = ", ".join(preset_names())
+        raise InputError(f"no device '{wanted}': give the path of a device file, or one of {known}") from None
+    except OSError as error:
+        raise InputError(f"device file {wanted} cannot be read: {error.strerror}") from None
+    return read(content, wanted)
 
 
-def read(text: str, where: str) -> Device:
-    """The device that ``text`` (TOML) describes; ``where`` names its place in errors."""
+def read(content: bytes, where: str) -> Device:
+    """The device that ``content`` (TOML, UTF-8) describes; ``where`` names its place in errors."""
     try:
-        content = tomllib.loads(text)
+        keys = tomllib.loads(content.decode("utf-8-sig"))  # some editors put a mark in front
+    except UnicodeDecodeError:
+        raise InputError(f"device file {where} cannot be read: not a UTF-8 text file") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"device file {where} is not valid TOML: {error}") from None
-    return Device(parse(content, where), text)
+    return Device(parse(keys, where), content)

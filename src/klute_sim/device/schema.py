@@ -22,6 +22,9 @@ from klute_sim.units import to_si
 RADIUS_AGREEMENT = 0.05
 """How far the radius that braid and turns imply may be from the bladder's (Table 3.1: up to 2.6 %)."""
 
+CLOSED = 1000
+"""Bore over orifice beyond which an orifice is none: the muscle creeps micrometres in a stride."""
+
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 
@@ -37,7 +40,7 @@ class _Section(BaseModel):
 class MuscleSection(_Section):
     """``count`` equal McKibben actuators side by side."""
 
-    count: Annotated[int, Field(ge=1)] = 1
+    count: Annotated[int, Field(ge=1, le=100)] = 1
     """Actuators in parallel."""
     resting_length_mm: Positive
     """L0."""
@@ -109,11 +112,11 @@ class DamperSection(_Section):
     @model_validator(mode="after")
     def _orifice_fits_bore(self) -> Self:
         for key in ("orifice_concentric_mm", "orifice_eccentric_mm"):
-            if getattr(self, key) > self.bore_mm:
+            if not self.bore_mm / CLOSED <= getattr(self, key) <= self.bore_mm:
                 raise PydanticCustomError(
                     "orifice",
-                    "{key} is {value} but must not exceed bore_mm, {bore}",
-                    {"key": key, "value": getattr(self, key), "bore": self.bore_mm},
+                    "{key} is {value} but must be between bore_mm / {closed} and bore_mm, {bore}",
+                    {"key": key, "value": getattr(self, key), "bore": self.bore_mm, "closed": CLOSED},
                 )
         return self
 

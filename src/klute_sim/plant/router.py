@@ -31,6 +31,7 @@ class Law(Protocol):
 _bound: weakref.WeakKeyDictionary[mujoco.MjModel, dict[int, Law]] = weakref.WeakKeyDictionary()
 _before: dict[str, Callback | None] = {}
 _lock = threading.RLock()
+_asking = threading.local()
 _depth = 0
 
 
@@ -39,20 +40,30 @@ def bind(model: mujoco.MjModel, actuator: int, law: Law) -> None:
     _bound.setdefault(model, {})[actuator] = law
 
 
+def _neighbour(name: str, model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float:
+    """What whoever was in the slot before us says of an actuator that is not ours; 0 if nobody was."""
+    previous = _before.get(name)
+    if previous is None or getattr(_asking, "now", False):
+        return 0.0
+    _asking.now = True  # somebody who wrapped our callback and stayed would ask us back, without end
+    try:
+        return previous(model, data, actuator)
+    finally:
+        _asking.now = False
+
+
 def _act_dyn(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float:
     law = _bound.get(model, {}).get(actuator)
     if law is not None:
         return law.act_dyn(model, data, actuator)
-    previous = _before.get("act_dyn")
-    return previous(model, data, actuator) if previous else 0.0
+    return _neighbour("act_dyn", model, data, actuator)
 
 
 def _act_bias(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float:
     law = _bound.get(model, {}).get(actuator)
     if law is not None:
         return law.act_bias(model, data, actuator)
-    previous = _before.get("act_bias")
-    return previous(model, data, actuator) if previous else 0.0
+    return _neighbour("act_bias", model, data, actuator)
 
 
 _OURS: dict[str, Callback] = {"act_dyn": _act_dyn, "act_bias": _act_bias}

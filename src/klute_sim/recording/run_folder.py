@@ -1,13 +1,12 @@
 """Run folders: everything of one run side by side, complete or not there at all.
 
-Files are written into a folder beside the final one, which takes its name only when all of them are done: an
-interrupt, an error or a full disk leaves nothing half-written.
+The folder is reserved before the work starts, so that two runs at a time never want the same one, and files are
+written into a hidden folder inside it. They move to their places when all of them are done: an interrupt, an error
+or a full disk leaves nothing half-written.
 """
 
 import errno
-import os
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,57 +15,78 @@ from klute_sim.errors import InputError, KluteSimError
 
 RUNS = Path("runs")
 """Where runs go when no folder is named."""
-
-
-def choose(kind: str, wanted: str | Path | None) -> Path:
-    """The folder a run of ``kind`` will fill: ``wanted``, or the next free ``runs/kind-NNN``.
-
-    Raises InputError if something is already there or nothing can be written there; creates nothing.
-    """
-    if wanted is None:
-        number = 1
-        while (RUNS / f"{kind}-{number:03d}").exists():
-            number += 1
-        folder = RUNS / f"{kind}-{number:03d}"
-    else:
-        folder = Path(wanted)
-    if folder.is_dir() and any(folder.iterdir()):
-        raise InputError(f"output folder {folder} is not empty; name a new or an empty one")
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"output folder {folder} is a file; name a new or an empty folder")
-    ground = folder.absolute()
-    while not ground.exists():
-        ground = ground.parent
-    if not (ground.is_dir() and os.access(ground, os.W_OK)):
-        raise InputError(f"output folder {folder} cannot be written: no permission in {ground}")
-    return folder
+UNFINISHED = ".unfinished"
 
 
 @contextmanager
-def writing(folder: Path) -> Iterator[Path]:
-    """A scratch folder to fill; on success it becomes ``folder``, on any failure it is removed.
+def new(kind: str, wanted: str | Path | None) -> Iterator[tuple[Path, Path]]:
+    """The folder of a new run of ``kind`` and the scratch folder to fill: ``wanted``, or the next ``runs/kind-NNN``.
 
-    Raises KluteSimError when the disk is full or the place is not writable after all.
+    On success the scratch folder's files move into the run's folder; on any failure everything made here is removed.
+    Raises InputError at once if something is already there or nothing can be written there, and KluteSimError when
+    the disk is full.
     """
-    made = [parent for parent in folder.absolute().parents if not parent.exists()]
+    made: list[Path] = []
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+        folder = _reserve_next(kind, made) if wanted is None else _reserve(Path(wanted), made)
     except OSError as error:
-        raise InputError(f"output folder {folder} cannot be written: {error.strerror}") from None
+        _remove(made)
+        raise InputError(f"output folder {wanted or RUNS} cannot be written: {error.strerror}") from None
+    scratch = folder / UNFINISHED
     try:
-        yield scratch
-        scratch.chmod(0o755)  # a scratch folder is private until it is done
-        if folder.is_dir():
-            folder.rmdir()
-        scratch.rename(folder)
+        yield folder, scratch
+        for file in sorted(scratch.iterdir()):
+            file.rename(folder / file.name)
+        scratch.rmdir()
+        made.clear()
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
             raise KluteSimError(f"the disk is full: {folder} was not written") from None
         raise KluteSimError(f"{folder} was not written: {error}") from None
     finally:
-        if scratch.exists():
-            shutil.rmtree(scratch, ignore_errors=True)
-            for parent in made:
-                with suppress(OSError):  # somebody else's run may be in it by now
-                    parent.rmdir()
+        _remove(made)
+
+
+def _reserve_next(kind: str, made: list[Path]) -> Path:
+    number = 1
+    while True:
+        folder = RUNS / f"{kind}-{number:03d}"
+        if not folder.exists():
+            with suppress(FileExistsError):  # another run was faster
+                _make(folder, made)
+                return folder
+        number += 1
+
+
+def _reserve(folder: Path, made: list[Path]) -> Path:
+    if folder.is_dir():
+        if any(folder.iterdir()):
+            raise InputError(f"output folder {folder} is not empty; name a new or an empty one")
+        (folder / UNFINISHED).mkdir()
+        made.append(folder / UNFINISHED)
+    elif folder.exists():
+        raise InputError(f"output folder {folder} is a file; name a new or an empty folder")
+    else:
+        _make(folder, made)
+    return folder
+
+
+def _make(folder: Path, made: list[Path]) -> None:
+    """Make ``folder``, what is missing above it and the scratch folder in it; all of them are noted in ``made``."""
+    above = [parent for parent in folder.parents if not parent.exists()]
+    for parent in reversed(above):
+        parent.mkdir(exist_ok=True)
+        made.append(parent)
+    folder.mkdir()
+    made.append(folder)
+    (folder / UNFINISHED).mkdir()
+    made.append(folder / UNFINISHED)
+
+
+def _remove(made: list[Path]) -> None:
+    """Remove what was made: the scratch folder whole, the others if nobody else has put something there."""
+    for folder in reversed(made):
+        if folder.name == UNFINISHED:
+            shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):
+            folder.rmdir()

@@ -1,21 +1,27 @@
 """The picture of a gait run."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from klute_sim.recording.recording import Recording, Samples
-from klute_sim.report.outcomes import GRAVITY
+from klute_sim.rigs.gait.reference import GRAVITY
 
-matplotlib.rcParams.update({"font.size": 8, "axes.titlesize": 9, "axes.spines.top": False, "axes.spines.right": False})
+STYLE: Any = {"font.size": 8, "axes.titlesize": 9, "axes.spines.top": False, "axes.spines.right": False}
 
 HUMAN, OURS, EARLIER = "0.2", "#1f77b4", "#9ecae1"
 
 
 def draw(recording: Recording, path: Path) -> None:
     """Write the last stride (earlier ones behind it, faint) over the reference and its +-1 sd band to ``path``."""
+    with matplotlib.rc_context(STYLE):
+        _draw(recording, path)
+
+
+def _draw(recording: Recording, path: Path) -> None:
     figure = Figure(figsize=(11, 11), layout="constrained")
     axes = figure.subplots(4, 2)
     mass = float(recording.provenance["options"]["mass_kg"])

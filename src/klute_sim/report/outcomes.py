@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from klute_sim.laws.mckibben import FRICTION_ONSET
 from klute_sim.recording.recording import Recording, Samples
+from klute_sim.rigs.gait.reference import GRAVITY, LOADED
+from klute_sim.units import BAR
 
-GRAVITY = 9.81
 POWER_WINDOW = 0.015
 """Moving average [s] under which peak power is read: the raw power spikes as the last sole sphere lifts off."""
-CONTACT = 0.02
-"""Vertical ground reaction in body weights above which the foot counts as in contact."""
 MID_STANCE = 30.0
 """Phase [%] that stance is looked for around."""
 GAP = 5.0
@@ -29,6 +29,13 @@ CLEAR = (65.0, 97.0)
 """Phases [%] in which nothing may touch the ground."""
 FLOORS = {"angle_deg": 2.0, "moment_nm_per_kg": 0.05, "power_w_per_kg": 0.1}
 """Least standard deviation that a distance is measured in: those of swing are tiny."""
+ASSUMPTIONS = {
+    "friction below 2 bar": "assumed: the printed fit is for 2-5 bar; below, it is faded to zero at zero pressure",
+    "length stops": "assumed: rigid at resting length (the stop itself is the source's) and at lock length",
+    "air": "assumed: isothermal, no dead volume",
+    "prosthesis": "assumed: masses, inertias, return spring, joint damping, end stops (models/ankle.xml)",
+}
+"""What was assumed in every run, besides the device's own numbers."""
 ROLLOVER = 50.0
 """Phase [%] of the opposite heel strike: the roll-over shape is taken up to it (Hansen & Meier 2010)."""
 
@@ -79,6 +86,10 @@ class StrideOutcome(AnkleOutcome):
     angle_distance_sd: Distance
     moment_distance_sd: Distance
     power_distance_sd: Distance
+    friction_offset_work_j_per_kg: float
+    """What the printed friction gave the device; either sign, because it is an offset."""
+    below_friction_fit_pct: float
+    """Share of the stride below :data:`FRICTION_ONSET`, where the friction offset is an assumed fade."""
     air_g: float
     """Air taken from the supply; isothermal and without dead volume (assumed)."""
     ledger_residual_pct: float
@@ -122,7 +133,7 @@ def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
     moment, power = r[f"{prefix}ankle_moment"] / mass, r[f"{prefix}ankle_power"] / mass
     smooth = _smoothed(power, POWER_WINDOW / step)
     vertical, forward = r[f"{prefix}grf_vertical"] / weight, r[f"{prefix}grf_forward"] / weight
-    first, lift = _contact_events(phase, vertical > CONTACT)
+    first, lift = _contact_events(phase, vertical > LOADED)
     # Over the angle, not over time: a reference has no stride time of its own.
     work = -moment * np.gradient(np.radians(r[f"{prefix}ankle_angle"]))
     return {
@@ -147,8 +158,8 @@ def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
 
 def _stride(r: Recording, mass: float) -> StrideOutcome:
     phase, step, weight = r["gait_phase"], _step(r), mass * GRAVITY
-    contact = r["grf_vertical"] > CONTACT * weight
-    stance = r["reference_grf_vertical"] > CONTACT * weight
+    contact = r["grf_vertical"] > LOADED * weight
+    stance = r["reference_grf_vertical"] > LOADED * weight
     return StrideOutcome(
         **_ankle(r, "", mass),
         actuator_moment_peak_nm_per_kg=float(r["actuator_moment"].max() / mass),
@@ -160,6 +171,8 @@ def _stride(r: Recording, mass: float) -> StrideOutcome:
         angle_distance_sd=_distance(r, "ankle_angle", 1.0, FLOORS["angle_deg"], stance),
         moment_distance_sd=_distance(r, "ankle_moment", mass, FLOORS["moment_nm_per_kg"], stance),
         power_distance_sd=_distance(r, "ankle_power", mass, FLOORS["power_w_per_kg"], stance),
+        friction_offset_work_j_per_kg=float(r["friction_power"].sum() * step / mass),
+        below_friction_fit_pct=float(100.0 * np.mean(r["pressure"] < FRICTION_ONSET / BAR)),
         air_g=float(1e3 * np.maximum(np.diff(r["air_mass"]), 0.0).sum()),
         ledger_residual_pct=_ledger_residual(r, step),
     )
@@ -279,15 +292,16 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "grf_vertical_max_bw": mean(lambda s: s.grf_vertical_max_bw),
         "grf_vertical_tracking_rms_bw": mean(lambda s: s.grf_vertical_tracking_rms_bw),
         "grf_vertical_note": "tracked, not predicted: the reference's load is fed to the carriage",
+        "grf_forward_note": "partly prescribed: the reference's fore-aft load is fed to the carriage, too; push-off is "
+        "mostly the device's, braking is not",
         "grf_forward_bw": [mean(lambda s: s.grf_forward_min_bw), mean(lambda s: s.grf_forward_max_bw)],
         "sole_depth_max_mm": mean(lambda s: s.sole_depth_max_mm),
         "rollover_radius_m": mean(lambda s: s.rollover_radius_m),
         "distance_to_reference": distances,
+        "friction_offset_work_j_per_kg": mean(lambda s: s.friction_offset_work_j_per_kg),
+        "below_friction_fit_pct": mean(lambda s: s.below_friction_fit_pct),
         "air_per_stride_g": mean(lambda s: s.air_g),
         "ledger_residual_pct": mean(lambda s: s.ledger_residual_pct),
-        "assumptions": [
-            "air: isothermal, no dead volume",
-            "prosthesis masses and inertias, return spring and joint damping: see models/ankle.xml",
-        ],
+        "assumptions": {**ASSUMPTIONS, **recording.provenance["device"]["assumed"]},
         "per_stride": [asdict(s) for s in outcome.strides],
     }

@@ -1,9 +1,11 @@
 """The results table of a gait run, for a terminal."""
 
 from collections.abc import Callable
+from typing import Any
 
 from rich import box
 from rich.table import Table
+from rich.text import Text
 
 from klute_sim.recording.recording import Recording
 from klute_sim.report.outcomes import AnkleOutcome, GaitOutcome, StrideOutcome, human_outcome
@@ -39,6 +41,7 @@ RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideOutcome], float | None]], .
     ("roll-over radius", "m", ".3f", lambda s: s.rollover_radius_m),
     ("actuator's own peak moment", "N·m/kg", ".3f", lambda s: s.actuator_moment_peak_nm_per_kg),
     ("actuator's own net work", "J/kg", "+.3f", lambda s: s.actuator_work_net_j_per_kg),
+    ("friction offset's work", "J/kg", "+.3f", lambda s: s.friction_offset_work_j_per_kg),
     ("air, no dead volume (assumed)", "g", ".2f", lambda s: s.air_g),
     ("energy not accounted for", "%", "+.2f", lambda s: s.ledger_residual_pct),
 )
@@ -52,7 +55,7 @@ def table(recording: Recording, outcome: GaitOutcome, width: int) -> Table:
     shown = list(enumerate(outcome.strides, start=1))[-room:]
     first = len(outcome.strides) - len(outcome.settled) + 1
     title = f"{recording.provenance['device']['name']}, last {len(shown)} of {len(outcome.strides)} strides"
-    result = Table(title=title, box=box.SIMPLE_HEAD)
+    result = Table(title=Text(title), box=box.SIMPLE_HEAD)
     result.add_column("", no_wrap=True)
     result.add_column("unit", style="dim", no_wrap=True)
     result.add_column("human", justify="right", no_wrap=True)
@@ -67,6 +70,22 @@ def table(recording: Recording, outcome: GaitOutcome, width: int) -> Table:
         cells = [None, outcome.mean(own), *(own(stride) for _, stride in shown)]
         result.add_row(label, unit, *(_cell(value, form) for value in cells))
     return result
+
+
+def remarks(summary: dict[str, Any]) -> list[str]:
+    """What a reader has to know beside the table, one sentence each."""
+    said = []
+    if summary["touches_in_swing"]:
+        said.append("The foot touches the ground in swing: it trips, and the later strides mean little.")
+    said.append(
+        "Vertical ground reaction is tracked, not predicted: the reference's load is applied. Fore-aft reaction is "
+        "partly prescribed."
+    )
+    said.append(
+        f"Assumed: {len(summary['assumptions'])} things (summary.json, 'assumptions'); "
+        f"{summary['below_friction_fit_pct']:.0f} % of the stride is below 2 bar, where the friction offset is."
+    )
+    return said
 
 
 def _cell(value: float | None, form: str) -> str:

@@ -50,6 +50,8 @@ def pull(device: Device, length: Samples, command: Samples, step: float) -> Reco
         raise InputError(f"length and command need equally many samples, got {length.shape} and {command.shape}")
     if not (np.isfinite(length).all() and np.isfinite(command).all()):
         raise InputError("length and command must be finite everywhere")
+    if not 0.0 < step <= 0.01:
+        raise InputError(f"step is {step:g}; allowed: above 0, up to 0.01 s")
     lock = mckibben.lock_length(parameters.muscle)
     slack, rest = parameters.tendon.slack_length, parameters.muscle.resting_length
     longest = rest if parameters.tendon.rigid else float("inf")

@@ -38,6 +38,8 @@ REQUIRED = (
 )
 DEVIATIONS = ("ankle_dorsiflexion_sd_deg", "ankle_moment_sd_nm_per_kg", "ankle_power_sd_w_per_kg")
 
+PELVIS = 30.0
+"""Most that shank minus (knee minus hip) may vary over the cycle [deg]; the pelvis tilts by a few degrees."""
 CLOSURE = 0.15
 """Largest mismatch of a column's two ends, over its range, that is still taken for one periodic stride."""
 LOADED = 0.02
@@ -55,6 +57,8 @@ class Reference:
     """Column -> periodic spline, in the column's units."""
     ranges: Mapping[str, tuple[float, float]]
     """Column -> smallest and largest value at the rows of the file."""
+    stride_time: float = STRIDE_TIME
+    """Stride time [s] the reference was walked at."""
 
     def __call__(self, column: str, phase: Samples, order: int = 0) -> Samples:
         """``column``, or its ``order``-th derivative by phase, at ``phase`` (0-1, periodic)."""
@@ -73,9 +77,8 @@ class Reference:
         """Phase (0-1) at which the reference foot leaves the ground (:data:`LOADED`)."""
         phase = np.arange(0.0, 1.0, 0.001)
         loaded = self("grf_vertical_n_per_kg", phase) > LOADED * GRAVITY
-        # From mid-swing backwards: the load of an early heel strike is at the other end of the cycle.
-        swing = (phase > 0.5) & ~loaded
-        return float(phase[np.argmax(swing)]) if swing.any() else 1.0
+        swing = (phase > 0.5) & ~loaded  # the first half may dip between the humps
+        return float(phase[np.argmax(swing)])
 
 
 def default() -> Reference:
@@ -84,18 +87,23 @@ def default() -> Reference:
     return parse(file.read_text("utf-8"), "normative_gait.csv")
 
 
-def load(path: str | Path) -> Reference:
-    """The reference in a CSV file of the same columns; raises InputError with what is wrong, and where."""
+def load(path: str | Path, stride_time: float = STRIDE_TIME) -> Reference:
+    """The reference in a CSV file of the same columns, walked at ``stride_time`` [s].
+
+    Raises InputError with what is wrong, and where.
+    """
+    if not 0.5 <= stride_time <= 3.0:
+        raise InputError(f"stride time is {stride_time:g}; allowed: 0.5 to 3 s")
     try:
         text = Path(path).read_text("utf-8-sig")  # spreadsheets put a mark in front
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
         raise InputError(f"reference {path} cannot be read: {reason}") from None
-    return parse(text, str(path))
+    return parse(text, str(path), stride_time)
 
 
-def parse(text: str, where: str) -> Reference:
-    """The reference that CSV ``text`` holds; ``where`` names it in errors."""
+def parse(text: str, where: str, stride_time: float = STRIDE_TIME) -> Reference:
+    """The reference that CSV ``text`` holds, walked at ``stride_time`` [s]; ``where`` names it in errors."""
     columns = _columns(text, where)
     phase = columns.pop(PHASE)
     if phase[0] != 0.0 or phase[-1] != 100.0 or not np.all(np.diff(phase) > 0):
@@ -109,11 +117,31 @@ def parse(text: str, where: str) -> Reference:
         raise InputError(
             f"reference {where}: grf_vertical_n_per_kg peaks at {weight:.3g}; walking is near 11 N/kg, up positive"
         )
-    return Reference(Path(where).name, hashlib.sha256(text.encode()).hexdigest(), splines, ranges)
+    late = columns["grf_vertical_n_per_kg"][(phase > 60.0) & (phase < 95.0)]
+    if not (late < LOADED * GRAVITY).any():
+        raise InputError(
+            f"reference {where}: grf_vertical_n_per_kg never falls below {LOADED * GRAVITY:.2f} N/kg in swing: "
+            "take the force plate's offset off"
+        )
+    _check_segments(columns, where)
+    return Reference(Path(where).name, hashlib.sha256(text.encode()).hexdigest(), splines, ranges, stride_time)
+
+
+def _check_segments(columns: Mapping[str, Samples], where: str) -> None:
+    """The shank has to lean as knee and hip make it, up to the pelvis: a wrong sign shows here."""
+    lean = columns["shank_forward_deg"] - (columns["knee_flexion_deg"] - columns["hip_flexion_deg"])
+    if np.ptp(lean) > PELVIS:
+        raise InputError(
+            f"reference {where}: shank_forward_deg departs from knee_flexion_deg - hip_flexion_deg by up to "
+            f"{np.ptp(lean):.0f} degrees over the cycle; more than {PELVIS:g} is a wrong sign"
+        )
 
 
 def _columns(text: str, where: str) -> dict[str, Samples]:
-    rows = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text)), start=1) if row]
+    try:
+        rows = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text)), start=1) if row]
+    except csv.Error as error:
+        raise InputError(f"reference {where} is no CSV file: {error}") from None
     if len(rows) < 10:
         raise InputError(f"reference {where}: needs a heading and at least 9 rows over the cycle")
     heading = [name.strip() for name in rows[0][1]]

@@ -27,25 +27,27 @@ from klute_sim.recording.recording import Recording, Samples
 from klute_sim.rigs.gait import motion as paths
 from klute_sim.rigs.gait.build import ANKLE, MODEL_MASS, MODEL_STATURE, build, leg
 from klute_sim.rigs.gait.gauges import CHANNELS, Gauges
-from klute_sim.rigs.gait.reference import STRIDE_TIME, Reference, default
+from klute_sim.rigs.gait.reference import Reference, default
 from klute_sim.units import BAR
 
+MOST_SAMPLES = 2_000_000
+"""Longest run; a sample takes about 1 kB of memory until the run is written."""
 OFF_PATH = 0.3
 """Vertical distance of the carriage from its path [m] beyond which a run means nothing."""
 
 REFERENCE_CHANNELS = (
-    ("reference_ankle_angle", "deg", "ankle_dorsiflexion_deg", 1.0),
-    ("reference_ankle_moment", "N*m", "ankle_plantarflexor_moment_nm_per_kg", None),
-    ("reference_ankle_power", "W", "ankle_power_w_per_kg", None),
-    ("reference_grf_vertical", "N", "grf_vertical_n_per_kg", None),
-    ("reference_grf_forward", "N", "grf_forward_n_per_kg", None),
+    ("reference_ankle_angle", "deg", "ankle_dorsiflexion_deg"),
+    ("reference_ankle_moment", "N*m", "ankle_plantarflexor_moment_nm_per_kg"),
+    ("reference_ankle_power", "W", "ankle_power_w_per_kg"),
+    ("reference_grf_vertical", "N", "grf_vertical_n_per_kg"),
+    ("reference_grf_forward", "N", "grf_forward_n_per_kg"),
 )
 REFERENCE_DEVIATIONS = (
-    ("reference_ankle_angle_sd", "deg", "ankle_dorsiflexion_sd_deg", 1.0),
-    ("reference_ankle_moment_sd", "N*m", "ankle_moment_sd_nm_per_kg", None),
-    ("reference_ankle_power_sd", "W", "ankle_power_sd_w_per_kg", None),
+    ("reference_ankle_angle_sd", "deg", "ankle_dorsiflexion_sd_deg"),
+    ("reference_ankle_moment_sd", "N*m", "ankle_moment_sd_nm_per_kg"),
+    ("reference_ankle_power_sd", "W", "ankle_power_sd_w_per_kg"),
 )
-"""Channel, unit, reference column, factor (None: body mass)."""
+"""Channel, unit, reference column."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +59,8 @@ class GaitOptions:
     stature: float = MODEL_STATURE
     """[m]"""
     speed: float | None = None
-    """Walking speed [m/s]; None: what reference, legs and stride time imply. A chosen speed scales stride time."""
+    """Walking speed [m/s]; None: what the reference's angles and stride time imply with these legs. A chosen speed
+    scales the stride time."""
     strides: int = 5
     """Strides to walk, from heel strike to heel strike."""
     step: float = 5e-4
@@ -98,9 +101,14 @@ def walk(
     gauges = Gauges(model, actuator)
 
     limb = leg(model)
-    stride_time = paths.plan(options.reference, limb, STRIDE_TIME, options.speed).stride_time
+    stride_time = paths.plan(options.reference, limb, options.reference.stride_time, options.speed).stride_time
     # A stride is a whole number of steps, so that every stride has the same inputs.
     per_stride = round(stride_time / options.step)
+    if per_stride * options.strides > MOST_SAMPLES:
+        raise InputError(
+            f"{options.strides} strides of {per_stride} steps are more than {MOST_SAMPLES} samples: take fewer strides "
+            "or a longer step"
+        )
     plan = paths.plan(options.reference, limb, per_stride * options.step)
     phase = np.arange(per_stride) / per_stride
     servo = _servo_commands(model, options.reference, plan, phase)
@@ -208,13 +216,14 @@ def _recording(
         ("pressure_command [bar]", np.tile(command, options.strides) / BAR),
     ]
     columns += [(heading, samples[:, i]) for i, heading in enumerate(CHANNELS)]
-    for name, unit, column, factor in REFERENCE_CHANNELS:
-        scale = options.mass if factor is None else factor
-        columns.append((f"{name} [{unit}]", scale * reference(column, phase)))
-    for name, unit, column, factor in REFERENCE_DEVIATIONS:
+    # The reference's moment over its angle at another stride time: its power is that much slower or faster.
+    power = options.mass * reference.stride_time / plan.stride_time
+    factors = {"deg": 1.0, "N*m": options.mass, "N": options.mass, "W": power}
+    for name, unit, column in REFERENCE_CHANNELS:
+        columns.append((f"{name} [{unit}]", factors[unit] * reference(column, phase)))
+    for name, unit, column in REFERENCE_DEVIATIONS:
         if reference.has(column):
-            scale = options.mass if factor is None else factor
-            columns.append((f"{name} [{unit}]", scale * reference.deviation(column, phase)))
+            columns.append((f"{name} [{unit}]", factors[unit] * reference.deviation(column, phase)))
     return Recording.from_columns(columns, _provenance(device, controller, options, plan))
 
 
@@ -223,7 +232,7 @@ def _provenance(
 ) -> dict[str, Any]:
     return {
         "rig": "gait",
-        "device": {"name": device.name, "sha256": device.digest},
+        "device": {"name": device.name, "sha256": device.digest, "assumed": device.spec.assumed()},
         "controller": controller.describe(),
         "reference": {"name": options.reference.name, "sha256": options.reference.digest},
         "options": {

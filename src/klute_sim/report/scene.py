@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.recording.recording import Recording
+from klute_sim.rigs.gait.build import ANKLE
 
 FRAME_RATE = 100.0
 """Poses per second; channels keep every sample."""
-PREFIX = "prosthesis_"
 TENDON = "world/achilles"
 REACTION = "world/ground_reaction"
 NEWTONS_PER_METRE = 1500.0
@@ -38,8 +38,8 @@ def postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArray[np.in
         "carriage_z": recording["carriage_z"],
         "thigh": np.radians(recording["thigh_angle"]),
         "knee": np.radians(recording["knee_angle"]),
-        PREFIX + "ankle": -np.radians(recording["ankle_angle"]),  # the hinge is plantarflexion positive
-        PREFIX + "heel": recording["heel_compression"],
+        ANKLE + "ankle": -np.radians(recording["ankle_angle"]),  # the hinge is plantarflexion positive
+        ANKLE + "heel": recording["heel_compression"],
     }
     positions = np.zeros((len(frames), model.nq))
     for name, values in joints.items():
@@ -60,7 +60,7 @@ def log_scene(stream: Any, recording: Recording, model: mujoco.MjModel, timeline
     translation = np.empty((len(frames), model.nbody, 3))
     rotation = np.empty((len(frames), model.nbody, 4))
     strips = np.empty((len(frames), 2, 3))
-    ends = [model.site(PREFIX + name).id for name in ("achilles_origin", "achilles_insertion")]
+    ends = [model.site(ANKLE + name).id for name in ("achilles_origin", "achilles_insertion")]
     for k, position in enumerate(positions):
         data.qpos[:] = position
         mujoco.mj_kinematics(model, data)

@@ -13,7 +13,7 @@ import numpy as np
 
 from klute_sim.errors import MissingExtraError
 from klute_sim.recording.recording import Recording
-from klute_sim.recording.scene import log_scene
+from klute_sim.report.scene import log_scene
 
 TIMELINE = "time"
 

@@ -12,9 +12,9 @@ import pytest
 from klute_sim.control import pressure
 from klute_sim.device.files import load
 from klute_sim.errors import InputError, KluteSimError, MissingExtraError
-from klute_sim.recording import rerun as writer
-from klute_sim.recording import scene, view
 from klute_sim.recording.recording import Recording
+from klute_sim.report import rerun as writer
+from klute_sim.report import scene, view
 from klute_sim.rigs.gait.build import build
 from klute_sim.rigs.gait.rig import GaitOptions, walk
 

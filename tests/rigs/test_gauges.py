@@ -1,0 +1,83 @@
+"""The rig's gauges against MuJoCo's own sums, in postures where every one of them has something to read."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from klute_sim.control import pressure
+from klute_sim.device.files import load
+from klute_sim.plant import router
+from klute_sim.plant.actuator import DeviceActuator
+from klute_sim.rigs.gait import reference
+from klute_sim.rigs.gait.build import ANKLE, build
+from klute_sim.rigs.gait.gauges import CHANNELS, Gauges
+from klute_sim.rigs.gait.rig import GaitOptions, walk
+
+DEVICE = load("klute-1-1-4-pair")
+
+
+def read(height: float, ankle: float) -> tuple[mujoco.MjModel, mujoco.MjData, dict[str, float]]:
+    """One step with the leg straight, the hip at ``height`` [m] and the ankle hinge at ``ankle`` [rad]."""
+    model = build(DEVICE, mass=75, stature=1.75, step=5e-4)
+    data = mujoco.MjData(model)
+    actuator = DeviceActuator(model, ANKLE + "muscle_tendon", DEVICE.parameters)
+    gauges = Gauges(model, actuator)
+    data.qpos[1] = height
+    data.qpos[model.joint(ANKLE + "ankle").qposadr[0]] = ankle
+    data.qvel[model.joint(ANKLE + "ankle").dofadr[0]] = 0.7
+    actuator.command(data, 3e5)
+    q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.state(data)
+    with router.installed():
+        mujoco.mj_step(model, data)
+        row = gauges.read(data, q, v, before)
+    return model, data, dict(zip((heading.split(" ")[0] for heading in CHANNELS), row, strict=True))
+
+
+@pytest.mark.parametrize("angle", [0.47, -0.47])
+def test_the_stop_pushes_back_and_is_part_of_the_net_moment(angle: float) -> None:
+    model, data, sample = read(2.0, angle)  # in the air: the stop is the only constraint on the ankle
+    dof = model.joint(ANKLE + "ankle").dofadr[0]
+    assert sample["grf_vertical"] == 0.0
+    assert np.isnan(sample["cop_x"])
+    assert sample["stop_moment"] == pytest.approx(data.qfrc_constraint[dof], rel=1e-9)
+    assert sample["stop_moment"] * angle < -1.0
+    parts = sample["actuator_moment"] + sample["passive_moment"] + sample["stop_moment"]
+    assert sample["ankle_moment"] == pytest.approx(parts, rel=1e-12)
+    assert sample["ankle_power"] == pytest.approx(sample["ankle_moment"] * 0.7, rel=1e-12)
+
+
+def test_ground_reaction_is_the_sum_of_mujocos_contacts() -> None:
+    _, data, sample = read(0.86 + 0.066, 0.06)  # toe down: the forefoot spheres carry unequal loads
+    model = build(DEVICE, mass=75, stature=1.75, step=5e-4)
+    total, moment, wrench = np.zeros(3), 0.0, np.zeros(6)
+    loads, depths = [], []
+    for i in range(data.ncon):
+        mujoco.mj_contactForce(model, data, i, wrench)
+        force = data.contact.frame[i].reshape(3, 3).T @ wrench[:3]
+        total += force
+        moment += wrench[0] * data.contact.pos[i, 0]
+        loads.append(wrench[0])
+        depths.append(-data.contact.dist[i])
+    assert len(loads) >= 2
+    assert np.ptp(loads) > 0.2 * max(loads)
+    assert sample["grf_vertical"] == pytest.approx(total[2], rel=1e-9)
+    assert sample["grf_forward"] == pytest.approx(total[0], rel=1e-9, abs=1e-9)
+    assert sample["cop_x"] == pytest.approx(moment / sum(loads), rel=1e-9)
+    assert sample["sole_depth"] == pytest.approx(max(depths), rel=1e-9)
+    assert total[2] > 10.0
+
+
+def test_reference_channels_belong_to_the_walker() -> None:
+    recording = walk(DEVICE, pressure.off(), GaitOptions(strides=1, mass=90, speed=1.0))
+    human, phase = reference.default(), recording["gait_phase"] / 100
+    moment = human("ankle_plantarflexor_moment_nm_per_kg", phase)
+    assert recording["reference_ankle_moment"] == pytest.approx(90 * moment)
+    assert recording["reference_grf_vertical"] == pytest.approx(90 * human("grf_vertical_n_per_kg", phase))
+    deviation = human.deviation("ankle_moment_sd_nm_per_kg", phase)
+    assert recording["reference_ankle_moment_sd"] == pytest.approx(90 * deviation)
+    assert recording["reference_ankle_angle"] == pytest.approx(human("ankle_dorsiflexion_deg", phase))
+    # the same moment over the same angle in a longer stride
+    slower = reference.STRIDE_TIME / recording.provenance["options"]["stride_time_s"]
+    assert slower < 0.9
+    power = human("ankle_power_w_per_kg", phase)
+    assert recording["reference_ankle_power"] == pytest.approx(90 * slower * power)
