@@ -17,7 +17,7 @@ DEVICE = load("klute-1-1-4-pair")
 
 
 def read(height: float, ankle: float, rate: float) -> tuple[mujoco.MjModel, mujoco.MjData, dict[str, float]]:
-    """One step with the leg straight, the hip at ``height`` [m] the ankle hinge at ``ankle`` [rad], ``rate`` [rad/s]."""
+    """One step, leg straight, the hip at ``height`` [m] the ankle hinge at ``ankle`` [rad], ``rate`` [rad/s]."""
     model = build(DEVICE, mass=75, stature=1.75, step=5e-4)
     data = mujoco.MjData(model)
     actuator = DeviceActuator(model, ANKLE + "muscle_tendon", DEVICE.parameters)

@@ -199,7 +199,7 @@ def _report(recording: "Recording", result: dict[str, Any], missing: str | None,
         out = console()
         out.print(table(recording, outcomes(recording), out.width))
         for remark in remarks(result):
-            out.print(remark)
+            out.print(remark, soft_wrap=True)
         out.print(f"Run folder: {result['run']}  ({', '.join(result['files'])})", soft_wrap=True)
     if missing:
         notes().print(f"No recording.rrd: {missing}.", soft_wrap=True)

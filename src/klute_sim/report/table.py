@@ -82,8 +82,8 @@ def remarks(summary: dict[str, Any]) -> list[str]:
         "partly prescribed."
     )
     said.append(
-        f"Assumed: {len(summary['assumptions'])} things (summary.json, 'assumptions'); "
-        f"{summary['below_friction_fit_pct']:.0f} % of the stride is below 2 bar, where the friction offset is."
+        f"{len(summary['assumptions'])} assumptions are in it (summary.json lists them), among them how the muscle's "
+        f"friction fades below 2 bar, where {summary['below_friction_fit_pct']:.0f} % of the stride is."
     )
     return said
 
