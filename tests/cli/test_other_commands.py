@@ -1,11 +1,15 @@
 """Help, version and ``klute-sim device``."""
 
 import json
+import os
 import subprocess
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
+
+from klute_sim.device.files import load
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -68,3 +72,30 @@ def test_bad_input_is_one_sentence(arguments: list[str], says: str) -> None:
     assert done.returncode == 2
     assert says in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_names_with_brackets_are_printed_as_they_are(tmp_path: Path) -> None:
+    text = load("klute-3-4").content.decode().replace('name = "klute-3-4"', 'name = "x[/b]"')
+    (tmp_path / "b.toml").write_text(text.replace('"dissertation Table 3.1"', '"see [klute1999]"', 1))
+    done = run("device", str(tmp_path / "b.toml"))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("x[/b]: ")
+    assert "see [klute1999]" in done.stdout
+
+
+def test_a_terminal_without_our_symbols_gets_the_numbers() -> None:
+    command = [sys.executable, "-m", "klute_sim", "device", "klute-3-4"]
+    poor = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, env=poor, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "736 N" in done.stdout
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_output_that_cannot_be_written_is_one_sentence() -> None:
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "klute_sim", "device", "--json"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert "cannot be read or written: No space left on device" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -3,6 +3,7 @@
 Commands import what they need when they run, so that ``--help`` does not wait for MuJoCo.
 """
 
+import io
 import signal
 import sys
 from collections.abc import Sequence
@@ -54,6 +55,9 @@ def group() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: anything the user can do wrong ends in one sentence on stderr and exit code 2."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that what was begun is cleaned up
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without our symbols still gets the numbers
     try:
         code = group.main(args=arguments, prog_name="klute-sim", standalone_mode=False)
     except click.ClickException as error:
@@ -67,8 +71,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output has gone; Python would complain while closing stdout
         sys.exit(0)
-    except (OSError, UnicodeEncodeError) as error:
-        _fail(f"the results cannot be printed or a file not read: {error}", 2)
+    except OSError as error:
+        _fail(f"a file or the output cannot be read or written: {error.strerror}", 2)
     sys.exit(code if isinstance(code, int) else 0)
 
 
