@@ -9,33 +9,34 @@ package mesa-vulkan-drivers).
 import argparse
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from klute_sim.errors import KluteSimError
-from klute_sim.report.view import LOOPBACK, recording_of, viewer_program
+from klute_sim.report.view import LOOPBACK, free_ports, recording_of, viewer_program, without_statistics
 
 
 def draw(recording: Path, folder: Path, seconds: float) -> list[Path]:
     """Pictures of ``recording`` at ``seconds`` on its timeline, in ``folder``; raises RuntimeError without a viewer."""
     folder.mkdir(parents=True, exist_ok=True)
-    with socket.socket() as free:
-        free.bind((LOOPBACK, 0))
-        port = free.getsockname()[1]
+    (port,) = free_ports(1)
     # Not ViewerClient.spawn: that listens on every interface.
     options = ["--headless", "--hide-welcome-screen", "--bind", LOOPBACK, "--port", str(port)]
     quiet = subprocess.DEVNULL
     command = [viewer_program(), *options, str(recording)]
     # A group of its own: `rerun` is a script that starts the viewer, and both have to end.
-    viewer = subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True)
+    viewer = subprocess.Popen(
+        command, env=without_statistics(os.environ), stdout=quiet, stderr=quiet, start_new_session=True
+    )
     try:
         return photograph(connect(viewer, port), folder, seconds)
     finally:
-        os.killpg(viewer.pid, signal.SIGTERM)
+        with suppress(ProcessLookupError):  # it ended by itself, as it does without a graphics driver
+            os.killpg(viewer.pid, signal.SIGTERM)
         viewer.wait(timeout=10.0)
 
 
@@ -59,7 +60,7 @@ def connect(viewer: "subprocess.Popen[bytes]", port: int) -> Any:
 def photograph(client: Any, folder: Path, seconds: float) -> list[Path]:
     """The whole window and each view, paused at ``seconds``."""
     client.set_time("time", duration=seconds, play_state="paused")
-    time.sleep(2.0)
+    time.sleep(6.0)  # until the viewer's notices have faded
     made = [folder / "whole.png"]
     client.save_screenshot(str(made[0]))
     for number, view in enumerate(client.get_state().views):

@@ -50,6 +50,12 @@ def test_what_is_no_recording_is_refused(columns: list[tuple[str, np.ndarray]], 
         Recording.from_columns(columns)
 
 
+@pytest.mark.parametrize("units", [{"time": "s"}, {"time": "s", "force": "N", "torque": "N*m"}])
+def test_units_and_channels_belong_together(units: dict[str, str]) -> None:
+    with pytest.raises(InputError, match="every channel needs a unit"):
+        Recording({"time": TIME, "force": TIME}, units)
+
+
 def test_an_unknown_channel_names_those_there_are() -> None:
     with pytest.raises(InputError, match="time, force, ankle_moment"):
         example()["torque"]

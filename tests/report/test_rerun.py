@@ -31,17 +31,53 @@ def rig() -> mujoco.MjModel:
 
 
 @pytest.fixture(scope="module")
-def chunks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Any]]:
-    rr = pytest.importorskip("rerun")
-    file = tmp_path_factory.mktemp("rerun") / "r.rrd"
-    writer.write(stride(), rig(), file)
-    reader = rr.chunk.RrdReader(file)
-    assert len(list(reader.blueprints())) == 1
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("rerun")
+    made = tmp_path_factory.mktemp("rerun") / "r.rrd"
+    writer.write(stride(), rig(), made)
+    return made
+
+
+def read(file: Path, *, static: bool) -> dict[str, list[Any]]:
+    import rerun as rr
+
     found: dict[str, list[Any]] = {}
-    for chunk in reader.stream():
-        if not chunk.is_static:
+    for chunk in rr.chunk.RrdReader(file).stream():
+        if chunk.is_static == static:
             found.setdefault(str(chunk.entity_path).lstrip("/"), []).append(chunk.to_record_batch())
     return found
+
+
+@pytest.fixture(scope="module")
+def chunks(file: Path) -> dict[str, list[Any]]:
+    return read(file, static=False)
+
+
+@cache
+def moved() -> list[mujoco.MjData]:
+    """The model at every frame, its joints set from the channels by hand."""
+    model, frames = rig(), scene.postures(stride(), rig())[0]
+    poses = []
+    for frame in frames:
+        data = mujoco.MjData(model)
+        value = {name: samples[frame] for name, samples in stride().channels.items()}
+        data.joint("carriage_x").qpos = value["carriage_x"]
+        data.joint("carriage_z").qpos = value["carriage_z"]
+        data.joint("thigh").qpos = np.radians(value["thigh_angle"])
+        data.joint("knee").qpos = np.radians(value["knee_angle"])
+        data.joint("prosthesis_ankle").qpos = -np.radians(value["ankle_angle"])
+        data.joint("prosthesis_heel").qpos = value["heel_compression"]
+        mujoco.mj_kinematics(model, data)
+        poses.append(data)
+    return poses
+
+
+def matrix(quaternion: list[float]) -> np.ndarray:
+    """Rotation of a quaternion with its scalar last."""
+    x, y, z, w = quaternion
+    turned = np.empty(9)
+    mujoco.mju_quat2Mat(turned, np.array([w, x, y, z]))
+    return turned.reshape(3, 3)
 
 
 def column(batches: list[Any], ending: str) -> list[Any]:
@@ -60,6 +96,25 @@ def test_every_channel_reads_back_equal(chunks: dict[str, list[Any]]) -> None:
         assert np.array_equal(read, samples, equal_nan=True), name
 
 
+def test_every_sample_and_every_pose_has_its_own_time(chunks: dict[str, list[Any]]) -> None:
+    time = stride()["time"]
+    frames, _ = scene.postures(stride(), rig())
+    for entity, expected in [("channels/force", time), ("world/prosthesis_foot", time[frames])]:
+        stamps = [batch.column(writer.TIMELINE).cast("int64").to_numpy() for batch in chunks[entity]]
+        assert 1e-9 * np.concatenate(stamps) == pytest.approx(expected, abs=2e-9)
+
+
+def test_there_is_one_layout(file: Path) -> None:
+    import rerun as rr
+
+    assert len(list(rr.chunk.RrdReader(file).blueprints())) == 1
+
+
+def test_tracked_ground_reaction_is_not_sold_as_predicted() -> None:
+    (title,) = [title for title, _ in writer.PLOTS if "ground reaction" in title]
+    assert "vertical: tracked, not predicted" in title
+
+
 def test_the_band_is_one_deviation_wide(chunks: dict[str, list[Any]]) -> None:
     low, high = (
         np.array(column(chunks[f"band/ankle_moment_{side}"], "Scalars:scalars"), dtype=np.float64).ravel()
@@ -74,6 +129,38 @@ def test_bodies_are_where_the_simulation_had_them(chunks: dict[str, list[Any]]) 
     places = places.reshape(len(frames), 3)
     assert places[:, 0] == pytest.approx(stride()["ankle_x"][frames], abs=1e-6)
     assert places[:, 2] == pytest.approx(stride()["ankle_z"][frames], abs=1e-6)
+
+
+def test_bodies_are_and_turn_as_the_model_says(chunks: dict[str, list[Any]]) -> None:
+    model = rig()
+    for body in range(1, model.nbody):
+        batches = chunks[scene.entity(model, body)]
+        places = np.array(column(batches, "Transform3D:translation"), dtype=np.float64).reshape(-1, 3)
+        turns = [value[0] for value in column(batches, "Transform3D:quaternion")]
+        assert places == pytest.approx(np.array([data.xpos[body] for data in moved()]), abs=1e-6)
+        for turn, data in zip(turns, moved(), strict=True):
+            assert matrix(turn) == pytest.approx(data.xmat[body].reshape(3, 3), abs=1e-6)
+
+
+def test_shapes_sit_on_their_bodies_as_in_the_model(file: Path) -> None:
+    model = rig()
+    drawn = read(file, static=True)
+    for geom in range(model.ngeom):
+        body = int(model.geom_bodyid[geom])
+        batches = drawn[f"{scene.entity(model, body) if body else 'world'}/{model.geom(geom).name}"]
+        (batch,) = [b for b in batches if any(n.endswith("Transform3D:quaternion") for n in b.schema.names)]
+        (turn,), (place,) = column([batch], "Transform3D:quaternion")[0], column([batch], "Transform3D:translation")[0]
+        turned = np.empty(9)
+        mujoco.mju_quat2Mat(turned, model.geom_quat[geom])
+        assert matrix(turn) == pytest.approx(turned.reshape(3, 3), abs=1e-6)
+        assert place == pytest.approx(model.geom_pos[geom], abs=1e-6)
+
+
+def test_the_tendon_spans_its_sites(chunks: dict[str, list[Any]]) -> None:
+    strips = [strip[0] for strip in column(chunks["world/achilles"], "LineStrips3D:strips")]
+    for strip, data in zip(strips, moved(), strict=True):
+        ends = [data.site(f"prosthesis_achilles_{end}").xpos for end in ("origin", "insertion")]
+        assert np.array(strip) == pytest.approx(np.array(ends), abs=1e-6)
 
 
 def test_the_tendon_reddens_with_its_force(chunks: dict[str, list[Any]]) -> None:
@@ -93,6 +180,9 @@ def test_the_ground_reaction_vanishes_in_swing(chunks: dict[str, list[Any]]) -> 
     frames, _ = scene.postures(stride(), rig())
     phase = stride()["gait_phase"][frames]
     assert np.abs(arrows[(phase > 70) & (phase < 90)]).max() == 0.0
+    feet = np.array(column(chunks["world/ground_reaction"], "Arrows3D:origins"), dtype=np.float64).reshape(-1, 3)
+    pressed = np.isfinite(stride()["cop_x"][frames])
+    assert feet[pressed, 0] == pytest.approx(stride()["cop_x"][frames][pressed], abs=1e-6)
     assert arrows[:, 2].max() * scene.NEWTONS_PER_METRE == pytest.approx(stride()["grf_vertical"][frames].max())
 
 
@@ -105,11 +195,40 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         view.open_viewer(tmp_path)
 
 
-@pytest.mark.parametrize("web", [False, True])
-def test_the_viewer_listens_on_the_loopback_address_only(web: bool) -> None:
-    command = view.viewer_command("rerun", Path("r.rrd"), web=web)
+@pytest.mark.parametrize("without", ["cop_x", "reference_ankle_angle", "reference_ankle_angle_sd"])
+def test_a_channel_that_may_be_missing_may_be_missing(without: str, tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    kept = [(stride().heading(name), values) for name, values in stride().channels.items() if name != without]
+    writer.write(Recording.from_columns(kept), rig(), tmp_path / "r.rrd")
+
+
+def test_one_sample_is_one_pose() -> None:
+    frames, positions = scene.postures(stride().select(slice(0, 1)), rig())
+    assert frames.tolist() == [0]
+    assert len(positions) == 1
+
+
+@pytest.mark.parametrize("web_port", [None, 5])
+def test_the_viewer_listens_on_the_loopback_address_only(web_port: int | None) -> None:
+    command = view.viewer_command("rerun", Path("r.rrd"), port=4, web_port=web_port)
     assert command[command.index("--bind") + 1] == "127.0.0.1"
+    assert ("--serve-web" in command) == (web_port is not None)
     assert command[-1] == "r.rrd"
+
+
+def test_no_usage_statistics_and_no_touch_on_the_users_settings(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    assert view.without_statistics({"HOME": "h", "FORCE_RERUN_ANALYTICS": "1"}) == {"HOME": "h", "CI": "1"}
+    assert view.web_address(4, 5).endswith("url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A4%2Fproxy&notebook=1")
+    (tmp_path / "recording.rrd").touch()
+    (tmp_path / "rerun").write_text(f"#!/bin/sh\necho CI=$CI $@ >> {tmp_path}/calls\n")
+    (tmp_path / "rerun").chmod(0o755)
+    monkeypatch.delenv("CI", raising=False)
+    monkeypatch.setattr(view, "viewer_program", lambda: str(tmp_path / "rerun"))
+    view.open_viewer(tmp_path)
+    (call,) = (tmp_path / "calls").read_text().splitlines()
+    assert call.startswith("CI=1 --bind 127.0.0.1")
 
 
 def test_a_folder_without_a_recording_says_what_to_do(tmp_path: Path) -> None:

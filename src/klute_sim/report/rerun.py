@@ -20,15 +20,18 @@ TIMELINE = "time"
 Series = tuple[str, str, tuple[int, int, int]]
 """Entity under ``channels/`` or ``band/``, name in the legend, colour."""
 
-BLUE, GREY, LIGHT = (31, 119, 180), (90, 90, 90), (185, 185, 185)
-GREEN, PALE_GREEN, RED, VIOLET, BROWN = (44, 160, 44), (150, 210, 150), (214, 39, 40), (148, 103, 189), (140, 86, 75)
+BLUE, ORANGE = (31, 119, 180), (255, 150, 40)
+DARK_ORANGE, PALE_ORANGE = (150, 90, 30), (255, 215, 170)
+GREEN, PALE_GREEN, RED, VIOLET, BROWN = (44, 160, 44), (190, 240, 190), (214, 39, 40), (148, 103, 189), (140, 86, 75)
+THIN = (ORANGE, DARK_ORANGE, PALE_ORANGE, PALE_GREEN)
+"""What a series is compared with. The viewer draws in the order of the entities' names, which puts it on top."""
 
 
 def _against_human(channel: str) -> tuple[Series, ...]:
     return (
-        (f"band/{channel}_low", "human - 1 sd", LIGHT),
-        (f"band/{channel}_high", "human + 1 sd", LIGHT),
-        (f"channels/reference_{channel}", "human", GREY),
+        (f"band/{channel}_low", "human - 1 sd", DARK_ORANGE),
+        (f"band/{channel}_high", "human + 1 sd", DARK_ORANGE),
+        (f"channels/reference_{channel}", "human", ORANGE),
         (f"channels/{channel}", "prosthesis", BLUE),
     )
 
@@ -55,8 +58,8 @@ PLOTS: tuple[tuple[str, tuple[Series, ...]], ...] = (
     (
         "ground reaction [N], vertical: tracked, not predicted",
         (
-            ("channels/reference_grf_vertical", "human, vertical", GREY),
-            ("channels/reference_grf_forward", "human, forward", LIGHT),
+            ("channels/reference_grf_vertical", "human, vertical", ORANGE),
+            ("channels/reference_grf_forward", "human, forward", PALE_ORANGE),
             ("channels/grf_vertical", "vertical", BLUE),
             ("channels/grf_forward", "forward", RED),
         ),
@@ -79,7 +82,7 @@ def write(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
     times = [rr.TimeColumn(TIMELINE, duration=recording["time"])]
     series = {f"channels/{name}": values for name, values in recording.channels.items() if name != "time"}
     for name in ("ankle_angle", "ankle_moment", "ankle_power"):
-        if f"reference_{name}_sd" in recording:
+        if f"reference_{name}" in recording and f"reference_{name}_sd" in recording:
             middle, deviation = recording[f"reference_{name}"], recording[f"reference_{name}_sd"]
             series[f"band/{name}_low"], series[f"band/{name}_high"] = middle - deviation, middle + deviation
     for entity, values in series.items():
@@ -87,7 +90,7 @@ def write(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
     for _, plotted in PLOTS:
         for entity, name, colour in plotted:
             if entity in series:
-                thickness = 1.0 if colour == LIGHT else 2.0
+                thickness = 1.0 if colour in THIN else 3.0
                 style = rr.SeriesLines(names=name, colors=np.array(colour), widths=thickness)
                 stream.log(entity, style, static=True)
     stream.flush()

@@ -31,8 +31,9 @@ def entity(model: mujoco.MjModel, body: int) -> str:
 
 def postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
     """Samples that get a pose, and the joint positions (n, nq) at them."""
-    step = float(recording["time"][1] - recording["time"][0])
-    frames = np.arange(0, len(recording), max(1, round(1.0 / (FRAME_RATE * step))))
+    duration = float(np.ptp(recording["time"]))
+    every = round((len(recording) - 1) / (FRAME_RATE * duration)) if duration > 0 else 1
+    frames = np.arange(0, len(recording), max(1, every))
     joints = {
         "carriage_x": recording["carriage_x"],
         "carriage_z": recording["carriage_z"],
@@ -75,7 +76,8 @@ def log_scene(stream: Any, recording: Recording, model: mujoco.MjModel, timeline
     stream.log(TENDON, rr.LineStrips3D.from_fields(radii=0.005), static=True)
     columns = rr.LineStrips3D.columns(strips=list(strips), colors=tendon_colours(recording["force"])[frames])
     stream.send_columns(TENDON, indexes=times, columns=columns)
-    _log_reaction(stream, recording, frames, times)
+    if "cop_x" in recording:
+        _log_reaction(stream, recording, frames, times)
 
 
 def tendon_colours(force: Array) -> NDArray[np.uint8]:

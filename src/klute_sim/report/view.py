@@ -1,9 +1,13 @@
 """Opening a run in the rerun viewer, on this machine only."""
 
+import os
 import shutil
+import socket
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from urllib.parse import quote
 
 from klute_sim.errors import InputError, KluteSimError, MissingExtraError
 
@@ -11,12 +15,35 @@ LOOPBACK = "127.0.0.1"
 """The only address the viewer listens on; rerun's own default is every interface."""
 
 
-def viewer_command(program: str, recording: Path, *, web: bool) -> list[str]:
-    """Command line of the viewer on ``recording``, in a window or served to a browser of this machine."""
-    command = [program, "--bind", LOOPBACK, "--port", "auto"]
-    if web:
-        command += ["--serve-web", "--web-viewer-port", "0"]
+def viewer_command(program: str, recording: Path, *, port: int, web_port: int | None = None) -> list[str]:
+    """Command line of the viewer on ``recording``, in a window or, with ``web_port``, served to a browser."""
+    command = [program, "--bind", LOOPBACK, "--port", str(port)]
+    if web_port is not None:
+        command += ["--serve-web", "--web-viewer-port", str(web_port)]
     return [*command, str(recording)]
+
+
+def web_address(port: int, web_port: int) -> str:
+    """Page of the served viewer; it reports usage from the browser unless told that it sits in a notebook."""
+    return f"http://{LOOPBACK}:{web_port}?url={quote(f'rerun+http://{LOOPBACK}:{port}/proxy', safe='')}&notebook=1"
+
+
+def without_statistics(environment: Mapping[str, str]) -> dict[str, str]:
+    """``environment`` in which rerun sends no usage statistics, as on a CI machine; its settings stay the user's."""
+    quiet = {name: value for name, value in environment.items() if name != "FORCE_RERUN_ANALYTICS"}
+    return {**quiet, "CI": "1"}
+
+
+def free_ports(count: int) -> list[int]:
+    """Different ports that nobody listens on."""
+    sockets = [socket.socket() for _ in range(count)]
+    try:
+        for each in sockets:
+            each.bind((LOOPBACK, 0))
+        return [each.getsockname()[1] for each in sockets]
+    finally:
+        for each in sockets:
+            each.close()
 
 
 def recording_of(run: Path) -> Path:
@@ -47,15 +74,20 @@ def viewer_program() -> str:
 
 
 def open_viewer(run: Path, *, web: bool = False) -> None:
-    """Show ``run`` until the viewer is closed; turns rerun's usage statistics off first.
+    """Show ``run`` until the viewer is closed, without rerun's usage statistics.
 
     Raises InputError for a folder without a recording, MissingExtraError without rerun and KluteSimError when the
     viewer fails.
     """
     program = viewer_program()
     recording = recording_of(run)
-    subprocess.run([program, "analytics", "disable"], capture_output=True, check=False)
-    done = subprocess.run(viewer_command(program, recording, web=web), check=False)
+    port, web_port = free_ports(2)
+    environment = without_statistics(os.environ)
+    if web:
+        environment["RUST_LOG"] = "warn"  # rerun would name its page, which reports
+        print(f"Open {web_address(port, web_port)} (Ctrl+C ends)", flush=True)
+    command = viewer_command(program, recording, port=port, web_port=web_port if web else None)
+    done = subprocess.run(command, env=environment, check=False)
     if done.returncode != 0:
         hint = "" if web else "; without a screen or graphics driver try --web"
         raise KluteSimError(f"the rerun viewer ended with code {done.returncode} on {recording}{hint}")
