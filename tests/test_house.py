@@ -9,8 +9,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "klute_sim"
-FLOORS = {"laws": 1, "device": 2, "plant": 3, "recording": 3, "control": 4, "rigs": 5, "report": 6, "cli": 7}
-EVERYBODYS = {"errors", "units", "provenance", ""}
+FLOORS = {"laws": 1, "device": 2, "plant": 3, "recording": 3, "control": 4, "rigs": 5, "envs": 6, "report": 6, "cli": 7}
+EVERYBODYS = {"errors", "units", "provenance", "registration", ""}
 FILES = sorted(SOURCE.rglob("*.py"))
 
 

@@ -19,3 +19,7 @@ class MissingExtraError(KluteSimError):
 
 class SimulationError(KluteSimError):
     """A simulation left the region where its result means anything (NaN, divergence)."""
+
+
+class KluteSimWarning(UserWarning):
+    """Something works, but not as well as it could."""

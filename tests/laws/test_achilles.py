@@ -4,10 +4,10 @@ import inspect
 import random
 
 import pytest
-from compiling import compiled
 from hypothesis import given
 from hypothesis import strategies as st
 
+from klute_sim.device.compiled import copy_of
 from klute_sim.laws import achilles
 from klute_sim.laws.achilles import Measurement, PowerLaw
 
@@ -80,7 +80,7 @@ def test_a_tendon_never_pushes(law: PowerLaw, strain: float) -> None:
 
 @pytest.mark.parametrize("name", ["stress", "strain_under", "tangent_modulus"])
 def test_compiled_laws_are_bit_identical(name: str) -> None:
-    plain, fast = getattr(achilles, name), getattr(compiled(achilles), name)
+    plain, fast = getattr(achilles, name), getattr(copy_of(achilles), name)
     pick = random.Random(3)
     for _ in range(400):
         law = PowerLaw(pick.uniform(1e8, 1e10), pick.choice([1.0, 2.0, pick.uniform(1.0, 3.0)]))

@@ -7,10 +7,10 @@ import random
 from typing import Any
 
 import pytest
-from compiling import compiled
 from hypothesis import given
 from hypothesis import strategies as st
 
+from klute_sim.device.compiled import copy_of
 from klute_sim.laws import hill, hill_tables
 from klute_sim.laws.hill import ENVELOPE, Contractile, Envelope, Hill, Parallel, Series, Span
 from klute_sim.laws.hill_tables import CONTRACTILE, GENERIC_CONTRACTILE, GENERIC_HILL, HILL, PARALLEL, SCALES, SERIES
@@ -397,7 +397,7 @@ def samples(seed: int, count: int) -> dict[type, list[Any]]:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_compiled_laws_are_bit_identical(seed: int) -> None:
     count = 400
-    fast_hill = compiled(hill)
+    fast_hill = copy_of(hill)
     names = [name for name, f in vars(hill).items() if inspect.isfunction(f) and f.__module__ == hill.__name__]
     assert len(names) == 11
     for name in names:

@@ -21,10 +21,8 @@ STEP = 5e-4
 def bench() -> tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator]:
     spec = models.spec("bench")
     spec.option.timestep = STEP
-    model = spec.compile()
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    data = mujoco.MjData(model)
-    return model, data, DeviceActuator(model, "muscle_tendon", PAIR.parameters)
+    model = models.equip(spec, {"muscle_tendon": PAIR.parameters})
+    return model, mujoco.MjData(model), DeviceActuator(model, "muscle_tendon")
 
 
 def test_mujoco_steps_are_the_devices_own_steps() -> None:
@@ -52,7 +50,7 @@ def test_in_bare_mujoco_every_model_gives_no_tendon_force(name: str) -> None:
         data.qpos[0] = 0.36
     actuator = [i for i in range(model.nactuator) if model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_USER]
     assert len(actuator) == 1
-    data.act[:] = [5.0, -0.01]
+    data.act[-2:] = [5.0, -0.01]
     data.ctrl[actuator[0]] = 5.0
     for _ in range(10):
         mujoco.mj_step(model, data)
@@ -189,9 +187,8 @@ def test_not_a_number_is_an_error_that_names_actuator_and_time(
 
 
 def test_only_an_actuator_made_for_a_device_takes_one() -> None:
-    model = models.spec("gait_rig").compile()
     with pytest.raises(InputError, match="'thigh' cannot carry a device"):
-        DeviceActuator(model, "thigh", PAIR.parameters)
+        models.equip(models.spec("gait_rig"), {"thigh": PAIR.parameters})
 
 
 def test_reset_is_the_device_at_rest_and_a_saved_state_replays_bitwise() -> None:

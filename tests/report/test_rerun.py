@@ -15,8 +15,9 @@ from klute_sim.errors import InputError, KluteSimError, MissingExtraError
 from klute_sim.recording.recording import Recording
 from klute_sim.report import rerun as writer
 from klute_sim.report import scene, view
+from klute_sim.rigs.gait.assembly import GaitOptions
 from klute_sim.rigs.gait.build import build
-from klute_sim.rigs.gait.rig import GaitOptions, walk
+from klute_sim.rigs.gait.rig import walk
 
 DEVICE = load("klute-1-1-4-pair")
 

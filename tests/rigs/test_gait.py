@@ -11,7 +11,8 @@ from klute_sim.errors import InputError, SimulationError
 from klute_sim.laws import tendon as tendon_law
 from klute_sim.recording.recording import Recording
 from klute_sim.report.outcomes import GaitOutcome, outcomes
-from klute_sim.rigs.gait.rig import GaitOptions, walk
+from klute_sim.rigs.gait.assembly import GaitOptions
+from klute_sim.rigs.gait.rig import walk
 
 DEVICE = load("klute-1-1-4-pair")
 TEXT = DEVICE.content.decode()
@@ -203,7 +204,7 @@ def test_a_device_that_does_not_fit_the_ankle_is_refused() -> None:
 
 
 def test_a_run_that_leaves_its_path_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("klute_sim.rigs.gait.rig.OFF_PATH", 1e-4)
+    monkeypatch.setattr("klute_sim.rigs.gait.assembly.OFF_PATH", 1e-4)
     with pytest.raises(SimulationError, match=r"left its path at t = .* % of stride 1"):
         walk(DEVICE, pressure.tuned(), GaitOptions(strides=1))
 

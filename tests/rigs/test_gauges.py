@@ -9,9 +9,10 @@ from klute_sim.device.files import load
 from klute_sim.plant import router
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.rigs.gait import reference
+from klute_sim.rigs.gait.assembly import GaitOptions
 from klute_sim.rigs.gait.build import ANKLE, build
 from klute_sim.rigs.gait.gauges import CHANNELS, Gauges
-from klute_sim.rigs.gait.rig import GaitOptions, walk
+from klute_sim.rigs.gait.rig import walk
 
 DEVICE = load("klute-1-1-4-pair")
 
@@ -20,11 +21,11 @@ def read(height: float, ankle: float, rate: float) -> tuple[mujoco.MjModel, mujo
     """One step, leg straight, the hip at ``height`` [m] the ankle hinge at ``ankle`` [rad], ``rate`` [rad/s]."""
     model = build(DEVICE, mass=75, stature=1.75, step=5e-4)
     data = mujoco.MjData(model)
-    actuator = DeviceActuator(model, ANKLE + "muscle_tendon", DEVICE.parameters)
+    actuator = DeviceActuator(model, ANKLE + "muscle_tendon")
     gauges = Gauges(model, actuator)
     data.qpos[1] = height
     data.qpos[model.joint(ANKLE + "ankle").qposadr[0]] = ankle
-    data.ctrl[:4] = data.qpos[:4]  # the servos hold the leg where it is
+    data.act[:4] = data.qpos[:4]  # the servos hold the leg where it is
     data.qvel[model.joint(ANKLE + "ankle").dofadr[0]] = rate
     actuator.command(data, 3e5)
     q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.state(data)

@@ -6,6 +6,7 @@ Commands import what they need when they run, so that ``--help`` does not wait f
 import io
 import signal
 import sys
+import warnings
 from collections.abc import Sequence
 
 import click
@@ -55,6 +56,7 @@ def group() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: anything the user can do wrong ends in one sentence on stderr and exit code 2."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that what was begun is cleaned up
+    warnings.showwarning = _note  # type: ignore[assignment]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without our symbols still gets the numbers
@@ -74,6 +76,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except OSError as error:
         _fail(f"a file or the output cannot be read or written: {error.strerror}", 2)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _note(message: Warning | str, *_: object) -> None:
+    """A warning as one sentence, without the place in our source that gave it."""
+    click.echo(f"klute-sim: {message}", err=True)
 
 
 def _fail(sentence: str, code: int) -> None:

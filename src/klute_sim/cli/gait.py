@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from klute_sim.control.pressure import PressureController
     from klute_sim.device.files import Device
     from klute_sim.recording.recording import Recording
-    from klute_sim.rigs.gait.rig import GaitOptions
+    from klute_sim.rigs.gait.assembly import GaitOptions
 
 
 @click.command("gait")
@@ -65,6 +65,13 @@ if TYPE_CHECKING:
 @click.option("--strides", type=int, default=5, show_default=True, help="Strides to walk.")
 @click.option("--step", "step_ms", type=float, default=0.5, show_default=True, metavar="MS", help="Time step [ms].")
 @click.option(
+    "--law",
+    type=click.Choice(["auto", "compiled", "python"]),
+    default="auto",
+    show_default=True,
+    help="The device's law compiled, or as plain Python (the reference: same bits, slower); auto: compiled if possible.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path),
     default=None,
@@ -85,6 +92,7 @@ def command(
     speed: float | None,
     strides: int,
     step_ms: float,
+    law: str,
     out: Path | None,
     with_csv: bool,
     as_json: bool,
@@ -108,7 +116,7 @@ def command(
     from klute_sim.errors import InputError
     from klute_sim.recording import run_folder
     from klute_sim.rigs.gait import reference
-    from klute_sim.rigs.gait.rig import GaitOptions
+    from klute_sim.rigs.gait.assembly import GaitOptions
 
     device = load(device_name or DEFAULT_PROSTHESIS)
     chosen = _controller(controller, profile_file, pressure)
@@ -121,7 +129,7 @@ def command(
         mass=mass, stature=stature, speed=speed, strides=strides, step=1e-3 * step_ms, reference=human
     )
     with run_folder.new("gait", out) as (folder, scratch):
-        recording = _walk(device, chosen, options)
+        recording = _walk(device, chosen, options, law)
         result, missing = _write(recording, device, options, folder, scratch, with_csv=with_csv)
     _report(recording, result, missing, as_json=as_json)
 
@@ -145,12 +153,12 @@ def _controller(kind: str | None, profile_file: Path | None, pressure: float | N
     return control.load_profile(profile_file) if profile_file else control.tuned()
 
 
-def _walk(device: "Device", controller: "PressureController", options: "GaitOptions") -> "Recording":
+def _walk(device: "Device", controller: "PressureController", options: "GaitOptions", law: str) -> "Recording":
     from klute_sim.cli.console import progress_bar
     from klute_sim.rigs.gait.rig import walk
 
     with progress_bar("walking") as progress:
-        return walk(device, controller, options, progress)
+        return walk(device, controller, options, progress, law)
 
 
 def _write(

@@ -47,6 +47,16 @@ def rest(parameters: Parameters) -> State:
     return State(0.0, parameters.muscle.resting_length)
 
 
+def taut(parameters: Parameters, unit_length: float, pressure: float) -> State:
+    """The device with its tendon just taut at muscle-tendon length ``unit_length`` [m], as far as the muscle allows.
+
+    ``pressure`` [Pa] is clipped to what the supply has.
+    """
+    shortest, longest = mckibben.lock_length(parameters.muscle), parameters.muscle.resting_length
+    length = min(max(unit_length - parameters.tendon.slack_length, shortest), longest)
+    return State(min(max(pressure, 0.0), parameters.supply.pressure), length)
+
+
 def muscle_side(parameters: Parameters, pressure: float, length: float, rate: float) -> float:
     """Force [N] of muscle and damper together at ``length`` [m] moving at ``rate`` = dl/dt [m/s]."""
     return mckibben.force(parameters.muscle, pressure, length) + _damper.force(parameters.damper, rate)
@@ -72,21 +82,20 @@ def balance(parameters: Parameters, pressure: float, start: float, unit_length: 
     if parameters.tendon.rigid:
         return min(max(unit_length - parameters.tendon.slack_length, low), high)
 
-    f_high = _imbalance(parameters, pressure, start, unit_length, step, high)
-    if not f_high > 0.0:
-        return high if f_high == f_high else f_high
-    f_low = _imbalance(parameters, pressure, start, unit_length, step, low)
-    if not f_low < 0.0:
-        return low if f_low == f_low else f_low
-    # The muscle has hardly moved since the last step: try a narrow bracket around where it was.
+    # The muscle has hardly moved since the last step: a narrow bracket around where it was is mostly enough.
     reach = 0.4 * step
     near_low, near_high = max(low, start - reach), min(high, start + reach)
-    f_near = _imbalance(parameters, pressure, start, unit_length, step, near_low)
-    if f_near < 0.0:
-        low, f_low = near_low, f_near
-    f_near = _imbalance(parameters, pressure, start, unit_length, step, near_high)
-    if f_near > 0.0:
-        high, f_high = near_high, f_near
+    f_low = _imbalance(parameters, pressure, start, unit_length, step, near_low)
+    f_high = _imbalance(parameters, pressure, start, unit_length, step, near_high)
+    if f_low < 0.0 and f_high > 0.0:
+        low, high = near_low, near_high
+    else:
+        f_high = _imbalance(parameters, pressure, start, unit_length, step, high)
+        if not f_high > 0.0:
+            return high if f_high == f_high else f_high
+        f_low = _imbalance(parameters, pressure, start, unit_length, step, low)
+        if not f_low < 0.0:
+            return low if f_low == f_low else f_low
 
     a, b, f_a, f_b = high, low, f_high, f_low
     c, f_c = a, f_a

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.device.files import Device
-from klute_sim.device.step import State
+from klute_sim.device.step import taut
 from klute_sim.errors import InputError
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben
@@ -37,12 +37,12 @@ CHANNELS = (
 )
 
 
-def pull(device: Device, length: Samples, command: Samples, step: float) -> Recording:
+def pull(device: Device, length: Samples, command: Samples, step: float, law: str = "auto") -> Recording:
     """Record ``device`` at prescribed unit ``length`` [m] and pressure ``command`` [Pa], one per ``step`` [s].
 
-    The muscle starts where the tendon is just taut, at the first command. Raises InputError when the two series
-    differ in length, are not finite, or ask for a unit that is shorter than the muscle can get or, with a rigid
-    tie, longer than it rests.
+    The muscle starts where the tendon is just taut, at the first command. ``law`` is one of
+    :data:`klute_sim.device.installation.LAWS`. Raises InputError when the two series differ in length, are not finite,
+    or ask for a unit that is shorter than the muscle can get or, with a rigid tie, longer than it rests.
     """
     parameters = device.parameters
     length, command = np.asarray(length, dtype=np.float64), np.asarray(command, dtype=np.float64)
@@ -63,21 +63,19 @@ def pull(device: Device, length: Samples, command: Samples, step: float) -> Reco
 
     spec = models.spec("bench")
     spec.option.timestep = step
-    model = spec.compile()
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    model = models.equip(spec, {"muscle_tendon": parameters})
     data = mujoco.MjData(model)
-    actuator = DeviceActuator(model, "muscle_tendon", parameters)
-    taut = min(max(float(length[0]) - slack, lock), rest)
-    actuator.set_state(data, State(min(max(float(command[0]), 0.0), parameters.supply.pressure), taut))
+    actuator = DeviceActuator(model, "muscle_tendon")
+    actuator.set_state(data, taut(parameters, float(length[0]), float(command[0])))
     speed = np.gradient(length, step)
 
     samples = np.empty((len(length), len(CHANNELS)))
-    with router.installed():
+    with router.installed(law) as in_force:
         for k in range(len(length)):
             data.qpos[0], data.qvel[0] = length[k], speed[k]
             actuator.command(data, float(command[k]))
             before = actuator.state(data)
-            mujoco.mj_step(model, data)
+            router.step(model, data)
             after, ledger = actuator.ledger(model, data, before)
             tension = actuator.tension(data)
             samples[k] = (
@@ -104,7 +102,7 @@ def pull(device: Device, length: Samples, command: Samples, step: float) -> Reco
     provenance = {
         "rig": "bench",
         "device": {"name": device.name, "sha256": device.digest},
-        "options": {"step_s": step},
+        "options": {"step_s": step, "law": in_force},
         "versions": versions(),
     }
     return Recording.from_columns(columns, provenance)

@@ -31,7 +31,7 @@ def build(device: Device, *, mass: float, stature: float, step: float) -> mujoco
     scale = stature / MODEL_STATURE
     _scale_limbs(spec, scale, mass)
     spec.site(ANKLE + "achilles_origin").pos = _origin(device, spec, scale)
-    return spec.compile()
+    return models.equip(spec, {ANKLE + "muscle_tendon": device.parameters})
 
 
 def _scale_limbs(spec: mujoco.MjSpec, scale: float, mass: float) -> None:

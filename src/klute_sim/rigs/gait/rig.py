@@ -6,9 +6,7 @@ therefore tracked, not predicted*. The ankle is moved only by the device, its pa
 angle, moment, power and work, the fore-aft force's timing and the centre of pressure are outcomes.
 """
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -17,23 +15,17 @@ from numpy.typing import NDArray
 
 from klute_sim.control.pressure import PressureController
 from klute_sim.device.files import Device
-from klute_sim.device.step import State
 from klute_sim.errors import InputError, SimulationError
-from klute_sim.laws import mckibben
 from klute_sim.plant import router
-from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.provenance import versions
 from klute_sim.recording.recording import Recording, Samples
-from klute_sim.rigs.gait import motion as paths
-from klute_sim.rigs.gait.build import ANKLE, MODEL_MASS, MODEL_STATURE, build, leg
+from klute_sim.rigs.gait import assembly
+from klute_sim.rigs.gait.assembly import DRIVES, Assembly, GaitOptions, assemble, start
 from klute_sim.rigs.gait.gauges import CHANNELS, Gauges
-from klute_sim.rigs.gait.reference import Reference, default
 from klute_sim.units import BAR
 
 MOST_SAMPLES = 2_000_000
 """Longest run; a sample takes about 1 kB of memory until the run is written."""
-OFF_PATH = 0.3
-"""Vertical distance of the carriage from its path [m] beyond which a run means nothing."""
 
 REFERENCE_CHANNELS = (
     ("reference_ankle_angle", "deg", "ankle_dorsiflexion_deg"),
@@ -50,162 +42,60 @@ REFERENCE_DEVIATIONS = (
 """Channel, unit, reference column."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class GaitOptions:
-    """Who walks, how fast and how finely; validated when made."""
-
-    mass: float = MODEL_MASS
-    """Body mass [kg]."""
-    stature: float = MODEL_STATURE
-    """[m]"""
-    speed: float | None = None
-    """Walking speed [m/s]; None: what the reference's angles and stride time imply with these legs. A chosen speed
-    scales the stride time."""
-    strides: int = 5
-    """Strides to walk, from heel strike to heel strike."""
-    step: float = 5e-4
-    """Time step [s]."""
-    reference: Reference = field(default_factory=default)
-    """What is followed and compared with."""
-
-    def __post_init__(self) -> None:
-        """Raise InputError for a value no subject or solver has."""
-        limits: list[tuple[str, float | None, float, float, str]] = [
-            ("mass", self.mass, 20.0, 250.0, "kg"),
-            ("stature", self.stature, 1.0, 2.4, "m"),
-            ("speed", self.speed, 0.4, 2.5, "m/s"),
-            ("strides", self.strides, 1, 200, ""),
-            ("step", 1e3 * self.step, 0.01, 1.0, "ms"),
-        ]
-        for name, value, low, high, unit in limits:
-            if value is not None and not low <= value <= high:  # also refuses NaN
-                raise InputError(f"{name} is {value:g}; allowed: {low:g} to {high:g} {unit}".rstrip())
-
-
 def walk(
     device: Device,
     controller: PressureController,
     options: GaitOptions | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
+    law: str = "auto",
 ) -> Recording:
     """Walk ``device`` under ``controller``; every step is a sample.
 
-    ``progress`` is told the finished fraction now and then. Raises InputError for a device that does not fit,
-    SimulationError when the rig leaves its path.
+    ``progress`` is told the finished fraction now and then, ``law`` is one of
+    :data:`klute_sim.device.installation.LAWS`. Raises InputError for a device that does not fit, SimulationError when
+    the rig leaves its path.
     """
     options = options or GaitOptions()
-    model = build(device, mass=options.mass, stature=options.stature, step=options.step)
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    data = mujoco.MjData(model)
-    actuator = DeviceActuator(model, ANKLE + "muscle_tendon", device.parameters)
-    gauges = Gauges(model, actuator)
-
-    limb = leg(model)
-    stride_time = paths.plan(options.reference, limb, options.reference.stride_time, options.speed).stride_time
-    # A stride is a whole number of steps, so that every stride has the same inputs.
-    per_stride = round(stride_time / options.step)
+    rig = assemble(device, options, options.step)
+    model, data, actuator, per_stride = rig.model, mujoco.MjData(rig.model), rig.actuator, rig.per_stride
     if per_stride * options.strides > MOST_SAMPLES:
         raise InputError(
             f"{options.strides} strides of {per_stride} steps are more than {MOST_SAMPLES} samples: take fewer strides "
             "or a longer step"
         )
-    plan = paths.plan(options.reference, limb, per_stride * options.step)
-    phase = np.arange(per_stride) / per_stride
-    servo = _servo_commands(model, options.reference, plan, phase)
-    moved = float(model.body_mass.sum())
-    lift = paths.vertical_feedforward(options.reference, plan, moved, options.mass, phase)
-    push = paths.forward_feedforward(options.reference, plan, moved, options.mass, phase)
-    pressure = np.array([controller.pressure(float(p)) for p in phase])
-    planned_height = np.asarray(plan.height(phase))
-
-    _start(model, data, actuator, options.reference, plan, controller)
-    count = per_stride * options.strides
+    gauges = Gauges(model, actuator)
+    pressure = np.array([controller.pressure(float(p)) for p in rig.phase])
+    start(rig, data, pressure[0])
+    count, drives = per_stride * options.strides, len(DRIVES)
     samples = np.empty((count, len(CHANNELS)))
-    with router.installed():
+    with router.installed(law) as in_force:
         for k in range(count):
             j = k % per_stride
-            data.ctrl[:4] = servo[j]
-            data.ctrl[0] += (k // per_stride) * plan.stride_length
-            data.qfrc_applied[0] = push[j]
-            data.qfrc_applied[1] = lift[j]
+            data.ctrl[:drives] = rig.slopes[j]
             actuator.command(data, pressure[j])
             q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.state(data)
-            mujoco.mj_step(model, data)
-            if not abs(data.qpos[1] - planned_height[j]) < OFF_PATH:
+            router.step(model, data)
+            if not abs(data.qpos[1] - rig.height[j]) < assembly.OFF_PATH:
                 raise SimulationError(
-                    f"the gait rig left its path at t = {data.time:.3f} s ({100 * phase[j]:.0f} % of stride "
-                    f"{k // per_stride + 1}): device '{device.name}', {options.mass:g} kg, {plan.speed:.2f} m/s"
+                    f"the gait rig left its path at t = {data.time:.3f} s ({100 * rig.phase[j]:.0f} % of stride "
+                    f"{k // per_stride + 1}): device '{device.name}', {options.mass:g} kg, {rig.plan.speed:.2f} m/s"
                 )
             samples[k] = gauges.read(data, q, v, before)
             if k % 200 == 0:
                 progress(k / count)
     progress(1.0)
-    return _recording(device, controller, options, plan, pressure, samples, per_stride)
-
-
-def _servo_commands(model: mujoco.MjModel, reference: Reference, plan: paths.Motion, phase: Samples) -> Samples:
-    """(n, 4) commands of the position servos over a stride: ``q + (kv/kp) dq/dt``."""
-    time = plan.stride_time
-    position = np.column_stack(
-        [
-            np.asarray(plan.travel(phase)) * time,
-            np.asarray(plan.height(phase)),
-            paths.thigh_angle(reference, phase),
-            paths.knee_angle(reference, phase),
-        ]
-    )
-    velocity = np.column_stack(
-        [
-            np.asarray(plan.velocity(phase)),
-            np.asarray(plan.height(phase, 1)) / time,
-            paths.thigh_angle(reference, phase, 1) / time,
-            paths.knee_angle(reference, phase, 1) / time,
-        ]
-    )
-    lead = -model.actuator_biasprm[:4, 2] / model.actuator_gainprm[:4, 0]
-    return np.asarray(position + lead * velocity)
-
-
-def _start(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    actuator: DeviceActuator,
-    reference: Reference,
-    plan: paths.Motion,
-    controller: PressureController,
-) -> None:
-    """The reference's posture and velocities at heel strike, the device at its first command."""
-    zero, time = np.zeros(1), plan.stride_time
-    ankle = model.joint(ANKLE + "ankle")
-    data.qpos[1:4] = [
-        float(plan.height(0.0)),
-        paths.thigh_angle(reference, zero)[0],
-        paths.knee_angle(reference, zero)[0],
-    ]
-    data.qvel[:4] = [
-        float(plan.velocity(0.0)),
-        float(plan.height(0.0, 1)) / time,
-        paths.thigh_angle(reference, zero, 1)[0] / time,
-        paths.knee_angle(reference, zero, 1)[0] / time,
-    ]
-    data.qpos[ankle.qposadr[0]] = -math.radians(reference("ankle_dorsiflexion_deg", zero)[0])
-    mujoco.mj_forward(model, data)
-    parameters = actuator.parameters
-    taut = actuator.unit_length(data) - parameters.tendon.slack_length
-    shortest, longest = mckibben.lock_length(parameters.muscle), parameters.muscle.resting_length
-    pressure = min(max(controller.pressure(0.0), 0.0), parameters.supply.pressure)
-    actuator.set_state(data, State(pressure, min(max(taut, shortest), longest)))
+    return _recording(device, controller, rig, pressure, samples, in_force)
 
 
 def _recording(
     device: Device,
     controller: PressureController,
-    options: GaitOptions,
-    plan: paths.Motion,
+    rig: Assembly,
     command: Samples,
     samples: Samples,
-    per_stride: int,
+    law: str,
 ) -> Recording:
+    options, plan, per_stride = rig.options, rig.plan, rig.per_stride
     count, reference = len(samples), options.reference
     index = np.arange(count)
     phase = (index % per_stride) / per_stride
@@ -224,12 +114,11 @@ def _recording(
     for name, unit, column in REFERENCE_DEVIATIONS:
         if reference.has(column):
             columns.append((f"{name} [{unit}]", factors[unit] * reference.deviation(column, phase)))
-    return Recording.from_columns(columns, _provenance(device, controller, options, plan))
+    return Recording.from_columns(columns, _provenance(device, controller, rig, law))
 
 
-def _provenance(
-    device: Device, controller: PressureController, options: GaitOptions, plan: paths.Motion
-) -> dict[str, Any]:
+def _provenance(device: Device, controller: PressureController, rig: Assembly, law: str) -> dict[str, Any]:
+    options, plan = rig.options, rig.plan
     return {
         "rig": "gait",
         "device": {"name": device.name, "sha256": device.digest, "assumed": device.spec.assumed()},
@@ -243,6 +132,7 @@ def _provenance(
             "stride_length_m": plan.stride_length,
             "strides": options.strides,
             "step_s": options.step,
+            "law": law,
         },
         "seed": None,
         "versions": versions(),

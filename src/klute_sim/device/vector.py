@@ -1,0 +1,34 @@
+"""A device's parameters as one row of numbers.
+
+MuJoCo carries the row in ``actuator_user``, so a model *is* its device: copies, pickles and simulations with
+parameters of their own need nothing else. The row is SI; its first number says that it is one of these.
+"""
+
+from collections.abc import Sequence
+
+from klute_sim.device.step import Parameters
+from klute_sim.laws.damper import Damper
+from klute_sim.laws.mckibben import Muscle
+from klute_sim.laws.pneumatics import Supply
+from klute_sim.laws.tendon import Tendon
+
+SIGNATURE = 1999001.0
+"""First number of a row. A row of another layout gets another signature."""
+SIZE = 1 + len(Muscle._fields) + len(Damper._fields) + len(Tendon._fields) + len(Supply._fields)
+"""Numbers in a row."""
+
+
+def pack(parameters: Parameters) -> tuple[float, ...]:
+    """The row of ``parameters``: the signature, then every field in its order."""
+    return (SIGNATURE, *(float(value) for part in parameters for value in part))
+
+
+def unpack(row: Sequence[float]) -> Parameters:
+    """The parameters of a ``row``, which must begin with :data:`SIGNATURE`; the inverse of :func:`pack`."""
+    # Spelled out, because a compiler has to follow it.
+    return Parameters(
+        Muscle(row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10]),
+        Damper(row[11], row[12]),
+        Tendon(row[13], row[14], row[15], row[16], row[17] != 0.0),
+        Supply(row[18], row[19], row[20]),
+    )

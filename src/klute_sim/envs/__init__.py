@@ -1,0 +1,1 @@
+"""Gymnasium environments; importing klute_sim registers them."""

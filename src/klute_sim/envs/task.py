@@ -1,0 +1,187 @@
+"""The task of ``klute_sim/AnkleGait``: what a prosthesis senses, and how well it did, for many simulations at once.
+
+Everything is an array with one entry per simulation, so that one environment and a batch of them are the same code.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from klute_sim.laws import mckibben, pneumatics
+from klute_sim.rigs.gait.assembly import Assembly
+from klute_sim.rigs.gait.build import ANKLE
+from klute_sim.rigs.gait.reference import GRAVITY
+from klute_sim.units import BAR
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+INTERVAL = 0.01
+"""Between two actions [s]."""
+
+OBSERVATIONS = (
+    # name, unit, lowest, highest
+    ("ankle angle, dorsiflexion positive", "rad", -1.0, 1.0),
+    ("ankle velocity, dorsiflexion positive", "rad/s", -50.0, 50.0),
+    ("shank inclination, forward positive", "rad", -3.2, 3.2),
+    ("shank angular velocity, forward positive", "rad/s", -50.0, 50.0),
+    ("axial load in the pylon, compression positive", "body weights", -5.0, 5.0),
+    ("gauge pressure", "bar", 0.0, 20.0),
+    ("sine of the estimated gait phase", "1", -1.0, 1.0),
+    ("cosine of the estimated gait phase", "1", -1.0, 1.0),
+)
+"""Name, unit, lowest and highest value; what is beyond is clipped."""
+
+MOMENT_SCALE, ANGLE_SCALE, POWER_SCALE = 0.2, np.radians(5.0), 0.5
+"""Distances from the reference that count as one [N*m/kg, rad, W/kg]."""
+WEIGHTS = {"moment": 0.4, "angle": 0.3, "power": 0.3, "air": -0.1, "smoothness": -0.05}
+"""Of the reward's terms: closeness 0-1 each; air drawn [g per 0.1 s]; change of action [1]."""
+
+STRIKE, SWING = 0.10, 0.05
+"""Load [body weights] above which the foot has struck, and below which it has left."""
+
+
+@dataclass
+class Readings:
+    """What was read off ``n`` simulations after an interval."""
+
+    qpos: Array
+    qvel: Array
+    act: Array
+    sensordata: Array
+    qfrc_actuator: Array
+    qfrc_passive: Array
+
+
+class Task:
+    """Senses and judges ``count`` simulations of one rig."""
+
+    def __init__(self, rig: Assembly, count: int) -> None:
+        """For ``count`` simulations of ``rig``."""
+        self.rig = rig
+        model, reference, phase = rig.model, rig.options.reference, rig.phase
+        joint = model.joint(ANKLE + "ankle")
+        self._angle, self._dof = int(joint.qposadr[0]), int(joint.dofadr[0])
+        self._middle = float(joint.range.mean())
+        self._load = int(model.sensor(ANKLE + "load_cell").adr[0]) + 2
+        self._stop = int(model.sensor(ANKLE + "ankle_stop").adr[0])
+        # The drives' states and the device's are in one vector.
+        self._pressure, self._offset = rig.actuator.act, rig.actuator.act + 1
+        self._mass, self._weight = rig.options.mass, rig.options.mass * GRAVITY
+        self._lowest, self._highest = (np.array([row[k] for row in OBSERVATIONS]) for k in (2, 3))
+        self._moment = reference("ankle_plantarflexor_moment_nm_per_kg", phase)
+        self._reference_angle = np.radians(reference("ankle_dorsiflexion_deg", phase))
+        # The reference's moment over its angle at another stride time: its power is that much slower or faster.
+        slower = reference.stride_time / rig.plan.stride_time
+        self._power = slower * reference("ankle_power_w_per_kg", phase)
+        self.steps = np.zeros(count, dtype=np.int64)
+        """Intervals since the reset."""
+        self._standing: Mask = np.zeros(count, dtype=np.bool_)
+        self._since = np.zeros(count)
+        self._period = np.full(count, rig.plan.stride_time)
+        self._air = np.zeros(count)
+        self._action = np.zeros(count)
+
+    @property
+    def length(self) -> int:
+        """Intervals in an episode."""
+        return self.rig.per_stride * self.rig.options.strides
+
+    def command(self, action: Array) -> Array:
+        """Gauge pressure [bar] that ``action`` in [-1, 1] asks for; what is beyond is clipped."""
+        return np.asarray(0.5 * (np.clip(action, -1.0, 1.0) + 1.0) * self.rig.actuator.parameters.supply.pressure / BAR)
+
+    def slopes(self) -> Array:
+        """(n, 6) what the drives are told for the next interval."""
+        return np.asarray(self.rig.slopes[self.steps % self.rig.per_stride])
+
+    def begin(self, which: Mask, now: Readings) -> None:
+        """Forget what was estimated of the simulations that start anew."""
+        self.steps[which] = 0
+        self._standing[which], self._since[which] = False, 0.0
+        self._period[which] = self.rig.plan.stride_time
+        self._air[which] = self._air_mass(now)[which]
+        pressure = now.act[:, self._pressure] * BAR / self.rig.actuator.parameters.supply.pressure
+        self._action[which] = (2.0 * pressure - 1.0)[which]
+
+    def observe(self, now: Readings) -> NDArray[np.float32]:
+        """(n, 8) what the prosthesis senses: :data:`OBSERVATIONS`."""
+        turn = 2.0 * np.pi * np.minimum(self._since / self._period, 1.0)
+        sensed = (
+            -now.qpos[:, self._angle],
+            -now.qvel[:, self._dof],
+            now.qpos[:, 2] + now.qpos[:, 3],
+            now.qvel[:, 2] + now.qvel[:, 3],
+            self._axial_load(now),
+            now.act[:, self._pressure],
+            np.sin(turn),
+            np.cos(turn),
+        )
+        finite = np.nan_to_num(np.stack(sensed, axis=1))
+        return np.asarray(np.clip(finite, self._lowest, self._highest), dtype=np.float32)
+
+    def judge(self, action: Array, now: Readings, which: Mask) -> tuple[Array, Mask, Mask, dict[str, Array]]:
+        """Reward, terminated, truncated and the terms behind them, after an interval under ``action`` [-1, 1].
+
+        Only the simulations in ``which`` move on.
+        """
+        self.steps += which
+        j = self.steps % self.rig.per_stride
+        self._estimate_phase(self._axial_load(now), which)
+        moment = self._net_moment(now) / self._mass
+        power = moment * now.qvel[:, self._dof]
+        air = self._air_mass(now)
+        drawn = 1e3 * np.maximum(air - self._air, 0.0)
+        closeness = {
+            "moment": (moment - self._moment[j]) / MOMENT_SCALE,
+            "angle": (-now.qpos[:, self._angle] - self._reference_angle[j]) / ANGLE_SCALE,
+            "power": (power - self._power[j]) / POWER_SCALE,
+        }
+        terms = {name: WEIGHTS[name] * np.exp(-0.5 * distance * distance) for name, distance in closeness.items()}
+        terms["air"] = WEIGHTS["air"] * drawn * (0.1 / INTERVAL)
+        terms["smoothness"] = WEIGHTS["smoothness"] * np.square(np.clip(action, -1.0, 1.0) - self._action)
+        self._air = np.where(which, air, self._air)
+        self._action = np.where(which, np.clip(action, -1.0, 1.0), self._action)
+
+        finite = np.isfinite(now.qpos).all(axis=1) & np.isfinite(now.act).all(axis=1)
+        terminated: Mask = (self.rig.off_path(now.qpos[:, 1], j) | ~finite) & which
+        terms = {f"reward_{name}": np.where(which & ~terminated, value, 0.0) for name, value in terms.items()}
+        reward = np.sum(list(terms.values()), axis=0)
+        truncated: Mask = (self.steps >= self.length) & which & ~terminated
+        told = {
+            "gait_pct": 100.0 * self.rig.phase[j],
+            "ankle_moment_nm_per_kg": moment,
+            "ankle_power_w_per_kg": power,
+            "air_g": drawn,
+            "pressure_command_bar": self.command(action),
+        }
+        return reward, terminated, truncated, terms | told
+
+    def _axial_load(self, now: Readings) -> Array:
+        """Compression of the pylon [body weights]."""
+        return np.asarray(-now.sensordata[:, self._load] / self._weight)
+
+    def _net_moment(self, now: Readings) -> Array:
+        """Net ankle moment [N.m], plantarflexor positive: device, passive parts and end stop."""
+        stop = np.where(now.qpos[:, self._angle] < self._middle, 1.0, -1.0) * now.sensordata[:, self._stop]
+        return np.asarray(now.qfrc_actuator[:, self._dof] + now.qfrc_passive[:, self._dof] + stop)
+
+    def _air_mass(self, now: Readings) -> Array:
+        """Air in the muscles [kg]."""
+        parameters = self.rig.actuator.parameters
+        length: Any = parameters.muscle.resting_length + now.act[:, self._offset]
+        pressure: Any = now.act[:, self._pressure] * BAR
+        volume = mckibben.volume(parameters.muscle, length)
+        return np.asarray(pneumatics.air_mass(pressure, volume, parameters.supply.temperature))
+
+    def _estimate_phase(self, load: Array, which: Mask) -> None:
+        """Time since the last foot strike over the time between the last two."""
+        self._since += INTERVAL * which
+        strikes = which & ~self._standing & (load > STRIKE)
+        # A bounce within the stride is no stride.
+        counts = strikes & (self._since > 0.5 * self._period)
+        self._period = np.where(counts, self._since, self._period)
+        self._since = np.where(counts | (strikes & (self._since < 0.1 * self._period)), 0.0, self._since)
+        self._standing = np.where(which, np.where(self._standing, load > SWING, load > STRIKE), self._standing)

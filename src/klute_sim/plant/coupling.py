@@ -1,0 +1,74 @@
+"""The device in MuJoCo's terms: numbers in, numbers out, the same for both installations.
+
+States (``data.act``): gauge pressure [bar] and muscle length minus resting length [m]. Pressure is kept in bar so
+that both states are of a size that finite differences and solvers like; the length is an offset so that MuJoCo's
+reset, which zeroes states, is the device at rest. The command (``data.ctrl``) is gauge pressure [bar].
+
+The length is solved implicitly where MuJoCo asks for the rates, and handed over as the *effective rate*
+``(l+ - l)/h``, so that its single-step integrators land on l+. MuJoCo evaluates every rate before any force, so the
+force is that of l+: exactly the one that balances muscle and damper.
+
+A ``row`` (``actuator_user``) is the device's parameters (:mod:`klute_sim.device.vector`) and one number more, the
+damping [N s/m] that the model's tendon shows to MuJoCo's implicit integrators and that is taken back here.
+"""
+
+import math
+from collections.abc import Sequence
+
+from klute_sim.device.step import Parameters, State, advance, tension
+from klute_sim.device.vector import SIZE, unpack
+from klute_sim.units import BAR
+
+SHOWN_DAMPING = SIZE
+"""Where the damping is in a row."""
+ROW = SIZE + 1
+"""Numbers in a row."""
+
+
+def state(parameters: Parameters, pressure: float, offset: float) -> State:
+    """The device's state [Pa, m] from MuJoCo's: ``pressure`` [bar], ``offset`` [m]."""
+    return State(pressure * BAR, parameters.muscle.resting_length + offset)
+
+
+def reached(before: State, by_pressure: float, by_length: float, step: float) -> State:
+    """State [Pa, m] that rates [bar/s, m/s] lead to in a ``step`` [s]."""
+    return State(before.pressure + step * by_pressure * BAR, before.length + step * by_length)
+
+
+def rates(
+    row: Sequence[float], pressure: float, offset: float, command: float, unit_length: float, step: float
+) -> tuple[float, float]:
+    """Rates [bar/s, m/s] that carry the states to the implicit step's end; NaN unless everything is finite.
+
+    ``pressure`` [bar] and ``offset`` [m] are the states, ``command`` [bar], ``unit_length`` [m], ``step`` [s].
+    """
+    parameters = unpack(row)
+    before = state(parameters, pressure, offset)
+    after = advance(parameters, before, unit_length, command * BAR, step)
+    by_pressure = (after.pressure - before.pressure) / (BAR * step)
+    by_length = (after.length - before.length) / step
+    if math.isfinite(command) and math.isfinite(by_pressure) and math.isfinite(by_length):
+        return by_pressure, by_length
+    return math.nan, math.nan
+
+
+def force(
+    row: Sequence[float],
+    pressure: float,
+    offset: float,
+    by_pressure: float,
+    by_length: float,
+    unit_length: float,
+    velocity: float,
+    step: float,
+) -> float:
+    """Actuator force [N] at the step's end: minus the tension, plus what the shown damping takes at ``velocity``.
+
+    ``by_pressure`` [bar/s] and ``by_length`` [m/s] are the step's rates, ``velocity`` = d(unit_length)/dt [m/s].
+    A state that is not finite gives no force.
+    """
+    if not math.isfinite(by_length):
+        return 0.0
+    parameters = unpack(row)
+    after = reached(state(parameters, pressure, offset), by_pressure, by_length, step)
+    return row[SHOWN_DAMPING] * velocity - tension(parameters, after, unit_length, by_length)

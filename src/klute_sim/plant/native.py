@@ -1,0 +1,121 @@
+"""The compiled installation: C functions for MuJoCo's slots that take no lock of Python's.
+
+A C function cannot raise. A device without a finite state is reported to :data:`faults`; its state becomes NaN, and
+it gives no force from then on, so that the rest of the simulation stays readable.
+"""
+
+import ctypes
+from functools import cache
+from typing import Any, NamedTuple
+
+import llvmlite.binding
+import numba
+from numba import types
+from numba.extending import intrinsic
+
+from klute_sim.device.compiled import copy_of, device_law, ready
+from klute_sim.plant import coupling, memory
+from klute_sim.plant.layout import actuator_name, layout
+
+
+class Fault(NamedTuple):
+    """A device without a finite state."""
+
+    data: int
+    """Address of the mjData."""
+    actuator: str
+    """Its name."""
+    time: float
+    """[s]"""
+    command: float
+    """[bar]"""
+    pressure: float
+    """[bar]"""
+    offset: float
+    """Muscle length minus resting length [m]."""
+    unit_length: float
+    """[m]"""
+
+
+class Callbacks(NamedTuple):
+    """What goes into the slots; keep it as long as it is in there."""
+
+    act_dyn: Any
+    act_bias: Any
+
+
+MOST_FAULTS = 1000
+"""Reports kept; a device that has failed fails at every step."""
+faults: list[Fault] = []
+"""What was reported and nobody has asked for yet, oldest first."""
+
+
+def _report(model: int, data: int, actuator: int, *numbers: float) -> float:
+    if len(faults) < MOST_FAULTS:
+        faults.append(Fault(data, actuator_name(model, layout(), actuator), *numbers))
+    return 0.0
+
+
+_REPORT_TYPE = ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_int64] * 3, *[ctypes.c_double] * 5)
+_report_pointer = _REPORT_TYPE(_report)
+
+
+_REPORT = "klute_sim_report_fault"
+"""Name under which compiled code finds :func:`_report`: its address differs from process to process."""
+llvmlite.binding.add_symbol(_REPORT, ctypes.cast(_report_pointer, ctypes.c_void_p).value)
+
+
+def _number_to_pointer(typing: Any, number: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))
+
+    return types.voidptr(types.int64), generate
+
+
+def _pointer_to_number(typing: Any, pointer: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.ptrtoint(arguments[0], context.get_value_type(types.int64))
+
+    return types.int64(types.voidptr), generate
+
+
+@cache
+def callbacks() -> Callbacks:
+    """Compile, or take from the disk; raises UnknownLayoutError when MuJoCo's memory is not understood."""
+    where = layout()
+    m = {name: offset // 8 for name, offset in where.model.items()}
+    d = {name: offset // 8 for name, offset in where.data.items()}
+    words = {
+        "M_SIZE": max(m.values()) + 1,
+        "D_SIZE": max(d.values()) + 1,
+        "NUSER": m["nuser_actuator"],
+        "USER": m["actuator_user"],
+        "ACTADR": m["actuator_actadr"],
+        "OUTADR": m["actuator_outadr"],
+        "CTRLADR": m["actuator_ctrladr"],
+        "TIMESTEP": m["timestep"],
+        "ACT": d["act"],
+        "ACT_DOT": d["act_dot"],
+        "CTRL": d["ctrl"],
+        "LENGTH": d["actuator_length"],
+        "VELOCITY": d["actuator_velocity"],
+        "TIME": d["time"],
+    }
+    device = copy_of(coupling, **device_law())
+    report = types.ExternalFunction(_REPORT, types.float64(*[types.int64] * 3, *[types.float64] * 5))
+    pointers = {"at": intrinsic(_number_to_pointer), "address": intrinsic(_pointer_to_number)}
+    filled = {**pointers, "rates": device.rates, "force": device.force, "report_fault": report}
+    code = copy_of(memory, **words, **filled)
+    signature, constants = types.float64(types.voidptr, types.voidptr, types.intc), repr(sorted(words.items()))
+    made = Callbacks(*(ready(numba.cfunc, f, signature, constants) for f in (code.act_dyn, code.act_bias)))
+    for function in made:
+        function.ctypes.argtypes = (_Struct, _Struct, ctypes.c_int)
+    return made
+
+
+class _Struct:
+    """Lets Python call what is in the slots, as it may call Python callbacks: with an MjModel and an MjData."""
+
+    @staticmethod
+    def from_param(owner: Any) -> ctypes.c_void_p:
+        return ctypes.c_void_p(owner._address)

@@ -1,0 +1,54 @@
+"""Makes ``gymnasium.make("klute_sim/...")`` work after ``import klute_sim``, without importing Gymnasium.
+
+Importing Gymnasium takes longer than everything ``klute-sim --help`` does. So the environments are registered now if
+Gymnasium is there already, and otherwise at the moment somebody imports it.
+"""
+
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import sys
+import types
+from collections.abc import Sequence
+
+ENVIRONMENTS = {
+    "klute_sim/AnkleGait-v0": {
+        "entry_point": "klute_sim.envs.ankle_gait:AnkleGaitEnv",
+        "vector_entry_point": "klute_sim.envs.ankle_gait_vector:AnkleGaitVectorEnv",
+    },
+}
+"""Name -> where it is."""
+
+
+def register() -> None:
+    """Tell Gymnasium of our environments, now or as soon as it is imported."""
+    if "gymnasium" in sys.modules:
+        import gymnasium
+
+        for name, places in ENVIRONMENTS.items():
+            if name not in gymnasium.registry:
+                gymnasium.register(name, places["entry_point"], vector_entry_point=places["vector_entry_point"])
+    elif not any(isinstance(finder, _Watch) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Watch())
+
+
+class _Watch(importlib.abc.MetaPathFinder):
+    """Waits for Gymnasium; finds nothing itself."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: types.ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        """What the others find; Gymnasium's loader then ends with our registration."""
+        if fullname != "gymnasium":
+            return None
+        sys.meta_path.remove(self)
+        found = importlib.util.find_spec(fullname)
+        if found is not None and found.loader is not None:
+            execute = found.loader.exec_module
+
+            def exec_module(module: types.ModuleType) -> None:
+                execute(module)
+                register()
+
+            found.loader.exec_module = exec_module  # type: ignore[method-assign]
+        return found

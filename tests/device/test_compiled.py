@@ -1,0 +1,92 @@
+"""The device's laws and its step are one source: compiled, they give the same bits as in plain Python."""
+
+import random
+import shutil
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import numba
+import pytest
+
+from klute_sim.device import compiled, step
+from klute_sim.device.files import load, preset_names
+from klute_sim.device.step import State
+from klute_sim.device.vector import SIZE, pack, unpack
+from klute_sim.laws import mckibben
+
+
+@pytest.mark.parametrize("name", ["klute-1-1-4-pair", "klute-3-4-pair", "klute-1-2"])
+def test_compiled_steps_are_bit_identical(name: str) -> None:
+    fast = types.SimpleNamespace(**compiled.device_law())
+    parameters = load(name).parameters
+    pick = random.Random(7)
+    rest = parameters.muscle.resting_length
+    slow_state = fast_state = State(0.0, rest)
+    for _ in range(2000):
+        length = parameters.tendon.slack_length + pick.uniform(0.75, 1.0 if parameters.tendon.rigid else 1.06) * rest
+        command, h = pick.uniform(-1e5, 7e5), pick.choice([1e-4, 5e-4, 5e-3])
+        slow_state = step.advance(parameters, slow_state, length, command, h)
+        fast_state = State(*fast.advance(parameters, fast_state, length, command, h))
+        assert [x.hex() for x in fast_state] == [x.hex() for x in slow_state]
+        rate = pick.uniform(-0.5, 0.5)
+        pulls = [m.tension(parameters, slow_state, length, rate) for m in (step, fast)]
+        assert pulls[0].hex() == pulls[1].hex()
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_a_row_is_the_device(name: str) -> None:
+    parameters = load(name).parameters
+    assert unpack(pack(parameters)) == parameters
+    assert len(pack(parameters)) == SIZE
+
+
+def test_every_field_of_a_row_has_its_place() -> None:
+    row = [float(k) for k in range(SIZE)]
+    flat = [value for part in unpack(row) for value in part]
+    assert flat == [*row[1:17], True, *row[18:]]
+    assert list(compiled.device_law()["unpack"](tuple(row))) == list(unpack(row))
+
+
+def test_what_was_compiled_is_named_after_its_sources(tmp_path: Path) -> None:
+    """numba itself would go on using machine code of a law that has changed since."""
+    package = tmp_path / "klute_sim"
+    shutil.copytree(Path(step.__file__).parents[1], package, ignore=shutil.ignore_patterns("__pycache__"))
+    script = (
+        "import numpy as np; from klute_sim.device.files import load; from klute_sim.device.rollout import rollout;"
+        "print(rollout(load('klute-3-4').parameters, np.full(3, 0.15), np.full(3, 5e5), 1e-3).tension[-1])"
+    )
+
+    def tension() -> float:
+        command = [sys.executable, "-c", script]
+        done = subprocess.run(command, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, check=True)
+        return float(done.stdout)
+
+    before = tension()
+    kept = sorted(package.rglob("*.nbc"))
+    assert kept
+    assert tension() == before
+    assert sorted(package.rglob("*.nbc")) == kept  # the second time, nothing was compiled
+    law = package / "laws" / "mckibben.py"
+    stamp = law.stat()
+    law.write_text(
+        law.read_text("utf-8").replace("bladder_force(muscle, length) + friction", "0.0 * length + friction"), "utf-8"
+    )
+    assert law.stat().st_size != stamp.st_size
+    assert tension() > before + 10.0
+
+
+def test_without_a_place_to_keep_it_compiles_all_the_same() -> None:
+    def wrap(signature: str, cache: bool = False, **options: object) -> object:
+        if cache:
+            raise OSError(28, "No space left on device")
+        return numba.njit(signature, **options)
+
+    lock_length = compiled.copy_of(mckibben).lock_length
+    muscle = load("klute-3-4").parameters.muscle
+    assert compiled.ready(wrap, lock_length, signature_for(muscle))(muscle) == mckibben.lock_length(muscle)
+
+
+def signature_for(muscle: mckibben.Muscle) -> object:
+    return numba.float64(numba.typeof(muscle))
