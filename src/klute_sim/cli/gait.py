@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     type=click.Choice(["auto", "compiled", "python"]),
     default="auto",
     show_default=True,
-    help="The device's law compiled, or as plain Python (the reference: same bits, slower); auto: compiled if possible.",
+    help="The device's law compiled, or as plain Python (the reference: same bits); auto: compiled if possible.",
 )
 @click.option(
     "--out",

@@ -25,7 +25,11 @@ def regulate(supply: Supply, pressure: float, command: float, step: float) -> fl
     """Gauge pressure [Pa] one ``step`` [s] later: ``command`` [Pa] clipped to the supply, then rate-limited."""
     target = min(max(command, 0.0), supply.pressure)
     most = supply.rate * step
-    return pressure + min(max(target - pressure, -most), most)
+    if target > pressure + most:
+        return pressure + most
+    if target < pressure - most:
+        return pressure - most
+    return target
 
 
 def air_mass(pressure: float, volume: float, temperature: float) -> float:

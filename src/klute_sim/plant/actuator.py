@@ -27,7 +27,7 @@ class DeviceActuator:
         self.ctrl = int(model.actuator_ctrladr[actuator])
         """Where its command is in ``data.ctrl``."""
         self._out = int(model.actuator_outadr[actuator])
-        self._shown_damping = row[coupling.SHOWN_DAMPING]
+        self._row = row
 
     def command(self, data: mujoco.MjData, pressure: float) -> None:
         """Ask for gauge ``pressure`` [Pa] from now on."""
@@ -56,5 +56,5 @@ class DeviceActuator:
 
     def tension(self, data: mujoco.MjData) -> float:
         """Tension [N] at the last evaluation."""
-        given_back = self._shown_damping * float(data.actuator_velocity[self._out])
+        given_back = coupling.given_back(self._row, float(data.actuator_velocity[self._out]))
         return given_back - float(data.actuator_force[self._out])

@@ -9,7 +9,7 @@ The length is solved implicitly where MuJoCo asks for the rates, and handed over
 force is that of l+: exactly the one that balances muscle and damper.
 
 A ``row`` (``actuator_user``) is the device's parameters (:mod:`klute_sim.device.vector`) and one number more, the
-damping [N s/m] that the model's tendon shows to MuJoCo's implicit integrators and that is taken back here.
+damping [N s2/m2] that the model's tendon shows to MuJoCo's implicit integrators and that is given back here.
 """
 
 import math
@@ -38,7 +38,7 @@ def reached(before: State, by_pressure: float, by_length: float, step: float) ->
 def rates(
     row: Sequence[float], pressure: float, offset: float, command: float, unit_length: float, step: float
 ) -> tuple[float, float]:
-    """Rates [bar/s, m/s] that carry the states to the implicit step's end; NaN unless everything is finite.
+    """Rates [bar/s, m/s] that carry the states to the implicit step's end; NaN and 0 unless everything is finite.
 
     ``pressure`` [bar] and ``offset`` [m] are the states, ``command`` [bar], ``unit_length`` [m], ``step`` [s].
     """
@@ -49,7 +49,8 @@ def rates(
     by_length = (after.length - before.length) / step
     if math.isfinite(command) and math.isfinite(by_pressure) and math.isfinite(by_length):
         return by_pressure, by_length
-    return math.nan, math.nan
+    # MuJoCo multiplies the gain, which is 0, with the last state: that one must stay a number.
+    return math.nan, 0.0
 
 
 def force(
@@ -64,11 +65,17 @@ def force(
 ) -> float:
     """Actuator force [N] at the step's end: minus the tension, plus what the shown damping takes at ``velocity``.
 
-    ``by_pressure`` [bar/s] and ``by_length`` [m/s] are the step's rates, ``velocity`` = d(unit_length)/dt [m/s].
-    A state that is not finite gives no force.
+    ``by_pressure`` [bar/s] and ``by_length`` [m/s] are the step's rates, ``velocity`` = d(unit_length)/dt [m/s], which
+    is also how fast a muscle on a rigid tie moves. A state that is not finite gives no force.
     """
-    if not math.isfinite(by_length):
+    if not math.isfinite(by_pressure):
         return 0.0
     parameters = unpack(row)
     after = reached(state(parameters, pressure, offset), by_pressure, by_length, step)
-    return row[SHOWN_DAMPING] * velocity - tension(parameters, after, unit_length, by_length)
+    rate = velocity if parameters.tendon.rigid else by_length
+    return given_back(row, velocity) - tension(parameters, after, unit_length, rate)
+
+
+def given_back(row: Sequence[float], velocity: float) -> float:
+    """What the shown damping takes [N] at ``velocity`` [m/s]."""
+    return row[SHOWN_DAMPING] * velocity * abs(velocity)

@@ -106,7 +106,7 @@ def actuator_name(model: int, where: Layout, actuator: int) -> str:
     """Name of an actuator of the mjModel at address ``model``."""
     pointer, number = ctypes.c_uint64.from_address, ctypes.c_int.from_address
     start = number(pointer(model + where.model["name_actuatoradr"]).value + 4 * actuator).value
-    return ctypes.string_at(pointer(model + where.model["names"]).value + start).decode()
+    return ctypes.string_at(pointer(model + where.model["names"]).value + start).decode(errors="replace")
 
 
 @cache

@@ -65,7 +65,7 @@ def act_dyn(model: Any, data: Any, actuator: int) -> float:
     command = reals(d, CTRL, entry(m, CTRLADR, actuator), 1)[0]
     length = reals(d, LENGTH, entry(m, OUTADR, actuator), 1)[0]
     rate[0], rate[1] = rates(row, act[0], act[1], command, length, step)
-    if not np.isfinite(rate[1]):
+    if not np.isfinite(rate[0]):
         time = carray(data, (D_SIZE,), np.float64)[TIME]
         report_fault(address(model), address(data), actuator, time, command, act[0], act[1], length)
     return 0.0

@@ -1,6 +1,5 @@
 """The MJCF files, and models with devices in them."""
 
-import math
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -10,7 +9,6 @@ import mujoco
 from klute_sim.device.step import Parameters
 from klute_sim.device.vector import pack
 from klute_sim.errors import InputError
-from klute_sim.laws import mckibben
 from klute_sim.plant.coupling import SHOWN_DAMPING
 from klute_sim.plant.router import row_of
 
@@ -70,21 +68,15 @@ def made_for_device(model: mujoco.MjModel, actuator: int) -> bool:
 
 
 def _show_damping(model: mujoco.MjModel, name: str, parameters: Parameters) -> None:
-    """Let MuJoCo's implicit integrators see the damping of a device that has no spring between damper and joint.
+    """Let MuJoCo's implicit integrators see the damper of a device that has no spring between damper and joint.
 
-    They know nothing of a callback's derivative, and a nearly closed orifice on a rigid tie is too stiff without. The
-    model's tendon gets a damping ``b``; the device's force gives ``b v`` back. Their sum is exact at every
-    evaluation, and the step is stable where ``dF/dv < 2 (m/h + b)``, with ``m`` the mass the tendon feels. ``b`` is
-    chosen for four times the largest force of the muscle.
+    They know nothing of a callback's derivative, and on a rigid tie the damper is too stiff without it. MuJoCo's
+    tendons can have a damping ``c v|v|``, which is the orifice's law: the model's tendon gets it, with the larger of
+    the two coefficients, and the device's force gives it back. Their sum is exact at every evaluation.
     """
     if not parameters.tendon.rigid:
         return
     actuator = model.actuator(name).id
-    tendon = int(model.actuator_trnid[actuator, 0])
-    muscle = parameters.muscle
-    largest = 4.0 * mckibben.gas_force(muscle, parameters.supply.pressure, muscle.resting_length)
-    steepest = 2.0 * math.sqrt(largest * max(parameters.damper.concentric, parameters.damper.eccentric))
-    felt = 1.0 / float(model.tendon_invweight0[tendon])
-    shown = max(0.0, steepest - felt / model.opt.timestep)
-    model.tendon_damping[tendon] += shown
+    shown = max(parameters.damper.concentric, parameters.damper.eccentric)
+    model.tendon_dampingpoly[model.actuator_trnid[actuator, 0], 0] += shown
     model.actuator_user[actuator, SHOWN_DAMPING] = shown

@@ -1,7 +1,7 @@
 """The compiled installation: C functions for MuJoCo's slots that take no lock of Python's.
 
-A C function cannot raise. A device without a finite state is reported to :data:`faults`; its state becomes NaN, and
-it gives no force from then on, so that the rest of the simulation stays readable.
+A C function cannot raise. A device without a finite state is reported to :data:`faults`; its pressure becomes NaN,
+and it gives no force from then on, so that the rest of the simulation stays readable.
 """
 
 import ctypes

@@ -10,6 +10,7 @@ MuJoCo cannot compile a model while it is in. It is also what steps in when numb
 not laid out as expected, or when somebody else's callbacks were there first and have to be asked.
 """
 
+import math
 import os
 import threading
 import warnings
@@ -194,7 +195,7 @@ def _act_dyn(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float
     command = float(data.ctrl[model.actuator_ctrladr[actuator]])
     length = float(data.actuator_length[model.actuator_outadr[actuator]])
     found = coupling.rates(row, pressure, offset, command, length, model.opt.timestep)
-    if found[1] != found[1]:
+    if not math.isfinite(found[0]):
         raise _no_finite_state(model.actuator(actuator).name, data.time, command, pressure, offset, length)
     data.act_dot[at : at + 2] = found
     return 0.0

@@ -1,0 +1,325 @@
+"""Two installations of one law: the same bits everywhere, in good company, and honest when one is impossible."""
+
+import multiprocessing
+import pickle
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from klute_sim.device.files import load
+from klute_sim.errors import InputError, KluteSimWarning, SimulationError
+from klute_sim.plant import batch, layout, models, router
+from klute_sim.plant.actuator import DeviceActuator
+from klute_sim.rigs.gait.assembly import DRIVES, Assembly, GaitOptions, assemble, start
+
+DEVICE = load("klute-1-1-4-pair")
+BOTH = pytest.mark.parametrize("law", ["compiled", "python"])
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its own warnings to a log file where it stands
+
+
+def ankle() -> tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator]:
+    model = models.equip(models.spec("ankle"), {"muscle_tendon": DEVICE.parameters})
+    return model, mujoco.MjData(model), DeviceActuator(model, "muscle_tendon")
+
+
+def walked(rig: Assembly, law: str, steps: int) -> np.ndarray:
+    """Every state of a walk with a pressure that jumps."""
+    data, states = mujoco.MjData(rig.model), []
+    start(rig, data, 1e5)
+    with router.installed(law) as in_force:
+        assert in_force == law
+        for k in range(steps):
+            data.ctrl[: len(DRIVES)] = rig.slopes[k % rig.per_stride]
+            data.ctrl[rig.actuator.ctrl] = (k // 300) % 6
+            router.step(rig.model, data)
+            states.append(np.concatenate([data.qpos, data.qvel, data.act, data.sensordata]))
+    return np.array(states)
+
+
+def test_ten_thousand_gait_steps_are_the_same_alone_in_threads_and_in_a_batch() -> None:
+    rig, steps = assemble(DEVICE, GaitOptions(), 5e-4), 10_000
+    reference = walked(rig, "python", steps)
+    assert np.isfinite(reference).all()
+    assert np.array_equal(walked(rig, "compiled", steps), reference)
+
+    found: list[np.ndarray] = []
+    threads = [threading.Thread(target=lambda: found.append(walked(rig, "compiled", steps))) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == 2
+    assert all(np.array_equal(each, reference) for each in found)
+
+    simulations = batch.simulations(rig.model, 2, threads=2)
+    data = mujoco.MjData(rig.model)
+    start(rig, data, 1e5)
+    for row in simulations.state:
+        mujoco.mj_getState(rig.model, data, row, STATE)
+    bound = [simulations.bind(name) for name in ("qpos", "qvel", "act", "sensordata")]
+    ctrl = simulations.bind("ctrl")
+    with batch.stepping():
+        for k in range(steps):
+            ctrl[:, : len(DRIVES)] = rig.slopes[k % rig.per_stride]
+            ctrl[:, rig.actuator.ctrl] = (k // 300) % 6
+            simulations.step()
+            now = np.concatenate(bound, axis=1)
+            assert np.array_equal(now[0], reference[k])
+            assert np.array_equal(now[1], reference[k])
+
+
+def test_a_batch_carries_different_devices_as_models_of_their_own_would() -> None:
+    strong, light = DEVICE.parameters, load("klute-3-4-pair").parameters
+    model, *_ = ankle()
+    simulations = batch.simulations(model, 2, threads=2)
+    batch.give(simulations, "muscle_tendon", [strong, light])
+    simulations.bind("ctrl")[:] = 3.0
+    with batch.stepping():
+        simulations.step(nstep=200)
+    for i, parameters in enumerate((strong, light)):
+        own = models.equip(models.spec("ankle"), {"muscle_tendon": parameters})
+        data = mujoco.MjData(own)
+        data.ctrl[:] = 3.0
+        with router.installed():
+            router.step(own, data, 200)
+        assert np.array_equal(data.act, simulations.bind("act")[i])
+    assert not np.array_equal(*simulations.bind("act"))
+
+
+def test_what_a_batch_cannot_do_is_refused() -> None:
+    model, *_ = ankle()
+    simulations = batch.simulations(model, 2)
+    with pytest.raises(InputError, match="1 devices for 2 simulations"):
+        batch.give(simulations, "muscle_tendon", [DEVICE.parameters])
+    with pytest.raises(InputError, match="without a tendon"):
+        batch.give(simulations, "muscle_tendon", [load("klute-3-4").parameters] * 2)
+    mujoco.set_mjcb_act_bias(lambda m, d, i: 0.0)
+    try:
+        with pytest.warns(KluteSimWarning), pytest.raises(InputError, match="Python callbacks"), batch.stepping():
+            pass
+    finally:
+        mujoco.set_mjcb_act_bias(None)
+
+
+def test_models_compile_while_the_compiled_law_is_in() -> None:
+    with router.installed("compiled"):
+        model, data, actuator = ankle()
+        data.ctrl[:] = 4.0
+        router.step(model, data, 300)
+    assert actuator.tension(data) > 500.0
+
+
+@BOTH
+def test_a_law_in_the_process_changes_no_other_model(law: str) -> None:
+    other = mujoco.MjModel.from_xml_string("""
+        <mujoco><worldbody><body><joint name="j" type="slide"/><geom size=".1"/></body></worldbody>
+        <actuator>
+          <muscle joint="j" lengthrange="-1 1" user="1999001 2 3"/>
+          <general joint="j" dyntype="user" actdim="2" gaintype="user" biastype="user" user="3"/>
+        </actuator></mujoco>""")
+
+    def run() -> list[float]:
+        data = mujoco.MjData(other)
+        data.ctrl[:] = 0.7
+        for _ in range(50):
+            mujoco.mj_step(other, data)
+        return [*data.qpos, *data.act]
+
+    alone = run()
+    with router.installed(law):
+        assert run() == alone
+
+
+@BOTH
+def test_a_model_travels_with_its_device(law: str) -> None:
+    model, data, actuator = ankle()
+    data.ctrl[:] = 4.0
+    copies = [pickle.loads(pickle.dumps((model, data, actuator))) for _ in range(2)]
+    with router.installed(law):
+        for each, state, device in [(model, data, actuator), *copies]:
+            router.step(each, state, 300)
+            assert device.tension(state) == actuator.tension(data) > 500.0
+
+
+def _tension_elsewhere(law: str) -> float:
+    model, data, actuator = ankle()
+    data.ctrl[:] = 4.0
+    with router.installed(law):
+        router.step(model, data, 300)
+    return actuator.tension(data)
+
+
+@BOTH
+@pytest.mark.skipif(not hasattr(multiprocessing, "get_context") or sys.platform == "win32", reason="needs fork")
+def test_a_forked_child_has_the_law_even_if_another_thread_was_inside(law: str) -> None:
+    wanted = _tension_elsewhere(law)
+    inside, leave = threading.Event(), threading.Event()
+
+    def stay() -> None:
+        with router.installed(law):
+            inside.set()
+            leave.wait()
+
+    thread = threading.Thread(target=stay)
+    thread.start()
+    inside.wait()
+    try:
+        with multiprocessing.get_context("fork").Pool(1) as pool:
+            assert pool.apply(_slots) == (None, None)
+            assert pool.apply(_tension_elsewhere, (law,)) == wanted
+    finally:
+        leave.set()
+        thread.join()
+
+
+def _slots() -> tuple[object, object]:
+    return mujoco.get_mjcb_act_dyn(), mujoco.get_mjcb_act_bias()
+
+
+def test_a_fresh_process_gives_the_same_bits() -> None:
+    script = (
+        "import mujoco; from klute_sim.device.files import load; from klute_sim.plant import models, router\n"
+        "m = models.equip(models.spec('ankle'), {'muscle_tendon': load('klute-1-1-4-pair').parameters})\n"
+        "d = mujoco.MjData(m); d.ctrl[:] = 4.0\n"
+        "with router.installed('compiled'): router.step(m, d, 300)\n"
+        "print(-d.actuator_force[0])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert float(done.stdout) == _tension_elsewhere("python")
+
+
+@BOTH
+@pytest.mark.parametrize("what", ["command", "inf", "pressure"])
+def test_a_state_that_is_not_finite_is_named_at_the_step(law: str, what: str) -> None:
+    model, data, actuator = ankle()
+    with router.installed(law):
+        router.step(model, data, 10)
+        before = data.qpos.copy()
+        if what in ("command", "inf"):
+            data.ctrl[:] = np.inf if what == "inf" else np.nan
+        else:
+            data.act[0] = np.nan
+        with pytest.raises(SimulationError, match=r"actuator 'muscle_tendon' has no finite state at t = 0\.0050 s: .*"):
+            router.step(model, data)
+        if law == "python":
+            assert np.array_equal(data.qpos, before)  # not taken
+        else:
+            assert actuator.tension(data) == 0.0
+        for _ in range(3):
+            with pytest.raises(SimulationError):
+                router.step(model, data)
+        assert np.isfinite(data.qpos).all()
+        assert np.isfinite(data.qvel).all()
+        # mended, it goes on
+        data.ctrl[:], data.act[:] = 1.0, [0.5, -0.001]
+        router.step(model, data, 10)
+    assert np.isfinite(data.act).all()
+
+
+def test_who_steps_with_mujoco_itself_is_told_on_the_way_out() -> None:
+    model, data, _ = ankle()
+    data.ctrl[:] = np.nan
+    told = r"'muscle_tendon'.*pressure command nan bar"
+    with pytest.raises(SimulationError, match=told), router.installed("compiled"):
+        mujoco.mj_step(model, data, 5)
+    with router.installed("compiled"):  # told once
+        pass
+
+
+def test_a_fault_is_told_to_the_one_who_stepped_it() -> None:
+    model, data, _ = ankle()
+    healthy = mujoco.MjData(model)
+    data.ctrl[:] = np.nan
+    with router.installed("compiled"):
+        mujoco.mj_step(model, data)
+        router.step(model, healthy)
+        with pytest.raises(SimulationError):
+            router.step(model, data)
+
+
+def test_an_error_of_ones_own_is_not_hidden() -> None:
+    model, data, _ = ankle()
+    data.ctrl[:] = np.nan
+
+    def step_and_fail() -> None:
+        with router.installed("compiled"):
+            mujoco.mj_step(model, data)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        step_and_fail()
+    with router.installed("compiled"):  # and what happened in there is not told to somebody else
+        pass
+
+
+def test_the_loader_refuses_a_model_without_its_device() -> None:
+    with pytest.raises(InputError, match="'muscle_tendon' is made for a device and has none"):
+        models.equip(models.spec("ankle"), {})
+    with pytest.raises(InputError, match="no actuator 'achilles'; it has: muscle_tendon"):
+        models.equip(models.spec("ankle"), {"achilles": DEVICE.parameters})
+    with pytest.raises(InputError, match="'muscle_tendon' carries no device"):
+        DeviceActuator(models.spec("ankle").compile(), "muscle_tendon")
+
+
+def test_offsets_that_do_not_hold_are_found_out() -> None:
+    right = layout.layout()
+    layout._check(right)
+    for part in ("model", "data"):
+        for name in getattr(right, part):
+            other = layout.Layout(dict(right.model), dict(right.data))
+            found_out = []
+            for shift in (8, -8):  # an empty array begins where its neighbour does, so one side may look right
+                getattr(other, part)[name] = getattr(right, part)[name] + shift
+                with suppress(layout.UnknownLayoutError):
+                    layout._check(other)
+                    continue
+                found_out.append(shift)
+            assert found_out, name
+
+
+def run_without(hidden: str, code: str) -> subprocess.CompletedProcess[str]:
+    imports = "from klute_sim.plant import models, router\nfrom klute_sim.device.files import load"
+    script = f"import sys\n{hidden}\n{imports}\n{code}"
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+
+
+NO_NUMBA = "sys.modules['numba'] = None"
+OTHER_MUJOCO = (
+    "from klute_sim.plant import layout\n"
+    "def layout_(): raise layout.UnknownLayoutError('MuJoCo 9 keeps act elsewhere than it says')\n"
+    "layout.layout = layout_"
+)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "reason"), [(NO_NUMBA, "numba cannot be imported"), (OTHER_MUJOCO, "MuJoCo 9 keeps act elsewhere")]
+)
+def test_where_it_cannot_be_compiled_python_runs_and_says_so_once(hidden: str, reason: str) -> None:
+    code = "for _ in range(3):\n  with router.installed() as law: print(law)"
+    done = run_without(hidden, code)
+    assert done.stdout.split() == ["python"] * 3
+    assert done.stderr.count(reason) == 1
+    asked = run_without(hidden, "with router.installed('compiled'): pass")
+    assert "there is no compiled law: " in asked.stderr
+    assert reason in asked.stderr
+    rollout = (
+        "import numpy as np; from klute_sim.device.rollout import rollout\n"
+        "print(rollout(load('klute-3-4').parameters, np.full(3, 0.18), np.full(3, 5e5), 1e-3).tension[-1] > 0)"
+    )
+    assert run_without(hidden, rollout).stdout.strip() == "True"
+
+
+def test_a_law_nobody_knows_is_refused() -> None:
+    with pytest.raises(InputError, match="law is 'fast'; allowed: auto, compiled, python"), router.installed("fast"):
+        pass

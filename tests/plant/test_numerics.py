@@ -1,0 +1,150 @@
+"""The device in MuJoCo at every orifice and step: stable, convergent, and with its damper visible where it must be."""
+
+import itertools
+
+import mujoco
+import numpy as np
+import pytest
+
+from klute_sim.device.files import load
+from klute_sim.device.rollout import rollout
+from klute_sim.device.step import Parameters, State, taut
+from klute_sim.plant import models, router
+from klute_sim.plant.actuator import DeviceActuator
+from klute_sim.plant.coupling import SHOWN_DAMPING
+
+BASE = load("klute-1-1-4-pair").parameters
+NEUTRAL = 0.3574
+"""Distance of the Achilles' sites at a neutral ankle [m]."""
+
+
+def damped(coefficient: float) -> Parameters:
+    return BASE._replace(damper=BASE.damper._replace(concentric=coefficient, eccentric=coefficient))
+
+
+def tied(coefficient: float, ratio: float = 1.0) -> Parameters:
+    """A muscle on a rigid tie, as long as the shank."""
+    muscle = BASE.muscle
+    longer = NEUTRAL / 0.93 / muscle.resting_length
+    muscle = muscle._replace(
+        resting_length=longer * muscle.resting_length,
+        braid_length=longer * muscle.braid_length,
+        turns=longer * muscle.turns,
+    )
+    tie = BASE.tendon._replace(rigid=True, slack_length=0.0)
+    damper = BASE.damper._replace(concentric=coefficient, eccentric=ratio * coefficient)
+    return BASE._replace(muscle=muscle, tendon=tie, damper=damper)
+
+
+def in_the_air(
+    parameters: Parameters, step: float, integrator: str = "implicitfast"
+) -> tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator]:
+    """The ankle without floor, weight or heel spring: the device is the only stiff thing."""
+    spec = models.spec("ankle")
+    spec.option.timestep = step
+    spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+    model = models.equip(spec, {"muscle_tendon": parameters})
+    model.opt.gravity[:], model.geom_contype[:] = 0.0, 0
+    model.jnt_stiffness[model.joint("heel").id] = 0.0
+    data, actuator = mujoco.MjData(model), DeviceActuator(model, "muscle_tendon")
+    mujoco.mj_forward(model, data)
+    actuator.set_state(data, taut(parameters, actuator.unit_length(data), 0.0))
+    return model, data, actuator
+
+
+@pytest.mark.parametrize("coefficient", [0.0, 1.0, 1e3, 3e4, 1e7, 1e12])
+@pytest.mark.parametrize("step", [1e-4, 5e-4, 5e-3])
+def test_no_orifice_and_no_step_shakes_the_ankle(coefficient: float, step: float) -> None:
+    model, data, actuator = in_the_air(damped(coefficient), step)
+    angles = []
+    with router.installed():
+        for k in range(round(1.5 / step)):
+            actuator.command(data, [0.0, 3e5, 0.0, 5e5, 1e5, 4e5][int(4 * k * step)])
+            router.step(model, data)
+            angles.append(float(data.qpos[0]))
+    assert np.abs(angles).max() < 0.45
+    last = np.diff(angles[-round(0.05 / step) :])
+    ripple = np.abs(np.diff(np.sign(last[np.abs(last) > 1e-7]))).sum()
+    assert ripple <= 2 * (0.05 / 0.015)  # no faster than the ankle swings on the tendon
+
+
+@pytest.mark.parametrize("coefficient", [3e4, 1e6, 1e8, 1e10])
+@pytest.mark.parametrize("step", [1e-4, 1e-3])
+def test_a_nearly_closed_orifice_on_a_rigid_tie_stops_the_ankle(coefficient: float, step: float) -> None:
+    def kicked(hidden: bool) -> float:
+        model, data, actuator = in_the_air(tied(coefficient), step)
+        if hidden:
+            model.tendon_dampingpoly[:] = 0.0
+            model.actuator_user[actuator.id, SHOWN_DAMPING] = 0.0
+            actuator = DeviceActuator(model, "muscle_tendon")
+        data.qvel[0] = 20.0
+        moved = 0.0
+        with router.installed():
+            for _ in range(round(0.03 / step)):
+                mujoco.mj_step(model, data)
+                moved = max(moved, abs(float(data.qpos[0])))
+                if not moved < 1e3:
+                    return moved
+        return moved
+
+    # Each step halves the speed that the last one left; then a quadratic damper of 3e4 or more lets it creep on.
+    assert kicked(hidden=False) < 20.0 * 2.1 * step + 0.09
+    if coefficient * step > 50.0:
+        assert kicked(hidden=True) > 1.0
+
+
+def test_shown_damping_changes_nothing_but_how_the_step_is_solved() -> None:
+    tensions = []
+    for shown in (True, False):
+        model, data, actuator = in_the_air(tied(3e3, ratio=0.3), 1e-5)
+        if not shown:
+            model.tendon_dampingpoly[:] = 0.0
+            model.actuator_user[actuator.id, SHOWN_DAMPING] = 0.0
+            actuator = DeviceActuator(model, "muscle_tendon")
+        actuator.command(data, 3e5)
+        seen = []
+        with router.installed():
+            for _ in range(3000):
+                router.step(model, data)
+                seen.append(actuator.tension(data))
+        tensions.append(seen)
+        moment = float(data.qfrc_actuator[0] + data.qfrc_passive[0])
+        spring = 130.0 * (-0.085 - float(data.qpos[0])) - float(data.qvel[0])
+    assert np.abs(np.subtract(*tensions)).max() < 0.003 * np.abs(tensions).max()
+    assert moment == pytest.approx(seen[-1] * 0.048 + spring, rel=0.02)
+
+
+def test_order_of_convergence_in_the_ankle_is_one() -> None:
+    def angle(step: float) -> float:
+        model, data, actuator = in_the_air(BASE, step)
+        with router.installed():
+            for k in range(round(0.1 / step)):
+                actuator.command(data, 2e5 + 1.5e5 * np.sin(20 * k * step))
+                router.step(model, data)
+        return float(data.qpos[0])
+
+    errors = [abs(angle(h) - angle(h / 2)) for h in (1e-3, 5e-4, 2.5e-4, 1.25e-4)]
+    orders = [np.log2(a / b) for a, b in itertools.pairwise(errors)]
+    assert all(0.8 < order < 1.25 for order in orders), orders
+
+
+def test_the_device_alone_repeats_what_it_did_in_mujoco() -> None:
+    model, data, actuator = in_the_air(BASE, 5e-4)
+    begin = actuator.state(data)
+    lengths, commands, seen = [], [], []
+    with router.installed():
+        for k in range(2000):
+            commands.append(3e5 * (k // 300 % 2))
+            actuator.command(data, commands[-1])
+            router.step(model, data)
+            lengths.append(actuator.unit_length(data))
+            seen.append((actuator.tension(data), *actuator.state(data)))
+    trace = rollout(BASE, lengths, commands, 5e-4, start=begin)
+    assert np.max(trace.tension) > 500.0
+    assert np.abs(np.array(seen) - np.stack(trace, axis=1)).max(axis=0) == pytest.approx([0, 0, 0], abs=1e-6)
+
+
+def test_a_rigid_device_starts_where_it_is() -> None:
+    model, data, actuator = in_the_air(tied(3e4), 5e-4)
+    assert actuator.state(data) == pytest.approx(tuple(State(0.0, NEUTRAL)), abs=1e-4)
+    assert model.tendon_dampingpoly[0, 0] == 3e4
