@@ -1,6 +1,7 @@
 """The device in MuJoCo: delivers what the law says, leaves everybody else alone, and is zero without us."""
 
 import threading
+import warnings
 from pathlib import Path
 
 import mujoco
@@ -10,7 +11,7 @@ import pytest
 from klute_sim.device import step as unit
 from klute_sim.device.files import load
 from klute_sim.device.step import State
-from klute_sim.errors import InputError, SimulationError
+from klute_sim.errors import InputError, KluteSimWarning, SimulationError
 from klute_sim.plant import models, router
 from klute_sim.plant.actuator import DeviceActuator
 
@@ -93,10 +94,14 @@ def test_foreign_actuators_get_their_own_law_and_the_slots_are_put_back() -> Non
     mujoco.set_mjcb_act_bias(bias)
     mujoco.set_mjcb_act_dyn(rate)
     try:
-        with router.installed():
-            mujoco.mj_step(foreign, theirs)
-            data.qpos[0] = 0.36
-            mujoco.mj_step(model, data)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            with router.installed() as law:
+                mujoco.mj_step(foreign, theirs)
+                data.qpos[0] = 0.36
+                mujoco.mj_step(model, data)
+        assert law == "python"
+        assert ["so that they are asked" in str(each.message) for each in said] == [True]
         assert theirs.actuator_force[0] == 7.0
         assert theirs.act[0] == pytest.approx(3.0 * foreign.opt.timestep)
         assert actuator.tension(data) > 0.0
@@ -134,7 +139,7 @@ def test_who_wraps_our_callback_and_stays_is_asked_once() -> None:
         with router.installed():
             ours = mujoco.get_mjcb_act_bias()
             mujoco.set_mjcb_act_bias(lambda m, d, i: 5.0 + ours(m, d, i))
-        with router.installed():
+        with pytest.warns(KluteSimWarning), router.installed():
             mujoco.mj_step(foreign, theirs)
         assert theirs.actuator_force[0] == 5.0
     finally:

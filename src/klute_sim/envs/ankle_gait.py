@@ -126,7 +126,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         self.render_mode = render_mode
         self.action_space, self.observation_space = action_space(), observation_space()
         self._task, self._one = Task(self._rig, 1), np.ones(1, dtype=np.bool_)
-        self._law, self._reset_noise = law, reset_noise
+        self._law, self._reset_noise = router.choose(law), reset_noise
         self._size = (height, width)
         self._renderer: mujoco.Renderer | None = None
 
@@ -174,7 +174,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
             self._renderer = mujoco.Renderer(self.model, *self._size)
         camera = mujoco.MjvCamera()
         camera.lookat[:] = (self.data.qpos[0], 0.0, 0.55)
-        camera.distance, camera.azimuth, camera.elevation = 2.2, 90.0, -5.0
+        camera.distance, camera.azimuth, camera.elevation = 1.9, 90.0, -5.0
         self._renderer.update_scene(self.data, camera)
         picture: NDArray[np.uint8] = self._renderer.render()
         return picture

@@ -1,0 +1,254 @@
+"""The environment: Gymnasium's rules, honest senses, and the same walk as the gait rig."""
+
+import pickle
+import subprocess
+import sys
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import klute_sim  # noqa: F401  (registers)
+from klute_sim.control import pressure
+from klute_sim.device.files import load
+from klute_sim.envs.ankle_gait import AnkleGaitEnv
+from klute_sim.envs.task import OBSERVATIONS, WEIGHTS
+from klute_sim.errors import InputError
+from klute_sim.report.outcomes import outcomes
+from klute_sim.rigs.gait.assembly import GaitOptions
+from klute_sim.rigs.gait.rig import walk
+from klute_sim.units import BAR
+
+NAME = "klute_sim/AnkleGait-v0"
+
+
+def action(pressure_bar: float) -> np.ndarray:
+    return np.array([2.0 * pressure_bar / 5.0 - 1.0], dtype=np.float32)
+
+
+def follow(env: AnkleGaitEnv, controller: pressure.PressureController) -> list[tuple]:
+    """An episode under a controller of gait phase."""
+    seen, count = [], env._rig.per_stride
+    env.reset(seed=3)
+    for k in range(count * env._rig.options.strides):
+        seen.append(env.step(action(controller.pressure((k % count) / count) / BAR)))
+        if seen[-1][2]:
+            break
+    return seen
+
+
+@pytest.fixture(scope="module")
+def episode() -> list[tuple]:
+    return follow(AnkleGaitEnv(reset_noise=0.0), pressure.tuned())
+
+
+def test_gymnasiums_checker_says_nothing() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gymnasium.make(NAME)
+        check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_it_is_what_gymnasium_users_expect() -> None:
+    env = gymnasium.make(NAME, strides=2)
+    assert env.unwrapped.dt == 0.01
+    assert env.unwrapped.model.opt.timestep == 5e-4
+    first, info = env.reset(seed=7)
+    assert first in env.observation_space
+    assert info == {}
+    again, _ = env.reset(seed=7)
+    assert np.array_equal(first, again)
+    other, _ = env.reset(seed=8)
+    assert not np.array_equal(first, other)
+    env.step(env.action_space.sample())
+    assert env.unwrapped.data.time == pytest.approx(0.01)
+
+
+def test_the_documented_tables_are_the_spaces() -> None:
+    text = AnkleGaitEnv.__doc__ or ""
+    for number, (name, unit, low, high) in enumerate(OBSERVATIONS):
+        assert f"| {number} | {name} | {unit} | {low:g} | {high:g} |" in text
+    for name, weight in WEIGHTS.items():
+        (row,) = [line for line in text.splitlines() if f"``reward_{name}``" in line]
+        assert f"{weight:g} " in row
+
+
+def test_an_episode_is_the_walk_of_the_gait_rig(episode: list[tuple]) -> None:
+    walked = outcomes(walk(load("klute-1-1-4-pair"), pressure.tuned(), GaitOptions(strides=5)))
+    moment = np.array([info["ankle_moment_nm_per_kg"] for *_, info in episode]).reshape(5, 110)
+    # Commands are held for 10 ms and the moment is read every 10 ms.
+    assert moment[2].max() == pytest.approx(walked.strides[2].ankle_moment_peak_nm_per_kg, rel=0.03)
+    air = sum(info["air_g"] for *_, info in episode[220:330])
+    assert air == pytest.approx(walked.strides[2].air_g, rel=0.05)
+    assert [info["gait_pct"] for *_, info in episode[:3]] == pytest.approx([100 / 110, 200 / 110, 300 / 110])
+    assert not any(terminated for _, _, terminated, _, _ in episode)
+    assert [truncated for _, _, _, truncated, _ in episode] == [False] * 549 + [True]
+
+
+def test_what_it_senses_is_what_the_simulation_is_in() -> None:
+    env = AnkleGaitEnv(reset_noise=0.0)
+    env.reset(seed=0)
+    model, data = env.model, env.data
+    seen, states = [], []
+    for k in range(110):
+        seen.append(env.step(action(1.0 + 0.3 * np.sin(k / 9)))[0])
+        ankle = model.joint("prosthesis_ankle")
+        states.append(
+            (
+                -data.qpos[ankle.qposadr[0]],
+                -data.qvel[ankle.dofadr[0]],
+                data.joint("thigh").qpos[0] + data.joint("knee").qpos[0],
+                data.joint("thigh").qvel[0] + data.joint("knee").qvel[0],
+                data.act[-2],
+            )
+        )
+    assert np.array(seen)[:, [0, 1, 2, 3, 5]] == pytest.approx(np.array(states), abs=1e-5)
+    load_cell, step = np.array(seen)[:, 4], np.arange(1, 111)
+    # Standing carries the body, swing only the foot's own weight and inertia.
+    assert load_cell[(step > 15) & (step < 45)].min() > 0.6
+    assert load_cell.max() < 1.2
+    assert np.abs(load_cell[(step > 75) & (step < 100)]).max() < 0.1
+
+
+def test_the_phase_estimate_knows_the_strides(episode: list[tuple]) -> None:
+    late = [(o, info) for o, *_, info in episode[115:]]
+    estimate = np.array([np.arctan2(o[6], o[7]) / (2 * np.pi) * 100 % 100 for o, _ in late])
+    true = np.array([info["gait_pct"] for _, info in late])
+    assert np.abs((estimate - true + 50) % 100 - 50).max() < 4.0  # first contact is 2 % into the stride
+
+
+def test_the_reward_is_the_sum_of_its_terms_and_likes_a_human_ankle(episode: list[tuple]) -> None:
+    for _, reward, _, _, info in episode[::17]:
+        assert reward == pytest.approx(sum(value for name, value in info.items() if name.startswith("reward_")))
+        assert info["reward_moment"] <= WEIGHTS["moment"]
+        assert info["reward_air"] <= 0.0
+        assert info["reward_smoothness"] <= 0.0
+    returns = {
+        name: sum(reward for _, reward, *_ in follow(AnkleGaitEnv(reset_noise=0.0), controller))
+        for name, controller in (("off", pressure.off()), ("constant", pressure.Constant(3e5)))
+    }
+    assert sum(reward for _, reward, *_ in episode) > 1.2 * returns["off"] > 1.2 * returns["constant"]
+
+
+def test_reward_terms_are_what_they_say(episode: list[tuple]) -> None:
+    reference = GaitOptions().reference
+    for observed, _, _, _, info in episode[30:500:47]:
+        phase = np.array([info["gait_pct"] / 100])
+        human = reference("ankle_plantarflexor_moment_nm_per_kg", phase)[0]
+        off_moment = (info["ankle_moment_nm_per_kg"] - human) / 0.2
+        assert info["reward_moment"] == pytest.approx(0.4 * np.exp(-(off_moment**2) / 2))
+        off_angle = (np.degrees(observed[0]) - reference("ankle_dorsiflexion_deg", phase)[0]) / 5.0
+        assert info["reward_angle"] == pytest.approx(0.3 * np.exp(-(off_angle**2) / 2), abs=1e-4)
+        off_power = (info["ankle_power_w_per_kg"] - reference("ankle_power_w_per_kg", phase)[0]) / 0.5
+        assert info["reward_power"] == pytest.approx(0.3 * np.exp(-(off_power**2) / 2))
+        assert info["ankle_power_w_per_kg"] == pytest.approx(-info["ankle_moment_nm_per_kg"] * observed[1], abs=1e-4)
+        assert info["reward_air"] == pytest.approx(-0.1 * info["air_g"] * 10)
+
+
+@pytest.mark.parametrize("asked", [-7.0, 1.5, np.inf, -np.inf])
+def test_what_is_out_of_range_is_clipped(asked: float) -> None:
+    env = AnkleGaitEnv()
+    env.reset(seed=0)
+    info = env.step(np.array([asked]))[4]
+    assert info["pressure_command_bar"] == (5.0 if asked > 0 else 0.0)
+
+
+def test_bad_input_is_refused_in_one_sentence() -> None:
+    env = AnkleGaitEnv()
+    env.reset(seed=0)
+    before = env.data.qpos.copy()
+    for bad, words in ((np.array([np.nan]), "not a number"), (np.zeros(2), "shape")):
+        with pytest.raises(InputError, match=words):
+            env.step(bad)
+    assert np.array_equal(env.data.qpos, before)
+    for options, words in (
+        ({"step": 3e-4}, "divides 10 ms"),
+        ({"mass": 500.0}, "mass is 500"),
+        ({"render_mode": "human"}, "render_mode is 'human'"),
+        ({"device": "nothing"}, "no device 'nothing'"),
+        ({"law": "fast"}, "law is 'fast'"),
+    ):
+        with pytest.raises(InputError, match=words):
+            AnkleGaitEnv(**options)
+
+
+@pytest.mark.parametrize("law", ["compiled", "python"])
+def test_a_device_that_fails_ends_the_episode(law: str) -> None:
+    env = AnkleGaitEnv(law=law, strides=1)
+    env.reset(seed=0)
+    env.data.act[env._rig.actuator.act] = np.nan
+    observed, reward, terminated, truncated, _ = env.step(action(1.0))
+    assert terminated
+    assert not truncated
+    assert reward == 0.0
+    assert observed in env.observation_space
+    env.reset()
+    assert not env.step(action(1.0))[2]
+
+
+def test_a_walk_that_leaves_its_path_ends_the_episode() -> None:
+    env = AnkleGaitEnv()
+    env.reset(seed=0)
+    env.data.qpos[1] += 0.5
+    assert env.step(action(1.0))[2]
+
+
+def test_both_laws_give_the_same_bits() -> None:
+    seen = []
+    for law in ("compiled", "python"):
+        env = AnkleGaitEnv(law=law, strides=1)
+        env.reset(seed=4)
+        seen.append(np.array([env.step(action(k % 7 * 0.8))[0] for k in range(110)]))
+    assert np.array_equal(*seen)
+
+
+def test_it_survives_a_pickle_with_its_options() -> None:
+    env = pickle.loads(pickle.dumps(AnkleGaitEnv(mass=60.0, strides=2)))
+    assert env._rig.options.mass == 60.0
+    assert env._rig.options.strides == 2
+
+
+@pytest.mark.parametrize("context", ["fork", "spawn"])
+def test_it_runs_in_worker_processes(context: str) -> None:
+    if sys.platform == "win32" and context == "fork":
+        pytest.skip("needs fork")
+    workers = gymnasium.make_vec(NAME, 2, "async", vector_kwargs={"context": context}, strides=1, step=1e-3)
+    batch = gymnasium.make_vec(NAME, 2, "vector_entry_point", strides=1, step=1e-3)
+    assert np.array_equal(workers.reset(seed=2)[0], batch.reset(seed=2)[0])
+    for k in range(20):
+        actions = np.full((2, 1), k / 20, dtype=np.float32)
+        assert np.array_equal(workers.step(actions)[0], batch.step(actions)[0])
+    workers.close()
+
+
+@pytest.mark.parametrize("order", ["import gymnasium, klute_sim", "import klute_sim; import gymnasium"])
+def test_it_is_registered_in_whatever_order(order: str) -> None:
+    code = f"{order}; gymnasium.make({NAME!r}); print('made')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "made"
+    assert done.stderr == ""
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    code = (
+        "import sys, klute_sim, klute_sim.cli\n"
+        "print([m for m in ('gymnasium', 'mujoco', 'numba', 'numpy', 'scipy') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_it_renders_the_leg() -> None:
+    code = (
+        "import os; os.environ.setdefault('MUJOCO_GL', 'egl')\n"
+        "import gymnasium, klute_sim, numpy as np\n"
+        f"env = gymnasium.make({NAME!r}, render_mode='rgb_array')\n"
+        "env.reset(seed=0); env.step(np.zeros(1, dtype=np.float32)); picture = env.render(); env.close()\n"
+        "print(picture.shape, picture.dtype, len(np.unique(picture)) > 50)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    if done.returncode != 0 and "GL" in done.stderr:
+        pytest.skip("no off-screen rendering on this machine")
+    assert done.stdout.strip() == "(480, 480, 3) uint8 True", done.stderr
