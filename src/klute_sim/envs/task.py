@@ -34,10 +34,12 @@ OBSERVATIONS = (
 )
 """Name, unit, lowest and highest value; what is beyond is clipped."""
 
-MOMENT_SCALE, ANGLE_SCALE, POWER_SCALE = 0.2, np.radians(5.0), 0.5
-"""Distances from the reference that count as one [N*m/kg, rad, W/kg]."""
+SCALES = np.array([0.2, np.radians(5.0), 0.5])
+"""Distances from the reference in moment [N*m/kg], angle [rad] and power [W/kg] that count as one."""
 WEIGHTS = {"moment": 0.4, "angle": 0.3, "power": 0.3, "air": -0.1, "smoothness": -0.05}
 """Of the reward's terms: closeness 0-1 each; air drawn [g per 0.1 s]; change of action [1]."""
+
+TERMS = tuple(f"reward_{name}" for name in WEIGHTS)
 
 STRIKE, SWING = 0.10, 0.05
 """Load [body weights] above which the foot has struck, and below which it has left."""
@@ -71,11 +73,17 @@ class Task:
         self._pressure, self._offset = rig.actuator.act, rig.actuator.act + 1
         self._mass, self._weight = rig.options.mass, rig.options.mass * GRAVITY
         self._lowest, self._highest = (np.array([row[k] for row in OBSERVATIONS]) for k in (2, 3))
-        self._moment = reference("ankle_plantarflexor_moment_nm_per_kg", phase)
-        self._reference_angle = np.radians(reference("ankle_dorsiflexion_deg", phase))
         # The reference's moment over its angle at another stride time: its power is that much slower or faster.
         slower = reference.stride_time / rig.plan.stride_time
-        self._power = slower * reference("ankle_power_w_per_kg", phase)
+        self._human = np.column_stack(
+            [
+                reference("ankle_plantarflexor_moment_nm_per_kg", phase),
+                np.radians(reference("ankle_dorsiflexion_deg", phase)),
+                slower * reference("ankle_power_w_per_kg", phase),
+            ]
+        )
+        self._weights = np.array(list(WEIGHTS.values()))
+        self._highest_bar = rig.actuator.parameters.supply.pressure / BAR
         self.steps = np.zeros(count, dtype=np.int64)
         """Intervals since the reset."""
         self._standing: Mask = np.zeros(count, dtype=np.bool_)
@@ -91,7 +99,7 @@ class Task:
 
     def command(self, action: Array) -> Array:
         """Gauge pressure [bar] that ``action`` in [-1, 1] asks for; what is beyond is clipped."""
-        return np.asarray(0.5 * (np.clip(action, -1.0, 1.0) + 1.0) * self.rig.actuator.parameters.supply.pressure / BAR)
+        return np.asarray(0.5 * (_within(action, -1.0, 1.0) + 1.0) * self._highest_bar)
 
     def slopes(self) -> Array:
         """(n, 6) what the drives are told for the next interval."""
@@ -103,13 +111,13 @@ class Task:
         self._standing[which], self._since[which] = False, 0.0
         self._period[which] = self.rig.plan.stride_time
         self._air[which] = self._air_mass(now)[which]
-        pressure = now.act[:, self._pressure] * BAR / self.rig.actuator.parameters.supply.pressure
-        self._action[which] = (2.0 * pressure - 1.0)[which]
+        self._action[which] = (2.0 * now.act[:, self._pressure] / self._highest_bar - 1.0)[which]
 
     def observe(self, now: Readings) -> NDArray[np.float32]:
         """(n, 8) what the prosthesis senses: :data:`OBSERVATIONS`."""
         turn = 2.0 * np.pi * np.minimum(self._since / self._period, 1.0)
-        sensed = (
+        sensed: Array = np.empty((len(turn), len(OBSERVATIONS)))
+        columns = (
             -now.qpos[:, self._angle],
             -now.qvel[:, self._dof],
             now.qpos[:, 2] + now.qpos[:, 3],
@@ -119,8 +127,9 @@ class Task:
             np.sin(turn),
             np.cos(turn),
         )
-        finite = np.nan_to_num(np.stack(sensed, axis=1))
-        return np.asarray(np.clip(finite, self._lowest, self._highest), dtype=np.float32)
+        for number, column in enumerate(columns):
+            sensed[:, number] = column
+        return _within(sensed, self._lowest, self._highest).astype(np.float32)
 
     def judge(self, action: Array, now: Readings, which: Mask) -> tuple[Array, Mask, Mask, dict[str, Array]]:
         """Reward, terminated, truncated and the terms behind them, after an interval under ``action`` [-1, 1].
@@ -134,22 +143,22 @@ class Task:
         power = moment * now.qvel[:, self._dof]
         air = self._air_mass(now)
         drawn = 1e3 * np.maximum(air - self._air, 0.0)
-        closeness = {
-            "moment": (moment - self._moment[j]) / MOMENT_SCALE,
-            "angle": (-now.qpos[:, self._angle] - self._reference_angle[j]) / ANGLE_SCALE,
-            "power": (power - self._power[j]) / POWER_SCALE,
-        }
-        terms = {name: WEIGHTS[name] * np.exp(-0.5 * distance * distance) for name, distance in closeness.items()}
-        terms["air"] = WEIGHTS["air"] * drawn * (0.1 / INTERVAL)
-        terms["smoothness"] = WEIGHTS["smoothness"] * np.square(np.clip(action, -1.0, 1.0) - self._action)
-        self._air = np.where(which, air, self._air)
-        self._action = np.where(which, np.clip(action, -1.0, 1.0), self._action)
+        action = _within(action, -1.0, 1.0)
+        change = action - self._action
 
-        finite = np.isfinite(now.qpos).all(axis=1) & np.isfinite(now.act).all(axis=1)
+        terms: Array = np.empty((len(j), len(WEIGHTS)))
+        terms[:, 0], terms[:, 1], terms[:, 2] = moment, -now.qpos[:, self._angle], power
+        apart = (terms[:, :3] - self._human[j]) / SCALES
+        terms[:, :3] = np.exp(-0.5 * apart * apart)
+        terms[:, 3], terms[:, 4] = drawn * (0.1 / INTERVAL), change * change
+        terms *= self._weights
+        finite = np.isfinite(now.qpos.sum(axis=1) + now.act.sum(axis=1))
         terminated: Mask = (self.rig.off_path(now.qpos[:, 1], j) | ~finite) & which
-        terms = {f"reward_{name}": np.where(which & ~terminated, value, 0.0) for name, value in terms.items()}
-        reward = np.sum(list(terms.values()), axis=0)
+        terms[terminated | ~which] = 0.0
         truncated: Mask = (self.steps >= self.length) & which & ~terminated
+
+        self._air = np.where(which, air, self._air)
+        self._action = np.where(which, action, self._action)
         told = {
             "gait_pct": 100.0 * self.rig.phase[j],
             "ankle_moment_nm_per_kg": moment,
@@ -157,7 +166,7 @@ class Task:
             "air_g": drawn,
             "pressure_command_bar": self.command(action),
         }
-        return reward, terminated, truncated, terms | told
+        return terms.sum(axis=1), terminated, truncated, dict(zip(TERMS, terms.T, strict=True)) | told
 
     def _axial_load(self, now: Readings) -> Array:
         """Compression of the pylon [body weights]."""
@@ -180,8 +189,14 @@ class Task:
         """Time since the last foot strike over the time between the last two."""
         self._since += INTERVAL * which
         strikes = which & ~self._standing & (load > STRIKE)
-        # A bounce within the stride is no stride.
-        counts = strikes & (self._since > 0.5 * self._period)
-        self._period = np.where(counts, self._since, self._period)
-        self._since = np.where(counts | (strikes & (self._since < 0.1 * self._period)), 0.0, self._since)
-        self._standing = np.where(which, np.where(self._standing, load > SWING, load > STRIKE), self._standing)
+        if strikes.any():
+            # A bounce within the stride is no stride.
+            counts = strikes & (self._since > 0.5 * self._period)
+            self._period = np.where(counts, self._since, self._period)
+            self._since = np.where(counts | (strikes & (self._since < 0.1 * self._period)), 0.0, self._since)
+        self._standing = np.where(which, load > np.where(self._standing, SWING, STRIKE), self._standing)
+
+
+def _within(values: Array, low: Array | float, high: Array | float) -> Array:
+    """``values`` clipped to ``low`` ... ``high``; NaN is ``high``."""
+    return np.asarray(np.fmax(np.fmin(values, high), low))

@@ -102,11 +102,17 @@ def _install(law: str) -> None:
         law = "python"
     if law == "compiled":
         _compiled()[0].faults.clear()
-        _ours.update({name: function.ctypes for name, function in _compiled()[0].callbacks()._asdict().items()})
+        _ours.update(_functions())
     else:
         _ours.update({"act_dyn": _act_dyn, "act_bias": _act_bias})
     for name, callback in _ours.items():
         getattr(mujoco, f"set_mjcb_{name}")(callback)
+
+
+@cache
+def _functions() -> dict[str, Any]:
+    """The compiled callbacks, as MuJoCo takes them."""
+    return {name: function.ctypes for name, function in _compiled()[0].callbacks()._asdict().items()}
 
 
 def _restore() -> None:

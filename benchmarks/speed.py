@@ -1,0 +1,299 @@
+"""How fast the simulations are, as ratios against named alternatives measured in turn in the same run.
+
+    python3 scripts/env.py python benchmarks/speed.py            # a table
+    python3 scripts/env.py python benchmarks/speed.py --json     # for machines
+    python3 scripts/env.py python benchmarks/speed.py --quick    # a tenth of the repetitions
+
+Machines are shared and noisy: only the ratios mean anything, and each is the median over rounds in which the two
+alternate. CPU seconds are the process's own.
+"""
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import gymnasium
+import mujoco
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+import klute_sim  # noqa: F401  (registers the environments)
+from klute_sim.device.files import DEFAULT_PROSTHESIS, load
+from klute_sim.device.rollout import rollout
+from klute_sim.plant import models, router
+from klute_sim.provenance import versions
+from klute_sim.rigs import bench
+from klute_sim.rigs.gait.assembly import DRIVES, GaitOptions, assemble, start
+from klute_sim.rigs.gait.build import ANKLE
+
+DEVICE = load(DEFAULT_PROSTHESIS)
+NAME = "klute_sim/AnkleGait-v0"
+CHUNK = 20
+
+
+class Ratio(NamedTuple):
+    """One line of the table."""
+
+    what: str
+    against: str
+    ratio: float
+    aim: str
+    met: bool
+
+
+def with_muscle(spec: mujoco.MjSpec, actuator: str) -> mujoco.MjModel:
+    """``spec`` with MuJoCo's built-in muscle in the device's place."""
+    muscle = spec.actuator(actuator)
+    muscle.dyntype = mujoco.mjtDyn.mjDYN_MUSCLE
+    muscle.gaintype = mujoco.mjtGain.mjGAIN_MUSCLE
+    muscle.biastype = mujoco.mjtBias.mjBIAS_MUSCLE
+    muscle.actdim = 1
+    muscle.dynprm[:3] = [0.01, 0.04, 0.0]
+    shape = [0.75, 1.05, 3000.0, 200.0, 0.5, 1.6, 1.5, 1.3, 1.2]
+    muscle.gainprm[:9] = muscle.biasprm[:9] = shape
+    muscle.lengthrange = [0.3, 0.4]
+    return spec.compile()
+
+
+def ankle_steps(model: mujoco.MjModel, most: float, count: int) -> None:
+    """``count`` steps of the ankle on the ground under a command that swings between 0.1 and 0.9 of ``most``."""
+    data = mujoco.MjData(model)
+    for k in range(count // CHUNK):
+        data.ctrl[0] = most * (0.5 + 0.4 * np.sin(0.1 * k))
+        mujoco.mj_step(model, data, CHUNK)
+
+
+def in_two_threads(work: Callable[[], None]) -> None:
+    """Do ``work`` twice at once."""
+    with ThreadPoolExecutor(2) as pool:
+        for done in [pool.submit(work) for _ in range(2)]:
+            done.result()
+
+
+def wall(work: Callable[[], Any]) -> float:
+    """Seconds that ``work`` takes."""
+    begin = time.perf_counter()
+    work()
+    return time.perf_counter() - begin
+
+
+def cpu(work: Callable[[], Any]) -> float:
+    """CPU seconds that ``work`` takes."""
+    begin = time.process_time()
+    work()
+    return time.process_time() - begin
+
+
+def interleaved(rounds: int, clock: Callable[..., float], *works: Callable[[], Any]) -> list[float]:
+    """Median over ``rounds`` of each work's time over the first one's in the same round."""
+    for work in works:
+        work()
+    measured = [[clock(work) for work in works] for _ in range(rounds)]
+    return [statistics.median(row[k] / row[0] for row in measured) for k in range(len(works))]
+
+
+def step_ratios(rounds: int) -> list[Ratio]:
+    """The device against the built-in muscle in the same ankle."""
+    device = models.equip(models.spec("ankle"), {"muscle_tendon": DEVICE.parameters})
+    muscle, count = with_muscle(models.spec("ankle"), "muscle_tendon"), 4000
+
+    def law(name: str, threads: int = 1) -> None:
+        with router.installed(name):
+            work = lambda: ankle_steps(device, 5.0, count // threads)  # noqa: E731
+            work() if threads == 1 else in_two_threads(work)
+
+    works = [
+        lambda: ankle_steps(muscle, 1.0, count),
+        lambda: law("compiled"),
+        lambda: law("compiled", threads=2),
+        lambda: in_two_threads(lambda: ankle_steps(muscle, 1.0, count // 2)),
+        lambda: law("python"),
+    ]
+    _, one, two, muscles, python = interleaved(rounds, wall, *works)
+    against = "built-in muscle, one thread"
+    return [
+        Ratio("step of the ankle, compiled law", against, one, "<= 1.15", one <= 1.15),
+        Ratio("same number of steps on two threads", against, two, "<= 0.65", two <= 0.65),
+        Ratio("  (built-in muscle on two threads)", against, muscles, "", True),
+        Ratio("step of the ankle, Python law", against, python, "", True),
+    ]
+
+
+def gait_ratio(rounds: int) -> Ratio:
+    """Speed of the gait rig against the same rig with the built-in muscle."""
+    rig = assemble(DEVICE, GaitOptions(), 0.01)
+    spec = models.spec("gait_rig")
+    spec.option.timestep = rig.model.opt.timestep
+    muscle = with_muscle(spec, ANKLE + "muscle_tendon")
+    # The same bodies: the builder scales them to the subject and moves the tendon's origin.
+    for name in ("body_mass", "body_inertia", "body_pos", "body_ipos", "geom_pos", "geom_size", "site_pos"):
+        getattr(muscle, name)[:] = getattr(rig.model, name)
+
+    def walk(model: mujoco.MjModel, most: float) -> None:
+        begun, data = mujoco.MjData(rig.model), mujoco.MjData(model)
+        start(rig, begun, 1e5)
+        data.qpos[:], data.qvel[:] = begun.qpos, begun.qvel
+        data.act[: len(DRIVES)] = begun.act[: len(DRIVES)]
+        for k in range(3 * rig.per_stride):
+            data.ctrl[: len(DRIVES)] = rig.slopes[k % rig.per_stride]
+            data.ctrl[-1] = 0.3 * most
+            mujoco.mj_step(model, data, 20)
+
+    def ours() -> None:
+        with router.installed("compiled"):
+            walk(rig.model, 5.0)
+
+    slower = interleaved(rounds, wall, lambda: walk(muscle, 1.0), ours)[1]
+    return Ratio("gait rig: steps per second", "same rig, built-in muscle", 1 / slower, ">= 0.85", 1 / slower >= 0.85)
+
+
+def environment_ratios(rounds: int) -> tuple[list[Ratio], dict[str, float]]:
+    """Environment steps against Walker2d and against themselves in a batch."""
+    ours, walker = gymnasium.make(NAME), gymnasium.make("Walker2d-v5")
+    hold, noise = np.array([-0.6], dtype=np.float32), np.zeros(6, dtype=np.float32)
+
+    def steps(env: gymnasium.Env[Any, Any], action: Any, count: int) -> None:
+        env.reset(seed=0)
+        for _ in range(count):
+            _, _, terminated, truncated, _ = env.step(action)
+            if terminated or truncated:
+                env.reset()
+
+    count = 550
+    ratio = interleaved(rounds, cpu, lambda: steps(walker, noise, count), lambda: steps(ours, hold, count))[1]
+    each = statistics.median(cpu(lambda: steps(ours, hold, count)) for _ in range(rounds)) / count
+
+    many = 16
+    turn = gymnasium.make_vec(NAME, many, "sync")
+    batches = [gymnasium.make_vec(NAME, many, "vector_entry_point", threads=n) for n in (1, 2)]
+
+    def vector(env: gymnasium.vector.VectorEnv[Any, Any, Any]) -> None:
+        env.reset(seed=0)
+        for _ in range(100):
+            env.step(np.tile(hold, (many, 1)))
+
+    _, one, two = interleaved(
+        rounds, wall, lambda: vector(turn), lambda: vector(batches[0]), lambda: vector(batches[1])
+    )
+    rate = 1.0 / each
+    found = [
+        Ratio("environment: steps per CPU second, thousands", "1", rate / 1e3, ">= 3", rate >= 3000),
+        Ratio("environment step, CPU time", "Walker2d-v5 (4 steps of 2 ms; ours 20 of 0.5 ms)", ratio, "", True),
+        Ratio("16 environments as a batch, one thread: speed", "in turn", 1 / one, "", True),
+        Ratio("16 environments as a batch, two threads: speed", "in turn", 1 / two, ">= 1.7", 1 / two >= 1.7),
+        Ratio("  of which two threads against one", "one thread", one / two, "", True),
+    ]
+    return found, {"environment_steps_per_cpu_second": rate}
+
+
+def rollout_ratios(rounds: int) -> list[Ratio]:
+    """The device alone against the bench in MuJoCo."""
+    count, step = 4000, 5e-4
+    time_ = np.arange(count) * step
+    rest, slack = DEVICE.parameters.muscle.resting_length, DEVICE.parameters.tendon.slack_length
+    length = slack + 0.93 * rest + 0.008 * np.sin(6.0 * np.pi * time_)
+    command = np.where(2.0 * time_ % 1.0 < 0.5, 4e5, 1e5)
+    spec = models.spec("bench")
+    spec.option.timestep = step
+    model = models.equip(spec, {"muscle_tendon": DEVICE.parameters})
+    data = mujoco.MjData(model)
+
+    def bare() -> None:
+        with router.installed("compiled"):
+            for k in range(count):
+                data.qpos[0], data.ctrl[0] = length[k], command[k] / 1e5
+                mujoco.mj_step(model, data)
+
+    alone = lambda: rollout(DEVICE.parameters, length, command, step)  # noqa: E731
+    _, rig, loop = interleaved(rounds, wall, alone, lambda: bench.pull(DEVICE, length, command, step), bare)
+    return [
+        Ratio("device alone: speed", "the bench rig in MuJoCo", rig, ">= 20", rig >= 20),
+        Ratio("device alone: speed", "a bare loop of mj_step on the bench model", loop, "", True),
+    ]
+
+
+MEMORY = """
+import os, sys
+import gymnasium
+import klute_sim
+
+def resident():
+    pages = int(open("/proc/self/statm").read().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+base = resident()
+{make}
+env.reset(seed=0)
+env.step(env.action_space.sample())
+print(resident() - base)
+"""
+
+
+def memory() -> dict[str, float]:
+    """Resident memory [MiB] that environments add to a process that has imported Gymnasium and klute-sim (Linux)."""
+    if not sys.platform.startswith("linux"):
+        return {}
+    makes = {
+        "one environment, compiled law": f"env = gymnasium.make({NAME!r})",
+        "one environment, Python law": f"env = gymnasium.make({NAME!r}, law='python')",
+        "Walker2d-v5": "env = gymnasium.make('Walker2d-v5')",
+        "batch of 16": f"env = gymnasium.make_vec({NAME!r}, 16, 'vector_entry_point')",
+        "batch of 1024": f"env = gymnasium.make_vec({NAME!r}, 1024, 'vector_entry_point')",
+    }
+    found = {}
+    for what, make in makes.items():
+        command = [sys.executable, "-c", MEMORY.format(make=make)]
+        found[what] = float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    return found
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--quick", action="store_true", help="a tenth of the repetitions")
+    chosen = parser.parse_args()
+    rounds = 3 if chosen.quick else 31
+    notes = Console(stderr=True)
+    found: list[Ratio] = []
+    figures: dict[str, float] = {}
+    parts: list[Callable[[], Any]] = [
+        lambda: step_ratios(rounds),
+        lambda: [gait_ratio(max(3, rounds // 2))],
+        lambda: environment_ratios(max(3, rounds // 3)),
+        lambda: rollout_ratios(rounds),
+    ]
+    for part in track(parts, "measuring", console=notes, transient=True, disable=not notes.is_terminal):
+        result = part()
+        if isinstance(result, tuple):
+            result, more = result
+            figures |= more
+        found += result
+    kept = memory()
+    if chosen.json:
+        print(
+            json.dumps({"ratios": [r._asdict() for r in found], "memory_mib": kept, **figures, **versions()}, indent=2)
+        )
+        return
+    out = Console(width=118, highlight=False)
+    table = Table("what", "against", "ratio", "aim", "")
+    for row in found:
+        mark = "" if not row.aim else ("met" if row.met else "missed")
+        table.add_row(row.what, row.against, f"{row.ratio:.2f}", row.aim, mark)
+    out.print(table)
+    sizes = Table("memory added", "MiB")
+    for what, mib in kept.items():
+        sizes.add_row(what, f"{mib:.0f}")
+    out.print(sizes)
+
+
+if __name__ == "__main__":
+    main()
