@@ -71,3 +71,13 @@ def test_the_documented_reference_columns_are_complete() -> None:
     page = (ROOT / "docs" / "gait.md").read_text("utf-8")
     for column in (reference.PHASE, *reference.REQUIRED, *reference.DEVIATIONS):
         assert f"`{column}`" in page, column
+
+
+def test_the_documented_channels_are_complete() -> None:
+    from klute_sim.rigs import bench
+    from klute_sim.rigs.gait import gauges, rig
+
+    page = (ROOT / "docs" / "recordings.md").read_text("utf-8")
+    named = [*(name for name, *_ in (*rig.REFERENCE_CHANNELS, *rig.REFERENCE_DEVIATIONS))]
+    for channel in (*gauges.CHANNELS, *bench.CHANNELS, *named):
+        assert f"`{channel.split(' ')[0]}`" in page, channel

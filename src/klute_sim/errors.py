@@ -14,7 +14,7 @@ class MissingExtraError(KluteSimError):
 
     def __init__(self, what: str, extra: str) -> None:
         """``what`` was asked for; ``extra`` would bring it."""
-        super().__init__(f"{what} needs the optional extra '{extra}': pip install 'klute-sim[{extra}]'")
+        super().__init__(f"{what} needs the optional extra '{extra}': pip install '.[{extra}]' in the project's folder")
 
 
 class SimulationError(KluteSimError):

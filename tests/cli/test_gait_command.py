@@ -156,12 +156,12 @@ def test_without_rerun_everything_else_is_written_and_the_extra_is_named(tmp_pat
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     done = run("gait", "--strides", "1", "--out", "r", cwd=tmp_path, PYTHONPATH=paths)
     assert done.returncode == 0, done.stderr
-    assert "klute-sim[rerun]" in done.stderr
+    assert "pip install '.[rerun]'" in done.stderr
     names = {file.name for file in (tmp_path / "r").iterdir()}
     assert names == {"recording.parquet", "summary.json", "report.png", "device.toml"}
     done = run("view", "r", cwd=tmp_path, PYTHONPATH=paths)
     assert done.returncode == 2
-    assert "klute-sim[rerun]" in done.stderr
+    assert "pip install '.[rerun]'" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
 
 

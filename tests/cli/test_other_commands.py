@@ -35,6 +35,21 @@ def test_version() -> None:
     assert __version__ in run("--version").stdout
 
 
+def test_the_bare_command_is_its_help() -> None:
+    done = run()
+    assert done.returncode == 0
+    assert done.stdout == run("--help").stdout
+    assert done.stderr == ""
+
+
+def test_a_presets_file_is_there_to_start_from(tmp_path: Path) -> None:
+    text = run("device", "klute-1-1-4-pair", "--toml").stdout
+    assert text == load("klute-1-1-4-pair").content.decode()
+    mine = tmp_path / "mine.toml"
+    mine.write_text(text, "utf-8")
+    assert load(mine).parameters == load("klute-1-1-4-pair").parameters
+
+
 def test_devices_are_listed() -> None:
     assert "klute-1-1-4-pair" in run("device").stdout
     assert {d["name"] for d in json.loads(run("device", "--json").stdout)} >= {"klute-3-4", "klute-3-4-pair"}
@@ -64,7 +79,17 @@ def test_assumed_numbers_say_so() -> None:
         (["device", "klute-3-4", "--pressure", "nan"], "allows 0 to 5 bar"),
         (["device", "missing.toml"], "no device 'missing.toml'"),
         (["walk"], "No such command 'walk'"),
-        (["view", "no-such-run"], "no-such-run" if find_spec("rerun") else "klute-sim[rerun]"),
+        (["view", "no-such-run"], "no-such-run" if find_spec("rerun") else "'.[rerun]'"),
+        (["device", ""], "name of the device is empty"),
+        (["device", "--pressure", "3"], "--pressure goes with the name of a device"),
+        (["device", "--toml"], "--toml goes with the name of a device"),
+        (["device", "klute-3-4", "--toml", "--json"], "do not go together"),
+        (["gait", "--device", ""], "name of the device is empty"),
+        (["gait", "--reference", ""], "the path is empty"),
+        (["gait", "--profile", ""], "the path is empty"),
+        (["gait", "--out", ""], "the path is empty"),
+        (["gait", "--controller", "constant", "--pressure", "9"], "supply of 'klute-1-1-4-pair' has 5 bar"),
+        (["gait", "--law", "fast"], "'fast' is not one of 'auto', 'compiled', 'python'"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments: list[str], says: str) -> None:

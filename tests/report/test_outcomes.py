@@ -71,7 +71,7 @@ def recording(strides: int = 1, **changed: Samples) -> Recording:
     whole["time"] = np.arange(strides * COUNT) * STEP
     whole["stride"] = np.repeat(np.arange(1.0, strides + 1), COUNT)
     provenance = {
-        "device": {"name": "test", "assumed": {"damper.bore_mm": "assumed: lost"}},
+        "device": {"name": "test", "assumed": {"damper.bore_mm": "assumed: lost"}, "without_source": []},
         "controller": {},
         "reference": {"name": "itself"},
         "options": {"mass_kg": MASS, "stature_m": 1.75, "speed_m_per_s": 1.2, "stride_time_s": 1.0, "strides": strides},
@@ -193,10 +193,28 @@ def test_assumptions_are_told() -> None:
     told = summary(recording(), outcomes(recording()))
     assert {"damper.bore_mm", "air", "friction below 2 bar", "length stops", "prosthesis"} == set(told["assumptions"])
     assert all(text.startswith("assumed") for text in told["assumptions"].values())
+    told["friction_offset_work_j_per_kg"] = -0.1
     said = " ".join(remarks(told))
     assert "tracked, not predicted" in said
     assert "5 assumptions" in said
     assert "below 2 bar, where 100 % of the stride is" in said
+    assert "no source" not in said
+    without = " ".join(remarks({**told, "without_source": ["muscle.count", "tendon.engagement_mm"]}))
+    assert "2 of the device's numbers have no source" in without
+
+
+def test_friction_is_only_blamed_where_it_is() -> None:
+    told = {**summary(recording(), outcomes(recording())), "friction_offset_work_j_per_kg": -0.1}
+    assert "below 2 bar" in " ".join(remarks(told))
+    for quiet in ({"friction_offset_work_j_per_kg": 0.0}, {"below_friction_fit_pct": 0.0}):
+        assert "below 2 bar" not in " ".join(remarks({**told, **quiet}))
+
+
+def test_a_load_that_was_not_followed_is_said() -> None:
+    told = summary(recording(), outcomes(recording()))
+    for error, wanted in ((0.09, False), (0.3, True)):
+        said = " ".join(remarks({**told, "grf_vertical_tracking_rms_bw": error}))
+        assert ("The load was not followed here (rms 0.30 body weights)" in said) == wanted
 
 
 def test_table_and_figure_take_any_number_of_strides(tmp_path: Path) -> None:
@@ -207,7 +225,7 @@ def test_table_and_figure_take_any_number_of_strides(tmp_path: Path) -> None:
             assert len(shown.columns) == 4 + min(strides, most)
             printed = Console(width=width, file=io.StringIO())
             printed.print(shown)
-            if width >= 80:
+            if width >= 60:
                 assert "…" not in printed.file.getvalue()  # type: ignore[attr-defined]
         figure.draw(run, tmp_path / f"{strides}.png")
         assert (tmp_path / f"{strides}.png").stat().st_size > 10_000

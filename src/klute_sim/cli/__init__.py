@@ -40,9 +40,10 @@ class _Lazy(click.Group):
             formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
 
 
-@click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
 @click.version_option(__version__, prog_name="klute-sim")
-def group() -> None:
+@click.pass_context
+def group(context: click.Context) -> None:
     """Simulate a powered below-knee prosthesis with Klute's artificial muscle-tendon.
 
     \b
@@ -51,6 +52,8 @@ def group() -> None:
       klute-sim device klute-3-4-pair    what a device is made of, and what is assumed
       klute-sim view runs/gait-001       scrub through a run
     """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 
 RATIOS = (0.7, 0.8, 0.9, 0.96, 1.0)
 """Muscle lengths over resting length at which forces are listed: those of the source's check."""
+FORCES_AT = 5.0
+"""Gauge pressure [bar] of the force table where none is asked for: the source's highest."""
 
 
 @click.command("device")
@@ -17,13 +19,13 @@ RATIOS = (0.7, 0.8, 0.9, 0.96, 1.0)
 @click.option(
     "--pressure",
     type=float,
-    default=5.0,
-    show_default=True,
+    default=None,
     metavar="BAR",
-    help="Gauge pressure of the force table [bar].",
+    help="Gauge pressure of the force table [bar].  [default: 5, or the supply's if that is less]",
 )
+@click.option("--toml", "as_toml", is_flag=True, help="Print the device file itself, to start your own from.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
-def command(name: str | None, pressure: float, as_json: bool) -> None:
+def command(name: str | None, pressure: float | None, as_toml: bool, as_json: bool) -> None:
     """List the devices that come with the package, or show one.
 
     Shows every number with its source (assumed ones marked), the isometric force of the muscle in the source's
@@ -33,11 +35,17 @@ def command(name: str | None, pressure: float, as_json: bool) -> None:
     Examples:
       klute-sim device
       klute-sim device klute-3-4
+      klute-sim device klute-1-1-4-pair --toml > my-device.toml
       klute-sim device my-device.toml --pressure 3 --json
     """
     from klute_sim.device.files import load, preset_names
+    from klute_sim.errors import InputError
 
+    if as_toml and as_json:
+        raise InputError("--toml and --json do not go together")
     if name is None:
+        if as_toml or pressure is not None:
+            raise InputError(f"{'--toml' if as_toml else '--pressure'} goes with the name of a device")
         presets = [load(preset) for preset in preset_names()]
         if as_json:
             click.echo(json.dumps([{"name": d.name, "description": d.spec.description} for d in presets], indent=2))
@@ -45,20 +53,25 @@ def command(name: str | None, pressure: float, as_json: bool) -> None:
             for device in presets:
                 click.echo(f"{device.name:18} {device.spec.description}")
         return
-    shown = describe(load(name), pressure)
+    chosen = load(name)
+    if as_toml:
+        click.echo(chosen.content.decode("utf-8-sig"), nl=False)
+        return
+    shown = describe(chosen, pressure)
     if as_json:
         click.echo(json.dumps(shown, indent=2))
     else:
         _print(shown)
 
 
-def describe(device: "Device", pressure_bar: float) -> dict[str, Any]:
+def describe(device: "Device", pressure_bar: float | None) -> dict[str, Any]:
     """Everything the command shows; raises InputError for a pressure outside of 0 ... the device's supply."""
     from klute_sim.errors import InputError
     from klute_sim.laws import mckibben
     from klute_sim.units import BAR
 
     muscle, most = device.parameters.muscle, device.parameters.supply.pressure / BAR
+    pressure_bar = min(FORCES_AT, most) if pressure_bar is None else pressure_bar
     if not 0.0 <= pressure_bar <= most:
         raise InputError(f"pressure is {pressure_bar:g} bar; the supply of '{device.name}' allows 0 to {most:g} bar")
     pressure = pressure_bar * BAR
@@ -114,6 +127,10 @@ def _print(shown: dict[str, Any]) -> None:
         stages = (f"{row[k]:.0f}" for k in ("geometric_n", "bladder_n", "friction_n"))
         forces.add_row(f"{row['ratio']:.2f}", *stages)
     out.print(forces)
+    if any(row["friction_n"] < 0.0 for row in shown["isometric_force"]):
+        out.print(
+            "Below zero the bladder outweighs the gas: the muscle would push, and a slack tendon carries none of it."
+        )
     for row in shown["published"]:
         out.print(
             f"At {row['ratio']:g} of resting length and {row['pressure_bar']:g} bar: model {row['model_n']:.0f} N, "

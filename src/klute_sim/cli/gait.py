@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from klute_sim.cli.given_path import GivenPath
+
 if TYPE_CHECKING:
     from klute_sim.control.pressure import PressureController
     from klute_sim.device.files import Device
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
 @click.option(
     "--profile",
     "profile_file",
-    type=click.Path(path_type=Path),
+    type=GivenPath(),
     default=None,
     metavar="FILE",
     help="CSV with columns gait_pct,pressure_bar: knots of the profile.  [default: the tuned one]",
@@ -41,7 +43,7 @@ if TYPE_CHECKING:
 @click.option(
     "--reference",
     "reference_file",
-    type=click.Path(path_type=Path),
+    type=GivenPath(),
     default=None,
     metavar="FILE",
     help="CSV of a gait cycle with the columns of docs/gait.md.  [default: able-bodied adults]",
@@ -73,7 +75,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=GivenPath(),
     default=None,
     metavar="FOLDER",
     help="New or empty folder for the run.  [default: runs/gait-NNN]",
@@ -112,14 +114,16 @@ def command(
       klute-sim gait --device my-device.toml --mass 82 --stature 1.80 --speed 1.3
       klute-sim gait --json | python -m json.tool
     """
+    from klute_sim.cli.console import notes
     from klute_sim.device.files import DEFAULT_PROSTHESIS, load
     from klute_sim.errors import InputError
     from klute_sim.recording import run_folder
     from klute_sim.rigs.gait import reference
     from klute_sim.rigs.gait.assembly import GaitOptions
 
-    device = load(device_name or DEFAULT_PROSTHESIS)
+    device = load(DEFAULT_PROSTHESIS if device_name is None else device_name)
     chosen = _controller(controller, profile_file, pressure)
+    beyond = _beyond_supply(device, chosen)
     if stride_time is not None and reference_file is None:
         raise InputError("--stride-time goes with --reference")
     human = reference.default()
@@ -132,6 +136,22 @@ def command(
         recording = _walk(device, chosen, options, law)
         result, missing = _write(recording, device, options, folder, scratch, with_csv=with_csv)
     _report(recording, result, missing, as_json=as_json)
+    if beyond:
+        notes().print(beyond, soft_wrap=True)
+
+
+def _beyond_supply(device: "Device", controller: "PressureController") -> str:
+    """What to say of a profile that asks for more than the supply has; raises InputError for a constant that does."""
+    from klute_sim.control.pressure import Constant, Profile
+    from klute_sim.errors import InputError
+    from klute_sim.units import BAR
+
+    most = device.parameters.supply.pressure / BAR
+    if isinstance(controller, Constant) and controller.gauge / BAR > most:
+        raise InputError(f"pressure is {controller.gauge / BAR:g} bar; the supply of '{device.name}' has {most:g} bar")
+    if isinstance(controller, Profile) and max(controller.pressure_bar) > most:
+        return f"The profile asks for up to {max(controller.pressure_bar):g} bar; the supply has {most:g} bar."
+    return ""
 
 
 def _controller(kind: str | None, profile_file: Path | None, pressure: float | None) -> "PressureController":

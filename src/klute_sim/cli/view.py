@@ -11,8 +11,9 @@ import click
 def command(run: Path, web: bool) -> None:
     """Open the folder RUN in the rerun viewer, on the loopback address only.
 
-    Needs the optional extra 'rerun' (pip install 'klute-sim[rerun]'). Sends none of rerun's usage statistics and
-    leaves rerun's own settings as they are; with --web, open the address printed here, which is told the same.
+    Needs the optional extra 'rerun' (pip install '.[rerun]' in the project's folder). Sends none of rerun's usage
+    statistics and leaves rerun's own settings as they are; with --web, open the address printed here, which is told
+    the same.
 
     \b
     Examples:

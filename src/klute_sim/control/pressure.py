@@ -72,7 +72,10 @@ class Profile:
         if len(phase) < 2 or len(phase) != len(pressure):
             raise InputError(f"pressure profile {self.name}: needs at least two rows of {' and '.join(COLUMNS)}")
         if not (np.all(np.isfinite(phase)) and np.all(np.diff(phase) > 0) and phase[0] >= 0 and phase[-1] < 100):
-            raise InputError(f"pressure profile {self.name}: gait_pct must rise from 0 or more to less than 100")
+            raise InputError(
+                f"pressure profile {self.name}: gait_pct must rise, from 0 or more to less than 100; at 100 the "
+                "profile begins again"
+            )
         if not (np.all(np.isfinite(pressure)) and np.all(pressure >= 0)):
             raise InputError(f"pressure profile {self.name}: pressure_bar must be 0 or more everywhere")
 

@@ -54,13 +54,18 @@ def load(name_or_path: str | Path) -> Device:
     Raises InputError when there is neither, or when the file is not TOML or not a device.
     """
     wanted = str(name_or_path)
+    if wanted in ("", "."):  # a shell variable that is not set
+        raise InputError("the name of the device is empty: give the path of a device file, or a preset")
     if wanted in preset_names():
         return read((_preset_folder() / f"{wanted}.toml").read_bytes(), wanted)
     try:
         content = Path(wanted).read_bytes()
     except FileNotFoundError:
         known = ", ".join(preset_names())
-        raise InputError(f"no device '{wanted}': give the path of a device file, or one of {known}") from None
+        raise InputError(
+            f"no device '{wanted}': give the path of a device file (klute-sim device NAME --toml prints one to start "
+            f"from), or one of {known}"
+        ) from None
     except OSError as error:
         raise InputError(f"device file {wanted} cannot be read: {error.strerror}") from None
     return read(content, wanted)

@@ -8,7 +8,7 @@ import math
 from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from klute_sim.device.step import Parameters
 from klute_sim.errors import InputError
@@ -42,7 +42,7 @@ class MuscleSection(_Section):
 
     count: Annotated[int, Field(ge=1, le=100)] = 1
     """Actuators in parallel."""
-    resting_length_mm: Positive
+    resting_length_mm: Annotated[FiniteFloat, Field(ge=20, le=2000)]
     """L0."""
     braid_length_ratio: Annotated[FiniteFloat, Field(gt=1.0, lt=math.sqrt(3.0))]
     """B/L0; a braid as long as the muscle could not wind, one of sqrt(3) L0 is locked at rest."""
@@ -132,10 +132,10 @@ class DamperSection(_Section):
 class TendonSection(_Section):
     """Two offset parallel springs in series with muscle and damper."""
 
-    slack_length_mm: NotNegative
-    stiffness_1_n_per_mm: Positive
-    stiffness_2_n_per_mm: NotNegative
-    engagement_mm: NotNegative
+    slack_length_mm: Annotated[FiniteFloat, Field(ge=0, le=2000)]
+    stiffness_1_n_per_mm: Annotated[FiniteFloat, Field(ge=0.1, le=1e5)]
+    stiffness_2_n_per_mm: Annotated[FiniteFloat, Field(ge=0, le=1e5)]
+    engagement_mm: Annotated[FiniteFloat, Field(ge=0, le=200)]
 
     def parameters(self) -> Tendon:
         """The law's parameters, SI."""
@@ -151,7 +151,7 @@ class TendonSection(_Section):
 class SupplySection(_Section):
     """What the pressure regulator can do."""
 
-    pressure_bar: Positive
+    pressure_bar: Annotated[FiniteFloat, Field(gt=0, le=20)]
     """Highest gauge pressure."""
     rate_bar_per_s: Positive
     """Fastest change either way."""
@@ -224,6 +224,10 @@ class DeviceSpec(_Section):
         """The numbers nobody printed, ``section.key`` -> why."""
         return {k: v for k, v in self.sources.items() if v.startswith("assumed")}
 
+    def without_source(self) -> list[str]:
+        """The numbers that the file gives no source for, ``section.key``."""
+        return [key for key in self.numbers() if key not in self.sources]
+
     def parameters(self) -> Parameters:
         """The law's parameters, SI, with neutral stand-ins for what is left out."""
         return Parameters(
@@ -242,21 +246,27 @@ def parse(content: dict[str, Any], where: str) -> DeviceSpec:
         raise InputError(_sentence(error, where)) from None
 
 
+MOST_PROBLEMS = 4
+"""Problems of one file that are told at once."""
+
+
 def _sentence(error: ValidationError, where: str) -> str:
-    problems = error.errors(include_url=False)
-    first = problems[0]
-    key = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        known = ", ".join(_keys_beside(first["loc"]))
-        text = f"unknown key '{key}'; allowed here: {known}"
-    elif first["type"] == "missing":
-        text = f"key '{key}' is missing"
-    elif first["type"] in {"wall", "radius", "orifice", "source"}:
-        text = f"[{key}] {first['msg']}" if key else first["msg"]
-    else:
-        text = f"{key} = {first['input']!r} is refused: {first['msg'][0].lower()}{first['msg'][1:]}"
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return f"device file {where}: {text}{more}"
+    # An unknown key is often the misspelt one that is also missing.
+    problems = sorted(error.errors(include_url=False), key=lambda problem: problem["type"] != "extra_forbidden")
+    told = "; ".join(_problem(problem) for problem in problems[:MOST_PROBLEMS])
+    more = f" (and {len(problems) - MOST_PROBLEMS} more)" if len(problems) > MOST_PROBLEMS else ""
+    return f"device file {where}: {told}{more}"
+
+
+def _problem(problem: ErrorDetails) -> str:
+    key = ".".join(str(part) for part in problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        return f"unknown key '{key}'; allowed here: {', '.join(_keys_beside(problem['loc']))}"
+    if problem["type"] == "missing":
+        return f"key '{key}' is missing"
+    if problem["type"] in {"wall", "radius", "orifice", "source"}:
+        return f"[{key}] {problem['msg']}" if key else problem["msg"]
+    return f"{key} = {problem['input']!r} is refused: {problem['msg'][0].lower()}{problem['msg'][1:]}"
 
 
 def _keys_beside(location: tuple[int | str, ...]) -> list[str]:

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from klute_sim.recording.recording import Recording, Samples
+from klute_sim.report.outcomes import outcomes
 from klute_sim.rigs.gait.reference import GRAVITY
 
 STYLE: Any = {"font.size": 8, "axes.titlesize": 9, "axes.spines.top": False, "axes.spines.right": False}
@@ -47,9 +48,10 @@ def _draw(recording: Recording, path: Path) -> None:
             axis.set_xlim(0, 100)
             axis.set_xlabel("gait cycle [%]")
     options = recording.provenance["options"]
+    trips = "\nthe foot touches the ground in swing: it trips" if outcomes(recording).trips else ""
     figure.suptitle(
         f"{recording.provenance['device']['name']}, {mass:g} kg, {options['speed_m_per_s']:.2f} m/s, "
-        f"stride {len(strides)} of {len(strides)}; reference: {recording.provenance['reference']['name']}"
+        f"stride {len(strides)} of {len(strides)}; reference: {recording.provenance['reference']['name']}{trips}"
     )
     figure.savefig(path, dpi=130)
 
@@ -63,8 +65,9 @@ def _against_reference(
         band: Samples = last[f"reference_{channel}_sd"] / scale
         axis.fill_between(phase, human - band, human + band, color="0.87", label="human ±1 sd")
     axis.plot(phase, human, color=HUMAN, linestyle="--", linewidth=1.0, label="human")
-    for stride in strides[:-1]:
-        axis.plot(stride["gait_phase"], stride[channel] / scale, color=EARLIER, linewidth=0.7)
+    for number, stride in enumerate(strides[:-1]):
+        name = "earlier strides" if number == 0 else None
+        axis.plot(stride["gait_phase"], stride[channel] / scale, color=EARLIER, linewidth=0.7, label=name)
     axis.plot(phase, last[channel] / scale, color=OURS, linewidth=1.4, label="prosthesis")
     axis.set_title(f"{label} ({remark})")
     axis.legend(fontsize=7, frameon=False)
@@ -88,8 +91,8 @@ def _loop(axis: Axes, strides: list[Recording], mass: float) -> None:
 
 def _pressure(axis: Axes, stride: Recording) -> None:
     phase = stride["gait_phase"]
-    axis.plot(phase, stride["pressure_command"], color="#2ca02c", linestyle="--", linewidth=1.0, label="commanded")
-    axis.plot(phase, stride["pressure"], color="#2ca02c", linewidth=1.4, label="delivered")
+    axis.plot(phase, stride["pressure"], color="#2ca02c", linewidth=1.8, label="delivered")
+    axis.plot(phase, stride["pressure_command"], color="0.1", linestyle="--", linewidth=0.9, label="commanded")
     axis.set_title("gauge pressure [bar]")
     axis.set_ylim(bottom=0)
     axis.legend(fontsize=7, frameon=False)

@@ -17,8 +17,9 @@ from klute_sim.recording.recording import Recording, Samples
 from klute_sim.rigs.gait.reference import GRAVITY, LOADED
 from klute_sim.units import BAR
 
-POWER_WINDOW = 0.015
-"""Moving average [s] under which peak power is read: the raw power spikes as the last sole sphere lifts off."""
+SHORT = 0.015
+"""Moving average [s] under which peak power and vertical humps are read: the raw power spikes as the last sole sphere
+lifts off, and the raw load jumps as the forefoot comes down at 8 % of the cycle."""
 MID_STANCE = 30.0
 """Phase [%] that stance is looked for around."""
 GAP = 5.0
@@ -58,7 +59,7 @@ class AnkleOutcome:
     ankle_moment_peak_nm_per_kg: float
     ankle_moment_peak_pct: float
     ankle_power_peak_w_per_kg: float
-    """Of power averaged over :data:`POWER_WINDOW`."""
+    """Of power averaged over :data:`SHORT`."""
     ankle_power_peak_pct: float
     ankle_work_net_j_per_kg: float
     ankle_work_positive_j_per_kg: float
@@ -66,7 +67,7 @@ class AnkleOutcome:
     """Negative: before the reference's heel strike. None: never touched."""
     toe_off_pct: float | None
     grf_vertical_peaks_bw: tuple[float, float]
-    """The prosthesis': tracked, not predicted."""
+    """Averaged over :data:`SHORT`; the prosthesis': tracked, not predicted."""
     grf_vertical_max_bw: float
     grf_forward_min_bw: float
     grf_forward_max_bw: float
@@ -107,6 +108,11 @@ class GaitOutcome:
         """The strides that the mean is over: all but the first, if there is another."""
         return self.strides[1:] or self.strides
 
+    @property
+    def trips(self) -> bool:
+        """Whether the foot touches the ground in the swing of a settled stride."""
+        return any(s.touches_in_swing for s in self.settled)
+
     def mean(self, value: Callable[[StrideOutcome], float | None]) -> float | None:
         """Mean of ``value`` over the settled strides; None if any of them has none."""
         values = [value(s) for s in self.settled]
@@ -131,8 +137,9 @@ def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
     """Fields of :class:`AnkleOutcome` from one stride's channels that begin with ``prefix``."""
     phase, step, weight = r["gait_phase"], _step(r), mass * GRAVITY
     moment, power = r[f"{prefix}ankle_moment"] / mass, r[f"{prefix}ankle_power"] / mass
-    smooth = _smoothed(power, POWER_WINDOW / step)
+    smooth = _smoothed(power, SHORT / step)
     vertical, forward = r[f"{prefix}grf_vertical"] / weight, r[f"{prefix}grf_forward"] / weight
+    carried = _smoothed(vertical, SHORT / step)
     first, lift = _contact_events(phase, vertical > LOADED)
     # Over the angle, not over time: a reference has no stride time of its own.
     work = -moment * np.gradient(np.radians(r[f"{prefix}ankle_angle"]))
@@ -147,8 +154,8 @@ def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
         "first_contact_pct": first,
         "toe_off_pct": lift,
         "grf_vertical_peaks_bw": (
-            float(vertical[_between(phase, *HUMPS[0])].max()),
-            float(vertical[_between(phase, *HUMPS[1])].max()),
+            float(carried[_between(phase, *HUMPS[0])].max()),
+            float(carried[_between(phase, *HUMPS[1])].max()),
         ),
         "grf_vertical_max_bw": float(vertical.max()),
         "grf_forward_min_bw": float(forward.min()),
@@ -284,7 +291,7 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "actuator_work_net_j_per_kg": mean(lambda s: s.actuator_work_net_j_per_kg),
         "first_contact_pct": mean(lambda s: s.first_contact_pct),
         "toe_off_pct": mean(lambda s: s.toe_off_pct),
-        "touches_in_swing": any(s.touches_in_swing for s in outcome.settled),
+        "touches_in_swing": outcome.trips,
         "grf_vertical_peaks_bw": [
             mean(lambda s: s.grf_vertical_peaks_bw[0]),
             mean(lambda s: s.grf_vertical_peaks_bw[1]),
@@ -303,5 +310,6 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "air_per_stride_g": mean(lambda s: s.air_g),
         "ledger_residual_pct": mean(lambda s: s.ledger_residual_pct),
         "assumptions": {**ASSUMPTIONS, **recording.provenance["device"]["assumed"]},
+        "without_source": recording.provenance["device"]["without_source"],
         "per_stride": [asdict(s) for s in outcome.strides],
     }

@@ -15,6 +15,9 @@ MOST_STRIDES = 5
 WITHOUT_STRIDES, PER_STRIDE = 61, 9
 """Characters that the table takes without stride columns, and each of those."""
 
+FOLLOWED = 0.15
+"""Vertical tracking error [body weights, rms] beyond which the load was not followed; the default walk has 0.085."""
+
 ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleOutcome], float | None]], ...] = (
     ("ankle range", "deg", ".1f", lambda s: s.ankle_range_deg),
     ("peak net moment", "N·m/kg", ".3f", lambda s: s.ankle_moment_peak_nm_per_kg),
@@ -54,10 +57,11 @@ def table(recording: Recording, outcome: GaitOutcome, width: int) -> Table:
     room = max(1, min(MOST_STRIDES, (width - WITHOUT_STRIDES) // PER_STRIDE))
     shown = list(enumerate(outcome.strides, start=1))[-room:]
     first = len(outcome.strides) - len(outcome.settled) + 1
-    title = f"{recording.provenance['device']['name']}, last {len(shown)} of {len(outcome.strides)} strides"
+    strides = "1 stride" if len(outcome.strides) == 1 else f"last {len(shown)} of {len(outcome.strides)} strides"
+    title = f"{recording.provenance['device']['name']}, {strides}"
     result = Table(title=Text(title), box=box.SIMPLE_HEAD)
-    result.add_column("", no_wrap=True)
-    result.add_column("unit", style="dim", no_wrap=True)
+    result.add_column("")  # where the terminal is narrow, words wrap and numbers do not
+    result.add_column("unit", style="dim")
     result.add_column("human", justify="right", no_wrap=True)
     result.add_column(f"mean\n{first}-{len(outcome.strides)}", justify="right", style="bold", no_wrap=True)
     for number, _ in shown:
@@ -81,9 +85,17 @@ def remarks(summary: dict[str, Any]) -> list[str]:
         "Vertical ground reaction is tracked, not predicted: the reference's load is applied. Fore-aft reaction is "
         "partly prescribed."
     )
+    if summary["grf_vertical_tracking_rms_bw"] > FOLLOWED:
+        said.append(
+            f"The load was not followed here (rms {summary['grf_vertical_tracking_rms_bw']:.2f} body weights): the "
+            "ankle did not carry what the reference's does, so moments and powers are not those of walking."
+        )
+    below, unsourced = summary["below_friction_fit_pct"], len(summary["without_source"])
+    fade = f", among them how the muscle's friction fades below 2 bar, where {below:.0f} % of the stride is"
+    more = f" {unsourced} of the device's numbers have no source." if unsourced else ""
     said.append(
-        f"{len(summary['assumptions'])} assumptions are in it (summary.json lists them), among them how the muscle's "
-        f"friction fades below 2 bar, where {summary['below_friction_fit_pct']:.0f} % of the stride is."
+        f"{len(summary['assumptions'])} assumptions are in it (summary.json lists them)"
+        f"{fade if below and summary['friction_offset_work_j_per_kg'] else ''}.{more}"
     )
     return said
 

@@ -121,7 +121,12 @@ def _provenance(device: Device, controller: PressureController, rig: Assembly, l
     options, plan = rig.options, rig.plan
     return {
         "rig": "gait",
-        "device": {"name": device.name, "sha256": device.digest, "assumed": device.spec.assumed()},
+        "device": {
+            "name": device.name,
+            "sha256": device.digest,
+            "assumed": device.spec.assumed(),
+            "without_source": device.spec.without_source(),
+        },
         "controller": controller.describe(),
         "reference": {"name": options.reference.name, "sha256": options.reference.digest},
         "options": {
