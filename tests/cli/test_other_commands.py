@@ -12,6 +12,9 @@ import pytest
 from klute_sim.device.files import load
 
 
+HEAVY = ("gymnasium", "matplotlib", "mujoco", "numba", "numpy", "rerun", "scipy")
+
+
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "klute_sim", *arguments], capture_output=True, text=True, check=False)
 
@@ -21,7 +24,7 @@ def test_help_has_examples_and_needs_no_mujoco(command: list[str]) -> None:
     code = (
         "import sys\nfrom klute_sim.cli import main\n"
         f"try: main({[*command, '--help']!r})\n"
-        "finally: print('heavy:', [m for m in ('mujoco', 'numpy', 'matplotlib', 'rerun') if m in sys.modules])\n"
+        f"finally: print('heavy:', [m for m in {HEAVY!r} if m in sys.modules])\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -323,3 +323,32 @@ def test_where_it_cannot_be_compiled_python_runs_and_says_so_once(hidden: str, r
 def test_a_law_nobody_knows_is_refused() -> None:
     with pytest.raises(InputError, match="law is 'fast'; allowed: auto, compiled, python"), router.installed("fast"):
         pass
+
+
+def test_mujocos_own_rollouts_and_derivatives_see_the_law() -> None:
+    from mujoco import rollout
+
+    model, data, _ = ankle()
+    first = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+    mujoco.mj_getState(model, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    commands = np.linspace(0.0, 5.0, 200)[None, :, None] * np.ones((4, 1, 1))
+    with router.installed("compiled"):
+        states, _ = rollout.rollout(
+            model, [mujoco.MjData(model) for _ in range(2)], np.tile(first, (4, 1)), commands, chunk_size=1
+        )
+    for command in commands[0]:
+        data.ctrl[:] = command
+        with router.installed("python"):
+            router.step(model, data)
+    mujoco.mj_getState(model, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    assert all(np.array_equal(each, first) for each in states[:, -1])
+
+    size = 2 * model.nv + model.na
+    found = []
+    for law in ("compiled", "python"):
+        by_state, by_command = np.zeros((size, size)), np.zeros((size, model.nu))
+        with router.installed(law):
+            mujoco.mjd_transitionFD(model, data, 1e-6, True, by_state, by_command, None, None)
+        found.append((by_state, by_command))
+    assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
+    assert found[0][1][2 * model.nv, 0] > 0.0  # more command, more pressure

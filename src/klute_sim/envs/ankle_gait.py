@@ -27,13 +27,13 @@ def rig_for(device: Device | str | Path, options: GaitOptions) -> tuple[Assembly
     return assemble(device if isinstance(device, Device) else load(device), options, INTERVAL), each
 
 
-def observation_space() -> spaces.Box[np.float32]:
+def observation_space() -> "spaces.Box[np.float32]":
     """What a prosthesis can sense."""
     low, high = (np.array([row[k] for row in OBSERVATIONS], dtype=np.float32) for k in (2, 3))
     return spaces.Box(low, high, dtype=np.float32)
 
 
-def action_space() -> spaces.Box[np.float32]:
+def action_space() -> "spaces.Box[np.float32]":
     """Pressure, from none (-1) to all that the supply has (1)."""
     return spaces.Box(-1.0, 1.0, (1,), np.float32)
 
