@@ -11,7 +11,6 @@ import pytest
 
 from klute_sim.device.files import load
 
-
 HEAVY = ("gymnasium", "matplotlib", "mujoco", "numba", "numpy", "rerun", "scipy")
 
 
