@@ -33,21 +33,31 @@ def register() -> None:
 
 
 class _Watch(importlib.abc.MetaPathFinder):
-    """Waits for Gymnasium; finds nothing itself."""
+    """Waits until Gymnasium has been imported; finds nothing itself."""
+
+    def __init__(self) -> None:
+        self._asking = False
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: types.ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
         """What the others find; Gymnasium's loader then ends with our registration."""
-        if fullname != "gymnasium":
+        if fullname != "gymnasium" or self._asking:
             return None
-        sys.meta_path.remove(self)
-        found = importlib.util.find_spec(fullname)
+        self._asking = True
+        try:
+            found = importlib.util.find_spec(fullname)
+        finally:
+            self._asking = False
         if found is not None and found.loader is not None:
             execute = found.loader.exec_module
 
             def exec_module(module: types.ModuleType) -> None:
                 execute(module)
+                if (
+                    self in sys.meta_path
+                ):  # somebody may only have asked where Gymnasium is, and somebody else come first
+                    sys.meta_path.remove(self)
                 register()
 
             found.loader.exec_module = exec_module  # type: ignore[method-assign]

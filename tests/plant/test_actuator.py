@@ -11,7 +11,7 @@ import pytest
 from klute_sim.device import step as unit
 from klute_sim.device.files import load
 from klute_sim.device.step import State
-from klute_sim.errors import InputError, KluteSimWarning, SimulationError
+from klute_sim.errors import InputError, KluteSimError, KluteSimWarning, SimulationError
 from klute_sim.plant import models, router
 from klute_sim.plant.actuator import DeviceActuator
 
@@ -125,9 +125,12 @@ def test_foreign_actuators_without_a_law_stay_neutral() -> None:
 def test_who_installs_while_we_are_in_keeps_the_slot() -> None:
     late = lambda m, d, i: 1.0  # noqa: E731
     try:
-        with router.installed():
+        with pytest.warns(KluteSimWarning, match="it had no force since"), router.installed():
             mujoco.set_mjcb_act_bias(late)
+            with pytest.raises(KluteSimError, match="over the device's"), router.installed():
+                pass
         assert mujoco.get_mjcb_act_bias() is late
+        assert mujoco.get_mjcb_act_dyn() is None
     finally:
         mujoco.set_mjcb_act_bias(None)
 
@@ -136,7 +139,7 @@ def test_who_wraps_our_callback_and_stays_is_asked_once() -> None:
     foreign = mujoco.MjModel.from_xml_string(FOREIGN)
     theirs = mujoco.MjData(foreign)
     try:
-        with router.installed():
+        with pytest.warns(KluteSimWarning), router.installed():
             ours = mujoco.get_mjcb_act_bias()
             mujoco.set_mjcb_act_bias(lambda m, d, i: 5.0 + ours(m, d, i))
         with pytest.warns(KluteSimWarning), router.installed():

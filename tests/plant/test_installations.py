@@ -69,14 +69,13 @@ def test_ten_thousand_gait_steps_are_the_same_alone_in_threads_and_in_a_batch() 
         mujoco.mj_getState(rig.model, data, row, STATE)
     bound = [simulations.bind(name) for name in ("qpos", "qvel", "act", "sensordata")]
     ctrl = simulations.bind("ctrl")
-    with batch.stepping():
-        for k in range(steps):
-            ctrl[:, : len(DRIVES)] = rig.slopes[k % rig.per_stride]
-            ctrl[:, rig.actuator.ctrl] = (k // 300) % 6
-            simulations.step()
-            now = np.concatenate(bound, axis=1)
-            assert np.array_equal(now[0], reference[k])
-            assert np.array_equal(now[1], reference[k])
+    for k in range(steps):
+        ctrl[:, : len(DRIVES)] = rig.slopes[k % rig.per_stride]
+        ctrl[:, rig.actuator.ctrl] = (k // 300) % 6
+        batch.step(simulations)
+        now = np.concatenate(bound, axis=1)
+        assert np.array_equal(now[0], reference[k])
+        assert np.array_equal(now[1], reference[k])
 
 
 def test_a_batch_carries_different_devices_as_models_of_their_own_would() -> None:
@@ -85,8 +84,7 @@ def test_a_batch_carries_different_devices_as_models_of_their_own_would() -> Non
     simulations = batch.simulations(model, 2, threads=2)
     batch.give(simulations, "muscle_tendon", [strong, light])
     simulations.bind("ctrl")[:] = 3.0
-    with batch.stepping():
-        simulations.step(nstep=200)
+    batch.step(simulations, count=200)
     for i, parameters in enumerate((strong, light)):
         own = models.equip(models.spec("ankle"), {"muscle_tendon": parameters})
         data = mujoco.MjData(own)
@@ -106,8 +104,8 @@ def test_what_a_batch_cannot_do_is_refused() -> None:
         batch.give(simulations, "muscle_tendon", [load("klute-3-4").parameters] * 2)
     mujoco.set_mjcb_act_bias(lambda m, d, i: 0.0)
     try:
-        with pytest.warns(KluteSimWarning), pytest.raises(InputError, match="Python callbacks"), batch.stepping():
-            pass
+        with pytest.warns(KluteSimWarning), pytest.raises(InputError, match="Python callbacks"):
+            batch.step(simulations)
     finally:
         mujoco.set_mjcb_act_bias(None)
 

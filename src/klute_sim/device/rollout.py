@@ -99,6 +99,8 @@ def rollout(
     Raises InputError for shapes that do not fit, what is not finite, or a step beyond :data:`LONGEST_STEP`;
     SimulationError if a result is not finite.
     """
+    if threads < 0:
+        raise InputError(f"threads is {threads}; allowed: 0 (all cores) or more")
     single = isinstance(parameters, Parameters)
     devices: list[Parameters] = [parameters] if isinstance(parameters, Parameters) else list(parameters)
     lengths, commands = np.asarray(unit_length, dtype=np.float64), np.asarray(command, dtype=np.float64)
@@ -110,7 +112,7 @@ def rollout(
         shape = np.broadcast_shapes((len(devices), 1), lengths.shape, commands.shape)
     except ValueError:
         shape = ()
-    if len(shape) != 2 or shape[1] < 1 or 0 in (lengths.ndim, commands.ndim):
+    if len(shape) != 2 or 0 in shape or 0 in (lengths.ndim, commands.ndim):
         raise InputError(
             f"{len(devices)} devices, lengths {lengths.shape} and commands {commands.shape} do not fit together; "
             "allowed: (samples,) or (rollouts, samples)"

@@ -17,6 +17,9 @@ from klute_sim.rigs.gait.assembly import DRIVES, Assembly, GaitOptions, assemble
 from klute_sim.units import BAR
 
 Observation = NDArray[np.float32]
+MOST_NOISE = 0.3
+"""[rad]"""
+MOST_PIXELS = 4096
 
 
 def rig_for(device: Device | str | Path, options: GaitOptions) -> tuple[Assembly, int]:
@@ -126,8 +129,12 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         self.render_mode = render_mode
         self.action_space, self.observation_space = action_space(), observation_space()
         self._task, self._one = Task(self._rig, 1), np.ones(1, dtype=np.bool_)
-        self._law, self._reset_noise = router.choose(law), reset_noise
+        self._law, self._reset_noise = router.choose(law), noise_of(reset_noise)
+        if not (0 < width <= MOST_PIXELS and 0 < height <= MOST_PIXELS):
+            raise InputError(f"pictures are {width} x {height}; allowed: 1 to {MOST_PIXELS} pixels a side")
         self._size = (height, width)
+        self.model.vis.global_.offwidth = max(width, self.model.vis.global_.offwidth)
+        self.model.vis.global_.offheight = max(height, self.model.vis.global_.offheight)
         self._renderer: mujoco.Renderer | None = None
 
     @property
@@ -186,6 +193,13 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
             self._renderer = None
 
 
+def noise_of(reset_noise: float) -> float:
+    """``reset_noise`` [rad]; raises InputError if no ankle could be there."""
+    if not 0.0 <= reset_noise <= MOST_NOISE:
+        raise InputError(f"reset_noise is {reset_noise:g}; allowed: 0 to {MOST_NOISE:g} rad")
+    return reset_noise
+
+
 def begin(rig: Assembly, data: mujoco.MjData, random: np.random.Generator, noise: float) -> None:
     """Put ``data`` at the beginning of an episode."""
     pressure = random.uniform(0.0, 0.25 * rig.actuator.parameters.supply.pressure)
@@ -193,11 +207,15 @@ def begin(rig: Assembly, data: mujoco.MjData, random: np.random.Generator, noise
     data.ctrl[rig.actuator.ctrl] = pressure / BAR
 
 
-def checked(action: NDArray[np.floating[Any]], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """The action as numbers; raises InputError for another shape or NaN."""
-    chosen = np.asarray(action, dtype=np.float64)
+def checked(
+    action: NDArray[np.floating[Any]], shape: tuple[int, ...], counts: NDArray[np.bool_] | None = None
+) -> NDArray[np.float64]:
+    """The action as numbers, 0 in rows that do not count; raises InputError for another shape, or NaN where it does."""
+    chosen = np.array(action, dtype=np.float64)
     if chosen.shape != shape:
         raise InputError(f"action has shape {chosen.shape}; allowed: {shape}")
+    if counts is not None:
+        chosen[~counts] = 0.0
     if np.isnan(chosen).any():
         raise InputError("action is not a number; allowed: -1 to 1")
     return chosen

@@ -1,5 +1,6 @@
 """``klute_sim/AnkleGait`` on all cores: one model, many simulations, no Python between their steps."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
@@ -13,10 +14,10 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from klute_sim.device.files import DEFAULT_PROSTHESIS, Device
-from klute_sim.envs.ankle_gait import action_space, begin, checked, observation_space, rig_for
+from klute_sim.envs.ankle_gait import action_space, begin, checked, noise_of, observation_space, rig_for
 from klute_sim.envs.task import INTERVAL, Readings, Task
 from klute_sim.errors import InputError, SimulationError
-from klute_sim.plant.batch import simulations, stepping
+from klute_sim.plant import batch
 from klute_sim.rigs.gait.assembly import DRIVES, GaitOptions
 
 Observations = NDArray[np.float32]
@@ -54,7 +55,7 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
         """As the single environment, on ``threads`` threads (0: all cores); raises InputError for what cannot be."""
         options = GaitOptions(mass=mass, stature=stature, speed=speed, strides=strides, step=step)
         self._rig, self._steps = rig_for(device, options)
-        self._batch = simulations(self._rig.model, num_envs, threads)
+        self._batch = batch.simulations(self._rig.model, num_envs, threads)
         self._scratch = mujoco.MjData(self._rig.model)
         self._bound = {name: self._batch.bind(name) for name in READ}
         self._now = Readings(*(value.copy() for value in self._bound.values()))
@@ -65,7 +66,7 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.metadata = {**self.metadata, "autoreset_mode": AutoresetMode(autoreset_mode)}
         self._mode = AutoresetMode(autoreset_mode)
-        self._task, self._reset_noise = Task(self._rig, num_envs), reset_noise
+        self._task, self._reset_noise = Task(self._rig, num_envs), noise_of(reset_noise)
         self._randoms: list[np.random.Generator] | None = None
         self._done: Flags = np.zeros(num_envs, dtype=np.bool_)
 
@@ -75,15 +76,25 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
         return INTERVAL
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
         """Heel strike everywhere, or where ``options["reset_mask"]`` is true."""
         mask = np.ones(self.num_envs, dtype=np.bool_)
         if options and "reset_mask" in options:
-            mask = np.asarray(options["reset_mask"], dtype=np.bool_)
-            if mask.shape != (self.num_envs,):
-                raise InputError(f"reset_mask has shape {mask.shape}; allowed: ({self.num_envs},)")
-        seeds = seed if isinstance(seed, list) else [None if seed is None else seed + i for i in range(self.num_envs)]
+            mask = np.asarray(options["reset_mask"])
+            if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+                raise InputError(
+                    f"reset_mask has shape {mask.shape} and type {mask.dtype}; allowed: ({self.num_envs},) and bool, "
+                    "with at least one to reset"
+                )
+            if self._randoms is None and not mask.all():
+                raise InputError("the first reset is of all environments")
+        if seed is None or isinstance(seed, int):
+            seeds = [None if seed is None else seed + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise InputError(f"{len(seeds)} seeds for {self.num_envs} environments")
         if self._randoms is None:
             self._randoms = [seeding.np_random(each)[0] for each in seeds]
         else:
@@ -108,16 +119,19 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observations, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Hold ``actions`` (num_envs, 1) for one interval; raises InputError if one is no number."""
-        chosen = checked(actions, (self.num_envs, 1))[:, 0]
+        """Hold ``actions`` (num_envs, 1) for one interval; raises InputError if one that counts is no number.
+
+        What is said to an environment that is about to be reset does not count.
+        """
         live = ~self._done
+        chosen = checked(actions, (self.num_envs, 1), live)[:, 0]
         if not live.all() and self._mode != AutoresetMode.NEXT_STEP:
             raise InputError("an episode has ended: reset it (options={'reset_mask': ...}) before the next step")
         self._begin(~live)
         self._ctrl[live, : len(DRIVES)] = self._task.slopes()[live]
         self._ctrl[live, self._rig.actuator.ctrl] = self._task.command(chosen)[live]
-        with suppress(SimulationError), stepping():  # a failed device ends its episode
-            self._batch.step(ids=np.flatnonzero(live), nstep=self._steps)
+        with suppress(SimulationError):  # a failed device ends its episode
+            batch.step(self._batch, np.flatnonzero(live), self._steps)
         for name, value in self._bound.items():
             getattr(self._now, name)[live] = value[live]
         reward, terminated, truncated, told = self._task.judge(chosen, self._now, live)

@@ -43,6 +43,8 @@ TERMS = tuple(f"reward_{name}" for name in WEIGHTS)
 
 STRIKE, SWING = 0.10, 0.05
 """Load [body weights] above which the foot has struck, and below which it has left."""
+SHORTEST, LONGEST, EARLY = 0.6, 1.6, 0.1
+"""Of the usual stride time: the least and the most a stride is taken for; until when a strike is the first one's."""
 
 
 @dataclass
@@ -129,6 +131,8 @@ class Task:
         )
         for number, column in enumerate(columns):
             sensed[:, number] = column
+        if not np.isfinite(sensed.sum()):  # the last observation of an episode that failed
+            sensed = np.nan_to_num(sensed)
         return _within(sensed, self._lowest, self._highest).astype(np.float32)
 
     def judge(self, action: Array, now: Readings, which: Mask) -> tuple[Array, Mask, Mask, dict[str, Array]]:
@@ -142,7 +146,7 @@ class Task:
         moment = self._net_moment(now) / self._mass
         power = moment * now.qvel[:, self._dof]
         air = self._air_mass(now)
-        drawn = 1e3 * np.maximum(air - self._air, 0.0)
+        drawn = 1e3 * np.fmax(air - self._air, 0.0)  # nothing, where it cannot be told
         action = _within(action, -1.0, 1.0)
         change = action - self._action
 
@@ -190,13 +194,14 @@ class Task:
         self._since += INTERVAL * which
         strikes = which & ~self._standing & (load > STRIKE)
         if strikes.any():
-            # A bounce within the stride is no stride.
-            counts = strikes & (self._since > 0.5 * self._period)
-            self._period = np.where(counts, self._since, self._period)
-            self._since = np.where(counts | (strikes & (self._since < 0.1 * self._period)), 0.0, self._since)
+            # A bounce within the stride is no stride. The wearer's cadence is known well enough to tell.
+            usual = self.rig.plan.stride_time
+            counts = strikes & (self._since > SHORTEST * usual)
+            self._period = np.where(counts, np.minimum(self._since, LONGEST * usual), self._period)
+            self._since = np.where(counts | (strikes & (self._since < EARLY * usual)), 0.0, self._since)
         self._standing = np.where(which, load > np.where(self._standing, SWING, STRIKE), self._standing)
 
 
 def _within(values: Array, low: Array | float, high: Array | float) -> Array:
-    """``values`` clipped to ``low`` ... ``high``; NaN is ``high``."""
-    return np.asarray(np.fmax(np.fmin(values, high), low))
+    """``values`` clipped to ``low`` ... ``high``."""
+    return np.asarray(np.maximum(np.minimum(values, high), low))

@@ -12,6 +12,8 @@ import mujoco
 
 MODEL_POINTERS = (
     "actuator_user",
+    "actuator_dyntype",
+    "actuator_actnum",
     "actuator_actadr",
     "actuator_outadr",
     "actuator_ctrladr",

@@ -9,16 +9,18 @@ gives an actuator without a callback: no rates, no force.
 
 from typing import Any
 
+import mujoco
 import numpy as np
 from numba import carray
 
 from klute_sim.device.vector import SIGNATURE
 from klute_sim.plant.coupling import ROW
 
+USER_DYNAMICS = int(mujoco.mjtDyn.mjDYN_USER)
 UNKNOWN = -1
 M_SIZE = D_SIZE = UNKNOWN
 """Words of mjModel and mjData that are looked at."""
-NUSER = USER = ACTADR = OUTADR = CTRLADR = TIMESTEP = UNKNOWN
+NUSER = USER = DYNTYPE = ACTNUM = ACTADR = OUTADR = CTRLADR = TIMESTEP = UNKNOWN
 """In mjModel."""
 ACT = ACT_DOT = CTRL = LENGTH = VELOCITY = TIME = UNKNOWN
 """In mjData."""
@@ -44,9 +46,9 @@ def reals(words: Any, pointer: int, index: int, count: int) -> Any:
 
 
 def row_of(words: Any, actuator: int) -> Any:
-    """The actuator's row of parameters, empty if it carries no device."""
+    """The actuator's row of parameters, empty if it carries no device or has no place for its two states."""
     width = words[NUSER]
-    if width >= ROW:
+    if width >= ROW and entry(words, DYNTYPE, actuator) == USER_DYNAMICS and entry(words, ACTNUM, actuator) == 2:
         row = reals(words, USER, width * actuator, ROW)
         if row[0] == SIGNATURE:
             return row

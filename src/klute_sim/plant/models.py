@@ -7,10 +7,9 @@ from pathlib import Path
 import mujoco
 
 from klute_sim.device.step import Parameters
-from klute_sim.device.vector import pack
+from klute_sim.device.vector import SIGNATURE, pack
 from klute_sim.errors import InputError
-from klute_sim.plant.coupling import SHOWN_DAMPING
-from klute_sim.plant.router import row_of
+from klute_sim.plant.coupling import ROW, SHOWN_DAMPING
 
 
 def folder() -> Path:
@@ -28,7 +27,8 @@ def equip(spec: mujoco.MjSpec, devices: Mapping[str, Parameters]) -> mujoco.MjMo
     """Compile ``spec`` with ``devices`` (actuator name -> parameters) on its actuators.
 
     The parameters travel in the model (``actuator_user``): its copies and pickles carry them. MuJoCo's automatic
-    reset is off, because it would hide a simulation that has failed.
+    reset is off, because it would hide a simulation that has failed. Of MuJoCo's integrators RK4 takes the device's
+    states with the rates of its last stage only: use the others.
 
     Raises InputError if an actuator is not made for a device, or is made for one and gets none: without it, it would
     silently give no force.
@@ -38,45 +38,60 @@ def equip(spec: mujoco.MjSpec, devices: Mapping[str, Parameters]) -> mujoco.MjMo
         if actuator is None:
             known = ", ".join(each.name for each in spec.actuators)
             raise InputError(f"the model has no actuator '{name}'; it has: {known}")
-        actuator.userdata = [*pack(parameters), 0.0]
-    model = spec.compile()
-    for actuator in range(model.nactuator):
-        carries, name = row_of(model, actuator) is not None, model.actuator(actuator).name
-        if carries and not made_for_device(model, actuator):
-            raise InputError(
-                f"actuator '{name}' cannot carry a device: it must act on a tendon, with dyntype and biastype 'user', "
-                "actdim 2 and gaintype 'fixed' with gainprm 0"
-            )
-        if made_for_device(model, actuator) and not carries:
-            raise InputError(f"actuator '{name}' is made for a device and has none: it would give no force")
-    for name, parameters in devices.items():
-        _show_damping(model, name, parameters)
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    return model
+        obstacle = _obstacle(spec, actuator)
+        if obstacle:
+            raise InputError(f"actuator '{name}' cannot carry a device: {obstacle}")
+        shown = _show_damping(spec, actuator, parameters)
+        actuator.userdata = [*pack(parameters), shown]
+    for actuator in spec.actuators:
+        if actuator.name not in devices and not _carries(actuator) and not _obstacle(spec, actuator):
+            raise InputError(f"actuator '{actuator.name}' is made for a device and has none: it would give no force")
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    return spec.compile()
 
 
-def made_for_device(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether ``actuator`` is shaped for a device: two states, a force of its own, on a tendon."""
-    return bool(
-        model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_USER
-        and model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_USER
-        and model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
-        and model.actuator_gainprm[actuator, 0] == 0.0
-        and model.actuator_actnum[actuator] == 2
-        and model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_TENDON
+def _carries(actuator: mujoco.MjsActuator) -> bool:
+    return len(actuator.userdata) >= ROW and actuator.userdata[0] == SIGNATURE
+
+
+def _obstacle(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str:
+    """Why ``actuator`` cannot carry a device, or ''."""
+    made = (
+        actuator.dyntype == mujoco.mjtDyn.mjDYN_USER
+        and actuator.biastype == mujoco.mjtBias.mjBIAS_USER
+        and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED
+        and actuator.gainprm[0] == 0.0
+        and actuator.actdim == 2
+        and actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
     )
+    if not made:
+        return "it must act on a tendon, with dyntype and biastype 'user', actdim 2 and gaintype 'fixed' with gainprm 0"
+    if list(actuator.gear) != [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]:
+        return "its gear must be 1"
+    # MuJoCo would clip states and forces behind the device's back; the supply clips the command.
+    for name in ("ctrlrange", "forcerange", "actrange"):
+        if any(getattr(actuator, name)):
+            return f"it must not have a {name}"
+    tendon = spec.tendon(actuator.target)
+    if tendon is not None and any(tendon.actfrcrange):
+        return "its tendon must not have an actuatorfrcrange"
+    return ""
 
 
-def _show_damping(model: mujoco.MjModel, name: str, parameters: Parameters) -> None:
+def _show_damping(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator, parameters: Parameters) -> float:
     """Let MuJoCo's implicit integrators see the damper of a device that has no spring between damper and joint.
 
     They know nothing of a callback's derivative, and on a rigid tie the damper is too stiff without it. MuJoCo's
     tendons can have a damping ``c v|v|``, which is the orifice's law: the model's tendon gets it, with the larger of
-    the two coefficients, and the device's force gives it back. Their sum is exact at every evaluation.
+    the two coefficients [N s2/m2], which is returned, and the device's force gives it back. Their sum is exact at every
+    evaluation, as long as MuJoCo's dampers are not disabled.
     """
-    if not parameters.tendon.rigid:
-        return
-    actuator = model.actuator(name).id
-    shown = max(parameters.damper.concentric, parameters.damper.eccentric)
-    model.tendon_dampingpoly[model.actuator_trnid[actuator, 0], 0] += shown
-    model.actuator_user[actuator, SHOWN_DAMPING] = shown
+    tendon = spec.tendon(actuator.target)
+    damping = [*tendon.damping, 0.0, 0.0, 0.0][:3]
+    if _carries(actuator):  # a device before this one
+        damping[1] -= actuator.userdata[SHOWN_DAMPING]
+    damper = parameters.damper
+    shown = max(damper.concentric, damper.eccentric) if parameters.tendon.rigid else 0.0
+    damping[1] += shown
+    tendon.damping = damping
+    return shown

@@ -1,10 +1,12 @@
 """The compiled installation: C functions for MuJoCo's slots that take no lock of Python's.
 
-A C function cannot raise. A device without a finite state is reported to :data:`faults`; its pressure becomes NaN,
-and it gives no force from then on, so that the rest of the simulation stays readable.
+A C function cannot raise. A device without a finite state is reported to :data:`faults`, in the thread that steps it;
+its pressure becomes NaN, and the device itself gives no force from then on, so that the bodies stay where they can be
+looked at.
 """
 
 import ctypes
+import threading
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -21,8 +23,6 @@ from klute_sim.plant.layout import actuator_name, layout
 class Fault(NamedTuple):
     """A device without a finite state."""
 
-    data: int
-    """Address of the mjData."""
     actuator: str
     """Its name."""
     time: float
@@ -37,6 +37,20 @@ class Fault(NamedTuple):
     """[m]"""
 
 
+faults: dict[int, dict[tuple[int, int], Fault]] = {}
+"""Thread -> (address of mjData, actuator) -> the first report of it that nobody has taken yet."""
+
+
+def take(data: int | None = None) -> Fault | None:
+    """The calling thread's first report (about the mjData at that address), which is then forgotten with its like."""
+    mine = faults.get(threading.get_ident(), {})
+    concerned = [place for place in mine if data in (None, place[0])]
+    taken = [mine.pop(place) for place in concerned]
+    if not mine:
+        faults.pop(threading.get_ident(), None)
+    return taken[0] if taken else None
+
+
 class Callbacks(NamedTuple):
     """What goes into the slots; keep it as long as it is in there."""
 
@@ -44,15 +58,10 @@ class Callbacks(NamedTuple):
     act_bias: Any
 
 
-MOST_FAULTS = 1000
-"""Reports kept; a device that has failed fails at every step."""
-faults: list[Fault] = []
-"""What was reported and nobody has asked for yet, oldest first."""
-
-
 def _report(model: int, data: int, actuator: int, *numbers: float) -> float:
-    if len(faults) < MOST_FAULTS:
-        faults.append(Fault(data, actuator_name(model, layout(), actuator), *numbers))
+    mine = faults.setdefault(threading.get_ident(), {})
+    if (data, actuator) not in mine:  # a device that has failed fails at every step
+        mine[data, actuator] = Fault(actuator_name(model, layout(), actuator), *numbers)
     return 0.0
 
 
@@ -89,6 +98,8 @@ def callbacks() -> Callbacks:
         "M_SIZE": max(m.values()) + 1,
         "D_SIZE": max(d.values()) + 1,
         "NUSER": m["nuser_actuator"],
+        "DYNTYPE": m["actuator_dyntype"],
+        "ACTNUM": m["actuator_actnum"],
         "USER": m["actuator_user"],
         "ACTADR": m["actuator_actadr"],
         "OUTADR": m["actuator_outadr"],
@@ -106,7 +117,10 @@ def callbacks() -> Callbacks:
     pointers = {"at": intrinsic(_number_to_pointer), "address": intrinsic(_pointer_to_number)}
     filled = {**pointers, "rates": device.rates, "force": device.force, "report_fault": report}
     code = copy_of(memory, **words, **filled)
-    signature, constants = types.float64(types.voidptr, types.voidptr, types.intc), repr(sorted(words.items()))
+    signature, constants = (
+        types.float64(types.voidptr, types.voidptr, types.intc),
+        repr((sorted(words.items()), memory.USER_DYNAMICS)),
+    )
     made = Callbacks(*(ready(numba.cfunc, f, signature, constants) for f in (code.act_dyn, code.act_bias)))
     for function in made:
         function.ctypes.argtypes = (_Struct, _Struct, ctypes.c_int)

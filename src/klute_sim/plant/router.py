@@ -10,12 +10,13 @@ MuJoCo cannot compile a model while it is in. It is also what steps in when numb
 not laid out as expected, or when somebody else's callbacks were there first and have to be asked.
 """
 
+import ctypes
 import math
 import os
 import threading
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
@@ -24,11 +25,11 @@ import mujoco
 
 from klute_sim.device import installation
 from klute_sim.device.vector import SIGNATURE
-from klute_sim.errors import KluteSimWarning, SimulationError
+from klute_sim.errors import KluteSimError, KluteSimWarning, SimulationError
 from klute_sim.plant import coupling
 
-Callback = Callable[[mujoco.MjModel, mujoco.MjData, int], float]
 SLOTS = ("act_dyn", "act_bias")
+_PLAIN = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)
 
 _lock = threading.RLock()
 _inside: Counter[int] = Counter()
@@ -68,27 +69,53 @@ def choose(law: str = "auto") -> str:
 def installed(law: str = "auto") -> Iterator[str]:
     """While inside, actuators that carry a device follow it; gives the name of the law that is in force.
 
-    May be nested and entered from several threads; whoever is first in decides which law. Raises SimulationError on
-    the way out if, under the compiled law, a device had no finite state and nobody was told.
+    May be nested and entered from several threads; whoever is first in decides which law. A thread on its way out gets
+    a SimulationError if, under the compiled law, it has stepped a device without a finite state and was not told.
+    Raises KluteSimError, or warns (KluteSimWarning) on the way out, if somebody else has put callbacks of their own
+    over ours: devices give no force under those.
     """
     law = choose(law)
     me = threading.get_ident()
     with _lock:
         if not _inside:
             _install(law)
+        elif not _in_place():
+            raise KluteSimError("somebody else's callbacks were installed in MuJoCo over the device's: it has no force")
+        if compiled_in_force():
+            if not _inside[me]:
+                _compiled()[0].take()  # what was not told before is not told now
+            law = "compiled"
+        else:
+            law = "python"
         _inside[me] += 1
-        in_force = "python" if _ours["act_dyn"] is _act_dyn else "compiled"
     try:
-        yield in_force
+        yield law
     finally:
         with _lock:
             _inside[me] -= 1
-            if not _inside[me]:
+            outermost = not _inside[me]
+            if outermost:
                 del _inside[me]
-            if not _inside:
-                _restore()
-    if not _inside and in_force == "compiled":
-        _raise_fault()
+            kept = bool(_inside) or _restore()
+    if not kept:
+        warnings.warn(
+            "somebody else's callbacks were installed in MuJoCo over the device's: it had no force since",
+            KluteSimWarning,
+            stacklevel=3,
+        )
+    if outermost and law == "compiled":
+        fault = _compiled()[0].take()
+        if fault is not None:
+            raise _no_finite_state(*fault)
+
+
+def compiled_in_force() -> bool:
+    """Whether the compiled law is in MuJoCo's slots."""
+    return bool(_ours) and _ours["act_dyn"] is not _act_dyn
+
+
+def _in_place() -> bool:
+    return all(getattr(mujoco, f"get_mjcb_{name}")() is ours for name, ours in _ours.items())
 
 
 def _install(law: str) -> None:
@@ -101,7 +128,6 @@ def _install(law: str) -> None:
         )
         law = "python"
     if law == "compiled":
-        _compiled()[0].faults.clear()
         _ours.update(_functions())
     else:
         _ours.update({"act_dyn": _act_dyn, "act_bias": _act_bias})
@@ -115,12 +141,16 @@ def _functions() -> dict[str, Any]:
     return {name: function.ctypes for name, function in _compiled()[0].callbacks()._asdict().items()}
 
 
-def _restore() -> None:
+def _restore() -> bool:
+    """Put back what was there; whether ours had stayed in place until now."""
+    kept = _in_place()
     for name, ours in _ours.items():
         # Somebody who installed after us and is still there keeps the slot.
         if getattr(mujoco, f"get_mjcb_{name}")() is ours:
             getattr(mujoco, f"set_mjcb_{name}")(_before[name])
     _before.clear()
+    _ours.clear()
+    return kept
 
 
 def _after_fork() -> None:
@@ -147,19 +177,28 @@ def step(model: mujoco.MjModel, data: mujoco.MjData, count: int = 1) -> None:
     failed step is not taken; under the compiled law all ``count`` steps are, with no force from that device.
     """
     mujoco.mj_step(model, data, count)
-    _raise_fault(data)
+    if compiled_in_force() and _compiled()[0].faults:  # of anybody: the data itself says whose
+        _raise_fault(model, data)
 
 
-def _raise_fault(data: mujoco.MjData | None = None) -> None:
-    """Raise for the first report about ``data`` (about anything: None) and drop the others."""
-    if _ours.get("act_dyn") is _act_dyn:  # the reference raises by itself
-        return
-    native, _ = _compiled()
-    address = None if data is None else data._address
-    concerned = [fault for fault in native.faults if address in (None, fault.data)]
-    if concerned:
-        native.faults[:] = [fault for fault in native.faults if fault not in concerned]
-        raise _no_finite_state(*concerned[0][1:])
+def _raise_fault(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Raise if a device of ``data`` has failed."""
+    failed = [
+        actuator
+        for actuator in range(model.nactuator)
+        if row_of(model, actuator) and not math.isfinite(data.act[model.actuator_actadr[actuator]])
+    ]
+    reported = _compiled()[0].take(data._address)
+    if failed and reported:
+        raise _no_finite_state(*reported)
+
+
+def take_reports() -> list[str]:
+    """What the calling thread and MuJoCo's own threads have reported, one sentence each; it is then forgotten."""
+    faults = _compiled()[0].faults
+    strangers = [thread for thread in list(faults) if thread not in _inside or thread == threading.get_ident()]
+    reports = [report for thread in strangers for report in faults.pop(thread, {}).values()]
+    return [str(_no_finite_state(*report)) for report in reports]
 
 
 def _no_finite_state(
@@ -173,8 +212,13 @@ def _no_finite_state(
 
 
 def row_of(model: mujoco.MjModel, actuator: int) -> list[float] | None:
-    """The parameters of the device on ``actuator``; None if it carries none."""
-    if model.nuser_actuator >= coupling.ROW and model.actuator_user[actuator, 0] == SIGNATURE:
+    """The parameters of the device on ``actuator``; None if it carries none, or has no place for its two states."""
+    if (
+        model.nuser_actuator >= coupling.ROW
+        and model.actuator_user[actuator, 0] == SIGNATURE
+        and model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_USER
+        and model.actuator_actnum[actuator] == 2
+    ):
         row: list[float] = model.actuator_user[actuator, : coupling.ROW].tolist()
         return row
     return None
@@ -182,12 +226,14 @@ def row_of(model: mujoco.MjModel, actuator: int) -> list[float] | None:
 
 def _neighbour(name: str, model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float:
     """What whoever was in the slot before us says of an actuator that is not ours; 0 if nobody was."""
-    previous: Callback | None = _before.get(name)
+    previous: Any = _before.get(name)
     if previous is None or getattr(_asking, "now", False):
         return 0.0
     _asking.now = True  # somebody who wrapped our callback and stayed would ask us back, without end
     try:
-        return previous(model, data, actuator)
+        if hasattr(previous, "argtypes"):  # a C function wants what is behind the Python objects
+            return float(_PLAIN.from_address(ctypes.addressof(previous))(model._address, data._address, actuator))
+        return float(previous(model, data, actuator))
     finally:
         _asking.now = False
 

@@ -56,6 +56,8 @@ class GaitOptions:
         for name, value, low, high, unit in limits:
             if value is not None and not low <= value <= high:  # also refuses NaN
                 raise InputError(f"{name} is {value:g}; allowed: {low:g} to {high:g} {unit}".rstrip())
+        if self.strides != int(self.strides):
+            raise InputError(f"strides is {self.strides:g}; allowed: a whole number")
 
 
 @dataclass(frozen=True)
