@@ -54,9 +54,7 @@ class _Watch(importlib.abc.MetaPathFinder):
 
             def exec_module(module: types.ModuleType) -> None:
                 execute(module)
-                if (
-                    self in sys.meta_path
-                ):  # somebody may only have asked where Gymnasium is, and somebody else come first
+                if self in sys.meta_path:  # the module may be loaded again, or twice
                     sys.meta_path.remove(self)
                 register()
 

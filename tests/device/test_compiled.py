@@ -15,6 +15,7 @@ from klute_sim.device.files import load, preset_names
 from klute_sim.device.step import State
 from klute_sim.device.vector import SIZE, pack, unpack
 from klute_sim.laws import mckibben
+from klute_sim.plant import models
 
 
 @pytest.mark.parametrize("name", ["klute-1-1-4-pair", "klute-3-4-pair", "klute-1-2"])
@@ -49,14 +50,35 @@ def test_every_field_of_a_row_has_its_place() -> None:
     assert list(compiled.device_law()["unpack"](tuple(row))) == list(unpack(row))
 
 
-def test_what_was_compiled_is_named_after_its_sources(tmp_path: Path) -> None:
+ALONE = (
+    "import numpy as np; from klute_sim.device.files import load; from klute_sim.device.rollout import rollout;"
+    "print(rollout(load('klute-3-4').parameters, np.full(3, 0.15), np.full(3, 5e5), 1e-3).tension[-1])"
+)
+IN_MUJOCO = (
+    "import mujoco; from klute_sim.device.files import load; from klute_sim.plant import models, router\n"
+    "m = models.equip(models.spec('bench'), {'muscle_tendon': load('klute-3-4').parameters})\n"
+    "d = mujoco.MjData(m); d.qpos[0] = 0.18; d.ctrl[0] = 5.0\n"
+    "with router.installed('compiled'): router.step(m, d)\n"
+    "print(-d.actuator_force[0])"
+)
+
+
+@pytest.mark.parametrize(
+    ("script", "file", "old", "new"),
+    [
+        (ALONE, "laws/mckibben.py", "bladder_force(muscle, length) + friction", "0.0 * length + friction"),
+        (IN_MUJOCO, "plant/coupling.py", "given_back(row, velocity) - tension(", "0.0 - 2.0 * tension("),
+        (IN_MUJOCO, "plant/memory.py", "return force(", "return 2.0 * force("),
+    ],
+)
+def test_what_was_compiled_is_named_after_its_sources(
+    script: str, file: str, old: str, new: str, tmp_path: Path
+) -> None:
     """numba itself would go on using machine code of a law that has changed since."""
     package = tmp_path / "klute_sim"
-    shutil.copytree(Path(step.__file__).parents[1], package, ignore=shutil.ignore_patterns("__pycache__"))
-    script = (
-        "import numpy as np; from klute_sim.device.files import load; from klute_sim.device.rollout import rollout;"
-        "print(rollout(load('klute-3-4').parameters, np.full(3, 0.15), np.full(3, 5e5), 1e-3).tension[-1])"
-    )
+    source = Path(step.__file__).parents[1]
+    shutil.copytree(source, package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(models.folder(), package / "models", dirs_exist_ok=True)
 
     def tension() -> float:
         command = [sys.executable, "-c", script]
@@ -68,12 +90,9 @@ def test_what_was_compiled_is_named_after_its_sources(tmp_path: Path) -> None:
     assert kept
     assert tension() == before
     assert sorted(package.rglob("*.nbc")) == kept  # the second time, nothing was compiled
-    law = package / "laws" / "mckibben.py"
-    stamp = law.stat()
-    law.write_text(
-        law.read_text("utf-8").replace("bladder_force(muscle, length) + friction", "0.0 * length + friction"), "utf-8"
-    )
-    assert law.stat().st_size != stamp.st_size
+    text = (package / file).read_text("utf-8")
+    assert old in text
+    (package / file).write_text(text.replace(old, new), "utf-8")
     assert tension() > before + 10.0
 
 

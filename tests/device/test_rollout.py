@@ -27,6 +27,20 @@ def test_rollouts_are_the_devices_steps_under_either_law() -> None:
         assert np.array_equal(np.stack(rollout(PAIR, length, command, 5e-4, law=law), axis=1), wanted)
 
 
+def test_a_rigid_device_is_stepped_too() -> None:
+    tied = load("klute-1-2").parameters
+    assert tied.tendon.rigid
+    length = tied.muscle.resting_length * (0.9 + 0.05 * np.sin(np.arange(300) / 20))
+    state, wanted = unit.taut(tied, float(length[0]), 3e5), []
+    for x in length.tolist():
+        after = unit.advance(tied, state, x, 3e5, 5e-4)
+        wanted.append(unit.tension(tied, after, x, (after.length - state.length) / 5e-4))
+        state = after
+    for law in ("compiled", "python"):
+        assert np.array_equal(rollout(tied, length, np.full(300, 3e5), 5e-4, law=law).tension, wanted)
+    assert len(set(wanted)) > 250
+
+
 def test_threads_change_no_bit_and_every_rollout_is_its_own() -> None:
     devices = [load(name).parameters for name in ("klute-3-4-pair", "klute-1-1-4-pair")] * 4
     length = 0.33 + 0.002 * np.arange(8)[:, None] + 0.005 * np.sin(np.arange(400) / 20)
@@ -59,11 +73,14 @@ def test_where_it_starts_can_be_said() -> None:
         (([PAIR, PAIR], np.ones((3, 5)), np.ones(5), 1e-3), "do not fit together"),
         ((PAIR, [], [], 1e-3), "do not fit together"),
         ((PAIR, 0.34, [1e5], 1e-3), "do not fit together"),
+        (([], [0.34], [1e5], 1e-3), "0 devices, .* do not fit together"),
     ],
 )
 def test_bad_input_is_refused_in_one_sentence(arguments: tuple, words: str) -> None:
     with pytest.raises(InputError, match=words):
         rollout(*arguments)
+    with pytest.raises(InputError, match="threads is -1"):
+        rollout(PAIR, [0.34], [1e5], 1e-3, threads=-1)
     with pytest.raises(InputError, match="3 states to start from for 1 rollouts"):
         rollout(PAIR, [0.34], [1e5], 1e-3, start=[State(0.0, 0.2)] * 3)
 

@@ -223,7 +223,14 @@ def test_it_runs_in_worker_processes(context: str) -> None:
     workers.close()
 
 
-@pytest.mark.parametrize("order", ["import gymnasium, klute_sim", "import klute_sim; import gymnasium"])
+@pytest.mark.parametrize(
+    "order",
+    [
+        "import gymnasium, klute_sim",
+        "import klute_sim; import gymnasium",
+        "import importlib.util as u, klute_sim; assert u.find_spec('gymnasium'); import gymnasium",
+    ],
+)
 def test_it_is_registered_in_whatever_order(order: str) -> None:
     code = f"{order}; gymnasium.make({NAME!r}); print('made')"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

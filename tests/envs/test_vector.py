@@ -74,8 +74,27 @@ def test_bad_input_is_refused_in_one_sentence() -> None:
             batch.unwrapped.step(actions)
     with pytest.raises(InputError, match="reset_mask has shape"):
         batch.reset(options={"reset_mask": np.ones(3, dtype=bool)})
+    with pytest.raises(InputError, match="at least one to reset"):
+        batch.reset(options={"reset_mask": np.zeros(2, dtype=bool)})
+    with pytest.raises(InputError, match="3 seeds for 2 environments"):
+        batch.reset(seed=[1, 2, 3])
+    with pytest.raises(InputError, match="0 simulations"):
+        gymnasium.make_vec(NAME, 0, "vector_entry_point")
+    with pytest.raises(InputError, match="-1 threads"):
+        gymnasium.make_vec(NAME, 2, "vector_entry_point", threads=-1)
     with pytest.raises(InputError, match="divides 10 ms"):
         gymnasium.make_vec(NAME, 2, "vector_entry_point", step=3e-4)
+
+
+def test_what_is_said_to_an_environment_that_is_reset_does_not_count() -> None:
+    batch = make("batch", AutoresetMode.NEXT_STEP, 2).unwrapped
+    batch.reset(seed=1)
+    for _ in range(110):
+        ended = batch.step(np.zeros((2, 1), dtype=np.float32))
+    assert ended[3].all()
+    assert np.isfinite(batch.step(np.full((2, 1), np.nan, dtype=np.float32))[0]).all()
+    with pytest.raises(InputError, match="not a number"):
+        batch.step(np.full((2, 1), np.nan, dtype=np.float32))
 
 
 def test_a_simulation_without_a_finite_state_ends_its_episode_alone() -> None:

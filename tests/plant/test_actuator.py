@@ -1,5 +1,6 @@
 """The device in MuJoCo: delivers what the law says, leaves everybody else alone, and is zero without us."""
 
+import ctypes
 import threading
 import warnings
 from pathlib import Path
@@ -110,6 +111,27 @@ def test_foreign_actuators_get_their_own_law_and_the_slots_are_put_back() -> Non
     finally:
         mujoco.set_mjcb_act_bias(None)
         mujoco.set_mjcb_act_dyn(None)
+
+
+def test_foreign_c_functions_are_asked_with_their_own_pointers() -> None:
+    seen: list[tuple[int, int, int]] = []
+
+    def told(model: int, data: int, actuator: int) -> float:
+        seen.append((model, data, actuator))
+        return 7.0
+
+    plain = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)(told)
+    foreign = mujoco.MjModel.from_xml_string(FOREIGN)
+    theirs = mujoco.MjData(foreign)
+    mujoco.set_mjcb_act_bias(plain)
+    try:
+        mujoco.mj_step(foreign, theirs)
+        with pytest.warns(KluteSimWarning, match="asked, too"), router.installed():
+            mujoco.mj_step(foreign, theirs)
+    finally:
+        mujoco.set_mjcb_act_bias(None)
+    assert theirs.actuator_force[0] == 7.0
+    assert seen == [(foreign._address, theirs._address, 0)] * 2
 
 
 def test_foreign_actuators_without_a_law_stay_neutral() -> None:

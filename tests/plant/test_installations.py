@@ -181,6 +181,24 @@ def test_a_forked_child_has_the_law_even_if_another_thread_was_inside(law: str) 
         thread.join()
 
 
+def _step_on(model: mujoco.MjModel, data: mujoco.MjData, actuator: DeviceActuator) -> float:
+    router.step(model, data, 100)
+    with router.installed():
+        router.step(model, data, 100)
+    router.step(model, data, 100)
+    return actuator.tension(data)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs fork")
+def test_a_thread_that_forks_stays_inside_in_the_child() -> None:
+    made = ankle()
+    made[1].ctrl[:] = 4.0
+    with router.installed("compiled"):
+        with multiprocessing.get_context("fork").Pool(1) as pool:
+            there = pool.apply(_step_on, made)
+        assert there == _step_on(*made) > 500.0
+
+
 def _slots() -> tuple[object, object]:
     return mujoco.get_mjcb_act_dyn(), mujoco.get_mjcb_act_bias()
 
@@ -244,6 +262,34 @@ def test_a_fault_is_told_to_the_one_who_stepped_it() -> None:
         router.step(model, healthy)
         with pytest.raises(SimulationError):
             router.step(model, data)
+
+
+def test_a_fault_in_another_thread_is_told_there() -> None:
+    model, data, _ = ankle()
+    data.ctrl[:] = np.nan
+    told: list[str] = []
+
+    def fail() -> None:
+        try:
+            with router.installed("compiled"):
+                mujoco.mj_step(model, data)
+        except SimulationError as error:
+            told.append(str(error))
+
+    with router.installed("compiled"):
+        thread = threading.Thread(target=fail)
+        thread.start()
+        thread.join()
+        router.step(model, mujoco.MjData(model))
+    assert len(told) == 1
+    assert "'muscle_tendon' has no finite state" in told[0]
+
+
+def test_a_step_outside_gives_no_force_and_no_error() -> None:
+    model, data, actuator = ankle()
+    data.ctrl[:] = np.nan
+    router.step(model, data)
+    assert actuator.tension(data) == 0.0
 
 
 def test_an_error_of_ones_own_is_not_hidden() -> None:

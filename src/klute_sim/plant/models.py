@@ -72,6 +72,8 @@ def _obstacle(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str:
     for name in ("ctrlrange", "forcerange", "actrange"):
         if any(getattr(actuator, name)):
             return f"it must not have a {name}"
+    if actuator.delay:
+        return "it must not have a delay"
     tendon = spec.tendon(actuator.target)
     if tendon is not None and any(tendon.actfrcrange):
         return "its tendon must not have an actuatorfrcrange"

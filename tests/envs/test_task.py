@@ -1,0 +1,158 @@
+"""What the environment judges by, checked against MuJoCo's own book-keeping and against a first episode."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from klute_sim.envs.ankle_gait import AnkleGaitEnv
+from klute_sim.errors import InputError
+from klute_sim.laws import mckibben, pneumatics
+from klute_sim.rigs.gait.assembly import OFF_PATH, start
+
+
+def fresh(**options: object) -> AnkleGaitEnv:
+    env = AnkleGaitEnv(**options)
+    env.reset(seed=0)
+    return env
+
+
+def act(value: float) -> np.ndarray:
+    return np.array([value], dtype=np.float32)
+
+
+def limit_moment(env: AnkleGaitEnv, dof: int, joint: int) -> float:
+    """Moment of the ankle's end stop [N.m], from MuJoCo's constraints."""
+    d = env.data
+    force = np.where((d.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT) & (d.efc_id == joint), d.efc_force, 0.0)
+    out = np.zeros(env.model.nv)
+    mujoco.mj_mulJacTVec(env.model, d, out, force)
+    return float(out[dof])
+
+
+@pytest.mark.parametrize("side", ["dorsiflexion", "plantarflexion"])
+def test_the_net_moment_holds_the_end_stop_with_its_sign(side: str) -> None:
+    env = fresh()
+    ankle = env.model.joint("prosthesis_ankle")
+    at, dof = ankle.qposadr[0], ankle.dofadr[0]
+    env.data.qpos[1] += 0.3  # off the floor
+    sign = -1.0 if side == "dorsiflexion" else 1.0
+    env.data.qpos[at], env.data.qvel[dof] = sign * (ankle.range[1] + 0.05), 60.0 * sign
+    mujoco.mj_forward(env.model, env.data)
+    stop = limit_moment(env, dof, ankle.id)
+    assert -sign * stop > 10.0
+    wanted = env.data.qfrc_actuator[dof] + env.data.qfrc_passive[dof] + stop
+    assert env._task._net_moment(env._readings())[0] == pytest.approx(wanted, rel=1e-9)
+
+
+def air_now(env: AnkleGaitEnv) -> float:
+    """Air in the muscles [kg]."""
+    p = env._rig.actuator.parameters
+    state = env._rig.actuator.state(env.data)
+    return pneumatics.air_mass(state.pressure, mckibben.volume(p.muscle, state.length), p.supply.temperature)
+
+
+def test_filling_draws_air_and_venting_draws_none() -> None:
+    env = fresh()
+    for _ in range(4):
+        before = air_now(env)
+        info = env.step(act(1.0))[4]
+        drawn = 1e3 * (air_now(env) - before)
+        assert drawn > 0.01
+        assert info["air_g"] == pytest.approx(drawn)
+        assert info["reward_air"] == pytest.approx(-0.1 * drawn * 10)
+    for _ in range(3):
+        before = air_now(env)
+        info = env.step(act(-1.0))[4]
+        assert air_now(env) < before
+        assert info["air_g"] == info["reward_air"] == 0.0
+
+
+def test_a_change_of_action_costs_from_the_first_step_on() -> None:
+    env = fresh()
+    begin = 2.0 * env.data.act[env._rig.actuator.act] / 5.0 - 1.0
+    assert env.data.ctrl[env._rig.actuator.ctrl] == pytest.approx(env.data.act[env._rig.actuator.act])
+    terms = [env.step(act(value))[4]["reward_smoothness"] for value in (0.5, 0.5, -0.5)]
+    assert terms == pytest.approx([-0.05 * (0.5 - begin) ** 2, 0.0, -0.05], abs=1e-6)
+
+
+def test_a_second_episode_is_like_a_first() -> None:
+    random = np.random.default_rng(1)
+    actions = random.uniform(-1, 1, (110, 1)).astype(np.float32)
+
+    def episode(env: AnkleGaitEnv) -> list[tuple]:
+        first = env.reset(seed=9)[0]
+        return [(first, 0.0, {})] + [(o, r, i) for o, r, *_, i in (env.step(a) for a in actions)]
+
+    used = fresh()
+    for _ in range(163):
+        used.step(act(0.7))
+    for (a, x, i), (b, y, j) in zip(episode(fresh()), episode(used), strict=True):
+        assert np.array_equal(a, b)
+        assert x == y
+        assert i == j
+
+
+@pytest.mark.parametrize("offset", [0.1, -0.1])
+def test_an_ankle_offset_is_dorsiflexion_where_positive(offset: float) -> None:
+    env = fresh()
+    angles = []
+    for each in (0.0, offset):
+        start(env._rig, env.data, 1e5, each)
+        angles.append(float(env._task.observe(env._readings())[0, 0]))
+    assert angles[1] - angles[0] == pytest.approx(offset, abs=1e-6)
+
+
+def test_the_path_that_must_not_be_left_is_the_one_of_now() -> None:
+    env = fresh()
+    rig, count = env._rig, env._rig.per_stride
+    highest, lowest = int(rig.height.argmax()), int(rig.height.argmin())
+    rise = rig.height[highest] - rig.height[lowest]
+    assert rise > 0.02
+    above = rig.height[lowest] + OFF_PATH + 0.5 * rise
+    commands = np.array([lowest, highest, lowest + count, highest + 3 * count])
+    assert rig.off_path(np.full(4, above), commands).tolist() == [True, False, True, False]
+    assert rig.off_path(np.array([np.nan]), np.array([0])).tolist() == [True]
+
+
+def test_the_reference_power_of_a_slower_walker_is_slower() -> None:
+    peaks = []
+    for speed in (0.9, None):
+        env = fresh(speed=speed)
+        reference = env._rig.options.reference
+        slower = reference.stride_time / env._rig.plan.stride_time
+        peaks.append(env._task._human[:, 2].max())
+        assert peaks[-1] == pytest.approx(slower * reference("ankle_power_w_per_kg", env._rig.phase).max())
+    assert peaks[0] < 0.85 * peaks[1]
+
+
+@pytest.mark.parametrize(("most", "error"), [(-0.4, 12.0), (1.0, 50.0)])
+def test_the_phase_estimate_stays_one_under_any_policy(most: float, error: float) -> None:
+    env = fresh(reset_noise=0.0)
+    usual, random = env._rig.plan.stride_time, np.random.default_rng(3)
+    errors = []
+    for _ in range(550):
+        observed, _, terminated, _, info = env.step(random.uniform(-1, most, 1).astype(np.float32))
+        assert not terminated
+        assert 0.6 * usual <= env._task._period[0] <= 1.6 * usual
+        estimate = np.arctan2(observed[6], observed[7]) / (2 * np.pi) * 100
+        errors.append((estimate - info["gait_pct"] + 50) % 100 - 50)
+        assert np.hypot(observed[6], observed[7]) == pytest.approx(1.0, abs=1e-6)
+    # Jerked through the whole range of pressure, the foot stubs in swing, and no load cell can tell.
+    assert np.abs(errors[115:]).max() <= error
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"reset_noise": -0.1}, "reset_noise is -0.1; allowed: 0 to 0.3 rad"),
+        ({"reset_noise": np.nan}, "reset_noise is nan"),
+        ({"reset_noise": 0.31}, "reset_noise is 0.31"),
+        ({"width": 0}, "pictures are 0 x 480"),
+        ({"height": 5000}, "pictures are 480 x 5000; allowed: 1 to 4096"),
+        ({"strides": 2.5}, "strides is 2.5; allowed: a whole number"),
+        ({"strides": 0}, "strides is 0; allowed: 1 to 200"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(options: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        AnkleGaitEnv(**options)
