@@ -56,9 +56,9 @@ ALONE = (
 )
 IN_MUJOCO = (
     "import mujoco; from klute_sim.device.files import load; from klute_sim.plant import models, router\n"
-    "m = models.equip(models.spec('bench'), {'muscle_tendon': load('klute-3-4').parameters})\n"
-    "d = mujoco.MjData(m); d.qpos[0] = 0.18; d.ctrl[0] = 5.0\n"
-    "with router.installed('compiled'): router.step(m, d, 200)\n"
+    "m = models.equip(models.spec('bench'), {'muscle_tendon': load('klute-3-4-pair').parameters})\n"
+    "d = mujoco.MjData(m); d.qpos[0] = 0.36\n"
+    "with router.installed('compiled'): router.step(m, d)\n"
     "print(-d.actuator_force[0])"
 )
 
