@@ -9,7 +9,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "klute_sim"
-FLOORS = {"laws": 1, "device": 2, "plant": 3, "recording": 3, "control": 4, "rigs": 5, "envs": 6, "report": 6, "cli": 7}
+FLOORS = {
+    **{"laws": 1, "effects": 2, "device": 3, "plant": 4, "recording": 4, "dataset": 5, "control": 5, "rigs": 6},
+    **{"diagnose": 7, "envs": 7, "report": 7, "cli": 8},
+}
 EVERYBODYS = {"errors", "units", "provenance", "registration", ""}
 FILES = sorted(SOURCE.rglob("*.py"))
 

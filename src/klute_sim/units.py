@@ -13,6 +13,9 @@ KEY_UNITS: dict[str, float] = {
     "_kg_m3": 1.0,
     "_per_m": 1.0,
     "_n": 1.0,
+    "_n_s_per_m": 1.0,
+    "_mm_per_s": 1e-3,
+    "_s": 1.0,
 }
 """Suffix of a device-file key -> factor that turns its value into SI."""
 

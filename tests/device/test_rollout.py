@@ -21,7 +21,7 @@ def test_rollouts_are_the_devices_steps_under_either_law() -> None:
     state, wanted = unit.taut(PAIR, length[0], command[0]), []
     for x, c in zip(length.tolist(), command.tolist(), strict=True):
         after = unit.advance(PAIR, state, x, c, 5e-4)
-        wanted.append((unit.tension(PAIR, after, x, (after.length - state.length) / 5e-4), *after))
+        wanted.append((unit.tension(PAIR, after, x, (after.length - state.length) / 5e-4), *after[:2]))
         state = after
     for law in ("compiled", "python"):
         assert np.array_equal(np.stack(rollout(PAIR, length, command, 5e-4, law=law), axis=1), wanted)
@@ -156,10 +156,11 @@ def test_every_step_of_any_device_balances_to_the_tolerance(seed: int, step: flo
     for _ in range(20):
         begin, pressure = random.uniform(low, high), random.uniform(0.0, device.supply.pressure)
         length = device.tendon.slack_length + random.uniform(0.8 * low, 1.05 * high)
-        found = unit.balance(device, pressure, begin, length, step)
-        imbalance = unit._imbalance(device, pressure, begin, length, step, found)
+        found = unit.balance(device, pressure, State(pressure, begin), length, step)
+        imbalance = unit._imbalance(device, pressure, State(pressure, begin), length, step, found)
         if low < found < high:
-            nearby = [unit._imbalance(device, pressure, begin, length, step, np.nextafter(found, to)) for to in (0, 1)]
+            at, beside = State(pressure, begin), [np.nextafter(found, to) for to in (0, 1)]
+            nearby = [unit._imbalance(device, pressure, at, length, step, each) for each in beside]
             pull = unit.tension(device, State(pressure, found), length, 0.0)
             # Solved, or the zero is between this length and the next number beside it.
             assert abs(imbalance) <= 1e-10 * (1.0 + pull) or nearby[0] * nearby[1] <= 0.0

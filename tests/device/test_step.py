@@ -37,9 +37,9 @@ def test_every_step_balances_or_rests_on_a_stop(
     pressure: float, start: float, unit_length: float, step: float, concentric: float, eccentric: float
 ) -> None:
     device = ANKLE._replace(damper=ANKLE.damper._replace(concentric=concentric, eccentric=eccentric))
-    length = unit.balance(device, pressure, start, unit_length, step)
+    length = unit.balance(device, pressure, State(pressure, start), unit_length, step)
     pull = tendon_law.force(device.tendon, unit_length - length - device.tendon.slack_length)
-    push = unit.muscle_side(device, pressure, length, (length - start) / step)
+    push = unit.muscle_side(device, unit.NO_MEMORY, pressure, length, (length - start) / step)
     assert LOCK <= length <= REST
     if length == REST:
         assert push <= pull + 1e-9  # the stop only holds the muscle back
@@ -62,10 +62,10 @@ def test_balance_agrees_with_an_independent_solver() -> None:
 
         def imbalance(x: float, p: float = pressure, s: float = start, u: float = unit_length) -> float:
             pull = tendon_law.force(ANKLE.tendon, u - x - ANKLE.tendon.slack_length)
-            return unit.muscle_side(ANKLE, p, x, (x - s) / 5e-4) - pull
+            return unit.muscle_side(ANKLE, unit.NO_MEMORY, p, x, (x - s) / 5e-4) - pull
 
         wanted = brentq(imbalance, LOCK, REST, xtol=1e-15)
-        assert unit.balance(ANKLE, pressure, start, unit_length, step) == pytest.approx(wanted, abs=1e-13)
+        assert unit.balance(ANKLE, pressure, State(pressure, start), unit_length, step) == pytest.approx(wanted, abs=1e-13)
 
 
 def test_settled_length_needs_no_damper_to_be_the_static_balance() -> None:
@@ -91,7 +91,7 @@ def test_order_of_convergence_is_one() -> None:
 
 def test_closed_orifices_hold_the_muscle_and_open_ones_do_not_chatter() -> None:
     closed = PAIR._replace(damper=PAIR.damper._replace(concentric=1e12, eccentric=1e12))
-    assert unit.balance(closed, 4e5, 0.24, 0.36, 5e-4) == pytest.approx(0.24, abs=1e-7)
+    assert unit.balance(closed, 4e5, State(4e5, 0.24), 0.36, 5e-4) == pytest.approx(0.24, abs=1e-7)
     state, lengths = State(4e5, 0.24), []
     for _ in range(2000):
         state = unit.advance(PAIR, state, 0.345, 4e5, 5e-4)
@@ -124,8 +124,8 @@ def test_a_rigid_tie_stops_with_the_muscle() -> None:
 
 
 def test_not_a_number_comes_out_as_not_a_number() -> None:
-    assert math.isnan(unit.balance(PAIR, math.nan, 0.24, 0.34, 1e-3))
-    assert math.isnan(unit.balance(PAIR, 1e5, 0.24, math.nan, 1e-3))
+    assert math.isnan(unit.balance(PAIR, math.nan, State(1e5, 0.24), 0.34, 1e-3))
+    assert math.isnan(unit.balance(PAIR, 1e5, State(1e5, 0.24), math.nan, 1e-3))
 
 
 @given(st.floats(0.3, 0.34), st.floats(1e5, 4.9e5))
@@ -165,7 +165,7 @@ def work_over_a_cycle(parameters: Parameters, step: float) -> tuple[float, dict[
             length = middle + 0.008 * math.sin(angle)
             rate = 0.008 * 2 * math.pi / 0.5 * math.cos(angle)
             after = unit.advance(parameters, state, length, 3e5 + 1.5e5 * math.sin(angle + 1.2), step)
-            row = entries(parameters, state, after, length, step)
+            row = entries(parameters, state, after, length, rate, step)
             energy = row.bladder_energy + row.tendon_energy
             if cycle == 1:
                 stored = energy
@@ -191,13 +191,13 @@ def test_stops_only_take_and_only_when_hit() -> None:
     before = State(1e5, ANKLE.muscle.resting_length - 1e-4)
     after = unit.advance(ANKLE, before, REST + 0.12, 1e5, 5e-4)
     assert after.length == REST
-    assert entries(ANKLE, before, after, REST + 0.12, 5e-4).stop_power < 0.0
+    assert entries(ANKLE, before, after, REST + 0.12, 0.0, 5e-4).stop_power < 0.0
     # on it, at rest
     again = unit.advance(ANKLE, after, REST + 0.12, 1e5, 5e-4)
-    assert entries(ANKLE, after, again, REST + 0.12, 5e-4).stop_power == 0.0
+    assert entries(ANKLE, after, again, REST + 0.12, 0.0, 5e-4).stop_power == 0.0
     # away from it
     free = unit.advance(ANKLE, State(3e5, 0.25), 0.352, 3e5, 5e-4)
-    assert entries(ANKLE, State(3e5, 0.25), free, 0.352, 5e-4).stop_power == pytest.approx(0.0, abs=1e-6)
+    assert entries(ANKLE, State(3e5, 0.25), free, 0.352, 0.0, 5e-4).stop_power == pytest.approx(0.0, abs=1e-6)
 
 
 def test_passive_without_the_friction_offset_at_constant_pressure() -> None:

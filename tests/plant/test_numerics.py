@@ -8,7 +8,7 @@ import pytest
 
 from klute_sim.device.files import load
 from klute_sim.device.rollout import rollout
-from klute_sim.device.step import Parameters, State, taut
+from klute_sim.device.step import Parameters, taut
 from klute_sim.plant import models, router
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.plant.coupling import SHOWN_DAMPING
@@ -138,7 +138,7 @@ def test_the_device_alone_repeats_what_it_did_in_mujoco() -> None:
             actuator.command(data, commands[-1])
             router.step(model, data)
             lengths.append(actuator.unit_length(data))
-            seen.append((actuator.tension(data), *actuator.state(data)))
+            seen.append((actuator.tension(data), *actuator.state(data)[:2]))
     trace = rollout(BASE, lengths, commands, 5e-4, start=begin)
     assert np.max(trace.tension) > 500.0
     assert np.abs(np.array(seen) - np.stack(trace, axis=1)).max(axis=0) == pytest.approx([0, 0, 0], abs=1e-6)
@@ -146,5 +146,5 @@ def test_the_device_alone_repeats_what_it_did_in_mujoco() -> None:
 
 def test_a_rigid_device_starts_where_it_is() -> None:
     model, data, actuator = in_the_air(tied(3e4), 5e-4)
-    assert actuator.state(data) == pytest.approx(tuple(State(0.0, NEUTRAL)), abs=1e-4)
+    assert actuator.state(data)[:2] == pytest.approx((0.0, NEUTRAL), abs=1e-4)
     assert model.tendon_dampingpoly[0, 0] == 3e4

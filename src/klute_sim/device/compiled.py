@@ -7,6 +7,7 @@ wherever ``sqrt`` is rounded correctly, as IEEE 754 asks.
 
 import hashlib
 import inspect
+import sys
 import types
 from collections.abc import Callable
 from functools import cache
@@ -16,29 +17,59 @@ from typing import Any
 import numba
 
 from klute_sim.device import step, vector
-from klute_sim.laws import damper, mckibben, pneumatics, tendon
+from klute_sim.effects import catalogue
 
 
 def copy_of(module: types.ModuleType, **replaced: Any) -> types.ModuleType:
-    """A copy of ``module`` whose functions are compiled when first used; ``replaced`` names differ from its own."""
+    """A copy of ``module`` whose functions are compiled when first used; ``replaced`` names differ from its own.
+
+    What it uses of the laws and effects, modules or functions, is compiled likewise.
+    """
     copy = types.ModuleType(f"{module.__name__} (compiled)")
     names = vars(copy)
-    names.update({**vars(module), **replaced})
-    for name, function in vars(module).items():
-        if inspect.isfunction(function) and function.__module__ == module.__name__:
-            mine = types.FunctionType(function.__code__, names, name, function.__defaults__)
+    names.update(vars(module))
+    for name, value in vars(module).items():
+        if inspect.ismodule(value) and _is_law(value.__name__):
+            names[name] = _law(value)
+        elif inspect.isfunction(value) and value.__module__ == module.__name__:
+            mine = types.FunctionType(value.__code__, names, name, value.__defaults__)
             mine.__module__ = module.__name__
-            # Division by zero gives inf or NaN, as in C: an exception could not leave a callback anyway.
-            names[name] = numba.njit(mine, error_model="numpy")
+            names[name] = _compile(mine)
+        elif inspect.isfunction(value) and _is_law(value.__module__):
+            names[name] = getattr(_law(sys.modules[value.__module__]), value.__name__)
+    names.update(replaced)
     return copy
+
+
+def _compile(function: Any) -> Any:
+    # Division by zero gives inf or NaN, as in C: an exception could not leave a callback anyway.
+    return numba.njit(function, error_model="numpy")
+
+
+def _is_law(module: str) -> bool:
+    # Not the catalogue and its hooks: they are assembled from the laws, not run with them.
+    plain = module.startswith(("klute_sim.laws.", "klute_sim.effects.")) and module not in _NO_LAWS
+    return plain or module == "klute_sim_users_effects"
+
+
+_NO_LAWS = ("klute_sim.effects.catalogue", "klute_sim.effects.hooks", "klute_sim.effects.effect")
+
+
+@cache
+def _law(module: types.ModuleType) -> types.ModuleType:
+    return copy_of(module)
+
+
+def _compiled_law(law: Any) -> Any:
+    return getattr(_law(sys.modules[law.__module__]), law.__name__)
 
 
 @cache
 def device_law() -> dict[str, Any]:
-    """The compiled functions that make up a device: ``advance``, ``tension``, ``unpack``."""
-    laws = {"_damper": copy_of(damper), "_tendon": copy_of(tendon)}
-    law = copy_of(step, mckibben=copy_of(mckibben), pneumatics=copy_of(pneumatics), **laws)
-    return {"advance": law.advance, "tension": law.tension, "unpack": copy_of(vector).unpack}
+    """The compiled functions that make up a device: ``advance``, ``tension``, ``remembered``, ``unpack``."""
+    law = copy_of(step, hooks=catalogue.assembled(_compiled_law, _compile))
+    names = ("advance", "tension", "remembered")
+    return {**{name: getattr(law, name) for name in names}, "unpack": copy_of(vector).unpack}
 
 
 def ready(wrap: Callable[..., Any], function: Any, signature: Any, constants: str = "") -> Any:
@@ -58,6 +89,9 @@ def ready(wrap: Callable[..., Any], function: Any, signature: Any, constants: st
 @cache
 def _digest(constants: str) -> str:
     folder = Path(step.__file__).parents[1]
-    files = [folder / "units.py", *(f for part in ("laws", "device", "plant") for f in (folder / part).glob("*.py"))]
+    files = [
+        folder / "units.py",
+        *(f for part in ("laws", "effects", "device", "plant") for f in (folder / part).glob("*.py")),
+    ]
     content = b"".join(file.read_bytes() for file in sorted(files))
-    return hashlib.sha256(content + constants.encode()).hexdigest()[:16]
+    return hashlib.sha256(content + catalogue.source() + constants.encode()).hexdigest()[:16]

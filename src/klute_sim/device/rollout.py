@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from klute_sim.device.installation import choose
-from klute_sim.device.step import Parameters, State, advance, taut, tension
+from klute_sim.device.step import DEAD_TIME, MEMORY, Parameters, State, advance, taut, tension
 from klute_sim.device.vector import pack, unpack
 from klute_sim.errors import InputError, SimulationError
 
@@ -39,6 +39,7 @@ def run(
     row: Sequence[float],
     pressure: float,
     length: float,
+    memory: tuple[float, ...],
     unit_length: Sequence[float],
     command: Sequence[float],
     step: float,
@@ -46,16 +47,28 @@ def run(
 ) -> None:
     """Fill ``out`` (samples, 3) with tension, pressure and muscle length after each ``step``; SI.
 
-    ``row`` is the device's parameters, ``pressure`` and ``length`` where it begins.
+    ``row`` is the device's parameters; ``pressure``, ``length`` and ``memory`` are where it begins.
     """
     parameters = unpack(row)
-    before = State(pressure, length)
+    late = parameters.effects[DEAD_TIME] / step
+    before = State(pressure, length, memory)
     for k in range(len(unit_length)):
-        after = advance(parameters, before, unit_length[k], command[k], step)
+        after = advance(parameters, before, unit_length[k], earlier(command, k - late), step)
         rate = (after.length - before.length) / step
         out[k, 0] = tension(parameters, after, unit_length[k], rate)
         out[k, 1], out[k, 2] = after.pressure, after.length
         before = after
+
+
+def earlier(series: Sequence[float], place: float) -> float:
+    """``series`` between its samples at ``place``, counted in samples; its first value before it begins."""
+    if place <= 0.0:
+        return series[0]
+    k = int(place)
+    share = place - k
+    if share == 0.0:
+        return series[k]
+    return series[k] + share * (series[k + 1] - series[k])
 
 
 @cache
@@ -76,7 +89,10 @@ def _compiled() -> Callable[..., None]:
     copy = compiled.copy_of(rollout, **compiled.device_law())
     # The lock of Python's is free while it runs, so threads run at once.
     wrap = partial(numba.njit, nogil=True)
-    ready: Callable[..., None] = compiled.ready(wrap, copy.run, "void(f8[::1],f8,f8,f8[::1],f8[::1],f8,f8[:,::1])")
+    number = numba.float64
+    memory, series = numba.types.UniTuple(number, MEMORY), number[::1]
+    signature = numba.void(series, number, number, memory, series, series, number, number[:, ::1])
+    ready: Callable[..., None] = compiled.ready(wrap, copy.run, signature)
     return ready
 
 
@@ -134,7 +150,7 @@ def rollout(
     def one(i: int) -> None:
         row: Any = np.array(pack(devices[i])) if compiled else pack(devices[i])
         x, c = (lengths[i], commands[i]) if compiled else (lengths[i].tolist(), commands[i].tolist())
-        function(row, float(starts[i].pressure), float(starts[i].length), x, c, float(step), out[i])
+        function(row, float(starts[i].pressure), float(starts[i].length), starts[i].memory, x, c, float(step), out[i])
 
     workers = min(threads or os.cpu_count() or 1, count)
     if workers == 1 or not compiled:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Self
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from klute_sim.device import effects_file
 from klute_sim.device.step import Parameters
 from klute_sim.errors import InputError
 from klute_sim.laws import damper as damper_law
@@ -196,6 +197,8 @@ class DeviceSpec(_Section):
     supply: SupplySection
     mounting: MountingSection | None = None
     """Left out: the device cannot be built into an ankle."""
+    effects: dict[str, dict[str, FiniteFloat | str]] = {}
+    """What the dissertation's model leaves out: effect -> ``form`` (left out: the usual one) and its parameters."""
     published: list[Publication] = []
     sources: dict[str, str] = {}
     """``section.key`` -> where the number is from; begins with 'assumed' if nobody printed it."""
@@ -210,6 +213,15 @@ class DeviceSpec(_Section):
                 )
         return self
 
+    @model_validator(mode="after")
+    def _effects_are_known(self) -> Self:
+        for name, content in self.effects.items():
+            try:
+                effects_file.check(name, content)
+            except InputError as error:
+                raise PydanticCustomError("effect", "{why}", {"why": str(error)}) from None
+        return self
+
     def numbers(self) -> dict[str, float]:
         """Every number of the device, ``section.key`` -> value as written in the file."""
         found: dict[str, float] = {}
@@ -218,6 +230,8 @@ class DeviceSpec(_Section):
             if section is not None:
                 values = section.model_dump()
                 found.update({f"{title}.{k}": v for k, v in values.items() if not isinstance(v, bool)})
+        for effect, content in self.effects.items():
+            found.update({f"effects.{effect}.{k}": v for k, v in content.items() if not isinstance(v, str)})
         return found
 
     def assumed(self) -> dict[str, str]:
@@ -235,6 +249,7 @@ class DeviceSpec(_Section):
             damper=self.damper.parameters() if self.damper else Damper(0.0, 0.0),
             tendon=self.tendon.parameters() if self.tendon else Tendon(0.0, 0.0, 0.0, 0.0, rigid=True),
             supply=self.supply.parameters(),
+            effects=effects_file.values(self.effects),
         )
 
 
@@ -264,7 +279,7 @@ def _problem(problem: ErrorDetails) -> str:
         return f"unknown key '{key}'; allowed here: {', '.join(_keys_beside(problem['loc']))}"
     if problem["type"] == "missing":
         return f"key '{key}' is missing"
-    if problem["type"] in {"wall", "radius", "orifice", "source"}:
+    if problem["type"] in {"wall", "radius", "orifice", "source", "effect"}:
         return f"[{key}] {problem['msg']}" if key else problem["msg"]
     return f"{key} = {problem['input']!r} is refused: {problem['msg'][0].lower()}{problem['msg'][1:]}"
 

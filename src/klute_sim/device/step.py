@@ -9,8 +9,10 @@ L0; rigid: assumed). At lock length it is ours (assumed): the braid cannot close
 balance lacks at a stop is the stop's *reaction*.
 """
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
+from klute_sim.effects import catalogue
 from klute_sim.laws import damper as _damper
 from klute_sim.laws import mckibben, pneumatics
 from klute_sim.laws import tendon as _tendon
@@ -24,6 +26,17 @@ FORCE_TOLERANCE = 1e-10
 MOST_ITERATIONS = 200
 
 
+hooks: Any = catalogue.assembled()
+"""Where effects act: :mod:`klute_sim.effects.effect`."""
+VALUES, MEMORY = catalogue.sizes()
+NO_EFFECTS = (0.0,) * VALUES
+NO_MEMORY = (0.0,) * MEMORY
+DEAD_TIME = catalogue.slot("pressure_delay", "dead_time").at + 1
+"""Where the dead time is among the values of the effects."""
+LONG = 1e9
+"""A step [s] after which everything has settled."""
+
+
 class Parameters(NamedTuple):
     """Everything the law needs; SI, no names, no files."""
 
@@ -31,6 +44,8 @@ class Parameters(NamedTuple):
     damper: Damper
     tendon: Tendon
     supply: Supply
+    effects: Sequence[float] = NO_EFFECTS
+    """Of :func:`klute_sim.effects.catalogue.values`; the first is how many are active."""
 
 
 class State(NamedTuple):
@@ -40,6 +55,18 @@ class State(NamedTuple):
     """Gauge pressure in the muscle [Pa]."""
     length: float
     """Muscle length [m]."""
+    memory: tuple[float, ...] = NO_MEMORY
+    """What the effects remember."""
+
+
+def remembers(parameters: Parameters) -> bool:
+    """Whether an active effect of the device remembers anything."""
+    return any(slot.form.memory and parameters.effects[slot.at] != 0.0 for slot in catalogue.device_slots())
+
+
+def dead_time(parameters: Parameters) -> float:
+    """By how much commands act late [s]; the rig that gives them has to see to it."""
+    return float(parameters.effects[DEAD_TIME])
 
 
 def rest(parameters: Parameters) -> State:
@@ -50,28 +77,67 @@ def rest(parameters: Parameters) -> State:
 def taut(parameters: Parameters, unit_length: float, pressure: float) -> State:
     """The device with its tendon just taut at muscle-tendon length ``unit_length`` [m], as far as the muscle allows.
 
-    ``pressure`` [Pa] is clipped to what the supply has.
+    ``pressure`` [Pa] is clipped to what the supply has. Whatever the effects remember has come to rest there.
     """
     shortest, longest = mckibben.lock_length(parameters.muscle), parameters.muscle.resting_length
     length = min(max(unit_length - parameters.tendon.slack_length, shortest), longest)
-    return State(min(max(pressure, 0.0), parameters.supply.pressure), length)
+    memory = remembered(parameters, NO_MEMORY, 0.0, length, unit_length, LONG)
+    return State(min(max(pressure, 0.0), parameters.supply.pressure), length, memory)
 
 
-def muscle_side(parameters: Parameters, pressure: float, length: float, rate: float) -> float:
+def muscle_side(
+    parameters: Parameters, memory: tuple[float, ...], pressure: float, length: float, rate: float
+) -> float:
     """Force [N] of muscle and damper together at ``length`` [m] moving at ``rate`` = dl/dt [m/s]."""
-    return mckibben.force(parameters.muscle, pressure, length) + _damper.force(parameters.damper, rate)
+    pull, damping = mckibben.force(parameters.muscle, pressure, length), _damper.force(parameters.damper, rate)
+    effects = parameters.effects
+    if effects[0] != 0.0:
+        muscle = parameters.muscle
+        acting = hooks.acting_pressure(effects, memory, pressure, muscle, length)
+        pull = hooks.muscle_force(effects, memory, mckibben.force(muscle, acting, length), muscle, acting, length, rate)
+        damping = hooks.damper_force(effects, memory, damping, rate)
+    return pull + damping
+
+
+def tendon_side(parameters: Parameters, memory: tuple[float, ...], length: float, unit_length: float) -> float:
+    """Tension [N] of a tendon that is no rigid tie, with the muscle at ``length`` [m]."""
+    effects, stretch = parameters.effects, unit_length - length - parameters.tendon.slack_length
+    if effects[0] == 0.0:
+        return _tendon.force(parameters.tendon, stretch)
+    stretch = hooks.tendon_stretch(effects, memory, stretch)
+    pull: float = hooks.tendon_force(effects, memory, _tendon.force(parameters.tendon, stretch), stretch)
+    return max(0.0, pull)
+
+
+def remembered(
+    parameters: Parameters,
+    memory: tuple[float, ...],
+    pressure: float,
+    length: float,
+    unit_length: float,
+    step: float,
+) -> tuple[float, ...]:
+    """What the effects remember after a ``step`` [s] that ended at this pressure [Pa] and these lengths [m]."""
+    effects = parameters.effects
+    if effects[0] == 0.0:
+        return memory
+    acting = hooks.acting_pressure(effects, memory, pressure, parameters.muscle, length)
+    stretch = hooks.tendon_stretch(effects, memory, unit_length - length - parameters.tendon.slack_length)
+    found: tuple[float, ...] = hooks.remember(effects, memory, parameters.muscle, acting, length, stretch, step)
+    return found
 
 
 def _imbalance(
-    parameters: Parameters, pressure: float, start: float, unit_length: float, step: float, length: float
+    parameters: Parameters, pressure: float, start: State, unit_length: float, step: float, length: float
 ) -> float:
     """Muscle side minus tendon side [N] if the muscle went from ``start`` to ``length`` in ``step``."""
-    pull = _tendon.force(parameters.tendon, unit_length - length - parameters.tendon.slack_length)
-    return muscle_side(parameters, pressure, length, (length - start) / step) - pull
+    memory = remembered(parameters, start.memory, pressure, length, unit_length, step)
+    pull = tendon_side(parameters, memory, length, unit_length)
+    return muscle_side(parameters, memory, pressure, length, (length - start.length) / step) - pull
 
 
-def balance(parameters: Parameters, pressure: float, start: float, unit_length: float, step: float) -> float:
-    """Muscle length [m] that balances the junction after ``step`` [s], from muscle length ``start`` [m].
+def balance(parameters: Parameters, pressure: float, start: State, unit_length: float, step: float) -> float:
+    """Muscle length [m] that balances the junction after ``step`` [s] at ``pressure`` [Pa], from state ``start``.
 
     ``unit_length`` [m] is the whole muscle-tendon unit. The root is found with Chandrupatla's bracketed
     method (Adv. Eng. Software 28:145, 1997) to :data:`FORCE_TOLERANCE`, or to the last bit of the length. NaN
@@ -84,7 +150,7 @@ def balance(parameters: Parameters, pressure: float, start: float, unit_length: 
 
     # The muscle has hardly moved since the last step: a narrow bracket around where it was is mostly enough.
     reach = 0.4 * step
-    near_low, near_high = max(low, start - reach), min(high, start + reach)
+    near_low, near_high = max(low, start.length - reach), min(high, start.length + reach)
     f_low = _imbalance(parameters, pressure, start, unit_length, step, near_low)
     f_high = _imbalance(parameters, pressure, start, unit_length, step, near_high)
     if f_low < 0.0 and f_high > 0.0:
@@ -124,10 +190,23 @@ def balance(parameters: Parameters, pressure: float, start: float, unit_length: 
     return best
 
 
+def next_pressure(
+    parameters: Parameters, memory: tuple[float, ...], pressure: float, command: float, step: float
+) -> float:
+    """Gauge pressure [Pa] a ``step`` [s] after ``pressure`` [Pa] under ``command`` [Pa]."""
+    supply, effects = parameters.supply, parameters.effects
+    if effects[0] == 0.0:
+        return pneumatics.regulate(supply, pressure, command, step)
+    target = min(max(hooks.pressure_target(effects, memory, command), 0.0), supply.pressure)
+    reached = hooks.pressure_reached(effects, memory, target, pressure, step)
+    return pneumatics.regulate(supply, pressure, reached, step)
+
+
 def advance(parameters: Parameters, state: State, unit_length: float, command: float, step: float) -> State:
     """State one ``step`` [s] later, at muscle-tendon length ``unit_length`` [m] and pressure ``command`` [Pa]."""
-    pressure = pneumatics.regulate(parameters.supply, state.pressure, command, step)
-    return State(pressure, balance(parameters, pressure, state.length, unit_length, step))
+    pressure = next_pressure(parameters, state.memory, state.pressure, command, step)
+    length = balance(parameters, pressure, state, unit_length, step)
+    return State(pressure, length, remembered(parameters, state.memory, pressure, length, unit_length, step))
 
 
 def tension(parameters: Parameters, state: State, unit_length: float, rate: float) -> float:
@@ -137,5 +216,5 @@ def tension(parameters: Parameters, state: State, unit_length: float, rate: floa
     damper do, either way: a clamped muscle pushes when its bladder does.
     """
     if parameters.tendon.rigid:
-        return muscle_side(parameters, state.pressure, state.length, rate)
-    return _tendon.force(parameters.tendon, unit_length - state.length - parameters.tendon.slack_length)
+        return muscle_side(parameters, state.memory, state.pressure, state.length, rate)
+    return tendon_side(parameters, state.memory, state.length, unit_length)

@@ -6,15 +6,18 @@ parameters of their own need nothing else. The row is SI; its first number says 
 
 from collections.abc import Sequence
 
-from klute_sim.device.step import Parameters
+from klute_sim.device.step import VALUES, Parameters
+from klute_sim.effects import catalogue
 from klute_sim.laws.damper import Damper
 from klute_sim.laws.mckibben import Muscle
 from klute_sim.laws.pneumatics import Supply
 from klute_sim.laws.tendon import Tendon
 
-SIGNATURE = 1999001.0
-"""First number of a row. A row of another layout gets another signature."""
-SIZE = 1 + len(Muscle._fields) + len(Damper._fields) + len(Tendon._fields) + len(Supply._fields)
+SIGNATURE = 1999e6 + catalogue.layout()
+"""First number of a row. A row of another layout, or with other effects, gets another signature."""
+EFFECTS = 1 + len(Muscle._fields) + len(Damper._fields) + len(Tendon._fields) + len(Supply._fields)
+"""Where the effects begin in a row."""
+SIZE = EFFECTS + VALUES
 """Numbers in a row."""
 
 
@@ -31,4 +34,5 @@ def unpack(row: Sequence[float]) -> Parameters:
         Damper(row[11], row[12]),
         Tendon(row[13], row[14], row[15], row[16], row[17] != 0.0),
         Supply(row[18], row[19], row[20]),
+        row[EFFECTS:SIZE],
     )

@@ -3,7 +3,7 @@
 import mujoco
 
 from klute_sim.device.ledger import Ledger, entries
-from klute_sim.device.step import State
+from klute_sim.device.step import NO_MEMORY, State
 from klute_sim.device.vector import unpack
 from klute_sim.errors import InputError
 from klute_sim.plant import coupling
@@ -28,6 +28,7 @@ class DeviceActuator:
         """Where its command is in ``data.ctrl``."""
         self._out = int(model.actuator_outadr[actuator])
         self._row = row
+        self._remembers = bool(model.actuator_actnum[actuator] != coupling.STATES)
 
     def command(self, data: mujoco.MjData, pressure: float) -> None:
         """Ask for gauge ``pressure`` [Pa] from now on."""
@@ -37,18 +38,26 @@ class DeviceActuator:
         """Put the device into ``state``."""
         data.act[self.act] = state.pressure / BAR
         data.act[self.act + 1] = state.length - self.parameters.muscle.resting_length
+        if self._remembers:
+            data.act[self.act + coupling.STATES : self.act + coupling.ALL_STATES] = state.memory
 
     def state(self, data: mujoco.MjData) -> State:
         """State at ``data.time``, before the next step."""
-        pressure, offset = data.act[self.act : self.act + 2].tolist()
-        return coupling.state(self.parameters, pressure, offset)
+        pressure, offset = data.act[self.act : self.act + coupling.STATES].tolist()
+        memory = NO_MEMORY
+        if self._remembers:
+            memory = tuple(data.act[self.act + coupling.STATES : self.act + coupling.ALL_STATES].tolist())
+        return coupling.state(self.parameters, pressure, offset, memory)
 
     def ledger(self, model: mujoco.MjModel, data: mujoco.MjData, before: State) -> tuple[State, Ledger]:
         """State and entries of the step just taken from ``before``; ``data`` is as the step left it."""
         step = model.opt.timestep
-        by_pressure, by_length = data.act_dot[self.act : self.act + 2].tolist()
-        after = coupling.reached(before, by_pressure, by_length, step)
-        return after, entries(self.parameters, before, after, self.unit_length(data), step)
+        by_pressure, by_length = data.act_dot[self.act : self.act + coupling.STATES].tolist()
+        unit_length = self.unit_length(data)
+        after = coupling.reached(self.parameters, before, by_pressure, by_length, unit_length, step)
+        return after, entries(
+            self.parameters, before, after, unit_length, float(data.actuator_velocity[self._out]), step
+        )
 
     def unit_length(self, data: mujoco.MjData) -> float:
         """Length [m] of the whole muscle-tendon unit at the last evaluation."""

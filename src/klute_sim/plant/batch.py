@@ -11,11 +11,12 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike
 
-from klute_sim.device.step import Parameters
+from klute_sim.device.step import Parameters, remembers
 from klute_sim.device.vector import SIZE, pack
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import router
 from klute_sim.plant.actuator import DeviceActuator
+from klute_sim.plant.coupling import STATES
 
 
 def simulations(model: mujoco.MjModel, count: int, threads: int = 0) -> Batch:
@@ -41,6 +42,8 @@ def give(batch: Batch, actuator: str, parameters: Sequence[Parameters]) -> None:
         raise InputError(f"{len(parameters)} devices for {batch.nsim} simulations")
     if any(each.tendon.rigid for each in (*parameters, DeviceActuator(batch.model, actuator).parameters)):
         raise InputError("a device without a tendon needs a model of its own")
+    if any(remembers(each) for each in parameters) and batch.model.actuator_actnum[place] == STATES:
+        raise InputError("an effect that remembers needs a model made with equip(..., memory=True)")
     batch.expand("actuator_user")[:, place, :SIZE] = np.array([pack(each) for each in parameters])
 
 

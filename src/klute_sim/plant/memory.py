@@ -13,8 +13,9 @@ import mujoco
 import numpy as np
 from numba import carray
 
+from klute_sim.device.step import MEMORY, NO_MEMORY
 from klute_sim.device.vector import SIGNATURE
-from klute_sim.plant.coupling import ROW
+from klute_sim.plant.coupling import ALL_STATES, ROW, STATES
 
 USER_DYNAMICS = int(mujoco.mjtDyn.mjDYN_USER)
 UNKNOWN = -1
@@ -31,6 +32,8 @@ address: Any = None
 rates: Any = None
 force: Any = None
 """Of :mod:`klute_sim.plant.coupling`."""
+to_tuple: Any = None
+"""The first numbers of an array as a tuple."""
 report_fault: Any = None
 """Of :mod:`klute_sim.plant.native`."""
 
@@ -46,13 +49,22 @@ def reals(words: Any, pointer: int, index: int, count: int) -> Any:
 
 
 def row_of(words: Any, actuator: int) -> Any:
-    """The actuator's row of parameters, empty if it carries no device or has no place for its two states."""
+    """The actuator's row of parameters, empty if it carries no device or has no place for its states."""
     width = words[NUSER]
-    if width >= ROW and entry(words, DYNTYPE, actuator) == USER_DYNAMICS and entry(words, ACTNUM, actuator) == 2:
-        row = reals(words, USER, width * actuator, ROW)
-        if row[0] == SIGNATURE:
-            return row
+    if width >= ROW and entry(words, DYNTYPE, actuator) == USER_DYNAMICS:
+        states = entry(words, ACTNUM, actuator)
+        if states in (STATES, ALL_STATES):
+            row = reals(words, USER, width * actuator, ROW)
+            if row[0] == SIGNATURE:
+                return row
     return reals(words, USER, 0, 0)
+
+
+def remembered(m: Any, d: Any, actuator: int) -> Any:
+    """What its effects remember; zeros if it has no states for that."""
+    if entry(m, ACTNUM, actuator) == STATES:
+        return NO_MEMORY
+    return to_tuple(reals(d, ACT, entry(m, ACTADR, actuator) + STATES, MEMORY), MEMORY)
 
 
 def act_dyn(model: Any, data: Any, actuator: int) -> float:
@@ -63,10 +75,14 @@ def act_dyn(model: Any, data: Any, actuator: int) -> float:
         return 0.0
     step = carray(model, (M_SIZE,), np.float64)[TIMESTEP]
     start = entry(m, ACTADR, actuator)
-    act, rate = reals(d, ACT, start, 2), reals(d, ACT_DOT, start, 2)
+    memory = remembered(m, d, actuator)
+    act, rate = reals(d, ACT, start, STATES), reals(d, ACT_DOT, start, ALL_STATES)
     command = reals(d, CTRL, entry(m, CTRLADR, actuator), 1)[0]
     length = reals(d, LENGTH, entry(m, OUTADR, actuator), 1)[0]
-    rate[0], rate[1] = rates(row, act[0], act[1], command, length, step)
+    rate[0], rate[1], after = rates(row, act[0], act[1], memory, command, length, step)
+    if entry(m, ACTNUM, actuator) != STATES:
+        for k in range(MEMORY):
+            rate[STATES + k] = (after[k] - memory[k]) / step
     if not np.isfinite(rate[0]):
         time = carray(data, (D_SIZE,), np.float64)[TIME]
         report_fault(address(model), address(data), actuator, time, command, act[0], act[1], length)
@@ -81,6 +97,7 @@ def act_bias(model: Any, data: Any, actuator: int) -> Any:
         return 0.0
     step = carray(model, (M_SIZE,), np.float64)[TIMESTEP]
     start, out = entry(m, ACTADR, actuator), entry(m, OUTADR, actuator)
-    act, rate = reals(d, ACT, start, 2), reals(d, ACT_DOT, start, 2)
+    memory = remembered(m, d, actuator)
+    act, rate = reals(d, ACT, start, STATES), reals(d, ACT_DOT, start, STATES)
     length, velocity = reals(d, LENGTH, out, 1)[0], reals(d, VELOCITY, out, 1)[0]
-    return force(row, act[0], act[1], rate[0], rate[1], length, velocity, step)
+    return force(row, act[0], act[1], memory, rate[0], rate[1], length, velocity, step)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import mujoco
 
-from klute_sim.device.step import Parameters
+from klute_sim.device.step import Parameters, remembers
 from klute_sim.device.vector import SIGNATURE, pack
 from klute_sim.errors import InputError
-from klute_sim.plant.coupling import ROW, SHOWN_DAMPING
+from klute_sim.plant.coupling import ALL_STATES, ROW, SHOWN_DAMPING, STATES
 
 
 def folder() -> Path:
@@ -23,12 +23,15 @@ def spec(name: str) -> mujoco.MjSpec:
     return mujoco.MjSpec.from_file(str(folder() / f"{name}.xml"))
 
 
-def equip(spec: mujoco.MjSpec, devices: Mapping[str, Parameters]) -> mujoco.MjModel:
+def equip(spec: mujoco.MjSpec, devices: Mapping[str, Parameters], *, memory: bool = False) -> mujoco.MjModel:
     """Compile ``spec`` with ``devices`` (actuator name -> parameters) on its actuators.
 
     The parameters travel in the model (``actuator_user``): its copies and pickles carry them. MuJoCo's automatic
     reset is off, because it would hide a simulation that has failed. Of MuJoCo's integrators RK4 takes the device's
     states with the rates of its last stage only: use the others.
+
+    A device whose effects remember gets states for that; with ``memory`` every one does, so that a batch can give it
+    any effects later.
 
     Raises InputError if an actuator is not made for a device, or is made for one and gets none: without it, it would
     silently give no force.
@@ -42,10 +45,13 @@ def equip(spec: mujoco.MjSpec, devices: Mapping[str, Parameters]) -> mujoco.MjMo
         if obstacle:
             raise InputError(f"actuator '{name}' cannot carry a device: {obstacle}")
         shown = _show_damping(spec, actuator, parameters)
+        actuator.actdim = ALL_STATES if memory or remembers(parameters) else STATES
         actuator.userdata = [*pack(parameters), shown]
     for actuator in spec.actuators:
         if actuator.name not in devices and not _carries(actuator) and not _obstacle(spec, actuator):
             raise InputError(f"actuator '{actuator.name}' is made for a device and has none: it would give no force")
+    if 0 <= spec.nuser_actuator < ROW:
+        spec.nuser_actuator = ROW
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return spec.compile()
 
@@ -61,7 +67,7 @@ def _obstacle(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str:
         and actuator.biastype == mujoco.mjtBias.mjBIAS_USER
         and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED
         and actuator.gainprm[0] == 0.0
-        and actuator.actdim == 2
+        and actuator.actdim in (STATES, ALL_STATES)
         and actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
     )
     if not made:

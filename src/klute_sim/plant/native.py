@@ -14,6 +14,7 @@ import llvmlite.binding
 import numba
 from numba import types
 from numba.extending import intrinsic
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from klute_sim.device.compiled import copy_of, device_law, ready
 from klute_sim.plant import coupling, memory
@@ -115,7 +116,13 @@ def callbacks() -> Callbacks:
     device = copy_of(coupling, **device_law())
     report = types.ExternalFunction(_REPORT, types.float64(*[types.int64] * 3, *[types.float64] * 5))
     pointers = {"at": intrinsic(_number_to_pointer), "address": intrinsic(_pointer_to_number)}
-    filled = {**pointers, "rates": device.rates, "force": device.force, "report_fault": report}
+    filled = {
+        **pointers,
+        "rates": device.rates,
+        "force": device.force,
+        "report_fault": report,
+        "to_tuple": to_fixed_tuple,
+    }
     code = copy_of(memory, **words, **filled)
     signature, constants = (
         types.float64(types.voidptr, types.voidptr, types.intc),

@@ -24,6 +24,7 @@ from typing import Any
 import mujoco
 
 from klute_sim.device import installation
+from klute_sim.device.step import NO_MEMORY
 from klute_sim.device.vector import SIGNATURE
 from klute_sim.errors import KluteSimError, KluteSimWarning, SimulationError
 from klute_sim.plant import coupling
@@ -211,17 +212,24 @@ def _no_finite_state(
     )
 
 
-def row_of(model: mujoco.MjModel, actuator: int) -> list[float] | None:
-    """The parameters of the device on ``actuator``; None if it carries none, or has no place for its two states."""
+def row_of(model: mujoco.MjModel, actuator: int) -> tuple[float, ...] | None:
+    """The parameters of the device on ``actuator``; None if it carries none, or has no place for its states."""
     if (
         model.nuser_actuator >= coupling.ROW
         and model.actuator_user[actuator, 0] == SIGNATURE
         and model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_USER
-        and model.actuator_actnum[actuator] == 2
+        and model.actuator_actnum[actuator] in (coupling.STATES, coupling.ALL_STATES)
     ):
-        row: list[float] = model.actuator_user[actuator, : coupling.ROW].tolist()
-        return row
+        return tuple(model.actuator_user[actuator, : coupling.ROW].tolist())
     return None
+
+
+def remembered(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> tuple[float, ...]:
+    """What the effects of the device on ``actuator`` remember; zeros if it has no states for that."""
+    if model.actuator_actnum[actuator] == coupling.STATES:
+        return NO_MEMORY
+    at = model.actuator_actadr[actuator]
+    return tuple(data.act[at + coupling.STATES : at + coupling.ALL_STATES].tolist())
 
 
 def _neighbour(name: str, model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float:
@@ -243,13 +251,17 @@ def _act_dyn(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float
     if row is None:
         return _neighbour("act_dyn", model, data, actuator)
     at = model.actuator_actadr[actuator]
-    pressure, offset = data.act[at : at + 2].tolist()
+    pressure, offset = data.act[at : at + coupling.STATES].tolist()
+    memory = remembered(model, data, actuator)
     command = float(data.ctrl[model.actuator_ctrladr[actuator]])
     length = float(data.actuator_length[model.actuator_outadr[actuator]])
-    found = coupling.rates(row, pressure, offset, command, length, model.opt.timestep)
+    *found, after = coupling.rates(row, pressure, offset, memory, command, length, model.opt.timestep)
     if not math.isfinite(found[0]):
         raise _no_finite_state(model.actuator(actuator).name, data.time, command, pressure, offset, length)
-    data.act_dot[at : at + 2] = found
+    data.act_dot[at : at + coupling.STATES] = found
+    if model.actuator_actnum[actuator] != coupling.STATES:
+        rates = [(b - a) / model.opt.timestep for a, b in zip(memory, after, strict=True)]
+        data.act_dot[at + coupling.STATES : at + coupling.ALL_STATES] = rates
     return 0.0
 
 
@@ -261,4 +273,5 @@ def _act_bias(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> floa
     pressure, offset = data.act[at : at + 2].tolist()
     by_pressure, by_length = data.act_dot[at : at + 2].tolist()
     length, velocity = float(data.actuator_length[out]), float(data.actuator_velocity[out])
-    return coupling.force(row, pressure, offset, by_pressure, by_length, length, velocity, model.opt.timestep)
+    memory = remembered(model, data, actuator)
+    return coupling.force(row, pressure, offset, memory, by_pressure, by_length, length, velocity, model.opt.timestep)

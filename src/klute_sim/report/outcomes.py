@@ -249,7 +249,7 @@ def _rollover_radius(r: Recording, loaded: np.ndarray) -> float | None:
 
 def _ledger_residual(r: Recording, step: float) -> float:
     """Percent of the device's work, both ways, that its own ledger does not account for."""
-    lines = ("gas_power", "friction_power", "damper_power", "stop_power")
+    lines = ("gas_power", "friction_power", "damper_power", "stop_power", "effects_power")
     # Energies stand at the end of a sample's step, so the first sample only tells where the count begins.
     given = sum(float(r[line][1:].sum()) * step for line in lines)
     stored = r["bladder_energy"] + r["tendon_energy"]

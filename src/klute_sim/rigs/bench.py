@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.device.files import Device
-from klute_sim.device.step import taut
+from klute_sim.device.rollout import earlier
+from klute_sim.device.step import dead_time, taut
 from klute_sim.errors import InputError
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben
@@ -30,6 +31,7 @@ CHANNELS = (
     "friction_power [W]",
     "damper_power [W]",
     "stop_power [W]",
+    "effects_power [W]",
     "delivered_power [W]",
     "bladder_energy [J]",
     "tendon_energy [J]",
@@ -68,12 +70,13 @@ def pull(device: Device, length: Samples, command: Samples, step: float, law: st
     actuator = DeviceActuator(model, "muscle_tendon")
     actuator.set_state(data, taut(parameters, float(length[0]), float(command[0])))
     speed = np.gradient(length, step)
+    late, commands = dead_time(parameters) / step, command.tolist()
 
     samples = np.empty((len(length), len(CHANNELS)))
     with router.installed(law) as in_force:
         for k in range(len(length)):
             data.qpos[0], data.qvel[0] = length[k], speed[k]
-            actuator.command(data, float(command[k]))
+            actuator.command(data, earlier(commands, k - late))
             before = actuator.state(data)
             router.step(model, data)
             after, ledger = actuator.ledger(model, data, before)
@@ -88,6 +91,7 @@ def pull(device: Device, length: Samples, command: Samples, step: float, law: st
                 ledger.friction_power,
                 ledger.damper_power,
                 ledger.stop_power,
+                ledger.effects_power,
                 -tension * speed[k],
                 ledger.bladder_energy,
                 ledger.tendon_energy,

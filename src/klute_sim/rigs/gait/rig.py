@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from klute_sim.control.pressure import PressureController
 from klute_sim.device.files import Device
+from klute_sim.device.step import dead_time
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import router
 from klute_sim.provenance import versions
@@ -65,6 +66,7 @@ def walk(
         )
     gauges = Gauges(model, actuator)
     pressure = np.array([controller.pressure(float(p)) for p in rig.phase])
+    late = dead_time(actuator.parameters) / options.step
     start(rig, data, pressure[0])
     count, drives = per_stride * options.strides, len(DRIVES)
     samples = np.empty((count, len(CHANNELS)))
@@ -72,7 +74,7 @@ def walk(
         for k in range(count):
             j = k % per_stride
             data.ctrl[:drives] = rig.slopes[j]
-            actuator.command(data, pressure[j])
+            actuator.command(data, _earlier(pressure, k - late))
             q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.state(data)
             router.step(model, data)
             if not abs(data.qpos[1] - rig.height[j]) < assembly.OFF_PATH:
@@ -85,6 +87,13 @@ def walk(
                 progress(k / count)
     progress(1.0)
     return _recording(device, controller, rig, pressure, samples, in_force)
+
+
+def _earlier(pressure: Samples, place: float) -> float:
+    """The command [Pa] at ``place``, in samples of a walk whose every stride is ``pressure``; its first before that."""
+    if place <= 0.0:
+        return float(pressure[0])
+    return float(np.interp(place % len(pressure), np.arange(len(pressure) + 1), np.append(pressure, pressure[0])))
 
 
 def _recording(

@@ -1,0 +1,97 @@
+"""What an effect is: a name, a sentence, parameters, and laws at the hooks where it acts.
+
+A law is a pure function of numbers, like those in :mod:`klute_sim.laws`, and runs as plain Python and compiled. It is
+given what there would be without it and returns what there is with it, so effects can be chained. ``own`` are its
+form's parameters in their order, SI; ``memory`` is what its form remembers (a tuple, empty unless ``Form.memory``).
+
+==================  =====================================================================  =====
+hook                arguments                                                              gives
+==================  =====================================================================  =====
+acting_pressure     own, memory, pressure, muscle, length                                  gauge pressure that the
+                                                                                           muscle feels [Pa]
+muscle_force        own, memory, force, muscle, pressure, length, rate                     tension [N]
+damper_force        own, memory, force, rate                                               tension [N]
+tendon_stretch      own, memory, stretch                                                   beyond slack length [m]
+tendon_force        own, memory, force, stretch                                            tension [N], floored at 0
+pressure_target     own, memory, command                                                   what is regulated to [Pa]
+pressure_reached    own, memory, target, pressure, step                                    a step later, before the
+                                                                                           supply's rate limits it [Pa]
+remember            own, memory, muscle, pressure, length, stretch, step                   the memory a step later
+reading             own, time, value (arrays)                                              what an instrument shows
+==================  =====================================================================  =====
+
+``length`` [m] and ``rate`` = d(length)/dt [m/s] are the muscle's, ``pressure`` [Pa] is the acting one. Where a form
+remembers, its other laws are given the memory *after* the step: ``remember`` decides, the others follow. All memory
+is zero for a muscle that rests at its resting length and a tendon that is just taut.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from klute_sim.units import to_si
+
+Numbers = Sequence[float]
+"""Parameters or memory of a form."""
+
+HOOKS = (
+    "acting_pressure",
+    "muscle_force",
+    "damper_force",
+    "tendon_stretch",
+    "tendon_force",
+    "pressure_target",
+    "pressure_reached",
+    "remember",
+    "reading",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One number of a form, in the unit that its key ends with."""
+
+    key: str
+    neutral: float | None
+    """The value without effect; None: a shape, which has none of its own."""
+    low: float
+    high: float
+    typical: float
+    """Of a size one meets in practice."""
+    source: str
+    """Where range and typical size are from; begins with 'assumed' if nobody printed them."""
+
+    def si(self, value: float) -> float:
+        """``value`` in SI."""
+        return to_si(self.key, value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Form:
+    """One functional form of an effect."""
+
+    name: str
+    equation: str
+    """The law in a line."""
+    parameters: tuple[Parameter, ...]
+    laws: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+    """Hook -> law; none for what acts on a whole series (a dead time)."""
+    memory: int = 0
+    """Numbers it remembers from step to step."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """A named effect."""
+
+    name: str
+    sentence: str
+    kind: Literal["device", "instrument"]
+    forms: tuple[Form, ...]
+    """The usual one first."""
+    supply: bool = False
+    """Whether it acts in the gas supply, which may do work; every other device effect is passive."""
+
+    def form(self, name: str) -> Form | None:
+        """The form of that name."""
+        return next((form for form in self.forms if form.name == name), None)
