@@ -85,6 +85,19 @@ def taut(parameters: Parameters, unit_length: float, pressure: float) -> State:
     return State(min(max(pressure, 0.0), parameters.supply.pressure), length, memory)
 
 
+def settled(parameters: Parameters, unit_length: float, command: float) -> State:
+    """The device at rest at muscle-tendon length ``unit_length`` [m] under pressure ``command`` [Pa].
+
+    Whatever the effects remember has come to rest there, too.
+    """
+    state = taut(parameters, unit_length, command)
+    pressure = next_pressure(parameters, state.memory, state.pressure, command, LONG)
+    for _ in range(3):  # what follows the length relaxes to where the length has come
+        length = balance(parameters, pressure, state._replace(pressure=pressure), unit_length, LONG)
+        state = State(pressure, length, remembered(parameters, NO_MEMORY, 0.0, length, unit_length, LONG))
+    return state
+
+
 def muscle_side(
     parameters: Parameters, memory: tuple[float, ...], pressure: float, length: float, rate: float
 ) -> float:

@@ -26,7 +26,7 @@ def slider(
 
 
 def maxwell(own: Numbers, memory: Numbers, force: float, stretch: float) -> float:
-    """Tension [N]: ``+ k (x - s)`` while the tendon is taut."""
+    """Tension [N]: ``+ k (x - s)`` while the tendon is taut, s the relaxed stretch."""
     if stretch <= 0.0:
         return force
     return force + own[0] * (stretch - memory[0])
@@ -35,8 +35,8 @@ def maxwell(own: Numbers, memory: Numbers, force: float, stretch: float) -> floa
 def relaxed(
     own: Numbers, memory: Numbers, muscle: Muscle, pressure: float, length: float, stretch: float, step: float
 ) -> tuple[float]:
-    """``ds/dt = (x - s) / tau``."""
-    return (followed(memory[0], stretch, own[1], step),)
+    """``ds/dt = (x - s) / tau``; a slack tendon relaxes to slack."""
+    return (followed(memory[0], max(0.0, stretch), own[1], step),)
 
 
 HYSTERESIS = Effect(
@@ -62,7 +62,7 @@ HYSTERESIS = Effect(
         ),
         Form(
             name="maxwell",
-            equation="F += k (x - s), ds/dt = (x - s)/tau, while taut",
+            equation="F += k (x - s) while taut, ds/dt = (max(0, x) - s)/tau",
             parameters=(
                 Parameter(
                     key="stiffness_n_per_mm",

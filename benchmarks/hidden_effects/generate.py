@@ -1,0 +1,214 @@
+"""Write synthetic measurements whose truth is known, and sealed.
+
+    python benchmarks/hidden_effects/generate.py OUT --block single --count 20 --seed 1
+
+Each dataset is a folder in the documented format of measured datasets; its truth lies beside it, never in it, as
+``<folder>.truth.json``. A dataset whose truth exists is complete and is not made again.
+"""
+
+import argparse
+import json
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from catalogue import CHANNELS, PRESET, UNCERTAIN, load_device, neutral_law, with_effects
+from inputs import Program, programs, still
+from plan import BLOCKS, DEFECTS, plan
+from simulate import Noise, coloured, read, trace, wander
+from truth import AIR_STEP
+
+Effects = Sequence[Mapping[str, Any]]
+EVERY = 5  # trace samples per logged sample
+DECIMALS = {"time": 3, "length": 4, "pressure_command": 5, "force": 3, "pressure": 5, "muscle_length": 4}
+UNITS = {"time": "s", "length": "mm", "pressure_command": "bar"} | {
+    name: channel.unit for name, channel in CHANNELS.items()
+}
+
+
+def true_base(rng: np.random.Generator, device: Mapping[str, float]) -> dict[str, float]:
+    """The device as it really is: uncertain keys drawn around nominal, no further than two standard deviations."""
+    true = dict(device)
+    for key, share in UNCERTAIN.items():
+        z = rng.normal()
+        while abs(z) > 2.0:
+            z = rng.normal()
+        true[key] = device[key] * (1.0 + share * z)
+    return true
+
+
+def make(
+    folder: Path,
+    seed: int,
+    *,
+    effects: Effects = (),
+    instruments: Effects = (),
+    block: str = "single",
+    noise: Noise | None = None,
+    defect: str | None = None,
+    muscle_length: bool | None = None,
+    truth: Path | None = None,
+    device_file: Path = PRESET,
+) -> dict[str, Any]:
+    """Write the dataset ``folder`` and its truth file; return the truth.
+
+    Base parameters, inputs and noise depend on ``seed`` only, not on the effects: the same seed with another effect is
+    the same bench on the same day. ``muscle_length`` says whether that channel is recorded; by default in a third of
+    the datasets, and where an instrument fault needs it. ``truth`` defaults to ``<folder>.truth.json``.
+    """
+    if defect is not None and defect not in DEFECTS:
+        raise ValueError(f"defect {defect!r} is none of {', '.join(DEFECTS)}")
+    noise = noise or Noise()
+    child = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
+    device = load_device(device_file)
+    base = true_base(child[0], device)
+    bench = programs(child[1])
+    drawn = child[2].random() < 1 / 3
+    needed = any(fault["channel"] == "muscle_length" for fault in instruments)
+    recorded = ["force", "pressure"]
+    if needed or (drawn if muscle_length is None else muscle_length):
+        recorded.append("muscle_length")
+    if defect == "no_excitation":
+        bench = [still(program) for program in bench]
+
+    plain = neutral_law(base)
+    hidden = with_effects(*plain, effects)
+    tables: dict[str, dict[str, np.ndarray]] = {}
+    trials, seen = [], {name: [] for name in recorded}
+    for program in bench:
+        for repeat in "a" if defect == "no_repeats" else "ab":
+            slow = wander(child[3], round(program.duration / AIR_STEP) + 1, noise.wander)
+            true = trace(program, *hidden, slow)
+            reported = read(true, instruments)
+            if repeat == "a" and (effects or instruments):
+                without = true if not effects else trace(program, *plain, slow)
+                for name in recorded:
+                    seen[name].append((reported[name] - without[name])[::EVERY])
+            tables[f"{program.name}_{repeat}.csv"] = _log(child[3], program, reported, noise, recorded)
+            trials.append((f"{program.name}_{repeat}.csv", program.name, program.use))
+    if defect is not None:
+        _spoil(tables, defect)
+
+    floor = {name: getattr(noise, name) or CHANNELS[name].noise for name in recorded}
+    size = {name: _rms(np.concatenate(d)) / floor[name] if d else 0.0 for name, d in seen.items()}
+    worst = max(size, key=lambda name: size[name])
+    sealed = {
+        "seed": seed,
+        "block": block,
+        "effects": list(effects),
+        "instruments": list(instruments),
+        "defect": defect,
+        "base": {key: base[key] for key in UNCERTAIN},
+        "nominal": {key: device[key] for key in UNCERTAIN},
+        "raw_size": size[worst],
+        "most_affected": worst if size[worst] > 0.0 else None,
+        "raw_size_by_channel": size,
+        "noise": noise._asdict(),
+        "groups": {program.name: program.use for program in bench},
+    }
+    _write(Path(folder), truth or Path(f"{folder}.truth.json"), tables, trials, device_file, sealed)
+    return sealed
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _log(
+    rng: np.random.Generator, program: Program, reported: Mapping[str, np.ndarray], noise: Noise, recorded: list[str]
+) -> dict[str, np.ndarray]:
+    n = len(program.command)
+    table = {
+        "time": np.arange(n) / 200.0,
+        "length": program.length[::EVERY] * 1e3 + rng.normal(0.0, noise.logged_length, n),
+        "pressure_command": program.command / 1e5 + rng.normal(0.0, noise.logged_command, n),
+    }
+    for name in CHANNELS:  # drawn for all, so that a channel left out changes no other
+        values = reported[name][::EVERY] + coloured(rng, n, getattr(noise, name))
+        if name in recorded:
+            table[name] = values
+    return table
+
+
+def _spoil(tables: dict[str, dict[str, np.ndarray]], defect: str) -> None:
+    """Damage the recorded data in place."""
+    if defect == "dead_channel":
+        for table in tables.values():
+            table["force"][:] = 0.037
+    elif defect == "clock_backwards":
+        table = list(tables.values())[2]
+        k = len(table["time"]) // 2
+        table["time"][k:] -= 0.25
+    elif defect == "saturated_force":
+        limit = 0.45 * max(float(table["force"].max()) for table in tables.values())
+        for table in tables.values():
+            np.minimum(table["force"], limit, out=table["force"])
+
+
+def _write(
+    folder: Path,
+    truth: Path,
+    tables: Mapping[str, Mapping[str, np.ndarray]],
+    trials: Sequence[tuple[str, str, str]],
+    device_file: Path,
+    sealed: Mapping[str, Any],
+) -> None:
+    """Data first, under another name until it is whole; the truth last, as the sign that all is there."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    lines = ['format = "klute-sim-dataset/1"', 'rig = "bench"', f'device = "{device_file.stem}"', "", "[uncertain]"]
+    lines += [f'"{key}" = "{share * 100:g} %"' for key, share in UNCERTAIN.items()]
+    for file, group, use in trials:
+        lines += ["", "[[trial]]", f'files = ["{file}"]', f'group = "{group}"', f'use = "{use}"']
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".part-") as temporary:
+        part = Path(temporary) / "dataset"
+        part.mkdir()
+        (part / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
+        for file, table in tables.items():
+            header = ",".join(f"{name} [{UNITS[name]}]" for name in table)
+            columns = [[f"{value:.{DECIMALS[name]}f}" for value in values] for name, values in table.items()]
+            rows = [",".join(row) for row in zip(*columns, strict=True)]
+            (part / file).write_text("\n".join([header, *rows]) + "\n", "utf-8")
+        if folder.exists():
+            shutil.rmtree(folder)
+        part.rename(folder)
+    truth.parent.mkdir(parents=True, exist_ok=True)
+    partial = truth.with_name(f".part-{truth.name}")
+    partial.write_text(json.dumps(sealed, indent=1) + "\n", "utf-8")
+    partial.rename(truth)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Write a block of datasets."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path, help="folder that will hold the datasets")
+    parser.add_argument("--block", choices=BLOCKS, default="single")
+    parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--typical", action="store_true", help="every parameter at its typical value")
+    parser.add_argument("--truth", type=Path, help="truth file (needs --count 1), or else a folder for them")
+    parser.add_argument("--device", type=Path, default=PRESET, help="device file of the nominal device")
+    options = parser.parse_args(arguments)
+    specs = plan(options.block, options.count, options.seed, typical=options.typical)
+    if options.truth is not None and options.truth.suffix == ".json" and len(specs) != 1:
+        parser.error("--truth FILE.json needs --count 1; give a folder for several")
+    began = time.perf_counter()
+    for i, spec in enumerate(specs, start=1):
+        name = spec.pop("name")
+        folder = options.out / name
+        truth = options.truth or options.out
+        truth = truth if truth.suffix == ".json" else truth / f"{name}.truth.json"
+        if truth.exists() and folder.exists():
+            word = "is there"
+        else:
+            sealed = make(folder, **spec, truth=truth, device_file=options.device)
+            word = f"raw size {sealed['raw_size']:.2f} on {sealed['most_affected']}"
+        print(f"{i}/{len(specs)} {name}: {word} ({time.perf_counter() - began:.0f} s)", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    main()

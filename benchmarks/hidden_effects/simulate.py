@@ -1,0 +1,85 @@
+"""From a program and a device to what the bench would read: traces, instruments, noise."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from catalogue import CHANNELS, instrument_forms
+from inputs import SAMPLE, Program
+from scipy.signal import lfilter
+from truth import AIR_STEP, TRACE_STEP, Air, Law, integrate, pressure_trace
+
+TOLERANCE = 1e-9  # m per step: see the accuracy test
+Floats = np.ndarray
+
+
+class Noise(NamedTuple):
+    """Rms of what the instruments and the world add, in the units of the columns."""
+
+    force: float = CHANNELS["force"].noise
+    pressure: float = CHANNELS["pressure"].noise
+    muscle_length: float = CHANNELS["muscle_length"].noise
+    wander: float = 0.004
+    """Slow wander of the true pressure [bar]; stays below 0.01 bar."""
+    logged_length: float = 0.01
+    logged_command: float = 0.002
+
+
+def wander(rng: np.random.Generator, n: int, rms_bar: float) -> Floats:
+    """A slow disturbance of the true pressure on the air grid [Pa]: three sines of 0.1 to 0.8 Hz."""
+    t = np.arange(n) * AIR_STEP
+    frequency, phase = np.exp(rng.uniform(np.log(0.1), np.log(0.8), 3)), rng.uniform(0, 2 * np.pi, 3)
+    return rms_bar * 1e5 * np.sqrt(2 / 3) * np.sin(2 * np.pi * frequency[:, None] * t + phase[:, None]).sum(axis=0)
+
+
+def trace(
+    program: Program, law: Law, air: Air, disturbance: Floats | float = 0.0, tolerance: float = TOLERANCE
+) -> dict[str, Floats]:
+    """True channels on the trace grid, in the units of the columns."""
+    every = round(TRACE_STEP / AIR_STEP)
+    n = (len(program.length) - 1) * every + 1
+    pressure = np.maximum(pressure_trace(program.command, SAMPLE, n, air) + disturbance, 0.0)
+    force, length, _ = integrate(program.pieces(), pressure, law, tolerance)
+    return {"force": force, "pressure": pressure[::every] / 1e5, "muscle_length": length * 1e3}
+
+
+def read(channels: Mapping[str, Floats], faults: Sequence[Mapping[str, Any]]) -> dict[str, Floats]:
+    """The channels as faulty instruments report them, still on the trace grid and without noise."""
+    out = {name: values.copy() for name, values in channels.items()}
+    for fault in faults:
+        channel, p = fault["channel"], fault["parameters"]
+        if set(p) != set(instrument_forms(channel).get((fault["name"], fault["form"]), {})):
+            raise ValueError(f"no instrument fault {fault['name']}/{fault['form']} with {sorted(p)}")
+        values = out[channel]
+        t = np.arange(len(values)) * TRACE_STEP
+        match fault["name"]:
+            case "sensor_gain":
+                values = p["gain"] * values
+            case "sensor_offset":
+                values = values + p["offset"]
+            case "sensor_drift":
+                values = values + p["drift_per_s"] * t
+            case "sensor_lag":
+                values = _lag(values, p["time_constant_s"])
+            case "clock_skew":
+                values = np.interp(t - p["shift_s"], t, values)
+        out[channel] = values
+    return out
+
+
+def _lag(values: Floats, time_constant: float) -> Floats:
+    """First-order lag, exact for a signal that is linear between samples; at rest before the start."""
+    if time_constant <= 0.0:
+        return values
+    ratio = time_constant / TRACE_STEP
+    decay = np.exp(-1.0 / ratio)
+    new, old = 1.0 - ratio * (1.0 - decay), ratio * (1.0 - decay) - decay
+    return lfilter([new, old], [1.0, -decay], values, zi=[values[0] * (1.0 - new)])[0]
+
+
+def coloured(rng: np.random.Generator, n: int, rms: float) -> Floats:
+    """AR(1) noise at the sample rate with a correlation time of 10 to 30 ms."""
+    keep = np.exp(-SAMPLE / rng.uniform(0.010, 0.030))
+    white = rng.normal(0.0, rms * np.sqrt(1.0 - keep**2), n)
+    start = rng.normal(0.0, rms)
+    return lfilter([1.0], [1.0, -keep], white, zi=[keep * start])[0]

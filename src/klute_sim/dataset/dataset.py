@@ -1,0 +1,117 @@
+"""A folder of measured trials, read and checked."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+
+from klute_sim.dataset import format as file_format
+from klute_sim.dataset import split as splitting
+from klute_sim.dataset import trial as trials
+from klute_sim.dataset.channels import Rig
+from klute_sim.dataset.format import DatasetFile
+from klute_sim.dataset.override import overridden
+from klute_sim.dataset.split import Member, Split
+from klute_sim.dataset.trial import Trial
+from klute_sim.device import files as device_files
+from klute_sim.device.files import Device
+from klute_sim.errors import InputError
+
+FILE = "dataset.toml"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Dataset:
+    """Trials with one device on one rig."""
+
+    folder: Path
+    rig: Rig
+    device: Device
+    """Its numbers are nominal values; a trial may have others."""
+    uncertain: Mapping[str, float]
+    """``section.key`` of the device -> standard deviation in the key's own unit."""
+    trials: tuple[Trial, ...]
+    digest: str
+    """SHA-256 of ``dataset.toml``, the device file and every trial file."""
+    remarks: tuple[str, ...]
+    """What the user should know about the files, one sentence each."""
+
+
+def read(folder: str | Path) -> Dataset:
+    """Read the dataset in ``folder``; raises InputError with one sentence when anything is wrong with it."""
+    folder = Path(folder)
+    content = _content(folder)
+    where = str(folder / FILE)
+    file = file_format.parse(content, where)
+    device = _device(file.device, folder)
+    uncertain = file_format.standard_deviations(file.uncertain, device.spec.numbers(), where)
+    names = _names(file, where)
+    entries = [Member(name, entry.group or name, entry.use) for name, entry in zip(names, file.trial, strict=True)]
+    splitting.assign(entries, where)  # refuses what cannot be split before large files are read
+    devices = [
+        overridden(device, entry.device, f"{where}, trial '{name}'")
+        for name, entry in zip(names, file.trial, strict=True)
+    ]
+
+    digest = hashlib.sha256(hashlib.sha256(content).digest() + bytes.fromhex(device.digest))
+    remarks: dict[str, None] = {}  # in order, each once: trials may share a file
+    found = []
+    for entry, use, own in zip(file.trial, entries, devices, strict=True):
+        files = tuple(folder / name for name in entry.files)
+        channels = trials.read(files, file.rig)
+        remarks |= dict.fromkeys(channels.remarks)
+        for each in channels.digests:
+            digest.update(bytes.fromhex(each))
+        found.append(
+            Trial(
+                name=use.name,
+                group=use.group,
+                use=use.use,
+                device=own,
+                files=files,
+                prescribed=channels.prescribed,
+                measured=channels.measured,
+            )
+        )
+    return Dataset(
+        folder=folder,
+        rig=file.rig,
+        device=device,
+        uncertain=uncertain,
+        trials=tuple(found),
+        digest=digest.hexdigest(),
+        remarks=tuple(remarks),
+    )
+
+
+def split(dataset: Dataset) -> Split:
+    """Which trials to fit, to select by and to show; the same dataset is always split the same way."""
+    return splitting.assign((Member(t.name, t.group, t.use) for t in dataset.trials), str(dataset.folder / FILE))
+
+
+def _content(folder: Path) -> bytes:
+    try:
+        return (folder / FILE).read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"no dataset in {folder}: a dataset is a folder with a file {FILE} in it") from None
+    except NotADirectoryError:
+        raise InputError(f"{folder} is a file; give the folder that holds {FILE}") from None
+    except OSError as error:
+        raise InputError(f"{folder / FILE} cannot be read: {error.strerror}") from None
+
+
+def _device(wanted: str, folder: Path) -> Device:
+    return device_files.load(wanted if wanted in device_files.preset_names() else folder / wanted)
+
+
+def _names(file: DatasetFile, where: str) -> list[str]:
+    names: list[str] = []
+    for number, entry in enumerate(file.trial, 1):
+        name = "+".join(PurePath(path).with_suffix("").as_posix() for path in entry.files)
+        if name in names:
+            raise InputError(
+                f"{where}: trials {names.index(name) + 1} and {number} are both '{name}'; every trial needs files of "
+                "its own, and names that differ in more than their endings"
+            )
+        names.append(name)
+    return names

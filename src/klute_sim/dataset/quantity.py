@@ -1,0 +1,43 @@
+"""Units of measured columns: any unit of the right dimension becomes SI."""
+
+import re
+from functools import cache
+from typing import Any
+
+EXAMPLES = {
+    "s": "s, ms, min",
+    "m": "mm, cm, m, in",
+    "N": "N, kN, kgf, lbf",
+    "Pa": "bar, kPa, MPa, psi, Pa",
+    "rad": "deg, rad",
+    "N*m": "N*m, kgf*m, lbf*ft",
+}
+"""SI unit of a channel -> units to name when another one is refused."""
+
+_SHAPE = re.compile(r"[^\W\d_][^\W\d_]*|[\s*·⋅/.°^\d-]")
+_TOWER = re.compile(r"\d{2}|(\^|\*\*)[\s\d.-]*(\^|\*\*)")
+"""Powers that no unit has and whose value takes for ever."""
+
+
+@cache
+def _registry() -> Any:
+    import pint  # here, because it takes half a second that only datasets need
+
+    return pint.UnitRegistry()
+
+
+@cache
+def factor(unit: str, si: str) -> float | None:
+    """What a value in ``unit`` is multiplied by to be in ``si``; None where ``unit`` is no unit of that kind.
+
+    Compared are base units, so that a percentage is no angle although both are pure numbers.
+    """
+    if _SHAPE.sub("", unit) or _TOWER.search(unit):
+        return None
+    registry = _registry()
+    try:
+        value, base = registry.get_base_units(registry.parse_units(unit.replace("⋅", "*")))
+        wanted = registry.get_base_units(registry.parse_units(si))[1]
+    except Exception:  # pint's parser raises a dozen kinds for what is no unit
+        return None
+    return float(value) if base == wanted else None

@@ -1,0 +1,151 @@
+"""One trial file: columns ``name [unit]`` of a CSV or Parquet file, in SI."""
+
+import hashlib
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from klute_sim.dataset import quantity, text
+from klute_sim.errors import InputError
+from klute_sim.recording.recording import Samples
+
+_HEADING = re.compile(r"(?P<name>\w+)\s*\[(?P<unit>[^\[\]]*)\]")
+_WITHOUT_UNIT = re.compile(r"(?P<name>\w+)\s*([(\[{/,:].*)?")
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """The columns of one file that somebody asked for."""
+
+    where: str
+    """The file, as errors say it."""
+    columns: Mapping[str, Samples]
+    """Name -> samples in SI, finite or NaN where the cell is empty; all of one length."""
+    headings: Mapping[str, str]
+    """Name -> heading as written."""
+    ignored: tuple[str, ...]
+    """Headings nobody asked for."""
+    digest: str
+    """SHA-256 of the file."""
+    place: Callable[[int], str]
+    """Row, counted from 0 -> where it is in the file, such as ``line 17``."""
+
+
+def read(path: Path, wanted: Mapping[str, str]) -> Table:
+    """Read the columns ``wanted`` (name -> SI unit) as far as the file at ``path`` has them.
+
+    Raises InputError when it cannot be read, when a wanted column has no unit or one of another dimension, occurs
+    twice, or holds anything but finite numbers and empty cells.
+    """
+    where = str(path)
+    content = _content(path)
+    found: tuple[Sequence[str], Callable[[Sequence[int]], list[Samples]], Callable[[int], str]]
+    if content.startswith(b"PAR1") or path.suffix.lower() in {".parquet", ".pq"}:
+        found = _parquet(content, where)
+    else:
+        file = text.parse(content, where)
+        found = file.headings, file.columns, file.place
+    headings, fetch, place = found
+
+    places: dict[str, int] = {}
+    factors: list[float] = []
+    ignored: list[str] = []
+    for number, heading in enumerate(headings):
+        name = _name(heading, wanted, where)
+        if name is None:
+            ignored.append(heading)
+            continue
+        if name in places:
+            raise InputError(
+                f"trial file {where}: columns '{headings[places[name]]}' and '{heading}' are the same channel; leave "
+                "one out"
+            )
+        places[name] = number
+        factors.append(_factor(heading, wanted[name], where))
+
+    columns = {}
+    for (name, number), factor, samples in zip(places.items(), factors, fetch([*places.values()]), strict=True):
+        infinite = np.isinf(samples)
+        if infinite.any():
+            raise InputError(
+                f"trial file {where}: column '{headings[number]}', {place(int(infinite.argmax()))}: the value is "
+                "infinite; leave the cell of a missing sample empty"
+            )
+        columns[name] = samples * factor
+    written = {name: headings[number] for name, number in places.items()}
+    return Table(where, columns, written, tuple(ignored), hashlib.sha256(content).hexdigest(), place)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(
+            f"trial file {path} does not exist; files are named relative to the folder of dataset.toml"
+        ) from None
+    except OSError as error:
+        raise InputError(f"trial file {path} cannot be read: {error.strerror}") from None
+
+
+def _name(heading: str, wanted: Mapping[str, str], where: str) -> str | None:
+    """The wanted column that ``heading`` is, None for any other; capitals do not matter."""
+    match = _HEADING.fullmatch(heading) or _WITHOUT_UNIT.fullmatch(heading)
+    name = match["name"].lower() if match else ""
+    if match is None or name not in wanted:
+        return None
+    if match.re is _WITHOUT_UNIT:
+        example = quantity.EXAMPLES[wanted[name]].split(",")[0]
+        raise InputError(
+            f"trial file {where}: column '{heading}' has no unit in square brackets; write for example "
+            f"'{name} [{example}]'"
+        )
+    return name
+
+
+def _factor(heading: str, si: str, where: str) -> float:
+    match = _HEADING.fullmatch(heading)
+    factor = quantity.factor(match["unit"].strip(), si) if match else None
+    if factor is None:
+        raise InputError(
+            f"trial file {where}: column '{heading}' has a unit that does not fit; allowed are "
+            f"{quantity.EXAMPLES[si]} and other units of that kind"
+        )
+    return factor
+
+
+def _parquet(
+    content: bytes, where: str
+) -> tuple[list[str], Callable[[Sequence[int]], list[Samples]], Callable[[int], str]]:
+    """Headings, how to fetch columns and how to name a row."""
+    if not content:
+        raise InputError(f"trial file {where} is empty")
+    try:
+        file = pq.ParquetFile(pa.BufferReader(content))
+        headings = list(file.schema_arrow.names)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise InputError(f"trial file {where} is no Parquet file: {str(error).splitlines()[0]}") from None
+
+    def fetch(places: Sequence[int]) -> list[Samples]:
+        columns = []
+        for place in places:
+            kind = file.schema_arrow.field(place).type
+            number = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
+            if not any(is_kind(kind) for is_kind in number):
+                raise InputError(
+                    f"trial file {where}: column '{headings[place]}' holds {kind}; allowed are numbers in the unit of "
+                    "the heading"
+                )
+            try:
+                column = file.read(columns=[headings[place]]).column(0)
+                columns.append(np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64))
+            except (pa.ArrowException, OSError, ValueError) as error:
+                reason = str(error).splitlines()[0]
+                raise InputError(f"trial file {where}: column '{headings[place]}' cannot be read: {reason}") from None
+        return columns
+
+    return headings, fetch, lambda row: f"row {row + 1}"

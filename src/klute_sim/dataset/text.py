@@ -1,0 +1,148 @@
+"""Numbers in a text file: comma, semicolon or tab between cells, decimal points, a heading line first.
+
+Reading is fast and says little when it fails; only then is the text gone through again, to name line and cell.
+"""
+
+import csv
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+
+from klute_sim.errors import InputError
+from klute_sim.recording.recording import Samples
+
+BOM = b"\xef\xbb\xbf"
+DELIMITERS = ",;\t"
+
+_LEADING_BLANK_LINES = re.compile(rb"([ \t]*(\r\n|\n|\r))*")
+_ANY_DELIMITER = re.compile(r"[,;\s\"]")
+_FIRST_LINE = re.compile(rb"[^\r\n]*(\r\n|\n|\r)?")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?nan", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[+-]?[\d.]*,\d+([eE][+-]?\d+)?")
+_MISSING = [" " * width for width in range(33)]
+"""Empty cells, also where a program pads its columns with blanks."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """A text file with a heading line."""
+
+    where: str
+    """Its place, as errors say it."""
+    headings: tuple[str, ...]
+    delimiter: str
+    body: bytes
+    """Everything below the heading line."""
+    first_line: int
+    """Number of the body's first line."""
+
+    def lines(self) -> Iterator[tuple[int, str]]:
+        """The rows, with the number of each line as an editor shows it; empty lines are no rows."""
+        for number, line in enumerate(self.body.splitlines(), self.first_line):
+            if line:
+                yield number, line.decode("utf-8", errors="replace")
+
+    def place(self, row: int) -> str:
+        """``line N`` of the ``row``-th row, counted from 0."""
+        return next(f"line {number}" for k, (number, _) in enumerate(self.lines()) if k == row)
+
+    def columns(self, wanted: Sequence[int]) -> list[Samples]:
+        """The columns at the places ``wanted``; an empty cell is NaN."""
+        self._refuse_open_quotes()
+        if not self.body.strip():
+            return [np.empty(0) for _ in wanted]
+        names = [str(place) for place in range(len(self.headings))]
+        keep = [names[place] for place in wanted]
+        try:
+            table = pyarrow.csv.read_csv(
+                pa.py_buffer(self.body),
+                read_options=pyarrow.csv.ReadOptions(column_names=names),
+                parse_options=pyarrow.csv.ParseOptions(delimiter=self.delimiter),
+                convert_options=pyarrow.csv.ConvertOptions(
+                    include_columns=keep,
+                    column_types=dict.fromkeys(keep, pa.float64()),
+                    null_values=_MISSING,
+                    check_utf8=False,
+                ),
+            )
+        except (pa.ArrowException, OSError, ValueError) as error:
+            reason = str(error).splitlines()[0]
+            raise InputError(f"trial file {self.where}: {self._trouble(wanted) or reason}") from None
+        return [table.column(name).to_numpy() for name in keep]
+
+    def _refuse_open_quotes(self) -> None:
+        # A quote that is never closed swallows the rest of the file as one cell, and nobody would know.
+        if b'"' not in self.body:
+            return
+        for number, line in self.lines():
+            if line.count('"') % 2:
+                raise InputError(
+                    f"trial file {self.where}: line {number} opens a quote and does not close it; every row must "
+                    "be one line"
+                )
+
+    def _trouble(self, wanted: Sequence[int]) -> str | None:
+        """The first thing wrong with a row, as the end of a sentence."""
+        expected = len(self.headings)
+        for number, line in self.lines():
+            cells = next(csv.reader([line], delimiter=self.delimiter), [])
+            if len(cells) != expected:
+                mend = "; write decimal points, not commas" if len(cells) > expected and self.delimiter == "," else ""
+                return f"line {number} has {_count(len(cells))}, but the heading has {_count(expected)}{mend}"
+            for place in wanted:
+                said = _refusal(cells[place].strip())
+                if said:
+                    return f"column '{self.headings[place]}', line {number}: {said}"
+        return None
+
+
+def parse(content: bytes, where: str) -> Text:
+    """Find heading line and delimiter of ``content``; raises InputError where there is no such thing."""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise InputError(f"trial file {where} is UTF-16 text; save it as UTF-8")
+    if b"\0" in content:
+        raise InputError(f"trial file {where} is neither text nor Parquet; allowed: CSV (UTF-8) and Parquet")
+    content = content.removeprefix(BOM)
+    if not content.strip():
+        raise InputError(f"trial file {where} is empty")
+    blank = _matched(_LEADING_BLANK_LINES, content, 0)
+    line = _matched(_FIRST_LINE, content, len(blank))
+    try:
+        text = line.decode("utf-8").strip("\r\n")
+    except UnicodeDecodeError:
+        raise InputError(f"trial file {where}: the heading line is not UTF-8 text; save the file as UTF-8") from None
+    delimiter = max(DELIMITERS, key=text.count)
+    try:
+        headings = [heading.strip() for heading in next(csv.reader([text], delimiter=delimiter, strict=True))]
+    except csv.Error as error:
+        raise InputError(f"trial file {where}: the heading line cannot be read: {error}") from None
+    if all(_NUMBER.fullmatch(number) for number in _ANY_DELIMITER.split(text) if number):
+        raise InputError(f"trial file {where} has no heading: the first line must name the columns, such as 'time [s]'")
+    first_line = len(blank.splitlines()) + 2
+    return Text(where, tuple(headings), delimiter, content[len(blank) + len(line) :], first_line)
+
+
+def _matched(pattern: re.Pattern[bytes], content: bytes, start: int) -> bytes:
+    match = pattern.match(content, start)
+    return match[0] if match else b""
+
+
+def _refusal(cell: str) -> str | None:
+    if not cell:
+        return None
+    if _DECIMAL_COMMA.fullmatch(cell):
+        return f"'{cell}' has a decimal comma; write decimal points"
+    if not _NUMBER.fullmatch(cell):
+        return f"'{cell[:40]}' is not a number; leave the cell of a missing sample empty"
+    if math.isinf(float(cell)):
+        return f"'{cell[:40]}' is too large"
+    return None
+
+
+def _count(cells: int) -> str:
+    return f"{cells} cell" if cells == 1 else f"{cells} cells"

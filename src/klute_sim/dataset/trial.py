@@ -1,0 +1,171 @@
+"""One trial: what was prescribed and what was measured, each channel on the clock of its own file."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from klute_sim.dataset import channels, table
+from klute_sim.dataset.channels import TIME, Rig
+from klute_sim.dataset.table import Table
+from klute_sim.device.files import Device
+from klute_sim.errors import InputError
+from klute_sim.recording.recording import Samples
+
+Use = Literal["fit", "select", "show"]
+
+FEWEST_SAMPLES = 10
+"""Fewest samples of a channel, missing ones not counted."""
+
+
+class Series(NamedTuple):
+    """Samples of one channel, SI."""
+
+    time: Samples
+    """[s], finite, strictly increasing; shared by the channels of one file."""
+    value: Samples
+    """One per time; NaN where a measured channel has no sample."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trial:
+    """One experiment with one device."""
+
+    name: str
+    """Its files without their endings."""
+    group: str
+    """Trials with the same group are repeats."""
+    use: Use | None
+    """As the dataset says; None leaves it to :func:`klute_sim.dataset.dataset.split`."""
+    device: Device
+    """The dataset's, with this trial's changes."""
+    files: tuple[Path, ...]
+    prescribed: Mapping[str, Series]
+    """Every channel of :data:`klute_sim.dataset.channels.PRESCRIBED` of the rig."""
+    measured: Mapping[str, Series]
+    """One or more of :data:`klute_sim.dataset.channels.MEASURED` of the rig."""
+
+
+class Channels(NamedTuple):
+    """What the files of one trial hold."""
+
+    prescribed: dict[str, Series]
+    measured: dict[str, Series]
+    digests: tuple[str, ...]
+    """SHA-256 of each file."""
+    remarks: tuple[str, ...]
+    """What the user should know, one sentence each."""
+
+
+def read(files: Sequence[Path], rig: Rig) -> Channels:
+    """Read and check the ``files`` of one trial; raises InputError with one sentence."""
+    found: dict[str, _Column] = {}
+    remarks: list[str] = []
+    digests: list[str] = []
+    for path in files:
+        file = table.read(path, channels.known(rig))
+        clock = _clock(file)
+        for name, samples in file.columns.items():
+            if name == TIME:
+                continue
+            channel = channels.channel(rig, name)
+            column = _Column(file, name, Series(clock, samples))
+            if channel in found:
+                raise InputError(_twice(channel, found[channel], column))
+            _check_enough(column)
+            found[channel] = column
+        if file.ignored:
+            remarks.append(f"trial file {file.where}: ignored columns {', '.join(map(repr, file.ignored))}")
+        digests.append(file.digest)
+    prescribed, measured = _roles(rig, found, [str(path) for path in files], remarks)
+    _check_overlap(found)
+    return Channels(prescribed, measured, tuple(digests), tuple(remarks))
+
+
+class _Column(NamedTuple):
+    """A channel and where it was found."""
+
+    file: Table
+    name: str
+    series: Series
+
+    @property
+    def place(self) -> str:
+        return f"trial file {self.file.where}: column '{self.file.headings[self.name]}'"
+
+
+def _clock(file: Table) -> Samples:
+    if TIME not in file.columns:
+        there = ", ".join(map(repr, [*file.headings.values(), *file.ignored]))
+        raise InputError(f"trial file {file.where} has no column 'time [s]'; it has {there}")
+    time = file.columns[TIME]
+    _check_no_gap(_Column(file, TIME, Series(time, time)), "every sample needs a time")
+    if len(time) < FEWEST_SAMPLES:
+        raise InputError(f"trial file {file.where} has {len(time)} rows; at least {FEWEST_SAMPLES} are needed")
+    step = np.diff(time)
+    if (step <= 0.0).any():
+        row = int((step <= 0.0).argmax()) + 1
+        does = "repeats" if step[row - 1] == 0.0 else "runs backwards"
+        raise InputError(
+            f"trial file {file.where}: the clock {does} at {file.place(row)} ({time[row]:.9g} s after "
+            f"{time[row - 1]:.9g} s); time must increase from row to row"
+        )
+    return time
+
+
+def _check_no_gap(column: _Column, why: str) -> None:
+    gap = np.isnan(column.series.value)
+    if gap.any():
+        row = column.file.place(int(gap.argmax()))
+        raise InputError(f"{column.place}, {row}: the cell is empty; {why}")
+
+
+def _check_enough(column: _Column) -> None:
+    count = int(np.isfinite(column.series.value).sum())
+    if count < FEWEST_SAMPLES:
+        raise InputError(
+            f"{column.place} has {count} samples; at least {FEWEST_SAMPLES} are needed (leave the column out if it was "
+            "not measured)"
+        )
+
+
+def _twice(channel: str, first: _Column, second: _Column) -> str:
+    if first.file is second.file:
+        headings = " and ".join(repr(c.file.headings[c.name]) for c in (first, second))
+        return f"trial file {first.file.where}: columns {headings} are the same channel; leave one out"
+    return f"trial files {first.file.where} and {second.file.where} both hold '{channel}'; leave it out of one of them"
+
+
+def _roles(
+    rig: Rig, found: dict[str, _Column], files: Sequence[str], remarks: list[str]
+) -> tuple[dict[str, Series], dict[str, Series]]:
+    needed, where = channels.PRESCRIBED[rig], " + ".join(files)
+    source = {c: c if c in found else channels.STANDS_IN[rig].get(c, c) for c in needed}
+    for channel, taken in source.items():
+        if taken not in found:
+            instead = f" (or '{taken}')" if taken != channel else ""
+            raise InputError(
+                f"trial {where}: the prescribed channel '{channel}'{instead} is missing; a {rig} trial needs "
+                f"{', '.join(needed)}"
+            )
+        _check_no_gap(found[taken], f"'{channel}' is prescribed and needs every sample")
+        if taken != channel:
+            remarks.append(f"trial file {found[taken].file.where}: '{taken}' is taken as the prescribed '{channel}'")
+    free = [channel for channel in channels.MEASURED[rig] if channel not in source.values()]
+    measured = {channel: found[channel].series for channel in free if channel in found}
+    if not measured:
+        raise InputError(f"trial {where}: nothing was measured; a {rig} trial needs at least one of {', '.join(free)}")
+    return {channel: found[taken].series for channel, taken in source.items()}, measured
+
+
+def _check_overlap(found: dict[str, _Column]) -> None:
+    late = max(found, key=lambda channel: found[channel].series.time[0])
+    early = min(found, key=lambda channel: found[channel].series.time[-1])
+    begin, end = found[late].series.time[0], found[early].series.time[-1]
+    if begin >= end:
+        raise InputError(
+            f"trial files {found[early].file.where} and {found[late].file.where} share no time: '{early}' ends at "
+            f"{end:.6g} s, '{late}' begins at {begin:.6g} s"
+        )

@@ -1,0 +1,43 @@
+"""Trial files for templates and examples."""
+
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+from numpy.typing import NDArray
+
+from klute_sim.errors import InputError
+from klute_sim.recording.recording import split_heading
+
+
+def write_trial(path: str | Path, columns: Mapping[str, NDArray[np.floating[Any]]]) -> None:
+    """Write ``columns`` (``name [unit]`` -> samples) to ``path`` as CSV; NaN becomes an empty cell.
+
+    Numbers read back to the same bits. The file is complete or not there at all. Raises InputError when a heading is
+    not of that form, lengths differ, or ``path`` cannot be written.
+    """
+    path = Path(path)
+    arrays = []
+    for heading, samples in columns.items():
+        split_heading(heading)
+        array = np.asarray(samples, dtype=np.float64)
+        if array.ndim != 1 or len(array) != len(next(iter(columns.values()))):
+            raise InputError(f"column '{heading}' has shape {array.shape}; all columns need the same number of samples")
+        arrays.append(pa.array(array, from_pandas=True))
+    table = pa.table(arrays, names=[str(place) for place in range(len(arrays))])
+    scratch = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with scratch.open("wb") as file:
+            file.write((",".join(columns) + "\n").encode())
+            pyarrow.csv.write_csv(table, file, pyarrow.csv.WriteOptions(include_header=False))
+        scratch.replace(path)
+    except OSError as error:
+        raise InputError(f"trial file {path} cannot be written: {error.strerror or error}") from None
+    finally:
+        with suppress(OSError):  # moved to its place
+            scratch.unlink()

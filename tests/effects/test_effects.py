@@ -1,0 +1,350 @@
+"""Every effect: neutral changes no bit, typical sizes show as they should, and only the supply may give energy."""
+
+import math
+import os
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from klute_sim.device import step as unit
+from klute_sim.device.files import load, read
+from klute_sim.device.rollout import Trace, rollout
+from klute_sim.device.step import Parameters
+from klute_sim.effects import catalogue, instrument
+from klute_sim.effects.effect import Form
+from klute_sim.effects.hooks import Slot
+from klute_sim.effects.smooth import SLIDING
+from klute_sim.errors import InputError
+from klute_sim.plant import batch, models, router
+from klute_sim.rigs import bench
+from klute_sim.units import BAR
+
+PAIR = load("klute-3-4-pair")
+STEP = 2e-4
+TIME = np.arange(5000) * STEP
+LENGTH = 0.338 + 0.012 * np.sin(9 * TIME) + 0.002 * np.sin(31 * TIME)
+COMMAND = np.where(TIME % 0.5 < 0.25, 4e5, 1e5)
+FORMS = pytest.mark.parametrize("slot", catalogue.device_slots(), ids=lambda s: f"{s.effect}-{s.form.name}")
+
+
+def numbers(form: Form, size: float | None = None) -> dict[str, float]:
+    """Typical parameters; with ``size`` 0 the neutral ones."""
+    return {p.key: p.neutral if size == 0.0 and p.neutral is not None else p.typical for p in form.parameters}
+
+
+def having(slot: Slot, parameters: dict[str, float], device: Parameters = PAIR.parameters) -> Parameters:
+    return device._replace(effects=catalogue.values({(slot.effect, slot.form.name): parameters}))
+
+
+def run(device: Parameters, law: str = "compiled", count: int = len(TIME)) -> Trace:
+    return rollout(device, LENGTH[:count], COMMAND[:count], STEP, law=law)
+
+
+def same(a: Trace, b: Trace) -> bool:
+    return all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+BASE = run(PAIR.parameters)
+
+
+@FORMS
+def test_neutral_changes_no_bit_in_either_installation(slot: Slot) -> None:
+    neutral = having(slot, numbers(slot.form, 0.0))
+    assert neutral.effects[0] == 1.0
+    assert same(run(neutral), BASE)
+    assert same(run(neutral, "python", 800), Trace(*(x[:800] for x in BASE)))
+
+
+@FORMS
+def test_typical_shows_and_is_the_same_in_both_installations(slot: Slot) -> None:
+    typical = run(having(slot, numbers(slot.form)))
+    assert np.sqrt(np.mean((typical.tension - BASE.tension) ** 2)) > 4.0
+    python = run(having(slot, numbers(slot.form)), "python", 1500)
+    assert same(python, Trace(*(x[:1500] for x in typical)))
+
+
+SIGNATURES = {
+    # What the effect does to the tension while the muscle shortens and while it lengthens, at constant pressure.
+    "threshold_pressure": (-1, -1),
+    "end_taper": (-1, -1),
+    "braid_hysteresis": (-1, 1),
+    "muscle_damping": (-1, 1),
+    "bladder_relaxation": (-1, 1),
+    "discharge_loss": (-1, 1),
+    "laminar_orifice": (-1, 1),
+    "seal_friction": (-1, 1),
+    "tendon_hysteresis": (-1, 1),
+    "tendon_slack": (-1, -1),
+}
+
+
+@FORMS
+def test_its_signature_is_its_own(slot: Slot) -> None:
+    if slot.effect not in SIGNATURES:
+        pytest.skip("acts in the supply")
+    time = np.arange(40_000) * STEP
+    length, command = 0.338 + 0.008 * np.sin(2 * np.pi * time), np.full(len(time), 3e5)
+    change = []
+    for device in (PAIR.parameters, having(slot, numbers(slot.form))):
+        change.append(rollout(device, length, command, STEP).tension)
+    more = change[1] - change[0]
+    speed = np.cos(2 * np.pi * time)
+    settled = time > 6.0
+    shortening, lengthening = more[settled & (speed < -0.7)].mean(), more[settled & (speed > 0.7)].mean()
+    wanted = SIGNATURES[slot.effect]
+    assert np.sign([shortening, lengthening]).tolist() == list(wanted)
+    assert min(abs(shortening), abs(lengthening)) > 0.2
+
+
+def test_supply_effects_do_to_the_pressure_what_they_say() -> None:
+    def pressure(effect: str, form: str, value: float) -> np.ndarray:
+        slot = catalogue.slot(effect, form)
+        return run(having(slot, {slot.form.parameters[0].key: value})).pressure
+
+    settled = (TIME % 0.25 > 0.2) & (TIME > 0.3)
+    assert pressure("regulator_error", "gain", 0.9)[settled] == pytest.approx(0.9 * BASE.pressure[settled])
+    assert pressure("regulator_error", "offset", 0.2)[settled] == pytest.approx(BASE.pressure[settled] + 0.2e5)
+    late = pressure("pressure_delay", "dead_time", 0.04)
+    assert late[200:] == pytest.approx(BASE.pressure[:-200])
+    slow = pressure("pressure_lag", "first_order", 0.05)
+    rise = slow[round(0.5 / STEP) : round(0.75 / STEP)]
+    after = np.arange(1, len(rise) + 1) * STEP
+    # Faster than the supply's rate it cannot be; a lag of 50 ms on 3 bar is not.
+    wanted = 4e5 + (rise[0] - 4e5) * np.exp(-(after - after[0]) / 0.05)
+    assert rise == pytest.approx(wanted, abs=0.01 * 3e5)
+
+
+def work_taken(device: Parameters, path: np.ndarray, pressure: np.ndarray) -> float:
+    """Work [J] that went into the unit along ``path`` [m], by the trapezium rule, from rest and back."""
+    trace = rollout(device, path, pressure, STEP)
+    return float(np.sum(0.5 * (trace.tension[1:] + trace.tension[:-1]) * np.diff(path)))
+
+
+PASSIVE = [s for s in catalogue.device_slots() if not catalogue.effects()[s.effect].supply]
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 10**6), size=st.floats(0.1, 4.0))
+@pytest.mark.parametrize("slot", PASSIVE, ids=lambda s: f"{s.effect}-{s.form.name}")
+def test_at_constant_pressure_a_closed_path_gives_nothing(slot: Slot, seed: int, size: float) -> None:
+    """Passivity: whatever the path, the effect's device takes at least nothing over a cycle."""
+    random = np.random.default_rng(seed)
+    turns = np.arange(10_000) * STEP * np.pi  # one round in two seconds
+    wave = sum(random.normal() / k * np.sin(k * turns + random.uniform(0, 6.3)) for k in range(1, 7))
+    path = 0.34 + 0.008 * wave / np.abs(wave).max()
+    path = np.concatenate([path, path, path])
+    parameters = numbers(slot.form)
+    first = slot.form.parameters[0]
+    neutral = first.neutral or 0.0
+    parameters[first.key] = min(max(neutral + size * (first.typical - neutral), first.low), first.high)
+    device = having(slot, parameters, PAIR.parameters._replace(damper=PAIR.parameters.damper._replace(concentric=3e3)))
+    pressure = np.full(len(path), random.uniform(1e5, 5e5))
+    twice, thrice = (work_taken(device, path[:n], pressure[:n]) for n in (20_001, 30_000))
+    assert thrice - twice > -2e-3
+
+
+@pytest.mark.parametrize("form", ["coulomb", "maxwell_slip"])
+def test_braid_friction_takes_energy_whatever_the_pressure_does(form: str) -> None:
+    """The hysteresis alone: pressing harder in one direction must not make it give."""
+    slot = catalogue.slot("braid_hysteresis", form)
+    law, remember = slot.form.laws["muscle_force"], slot.form.laws.get("remember")
+    own = [p.si(p.typical) for p in slot.form.parameters]
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        memory, x, given = (0.0,) * slot.form.memory, 0.0, 0.0
+        rest = PAIR.parameters.muscle.resting_length
+        for _ in range(2000):
+            dx, pressure = random.normal(0.0, 2e-4), random.uniform(0.0, 5e5)
+            x += dx
+            if remember:
+                memory = remember(own, memory, PAIR.parameters.muscle, pressure, rest + x, 0.0, 1e-3)
+            force = law(own, memory, 0.0, PAIR.parameters.muscle, pressure, rest + x, dx / 1e-3)
+            given -= force * dx
+        assert given < 0.0
+
+
+def test_slip_starts_stiff_and_ends_at_its_friction() -> None:
+    slot = catalogue.slot("braid_hysteresis", "maxwell_slip")
+    own = [p.si(p.typical) for p in slot.form.parameters]
+    muscle, pressure, memory = PAIR.parameters.muscle, 3e5, (0.0, 0.0, 0.0)
+    forces = []
+    for x in np.linspace(0.0, 5e-3, 500):
+        memory = slot.form.laws["remember"](own, memory, muscle, pressure, muscle.resting_length + x, 0.0, 1e-3)
+        forces.append(slot.form.laws["muscle_force"](own, memory, 0.0, muscle, pressure, muscle.resting_length + x, 0))
+    assert forces[1] / 1.002e-5 == pytest.approx(2 * 40e3, rel=0.01)
+    assert forces[-1] == pytest.approx(2 * 8.0 * 3.0)
+    assert all(b >= a - 1e-9 for a, b in pairwise(forces))
+
+
+def test_dry_friction_is_smooth_and_saturates() -> None:
+    from klute_sim.effects.smooth import sign
+
+    assert sign(0.0) == 0.0
+    assert sign(SLIDING) == -sign(-SLIDING) == pytest.approx(math.sqrt(0.5))
+    assert sign(1.0) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_mujoco_steps_an_effect_that_remembers_as_the_device_does() -> None:
+    sections = {"braid_hysteresis": {"form": "maxwell_slip", "slope_n_per_bar": 10.0, "stiffness_n_per_mm": 60.0}}
+    sections |= {"bladder_relaxation": {"stiffness_n_per_mm": 4.0, "time_constant_s": 0.2}}
+    sections |= {"tendon_hysteresis": {"loss_fraction": 0.1}, "pressure_lag": {"time_constant_s": 0.03}}
+    device = with_effects(sections)
+    for law in ("compiled", "python"):
+        recording = bench.pull(device, LENGTH[:2000], COMMAND[:2000], STEP, law=law)
+        alone = rollout(device.parameters, LENGTH[:2000], COMMAND[:2000], STEP)
+        assert recording["force"] == pytest.approx(alone.tension, rel=1e-9, abs=1e-6)
+        assert recording["pressure"] * BAR == pytest.approx(alone.pressure)
+    spec = models.spec("bench")
+    model = models.equip(spec, {"muscle_tendon": device.parameters})
+    assert model.na == 2 + unit.MEMORY
+    assert models.equip(models.spec("bench"), {"muscle_tendon": PAIR.parameters}).na == 2
+
+
+def test_a_dead_time_reaches_the_bench_in_mujoco() -> None:
+    device = with_effects({"pressure_delay": {"delay_s": 0.0301}})
+    alone = rollout(device.parameters, LENGTH, COMMAND, STEP)
+    recording = bench.pull(device, LENGTH, COMMAND, STEP)
+    assert recording["pressure"] * BAR == pytest.approx(alone.pressure)
+
+
+def test_a_batch_carries_different_effects() -> None:
+    model = models.equip(models.spec("bench"), {"muscle_tendon": PAIR.parameters}, memory=True)
+    slots = [catalogue.slot("braid_hysteresis", "maxwell_slip"), catalogue.slot("seal_friction", "coulomb")]
+    devices = [PAIR.parameters, *(having(s, numbers(s.form)) for s in slots)]
+    simulations = batch.simulations(model, 3, threads=2)
+    batch.give(simulations, "muscle_tendon", devices)
+    simulations.bind("qpos")[:], simulations.bind("qvel")[:] = 0.345, -0.05
+    simulations.bind("ctrl")[:] = 3.0
+    batch.step(simulations, count=100)
+    for device, act in zip(devices, simulations.bind("act"), strict=True):
+        own = models.equip(models.spec("bench"), {"muscle_tendon": device}, memory=True)
+        data = mujoco.MjData(own)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = 0.345, -0.05, 3.0
+        with router.installed():
+            router.step(own, data, 100)
+        assert np.array_equal(act, data.act)
+    assert simulations.bind("act")[1, 2:5].any()
+    small = models.equip(models.spec("bench"), {"muscle_tendon": PAIR.parameters})
+    with pytest.raises(InputError, match="remembers needs a model made with"):
+        batch.give(batch.simulations(small, 3), "muscle_tendon", devices)
+
+
+def with_effects(sections: dict[str, dict[str, float | str]]) -> object:
+    text = PAIR.content.decode()
+    for name, content in sections.items():
+        text += f"\n[effects.{name}]\n" + "".join(f"{k} = {v!r}\n".replace("'", '"') for k, v in content.items())
+    return read(text.encode(), "test")
+
+
+@pytest.mark.parametrize(
+    ("sections", "words"),
+    [
+        ({"braid": {"slope_n_per_bar": 1.0}}, "no effect 'braid'; there are: threshold_pressure, "),
+        ({"end_taper": {"form": "cube", "factor": 1.0}}, "'end_taper' has no form 'cube'; it has: cone, strain"),
+        ({"end_taper": {}}, r"\[effects.end_taper\] key 'tip_length_mm' is missing"),
+        ({"end_taper": {"tip_length_mm": -1.0}}, r"tip_length_mm = -1.0 is refused; allowed: 0 to 40"),
+        ({"end_taper": {"tip_length_mm": 1.0, "tip": 2.0}}, "unknown key 'tip'; allowed here: form, tip_length_mm"),
+        ({"end_taper": {"tip_length_mm": "long"}}, "tip_length_mm = 'long' is refused"),
+        ({"sensor_gain": {"gain": 1.1}}, "'sensor_gain' is an effect of instruments"),
+    ],
+)
+def test_what_a_device_file_may_not_say_of_effects(sections: dict, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        with_effects(sections)
+
+
+def test_a_device_file_says_which_effects() -> None:
+    device = with_effects({"muscle_damping": {"form": "pressure", "coefficient_n_s_per_m": 55.0}})
+    place = catalogue.slot("muscle_damping", "pressure")
+    assert device.parameters.effects[0] == device.parameters.effects[place.at] == 1.0
+    assert device.parameters.effects[place.at + 1] == 55.0
+    assert device.spec.numbers()["effects.muscle_damping.coefficient_n_s_per_m"] == 55.0
+    assert "effects.muscle_damping.coefficient_n_s_per_m" in device.spec.without_source()
+
+
+def test_instruments_show_what_they_say() -> None:
+    time, value = TIME, np.sin(7 * TIME)
+    read_ = {e.name: e.forms[0].laws["reading"] for e in catalogue.effects().values() if e.kind == "instrument"}
+    for effect in (e for e in catalogue.effects().values() if e.kind == "instrument"):
+        neutral = [effect.forms[0].parameters[0].neutral]
+        assert np.array_equal(read_[effect.name](neutral, time, value), value), effect.name
+    assert read_["sensor_gain"]([1.1], time, value) == pytest.approx(1.1 * value)
+    assert read_["sensor_offset"]([0.3], time, value) == pytest.approx(value + 0.3)
+    assert read_["sensor_drift"]([0.5], time + 3.0, value) == pytest.approx(value + 0.5 * time)
+    assert read_["clock_skew"]([0.02], time, value)[200:] == pytest.approx(np.sin(7 * (time - 0.02))[200:], abs=1e-5)
+    # A ramp lags by the time constant, once the start is forgotten.
+    assert instrument.lagged([0.05], time, 3.0 * time)[3000:] == pytest.approx(3.0 * (time - 0.05)[3000:], abs=1e-3)
+    turned = instrument.lagged([0.05], time, value)
+    assert np.abs(turned[2500:]).max() == pytest.approx(1 / math.hypot(1, 7 * 0.05), abs=2e-3)
+
+
+def test_every_number_of_the_catalogue_makes_sense() -> None:
+    for effect in catalogue.effects().values():
+        assert effect.sentence.endswith(".")
+        for form in effect.forms:
+            assert form.equation
+            for p in form.parameters:
+                assert p.low <= p.typical <= p.high
+                assert p.neutral is None or p.low <= p.neutral <= p.high
+                assert p.source
+
+
+HERE = Path(__file__).parent
+
+
+def in_fresh_process(code: str, **more: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, **more}
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment)
+
+
+USERS = (
+    "import numpy as np; from klute_sim.device.files import load, read\n"
+    "from klute_sim.device.rollout import rollout; from klute_sim.rigs import bench\n"
+    "text = load('klute-3-4-pair').content + b'[effects.warming]\\ngain = 0.05\\ntime_constant_s = 0.2\\n'\n"
+    "device, plain = read(text, 'mine'), load('klute-3-4-pair')\n"
+    "length, command = np.full(2000, 0.345), np.full(2000, 3e5)\n"
+    "traces = [rollout(d.parameters, length, command, 5e-4, law=law) for d in (device, plain)"
+    " for law in ('compiled', 'python')]\n"
+    "assert all(np.array_equal(a, b) for a, b in zip(traces[0], traces[1]))\n"
+    "gain = traces[0].tension[-1] / traces[2].tension[-1]\n"
+    "records = [bench.pull(device, length, command, 5e-4, law=law) for law in ('compiled', 'python')]\n"
+    "assert np.array_equal(records[0]['force'], records[1]['force'])\n"
+    "assert abs(records[0]['force'][-1] / traces[0].tension[-1] - 1) < 1e-9\n"
+    "print(round(gain, 2))"
+)
+
+
+def test_a_users_effect_works_in_both_installations() -> None:
+    file = HERE / "users.py"
+    assert len(file.read_text("utf-8").splitlines()) < 40
+    done = in_fresh_process(USERS, KLUTE_SIM_CATALOGUE=str(file))
+    assert done.returncode == 0, done.stderr
+    assert 1.05 < float(done.stdout) < 1.16
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "does not exist"),
+        ("x = ", "cannot be run: SyntaxError"),
+        ("x = 1", "has no EFFECTS"),
+        ("EFFECTS = [3]", "EFFECTS holds 3"),
+        (
+            "from klute_sim.effects.end_taper import EFFECT\nEFFECTS = [EFFECT]",
+            "there is an effect 'end_taper' already",
+        ),
+    ],
+)
+def test_a_catalogue_that_is_none_is_refused(content: str | None, words: str, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    if content is not None:
+        file.write_text(content, "utf-8")
+    done = in_fresh_process("import klute_sim.device.step", KLUTE_SIM_CATALOGUE=str(file))
+    assert words in done.stderr.splitlines()[-1]
