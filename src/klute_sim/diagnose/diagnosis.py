@@ -1,0 +1,217 @@
+"""The whole workflow: check, noise, fit, gap, locate, name, doubt, add, show.
+
+Trials that are kept back to show are not looked at before everything else is decided.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from klute_sim.dataset.dataset import Dataset, split
+from klute_sim.dataset.split import Split
+from klute_sim.diagnose import check
+from klute_sim.diagnose import noise as noises
+from klute_sim.diagnose.doubt import Rival, intervals, rivals
+from klute_sim.diagnose.experiment import Bench, Experiment, prepare
+from klute_sim.diagnose.fit import Evidence, Fit, fit
+from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.diagnose.locate import Place, locate
+from klute_sim.diagnose.noise import Noise
+from klute_sim.diagnose.screen import terms
+from klute_sim.diagnose.search import CERTAIN, DECISIVE, Search, Step
+from klute_sim.errors import InputError
+
+Verdict = Literal["nothing-missing", "named", "ambiguous", "unexplained", "insufficient-data"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Options:
+    """What the user may choose."""
+
+    only: tuple[str, ...] = ()
+    """Effects to look for; none: all."""
+    exclude: tuple[str, ...] = ()
+    """Effects not to look for."""
+    jobs: int = 0
+    """Threads; 0: all cores."""
+    seed: int = 0
+    """Of the bootstrap."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Gap:
+    """Root mean square of measured minus simulated, of one channel, on trials that no fit saw [SI]."""
+
+    before: float
+    """With the nominal device."""
+    refitted: float
+    """With the device's uncertain numbers refitted and no effect added."""
+    after: float
+    """With the effects."""
+    floor: float
+    """What differs between repeats: no model can do better."""
+
+
+@dataclass(eq=False, kw_only=True)
+class Diagnosis:
+    """What was found."""
+
+    dataset: Dataset
+    split: Split
+    verdict: Verdict
+    reasons: list[str]
+    """In plain words."""
+    noise: dict[str, Noise] = field(default_factory=dict)
+    base: Fit | None = None
+    """The device without effects, its uncertain numbers fitted."""
+    final: Fit | None = None
+    """With the effects that were accepted."""
+    found: tuple[Term, ...] = ()
+    """The effects that were added."""
+    intervals: list[tuple[float, float]] = field(default_factory=list)
+    """Of the final fit's unknowns, 95 %."""
+    rivals: list[Rival] = field(default_factory=list)
+    where: list[Place] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+    gap: dict[str, Gap] = field(default_factory=dict)
+    shown_on: Literal["show", "fit"] = "show"
+    """Which trials :attr:`gap` is of; fitted ones where none was kept back."""
+    experiments: list[Experiment] = field(default_factory=list)
+    effective: float = 0.0
+    """Independent samples that were fitted."""
+    rollouts: int = 0
+
+
+def diagnose(
+    dataset: Dataset, options: Options | None = None, told: Callable[[str], None] = lambda sentence: None
+) -> Diagnosis:
+    """Find what the simulation of ``dataset`` lacks; ``told`` hears what is being done.
+
+    Raises InputError for a rig that this cannot simulate yet.
+    """
+    options = options or Options()
+    if dataset.rig != "bench":
+        raise InputError("a dataset of rig 'gait' cannot be diagnosed yet; allowed: bench")
+    parts = split(dataset)
+    bench = Bench(options.jobs)
+    try:
+        return _diagnose(dataset, parts, options, bench, told)
+    finally:
+        bench.close()
+
+
+def _diagnose(dataset: Dataset, parts: Split, options: Options, bench: Bench, told: Callable[[str], None]) -> Diagnosis:
+    told("checking the data")
+    every = check.unsaturated(prepare(dataset, parts))
+    _, remarks = check.faults(prepare(dataset, parts))
+    unusable, _ = check.faults([e for e in every if e.use == "fit"])
+    every = check.without(every, list(unusable))
+    fitted = [e for e in every if e.use == "fit" and e.measured]
+    reasons = [f"{why}; it is not used." for why in unusable.values()] + [f"{remark}." for remark in remarks]
+    against = check.obstacles(fitted) if fitted else ["No usable channel is left. Check cables and columns."]
+    if against:
+        return Diagnosis(
+            dataset=dataset, split=parts, verdict="insufficient-data", reasons=[*reasons, *against], experiments=every
+        )
+
+    told("fitting the device as it is")
+    base, evidence = base_fit(dataset, fitted, bench)
+    selection = [
+        evidence.on([e for e in every if e.use == "select" and e.group == group])
+        for group in dict.fromkeys(e.group for e in every if e.use == "select")
+    ]
+    search = Search(evidence, selection, terms(evidence, options.only, options.exclude), told)
+    final = search.run(base)
+    own = final.hypothesis.terms[len(base.hypothesis.terms) :]
+    told("looking for rivals")
+    others = rivals(search, final, own)
+    verdict, why = _verdict(search, final, own, others)
+    result = Diagnosis(
+        dataset=dataset,
+        split=parts,
+        verdict=verdict,
+        reasons=[*reasons, *why],
+        noise=dict(evidence.noise),
+        base=base,
+        final=final,
+        found=own,
+        intervals=intervals(evidence, final, np.random.default_rng(options.seed)),
+        rivals=others,
+        where=locate(evidence, base),
+        steps=search.steps,
+        experiments=every,
+        effective=evidence.effective,
+    )
+    told("showing it on trials kept back")
+    _show(result, evidence)
+    result.rollouts = bench.rollouts
+    return result
+
+
+def base_fit(dataset: Dataset, fitted: Sequence[Experiment], bench: Bench) -> tuple[Fit, Evidence]:
+    """The device without new effects, and the evidence weighed by the noise of its residuals."""
+    plain = Hypothesis(dataset.device, tuple(dataset.uncertain.items()), ())
+    bare = Evidence(bench, fitted, {})
+    noise = noises.measure(fitted, bare.residuals(plain, [plain.start()])[0])
+    found = None
+    for _ in range(2):  # the noise of the inputs shows through the device, so it changes a little with it
+        deviations = tuple((channel, each.deviation) for channel, each in noise.items())
+        hypothesis = Hypothesis(plain.device, plain.uncertain, deviations)
+        evidence = Evidence(bench, fitted, noise)
+        found = fit(evidence, hypothesis, found.steps if found else None)
+        noise = noises.measure(fitted, found.residuals)
+    assert found is not None
+    return found, evidence
+
+
+def _verdict(search: Search, final: Fit, own: Sequence[Term], others: Sequence[Rival]) -> tuple[Verdict, list[str]]:
+    named = " and ".join(str(term) for term in own)
+    misfits = search.misfits(final)
+    worst = max(misfits, key=lambda channel: misfits[channel].certainty)
+    if search.lacks(final):
+        left = (
+            f"All repeats of '{worst}' still show a misfit of {misfits[worst].size / misfits[worst].floor:.2f} times "
+            f"the noise ({misfits[worst].certainty:.0f} standard errors; {CERTAIN:.0f} are allowed)."
+        )
+        last = search.steps[-1].why if search.steps else ""
+        proxy = f"{named} explains the most of the gap but not all of it: a proxy." if own else f"{last}."
+        return "unexplained", [proxy[0].upper() + proxy[1:], left]
+    if not own:
+        last = search.steps[-1].why
+        return "nothing-missing", [
+            "The device fits as well as repeats agree with each other.",
+            f"{last[0].upper()}{last[1:]}.",
+        ]
+    first = [f"{step.added}: {step.why}." for step in search.steps if step.added in own]
+    if others:
+        names = ", ".join(sorted({str(rival.fit.hypothesis.terms[-1]) for rival in others}))
+        return "ambiguous", [
+            *first,
+            f"{names} would explain the data as well: BIC differs by less than {DECISIVE:.0f}.",
+        ]
+    return "named", first
+
+
+def _show(result: Diagnosis, evidence: Evidence) -> None:
+    """Open the trials that were kept back; nothing is decided after this."""
+    kept = [e for e in result.experiments if e.use == "show" and e.measured]
+    result.shown_on = "show" if kept else "fit"
+    on = evidence.on(kept or evidence.experiments)
+    assert result.base is not None
+    assert result.final is not None
+    nominal, base, final = result.base.hypothesis, result.base, result.final
+    residuals = [
+        on.residuals(nominal, [nominal.start()])[0],
+        on.residuals(base.hypothesis, [base.steps])[0],
+        on.residuals(final.hypothesis, [final.steps])[0],
+    ]
+    floors = noises.measure(on.experiments, residuals[2])
+    for channel in noises.channels(on.experiments):
+        rms = [
+            float(np.sqrt(np.mean(np.concatenate([found[channel] for found in each if channel in found]) ** 2)))
+            for each in residuals
+        ]
+        floor = floors[channel] if channel in floors else evidence.noise[channel]
+        result.gap[channel] = Gap(before=rms[0], refitted=rms[1], after=rms[2], floor=floor.deviation)

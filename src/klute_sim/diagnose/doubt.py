@@ -1,0 +1,100 @@
+"""Doubting the answer: is anything left, could it be something else, and how sure are the numbers."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from klute_sim.diagnose.experiment import Array
+from klute_sim.diagnose.fit import Evidence, Fit
+from klute_sim.diagnose.hypothesis import Term
+from klute_sim.diagnose.noise import stacks
+from klute_sim.diagnose.screen import screen
+from klute_sim.diagnose.search import DECISIVE, Search, drop, shortlist, significant
+
+MOST = 5
+"""Candidates that are tried in a term's place."""
+SAMPLES = 400
+"""Of the bootstrap."""
+SPREAD = 0.025
+"""Probability outside of an interval, on each side."""
+
+
+class Rival(NamedTuple):
+    """Another set of effects that the data cannot tell from the one that was found."""
+
+    fit: Fit
+    replaces: Term
+    difference: float
+    """Of BIC; positive: a little worse than what was found."""
+
+
+def rivals(search: Search, found: Fit, own: Sequence[Term]) -> list[Rival]:
+    """Sets with one of the terms ``own`` of ``found`` exchanged that are within a decisive difference of BIC."""
+    evidence, best = search.evidence, found.criterion(search.evidence.effective)
+    result = []
+    for term in own:
+        known = next((s for s in search.steps if s.added == term and s.refits[0].hypothesis == found.hypothesis), None)
+        if known is not None:
+            refits: Sequence[Fit] = known.refits
+        else:
+            less = drop(evidence, found, term)
+            taken = {(t.effect, t.channel) for t in less.hypothesis.terms}
+            open_ = [t for t in search.candidates if (t.effect, t.channel) not in taken]
+            promising = [c for c in screen(evidence, less, open_) if c.gain > 0.5 * (less.cost - found.cost)]
+            refits = search.refit(less, shortlist(promising)[:MOST], best) if promising else []
+        for refit in refits:
+            other, difference = refit.hypothesis.terms[-1], refit.criterion(evidence.effective) - best
+            if (other.effect, other.channel) != (term.effect, term.channel) and difference <= DECISIVE:
+                result.append(Rival(refit, term, difference))
+    return sorted(result, key=lambda rival: rival.difference)
+
+
+def intervals(evidence: Evidence, found: Fit, random: np.random.Generator) -> list[tuple[float, float]]:
+    """95 % interval of every unknown in its own unit, by bootstrap over repeats.
+
+    What differs between repeats, shifted in time and turned in sign at random, is put in the residual's place; the
+    unknowns follow along the fit's derivatives. Its correlation in time is thereby kept.
+    """
+    base, solver = found.hypothesis.base, np.linalg.pinv(found.jacobian)
+    samples = np.empty((SAMPLES, len(found.steps)))
+    noises = _repeats(evidence, found)
+    for k in range(SAMPLES):
+        drawn = np.concatenate([_surrogate(noise, random) for noise in noises] + [random.normal(size=base)])
+        samples[k] = solver @ drawn
+    low, high = np.quantile(samples - samples.mean(axis=0), [SPREAD, 1.0 - SPREAD], axis=0)
+    result = []
+    for unknown, step, down, up in zip(found.hypothesis.unknowns, found.steps, low, high, strict=True):
+        ends = unknown.value(step - up), unknown.value(step - down)
+        result.append((min(ends), max(ends)))
+    return result
+
+
+def _repeats(evidence: Evidence, found: Fit) -> list[Array]:
+    """Per weighted block of the fit's vector, in its order: what sets this repeat apart from the others, weighted."""
+    apart: dict[tuple[str, str], Array] = {}
+    for channel in evidence.noise:
+        for group, stack in stacks(evidence.experiments, found.residuals, channel):
+            row = (stack - stack.mean(axis=0)) * np.sqrt(len(stack) / (len(stack) - 1.0))
+            apart[group, channel] = row
+    blocks = []
+    for experiment, residual in zip(evidence.experiments, found.residuals, strict=True):
+        for channel in residual:
+            if channel not in evidence.noise:
+                continue
+            noise = evidence.noise[channel]
+            weight = 1.0 / (noise.deviation * np.sqrt(noise.correlation))
+            pool = apart.get((experiment.group, channel))
+            if pool is None:
+                pool = next(iter(apart.values()))
+            blocks.append(weight * np.resize(pool[0], len(residual[channel])))
+    return blocks
+
+
+def _surrogate(noise: Array, random: np.random.Generator) -> Array:
+    return np.asarray(random.choice([-1.0, 1.0]) * np.roll(noise, int(random.integers(len(noise)))))
+
+
+def unexplained(search: Search, found: Fit) -> bool:
+    """Whether every repeat still shows what the fit does not."""
+    return any(significant(m) for m in search.misfits(found).values())

@@ -1,0 +1,143 @@
+"""Measured trials made ready to be simulated, and the device simulated in them.
+
+Prescribed channels are interpolated linearly between their samples: nothing is smoothed, because a smooth curve
+through a quick release is wrong by more than the noise of its samples.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from klute_sim.dataset.dataset import Dataset
+from klute_sim.dataset.split import Split
+from klute_sim.dataset.trial import Series, Trial, Use
+from klute_sim.device.files import Device
+from klute_sim.device.rollout import Trace, rollout
+from klute_sim.device.step import Parameters, settled
+from klute_sim.effects.catalogue import effects
+from klute_sim.units import BAR
+
+Array = NDArray[np.float64]
+
+STEP = 2.5e-4
+"""Time step [s]; at 0.5 ms its error is a fifth of a load cell's noise."""
+
+UNITS = {"force": ("N", 1.0), "pressure": ("bar", BAR), "muscle_length": ("mm", 1e-3)}
+"""Channel -> unit it is shown in, and that unit in SI."""
+
+
+class Reading(NamedTuple):
+    """What a form of an instrument's effect does to a channel."""
+
+    channel: str
+    effect: str
+    own: tuple[float, ...]
+
+
+class Setting(NamedTuple):
+    """A device and the instruments that look at it: all that a simulation of a trial needs."""
+
+    parameters: Parameters
+    readings: tuple[Reading, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A trial, its inputs on the simulation's own grid."""
+
+    name: str
+    group: str
+    use: Use
+    device: Device
+    begin: float
+    """Time of the first sample [s]."""
+    unit_length: Array
+    """[m], one per step."""
+    command: Array
+    """[Pa], one per step."""
+    measured: Mapping[str, Series]
+    """Without the samples that are missing, or outside of what is prescribed."""
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return len(self.unit_length) * STEP
+
+
+def prepare(dataset: Dataset, split: Split) -> list[Experiment]:
+    """The trials of ``dataset``, in its order."""
+    uses: dict[str, Use] = dict.fromkeys(split.fit, "fit")
+    uses |= dict.fromkeys(split.select, "select")
+    uses |= dict.fromkeys(split.show, "show")
+    return [_experiment(trial, uses[trial.name]) for trial in dataset.trials]
+
+
+def _experiment(trial: Trial, use: Use) -> Experiment:
+    length, command = trial.prescribed["length"], trial.prescribed["pressure_command"]
+    begin = max(length.time[0], command.time[0])
+    end = min(length.time[-1], command.time[-1])
+    grid = begin + STEP * np.arange(1, int((end - begin) / STEP) + 1)
+    measured = {}
+    for name, series in trial.measured.items():
+        good = np.isfinite(series.value) & (series.time > begin) & (series.time <= grid[-1])
+        measured[name] = Series(series.time[good], series.value[good])
+    return Experiment(
+        name=trial.name,
+        group=trial.group,
+        use=use,
+        device=trial.device,
+        begin=begin,
+        unit_length=np.interp(grid, length.time, length.value),
+        command=np.interp(grid, command.time, command.value),
+        measured=measured,
+    )
+
+
+def trace(setting: Setting, experiment: Experiment) -> Trace:
+    """What the device does at every step of ``experiment``, from rest at its first inputs."""
+    length, command = experiment.unit_length, experiment.command
+    start = settled(setting.parameters, float(length[0]), float(command[0]))
+    return rollout(setting.parameters, length, command, STEP, start=start, threads=1)
+
+
+def shown(setting: Setting, experiment: Experiment, found: Trace) -> dict[str, Array]:
+    """What the instruments of ``experiment`` would have shown of ``found``, at the times of their samples."""
+    time = experiment.begin + STEP * np.arange(1, len(found.tension) + 1)
+    values = {"force": found.tension, "pressure": found.pressure, "muscle_length": found.length}
+    result = {}
+    for channel, series in experiment.measured.items():
+        value = values[channel]
+        for reading in setting.readings:
+            if reading.channel == channel:
+                value = effects()[reading.effect].forms[0].laws["reading"](reading.own, time, value)
+        result[channel] = np.interp(series.time, time, value)
+    return result
+
+
+class Bench:
+    """Simulates many settings in many experiments on all cores; the result does not depend on how many."""
+
+    def __init__(self, jobs: int = 0) -> None:
+        """On ``jobs`` threads (0: all cores)."""
+        self._pool = ThreadPoolExecutor(jobs or os.cpu_count() or 1)
+        self.rollouts = 0
+        """Simulations so far."""
+
+    def simulate(
+        self, settings: Sequence[Sequence[Setting]], experiments: Sequence[Experiment]
+    ) -> list[list[dict[str, Array]]]:
+        """For each row of ``settings`` (one per experiment) what the instruments would have shown in each."""
+        work = [(s, e) for row in settings for s, e in zip(row, experiments, strict=True)]
+        self.rollouts += len(work)
+        done = list(self._pool.map(lambda pair: shown(pair[0], pair[1], trace(*pair)), work))
+        width = len(experiments)
+        return [done[k : k + width] for k in range(0, len(done), width)]
+
+    def close(self) -> None:
+        """Let the threads go; what has not begun is dropped."""
+        self._pool.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,134 @@
+"""The unknowns of a hypothesis, fitted to measured trials."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from klute_sim.diagnose.experiment import Array, Bench, Experiment
+from klute_sim.diagnose.hypothesis import Hypothesis
+from klute_sim.diagnose.noise import Noise, Residuals
+
+DIFFERENCE = 1e-3
+"""Of an unknown, in steps of its own size, to take derivatives with."""
+MOST_ROUNDS = 25
+TOLERANCE = 1e-7
+"""Relative change of cost at which a fit has converged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Measured trials and what weighs their residuals."""
+
+    bench: Bench
+    experiments: Sequence[Experiment]
+    noise: Mapping[str, Noise]
+
+    @property
+    def effective(self) -> float:
+        """Independent samples in all."""
+        return sum(
+            len(series.time) / self.noise[channel].correlation
+            for e in self.experiments
+            for channel, series in e.measured.items()
+            if channel in self.noise
+        )
+
+    def residuals(self, hypothesis: Hypothesis, rows: Sequence[Array]) -> list[list[dict[str, Array]]]:
+        """Measured minus simulated [SI] for each of ``rows`` of unknowns, in each experiment."""
+        settings = [hypothesis.settings(row, self.experiments) for row in rows]
+        return [
+            [
+                {channel: series.value - shown[channel] for channel, series in e.measured.items()}
+                for e, shown in zip(self.experiments, found, strict=True)
+            ]
+            for found in self.bench.simulate(settings, self.experiments)
+        ]
+
+    def weighted(self, residuals: Residuals) -> Array:
+        """One vector whose square is chi squared, counting only independent samples."""
+        parts = [
+            found[channel] / (self.noise[channel].deviation * np.sqrt(self.noise[channel].correlation))
+            for found in residuals
+            for channel in found
+            if channel in self.noise
+        ]
+        return np.concatenate(parts)
+
+    def on(self, experiments: Sequence[Experiment]) -> "Evidence":
+        """Other trials, weighed alike."""
+        return Evidence(self.bench, experiments, self.noise)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A hypothesis with its unknowns found."""
+
+    hypothesis: Hypothesis
+    steps: Array
+    """The unknowns, in steps of their sizes."""
+    vector: Array
+    """Weighted residuals, those of the priors last."""
+    jacobian: Array
+    """Of :attr:`vector` by the unknowns."""
+    converged: bool
+    residuals: Residuals = field(repr=False)
+    """[SI]"""
+
+    @property
+    def cost(self) -> float:
+        """Chi squared, priors included."""
+        return float(self.vector @ self.vector)
+
+    @property
+    def values(self) -> list[float]:
+        """The unknowns in their own units."""
+        return self.hypothesis.values(self.steps)
+
+    def criterion(self, effective: float) -> float:
+        """BIC with the effective number of samples; differences of it decide."""
+        return self.cost + (len(self.steps) - self.hypothesis.base) * float(np.log(effective))
+
+
+def fit(evidence: Evidence, hypothesis: Hypothesis, start: Array | None = None, *, rounds: int = MOST_ROUNDS) -> Fit:
+    """Fit ``hypothesis`` from ``start`` (in steps; None: nominal and neutral) by bounded least squares."""
+    low, high = hypothesis.bounds()
+    prior = np.eye(hypothesis.base, len(hypothesis.unknowns))
+    seen: dict[bytes, tuple[Array, Residuals]] = {}
+
+    def vectors(rows: Sequence[Array]) -> list[Array]:
+        fresh = [row for row in rows if row.tobytes() not in seen]
+        for row, found in zip(fresh, evidence.residuals(hypothesis, fresh) if fresh else [], strict=True):
+            seen[row.tobytes()] = (np.concatenate([evidence.weighted(found), row[: hypothesis.base]]), found)
+        return [seen[row.tobytes()][0] for row in rows]
+
+    def jacobian(row: Array) -> Array:
+        # Into the bounds, one unknown at a time, all at once on the bench.
+        signs = np.where(row + DIFFERENCE > high, -1.0, 1.0)
+        moved = [row + DIFFERENCE * sign * unit for sign, unit in zip(signs, np.eye(len(row)), strict=True)]
+        here, *there = vectors([row, *moved])
+        found: Array = np.stack([(v - here) / (DIFFERENCE * s) for v, s in zip(there, signs, strict=True)], axis=1)
+        for one in moved:
+            seen.pop(one.tobytes(), None)
+        return found
+
+    begin = hypothesis.start() if start is None else start
+    inside = np.clip(begin, low + 1e-9, high - 1e-9)
+    if not len(inside):
+        vector = vectors([inside])[0]
+        return Fit(hypothesis, inside, vector, np.empty((len(vector), 0)), True, seen[inside.tobytes()][1])
+    result = least_squares(
+        lambda row: vectors([row])[0],
+        inside,
+        jacobian,
+        bounds=(low, high),
+        ftol=TOLERANCE,
+        xtol=1e-6,
+        gtol=None,
+        max_nfev=rounds,
+    )
+    vector = vectors([result.x])[0]
+    found = np.asarray(result.jac)
+    found[len(vector) - hypothesis.base :] = prior
+    return Fit(hypothesis, result.x, vector, found, result.status > 0, seen[result.x.tobytes()][1])

@@ -1,0 +1,114 @@
+"""Where the simulation is off: in which channel, and under which circumstances."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from klute_sim.diagnose.experiment import UNITS, Array, Experiment
+from klute_sim.diagnose.fit import Evidence, Fit
+from klute_sim.diagnose.noise import stacks
+from klute_sim.units import BAR
+
+Mask = NDArray[np.bool_]
+
+EDGES = (0.25, 0.5, 0.75)
+"""Quantiles at which a circumstance may be cut in two."""
+
+
+class Place(NamedTuple):
+    """A share of the gap."""
+
+    channel: str
+    share: float
+    """Of all channels' squared misfit in units of their noise."""
+    region: str
+    """Where in the channel most of it is; '' if everywhere alike."""
+    concentration: float
+    """Mean square inside of the region over the mean square everywhere."""
+
+
+def locate(evidence: Evidence, base: Fit) -> list[Place]:
+    """Channels by their share of what all repeats show, largest first."""
+    found, sizes = [], {}
+    by_group = {e.group: e for e in evidence.experiments}
+    for channel, noise in evidence.noise.items():
+        squares, circumstances = [], []
+        for group, stack in stacks(evidence.experiments, base.residuals, channel):
+            # Repeats' mean, less what noise leaves in it.
+            mean, count = stack.mean(axis=0), len(stack)
+            squares.append(mean * mean - noise.deviation**2 / count)
+            circumstances.append(_circumstances(by_group[group], channel, len(mean)))
+        if not squares:
+            continue
+        square = np.concatenate(squares)
+        joined = {name: np.concatenate([c[name] for c in circumstances]) for name in circumstances[0]}
+        sizes[channel] = max(0.0, float(square.mean())) / noise.deviation**2
+        region, concentration = _region(square, joined)
+        found.append(Place(channel, 0.0, region, concentration))
+    whole = sum(sizes.values()) or 1.0
+    return sorted((p._replace(share=sizes[p.channel] / whole) for p in found), key=lambda p: -p.share)
+
+
+def _circumstances(experiment: Experiment, channel: str, count: int) -> dict[str, Array]:
+    """What may matter, at the samples of ``channel``."""
+    time = experiment.measured[channel].time[:count] - experiment.begin
+    grid = np.linspace(0.0, experiment.duration, len(experiment.command))
+    speed = np.gradient(experiment.unit_length, experiment.duration / len(experiment.command))
+    rate = np.gradient(experiment.command, experiment.duration / len(experiment.command))
+    known = {
+        "pressure": experiment.command,
+        "length": experiment.unit_length,
+        "speed": _smooth(speed, experiment),
+        "pressure change": _smooth(np.abs(rate), experiment),
+        "time": grid,
+    }
+    return {name: np.interp(time, grid, values) for name, values in known.items()}
+
+
+def _smooth(values: Array, experiment: Experiment) -> Array:
+    width = max(1, round(0.05 * len(values) / experiment.duration))
+    return np.convolve(values, np.ones(width) / width, mode="same")
+
+
+def _region(square: Array, circumstances: dict[str, Array]) -> tuple[str, float]:
+    """The one or two cuts that hold the most of ``square`` in the least of the samples."""
+    chosen: list[str] = []
+    inside: Mask = np.ones(len(square), dtype=np.bool_)
+    for _ in range(2):
+        best = max(_cuts(square, inside, circumstances), default=None, key=lambda cut: cut[0])
+        if best is None or best[0] < 1.3:
+            break
+        chosen.append(best[1])
+        inside = best[2]
+    mean = float(square.mean())
+    return ", ".join(chosen), float(square[inside].mean()) / mean if mean > 0.0 else 1.0
+
+
+def _cuts(square: Array, inside: Mask, circumstances: dict[str, Array]) -> list[tuple[float, str, Mask]]:
+    mean = float(square[inside].mean())
+    found: list[tuple[float, str, Mask]] = []
+    if not mean > 0.0:
+        return found
+    for name, values in circumstances.items():
+        edges = [0.0] if name == "speed" else [float(np.quantile(values[inside], q)) for q in EDGES]
+        for edge in edges:
+            for part, word in ((values > edge, "above"), (values <= edge, "below")):
+                both = inside & part
+                if both.sum() < 0.1 * len(square):
+                    continue
+                gain = float(square[both].mean()) / mean
+                found.append((gain * np.sqrt(both.sum() / inside.sum()), _words(name, word, edge), both))
+    return found
+
+
+def _words(name: str, word: str, edge: float) -> str:
+    if name == "speed":
+        return "lengthening" if word == "above" else "shortening"
+    if name == "pressure change":
+        return "while the pressure changes" if word == "above" else "at steady pressure"
+    if name == "pressure":
+        return f"{word} {edge / BAR:.1f} bar"
+    if name == "length":
+        return f"{word} {edge / UNITS['muscle_length'][1]:.0f} mm"
+    return f"{'after' if word == 'above' else 'before'} {edge:.1f} s"

@@ -1,0 +1,122 @@
+"""What repeats say about noise: how large, how long it stays the same, and what is left that every repeat shows.
+
+Repeats are compared by their *residuals*, measured minus simulated with each repeat's own inputs. What the model gets
+wrong is the same in all of them and drops out of their differences; what is different is noise, including that of
+the recorded inputs.
+"""
+
+import itertools
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from klute_sim.diagnose.experiment import Array, Experiment
+
+WINDOW = 5.0
+"""Lags up to so many correlation times are summed (Sokal's window)."""
+
+
+class Noise(NamedTuple):
+    """Of one channel, from its repeats."""
+
+    deviation: float
+    """Standard deviation of one sample [SI]."""
+    correlation: float
+    """Samples that tell as much as one independent one would; 1 or more."""
+    samples: int
+    """Samples of all trials that were compared."""
+
+
+Residuals = Sequence[Mapping[str, Array]]
+"""One mapping per experiment: channel -> measured minus simulated [SI]."""
+
+
+def groups(experiments: Sequence[Experiment]) -> dict[str, list[int]]:
+    """Group -> which experiments repeat each other."""
+    found: dict[str, list[int]] = defaultdict(list)
+    for number, experiment in enumerate(experiments):
+        found[experiment.group].append(number)
+    return dict(found)
+
+
+def stacks(experiments: Sequence[Experiment], residuals: Residuals, channel: str) -> Iterator[tuple[str, Array]]:
+    """(repeats, samples) residuals of every group in which ``channel`` was recorded at least twice."""
+    for group, members in groups(experiments).items():
+        having = [k for k in members if channel in experiments[k].measured and len(residuals[k][channel])]
+        if len(having) < 2:
+            continue
+        clocks = [experiments[k].measured[channel].time - experiments[k].begin for k in having]
+        first = clocks[0]
+        common = first[(first >= max(c[0] for c in clocks)) & (first <= min(c[-1] for c in clocks))]
+        if len(common) > 10:
+            yield (
+                group,
+                np.array([np.interp(common, c, residuals[k][channel]) for k, c in zip(having, clocks, strict=True)]),
+            )
+
+
+def measure(experiments: Sequence[Experiment], residuals: Residuals) -> dict[str, Noise]:
+    """Noise of every channel that was repeated."""
+    found = {}
+    for channel in channels(experiments):
+        squares, freedom, times, weights, samples = 0.0, 0, [], [], 0
+        for _, stack in stacks(experiments, residuals, channel):
+            apart = stack - stack.mean(axis=0)
+            squares += float((apart * apart).sum())
+            freedom += (len(stack) - 1) * stack.shape[1]
+            times.append(np.mean([correlation(row) for row in apart]))
+            weights.append(stack.size)
+            samples += stack.size
+        if freedom:
+            time = float(np.average(times, weights=weights))
+            found[channel] = Noise(float(np.sqrt(squares / freedom)), max(1.0, time), samples)
+    return found
+
+
+def channels(experiments: Iterable[Experiment]) -> list[str]:
+    """Every channel that was measured anywhere."""
+    return list(dict.fromkeys(channel for e in experiments for channel in e.measured))
+
+
+def correlation(row: Array) -> float:
+    """Integrated autocorrelation time of ``row`` [samples]: 1 for independent samples."""
+    row = row - row.mean()
+    size = 1 << (2 * len(row) - 1).bit_length()
+    spectrum = np.fft.rfft(row, size)
+    power = np.fft.irfft((spectrum * spectrum.conj()).real, size)[: len(row)]
+    if not power[0] > 0.0:
+        return 1.0
+    sums = 2.0 * np.cumsum(power / power[0]) - 1.0
+    inside = np.arange(len(row)) >= WINDOW * sums
+    return float(max(1.0, sums[int(inside.argmax()) if inside.any() else -1]))
+
+
+class Misfit(NamedTuple):
+    """What all repeats of a channel show and the simulation does not."""
+
+    size: float
+    """Root mean square [SI]; 0 if there is none."""
+    certainty: float
+    """Its square over the square's standard error under noise alone."""
+    floor: float
+    """Root mean square residual that a perfect model would leave, because of noise [SI]."""
+
+
+def misfit(experiments: Sequence[Experiment], residuals: Residuals, noise: Mapping[str, Noise]) -> dict[str, Misfit]:
+    """Per channel, from products of different repeats' residuals: noise drops out of their mean."""
+    found = {}
+    for channel, own in noise.items():
+        product, variance, samples = 0.0, 0.0, 0
+        for _, stack in stacks(experiments, residuals, channel):
+            pairs = list(itertools.combinations(range(len(stack)), 2))
+            count = stack.shape[1]
+            product += count * float(np.mean([np.mean(stack[a] * stack[b]) for a, b in pairs]))
+            variance += count * count * own.deviation**4 * own.correlation / (count * len(pairs))
+            samples += count
+        if samples:
+            mean = product / samples
+            error = np.sqrt(variance) / samples
+            found[channel] = Misfit(float(np.sqrt(max(0.0, mean))), float(mean / error), own.deviation)
+    return found

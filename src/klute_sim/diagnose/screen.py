@@ -1,0 +1,85 @@
+"""Which effects could explain what is left: one simulation for each, and a projection.
+
+The change that a little of an effect makes is projected off all that the fitted unknowns could do instead; what is
+left of it is compared with the residual. Effects that the device's uncertain numbers can imitate are told apart by
+what they cannot.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from klute_sim.diagnose.experiment import UNITS, Array
+from klute_sim.diagnose.fit import Evidence, Fit
+from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.effects import catalogue
+
+SHARE = 0.3
+"""Of the typical size, at which an effect is tried."""
+
+
+class Candidate(NamedTuple):
+    """A term that might be added."""
+
+    term: Term
+    gain: float
+    """By how much chi squared would fall if everything were linear."""
+    steps: float
+    """Its first parameter then, in steps of its size."""
+    signature: Array
+    """What is left of its change after projection, of length 1."""
+    kept: float
+    """Share of the change that the projection left."""
+
+
+def terms(evidence: Evidence, only: Sequence[str] = (), exclude: Sequence[str] = ()) -> list[Term]:
+    """Everything in the catalogue that ``evidence`` could show; ``only`` and ``exclude`` name effects."""
+    found = []
+    for effect in catalogue.effects().values():
+        if (only and effect.name not in only) or effect.name in exclude:
+            continue
+        if effect.kind == "device":
+            found += [Term(effect.name, form.name) for form in effect.forms]
+        else:
+            found += [Term(effect.name, effect.forms[0].name, c) for c in evidence.noise if c in UNITS]
+    return found
+
+
+def screen(evidence: Evidence, current: Fit, candidates: Sequence[Term]) -> list[Candidate]:
+    """``candidates`` by what they promise, best first."""
+    hypotheses = [current.hypothesis.plus(term) for term in candidates]
+    rows = [_tried(hypothesis, current.steps) for hypothesis in hypotheses]
+    settings = [h.settings(row, evidence.experiments) for h, row in zip(hypotheses, rows, strict=True)]
+    shown = evidence.bench.simulate(settings, evidence.experiments)
+    basis, _ = np.linalg.qr(current.jacobian)
+    found = []
+    for term, hypothesis, row, each in zip(candidates, hypotheses, rows, shown, strict=True):
+        residuals = [
+            {c: series.value - values[c] for c, series in e.measured.items()}
+            for e, values in zip(evidence.experiments, each, strict=True)
+        ]
+        prior = current.steps[: hypothesis.base]
+        steps = float(row[len(current.steps)])
+        change = (np.concatenate([evidence.weighted(residuals), prior]) - current.vector) / steps
+        left = change - basis @ (basis.T @ change)
+        size, whole = float(np.linalg.norm(left)), float(np.linalg.norm(change))
+        if not (np.isfinite(size) and size > 1e-6 * max(whole, 1.0)):
+            continue
+        signature = left / size
+        along = -float(signature @ current.vector)
+        low, high = hypothesis.bounds()
+        best = min(max(along / size, low[len(current.steps)]), high[len(current.steps)])
+        gain = 2.0 * best * size * along - (best * size) ** 2
+        found.append(Candidate(term, gain, best, signature, size / whole))
+    return sorted(found, key=lambda candidate: -candidate.gain)
+
+
+def _tried(hypothesis: Hypothesis, steps: Array) -> Array:
+    """The unknowns with a little of the last term; every size parameter of it moves, shapes stay typical."""
+    row = hypothesis.start()
+    row[: len(steps)] = steps
+    for k in range(len(steps), len(row)):
+        if not hypothesis.unknowns[k].logarithmic:
+            row[k] = SHARE
+    return row

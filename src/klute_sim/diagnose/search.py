@@ -1,0 +1,177 @@
+"""From a device that does not fit to the effects that it lacks, one at a time, with a reason for each.
+
+An effect is accepted if the evidence asks for it (BIC counted in independent samples) *and* trials that were not
+fitted improve. Forms compete before effects do: the best form of every promising effect is found before anything is
+added to it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from klute_sim.diagnose.fit import Evidence, Fit, fit
+from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.diagnose.noise import Misfit, misfit
+from klute_sim.diagnose.screen import Candidate, screen
+
+DECISIVE = 6.0
+"""Difference of BIC that decides between two hypotheses."""
+MOST_EFFECTS = 3
+SHORTLIST = 8
+"""Candidates that are refitted."""
+CERTAIN = 4.0
+"""Standard errors of a misfit's square above which it is no noise."""
+NOTICEABLE = 0.25
+"""Of the noise, below which a misfit is not worth a name."""
+LEAST_GAIN = 0.02
+"""Mean fall of chi squared on selection trials, relative, and the loss that one group may have."""
+PATIENCE = (2, 3, 25)
+"""Rounds of fitting that the shortlist gets, then who is left of it, then who is left of those."""
+BEHIND = 0.3
+"""Of the best one's fall of BIC, by which a candidate may be behind to get more rounds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What was found when something was to be added."""
+
+    before: Fit
+    candidates: tuple[Candidate, ...]
+    refits: tuple[Fit, ...]
+    """Of the shortlist, best first."""
+    added: Term | None
+    gains: dict[str, float]
+    """Of the best one: selection group -> relative fall of chi squared."""
+    why: str
+
+
+@dataclass(eq=False)
+class Search:
+    """A search under way; what it has decided is in :attr:`steps`."""
+
+    evidence: Evidence
+    selection: Sequence[Evidence]
+    """One per selection group."""
+    candidates: Sequence[Term]
+    told: Callable[[str], None] = lambda sentence: None
+    steps: list[Step] = field(default_factory=list)
+
+    def run(self, base: Fit) -> Fit:
+        """The accepted hypothesis, from the fit without effects."""
+        current = base
+        while len(current.hypothesis.terms) - len(base.hypothesis.terms) < MOST_EFFECTS:
+            step = self._next(current)
+            self.steps.append(step)
+            if step.added is None:
+                break
+            current = self._without_idle(step.refits[0], base)
+            if not self.lacks(current):
+                break
+        return current
+
+    def lacks(self, current: Fit) -> bool:
+        """Whether all repeats of some channel show what the fit does not."""
+        return any(significant(m) for m in self.misfits(current).values())
+
+    def misfits(self, current: Fit) -> dict[str, Misfit]:
+        """Of every channel, on the fitted trials."""
+        return misfit(self.evidence.experiments, current.residuals, self.evidence.noise)
+
+    def _next(self, current: Fit) -> Step:
+        taken = {(t.effect, t.channel) for t in current.hypothesis.terms}
+        open_ = [t for t in self.candidates if (t.effect, t.channel) not in taken]
+        self.told(f"screening {len(open_)} candidates")
+        found = screen(self.evidence, current, open_)
+        needed = DECISIVE + float(np.log(self.evidence.effective))
+        promising = [c for c in found if c.gain > 0.5 * needed]
+        if not promising:
+            return Step(current, tuple(found), (), None, {}, "no effect promises to explain more than noise would")
+        refits = self.refit(current, shortlist(promising))
+        best = refits[0]
+        gain = current.criterion(self.evidence.effective) - best.criterion(self.evidence.effective)
+        gains = self.gains(current, best)
+        why = self._against(best, gain, gains)
+        added = None if why else best.hypothesis.terms[-1]
+        return Step(current, tuple(found), tuple(refits), added, gains, why or f"BIC falls by {gain:.0f}")
+
+    def refit(self, current: Fit, chosen: Sequence[Candidate], goal: float = np.inf) -> list[Fit]:
+        """``chosen`` refitted, best first; who falls behind the best, or a ``goal`` of BIC, drops out half-way."""
+        fits = []
+        for number, candidate in enumerate(chosen):
+            self.told(f"fitting {candidate.term} ({number + 1} of {len(chosen)})")
+            hypothesis = current.hypothesis.plus(candidate.term)
+            start = hypothesis.start()
+            start[: len(current.steps)] = current.steps
+            start[len(current.steps)] = candidate.steps
+            fits.append(fit(self.evidence, hypothesis, start, rounds=PATIENCE[0]))
+        dropped: list[Fit] = []
+        for rounds in PATIENCE[1:]:
+            best = min(goal, *map(self._criterion, fits))
+            limit = best + max(20.0 * DECISIVE, BEHIND * (self._criterion(current) - best))
+            dropped += [f for f in fits if self._criterion(f) > limit]
+            fits = [f for f in fits if self._criterion(f) <= limit]
+            for k, each in enumerate(fits):
+                if not each.converged:
+                    self.told(f"fitting {each.hypothesis.terms[-1]} further")
+                    fits[k] = fit(self.evidence, each.hypothesis, each.steps, rounds=rounds)
+        return sorted([*fits, *dropped], key=self._criterion)
+
+    def _criterion(self, one: Fit) -> float:
+        return one.criterion(self.evidence.effective)
+
+    def gains(self, before: Fit, after: Fit) -> dict[str, float]:
+        """Selection group -> relative fall of chi squared from one fit to another, neither of which saw it."""
+        found = {}
+        for evidence in self.selection:
+            sizes = []
+            for each in (before, after):
+                vector = evidence.weighted(evidence.residuals(each.hypothesis, [each.steps])[0])
+                sizes.append(float(vector @ vector))
+            found[evidence.experiments[0].group] = 1.0 - sizes[1] / sizes[0]
+        return found
+
+    def _against(self, best: Fit, gain: float, gains: dict[str, float]) -> str:
+        """Why the best candidate is not accepted; '' if it is."""
+        term = best.hypothesis.terms[-1]
+        if gain <= DECISIVE:
+            return f"{term} explains no more than noise would (BIC falls by {gain:.1f}, {DECISIVE:.0f} are needed)"
+        losses = [f"'{group}' by {-100 * g:.1f} %" for group, g in gains.items() if g < -LEAST_GAIN]
+        if losses:
+            return f"{term} fits, but trials that were not fitted get worse: {', '.join(losses)}"
+        if gains and float(np.mean(list(gains.values()))) <= LEAST_GAIN:
+            return f"{term} fits, but trials that were not fitted gain no more than {100 * LEAST_GAIN:.0f} %"
+        return ""
+
+    def _without_idle(self, current: Fit, base: Fit) -> Fit:
+        """``current`` less the terms that later ones have made idle."""
+        own = current.hypothesis.terms[len(base.hypothesis.terms) :]
+        for term in own[:-1]:
+            self.told(f"trying without {term}")
+            less = drop(self.evidence, current, term)
+            if self._criterion(less) <= self._criterion(current) + DECISIVE:
+                return self._without_idle(less, base)
+        return current
+
+
+def significant(one: Misfit) -> bool:
+    """Whether a misfit is neither noise nor negligible."""
+    return one.certainty > CERTAIN and one.size > NOTICEABLE * one.floor
+
+
+def shortlist(promising: Sequence[Candidate]) -> list[Candidate]:
+    """The best, and the other forms of the best three effects."""
+    leaders = {(c.term.effect, c.term.channel) for c in promising[:3]}
+    return [c for k, c in enumerate(promising) if k < SHORTLIST or (c.term.effect, c.term.channel) in leaders]
+
+
+def drop(evidence: Evidence, current: Fit, term: Term) -> Fit:
+    """``current`` fitted again without ``term``."""
+    number = current.hypothesis.terms.index(term)
+    keep = [u.term != number for u in current.hypothesis.unknowns]
+    return fit(evidence, current.hypothesis.minus(term), current.steps[keep])
+
+
+def empty(hypothesis: Hypothesis) -> Hypothesis:
+    """Without any terms."""
+    return Hypothesis(hypothesis.device, hypothesis.uncertain, hypothesis.noise)
