@@ -1,9 +1,11 @@
 """What the environment judges by, checked against MuJoCo's own book-keeping and against a first episode."""
 
+import gymnasium
 import mujoco
 import numpy as np
 import pytest
 
+from klute_sim.device.files import load, read
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben, pneumatics
@@ -156,3 +158,36 @@ def test_the_phase_estimate_stays_one_under_any_policy(most: float, error: float
 def test_options_that_cannot_be_are_refused(options: dict[str, object], words: str) -> None:
     with pytest.raises(InputError, match=words):
         AnkleGaitEnv(**options)
+
+
+def test_a_dead_time_delays_the_command_by_steps() -> None:
+    text = load("klute-1-1-4-pair").content + b"\n[effects.pressure_delay]\ndelay_s = 0.0125\n"
+    late, prompt = fresh(device=read(text, "late"), strides=1), fresh(strides=1)
+    reached = []
+    for env in (late, prompt):
+        for value in (-0.6, -0.6, 0.5):
+            env.step(act(value))
+        reached.append(env.data.act[env._rig.actuator.act])
+    # 50 bar/s: the prompt one rises by half a bar in the interval, the late one has not been told yet.
+    assert reached[0] == pytest.approx(1.0, abs=1e-6)
+    assert reached[1] == pytest.approx(1.5, abs=1e-6)
+    assert [steps for steps, _ in late._task.due(np.array([3.0]), late._one)] == [5, 15]
+    assert [steps for steps, _ in prompt._task.due(np.array([3.0]), prompt._one)] == [20]
+
+
+def test_with_a_dead_time_the_batch_is_still_the_single_environment() -> None:
+    device = read(load("klute-1-1-4-pair").content + b"\n[effects.pressure_delay]\ndelay_s = 0.027\n", "late")
+    single = fresh(device=device, strides=1)
+    batch = gymnasium.make_vec("klute_sim/AnkleGait-v0", 2, "vector_entry_point", device=device, strides=1)
+    single.reset(seed=4)
+    batch.reset(seed=[4, 5])
+    for k in range(60):
+        value = np.sin(k / 5)
+        one, many = single.step(act(value))[0], batch.step(np.full((2, 1), value, dtype=np.float32))[0]
+        assert np.array_equal(one, many[0])
+    seen = single.data.act[single._rig.actuator.act]
+    plain = fresh(strides=1)
+    plain.reset(seed=4)
+    for k in range(60):
+        plain.step(act(np.sin(k / 5)))
+    assert seen != pytest.approx(plain.data.act[plain._rig.actuator.act], abs=1e-3)

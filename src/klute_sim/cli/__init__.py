@@ -17,6 +17,9 @@ from klute_sim.errors import KluteSimError
 COMMANDS = {
     "gait": ("klute_sim.cli.gait", "Walk the prosthesis on measured human gait."),
     "device": ("klute_sim.cli.device", "List devices, or show one: numbers, sources, forces."),
+    "diagnose": ("klute_sim.cli.diagnose", "Find what the simulation of measured data lacks."),
+    "effects": ("klute_sim.cli.effects", "List physical effects the base model leaves out, or show one."),
+    "measure": ("klute_sim.cli.measure", "Plan bench measurements: commands, files to fill, what to record."),
     "view": ("klute_sim.cli.view", "Open a run in the rerun viewer."),
 }
 """Name -> (module that defines it as ``command``, one line of help)."""

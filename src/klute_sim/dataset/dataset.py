@@ -37,13 +37,16 @@ class Dataset:
     """What the user should know about the files, one sentence each."""
 
 
-def read(folder: str | Path) -> Dataset:
-    """Read the dataset in ``folder``; raises InputError with one sentence when anything is wrong with it."""
+def read(folder: str | Path, device: Device | None = None) -> Dataset:
+    """Read the dataset in ``folder``; raises InputError with one sentence when anything is wrong with it.
+
+    ``device`` takes the place of the one that the dataset names.
+    """
     folder = Path(folder)
     content = _content(folder)
     where = str(folder / FILE)
     file = file_format.parse(content, where)
-    device = _device(file.device, folder)
+    device = device or _device(file.device, folder)
     uncertain = file_format.standard_deviations(file.uncertain, device.spec.numbers(), where)
     names = _names(file, where)
     entries = [Member(name, entry.group or name, entry.use) for name, entry in zip(names, file.trial, strict=True)]

@@ -34,15 +34,18 @@ def overridden(device: Device, changes: Mapping[str, float], where: str) -> Devi
 
 def to_toml(keys: Mapping[str, Any]) -> str:
     """The ``keys`` of a device file as TOML: single values, then tables, then lists of tables."""
-    single = {key: value for key, value in keys.items() if not isinstance(value, dict | list)}
-    lines = _pairs(single)
+    return "\n".join(_lines(keys, "")) + "\n"
+
+
+def _lines(keys: Mapping[str, Any], above: str) -> list[str]:
+    lines = _pairs({key: value for key, value in keys.items() if not isinstance(value, dict | list)})
     for title, section in keys.items():
         if isinstance(section, dict):
-            lines += ["", f"[{title}]", *_pairs(section)]
+            lines += ["", f"[{above}{title}]", *_lines(section, f"{above}{title}.")]
         elif isinstance(section, list):
             for item in section:
-                lines += ["", f"[[{title}]]", *_pairs(item)]
-    return "\n".join(lines) + "\n"
+                lines += ["", f"[[{above}{title}]]", *_pairs(item)]
+    return lines
 
 
 def _pairs(values: Mapping[str, Any]) -> list[str]:

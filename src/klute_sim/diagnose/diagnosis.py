@@ -5,7 +5,7 @@ Trials that are kept back to show are not looked at before everything else is de
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -81,6 +81,8 @@ class Diagnosis:
     experiments: list[Experiment] = field(default_factory=list)
     effective: float = 0.0
     """Independent samples that were fitted."""
+    next_experiment: dict[str, Any] | None = None
+    """What to record to tell rivals apart."""
     rollouts: int = 0
 
 

@@ -118,8 +118,12 @@ def fit(evidence: Evidence, hypothesis: Hypothesis, start: Array | None = None, 
     if not len(inside):
         vector = vectors([inside])[0]
         return Fit(hypothesis, inside, vector, np.empty((len(vector), 0)), True, seen[inside.tobytes()][1])
+
+    def vector_at(row: Array) -> Array:
+        return vectors([row])[0]
+
     result = least_squares(
-        lambda row: vectors([row])[0],
+        vector_at,
         inside,
         jacobian,
         bounds=(low, high),

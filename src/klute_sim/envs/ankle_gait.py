@@ -22,12 +22,12 @@ MOST_NOISE = 0.3
 MOST_PIXELS = 4096
 
 
-def rig_for(device: Device | str | Path, options: GaitOptions) -> tuple[Assembly, int]:
-    """The rig, commanded at the environment's interval, and its steps per interval; raises InputError."""
+def rig_for(device: Device | str | Path, options: GaitOptions) -> Assembly:
+    """The rig, commanded at the environment's interval; raises InputError if that is no number of steps."""
     each = round(INTERVAL / options.step)
     if abs(each * options.step - INTERVAL) > 1e-12:
         raise InputError(f"step is {1e3 * options.step:g} ms; allowed: what divides {1e3 * INTERVAL:g} ms evenly")
-    return assemble(device if isinstance(device, Device) else load(device), options, INTERVAL), each
+    return assemble(device if isinstance(device, Device) else load(device), options, INTERVAL)
 
 
 def observation_space() -> "spaces.Box[np.float32]":
@@ -121,7 +121,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is '{render_mode}'; allowed: None, rgb_array")
         options = GaitOptions(mass=mass, stature=stature, speed=speed, strides=strides, step=step)
-        self._rig, self._steps = rig_for(device, options)
+        self._rig = rig_for(device, options)
         self.model = self._rig.model
         """The MuJoCo model, with the device in it."""
         self.data = mujoco.MjData(self.model)
@@ -156,10 +156,11 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         """Hold ``action`` for one interval; raises InputError if it is no number."""
         chosen = checked(action, (1,))
         self.data.ctrl[: len(DRIVES)] = self._task.slopes()[0]
-        self.data.ctrl[self._rig.actuator.ctrl] = self._task.command(chosen)[0]
         with router.installed(self._law):
             try:
-                router.step(self.model, self.data, self._steps)
+                for steps, bar in self._task.due(self._task.command(chosen), self._one):
+                    self.data.ctrl[self._rig.actuator.ctrl] = bar[0]
+                    router.step(self.model, self.data, steps)
             except SimulationError:
                 self.data.act[self._rig.actuator.act] = np.nan  # under either law, a failed device ends the episode
         now = self._readings()

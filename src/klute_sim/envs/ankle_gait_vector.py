@@ -54,7 +54,7 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
     ) -> None:
         """As the single environment, on ``threads`` threads (0: all cores); raises InputError for what cannot be."""
         options = GaitOptions(mass=mass, stature=stature, speed=speed, strides=strides, step=step)
-        self._rig, self._steps = rig_for(device, options)
+        self._rig = rig_for(device, options)
         self._batch = batch.simulations(self._rig.model, num_envs, threads)
         self._scratch = mujoco.MjData(self._rig.model)
         self._bound = {name: self._batch.bind(name) for name in READ}
@@ -129,9 +129,10 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
             raise InputError("an episode has ended: reset it (options={'reset_mask': ...}) before the next step")
         self._begin(~live)
         self._ctrl[live, : len(DRIVES)] = self._task.slopes()[live]
-        self._ctrl[live, self._rig.actuator.ctrl] = self._task.command(chosen)[live]
-        with suppress(SimulationError):  # a failed device ends its episode
-            batch.step(self._batch, np.flatnonzero(live), self._steps)
+        for steps, bar in self._task.due(self._task.command(chosen), live):
+            self._ctrl[live, self._rig.actuator.ctrl] = bar[live]
+            with suppress(SimulationError):  # a failed device ends its episode
+                batch.step(self._batch, np.flatnonzero(live), steps)
         for name, value in self._bound.items():
             getattr(self._now, name)[live] = value[live]
         reward, terminated, truncated, told = self._task.judge(chosen, self._now, live)

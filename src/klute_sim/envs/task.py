@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from klute_sim.device.step import dead_time
 from klute_sim.laws import mckibben, pneumatics
 from klute_sim.rigs.gait.assembly import Assembly
 from klute_sim.rigs.gait.build import ANKLE
@@ -93,6 +94,9 @@ class Task:
         self._period = np.full(count, rig.plan.stride_time)
         self._air = np.zeros(count)
         self._action = np.zeros(count)
+        # Commands reach the device late by whole intervals and a part of one.
+        self._late = round(dead_time(rig.actuator.parameters) / rig.options.step)
+        self._asked = np.zeros((count, 2 + self._late // round(INTERVAL / rig.options.step)))
 
     @property
     def length(self) -> int:
@@ -102,6 +106,17 @@ class Task:
     def command(self, action: Array) -> Array:
         """Gauge pressure [bar] that ``action`` in [-1, 1] asks for; what is beyond is clipped."""
         return np.asarray(0.5 * (_within(action, -1.0, 1.0) + 1.0) * self._highest_bar)
+
+    def due(self, command: Array, which: Mask) -> list[tuple[int, Array]]:
+        """What reaches the device in the next interval, if ``which`` are now told ``command`` [bar]: steps, (n,) bar.
+
+        One piece, or two where a dead time ends within the interval.
+        """
+        each = round(INTERVAL / self.rig.options.step)
+        self._asked[which] = np.column_stack([self._asked[which, 1:], command[which]])
+        first = self._late % each
+        pieces = [(first, self._asked[:, 0]), (each - first, self._asked[:, 1])]
+        return [(steps, bar) for steps, bar in pieces if steps]
 
     def slopes(self) -> Array:
         """(n, 6) what the drives are told for the next interval."""
@@ -113,6 +128,7 @@ class Task:
         self._standing[which], self._since[which] = False, 0.0
         self._period[which] = self.rig.plan.stride_time
         self._air[which] = self._air_mass(now)[which]
+        self._asked[which] = now.act[which, self._pressure, None]
         self._action[which] = (2.0 * now.act[:, self._pressure] / self._highest_bar - 1.0)[which]
 
     def observe(self, now: Readings) -> NDArray[np.float32]:

@@ -1,0 +1,143 @@
+"""``klute-sim diagnose``."""
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from klute_sim.cli.given_path import GivenPath
+
+if TYPE_CHECKING:
+    from klute_sim.diagnose.diagnosis import Diagnosis
+
+
+@click.command("diagnose")
+@click.argument("folder", metavar="FOLDER", type=GivenPath())
+@click.option("--device", "device_file", default=None, metavar="NAME|FILE", help="Instead of the dataset's device.")
+@click.option("--only", multiple=True, metavar="EFFECT", help="Look for this effect only; may be repeated.")
+@click.option("--exclude", multiple=True, metavar="EFFECT", help="Do not look for this effect; may be repeated.")
+@click.option(
+    "--catalogue",
+    type=GivenPath(),
+    default=None,
+    metavar="FILE",
+    help="Python file with effects of your own, EFFECTS = [...]. The file is run: use only what you trust.",
+)
+@click.option("--jobs", type=click.IntRange(0, 256), default=0, metavar="N", help="Threads.  [default: 0, all cores]")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, metavar="N", help="Of the intervals' bootstrap.  [default: 0]"
+)
+@click.option(
+    "--out",
+    type=GivenPath(),
+    default=None,
+    metavar="DIR",
+    help="New folder for the results.  [default: runs/diagnose-NNN]",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the verdict as one JSON object instead of words.")
+def command(
+    folder: Path,
+    device_file: str | None,
+    only: tuple[str, ...],
+    exclude: tuple[str, ...],
+    catalogue: Path | None,
+    jobs: int,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Find what the simulation of a measured dataset lacks: name it, add it, show the gap before and after.
+
+    FOLDER holds dataset.toml and the trials it names. The verdict is one of: nothing-missing, named, ambiguous
+    (these cannot be told apart), unexplained (no known effect explains it), insufficient-data. Whichever it is, the
+    command ends with exit code 0; 2 means that it could not get that far.
+
+    \b
+    Examples:
+      klute-sim diagnose my-dataset
+      klute-sim diagnose my-dataset --device runs/diagnose-001/device.toml
+      klute-sim diagnose my-dataset --only braid_hysteresis --only seal_friction --json
+      klute-sim diagnose my-dataset --catalogue my_effects.py
+    """
+    if catalogue is not None:
+        from klute_sim.cli.console import notes
+        from klute_sim.effects import catalogue as known
+
+        known.use(catalogue)
+        notes().print(f"{catalogue} was run for its effects.")
+
+    from klute_sim.dataset import dataset
+    from klute_sim.device.files import load
+    from klute_sim.diagnose.diagnosis import Options, diagnose
+    from klute_sim.diagnose.verdict import as_json as verdict_of
+    from klute_sim.recording import run_folder
+
+    options = Options(only=only, exclude=exclude, jobs=jobs, seed=seed)
+    measured = dataset.read(folder, load(device_file) if device_file is not None else None)
+    with run_folder.new("diagnose", out) as (place, scratch):
+        with _telling() as told:
+            found = diagnose(measured, options, told)
+        write(found, scratch)
+    if as_json:
+        click.echo(json.dumps(verdict_of(found), indent=2))
+    else:
+        _print(found, place)
+
+
+@contextmanager
+def _telling() -> "Iterator[Callable[[str], None]]":
+    """Says on a terminal what is being done."""
+    from klute_sim.cli.console import notes
+
+    if not notes().is_terminal:
+        yield lambda sentence: None
+        return
+    with notes().status("reading") as status:
+        yield status.update
+
+
+def write(found: "Diagnosis", scratch: "Path") -> None:
+    """All results of ``found`` into the folder ``scratch``."""
+    from klute_sim.diagnose.device_file import augmented
+    from klute_sim.diagnose.verdict import DEVICE_FILE, as_json
+
+    (scratch / "verdict.json").write_text(json.dumps(as_json(found), indent=2) + "\n", "utf-8")
+    if found.found and found.final is not None:
+        (scratch / DEVICE_FILE).write_bytes(augmented(found.final, found.dataset.folder.resolve().name).content)
+
+
+def _print(found: "Diagnosis", place: "Path") -> None:
+    from rich.table import Table
+
+    from klute_sim.cli.console import console
+    from klute_sim.diagnose.experiment import UNITS
+    from klute_sim.diagnose.verdict import headline
+
+    out = console()
+    out.print(headline(found), style="bold", soft_wrap=True)
+    for reason in found.reasons:
+        out.print(f"  {reason}", soft_wrap=True)
+    if found.found and found.final is not None:
+        effects = Table("effect", "parameter", "value", "95 % interval", title="What was added")
+        rows: list[Any] = list(zip(found.final.hypothesis.unknowns, found.final.values, found.intervals, strict=True))
+        for number, term in enumerate(found.final.hypothesis.terms):
+            for unknown, value, (low, high) in rows:
+                if unknown.term == number:
+                    effects.add_row(str(term), unknown.key, f"{value:.4g}", f"{low:.4g} to {high:.4g}")
+        out.print(effects)
+    if found.gap:
+        on = "trials that no fit saw" if found.shown_on == "show" else "fitted trials: none was kept back"
+        gaps = Table(
+            "channel", "unit", "nominal", "refitted", "with effects", "repeats differ by", title=f"Gap on {on}"
+        )
+        for channel, gap in found.gap.items():
+            unit, size = UNITS[channel]
+            gaps.add_row(channel, unit, *(f"{v / size:.3g}" for v in (gap.before, gap.refitted, gap.after, gap.floor)))
+        out.print(gaps)
+    if found.next_experiment:
+        out.print(f"Next: {found.next_experiment['sentence']}", soft_wrap=True)
+    out.print(f"How trials were used: {found.split.how}.", soft_wrap=True)
+    out.print(f"Results: {place}", soft_wrap=True)

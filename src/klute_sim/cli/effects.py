@@ -1,0 +1,207 @@
+"""``klute-sim effects``."""
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from klute_sim.cli.given_path import GivenPath
+
+if TYPE_CHECKING:
+    from klute_sim.effects.effect import Effect, Form, Parameter
+
+UNITS = {
+    "_mm": "mm",
+    "_n_per_mm": "N/mm",
+    "_kpa": "kPa",
+    "_bar": "bar",
+    "_bar_per_s": "bar/s",
+    "_n_per_bar": "N/bar",
+    "_kg_m3": "kg/m3",
+    "_per_m": "1/m",
+    "_n": "N",
+    "_n_s_per_m": "N s/m",
+    "_mm_per_s": "mm/s",
+    "_s": "s",
+}
+"""End of a key -> the unit as one writes it; the ends are those of :data:`klute_sim.units.KEY_UNITS`."""
+PLACES = {
+    "acting_pressure": "the pressure that the muscle feels",
+    "muscle_force": "the muscle's tension",
+    "damper_force": "the damper's tension",
+    "tendon_stretch": "the tendon's stretch",
+    "tendon_force": "the tendon's tension",
+    "pressure_target": "the pressure that is regulated to",
+    "pressure_reached": "how the pressure follows",
+    "remember": "its own memory",
+    "reading": "what an instrument shows",
+}
+"""Hook -> what a law changes there."""
+WHOLE_SERIES = "the pressure command as a whole"
+"""Where an effect without laws acts."""
+
+
+@click.command("effects")
+@click.argument("name", metavar="[NAME]", required=False)
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print JSON instead of tables: one object, or a list without NAME."
+)
+@click.option(
+    "--catalogue",
+    type=GivenPath(),
+    default=None,
+    metavar="FILE",
+    help="Python file with effects of your own (docs/effects.md). Its code is run.",
+)
+def command(name: str | None, as_json: bool, catalogue: Path | None) -> None:
+    """List the physical effects that the base model leaves out, or show one.
+
+    Shows each form's equation, where it acts, its parameters (unit, the value without effect, range, typical size,
+    source; assumed ones marked), and the lines that put it into a device file.
+
+    \b
+    Examples:
+      klute-sim effects
+      klute-sim effects braid_hysteresis
+      klute-sim effects pressure_lag --json
+      klute-sim effects warming --catalogue my_effects.py
+    """
+    from klute_sim.effects import catalogue as known
+
+    if catalogue is not None:
+        use(catalogue)
+    if name is None:
+        shown = [describe(effect) for effect in known.effects().values()]
+        if as_json:
+            _json(shown)
+        else:
+            _print_all(shown)
+        return
+    one = describe(known.form_of(name, None)[0])
+    if as_json:
+        _json(one)
+    else:
+        _print_one(one)
+
+
+def use(catalogue: Path) -> None:
+    """Let the effects of the file ``catalogue`` in, and say on stderr that its code is run."""
+    from klute_sim.cli.console import notes
+    from klute_sim.effects import catalogue as known
+
+    if catalogue.is_file():
+        notes().print(f"The code in {catalogue} is run.", soft_wrap=True)
+    known.use(catalogue)
+
+
+def describe(effect: "Effect") -> dict[str, Any]:
+    """Everything the command shows of ``effect``."""
+    return {
+        "name": effect.name,
+        "sentence": effect.sentence,
+        "kind": effect.kind,
+        "supply": effect.supply,
+        "forms": [
+            {
+                "name": form.name,
+                "equation": form.equation,
+                "hooks": list(form.laws),
+                "parameters": [_parameter(effect, parameter) for parameter in form.parameters],
+                "device_file": snippet(effect, form),
+            }
+            for form in effect.forms
+        ],
+    }
+
+
+def snippet(effect: "Effect", form: "Form") -> str | None:
+    """The lines of a device file that have ``effect`` in it at its typical size; None for one of instruments."""
+    if effect.kind != "device":
+        return None
+    numbers = (f"{parameter.key} = {float(parameter.typical)!r}" for parameter in form.parameters)
+    return "\n".join([f"[effects.{effect.name}]", f'form = "{form.name}"', *numbers])
+
+
+def unit(effect: "Effect", parameter: "Parameter") -> str:
+    """The unit of ``parameter`` by the end of its key; an instrument's without bounds has that of its channel."""
+    if effect.kind == "instrument" and math.isinf(parameter.high):
+        return "channel's unit/s" if parameter.key.endswith("_per_s") else "channel's unit"
+    ends = (end for end in sorted(UNITS, key=len, reverse=True) if parameter.key.endswith(end))
+    end = next(ends, None)
+    return UNITS[end] if end else "1"
+
+
+def _parameter(effect: "Effect", parameter: "Parameter") -> dict[str, Any]:
+    return {
+        "key": parameter.key,
+        "unit": unit(effect, parameter),
+        "neutral": parameter.neutral,
+        "low": parameter.low if math.isfinite(parameter.low) else None,
+        "high": parameter.high if math.isfinite(parameter.high) else None,
+        "typical": parameter.typical,
+        "source": parameter.source,
+        "assumed": parameter.source.startswith("assumed"),
+    }
+
+
+def _json(shown: Any) -> None:
+    click.echo(json.dumps(shown, indent=2, allow_nan=False))
+
+
+def _print_all(shown: list[dict[str, Any]]) -> None:
+    from rich.table import Table
+
+    from klute_sim.cli.console import console
+
+    table = Table("effect", "kind", "forms", "what it is")
+    for effect in shown:
+        forms = ", ".join(form["name"] for form in effect["forms"])
+        table.add_row(effect["name"], effect["kind"], forms, effect["sentence"])
+    console().print(table)
+
+
+def _print_one(shown: dict[str, Any]) -> None:
+    from rich.table import Table
+
+    from klute_sim.cli.console import console
+
+    out = console()
+    out.print(f"{shown['name']}: {shown['sentence']}", soft_wrap=True)
+    out.print(_kind(shown), soft_wrap=True)
+    for number, form in enumerate(shown["forms"]):
+        usual = " (the usual one)" if number == 0 and len(shown["forms"]) > 1 else ""
+        places = "; ".join(f"{hook}: {PLACES[hook]}" for hook in form["hooks"]) or WHOLE_SERIES
+        out.print(f"\nForm {form['name']}{usual}: {form['equation']}", soft_wrap=True)
+        out.print(f"It acts on {places}.", soft_wrap=True)
+        table = Table("parameter", "unit", "without effect", "range", "typical", "source")
+        for row in form["parameters"]:
+            neutral = "none: a shape" if row["neutral"] is None else f"{row['neutral']:g}"
+            style = "yellow" if row["assumed"] else None
+            table.add_row(
+                row["key"], row["unit"], neutral, _range(row), f"{row['typical']:g}", row["source"], style=style
+            )
+        out.print(table)
+        if form["device_file"]:
+            out.print("In a device file:\n")
+            out.print(form["device_file"], soft_wrap=True)
+
+
+def _kind(shown: dict[str, Any]) -> str:
+    if shown["kind"] == "instrument":
+        return (
+            "An effect of an instrument. It is never in a device file: a diagnosis looks for it in every measured "
+            "channel."
+        )
+    if shown["supply"]:
+        return "An effect of the device, in its gas supply, which may do work."
+    return "An effect of the device, not of its gas supply: it should give no energy."
+
+
+def _range(row: dict[str, Any]) -> str:
+    if row["low"] is None and row["high"] is None:
+        return "any"
+    if row["low"] is None or row["high"] is None:
+        return f"from {row['low']:g}" if row["high"] is None else f"up to {row['high']:g}"
+    return f"{row['low']:g} to {row['high']:g}"

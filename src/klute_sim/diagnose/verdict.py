@@ -1,0 +1,83 @@
+"""The verdict as ``verdict.json`` has it, and as a person reads it."""
+
+from typing import Any
+
+from klute_sim.diagnose.diagnosis import Diagnosis
+from klute_sim.diagnose.experiment import UNITS
+from klute_sim.diagnose.fit import Fit
+from klute_sim.diagnose.hypothesis import Term
+
+SCHEMA = "klute-sim-verdict/1"
+DEVICE_FILE = "device.toml"
+
+HEADLINES = {
+    "nothing-missing": "Nothing is missing: the device fits as well as repeats of the measurement agree.",
+    "named": "A missing effect was found: {names}.",
+    "ambiguous": "Something is missing, and these cannot be told apart: {names}; {others}.",
+    "unexplained": "Something is missing, and none of the effects that are known explains it.",
+    "insufficient-data": "The data cannot answer.",
+}
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The verdict in a sentence."""
+    names = " and ".join(str(term) for term in diagnosis.found)
+    others = "; ".join(dict.fromkeys(" and ".join(a) for a in alternatives(diagnosis)))
+    return HEADLINES[diagnosis.verdict].format(names=names, others=others)
+
+
+def alternatives(diagnosis: Diagnosis) -> list[list[str]]:
+    """Names of the sets that explain the data as well."""
+    own = len(diagnosis.found)
+    sets = [[_name(term) for term in rival.fit.hypothesis.terms[-own:]] for rival in diagnosis.rivals]
+    return [list(each) for each in dict.fromkeys(tuple(sorted(names)) for names in sets)]
+
+
+def _name(term: Term) -> str:
+    return f"{term.effect}@{term.channel}" if term.channel else term.effect
+
+
+def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The object of ``verdict.json``; values in the units of their keys, the gap in the channel's."""
+    split = diagnosis.split
+    return {
+        "schema": SCHEMA,
+        "verdict": diagnosis.verdict,
+        "effects": _effects(diagnosis, diagnosis.final) if diagnosis.final else [],
+        "alternatives": alternatives(diagnosis),
+        "split": {"fit": list(split.fit), "select": list(split.select), "show": list(split.show)},
+        "where": [
+            {"channel": place.channel, "share": round(place.share, 3), "region": place.region}
+            for place in diagnosis.where
+        ],
+        "gap": {
+            channel: {
+                "unit": UNITS[channel][0],
+                "before": gap.refitted / UNITS[channel][1],
+                "after": gap.after / UNITS[channel][1],
+                "floor": gap.floor / UNITS[channel][1],
+            }
+            for channel, gap in diagnosis.gap.items()
+        },
+        "next_experiment": diagnosis.next_experiment,
+        "device_file": DEVICE_FILE if diagnosis.found else None,
+    }
+
+
+def _effects(diagnosis: Diagnosis, final: Fit) -> list[dict[str, Any]]:
+    terms, found = final.hypothesis.terms, []
+    for number, term in enumerate(terms):
+        rows = zip(final.hypothesis.unknowns, final.values, diagnosis.intervals, strict=True)
+        entry: dict[str, Any] = {
+            "name": term.effect,
+            "form": term.form,
+            "kind": term.entry.kind,
+            "channel": term.channel,
+            "parameters": {
+                u.key: {"value": value, "low": low, "high": high} for u, value, (low, high) in rows if u.term == number
+            },
+        }
+        if diagnosis.verdict == "unexplained":
+            entry["proxy"] = True
+        found.append(entry)
+    return found

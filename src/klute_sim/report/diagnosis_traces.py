@@ -1,0 +1,38 @@
+"""The trials that a diagnosis shows, simulated before and after effects are added."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from klute_sim.diagnose.diagnosis import Diagnosis
+from klute_sim.diagnose.experiment import Array, Bench, Experiment
+
+
+class Simulated(NamedTuple):
+    """A trial and what its instruments would have shown [SI], at the times of its samples."""
+
+    experiment: Experiment
+    before: Mapping[str, Array]
+    """Channel -> with the refitted device, without effects."""
+    after: Mapping[str, Array]
+    """With the effects; the same if none was found."""
+
+    def time(self, channel: str) -> Array:
+        """Of the samples, from the trial's begin [s]."""
+        return self.experiment.measured[channel].time - self.experiment.begin
+
+
+def simulated(diagnosis: Diagnosis) -> list[Simulated]:
+    """The trials that :attr:`Diagnosis.gap` is of, in the dataset's order; none where nothing was fitted."""
+    base, final = diagnosis.base, diagnosis.final
+    if base is None or final is None:
+        return []
+    shown = [e for e in diagnosis.experiments if e.use == diagnosis.shown_on and e.measured]
+    bench = Bench()
+    try:
+        before, after = bench.simulate(
+            [fit.hypothesis.settings(fit.steps, shown) for fit in (base, final)],
+            shown,
+        )
+    finally:
+        bench.close()
+    return [Simulated(*one) for one in zip(shown, before, after, strict=True)]

@@ -1,0 +1,128 @@
+"""Words and numbers of a diagnosis as a person says them."""
+
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from klute_sim.diagnose.diagnosis import Diagnosis
+from klute_sim.diagnose.experiment import UNITS
+from klute_sim.diagnose.hypothesis import Term, Unknown
+from klute_sim.effects import catalogue
+
+KEY_WORDS = {
+    "_mm": "mm",
+    "_n_per_mm": "N/mm",
+    "_kpa": "kPa",
+    "_bar": "bar",
+    "_bar_per_s": "bar/s",
+    "_n_per_bar": "N/bar",
+    "_kg_m3": "kg/m³",
+    "_per_m": "1/m",
+    "_n": "N",
+    "_n_s_per_m": "N·s/m",
+    "_mm_per_s": "mm/s",
+    "_s": "s",
+}
+"""Suffix of a key -> its unit, as in :data:`klute_sim.units.KEY_UNITS`."""
+DIGITS = 4
+"""Significant ones."""
+PROPER = {"coulomb": "Coulomb", "maxwell": "Maxwell", "stribeck": "Stribeck"}
+"""Parts of identifiers that are people's names."""
+
+
+def number(value: float, digits: int = DIGITS) -> str:
+    """``value`` with so many significant digits and no needless zeros."""
+    if not math.isfinite(value):
+        return "unknown" if math.isnan(value) else ("∞" if value > 0.0 else "-∞")
+    if value != 0.0 and not 1e-4 <= abs(value) < 1e7:
+        return f"{value:.{digits - 1}e}"
+    return np.format_float_positional(value, precision=digits, unique=False, fractional=False, trim="-")
+
+
+def spoken(identifier: str) -> str:
+    """``muscle_length`` -> ``muscle length``."""
+    return " ".join(PROPER.get(part, part) for part in identifier.split("_"))
+
+
+def term(one: Term) -> str:
+    """An effect, its form if there is a choice, and its channel."""
+    form = f" ({spoken(one.form)})" if len(one.entry.forms) > 1 else ""
+    of = f" of {spoken(one.channel)}" if one.channel else ""
+    return f"{spoken(one.effect)}{form}{of}"
+
+
+def spoken_in(text: str) -> str:
+    """``text`` with the identifiers of effects, forms and channels in it spoken."""
+    effects = catalogue.effects().values()
+    known = {*catalogue.effects(), *UNITS, *(form.name for effect in effects for form in effect.forms)}
+    names = "|".join(re.escape(name) for name in known if "_" in name or name in PROPER)
+    return re.sub(rf"(?<!\w)(?:{names})(?!\w)", lambda match: spoken(match[0].lower()), text, flags=re.IGNORECASE)
+
+
+def sentence(text: str) -> str:
+    """:func:`spoken_in`, with a capital at the start."""
+    found = spoken_in(text)
+    return found[:1].upper() + found[1:]
+
+
+def split_key(key: str) -> tuple[str, str]:
+    """A key's name without its unit, spoken, and the unit."""
+    for suffix in sorted(KEY_WORDS, key=len, reverse=True):
+        if key.endswith(suffix):
+            return spoken(key.removesuffix(suffix)), KEY_WORDS[suffix]
+    return spoken(key), ""
+
+
+def unknown(one: Unknown, channel: str | None) -> tuple[str, str]:
+    """Name and unit of a fitted number; one that an instrument counts in its channel's own unit is in that."""
+    if channel is None or math.isfinite(one.high):
+        return split_key(one.key)
+    name, unit = split_key(one.key)
+    own = UNITS[channel][0]
+    return name.removesuffix(" per"), f"{own}/s" if unit == "s" and one.key.endswith("_per_s") else own
+
+
+def joined(words: Sequence[str], last: str = "and") -> str:
+    """``a, b and c``."""
+    return f" {last} ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))
+
+
+def verdict(diagnosis: Diagnosis) -> str:
+    """The answer in one sentence."""
+    if diagnosis.verdict == "insufficient-data":
+        return "These data cannot tell whether the simulation lacks anything."
+    if diagnosis.verdict == "nothing-missing":
+        return "Nothing is missing: the simulation agrees with the data as well as repeats agree with each other."
+    if diagnosis.verdict == "unexplained":
+        if not diagnosis.found:
+            return "The simulation lacks something, and no effect that was looked for explains it."
+        closest = joined([term(t) for t in diagnosis.found])
+        comes = "come" if len(diagnosis.found) > 1 else "comes"
+        return f"The simulation lacks something that is not fully explained; {closest} {comes} closest, as a proxy."
+    parts = []
+    for kind, words in (("device", "the simulated device lacks"), ("instrument", "the data show an instrument's")):
+        own = [term(t) for t in diagnosis.found if t.entry.kind == kind]
+        if own:
+            parts.append(f"{words} {joined(own)}")
+    found = "; ".join(parts)
+    if diagnosis.verdict == "ambiguous":
+        others = list(dict.fromkeys(term(rival.fit.hypothesis.terms[-1]) for rival in diagnosis.rivals))
+        found += f"; {joined(others, 'or')} would explain the data as well, and they cannot tell which it is"
+    return f"{found[0].upper()}{found[1:]}."
+
+
+def improvement(diagnosis: Diagnosis) -> str:
+    """What became of the gap of the channel that was worst, in one sentence; '' if nothing was fitted."""
+    gap = {c: g for c, g in diagnosis.gap.items() if g.floor > 0.0}
+    if not gap:
+        return ""
+    worst = max(gap, key=lambda channel: gap[channel].refitted / gap[channel].floor)
+    unit, si = UNITS[worst]
+    own = gap[worst]
+    before, after, floor = (f"{number(value / si, 3)} {unit}" for value in (own.refitted, own.after, own.floor))
+    where = "trials that no fit saw" if diagnosis.shown_on == "show" else "the fitted trials (none was kept back)"
+    if not diagnosis.found:
+        return f"On {where}, simulated and measured {spoken(worst)} differ by {before} rms; noise alone is {floor}."
+    return f"On {where}, the {spoken(worst)} gap goes from {before} to {after} rms; noise alone is {floor}."
