@@ -65,7 +65,9 @@ def test_balance_agrees_with_an_independent_solver() -> None:
             return unit.muscle_side(ANKLE, unit.NO_MEMORY, p, x, (x - s) / 5e-4) - pull
 
         wanted = brentq(imbalance, LOCK, REST, xtol=1e-15)
-        assert unit.balance(ANKLE, pressure, State(pressure, start), unit_length, step) == pytest.approx(wanted, abs=1e-13)
+        assert unit.balance(ANKLE, pressure, State(pressure, start), unit_length, step) == pytest.approx(
+            wanted, abs=1e-13
+        )
 
 
 def test_settled_length_needs_no_damper_to_be_the_static_balance() -> None:

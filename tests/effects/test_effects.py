@@ -82,6 +82,8 @@ SIGNATURES = {
     "seal_friction": (-1, 1),
     "tendon_hysteresis": (-1, 1),
     "tendon_slack": (-1, -1),
+    "bladder": (-1, -1),
+    "friction_offset": (-1, -1),
 }
 
 

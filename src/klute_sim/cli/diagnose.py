@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     metavar="DIR",
     help="New folder for the results.  [default: runs/diagnose-NNN]",
 )
+@click.option("--no-report", is_flag=True, help="Write verdict.json and device.toml only: no page, plots, recording.")
 @click.option("--json", "as_json", is_flag=True, help="Print the verdict as one JSON object instead of words.")
 def command(
     folder: Path,
@@ -47,6 +48,7 @@ def command(
     jobs: int,
     seed: int,
     out: Path | None,
+    no_report: bool,
     as_json: bool,
 ) -> None:
     """Find what the simulation of a measured dataset lacks: name it, add it, show the gap before and after.
@@ -80,7 +82,7 @@ def command(
     with run_folder.new("diagnose", out) as (place, scratch):
         with _telling() as told:
             found = diagnose(measured, options, told)
-        write(found, scratch)
+        write(found, scratch, report=not no_report)
     if as_json:
         click.echo(json.dumps(verdict_of(found), indent=2))
     else:
@@ -99,14 +101,24 @@ def _telling() -> "Iterator[Callable[[str], None]]":
         yield status.update
 
 
-def write(found: "Diagnosis", scratch: "Path") -> None:
-    """All results of ``found`` into the folder ``scratch``."""
+def write(found: "Diagnosis", scratch: Path, *, report: bool) -> None:
+    """All results of ``found`` into the folder ``scratch``; page, plots and recording with ``report``."""
     from klute_sim.diagnose.device_file import augmented
     from klute_sim.diagnose.verdict import DEVICE_FILE, as_json
 
     (scratch / "verdict.json").write_text(json.dumps(as_json(found), indent=2) + "\n", "utf-8")
     if found.found and found.final is not None:
         (scratch / DEVICE_FILE).write_bytes(augmented(found.final, found.dataset.folder.resolve().name).content)
+    if not report:
+        return
+    from klute_sim.errors import MissingExtraError
+    from klute_sim.report import diagnosis_figures, diagnosis_page, diagnosis_rerun
+
+    diagnosis_page.write(found, scratch / "report.html")
+    if found.final is not None:
+        diagnosis_figures.save_all(found, scratch)
+        with suppress(MissingExtraError):  # said once, by the remark below the results
+            diagnosis_rerun.write(found, scratch / "recording.rrd")
 
 
 def _print(found: "Diagnosis", place: "Path") -> None:

@@ -103,6 +103,7 @@ def describe(effect: "Effect") -> dict[str, Any]:
         "sentence": effect.sentence,
         "kind": effect.kind,
         "supply": effect.supply,
+        "instead_of": effect.instead_of or None,
         "forms": [
             {
                 "name": form.name,
@@ -121,7 +122,8 @@ def snippet(effect: "Effect", form: "Form") -> str | None:
     if effect.kind != "device":
         return None
     numbers = (f"{parameter.key} = {float(parameter.typical)!r}" for parameter in form.parameters)
-    return "\n".join([f"[effects.{effect.name}]", f'form = "{form.name}"', *numbers])
+    needs = [f"# needs {effect.instead_of} = false in [muscle]"] if effect.instead_of else []
+    return "\n".join([*needs, f"[effects.{effect.name}]", f'form = "{form.name}"', *numbers])
 
 
 def unit(effect: "Effect", parameter: "Parameter") -> str:
@@ -196,7 +198,7 @@ def _kind(shown: dict[str, Any]) -> str:
         )
     if shown["supply"]:
         return "An effect of the device, in its gas supply, which may do work."
-    return "An effect of the device, not of its gas supply: it should give no energy."
+    return "An effect of the device, not of its gas supply."
 
 
 def _range(row: dict[str, Any]) -> str:

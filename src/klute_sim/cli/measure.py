@@ -2,6 +2,7 @@
 
 import json
 import string
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +23,8 @@ FEWEST, MOST = 2, 26
 """Repeats: one is none, and they are lettered."""
 FORCE_NOISE, PRESSURE_NOISE = 3.0, 0.01
 """Standard deviations of a rehearsal's noise [N, bar]."""
+STEP = 2.5e-4
+"""Of a rehearsal's simulation [s]; a whole part of the commands' sample."""
 UNCERTAIN = {
     "muscle.c10_kpa": "10 %",
     "muscle.friction_slope_n_per_bar": "10 %",
@@ -148,7 +151,6 @@ def rehearsed(device: "Device", program: "Program", seed: Sequence[int]) -> "dic
 
     from klute_sim.device.rollout import rollout
     from klute_sim.device.step import settled, tension
-    from klute_sim.diagnose.experiment import STEP
     from klute_sim.units import BAR
 
     time, length, command = program
@@ -194,8 +196,8 @@ def dataset_toml(device: "Device", chosen: "Sequence[Protocol]", repeats: int, *
     from klute_sim.dataset.format import FORMAT
 
     numbers, muscle = device.spec.numbers(), device.spec.muscle
-    without_effect = () if muscle.bladder else ("muscle.c10_kpa",)
-    without_effect += () if muscle.friction else ("muscle.friction_slope_n_per_bar",)
+    off = {"muscle.c10_kpa": not muscle.bladder, "muscle.friction_slope_n_per_bar": not muscle.friction}
+    doubted = {key: deviation for key, deviation in UNCERTAIN.items() if numbers.get(key) and not off.get(key)}
     lines = [SIMULATED, ""] if simulated else []
     lines += [
         "# Paths are relative to this folder. Delete the trials that you did not record.",
@@ -206,9 +208,8 @@ def dataset_toml(device: "Device", chosen: "Sequence[Protocol]", repeats: int, *
         "# Numbers of the device that you know only so well (standard deviations): they are refitted before anything",
         "# is blamed. Delete what you know, add what you doubt.",
         "[uncertain]",
-        *(f'"{key}" = "{deviation}"' for key, deviation in UNCERTAIN.items()
-          if numbers.get(key) and key not in without_effect),
-    ]  # fmt: skip
+        *(f'"{key}" = "{deviation}"' for key, deviation in doubted.items()),
+    ]
     for protocol, use in zip(chosen, uses(chosen), strict=True):
         lines += ["", f"# {protocol.sentence}"]
         for file in recorded(protocol, repeats):
@@ -292,7 +293,8 @@ def readme(
         named = ", ".join(files) if repeats <= 3 else f"{files[0]} to {files[-1]}"
         told.append(f"   {protocol.name}.csv ({program.time[-1]:.1f} s) -> {named}\n      {protocol.sentence}")
         if protocol.shows:
-            told.append(f"      Shows best: {', '.join(protocol.shows)}.")
+            shows = f"Shows best: {', '.join(protocol.shows)}."
+            told += textwrap.wrap(shows, 115, initial_indent=" " * 6, subsequent_indent=" " * 6)
     length, pressure = ([p[k] for p in programs] for k in (1, 2))
     title = f"What to record with '{device.name}' on a tensile tester"
     return README.format(

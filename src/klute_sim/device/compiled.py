@@ -43,7 +43,7 @@ def copy_of(module: types.ModuleType, **replaced: Any) -> types.ModuleType:
 
 def _compile(function: Any) -> Any:
     # Division by zero gives inf or NaN, as in C: an exception could not leave a callback anyway.
-    return numba.njit(function, error_model="numpy")
+    return numba.njit(function, error_model="numpy", forceinline=True)
 
 
 def _is_law(module: str) -> bool:

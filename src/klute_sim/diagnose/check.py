@@ -27,6 +27,11 @@ def obstacles(experiments: Sequence[Experiment]) -> list[str]:
             "No trial is repeated, so noise and misfit cannot be told apart. Record every input at least twice and "
             "give the repeats the same group."
         )
+    if not {"force", "muscle_length"} & set(noises.channels(experiments)):
+        found.append(
+            "Neither force nor muscle length was recorded usefully: of muscle, damper and tendon nothing shows. Record "
+            "the force."
+        )
     time = sum(e.duration for e in experiments)
     if time < LEAST_TIME:
         found.append(
@@ -39,6 +44,24 @@ def obstacles(experiments: Sequence[Experiment]) -> list[str]:
         found.append(
             f"Nothing moves: pressure changes by {pressure / 1e5:.2f} bar and length by {1e3 * length:.2f} mm within a "
             "trial. Step the pressure and move the crosshead, both ways and at several speeds."
+        )
+    return found
+
+
+def blind(experiments: Sequence[Experiment]) -> list[str]:
+    """What ``experiments`` cannot show, though they may answer otherwise."""
+    pressure = max(float(np.ptp(e.command)) for e in experiments)
+    length = max(float(np.ptp(e.unit_length)) for e in experiments)
+    found = []
+    if length < LEAST_LENGTH:
+        found.append(
+            f"The length changes by no more than {1e3 * length:.2f} mm within a trial: what depends on speed cannot "
+            "show."
+        )
+    if pressure < LEAST_PRESSURE:
+        found.append(
+            f"The pressure changes by no more than {pressure / 1e5:.2f} bar within a trial: what happens in the supply "
+            "cannot show."
         )
     return found
 

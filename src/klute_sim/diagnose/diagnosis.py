@@ -19,8 +19,10 @@ from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.diagnose.locate import Place, locate
 from klute_sim.diagnose.noise import Noise
-from klute_sim.diagnose.screen import terms
+from klute_sim.diagnose.propose import propose
+from klute_sim.diagnose.screen import check_names, terms
 from klute_sim.diagnose.search import CERTAIN, DECISIVE, Search, Step
+from klute_sim.diagnose.store import Store
 from klute_sim.errors import InputError
 
 Verdict = Literal["nothing-missing", "named", "ambiguous", "unexplained", "insufficient-data"]
@@ -96,20 +98,24 @@ def diagnose(
     options = options or Options()
     if dataset.rig != "bench":
         raise InputError("a dataset of rig 'gait' cannot be diagnosed yet; allowed: bench")
+    check_names(options.only, options.exclude)
     parts = split(dataset)
-    bench = Bench(options.jobs)
+    bench, store = Bench(options.jobs), Store(f"{dataset.digest} {dataset.device.digest} {options}")
     try:
-        return _diagnose(dataset, parts, options, bench, told)
+        found = _diagnose(dataset, parts, options, bench, store, told)
     finally:
         bench.close()
+    store.forget()
+    return found
 
 
-def _diagnose(dataset: Dataset, parts: Split, options: Options, bench: Bench, told: Callable[[str], None]) -> Diagnosis:
+def _diagnose(
+    dataset: Dataset, parts: Split, options: Options, bench: Bench, store: Store, told: Callable[[str], None]
+) -> Diagnosis:
     told("checking the data")
-    every = check.unsaturated(prepare(dataset, parts))
-    _, remarks = check.faults(prepare(dataset, parts))
-    unusable, _ = check.faults([e for e in every if e.use == "fit"])
-    every = check.without(every, list(unusable))
+    prepared = prepare(dataset, parts)
+    unusable, remarks = check.faults([e for e in prepared if e.use == "fit"])
+    every = check.unsaturated(check.without(prepared, list(unusable)))
     fitted = [e for e in every if e.use == "fit" and e.measured]
     reasons = [f"{why}; it is not used." for why in unusable.values()] + [f"{remark}." for remark in remarks]
     against = check.obstacles(fitted) if fitted else ["No usable channel is left. Check cables and columns."]
@@ -118,13 +124,14 @@ def _diagnose(dataset: Dataset, parts: Split, options: Options, bench: Bench, to
             dataset=dataset, split=parts, verdict="insufficient-data", reasons=[*reasons, *against], experiments=every
         )
 
+    reasons += check.blind(fitted)
     told("fitting the device as it is")
-    base, evidence = base_fit(dataset, fitted, bench)
+    base, evidence = base_fit(dataset, fitted, bench, store)
     selection = [
         evidence.on([e for e in every if e.use == "select" and e.group == group])
         for group in dict.fromkeys(e.group for e in every if e.use == "select")
     ]
-    search = Search(evidence, selection, terms(evidence, options.only, options.exclude), told)
+    search = Search(evidence, selection, terms(evidence, dataset.device, options.only, options.exclude), told)
     final = search.run(base)
     own = final.hypothesis.terms[len(base.hypothesis.terms) :]
     told("looking for rivals")
@@ -146,13 +153,18 @@ def _diagnose(dataset: Dataset, parts: Split, options: Options, bench: Bench, to
         experiments=every,
         effective=evidence.effective,
     )
+    if others:
+        told("looking for the experiment that separates them")
+        result.next_experiment = propose(evidence, dataset.device, final, others[0].fit).as_json()
     told("showing it on trials kept back")
     _show(result, evidence)
     result.rollouts = bench.rollouts
     return result
 
 
-def base_fit(dataset: Dataset, fitted: Sequence[Experiment], bench: Bench) -> tuple[Fit, Evidence]:
+def base_fit(
+    dataset: Dataset, fitted: Sequence[Experiment], bench: Bench, store: Store | None = None
+) -> tuple[Fit, Evidence]:
     """The device without new effects, and the evidence weighed by the noise of its residuals."""
     plain = Hypothesis(dataset.device, tuple(dataset.uncertain.items()), ())
     bare = Evidence(bench, fitted, {})
@@ -161,7 +173,7 @@ def base_fit(dataset: Dataset, fitted: Sequence[Experiment], bench: Bench) -> tu
     for _ in range(2):  # the noise of the inputs shows through the device, so it changes a little with it
         deviations = tuple((channel, each.deviation) for channel, each in noise.items())
         hypothesis = Hypothesis(plain.device, plain.uncertain, deviations)
-        evidence = Evidence(bench, fitted, noise)
+        evidence = Evidence(bench, fitted, noise, store)
         found = fit(evidence, hypothesis, found.steps if found else None)
         noise = noises.measure(fitted, found.residuals)
     assert found is not None
@@ -215,5 +227,7 @@ def _show(result: Diagnosis, evidence: Evidence) -> None:
             float(np.sqrt(np.mean(np.concatenate([found[channel] for found in each if channel in found]) ** 2)))
             for each in residuals
         ]
-        floor = floors[channel] if channel in floors else evidence.noise[channel]
+        floor = floors.get(channel, evidence.noise.get(channel))
+        if floor is None:  # never repeated, so nobody knows how well it could be met
+            continue
         result.gap[channel] = Gap(before=rms[0], refitted=rms[1], after=rms[2], floor=floor.deviation)

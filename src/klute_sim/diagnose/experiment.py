@@ -24,8 +24,9 @@ from klute_sim.units import BAR
 
 Array = NDArray[np.float64]
 
-STEP = 2.5e-4
-"""Time step [s]; at 0.5 ms its error is a fifth of a load cell's noise."""
+STEPS_PER_SAMPLE = 20
+SHORTEST, LONGEST = 2.5e-4, 5e-3
+"""Time steps [s]: with a shorter one the error is lost in a load cell's noise; a longer one is not needed."""
 
 UNITS = {"force": ("N", 1.0), "pressure": ("bar", BAR), "muscle_length": ("mm", 1e-3)}
 """Channel -> unit it is shown in, and that unit in SI."""
@@ -56,6 +57,8 @@ class Experiment:
     device: Device
     begin: float
     """Time of the first sample [s]."""
+    step: float
+    """Between the inputs below [s]."""
     unit_length: Array
     """[m], one per step."""
     command: Array
@@ -66,7 +69,7 @@ class Experiment:
     @property
     def duration(self) -> float:
         """[s]"""
-        return len(self.unit_length) * STEP
+        return len(self.unit_length) * self.step
 
 
 def prepare(dataset: Dataset, split: Split) -> list[Experiment]:
@@ -81,7 +84,9 @@ def _experiment(trial: Trial, use: Use) -> Experiment:
     length, command = trial.prescribed["length"], trial.prescribed["pressure_command"]
     begin = max(length.time[0], command.time[0])
     end = min(length.time[-1], command.time[-1])
-    grid = begin + STEP * np.arange(1, int((end - begin) / STEP) + 1)
+    interval = float(min(np.median(np.diff(series.time)) for series in (length, command)))
+    step = interval / max(1, round(interval / min(max(interval / STEPS_PER_SAMPLE, SHORTEST), LONGEST)))
+    grid = begin + step * np.arange(1, int((end - begin) / step + 1e-6) + 1)
     measured = {}
     for name, series in trial.measured.items():
         good = np.isfinite(series.value) & (series.time > begin) & (series.time <= grid[-1])
@@ -92,6 +97,7 @@ def _experiment(trial: Trial, use: Use) -> Experiment:
         use=use,
         device=trial.device,
         begin=begin,
+        step=step,
         unit_length=np.interp(grid, length.time, length.value),
         command=np.interp(grid, command.time, command.value),
         measured=measured,
@@ -102,12 +108,12 @@ def trace(setting: Setting, experiment: Experiment) -> Trace:
     """What the device does at every step of ``experiment``, from rest at its first inputs."""
     length, command = experiment.unit_length, experiment.command
     start = settled(setting.parameters, float(length[0]), float(command[0]))
-    return rollout(setting.parameters, length, command, STEP, start=start, threads=1)
+    return rollout(setting.parameters, length, command, experiment.step, start=start, threads=1)
 
 
 def shown(setting: Setting, experiment: Experiment, found: Trace) -> dict[str, Array]:
     """What the instruments of ``experiment`` would have shown of ``found``, at the times of their samples."""
-    time = experiment.begin + STEP * np.arange(1, len(found.tension) + 1)
+    time = experiment.begin + experiment.step * np.arange(1, len(found.tension) + 1)
     values = {"force": found.tension, "pressure": found.pressure, "muscle_length": found.length}
     result = {}
     for channel, series in experiment.measured.items():

@@ -1,5 +1,6 @@
 """The unknowns of a hypothesis, fitted to measured trials."""
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -9,6 +10,7 @@ from scipy.optimize import least_squares
 from klute_sim.diagnose.experiment import Array, Bench, Experiment
 from klute_sim.diagnose.hypothesis import Hypothesis
 from klute_sim.diagnose.noise import Noise, Residuals
+from klute_sim.diagnose.store import Store
 
 DIFFERENCE = 1e-3
 """Of an unknown, in steps of its own size, to take derivatives with."""
@@ -24,6 +26,8 @@ class Evidence:
     bench: Bench
     experiments: Sequence[Experiment]
     noise: Mapping[str, Noise]
+    store: Store | None = None
+    """Where finished fits are kept."""
 
     @property
     def effective(self) -> float:
@@ -58,7 +62,7 @@ class Evidence:
 
     def on(self, experiments: Sequence[Experiment]) -> "Evidence":
         """Other trials, weighed alike."""
-        return Evidence(self.bench, experiments, self.noise)
+        return Evidence(self.bench, experiments, self.noise, self.store)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +95,33 @@ class Fit:
         return self.cost + (len(self.steps) - self.hypothesis.base) * float(np.log(effective))
 
 
-def fit(evidence: Evidence, hypothesis: Hypothesis, start: Array | None = None, *, rounds: int = MOST_ROUNDS) -> Fit:
-    """Fit ``hypothesis`` from ``start`` (in steps; None: nominal and neutral) by bounded least squares."""
+def fit(
+    evidence: Evidence,
+    hypothesis: Hypothesis,
+    start: Array | None = None,
+    slope: Array | None = None,
+    *,
+    rounds: int = MOST_ROUNDS,
+) -> Fit:
+    """Fit ``hypothesis`` from ``start`` (in steps; None: nominal and neutral) by bounded least squares.
+
+    ``slope`` is the Jacobian at ``start``, or near enough to find the first direction, where it is known.
+    """
+    question = repr((hypothesis, sorted(evidence.noise.items()), [e.name for e in evidence.experiments], rounds))
+    begin = hypothesis.start() if start is None else start
+    question += hashlib.sha256(begin.tobytes() + (b"" if slope is None else slope.tobytes())).hexdigest()
+    kept = evidence.store.get(question) if evidence.store else None
+    if kept is not None:
+        residuals = evidence.residuals(hypothesis, [kept["steps"]])[0]
+        return Fit(hypothesis, kept["steps"], kept["vector"], kept["jacobian"], bool(kept["converged"]), residuals)
+    done = _fit(evidence, hypothesis, begin, slope, rounds)
+    if evidence.store:
+        whether = np.array(done.converged)
+        evidence.store.put(question, steps=done.steps, vector=done.vector, jacobian=done.jacobian, converged=whether)
+    return done
+
+
+def _fit(evidence: Evidence, hypothesis: Hypothesis, begin: Array, slope: Array | None, rounds: int) -> Fit:
     low, high = hypothesis.bounds()
     prior = np.eye(hypothesis.base, len(hypothesis.unknowns))
     seen: dict[bytes, tuple[Array, Residuals]] = {}
@@ -103,7 +132,11 @@ def fit(evidence: Evidence, hypothesis: Hypothesis, start: Array | None = None, 
             seen[row.tobytes()] = (np.concatenate([evidence.weighted(found), row[: hypothesis.base]]), found)
         return [seen[row.tobytes()][0] for row in rows]
 
+    known = [] if slope is None else [slope]
+
     def jacobian(row: Array) -> Array:
+        if known:
+            return known.pop()
         # Into the bounds, one unknown at a time, all at once on the bench.
         signs = np.where(row + DIFFERENCE > high, -1.0, 1.0)
         moved = [row + DIFFERENCE * sign * unit for sign, unit in zip(signs, np.eye(len(row)), strict=True)]
@@ -113,7 +146,6 @@ def fit(evidence: Evidence, hypothesis: Hypothesis, start: Array | None = None, 
             seen.pop(one.tobytes(), None)
         return found
 
-    begin = hypothesis.start() if start is None else start
     inside = np.clip(begin, low + 1e-9, high - 1e-9)
     if not len(inside):
         vector = vectors([inside])[0]

@@ -12,6 +12,8 @@ from klute_sim.units import BAR
 
 Mask = NDArray[np.bool_]
 
+CONTRAST = 0.2
+"""Share of the misfit less share of the samples, from which a region is worth naming."""
 EDGES = (0.25, 0.5, 0.75)
 """Quantiles at which a circumstance may be cut in two."""
 
@@ -21,7 +23,7 @@ class Place(NamedTuple):
 
     channel: str
     share: float
-    """Of all channels' squared misfit in units of their noise."""
+    """Of all channels' squared misfit in units of their noise, what is in the region."""
     region: str
     """Where in the channel most of it is; '' if everywhere alike."""
     concentration: float
@@ -44,10 +46,10 @@ def locate(evidence: Evidence, base: Fit) -> list[Place]:
         square = np.concatenate(squares)
         joined = {name: np.concatenate([c[name] for c in circumstances]) for name in circumstances[0]}
         sizes[channel] = max(0.0, float(square.mean())) / noise.deviation**2
-        region, concentration = _region(square, joined)
-        found.append(Place(channel, 0.0, region, concentration))
+        region, inside, concentration = _region(square, joined)
+        found.append(Place(channel, inside, region, concentration))
     whole = sum(sizes.values()) or 1.0
-    return sorted((p._replace(share=sizes[p.channel] / whole) for p in found), key=lambda p: -p.share)
+    return sorted((p._replace(share=p.share * sizes[p.channel] / whole) for p in found), key=lambda p: -p.share)
 
 
 def _circumstances(experiment: Experiment, channel: str, count: int) -> dict[str, Array]:
@@ -71,24 +73,30 @@ def _smooth(values: Array, experiment: Experiment) -> Array:
     return np.convolve(values, np.ones(width) / width, mode="same")
 
 
-def _region(square: Array, circumstances: dict[str, Array]) -> tuple[str, float]:
-    """The one or two cuts that hold the most of ``square`` in the least of the samples."""
+def _region(square: Array, circumstances: dict[str, Array]) -> tuple[str, float, float]:
+    """The one or two cuts that hold the most of ``square`` in the least of the samples.
+
+    With the share of ``square`` that they hold, and its mean there over its mean everywhere.
+    """
     chosen: list[str] = []
     inside: Mask = np.ones(len(square), dtype=np.bool_)
     for _ in range(2):
         best = max(_cuts(square, inside, circumstances), default=None, key=lambda cut: cut[0])
-        if best is None or best[0] < 1.3:
+        if best is None or best[0] < CONTRAST:
             break
         chosen.append(best[1])
         inside = best[2]
-    mean = float(square.mean())
-    return ", ".join(chosen), float(square[inside].mean()) / mean if mean > 0.0 else 1.0
+    whole = float(square.sum())
+    if not whole > 0.0:
+        return "", 1.0, 1.0
+    share = float(square[inside].sum()) / whole
+    return ", ".join(chosen), min(1.0, share), share / float(inside.mean())
 
 
 def _cuts(square: Array, inside: Mask, circumstances: dict[str, Array]) -> list[tuple[float, str, Mask]]:
-    mean = float(square[inside].mean())
+    whole, count = float(square[inside].sum()), int(inside.sum())
     found: list[tuple[float, str, Mask]] = []
-    if not mean > 0.0:
+    if not whole > 0.0:
         return found
     for name, values in circumstances.items():
         edges = [0.0] if name == "speed" else [float(np.quantile(values[inside], q)) for q in EDGES]
@@ -97,8 +105,9 @@ def _cuts(square: Array, inside: Mask, circumstances: dict[str, Array]) -> list[
                 both = inside & part
                 if both.sum() < 0.1 * len(square):
                     continue
-                gain = float(square[both].mean()) / mean
-                found.append((gain * np.sqrt(both.sum() / inside.sum()), _words(name, word, edge), both))
+                # More of the misfit than of the samples is in there.
+                contrast = float(square[both].sum()) / whole - both.sum() / count
+                found.append((contrast, _words(name, word, edge), both))
     return found
 
 

@@ -32,7 +32,7 @@ CLAMPED = 0.08
 """The same for a bare muscle, which pushes on its clamps when it is short and its pressure is low."""
 CLAMPED_FROM = 0.99
 """Longest length of a bare muscle over its resting length, which a tester must not exceed by its own error."""
-LONGEST_STROKE = 0.040
+LONGEST_STROKE = 0.035
 SHORTEST_STROKE = 0.001
 """Of all protocols [m]; less than the shortest tells nothing."""
 
@@ -129,7 +129,7 @@ class _Length:
 
     def with_pressure(self, *levels: tuple[float, float]) -> Program:
         """Whole samples, at rest to the end, the pressure command stepping to each (time [s], level [Pa]) in turn."""
-        time = SAMPLE * np.arange(int(np.ceil(self.end / SAMPLE - 1e-9)) + 1)
+        time: Array = SAMPLE * np.arange(int(np.ceil(self.end / SAMPLE - 1e-9)) + 1, dtype=np.float64)
         length, command = np.full(len(time), self.here), np.empty(len(time))
         begins = [*(begin for begin, _ in self._pieces), self.end]
         for k, (begin, piece) in enumerate(self._pieces):
@@ -145,8 +145,8 @@ def steps(device: Device) -> Program:
     at = limits(device)
     order = (at.high, at.low, at.middle, at.empty, at.middle)
     length, levels = _Length(at.at(1.0)), [(0.0, at.middle)]
-    for share in (1.0, 0.55, 0.15):
-        length.move(at.at(share), 0.05)
+    for share in (1.0, 0.15, 0.55):
+        length.move(at.at(share), 0.08).hold(0.02)
         levels += [(length.end + 0.4 * k, level) for k, level in enumerate(order)]
         length.hold(0.4 * len(order))
     return length.with_pressure(*levels)
@@ -218,7 +218,7 @@ def mixed(device: Device) -> Program:
     """Everything at once, of another spectrum than the others: the pressure steps while the length moves."""
     at = limits(device)
     length = _Length(at.at(0.8))
-    for share, speed in ((0.2, 0.03), (0.9, 0.12), (0.35, 0.22), (1.0, 0.08), (0.1, 0.25), (0.7, 0.05), (0.25, 0.17)):
+    for share, speed in ((0.2, 0.03), (0.9, 0.22), (0.35, 0.12), (1.0, 0.08), (0.1, 0.25), (0.7, 0.05), (0.25, 0.17)):
         length.move(at.at(share), speed).hold(0.06)
     length.swing(0.2 * (at.long - at.short), 3.3, 3).move(at.at(0.95), 0.1)
     length.swing(0.8 * (at.long - at.short), 1.7, 3).hold(0.3)
@@ -252,7 +252,10 @@ PROTOCOLS = {
             "steps",
             "fit",
             "Pressure steps at three lengths, below 2 bar too: how pressure arrives, and what it pulls with where.",
-            ("pressure_lag", "pressure_delay", "regulator_error", "threshold_pressure", "end_taper"),
+            (
+                *("pressure_lag", "pressure_delay", "regulator_error"),
+                *("threshold_pressure", "end_taper", "bladder", "friction_offset"),
+            ),
             steps,
         ),
         Protocol(
@@ -286,7 +289,7 @@ PROTOCOLS = {
         Protocol(
             "slack",
             "fit",
-            "A hardly inflated muscle let slack and pulled taut again: where pulling begins, in length and in pressure.",
+            "A hardly inflated muscle let slack and pulled taut: where pulling begins, in length and in pressure.",
             ("tendon_slack", "threshold_pressure", "sensor_offset"),
             slack,
         ),

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from klute_sim.device.files import Device
 from klute_sim.diagnose.experiment import UNITS, Array
 from klute_sim.diagnose.fit import Evidence, Fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
@@ -27,17 +28,30 @@ class Candidate(NamedTuple):
     """By how much chi squared would fall if everything were linear."""
     steps: float
     """Its first parameter then, in steps of its size."""
+    change: Array
+    """Of the weighted residuals, per step of it."""
     signature: Array
-    """What is left of its change after projection, of length 1."""
+    """What is left of that after projection, of length 1."""
     kept: float
     """Share of the change that the projection left."""
 
 
-def terms(evidence: Evidence, only: Sequence[str] = (), exclude: Sequence[str] = ()) -> list[Term]:
-    """Everything in the catalogue that ``evidence`` could show; ``only`` and ``exclude`` name effects."""
+def check_names(only: Sequence[str], exclude: Sequence[str]) -> None:
+    """Raise InputError for a name of an effect that there is not."""
+    for name in (*only, *exclude):
+        catalogue.form_of(name, None)
+
+
+def terms(evidence: Evidence, device: Device, only: Sequence[str] = (), exclude: Sequence[str] = ()) -> list[Term]:
+    """Everything in the catalogue that ``evidence`` could show and ``device`` is without.
+
+    ``only`` and ``exclude`` name effects.
+    """
     found = []
     for effect in catalogue.effects().values():
-        if (only and effect.name not in only) or effect.name in exclude:
+        if (only and effect.name not in only) or effect.name in (*exclude, *device.spec.effects):
+            continue
+        if effect.instead_of and getattr(device.spec.muscle, effect.instead_of):
             continue
         if effect.kind == "device":
             found += [Term(effect.name, form.name) for form in effect.forms]
@@ -71,7 +85,7 @@ def screen(evidence: Evidence, current: Fit, candidates: Sequence[Term]) -> list
         low, high = hypothesis.bounds()
         best = min(max(along / size, low[len(current.steps)]), high[len(current.steps)])
         gain = 2.0 * best * size * along - (best * size) ** 2
-        found.append(Candidate(term, gain, best, signature, size / whole))
+        found.append(Candidate(term, gain, best, change, signature, size / whole))
     return sorted(found, key=lambda candidate: -candidate.gain)
 
 

@@ -26,7 +26,7 @@ NOTICEABLE = 0.25
 """Of the noise, below which a misfit is not worth a name."""
 LEAST_GAIN = 0.02
 """Mean fall of chi squared on selection trials, relative, and the loss that one group may have."""
-PATIENCE = (2, 3, 25)
+PATIENCE = (3, 4, 25)
 """Rounds of fitting that the shortlist gets, then who is left of it, then who is left of those."""
 BEHIND = 0.3
 """Of the best one's fall of BIC, by which a candidate may be behind to get more rounds."""
@@ -103,18 +103,24 @@ class Search:
             hypothesis = current.hypothesis.plus(candidate.term)
             start = hypothesis.start()
             start[: len(current.steps)] = current.steps
-            start[len(current.steps)] = candidate.steps
-            fits.append(fit(self.evidence, hypothesis, start, rounds=PATIENCE[0]))
+            # From neutral on, where the fit is known to be good, along the change that screening saw. Its other
+            # parameters show only once there is some of it.
+            slope = np.zeros((len(current.vector), len(start)))
+            slope[:, : len(current.steps)] = current.jacobian
+            slope[:, len(current.steps)] = candidate.change
+            fits.append(fit(self.evidence, hypothesis, start, slope, rounds=PATIENCE[0]))
         dropped: list[Fit] = []
         for rounds in PATIENCE[1:]:
-            best = min(goal, *map(self._criterion, fits))
+            if not fits:
+                break
+            best = min([goal, *map(self._criterion, fits)])
             limit = best + max(20.0 * DECISIVE, BEHIND * (self._criterion(current) - best))
             dropped += [f for f in fits if self._criterion(f) > limit]
             fits = [f for f in fits if self._criterion(f) <= limit]
             for k, each in enumerate(fits):
                 if not each.converged:
                     self.told(f"fitting {each.hypothesis.terms[-1]} further")
-                    fits[k] = fit(self.evidence, each.hypothesis, each.steps, rounds=rounds)
+                    fits[k] = fit(self.evidence, each.hypothesis, each.steps, each.jacobian, rounds=rounds)
         return sorted([*fits, *dropped], key=self._criterion)
 
     def _criterion(self, one: Fit) -> float:
@@ -169,7 +175,7 @@ def drop(evidence: Evidence, current: Fit, term: Term) -> Fit:
     """``current`` fitted again without ``term``."""
     number = current.hypothesis.terms.index(term)
     keep = [u.term != number for u in current.hypothesis.unknowns]
-    return fit(evidence, current.hypothesis.minus(term), current.steps[keep])
+    return fit(evidence, current.hypothesis.minus(term), current.steps[keep], current.jacobian[:, keep])
 
 
 def empty(hypothesis: Hypothesis) -> Hypothesis:

@@ -20,6 +20,7 @@ from klute_sim.effects import (
     damper,
     end_taper,
     instrument,
+    ladder,
     muscle_damping,
     supply,
     tendon,
@@ -35,6 +36,8 @@ BUILT_IN = (
     # Where two act at one hook, the earlier acts first.
     threshold_pressure.EFFECT,
     end_taper.EFFECT,
+    ladder.BLADDER,
+    ladder.FRICTION,
     braid_hysteresis.EFFECT,
     muscle_damping.EFFECT,
     bladder_relaxation.EFFECT,

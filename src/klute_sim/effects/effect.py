@@ -89,6 +89,8 @@ class Effect:
     kind: Literal["device", "instrument"]
     forms: tuple[Form, ...]
     """The usual one first."""
+    instead_of: str = ""
+    """A switch of the device file's ``[muscle]`` that must be off, because the device has the effect otherwise."""
     supply: bool = False
     """Whether it acts in the gas supply, which may do work; every other device effect is passive."""
 

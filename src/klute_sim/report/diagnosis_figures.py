@@ -260,9 +260,11 @@ def where(diagnosis: Diagnosis) -> "Figure":
         rows = figure.subfigures(len(channels), 1, squeeze=False)[:, 0]
         for row, channel in zip(rows, channels, strict=True):
             own, place = seen(diagnosis, channel), told[channel]
-            share = f"{100.0 * place.share:.0f} % of the misfit of all channels"
-            most = f", most of it {words.spoken(place.region)}" if place.region else ""
-            row.suptitle(f"{words.spoken(channel)}: {share}{most}", fontsize=10, fontweight="bold")
+            title = f"{words.spoken(channel)}: rms {np.sqrt(np.mean(own.before**2)):.3g} times the noise"
+            if diagnosis.verdict != "nothing-missing":  # shares of nothing
+                title += f", {100.0 * place.share:.0f} % of the misfit of all channels"
+                title += f", most of it {place.region}" if place.region else ""
+            row.suptitle(title, fontsize=10, fontweight="bold")
             axes = row.subplots(1, len(pairs) + 2, squeeze=False)[0]
             axes[-1].sharey(axes[-2])
             _maps(row, axes[: len(pairs)], own, pairs)
@@ -275,7 +277,7 @@ def _maps(figure: Any, axes: Any, own: Seen, pairs: list[tuple[str, str]]) -> No
     pressure, length = own.pressure / BAR, own.length * 1e3
     edges = [np.histogram_bin_edges(length, BINS), np.histogram_bin_edges(pressure, BINS)]
     maps = [_binned((length, pressure), edges, getattr(own, which)) for which, _ in pairs]
-    top = max(2.0, max(float(np.nanmax(found, initial=0.0)) for found in maps))
+    top = max(3.0, max(float(np.nanmax(found, initial=0.0)) for found in maps))
     for axis, found, (_, name) in zip(axes, maps, pairs, strict=True):
         mesh = axis.pcolormesh(*edges, found.T, cmap="YlOrRd", vmin=0.0, vmax=top)
         axis.set_title(name)
@@ -307,7 +309,14 @@ def _over_time(axis: "Axes", own: Seen, pairs: list[tuple[str, str]]) -> None:
     axis.set_xlim(0.0, edges[-1])
     axis.set_xlabel("time from the trial's start [s]")
     axis.set_ylabel("rms misfit / sd of the noise")
-    axis.legend(ncols=len(pairs) + 1, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+    axis.legend(
+        ncols=len(pairs) + 1,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        borderaxespad=0.2,
+        columnspacing=0.9,
+        handlelength=1.2,
+    )
 
 
 def _by_motion(axis: "Axes", own: Seen, pairs: list[tuple[str, str]]) -> None:

@@ -102,7 +102,7 @@ def verdict(diagnosis: Diagnosis) -> str:
         comes = "come" if len(diagnosis.found) > 1 else "comes"
         return f"The simulation lacks something that is not fully explained; {closest} {comes} closest, as a proxy."
     parts = []
-    for kind, words in (("device", "the simulated device lacks"), ("instrument", "the data show an instrument's")):
+    for kind, words in (("device", "the simulated device lacks"), ("instrument", "an instrument is at fault:")):
         own = [term(t) for t in diagnosis.found if t.entry.kind == kind]
         if own:
             parts.append(f"{words} {joined(own)}")

@@ -1,0 +1,58 @@
+"""Whether a verdict is right, given the sealed truth."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+Truth = Mapping[str, Any]
+Verdict = Mapping[str, Any]
+
+FLAGGED = {"unexplained", "insufficient-data"}
+SMALL = 1.0
+"""Size, in units of the noise, below which nothing needs to be found."""
+
+
+def label(effect: Mapping[str, Any]) -> str:
+    """An effect's name; with its channel if it is an instrument's."""
+    return f"{effect['name']}@{effect['channel']}" if effect.get("channel") else str(effect["name"])
+
+
+def hidden(truth: Truth) -> list[str]:
+    """What is hidden, sorted."""
+    return sorted(label(each) for each in [*truth["effects"], *truth["instruments"]])
+
+
+def named(verdict: Verdict) -> list[str]:
+    """What was named, sorted; proxies are not named."""
+    if verdict["verdict"] not in ("named", "ambiguous"):
+        return []
+    return sorted(label(each) for each in verdict["effects"])
+
+
+def score(truth: Truth, verdict: Verdict, deleted: Sequence[str] = ()) -> str:
+    """One word: ``right``, ``wrong`` (a name that is not true), ``missed``, ``part``, ``flagged`` or ``false-alarm``.
+
+    *right*: exactly what is hidden was named, or it is among the sets that an ambiguous verdict lists; for clean data,
+    that nothing is missing; for defective data and effects that were ``deleted`` from the catalogue, that the program
+    did not answer with a name. *part*: some of several, and nothing else.
+    """
+    true, found, kind = hidden(truth), named(verdict), verdict["verdict"]
+    if truth.get("defect"):
+        return "right" if not found else "false-alarm"
+    if deleted:
+        return "flagged" if kind == "unexplained" else ("missed" if kind == "nothing-missing" else "wrong")
+    if not true:
+        return "right" if kind == "nothing-missing" else ("false-alarm" if found else "flagged")
+    if found == true:
+        return "right"
+    if kind == "ambiguous" and true in [sorted(each) for each in verdict["alternatives"]]:
+        return "right"
+    if not found:
+        return "flagged" if kind in FLAGGED else "missed"
+    return "part" if set(found) < set(true) else "wrong"
+
+
+def kinds_confused(truth: Truth, verdict: Verdict) -> bool:
+    """Whether a fault of an instrument was taken for physics, or the other way round."""
+    found = named(verdict)
+    physics, faults = any("@" not in name for name in found), any("@" in name for name in found)
+    return bool((faults and not truth["instruments"]) or (physics and not truth["effects"]))

@@ -1,0 +1,222 @@
+"""``klute-sim effects`` as a user types it, and the page about effects."""
+
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from klute_sim.cli import effects as command
+from klute_sim.device.files import load, read
+from klute_sim.effects import catalogue
+from klute_sim.effects.effect import HOOKS, Parameter
+from klute_sim.units import KEY_UNITS
+
+ROOT = Path(__file__).parents[2]
+USERS = ROOT / "tests" / "effects" / "users.py"
+PAGE = (ROOT / "docs" / "effects.md").read_text("utf-8")
+EFFECTS = catalogue.effects()
+HEAVY = ("gymnasium", "matplotlib", "mujoco", "numba", "numpy", "pint", "pyarrow", "pydantic", "rich", "scipy")
+
+
+def run(*arguments: str, cwd: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "klute_sim", *arguments],
+        cwd=cwd,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("name", ["effects", "measure"])
+def test_help_has_examples_and_imports_nothing_heavy(name: str) -> None:
+    code = (
+        "import sys\nfrom klute_sim.cli import main\n"
+        f"try: main([{name!r}, '--help'])\n"
+        f"finally: print('heavy:', [m for m in {HEAVY!r} if m in sys.modules])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Examples:" in done.stdout
+    assert "heavy: []" in done.stdout
+    assert f"  {name} " in run("--help").stdout
+
+
+def test_all_are_listed_with_their_forms() -> None:
+    table = run("effects").stdout
+    listed = json.loads(run("effects", "--json").stdout)
+    assert [one["name"] for one in listed] == list(EFFECTS)
+    for one in listed:
+        effect = EFFECTS[one["name"]]
+        row = next(line for line in table.splitlines() if f" {effect.name} " in line)
+        assert effect.kind in row
+        assert effect.forms[0].name in row
+        assert (one["kind"], one["sentence"], one["supply"]) == (effect.kind, effect.sentence, effect.supply)
+        assert (one["instead_of"] or "") == effect.instead_of
+        assert [form["name"] for form in one["forms"]] == [form.name for form in effect.forms]
+    assert run("effects", "sensor_drift", "--json").stdout.startswith("{")
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_form_is_shown_whole(name: str) -> None:
+    effect, shown = EFFECTS[name], command.describe(EFFECTS[name])
+    json.dumps(shown, allow_nan=False)
+    for form, told in zip(effect.forms, shown["forms"], strict=True):
+        assert told["equation"] == form.equation
+        assert told["hooks"] == list(form.laws)
+        for parameter, row in zip(form.parameters, told["parameters"], strict=True):
+            assert (row["key"], row["typical"], row["neutral"], row["source"]) == (
+                parameter.key,
+                parameter.typical,
+                parameter.neutral,
+                parameter.source,
+            )
+            assert row["low"] == (parameter.low if math.isfinite(parameter.low) else None)
+            assert row["high"] == (parameter.high if math.isfinite(parameter.high) else None)
+            assert row["assumed"] == row["source"].startswith("assumed")
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_the_snippet_is_a_device_files_section_of_typical_size(name: str) -> None:
+    effect, plain = EFFECTS[name], load("klute-3-4-pair")
+    for form in effect.forms:
+        snippet = command.snippet(effect, form)
+        if effect.kind == "instrument":
+            assert snippet is None
+            continue
+        switch = f"[muscle]\n{effect.instead_of} = false" if effect.instead_of else "[muscle]"
+        text = plain.content.decode().replace("[muscle]", switch)
+        device = read(f"{text}\n{snippet}\n".encode(), "with it")
+        assert (f"needs {effect.instead_of} = false" in str(snippet)) == bool(effect.instead_of)
+        typical = {parameter.key: parameter.typical for parameter in form.parameters}
+        assert device.parameters.effects == catalogue.values({(name, form.name): typical})
+
+
+def test_what_is_printed_of_one() -> None:
+    shown = run("effects", "braid_hysteresis").stdout
+    for piece in ("Form coulomb (the usual one): F += n slope P sign(v)", "Form maxwell_slip: ", "N/bar", "0 to 60",
+                  "none: a shape", "assumed", "muscle_force: the muscle's tension", "remember: its own memory",
+                  'form = "maxwell_slip"\nslope_n_per_bar = 8.0\nstiffness_n_per_mm = 40.0\n', "not of its gas supply",
+                  ):  # fmt: skip
+        assert piece in shown, piece
+    offset = run("effects", "sensor_offset").stdout
+    assert "never in a device file" in offset
+    assert "[effects." not in offset
+    assert "channel's unit" in offset
+    delay = run("effects", "pressure_delay").stdout
+    assert "in its gas supply, which may do work" in delay
+    assert command.WHOLE_SERIES in delay
+
+
+@pytest.mark.parametrize(
+    ("effect", "key", "unit"),
+    [
+        ("muscle_damping", "coefficient_n_s_per_m", "N s/m"),
+        ("laminar_orifice", "transition_speed_mm_per_s", "mm/s"),
+        ("tendon_hysteresis", "loss_fraction", "1"),
+        ("threshold_pressure", "pressure_bar", "bar"),
+        ("sensor_drift", "rate_per_s", "channel's unit/s"),
+        ("sensor_lag", "time_constant_s", "s"),
+    ],
+)
+def test_units_are_those_of_the_keys(effect: str, key: str, unit: str) -> None:
+    parameter = next(p for form in EFFECTS[effect].forms for p in form.parameters if p.key == key)
+    assert command.unit(EFFECTS[effect], parameter) == unit
+
+
+def test_every_unit_and_hook_has_words() -> None:
+    assert set(command.UNITS) == set(KEY_UNITS)
+    assert set(command.PLACES) == set(HOOKS)
+    size = {"_mm": "mm", "_n_per_mm": "N/mm", "_kpa": "kPa", "_n_per_bar": "N/bar", "_kg_m3": "kg/m3"}
+    assert size.items() <= command.UNITS.items()
+    unbounded = Parameter(key="x_mm", neutral=0.0, low=0.0, high=math.inf, typical=1.0, source="assumed")
+    assert command.unit(EFFECTS["tendon_slack"], unbounded) == "mm"
+
+
+def test_a_file_of_ones_own_is_run_and_said_to_be() -> None:
+    done = run("effects", "warming", "--json", "--catalogue", str(USERS))
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == f"The code in {USERS} is run.\n"
+    shown = json.loads(done.stdout)
+    assert shown["forms"][0]["device_file"] == (
+        '[effects.warming]\nform = "first_order"\ngain = 0.02\ntime_constant_s = 1.0'
+    )
+    listed = json.loads(run("effects", "--json", "--catalogue", str(USERS)).stdout)
+    assert [one["name"] for one in listed] == [*EFFECTS, "warming"]
+    assert json.loads(run("effects", "warming", "--json", KLUTE_SIM_CATALOGUE=str(USERS)).stdout) == shown
+
+
+def test_a_file_of_ones_own_comes_before_the_law() -> None:
+    code = (
+        "from pathlib import Path\nfrom klute_sim.cli.effects import use\nimport sys\n"
+        f"use(Path({str(USERS)!r}))\nassert 'klute_sim.device.step' not in sys.modules\n"
+        "from klute_sim.device import step\nfrom klute_sim.effects import catalogue\n"
+        "assert step.VALUES == catalogue.sizes()[0]\nassert catalogue.slot('warming', 'first_order')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["nope"], "there is no effect 'nope'; there are: threshold_pressure, end_taper"),
+        (["--catalogue", ""], "the path is empty"),
+        (["--catalogue", "missing.py"], "catalogue "),
+        (["--catalogue", "missing.py"], "does not exist"),
+        (["warming"], "there is no effect 'warming'"),
+        (["a", "b"], "unexpected extra argument"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments: list[str], says: str, tmp_path: Path) -> None:
+    done = run("effects", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [("1/0\n", "cannot be run: ZeroDivisionError"), ("x = 1\n", "has no EFFECTS"), ("EFFECTS = [3]\n", "holds 3")],
+)
+def test_a_bad_file_is_one_sentence_after_the_note(text: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(text)
+    done = run("effects", "--catalogue", "mine.py", cwd=tmp_path)
+    assert done.returncode == 2
+    note, sentence = done.stderr.splitlines()
+    assert note == "The code in mine.py is run."
+    assert sentence.startswith("klute-sim: catalogue ")
+    assert says in sentence
+
+
+def test_the_pages_table_is_the_catalogue() -> None:
+    table = PAGE.split("## The catalogue\n")[1].split("\n## ")[0]
+    rows = [line for line in table.splitlines() if line.startswith("| `")]
+    assert rows == [
+        f"| `{e.name}` | {e.kind}{', supply' if e.supply else ''} | {', '.join(f'`{f.name}`' for f in e.forms)} | "
+        f"{e.sentence} |"
+        for e in EFFECTS.values()
+    ]
+
+
+def test_the_pages_own_effect_is_the_one_that_is_tested() -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+    assert USERS.read_text("utf-8") in blocks
+
+
+def test_the_page_names_every_hook_and_unit() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| `[\w, ]+`", PAGE, re.MULTILINE)
+    assert rows == list(HOOKS)
+    assert all(f"`{end}`" in PAGE for end in KEY_UNITS)
+
+
+def test_the_pages_section_is_the_printed_one() -> None:
+    effect = EFFECTS["braid_hysteresis"]
+    assert f"```toml\n{command.snippet(effect, effect.forms[0])}\n```" in PAGE

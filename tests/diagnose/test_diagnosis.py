@@ -1,0 +1,226 @@
+"""The whole workflow, on data from a generator that shares no code with it, as a user would run it."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made import dataset as made
+
+from klute_sim.dataset import dataset as datasets
+from klute_sim.device.files import load
+from klute_sim.diagnose.device_file import augmented
+from klute_sim.diagnose.diagnosis import Diagnosis, Options, diagnose
+from klute_sim.diagnose.experiment import Bench, prepare
+from klute_sim.diagnose.hypothesis import Hypothesis
+from klute_sim.diagnose.verdict import as_json, headline
+from klute_sim.errors import InputError
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "hidden_effects"))
+from generate import make
+from score import score
+
+QUIET: dict[str, Any] = {"muscle_length": False}
+
+
+def hidden(folder: Path, seed: int, **what: Any) -> tuple[datasets.Dataset, dict[str, Any]]:
+    """A dataset of the generator and its truth."""
+    truth = make(folder, seed, **{**QUIET, **what})
+    return datasets.read(folder), truth
+
+
+def effect(name: str, form: str, **parameters: float) -> dict[str, Any]:
+    return {"name": name, "form": form, "parameters": parameters}
+
+
+@pytest.fixture(scope="module")
+def friction(tmp_path_factory: pytest.TempPathFactory) -> tuple[Diagnosis, dict[str, Any]]:
+    """The diagnosis of hidden dry friction."""
+    data, truth = hidden(
+        tmp_path_factory.mktemp("hidden") / "friction",
+        11,
+        effects=[effect("braid_hysteresis", "coulomb", slope_n_per_bar=6.0)],
+    )
+    return diagnose(data), truth
+
+
+def test_hidden_friction_is_named_with_its_size(friction: tuple[Diagnosis, dict[str, Any]]) -> None:
+    found, truth = friction
+    verdict = as_json(found)
+    assert score(truth, verdict) == "right"
+    assert verdict["verdict"] == "named"
+    (only,) = verdict["effects"]
+    assert only["form"] == "coulomb"
+    slope = only["parameters"]["slope_n_per_bar"]
+    assert slope["low"] < 6.0 < slope["high"]
+    assert slope["value"] == pytest.approx(6.0, rel=0.05)
+    gap = verdict["gap"]["force"]
+    assert gap["before"] > 3.0 * gap["floor"]
+    assert gap["after"] < 1.10 * gap["floor"]
+    assert headline(found) == "A missing effect was found: braid_hysteresis (coulomb)."
+    assert verdict["split"]["show"] == ["show_1_a", "show_1_b"]
+    assert 0.5 < sum(place["share"] for place in verdict["where"]) <= 1.01
+    assert verdict["where"][0]["channel"] == "force"
+    assert "bar" in verdict["where"][0]["region"]  # it grows with pressure
+
+
+def test_the_device_file_is_the_fit_and_with_it_nothing_is_missing(
+    friction: tuple[Diagnosis, dict[str, Any]], tmp_path: Path
+) -> None:
+    found, _ = friction
+    assert found.final is not None
+    file = tmp_path / "device.toml"
+    file.write_bytes(augmented(found.final, "test").content)
+    device = load(str(file))
+    assert device.spec.effects["braid_hysteresis"]["form"] == "coulomb"
+    assert device.spec.sources["effects.braid_hysteresis.slope_n_per_bar"] == "fitted by klute-sim diagnose to test"
+    data = datasets.read(found.dataset.folder, device)
+    bench, own, theirs = Bench(2), found.experiments, prepare(data, datasets.split(data))
+    (fitted,) = bench.simulate([found.final.hypothesis.settings(found.final.steps, own)], own)
+    (written,) = bench.simulate([Hypothesis(device, (), ()).settings(np.zeros(0), theirs)], theirs)
+    bench.close()
+    for a, b in zip(fitted, written, strict=True):
+        for channel in a:
+            assert np.abs(a[channel] - b[channel]).max() < 1e-9 * np.abs(a[channel]).max()
+    again = diagnose(data)
+    assert again.verdict == "nothing-missing", again.reasons
+    assert as_json(again)["effects"] == []
+
+
+def test_without_the_true_effect_in_the_catalogue_it_says_so(friction: tuple[Diagnosis, dict[str, Any]]) -> None:
+    found = diagnose(friction[0].dataset, Options(exclude=("braid_hysteresis", "seal_friction")))
+    assert found.verdict == "unexplained"
+    assert all(each["proxy"] for each in as_json(found)["effects"])
+    assert any("standard errors" in reason for reason in found.reasons)
+
+
+def test_clean_data_miss_nothing(tmp_path: Path) -> None:
+    data, _ = hidden(tmp_path / "clean", 21, block="clean")
+    found = diagnose(data)
+    assert found.verdict == "nothing-missing", found.reasons
+    assert found.gap["force"].after < 1.1 * found.gap["force"].floor
+    assert as_json(found)["device_file"] is None
+
+
+def test_a_wrong_load_cell_is_no_physics(tmp_path: Path) -> None:
+    data, truth = hidden(
+        tmp_path / "instrument", 31, instruments=[{**effect("sensor_gain", "gain", gain=1.06), "channel": "pressure"}]
+    )
+    found = diagnose(data)
+    assert score(truth, as_json(found)) == "right"
+    entries = {(each["kind"], each["channel"]) for each in as_json(found)["effects"]}
+    assert ("instrument", "pressure") in entries or found.verdict == "ambiguous"
+
+
+@pytest.mark.parametrize(
+    ("defect", "words"),
+    [
+        ("no_repeats", "Record every input at least twice"),
+        ("no_excitation", "what depends on speed cannot show"),
+        ("dead_channel", "the channel is dead; it is not used"),
+    ],
+)
+def test_data_that_cannot_answer_are_told_why(defect: str, words: str, tmp_path: Path) -> None:
+    data, _ = hidden(tmp_path / defect, 41, defect=defect, block="defective")
+    found = diagnose(data, Options(only=("muscle_damping",)))
+    assert any(words in reason for reason in found.reasons), found.reasons
+    if defect == "no_repeats":
+        assert found.verdict == "insufficient-data"
+        assert as_json(found)["effects"] == []
+
+
+def test_the_dissertations_own_ladder(tmp_path: Path) -> None:
+    """A geometric model, and data of the device with its bladder and its friction: both are found."""
+    text = load("klute-3-4-pair").content.decode()
+    geometric = text.replace("[muscle]\n", "[muscle]\nbladder = false\nfriction = false\n", 1)
+    assert "bladder = false" in geometric
+    folder = made(tmp_path / "ladder")
+    (folder / "geometric.toml").write_text(geometric, "utf-8")
+    toml = (folder / "dataset.toml").read_text("utf-8").replace('"klute-3-4-pair"', '"geometric.toml"')
+    (folder / "dataset.toml").write_text(toml.replace('"muscle.friction_slope_n_per_bar" = "10 %"\n', ""), "utf-8")
+    found = diagnose(datasets.read(folder))
+    entries = {each["name"]: each["parameters"] for each in as_json(found)["effects"]}
+    assert found.verdict == "named", found.reasons
+    assert list(entries) == ["bladder", "friction_offset"]
+    assert entries["bladder"]["c10_kpa"]["value"] == pytest.approx(118.4, rel=0.03)
+    assert entries["friction_offset"]["slope_n_per_bar"]["value"] == pytest.approx(28.0, rel=0.05)
+    assert entries["friction_offset"]["offset_n"]["value"] == pytest.approx(-38.2, rel=0.1)
+
+
+def command(*arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "klute_sim", "diagnose", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **more},
+    )
+
+
+def test_the_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
+    folder = made(tmp_path / "data", {("muscle_damping", "viscous"): {"coefficient_n_s_per_m": 400.0}})
+    only = ("--only", "muscle_damping", "--only", "seal_friction")
+    done = command(str(folder), "--out", str(tmp_path / "found"), "--json", *only)
+    assert done.returncode == 0, done.stderr
+    verdict = json.loads(done.stdout)
+    assert verdict == json.loads((tmp_path / "found" / "verdict.json").read_text("utf-8"))
+    assert set(verdict) == {
+        *("schema", "verdict", "effects", "alternatives", "split", "where", "gap", "next_experiment", "device_file")
+    }
+    assert verdict["schema"] == "klute-sim-verdict/1"
+    assert verdict["effects"][0]["parameters"]["coefficient_n_s_per_m"]["value"] == pytest.approx(400.0, rel=0.05)
+    device = load(str(tmp_path / "found" / "device.toml"))
+    assert device.spec.effects["muscle_damping"]["form"] == "viscous"
+    told = command(str(folder), "--out", str(tmp_path / "again"), "--no-report", *only)
+    assert "A missing effect was found: muscle_damping (viscous)." in told.stdout
+    assert "Gap on trials that no fit saw" in told.stdout
+    assert sorted(f.name for f in (tmp_path / "again").iterdir()) == ["device.toml", "verdict.json"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("nowhere",), "no dataset in nowhere"),
+        (("{data}", "--only", "gremlins"), "there is no effect 'gremlins'; there are: "),
+        (("{data}", "--device", "gremlin"), "no device 'gremlin'"),
+        (("{data}", "--catalogue", "gremlins.py"), "does not exist"),
+        (("{data}", "--out", "{data}"), "is not empty"),
+        (("",), "the path is empty"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
+    folder = made(tmp_path / "data", seconds=0.5)
+    done = command(*(a.format(data=folder) for a in arguments))
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert done.stdout == ""
+
+
+def test_a_users_effect_is_found(tmp_path: Path) -> None:
+    users = Path(__file__).parents[1] / "effects" / "users.py"
+    script = (
+        "import sys; sys.path.insert(0, sys.argv[1]); from pathlib import Path; from made import dataset\n"
+        "dataset(Path(sys.argv[2]), {('warming', 'first_order'): {'gain': 0.04, 'time_constant_s': 0.8}})"
+    )
+    data, here = tmp_path / "data", str(Path(__file__).parent)
+    environment = {**os.environ, "KLUTE_SIM_CATALOGUE": str(users)}
+    subprocess.run([sys.executable, "-c", script, here, str(data)], check=True, env=environment)
+    only = ("--only", "warming", "--only", "sensor_gain", "--only", "muscle_damping")
+    done = command(str(data), "--catalogue", str(users), "--out", str(tmp_path / "found"), "--json", *only)
+    assert done.returncode == 0, done.stderr
+    assert "was run for its effects" in done.stderr
+    (only_effect,) = json.loads(done.stdout)["effects"]
+    assert only_effect["name"] == "warming"
+    assert only_effect["parameters"]["gain"]["value"] == pytest.approx(0.04, rel=0.1)
+
+
+def test_a_gait_dataset_is_refused_for_now(tmp_path: Path) -> None:
+    data = datasets.read(made(tmp_path / "data", seconds=0.5))
+    object.__setattr__(data, "rig", "gait")
+    with pytest.raises(InputError, match="rig 'gait' cannot be diagnosed yet"):
+        diagnose(data)

@@ -1,0 +1,172 @@
+"""The parts of the diagnosis against what is known about them: noise, fits, screening, gates, intervals."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made import coloured, dataset
+
+from klute_sim.dataset import dataset as datasets
+from klute_sim.dataset.trial import Series
+from klute_sim.device.files import load
+from klute_sim.diagnose import noise as noises
+from klute_sim.diagnose.diagnosis import base_fit
+from klute_sim.diagnose.doubt import intervals
+from klute_sim.diagnose.experiment import Bench, Experiment, prepare
+from klute_sim.diagnose.fit import Evidence, fit
+from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.diagnose.noise import Noise, correlation, misfit
+from klute_sim.diagnose.screen import check_names, screen, terms
+from klute_sim.diagnose.search import Search, shortlist, significant
+from klute_sim.effects import catalogue
+from klute_sim.errors import InputError
+
+
+def repeated(values: list[np.ndarray], group: str = "g") -> list[Experiment]:
+    """Experiments of which only the measured force matters."""
+    device, time = load("klute-3-4-pair"), np.arange(len(values[0])) * 0.005
+    nothing = np.zeros(3)
+    return [
+        Experiment(f"{group}{k}", group, "fit", device, 0.0, 0.005, nothing, nothing, {"force": Series(time, v)})
+        for k, v in enumerate(values)
+    ]
+
+
+def test_noise_is_measured_from_repeats_whatever_they_have_in_common() -> None:
+    random = np.random.default_rng(0)
+    common = 40.0 * np.sin(np.arange(4000) / 50)
+    residuals = [{"force": common + coloured(random, 4000, 3.0, 0.02)} for _ in range(4)]
+    found = noises.measure(repeated([r["force"] for r in residuals]), residuals)["force"]
+    assert found.deviation == pytest.approx(3.0, rel=0.05)
+    # An AR(1) process with a lag-one correlation r has (1 + r)/(1 - r) samples per independent one.
+    r = np.exp(-0.005 / 0.02)
+    assert found.correlation == pytest.approx((1 + r) / (1 - r), rel=0.3)
+    assert correlation(random.normal(size=20_000)) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0, 10.0])
+def test_misfit_is_what_repeats_share(size: float) -> None:
+    random = np.random.default_rng(1)
+    found = []
+    for _ in range(40):
+        shared = size * np.sin(np.arange(800) / 20)
+        residuals = [{"force": shared + coloured(random, 800, 3.0, 0.02)} for _ in range(2)]
+        own = {"force": Noise(3.0, 8.0, 1600)}
+        found.append(misfit(repeated([r["force"] for r in residuals]), residuals, own)["force"])
+    certainty = np.mean([m.certainty for m in found])
+    if size == 0.0:
+        assert abs(certainty) < 0.5
+        assert np.std([m.certainty for m in found]) == pytest.approx(1.0, abs=0.4)
+        assert not any(significant(m) for m in found)
+    else:
+        assert np.mean([m.size**2 for m in found]) == pytest.approx(size * size / 2, rel=0.5 if size < 2 else 0.1)
+    assert all(significant(m) for m in found) == (size == 10.0)
+
+
+@pytest.fixture(scope="module")
+def evidence(tmp_path_factory: pytest.TempPathFactory) -> tuple[datasets.Dataset, Evidence, Bench]:
+    """Data of a device whose tendon is 15 % stiffer than it says, without any effect."""
+    nominal = load("klute-3-4-pair").parameters
+    stiffer = nominal._replace(tendon=nominal.tendon._replace(stiffness_1=1.15 * nominal.tendon.stiffness_1))
+    folder = dataset(tmp_path_factory.mktemp("data") / "d", base=stiffer)
+    found, bench = datasets.read(folder), Bench(2)
+    fitted = [e for e in prepare(found, datasets.split(found)) if e.use == "fit"]
+    return found, base_fit(found, fitted, bench)[1], bench
+
+
+def test_a_fit_finds_an_uncertain_number_again(evidence: tuple) -> None:
+    data, on, bench = evidence
+    found, _ = base_fit(data, on.experiments, bench)
+    assert found.converged
+    assert found.values[0] == pytest.approx(1.15 * 60.0, rel=0.01)
+    assert found.values[1] == pytest.approx(28.0, rel=0.02)
+    assert found.cost == pytest.approx(on.effective, rel=0.3)
+    low, high = intervals(on, found, np.random.default_rng(0))[0]
+    assert low < 1.15 * 60.0 < high
+    assert 0.0005 < (high - low) / 69.0 < 0.02
+
+
+def test_the_derivatives_are_those_of_the_residuals(evidence: tuple) -> None:
+    _, on, _ = evidence
+    hypothesis = Hypothesis(load("klute-3-4-pair"), (("tendon.stiffness_1_n_per_mm", 6.0),), (("force", 3.0),))
+    hypothesis = hypothesis.plus(Term("muscle_damping", "viscous"))
+    found = fit(on, hypothesis, np.array([1.0, 0.3]), rounds=1)
+    for k in range(2):
+        apart = []
+        for sign in (1.0, -1.0):
+            row = found.steps.copy()
+            row[k] += sign * 1e-3
+            vector = on.weighted(on.residuals(hypothesis, [row])[0])
+            apart.append(np.concatenate([vector, row[:1]]))
+        assert found.jacobian[:, k] == pytest.approx(
+            (apart[0] - apart[1]) / 2e-3, abs=0.02 * np.abs(found.jacobian).max()
+        )
+
+
+@pytest.mark.parametrize(
+    "key",
+    [(s.effect, s.form.name) for s in catalogue.device_slots() if s.effect not in ("bladder", "friction_offset")],
+    ids="-".join,
+)
+def test_screening_puts_the_truth_first(key: tuple[str, str], evidence: tuple, tmp_path: Path) -> None:
+    """One simulation each, from a fit that knows nothing of the effect; other forms of it may tie."""
+    size = 0.4
+    slot = catalogue.slot(*key)
+    hidden = {
+        p.key: p.typical if p.neutral is None else p.neutral + size * (p.typical - p.neutral)
+        for p in slot.form.parameters
+    }
+    data = datasets.read(dataset(tmp_path / "d", {key: hidden}, groups=("fit_1", "fit_2")))
+    bench = Bench(2)
+    base, on = base_fit(data, prepare(data, datasets.split(data)), bench)
+    found = screen(on, base, terms(on, data.device))
+    # The base absorbs most of a taper; what is left of it looks like a threshold or a shifted load cell.
+    twins = 0.5 if key[0] == "end_taper" else 0.95
+    assert key[0] in {c.term.effect for c in found if c.gain > twins * found[0].gain}
+    assert found[0].gain > 20.0
+    bench.close()
+
+
+def test_forms_of_a_promising_effect_are_all_tried() -> None:
+    data = [("braid_hysteresis", "coulomb"), ("seal_friction", "coulomb")]
+    many = [(f"x{k}", "f") for k in range(12)]
+    from klute_sim.diagnose.screen import Candidate
+
+    nothing = np.zeros(1)
+    made = [
+        Candidate(Term(*name), 100.0 - k, 1.0, nothing, nothing, 1.0)
+        for k, name in enumerate([*data, *many, ("braid_hysteresis", "maxwell_slip")])
+    ]
+    names = [(c.term.effect, c.term.form) for c in shortlist(made)]
+    assert ("braid_hysteresis", "maxwell_slip") in names
+    assert len(names) == 9
+
+
+def test_candidates_are_those_that_the_device_is_without(evidence: tuple) -> None:
+    _, on, _ = evidence
+    device = load("klute-3-4-pair")
+    names = {t.effect for t in terms(on, device)}
+    assert "bladder" not in names
+    assert {"end_taper", "sensor_gain"} <= names
+    assert {t.channel for t in terms(on, device) if t.effect == "sensor_gain"} == {"force", "pressure"}
+    assert {t.effect for t in terms(on, device, only=("end_taper",))} == {"end_taper"}
+    assert "end_taper" not in {t.effect for t in terms(on, device, exclude=("end_taper",))}
+    with pytest.raises(InputError, match="there is no effect 'taper'"):
+        check_names(("taper",), ())
+
+
+def test_selection_trials_veto_what_does_not_help_them(evidence: tuple) -> None:
+    data, on, bench = evidence
+    base, _ = base_fit(data, on.experiments, bench)
+    spoiled = base.hypothesis.plus(Term("sensor_offset", "linear", "force"))
+    after = fit(on, spoiled, rounds=2)
+    search = Search(on, [on], [])
+    worse = after.steps.copy()
+    worse[-1] = 20.0
+    bad = type(after)(spoiled, worse, after.vector, after.jacobian, True, after.residuals)
+    gains = search.gains(base, bad)
+    assert gains["fit_1"] < -0.5
+    assert "trials that were not fitted get worse: 'fit_1' by" in search._against(bad, 100.0, gains)
+    assert "gain no more than 2 %" in search._against(bad, 100.0, {"a": 0.01, "b": 0.02})
+    assert "explains no more than noise" in search._against(bad, 5.9, {"a": 0.5})
+    assert search._against(bad, 6.1, {"a": 0.5, "b": -0.01}) == ""
