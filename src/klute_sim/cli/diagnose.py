@@ -105,10 +105,17 @@ def write(found: "Diagnosis", scratch: Path, *, report: bool) -> None:
     """All results of ``found`` into the folder ``scratch``; page, plots and recording with ``report``."""
     from klute_sim.diagnose.device_file import augmented
     from klute_sim.diagnose.verdict import DEVICE_FILE, as_json
+    from klute_sim.errors import InputError
 
-    (scratch / "verdict.json").write_text(json.dumps(as_json(found), indent=2) + "\n", "utf-8")
     if found.found and found.final is not None:
-        (scratch / DEVICE_FILE).write_bytes(augmented(found.final, found.dataset.folder.resolve().name).content)
+        try:
+            device = augmented(found.final, found.dataset.folder.resolve().name)
+        except InputError as error:
+            found.reasons.append(f"The device as fitted cannot be one, and no file of it was written: {error}.")
+            found.device_written = False
+        else:
+            (scratch / DEVICE_FILE).write_bytes(device.content)
+    (scratch / "verdict.json").write_text(json.dumps(as_json(found), indent=2) + "\n", "utf-8")
     if not report:
         return
     from klute_sim.errors import MissingExtraError

@@ -13,7 +13,7 @@ from klute_sim.dataset.dataset import Dataset, split
 from klute_sim.dataset.split import Split
 from klute_sim.diagnose import check
 from klute_sim.diagnose import noise as noises
-from klute_sim.diagnose.doubt import Rival, intervals, rivals
+from klute_sim.diagnose.doubt import Rival, certified, intervals, rivals
 from klute_sim.diagnose.experiment import Bench, Experiment, prepare
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
@@ -85,6 +85,8 @@ class Diagnosis:
     """Independent samples that were fitted."""
     next_experiment: dict[str, Any] | None = None
     """What to record to tell rivals apart."""
+    device_written: bool = True
+    """Whether the device as fitted can be a device file."""
     rollouts: int = 0
 
 
@@ -133,7 +135,11 @@ def _diagnose(
     ]
     search = Search(evidence, selection, terms(evidence, dataset.device, options.only, options.exclude), told)
     final = search.run(base)
+    told("fitting once more from elsewhere")
+    final, sure = certified(evidence, final, np.random.default_rng(options.seed))
     own = final.hypothesis.terms[len(base.hypothesis.terms) :]
+    if not sure:
+        reasons.append("The fit does not come back to the same place from elsewhere: take its numbers with care.")
     told("looking for rivals")
     others = rivals(search, final, own)
     verdict, why = _verdict(search, final, own, others)
@@ -189,14 +195,14 @@ def _verdict(search: Search, final: Fit, own: Sequence[Term], others: Sequence[R
             f"All repeats of '{worst}' still show a misfit of {misfits[worst].size / misfits[worst].floor:.2f} times "
             f"the noise ({misfits[worst].certainty:.0f} standard errors; {CERTAIN:.0f} are allowed)."
         )
-        last = search.steps[-1].why if search.steps else ""
-        proxy = f"{named} explains the most of the gap but not all of it: a proxy." if own else f"{last}."
-        return "unexplained", [proxy[0].upper() + proxy[1:], left]
+        last = f"What was tried last: {search.steps[-1].why}."
+        proxy = [f"Only a proxy was found: {named} explains part of the gap."] if own else []
+        return "unexplained", [left, *proxy, *([] if own else [last])]
     if not own:
         last = search.steps[-1].why
         return "nothing-missing", [
             "The device fits as well as repeats agree with each other.",
-            f"{last[0].upper()}{last[1:]}.",
+            f"What was tried: {last}.",
         ]
     first = [f"{step.added}: {step.why}." for step in search.steps if step.added in own]
     if others:

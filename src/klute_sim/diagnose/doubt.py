@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.diagnose.experiment import Array
-from klute_sim.diagnose.fit import Evidence, Fit
+from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Term
 from klute_sim.diagnose.noise import stacks
 from klute_sim.diagnose.screen import screen
@@ -14,6 +14,9 @@ from klute_sim.diagnose.search import DECISIVE, Search, drop, shortlist, signifi
 
 MOST = 5
 """Candidates that are tried in a term's place."""
+AWAY = 3.0
+SAME = 1.0
+"""Difference of chi squared by which two fits are the same."""
 SAMPLES = 400
 """Of the bootstrap."""
 SPREAD = 0.025
@@ -50,6 +53,20 @@ def rivals(search: Search, found: Fit, own: Sequence[Term]) -> list[Rival]:
     return sorted(result, key=lambda rival: rival.difference)
 
 
+def certified(evidence: Evidence, found: Fit, random: np.random.Generator) -> tuple[Fit, bool]:
+    """``found``, or a better fit near it, and whether fits from elsewhere come back to it.
+
+    Elsewhere is :data:`AWAY` standard errors or more from where it is, in every unknown.
+    """
+    if not len(found.steps):
+        return found, found.converged
+    errors = np.sqrt(np.diag(np.linalg.pinv(found.jacobian.T @ found.jacobian)))
+    away = random.choice([-1.0, 1.0], len(errors)) * np.maximum(AWAY * errors, 0.02)
+    again = fit(evidence, found.hypothesis, found.steps + away)
+    better = again if again.cost < found.cost else found
+    return better, found.converged and again.converged and abs(again.cost - found.cost) < SAME
+
+
 def intervals(evidence: Evidence, found: Fit, random: np.random.Generator) -> list[tuple[float, float]]:
     """95 % interval of every unknown in its own unit, by bootstrap over repeats.
 
@@ -74,7 +91,7 @@ def _repeats(evidence: Evidence, found: Fit) -> list[Array]:
     """Per weighted block of the fit's vector, in its order: what sets this repeat apart from the others, weighted."""
     apart: dict[tuple[str, str], Array] = {}
     for channel in evidence.noise:
-        for group, stack in stacks(evidence.experiments, found.residuals, channel):
+        for group, _, stack in stacks(evidence.experiments, found.residuals, channel):
             row = (stack - stack.mean(axis=0)) * np.sqrt(len(stack) / (len(stack) - 1.0))
             apart[group, channel] = row
     blocks = []

@@ -36,11 +36,11 @@ def locate(evidence: Evidence, base: Fit) -> list[Place]:
     by_group = {e.group: e for e in evidence.experiments}
     for channel, noise in evidence.noise.items():
         squares, circumstances = [], []
-        for group, stack in stacks(evidence.experiments, base.residuals, channel):
+        for group, clock, stack in stacks(evidence.experiments, base.residuals, channel):
             # Repeats' mean, less what noise leaves in it.
             mean, count = stack.mean(axis=0), len(stack)
             squares.append(mean * mean - noise.deviation**2 / count)
-            circumstances.append(_circumstances(by_group[group], channel, len(mean)))
+            circumstances.append(_circumstances(by_group[group], clock))
         if not squares:
             continue
         square = np.concatenate(squares)
@@ -52,9 +52,8 @@ def locate(evidence: Evidence, base: Fit) -> list[Place]:
     return sorted((p._replace(share=p.share * sizes[p.channel] / whole) for p in found), key=lambda p: -p.share)
 
 
-def _circumstances(experiment: Experiment, channel: str, count: int) -> dict[str, Array]:
-    """What may matter, at the samples of ``channel``."""
-    time = experiment.measured[channel].time[:count] - experiment.begin
+def _circumstances(experiment: Experiment, time: Array) -> dict[str, Array]:
+    """What may matter, at ``time`` [s] since the trial's beginning."""
     grid = np.linspace(0.0, experiment.duration, len(experiment.command))
     speed = np.gradient(experiment.unit_length, experiment.duration / len(experiment.command))
     rate = np.gradient(experiment.command, experiment.duration / len(experiment.command))

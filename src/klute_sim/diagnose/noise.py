@@ -41,8 +41,18 @@ def groups(experiments: Sequence[Experiment]) -> dict[str, list[int]]:
     return dict(found)
 
 
-def stacks(experiments: Sequence[Experiment], residuals: Residuals, channel: str) -> Iterator[tuple[str, Array]]:
-    """(repeats, samples) residuals of every group in which ``channel`` was recorded at least twice."""
+class Stack(NamedTuple):
+    """Repeats of one channel on one clock."""
+
+    group: str
+    clock: Array
+    """Since the beginning of the trial [s]."""
+    rows: Array
+    """(repeats, samples) residuals [SI]."""
+
+
+def stacks(experiments: Sequence[Experiment], residuals: Residuals, channel: str) -> Iterator[Stack]:
+    """Every group in which ``channel`` was recorded at least twice, as long as all of its repeats last."""
     for group, members in groups(experiments).items():
         having = [k for k in members if channel in experiments[k].measured and len(residuals[k][channel])]
         if len(having) < 2:
@@ -51,10 +61,8 @@ def stacks(experiments: Sequence[Experiment], residuals: Residuals, channel: str
         first = clocks[0]
         common = first[(first >= max(c[0] for c in clocks)) & (first <= min(c[-1] for c in clocks))]
         if len(common) > 10:
-            yield (
-                group,
-                np.array([np.interp(common, c, residuals[k][channel]) for k, c in zip(having, clocks, strict=True)]),
-            )
+            rows = [np.interp(common, c, residuals[k][channel]) for k, c in zip(having, clocks, strict=True)]
+            yield Stack(group, common, np.array(rows))
 
 
 def measure(experiments: Sequence[Experiment], residuals: Residuals) -> dict[str, Noise]:
@@ -62,7 +70,7 @@ def measure(experiments: Sequence[Experiment], residuals: Residuals) -> dict[str
     found = {}
     for channel in channels(experiments):
         squares, freedom, times, weights, samples = 0.0, 0, [], [], 0
-        for _, stack in stacks(experiments, residuals, channel):
+        for _, _, stack in stacks(experiments, residuals, channel):
             apart = stack - stack.mean(axis=0)
             squares += float((apart * apart).sum())
             freedom += (len(stack) - 1) * stack.shape[1]
@@ -109,7 +117,7 @@ def misfit(experiments: Sequence[Experiment], residuals: Residuals, noise: Mappi
     found = {}
     for channel, own in noise.items():
         product, variance, samples = 0.0, 0.0, 0
-        for _, stack in stacks(experiments, residuals, channel):
+        for _, _, stack in stacks(experiments, residuals, channel):
             pairs = list(itertools.combinations(range(len(stack)), 2))
             count = stack.shape[1]
             product += count * float(np.mean([np.mean(stack[a] * stack[b]) for a, b in pairs]))

@@ -28,6 +28,8 @@ LEAST_GAIN = 0.02
 """Mean fall of chi squared on selection trials, relative, and the loss that one group may have."""
 PATIENCE = (3, 4, 25)
 """Rounds of fitting that the shortlist gets, then who is left of it, then who is left of those."""
+SECOND_CHANCES = 3
+"""How many of the shortlist may be accepted, should the better ones not help trials that were not fitted."""
 BEHIND = 0.3
 """Of the best one's fall of BIC, by which a candidate may be behind to get more rounds."""
 
@@ -39,10 +41,10 @@ class Step:
     before: Fit
     candidates: tuple[Candidate, ...]
     refits: tuple[Fit, ...]
-    """Of the shortlist, best first."""
+    """Of the shortlist; the accepted one first, then by BIC."""
     added: Term | None
     gains: dict[str, float]
-    """Of the best one: selection group -> relative fall of chi squared."""
+    """Of the accepted one: selection group -> relative fall of chi squared."""
     why: str
 
 
@@ -88,12 +90,17 @@ class Search:
         if not promising:
             return Step(current, tuple(found), (), None, {}, "no effect promises to explain more than noise would")
         refits = self.refit(current, shortlist(promising))
-        best = refits[0]
-        gain = current.criterion(self.evidence.effective) - best.criterion(self.evidence.effective)
-        gains = self.gains(current, best)
-        why = self._against(best, gain, gains)
-        added = None if why else best.hypothesis.terms[-1]
-        return Step(current, tuple(found), tuple(refits), added, gains, why or f"BIC falls by {gain:.0f}")
+        objections: list[str] = []
+        for number, best in enumerate(refits[:SECOND_CHANCES]):
+            gain = self._criterion(current) - self._criterion(best)
+            gains = self.gains(current, best)
+            objection = self._against(best, gain, gains)
+            if not objection:
+                ordered = [best, *refits[:number], *refits[number + 1 :]]
+                why = "; ".join([f"BIC falls by {gain:.0f}", *objections])
+                return Step(current, tuple(found), tuple(ordered), best.hypothesis.terms[-1], gains, why)
+            objections.append(objection)
+        return Step(current, tuple(found), tuple(refits), None, {}, "; ".join(objections))
 
     def refit(self, current: Fit, chosen: Sequence[Candidate], goal: float = np.inf) -> list[Fit]:
         """``chosen`` refitted, best first; who falls behind the best, or a ``goal`` of BIC, drops out half-way."""

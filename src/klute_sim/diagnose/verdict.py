@@ -60,7 +60,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
             for channel, gap in diagnosis.gap.items()
         },
         "next_experiment": diagnosis.next_experiment,
-        "device_file": DEVICE_FILE if diagnosis.found else None,
+        "device_file": DEVICE_FILE if diagnosis.found and diagnosis.device_written else None,
     }
 
 
