@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 @click.command("diagnose")
 @click.argument("folder", metavar="FOLDER", type=GivenPath())
+@click.option("--example", is_flag=True, help="First write the example dataset that comes along into FOLDER (new).")
 @click.option("--device", "device_file", default=None, metavar="NAME|FILE", help="Instead of the dataset's device.")
 @click.option("--only", multiple=True, metavar="EFFECT", help="Look for this effect only; may be repeated.")
 @click.option("--exclude", multiple=True, metavar="EFFECT", help="Do not look for this effect; may be repeated.")
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="Print the verdict as one JSON object instead of words.")
 def command(
     folder: Path,
+    example: bool,
     device_file: str | None,
     only: tuple[str, ...],
     exclude: tuple[str, ...],
@@ -59,6 +61,7 @@ def command(
 
     \b
     Examples:
+      klute-sim diagnose example-dataset --example
       klute-sim diagnose my-dataset
       klute-sim diagnose my-dataset --device runs/diagnose-001/device.toml
       klute-sim diagnose my-dataset --only braid_hysteresis --only seal_friction --json
@@ -77,6 +80,8 @@ def command(
     from klute_sim.diagnose.verdict import as_json as verdict_of
     from klute_sim.recording import run_folder
 
+    if example:
+        _write_example(folder)
     options = Options(only=only, exclude=exclude, jobs=jobs, seed=seed)
     measured = dataset.read(folder, load(device_file) if device_file is not None else None)
     with run_folder.new("diagnose", out) as (place, scratch):
@@ -87,6 +92,16 @@ def command(
         click.echo(json.dumps(verdict_of(found), indent=2))
     else:
         _print(found, place)
+
+
+def _write_example(folder: Path) -> None:
+    from importlib import resources
+
+    from klute_sim.recording import run_folder
+
+    with run_folder.new("dataset", folder) as (_, scratch):
+        for file in (resources.files("klute_sim.dataset") / "example").iterdir():
+            (scratch / file.name).write_bytes(file.read_bytes())
 
 
 @contextmanager
