@@ -27,7 +27,7 @@ def run(*arguments: str, cwd: Path = ROOT, **environment: str) -> subprocess.Com
     return subprocess.run(
         [sys.executable, "-m", "klute_sim", *arguments],
         cwd=cwd,
-        env={**os.environ, **environment},
+        env={**os.environ, "COLUMNS": "140", **environment},
         capture_output=True,
         text=True,
         check=False,
