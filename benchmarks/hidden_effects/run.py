@@ -24,7 +24,7 @@ from plan import BLOCKS, plan
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from score import hidden, kinds_confused, named, score
+from score import hidden, kinds_confused, named, score, size
 
 ROOT = Path(__file__).parents[2]
 
@@ -102,6 +102,7 @@ def report(rows: list[tuple[str, Any, Any, str]], *, as_json: bool) -> None:
             "dataset": name,
             "hidden": hidden(truth),
             "raw_size": truth["raw_size"],
+            "size": size(verdict),
             "verdict": verdict["verdict"],
             "named": named(verdict),
             "alternatives": verdict["alternatives"],
@@ -112,11 +113,11 @@ def report(rows: list[tuple[str, Any, Any, str]], *, as_json: bool) -> None:
     if as_json:
         print(json.dumps({**whole, "rows": listed}, indent=2))
         return
-    table = Table("dataset", "hidden", "size", "verdict", "named", "outcome")
+    table = Table("dataset", "hidden", "raw size", "size", "verdict", "named", "outcome")
     for row in listed:
         told = ", ".join(row["named"]) + ("".join(f" | {', '.join(a)}" for a in row["alternatives"]))
-        size = f"{row['raw_size']:.1f}"
-        table.add_row(row["dataset"], ", ".join(row["hidden"]), size, row["verdict"], told, row["outcome"])
+        sizes = f"{row['raw_size']:.1f}", f"{row['size']:.1f}"
+        table.add_row(row["dataset"], ", ".join(row["hidden"]), *sizes, row["verdict"], told, row["outcome"])
     out = Console(width=150, highlight=False)
     out.print(table)
     out.print(whole)

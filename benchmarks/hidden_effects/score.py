@@ -1,5 +1,6 @@
 """Whether a verdict is right, given the sealed truth."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -7,8 +8,8 @@ Truth = Mapping[str, Any]
 Verdict = Mapping[str, Any]
 
 FLAGGED = {"unexplained", "insufficient-data"}
-SMALL = 1.0
-"""Size, in units of the noise, below which nothing needs to be found."""
+ABSORBED = 0.6
+"""Size after refitting, in units of the noise, below which nothing is left that could be found."""
 
 
 def label(effect: Mapping[str, Any]) -> str:
@@ -28,24 +29,36 @@ def named(verdict: Verdict) -> list[str]:
     return sorted(label(each) for each in verdict["effects"])
 
 
+def size(verdict: Verdict) -> float:
+    """What a refitted device leaves on trials that no fit saw, rms over the noise, in the worst channel."""
+    excess = [(gap["before"] / gap["floor"]) ** 2 - 1.0 for gap in verdict.get("gap", {}).values()]
+    return math.sqrt(max([0.0, *excess]))
+
+
 def score(truth: Truth, verdict: Verdict, deleted: Sequence[str] = ()) -> str:
-    """One word: ``right``, ``wrong`` (a name that is not true), ``missed``, ``part``, ``flagged`` or ``false-alarm``.
+    """One word for what became of it.
+
+    ``right``, ``wrong`` (a name that is not true), ``missed``, ``absorbed``, ``part``, ``flagged`` or ``false-alarm``.
 
     *right*: exactly what is hidden was named, or it is among the sets that an ambiguous verdict lists; for clean data,
     that nothing is missing; for defective data and effects that were ``deleted`` from the catalogue, that the program
-    did not answer with a name. *part*: some of several, and nothing else.
+    did not answer with a name. *part*: some of several, and nothing else. *absorbed*: nothing was named, and nothing
+    is left to name, because the device's uncertain numbers, within what they may be, imitate what is hidden.
     """
     true, found, kind = hidden(truth), named(verdict), verdict["verdict"]
     if truth.get("defect"):
         return "right" if not found else "false-alarm"
     if deleted:
-        return "flagged" if kind == "unexplained" else ("missed" if kind == "nothing-missing" else "wrong")
+        quiet = "absorbed" if size(verdict) < ABSORBED else "missed"
+        return "flagged" if kind == "unexplained" else (quiet if kind == "nothing-missing" else "wrong")
     if not true:
         return "right" if kind == "nothing-missing" else ("false-alarm" if found else "flagged")
     if found == true:
         return "right"
     if kind == "ambiguous" and true in [sorted(each) for each in verdict["alternatives"]]:
         return "right"
+    if kind == "nothing-missing" and size(verdict) < ABSORBED:
+        return "absorbed"
     if not found:
         return "flagged" if kind in FLAGGED else "missed"
     return "part" if set(found) < set(true) else "wrong"

@@ -1,0 +1,190 @@
+"""What is around the search: checks of the data, places, kept fits, proposed experiments, the score."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made import dataset
+
+from klute_sim.dataset import dataset as datasets
+from klute_sim.dataset.trial import Series
+from klute_sim.device.files import load
+from klute_sim.diagnose import check
+from klute_sim.diagnose.diagnosis import Options, base_fit, diagnose
+from klute_sim.diagnose.experiment import Bench, Experiment, prepare
+from klute_sim.diagnose.fit import Evidence, fit
+from klute_sim.diagnose.hypothesis import Term
+from klute_sim.diagnose.locate import locate
+from klute_sim.diagnose.propose import propose
+from klute_sim.diagnose.store import Store
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "hidden_effects"))
+from score import score
+
+
+@pytest.fixture(autouse=True)
+def kept_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("KLUTE_SIM_CACHE", str(tmp_path / "cache"))
+
+
+def experiment(name: str, force: np.ndarray, group: str = "g", moving: bool = True) -> Experiment:
+    count = 2000
+    wave = np.sin(np.arange(count) / 100) if moving else np.zeros(count)
+    time = np.arange(len(force)) * (0.5 / len(force)) + 1e-3
+    inputs = 0.34 + 0.005 * wave, 2.5e5 + 2e5 * wave
+    return Experiment(name, group, "fit", load("klute-3-4-pair"), 0.0, 2.5e-4, *inputs, {"force": Series(time, force)})
+
+
+def test_what_cannot_answer_is_told_with_the_mend() -> None:
+    random = np.random.default_rng(0)
+    good = [experiment(n, random.normal(size=200)) for n in "ab"] * 4
+    assert check.obstacles(good) == []
+    (alone,) = check.obstacles([replace(e, group=str(k)) for k, e in enumerate(good)])
+    assert "Record every input at least twice" in alone
+    (short,) = check.obstacles(good[:2])
+    assert "last 1.0 s together" in short
+    (still,) = check.obstacles([experiment(n, random.normal(size=200), moving=False) for n in "ab"] * 4)
+    assert still.startswith("Nothing moves")
+    (nothing,) = check.obstacles([replace(e, measured={"pressure": e.measured["force"]}) for e in good])
+    assert nothing.startswith("Neither force nor muscle length")
+    assert check.blind(good) == []
+    assert len(check.blind([experiment("a", np.zeros(20), moving=False)])) == 2
+
+
+def test_dead_and_saturated_channels_are_seen() -> None:
+    random = np.random.default_rng(0)
+    dead = [experiment(n, np.full(200, 7.0)) for n in "ab"]
+    unusable, _ = check.faults(dead)
+    assert unusable == {"force": "'force' always shows 7 N: the channel is dead"}
+    assert check.without(dead, ["force"])[0].measured == {}
+    clipped = [experiment(n, np.minimum(random.normal(0.0, 3.0, 200), 2.0)) for n in "ab"]
+    unusable, remarks = check.faults(clipped)
+    assert unusable == {}
+    assert "shows exactly 2 N in" in remarks[0]
+    kept = check.unsaturated(clipped)[0].measured["force"]
+    assert kept.value.max() < 2.0
+    assert len(kept.time) == len(kept.value)
+    assert check.faults([experiment("a", random.normal(size=200))]) == ({}, [])
+
+
+@pytest.fixture(scope="module")
+def material(tmp_path_factory: pytest.TempPathFactory) -> tuple[datasets.Dataset, Evidence]:
+    """Data whose pressure sensor shows 5 % too much."""
+    folder = tmp_path_factory.mktemp("data") / "d"
+    data = datasets.read(dataset(folder, distort={"pressure": lambda time, value: 1.05 * value}))
+    fitted = [e for e in prepare(data, datasets.split(data)) if e.use == "fit"]
+    return data, base_fit(data, fitted, Bench(2))[1]
+
+
+def test_the_place_of_a_misfit_is_found(material: tuple[datasets.Dataset, Evidence]) -> None:
+    data, evidence = material
+    base, _ = base_fit(data, evidence.experiments, evidence.bench)
+    first, *_ = locate(evidence, base)
+    assert first.channel == "pressure"
+    assert first.region.startswith("above ")
+    assert first.region.endswith("bar")  # 5 % of more is more
+    assert first.concentration > 1.3
+    assert 0.5 < first.share <= 1.0
+
+
+def test_a_second_gauge_is_proposed_where_no_command_helps(material: tuple[datasets.Dataset, Evidence]) -> None:
+    data, evidence = material
+    base, _ = base_fit(data, evidence.experiments, evidence.bench)
+    sensor = fit(evidence, base.hypothesis.plus(Term("sensor_gain", "linear", "pressure")))
+    assert sensor.values[-1] == pytest.approx(1.05, abs=0.002)
+    # A regulator that is off by as much, and muscles that pull as much less, would look alike.
+    regulator = fit(evidence, base.hypothesis.plus(Term("regulator_error", "gain")))
+    found = propose(evidence, data.device, sensor, regulator)
+    assert found.separation > 100.0
+    told = found.as_json()
+    assert f"'{told['protocol']}' twice" in told["sentence"]
+    same = propose(evidence, data.device, sensor, sensor)
+    assert same.separation < 1e-6
+    assert "No protocol or change of the rig that is known separates these" in same.as_json()["sentence"]
+
+
+def test_finished_fits_are_kept_until_they_are_used(
+    material: tuple[datasets.Dataset, Evidence], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data, evidence = material
+    on = Evidence(evidence.bench, evidence.experiments, evidence.noise, Store("these data"))
+    hypothesis = base_fit(data, evidence.experiments, evidence.bench)[0].hypothesis
+    first, before = fit(on, hypothesis), evidence.bench.rollouts
+    again = fit(on, hypothesis)
+    assert evidence.bench.rollouts - before == len(evidence.experiments)  # one look at the solution
+    assert np.array_equal(first.steps, again.steps)
+    assert np.array_equal(first.vector, again.vector)
+    assert np.array_equal(first.jacobian, again.jacobian)
+    assert fit(on, hypothesis, np.array([0.5, 0.0])).steps == pytest.approx(first.steps, abs=1e-3)
+    assert evidence.bench.rollouts - before > 3 * len(evidence.experiments)  # another start is another question
+    store = Store("other data")
+    assert store.get("anything") is None
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as context:
+        context.setattr(np, "savez", full)
+        store.put("anything", x=np.zeros(3))
+    assert store.get("anything") is None
+    assert list(store._folder.iterdir()) == []
+    store.put("anything", x=np.arange(3.0))
+    assert store.get("anything")["x"].tolist() == [0.0, 1.0, 2.0]
+    store._file("anything").write_bytes(b"half a file")
+    assert store.get("anything") is None
+    store.forget()
+    assert not store._folder.exists()
+
+
+def test_an_interrupted_diagnosis_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = datasets.read(dataset(tmp_path / "d", {("seal_friction", "coulomb"): {"force_n": 30.0}}, seconds=2.0))
+    options = Options(only=("seal_friction", "muscle_damping"))
+    whole = diagnose(data, options)
+
+    def interrupt(sentence: str) -> None:
+        if sentence == "looking for rivals":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(data, options, interrupt)
+    resumed = diagnose(data, options)
+    assert resumed.verdict == whole.verdict == "named"
+    assert resumed.final.values == whole.final.values
+    assert resumed.intervals == whole.intervals
+    assert resumed.rollouts < 0.5 * whole.rollouts
+    assert list((tmp_path / "cache" / "diagnose").iterdir()) == []  # used, and gone
+
+
+HYSTERESIS = {"name": "braid_hysteresis", "channel": None}
+GAIN = {"name": "sensor_gain", "channel": "force"}
+
+
+def verdict(kind: str, *effects: dict, alternatives: tuple = (), left: float = 1.0) -> dict:
+    gap = {"force": {"before": left, "after": 1.0, "floor": 1.0}}
+    return {"verdict": kind, "effects": list(effects), "alternatives": list(alternatives), "gap": gap}
+
+
+@pytest.mark.parametrize(
+    ("hidden", "found", "outcome"),
+    [
+        (([], []), verdict("nothing-missing"), "right"),
+        (([], []), verdict("named", HYSTERESIS), "false-alarm"),
+        (([], []), verdict("unexplained", HYSTERESIS), "flagged"),
+        (([HYSTERESIS], []), verdict("named", HYSTERESIS), "right"),
+        (([HYSTERESIS], []), verdict("named", GAIN), "wrong"),
+        (([HYSTERESIS], []), verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)), "right"),
+        (([HYSTERESIS], []), verdict("nothing-missing", left=1.5), "missed"),
+        (([HYSTERESIS], []), verdict("nothing-missing", left=1.02), "absorbed"),
+        (([HYSTERESIS], []), verdict("unexplained", GAIN), "flagged"),
+        (([HYSTERESIS], [GAIN]), verdict("named", HYSTERESIS), "part"),
+        (([HYSTERESIS], [GAIN]), verdict("named", GAIN, HYSTERESIS), "right"),
+    ],
+)
+def test_verdicts_are_scored_as_they_should(hidden: tuple, found: dict, outcome: str) -> None:
+    truth = {"effects": hidden[0], "instruments": hidden[1], "defect": None}
+    assert score(truth, found) == outcome
+    if hidden == ([HYSTERESIS], []):
+        assert score(truth, verdict("unexplained"), ["braid_hysteresis"]) == "flagged"
+        assert score(truth, verdict("named", GAIN), ["braid_hysteresis"]) == "wrong"
