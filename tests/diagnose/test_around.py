@@ -157,6 +157,19 @@ def test_an_interrupted_diagnosis_goes_on_where_it_was(tmp_path: Path, monkeypat
     assert list((tmp_path / "cache" / "diagnose").iterdir()) == []  # used, and gone
 
 
+def test_without_selection_trials_every_group_is_left_out_once(tmp_path: Path) -> None:
+    data = datasets.read(
+        dataset(
+            tmp_path / "d", {("seal_friction", "coulomb"): {"force_n": 30.0}}, groups=("fit_1", "fit_2"), seconds=2.0
+        )
+    )
+    found = diagnose(data, Options(only=("seal_friction", "sensor_drift")))
+    assert found.verdict == "named"
+    assert found.shown_on == "fit"
+    assert set(found.steps[0].gains) == {"fit_1", "fit_2"}
+    assert min(found.steps[0].gains.values()) > 0.3
+
+
 HYSTERESIS = {"name": "braid_hysteresis", "channel": None}
 GAIN = {"name": "sensor_gain", "channel": "force"}
 

@@ -47,6 +47,7 @@ def channels() -> dict[str, Samples]:
         "friction_power": zero,
         "damper_power": zero,
         "stop_power": zero,
+        "effects_power": zero,
         "bladder_energy": zero,
         "tendon_energy": zero,
         "air_mass": 1e-3 * (1 - np.cos(2 * np.pi * PHASE / 100)),

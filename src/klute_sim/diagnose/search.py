@@ -12,7 +12,7 @@ import numpy as np
 
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
-from klute_sim.diagnose.noise import Misfit, misfit
+from klute_sim.diagnose.noise import Misfit, groups, misfit
 from klute_sim.diagnose.screen import Candidate, screen
 
 DECISIVE = 6.0
@@ -134,7 +134,12 @@ class Search:
         return one.criterion(self.evidence.effective)
 
     def gains(self, before: Fit, after: Fit) -> dict[str, float]:
-        """Selection group -> relative fall of chi squared from one fit to another, neither of which saw it."""
+        """Selection group -> relative fall of chi squared from one fit to another, neither of which saw it.
+
+        Without selection trials, each fitted group in turn is left out and both are fitted to the others.
+        """
+        if not self.selection:
+            return self._left_out(before, after)
         found = {}
         for evidence in self.selection:
             sizes = []
@@ -142,6 +147,22 @@ class Search:
                 vector = evidence.weighted(evidence.residuals(each.hypothesis, [each.steps])[0])
                 sizes.append(float(vector @ vector))
             found[evidence.experiments[0].group] = 1.0 - sizes[1] / sizes[0]
+        return found
+
+    def _left_out(self, before: Fit, after: Fit) -> dict[str, float]:
+        members = groups(self.evidence.experiments)
+        if len(members) < 2:
+            return {}
+        found = {}
+        for group in members:
+            rest = self.evidence.on([e for e in self.evidence.experiments if e.group != group])
+            alone = self.evidence.on([e for e in self.evidence.experiments if e.group == group])
+            sizes = []
+            for each in (before, after):
+                refitted = fit(rest, each.hypothesis, each.steps, rounds=PATIENCE[1])
+                vector = alone.weighted(alone.residuals(refitted.hypothesis, [refitted.steps])[0])
+                sizes.append(float(vector @ vector))
+            found[group] = 1.0 - sizes[1] / sizes[0]
         return found
 
     def _against(self, best: Fit, gain: float, gains: dict[str, float]) -> str:

@@ -179,7 +179,10 @@ def form_of(effect: str, form: str | None) -> tuple[Effect, Form]:
     """An effect and its form (None: its usual one); raises InputError that lists what there is."""
     known = effects().get(effect)
     if known is None:
-        raise InputError(f"there is no effect '{effect}'; there are: {', '.join(effects())}")
+        raise InputError(
+            f"there is no effect '{effect}'; there are: {', '.join(effects())} (of your own: name their file in the "
+            f"environment variable {VARIABLE})"
+        )
     found = known.forms[0] if form is None else known.form(form)
     if found is None:
         raise InputError(f"effect '{effect}' has no form '{form}'; it has: {', '.join(f.name for f in known.forms)}")
