@@ -1,6 +1,7 @@
 """A user's own effect: the muscle is a little stronger when warm, and warms up while it works."""
 
 from klute_sim.effects.effect import Effect, Form, Parameter
+from klute_sim.effects.smooth import followed
 
 
 def warm(own, memory, force, muscle, pressure, length, rate):
@@ -8,7 +9,7 @@ def warm(own, memory, force, muscle, pressure, length, rate):
 
 
 def warming(own, memory, muscle, pressure, length, stretch, step):
-    return (memory[0] + step * (pressure / 1e5 - memory[0]) / own[1],)
+    return (followed(memory[0], pressure / 1e5, own[1], step),)
 
 
 EFFECTS = [

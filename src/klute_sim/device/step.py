@@ -81,8 +81,14 @@ def taut(parameters: Parameters, unit_length: float, pressure: float) -> State:
     """
     shortest, longest = mckibben.lock_length(parameters.muscle), parameters.muscle.resting_length
     length = min(max(unit_length - parameters.tendon.slack_length, shortest), longest)
+    pressure = min(max(pressure, 0.0), parameters.supply.pressure)
+    return State(pressure, length, _rested(parameters, pressure, length, unit_length))
+
+
+def _rested(parameters: Parameters, pressure: float, length: float, unit_length: float) -> tuple[float, ...]:
+    """What the effects remember after a long time here: sliders let go, without pressure, then followers arrive."""
     memory = remembered(parameters, NO_MEMORY, 0.0, length, unit_length, LONG)
-    return State(min(max(pressure, 0.0), parameters.supply.pressure), length, memory)
+    return remembered(parameters, memory, pressure, length, unit_length, LONG)
 
 
 def settled(parameters: Parameters, unit_length: float, command: float) -> State:
@@ -94,7 +100,7 @@ def settled(parameters: Parameters, unit_length: float, command: float) -> State
     pressure = next_pressure(parameters, state.memory, state.pressure, command, LONG)
     for _ in range(3):  # what follows the length relaxes to where the length has come
         length = balance(parameters, pressure, state._replace(pressure=pressure), unit_length, LONG)
-        state = State(pressure, length, remembered(parameters, NO_MEMORY, 0.0, length, unit_length, LONG))
+        state = State(pressure, length, _rested(parameters, pressure, length, unit_length))
     return state
 
 
