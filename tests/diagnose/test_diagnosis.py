@@ -92,7 +92,8 @@ def test_the_device_file_is_the_fit_and_with_it_nothing_is_missing(
 
 
 def test_without_the_true_effect_in_the_catalogue_it_says_so(friction: tuple[Diagnosis, dict[str, Any]]) -> None:
-    found = diagnose(friction[0].dataset, Options(exclude=("braid_hysteresis", "seal_friction")))
+    # A few of the others are enough here; all of them are the benchmark's business.
+    found = diagnose(friction[0].dataset, Options(only=("muscle_damping", "end_taper", "sensor_gain")))
     assert found.verdict == "unexplained"
     assert all(each["proxy"] for each in as_json(found)["effects"])
     assert any("standard errors" in reason for reason in found.reasons)
