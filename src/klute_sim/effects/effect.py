@@ -93,7 +93,10 @@ class Effect:
     instead_of: str = ""
     """A switch of the device file's ``[muscle]`` that must be off, because the device has the effect otherwise."""
     supply: bool = False
-    """Whether it acts in the gas supply, which may do work; every other device effect is passive."""
+    """Whether it acts in the gas supply, which may do work; the others, at constant pressure, may not.
+
+    The dissertation's own friction offset can create some while the pressure changes, as its source has it.
+    """
 
     def form(self, name: str) -> Form | None:
         """The form of that name."""
