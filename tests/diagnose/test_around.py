@@ -13,6 +13,7 @@ from klute_sim.dataset.trial import Series
 from klute_sim.device.files import load
 from klute_sim.diagnose import check
 from klute_sim.diagnose.diagnosis import Options, base_fit, diagnose
+from klute_sim.diagnose.equations import equations
 from klute_sim.diagnose.experiment import Bench, Experiment, prepare
 from klute_sim.diagnose.fit import Evidence, fit
 from klute_sim.diagnose.hypothesis import Term
@@ -41,7 +42,7 @@ def test_what_cannot_answer_is_told_with_the_mend() -> None:
     random = np.random.default_rng(0)
     good = [experiment(n, random.normal(size=200)) for n in "ab"] * 4
     assert check.obstacles(good) == []
-    (alone,) = check.obstacles([replace(e, group=str(k)) for k, e in enumerate(good)])
+    (alone,) = check.blind([replace(e, group=str(k)) for k, e in enumerate(good)])
     assert "Record every input at least twice" in alone
     (short,) = check.obstacles(good[:2])
     assert "last 1.0 s together" in short
@@ -50,7 +51,7 @@ def test_what_cannot_answer_is_told_with_the_mend() -> None:
     (nothing,) = check.obstacles([replace(e, measured={"pressure": e.measured["force"]}) for e in good])
     assert nothing.startswith("Neither force nor muscle length")
     assert check.blind(good) == []
-    assert len(check.blind([experiment("a", np.zeros(20), moving=False)])) == 2
+    assert len(check.blind([experiment("a", np.zeros(20), moving=False)])) == 3  # neither moves, nor is it repeated
 
 
 def test_dead_and_saturated_channels_are_seen() -> None:
@@ -201,3 +202,29 @@ def test_verdicts_are_scored_as_they_should(hidden: tuple, found: dict, outcome:
     if hidden == ([HYSTERESIS], []):
         assert score(truth, verdict("unexplained"), ["braid_hysteresis"]) == "flagged"
         assert score(truth, verdict("named", GAIN), ["braid_hysteresis"]) == "wrong"
+
+
+@pytest.mark.parametrize(
+    ("hidden", "fails", "holds"),
+    [
+        ({}, None, ("supply", "muscle and damper")),
+        ({("pressure_delay", "dead_time"): {"delay_s": 0.03}}, "supply", ()),
+        ({("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}, "muscle and damper", ("supply",)),
+        ({("seal_friction", "coulomb"): {"force_n": 20.0}}, "muscle and damper", ("supply",)),
+    ],
+    ids=["nothing", "delay", "braid", "seal"],
+)
+def test_the_equation_that_does_not_hold_is_found(
+    hidden: dict, fails: str | None, holds: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Without asking the catalogue: measured pressure and force put into each equation."""
+    data, bench = datasets.read(dataset(tmp_path / "d", hidden)), Bench(2)
+    fitted = [e for e in prepare(data, datasets.split(data)) if e.use == "fit"]
+    base, evidence = base_fit(data, fitted, bench)
+    found = {each.name: each for each in equations(evidence, base)}
+    assert set(found) == {"supply", "muscle and damper"}  # the muscle's length was not measured
+    if fails:
+        assert next(iter(found)) == fails
+        assert found[fails].certainty > 25.0
+    for name in holds:
+        assert found[name].certainty < 4.0

@@ -17,8 +17,9 @@ from klute_sim.diagnose.device_file import augmented
 from klute_sim.diagnose.diagnosis import Diagnosis, Options, diagnose
 from klute_sim.diagnose.experiment import Bench, prepare
 from klute_sim.diagnose.hypothesis import Hypothesis
-from klute_sim.diagnose.verdict import as_json, headline
+from klute_sim.diagnose.verdict import as_json
 from klute_sim.errors import InputError
+from klute_sim.report import diagnosis_words as words
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "hidden_effects"))
 from generate import make
@@ -61,7 +62,8 @@ def test_hidden_friction_is_named_with_its_size(friction: tuple[Diagnosis, dict[
     gap = verdict["gap"]["force"]
     assert gap["before"] > 3.0 * gap["floor"]
     assert gap["after"] < 1.10 * gap["floor"]
-    assert headline(found) == "A missing effect was found: braid_hysteresis (coulomb)."
+    assert words.verdict(found) == "The simulated device lacks braid hysteresis (Coulomb)."
+    assert words.equation(found).startswith("Of the equations of the device without effects, the muscle and damper's")
     assert verdict["split"]["show"] == ["show_1_a", "show_1_b"]
     assert 0.5 < sum(place["share"] for place in verdict["where"]) <= 1.01
     assert verdict["where"][0]["channel"] == "force"
@@ -120,7 +122,6 @@ def test_a_wrong_load_cell_is_no_physics(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("defect", "words"),
     [
-        ("no_repeats", "Record every input at least twice"),
         ("no_excitation", "what depends on speed cannot show"),
         ("dead_channel", "the channel is dead; it is not used"),
     ],
@@ -129,9 +130,25 @@ def test_data_that_cannot_answer_are_told_why(defect: str, words: str, tmp_path:
     data, _ = hidden(tmp_path / defect, 41, defect=defect, block="defective")
     found = diagnose(data, Options(only=("muscle_damping",)))
     assert any(words in reason for reason in found.reasons), found.reasons
-    if defect == "no_repeats":
-        assert found.verdict == "insufficient-data"
-        assert as_json(found)["effects"] == []
+
+
+def test_without_repeats_only_what_stands_out_is_named(tmp_path: Path) -> None:
+    """Noise is only supposed then: nothing can be declared complete, and no floor is known."""
+    options = Options(only=("braid_hysteresis", "muscle_damping", "sensor_gain"))
+    plain = diagnose(datasets.read(made(tmp_path / "plain", repeats=1)), options)
+    assert plain.verdict == "insufficient-data"
+    assert as_json(plain)["effects"] == []
+    effects = {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}
+    found = diagnose(datasets.read(made(tmp_path / "friction", effects, repeats=1)), options)
+    assert found.verdict == "named", found.reasons
+    (only,) = as_json(found)["effects"]
+    assert only["name"] == "braid_hysteresis"
+    slope = only["parameters"]["slope_n_per_bar"]
+    assert slope["value"] == pytest.approx(6.0, rel=0.1)
+    assert slope["low"] < 6.0 < slope["high"]
+    assert as_json(found)["gap"]["force"]["floor"] is None
+    for one in (plain, found):
+        assert any("Record every input at least twice" in reason for reason in one.reasons)
 
 
 def test_the_dissertations_own_ladder(tmp_path: Path) -> None:
@@ -177,7 +194,7 @@ def test_the_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     device = load(str(tmp_path / "found" / "device.toml"))
     assert device.spec.effects["muscle_damping"]["form"] == "viscous"
     told = command(str(folder), "--out", str(tmp_path / "again"), "--no-report", *only)
-    assert "A missing effect was found: muscle_damping (viscous)." in told.stdout
+    assert "The simulated device lacks muscle damping (viscous)." in told.stdout
     assert "Gap on trials that no fit saw" in told.stdout
     assert sorted(f.name for f in (tmp_path / "again").iterdir()) == ["device.toml", "verdict.json"]
 

@@ -90,7 +90,8 @@ def test_the_derivatives_are_those_of_the_residuals(evidence: tuple) -> None:
     _, on, _ = evidence
     hypothesis = Hypothesis(load("klute-3-4-pair"), (("tendon.stiffness_1_n_per_mm", 6.0),), (("force", 3.0),))
     hypothesis = hypothesis.plus(Term("muscle_damping", "viscous"))
-    found = fit(on, hypothesis, np.array([1.0, 0.3]), rounds=1)
+    found = fit(on, hypothesis, np.array([1.0, 0.3]), rounds=1, fine=True)
+    coarse = fit(on, hypothesis, found.steps, rounds=1)
     for k in range(2):
         apart = []
         for sign in (1.0, -1.0):
@@ -101,6 +102,8 @@ def test_the_derivatives_are_those_of_the_residuals(evidence: tuple) -> None:
         assert found.jacobian[:, k] == pytest.approx(
             (apart[0] - apart[1]) / 2e-3, abs=0.02 * np.abs(found.jacobian).max()
         )
+        off = np.linalg.norm(coarse.jacobian[:, k] - found.jacobian[:, k])
+        assert 0.0 < off < 0.15 * np.linalg.norm(found.jacobian[:, k])
 
 
 @pytest.mark.parametrize(

@@ -148,11 +148,11 @@ def _print(found: "Diagnosis", place: "Path") -> None:
 
     from klute_sim.cli.console import console
     from klute_sim.diagnose.experiment import UNITS
-    from klute_sim.diagnose.verdict import headline
+    from klute_sim.report import diagnosis_words as words
 
     out = console()
-    out.print(headline(found), style="bold", soft_wrap=True)
-    for reason in found.reasons:
+    out.print(words.verdict(found), style="bold", soft_wrap=True)
+    for reason in filter(None, [*found.reasons, words.equation(found)]):
         out.print(f"  {reason}", soft_wrap=True)
     if found.found and found.final is not None:
         effects = Table("effect", "parameter", "value", "95 % interval", title="What was added")
@@ -169,7 +169,8 @@ def _print(found: "Diagnosis", place: "Path") -> None:
         )
         for channel, gap in found.gap.items():
             unit, size = UNITS[channel]
-            gaps.add_row(channel, unit, *(f"{v / size:.3g}" for v in (gap.before, gap.refitted, gap.after, gap.floor)))
+            shown = (gap.before, gap.refitted, gap.after, gap.floor)
+            gaps.add_row(channel, unit, *("?" if v is None else f"{v / size:.3g}" for v in shown))
         out.print(gaps)
     if found.next_experiment:
         out.print(f"Next: {found.next_experiment['sentence']}", soft_wrap=True)

@@ -22,11 +22,6 @@ CLIPPED = 0.05
 def obstacles(experiments: Sequence[Experiment]) -> list[str]:
     """Why ``experiments`` (to be fitted) cannot answer, one sentence each with the mend; none: they can."""
     found = []
-    if not any(len(members) > 1 for members in noises.groups(experiments).values()):
-        found.append(
-            "No trial is repeated, so noise and misfit cannot be told apart. Record every input at least twice and "
-            "give the repeats the same group."
-        )
     if not {"force", "muscle_length"} & set(noises.channels(experiments)):
         found.append(
             "Neither force nor muscle length was recorded usefully: of muscle, damper and tendon nothing shows. Record "
@@ -48,6 +43,11 @@ def obstacles(experiments: Sequence[Experiment]) -> list[str]:
     return found
 
 
+def repeated(experiments: Sequence[Experiment]) -> bool:
+    """Whether any input was recorded more than once."""
+    return any(len(members) > 1 for members in noises.groups(experiments).values())
+
+
 def blind(experiments: Sequence[Experiment]) -> list[str]:
     """What ``experiments`` cannot show, though they may answer otherwise."""
     pressure = max(float(np.ptp(e.command)) for e in experiments)
@@ -62,6 +62,12 @@ def blind(experiments: Sequence[Experiment]) -> list[str]:
         found.append(
             f"The pressure changes by no more than {pressure / 1e5:.2f} bar within a trial: what happens in the supply "
             "cannot show."
+        )
+    if not repeated(experiments):
+        found.append(
+            "No trial is repeated, so noise and misfit cannot be told apart: only what stands out far can be named, "
+            "and whether anything is left cannot be said. Record every input at least twice and give the repeats the "
+            "same group."
         )
     return found
 

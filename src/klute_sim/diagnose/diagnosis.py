@@ -14,6 +14,7 @@ from klute_sim.dataset.split import Split
 from klute_sim.diagnose import check
 from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.doubt import Rival, certified, intervals, rivals
+from klute_sim.diagnose.equations import Equation, equations
 from klute_sim.diagnose.experiment import Bench, Experiment, prepare
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
@@ -21,7 +22,7 @@ from klute_sim.diagnose.locate import Place, locate
 from klute_sim.diagnose.noise import Noise
 from klute_sim.diagnose.propose import propose
 from klute_sim.diagnose.screen import check_names, terms
-from klute_sim.diagnose.search import CERTAIN, DECISIVE, Search, Step
+from klute_sim.diagnose.search import CERTAIN, Search, Step
 from klute_sim.diagnose.store import Store
 from klute_sim.errors import InputError
 
@@ -52,8 +53,8 @@ class Gap:
     """With the device's uncertain numbers refitted and no effect added."""
     after: float
     """With the effects."""
-    floor: float
-    """What differs between repeats: no model can do better."""
+    floor: float | None
+    """What differs between repeats: no model can do better. Nobody knows where nothing was repeated."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -76,6 +77,8 @@ class Diagnosis:
     """Of the final fit's unknowns, 95 %."""
     rivals: list[Rival] = field(default_factory=list)
     where: list[Place] = field(default_factory=list)
+    equations: list[Equation] = field(default_factory=list)
+    """What each of the device's equations lacks without effects; none where nothing was repeated."""
     steps: list[Step] = field(default_factory=list)
     gap: dict[str, Gap] = field(default_factory=dict)
     shown_on: Literal["show", "fit"] = "show"
@@ -133,8 +136,10 @@ def _diagnose(
         evidence.on([e for e in every if e.use == "select" and e.group == group])
         for group in dict.fromkeys(e.group for e in every if e.use == "select")
     ]
-    search = Search(evidence, selection, terms(evidence, dataset.device, options.only, options.exclude), told)
+    candidates = terms(evidence, dataset.device, options.only, options.exclude)
+    search = Search(evidence, selection, candidates, told, check.repeated(fitted))
     final = search.run(base)
+    evidence = search.evidence
     told("fitting once more from elsewhere")
     final, sure = certified(evidence, final, np.random.default_rng(options.seed))
     own = final.hypothesis.terms[len(base.hypothesis.terms) :]
@@ -155,6 +160,7 @@ def _diagnose(
         intervals=intervals(evidence, final, np.random.default_rng(options.seed)),
         rivals=others,
         where=locate(evidence, base),
+        equations=equations(evidence, base),
         steps=search.steps,
         experiments=every,
         effective=evidence.effective,
@@ -174,23 +180,24 @@ def base_fit(
     """The device without new effects, and the evidence weighed by the noise of its residuals."""
     plain = Hypothesis(dataset.device, tuple(dataset.uncertain.items()), ())
     bare = Evidence(bench, fitted, {})
-    noise = noises.measure(fitted, bare.residuals(plain, [plain.start()])[0])
+    weigh = noises.measure if check.repeated(fitted) else noises.supposed
+    noise = weigh(fitted, bare.residuals(plain, [plain.start()])[0])
     found = None
     for _ in range(2):  # the noise of the inputs shows through the device, so it changes a little with it
         deviations = tuple((channel, each.deviation) for channel, each in noise.items())
         hypothesis = Hypothesis(plain.device, plain.uncertain, deviations)
         evidence = Evidence(bench, fitted, noise, store)
         found = fit(evidence, hypothesis, found.steps if found else None)
-        noise = noises.measure(fitted, found.residuals)
+        noise = weigh(fitted, found.residuals)
     assert found is not None
     return found, evidence
 
 
 def _verdict(search: Search, final: Fit, own: Sequence[Term], others: Sequence[Rival]) -> tuple[Verdict, list[str]]:
     named = " and ".join(str(term) for term in own)
-    misfits = search.misfits(final)
-    worst = max(misfits, key=lambda channel: misfits[channel].certainty)
     if search.lacks(final):
+        misfits = search.misfits(final)
+        worst = max(misfits, key=lambda channel: misfits[channel].certainty)
         left = (
             f"All repeats of '{worst}' still show a misfit of {misfits[worst].size / misfits[worst].floor:.2f} times "
             f"the noise ({misfits[worst].certainty:.0f} standard errors; {CERTAIN:.0f} are allowed)."
@@ -198,6 +205,8 @@ def _verdict(search: Search, final: Fit, own: Sequence[Term], others: Sequence[R
         last = f"What was tried last: {search.steps[-1].why}."
         proxy = [f"Only a proxy was found: {named} explains part of the gap."] if own else []
         return "unexplained", [left, *proxy, *([] if own else [last])]
+    if not own and not search.repeated:
+        return "insufficient-data", [f"What was tried: {search.steps[-1].why}."]
     if not own:
         last = search.steps[-1].why
         return "nothing-missing", [
@@ -209,7 +218,7 @@ def _verdict(search: Search, final: Fit, own: Sequence[Term], others: Sequence[R
         names = ", ".join(sorted({str(rival.fit.hypothesis.terms[-1]) for rival in others}))
         return "ambiguous", [
             *first,
-            f"{names} would explain the data as well: BIC differs by less than {DECISIVE:.0f}.",
+            f"{names} would explain the data as well: BIC differs by less than {search.decisive:.0f}.",
         ]
     return "named", first
 
@@ -227,13 +236,12 @@ def _show(result: Diagnosis, evidence: Evidence) -> None:
         on.residuals(base.hypothesis, [base.steps])[0],
         on.residuals(final.hypothesis, [final.steps])[0],
     ]
-    floors = noises.measure(on.experiments, residuals[2])
+    floors = evidence.noise if check.repeated(evidence.experiments) else {}
+    floors = {**floors, **noises.measure(on.experiments, residuals[2])}
     for channel in noises.channels(on.experiments):
         rms = [
             float(np.sqrt(np.mean(np.concatenate([found[channel] for found in each if channel in found]) ** 2)))
             for each in residuals
         ]
-        floor = floors.get(channel, evidence.noise.get(channel))
-        if floor is None:  # never repeated, so nobody knows how well it could be met
-            continue
-        result.gap[channel] = Gap(before=rms[0], refitted=rms[1], after=rms[2], floor=floor.deviation)
+        floor = floors[channel].deviation if channel in floors else None
+        result.gap[channel] = Gap(before=rms[0], refitted=rms[1], after=rms[2], floor=floor)

@@ -10,7 +10,7 @@ from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Term
 from klute_sim.diagnose.noise import stacks
 from klute_sim.diagnose.screen import screen
-from klute_sim.diagnose.search import DECISIVE, Search, drop, shortlist, significant
+from klute_sim.diagnose.search import Search, drop, shortlist
 
 MOST = 5
 """Candidates that are tried in a term's place."""
@@ -38,7 +38,7 @@ def rivals(search: Search, found: Fit, own: Sequence[Term]) -> list[Rival]:
     result = []
     for term in own:
         known = next((s for s in search.steps if s.added == term and s.refits[0].hypothesis == found.hypothesis), None)
-        if known is not None:
+        if known is not None and search.repeated:  # else it has been weighed anew since
             refits: Sequence[Fit] = known.refits
         else:
             less = drop(evidence, found, term)
@@ -48,21 +48,22 @@ def rivals(search: Search, found: Fit, own: Sequence[Term]) -> list[Rival]:
             refits = search.refit(less, shortlist(promising)[:MOST], best) if promising else []
         for refit in refits:
             other, difference = refit.hypothesis.terms[-1], refit.criterion(evidence.effective) - best
-            if (other.effect, other.channel) != (term.effect, term.channel) and difference <= DECISIVE:
+            if (other.effect, other.channel) != (term.effect, term.channel) and difference <= search.decisive:
                 result.append(Rival(refit, term, difference))
     return sorted(result, key=lambda rival: rival.difference)
 
 
 def certified(evidence: Evidence, found: Fit, random: np.random.Generator) -> tuple[Fit, bool]:
-    """``found``, or a better fit near it, and whether fits from elsewhere come back to it.
+    """``found`` finished finely, or a better fit near it, and whether fits from elsewhere come back to it.
 
     Elsewhere is :data:`AWAY` standard errors or more from where it is, in every unknown.
     """
     if not len(found.steps):
         return found, found.converged
+    found = fit(evidence, found.hypothesis, found.steps, fine=True)
     errors = np.sqrt(np.diag(np.linalg.pinv(found.jacobian.T @ found.jacobian)))
     away = random.choice([-1.0, 1.0], len(errors)) * np.maximum(AWAY * errors, 0.02)
-    again = fit(evidence, found.hypothesis, found.steps + away)
+    again = fit(evidence, found.hypothesis, found.steps + away, fine=True)
     better = again if again.cost < found.cost else found
     return better, found.converged and again.converged and abs(again.cost - found.cost) < SAME
 
@@ -101,17 +102,12 @@ def _repeats(evidence: Evidence, found: Fit) -> list[Array]:
                 continue
             noise = evidence.noise[channel]
             weight = 1.0 / (noise.deviation * np.sqrt(noise.correlation))
-            pool = apart.get((experiment.group, channel))
-            if pool is None:
-                pool = next(iter(apart.values()))
+            # What was not repeated itself borrows from another group, or else takes what the fit leaves.
+            others = (row for (_, of), row in apart.items() if of == channel)
+            pool = apart.get((experiment.group, channel), next(others, residual[channel][np.newaxis]))
             blocks.append(weight * np.resize(pool[0], len(residual[channel])))
     return blocks
 
 
 def _surrogate(noise: Array, random: np.random.Generator) -> Array:
     return np.asarray(random.choice([-1.0, 1.0]) * np.roll(noise, int(random.integers(len(noise)))))
-
-
-def unexplained(search: Search, found: Fit) -> bool:
-    """Whether every repeat still shows what the fit does not."""
-    return any(significant(m) for m in search.misfits(found).values())

@@ -7,7 +7,8 @@ through a quick release is wrong by more than the noise of its samples.
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 STEPS_PER_SAMPLE = 20
 SHORTEST, LONGEST = 2.5e-4, 5e-3
 """Time steps [s]: with a shorter one the error is lost in a load cell's noise; a longer one is not needed."""
+COARSE = 4
+"""So many steps in one are good enough for derivatives, within some percent."""
 
 UNITS = {"force": ("N", 1.0), "pressure": ("bar", BAR), "muscle_length": ("mm", 1e-3)}
 """Channel -> unit it is shown in, and that unit in SI."""
@@ -70,6 +73,15 @@ class Experiment:
     def duration(self) -> float:
         """[s]"""
         return len(self.unit_length) * self.step
+
+    @cached_property
+    def coarse(self) -> "Experiment":
+        """The same in fewer, longer steps."""
+        many = min(COARSE, int(LONGEST / self.step + 1e-6))
+        if many < 2:
+            return self
+        length, command = self.unit_length[many - 1 :: many], self.command[many - 1 :: many]
+        return replace(self, step=self.step * many, unit_length=length, command=command)
 
 
 def prepare(dataset: Dataset, split: Split) -> list[Experiment]:

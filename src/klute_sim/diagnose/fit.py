@@ -39,15 +39,18 @@ class Evidence:
             if channel in self.noise
         )
 
-    def residuals(self, hypothesis: Hypothesis, rows: Sequence[Array]) -> list[list[dict[str, Array]]]:
-        """Measured minus simulated [SI] for each of ``rows`` of unknowns, in each experiment."""
-        settings = [hypothesis.settings(row, self.experiments) for row in rows]
+    def residuals(
+        self, hypothesis: Hypothesis, rows: Sequence[Array], *, coarse: bool = False
+    ) -> list[list[dict[str, Array]]]:
+        """Measured minus simulated [SI] for each of ``rows`` of unknowns, in each experiment; ``coarse``: quickly."""
+        experiments = [e.coarse for e in self.experiments] if coarse else self.experiments
+        settings = [hypothesis.settings(row, experiments) for row in rows]
         return [
             [
                 {channel: series.value - shown[channel] for channel, series in e.measured.items()}
-                for e, shown in zip(self.experiments, found, strict=True)
+                for e, shown in zip(experiments, found, strict=True)
             ]
-            for found in self.bench.simulate(settings, self.experiments)
+            for found in self.bench.simulate(settings, experiments)
         ]
 
     def weighted(self, residuals: Residuals) -> Array:
@@ -102,35 +105,45 @@ def fit(
     slope: Array | None = None,
     *,
     rounds: int = MOST_ROUNDS,
+    fine: bool = False,
 ) -> Fit:
     """Fit ``hypothesis`` from ``start`` (in steps; None: nominal and neutral) by bounded least squares.
 
-    ``slope`` is the Jacobian at ``start``, or near enough to find the first direction, where it is known.
+    ``slope`` is the Jacobian at ``start``, or near enough to find the first direction, where it is known. Residuals are
+    never coarse; derivatives are, unless the fit is to be a ``fine`` one, which takes three times as long and comes
+    out the same to a small part of what decides.
     """
-    question = repr((hypothesis, sorted(evidence.noise.items()), [e.name for e in evidence.experiments], rounds))
+    given = [e.name for e in evidence.experiments]
+    question = repr((hypothesis, sorted(evidence.noise.items()), given, rounds, fine))
     begin = hypothesis.start() if start is None else start
     question += hashlib.sha256(begin.tobytes() + (b"" if slope is None else slope.tobytes())).hexdigest()
     kept = evidence.store.get(question) if evidence.store else None
     if kept is not None:
         residuals = evidence.residuals(hypothesis, [kept["steps"]])[0]
         return Fit(hypothesis, kept["steps"], kept["vector"], kept["jacobian"], bool(kept["converged"]), residuals)
-    done = _fit(evidence, hypothesis, begin, slope, rounds)
+    done = _fit(evidence, hypothesis, begin, slope, rounds, coarse=True)
+    if fine and len(begin):
+        done = _fit(evidence, hypothesis, done.steps, None, rounds, coarse=False)
     if evidence.store:
         whether = np.array(done.converged)
         evidence.store.put(question, steps=done.steps, vector=done.vector, jacobian=done.jacobian, converged=whether)
     return done
 
 
-def _fit(evidence: Evidence, hypothesis: Hypothesis, begin: Array, slope: Array | None, rounds: int) -> Fit:
+def _fit(
+    evidence: Evidence, hypothesis: Hypothesis, begin: Array, slope: Array | None, rounds: int, *, coarse: bool
+) -> Fit:
     low, high = hypothesis.bounds()
     prior = np.eye(hypothesis.base, len(hypothesis.unknowns))
-    seen: dict[bytes, tuple[Array, Residuals]] = {}
+    seen: dict[bytes, Residuals] = {}
 
-    def vectors(rows: Sequence[Array]) -> list[Array]:
-        fresh = [row for row in rows if row.tobytes() not in seen]
-        for row, found in zip(fresh, evidence.residuals(hypothesis, fresh) if fresh else [], strict=True):
-            seen[row.tobytes()] = (np.concatenate([evidence.weighted(found), row[: hypothesis.base]]), found)
-        return [seen[row.tobytes()][0] for row in rows]
+    def vector(row: Array, residuals: Residuals) -> Array:
+        return np.concatenate([evidence.weighted(residuals), row[: hypothesis.base]])
+
+    def vector_at(row: Array) -> Array:
+        if row.tobytes() not in seen:
+            seen[row.tobytes()] = evidence.residuals(hypothesis, [row])[0]
+        return vector(row, seen[row.tobytes()])
 
     known = [] if slope is None else [slope]
 
@@ -140,20 +153,16 @@ def _fit(evidence: Evidence, hypothesis: Hypothesis, begin: Array, slope: Array 
         # Into the bounds, one unknown at a time, all at once on the bench.
         signs = np.where(row + DIFFERENCE > high, -1.0, 1.0)
         moved = [row + DIFFERENCE * sign * unit for sign, unit in zip(signs, np.eye(len(row)), strict=True)]
-        here, *there = vectors([row, *moved])
-        found: Array = np.stack([(v - here) / (DIFFERENCE * s) for v, s in zip(there, signs, strict=True)], axis=1)
-        for one in moved:
-            seen.pop(one.tobytes(), None)
-        return found
+        rows = [row, *moved] if coarse else moved
+        residuals = evidence.residuals(hypothesis, rows, coarse=coarse)
+        vectors = [vector(*pair) for pair in zip(rows, residuals, strict=True)]
+        here = vectors.pop(0) if coarse else vector_at(row)
+        return np.stack([(v - here) / (DIFFERENCE * s) for v, s in zip(vectors, signs, strict=True)], axis=1)
 
     inside = np.clip(begin, low + 1e-9, high - 1e-9)
     if not len(inside):
-        vector = vectors([inside])[0]
-        return Fit(hypothesis, inside, vector, np.empty((len(vector), 0)), True, seen[inside.tobytes()][1])
-
-    def vector_at(row: Array) -> Array:
-        return vectors([row])[0]
-
+        there = vector_at(inside)
+        return Fit(hypothesis, inside, there, np.empty((len(there), 0)), True, seen[inside.tobytes()])
     result = least_squares(
         vector_at,
         inside,
@@ -164,7 +173,6 @@ def _fit(evidence: Evidence, hypothesis: Hypothesis, begin: Array, slope: Array 
         gtol=None,
         max_nfev=rounds,
     )
-    vector = vectors([result.x])[0]
-    found = np.asarray(result.jac)
-    found[len(vector) - hypothesis.base :] = prior
-    return Fit(hypothesis, result.x, vector, found, result.status > 0, seen[result.x.tobytes()][1])
+    there, found = vector_at(result.x), np.asarray(result.jac)
+    found[len(there) - hypothesis.base :] = prior
+    return Fit(hypothesis, result.x, there, found, result.status > 0, seen[result.x.tobytes()])

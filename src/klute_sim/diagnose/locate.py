@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from klute_sim.diagnose.check import repeated
 from klute_sim.diagnose.experiment import UNITS, Array, Experiment
 from klute_sim.diagnose.fit import Evidence, Fit
 from klute_sim.diagnose.noise import stacks
@@ -33,13 +34,14 @@ class Place(NamedTuple):
 def locate(evidence: Evidence, base: Fit) -> list[Place]:
     """Channels by their share of what all repeats show, largest first."""
     found, sizes = [], {}
+    least = 2 if repeated(evidence.experiments) else 1
     by_group = {e.group: e for e in evidence.experiments}
     for channel, noise in evidence.noise.items():
         squares, circumstances = [], []
-        for group, clock, stack in stacks(evidence.experiments, base.residuals, channel):
+        for group, clock, stack in stacks(evidence.experiments, base.residuals, channel, least=least):
             # Repeats' mean, less what noise leaves in it.
             mean, count = stack.mean(axis=0), len(stack)
-            squares.append(mean * mean - noise.deviation**2 / count)
+            squares.append(mean * mean - (noise.deviation**2 / count if count > 1 else 0.0))
             circumstances.append(_circumstances(by_group[group], clock))
         if not squares:
             continue

@@ -1,5 +1,7 @@
 """What repeats say about noise: how large, how long it stays the same, and what is left that every repeat shows.
 
+Where nothing is repeated, noise cannot be told from misfit, and all that a model leaves is taken for noise.
+
 Repeats are compared by their *residuals*, measured minus simulated with each repeat's own inputs. What the model gets
 wrong is the same in all of them and drops out of their differences; what is different is noise, including that of
 the recorded inputs.
@@ -51,11 +53,11 @@ class Stack(NamedTuple):
     """(repeats, samples) residuals [SI]."""
 
 
-def stacks(experiments: Sequence[Experiment], residuals: Residuals, channel: str) -> Iterator[Stack]:
-    """Every group in which ``channel`` was recorded at least twice, as long as all of its repeats last."""
+def stacks(experiments: Sequence[Experiment], residuals: Residuals, channel: str, *, least: int = 2) -> Iterator[Stack]:
+    """Every group in which ``channel`` was recorded ``least`` times or more, as long as all of its repeats last."""
     for group, members in groups(experiments).items():
         having = [k for k in members if channel in experiments[k].measured and len(residuals[k][channel])]
-        if len(having) < 2:
+        if len(having) < least:
             continue
         clocks = [experiments[k].measured[channel].time - experiments[k].begin for k in having]
         first = clocks[0]
@@ -83,6 +85,20 @@ def measure(experiments: Sequence[Experiment], residuals: Residuals) -> dict[str
     return found
 
 
+def supposed(experiments: Sequence[Experiment], residuals: Residuals) -> dict[str, Noise]:
+    """Noise of every channel if all of ``residuals`` were noise: too much of it, and for too long, if a model lacks
+    something. That errs towards naming nothing.
+    """
+    found = {}
+    for channel in channels(experiments):
+        rows = [each[channel] for each in residuals if channel in each and len(each[channel]) > 10]
+        if rows:
+            whole = np.concatenate(rows)
+            time = float(np.average([persistence(row) for row in rows], weights=[len(row) for row in rows]))
+            found[channel] = Noise(float(np.sqrt(np.mean(whole**2))), time, len(whole))
+    return found
+
+
 def channels(experiments: Iterable[Experiment]) -> list[str]:
     """Every channel that was measured anywhere."""
     return list(dict.fromkeys(channel for e in experiments for channel in e.measured))
@@ -90,15 +106,29 @@ def channels(experiments: Iterable[Experiment]) -> list[str]:
 
 def correlation(row: Array) -> float:
     """Integrated autocorrelation time of ``row`` [samples]: 1 for independent samples."""
-    row = row - row.mean()
+    power = _autocorrelation(row - row.mean())
+    sums = 2.0 * np.cumsum(power) - 1.0
+    inside = np.arange(len(row)) >= WINDOW * sums
+    return float(max(1.0, sums[int(inside.argmax()) if inside.any() else -1]))
+
+
+def persistence(row: Array) -> float:
+    """Autocorrelation time of ``row`` [samples] up to where the correlation with its beginning is gone.
+
+    A misfit swings to the other side again and again: those swings must not make it look like many samples of noise.
+    """
+    power = _autocorrelation(row)
+    gone = power <= 0.0
+    return float(max(1.0, 2.0 * power[: int(gone.argmax()) if gone.any() else None].sum() - 1.0))
+
+
+def _autocorrelation(row: Array) -> Array:
+    """By lag, 1 at none; of a row that is nowhere different from 0: as of independent samples."""
     size = 1 << (2 * len(row) - 1).bit_length()
     spectrum = np.fft.rfft(row, size)
     power = np.fft.irfft((spectrum * spectrum.conj()).real, size)[: len(row)]
-    if not power[0] > 0.0:
-        return 1.0
-    sums = 2.0 * np.cumsum(power / power[0]) - 1.0
-    inside = np.arange(len(row)) >= WINDOW * sums
-    return float(max(1.0, sums[int(inside.argmax()) if inside.any() else -1]))
+    found: Array = power / power[0] if power[0] > 0.0 else np.eye(1, len(row))[0]
+    return found
 
 
 class Misfit(NamedTuple):

@@ -64,18 +64,16 @@ def screen(evidence: Evidence, current: Fit, candidates: Sequence[Term]) -> list
     """``candidates`` by what they promise, best first."""
     hypotheses = [current.hypothesis.plus(term) for term in candidates]
     rows = [_tried(hypothesis, current.steps) for hypothesis in hypotheses]
-    settings = [h.settings(row, evidence.experiments) for h, row in zip(hypotheses, rows, strict=True)]
-    shown = evidence.bench.simulate(settings, evidence.experiments)
+    experiments = [e.coarse for e in evidence.experiments]
+    settings = [h.settings(row, experiments) for h, row in zip(hypotheses, rows, strict=True)]
+    settings.append(current.hypothesis.settings(current.steps, experiments))
+    *shown, plain = evidence.bench.simulate(settings, experiments)
     basis, _ = np.linalg.qr(current.jacobian)
     found = []
     for term, hypothesis, row, each in zip(candidates, hypotheses, rows, shown, strict=True):
-        residuals = [
-            {c: series.value - values[c] for c, series in e.measured.items()}
-            for e, values in zip(evidence.experiments, each, strict=True)
-        ]
-        prior = current.steps[: hypothesis.base]
+        less = [{c: before[c] - after[c] for c in after} for before, after in zip(plain, each, strict=True)]
         steps = float(row[len(current.steps)])
-        change = (np.concatenate([evidence.weighted(residuals), prior]) - current.vector) / steps
+        change = np.concatenate([evidence.weighted(less), np.zeros(hypothesis.base)]) / steps
         left = change - basis @ (basis.T @ change)
         size, whole = float(np.linalg.norm(left)), float(np.linalg.norm(change))
         if not (np.isfinite(size) and size > 1e-6 * max(whole, 1.0)):

@@ -6,13 +6,13 @@ added to it.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
-from klute_sim.diagnose.noise import Misfit, groups, misfit
+from klute_sim.diagnose.noise import Misfit, groups, misfit, supposed
 from klute_sim.diagnose.screen import Candidate, screen
 
 DECISIVE = 6.0
@@ -26,6 +26,8 @@ NOTICEABLE = 0.25
 """Of the noise, below which a misfit is not worth a name."""
 LEAST_GAIN = 0.02
 """Mean fall of chi squared on selection trials, relative, and the loss that one group may have."""
+WIDER = 2.0
+"""What the two gates above are multiplied by where nothing was repeated and noise is only supposed."""
 PATIENCE = (3, 4, 25)
 """Rounds of fitting that the shortlist gets, then who is left of it, then who is left of those."""
 SECOND_CHANCES = 3
@@ -57,7 +59,14 @@ class Search:
     """One per selection group."""
     candidates: Sequence[Term]
     told: Callable[[str], None] = lambda sentence: None
+    repeated: bool = True
+    """Whether noise was measured from repeats; else it is supposed to be all that is left, anew after every effect."""
     steps: list[Step] = field(default_factory=list)
+
+    @property
+    def decisive(self) -> float:
+        """Difference of BIC that decides."""
+        return DECISIVE if self.repeated else WIDER * DECISIVE
 
     def run(self, base: Fit) -> Fit:
         """The accepted hypothesis, from the fit without effects."""
@@ -68,9 +77,16 @@ class Search:
             if step.added is None:
                 break
             current = self._without_idle(step.refits[0], base)
-            if not self.lacks(current):
+            if not self.repeated:
+                current = self._weighed_anew(current)
+            elif not self.lacks(current):
                 break
         return current
+
+    def _weighed_anew(self, current: Fit) -> Fit:
+        self.evidence = replace(self.evidence, noise=supposed(self.evidence.experiments, current.residuals))
+        self.selection = [replace(one, noise=self.evidence.noise) for one in self.selection]
+        return fit(self.evidence, current.hypothesis, current.steps)
 
     def lacks(self, current: Fit) -> bool:
         """Whether all repeats of some channel show what the fit does not."""
@@ -85,7 +101,7 @@ class Search:
         open_ = [t for t in self.candidates if (t.effect, t.channel) not in taken]
         self.told(f"screening {len(open_)} candidates")
         found = screen(self.evidence, current, open_)
-        needed = DECISIVE + float(np.log(self.evidence.effective))
+        needed = self.decisive + float(np.log(self.evidence.effective))
         promising = [c for c in found if c.gain > 0.5 * needed]
         if not promising:
             return Step(current, tuple(found), (), None, {}, "no effect promises to explain more than noise would")
@@ -168,13 +184,14 @@ class Search:
     def _against(self, best: Fit, gain: float, gains: dict[str, float]) -> str:
         """Why the best candidate is not accepted; '' if it is."""
         term = best.hypothesis.terms[-1]
-        if gain <= DECISIVE:
-            return f"{term} explains no more than noise would (BIC falls by {gain:.1f}, {DECISIVE:.0f} are needed)"
+        least = LEAST_GAIN if self.repeated else WIDER * LEAST_GAIN
+        if gain <= self.decisive:
+            return f"{term} explains no more than noise would (BIC falls by {gain:.1f}, {self.decisive:.0f} are needed)"
         losses = [f"'{group}' by {-100 * g:.1f} %" for group, g in gains.items() if g < -LEAST_GAIN]
         if losses:
             return f"{term} fits, but trials that were not fitted get worse: {', '.join(losses)}"
-        if gains and float(np.mean(list(gains.values()))) <= LEAST_GAIN:
-            return f"{term} fits, but trials that were not fitted gain no more than {100 * LEAST_GAIN:.0f} %"
+        if gains and float(np.mean(list(gains.values()))) <= least:
+            return f"{term} fits, but trials that were not fitted gain no more than {100 * least:.0f} %"
         return ""
 
     def _without_idle(self, current: Fit, base: Fit) -> Fit:
@@ -183,7 +200,7 @@ class Search:
         for term in own[:-1]:
             self.told(f"trying without {term}")
             less = drop(self.evidence, current, term)
-            if self._criterion(less) <= self._criterion(current) + DECISIVE:
+            if self._criterion(less) <= self._criterion(current) + self.decisive:
                 return self._without_idle(less, base)
         return current
 

@@ -1,4 +1,4 @@
-"""The verdict as ``verdict.json`` has it, and as a person reads it."""
+"""The verdict as ``verdict.json`` has it."""
 
 from typing import Any
 
@@ -9,21 +9,6 @@ from klute_sim.diagnose.hypothesis import Term
 
 SCHEMA = "klute-sim-verdict/1"
 DEVICE_FILE = "device.toml"
-
-HEADLINES = {
-    "nothing-missing": "Nothing is missing: the device fits as well as repeats of the measurement agree.",
-    "named": "A missing effect was found: {names}.",
-    "ambiguous": "Something is missing, and these cannot be told apart: {names}; {others}.",
-    "unexplained": "Something is missing, and none of the effects that are known explains it.",
-    "insufficient-data": "The data cannot answer.",
-}
-
-
-def headline(diagnosis: Diagnosis) -> str:
-    """The verdict in a sentence."""
-    names = " and ".join(str(term) for term in diagnosis.found)
-    others = "; ".join(dict.fromkeys(" and ".join(a) for a in alternatives(diagnosis)))
-    return HEADLINES[diagnosis.verdict].format(names=names, others=others)
 
 
 def alternatives(diagnosis: Diagnosis) -> list[list[str]]:
@@ -55,7 +40,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
                 "unit": UNITS[channel][0],
                 "before": gap.refitted / UNITS[channel][1],
                 "after": gap.after / UNITS[channel][1],
-                "floor": gap.floor / UNITS[channel][1],
+                "floor": None if gap.floor is None else gap.floor / UNITS[channel][1],
             }
             for channel, gap in diagnosis.gap.items()
         },

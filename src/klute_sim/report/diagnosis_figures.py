@@ -101,7 +101,9 @@ def gaps(diagnosis: Diagnosis) -> "Figure":
             ]
             if diagnosis.found:
                 bars.append(("with effects", gap.after, AFTER))
-            bars.append(("noise of repeats", gap.floor, NOISE))
+            if gap.floor is not None:
+                bars.append(("noise of repeats", gap.floor, NOISE))
+                axis.axvline(gap.floor / si, color="0.5", linewidth=0.7, linestyle=":")
             drawn = axis.barh(
                 [name for name, _, _ in bars], [v / si for _, v, _ in bars], color=[c for _, _, c in bars], height=0.7
             )
@@ -109,7 +111,6 @@ def gaps(diagnosis: Diagnosis) -> "Figure":
                 drawn, labels=[words.number(v / si, 3) for _, v, _ in bars], padding=3, fontsize=8, bbox=white
             )
             axis.margins(x=0.2)
-            axis.axvline(gap.floor / si, color="0.5", linewidth=0.7, linestyle=":")
             axis.invert_yaxis()
             axis.xaxis.set_major_locator(MaxNLocator(5))
             axis.set_xlabel(f"rms, measured - simulated [{unit}]")

@@ -74,6 +74,7 @@ def content(diagnosis: Diagnosis) -> dict[str, Any]:
         "proxies": d.verdict == "unexplained",
         "effects": [_effect(d, term) for term in d.found],
         "rivals": _rivals(d),
+        "equation": words.equation(d),
         "where": [
             {
                 "channel": words.spoken(place.channel),
@@ -169,10 +170,11 @@ def _gap(d: Diagnosis) -> list[dict[str, str]]:
     for channel, gap in d.gap.items():
         unit, si = UNITS[channel]
         parts = {"before": gap.before, "refitted": gap.refitted, "after": gap.after, "floor": gap.floor}
-        row = {name: words.number(value / si, 3) for name, value in parts.items()}
+        row = {name: "?" if value is None else words.number(value / si, 3) for name, value in parts.items()}
         # In squares, because noise adds to a gap in squares.
-        above = gap.refitted**2 - gap.floor**2
-        gone = 1.0 - max(0.0, gap.after**2 - gap.floor**2) / above if above > 0.1 * gap.floor**2 else None
+        floor = (gap.floor or 0.0) ** 2
+        above = gap.refitted**2 - floor
+        gone = 1.0 - max(0.0, gap.after**2 - floor) / above if above > 0.1 * floor and gap.floor else None
         row["gone"] = "-" if gone is None or not d.found else f"{100.0 * gone:.1f} %"
         rows.append({"channel": words.spoken(channel), "unit": unit, **row})
     return rows

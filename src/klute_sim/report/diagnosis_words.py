@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from klute_sim.diagnose.diagnosis import Diagnosis
+from klute_sim.diagnose.equations import UNITS as UNITS_OF_EQUATIONS
 from klute_sim.diagnose.experiment import UNITS
 from klute_sim.diagnose.hypothesis import Term, Unknown
+from klute_sim.diagnose.search import CERTAIN
 from klute_sim.effects import catalogue
 
 KEY_WORDS = {
@@ -113,15 +115,30 @@ def verdict(diagnosis: Diagnosis) -> str:
     return f"{found[0].upper()}{found[1:]}."
 
 
+def equation(diagnosis: Diagnosis) -> str:
+    """Which of the device's equations does not hold, in one sentence; '' if all do or none could be checked."""
+    lacking = [each for each in diagnosis.equations if each.certainty > CERTAIN]
+    if not lacking:
+        return ""
+    parts = []
+    for each in lacking:
+        unit, si = UNITS_OF_EQUATIONS[each.name]
+        parts.append(f"the {each.name}'s lacks {number(each.lacks / si, 3)} {unit} rms")
+    holding = [f"the {each.name}'s" for each in diagnosis.equations if each not in lacking]
+    holds = f"; {joined(holding)} {'hold' if len(holding) > 1 else 'holds'}" if holding else ""
+    return f"Of the equations of the device without effects, {joined(parts)}{holds}."
+
+
 def improvement(diagnosis: Diagnosis) -> str:
     """What became of the gap of the channel that was worst, in one sentence; '' if nothing was fitted."""
-    gap = {c: g for c, g in diagnosis.gap.items() if g.floor > 0.0}
-    if not gap:
+    ratios = {channel: gap.refitted / gap.floor for channel, gap in diagnosis.gap.items() if gap.floor}
+    if not ratios:
         return ""
-    worst = max(gap, key=lambda channel: gap[channel].refitted / gap[channel].floor)
+    worst = max(ratios, key=lambda channel: ratios[channel])
     unit, si = UNITS[worst]
-    own = gap[worst]
-    before, after, floor = (f"{number(value / si, 3)} {unit}" for value in (own.refitted, own.after, own.floor))
+    own = diagnosis.gap[worst]
+    shown = (own.refitted, own.after, own.floor or 0.0)
+    before, after, floor = (f"{number(value / si, 3)} {unit}" for value in shown)
     where = "trials that no fit saw" if diagnosis.shown_on == "show" else "the fitted trials (none was kept back)"
     if not diagnosis.found:
         return f"On {where}, simulated and measured {spoken(worst)} differ by {before} rms; noise alone is {floor}."
