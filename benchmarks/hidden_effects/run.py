@@ -5,17 +5,19 @@
 Datasets are made where they are missing, every result is saved as soon as it is there, and what has been done with
 this code is not done again: interrupt it and start it again as you like. ``--shard 2/4`` does the second quarter, for
 several machines that share OUT. Block ``deleted`` takes block ``single`` with the true effect struck from the
-catalogue. The truth is opened only after the verdict is on the disk.
+catalogue. The truth is opened only after the verdict is on the disk. ``--baselines`` puts two other methods beside it
+(:mod:`baselines`), kept alike; they need ``pip install --group benchmark``.
 """
 
 import argparse
 import hashlib
 import json
-import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +25,13 @@ from generate import make
 from plan import BLOCKS, plan
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
-from score import hidden, kinds_confused, named, score, size
+from score import score
 
-ROOT = Path(__file__).parents[2]
+from report import Row, report
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+Verdict = dict[str, Any]
 
 
 def code() -> str:
@@ -36,7 +41,13 @@ def code() -> str:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
-def verdict_of(dataset: Path, exclude: tuple[str, ...]) -> dict[str, Any]:
+def code_of_baselines() -> str:
+    """Digest of everything that decides what the other methods say."""
+    files = (HERE / "baselines.py", HERE / "force_balance.py")
+    return hashlib.sha256(b"".join([code().encode(), *(file.read_bytes() for file in files)])).hexdigest()[:12]
+
+
+def verdict_of(dataset: Path, exclude: tuple[str, ...]) -> Verdict:
     """Run ``klute-sim diagnose`` on ``dataset`` as a user would."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "klute_sim", "diagnose", str(dataset), "--json", "--no-report"]
@@ -50,8 +61,26 @@ def verdict_of(dataset: Path, exclude: tuple[str, ...]) -> dict[str, Any]:
         return {"verdict": "insufficient-data", "effects": [], "alternatives": [], "said": done.stderr, "s": seconds}
     if done.returncode != 0:
         raise RuntimeError(f"{dataset}: {done.stderr}")
-    found: dict[str, Any] = json.loads(done.stdout)
+    found: Verdict = json.loads(done.stdout)
     return found | {"s": seconds}
+
+
+def kept(file: Path, answer: Callable[[], Verdict]) -> Verdict:
+    """What ``file`` holds; what ``answer`` says is put there first if it is not there."""
+    if not file.exists():
+        fresh = file.with_suffix(".unfinished")
+        fresh.write_text(json.dumps(answer(), indent=1), "utf-8")
+        fresh.rename(file)
+    found: Verdict = json.loads(file.read_text("utf-8"))
+    return found
+
+
+def other_methods() -> dict[str, Callable[..., Verdict]]:
+    """Name -> method; raises ModuleNotFoundError, with what to install, if one cannot run."""
+    import baselines  # the project's own benchmark does without what these need
+
+    baselines.need_pysindy()
+    return {"plain_bic": baselines.plain_bic, "sindy": baselines.sindy}
 
 
 def main() -> None:
@@ -62,65 +91,40 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=20, help="datasets of the block  [default: 20]")
     parser.add_argument("--seed", type=int, default=1, help="of the block  [default: 1]")
     parser.add_argument("--shard", default="1/1", metavar="I/N", help="do the I-th of N parts  [default: 1/1]")
+    parser.add_argument("--baselines", action="store_true", help="do other methods, too")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     chosen = parser.parse_args()
     part, parts = (int(x) for x in chosen.shard.split("/"))
     block = "single" if chosen.block == "deleted" else chosen.block
     results = chosen.out / "results"
     results.mkdir(parents=True, exist_ok=True)
-    notes, own = Console(stderr=True), code()
+    notes, own, beside = Console(stderr=True), code(), code_of_baselines()
+    try:
+        methods = other_methods() if chosen.baselines else {}
+    except ModuleNotFoundError as error:
+        parser.error(str(error))
     specs = plan(block, chosen.count, chosen.seed)[part - 1 :: parts]
-    rows = []
+    rows: list[Row] = []
+    others: dict[str, list[Row]] = {method: [] for method in methods}
     for spec in track(specs, "diagnosing", console=notes, transient=True, disable=not notes.is_terminal):
         name = spec.pop("name")
         dataset, truth_file = chosen.out / name, chosen.out / f"{name}.truth.json"
         if not truth_file.exists():
             make(dataset, **spec, truth=truth_file)
-        kept = results / f"{name}_{chosen.block}_{own}.json"
         deleted = tuple(e["name"] for e in spec.get("effects", ())) if chosen.block == "deleted" else ()
-        if not kept.exists():
-            verdict = verdict_of(dataset, deleted)
-            fresh = kept.with_suffix(".unfinished")
-            fresh.write_text(json.dumps(verdict, indent=1), "utf-8")
-            fresh.rename(kept)
-        verdict, truth = json.loads(kept.read_text("utf-8")), json.loads(truth_file.read_text("utf-8"))
-        rows.append((name, truth, verdict, score(truth, verdict, deleted)))
-    report(rows, as_json=chosen.json)
-
-
-def report(rows: list[tuple[str, Any, Any, str]], *, as_json: bool) -> None:
-    """The outcome of every dataset, and how often each."""
-    counts = {word: sum(row[3] == word for row in rows) for word in dict.fromkeys(row[3] for row in rows)}
-    whole = {
-        "datasets": len(rows),
-        "outcomes": counts,
-        "kinds_confused": sum(kinds_confused(truth, verdict) for _, truth, verdict, _ in rows),
-        "median_s": statistics.median(verdict["s"] for _, _, verdict, _ in rows),
-    }
-    listed = [
-        {
-            "dataset": name,
-            "hidden": hidden(truth),
-            "raw_size": truth["raw_size"],
-            "size": size(verdict),
-            "verdict": verdict["verdict"],
-            "named": named(verdict),
-            "alternatives": verdict["alternatives"],
-            "outcome": outcome,
+        file = f"{name}_{chosen.block}"
+        verdict = kept(results / f"{file}_{own}.json", partial(verdict_of, dataset, deleted))
+        found = {
+            method: kept(results / f"{file}_{method}_{beside}.json", partial(answer, dataset, deleted))
+            for method, answer in methods.items()
         }
-        for name, truth, verdict, outcome in rows
-    ]
-    if as_json:
-        print(json.dumps({**whole, "rows": listed}, indent=2))
-        return
-    table = Table("dataset", "hidden", "raw size", "size", "verdict", "named", "outcome")
-    for row in listed:
-        told = ", ".join(row["named"]) + ("".join(f" | {', '.join(a)}" for a in row["alternatives"]))
-        sizes = f"{row['raw_size']:.1f}", f"{row['size']:.1f}"
-        table.add_row(row["dataset"], ", ".join(row["hidden"]), *sizes, row["verdict"], told, row["outcome"])
-    out = Console(width=150, highlight=False)
-    out.print(table)
-    out.print(whole)
+        truth = json.loads(truth_file.read_text("utf-8"))
+        rows.append(Row(name, truth, verdict, score(truth, verdict, deleted)))
+        for method, other in found.items():
+            # Whether anything is left to name is the dataset's own: all are held against the same refitted device.
+            judged = {**other, "gap": verdict.get("gap", {})}
+            others[method].append(Row(name, truth, other, score(truth, judged, deleted)))
+    report(rows, others, as_json=chosen.json)
 
 
 if __name__ == "__main__":

@@ -31,8 +31,13 @@ def named(verdict: Verdict) -> list[str]:
 
 def size(verdict: Verdict) -> float:
     """What a refitted device leaves on trials that no fit saw, rms over the noise, in the worst channel."""
-    excess = [(gap["before"] / gap["floor"]) ** 2 - 1.0 for gap in verdict.get("gap", {}).values()]
-    return math.sqrt(max([0.0, *excess]))
+    return _above(verdict, "before")
+
+
+def _above(verdict: Verdict, when: str) -> float:
+    """Rms over the noise, ``before`` or ``after`` effects were added; 0 where the noise is not known."""
+    gaps = [gap for gap in verdict.get("gap", {}).values() if gap["floor"]]
+    return math.sqrt(max([0.0, *((gap[when] / gap["floor"]) ** 2 - 1.0 for gap in gaps)]))
 
 
 def score(truth: Truth, verdict: Verdict, deleted: Sequence[str] = ()) -> str:
@@ -42,8 +47,8 @@ def score(truth: Truth, verdict: Verdict, deleted: Sequence[str] = ()) -> str:
 
     *right*: exactly what is hidden was named, or it is among the sets that an ambiguous verdict lists; for clean data,
     that nothing is missing; for defective data and effects that were ``deleted`` from the catalogue, that the program
-    did not answer with a name. *part*: some of several, and nothing else. *absorbed*: nothing was named, and nothing
-    is left to name, because the device's uncertain numbers, within what they may be, imitate what is hidden.
+    did not answer with a name. *part*: some of several, and nothing else. *absorbed*: nothing or only some was named,
+    and nothing is left to name, because the device's uncertain numbers, within what they may be, imitate the rest.
     """
     true, found, kind = hidden(truth), named(verdict), verdict["verdict"]
     if truth.get("defect"):
@@ -61,7 +66,9 @@ def score(truth: Truth, verdict: Verdict, deleted: Sequence[str] = ()) -> str:
         return "absorbed"
     if not found:
         return "flagged" if kind in FLAGGED else "missed"
-    return "part" if set(found) < set(true) else "wrong"
+    if set(found) < set(true):
+        return "absorbed" if _above(verdict, "after") < ABSORBED else "part"
+    return "wrong"
 
 
 def kinds_confused(truth: Truth, verdict: Verdict) -> bool:

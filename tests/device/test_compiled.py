@@ -54,26 +54,9 @@ ALONE = (
     "import numpy as np; from klute_sim.device.files import load; from klute_sim.device.rollout import rollout;"
     "print(rollout(load('klute-3-4').parameters, np.full(3, 0.15), np.full(3, 5e5), 1e-3).tension[-1])"
 )
-IN_MUJOCO = (
-    "import mujoco; from klute_sim.device.files import load; from klute_sim.plant import models, router\n"
-    "m = models.equip(models.spec('bench'), {'muscle_tendon': load('klute-3-4-pair').parameters})\n"
-    "d = mujoco.MjData(m); d.qpos[0] = 0.36\n"
-    "with router.installed('compiled'): router.step(m, d)\n"
-    "print(-d.actuator_force[0])"
-)
 
 
-@pytest.mark.parametrize(
-    ("script", "file", "old", "new"),
-    [
-        (ALONE, "laws/mckibben.py", "bladder_force(muscle, length) + friction", "0.0 * length + friction"),
-        (IN_MUJOCO, "plant/coupling.py", "given_back(row, velocity) - tension(", "0.0 - 2.0 * tension("),
-        (IN_MUJOCO, "plant/memory.py", "return force(", "return 2.0 * force("),
-    ],
-)
-def test_what_was_compiled_is_named_after_its_sources(
-    script: str, file: str, old: str, new: str, tmp_path: Path
-) -> None:
+def test_what_was_compiled_is_named_after_its_sources(tmp_path: Path) -> None:
     """numba itself would go on using machine code of a law that has changed since."""
     package = tmp_path / "klute_sim"
     source = Path(step.__file__).parents[1]
@@ -81,7 +64,7 @@ def test_what_was_compiled_is_named_after_its_sources(
     shutil.copytree(models.folder(), package / "models", dirs_exist_ok=True)
 
     def tension() -> float:
-        command = [sys.executable, "-c", script]
+        command = [sys.executable, "-c", ALONE]
         done = subprocess.run(command, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, check=True)
         return float(done.stdout)
 
@@ -90,10 +73,25 @@ def test_what_was_compiled_is_named_after_its_sources(
     assert kept
     assert tension() == before
     assert sorted(package.rglob("*.nbc")) == kept  # the second time, nothing was compiled
-    text = (package / file).read_text("utf-8")
-    assert old in text
-    (package / file).write_text(text.replace(old, new), "utf-8")
+    law = package / "laws" / "mckibben.py"
+    text, friction = law.read_text("utf-8"), "bladder_force(muscle, length) + friction"
+    assert friction in text
+    law.write_text(text.replace(friction, "0.0 * length + friction"), "utf-8")
     assert tension() > before + 10.0
+
+
+def test_every_source_that_is_compiled_is_in_the_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "klute_sim"
+    shutil.copytree(Path(step.__file__).parents[1], package, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(step, "__file__", str(package / "device" / "step.py"))
+    seen = {compiled._digest.__wrapped__("")}
+    sources = ("units.py", "laws/damper.py", "effects/tendon.py", "device/rollout.py", "plant/memory.py")
+    for count, name in enumerate(sources, start=2):
+        with (package / name).open("a", encoding="utf-8") as file:
+            file.write("\n")
+        seen.add(compiled._digest.__wrapped__(""))
+        assert len(seen) == count
+    assert compiled._digest.__wrapped__("constants") not in seen
 
 
 def test_without_a_place_to_keep_it_compiles_all_the_same() -> None:
