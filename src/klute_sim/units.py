@@ -3,26 +3,34 @@
 BAR = 1.0e5
 """Pascals in a bar."""
 
-KEY_UNITS: dict[str, float] = {
-    "_mm": 1e-3,
-    "_n_per_mm": 1e3,
-    "_kpa": 1e3,
-    "_bar": BAR,
-    "_bar_per_s": BAR,
-    "_n_per_bar": 1.0 / BAR,
-    "_kg_m3": 1.0,
-    "_per_m": 1.0,
-    "_n": 1.0,
-    "_n_s_per_m": 1.0,
-    "_mm_per_s": 1e-3,
-    "_s": 1.0,
+KEY_UNITS: dict[str, tuple[str, float]] = {
+    "_mm": ("mm", 1e-3),
+    "_n_per_mm": ("N/mm", 1e3),
+    "_kpa": ("kPa", 1e3),
+    "_bar": ("bar", BAR),
+    "_bar_per_s": ("bar/s", BAR),
+    "_n_per_bar": ("N/bar", 1.0 / BAR),
+    "_kg_m3": ("kg/m³", 1.0),
+    "_per_m": ("1/m", 1.0),
+    "_n": ("N", 1.0),
+    "_n_s_per_m": ("N·s/m", 1.0),
+    "_mm_per_s": ("mm/s", 1e-3),
+    "_s": ("s", 1.0),
 }
-"""Suffix of a device-file key -> factor that turns its value into SI."""
+"""Suffix of a key -> the unit as one writes it, and the factor that turns a value into SI."""
+
+
+def split(key: str) -> tuple[str, str]:
+    """``key`` without its unit, and the unit as one writes it; '' if it has none."""
+    suffix = _suffix(key)
+    return (key.removesuffix(suffix), KEY_UNITS[suffix][0]) if suffix else (key, "")
 
 
 def to_si(key: str, value: float) -> float:
-    """``value`` of device-file ``key`` in SI, by the unit at the end of the key (longest suffix wins)."""
-    for suffix in sorted(KEY_UNITS, key=len, reverse=True):
-        if key.endswith(suffix):
-            return value * KEY_UNITS[suffix]
-    return value
+    """``value`` of ``key`` in SI, by the unit at the end of the key (longest suffix wins)."""
+    suffix = _suffix(key)
+    return value * KEY_UNITS[suffix][1] if suffix else value
+
+
+def _suffix(key: str) -> str:
+    return next((end for end in sorted(KEY_UNITS, key=len, reverse=True) if key.endswith(end)), "")

@@ -7,26 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from klute_sim import units
 from klute_sim.cli.given_path import GivenPath
 
 if TYPE_CHECKING:
     from klute_sim.effects.effect import Effect, Form, Parameter
 
-UNITS = {
-    "_mm": "mm",
-    "_n_per_mm": "N/mm",
-    "_kpa": "kPa",
-    "_bar": "bar",
-    "_bar_per_s": "bar/s",
-    "_n_per_bar": "N/bar",
-    "_kg_m3": "kg/m3",
-    "_per_m": "1/m",
-    "_n": "N",
-    "_n_s_per_m": "N s/m",
-    "_mm_per_s": "mm/s",
-    "_s": "s",
-}
-"""End of a key -> the unit as one writes it; the ends are those of :data:`klute_sim.units.KEY_UNITS`."""
 PLACES = {
     "acting_pressure": "the pressure that the muscle feels",
     "muscle_force": "the muscle's tension",
@@ -130,9 +116,7 @@ def unit(effect: "Effect", parameter: "Parameter") -> str:
     """The unit of ``parameter`` by the end of its key; an instrument's without bounds has that of its channel."""
     if effect.kind == "instrument" and math.isinf(parameter.high):
         return "channel's unit/s" if parameter.key.endswith("_per_s") else "channel's unit"
-    ends = (end for end in sorted(UNITS, key=len, reverse=True) if parameter.key.endswith(end))
-    end = next(ends, None)
-    return UNITS[end] if end else "1"
+    return units.split(parameter.key)[1] or "1"
 
 
 def _parameter(effect: "Effect", parameter: "Parameter") -> dict[str, Any]:

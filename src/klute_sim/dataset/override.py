@@ -1,6 +1,7 @@
 """A device with some of its numbers changed for one trial."""
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from typing import Any
@@ -41,7 +42,13 @@ def _lines(keys: Mapping[str, Any], above: str) -> list[str]:
     lines = _pairs({key: value for key, value in keys.items() if not isinstance(value, dict | list)})
     for title, section in keys.items():
         if isinstance(section, dict):
-            lines += ["", f"[{above}{title}]", *_lines(section, f"{above}{title}.")]
+            # A table that holds nothing but tables needs no header of its own.
+            header = (
+                []
+                if section and all(isinstance(value, dict) for value in section.values())
+                else ["", f"[{above}{title}]"]
+            )
+            lines += [*header, *_lines(section, f"{above}{title}.")]
         elif isinstance(section, list):
             for item in section:
                 lines += ["", f"[[{above}{title}]]", *_pairs(item)]
@@ -49,7 +56,11 @@ def _lines(keys: Mapping[str, Any], above: str) -> list[str]:
 
 
 def _pairs(values: Mapping[str, Any]) -> list[str]:
-    return [f"{_text(key)} = {_text(v) if isinstance(v, str) else json.dumps(v)}" for key, v in values.items()]
+    return [f"{_key(key)} = {_text(v) if isinstance(v, str) else json.dumps(v)}" for key, v in values.items()]
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _text(key)
 
 
 def _text(value: str) -> str:

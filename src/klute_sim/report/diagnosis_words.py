@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from klute_sim import units
 from klute_sim.diagnose.diagnosis import Diagnosis
 from klute_sim.diagnose.equations import UNITS as UNITS_OF_EQUATIONS
 from klute_sim.diagnose.experiment import UNITS
@@ -13,21 +14,6 @@ from klute_sim.diagnose.hypothesis import Term, Unknown
 from klute_sim.diagnose.search import CERTAIN
 from klute_sim.effects import catalogue
 
-KEY_WORDS = {
-    "_mm": "mm",
-    "_n_per_mm": "N/mm",
-    "_kpa": "kPa",
-    "_bar": "bar",
-    "_bar_per_s": "bar/s",
-    "_n_per_bar": "N/bar",
-    "_kg_m3": "kg/m³",
-    "_per_m": "1/m",
-    "_n": "N",
-    "_n_s_per_m": "N·s/m",
-    "_mm_per_s": "mm/s",
-    "_s": "s",
-}
-"""Suffix of a key -> its unit, as in :data:`klute_sim.units.KEY_UNITS`."""
 DIGITS = 4
 """Significant ones."""
 PROPER = {"coulomb": "Coulomb", "maxwell": "Maxwell", "stribeck": "Stribeck"}
@@ -71,10 +57,8 @@ def sentence(text: str) -> str:
 
 def split_key(key: str) -> tuple[str, str]:
     """A key's name without its unit, spoken, and the unit."""
-    for suffix in sorted(KEY_WORDS, key=len, reverse=True):
-        if key.endswith(suffix):
-            return spoken(key.removesuffix(suffix)), KEY_WORDS[suffix]
-    return spoken(key), ""
+    name, unit = units.split(key)
+    return spoken(name), unit
 
 
 def unknown(one: Unknown, channel: str | None) -> tuple[str, str]:
