@@ -28,6 +28,12 @@ Array = NDArray[np.float64]
 STEPS_PER_SAMPLE = 20
 SHORTEST, LONGEST = 2.5e-4, 5e-3
 """Time steps [s]: with a shorter one the error is lost in a load cell's noise; a longer one is not needed."""
+CLOSEST = 2e-3
+"""Between samples of a measured channel [s]: of one that was sampled faster, only every so-manieth is used. Noise stays
+alike for longer than this, and a million rows would fill the memory."""
+PAST, LONGEST_PAST = 0.1, 0.5
+"""Share of a trial, and time [s], that is simulated but not compared: what friction remembers from before the trial
+is not known, and is forgotten in the first movements."""
 COARSE = 4
 """So many steps in one are good enough for derivatives, within some percent."""
 
@@ -99,10 +105,11 @@ def _experiment(trial: Trial, use: Use) -> Experiment:
     interval = float(min(np.median(np.diff(series.time)) for series in (length, command)))
     step = interval / max(1, round(interval / min(max(interval / STEPS_PER_SAMPLE, SHORTEST), LONGEST)))
     grid = begin + step * np.arange(1, int((end - begin) / step + 1e-6) + 1)
-    measured = {}
+    measured, first = {}, begin + min(PAST * (end - begin), LONGEST_PAST)
     for name, series in trial.measured.items():
-        good = np.isfinite(series.value) & (series.time > begin) & (series.time <= grid[-1])
-        measured[name] = Series(series.time[good], series.value[good])
+        good = np.isfinite(series.value) & (series.time > first) & (series.time <= grid[-1])
+        every = max(1, int(CLOSEST / float(np.median(np.diff(series.time))) + 1e-6))
+        measured[name] = Series(series.time[good][::every], series.value[good][::every])
     return Experiment(
         name=trial.name,
         group=trial.group,

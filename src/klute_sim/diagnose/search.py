@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from klute_sim.diagnose.experiment import Array
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.diagnose.noise import Misfit, groups, misfit, supposed
@@ -30,6 +31,8 @@ WIDER = 2.0
 """What the two gates above are multiplied by where nothing was repeated and noise is only supposed."""
 PATIENCE = (3, 4, 25)
 """Rounds of fitting that the shortlist gets, then who is left of it, then who is left of those."""
+PARTS = (0.05, 0.2, 0.5, 1.0)
+"""Of what screening promised, that are tried to begin a fit with."""
 SECOND_CHANCES = 3
 """How many of the shortlist may be accepted, should the better ones not help trials that were not fitted."""
 BEHIND = 0.3
@@ -79,8 +82,6 @@ class Search:
             current = self._without_idle(step.refits[0], base)
             if not self.repeated:
                 current = self._weighed_anew(current)
-            elif not self.lacks(current):
-                break
         return current
 
     def _weighed_anew(self, current: Fit) -> Fit:
@@ -124,14 +125,7 @@ class Search:
         for number, candidate in enumerate(chosen):
             self.told(f"fitting {candidate.term} ({number + 1} of {len(chosen)})")
             hypothesis = current.hypothesis.plus(candidate.term)
-            start = hypothesis.start()
-            start[: len(current.steps)] = current.steps
-            # From neutral on, where the fit is known to be good, along the change that screening saw. Its other
-            # parameters show only once there is some of it.
-            slope = np.zeros((len(current.vector), len(start)))
-            slope[:, : len(current.steps)] = current.jacobian
-            slope[:, len(current.steps)] = candidate.change
-            fits.append(fit(self.evidence, hypothesis, start, slope, rounds=PATIENCE[0]))
+            fits.append(fit(self.evidence, hypothesis, self._begin(current, candidate), rounds=PATIENCE[0]))
         dropped: list[Fit] = []
         for rounds in PATIENCE[1:]:
             if not fits:
@@ -145,6 +139,23 @@ class Search:
                     self.told(f"fitting {each.hypothesis.terms[-1]} further")
                     fits[k] = fit(self.evidence, each.hypothesis, each.steps, each.jacobian, rounds=rounds)
         return sorted([*fits, *dropped], key=self._criterion)
+
+    def _begin(self, current: Fit, candidate: Candidate) -> Array:
+        """Where to fit ``candidate`` from: some part of what screening promised, the other unknowns following.
+
+        Many effects are anything but linear in their size, so the whole of it may be far too much.
+        """
+        hypothesis, known = current.hypothesis.plus(candidate.term), len(current.steps)
+        neutral = hypothesis.start()
+        neutral[:known] = current.steps
+        whole = np.array([0.0 if u.logarithmic else candidate.steps for u in hypothesis.unknowns])
+        whole[:known] = -candidate.steps * np.linalg.lstsq(current.jacobian, candidate.change)[0]
+        rows = [np.clip(neutral + part * whole, *hypothesis.bounds()) for part in PARTS]
+        costs = []
+        for row, found in zip(rows, self.evidence.residuals(hypothesis, rows, coarse=True), strict=True):
+            vector = self.evidence.weighted(found)
+            costs.append(float(vector @ vector + row[: hypothesis.base] @ row[: hypothesis.base]))
+        return rows[int(np.argmin(costs))]
 
     def _criterion(self, one: Fit) -> float:
         return one.criterion(self.evidence.effective)
