@@ -217,3 +217,20 @@ def test_the_page_names_every_hook_and_unit() -> None:
 def test_the_pages_section_is_the_printed_one() -> None:
     effect = EFFECTS["braid_hysteresis"]
     assert f"```toml\n{command.snippet(effect, effect.forms[0])}\n```" in PAGE
+
+
+def test_a_slip_in_a_law_of_ones_own_is_told_at_once(tmp_path: Path) -> None:
+    text = USERS.read_text("utf-8")
+    for old, new, words in (
+        ("own[1], step", "own[1], stp", "NameError"),
+        ("return force * (1.0 + own[0] * memory[0])", "return None", "allowed: a float"),
+        ("return (followed(memory[0], pressure / 1e5, own[1], step),)", "return ()", "a tuple of 1"),
+    ):
+        assert old in text
+        file = tmp_path / f"slip_{len(words)}.py"
+        file.write_text(text.replace(old, new), "utf-8")
+        done = run("effects", "warming", "--catalogue", str(file))
+        assert done.returncode == 2
+        assert "effect 'warming', form 'first_order': its law at" in done.stderr
+        assert words in done.stderr
+        assert "Traceback" not in done.stderr

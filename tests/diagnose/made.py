@@ -12,7 +12,8 @@ from klute_sim.device.step import Parameters, settled
 from klute_sim.effects import catalogue
 
 INTERVAL, FINE = 0.005, 25
-NOISE = {"force": 3.0, "pressure": 0.01}
+NOISE = {"force": 3.0, "pressure": 0.01, "muscle_length": 0.02}
+UNITS = {"force": "N", "pressure": "bar", "muscle_length": "mm"}
 
 
 def coloured(random: np.random.Generator, count: int, deviation: float, time_constant: float) -> np.ndarray:
@@ -50,6 +51,7 @@ def dataset(
     seed: int = 0,
     device: str = "klute-3-4-pair",
     distort: Mapping[str, object] | None = None,
+    muscle_length: bool = False,
 ) -> Path:
     """Write it; ``distort`` (channel -> function of time and value) are faults of instruments."""
     random = np.random.default_rng(seed)
@@ -66,11 +68,14 @@ def dataset(
         trace = rollout(parameters, *inputs_, INTERVAL / FINE, start=start)
         for repeat in range(repeats):
             shown = {"force": trace.tension[FINE - 1 :: FINE], "pressure": trace.pressure[FINE - 1 :: FINE] / 1e5}
+            if muscle_length:
+                shown["muscle_length"] = 1e3 * trace.length[FINE - 1 :: FINE]
             for channel, law in (distort or {}).items():
                 shown[channel] = law(time[1:], shown[channel])
             columns = {"time [s]": time[1:], "length [mm]": 1e3 * length[1:]}
             columns |= {"pressure_command [bar]": command[1:] / 1e5}
-            for channel, unit in (("force", "N"), ("pressure", "bar")):
+            for channel in shown:
+                unit = UNITS[channel]
                 columns[f"{channel} [{unit}]"] = shown[channel] + coloured(random, len(time) - 1, NOISE[channel], 0.02)
             file = f"{group}_{repeat}.csv"
             write_trial(folder / file, columns)

@@ -14,9 +14,10 @@ from klute_sim.device.files import load
 from klute_sim.diagnose import check
 from klute_sim.diagnose.diagnosis import Options, base_fit, diagnose
 from klute_sim.diagnose.equations import equations
+from klute_sim.diagnose.equations import lacking as lacks
 from klute_sim.diagnose.experiment import Bench, Experiment, prepare
 from klute_sim.diagnose.fit import Evidence, fit
-from klute_sim.diagnose.hypothesis import Term
+from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.diagnose.locate import locate
 from klute_sim.diagnose.propose import propose
 from klute_sim.diagnose.store import Store
@@ -59,12 +60,13 @@ def test_dead_and_saturated_channels_are_seen() -> None:
     dead = [experiment(n, np.full(200, 7.0)) for n in "ab"]
     unusable, _ = check.faults(dead)
     assert unusable == {"force": "'force' always shows 7 N: the channel is dead"}
-    assert check.without(dead, ["force"])[0].measured == {}
+    assert check.without(dead, {("a", "force")})[0].measured == {}
+    assert check.without(dead, {("a", "force")})[1].measured
     clipped = [experiment(n, np.minimum(random.normal(0.0, 3.0, 200), 2.0)) for n in "ab"]
     unusable, remarks = check.faults(clipped)
     assert unusable == {}
     assert "shows exactly 2 N in" in remarks[0]
-    kept = check.unsaturated(clipped)[0].measured["force"]
+    kept = check.unsaturated(clipped, clipped)[0].measured["force"]
     assert kept.value.max() < 2.0
     assert len(kept.time) == len(kept.value)
     assert check.faults([experiment("a", random.normal(size=200))]) == ({}, [])
@@ -175,8 +177,8 @@ HYSTERESIS = {"name": "braid_hysteresis", "channel": None}
 GAIN = {"name": "sensor_gain", "channel": "force"}
 
 
-def verdict(kind: str, *effects: dict, alternatives: tuple = (), left: float = 1.0) -> dict:
-    gap = {"force": {"before": left, "after": 1.0, "floor": 1.0}}
+def verdict(kind: str, *effects: dict, alternatives: tuple = (), left: float = 1.0, after: float = 1.0) -> dict:
+    gap = {"force": {"before": left, "after": after, "floor": 1.0}}
     return {"verdict": kind, "effects": list(effects), "alternatives": list(alternatives), "gap": gap}
 
 
@@ -192,7 +194,8 @@ def verdict(kind: str, *effects: dict, alternatives: tuple = (), left: float = 1
         (([HYSTERESIS], []), verdict("nothing-missing", left=1.5), "missed"),
         (([HYSTERESIS], []), verdict("nothing-missing", left=1.02), "absorbed"),
         (([HYSTERESIS], []), verdict("unexplained", GAIN), "flagged"),
-        (([HYSTERESIS], [GAIN]), verdict("named", HYSTERESIS), "part"),
+        (([HYSTERESIS], [GAIN]), verdict("named", HYSTERESIS, after=1.5), "part"),
+        (([HYSTERESIS], [GAIN]), verdict("named", HYSTERESIS), "absorbed"),
         (([HYSTERESIS], [GAIN]), verdict("named", GAIN, HYSTERESIS), "right"),
     ],
 )
@@ -205,26 +208,31 @@ def test_verdicts_are_scored_as_they_should(hidden: tuple, found: dict, outcome:
 
 
 @pytest.mark.parametrize(
-    ("hidden", "fails", "holds"),
+    ("hidden", "lacking"),
     [
-        ({}, None, ("supply", "muscle and damper")),
-        ({("pressure_delay", "dead_time"): {"delay_s": 0.03}}, "supply", ()),
-        ({("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}, "muscle and damper", ("supply",)),
-        ({("seal_friction", "coulomb"): {"force_n": 20.0}}, "muscle and damper", ("supply",)),
+        ({}, ()),
+        ({("pressure_delay", "dead_time"): {"delay_s": 0.03}}, ("supply",)),
+        ({("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}, ("muscle and damper",)),
+        ({("threshold_pressure", "constant"): {"pressure_bar": 0.5}}, ("muscle and damper",)),
+        ({("tendon_slack", "dead_length"): {"slack_mm": 2.0}}, ("tendon",)),
     ],
-    ids=["nothing", "delay", "braid", "seal"],
+    ids=["nothing", "delay", "braid", "threshold", "slack"],
 )
-def test_the_equation_that_does_not_hold_is_found(
-    hidden: dict, fails: str | None, holds: tuple[str, ...], tmp_path: Path
+@pytest.mark.parametrize("length", [True, False], ids=["length", "no-length"])
+def test_the_equation_that_lacks_something_is_found(
+    hidden: dict, lacking: tuple[str, ...], length: bool, tmp_path: Path
 ) -> None:
-    """Without asking the catalogue: measured pressure and force put into each equation."""
-    data, bench = datasets.read(dataset(tmp_path / "d", hidden)), Bench(2)
+    """Measured pressure, force and length are put into each equation of the true device without its effect."""
+    data, bench = datasets.read(dataset(tmp_path / "d", hidden, muscle_length=length)), Bench(2)
     fitted = [e for e in prepare(data, datasets.split(data)) if e.use == "fit"]
-    base, evidence = base_fit(data, fitted, bench)
-    found = {each.name: each for each in equations(evidence, base)}
-    assert set(found) == {"supply", "muscle and damper"}  # the muscle's length was not measured
-    if fails:
-        assert next(iter(found)) == fails
-        assert found[fails].certainty > 25.0
-    for name in holds:
-        assert found[name].certainty < 4.0
+    _, evidence = base_fit(data, fitted, bench)
+    terms = tuple(Term(*key) for key in hidden)
+    found = fit(evidence, Hypothesis(data.device, tuple(data.uncertain.items()), (), terms))
+    every = equations(evidence, found)
+    rows = {each.name: each for each in every}
+    wholes = {"supply", "muscle and damper", "tendon"} if length else {"supply", "muscle, damper or tendon"}
+    assert set(rows) == wholes
+    wanted = {name if length or name == "supply" else "muscle, damper or tendon" for name in lacking}
+    assert {each.name for each in lacks(every)} == wanted, rows
+    if wanted:
+        assert next(iter(rows)) in wanted

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from made import dataset as made
 
+from klute_sim.cli.diagnose import write as write_results
 from klute_sim.dataset import dataset as datasets
 from klute_sim.device.files import load
 from klute_sim.diagnose.device_file import augmented
@@ -63,7 +64,8 @@ def test_hidden_friction_is_named_with_its_size(friction: tuple[Diagnosis, dict[
     assert gap["before"] > 3.0 * gap["floor"]
     assert gap["after"] < 1.10 * gap["floor"]
     assert words.verdict(found) == "The simulated device lacks braid hysteresis (Coulomb)."
-    assert words.equation(found).startswith("Of the equations of the device without effects, the muscle and damper's")
+    assert "that of muscle, damper or tendon lacks" in words.equation(found)
+    assert words.equation(found).endswith("that of supply shows no lack.")
     assert verdict["split"]["show"] == ["show_1_a", "show_1_b"]
     assert 0.5 < sum(place["share"] for place in verdict["where"]) <= 1.01
     assert verdict["where"][0]["channel"] == "force"
@@ -122,7 +124,7 @@ def test_a_wrong_load_cell_is_no_physics(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("defect", "words"),
     [
-        ("no_excitation", "what depends on speed cannot show"),
+        ("no_excitation", "what depends on speed hardly shows"),
         ("dead_channel", "the channel is dead; it is not used"),
     ],
 )
@@ -140,15 +142,61 @@ def test_without_repeats_only_what_stands_out_is_named(tmp_path: Path) -> None:
     assert as_json(plain)["effects"] == []
     effects = {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}
     found = diagnose(datasets.read(made(tmp_path / "friction", effects, repeats=1)), options)
-    assert found.verdict == "named", found.reasons
+    assert found.verdict == "insufficient-data"
+    assert "braid hysteresis (Coulomb) would explain what stands out" in words.verdict(found)
     (only,) = as_json(found)["effects"]
     assert only["name"] == "braid_hysteresis"
+    assert only["proxy"]
     slope = only["parameters"]["slope_n_per_bar"]
     assert slope["value"] == pytest.approx(6.0, rel=0.1)
     assert slope["low"] < 6.0 < slope["high"]
     assert as_json(found)["gap"]["force"]["floor"] is None
     for one in (plain, found):
         assert any("Record every input at least twice" in reason for reason in one.reasons)
+    write_results(found, tmp_path, report=True)
+    assert "noise of repeats" not in (tmp_path / "report.html").read_text("utf-8").split("<h2")[1]
+
+
+def test_a_wrong_repeat_is_told_and_left_out(tmp_path: Path) -> None:
+    """A cable that came off in one trial: noise would else be judged by it, and everything would pass for noise."""
+    effects = {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}
+    folder = made(tmp_path / "cable", effects, groups=("fit_1", "fit_2", "fit_3", "select_1", "show_1"), seconds=2.0)
+    file = folder / "fit_2_1.csv"
+    head, *rows = file.read_text("utf-8").splitlines()
+    column = [name.split(" ")[0] for name in head.split(",")].index("force")
+    still = [",".join([*cells[:column], "346.0", *cells[column + 1 :]]) for cells in (row.split(",") for row in rows)]
+    file.write_text("\n".join([head, *still]) + "\n", "utf-8")
+    found = diagnose(datasets.read(folder), Options(only=("braid_hysteresis", "muscle_damping")))
+    assert found.verdict == "named", found.reasons
+    assert any("it always shows 346 N in fit_2_1" in reason for reason in found.reasons), found.reasons
+    assert found.noise["force"].deviation < 5.0
+
+
+def test_a_channel_that_was_never_repeated_is_told(tmp_path: Path) -> None:
+    folder = made(tmp_path / "once", {("seal_friction", "coulomb"): {"force_n": 60.0}}, seconds=2.0)
+    for file in folder.glob("*_1.csv"):
+        head, *rows = file.read_text("utf-8").splitlines()
+        column = [name.split(" ")[0] for name in head.split(",")].index("force")
+        less = [",".join(c for k, c in enumerate(row.split(",")) if k != column) for row in (head, *rows)]
+        file.write_text("\n".join(less) + "\n", "utf-8")
+    found = diagnose(datasets.read(folder), Options(only=("seal_friction",)))
+    assert found.verdict == "insufficient-data"
+    assert any("'force' was never recorded twice" in reason for reason in found.reasons), found.reasons
+
+
+def test_an_effect_that_the_device_has_can_be_uncertain(tmp_path: Path) -> None:
+    """The file that a diagnosis wrote comes back, its effect now one of the uncertain numbers."""
+    folder = made(tmp_path / "seal", {("seal_friction", "coulomb"): {"force_n": 30.0}}, seconds=2.0)
+    text = load("klute-3-4-pair").content.decode() + "\n[effects.seal_friction]\nforce_n = 20.0\n"
+    (folder / "with_seal.toml").write_text(text, "utf-8")
+    toml = (folder / "dataset.toml").read_text("utf-8").replace('"klute-3-4-pair"', '"with_seal.toml"')
+    toml = toml.replace("[uncertain]\n", '[uncertain]\n"effects.seal_friction.force_n" = "50 %"\n')
+    (folder / "dataset.toml").write_text(toml, "utf-8")
+    found = diagnose(datasets.read(folder), Options(only=("muscle_damping",)))
+    assert found.verdict == "nothing-missing", found.reasons
+    assert found.final is not None
+    values = dict(zip([u.key for u in found.final.hypothesis.unknowns], found.final.values, strict=True))
+    assert values["effects.seal_friction.force_n"] == pytest.approx(30.0, rel=0.05)
 
 
 def test_the_dissertations_own_ladder(tmp_path: Path) -> None:

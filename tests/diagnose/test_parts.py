@@ -169,7 +169,17 @@ def test_selection_trials_veto_what_does_not_help_them(evidence: tuple) -> None:
     bad = type(after)(spoiled, worse, after.vector, after.jacobian, True, after.residuals)
     gains = search.gains(base, bad)
     assert gains["fit_1"] < -0.5
-    assert "trials that were not fitted get worse: 'fit_1' by" in search._against(bad, 100.0, gains)
-    assert "gain no more than 2 %" in search._against(bad, 100.0, {"a": 0.01, "b": 0.02})
-    assert "explains no more than noise" in search._against(bad, 5.9, {"a": 0.5})
-    assert search._against(bad, 6.1, {"a": 0.5, "b": -0.01}) == ""
+    assert "explains no more than noise" in search.objection(base, bad, {"a": 0.5})
+    good = type(after)(spoiled, worse, 0.9 * base.vector, after.jacobian, True, after.residuals)
+    assert "trials that were not fitted get worse: 'fit_1' by" in search.objection(base, good, gains)
+    assert not search.lacks(base)  # repeats ask for nothing, so more is asked of an effect
+    assert "gain no more than 10 %" in search.objection(base, good, {"a": 0.08, "b": 0.11})
+    assert search.objection(base, good, {"a": 0.5, "b": -0.01}) == ""
+    off = type(base)(base.hypothesis, base.steps, base.vector, base.jacobian, True, shifted(base.residuals, 5.0))
+    assert search.lacks(off)
+    assert search.objection(off, good, {"a": 0.08, "b": 0.11}) == ""
+    assert "gain no more than 5 %" in search.objection(off, good, {"a": 0.02, "b": 0.07})
+
+
+def shifted(residuals: list, by: float) -> list:
+    return [{channel: values + by * (channel == "force") for channel, values in each.items()} for each in residuals]

@@ -190,7 +190,7 @@ def test_what_was_not_looked_at_is_said(plain: str) -> None:
     assert "seal friction" in unseen
     assert "braid hysteresis" not in unseen
     assert "not measured: muscle length" in unseen
-    assert "none to select by" in unseen
+    assert "no second group" in unseen  # there is one to fit, and none to select by
 
 
 def clean(found: Diagnosis) -> Diagnosis:
@@ -261,7 +261,7 @@ def test_a_fit_that_did_not_converge_or_stands_at_a_bound_is_confessed(found: Di
     steps[0] = 3.0
     doubtful = replace(found, final=replace(found.final, converged=False, steps=steps))
     html = page.render(doubtful, {})
-    assert "with the effects did not converge" in html
+    assert "with what was found did not converge" in html
     assert "did not converge" not in plain
     assert rows_of(html, "device")[1][-1] == "in the end at the end of what is allowed"
     assert rows_of(plain, "device")[1][-1] == ""
@@ -402,9 +402,9 @@ def test_where_tells_the_misfit_in_units_of_noise(found: Diagnosis) -> None:
     assert motion.patches[0].get_height() == pytest.approx(slow)
     title = figure.subfigs[0].get_suptitle()
     assert title.startswith(words.spoken(found.where[0].channel))
-    assert f"{100.0 * found.where[0].share:.0f} % of the misfit" in title
+    assert f"{100.0 * found.where[0].share:.0f} % of all channels' misfit" in title
     nothing = pictures.where(replace(clean(found), verdict="nothing-missing"))
-    assert "of the misfit" not in nothing.subfigs[0].get_suptitle()
+    assert "misfit" not in nothing.subfigs[0].get_suptitle()
 
 
 def test_bins_hold_the_root_mean_square_where_there_are_samples() -> None:

@@ -67,8 +67,9 @@ def command(
       klute-sim diagnose my-dataset --only braid_hysteresis --only seal_friction --json
       klute-sim diagnose my-dataset --catalogue my_effects.py
     """
+    from klute_sim.cli.console import notes
+
     if catalogue is not None:
-        from klute_sim.cli.console import notes
         from klute_sim.effects import catalogue as known
 
         known.use(catalogue)
@@ -84,6 +85,8 @@ def command(
         _write_example(folder)
     options = Options(only=only, exclude=exclude, jobs=jobs, seed=seed)
     measured = dataset.read(folder, load(device_file) if device_file is not None else None)
+    for remark in measured.remarks:
+        notes().print(f"{remark}.", soft_wrap=True)
     with run_folder.new("diagnose", out) as (place, scratch):
         with _telling() as told:
             found = diagnose(measured, options, told)
@@ -169,10 +172,13 @@ def _print(found: "Diagnosis", place: "Path") -> None:
         )
         for channel, gap in found.gap.items():
             unit, size = UNITS[channel]
-            shown = (gap.before, gap.refitted, gap.after, gap.floor)
-            gaps.add_row(channel, unit, *("?" if v is None else f"{v / size:.3g}" for v in shown))
+            shown = [f"{value / size:.3g}" for value in (gap.before, gap.refitted, gap.after)]
+            floor = "not repeated" if gap.floor is None else f"{gap.floor / size:.3g}"
+            gaps.add_row(channel, unit, *shown[:2], shown[2] if found.found else "-", floor)
         out.print(gaps)
     if found.next_experiment:
         out.print(f"Next: {found.next_experiment['sentence']}", soft_wrap=True)
-    out.print(f"How trials were used: {found.split.how}.", soft_wrap=True)
+    split = found.split
+    counts = f"{len(split.fit)} fitted, {len(split.select)} to choose by, {len(split.show)} kept back to show"
+    out.print(f"Trials: {counts}; {split.how}.", soft_wrap=True)
     out.print(f"Results: {place}", soft_wrap=True)

@@ -23,8 +23,11 @@ def overridden(device: Device, changes: Mapping[str, float], where: str) -> Devi
     keys = tomllib.loads(device.content.decode("utf-8-sig"))
     for key, value in changes.items():
         refuse_unknown_key(key, device.spec.numbers(), where)
-        section, _, name = key.partition(".")
-        keys[section][name] = value
+        section, _, name = key.rpartition(".")
+        table = keys
+        for part in section.split("."):
+            table = table[part]
+        table[name] = value
         keys.setdefault("sources", {})[key] = where
     try:
         spec = parse(keys, device.name)

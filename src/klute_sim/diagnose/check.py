@@ -1,10 +1,11 @@
 """Whether the data can answer at all, and what to record if they cannot."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from klute_sim.dataset.trial import FEWEST_SAMPLES
 from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.experiment import UNITS, Experiment
 
@@ -44,8 +45,53 @@ def obstacles(experiments: Sequence[Experiment]) -> list[str]:
 
 
 def repeated(experiments: Sequence[Experiment]) -> bool:
-    """Whether any input was recorded more than once."""
-    return any(len(members) > 1 for members in noises.groups(experiments).values())
+    """Whether any channel was recorded more than once under the same input."""
+    return bool(_repeated(experiments))
+
+
+def unrepeated(experiments: Sequence[Experiment]) -> dict[str, str]:
+    """Channels whose noise cannot be known, though that of others can, each with the reason."""
+    known = _repeated(experiments)
+    return {
+        channel: f"'{channel}' was never recorded twice under the same input, so its noise is not known"
+        for channel in noises.channels(experiments)
+        if known and channel not in known
+    }
+
+
+def _repeated(experiments: Sequence[Experiment]) -> set[str]:
+    groups = noises.groups(experiments).values()
+    every = [[channel for k in members for channel in experiments[k].measured] for members in groups]
+    return {channel for having in every for channel in having if having.count(channel) > 1}
+
+
+def disagreements(
+    experiments: Sequence[Experiment], residuals: noises.Residuals
+) -> tuple[dict[tuple[str, str], str], list[str]]:
+    """(trial, channel) that repeats contradict, each with the reason; and what forbids to go on."""
+    found, against = {}, []
+    for (group, channel), (own, others) in noises.discordant(experiments, residuals).items():
+        unit, si = UNITS[channel]
+        having = [e for e in experiments if e.group == group and channel in e.measured]
+        still = [e for e in having if np.ptp(e.measured[channel].value) == 0.0]
+        sentence = (
+            f"Repeats of '{group}' differ in {channel} by {own / si:.3g} {unit}, those of other groups by "
+            f"{others / si:.3g} {unit}"
+        )
+        if still and len(still) < len(having):
+            names = ", ".join(e.name for e in still)
+            sentence += f": it always shows {still[0].measured[channel].value[0] / si:g} {unit} in {names}"
+        else:
+            still = having
+            sentence += " (a unit, a cable, another trial's file?)"
+        found.update({(e.name, channel): f"{sentence}; it is not used there." for e in still})
+    for channel, noise in noises.measure(experiments, residuals).items():
+        if noise.deviation == 0.0:
+            against.append(
+                f"Repeats of '{channel}' agree to the last digit: they are copies, or the digits are too few to show "
+                "any noise. Record every input anew, with more digits."
+            )
+    return found, against
 
 
 def blind(experiments: Sequence[Experiment]) -> list[str]:
@@ -55,13 +101,13 @@ def blind(experiments: Sequence[Experiment]) -> list[str]:
     found = []
     if length < LEAST_LENGTH:
         found.append(
-            f"The length changes by no more than {1e3 * length:.2f} mm within a trial: what depends on speed cannot "
-            "show."
+            f"The length changes by no more than {1e3 * length:.2f} mm within a trial: what depends on speed hardly "
+            "shows."
         )
     if pressure < LEAST_PRESSURE:
         found.append(
             f"The pressure changes by no more than {pressure / 1e5:.2f} bar within a trial: what happens in the supply "
-            "cannot show."
+            "hardly shows."
         )
     if not repeated(experiments):
         found.append(
@@ -88,30 +134,40 @@ def faults(experiments: Sequence[Experiment]) -> tuple[dict[str, str], list[str]
                 shown = end / UNITS[channel][1]
                 remarks.append(
                     f"'{channel}' shows exactly {shown:g} {UNITS[channel][0]} in {100 * share:.0f} % of its samples: "
-                    "it may be saturated there"
+                    "it may be saturated, and those samples are not compared"
                 )
     return unusable, remarks
 
 
-def without(experiments: Sequence[Experiment], channels: Sequence[str]) -> list[Experiment]:
-    """``experiments`` less some of their measured ``channels``."""
+def without(experiments: Sequence[Experiment], unusable: Container[tuple[str, str]]) -> list[Experiment]:
+    """``experiments`` less their ``unusable`` channels, each as (trial, channel)."""
     return [
-        replace(e, measured={c: series for c, series in e.measured.items() if c not in channels}) for e in experiments
+        replace(e, measured={c: series for c, series in e.measured.items() if (e.name, c) not in unusable})
+        for e in experiments
     ]
 
 
-def unsaturated(experiments: Sequence[Experiment]) -> list[Experiment]:
-    """``experiments`` without the samples of a channel that stand at its saturated end."""
+def everywhere(experiments: Sequence[Experiment], channels: Iterable[str]) -> set[tuple[str, str]]:
+    """(trial, channel) for all of ``experiments``."""
+    return {(e.name, channel) for e in experiments for channel in channels}
+
+
+def unsaturated(experiments: Sequence[Experiment], fitted: Sequence[Experiment]) -> list[Experiment]:
+    """``experiments`` without the samples of a channel that stand where it is saturated in ``fitted`` ones.
+
+    A channel of which hardly any sample is left in a trial is left out of it.
+    """
     ends: dict[str, list[float]] = {}
-    for channel in noises.channels(experiments):
-        every = np.concatenate([e.measured[channel].value for e in experiments if channel in e.measured])
+    for channel in noises.channels(fitted):
+        every = np.concatenate([e.measured[channel].value for e in fitted if channel in e.measured])
         limits = (float(every.max()), float(every.min()))
         ends[channel] = [end for end in limits if end != 0.0 and np.mean(every == end) > CLIPPED]
     result = []
     for e in experiments:
         measured = {}
         for channel, series in e.measured.items():
-            good = ~np.isin(series.value, ends[channel])
-            measured[channel] = type(series)(series.time[good], series.value[good])
+            good = ~np.isin(series.value, ends.get(channel, []))
+            if good.sum() >= FEWEST_SAMPLES:
+                measured[channel] = type(series)(series.time[good], series.value[good])
         result.append(replace(e, measured=measured))
     return result

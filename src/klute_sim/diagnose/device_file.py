@@ -18,12 +18,11 @@ def augmented(fit: Fit, where: str) -> Device:
     sources = keys.setdefault("sources", {})
     fitted = f"fitted by klute-sim diagnose to {where}"
     for (key, _), value in zip(hypothesis.uncertain, values, strict=False):
-        section, _, name = key.partition(".")
-        if section == "effects":
-            effect, _, name = name.partition(".")
-            keys["effects"][effect][name] = value
-        else:
-            keys[section][name] = value
+        section, _, name = key.rpartition(".")
+        table = keys
+        for part in section.split("."):
+            table = table[part]
+        table[name] = value
         sources[key] = fitted
     for number, term in enumerate(hypothesis.terms):
         if term.channel is not None:

@@ -19,11 +19,12 @@ from klute_sim.diagnose.experiment import Bench, Experiment, prepare
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.diagnose.locate import Place, locate
-from klute_sim.diagnose.noise import Noise
+from klute_sim.diagnose.noise import CERTAIN, Noise, significant
 from klute_sim.diagnose.propose import propose
 from klute_sim.diagnose.screen import check_names, terms
-from klute_sim.diagnose.search import CERTAIN, Search, Step
+from klute_sim.diagnose.search import Search, Step
 from klute_sim.diagnose.store import Store
+from klute_sim.diagnose.usable import usable
 from klute_sim.errors import InputError
 
 Verdict = Literal["nothing-missing", "named", "ambiguous", "unexplained", "insufficient-data"]
@@ -45,7 +46,7 @@ class Options:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Gap:
-    """Root mean square of measured minus simulated, of one channel, on trials that no fit saw [SI]."""
+    """Root mean square of measured minus simulated, of one channel, on the trials shown [SI]."""
 
     before: float
     """With the nominal device."""
@@ -78,7 +79,7 @@ class Diagnosis:
     rivals: list[Rival] = field(default_factory=list)
     where: list[Place] = field(default_factory=list)
     equations: list[Equation] = field(default_factory=list)
-    """What each of the device's equations lacks without effects; none where nothing was repeated."""
+    """What each of the device's equations lacks without effects; none where nothing was repeated, or clocks differ."""
     steps: list[Step] = field(default_factory=list)
     gap: dict[str, Gap] = field(default_factory=dict)
     shown_on: Literal["show", "fit"] = "show"
@@ -86,6 +87,8 @@ class Diagnosis:
     experiments: list[Experiment] = field(default_factory=list)
     effective: float = 0.0
     """Independent samples that were fitted."""
+    repeated: bool = True
+    """Whether noise is known from repeats; else all that is left was taken for noise."""
     next_experiment: dict[str, Any] | None = None
     """What to record to tell rivals apart."""
     device_written: bool = True
@@ -118,36 +121,31 @@ def _diagnose(
     dataset: Dataset, parts: Split, options: Options, bench: Bench, store: Store, told: Callable[[str], None]
 ) -> Diagnosis:
     told("checking the data")
-    prepared = prepare(dataset, parts)
-    unusable, remarks = check.faults([e for e in prepared if e.use == "fit"])
-    every = check.unsaturated(check.without(prepared, list(unusable)))
-    fitted = [e for e in every if e.use == "fit" and e.measured]
-    reasons = [f"{why}; it is not used." for why in unusable.values()] + [f"{remark}." for remark in remarks]
-    against = check.obstacles(fitted) if fitted else ["No usable channel is left. Check cables and columns."]
+    every, fitted, reasons, against = usable(dataset, prepare(dataset, parts), bench)
     if against:
         return Diagnosis(
             dataset=dataset, split=parts, verdict="insufficient-data", reasons=[*reasons, *against], experiments=every
         )
 
-    reasons += check.blind(fitted)
     told("fitting the device as it is")
     base, evidence = base_fit(dataset, fitted, bench, store)
-    selection = [
-        evidence.on([e for e in every if e.use == "select" and e.group == group])
-        for group in dict.fromkeys(e.group for e in every if e.use == "select")
-    ]
+    kept = [e for e in every if e.use == "select" and e.measured.keys() & evidence.noise]
+    selection = [evidence.on([e for e in kept if e.group == group]) for group in noises.groups(kept)]
     candidates = terms(evidence, dataset.device, options.only, options.exclude)
     search = Search(evidence, selection, candidates, told, check.repeated(fitted))
     final = search.run(base)
     evidence = search.evidence
     told("fitting once more from elsewhere")
     final, sure = certified(evidence, final, np.random.default_rng(options.seed))
-    own = final.hypothesis.terms[len(base.hypothesis.terms) :]
+    told("looking for rivals")
+    others = rivals(search, final)
+    if others and others[0].difference < -search.decisive:
+        final, sure = certified(evidence, others[0].fit, np.random.default_rng(options.seed))
+        others = rivals(search, final)
+    own = final.hypothesis.terms
     if not sure:
         reasons.append("The fit does not come back to the same place from elsewhere: take its numbers with care.")
-    told("looking for rivals")
-    others = rivals(search, final, own)
-    verdict, why = _verdict(search, final, own, others)
+    verdict, why = _verdict(search, final, others)
     result = Diagnosis(
         dataset=dataset,
         split=parts,
@@ -160,10 +158,11 @@ def _diagnose(
         intervals=intervals(evidence, final, np.random.default_rng(options.seed)),
         rivals=others,
         where=locate(evidence, base),
-        equations=equations(evidence, base),
+        equations=equations(evidence, final),
         steps=search.steps,
         experiments=every,
         effective=evidence.effective,
+        repeated=search.repeated,
     )
     if others:
         told("looking for the experiment that separates them")
@@ -193,10 +192,11 @@ def base_fit(
     return found, evidence
 
 
-def _verdict(search: Search, final: Fit, own: Sequence[Term], others: Sequence[Rival]) -> tuple[Verdict, list[str]]:
+def _verdict(search: Search, final: Fit, others: Sequence[Rival]) -> tuple[Verdict, list[str]]:
+    own = final.hypothesis.terms
     named = " and ".join(str(term) for term in own)
-    if search.lacks(final):
-        misfits = search.misfits(final)
+    misfits = {channel: each for channel, each in search.misfits(final).items() if significant(each)}
+    if misfits:
         worst = max(misfits, key=lambda channel: misfits[channel].certainty)
         left = (
             f"All repeats of '{worst}' still show a misfit of {misfits[worst].size / misfits[worst].floor:.2f} times "
@@ -205,20 +205,18 @@ def _verdict(search: Search, final: Fit, own: Sequence[Term], others: Sequence[R
         last = f"What was tried last: {search.steps[-1].why}."
         proxy = [f"Only a proxy was found: {named} explains part of the gap."] if own else []
         return "unexplained", [left, *proxy, *([] if own else [last])]
-    if not own and not search.repeated:
-        return "insufficient-data", [f"What was tried: {search.steps[-1].why}."]
     if not own:
-        last = search.steps[-1].why
-        return "nothing-missing", [
-            "The device fits as well as repeats agree with each other.",
-            f"What was tried: {last}.",
-        ]
+        return "nothing-missing" if search.repeated else "insufficient-data", [f"{search.steps[-1].why}."]
     first = [f"{step.added}: {step.why}." for step in search.steps if step.added in own]
+    if any(step.added in own and not step.gains for step in search.steps):
+        first.append("There was no second group of trials to check that by: it rests on the fitted ones alone.")
+    if not search.repeated:
+        return "insufficient-data", first
     if others:
         names = ", ".join(sorted({str(rival.fit.hypothesis.terms[-1]) for rival in others}))
         return "ambiguous", [
             *first,
-            f"{names} would explain the data as well: BIC differs by less than {search.decisive:.0f}.",
+            f"{names} would explain the data as well: BIC differs by no more than {search.decisive:.0f}.",
         ]
     return "named", first
 

@@ -1,6 +1,5 @@
 """Doubting the answer: is anything left, could it be something else, and how sure are the numbers."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -32,23 +31,28 @@ class Rival(NamedTuple):
     """Of BIC; positive: a little worse than what was found."""
 
 
-def rivals(search: Search, found: Fit, own: Sequence[Term]) -> list[Rival]:
-    """Sets with one of the terms ``own`` of ``found`` exchanged that are within a decisive difference of BIC."""
+def rivals(search: Search, found: Fit) -> list[Rival]:
+    """Sets with one of the terms of ``found`` exchanged that are within a decisive difference of BIC, or better.
+
+    Only those that would have been accepted themselves: trials that were not fitted must gain from them, too.
+    """
     evidence, best = search.evidence, found.criterion(search.evidence.effective)
     result = []
-    for term in own:
+    for term in found.hypothesis.terms:
         known = next((s for s in search.steps if s.added == term and s.refits[0].hypothesis == found.hypothesis), None)
         if known is not None and search.repeated:  # else it has been weighed anew since
-            refits: Sequence[Fit] = known.refits
+            less, refits = known.before, known.refits
         else:
             less = drop(evidence, found, term)
             taken = {(t.effect, t.channel) for t in less.hypothesis.terms}
             open_ = [t for t in search.candidates if (t.effect, t.channel) not in taken]
             promising = [c for c in screen(evidence, less, open_) if c.gain > 0.5 * (less.cost - found.cost)]
-            refits = search.refit(less, shortlist(promising)[:MOST], best) if promising else []
+            refits = tuple(search.refit(less, shortlist(promising)[:MOST], best)) if promising else ()
         for refit in refits:
             other, difference = refit.hypothesis.terms[-1], refit.criterion(evidence.effective) - best
-            if (other.effect, other.channel) != (term.effect, term.channel) and difference <= search.decisive:
+            if (other.effect, other.channel) == (term.effect, term.channel) or difference > search.decisive:
+                continue
+            if not search.objection(less, refit, search.gains(less, refit)):
                 result.append(Rival(refit, term, difference))
     return sorted(result, key=lambda rival: rival.difference)
 
@@ -56,7 +60,7 @@ def rivals(search: Search, found: Fit, own: Sequence[Term]) -> list[Rival]:
 def certified(evidence: Evidence, found: Fit, random: np.random.Generator) -> tuple[Fit, bool]:
     """``found`` finished finely, or a better fit near it, and whether fits from elsewhere come back to it.
 
-    Elsewhere is :data:`AWAY` standard errors or more from where it is, in every unknown.
+    Elsewhere is :data:`AWAY` standard errors or more from where it is, in every unknown, as far as bounds allow.
     """
     if not len(found.steps):
         return found, found.converged
@@ -89,7 +93,7 @@ def intervals(evidence: Evidence, found: Fit, random: np.random.Generator) -> li
 
 
 def _repeats(evidence: Evidence, found: Fit) -> list[Array]:
-    """Per weighted block of the fit's vector, in its order: what sets this repeat apart from the others, weighted."""
+    """Per weighted block of the fit's vector, in its order: what sets a repeat of its group apart, weighted."""
     apart: dict[tuple[str, str], Array] = {}
     for channel in evidence.noise:
         for group, _, stack in stacks(evidence.experiments, found.residuals, channel):

@@ -1,12 +1,13 @@
-"""Which of the device's equations does not hold: what each would need added, estimated from what was measured.
+"""Which of the device's equations lacks something: what each would need added, estimated from what was measured.
 
-A disturbance in one equation shows in several channels. Here each equation is evaluated with the *measured* pressure,
-force and length put into it, so what it lacks is not passed on to the others. The same is done with what the fitted
-device would have shown, and taken off: what smoothing and sampling do to it drops out. No catalogue is asked, but
-instruments are believed.
+A disturbance in one equation shows in several channels. Here the equations of muscle, damper and tendon are evaluated
+with the *measured* pressure, force and length put into them, so that what one lacks is not passed on to the others; the
+supply's, with the command. The same is done with what the device would have shown under the measured pressure, and
+taken off: what smoothing and sampling do drops out. The device is that of the final fit, less the effects that were
+found: its own numbers are then not bent to make up for them. Instruments are believed.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,12 +18,18 @@ from klute_sim.dataset.trial import Series
 from klute_sim.device.step import NO_MEMORY, Parameters, muscle_side, remembers, tendon_side
 from klute_sim.diagnose.experiment import Array, Experiment, Setting, trace
 from klute_sim.diagnose.fit import Evidence, Fit
-from klute_sim.diagnose.noise import measure, misfit
+from klute_sim.diagnose.hypothesis import Hypothesis
+from klute_sim.diagnose.noise import Misfit, measure, misfit, significant
 from klute_sim.units import BAR
 
 SMOOTHED = 0.05
 """Time over which lengths are smoothed to take their rate [s]."""
-UNITS = {"supply": ("bar", BAR), "muscle and damper": ("N", 1.0), "tendon": ("N", 1.0)}
+UNITS = {
+    "supply": ("bar", BAR),
+    "muscle and damper": ("N", 1.0),
+    "muscle, damper or tendon": ("N", 1.0),
+    "tendon": ("N", 1.0),
+}
 """Equation -> unit that what it lacks is shown in, and that unit in SI."""
 
 
@@ -38,14 +45,30 @@ class Equation(NamedTuple):
     """Standard deviation between repeats of the same estimate [SI]."""
 
 
-def equations(evidence: Evidence, base: Fit) -> list[Equation]:
-    """The equations that the measured channels can check, by how surely they do not hold.
+def lacking(found: Sequence[Equation]) -> list[Equation]:
+    """Those of ``found`` whose lack is neither noise nor negligible.
 
-    The supply needs the pressure measured; muscle and damper, the force; the tendon, force and muscle length. Where
-    the muscle's length was not measured, it follows from the force through the tendon, whose law is then believed.
-    Empty without repeats: noise cannot be taken off then.
+    Less than a tenth of the largest (in units of the noise) is negligible, too: a large lack in one equation moves the
+    whole device, and what smoothing does to the others is then not quite what is taken off.
     """
-    settings = base.hypothesis.settings(base.steps, evidence.experiments)
+    largest = max((each.lacks / each.noise for each in found), default=0.0)
+    return [
+        each
+        for each in found
+        if significant(Misfit(each.lacks, each.certainty, each.noise)) and each.lacks > 0.1 * largest * each.noise
+    ]
+
+
+def equations(evidence: Evidence, final: Fit) -> list[Equation]:
+    """The equations that the measured channels can check, by how surely they lack something.
+
+    The supply needs the pressure measured; muscle and damper, force and muscle length, and the tendon likewise. Where
+    the muscle's length was not measured, it follows from the force through the tendon, and only the three together
+    can be checked. Empty without repeats (noise cannot be taken off then), where channels have clocks of their own,
+    and for all but the supply of a device that remembers.
+    """
+    plain = Hypothesis(final.hypothesis.device, final.hypothesis.uncertain, final.hypothesis.noise)
+    settings = plain.settings(final.steps[: plain.base], evidence.experiments)
     lacking = [_lacking(e, setting.parameters) for e, setting in zip(evidence.experiments, settings, strict=True)]
     residuals = [{name: series.value for name, series in each.items()} for each in lacking]
     experiments = [replace(e, measured=each) for e, each in zip(evidence.experiments, lacking, strict=True)]
@@ -57,20 +80,29 @@ def equations(evidence: Evidence, base: Fit) -> list[Equation]:
 
 def _lacking(experiment: Experiment, parameters: Parameters) -> dict[str, Series]:
     """What each equation needs added for the measured samples, by equation."""
-    shown = _shown(experiment, parameters)
     measured = {channel: series.value for channel, series in experiment.measured.items()}
     clock = next(iter(experiment.measured.values())).time
-    if not all(np.array_equal(series.time, clock) for series in experiment.measured.values()):
+    alike = all(np.array_equal(series.time, clock) for series in experiment.measured.values())
+    if not alike or len(clock) < 10:
         return {}
-    found = {}
+    found, shown = {}, _shown(experiment, parameters)
     if "pressure" in measured:
         found["supply"] = measured["pressure"] - shown["pressure"]
-    if "force" in measured:
+        shown = _shown(*_under_pressure(experiment, parameters))
+    if "force" in measured and not remembers(parameters):  # what an effect remembers was not measured
         simulated = {channel: shown[channel] for channel in measured}
         sides = [_sides({**shown, **given}, given, parameters) for given in (measured, simulated)]
         for name in sides[0]:
             found[name] = sides[0][name] - sides[1][name]
     return {name: Series(clock, value) for name, value in found.items()}
+
+
+def _under_pressure(experiment: Experiment, parameters: Parameters) -> tuple[Experiment, Parameters]:
+    """``experiment`` with the measured pressure for its command, and a supply that follows at once."""
+    series = experiment.measured["pressure"]
+    grid = experiment.begin + experiment.step * np.arange(1, len(experiment.command) + 1)
+    pressure = np.where(grid < series.time[0], experiment.command, np.interp(grid, series.time, series.value))
+    return replace(experiment, command=pressure), parameters._replace(supply=parameters.supply._replace(rate=1e12))
 
 
 def _shown(experiment: Experiment, parameters: Parameters) -> dict[str, Array]:
@@ -89,7 +121,7 @@ def _shown(experiment: Experiment, parameters: Parameters) -> dict[str, Array]:
 
 def _sides(values: Mapping[str, Array], given: Mapping[str, Array], parameters: Parameters) -> dict[str, Array]:
     """Force [N] that muscle and damper, and the tendon, need besides their laws to be what the load cell shows."""
-    force, whole, found = values["force"], values["unit_length"], {}
+    force, whole, found, name = values["force"], values["unit_length"], {}, "muscle and damper"
     tendon = parameters.tendon
     if "muscle_length" in given:
         length = given["muscle_length"]
@@ -99,14 +131,13 @@ def _sides(values: Mapping[str, Array], given: Mapping[str, Array], parameters: 
     elif tendon.rigid:
         length = whole - tendon.slack_length
     else:
-        length = whole - tendon.slack_length - _stretch(parameters, force)
-    if not remembers(parameters):  # what an effect remembers was not measured
-        interval = float(np.median(np.diff(values["time"])))
-        window = max(5, 2 * round(0.5 * SMOOTHED / interval) + 1)
-        if len(length) > window:
-            rate = savgol_filter(length, window, 2, deriv=1, delta=interval)
-            rows = zip(values["pressure"], length, rate, strict=True)
-            found["muscle and damper"] = force - np.array([muscle_side(parameters, NO_MEMORY, *row) for row in rows])
+        length, name = whole - tendon.slack_length - _stretch(parameters, force), "muscle, damper or tendon"
+    interval = float(np.median(np.diff(values["time"])))
+    window = max(5, 2 * round(0.5 * SMOOTHED / interval) + 1)
+    if len(length) > window:
+        rate = savgol_filter(length, window, 2, deriv=1, delta=interval)
+        rows = zip(values["pressure"], length, rate, strict=True)
+        found[name] = force - np.array([muscle_side(parameters, NO_MEMORY, *row) for row in rows])
     return found
 
 

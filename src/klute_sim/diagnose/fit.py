@@ -159,7 +159,9 @@ def _fit(
         here = vectors.pop(0) if coarse else vector_at(row)
         return np.stack([(v - here) / (DIFFERENCE * s) for v, s in zip(vectors, signs, strict=True)], axis=1)
 
-    inside = np.clip(begin, low + 1e-9, high - 1e-9)
+    # Not at a bound: the first step would be no longer than the distance from it.
+    margin = np.minimum(0.01, 0.25 * (high - low))
+    inside = np.clip(begin, low + margin, high - margin)
     if not len(inside):
         there = vector_at(inside)
         return Fit(hypothesis, inside, there, np.empty((len(there), 0)), True, seen[inside.tobytes()])

@@ -150,8 +150,6 @@ class Hypothesis:
                 si = tuple(v * unit if not math.isfinite(u.high) else v for u, v in own)
                 readings.append(Reading(term.channel, term.effect, si))
         found = dict(zip((key for key, _ in self.uncertain), values, strict=False))
-        own_effects = dict(_active(self.device.spec)) | active
-        effects = catalogue.values(own_effects)
         nominal = self.device.spec.numbers()
         made: dict[str, Parameters] = {}  # most trials have the same device
         result = []
@@ -160,8 +158,13 @@ class Hypothesis:
             if device.digest not in made:
                 # A number that a trial has of its own is wrong by the same share as the device's.
                 here = device.spec.numbers()
-                corrected = {key: here[key] * value / nominal[key] for key, value in found.items()}
-                made[device.digest] = with_numbers(device.spec, corrected).parameters()._replace(effects=effects)
+                corrected = {
+                    key: here[key] * value / nominal[key] if nominal[key] != 0.0 else here[key] + value
+                    for key, value in found.items()
+                }
+                spec = with_numbers(device.spec, corrected)
+                effects = catalogue.values(dict(_active(spec)) | active)
+                made[device.digest] = spec.parameters()._replace(effects=effects)
             result.append(Setting(made[device.digest], tuple(readings)))
         return result
 

@@ -16,6 +16,12 @@ import numpy as np
 
 from klute_sim.diagnose.experiment import Array, Experiment
 
+DISCORDANT = 6.0
+"""How many times more than others a group's repeats may differ before one of them is taken to be wrong."""
+CERTAIN = 4.0
+"""Standard errors of a misfit's square above which it is no noise."""
+NOTICEABLE = 0.25
+"""Of the noise, below which a misfit is not worth a name."""
 WINDOW = 5.0
 """Lags up to so many correlation times are summed (Sokal's window)."""
 
@@ -85,6 +91,21 @@ def measure(experiments: Sequence[Experiment], residuals: Residuals) -> dict[str
     return found
 
 
+def discordant(experiments: Sequence[Experiment], residuals: Residuals) -> dict[tuple[str, str], tuple[float, float]]:
+    """(group, channel) whose repeats differ far more than those of the other groups, and how much: theirs, others'."""
+    found = {}
+    for channel in channels(experiments):
+        apart = {
+            group: float(np.sqrt(((rows - rows.mean(axis=0)) ** 2).sum() / ((len(rows) - 1) * rows.shape[1])))
+            for group, _, rows in stacks(experiments, residuals, channel)
+        }
+        for group, own in apart.items():
+            others = [value for other, value in apart.items() if other != group]
+            if others and own > DISCORDANT * float(np.median(others)):
+                found[group, channel] = own, float(np.median(others))
+    return found
+
+
 def supposed(experiments: Sequence[Experiment], residuals: Residuals) -> dict[str, Noise]:
     """Noise of every channel if all of ``residuals`` were noise: too much of it, and for too long, if a model lacks
     something. That errs towards naming nothing.
@@ -105,8 +126,11 @@ def channels(experiments: Iterable[Experiment]) -> list[str]:
 
 
 def correlation(row: Array) -> float:
-    """Integrated autocorrelation time of ``row`` [samples]: 1 for independent samples."""
-    power = _autocorrelation(row - row.mean())
+    """Integrated autocorrelation time of ``row`` [samples]: 1 for independent samples.
+
+    ``row`` is what sets a repeat apart, so its mean is noise like the rest: a gauge that was zeroed differently.
+    """
+    power = _autocorrelation(row)
     sums = 2.0 * np.cumsum(power) - 1.0
     inside = np.arange(len(row)) >= WINDOW * sums
     return float(max(1.0, sums[int(inside.argmax()) if inside.any() else -1]))
@@ -140,6 +164,11 @@ class Misfit(NamedTuple):
     """Its square over the square's standard error under noise alone."""
     floor: float
     """Root mean square residual that a perfect model would leave, because of noise [SI]."""
+
+
+def significant(one: Misfit) -> bool:
+    """Whether a misfit is neither noise nor negligible."""
+    return one.certainty > CERTAIN and one.size > NOTICEABLE * one.floor
 
 
 def misfit(experiments: Sequence[Experiment], residuals: Residuals, noise: Mapping[str, Noise]) -> dict[str, Misfit]:

@@ -90,6 +90,10 @@ def _each(evidence: Evidence, device: Device, protocol: Protocol, found: Fit, ri
         return []
     grid = np.arange(STEP, program.time[-1], STEP)
     channels = dict.fromkeys([*evidence.noise, "muscle_length"])
+    # As often as the data have it: noise is known to stay alike for so many of those samples.
+    series = next(series for e in evidence.experiments for series in e.measured.values())
+    interval = float(np.median(np.diff(series.time)))
+    samples = np.arange(interval, program.time[-1], interval)
     experiment = Experiment(
         protocol.name,
         protocol.name,
@@ -99,7 +103,7 @@ def _each(evidence: Evidence, device: Device, protocol: Protocol, found: Fit, ri
         STEP,
         np.interp(grid, program.time, program.unit_length),
         np.interp(grid, program.time, program.command),
-        {channel: Series(program.time[1:], program.time[1:]) for channel in channels},
+        {channel: Series(samples, samples) for channel in channels},
     )
     rows = [found.steps, *(found.steps + DIFFERENCE * unit for unit in np.eye(len(found.steps)))]
     settings = [*(found.hypothesis.settings(row, [experiment]) for row in rows)]

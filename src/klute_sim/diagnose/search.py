@@ -12,8 +12,8 @@ import numpy as np
 
 from klute_sim.diagnose.experiment import Array
 from klute_sim.diagnose.fit import Evidence, Fit, fit
-from klute_sim.diagnose.hypothesis import Hypothesis, Term
-from klute_sim.diagnose.noise import Misfit, groups, misfit, supposed
+from klute_sim.diagnose.hypothesis import Term
+from klute_sim.diagnose.noise import Misfit, groups, misfit, significant, supposed
 from klute_sim.diagnose.screen import Candidate, screen
 
 DECISIVE = 6.0
@@ -21,14 +21,14 @@ DECISIVE = 6.0
 MOST_EFFECTS = 3
 SHORTLIST = 8
 """Candidates that are refitted."""
-CERTAIN = 4.0
-"""Standard errors of a misfit's square above which it is no noise."""
-NOTICEABLE = 0.25
-"""Of the noise, below which a misfit is not worth a name."""
-LEAST_GAIN = 0.02
-"""Mean fall of chi squared on selection trials, relative, and the loss that one group may have."""
+LEAST_GAIN = 0.05
+"""Mean fall of chi squared on selection trials, relative: about what an effect of a quarter of the noise brings."""
+MOST_LOSS = 0.02
+"""Rise of chi squared that one group of selection trials may have, relative."""
+UNASKED = 2.0
+"""What the mean fall is multiplied by where repeats do not show that anything is missing."""
 WIDER = 2.0
-"""What the two gates above are multiplied by where nothing was repeated and noise is only supposed."""
+"""What the difference of BIC is multiplied by where nothing was repeated and noise is only supposed."""
 PATIENCE = (3, 4, 25)
 """Rounds of fitting that the shortlist gets, then who is left of it, then who is left of those."""
 PARTS = (0.05, 0.2, 0.5, 1.0)
@@ -109,10 +109,10 @@ class Search:
         refits = self.refit(current, shortlist(promising))
         objections: list[str] = []
         for number, best in enumerate(refits[:SECOND_CHANCES]):
-            gain = self._criterion(current) - self._criterion(best)
             gains = self.gains(current, best)
-            objection = self._against(best, gain, gains)
+            objection = self.objection(current, best, gains)
             if not objection:
+                gain = self._criterion(current) - self._criterion(best)
                 ordered = [best, *refits[:number], *refits[number + 1 :]]
                 why = "; ".join([f"BIC falls by {gain:.0f}", *objections])
                 return Step(current, tuple(found), tuple(ordered), best.hypothesis.terms[-1], gains, why)
@@ -192,13 +192,14 @@ class Search:
             found[group] = 1.0 - sizes[1] / sizes[0]
         return found
 
-    def _against(self, best: Fit, gain: float, gains: dict[str, float]) -> str:
-        """Why the best candidate is not accepted; '' if it is."""
+    def objection(self, before: Fit, best: Fit, gains: dict[str, float]) -> str:
+        """Why ``best`` is not accepted in place of ``before``, which is without its last term; '' if it is."""
+        gain = self._criterion(before) - self._criterion(best)
         term = best.hypothesis.terms[-1]
-        least = LEAST_GAIN if self.repeated else WIDER * LEAST_GAIN
+        least = LEAST_GAIN if self.lacks(before) else UNASKED * LEAST_GAIN
         if gain <= self.decisive:
             return f"{term} explains no more than noise would (BIC falls by {gain:.1f}, {self.decisive:.0f} are needed)"
-        losses = [f"'{group}' by {-100 * g:.1f} %" for group, g in gains.items() if g < -LEAST_GAIN]
+        losses = [f"'{group}' by {-100 * g:.1f} %" for group, g in gains.items() if g < -MOST_LOSS]
         if losses:
             return f"{term} fits, but trials that were not fitted get worse: {', '.join(losses)}"
         if gains and float(np.mean(list(gains.values()))) <= least:
@@ -216,11 +217,6 @@ class Search:
         return current
 
 
-def significant(one: Misfit) -> bool:
-    """Whether a misfit is neither noise nor negligible."""
-    return one.certainty > CERTAIN and one.size > NOTICEABLE * one.floor
-
-
 def shortlist(promising: Sequence[Candidate]) -> list[Candidate]:
     """The best, and the other forms of the best three effects."""
     leaders = {(c.term.effect, c.term.channel) for c in promising[:3]}
@@ -232,8 +228,3 @@ def drop(evidence: Evidence, current: Fit, term: Term) -> Fit:
     number = current.hypothesis.terms.index(term)
     keep = [u.term != number for u in current.hypothesis.unknowns]
     return fit(evidence, current.hypothesis.minus(term), current.steps[keep], current.jacobian[:, keep])
-
-
-def empty(hypothesis: Hypothesis) -> Hypothesis:
-    """Without any terms."""
-    return Hypothesis(hypothesis.device, hypothesis.uncertain, hypothesis.noise)

@@ -62,7 +62,7 @@ def _effects(diagnosis: Diagnosis, final: Fit) -> list[dict[str, Any]]:
                 u.key: {"value": value, "low": low, "high": high} for u, value, (low, high) in rows if u.term == number
             },
         }
-        if diagnosis.verdict == "unexplained":
+        if diagnosis.verdict in ("unexplained", "insufficient-data"):
             entry["proxy"] = True
         found.append(entry)
     return found

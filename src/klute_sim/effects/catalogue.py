@@ -14,6 +14,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from klute_sim.effects import (
     bladder_relaxation,
     braid_hysteresis,
@@ -29,6 +31,7 @@ from klute_sim.effects import (
 from klute_sim.effects import hooks as _hooks
 from klute_sim.effects.effect import HOOKS, Effect, Form
 from klute_sim.errors import InputError
+from klute_sim.laws import mckibben
 
 VARIABLE = "KLUTE_SIM_CATALOGUE"
 
@@ -117,6 +120,41 @@ def _check(effect: Any, known: Mapping[str, Effect]) -> None:
             raise InputError(f"{here}: memory and a law at 'remember' go together")
         if not form.parameters or form.parameters[0].neutral is None:
             raise InputError(f"{here}: its first parameter must have a neutral value")
+        for hook, law in form.laws.items():
+            _try(law, hook, form, f"{here}: its law at '{hook}'")
+
+
+def _try(law: Callable[..., Any], hook: str, form: Form, where: str) -> None:
+    """Call ``law`` once with numbers as they occur, so that a slip in it is told before anything is compiled."""
+    own = tuple(parameter.si(parameter.typical) for parameter in form.parameters)
+    memory = (0.0,) * form.memory
+    muscle = mckibben.Muscle(1.0, 0.2, 0.21, 1.3, 0.01, 0.002, 1e5, 1e4, 1e-4, 0.0)
+    pressure, length, rate, force, stretch, step = 2e5, 0.19, 0.01, 300.0, 1e-3, 1e-3
+    series = np.linspace(0.0, 1.0, 20)
+    arguments: dict[str, tuple[Any, ...]] = {
+        "acting_pressure": (own, memory, pressure, muscle, length),
+        "muscle_force": (own, memory, force, muscle, pressure, length, rate),
+        "damper_force": (own, memory, force, rate),
+        "tendon_stretch": (own, memory, stretch),
+        "tendon_force": (own, memory, force, stretch),
+        "pressure_target": (own, memory, pressure),
+        "pressure_reached": (own, memory, pressure, pressure, step),
+        "remember": (own, memory, muscle, pressure, length, stretch, step),
+        "reading": (own, series, series),
+    }
+    try:
+        found = law(*arguments[hook])
+    except Exception as error:
+        raise InputError(f"{where} fails: {type(error).__name__}: {error}") from None
+    if hook == "remember":
+        good = isinstance(found, tuple) and len(found) == form.memory
+        wanted = f"a tuple of {form.memory} (as many as it remembers)"
+    elif hook == "reading":
+        good, wanted = np.shape(found) == series.shape, "an array like the one it was given"
+    else:
+        good, wanted = isinstance(found, float), "a float"
+    if not good:
+        raise InputError(f"{where} gives {found!r}; allowed: {wanted}")
 
 
 @cache
@@ -180,8 +218,8 @@ def form_of(effect: str, form: str | None) -> tuple[Effect, Form]:
     known = effects().get(effect)
     if known is None:
         raise InputError(
-            f"there is no effect '{effect}'; there are: {', '.join(effects())} (of your own: name their file in the "
-            f"environment variable {VARIABLE})"
+            f"there is no effect '{effect}'; there are: {', '.join(effects())} (of your own: name their file with "
+            f"--catalogue, or in the environment variable {VARIABLE})"
         )
     found = known.forms[0] if form is None else known.form(form)
     if found is None:

@@ -54,7 +54,9 @@ def overlay(diagnosis: Diagnosis, one: Simulated) -> "Figure":
         )[:, 0]
         for number, channel in enumerate(channels):
             _compare(axes[2 * number], axes[2 * number + 1], diagnosis, one, channel)
-        band = Patch(color=NOISE, label="±1 sd of the noise of repeats")
+        band = Patch(
+            color=NOISE, label="±1 sd of the noise" if diagnosis.repeated else "±1 sd of what is taken for noise"
+        )
         key = [*axes[0].get_legend_handles_labels()[0], band]
         axes[0].legend(handles=key, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
         axes[-1].set_xlabel("time from the trial's start [s]")
@@ -189,7 +191,7 @@ def _rank(axis: "Axes", bars: list[Bar]) -> None:
         if bar.fall is not None:
             axis.barh(place, max(bar.fall, 1.0), color=AFTER if bar.accepted else REFITTED, height=0.42)
             text = f"falls by {bar.fall:.0f}" if bar.fall >= 0.5 else f"rises by {-bar.fall:.0f}"
-            text += "" if bar.finished else " (fit given up)"
+            text += "" if bar.finished else " (stopped early)"
         end = max(bar.promised, bar.fall or 1.0, 1.0)
         axis.text(1.06 * end, place, text, va="center", fontsize=7.5, color="0.3" if bar.fall is not None else "0.6")
     axis.axvline(DECISIVE, color=LIMIT, linewidth=0.9, linestyle="--")
@@ -263,8 +265,7 @@ def where(diagnosis: Diagnosis) -> "Figure":
             own, place = seen(diagnosis, channel), told[channel]
             title = f"{words.spoken(channel)}: rms {np.sqrt(np.mean(own.before**2)):.3g} times the noise"
             if diagnosis.verdict != "nothing-missing":  # shares of nothing
-                title += f", {100.0 * place.share:.0f} % of the misfit of all channels"
-                title += f", most of it {place.region}" if place.region else ""
+                title += f"; {place.region or 'all of it'}: {100.0 * place.share:.0f} % of all channels' misfit"
             row.suptitle(title, fontsize=10, fontweight="bold")
             axes = row.subplots(1, len(pairs) + 2, squeeze=False)[0]
             axes[-1].sharey(axes[-2])

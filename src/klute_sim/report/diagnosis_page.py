@@ -15,8 +15,8 @@ from klute_sim.diagnose.diagnosis import Diagnosis
 from klute_sim.diagnose.experiment import UNITS
 from klute_sim.diagnose.fit import Fit
 from klute_sim.diagnose.hypothesis import Term
-from klute_sim.diagnose.noise import misfit
-from klute_sim.diagnose.search import CERTAIN, MOST_EFFECTS
+from klute_sim.diagnose.noise import CERTAIN, misfit
+from klute_sim.diagnose.search import MOST_EFFECTS
 from klute_sim.effects import catalogue
 from klute_sim.provenance import versions
 from klute_sim.report import diagnosis_figures as pictures
@@ -105,9 +105,9 @@ def content(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def _warnings(d: Diagnosis) -> list[str]:
     found = list(d.dataset.remarks)
-    fits = {"the device without effects": d.base}
+    fits = {"the device as it was": d.base}
     if d.found:
-        fits["the device with the effects"] = d.final
+        fits["the device with what was found"] = d.final
     for name, fit in fits.items():
         if fit is not None and not fit.converged:
             found.append(f"The fit of {name} did not converge: do not trust its numbers.")
@@ -170,7 +170,7 @@ def _gap(d: Diagnosis) -> list[dict[str, str]]:
     for channel, gap in d.gap.items():
         unit, si = UNITS[channel]
         parts = {"before": gap.before, "refitted": gap.refitted, "after": gap.after, "floor": gap.floor}
-        row = {name: "?" if value is None else words.number(value / si, 3) for name, value in parts.items()}
+        row = {name: "not repeated" if value is None else words.number(value / si, 3) for name, value in parts.items()}
         # In squares, because noise adds to a gap in squares.
         floor = (gap.floor or 0.0) ** 2
         above = gap.refitted**2 - floor
@@ -226,7 +226,7 @@ def _step(d: Diagnosis, number: int) -> dict[str, Any]:
                 "name": bar.name,
                 "promised": _tenths(bar.promised),
                 "fall": "not refitted" if bar.fall is None else _tenths(bar.fall),
-                "note": "" if bar.fall is None or bar.finished else "fit given up",
+                "note": "" if bar.fall is None or bar.finished else "stopped early: too far behind",
                 "accepted": bar.accepted,
             }
             for bar in bars
@@ -273,8 +273,8 @@ def _unseen(d: Diagnosis) -> list[str]:
             )
         found.append(f"Effects that the catalogue does not know, and more than {MOST_EFFECTS} at a time.")
         found.append("Candidates that were screened and not refitted, beyond what the screening promised.")
-        if not d.split.select:
-            found.append("Whether trials that were not fitted gain from each effect: there were none to select by.")
+        if any(step.added in d.found and not step.gains for step in d.steps):
+            found.append("Whether trials that were not fitted gain from each effect: there was no second group.")
         if d.shown_on == "fit":
             found.append("How well the result predicts: no trial was kept back to show, the gap is of fitted ones.")
     measured = {channel for trial in d.dataset.trials for channel in trial.measured}

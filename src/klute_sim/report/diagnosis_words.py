@@ -9,9 +9,9 @@ import numpy as np
 from klute_sim import units
 from klute_sim.diagnose.diagnosis import Diagnosis
 from klute_sim.diagnose.equations import UNITS as UNITS_OF_EQUATIONS
+from klute_sim.diagnose.equations import lacking as lacking_of
 from klute_sim.diagnose.experiment import UNITS
 from klute_sim.diagnose.hypothesis import Term, Unknown
-from klute_sim.diagnose.search import CERTAIN
 from klute_sim.effects import catalogue
 
 DIGITS = 4
@@ -78,7 +78,10 @@ def joined(words: Sequence[str], last: str = "and") -> str:
 def verdict(diagnosis: Diagnosis) -> str:
     """The answer in one sentence."""
     if diagnosis.verdict == "insufficient-data":
-        return "These data cannot tell whether the simulation lacks anything."
+        if not diagnosis.found:
+            return "These data cannot tell whether the simulation lacks anything."
+        names = joined([term(t) for t in diagnosis.found])
+        return f"These data cannot tell for sure, because nothing was repeated; {names} would explain what stands out."
     if diagnosis.verdict == "nothing-missing":
         return "Nothing is missing: the simulation agrees with the data as well as repeats agree with each other."
     if diagnosis.verdict == "unexplained":
@@ -100,17 +103,20 @@ def verdict(diagnosis: Diagnosis) -> str:
 
 
 def equation(diagnosis: Diagnosis) -> str:
-    """Which of the device's equations does not hold, in one sentence; '' if all do or none could be checked."""
-    lacking = [each for each in diagnosis.equations if each.certainty > CERTAIN]
-    if not lacking:
+    """Which of the device's equations lacks something, in one sentence.
+
+    '' if none does, if none could be checked, or if an instrument is at fault: they are believed here.
+    """
+    lacking = lacking_of(diagnosis.equations)
+    if not lacking or any(term.channel for term in diagnosis.found):
         return ""
     parts = []
     for each in lacking:
         unit, si = UNITS_OF_EQUATIONS[each.name]
-        parts.append(f"the {each.name}'s lacks {number(each.lacks / si, 3)} {unit} rms")
-    holding = [f"the {each.name}'s" for each in diagnosis.equations if each not in lacking]
-    holds = f"; {joined(holding)} {'hold' if len(holding) > 1 else 'holds'}" if holding else ""
-    return f"Of the equations of the device without effects, {joined(parts)}{holds}."
+        parts.append(f"that of {each.name} lacks {number(each.lacks / si, 3)} {unit} rms")
+    others = [each.name for each in diagnosis.equations if each not in lacking]
+    fine = f"; that of {joined(others)} shows no lack" if others else ""
+    return f"Of the device's equations, if the instruments are right, {joined(parts)}{fine}."
 
 
 def improvement(diagnosis: Diagnosis) -> str:
