@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except KluteSimError as error:
         _fail(str(error), 2)
     except (KeyboardInterrupt, click.Abort):
-        _fail("interrupted; no file was left half-written, and 'diagnose' goes on where it was when asked again", 130)
+        _fail("interrupted; no file was left half-written", 130)
     except MemoryError:
         _fail("there is not enough memory for this; take fewer strides or a longer step", 2)
     except BrokenPipeError:

@@ -88,8 +88,12 @@ def command(
     for remark in measured.remarks:
         notes().print(f"{remark}.", soft_wrap=True)
     with run_folder.new("diagnose", out) as (place, scratch):
-        with _telling() as told:
-            found = diagnose(measured, options, told)
+        try:
+            with _telling() as told:
+                found = diagnose(measured, options, told)
+        except KeyboardInterrupt:
+            notes().print("What has been fitted is kept: the same command goes on where it was.", soft_wrap=True)
+            raise
         write(found, scratch, report=not no_report)
     if as_json:
         click.echo(json.dumps(verdict_of(found), indent=2))
