@@ -169,6 +169,7 @@ def test_without_rerun_everything_else_is_written_and_the_extra_is_named(tmp_pat
 def test_ctrl_c_leaves_no_half_written_run(tmp_path: Path) -> None:
     code = (
         "import os, signal\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a job in the background ignores it
         "from klute_sim.rigs.gait.gauges import Gauges\n"
         "read, calls = Gauges.read, []\n"
         "def interrupted(*arguments):\n"
