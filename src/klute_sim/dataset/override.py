@@ -23,17 +23,22 @@ def overridden(device: Device, changes: Mapping[str, float], where: str) -> Devi
     keys = tomllib.loads(device.content.decode("utf-8-sig"))
     for key, value in changes.items():
         refuse_unknown_key(key, device.spec.numbers(), where)
-        section, _, name = key.rpartition(".")
-        table = keys
-        for part in section.split("."):
-            table = table[part]
-        table[name] = value
-        keys.setdefault("sources", {})[key] = where
+        put(keys, key, value, where)
     try:
         spec = parse(keys, device.name)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     return Device(spec, to_toml(keys).encode())
+
+
+def put(keys: dict[str, Any], key: str, value: float, source: str) -> None:
+    """Give number ``key`` (``section.key``) of a device file's ``keys`` a new ``value``; ``source`` says where from."""
+    section, _, name = key.rpartition(".")
+    table = keys
+    for part in section.split("."):
+        table = table[part]
+    table[name] = value
+    keys.setdefault("sources", {})[key] = source
 
 
 def to_toml(keys: Mapping[str, Any]) -> str:

@@ -3,7 +3,7 @@
 import tomllib
 from typing import Any
 
-from klute_sim.dataset.override import to_toml
+from klute_sim.dataset.override import put, to_toml
 from klute_sim.device.files import Device, read
 from klute_sim.diagnose.fit import Fit
 
@@ -15,19 +15,13 @@ def augmented(fit: Fit, where: str) -> Device:
     """
     hypothesis, values = fit.hypothesis, fit.values
     keys: dict[str, Any] = tomllib.loads(hypothesis.device.content.decode("utf-8-sig"))
-    sources = keys.setdefault("sources", {})
     fitted = f"fitted by klute-sim diagnose to {where}"
     for (key, _), value in zip(hypothesis.uncertain, values, strict=False):
-        section, _, name = key.rpartition(".")
-        table = keys
-        for part in section.split("."):
-            table = table[part]
-        table[name] = value
-        sources[key] = fitted
+        put(keys, key, value, fitted)
     for number, term in enumerate(hypothesis.terms):
         if term.channel is not None:
             continue
         own = {u.key: value for u, value in zip(hypothesis.unknowns, values, strict=True) if u.term == number}
         keys.setdefault("effects", {})[term.effect] = {"form": term.form, **own}
-        sources.update({f"effects.{term.effect}.{key}": fitted for key in own})
+        keys.setdefault("sources", {}).update({f"effects.{term.effect}.{key}": fitted for key in own})
     return read(to_toml(keys).encode(), f"{hypothesis.device.name} with effects")
