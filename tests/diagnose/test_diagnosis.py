@@ -172,6 +172,25 @@ def test_a_wrong_repeat_is_told_and_left_out(tmp_path: Path) -> None:
     assert found.noise["force"].deviation < 5.0
 
 
+def test_when_nothing_is_left_it_says_so(tmp_path: Path) -> None:
+    """The only fitted group has repeats that contradict each other in every channel."""
+    folder = made(tmp_path / "none", groups=("fit_1", "select_1", "select_2", "show_1"), seconds=2.5)
+    file = folder / "fit_1_1.csv"
+    head, *rows = file.read_text("utf-8").splitlines()
+    columns = [name.split(" ")[0] for name in head.split(",")]
+    spoiled = []
+    for k, row in enumerate(rows):
+        cells = row.split(",")
+        for channel, size in (("force", 500.0), ("pressure", 3.0)):
+            cells[columns.index(channel)] = str(size * (1.0 + 0.5 * np.sin(0.3 * k)))
+        spoiled.append(",".join(cells))
+    file.write_text("\n".join([head, *spoiled]) + "\n", "utf-8")
+    found = diagnose(datasets.read(folder), Options(only=("muscle_damping",)))
+    assert found.verdict == "insufficient-data"
+    assert any(reason.startswith("No usable channel is left") for reason in found.reasons), found.reasons
+    assert any("another trial's file?" in reason for reason in found.reasons), found.reasons
+
+
 def test_a_channel_that_was_never_repeated_is_told(tmp_path: Path) -> None:
     folder = made(tmp_path / "once", {("seal_friction", "coulomb"): {"force_n": 60.0}}, seconds=2.0)
     for file in folder.glob("*_1.csv"):

@@ -9,6 +9,8 @@ from klute_sim.diagnose.experiment import Bench, Experiment
 from klute_sim.diagnose.fit import Evidence
 from klute_sim.diagnose.hypothesis import Hypothesis
 
+NOTHING = "No usable channel is left. Check cables and columns."
+
 
 class Usable(NamedTuple):
     """Trials with what can be used of their channels."""
@@ -34,7 +36,7 @@ def usable(dataset: Dataset, prepared: Sequence[Experiment], bench: Bench) -> Us
 
     seen = [e for e in every if e.use != "show" and e.measured]
     if not any(e.use == "fit" for e in seen):
-        return Usable(every, [], reasons, ["No usable channel is left. Check cables and columns."])
+        return Usable(every, [], reasons, [NOTHING])
     plain = Hypothesis(dataset.device, (), ())
     wrong, against = check.disagreements(seen, Evidence(bench, seen, {}).residuals(plain, [plain.start()])[0])
     every = check.without(every, wrong)
@@ -44,4 +46,6 @@ def usable(dataset: Dataset, prepared: Sequence[Experiment], bench: Bench) -> Us
     every = check.without(every, check.everywhere(every, alone))
     reasons += [f"{why}; it is not used." for why in alone.values()]
     fitted = [e for e in every if e.use == "fit" and e.measured]
+    if not fitted:
+        return Usable(every, [], reasons, [*against, NOTHING])
     return Usable(every, fitted, [*reasons, *check.blind(fitted)], [*against, *check.obstacles(fitted)])
