@@ -23,7 +23,7 @@ from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.experiment import UNITS, Bench, Experiment, prepare
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
-from klute_sim.diagnose.noise import Noise, Residuals
+from klute_sim.diagnose.noise import Alike, Noise, Residuals
 from klute_sim.diagnose.screen import screen, terms
 from klute_sim.diagnose.search import Search, shortlist
 from klute_sim.errors import InputError
@@ -126,7 +126,7 @@ def _joined(residuals: Residuals) -> dict[str, np.ndarray]:
 
 def _weights(residuals: Residuals) -> dict[str, Noise]:
     """The textbook's noise: what the fit leaves, every sample on its own."""
-    return {c: Noise(_rms(values), 1.0, len(values)) for c, values in _joined(residuals).items()}
+    return {c: Noise(_rms(values), (Alike(1e-9, 1.0, len(values)),)) for c, values in _joined(residuals).items()}
 
 
 def _classic(found: Fit) -> float:
@@ -185,7 +185,7 @@ class System:
             np.concatenate([getattr(b, name) for b in trials]) for name in ("lacking", "base", "terms")
         )
         repeated = noises.measure([b.experiment for b in trials], [{"force": b.lacking} for b in trials]).values()
-        self._noise = sum(each.deviation * np.sqrt(each.correlation) for each in repeated) or _rms(lacking)
+        self._noise = sum(each.deviation / np.sqrt(each.independent) for each in repeated) or _rms(lacking)
         self._lacking = lacking
         # Each number of the device is believed to one standard deviation: a row that asks for 0.
         self._believed = np.vstack([base / self._noise, np.eye(base.shape[1])])

@@ -19,7 +19,7 @@ from klute_sim.diagnose.experiment import Bench, Experiment, prepare
 from klute_sim.diagnose.fit import Evidence, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.diagnose.locate import locate
-from klute_sim.diagnose.propose import propose
+from klute_sim.diagnose.propose import CHANGES, propose
 from klute_sim.diagnose.store import Store
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "hidden_effects"))
@@ -70,6 +70,13 @@ def test_dead_and_saturated_channels_are_seen() -> None:
     assert kept.value.max() < 2.0
     assert len(kept.time) == len(kept.value)
     assert check.faults([experiment("a", random.normal(size=200))]) == ({}, [])
+    # Coarse digits stand still everywhere, and a vented gauge at zero: neither is saturated.
+    coarse = np.round(8.0 * np.sin(np.arange(400) / 40.0))
+    assert check.faults([experiment("a", coarse)]) == ({}, [])
+    assert check.faults([experiment("a", np.abs(random.normal(size=200)) * (np.arange(200) > 80))]) == ({}, [])
+    few = random.normal(0.0, 3.0, 5000)  # 12 of 5000: less than one in a hundred
+    ceiling = np.sort(few)[-12]
+    assert "12 of 5000 samples" in check.faults([experiment("a", np.minimum(few, ceiling))])[1][0]
 
 
 @pytest.fixture(scope="module")
@@ -92,15 +99,24 @@ def test_the_place_of_a_misfit_is_found(material: tuple[datasets.Dataset, Eviden
     assert 0.5 < first.share <= 1.0
 
 
-def test_a_second_gauge_is_proposed_where_no_command_helps(material: tuple[datasets.Dataset, Evidence]) -> None:
-    data, evidence = material
-    base, _ = base_fit(data, evidence.experiments, evidence.bench)
+def test_another_rig_is_proposed_where_no_command_helps(material: tuple[datasets.Dataset, Evidence]) -> None:
+    data, both = material
+    # The gauge alone: without a force, a regulator that is off by as much looks the same whatever is commanded.
+    alone = check.without(both.experiments, check.everywhere(both.experiments, ["force"]))
+    base, evidence = base_fit(data, alone, both.bench)
     sensor = fit(evidence, base.hypothesis.plus(Term("sensor_gain", "linear", "pressure")))
     assert sensor.values[-1] == pytest.approx(1.05, abs=0.002)
-    # A regulator that is off by as much, and muscles that pull as much less, would look alike.
     regulator = fit(evidence, base.hypothesis.plus(Term("regulator_error", "gain")))
     found = propose(evidence, data.device, sensor, regulator)
     assert found.separation > 100.0
+    assert found.change == CHANGES[0]  # how fast the gauge rises tells them apart, with noise as little as this
+    noisy = {channel: own._replace(deviation=30.0 * own.deviation) for channel, own in evidence.noise.items()}
+    loud = propose(replace(evidence, noise=noisy), data.device, sensor, regulator)
+    # Then the muscle's own length shows what pressure there really is; a second gauge would, too, if less clearly.
+    assert loud.change.added == ("muscle_length",)
+    assert loud.as_json()["rig_change"] == "with a sensor for the muscle's own length"
+    assert loud.change.words in loud.as_json()["sentence"]
+    assert loud.separation > 100.0 * found.separation / 30.0**2
     told = found.as_json()
     assert f"'{told['protocol']}' twice" in told["sentence"]
     same = propose(evidence, data.device, sensor, sensor)

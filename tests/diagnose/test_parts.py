@@ -1,5 +1,6 @@
 """The parts of the diagnosis against what is known about them: noise, fits, screening, gates, intervals."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,14 +9,14 @@ from made import coloured, dataset
 
 from klute_sim.dataset import dataset as datasets
 from klute_sim.dataset.trial import Series
-from klute_sim.device.files import load
+from klute_sim.device.files import load, read
 from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.diagnosis import base_fit
 from klute_sim.diagnose.doubt import intervals
 from klute_sim.diagnose.experiment import Bench, Experiment, prepare
 from klute_sim.diagnose.fit import Evidence, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
-from klute_sim.diagnose.noise import Noise, correlation, misfit
+from klute_sim.diagnose.noise import Alike, Noise, correlation, misfit
 from klute_sim.diagnose.screen import check_names, screen, terms
 from klute_sim.diagnose.search import Search, shortlist, significant
 from klute_sim.effects import catalogue
@@ -40,8 +41,31 @@ def test_noise_is_measured_from_repeats_whatever_they_have_in_common() -> None:
     assert found.deviation == pytest.approx(3.0, rel=0.05)
     # An AR(1) process with a lag-one correlation r has (1 + r)/(1 - r) samples per independent one.
     r = np.exp(-0.005 / 0.02)
-    assert found.correlation == pytest.approx((1 + r) / (1 - r), rel=0.3)
+    assert found.correlation(0.005) == pytest.approx((1 + r) / (1 - r), rel=0.3)
+    assert found.correlation(0.0025) == pytest.approx(2.0 * found.correlation(0.005))
+    assert found.correlation(10.0) == 1.0
     assert correlation(random.normal(size=20_000)) == pytest.approx(1.0, abs=0.1)
+
+
+def test_trials_logged_at_different_rates_are_weighed_by_how_long_noise_stays_alike() -> None:
+    """The same noise, logged ten times as often in one group, tells no more there."""
+    random = np.random.default_rng(3)
+    slow = repeated([coloured(random, 4000, 3.0, 0.02) for _ in range(2)], "slow")
+    fine = [coloured(random, 40_000, 3.0, 0.2) for _ in range(2)]  # 0.02 s, once the clock runs ten times as fast
+    fast = [
+        replace(e, measured={"force": Series(0.1 * series.time, series.value)})
+        for e in repeated(fine, "fast")
+        for series in e.measured.values()
+    ]
+    every = [*slow, *fast]
+    found = noises.measure(every, [{"force": e.measured["force"].value} for e in every])
+    evidence = Evidence(Bench(1), every, found)
+    slow_only, fast_only = (evidence.on(part).effective for part in (slow, fast))
+    assert fast_only == pytest.approx(slow_only, rel=0.3)
+    assert found["force"].independent == pytest.approx(evidence.effective / 88_000.0)
+    white = repeated([random.normal(0.0, 3.0, 4000) for _ in range(2)], "white")
+    alone = noises.measure(white, [{"force": e.measured["force"].value} for e in white])
+    assert Evidence(Bench(1), white, alone).effective == pytest.approx(8000.0, rel=0.05)
 
 
 @pytest.mark.parametrize("size", [0.0, 1.0, 10.0])
@@ -51,7 +75,7 @@ def test_misfit_is_what_repeats_share(size: float) -> None:
     for _ in range(40):
         shared = size * np.sin(np.arange(800) / 20)
         residuals = [{"force": shared + coloured(random, 800, 3.0, 0.02)} for _ in range(2)]
-        own = {"force": Noise(3.0, 8.0, 1600)}
+        own = {"force": Noise(3.0, (Alike(0.005, 8.0, 1600),))}
         found.append(misfit(repeated([r["force"] for r in residuals]), residuals, own)["force"])
     certainty = np.mean([m.certainty for m in found])
     if size == 0.0:
@@ -155,7 +179,11 @@ def test_candidates_are_those_that_the_device_is_without(evidence: tuple) -> Non
     assert {t.effect for t in terms(on, device, only=("end_taper",))} == {"end_taper"}
     assert "end_taper" not in {t.effect for t in terms(on, device, exclude=("end_taper",))}
     with pytest.raises(InputError, match="there is no effect 'taper'"):
-        check_names(("taper",), ())
+        check_names(load("klute-3-4-pair"), ("taper",), ())
+    content = load("klute-3-4-pair").content + b"\n[effects.end_taper]\ntip_length_mm = 8.0\n"
+    tapering = read(content, "tapering")
+    with pytest.raises(InputError, match=r"has effect 'end_taper' already.*effects\.end_taper\."):
+        check_names(tapering, ("end_taper",), ())
 
 
 def test_selection_trials_veto_what_does_not_help_them(evidence: tuple) -> None:

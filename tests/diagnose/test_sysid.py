@@ -23,7 +23,7 @@ from klute_sim.device.step import Parameters, settled
 from klute_sim.diagnose.experiment import Bench, Experiment, prepare
 from klute_sim.diagnose.fit import Evidence, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, with_numbers
-from klute_sim.diagnose.noise import Noise
+from klute_sim.diagnose.noise import Alike, Noise
 from klute_sim.plant import models, router
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.units import BAR
@@ -111,7 +111,7 @@ def test_it_finds_the_same_numbers_on_mujocos_bench(tmp_path: Path, optimizer: s
     # The last sample is at the end of the rollout, which rounding may put before or after it: nobody gets it.
     force = trial.measured["force"]
     trial = replace(trial, measured={"force": Series(force.time[:-1], force.value[:-1])})
-    evidence = Evidence(Bench(), [trial], {"force": Noise(made.NOISE["force"], 1.0, 0)})
+    evidence = Evidence(Bench(), [trial], {"force": Noise(made.NOISE["force"], (Alike(1e-9, 1.0, 1),))})
     free = Hypothesis(DEVICE, tuple((key, REACH * NOMINAL[key]) for key in TRUTH), ())
     ours = fit(evidence, free, fine=True)
     evidence.bench.close()

@@ -164,7 +164,7 @@ def test_the_gap_is_that_of_the_diagnosis(found: Diagnosis, plain: str) -> None:
 def test_noise_split_steps_device_and_versions_are_there(found: Diagnosis, plain: str) -> None:
     noise = {row[0]: row for row in rows_of(plain, "noise")}["force"]
     own = found.noise["force"]
-    assert noise[1:5] == ["N", words.number(own.deviation, 3), f"{100.0 / own.correlation:.0f} %", str(own.samples)]
+    assert noise[1:5] == ["N", words.number(own.deviation, 3), f"{100.0 * own.independent:.0f} %", str(own.samples)]
     assert float(noise[5].split()[0]) > 1.0 > float(noise[6].split()[0])
     uses = {row[0].split(":")[0]: row[1] for row in rows_of(plain, "trials")[1:]}
     assert uses == {"fit": "g0_0 (g0), g0_1 (g0)", "select": "none", "show": "g1_0 (g1), g1_1 (g1)"}
@@ -366,7 +366,7 @@ def test_gap_bars_are_the_gaps(found: Diagnosis) -> None:
     assert widths == pytest.approx([v / BAR for v in (gap.before, gap.refitted, gap.after, gap.floor)])
     assert "[bar]" in axes[1].get_xlabel()
     labels = [label.get_text() for label in axes[0].get_yticklabels()]
-    assert labels == ["nominal device", "refitted, no effects", "with effects", "noise of repeats"]
+    assert labels == ["nominal device", "refitted", "with effects added", "noise of repeats"]
     assert len(axes_of(pictures.gaps(clean(found)))[0].patches) == 3
 
 

@@ -269,7 +269,8 @@ Then, in this folder: klute-sim diagnose .
 """
 BARE = """
 6. This device has no tendon: the clamps hold the muscle itself. When it is short and its pressure is low, it pushes
-   (negative force). The clamps have to take that, and the muscle must not buckle; if it does, delete those rows.
+   (negative force). The clamps have to take that, and the muscle must not buckle; if it does, empty the cells of force
+   in those rows (not the rows: length and pressure are still needed).
 """
 
 

@@ -28,6 +28,11 @@ class Series(NamedTuple):
     value: Samples
     """One per time; NaN where a measured channel has no sample."""
 
+    @property
+    def interval(self) -> float:
+        """Usual time between samples [s]; infinite if there is none."""
+        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else float("inf")
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trial:

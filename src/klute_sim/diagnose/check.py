@@ -7,7 +7,7 @@ import numpy as np
 
 from klute_sim.dataset.trial import FEWEST_SAMPLES
 from klute_sim.diagnose import noise as noises
-from klute_sim.diagnose.experiment import UNITS, Experiment
+from klute_sim.diagnose.experiment import UNITS, Array, Experiment
 
 LEAST_TIME = 2.0
 """Of all fitted trials together [s]."""
@@ -16,8 +16,9 @@ LEAST_LENGTH = 1e-3
 """Ranges of the inputs [Pa, m] below which nothing moves."""
 DEAD = 1e-9
 """Relative range of a channel that shows nothing."""
-CLIPPED = 0.05
-"""Share of a channel's samples at its highest or lowest value that means saturation."""
+CLIPPED, FEWEST_CLIPPED = 5, 10
+"""How many times more samples than at any other value, and how many at least, stand at the highest or lowest value of a
+channel that is saturated. What is coarsely digitised or vented stands still elsewhere, too."""
 
 
 def obstacles(experiments: Sequence[Experiment]) -> list[str]:
@@ -128,15 +129,21 @@ def faults(experiments: Sequence[Experiment]) -> tuple[dict[str, str], list[str]
             shown = every[0] / UNITS[channel][1]
             unusable[channel] = f"'{channel}' always shows {shown:g} {UNITS[channel][0]}: the channel is dead"
             continue
-        for end in (float(every.max()), float(every.min())):
-            share = float(np.mean(every == end))
-            if share > CLIPPED and end != 0.0:
-                shown = end / UNITS[channel][1]
-                remarks.append(
-                    f"'{channel}' shows exactly {shown:g} {UNITS[channel][0]} in {100 * share:.0f} % of its samples: "
-                    "it may be saturated, and those samples are not compared"
-                )
+        for end in _saturated(every):
+            shown, count = end / UNITS[channel][1], int((every == end).sum())
+            remarks.append(
+                f"'{channel}' shows exactly {shown:g} {UNITS[channel][0]} in {count} of {len(every)} samples: it may "
+                "be saturated, and those samples are not compared"
+            )
     return unusable, remarks
+
+
+def _saturated(every: Array) -> list[float]:
+    """Which of the highest and the lowest of ``every`` sample are the ends of what the channel can show."""
+    values, counts = np.unique(every, return_counts=True)
+    between = counts[1:-1][values[1:-1] != 0.0]
+    least = max(FEWEST_CLIPPED, CLIPPED * int(between.max(initial=0)))
+    return [float(values[k]) for k in (-1, 0) if values[k] != 0.0 and counts[k] >= least]
 
 
 def without(experiments: Sequence[Experiment], unusable: Container[tuple[str, str]]) -> list[Experiment]:
@@ -160,8 +167,7 @@ def unsaturated(experiments: Sequence[Experiment], fitted: Sequence[Experiment])
     ends: dict[str, list[float]] = {}
     for channel in noises.channels(fitted):
         every = np.concatenate([e.measured[channel].value for e in fitted if channel in e.measured])
-        limits = (float(every.max()), float(every.min()))
-        ends[channel] = [end for end in limits if end != 0.0 and np.mean(every == end) > CLIPPED]
+        ends[channel] = _saturated(every)
     result = []
     for e in experiments:
         measured = {}

@@ -22,7 +22,7 @@ from klute_sim.diagnose.locate import Place, locate
 from klute_sim.diagnose.noise import CERTAIN, Noise, significant
 from klute_sim.diagnose.propose import propose
 from klute_sim.diagnose.screen import check_names, terms
-from klute_sim.diagnose.search import Search, Step
+from klute_sim.diagnose.search import DECISIVE, Search, Step
 from klute_sim.diagnose.store import Store
 from klute_sim.diagnose.usable import usable
 from klute_sim.errors import InputError
@@ -79,7 +79,7 @@ class Diagnosis:
     rivals: list[Rival] = field(default_factory=list)
     where: list[Place] = field(default_factory=list)
     equations: list[Equation] = field(default_factory=list)
-    """What each of the device's equations lacks without effects; none where nothing was repeated, or clocks differ."""
+    """What each equation of the device lacks with nothing added; none where nothing was repeated, or clocks differ."""
     steps: list[Step] = field(default_factory=list)
     gap: dict[str, Gap] = field(default_factory=dict)
     shown_on: Literal["show", "fit"] = "show"
@@ -89,6 +89,8 @@ class Diagnosis:
     """Independent samples that were fitted."""
     repeated: bool = True
     """Whether noise is known from repeats; else all that is left was taken for noise."""
+    decisive: float = DECISIVE
+    """Fall of BIC that was asked for."""
     next_experiment: dict[str, Any] | None = None
     """What to record to tell rivals apart."""
     device_written: bool = True
@@ -106,7 +108,7 @@ def diagnose(
     options = options or Options()
     if dataset.rig != "bench":
         raise InputError("a dataset of rig 'gait' cannot be diagnosed yet; allowed: bench")
-    check_names(options.only, options.exclude)
+    check_names(dataset.device, options.only, options.exclude)
     parts = split(dataset)
     bench, store = Bench(options.jobs), Store(f"{dataset.digest} {dataset.device.digest} {options}")
     try:
@@ -163,6 +165,7 @@ def _diagnose(
         experiments=every,
         effective=evidence.effective,
         repeated=search.repeated,
+        decisive=search.decisive,
     )
     if others:
         told("looking for the experiment that separates them")

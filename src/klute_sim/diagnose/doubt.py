@@ -96,16 +96,13 @@ def _repeats(evidence: Evidence, found: Fit) -> list[Array]:
     """Per weighted block of the fit's vector, in its order: what sets a repeat of its group apart, weighted."""
     apart: dict[tuple[str, str], Array] = {}
     for channel in evidence.noise:
-        for group, _, stack in stacks(evidence.experiments, found.residuals, channel):
-            row = (stack - stack.mean(axis=0)) * np.sqrt(len(stack) / (len(stack) - 1.0))
-            apart[group, channel] = row
+        for stack in stacks(evidence.experiments, found.residuals, channel):
+            many = len(stack.rows)
+            apart[stack.group, channel] = (stack.rows - stack.rows.mean(axis=0)) * np.sqrt(many / (many - 1.0))
     blocks = []
-    for experiment, residual in zip(evidence.experiments, found.residuals, strict=True):
-        for channel in residual:
-            if channel not in evidence.noise:
-                continue
-            noise = evidence.noise[channel]
-            weight = 1.0 / (noise.deviation * np.sqrt(noise.correlation))
+    every = zip(evidence.experiments, evidence.weights, found.residuals, strict=True)
+    for experiment, weights, residual in every:
+        for channel, weight in weights.items():
             # What was not repeated itself borrows from another group, or else takes what the fit leaves.
             others = (row for (_, of), row in apart.items() if of == channel)
             pool = apart.get((experiment.group, channel), next(others, residual[channel][np.newaxis]))

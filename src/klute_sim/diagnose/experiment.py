@@ -102,14 +102,15 @@ def _experiment(trial: Trial, use: Use) -> Experiment:
     length, command = trial.prescribed["length"], trial.prescribed["pressure_command"]
     begin = max(length.time[0], command.time[0])
     end = min(length.time[-1], command.time[-1])
-    interval = float(min(np.median(np.diff(series.time)) for series in (length, command)))
+    interval = min(length.interval, command.interval)
     step = interval / max(1, round(interval / min(max(interval / STEPS_PER_SAMPLE, SHORTEST), LONGEST)))
     grid = begin + step * np.arange(1, int((end - begin) / step + 1e-6) + 1)
     measured, first = {}, begin + min(PAST * (end - begin), LONGEST_PAST)
     for name, series in trial.measured.items():
         good = np.isfinite(series.value) & (series.time > first) & (series.time <= grid[-1])
-        every = max(1, int(CLOSEST / float(np.median(np.diff(series.time))) + 1e-6))
-        measured[name] = Series(series.time[good][::every], series.value[good][::every])
+        sampled = Series(series.time[good], series.value[good])
+        every = max(1, int(CLOSEST / sampled.interval + 1e-6))
+        measured[name] = Series(sampled.time[::every], sampled.value[::every])
     return Experiment(
         name=trial.name,
         group=trial.group,

@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -33,7 +34,7 @@ class Evidence:
     def effective(self) -> float:
         """Independent samples in all."""
         return sum(
-            len(series.time) / self.noise[channel].correlation
+            len(series.time) / self.noise[channel].correlation(series.interval)
             for e in self.experiments
             for channel, series in e.measured.items()
             if channel in self.noise
@@ -56,12 +57,19 @@ class Evidence:
     def weighted(self, residuals: Residuals) -> Array:
         """One vector whose square is chi squared, counting only independent samples."""
         parts = [
-            found[channel] / (self.noise[channel].deviation * np.sqrt(self.noise[channel].correlation))
-            for found in residuals
-            for channel in found
-            if channel in self.noise
+            weight * found[channel]
+            for found, weights in zip(residuals, self.weights, strict=True)
+            for channel, weight in weights.items()
         ]
         return np.concatenate(parts)
+
+    @cached_property
+    def weights(self) -> list[dict[str, float]]:
+        """Per experiment: weighed channel -> what its residuals are multiplied by [1/SI]."""
+        return [
+            {c: self.noise[c].weight(series.interval) for c, series in e.measured.items() if c in self.noise}
+            for e in self.experiments
+        ]
 
     def on(self, experiments: Sequence[Experiment]) -> "Evidence":
         """Other trials, weighed alike."""

@@ -15,6 +15,8 @@ Mask = NDArray[np.bool_]
 
 CONTRAST = 0.2
 """Share of the misfit less share of the samples, from which a region is worth naming."""
+STEADY = 0.05e5
+"""Change of the pressure command that is none [Pa/s]."""
 EDGES = (0.25, 0.5, 0.75)
 """Quantiles at which a circumstance may be cut in two."""
 
@@ -116,7 +118,9 @@ def _words(name: str, word: str, edge: float) -> str:
     if name == "speed":
         return "lengthening" if word == "above" else "shortening"
     if name == "pressure change":
-        return "while the pressure changes" if word == "above" else "at steady pressure"
+        if edge < STEADY:
+            return "while the pressure changes" if word == "above" else "at steady pressure"
+        return f"where the pressure changes {'faster' if word == 'above' else 'slower'} than {edge / BAR:.1f} bar/s"
     if name == "pressure":
         return f"{word} {edge / BAR:.1f} bar"
     if name == "length":

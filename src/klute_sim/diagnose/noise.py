@@ -22,8 +22,21 @@ CERTAIN = 4.0
 """Standard errors of a misfit's square above which it is no noise."""
 NOTICEABLE = 0.25
 """Of the noise, below which a misfit is not worth a name."""
+SAME_RATE = 1.1
+"""Ratio of sampling intervals that count as the same."""
 WINDOW = 5.0
 """Lags up to so many correlation times are summed (Sokal's window)."""
+
+
+class Alike(NamedTuple):
+    """For how long noise stays alike, where it was sampled so often."""
+
+    interval: float
+    """Between samples [s]."""
+    correlation: float
+    """Samples that tell as much as one independent one would; 1 or more."""
+    samples: int
+    """That were compared."""
 
 
 class Noise(NamedTuple):
@@ -31,10 +44,27 @@ class Noise(NamedTuple):
 
     deviation: float
     """Standard deviation of one sample [SI]."""
-    correlation: float
-    """Samples that tell as much as one independent one would; 1 or more."""
-    samples: int
-    """Samples of all trials that were compared."""
+    alike: tuple[Alike, ...]
+    """One for every rate of sampling."""
+
+    @property
+    def samples(self) -> int:
+        """Samples of all trials that were compared."""
+        return sum(each.samples for each in self.alike)
+
+    @property
+    def independent(self) -> float:
+        """Share of those samples that are as good as independent."""
+        return sum(each.samples / each.correlation for each in self.alike) / self.samples
+
+    def correlation(self, interval: float) -> float:
+        """Samples that tell as much as one independent one would, if they are ``interval`` [s] apart; 1 or more."""
+        nearest = min(self.alike, key=lambda each: abs(np.log(each.interval / interval)))
+        return max(1.0, nearest.correlation * nearest.interval / interval)
+
+    def weight(self, interval: float) -> float:
+        """What makes residuals [SI] that are ``interval`` [s] apart count as independent ones of deviation 1."""
+        return 1.0 / (self.deviation * float(np.sqrt(self.correlation(interval))))
 
 
 Residuals = Sequence[Mapping[str, Array]]
@@ -58,6 +88,11 @@ class Stack(NamedTuple):
     rows: Array
     """(repeats, samples) residuals [SI]."""
 
+    @property
+    def interval(self) -> float:
+        """Usual time between samples [s]."""
+        return float(np.median(np.diff(self.clock)))
+
 
 def stacks(experiments: Sequence[Experiment], residuals: Residuals, channel: str, *, least: int = 2) -> Iterator[Stack]:
     """Every group in which ``channel`` was recorded ``least`` times or more, as long as all of its repeats last."""
@@ -77,18 +112,31 @@ def measure(experiments: Sequence[Experiment], residuals: Residuals) -> dict[str
     """Noise of every channel that was repeated."""
     found = {}
     for channel in channels(experiments):
-        squares, freedom, times, weights, samples = 0.0, 0, [], [], 0
-        for _, _, stack in stacks(experiments, residuals, channel):
-            apart = stack - stack.mean(axis=0)
+        squares, freedom, alike = 0.0, 0, []
+        for stack in stacks(experiments, residuals, channel):
+            apart = stack.rows - stack.rows.mean(axis=0)
             squares += float((apart * apart).sum())
-            freedom += (len(stack) - 1) * stack.shape[1]
-            times.append(np.mean([correlation(row) for row in apart]))
-            weights.append(stack.size)
-            samples += stack.size
+            freedom += (len(apart) - 1) * apart.shape[1]
+            alike.append(Alike(stack.interval, float(np.mean([correlation(row) for row in apart])), apart.size))
         if freedom:
-            time = float(np.average(times, weights=weights))
-            found[channel] = Noise(float(np.sqrt(squares / freedom)), max(1.0, time), samples)
+            found[channel] = Noise(float(np.sqrt(squares / freedom)), _pooled(alike))
     return found
+
+
+def _pooled(every: Sequence[Alike]) -> tuple[Alike, ...]:
+    """One for all that were sampled at about the same rate."""
+    rates: list[list[Alike]] = []
+    for each in sorted(every):
+        if rates and each.interval < SAME_RATE * rates[-1][0].interval:
+            rates[-1].append(each)
+        else:
+            rates.append([each])
+    found = []
+    for same in rates:
+        counts = [each.samples for each in same]
+        means = np.average([each[:2] for each in same], axis=0, weights=counts)
+        found.append(Alike(float(means[0]), max(1.0, float(means[1])), sum(counts)))
+    return tuple(found)
 
 
 def discordant(experiments: Sequence[Experiment], residuals: Residuals) -> dict[tuple[str, str], tuple[float, float]]:
@@ -114,9 +162,12 @@ def supposed(experiments: Sequence[Experiment], residuals: Residuals) -> dict[st
     for channel in channels(experiments):
         rows = [each[channel] for each in residuals if channel in each and len(each[channel]) > 10]
         if rows:
-            whole = np.concatenate(rows)
-            time = float(np.average([persistence(row) for row in rows], weights=[len(row) for row in rows]))
-            found[channel] = Noise(float(np.sqrt(np.mean(whole**2))), time, len(whole))
+            alike = [
+                Alike(experiment.measured[channel].interval, persistence(each[channel]), len(each[channel]))
+                for experiment, each in zip(experiments, residuals, strict=True)
+                if channel in each and len(each[channel]) > 10
+            ]
+            found[channel] = Noise(float(np.sqrt(np.mean(np.concatenate(rows) ** 2))), _pooled(alike))
     return found
 
 
@@ -176,11 +227,11 @@ def misfit(experiments: Sequence[Experiment], residuals: Residuals, noise: Mappi
     found = {}
     for channel, own in noise.items():
         product, variance, samples = 0.0, 0.0, 0
-        for _, _, stack in stacks(experiments, residuals, channel):
-            pairs = list(itertools.combinations(range(len(stack)), 2))
-            count = stack.shape[1]
-            product += count * float(np.mean([np.mean(stack[a] * stack[b]) for a, b in pairs]))
-            variance += count * count * own.deviation**4 * own.correlation / (count * len(pairs))
+        for stack in stacks(experiments, residuals, channel):
+            pairs = list(itertools.combinations(stack.rows, 2))
+            count = stack.rows.shape[1]
+            product += count * float(np.mean([np.mean(a * b) for a, b in pairs]))
+            variance += count * own.deviation**4 * own.correlation(stack.interval) / len(pairs)
             samples += count
         if samples:
             mean = product / samples

@@ -90,9 +90,8 @@ def _each(evidence: Evidence, device: Device, protocol: Protocol, found: Fit, ri
         return []
     grid = np.arange(STEP, program.time[-1], STEP)
     channels = dict.fromkeys([*evidence.noise, "muscle_length"])
-    # As often as the data have it: noise is known to stay alike for so many of those samples.
-    series = next(series for e in evidence.experiments for series in e.measured.values())
-    interval = float(np.median(np.diff(series.time)))
+    # As often as the data have it: for how long noise stays alike is known of that.
+    interval = next(series for e in evidence.experiments for series in e.measured.values()).interval
     samples = np.arange(interval, program.time[-1], interval)
     experiment = Experiment(
         protocol.name,
@@ -111,7 +110,7 @@ def _each(evidence: Evidence, device: Device, protocol: Protocol, found: Fit, ri
     shown = _shown(evidence.bench, settings, experiment, faulty=True)
     true = _shown(evidence.bench, settings, experiment, faulty=False)
     return [
-        Proposal(protocol, change, _separation(evidence, found, _columns(evidence, change, shown, true)))
+        Proposal(protocol, change, _separation(found, _columns(evidence, interval, change, shown, true)))
         for change in CHANGES
         if not set(change.added) & set(evidence.noise)
     ]
@@ -126,25 +125,29 @@ def _shown(
 
 
 def _columns(
-    evidence: Evidence, change: Change, shown: list[dict[str, Array]], true: list[dict[str, Array]]
+    evidence: Evidence,
+    interval: float,
+    change: Change,
+    shown: list[dict[str, Array]],
+    true: list[dict[str, Array]],
 ) -> list[Array]:
     """Weighted predictions, one vector per setting: of the channels there are, and of what the change adds."""
     found = []
     for seen, there in zip(shown, true, strict=True):
         parts = []
         for channel, noise in evidence.noise.items():
-            weight = 1.0 / (noise.deviation * np.sqrt(noise.correlation))
+            weight = noise.weight(interval)
             parts.append(weight * seen[channel])
             if channel in change.second:
                 parts.append(weight * there[channel])
         for channel in change.added:
-            slowest = max(noise.correlation for noise in evidence.noise.values())
+            slowest = max(noise.correlation(interval) for noise in evidence.noise.values())
             parts.append(there[channel] / (MUSCLE_LENGTH * np.sqrt(slowest)))
         found.append(np.concatenate(parts))
     return found
 
 
-def _separation(evidence: Evidence, found: Fit, columns: list[Array]) -> float:
+def _separation(found: Fit, columns: list[Array]) -> float:
     here, *moved, other = columns
     slope = np.stack([(each - here) / DIFFERENCE for each in moved], axis=1) if moved else np.empty((len(here), 0))
     repeats = np.sqrt(2.0)

@@ -15,6 +15,7 @@ from klute_sim.diagnose.experiment import UNITS, Array
 from klute_sim.diagnose.fit import Evidence, Fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.effects import catalogue
+from klute_sim.errors import InputError
 
 SHARE = 0.3
 """Of the typical size, at which an effect is tried."""
@@ -36,10 +37,16 @@ class Candidate(NamedTuple):
     """Share of the change that the projection left."""
 
 
-def check_names(only: Sequence[str], exclude: Sequence[str]) -> None:
-    """Raise InputError for a name of an effect that there is not."""
+def check_names(device: Device, only: Sequence[str], exclude: Sequence[str]) -> None:
+    """Raise InputError for a name of an effect that there is not, or for one to look for that ``device`` has."""
     for name in (*only, *exclude):
         catalogue.form_of(name, None)
+    for name in only:
+        if name in device.spec.effects:
+            raise InputError(
+                f"device '{device.name}' has effect '{name}' already, so it cannot be looked for; take it out of the "
+                f'device file, or put its numbers under [uncertain] (as "effects.{name}.<number>") to refit them'
+            )
 
 
 def terms(evidence: Evidence, device: Device, only: Sequence[str] = (), exclude: Sequence[str] = ()) -> list[Term]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from klute_sim.diagnose.diagnosis import Diagnosis
 from klute_sim.diagnose.experiment import UNITS, Array, Experiment
-from klute_sim.diagnose.search import DECISIVE, Step
+from klute_sim.diagnose.search import Step
 from klute_sim.report import diagnosis_words as words
 from klute_sim.report.diagnosis_traces import Simulated, simulated
 from klute_sim.units import BAR
@@ -70,9 +70,9 @@ def overlay(diagnosis: Diagnosis, one: Simulated) -> "Figure":
 def _compare(above: "Axes", below: "Axes", diagnosis: Diagnosis, one: Simulated, channel: str) -> None:
     unit, si = UNITS[channel]
     time, value = one.time(channel), one.experiment.measured[channel].value
-    lines = [("refitted, no effects" if diagnosis.found else "simulated", one.before[channel], BEFORE, 1.6)]
+    lines = [("refitted" if diagnosis.found else "simulated", one.before[channel], BEFORE, 1.6)]
     if diagnosis.found:
-        lines.append(("with effects", one.after[channel], AFTER, 1.6))
+        lines.append(("with effects added", one.after[channel], AFTER, 1.6))
     if channel in diagnosis.noise:
         deviation = diagnosis.noise[channel].deviation
         above.fill_between(time, (value - deviation) / si, (value + deviation) / si, color=NOISE, linewidth=0.0)
@@ -99,10 +99,10 @@ def gaps(diagnosis: Diagnosis) -> "Figure":
             unit, si = UNITS[channel]
             bars = [
                 ("nominal device", gap.before, NOMINAL),
-                ("refitted, no effects" if diagnosis.found else "refitted", gap.refitted, BEFORE),
+                ("refitted", gap.refitted, BEFORE),
             ]
             if diagnosis.found:
-                bars.append(("with effects", gap.after, AFTER))
+                bars.append(("with effects added", gap.after, AFTER))
             if gap.floor is not None:
                 bars.append(("noise of repeats", gap.floor, NOISE))
                 axis.axvline(gap.floor / si, color="0.5", linewidth=0.7, linestyle=":")
@@ -158,7 +158,7 @@ def ranking(diagnosis: Diagnosis) -> "Figure":
         Patch(color=PROMISED, label="promised by screening"),
         Patch(color=REFITTED, label="fall of BIC after refitting"),
         Patch(color=AFTER, label="the same, accepted"),
-        Line2D([], [], color=LIMIT, linestyle="--", linewidth=0.9, label=f"{DECISIVE:.0f} decide"),
+        Line2D([], [], color=LIMIT, linestyle="--", linewidth=0.9, label=f"{diagnosis.decisive:.0f} decide"),
     ]
 
     steps = [(step, ranked(diagnosis, step)) for step in diagnosis.steps]
@@ -169,7 +169,7 @@ def ranking(diagnosis: Diagnosis) -> "Figure":
         axes = figure.subplots(len(steps), 1, squeeze=False, sharex=True, height_ratios=ratios)[:, 0]
         highest = max((max(b.promised, b.fall or 0.0) for bars in shown for b in bars), default=1.0)
         for number, (axis, (step, every), bars) in enumerate(zip(axes, steps, shown, strict=True), start=1):
-            _rank(axis, bars)
+            _rank(axis, bars, diagnosis.decisive)
             left = len(every) - len(bars)
             rest = f"; {left} more promise less" if left else ""
             added = f"{words.term(step.added)} is added: " if step.added else "nothing is added: "
@@ -184,7 +184,7 @@ def ranking(diagnosis: Diagnosis) -> "Figure":
     return figure
 
 
-def _rank(axis: "Axes", bars: list[Bar]) -> None:
+def _rank(axis: "Axes", bars: list[Bar], decisive: float) -> None:
     for place, bar in enumerate(bars):
         axis.barh(place, max(bar.promised, 1.0), color=PROMISED, height=0.84)
         text = "not refitted"
@@ -194,7 +194,7 @@ def _rank(axis: "Axes", bars: list[Bar]) -> None:
             text += "" if bar.finished else " (stopped early)"
         end = max(bar.promised, bar.fall or 1.0, 1.0)
         axis.text(1.06 * end, place, text, va="center", fontsize=7.5, color="0.3" if bar.fall is not None else "0.6")
-    axis.axvline(DECISIVE, color=LIMIT, linewidth=0.9, linestyle="--")
+    axis.axvline(decisive, color=LIMIT, linewidth=0.9, linestyle="--")
     axis.set_yticks(range(len(bars)), [bar.name for bar in bars])
     for label, bar in zip(axis.get_yticklabels(), bars, strict=True):
         label.set_fontweight("bold" if bar.accepted else "normal")
@@ -218,9 +218,9 @@ class Seen(NamedTuple):
     time: Array
     """From each trial's begin [s]."""
     before: Array
-    """Residual over the noise, without effects."""
+    """Residual over the noise, with none added."""
     after: Array
-    """With effects."""
+    """With what was found."""
 
 
 def seen(diagnosis: Diagnosis, channel: str) -> Seen:
@@ -257,7 +257,7 @@ def where(diagnosis: Diagnosis) -> "Figure":
     """Root mean square misfit of the fitted trials over pressure and length, over time and by the rig's motion."""
     channels = [place.channel for place in diagnosis.where]
     told = {place.channel: place for place in diagnosis.where}
-    pairs = [("before", "no effects")] + ([("after", "with effects")] if diagnosis.found else [])
+    pairs = [("before", "refitted")] + ([("after", "with effects added")] if diagnosis.found else [])
     with _style() as figure_of:
         figure = figure_of(13.0 if diagnosis.found else 10.5, 0.7 + 2.9 * len(channels))
         rows = figure.subfigures(len(channels), 1, squeeze=False)[:, 0]
@@ -270,7 +270,7 @@ def where(diagnosis: Diagnosis) -> "Figure":
             axes = row.subplots(1, len(pairs) + 2, squeeze=False)[0]
             axes[-1].sharey(axes[-2])
             _maps(row, axes[: len(pairs)], own, pairs)
-            _over_time(axes[-2], own, pairs)
+            _over_time(axes[-2], own, pairs, repeated=diagnosis.repeated)
             _by_motion(axes[-1], own, pairs)
     return figure
 
@@ -302,12 +302,14 @@ def _binned(values: tuple[Array, ...], edges: list[Array], residual: Array) -> A
 COLOURS = {"before": BEFORE, "after": AFTER}
 
 
-def _over_time(axis: "Axes", own: Seen, pairs: list[tuple[str, str]]) -> None:
+def _over_time(axis: "Axes", own: Seen, pairs: list[tuple[str, str]], *, repeated: bool) -> None:
     edges = np.linspace(0.0, float(own.time.max()), TIME_BINS + 1)
     for which, name in pairs:
         found = _binned((own.time,), [edges], getattr(own, which))
         axis.stairs(found, edges, fill=True, color=COLOURS[which], label=name, alpha=0.85)
-    axis.axhline(1.0, color="0.4", linewidth=0.8, linestyle="--", label="noise alone")
+    axis.axhline(
+        1.0, color="0.4", linewidth=0.8, linestyle="--", label="noise alone" if repeated else "what is taken for noise"
+    )
     axis.set_xlim(0.0, edges[-1])
     axis.set_xlabel("time from the trial's start [s]")
     axis.set_ylabel("rms misfit / sd of the noise")

@@ -29,7 +29,7 @@ AT_BOUND = 1e-6
 
 CAPTIONS = {
     "before_after": "Measured and simulated in one trial, and what is left between them.",
-    "gap": "The gap of every channel (root mean square). No model can go below the noise of repeats.",
+    "gap": "The gap of every channel (root mean square). No model can go below the noise, which repeats show.",
     "ranking": "Candidates in every step: what the screening promised and what a full fit kept of it.",
     "where": "Where the fitted trials and the simulation differ, in standard deviations of the noise.",
 }
@@ -88,6 +88,8 @@ def content(diagnosis: Diagnosis) -> dict[str, Any]:
         "shown_on": d.shown_on,
         "noise": _noise(d),
         "certain": f"{CERTAIN:.0f}",
+        "decisive": f"{d.decisive:.0f}",
+        "repeated": d.repeated,
         "split": _split(d),
         "how": d.split.how,
         "steps": [_step(d, number) for number in range(len(d.steps))],
@@ -190,12 +192,12 @@ def _noise(d: Diagnosis) -> list[dict[str, str]]:
             "channel": words.spoken(channel),
             "unit": unit,
             "deviation": words.number(noise.deviation / si, 3),
-            "share": f"{100.0 / noise.correlation:.0f} %",
+            "share": f"{100.0 * noise.independent:.0f} %",
             "samples": str(noise.samples),
         }
         for name, each in zip(("before", "after"), left, strict=True):
             own = each.get(channel)
-            row[name] = f"{own.size / own.floor:.2f} ({own.certainty:.1f})" if own else "-"
+            row[name] = f"{own.size / own.floor:.2f} sd ({own.certainty:.0f} se)" if own else "-"
         rows.append(row)
     return rows
 
@@ -245,7 +247,7 @@ def _base(d: Diagnosis) -> list[dict[str, str]]:
     for number, (key, deviation) in enumerate(d.dataset.uncertain.items()):
         row, notes = {"key": key, "unit": words.split_key(key)[1]}, []
         row["nominal"], row["deviation"] = words.number(nominal[key]), words.number(deviation, 3)
-        for name, fit, which in (("before", d.base, "without effects"), ("after", d.final, "in the end")):
+        for name, fit, which in (("before", d.base, "with nothing added"), ("after", d.final, "in the end")):
             if fit is None:
                 continue
             unknown = fit.hypothesis.unknowns[number]

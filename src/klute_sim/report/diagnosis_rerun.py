@@ -70,9 +70,9 @@ def lines(diagnosis: Diagnosis, one: Simulated, number: int, channel: str) -> It
     """
     unit = UNITS[channel][1]
     time, measured = one.time(channel), one.experiment.measured[channel].value
-    simulations = [("before", "refitted, no effects", ORANGE, one.before)]
+    simulations = [("before", "refitted", ORANGE, one.before)]
     if diagnosis.found:
-        simulations.append(("after", "with effects", BLUE, one.after))
+        simulations.append(("after", "with effects added", BLUE, one.after))
     here = f"trial_{number}/{channel}"
     yield Line(f"{here}/signal/measured", "measured", GREY, 1.0, time, measured / unit)
     for entity, name, colour, values in simulations:
