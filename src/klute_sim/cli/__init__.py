@@ -16,6 +16,10 @@ from klute_sim.errors import KluteSimError
 
 COMMANDS = {
     "gait": ("klute_sim.cli.gait", "Walk the prosthesis on measured human gait."),
+    "bench": ("klute_sim.cli.bench", "Run tests of a tensile tester on a device: forces, work, responses."),
+    "reproduce": ("klute_sim.cli.reproduce", "Lay the dissertation's numbers and figures beside ours, item by item."),
+    "design": ("klute_sim.cli.design", "Size actuator, damper and tendon for a muscle or a walker."),
+    "assumptions": ("klute_sim.cli.assumptions", "List every assumed number, why, and what it changes."),
     "device": ("klute_sim.cli.device", "List devices, or show one: numbers, sources, forces."),
     "diagnose": ("klute_sim.cli.diagnose", "Find what the simulation of measured data lacks."),
     "effects": ("klute_sim.cli.effects", "List physical effects the base model leaves out, or show one."),
