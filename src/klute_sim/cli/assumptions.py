@@ -1,0 +1,100 @@
+"""``klute-sim assumptions``."""
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from klute_sim.device.files import Device
+    from klute_sim.reproduce.assumed import Outcomes
+
+LEAST = 0.005
+"""Relative change that is worth a word."""
+MOST = 3
+"""Changes told in the table, the largest."""
+
+
+@click.command("assumptions")
+@click.argument("names", metavar="[NAME|FILE]...", nargs=-1)
+@click.option("--gait", is_flag=True, help="Say what each number changes in walking, too: a walk for each of them.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
+def command(names: tuple[str, ...], gait: bool, as_json: bool) -> None:
+    """List every assumed number of devices: why it was assumed, and what it changes.
+
+    A number is assumed where the page with it is missing from our copy of the source, or where nobody printed it.
+    Each is moved by 10 % (a count by 1) and the device is put on a simulated bench again: isometric force at 0.96 of
+    resting length, force while shortening at 300 and lengthening at 150 mm/s, time to 90 % of force after a pressure
+    step, net work of a cycle at 100 mm/s, air. Without names: all devices that come with the package.
+
+    \b
+    Examples:
+      klute-sim assumptions
+      klute-sim assumptions klute-1-1-4-pair --gait
+      klute-sim assumptions my-device.toml --json
+    """
+    from klute_sim.cli.console import progress_bar
+    from klute_sim.device.files import load, preset_names
+    from klute_sim.reproduce.assumed import changes, on_bench
+
+    devices = [load(name) for name in names or preset_names()]
+    found: dict[str, Any] = {}
+    with progress_bar("trying") as told:
+        for number, device in enumerate(devices):
+            rig = on_bench(device)
+            outcomes = _both(rig, _walk) if gait and device.spec.mounting else rig
+
+            def share(part: float, number: int = number) -> None:
+                told((number + part) / len(devices))
+
+            rows = changes(device, outcomes, share)
+            found[device.name] = [
+                {"key": r.key, "value": r.value, "why": r.why, "tried_with": r.moved, "changes": r.changes}
+                for r in rows
+            ]
+    if as_json:
+        click.echo(json.dumps(found, indent=2))
+    else:
+        _print(found, gait=gait)
+
+
+def _both(one: "Outcomes", other: "Outcomes") -> "Outcomes":
+    return lambda device: {**one(device), **other(device)}
+
+
+def _walk(device: "Device") -> dict[str, float]:
+    from klute_sim.control.pressure import tuned
+    from klute_sim.report.outcomes import outcomes
+    from klute_sim.rigs.gait.assembly import GaitOptions
+    from klute_sim.rigs.gait.rig import walk
+
+    result = outcomes(walk(device, tuned(), GaitOptions(strides=3)))
+    return {
+        "walking: peak net moment": result.mean(lambda s: s.ankle_moment_peak_nm_per_kg) or 0.0,
+        "walking: peak net power": result.mean(lambda s: s.ankle_power_peak_w_per_kg) or 0.0,
+        "walking: positive work": result.mean(lambda s: s.ankle_work_positive_j_per_kg) or 0.0,
+        "walking: air": result.mean(lambda s: s.air_g) or 0.0,
+    }
+
+
+def _print(found: dict[str, Any], *, gait: bool) -> None:
+    from rich.table import Table
+
+    from klute_sim.cli.console import console
+
+    out = console()
+    for name, rows in found.items():
+        table = Table("number", "value", "why", "tried", "what that changes", title=name)
+        for row in rows:
+            changed = sorted(row["changes"].items(), key=lambda pair: -abs(pair[1]))
+            told = [f"{what} {100.0 * by:+.1f} %" for what, by in changed[:MOST] if abs(by) >= LEAST]
+            nothing = "nothing here" if gait or not row["key"].startswith("mounting") else "nothing on a bench (--gait)"
+            table.add_row(
+                row["key"], f"{row['value']:g}", row["why"], f"{row['tried_with']:g}", "; ".join(told) or nothing
+            )
+        out.print(table)
+    out.print(
+        f"Up to {MOST} changes are shown, from {100 * LEAST:g} % on; --json has all. Numbers without any source: "
+        "klute-sim device NAME.",
+        soft_wrap=True,
+    )

@@ -1,0 +1,116 @@
+"""``klute-sim reproduce``."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from klute_sim.cli.given_path import GivenPath
+
+if TYPE_CHECKING:
+    from klute_sim.reproduce.walk import Reproduction
+
+DEVICE = "klute-3-4-pair"
+
+
+@click.command("reproduce")
+@click.option(
+    "--device",
+    "device_name",
+    default=DEVICE,
+    show_default=True,
+    metavar="NAME|FILE",
+    help="Musculo-tendon unit of chapters 4 to 8: with damper and tendon.",
+)
+@click.option(
+    "--published",
+    "published_file",
+    type=GivenPath(),
+    default=None,
+    metavar="FILE",
+    help="TOML file with published numbers that our copy lacks; they are compared, too (--missing begins one).",
+)
+@click.option("--missing", is_flag=True, help="Print the missing numbers as such a file to fill in, and end.")
+@click.option("--items", "every", is_flag=True, help="Print every item, not only what does not agree.")
+@click.option(
+    "--out",
+    type=GivenPath(),
+    default=None,
+    metavar="FOLDER",
+    help="New or empty folder for page and figures.  [default: runs/reproduce-NNN]",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print a list of items instead of the table.")
+def command(
+    device_name: str, published_file: Path | None, missing: bool, every: bool, out: Path | None, as_json: bool
+) -> None:
+    """Lay everything that Klute's dissertation prints beside what this package computes.
+
+    Each number and statement gets a verdict: agrees, contradicts-source, source-contradicts-itself, or not-printed
+    (the page is missing, or it is about an experiment). Writes report.html, a picture of every figure in the source's
+    axes, items.json and device.toml.
+
+    \b
+    Examples:
+      klute-sim reproduce --out dissertation
+      klute-sim reproduce --items
+      klute-sim reproduce --missing > numbers.toml     fill it in, then:
+      klute-sim reproduce --published numbers.toml
+      klute-sim reproduce --json | python -m json.tool
+    """
+    from klute_sim.cli.console import progress_bar
+    from klute_sim.device.files import load
+    from klute_sim.recording import run_folder
+    from klute_sim.report import reproduction_figures, reproduction_page
+    from klute_sim.reproduce import printed
+    from klute_sim.reproduce.walk import walk
+
+    if missing:
+        click.echo(printed.template(), nl=False)
+        return
+    device = load(device_name)
+    supplied = printed.supplied(published_file) if published_file else {}
+    with run_folder.new("reproduce", out) as (folder, scratch):
+        with progress_bar("computing") as told:
+            found = walk(device, supplied, told)
+        with progress_bar("drawing") as told:
+            pictures = {}
+            for number, path in enumerate(reproduction_figures.save_all(found.pictures, scratch)):
+                pictures[found.pictures[number].number] = path
+                told((number + 1) / len(found.pictures))
+        reproduction_page.write(found, pictures, scratch / "report.html")
+        (scratch / "items.json").write_text(_json(found) + "\n", "utf-8")
+        (scratch / "device.toml").write_bytes(device.content)
+    if as_json:
+        click.echo(_json(found))
+    else:
+        _print(found, folder, every=every)
+
+
+def _json(found: "Reproduction") -> str:
+    return json.dumps(found.as_json(), indent=1, allow_nan=False, ensure_ascii=False)
+
+
+def _print(found: "Reproduction", folder: Path, *, every: bool) -> None:
+    from rich.table import Table
+
+    from klute_sim.cli.console import console
+    from klute_sim.report.reproduction_page import MEANING, cells, counts
+
+    out = console()
+    shown = [o for o in found.outcomes if every or o.verdict in ("contradicts-source", "source-contradicts-itself")]
+    for title, outcomes in (
+        ("Measured at 5 bar, and the model", [o for o in found.outcomes if o.item.measured]),
+        ("Every item" if every else "What does not agree", shown),
+    ):
+        table = Table("table or figure", "what", "unit", "published", "computed", "difference", "verdict", title=title)
+        for outcome in outcomes:
+            c = cells(outcome)
+            table.add_row(
+                outcome.item.row, c["quantity"], c["unit"], c["published"], c["computed"], c["difference"], c["verdict"]
+            )
+        out.print(table)
+    for verdict, count in counts(found.outcomes).items():
+        out.print(f"{count:4d} {verdict}: {MEANING[verdict]}", soft_wrap=True)
+    rest = "" if every else " (--items prints them)"
+    out.print(f"{len(found.outcomes)} items{rest}; the reasons and all figures: {folder}/report.html", soft_wrap=True)

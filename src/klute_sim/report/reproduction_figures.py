@@ -1,0 +1,87 @@
+"""Figures of the source, drawn in its axes.
+
+Matplotlib is imported when something is drawn.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from klute_sim.reproduce.picture import Line, Picture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STYLE: Any = {
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+}
+DASHES: Any = {"line": "-", "dashed": "--", "dotted": ":", "points": "none"}
+DPI = 110
+MOST_IN_LEGEND = 12
+
+
+def draw(picture: Picture) -> "Figure":
+    """``picture`` as curves, or as a surface."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(5.6, 4.0), layout="constrained")
+        if picture.surface is not None:
+            _surface(figure, picture)
+        else:
+            _curves(figure, picture)
+        figure.suptitle(f"Fig. {picture.number}: {picture.title}", fontsize=9.5)
+    return figure
+
+
+def _curves(figure: "Figure", picture: Picture) -> None:
+    axes = figure.subplots()
+    for line in picture.lines:
+        _curve(axes, line)
+    axes.set_xlabel(picture.x_label)
+    axes.set_ylabel(picture.y_label)
+    if picture.x_span:
+        axes.set_xlim(*picture.x_span)
+    if picture.y_span:
+        axes.set_ylim(*picture.y_span)
+    axes.axhline(0.0, color="0.7", linewidth=0.6)
+    axes.grid(alpha=0.25, linewidth=0.5)
+    named = [line for line in picture.lines if line.label]
+    if 1 < len(named) <= MOST_IN_LEGEND:
+        axes.legend()
+
+
+def _curve(axes: Any, line: Line) -> None:
+    style: dict[str, Any] = {"linestyle": DASHES[line.style], "linewidth": 1.4, "label": line.label or None}
+    if line.style == "points":
+        style |= {"marker": "o", "markersize": 4.0}
+    if line.colour is not None:
+        style["color"] = f"C{line.colour}"
+    axes.plot(line.x, line.y, **style)
+
+
+def _surface(figure: "Figure", picture: Picture) -> None:
+    assert picture.surface is not None
+    axes: Any = figure.add_subplot(projection="3d")
+    x, y = np.meshgrid(picture.surface.x, picture.surface.y)
+    axes.plot_surface(x, y, picture.surface.z, cmap="viridis", linewidth=0.2, edgecolor="0.4", antialiased=True)
+    axes.set_xlabel(picture.x_label)
+    axes.set_ylabel(picture.y_label)
+    axes.set_zlabel(picture.z_label)
+    axes.view_init(elev=24.0, azim=-130.0)
+
+
+def save_all(pictures: tuple[Picture, ...], folder: Path) -> Iterator[Path]:
+    """Write every picture into ``folder`` as ``fig-NUMBER.png``; yields each when it is there."""
+    for picture in pictures:
+        path = folder / f"fig-{picture.number}.png"
+        draw(picture).savefig(path, dpi=DPI)
+        yield path

@@ -1,0 +1,97 @@
+"""The dissertation beside the model as one HTML file that needs nothing else.
+
+Jinja2 is imported when a page is written.
+"""
+
+import base64
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from klute_sim.provenance import versions
+from klute_sim.report.diagnosis_words import number
+from klute_sim.reproduce import printed
+from klute_sim.reproduce.item import VERDICTS, Outcome
+from klute_sim.reproduce.walk import Reproduction
+
+TEMPLATE = "reproduction.html"
+MEANING = {
+    "agrees": "what we compute is what is printed",
+    "contradicts-source": "it is not",
+    "source-contradicts-itself": "it is not, and another part of the source speaks against it, too",
+    "not-printed": "nothing to compare: the page is missing from our copy, or it is about an experiment",
+}
+
+
+def write(found: Reproduction, pictures: Mapping[str, Path], path: Path) -> None:
+    """Write the page of ``found`` to ``path``, with ``pictures`` (number -> PNG) in it."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("klute_sim.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    images = {name: base64.b64encode(file.read_bytes()).decode("ascii") for name, file in pictures.items()}
+    path.write_text(environment.get_template(TEMPLATE).render(content(found), images=images), "utf-8")
+
+
+def content(found: Reproduction) -> dict[str, Any]:
+    """Everything on the page but its pictures, in words."""
+    by_row: dict[str, list[Outcome]] = {}
+    for outcome in found.outcomes:
+        by_row.setdefault(outcome.item.row, []).append(outcome)
+    return {
+        "device": found.device.name,
+        "digest": found.device.digest,
+        "counts": [(verdict, count, MEANING[verdict]) for verdict, count in counts(found.outcomes).items()],
+        "items": len(found.outcomes),
+        "measured": [cells(outcome) for outcome in found.outcomes if outcome.item.measured],
+        "rows": [
+            {
+                "id": name,
+                "title": row.title,
+                "shows": row.shows,
+                "items": [cells(outcome) for outcome in by_row[row.title]],
+                "counts": [(v, n) for v, n in counts(by_row[row.title]).items() if n],
+            }
+            for name, row in printed.rows().items()
+        ],
+        "pictures": [
+            {"number": p.number, "title": p.title, "assumed": p.assumed, "name": f"fig-{p.number}.png"}
+            for p in found.pictures
+        ],
+        "versions": versions(),
+    }
+
+
+def counts(outcomes: Iterable[Outcome]) -> dict[str, int]:
+    """How often each verdict was given."""
+    found = Counter(outcome.verdict for outcome in outcomes)
+    return {verdict: found[verdict] for verdict in VERDICTS}
+
+
+def cells(outcome: Outcome) -> dict[str, str]:
+    """An outcome as a person reads it."""
+    item, found = outcome.item, outcome.found
+    published = item.published
+    computed = "-" if found.value is None else number(found.value)
+    if found.holds is not None:
+        computed = f"{'holds' if found.holds else 'does not hold'}{'' if found.value is None else f' ({computed})'}"
+    difference = outcome.difference
+    apart = "-"
+    if difference is not None:
+        apart = f"{100.0 * difference:+.1f} %" if item.published else number(difference, 2)
+    return {
+        "id": item.id,
+        "quantity": item.quantity,
+        "unit": item.unit if item.unit not in ("", "1") else "-",
+        "published": "-" if published is None else published if isinstance(published, str) else number(published, 5),
+        "computed": computed,
+        "difference": apart,
+        "verdict": outcome.verdict,
+        "note": outcome.note,
+    }

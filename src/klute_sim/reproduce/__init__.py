@@ -1,0 +1,1 @@
+"""The dissertation, item by item: what it prints, what we compute, and a verdict."""

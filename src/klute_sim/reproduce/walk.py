@@ -1,0 +1,64 @@
+"""Through the whole source, item by item."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from klute_sim.device.files import Device
+from klute_sim.reproduce import chapter2, chapter3, chapter4, chapter56, chapter78, moving, printed
+from klute_sim.reproduce.item import Outcome, judge
+from klute_sim.reproduce.picture import Chapter, Picture
+
+
+class Reproduction(NamedTuple):
+    """The source and what became of it."""
+
+    device: Device
+    """Of chapters 4 to 8; chapter 3 is about the presets of Table 3.1."""
+    outcomes: tuple[Outcome, ...]
+    """In the order of the source's pages."""
+    pictures: tuple[Picture, ...]
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """One object per item."""
+        return [
+            {
+                "item": outcome.item.id,
+                "row": outcome.item.row,
+                "quantity": outcome.item.quantity,
+                "unit": outcome.item.unit,
+                "published": outcome.item.published,
+                "computed": outcome.found.value,
+                "holds": outcome.found.holds,
+                "difference": outcome.difference,
+                "verdict": outcome.verdict,
+                "note": outcome.note,
+            }
+            for outcome in self.outcomes
+        ]
+
+
+def walk(
+    device: Device, supplied: Mapping[str, float] | None = None, told: Callable[[float], None] = lambda share: None
+) -> Reproduction:
+    """Compute and judge every item; ``told`` hears how far it is.
+
+    ``device`` is the musculo-tendon unit of chapters 4 to 8. Raises InputError if it has no damper or tendon, or if it
+    cannot take the lengths of chapter 7.
+    """
+    parts: tuple[tuple[float, Callable[[Callable[[float], None]], Chapter]], ...] = (
+        (0.02, lambda told: chapter2.compute()),
+        (0.02, lambda told: chapter3.compute()),
+        (0.26, lambda told: moving.compute(told)),
+        (0.02, lambda told: chapter4.compute(device)),
+        (0.01, lambda told: chapter56.compute(device)),
+        (0.67, lambda told: chapter78.compute(device, told)),
+    )
+    findings, pictures, begin = {}, [], 0.0
+    for weight, part in parts:
+        found = part(lambda share, begin=begin, weight=weight: told(begin + weight * share))  # type: ignore[misc]
+        findings.update(found.findings)
+        pictures += found.pictures
+        begin += weight
+        told(begin)
+    outcomes = tuple(judge(item, findings[item.id]) for item in printed.items(supplied))
+    return Reproduction(device, outcomes, tuple(pictures))

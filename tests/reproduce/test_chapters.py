@@ -1,0 +1,124 @@
+"""What is computed of the chapters: known numbers, and that a wrong constant is found."""
+
+import numpy as np
+import pytest
+
+from klute_sim.device.files import load
+from klute_sim.errors import InputError
+from klute_sim.laws import hill_tables as tables
+from klute_sim.laws.hill import Parallel
+from klute_sim.reproduce import chapter2, chapter3, chapter4, chapter56, printed
+from klute_sim.reproduce.assumed import changes, on_bench
+from klute_sim.reproduce.item import Outcome, judge
+from klute_sim.reproduce.picture import Chapter
+
+
+def outcomes(chapter: Chapter) -> dict[str, Outcome]:
+    return {each.id: judge(each, chapter.findings[each.id]) for each in printed.items() if each.id in chapter.findings}
+
+
+def test_chapter_2_recovers_every_constant_and_finds_the_contradictions() -> None:
+    found = outcomes(chapter2.compute())
+    assert set(found) == set(chapter2.compute().findings)
+    constants = [o for o in found.values() if isinstance(o.item.published, float) and not o.item.id.endswith(".r2")]
+    assert len([o for o in constants if o.verdict == "agrees"]) >= 70
+    wrong = {o.item.id for o in found.values() if o.verdict != "agrees" and o.verdict != "not-printed"}
+    assert wrong == {
+        "table-2.1.insignificant",
+        "table-2.3.human.at-rest",
+        "table-2.4.rat.at-vmax",
+        "table-2.4.frog.at-vmax",
+        "table-2.4.cat.at-vmax",
+        "table-2.4.bobbert_1986.at-vmax",
+        "table-2.4.order",
+        "eq-2.5.around",
+    }
+    assert all(found[name].verdict == "source-contradicts-itself" for name in wrong)
+
+
+def test_a_wrong_constant_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = tables.PARALLEL["frog"]._replace(law=Parallel(0.0006, 20.36))
+    monkeypatch.setitem(tables.PARALLEL, "frog", row)
+    found = outcomes(chapter2.compute())
+    assert found["table-2.1.frog.k2"].verdict == "contradicts-source"
+    assert found["table-2.1.cat.k2"].verdict == "agrees"
+
+
+def test_chapter_3_recovers_table_3_1_and_spells_out_fig_3_4() -> None:
+    found = outcomes(chapter3.compute())
+    assert all(
+        o.verdict == "agrees" for name, o in found.items() if name.startswith("table-3.1") and "radius" not in name
+    )
+    assert [found[f"table-3.1.{size}.radius"].verdict for size in ("1-1-4", "3-4", "1-2")] == [
+        "source-contradicts-itself",
+        "agrees",
+        "agrees",
+    ]
+    assert found["fig-3.4.bladder"].found.value == pytest.approx(394.3, abs=0.1)
+    assert found["fig-3.4.geometric"].found.value == pytest.approx(394.3 + 263.0, rel=0.02)
+    assert found["fig-3.4.difference"].verdict == "agrees"
+    for name in ("geometric", "bladder", "everywhere", "proportional"):
+        assert found[f"fig-3.4.{name}"].verdict == "source-contradicts-itself", name
+    for letter in "abc":
+        assert found[f"fig-3.6.2.5{letter}"].verdict == "source-contradicts-itself"
+    assert found["fig-3.6.2.5a"].found.value > 0.0  # hollow, where muscle's curve is domed
+    assert found["fig-3.6.stop"].verdict == found["fig-3.8.twice"].verdict == "agrees"
+
+
+def test_chapter_4_needs_an_orifice_that_varies() -> None:
+    chapter = chapter4.compute(load("klute-3-4-pair"))
+    found = outcomes(chapter)
+    assert found["fig-4.3.needed-100"].found.value == pytest.approx(1.084, rel=0.005)  # the design point
+    assert found["fig-4.3.varies"].found.value > 2.0
+    assert found["fig-4.8.exponent"].found.value == pytest.approx(2.0)
+    assert found["eq-4.loss"].found.value == pytest.approx(2.69, abs=0.005)
+    assert found["figs-4.10-4.11.passive"].verdict == found["fig-4.9.stop"].verdict == "agrees"
+    assert found["fig-4.12.ideal"].found.value == 0.0
+    assert found["fig-4.12.fixed"].found.value < found["fig-4.12.alone"].found.value
+    with pytest.raises(InputError, match="has no damper"):
+        chapter4.compute(load("klute-3-4"))
+
+
+def test_the_tendon_is_two_lines() -> None:
+    found = outcomes(chapter56.compute(load("klute-3-4-pair")))
+    for name in ("figs-6.3-6.4.linear-a", "figs-6.3-6.4.linear-b", "figs-6.3-6.4.bilinear", "figs-6.1-6.2.offset"):
+        assert found[name].verdict == "agrees", name
+    assert found["figs-6.1-6.2.offset"].found.value == pytest.approx(5.0)
+    assert found["figs-6.3-6.4.bilinear"].found.value == pytest.approx(200.0 / 60.0)
+    with pytest.raises(InputError, match="has no tendon"):
+        chapter56.compute(load("klute-3-4"))
+
+
+def test_every_picture_can_be_drawn_from_finite_numbers() -> None:
+    pair = load("klute-3-4-pair")
+    for chapter in (chapter2.compute(), chapter3.compute(), chapter4.compute(pair), chapter56.compute(pair)):
+        for picture in chapter.pictures:
+            assert picture.lines or picture.surface
+            for line in picture.lines:
+                assert line.x.shape == line.y.shape
+                assert np.isfinite(line.y).all(), picture.number
+            if picture.surface:
+                assert picture.surface.z.shape == (len(picture.surface.y), len(picture.surface.x))
+
+
+def test_what_an_assumed_number_changes() -> None:
+    device = load("klute-3-4-pair")
+    found = {row.key: row for row in changes(device, on_bench(device))}
+    assert set(found) == set(device.spec.assumed())
+    assert not any(row.why.startswith("assumed") for row in found.values())
+    wider = found["damper.orifice_concentric_mm"].changes
+    assert wider["force shortening at 300 mm/s"] > 0.05  # a wider orifice takes less
+    assert wider["isometric force"] == pytest.approx(0.0, abs=1e-6)
+    assert wider["force lengthening at 150 mm/s"] == pytest.approx(0.0, abs=1e-6)
+    assert found["damper.orifice_eccentric_mm"].changes["force lengthening at 150 mm/s"] < -0.02
+    assert found["supply.gas_temperature_c"].changes["air to fill it"] == pytest.approx(293.15 / 295.15 - 1.0)
+    assert found["tendon.slack_length_mm"].changes["isometric force"] < -0.05  # the muscle hangs shorter
+    mounting = found["mounting.neutral_muscle_ratio"]
+    assert mounting.moved < mounting.value  # it cannot be larger by that much
+    assert not any(mounting.changes.values())
+
+
+def test_a_bare_muscle_has_assumptions_too() -> None:
+    device = load("klute-1-2")
+    found = {row.key: row for row in changes(device, on_bench(device))}
+    assert found["supply.rate_bar_per_s"].changes["time to 90 % of it"] < -0.05
