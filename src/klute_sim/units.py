@@ -1,5 +1,7 @@
 """Units at the edges: file keys and channel names carry them, the program inside is SI."""
 
+import math
+
 BAR = 1.0e5
 """Pascals in a bar."""
 
@@ -16,6 +18,11 @@ KEY_UNITS: dict[str, tuple[str, float]] = {
     "_n_s_per_m": ("N·s/m", 1.0),
     "_mm_per_s": ("mm/s", 1e-3),
     "_s": ("s", 1.0),
+    "_m_per_s2": ("m/s²", 1.0),
+    "_hz": ("Hz", 1.0),
+    "_deg": ("deg", math.pi / 180.0),
+    "_j": ("J", 1.0),
+    "_pct": ("%", 0.01),
 }
 """Suffix of a key -> the unit as one writes it, and the factor that turns a value into SI."""
 

@@ -16,7 +16,9 @@ STEP = 5e-4
 def test_isometric_bare_muscle_reads_the_law() -> None:
     length = np.full(400, 0.96 * 0.181)
     recording = bench.pull(BARE, length, np.full(400, 5e5), STEP)
-    assert recording["force"][-1] == pytest.approx(736, abs=0.5)
+    assert recording["force"][-1] == pytest.approx(736, abs=1)  # the crosshead gives way a little
+    reached = 1e-3 * recording["length"][-1]
+    assert recording["force"][-1] == pytest.approx(mckibben.force(BARE.parameters.muscle, 5e5, reached), rel=1e-9)
 
 
 def test_pressure_is_clipped_to_the_supply_and_limited_in_rate() -> None:

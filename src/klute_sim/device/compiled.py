@@ -20,6 +20,10 @@ from klute_sim.device import step, vector
 from klute_sim.effects import catalogue
 
 
+DEVICE = ("advance", "tension", "remembered", "muscle_side")
+"""Functions of :mod:`klute_sim.device.step` that other compiled code calls."""
+
+
 def copy_of(module: types.ModuleType, **replaced: Any) -> types.ModuleType:
     """A copy of ``module`` whose functions are compiled when first used; ``replaced`` names differ from its own.
 
@@ -66,10 +70,9 @@ def _compiled_law(law: Any) -> Any:
 
 @cache
 def device_law() -> dict[str, Any]:
-    """The compiled functions that make up a device: ``advance``, ``tension``, ``remembered``, ``unpack``."""
+    """The compiled functions that make up a device: :data:`DEVICE` of its step, and ``unpack``."""
     law = copy_of(step, hooks=catalogue.assembled(_compiled_law, _compile))
-    names = ("advance", "tension", "remembered")
-    return {**{name: getattr(law, name) for name in names}, "unpack": copy_of(vector).unpack}
+    return {**{name: getattr(law, name) for name in DEVICE}, "unpack": copy_of(vector).unpack}
 
 
 def ready(wrap: Callable[..., Any], function: Any, signature: Any, constants: str = "") -> Any:

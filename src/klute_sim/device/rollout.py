@@ -72,7 +72,8 @@ def earlier(series: Sequence[float], place: float) -> float:
 
 
 @cache
-def _obstacle() -> str:
+def obstacle() -> str:
+    """Why there is no compiled law here, or ''."""
     try:
         import numba  # noqa: F401
     except ImportError as error:
@@ -144,7 +145,7 @@ def rollout(
         raise InputError(f"{len(starts)} states to start from for {count} rollouts")
 
     out = np.empty((*shape, 3))
-    compiled = choose(law, _obstacle) == "compiled"
+    compiled = choose(law, obstacle) == "compiled"
     function: Callable[..., None] = _compiled() if compiled else run
 
     def one(i: int) -> None:

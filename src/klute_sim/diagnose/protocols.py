@@ -5,7 +5,7 @@ resting length (so that nothing is pulled against the stop), and is sampled at 2
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from klute_sim.dataset.trial import Use
 from klute_sim.device.files import Device
 from klute_sim.errors import InputError
 from klute_sim.laws.mckibben import lock_length
+from klute_sim.rigs.bench.path import Path, stairs
 from klute_sim.units import BAR
 
 Array = NDArray[np.float64]
@@ -87,57 +88,27 @@ def limits(device: Device) -> Limits:
     )
 
 
-class _Length:
-    """A length over time, piece by piece."""
+class _Length(Path):
+    """A length over time, and the pressures that go with it."""
 
     def __init__(self, start: float) -> None:
         """At ``start`` [m], at rest."""
-        self.end, self.here = 0.0, start
-        self._pieces: list[tuple[float, Callable[[Array], Array]]] = []
-        self.hold(REST)
+        super().__init__(start, REST)
 
-    def hold(self, duration: float) -> "_Length":
-        """Stay for ``duration`` [s]."""
-        here = self.here
-        return self._then(duration, lambda t: np.full(len(t), here), here)
-
-    def move(self, there: float, speed: float, acceleration: float = SOFT) -> "_Length":
+    def move(self, there: float, speed: float, acceleration: float = SOFT) -> Self:
         """To ``there`` [m] and to rest, at ``speed`` [m/s] as far as ``acceleration`` [m/s^2] lets it get there."""
-        here, way = self.here, abs(there - self.here)
-        speed = min(speed, float(np.sqrt(way * acceleration)))
-        if speed == 0.0:
-            return self
-        rise, whole = speed / acceleration, way / speed + speed / acceleration
-        sign = np.sign(there - here)
+        return super().move(there, speed, acceleration)
 
-        def gone(t: Array) -> Array:
-            up, level, down = np.minimum(t, rise), np.maximum(t - rise, 0.0), np.maximum(t - (whole - rise), 0.0)
-            return np.asarray(here + sign * (0.5 * acceleration * (up**2 - down**2) + speed * level))
-
-        return self._then(whole, gone, there)
-
-    def swing(self, stroke: float, frequency: float, periods: int) -> "_Length":
+    def swing(self, stroke: float, frequency: float, periods: int) -> Self:
         """Whole ``periods`` of a sine [Hz] that goes down by ``stroke`` [m] or what speed and acceleration allow."""
         here, pace = self.here, 2.0 * np.pi * frequency
         half = min(0.5 * stroke, FASTEST / pace, HARD / pace**2)
-        return self._then(periods / frequency, lambda t: here - half * (1.0 - np.cos(pace * t)), here)
-
-    def _then(self, duration: float, piece: Callable[[Array], Array], there: float) -> "_Length":
-        self._pieces.append((self.end, piece))
-        self.end, self.here = self.end + duration, there
-        return self
+        return self.then(periods / frequency, lambda t: here - half * (1.0 - np.cos(pace * t)), here)
 
     def with_pressure(self, *levels: tuple[float, float]) -> Program:
         """Whole samples, at rest to the end, the pressure command stepping to each (time [s], level [Pa]) in turn."""
-        time: Array = SAMPLE * np.arange(int(np.ceil(self.end / SAMPLE - 1e-9)) + 1, dtype=np.float64)
-        length, command = np.full(len(time), self.here), np.empty(len(time))
-        begins = [*(begin for begin, _ in self._pieces), self.end]
-        for k, (begin, piece) in enumerate(self._pieces):
-            own = (time >= begin) & (time < begins[k + 1])
-            length[own] = piece(time[own] - begin)
-        for begin, level in levels:
-            command[time >= begin - 1e-9] = level
-        return Program(time, length, command)
+        time, length = self.sampled(SAMPLE)
+        return Program(time, length, stairs(time, levels))
 
 
 def steps(device: Device) -> Program:

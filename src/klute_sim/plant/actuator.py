@@ -55,15 +55,17 @@ class DeviceActuator:
         by_pressure, by_length = data.act_dot[self.act : self.act + coupling.STATES].tolist()
         unit_length = self.unit_length(data)
         after = coupling.reached(self.parameters, before, by_pressure, by_length, unit_length, step)
-        return after, entries(
-            self.parameters, before, after, unit_length, float(data.actuator_velocity[self._out]), step
-        )
+        return after, entries(self.parameters, before, after, unit_length, self.unit_rate(data), step)
 
     def unit_length(self, data: mujoco.MjData) -> float:
         """Length [m] of the whole muscle-tendon unit at the last evaluation."""
         return float(data.actuator_length[self._out])
 
+    def unit_rate(self, data: mujoco.MjData) -> float:
+        """How fast that length changes [m/s], at the last evaluation."""
+        return float(data.actuator_velocity[self._out])
+
     def tension(self, data: mujoco.MjData) -> float:
         """Tension [N] at the last evaluation."""
-        given_back = coupling.given_back(self._row, float(data.actuator_velocity[self._out]))
+        given_back = coupling.given_back(self._row, self.unit_rate(data))
         return given_back - float(data.actuator_force[self._out])

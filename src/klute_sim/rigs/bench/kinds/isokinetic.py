@@ -1,0 +1,111 @@
+"""Constant velocity both ways, force read as the muscle or the unit passes a length (Figs 3.7-3.9, 7.6)."""
+
+from collections.abc import Iterator
+from typing import Annotated, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from klute_sim.device.files import Device
+from klute_sim.device.step import settled, tension
+from klute_sim.recording.recording import Recording
+from klute_sim.rigs.bench.path import Path
+from klute_sim.rigs.bench.plan import Plan, Positive, Protocol, Ratio
+from klute_sim.rigs.bench.reach import isometric_force, refuse_beyond_supply, refuse_too_fast, unit_length
+from klute_sim.rigs.bench.reading import crossing, velocity
+from klute_sim.units import BAR
+
+
+class Isokinetic(Protocol):
+    """Force at constant velocity, one trial per pressure, velocity and length to read at.
+
+    Lengths are given as ``muscle_ratios``, of the muscle under way, or as ``unit_lengths_mm``, of the whole unit.
+    """
+
+    about: ClassVar[str] = "Force at constant velocity, both ways, read as a length is passed."
+
+    kind: Literal["isokinetic"] = "isokinetic"
+    concentric_mm_per_s: list[Positive] = []
+    """Shortening."""
+    eccentric_mm_per_s: list[Positive] = []
+    """Lengthening."""
+    muscle_ratios: list[Ratio] = []
+    """Muscle lengths over resting length at which force is read."""
+    long_muscle_ratio: Ratio = 0.995
+    """Where a shortening begins and a lengthening ends, as the muscle would rest there under the pressure."""
+    short_muscle_ratio: Ratio = 0.85
+    """The other end."""
+    unit_lengths_mm: list[Positive] = []
+    """Lengths of the whole unit at which force is read instead."""
+    approach_mm: Positive = 12.0
+    """With ``unit_lengths_mm``: the crosshead begins and ends that far from each."""
+    acceleration_m_per_s2: Annotated[Positive, Field(le=1000)] = 20.0
+
+    @model_validator(mode="after")
+    def _has_something_to_do(self) -> Self:
+        if bool(self.muscle_ratios) == bool(self.unit_lengths_mm):
+            raise PydanticCustomError("protocol", "give either muscle_ratios or unit_lengths_mm")
+        if not self.concentric_mm_per_s and not self.eccentric_mm_per_s:
+            raise PydanticCustomError("protocol", "give concentric_mm_per_s, eccentric_mm_per_s or both")
+        if self.short_muscle_ratio >= self.long_muscle_ratio:
+            raise PydanticCustomError("protocol", "short_muscle_ratio must be less than long_muscle_ratio")
+        return self
+
+    def plans(self, device: Device) -> list[Plan]:
+        """One trial per pressure, length and velocity, from fast shortening to fast lengthening."""
+        refuse_beyond_supply(device, self.pressures_bar)
+        velocities = [*sorted(self.concentric_mm_per_s, reverse=True), *(-v for v in sorted(self.eccentric_mm_per_s))]
+        return [
+            self._plan(bar, key, place, long, short, 1e-3 * shortening)
+            for bar in self.pressures_bar
+            for key, place, long, short in self._places(device, bar * BAR)
+            for shortening in velocities
+        ]
+
+    def _places(self, device: Device, pressure: float) -> Iterator[tuple[str, float, float, float]]:
+        """Where force is read (key, value), and the unit lengths [m] before and after."""
+        for ratio in self.muscle_ratios:
+            ends = (unit_length(device, r, pressure) for r in (self.long_muscle_ratio, self.short_muscle_ratio))
+            yield "muscle_ratio", ratio, *ends
+        for length in self.unit_lengths_mm:
+            yield "unit_length_mm", length, 1e-3 * (length + self.approach_mm), 1e-3 * (length - self.approach_mm)
+
+    def _plan(self, bar: float, key: str, place: float, long: float, short: float, shortening: float) -> Plan:
+        speed, acceleration = abs(shortening), self.acceleration_m_per_s2
+        refuse_too_fast(speed, long - short, acceleration)
+        begin, end = (long, short) if shortening > 0.0 else (short, long)
+        path = Path(begin, self.rest_s).move(end, speed, acceleration)
+        marks = {"begin": self.rest_s + speed / acceleration, "end": path.end - speed / acceleration}
+        path.hold(0.05)
+        way = "concentric" if shortening > 0.0 else "eccentric"
+        return Plan(
+            name=f"{bar:g}bar_{place:g}_{way}_{1e3 * speed:g}mm_per_s",
+            setting={"pressure_bar": bar, "velocity_mm_per_s": 1e3 * shortening, key: place},
+            path=path,
+            command=lambda time: np.full(len(time), bar * BAR),
+            marks=marks,
+        )
+
+    def readings(self, device: Device, plan: Plan, recording: Recording) -> dict[str, float]:
+        """As the length is passed at full speed; NaN if it is not."""
+        rest, pressure = 1e3 * device.parameters.muscle.resting_length, plan.setting["pressure_bar"] * BAR
+        if "muscle_ratio" in plan.setting:
+            ratio = plan.setting["muscle_ratio"]
+            when = crossing(recording, "muscle_length", ratio * rest, plan.marks["begin"], plan.marks["end"])
+            isometric = isometric_force(device, ratio, pressure)
+        else:
+            length = plan.setting["unit_length_mm"]
+            when = crossing(recording, "length", length, plan.marks["begin"], plan.marks["end"])
+            held = settled(device.parameters, 1e-3 * length, pressure)
+            isometric = tension(device.parameters, held, 1e-3 * length, 0.0)
+        series = {
+            "force_n": recording["force"],
+            "unit_length_mm": recording["length"],
+            "muscle_ratio_reached": recording["muscle_length"] / rest,
+            "velocity_reached_mm_per_s": velocity(recording, "length"),
+            "muscle_velocity_mm_per_s": velocity(recording, "muscle_length"),
+        }
+        found = {key: float(np.interp(when, recording["time"], samples)) for key, samples in series.items()}
+        share = found["force_n"] / isometric if isometric > 0.0 else float("nan")
+        return {**found, "isometric_force_n": isometric, "force_ratio": share}

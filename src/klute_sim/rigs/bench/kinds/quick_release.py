@@ -1,0 +1,67 @@
+"""Let go by a little, as fast as the tester can: what is in series gives way first (A. V. Hill's quick release)."""
+
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from klute_sim.device.files import Device
+from klute_sim.recording.recording import Recording
+from klute_sim.rigs.bench.path import Path
+from klute_sim.rigs.bench.plan import Plan, Positive, Protocol, Ratio, Some
+from klute_sim.rigs.bench.reach import refuse_beyond_supply, unit_length
+from klute_sim.rigs.bench.reading import at, between
+from klute_sim.units import BAR
+
+
+class QuickRelease(Protocol):
+    """Releases of several sizes, one trial per pressure and size."""
+
+    about: ClassVar[str] = "Quick releases: the force that is left, and how it comes back."
+
+    kind: Literal["quick-release"] = "quick-release"
+    muscle_ratio: Ratio
+    """Muscle length over resting length before the release, under the pressure."""
+    release_ratios: Annotated[list[Annotated[float, Field(gt=0, le=0.3)]], Some]
+    """Releases of the unit over the muscle's resting length."""
+    velocity_mm_per_s: Positive
+    acceleration_m_per_s2: Positive
+    hold_s: Positive
+    """After the release."""
+
+    def plans(self, device: Device) -> list[Plan]:
+        """One trial per pressure and release."""
+        refuse_beyond_supply(device, self.pressures_bar)
+        rest, found = device.parameters.muscle.resting_length, []
+        for bar in self.pressures_bar:
+            for release in self.release_ratios:
+                begin, pressure = unit_length(device, self.muscle_ratio, bar * BAR), bar * BAR
+                path = Path(begin, self.rest_s)
+                path.move(begin - release * rest, 1e-3 * self.velocity_mm_per_s, self.acceleration_m_per_s2)
+                released = path.end
+                found.append(
+                    Plan(
+                        name=f"{bar:g}bar_{1e3 * release * rest:.3g}mm",
+                        setting={"pressure_bar": bar, "release_mm": 1e3 * release * rest},
+                        path=path.hold(self.hold_s),
+                        command=lambda time, pressure=pressure: np.full(len(time), pressure),  # type: ignore[misc]
+                        marks={"released": released},
+                    )
+                )
+        return found
+
+    def readings(self, device: Device, plan: Plan, recording: Recording) -> dict[str, float]:
+        """Before, at the lowest, and at the end; ``recovery_s``: until 90 % of the force has come back."""
+        released = plan.marks["released"]
+        after = between(recording, self.rest_s, plan.path.end)
+        lowest = int(np.argmin(after["force"]))
+        before, low, last = at(recording, "force", self.rest_s - 0.01), after["force"][lowest], after["force"][-1]
+        back = after.select(slice(lowest, None))
+        reached = back["time"][np.argmax(back["force"] >= low + 0.9 * (last - low))]
+        return {
+            "force_before_n": before,
+            "force_lowest_n": float(low),
+            "force_after_n": float(last),
+            "stiffness_n_per_mm": (before - float(low)) / plan.setting["release_mm"],
+            "recovery_s": float(max(0.0, reached - released)),
+        }

@@ -1,0 +1,67 @@
+"""What one trial of a protocol commands, and the base of all protocols."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, ClassVar, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from klute_sim.device.files import Device
+from klute_sim.recording.recording import Recording
+from klute_sim.rigs.bench.path import Array, Path
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+Ratio = Annotated[FiniteFloat, Field(gt=0, le=1)]
+Some = Field(min_length=1)
+"""At least one of a list."""
+
+
+class Plan(NamedTuple):
+    """One trial."""
+
+    name: str
+    """Fit for a file's name."""
+    setting: Mapping[str, float]
+    """What was set, keys with units."""
+    path: Path
+    """Of the unit's length."""
+    command: Callable[[Array], Array]
+    """Time [s] -> gauge pressure [Pa]."""
+    marks: Mapping[str, float]
+    """Instants [s] and lengths [m] that the readings go by."""
+
+
+class Protocol(BaseModel):
+    """A protocol file: what is done, at what, and where its numbers are from."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    about: ClassVar[str]
+    """One sentence: what this kind of test does."""
+
+    kind: str
+    name: Annotated[str, Field(min_length=1)]
+    description: str = ""
+    pressures_bar: Annotated[list[NotNegative], Some]
+    """Gauge pressures."""
+    rest_s: Positive = 0.5
+    """At rest before anything happens; the trial begins in equilibrium."""
+    sources: dict[str, str] = {}
+    """Key -> where its numbers are from; begins with 'assumed' if nobody printed them."""
+
+    @abstractmethod
+    def plans(self, device: Device) -> Sequence[Plan]:
+        """The trials for ``device``; raises InputError for what it cannot do."""
+
+    @abstractmethod
+    def readings(self, device: Device, plan: Plan, recording: Recording) -> dict[str, float]:
+        """What is read off a ``recording`` at its full rate, keys with units; NaN where there is nothing to read."""
+
+    def numbers(self) -> list[str]:
+        """The keys that hold numbers."""
+        return [key for key, value in self.model_dump().items() if isinstance(value, int | float | list)]
+
+    def assumed(self) -> dict[str, str]:
+        """The keys whose numbers nobody printed -> why."""
+        return {key: source for key, source in self.sources.items() if source.startswith("assumed")}
