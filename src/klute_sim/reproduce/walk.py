@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from klute_sim.device.files import Device
-from klute_sim.reproduce import chapter2, chapter3, chapter4, chapter56, chapter78, moving, printed
+from klute_sim.reproduce import chapter2, chapter3, chapter4, chapter7, chapter8, chapter56, moving, printed
 from klute_sim.reproduce.item import Outcome, judge
 from klute_sim.reproduce.picture import Chapter, Picture
 
@@ -51,7 +51,8 @@ def walk(
         (0.26, lambda told: moving.compute(told)),
         (0.02, lambda told: chapter4.compute(device)),
         (0.01, lambda told: chapter56.compute(device)),
-        (0.67, lambda told: chapter78.compute(device, told)),
+        (0.2, lambda told: chapter7.compute(device, told)),
+        (0.47, lambda told: chapter8.compute(device, told)),
     )
     findings, pictures, begin = {}, [], 0.0
     for weight, part in parts:
