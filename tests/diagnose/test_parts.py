@@ -13,9 +13,10 @@ from klute_sim.device.files import load, read
 from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.diagnosis import base_fit
 from klute_sim.diagnose.doubt import intervals
-from klute_sim.diagnose.experiment import Bench, Experiment, prepare
+from klute_sim.diagnose.experiment import Bench, Experiment, Setting, prepare
 from klute_sim.diagnose.fit import Evidence, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.diagnose.loudness import heard
 from klute_sim.diagnose.noise import Alike, Noise, correlation, misfit
 from klute_sim.diagnose.screen import check_names, screen, terms
 from klute_sim.diagnose.search import Search, shortlist, significant
@@ -85,6 +86,55 @@ def test_misfit_is_what_repeats_share(size: float) -> None:
     else:
         assert np.mean([m.size**2 for m in found]) == pytest.approx(size * size / 2, rel=0.5 if size < 2 else 0.1)
     assert all(significant(m) for m in found) == (size == 10.0)
+
+
+def test_loud_stretches_that_look_alike_by_chance_are_no_misfit() -> None:
+    random = np.random.default_rng(5)
+    time = np.arange(900)
+    loud = 1.0 + 6.0 * np.exp(-(((time - 360) / 40) ** 2)) + 6.0 * np.exp(-(((time - 540) / 30) ** 2))
+    found = []
+    for _ in range(100):
+        rows = {group: [coloured(random, 900, 1.0, 0.05) * loud for _ in range(2)] for group in "abc"}
+        experiments = [e for group, own in rows.items() for e in repeated(own, group)]
+        residuals = [{"force": row} for own in rows.values() for row in own]
+        found.append(misfit(experiments, residuals, noises.measure(experiments, residuals))["force"].certainty)
+    assert np.std(found) < 1.3  # 1.7 with the same variance everywhere
+    assert abs(np.mean(found)) < 0.4
+
+
+def test_noise_is_loud_where_the_device_lets_its_inputs_through(tmp_path: Path) -> None:
+    """Pressure that wanders moves a muscle more when it is slack than when it is taut."""
+    data, random, bench = datasets.read(dataset(tmp_path / "d", muscle_length=True)), np.random.default_rng(2), Bench(2)
+    plain = prepare(data, datasets.split(data))
+    setting = Setting(data.device.parameters)
+    made = []
+    for e in plain:
+        wander = coloured(random, len(e.command), 2e3, 0.3)
+        moved = bench.simulate([[setting]], [replace(e, command=e.command + wander)])[0][0]["muscle_length"]
+        series = e.measured["muscle_length"]
+        value = moved + random.normal(0.0, 5e-6, len(series.time))
+        made.append(replace(e, measured={"muscle_length": Series(series.time, value)}))
+    fitted = [e for e in made if e.use == "fit"]
+    found = heard(made, fitted, bench, data.device)
+    own = np.concatenate([e.loud["muscle_length"] for e in found if e.use == "fit"])
+    assert np.sqrt(np.mean(own**2)) == pytest.approx(1.0, rel=0.05)
+    assert own.max() > 1.5 * own.min()
+    # Divided by its loudness, noise is about as loud in the loud half as in the quiet one.
+    quiet, ratio = own < np.median(own), []
+    for experiments in (fitted, [e for e in found if e.use == "fit"]):
+        stacks = noises.stacks(experiments, simulated(experiments, bench), "muscle_length")
+        apart = np.concatenate([row - stack.rows.mean(axis=0) for stack in stacks for row in stack.rows])
+        ratio.append(float(np.std(apart[~quiet]) / np.std(apart[quiet])))
+    assert ratio[0] > 1.3
+    assert abs(np.log(ratio[1])) < 0.5 * np.log(ratio[0])
+    assert heard(made[:1], made[:1], bench, data.device)[0].loud == {}  # nothing is repeated
+    bench.close()
+
+
+def simulated(experiments: list[Experiment], bench: Bench) -> list[dict[str, np.ndarray]]:
+    """Residuals of the nominal device."""
+    shown = [bench.simulate([[Setting(e.device.parameters)]], [e])[0][0] for e in experiments]
+    return [{c: s.value - row[c] for c, s in e.measured.items()} for e, row in zip(experiments, shown, strict=True)]
 
 
 @pytest.fixture(scope="module")

@@ -393,7 +393,9 @@ def test_where_tells_the_misfit_in_units_of_noise(found: Diagnosis) -> None:
     assert labels == {"prescribed length [mm]", "time from the trial's start [s]", "motion of the rig"}
     assert found.base is not None
     own = pictures.seen(found, "force")
-    residual = np.concatenate([r["force"] for r in found.base.residuals]) / found.noise["force"].deviation
+    fitted = [e for e in found.experiments if e.use == "fit"]
+    rows = zip(fitted, found.base.residuals, strict=True)
+    residual = np.concatenate([r["force"] / e.loud["force"] for e, r in rows]) / found.noise["force"].deviation
     assert own.before == pytest.approx(residual)
     assert own.length.min() == pytest.approx(0.327, abs=2e-4)
     assert own.pressure.max() == pytest.approx(4.0 * BAR)

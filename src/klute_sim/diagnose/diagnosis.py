@@ -4,7 +4,7 @@ Trials that are kept back to show are not looked at before everything else is de
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -19,6 +19,7 @@ from klute_sim.diagnose.experiment import Bench, Experiment, prepare
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.diagnose.locate import Place, locate
+from klute_sim.diagnose.loudness import heard
 from klute_sim.diagnose.noise import CERTAIN, Noise, significant
 from klute_sim.diagnose.propose import propose
 from klute_sim.diagnose.screen import check_names, terms
@@ -129,6 +130,9 @@ def _diagnose(
             dataset=dataset, split=parts, verdict="insufficient-data", reasons=[*reasons, *against], experiments=every
         )
 
+    if check.repeated(fitted):
+        every = heard(every, fitted, bench, dataset.device)
+        fitted = [e for e in every if e.use == "fit" and e.measured]
     told("fitting the device as it is")
     base, evidence = base_fit(dataset, fitted, bench, store)
     kept = [e for e in every if e.use == "select" and e.measured.keys() & evidence.noise]
@@ -238,7 +242,8 @@ def _show(result: Diagnosis, evidence: Evidence) -> None:
         on.residuals(final.hypothesis, [final.steps])[0],
     ]
     floors = evidence.noise if check.repeated(evidence.experiments) else {}
-    floors = {**floors, **noises.measure(on.experiments, residuals[2])}
+    plain = [replace(e, loud={}) for e in on.experiments]
+    floors = {**floors, **noises.measure(plain, residuals[2])}
     for channel in noises.channels(on.experiments):
         rms = [
             float(np.sqrt(np.mean(np.concatenate([found[channel] for found in each if channel in found]) ** 2)))

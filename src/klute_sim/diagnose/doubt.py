@@ -102,11 +102,13 @@ def _repeats(evidence: Evidence, found: Fit) -> list[Array]:
     blocks = []
     every = zip(evidence.experiments, evidence.weights, found.residuals, strict=True)
     for experiment, weights, residual in every:
-        for channel, weight in weights.items():
+        for channel in weights:
+            weight = evidence.noise[channel].weight(experiment.measured[channel].interval)
             # What was not repeated itself borrows from another group, or else takes what the fit leaves.
             others = (row for (_, of), row in apart.items() if of == channel)
-            pool = apart.get((experiment.group, channel), next(others, residual[channel][np.newaxis]))
-            blocks.append(weight * np.resize(pool[0], len(residual[channel])))
+            left = residual[channel] / experiment.loud.get(channel, 1.0)
+            pool = apart.get((experiment.group, channel), next(others, left[np.newaxis]))
+            blocks.append(weight * np.resize(pool[0], len(left)))
     return blocks
 
 

@@ -7,7 +7,7 @@ through a quick release is wrong by more than the noise of its samples.
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -74,6 +74,8 @@ class Experiment:
     """[Pa], one per step."""
     measured: Mapping[str, Series]
     """Without the samples that are missing, or outside of what is prescribed."""
+    loud: Mapping[str, Array] = field(default_factory=dict)
+    """Channel -> how loud noise is at each of its samples, over its usual; left out: as usual everywhere."""
 
     @property
     def duration(self) -> float:

@@ -64,10 +64,14 @@ class Evidence:
         return np.concatenate(parts)
 
     @cached_property
-    def weights(self) -> list[dict[str, float]]:
-        """Per experiment: weighed channel -> what its residuals are multiplied by [1/SI]."""
+    def weights(self) -> list[dict[str, Array | float]]:
+        """Per experiment: weighed channel -> what its residuals are multiplied by [1/SI], one or one per sample."""
         return [
-            {c: self.noise[c].weight(series.interval) for c, series in e.measured.items() if c in self.noise}
+            {
+                c: self.noise[c].weight(series.interval) / e.loud.get(c, 1.0)
+                for c, series in e.measured.items()
+                if c in self.noise
+            }
             for e in self.experiments
         ]
 

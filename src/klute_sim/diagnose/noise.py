@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from klute_sim.diagnose.experiment import Array, Experiment
 
@@ -24,6 +25,8 @@ NOTICEABLE = 0.25
 """Of the noise, below which a misfit is not worth a name."""
 SAME_RATE = 1.1
 """Ratio of sampling intervals that count as the same."""
+LOCAL = 3.0
+"""Correlation times over which noise counts as equally loud."""
 WINDOW = 5.0
 """Lags up to so many correlation times are summed (Sokal's window)."""
 
@@ -43,7 +46,7 @@ class Noise(NamedTuple):
     """Of one channel, from its repeats."""
 
     deviation: float
-    """Standard deviation of one sample [SI]."""
+    """Standard deviation of one sample [SI], where noise is as loud as usual."""
     alike: tuple[Alike, ...]
     """One for every rate of sampling."""
 
@@ -86,7 +89,7 @@ class Stack(NamedTuple):
     clock: Array
     """Since the beginning of the trial [s]."""
     rows: Array
-    """(repeats, samples) residuals [SI]."""
+    """(repeats, samples) residuals [SI], over how loud noise is there."""
 
     @property
     def interval(self) -> float:
@@ -104,7 +107,10 @@ def stacks(experiments: Sequence[Experiment], residuals: Residuals, channel: str
         first = clocks[0]
         common = first[(first >= max(c[0] for c in clocks)) & (first <= min(c[-1] for c in clocks))]
         if len(common) > 10:
-            rows = [np.interp(common, c, residuals[k][channel]) for k, c in zip(having, clocks, strict=True)]
+            rows = [
+                np.interp(common, c, residuals[k][channel] / experiments[k].loud.get(channel, 1.0))
+                for k, c in zip(having, clocks, strict=True)
+            ]
             yield Stack(group, common, np.array(rows))
 
 
@@ -223,18 +229,39 @@ def significant(one: Misfit) -> bool:
 
 
 def misfit(experiments: Sequence[Experiment], residuals: Residuals, noise: Mapping[str, Noise]) -> dict[str, Misfit]:
-    """Per channel, from products of different repeats' residuals: noise drops out of their mean."""
+    """Per channel, from products of different repeats' residuals: noise drops out of their mean.
+
+    How far that mean is off by chance is counted with the noise that there was at the time: some states let the
+    noise of the inputs through more than others, and two loud stretches soon look alike.
+    """
     found = {}
     for channel, own in noise.items():
-        product, variance, samples = 0.0, 0.0, 0
+        product, variance, steady, samples = 0.0, 0.0, 0.0, 0
         for stack in stacks(experiments, residuals, channel):
             pairs = list(itertools.combinations(stack.rows, 2))
             count = stack.rows.shape[1]
             product += count * float(np.mean([np.mean(a * b) for a, b in pairs]))
-            variance += count * own.deviation**4 * own.correlation(stack.interval) / len(pairs)
+            weight = count * own.correlation(stack.interval) / len(pairs)
+            variance += weight * _fourth_power(stack.rows, own.correlation(stack.interval))
+            steady += weight * own.deviation**4
             samples += count
         if samples:
             mean = product / samples
-            error = np.sqrt(variance) / samples
+            error = np.sqrt(max(variance, steady)) / samples
             found[channel] = Misfit(float(np.sqrt(max(0.0, mean))), float(mean / error), own.deviation)
     return found
+
+
+def _fourth_power(rows: Array, correlation: float) -> float:
+    """Mean square of the noise's variance over time [SI^4], from what sets the repeats in ``rows`` apart.
+
+    The variance at a time is that of a window of :data:`LOCAL` correlation times, with as many degrees of freedom for
+    every repeat but one: by those alone its square would come out larger, and is taken back.
+    """
+    repeats, count = rows.shape
+    width = min(count, max(1, round(LOCAL * correlation)))
+    apart = ((rows - rows.mean(axis=0)) ** 2).sum(axis=0) / (repeats - 1)
+    local = uniform_filter1d(apart, width, mode="nearest")
+    freedom = (repeats - 1) * max(1.0, width / correlation)
+    taken_back: float = 1.0 + 2.0 / freedom
+    return float(np.mean(local * local)) / taken_back

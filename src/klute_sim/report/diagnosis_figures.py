@@ -74,9 +74,9 @@ def _compare(above: "Axes", below: "Axes", diagnosis: Diagnosis, one: Simulated,
     if diagnosis.found:
         lines.append(("with effects added", one.after[channel], AFTER, 1.6))
     if channel in diagnosis.noise:
-        deviation = diagnosis.noise[channel].deviation
+        deviation = diagnosis.noise[channel].deviation * one.experiment.loud.get(channel, np.ones(len(time)))
         above.fill_between(time, (value - deviation) / si, (value + deviation) / si, color=NOISE, linewidth=0.0)
-        below.axhspan(-deviation / si, deviation / si, color=NOISE, linewidth=0.0)
+        below.fill_between(time, -deviation / si, deviation / si, color=NOISE, linewidth=0.0)
     above.plot(time, value / si, color=MEASURED, linewidth=0.6, label="measured", zorder=3.0)
     for label, simulation, colour, width in lines:
         above.plot(time, simulation / si, color=colour, linewidth=width, label=label)
@@ -240,7 +240,7 @@ def _seen(
 ) -> Seen:
     time = experiment.measured[channel].time - experiment.begin
     count = len(experiment.command)
-    step = experiment.duration / count
+    step, noise_then = experiment.duration / count, noise * experiment.loud.get(channel, 1.0)
     grid = step * np.arange(1, count + 1)
     late_length, early_length = (np.interp(time + shift, grid, experiment.unit_length) for shift in (0.025, -0.025))
     return Seen(
@@ -248,8 +248,8 @@ def _seen(
         np.interp(time, grid, experiment.unit_length),
         (late_length - early_length) / 0.05,
         time,
-        early[channel] / noise,
-        late[channel] / noise,
+        early[channel] / noise_then,
+        late[channel] / noise_then,
     )
 
 
