@@ -1,6 +1,7 @@
 """The bench in MuJoCo: a crosshead on a servo, a load cell, and the device between them as in the ankle."""
 
 from collections.abc import Callable
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -31,7 +32,9 @@ def pull(
     start: State | None = None,
     told: Callable[[float], None] = lambda fraction: None,
 ) -> Recording:
-    """Record ``device`` while a servo follows unit ``length`` [m] and a regulator ``command`` [Pa], one per ``step`` [s].
+    """Record ``device`` while a servo follows unit ``length`` [m] and a regulator ``command`` [Pa].
+
+    Both have one sample per ``step`` [s].
 
     The servo has velocity feed-forward and gives way a little: the channel ``length`` is the length reached,
     ``length_command`` the one that was asked for. ``force`` is the unit's tension, ``load_cell`` what the load cell
@@ -79,6 +82,7 @@ def pull(
             if k % OFTEN == 0:
                 told(k / len(length))
     told(1.0)
+    columns: Any = ledger.T
     reached, rate, pulled, weighed, pressure, muscle, muscle_rate = (np.ascontiguousarray(x) for x in found.T)
     return recorded(
         device,
@@ -92,6 +96,6 @@ def pull(
         pressure=pressure,
         muscle_length=muscle,
         muscle_rate=muscle_rate,
-        ledger=Ledger(*ledger.T),
+        ledger=Ledger(*columns),
         options={"law": in_force, "mujoco": True},
     )

@@ -37,7 +37,9 @@ class Frequency(Protocol):
         if min(self.pressures_bar) < self.amplitude_bar:
             raise InputError(f"amplitude_bar is {self.amplitude_bar:g}; allowed: up to the lowest of pressures_bar")
         return [
-            self._plan(device, bar, frequency) for bar in self.pressures_bar for frequency in sorted(self.frequencies_hz)
+            self._plan(device, bar, frequency)
+            for bar in self.pressures_bar
+            for frequency in sorted(self.frequencies_hz)
         ]
 
     def _plan(self, device: Device, bar: float, frequency: float) -> Plan:
