@@ -15,7 +15,7 @@ from klute_sim.plant import router
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench.asked import checked
-from klute_sim.rigs.bench.build import DAMPING, STIFFNESS, build
+from klute_sim.rigs.bench.build import CROSSHEAD, DAMPING, STIFFNESS, build
 from klute_sim.rigs.bench.channels import recorded
 
 OFTEN = 500
@@ -36,7 +36,7 @@ def pull(
 
     Both have one sample per ``step`` [s].
 
-    The servo has velocity feed-forward and gives way a little: the channel ``length`` is the length reached,
+    The servo feeds velocity and acceleration forward and gives way a little to the load: the channel ``length`` is the length reached,
     ``length_command`` the one that was asked for. ``force`` is the unit's tension, ``load_cell`` what the load cell
     reads. The device begins at ``start``, by default where the tendon is just taut at the first length and command.
     ``law`` is one of :data:`klute_sim.device.installation.LAWS`; ``told`` hears the finished fraction.
@@ -56,7 +56,7 @@ def pull(
     # The servo stands where it already carries the first load, and is told where to be at the end of the step.
     data.joint("crosshead").qpos[0] = length[0] - tension(parameters, begin, float(length[0]), 0.0) / STIFFNESS
     data.joint("crosshead").qvel[0] = speed[0]
-    target = length + DAMPING / STIFFNESS * speed
+    target = length + (DAMPING * speed + CROSSHEAD * np.gradient(speed, step)) / STIFFNESS
     late, commands = dead_time(parameters) / step, command.tolist()
     servo = int(model.actuator_ctrladr[model.actuator("servo").id])
     cell = int(model.sensor("load_cell").adr[0])
