@@ -124,7 +124,7 @@ def test_work_is_the_loops_area_and_closes_with_the_ledger(loops: list[Trial]) -
         time, read = trial.recording["time"], trial.readings
         begin = time[-1] - (time[-1] - 0.5) / 2
         cycle = trial.recording.select(time >= begin - 1e-9)
-            force, length = cycle["force"], 1e-3 * cycle["length"]
+        force, length = cycle["force"], 1e-3 * cycle["length"]
         area = -(0.5 * (force[1:] + force[:-1]) * np.diff(length)).sum()
         assert read["work_j"] == pytest.approx(area, rel=1e-3)
         assert read["work_j"] == pytest.approx(read["work_shortening_j"] + read["work_lengthening_j"], rel=1e-6)
