@@ -38,7 +38,8 @@ def pull(
 
     The servo feeds velocity and acceleration forward and gives way a little to the load: the channel ``length`` is the
     length reached, ``length_command`` the one that was asked for. ``force`` is the unit's tension, ``load_cell`` what
-    the load cell reads. The device begins at ``start``, by default where the tendon is just taut at the first length and command.
+    the load cell reads. The device begins at ``start``, by default where the tendon is just taut at the first length
+    and command.
     ``law`` is one of :data:`klute_sim.device.installation.LAWS`; ``told`` hears the finished fraction.
 
     Raises InputError when the two series differ in length, are not finite, or ask for a unit that is shorter than the
