@@ -18,7 +18,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "klute_sim", *arguments], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("command", [[], ["gait"], ["device"], ["view"]])
+@pytest.mark.parametrize("command", [[], ["gait"], ["bench"], ["device"], ["view"]])
 def test_help_has_examples_and_needs_no_mujoco(command: list[str]) -> None:
     code = (
         "import sys\nfrom klute_sim.cli import main\n"

@@ -107,15 +107,16 @@ def account(
     rates = np.gradient(lengths, step) if unit_rate is None else np.array(unit_rate, dtype=np.float64, order="C")
     begin = taut(parameters, float(lengths[0]), float(commands[0])) if start is None else start
     out = np.empty((len(lengths), STATES + len(Ledger._fields)))
-    series: list[Any] = [lengths, rates, commands]
+    series: Any = (lengths, rates, commands)
     row: Any = np.array(pack(parameters))
     compiled = choose(law, obstacle) == "compiled"
     if not compiled:
-        series, row = [x.tolist() for x in series], pack(parameters)
-    function = _compiled() if compiled else run
+        series, row = (x.tolist() for x in series), pack(parameters)
+    function: Callable[..., None] = _compiled() if compiled else run
     function(row, float(begin.pressure), float(begin.length), begin.memory, *series, float(step), out)
     if not np.isfinite(out).all():
         first = int(np.argwhere(~np.isfinite(out))[0][0])
         raise SimulationError(f"the device has no finite state at t = {first * step:.4f} s")
-    columns = [np.ascontiguousarray(column) for column in out.T]
-    return Account(*columns[:STATES], Ledger(*columns[STATES:]))  # type: ignore[arg-type]
+    pull, pressure, length, rate, *rest = (np.ascontiguousarray(column) for column in out.T)
+    told: Any = rest
+    return Account(pull, pressure, length, rate, Ledger(*told))

@@ -1,6 +1,7 @@
 """The bench in MuJoCo: a crosshead on a servo, a load cell, and the device between them as in the ankle."""
 
 from collections.abc import Callable
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,7 +15,7 @@ from klute_sim.plant import router
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench.asked import checked
-from klute_sim.rigs.bench.build import DAMPING, STIFFNESS, build
+from klute_sim.rigs.bench.build import CROSSHEAD, DAMPING, STIFFNESS, build
 from klute_sim.rigs.bench.channels import recorded
 
 OFTEN = 500
@@ -31,11 +32,14 @@ def pull(
     start: State | None = None,
     told: Callable[[float], None] = lambda fraction: None,
 ) -> Recording:
-    """Record ``device`` while a servo follows unit ``length`` [m] and a regulator ``command`` [Pa], one per ``step`` [s].
+    """Record ``device`` while a servo follows unit ``length`` [m] and a regulator ``command`` [Pa].
 
-    The servo has velocity feed-forward and gives way a little: the channel ``length`` is the length reached,
-    ``length_command`` the one that was asked for. ``force`` is the unit's tension, ``load_cell`` what the load cell
-    reads. The device begins at ``start``, by default where the tendon is just taut at the first length and command.
+    Both have one sample per ``step`` [s].
+
+    The servo feeds velocity and acceleration forward and gives way a little to the load: the channel ``length`` is the
+    length reached, ``length_command`` the one that was asked for. ``force`` is the unit's tension, ``load_cell`` what
+    the load cell reads. The device begins at ``start``, by default where the tendon is just taut at the first length
+    and command.
     ``law`` is one of :data:`klute_sim.device.installation.LAWS`; ``told`` hears the finished fraction.
 
     Raises InputError when the two series differ in length, are not finite, or ask for a unit that is shorter than the
@@ -53,7 +57,7 @@ def pull(
     # The servo stands where it already carries the first load, and is told where to be at the end of the step.
     data.joint("crosshead").qpos[0] = length[0] - tension(parameters, begin, float(length[0]), 0.0) / STIFFNESS
     data.joint("crosshead").qvel[0] = speed[0]
-    target = length + DAMPING / STIFFNESS * speed
+    target = length + (DAMPING * speed + CROSSHEAD * np.gradient(speed, step)) / STIFFNESS
     late, commands = dead_time(parameters) / step, command.tolist()
     servo = int(model.actuator_ctrladr[model.actuator("servo").id])
     cell = int(model.sensor("load_cell").adr[0])
@@ -79,6 +83,7 @@ def pull(
             if k % OFTEN == 0:
                 told(k / len(length))
     told(1.0)
+    columns: Any = ledger.T
     reached, rate, pulled, weighed, pressure, muscle, muscle_rate = (np.ascontiguousarray(x) for x in found.T)
     return recorded(
         device,
@@ -92,6 +97,6 @@ def pull(
         pressure=pressure,
         muscle_length=muscle,
         muscle_rate=muscle_rate,
-        ledger=Ledger(*ledger.T),
+        ledger=Ledger(*columns),
         options={"law": in_force, "mujoco": True},
     )

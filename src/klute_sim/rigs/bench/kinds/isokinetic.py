@@ -26,17 +26,17 @@ class Isokinetic(Protocol):
     about: ClassVar[str] = "Force at constant velocity, both ways, read as a length is passed."
 
     kind: Literal["isokinetic"] = "isokinetic"
-    concentric_mm_per_s: list[Positive] = []
+    concentric_mm_per_s: list[Positive] = Field(default=[])
     """Shortening."""
-    eccentric_mm_per_s: list[Positive] = []
+    eccentric_mm_per_s: list[Positive] = Field(default=[])
     """Lengthening."""
-    muscle_ratios: list[Ratio] = []
+    muscle_ratios: list[Ratio] = Field(default=[])
     """Muscle lengths over resting length at which force is read."""
     long_muscle_ratio: Ratio = 0.995
     """Where a shortening begins and a lengthening ends, as the muscle would rest there under the pressure."""
     short_muscle_ratio: Ratio = 0.85
     """The other end."""
-    unit_lengths_mm: list[Positive] = []
+    unit_lengths_mm: list[Positive] = Field(default=[])
     """Lengths of the whole unit at which force is read instead."""
     approach_mm: Positive = 12.0
     """With ``unit_lengths_mm``: the crosshead begins and ends that far from each."""
@@ -66,8 +66,8 @@ class Isokinetic(Protocol):
     def _places(self, device: Device, pressure: float) -> Iterator[tuple[str, float, float, float]]:
         """Where force is read (key, value), and the unit lengths [m] before and after."""
         for ratio in self.muscle_ratios:
-            ends = (unit_length(device, r, pressure) for r in (self.long_muscle_ratio, self.short_muscle_ratio))
-            yield "muscle_ratio", ratio, *ends
+            long, short = (unit_length(device, r, pressure) for r in (self.long_muscle_ratio, self.short_muscle_ratio))
+            yield "muscle_ratio", ratio, long, short
         for length in self.unit_lengths_mm:
             yield "unit_length_mm", length, 1e-3 * (length + self.approach_mm), 1e-3 * (length - self.approach_mm)
 

@@ -34,7 +34,7 @@ class Workloop(Protocol):
     kind: Literal["workloop"] = "workloop"
     velocities_mm_per_s: Annotated[list[Positive], Some]
     activations: Annotated[list[Literal["concentric", "eccentric", "phased"]], Some]
-    phases_pct: list[Annotated[FiniteFloat, Field(ge=0, lt=100)]] = []
+    phases_pct: list[Annotated[FiniteFloat, Field(ge=0, lt=100)]] = Field(default=[])
     """Of *phased* activation: where in the cycle the pressure comes on, 0 being the begin of the long dwell."""
     duty_pct: Annotated[FiniteFloat, Field(gt=0, lt=100)] = 50.0
     """Of *phased* activation: for how much of the cycle it stays."""
@@ -63,6 +63,7 @@ class Workloop(Protocol):
         refuse_beyond_supply(device, [self.low_bar, *self.pressures_bar])
         if min(self.pressures_bar) <= self.low_bar:
             raise InputError(f"low_bar is {self.low_bar:g}; allowed: less than every one of pressures_bar")
+        pulses: list[tuple[str, float, float]]
         pulses = [(name, HALF[name], 50.0) for name in self.activations if name != "phased"]
         pulses += [(f"phased_{phase:g}pct", phase, self.duty_pct) for phase in self.phases_pct]
         return [
@@ -83,6 +84,7 @@ class Workloop(Protocol):
         period = (path.end - self.rest_s) / self.cycles
 
         def command(time: Array) -> Array:
+            time = np.minimum(time, path.end - 1e-6)  # the last sample still belongs to the last cycle
             place = ((time - self.rest_s + 1e-9) / period - 0.01 * phase) % 1.0
             # Before the first cycle it is as at the end of one.
             place = np.where(time < self.rest_s - 1e-9, (1.0 - 1e-9 - 0.01 * phase) % 1.0, place)

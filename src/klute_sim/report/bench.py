@@ -1,0 +1,121 @@
+"""What a bench run comes to: a row per trial, a table for a terminal, and what a reader has to know beside it."""
+
+import csv
+import io
+import math
+from typing import Any
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from klute_sim import units
+from klute_sim.rigs.bench.run import Result, Trial
+
+FULL = 99.0
+"""Overlap of pressure and movement [%] below which it is said to be incomplete."""
+
+SMALL = 5e-4
+"""What is less is shown as 0: the readings are in N, J, s, mm/s, deg and their like."""
+
+SHOWN: dict[str, tuple[str, ...]] = {
+    "isometric": ("force_n", "unit_length_mm"),
+    "isokinetic": ("force_n", "force_ratio", "muscle_velocity_mm_per_s"),
+    "quick-release": ("force_before_n", "force_lowest_n", "force_after_n", "stiffness_n_per_mm", "recovery_s"),
+    "step": ("pressure_up_rise_s", "force_up_delay_s", "force_up_rise_s", "force_up_settling_s", "force_down_rise_s"),
+    "frequency": ("pressure_gain", "pressure_phase_deg", "force_gain_n_per_bar", "force_phase_deg", "force_coherence"),
+    "creep": (),
+    "workloop": ("work_j", "work_shortening_j", "work_lengthening_j", "force_max_n", "overlap_pct"),
+}
+"""Kind -> readings in the table; all are in results.csv. Empty: all."""
+
+
+def summary(result: Result) -> dict[str, Any]:
+    """Everything but the recordings, as JSON types; what could not be read is null."""
+    return {
+        "protocol": result.protocol.name,
+        "kind": result.protocol.kind,
+        "device": result.device.name,
+        "mujoco": result.mujoco,
+        "step_ms": 1e3 * result.step,
+        "trials": [
+            {
+                "name": trial.name,
+                "setting": trial.setting,
+                "readings": {key: None if math.isnan(value) else value for key, value in trial.readings.items()},
+            }
+            for trial in result.trials
+        ],
+        "assumptions": {
+            **{f"protocol.{key}": why for key, why in result.protocol.assumed().items()},
+            **result.device.spec.assumed(),
+        },
+        "remarks": remarks(result),
+    }
+
+
+def results_csv(result: Result) -> str:
+    """One row per trial; what could not be read is an empty cell."""
+    keys = ["trial", *dict.fromkeys(key for trial in result.trials for key in (*trial.setting, *trial.readings))]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, keys, restval="", lineterminator="\n")
+    writer.writeheader()
+    for trial in result.trials:
+        read = {key: "" if math.isnan(value) else repr(value) for key, value in trial.readings.items()}
+        writer.writerow({"trial": trial.name, **trial.setting, **read})
+    return text.getvalue()
+
+
+def table(result: Result) -> Table:
+    """The readings one looks at first, a row per trial."""
+    first = result.trials[0]
+    shown = SHOWN[result.protocol.kind] or tuple(key for key in first.readings if key != "ledger_residual_j")
+    where = "MuJoCo tester" if result.mujoco else "device alone"
+    made = Table(title=Text(f"{result.protocol.name}: {result.device.name}, {where}"), box=box.SIMPLE_HEAD)
+    # What is the same in all trials is in the files, unless it is all there is.
+    changed = [key for key in first.setting if len({t.setting[key] for t in result.trials}) > 1] or list(first.setting)
+    named = result.protocol.kind == "workloop"
+    if named:
+        made.add_column("activation", no_wrap=True)
+        changed = [key for key in changed if not key.startswith(("phase", "duty"))]
+    for key in (*changed, *shown):
+        name, unit = units.split(key)
+        made.add_column(f"{name.replace('_', ' ')}\n{f'[{unit}]' if unit else ''}", justify="right")
+    for trial in result.trials:
+        cells = [*(f"{trial.setting[key]:g}" for key in changed), *(_cell(trial, key) for key in shown)]
+        made.add_row(*([_activation(trial)] if named else []), *cells)
+    return made
+
+
+def remarks(result: Result) -> list[str]:
+    """What a reader has to know beside the table, one sentence each."""
+    said = []
+    assumed = result.protocol.assumed()
+    if assumed:
+        said.append(f"Assumed in the protocol, not printed in the source: {', '.join(assumed)}.")
+    nothing = [t.name for t in result.trials if math.isnan(t.readings.get("force_n", 0.0))]
+    if nothing:
+        said.append(
+            f"In {len(nothing)} of {len(result.trials)} trials the length to read at was not passed at full speed: "
+            f"{', '.join(nothing[:4])}{' ...' if len(nothing) > 4 else ''}."
+        )
+    late = [t.name for t in result.trials if t.readings.get("overlap_pct", 100.0) < FULL]
+    if late:
+        said.append(
+            f"In {len(late)} of {len(result.trials)} trials the pressure was not the commanded one all the way: "
+            "with a longer dwell_s it would be."
+        )
+    if result.protocol.kind == "workloop":
+        said.append("Positive work is done by the device on the crosshead.")
+    return said
+
+
+def _cell(trial: Trial, key: str) -> str:
+    value = trial.readings[key]
+    return "-" if math.isnan(value) else f"{0.0 if abs(value) < SMALL else value:.4g}"
+
+
+def _activation(trial: Trial) -> str:
+    """The first word of its name, and of a phased one the phase, too."""
+    word, second, *_ = trial.name.split("_")
+    return f"{word} {second}" if word == "phased" else word

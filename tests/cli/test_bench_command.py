@@ -1,0 +1,150 @@
+"""``klute-sim bench`` end to end, as a user types it."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.dataset import trial
+from klute_sim.device.files import load
+from klute_sim.recording import parquet
+from klute_sim.rigs.bench import protocols
+
+SMALL = """
+kind = "workloop"
+name = "small"
+pressures_bar = [3, 5]
+low_bar = 0.0
+velocities_mm_per_s = [200]
+activations = ["concentric", "eccentric"]
+long_muscle_ratio = 0.99
+short_muscle_ratio = 0.91
+acceleration_m_per_s2 = 20.0
+dwell_s = 0.1
+
+[sources]
+dwell_s = "assumed: enough"
+"""
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "klute_sim", "bench", *arguments],
+        cwd=cwd,
+        env={**os.environ, "COLUMNS": "130"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
+    folder = tmp_path_factory.mktemp("bench")
+    (folder / "small.toml").write_text(SMALL, "utf-8")
+    done = run("small.toml", "klute-3-4", "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder, json.loads(done.stdout)
+
+
+def test_the_run_folder_holds_what_is_promised(made: tuple[Path, dict[str, object]]) -> None:
+    folder, shown = made
+    home = folder / str(shown["run"])
+    assert home == folder / "runs" / "bench-001"
+    names = [f"{way}_200mm_per_s_{bar}bar" for way in ("concentric", "eccentric") for bar in (3, 5)]
+    wanted = {
+        "summary.json",
+        "results.csv",
+        "device.toml",
+        "protocol.toml",
+        "figure.png",
+        *(f"{n}.parquet" for n in names),
+    }
+    assert {file.name for file in home.iterdir()} == wanted == set(shown["files"])  # type: ignore[call-overload]
+    assert json.loads((home / "summary.json").read_text()) == shown
+    assert (home / "protocol.toml").read_text() == SMALL
+    assert (home / "device.toml").read_bytes() == load("klute-3-4").content
+    assert (home / "figure.png").read_bytes().startswith(b"\x89PNG")
+    assert (shown["device"], shown["protocol"], shown["mujoco"]) == ("klute-3-4", "small", False)
+    assert "protocol.dwell_s" in shown["assumptions"]  # type: ignore[operator]
+    assert "supply.rate_bar_per_s" in shown["assumptions"]  # type: ignore[operator]
+
+
+def test_results_and_recordings_say_the_same(made: tuple[Path, dict[str, object]]) -> None:
+    folder, shown = made
+    home = folder / str(shown["run"])
+    with (home / "results.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["work_j"]) > 0 for row in rows] == [True, True, False, False]
+    for row, told in zip(rows, shown["trials"], strict=True):  # type: ignore[call-overload]
+        assert row["trial"] == told["name"]
+        assert float(row["work_j"]) == told["readings"]["work_j"]
+        recording = parquet.read(home / f"{row['trial']}.parquet")
+        half = recording.select(recording["time"] >= 0.5 + (recording["time"][-1] - 0.5) / 2 - 1e-9)
+        assert -np.trapezoid(half["force"], 1e-3 * half["length"]) == pytest.approx(float(row["work_j"]), rel=1e-3)
+
+
+def test_every_recording_is_a_trial_of_a_dataset(made: tuple[Path, dict[str, object]]) -> None:
+    folder, shown = made
+    for file in (folder / str(shown["run"])).glob("*.parquet"):
+        found = trial.read([file], "bench")
+        assert set(found.prescribed) == {"length", "pressure_command"}
+        assert set(found.measured) == {"force", "pressure", "muscle_length"}
+
+
+def test_the_tester_says_so_and_records_what_it_reached(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(SMALL.replace('["concentric", "eccentric"]', '["concentric"]'), "utf-8")
+    done = run("small.toml", "--mujoco", "--out", "here", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "small: klute-3-4-pair, MuJoCo tester" in done.stdout
+    assert "Assumed in the protocol, not printed in the source: dwell_s." in done.stdout
+    assert "Positive work is done by the device" in done.stdout
+    recording = parquet.read(tmp_path / "here" / "concentric_200mm_per_s_5bar.parquet")
+    assert 1e-4 < np.abs(recording["length"] - recording["length_command"]).max() < 0.5
+    assert recording["load_cell"] == pytest.approx(recording["force"], rel=1e-6, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["isometric", "step", "frequency", "quick-release", "creep", "isokinetic-unit"])
+def test_every_kind_has_a_table_and_a_picture(name: str, tmp_path: Path) -> None:
+    done = run(name, "--out", "r", "--step", "1", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert f"{name}: klute-3-4-pair, device alone" in done.stdout
+    assert (tmp_path / "r" / "figure.png").stat().st_size > 20_000
+
+
+def test_protocols_are_listed_and_printed(tmp_path: Path) -> None:
+    listed = run(cwd=tmp_path).stdout
+    assert listed == run("--list", cwd=tmp_path).stdout
+    assert all(name in listed for name in protocols.names())
+    assert {row["name"] for row in json.loads(run("--json", cwd=tmp_path).stdout)} == set(protocols.names())
+    printed = run("workloop", "--toml", cwd=tmp_path).stdout
+    assert printed.encode() == protocols.content("workloop")
+    assert tomllib.loads(printed)["velocities_mm_per_s"] == [1, 50, 100, 200]
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["stretch"], "no protocol 'stretch': give the path of a protocol file"),
+        ([""], "the name of the protocol is empty"),
+        (["step", "klute-9"], "no device 'klute-9'"),
+        (["step", "--step", "20"], "step is 0.02; allowed: above 0, up to 0.01 s"),
+        (["isokinetic-unit", "klute-3-4"], "unit length runs from 298.0 to 322.0 mm; allowed for 'klute-3-4'"),
+        (["--toml"], "--toml needs a protocol"),
+        (["step", "--list"], "--list goes without a protocol"),
+        (["step", "--toml", "--json"], "--toml and --json do not go together"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_leaves_nothing(arguments: list[str], says: str, tmp_path: Path) -> None:
+    done = run(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "runs").exists()
