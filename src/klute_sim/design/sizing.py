@@ -1,0 +1,117 @@
+"""From a target to a device: actuators, damper, tendon, and how well they do."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from klute_sim.control.pressure import tuned
+from klute_sim.design import actuator, damper, demand, file, isometric, tendon, velocity
+from klute_sim.design.actuator import Option
+from klute_sim.design.choices import Choices
+from klute_sim.design.damper import DamperDesign
+from klute_sim.design.demand import Demand
+from klute_sim.design.isometric import Bound
+from klute_sim.design.target import Target, Walker
+from klute_sim.design.velocity import Curves, Misfit
+from klute_sim.device.files import Device
+from klute_sim.errors import InputError
+
+
+@dataclass(frozen=True)
+class Design:
+    """A device, why it is so, and what it does. Everything is evaluated on the numbers of its file."""
+
+    target: Target | Walker
+    choices: Choices
+    device: Device
+    needed_force: float | None
+    """F0 that was asked for [N]; None: what the chosen actuators have."""
+    force: float
+    """F0 that the actuators have [N], at the supply's pressure and the design ratio."""
+    option: Option
+    """The actuators taken."""
+    options: tuple[Option, ...]
+    """What every row of Table 3.1 would have taken, the preferred first."""
+    damper: DamperDesign
+    curves: Curves
+    envelope: tuple[Bound, ...]
+    demand: Demand | None
+    """None: no walker."""
+
+    @property
+    def muscle(self) -> Target:
+        """The muscle whose force over velocity is copied."""
+        return self.target.muscle if isinstance(self.target, Walker) else self.target
+
+    def misfit(self) -> dict[str, Misfit]:
+        """Distance to the muscle of actuator alone, with ideal damper, with fixed orifices."""
+        c = self.curves
+        return {name: velocity.misfit(c, getattr(c, name)) for name in ("alone", "ideal", "fixed")}
+
+
+def design(target: Target | Walker, choices: Choices | None = None, name: str = "klute-design") -> Design:
+    """Size a device for ``target``; raises InputError where that cannot be done.
+
+    1. Force: F0 of the muscle, or the walker's peak moment over the moment arm.
+    2. Actuators: :func:`klute_sim.design.actuator.options`.
+    3. Damper: :func:`klute_sim.design.damper.size`, on the F0 that these actuators have.
+    4. Tendon: :func:`klute_sim.design.tendon.size`, on the force asked for.
+    """
+    choices = choices or Choices()
+    assumed = choices.assumptions
+    muscle = target.muscle if isinstance(target, Walker) else target
+    if isinstance(target, Walker):
+        needed: float | None = target.peak_moment() / assumed.moment_arm
+        excursion = target.motion_range() * assumed.moment_arm
+    else:
+        needed, excursion = target.isometric_force, 0.0
+    if needed is None and (choices.actuator is None or choices.count is None):
+        raise InputError("without a force or a walker, both actuator and count have to be given")
+    length = choices.resting_length if choices.resting_length is not None else muscle.resting_length
+    option, options = actuator.choose(needed or 0.0, length, excursion, choices)
+    if option.force <= 0.0:
+        raise InputError(
+            f"{option.actuator} has no force left at {choices.supply_pressure / 1e5:g} bar and "
+            f"{assumed.design_ratio:g} of its resting length"
+        )
+    damping = damper.size(muscle, option.total, choices)
+    springs = tendon.size(needed or option.total, option.resting_length, assumed)
+    made = file.device(name, target, option, damping, springs, needed or option.total, choices)
+    parameters = made.parameters
+    if assumed.discharge != damper.DESIGN_DISCHARGE:
+        parameters = parameters._replace(damper=damping.law())
+
+    slow, fast = damping.eccentric.speed, damping.concentric.speed
+    force_velocity = velocity.curves(
+        parameters.muscle,
+        parameters.damper,
+        muscle.hill,
+        muscle.velocity,
+        velocity.grid(slow, fast),
+        choices.supply_pressure,
+        assumed.design_ratio,
+    )
+    shortening = force_velocity.velocity >= 0.0
+    shape = isometric.hyperbola(
+        np.asarray(force_velocity.velocity[shortening] / muscle.velocity),
+        np.asarray(force_velocity.fixed[shortening] / force_velocity.isometric),
+    )
+    saturation = float(force_velocity.fixed[0] / force_velocity.isometric)
+    asked = None
+    if isinstance(target, Walker):
+        asked = demand.over_stride(parameters, assumed.neutral_ratio, assumed.moment_arm, target, tuned())
+    return Design(
+        target=target,
+        choices=choices,
+        device=made,
+        needed_force=needed,
+        force=option.total,
+        option=option,
+        options=tuple(options),
+        damper=damping,
+        curves=force_velocity,
+        envelope=tuple(
+            isometric.envelope(isometric.parabola(parameters.muscle, choices.supply_pressure), shape, saturation)
+        ),
+        demand=asked,
+    )
