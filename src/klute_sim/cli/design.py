@@ -87,9 +87,8 @@ def command(out: Path | None, as_json: bool, name: str, **given: Any) -> None:
     target = _target(given)
     with run_folder.new("design", out) as (folder, scratch):
         found = design(target, _choices(given), name)
-        if isinstance(target, Walker):
-            _refuse_what_no_shank_takes(found)
-            assert found.demand is not None
+        if isinstance(target, Walker) and found.demand:
+            _refuse_what_no_shank_takes(found, target)
             profile = carried_over(found.device.parameters, target.mass, found.demand)
             (scratch / "profile.csv").write_text(to_csv(profile), "utf-8")
         shown = _write(found, folder, scratch)
@@ -157,11 +156,11 @@ def _choices(given: dict[str, Any]) -> "Choices":
     return Choices(actuator=given["actuator"], count=given["count"], assumptions=Assumptions(**assumed), **fixed)
 
 
-def _refuse_what_no_shank_takes(found: "Design") -> None:
+def _refuse_what_no_shank_takes(found: "Design", walker: "Walker") -> None:
     """Raise InputError for a device that the gait rig's leg has no room for."""
     from klute_sim.rigs.gait.build import MODEL_STATURE, build
 
-    build(found.device, mass=75.0, stature=MODEL_STATURE, step=1e-3)
+    build(found.device, mass=walker.mass, stature=MODEL_STATURE, step=1e-3)
 
 
 def _write(found: "Design", folder: Path, scratch: Path) -> dict[str, Any]:

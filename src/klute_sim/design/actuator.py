@@ -4,6 +4,7 @@ A longer actuator is the same braid: N and B grow with L0, so that force over L/
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
@@ -13,6 +14,7 @@ from klute_sim.device.schema import MuscleSection
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
 from klute_sim.laws.mckibben import Muscle
+from klute_sim.units import BAR
 
 SLENDER = 14.0
 """Least length over diameter of the actuators that were tested (Table 3.1)."""
@@ -51,6 +53,20 @@ def pressure_for(muscle: Muscle, force: float, length: float, most: float = 20e5
 
 
 @dataclass(frozen=True)
+class Need:
+    """What the actuators have to do."""
+
+    force: float
+    """Isometric force [N]; 0: any will do."""
+    ratio: Callable[[float], float]
+    """L0 [m] -> L/L0 at which it has to be reached."""
+    length: float | None = None
+    """L0 [m] where it is fixed; None: the row's own, or longer where ``excursion`` asks for it."""
+    excursion: float = 0.0
+    """Travel of the ankle's end of the tendon [m]."""
+
+
+@dataclass(frozen=True)
 class Option:
     """What one row of Table 3.1 would take."""
 
@@ -59,7 +75,11 @@ class Option:
     resting_length: float
     """L0 [m]."""
     force: float
-    """F0 of one actuator [N]."""
+    """F0 of one actuator [N]: at the design ratio."""
+    ratio: float
+    """L/L0 at which the force is needed."""
+    strength: float
+    """Force of one actuator there [N]."""
     count: int
     """How many reach the force; those that were asked for, where a count is fixed."""
     volume: float
@@ -75,47 +95,43 @@ class Option:
         return self.count * self.force
 
 
-def options(needed: float, length: float | None, excursion: float, choices: Choices) -> list[Option]:
-    """What every row would take for F0 of ``needed`` [N], the preferred one first.
+def choose(need: Need, choices: Choices) -> tuple[Option, list[Option]]:
+    """The actuators to take, and what every row would have taken, the preferred one first.
 
-    ``length`` [m] is L0 where it is fixed; otherwise it is the row's own, or longer where the ``excursion`` [m] of the
-    ankle asks for it. Preferred (assumed): enough force, then fewest actuators, then least gas.
+    Preferred (assumed): enough force, then fewest actuators, then least gas. Where a count is fixed and no row is
+    strong enough, the strongest is taken; where none is fixed, InputError is raised.
     """
-    found = [_option(preset, needed, length, excursion, choices) for preset in ROWS]
-    return sorted(found, key=lambda o: (not o.sufficient, o.count, o.volume))
-
-
-def choose(needed: float, length: float | None, excursion: float, choices: Choices) -> tuple[Option, list[Option]]:
-    """The actuators to take, and what every row would have taken; raises InputError where none is strong enough."""
-    found = options(needed, length, excursion, choices)
+    found = [_option(preset, need, choices) for preset in ROWS]
+    found.sort(key=lambda o: (not o.sufficient, o.count, o.volume))
     if choices.actuator is not None:
         return next(o for o in found if o.actuator == choices.actuator), found
-    if not found[0].sufficient and choices.count is None:
+    if found[0].sufficient:
+        return found[0], found
+    if choices.count is None:
         raise InputError(
-            f"no actuator of Table 3.1 reaches {needed:.0f} N with {MOST_ACTUATORS} in parallel at "
-            f"{choices.supply_pressure / 1e5:g} bar"
+            f"no actuator of Table 3.1 reaches {need.force:.0f} N with {MOST_ACTUATORS} in parallel at "
+            f"{choices.supply_pressure / BAR:g} bar"
         )
-    if not found[0].sufficient:  # a fixed count: the strongest there is
-        return max(found, key=lambda o: o.force), found
-    return found[0], found
+    return max(found, key=lambda o: o.strength), found
 
 
-def _option(preset: str, needed: float, length: float | None, excursion: float, choices: Choices) -> Option:
-    own = row(preset).si("resting_length_mm")
-    ratio, pressure = choices.assumptions.design_ratio, choices.supply_pressure
+def _option(preset: str, need: Need, choices: Choices) -> Option:
+    own, assumed, pressure = row(preset).si("resting_length_mm"), choices.assumptions, choices.supply_pressure
     # Rounded up to a whole millimetre: nobody cuts a muscle finer.
-    stretched = math.ceil(1e3 * excursion / choices.assumptions.excursion_share - 1e-9) * 1e-3
-    resting = max(own, stretched) if length is None else length
-    one = muscle(preset, 1, resting)
-    force = isometric_force(one, pressure, ratio)
-    enough = math.ceil(needed / force - 1e-9) if force > 0.0 else MOST_ACTUATORS + 1
+    stretched = math.ceil(1e3 * need.excursion / assumed.excursion_share - 1e-9) * 1e-3
+    resting = max(own, stretched) if need.length is None else need.length
+    one, ratio = muscle(preset, 1, resting), need.ratio(resting)
+    strength = isometric_force(one, pressure, ratio)
+    enough = math.ceil(need.force / strength - 1e-9) if strength > 0.0 else MOST_ACTUATORS + 1
     count = min(max(1, enough), MOST_ACTUATORS) if choices.count is None else choices.count
     return Option(
         actuator=preset,
         resting_length=resting,
-        force=force,
+        force=isometric_force(one, pressure, assumed.design_ratio),
+        ratio=ratio,
+        strength=strength,
         count=count,
-        volume=count * mckibben.volume(one, ratio * resting),
+        volume=count * mckibben.volume(one, assumed.design_ratio * resting),
         slenderness=resting / (2.0 * one.bladder_radius),
         sufficient=enough <= count,
     )

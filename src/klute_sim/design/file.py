@@ -51,7 +51,7 @@ def device(
         "mounting": {"neutral_muscle_ratio": assumed.neutral_ratio},
         "sources": _sources(target, option, damper, force, choices),
     }
-    return read(to_toml(keys).encode(), f"the design '{name}'")
+    return read(to_toml(keys).encode(), f"of the design '{name}'")
 
 
 def _round(value: float, digits: int) -> float:
@@ -59,10 +59,8 @@ def _round(value: float, digits: int) -> float:
 
 
 def _description(target: Target | Walker, option: Option) -> str:
-    number = "One" if option.count == 1 else str(option.count)
-    plural = "" if option.count == 1 else "s"
     whom = f"a walker of {target.mass:g} kg" if isinstance(target, Walker) else f"the muscle '{target.name}'"
-    made = f"{number} {ROWS[option.actuator]} actuator{plural} with damper and tendon"
+    made = f"{option.count} x {ROWS[option.actuator]} actuator, damper and tendon"
     return f"{made}, sized by klute-sim design for {whom}."
 
 

@@ -26,7 +26,8 @@ def carried_over(parameters: Parameters, mass: float, demand: Demand) -> Profile
     pressures = []
     for bar, ratio in zip(given.pressure_bar, ratios, strict=True):
         force = mckibben.force(hand_made, bar * BAR, float(ratio) * hand_made.resting_length) * mass / TUNED_FOR
-        found = pressure_for(own, force, float(ratio) * own.resting_length)
+        # Where it does not pull there is no force to carry over: the pressure stays.
+        found = pressure_for(own, force, float(ratio) * own.resting_length) if force > 0.0 else bar * BAR
         pressures.append(parameters.supply.pressure if math.isnan(found) else min(found, parameters.supply.pressure))
     return Profile("carried over", given.gait_pct, tuple(round(p / BAR, 3) for p in pressures))
 

@@ -44,8 +44,8 @@ class Outcome:
     """Of the fixed orifices [F0]."""
     air: float | None
     """Per stride [kg]."""
-    would_take: str
-    """Actuators that the rule would take; the rows of this table keep those of the design."""
+    would_take: str | None
+    """Actuators that the rule would take for the force, or None: no force was asked for."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Effect:
 
 def outcome(found: Design) -> Outcome:
     """The outcomes of a design."""
-    fixed, demand, first = found.misfit()["fixed"], found.demand, found.options[0]
+    fixed, demand = found.misfit()["fixed"], found.demand
     return Outcome(
         orifice_concentric=found.damper.concentric.orifice,
         orifice_eccentric=found.damper.eccentric.orifice,
@@ -69,8 +69,16 @@ def outcome(found: Design) -> Outcome:
         misfit_concentric=fixed.concentric,
         misfit_eccentric=fixed.eccentric,
         air=demand.air if demand else None,
-        would_take=f"{first.count} x {ROWS[first.actuator]}",
+        would_take=_by_rule(found.target, found.choices),
     )
+
+
+def _by_rule(target: Target | Walker, choices: Choices) -> str | None:
+    """The actuators that the rule takes where nobody chose."""
+    if isinstance(target, Target) and target.isometric_force is None:
+        return None
+    option = design(target, replace(choices, actuator=None, count=None)).option
+    return f"{option.count} x {ROWS[option.actuator]}"
 
 
 def variations(found: Design) -> Iterator[Variation]:
@@ -190,7 +198,7 @@ def _of_the_muscle(found: Design) -> Iterator[Variation]:
 
 
 def sensitivity(found: Design, progress: Callable[[float], None] = lambda fraction: None) -> list[Effect]:
-    """Every variation of ``found``, redesigned with its actuators, their count, and all else by rule."""
+    """Every variation of ``found``, redesigned by rule; actuators, count and length are kept."""
     tried = [(variation, value) for variation in variations(found) for value in variation.values]
     effects = []
     for number, (variation, value) in enumerate(tried):
@@ -205,7 +213,6 @@ def _redesigned(found: Design, target: Target | Walker, choices: Choices) -> Out
     if choices.resting_length is None:
         kept = replace(kept, resting_length=found.option.resting_length)
     try:
-        own = outcome(design(target, kept))
-        return replace(own, would_take=outcome(design(target, choices)).would_take)
+        return replace(outcome(design(target, kept)), would_take=_by_rule(target, choices))
     except InputError:
         return None

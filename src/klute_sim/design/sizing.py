@@ -6,7 +6,7 @@ import numpy as np
 
 from klute_sim.control.pressure import tuned
 from klute_sim.design import actuator, damper, demand, file, isometric, tendon, velocity
-from klute_sim.design.actuator import Option
+from klute_sim.design.actuator import Need, Option
 from klute_sim.design.choices import Choices
 from klute_sim.design.damper import DamperDesign
 from klute_sim.design.demand import Demand
@@ -25,7 +25,7 @@ class Design:
     choices: Choices
     device: Device
     needed_force: float | None
-    """F0 that was asked for [N]; None: what the chosen actuators have."""
+    """Force that was asked for [N]; None: what the chosen actuators have."""
     force: float
     """F0 that the actuators have [N], at the supply's pressure and the design ratio."""
     option: Option
@@ -52,31 +52,29 @@ class Design:
 def design(target: Target | Walker, choices: Choices | None = None, name: str = "klute-design") -> Design:
     """Size a device for ``target``; raises InputError where that cannot be done.
 
-    1. Force: F0 of the muscle, or the walker's peak moment over the moment arm.
-    2. Actuators: :func:`klute_sim.design.actuator.options`.
+    1. Force: F0 of the muscle at the design ratio, or the walker's peak moment over the moment arm, at the length that
+       the muscle then has.
+    2. Actuators: :func:`klute_sim.design.actuator.choose`.
     3. Damper: :func:`klute_sim.design.damper.size`, on the F0 that these actuators have.
-    4. Tendon: :func:`klute_sim.design.tendon.size`, on the force asked for.
+    4. Tendon: :func:`klute_sim.design.tendon.size`, on a walker's peak force, or on the actuators' F0.
     """
     choices = choices or Choices()
     assumed = choices.assumptions
     muscle = target.muscle if isinstance(target, Walker) else target
-    if isinstance(target, Walker):
-        needed: float | None = target.peak_moment() / assumed.moment_arm
-        excursion = target.motion_range() * assumed.moment_arm
-    else:
-        needed, excursion = target.isometric_force, 0.0
-    if needed is None and (choices.actuator is None or choices.count is None):
+    need = _need(target, choices)
+    if need is None and (choices.actuator is None or choices.count is None):
         raise InputError("without a force or a walker, both actuator and count have to be given")
-    length = choices.resting_length if choices.resting_length is not None else muscle.resting_length
-    option, options = actuator.choose(needed or 0.0, length, excursion, choices)
+    anything = Need(0.0, lambda resting: assumed.design_ratio, _length(muscle, choices))
+    option, options = actuator.choose(need or anything, choices)
     if option.force <= 0.0:
         raise InputError(
             f"{option.actuator} has no force left at {choices.supply_pressure / 1e5:g} bar and "
             f"{assumed.design_ratio:g} of its resting length"
         )
     damping = damper.size(muscle, option.total, choices)
-    springs = tendon.size(needed or option.total, option.resting_length, assumed)
-    made = file.device(name, target, option, damping, springs, needed or option.total, choices)
+    pull = need.force if need and isinstance(target, Walker) else option.total
+    springs = tendon.size(pull, option.resting_length, assumed)
+    made = file.device(name, target, option, damping, springs, pull, choices)
     parameters = made.parameters
     if assumed.discharge != damper.DESIGN_DISCHARGE:
         parameters = parameters._replace(damper=damping.law())
@@ -104,7 +102,7 @@ def design(target: Target | Walker, choices: Choices | None = None, name: str = 
         target=target,
         choices=choices,
         device=made,
-        needed_force=needed,
+        needed_force=need.force if need else None,
         force=option.total,
         option=option,
         options=tuple(options),
@@ -115,3 +113,26 @@ def design(target: Target | Walker, choices: Choices | None = None, name: str = 
         ),
         demand=asked,
     )
+
+
+def _length(muscle: Target, choices: Choices) -> float | None:
+    """L0 [m] where somebody fixed it."""
+    return muscle.resting_length if choices.resting_length is None else choices.resting_length
+
+
+def _need(target: Target | Walker, choices: Choices) -> Need | None:
+    """What ``target`` asks of the actuators; None where it leaves that open."""
+    assumed = choices.assumptions
+    if isinstance(target, Walker):
+        moment, angle = target.peak()
+        travel = assumed.moment_arm * angle
+
+        def at_peak(resting: float) -> float:
+            stretch = assumed.tendon_strain * (assumed.slack_length + resting)
+            return min(1.0, assumed.neutral_ratio + (travel - stretch) / resting)
+
+        excursion = target.motion_range() * assumed.moment_arm
+        return Need(moment / assumed.moment_arm, at_peak, _length(target.muscle, choices), excursion)
+    if target.isometric_force is None:
+        return None
+    return Need(target.isometric_force, lambda resting: assumed.design_ratio, _length(target, choices))

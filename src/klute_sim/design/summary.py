@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from klute_sim.design.actuator import pressure_for
 from klute_sim.design.choices import ROWS
 from klute_sim.design.damper import DesignPoint
 from klute_sim.design.demand import Demand
@@ -29,7 +30,7 @@ def summary(found: Design, effects: list[Effect]) -> dict[str, Any]:
             "muscle": muscle.name,
             "mass_kg": walker.mass if walker else None,
             "reference": walker.reference.name if walker else None,
-            "peak_moment_nm": walker.peak_moment() if walker else None,
+            "peak_moment_nm": walker.peak()[0] if walker else None,
             "a_over_f0": muscle.hill.a,
             "b_over_vmax": muscle.hill.b,
             "saturation": muscle.hill.saturation,
@@ -38,7 +39,9 @@ def summary(found: Design, effects: list[Effect]) -> dict[str, Any]:
         },
         "needed_force_n": found.needed_force,
         "force_n": found.force,
-        "strength": found.force / found.needed_force if found.needed_force else None,
+        "needed_ratio": found.option.ratio if found.needed_force else None,
+        "strength": found.option.count * found.option.strength / found.needed_force if found.needed_force else None,
+        "pressure_for_needed_force_bar": _pressure_for_needed(found),
         "supply_pressure_bar": choices.supply_pressure / BAR,
         "design_ratio": choices.assumptions.design_ratio,
         "actuator": found.option.actuator,
@@ -50,8 +53,11 @@ def summary(found: Design, effects: list[Effect]) -> dict[str, Any]:
                 "actuator": o.actuator,
                 "row": ROWS[o.actuator],
                 "force_of_one_n": o.force,
+                "strength_of_one_n": o.strength,
+                "ratio": o.ratio,
                 "count": o.count,
                 "force_n": o.total,
+                "strength_n": o.count * o.strength,
                 "resting_length_mm": 1e3 * o.resting_length,
                 "gas_ml": 1e6 * o.volume,
                 "sufficient": o.sufficient,
@@ -76,6 +82,15 @@ def summary(found: Design, effects: list[Effect]) -> dict[str, Any]:
         "assumptions": found.device.spec.assumed(),
         "sensitivity": {"base": _outcome(outcome(found)), "rows": [_effect(e) for e in effects]},
     }
+
+
+def _pressure_for_needed(found: Design) -> float | None:
+    """Gauge pressure [bar] that would just give the force asked for; None: there is none, or it is beyond 20 bar."""
+    if found.needed_force is None:
+        return None
+    muscle = found.device.parameters.muscle
+    pressure = pressure_for(muscle, found.needed_force, found.option.ratio * muscle.resting_length)
+    return None if math.isnan(pressure) else pressure / BAR
 
 
 def _point(point: DesignPoint) -> dict[str, float]:

@@ -18,7 +18,7 @@ FASTEST_TEST = 0.300
 class Target:
     """A muscle to be emulated; what is None is left to the actuator."""
 
-    name: str = "generic muscle"
+    name: str = "generic"
     hill: Hill = GENERIC_HILL
     """Shape of force over velocity, over F0 and Vmax."""
     isometric_force: float | None = None
@@ -77,11 +77,13 @@ class Walker:
         check("mass", self.mass, 20.0, 250.0, "kg")
         check("ankle moment over the reference's", self.moment_scale, 0.1, 3.0, "")
 
-    def peak_moment(self) -> float:
-        """Largest plantarflexor moment [N m]."""
+    def peak(self) -> tuple[float, float]:
+        """Largest plantarflexor moment [N m], and the ankle's dorsiflexion [rad] at that moment."""
         phase = np.arange(0.0, 1.0, 0.001)
-        largest = float(self.reference("ankle_plantarflexor_moment_nm_per_kg", phase).max())
-        return self.mass * self.moment_scale * largest
+        moment = self.reference("ankle_plantarflexor_moment_nm_per_kg", phase)
+        at = int(moment.argmax())
+        angle = np.radians(self.reference("ankle_dorsiflexion_deg", phase[at : at + 1]))
+        return self.mass * self.moment_scale * float(moment[at]), float(angle[0])
 
     def motion_range(self) -> float:
         """Of the ankle [rad]."""

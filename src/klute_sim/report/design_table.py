@@ -36,10 +36,12 @@ def _rows(shown: dict[str, Any]) -> Table:
         weak = "" if row["sufficient"] else " (too weak)"
         result.add_row(
             f"{row['row']}{' (taken)' if taken else ''}{weak}",
-            f"{row['force_of_one_n']:.0f}",
-            f"{row['count']}",
-            f"{row['force_n']:.0f}",
             f"{row['resting_length_mm']:.0f}",
+            f"{row['force_of_one_n']:.0f}",
+            f"{row['ratio']:.3f}",
+            f"{row['strength_of_one_n']:.0f}",
+            f"{row['count']}",
+            f"{row['strength_n']:.0f}",
             f"{row['gas_ml']:.0f}",
             style="bold" if taken else None,
         )
@@ -155,11 +157,13 @@ def _cells(own: dict[str, Any], base: dict[str, Any] | None) -> list[str]:
 def remarks(shown: dict[str, Any]) -> list[str]:
     """What a reader has to know beside the tables, one sentence each."""
     said, demand = [], shown["demand"]
-    if shown["strength"] is not None and shown["strength"] < 1.0:
-        said.append(f"Too weak: F0 is {shown['strength']:.0%} of what is asked for.")
-    if shown["strength"] is not None and shown["strength"] > 2.0:
+    if shown["strength"] is not None:
+        weak = "too weak" if shown["strength"] < 1.0 else "enough"
+        needed = shown["pressure_for_needed_force_bar"]
+        at = "more than 20 bar" if needed is None else f"{needed:.2f} bar"
         said.append(
-            f"F0 is {shown['strength']:.1f} times what is asked for; one actuator less would not do, or there is none."
+            f"The actuators have {shown['strength']:.3g} times the force that is asked for ({weak}): {at} would give "
+            "just that. Preferred is the row that needs fewest actuators, then least gas (assumed)."
         )
     if demand and demand["least_margin"] < 1.0:
         said.append(
