@@ -27,10 +27,10 @@ def _table(title: str, *headings: str) -> Table:
 
 def _rows(shown: dict[str, Any]) -> Table:
     asked = "" if shown["needed_force_n"] is None else f" for {shown['needed_force_n']:.0f} N"
-    at = f"{shown['supply_pressure_bar']:g} bar, L/L0 {shown['design_ratio']:g}"
-    result = _table(
-        f"Actuators of Table 3.1{asked} at {at}", "row", "one [N]", "count", "all [N]", "L0 [mm]", "gas [mL]"
-    )
+    title = f"Actuators of Table 3.1{asked} at {shown['supply_pressure_bar']:g} bar"
+    f0 = f"F0 of one\n(L/L0 {shown['design_ratio']:g})"
+    headings = ("row", "L0\n[mm]", f"{f0} [N]", "L/L0 where\nneeded", "one there\n[N]", "count", "all there\n[N]")
+    result = _table(title, *headings, "gas\n[mL]")
     for row in shown["rows"]:
         taken = row["actuator"] == shown["actuator"]
         weak = "" if row["sufficient"] else " (too weak)"
