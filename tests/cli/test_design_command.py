@@ -44,6 +44,10 @@ def test_the_folder_holds_what_was_printed(walker: tuple[Path, dict[str, object]
     assert json.loads((made / "summary.json").read_text()) == shown
     assert (made / "figure.png").read_bytes().startswith(b"\x89PNG")
     assert load(made / "device.toml").spec.assumed() == shown["assumptions"]
+    demand = shown["demand"]
+    assert 1.0 < demand["air_g"] < 2.0  # type: ignore[index]
+    assert 4.0 < demand["needed_pressure_bar"] < 5.0  # type: ignore[index]
+    assert demand["fastest_shortening_mm_per_s"] > 0.0  # type: ignore[index]
 
 
 def test_the_device_can_be_shown(walker: tuple[Path, dict[str, object]]) -> None:

@@ -157,6 +157,16 @@ def test_a_variation_is_the_design_with_that_value(effects: list[Effect]) -> Non
     assert effect.outcome == outcome(made)
 
 
+def test_a_variation_keeps_the_length_that_the_rule_gave() -> None:
+    found = design(WALKER, Choices(actuator="klute-3-4"))
+    longer_arm = next(e for e in sensitivity(found) if e.variation.name == "moment arm" and e.value > 0.048)
+    own = found.option
+    fixed = Choices(actuator="klute-3-4", count=own.count, resting_length=own.resting_length)
+    made = design(WALKER, replace(fixed, assumptions=Assumptions(moment_arm=longer_arm.value)))
+    assert longer_arm.outcome is not None
+    assert longer_arm.outcome.air == outcome(made).air
+
+
 def test_the_rule_is_asked_again_but_the_actuators_stay() -> None:
     near = design(Walker(mass=85.0))
     stronger = next(e for e in sensitivity(near) if e.variation.name == "moment/reference")

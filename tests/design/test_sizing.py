@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -44,6 +45,12 @@ def test_the_bore_by_rule_carries_the_design_force_at_the_allowed_pressure() -> 
     assert 1e3 * found.damper.bore == pytest.approx(20.0, rel=0.005)
     assert found.damper.concentric.pressure <= 4.7e6
     assert found.damper.concentric.pressure == pytest.approx(4.7e6, rel=0.002)
+
+
+def test_the_bore_is_that_of_the_larger_force() -> None:
+    found = of_pair(bore=None, eccentric_force=3000.0)
+    assert found.damper.eccentric.pressure == pytest.approx(4.7e6, rel=0.002)
+    assert found.damper.concentric.pressure < 4.7e6
 
 
 def test_without_a_given_force_the_eccentric_one_lifts_the_muscle_to_its_saturation() -> None:
@@ -91,6 +98,24 @@ def test_strength_counts_at_the_length_that_the_stride_has_at_its_peak() -> None
     assert found.demand is not None
     at = int(found.demand.tendon.argmax())
     assert found.option.ratio == pytest.approx(found.demand.ratio[at], abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("force", "count", "taken"),
+    [
+        (300.0, None, ("klute-3-4", 1)),  # one is enough of two rows: the one with less gas
+        (1200.0, 2, ("klute-3-4", 2)),  # two 1/2 in are too weak, two 1-1/4 in have more gas
+        (9000.0, 2, ("klute-1-1-4", 2)),  # all are: the strongest
+        (200.0, 2, ("klute-1-2", 2)),
+        (200.0, None, ("klute-1-2", 1)),
+    ],
+)
+def test_enough_force_comes_first_then_fewest_then_least_gas(
+    force: float, count: int | None, taken: tuple[str, int]
+) -> None:
+    found = design(Target(isometric_force=force), Choices(count=count))
+    assert (found.option.actuator, found.option.count) == taken
+    assert found.option.sufficient == (found.force >= force)
 
 
 def test_a_short_row_is_cut_longer_for_the_ankles_travel() -> None:
@@ -210,6 +235,8 @@ def test_a_given_number_is_not_called_assumed() -> None:
     sources = of_pair().device.spec.sources
     for key in ("muscle.count", "muscle.resting_length_mm", "damper.bore_mm"):
         assert sources[key] == "given to klute-sim design"
+    assert sources["supply.pressure_bar"].startswith("dissertation")
+    assert of_pair(supply_pressure=4e5).device.spec.sources["supply.pressure_bar"] == "given to klute-sim design"
 
 
 def test_the_profile_carried_over_to_its_own_walker_is_the_tuned_one() -> None:
@@ -223,8 +250,13 @@ def test_the_profile_carried_over_to_its_own_walker_is_the_tuned_one() -> None:
 def test_a_lighter_walker_needs_less_pressure_and_nobody_more_than_the_supply() -> None:
     found = design(Walker(mass=50.0))
     assert found.demand is not None
-    own = carried_over(found.device.parameters, 50.0, found.demand).pressure_bar
-    assert all(lighter <= given for lighter, given in zip(own, tuned().pressure_bar, strict=True))
+    own, given_bar = carried_over(found.device.parameters, 50.0, found.demand).pressure_bar, tuned().pressure_bar
+    assert all(lighter <= bar for lighter, bar in zip(own, given_bar, strict=True))
+    at = 5  # 48 %: the muscles, the same in both, pull with two thirds of the force
+    length = 0.264 * float(np.interp(0.48, found.demand.phase, found.demand.ratio))
+    muscle = found.device.parameters.muscle
+    pull = mckibben.force(muscle, 1e5 * own[at], length) / mckibben.force(muscle, 1e5 * given_bar[at], length)
+    assert pull == pytest.approx(2.0 / 3.0, rel=1e-3)
     weak = design(Walker(mass=120.0), Choices(actuator="klute-3-4", count=2))
     assert weak.demand is not None
     assert max(carried_over(weak.device.parameters, 120.0, weak.demand).pressure_bar) == 5.0

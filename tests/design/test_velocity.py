@@ -59,8 +59,7 @@ def test_the_misfit_is_that_of_the_closed_forms() -> None:
     assert alone == pytest.approx(np.sqrt(np.mean((1.0 - muscle) ** 2)), rel=0.005)
 
 
-def test_a_damper_cannot_drive() -> None:
-    # b >> a: at Vmax this muscle would still pull with more than nothing, and never with more than at rest.
+def test_the_ideal_damper_only_brakes() -> None:
     for hill in (GENERIC_HILL, Hill(0.1, 0.4), Hill(0.4, 0.1)):
         own = curves(Target(hill=hill))
         assert (own.damping * own.velocity >= 0.0).all()
@@ -124,4 +123,8 @@ def test_the_parabola_is_the_nearest() -> None:
 
 def test_the_generic_muscle_meets_the_envelope() -> None:
     assert all(bound.met for bound in isometric.envelope(GENERIC_CONTRACTILE, GENERIC_HILL.a, 1.3))
-    assert not isometric.envelope(GENERIC_CONTRACTILE, GENERIC_HILL.a, 1.27)[-1].met
+    for saturation in (1.27, 1.33):
+        assert not isometric.envelope(GENERIC_CONTRACTILE, GENERIC_HILL.a, saturation)[-1].met
+    for shape in (0.11, 0.42):
+        missed = [b.name for b in isometric.envelope(GENERIC_CONTRACTILE, shape, 1.3) if not b.met]
+        assert missed == ["a/F0", "b/Vmax"]

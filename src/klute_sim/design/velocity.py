@@ -27,7 +27,7 @@ class Curves:
     alone: Samples
     """The actuator, whose model does not depend on velocity (measured: -6 % at 300 mm/s)."""
     ideal: Samples
-    """With a damper that gives (4.1) at every velocity, as far as a damper can: it brakes and never drives."""
+    """With a damper that gives (4.1) at every velocity; it only has to brake, because both have the same F0."""
     fixed: Samples
     """With one fixed orifice per direction."""
     isometric: float
@@ -68,9 +68,8 @@ def curves(
     target = isometric * np.array(wanted)
     alone = np.full(velocity.shape, isometric)
     desired = np.array([damper_law.desired_force(isometric, float(wished)) for wished in target])
-    passive = np.where(velocity > 0.0, np.maximum(desired, 0.0), np.minimum(desired, 0.0))
     braked = np.array([damper_law.force(damper, -float(v)) for v in velocity])
-    return Curves(velocity, target, alone, alone - passive, alone + braked, isometric)
+    return Curves(velocity, target, alone, alone - desired, alone + braked, isometric)
 
 
 def misfit(curves: Curves, forces: Samples) -> Misfit:
