@@ -103,7 +103,8 @@ def _print(found: "Reproduction", folder: Path, *, every: bool) -> None:
         ("Measured at 5 bar, and the model", [o for o in found.outcomes if o.item.measured]),
         ("Every item" if every else "What does not agree", shown),
     ):
-        table = Table("table or figure", "what", "unit", "published", "computed", "difference", "verdict", title=title)
+        table = Table("table or figure", "what", "unit", "published", "computed", "difference", title=title)
+        table.add_column("verdict", no_wrap=True)
         for outcome in outcomes:
             c = cells(outcome)
             table.add_row(

@@ -8,6 +8,7 @@ import math
 import numpy as np
 from scipy.optimize import brentq
 
+from klute_sim.design.isometric import parabola
 from klute_sim.device.files import Device, load
 from klute_sim.device.step import advance, taut
 from klute_sim.laws import hill, mckibben
@@ -137,9 +138,7 @@ def _overestimates(found: dict[str, Found]) -> None:
 
 def _parabola(found: dict[str, Found], muscle: Muscle) -> None:
     """Whether the actuator meets (2.5a-c): the constants of (2.3) from its own curve, over F0 at resting length."""
-    force = over_length(muscle, 5.0, FITTED)
-    constants = np.polyfit(FITTED, force / force[-1], 2)
-    for letter, key, value in zip("abc", ("k5", "k6", "k7"), constants, strict=True):
+    for letter, key, value in zip("abc", ("k5", "k6", "k7"), parabola(muscle, 5.0 * BAR), strict=True):
         span = getattr(ENVELOPE, key)
         found[f"fig-3.6.2.5{letter}"] = Found(
             float(value),

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from klute_sim.design.velocity import curves, misfit, needed_orifice
 from klute_sim.device.files import Device
 from klute_sim.device.step import advance, taut
 from klute_sim.effects import catalogue
@@ -33,18 +34,13 @@ def compute(device: Device) -> Chapter:
     if spec.damper is None:
         raise InputError(f"device '{device.name}' has no damper, which chapter 4 is about")
     bore, density = 1e-3 * spec.damper.bore_mm, spec.damper.oil_density_kg_m3
-    f0 = mckibben.force(parameters.muscle, PRESSURE * BAR, RATIO * parameters.muscle.resting_length)
-    target = np.array([hill.force_velocity(tables.GENERIC_HILL, 1.0, float(v)) for v in SPEEDS])
-    desired = f0 * (1.0 - target)
-    fixed = np.array([-damper.force(parameters.damper, -float(v) * FASTEST) for v in SPEEDS])
+    drawn = curves(
+        parameters.muscle, parameters.damper, tables.GENERIC_HILL, FASTEST, SPEEDS * FASTEST, PRESSURE * BAR, RATIO
+    )
+    f0, target, desired, fixed = drawn.isometric, drawn.hill / drawn.isometric, drawn.damping, drawn.alone - drawn.fixed
     found: dict[str, Found] = {}
 
-    needed = np.array(
-        [
-            damper.orifice_for(float(d), float(v) * FASTEST, bore, density, IDEAL)
-            for d, v in zip(desired[1:], SPEEDS[1:], strict=True)
-        ]
-    )
+    needed = needed_orifice(drawn, bore, density, IDEAL)[1:]
     for share in (10, 50, 100):
         found[f"fig-4.3.needed-{share}"] = Found(1e3 * float(needed[share - 1]))
     found["fig-4.3.varies"] = Found(float(needed[-1] / needed[9]))
@@ -69,7 +65,7 @@ def compute(device: Device) -> Chapter:
     power = max(-damper.force(parameters.damper, float(rate)) * float(rate) for rate in both)
     found["figs-4.10-4.11.passive"] = Found(power, power <= 0.0)
 
-    alone, ideal, orifices = _rms(1.0 - target), 0.0, _rms(1.0 - fixed / f0 - target)
+    alone, ideal, orifices = (misfit(drawn, each).concentric for each in (drawn.alone, drawn.ideal, drawn.fixed))
     assumed = "From rest to Vmax, at 0.96 of resting length and 5 bar; Vmax and the orifices are assumed."
     found["fig-4.12.alone"] = Found(alone, note=assumed)
     found["fig-4.12.ideal"] = Found(ideal, note="By definition (4.1).")
@@ -128,7 +124,7 @@ def _pictures(device: Device, f0: float, target: Array, desired: Array, fixed: A
     skeletal = np.array([[_muscle(x, v) for x in lengths] for v in velocities])
     beside_ideal = np.array([pull / f0 * hill.force_velocity(tables.GENERIC_HILL, 1.0, float(v)) for v in velocities])
     beside_fixed = (pull[np.newaxis, :] + lost[:, np.newaxis]) / f0
-    axes = {"x_label": "l/l0", "y_label": "V/Vmax", "z_label": "F/F0"}
+    x, y, z = "l/l0", "V/Vmax", "F/F0"
     return [
         Picture(
             "4.3",
@@ -151,23 +147,29 @@ def _pictures(device: Device, f0: float, target: Array, desired: Array, fixed: A
         Picture(
             "4.9",
             "Skeletal muscle with a stop at resting length",
+            x,
+            y,
             surface=Surface(lengths, velocities, skeletal),
             assumed="the generic muscle of Fig. 2.8",
-            **axes,
+            z_label=z,
         ),
         Picture(
             "4.10",
             "Actuator beside an ideal damper",
+            x,
+            y,
             surface=Surface(lengths, velocities, beside_ideal),
             assumed=assumed,
-            **axes,
+            z_label=z,
         ),
         Picture(
             "4.11",
             "Actuator beside fixed orifices",
+            x,
+            y,
             surface=Surface(lengths, velocities, beside_fixed),
             assumed=assumed,
-            **axes,
+            z_label=z,
         ),
         Picture(
             "4.12",

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from klute_sim.dataset.override import overridden
 from klute_sim.device.files import Device, load
 from klute_sim.laws import hill
 from klute_sim.laws import hill_tables as tables
@@ -45,8 +46,6 @@ def compute(told: Callable[[float], None] = lambda share: None) -> Chapter:
 
 def pair() -> Device:
     """The two 3/4 in actuators of Fig. 3.8, bare."""
-    from klute_sim.dataset.override import overridden
-
     return overridden(load("klute-3-4"), {"muscle.count": 2, "muscle.resting_length_mm": 250.0}, "Fig. 3.8")
 
 
@@ -63,7 +62,7 @@ def _force_at(recording: Recording, lengths: Array) -> Array:
     length, force = recording["muscle_length"], recording["force"]
     moving = np.abs(np.gradient(length)) > 0.5 * np.abs(np.gradient(length)).max()
     order = np.argsort(length[moving])
-    return np.interp(lengths, length[moving][order], force[moving][order])
+    return np.asarray(np.interp(lengths, length[moving][order], force[moving][order]))
 
 
 def _surface(number: str, result: Result) -> Picture:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from klute_sim.device.files import Device
 from klute_sim.reproduce import chapter2, chapter3, chapter4, chapter7, chapter8, chapter56, moving, printed
-from klute_sim.reproduce.item import Outcome, judge
+from klute_sim.reproduce.item import Found, Outcome, judge
 from klute_sim.reproduce.picture import Chapter, Picture
 
 
@@ -54,9 +54,15 @@ def walk(
         (0.2, lambda told: chapter7.compute(device, told)),
         (0.47, lambda told: chapter8.compute(device, told)),
     )
-    findings, pictures, begin = {}, [], 0.0
+    findings: dict[str, Found] = {}
+    pictures: list[Picture] = []
+    begin = 0.0
     for weight, part in parts:
-        found = part(lambda share, begin=begin, weight=weight: told(begin + weight * share))  # type: ignore[misc]
+
+        def heard(share: float, begin: float = begin, weight: float = weight) -> None:
+            told(begin + weight * share)
+
+        found = part(heard)
         findings.update(found.findings)
         pictures += found.pictures
         begin += weight

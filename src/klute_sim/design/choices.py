@@ -1,0 +1,104 @@
+"""What a design is made from besides its target: what the user fixes, and what has to be assumed.
+
+Lengths in m, forces in N, pressures in Pa (gauge), speeds in m/s.
+"""
+
+from dataclasses import dataclass, field
+
+from klute_sim.design.limits import check
+from klute_sim.errors import InputError
+from klute_sim.units import BAR
+
+ROWS = {"klute-1-1-4": "1-1/4 in", "klute-3-4": "3/4 in", "klute-1-2": "1/2 in"}
+"""Presets of the actuators of Table 3.1, and what the table calls them."""
+MOST_ACTUATORS = 100
+"""As many as a device file may have."""
+MPA = 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assumptions:
+    """Numbers that the source does not print, or prints without saying that they are the design's."""
+
+    design_ratio: float = 0.96
+    """L/L0 at which F0 counts [1]: that of Fig. 3.9."""
+    eccentric_speed_share: float = 0.5
+    """Fastest lengthening over Vmax [1]: the tests of one actuator went to 150 of 300 mm/s."""
+    cylinder_pressure: float = 4.7 * MPA
+    """Largest gauge pressure in the damper [Pa]: 20 mm of bore for the 3/4 in pair."""
+    discharge: float = 1.0
+    """Cd that the orifices, sized with 1, turn out to have [1]; the source: in reality as low as 0.61."""
+    neutral_ratio: float = 0.975
+    """Muscle length over L0 with the ankle at neutral and the tendon just taut [1]."""
+    excursion_share: float = 0.10
+    """Most travel of the tendon's insertion over L0 [1]: 23.5 mm on the 250 mm of Fig. 3.8 are 0.094."""
+    slack_length: float = 0.100
+    """Of the tendon [m]."""
+    tendon_strain: float = 0.040
+    """Stretch at the design force over tendon plus muscle [1]: the Achilles tendon's peak in walking."""
+    second_spring: float = 140.0 / 60.0
+    """Slope that the tendon's second spring adds, over the first spring's [1]."""
+    engagement_share: float = 0.05
+    """Stretch at which the second spring joins, over the slack length [1]."""
+    moment_arm: float = 0.048
+    """Of the tendon about the ankle [m], the same at every angle: the Achilles tendon's at neutral."""
+    pressure_rate: float = 50.0 * BAR
+    """Of the regulator [Pa/s]."""
+    temperature: float = 20.0
+    """Of the gas [degrees Celsius]."""
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a number that no such device has."""
+        check("design ratio L/L0", self.design_ratio, 0.8, 1.0, "")
+        check("eccentric speed over Vmax", self.eccentric_speed_share, 0.01, 2.0, "")
+        check("cylinder pressure", self.cylinder_pressure, 0.1, 70.0, "MPa", MPA)
+        check("discharge coefficient", self.discharge, 0.5, 1.0, "")
+        check("neutral muscle ratio", self.neutral_ratio, 0.8, 1.0, "")
+        check("excursion over resting length", self.excursion_share, 0.02, 0.25, "")
+        check("tendon slack length", self.slack_length, 10.0, 400.0, "mm", 1e-3)
+        check("tendon strain", self.tendon_strain, 0.5, 15.0, "%", 0.01)
+        check("second spring over first", self.second_spring, 0.0, 20.0, "")
+        check("engagement over slack length", self.engagement_share, 0.0, 0.5, "")
+        check("moment arm", self.moment_arm, 10.0, 100.0, "mm", 1e-3)
+        check("pressure rate", self.pressure_rate, 1.0, 1000.0, "bar/s", BAR)
+        check("gas temperature", self.temperature, -40.0, 80.0, "degrees C")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choices:
+    """What the user fixes; None: by rule."""
+
+    supply_pressure: float = 5.0 * BAR
+    """Highest gauge pressure [Pa]; Table 3.1 was fitted at 2 to 5 bar."""
+    actuator: str | None = None
+    """One of :data:`ROWS`."""
+    count: int | None = None
+    """Actuators in parallel."""
+    resting_length: float | None = None
+    """L0 [m]."""
+    bore: float | None = None
+    """Of the damper [m]."""
+    eccentric_speed: float | None = None
+    """Lengthening speed at which the damper is sized [m/s]."""
+    eccentric_force: float | None = None
+    """Damping there [N]."""
+    oil_density: float = 900.0
+    """Mineral oil (chapter 4) [kg/m3]."""
+    assumptions: Assumptions = field(default_factory=Assumptions)
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a choice that cannot be made."""
+        if self.actuator is not None and self.actuator not in ROWS:
+            raise InputError(f"there is no actuator '{self.actuator}'; there are: {', '.join(ROWS)}")
+        limits = (
+            ("supply pressure", self.supply_pressure, 2.0, 8.0, "bar", BAR),
+            ("count of actuators", self.count, 1, MOST_ACTUATORS, "", 1.0),
+            ("resting length", self.resting_length, 20.0, 2000.0, "mm", 1e-3),
+            ("bore", self.bore, 1.0, 200.0, "mm", 1e-3),
+            ("eccentric speed", self.eccentric_speed, 1.0, 5000.0, "mm/s", 1e-3),
+            ("eccentric damping force", self.eccentric_force, 0.01, 1e5, "N", 1.0),
+            ("oil density", self.oil_density, 500.0, 2000.0, "kg/m³", 1.0),
+        )
+        for name, value, low, high, unit, factor in limits:
+            if value is not None:
+                check(name, value, low, high, unit, factor)

@@ -1,0 +1,120 @@
+"""The damper of chapter 4: its bore (4.2), its two orifices (4.6), and what the oil does in them."""
+
+import math
+from dataclasses import dataclass
+
+from klute_sim.design.choices import Choices
+from klute_sim.design.limits import check
+from klute_sim.design.target import Target
+from klute_sim.errors import InputError
+from klute_sim.laws import damper as law
+from klute_sim.laws import hill
+from klute_sim.laws.damper import Damper
+from klute_sim.laws.pneumatics import ATMOSPHERE
+
+DESIGN_DISCHARGE = 1.0
+"""Cd that orifices are sized with: the source's design."""
+
+
+@dataclass(frozen=True)
+class DesignPoint:
+    """What one orifice is sized for, and what the oil then does."""
+
+    speed: float
+    """Of the piston [m/s]."""
+    damping: float
+    """Fd [N]."""
+    orifice: float
+    """Diameter by (4.6) [m], rounded as in the file."""
+    bore: float
+    """[m]"""
+    density: float
+    """Of the oil [kg/m3]."""
+    discharge: float
+    """Cd that the orifice has [1]."""
+
+    @property
+    def pressure(self) -> float:
+        """Gauge pressure [Pa] on the loaded side: damping over the piston, the other side at atmosphere."""
+        return 4.0 * self.damping / (math.pi * self.bore * self.bore)
+
+    @property
+    def oil_speed(self) -> float:
+        """Of the jet where it is narrowest [m/s]: continuity, the jet's area Cd times the orifice's."""
+        ratio = self.bore / self.orifice
+        return self.speed * ratio * ratio / self.discharge
+
+    @property
+    def cavitation_number(self) -> float:
+        """Pressure behind the orifice, less the oil's vapour pressure, over the pressure drop [1].
+
+        Assumed: the oil flows into a reservoir at atmosphere, and its vapour pressure is negligible. (4.6) itself puts
+        the narrowest place of the jet at the pressure behind the orifice. Below 1, the oil there is a small share of
+        the drop away from boiling.
+        """
+        return ATMOSPHERE / self.pressure
+
+    @property
+    def refill_passage(self) -> float:
+        """Least diameter [m] of the passage through which the unloaded side fills from a reservoir at atmosphere.
+
+        (4.6) with the whole atmosphere as the drop: a narrower one leaves a vacuum behind the piston. Flow-control
+        valves let oil in freely (assumed to be wider than this).
+        """
+        area = 0.25 * math.pi * self.bore * self.bore
+        return law.orifice_for(ATMOSPHERE * area, self.speed, self.bore, self.density, self.discharge)
+
+
+@dataclass(frozen=True)
+class DamperDesign:
+    """A damper with its two design points."""
+
+    bore: float
+    """[m]"""
+    needed_bore: float
+    """By (4.2) [m]."""
+    concentric: DesignPoint
+    eccentric: DesignPoint
+
+    def law(self) -> Damper:
+        """The damper as built: with the discharge that its orifices have."""
+        points = (self.concentric, self.eccentric)
+        return Damper(*(law.coefficient(self.bore, p.orifice, p.density, p.discharge) for p in points))
+
+
+def concentric_damping(target: Target, force: float) -> float:
+    """Fd [N] at Vmax by (4.1), with F0 = ``force`` [N]; the muscle's own force there is 0 or what (2.4) leaves."""
+    left = max(0.0, hill.concentric_force(target.hill, 1.0, 1.0))
+    return law.desired_force(force, force * left)
+
+
+def size(target: Target, force: float, choices: Choices) -> DamperDesign:
+    """The damper for actuators of F0 = ``force`` [N]: concentric at Vmax, eccentric at the fastest lengthening."""
+    assumed = choices.assumptions
+    fast = target.velocity
+    slow = assumed.eccentric_speed_share * fast if choices.eccentric_speed is None else choices.eccentric_speed
+    shortening = concentric_damping(target, force)
+    # (4.1) the other way: the muscle is to pull with s F0, the actuator with F0.
+    lengthening = -law.desired_force(force, target.hill.saturation * force)
+    if choices.eccentric_force is not None:
+        lengthening = choices.eccentric_force
+    needed = law.bore_for(max(shortening, lengthening), assumed.cylinder_pressure)
+    bore = _up(needed) if choices.bore is None else choices.bore
+    check("bore", bore, 1.0, 200.0, "mm", 1e-3)
+
+    def point(damping: float, speed: float) -> DesignPoint:
+        exact = law.orifice_for(damping, speed, bore, choices.oil_density, DESIGN_DISCHARGE)
+        orifice = round(exact, 6)
+        if orifice > bore or orifice < 1e-3 * bore:
+            raise InputError(
+                f"the damper needs an orifice of {1e3 * exact:.3g} mm in a bore of {1e3 * bore:.3g} mm for "
+                f"{damping:.3g} N at {1e3 * speed:.3g} mm/s; allowed: bore / 1000 to bore"
+            )
+        return DesignPoint(speed, damping, orifice, bore, choices.oil_density, assumed.discharge)
+
+    return DamperDesign(bore, needed, point(shortening, fast), point(lengthening, slow))
+
+
+def _up(bore: float) -> float:
+    """Rounded up to 0.01 mm, so that the allowed pressure is not passed."""
+    return math.ceil(1e5 * bore - 1e-9) / 1e5

@@ -1,0 +1,65 @@
+"""How muscle-like the actuator and its damper are: the design envelope (2.5) against what they do."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from klute_sim.laws import hill, mckibben
+from klute_sim.laws.hill import Contractile, Span
+from klute_sim.laws.mckibben import Muscle
+from klute_sim.recording.recording import Samples
+
+RATIOS = (0.65, 1.0)
+"""L/L0 over which the parabola is fitted: the source's Fig. 3.6."""
+ROUNDING = 0.005
+"""How far the saturation may be from the single value that (2.5) prints."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """One line of (2.5)."""
+
+    name: str
+    low: float
+    high: float
+    found: float | None
+    """None: what was fitted has no such constant."""
+    tolerance: float = 0.0
+
+    @property
+    def met(self) -> bool:
+        """Whether what was found is inside."""
+        span = Span(self.low - self.tolerance, self.high + self.tolerance)
+        return self.found is not None and hill.in_span(span, self.found)
+
+
+def parabola(muscle: Muscle, pressure: float) -> Contractile:
+    """Least-squares fit of (2.3) to the isometric force at gauge ``pressure`` [Pa], over that at L0, by L/L0."""
+    ratio = np.linspace(*RATIOS, 201)
+    force = np.array([mckibben.force(muscle, pressure, float(x) * muscle.resting_length) for x in ratio])
+    k5, k6, k7 = np.polyfit(ratio, force / force[-1], 2)
+    return Contractile(float(k5), float(k6), float(k7))
+
+
+def hyperbola(velocity: Samples, force: Samples) -> float | None:
+    """a/F0 = b/Vmax of the hyperbola (2.4) through (0, 1) and (1, 0) nearest to ``force`` [F0] over V/Vmax.
+
+    None where none is near: a curve that is straight, or bends the other way, has no finite best constant.
+    """
+    shape = np.geomspace(0.01, 100.0, 2001)
+    fitted = 1.0 - (1.0 + shape[:, None]) * velocity / (velocity + shape[:, None])
+    best = int(np.argmin(((fitted - force) ** 2).sum(axis=1)))
+    return float(shape[best]) if best < len(shape) - 1 else None
+
+
+def envelope(isometric: Contractile, shape: float | None, saturation: float) -> list[Bound]:
+    """(2.5) against a parabola, the shape of the concentric branch and the eccentric force over F0."""
+    box = hill.ENVELOPE
+    return [
+        Bound("k5", *box.k5, isometric.k5),
+        Bound("k6", *box.k6, isometric.k6),
+        Bound("k7", *box.k7, isometric.k7),
+        Bound("a/F0", *box.a, shape),
+        Bound("b/Vmax", *box.b, shape),
+        Bound("saturation", *box.saturation, saturation, ROUNDING),
+    ]

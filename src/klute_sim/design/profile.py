@@ -1,0 +1,38 @@
+"""The tuned pressure profile carried over to another device and another body."""
+
+import math
+
+import numpy as np
+
+from klute_sim.control.pressure import COLUMNS, Profile, tuned
+from klute_sim.design.actuator import pressure_for
+from klute_sim.design.demand import Demand
+from klute_sim.device.files import DEFAULT_PROSTHESIS, load
+from klute_sim.device.step import Parameters
+from klute_sim.laws import mckibben
+from klute_sim.units import BAR
+
+TUNED_FOR = 75.0
+"""Body mass [kg] of the walker, with the default prosthesis, that the tuned profile is for."""
+
+
+def carried_over(parameters: Parameters, mass: float, demand: Demand) -> Profile:
+    """The profile under which a device pulls with as much force per body mass [kg] as the default prosthesis does.
+
+    Assumed: the same L/L0 at the same phase in both, that of ``demand``. Clipped to what the supply has.
+    """
+    own, hand_made, given = parameters.muscle, load(DEFAULT_PROSTHESIS).parameters.muscle, tuned()
+    ratios = np.interp(np.array(given.gait_pct) / 100.0, demand.phase, demand.ratio)
+    pressures = []
+    for bar, ratio in zip(given.pressure_bar, ratios, strict=True):
+        force = mckibben.force(hand_made, bar * BAR, float(ratio) * hand_made.resting_length) * mass / TUNED_FOR
+        # Where it does not pull there is no force to carry over: the pressure stays.
+        found = pressure_for(own, force, float(ratio) * own.resting_length) if force > 0.0 else bar * BAR
+        pressures.append(parameters.supply.pressure if math.isnan(found) else min(found, parameters.supply.pressure))
+    return Profile("carried over", given.gait_pct, tuple(round(p / BAR, 3) for p in pressures))
+
+
+def to_csv(profile: Profile) -> str:
+    """``profile`` as the file that ``klute-sim gait --profile`` takes."""
+    rows = zip(profile.gait_pct, profile.pressure_bar, strict=True)
+    return "\n".join([",".join(COLUMNS), *(f"{phase:g},{pressure:g}" for phase, pressure in rows)]) + "\n"

@@ -1,0 +1,193 @@
+"""The tables of a design, for a terminal."""
+
+from typing import Any
+
+from rich import box
+from rich.table import Table
+
+from klute_sim.design.actuator import SLENDER
+
+CURVES = (("alone", "actuator alone"), ("ideal", "with ideal damper"), ("fixed", "with fixed orifices"))
+
+
+def tables(shown: dict[str, Any]) -> list[Table]:
+    """The tables of the summary ``shown``, in the order in which they are read."""
+    found = [_rows(shown), _sizes(shown), _envelope(shown), _misfit(shown)]
+    if shown["demand"]:
+        found.append(_demand(shown["demand"]))
+    return [*found, _sensitivity(shown)]
+
+
+def _table(title: str, *headings: str) -> Table:
+    result = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+    for number, heading in enumerate(headings):
+        result.add_column(heading, justify="right" if number else "left", no_wrap=number > 0)
+    return result
+
+
+def _rows(shown: dict[str, Any]) -> Table:
+    asked = "" if shown["needed_force_n"] is None else f" for {shown['needed_force_n']:.0f} N"
+    title = f"Actuators of Table 3.1{asked} at {shown['supply_pressure_bar']:g} bar"
+    f0 = f"F0 of one\n(L/L0 {shown['design_ratio']:g})"
+    headings = ("row", "L0\n[mm]", f"{f0} [N]", "L/L0 where\nneeded", "one there\n[N]", "count", "all there\n[N]")
+    result = _table(title, *headings, "gas\n[mL]")
+    for row in shown["rows"]:
+        taken = row["actuator"] == shown["actuator"]
+        weak = "" if row["sufficient"] else " (too weak)"
+        result.add_row(
+            f"{row['row']}{' (taken)' if taken else ''}{weak}",
+            f"{row['resting_length_mm']:.0f}",
+            f"{row['force_of_one_n']:.0f}",
+            f"{row['ratio']:.3f}",
+            f"{row['strength_of_one_n']:.0f}",
+            f"{row['count']}",
+            f"{row['strength_n']:.0f}",
+            f"{row['gas_ml']:.0f}",
+            style="bold" if taken else None,
+        )
+    return result
+
+
+def _sizes(shown: dict[str, Any]) -> Table:
+    damper, tendon = shown["damper"], shown["tendon"]
+    result = _table("Damper and tendon", "", "unit", "concentric", "eccentric")
+    for label, unit, key, form in (
+        ("speed designed for", "mm/s", "speed_mm_per_s", ".0f"),
+        ("damping there", "N", "damping_n", ".0f"),
+        ("orifice (4.6)", "mm", "orifice_mm", ".3f"),
+        ("pressure in the cylinder", "MPa", "pressure_mpa", ".2f"),
+        ("oil in the orifice", "m/s", "oil_speed_m_per_s", ".0f"),
+        ("cavitation number", "1", "cavitation_number", ".3f"),
+        ("refill passage, at least", "mm", "refill_passage_mm", ".2f"),
+    ):
+        result.add_row(label, unit, *(format(damper[side][key], form) for side in ("concentric", "eccentric")))
+    result.add_row("bore (4.2)", "mm", f"{damper['bore_mm']:.2f}", "")
+    springs = f"{tendon['stiffness_1_n_per_mm']:.1f} + {tendon['stiffness_2_n_per_mm']:.1f}"
+    result.add_row("tendon springs", "N/mm", springs, "")
+    lengths = f"{tendon['engagement_mm']:.1f} of {tendon['slack_length_mm']:.0f}"
+    result.add_row("second spring joins at", "mm", lengths, "")
+    return result
+
+
+def _envelope(shown: dict[str, Any]) -> Table:
+    result = _table("Design envelope (2.5)", "", "allowed", "found", "")
+    for row in shown["envelope"]:
+        found = "no such constant" if row["found"] is None else f"{row['found']:.2f}"
+        allowed = f"{row['low']:g}" if row["low"] == row["high"] else f"{row['low']:g} to {row['high']:g}"
+        result.add_row(row["name"], allowed, found, "met" if row["met"] else "not met")
+    return result
+
+
+def _misfit(shown: dict[str, Any]) -> Table:
+    result = _table("Distance to Hill, rms over velocity [F0]", "", "concentric", "eccentric")
+    for key, label in CURVES:
+        own = shown["misfit_f0"][key]
+        result.add_row(label, f"{own['concentric']:.3f}", f"{own['eccentric']:.3f}")
+    return result
+
+
+def _demand(own: dict[str, Any]) -> Table:
+    result = _table("The stride (the tendon alone carries the moment: assumed)", "", "unit", "")
+    needed = "more than 20" if own["needed_pressure_bar"] is None else f"{own['needed_pressure_bar']:.2f}"
+    for label, unit, value in (
+        ("peak tendon force", "N", f"{own['tendon_peak_n']:.0f} at {own['tendon_peak_pct']:.0f} %"),
+        ("isometric force there, supply's pressure", "N", f"{own['strongest_at_peak_n']:.0f}"),
+        ("isometric force there, tuned profile", "N", f"{own['commanded_at_peak_n']:.0f}"),
+        ("moment held at rest / peak moment", "1", f"{own['peak_share']:.2f}"),
+        (
+            "least strength / (tendon + damper)",
+            "1",
+            f"{own['least_margin']:.2f} at {own['least_margin_pct']:.0f} %",
+        ),
+        ("highest pressure needed", "bar", needed),
+        ("muscle length / L0", "1", f"{own['ratio_min']:.3f} to {own['ratio_max']:.3f}"),
+        ("of the stride against the rest-length stop", "%", f"{own['at_stop_pct']:.0f}"),
+        ("fastest shortening", "mm/s", f"{own['fastest_shortening_mm_per_s']:.0f}"),
+        ("fastest lengthening", "mm/s", f"{own['fastest_lengthening_mm_per_s']:.0f}"),
+        ("air, tuned profile, no dead volume", "g", f"{own['air_g']:.2f}"),
+    ):
+        result.add_row(label, unit, value)
+    return result
+
+
+def _sensitivity(shown: dict[str, Any]) -> Table:
+    result = _table(
+        "What the assumptions change (these actuators and their count kept)",
+        "assumption",
+        "from",
+        "to",
+        "orifices\n[mm]",
+        "moment\nshare",
+        "Hill con.\n[F0]",
+        "Hill ecc.\n[F0]",
+        "air\n[g]",
+        "rule\ntakes",
+    )
+    base = shown["sensitivity"]["base"]
+    result.add_row("as designed", "", "", *_cells(base, None), style="bold")
+    result.add_section()
+    for row in shown["sensitivity"]["rows"]:
+        unit = "" if row["unit"] == "1" else f" [{row['unit']}]"
+        cells = ["not possible"] if row["outcome"] is None else _cells(row["outcome"], base)
+        result.add_row(f"{row['assumption']}{unit}", f"{row['base']:.4g}", f"{row['value']:.4g}", *cells)
+    return result
+
+
+def _cells(own: dict[str, Any], base: dict[str, Any] | None) -> list[str]:
+    """Outcomes; a dot for what is as in ``base``."""
+
+    def cell(form: str, *keys: str) -> str:
+        values = [own[key] for key in keys]
+        if values[0] is None:
+            return "-"
+        told = " / ".join(format(value, form) for value in values)
+        same = base is not None and told == " / ".join(format(base[key], form) for key in keys)
+        return "·" if same else told
+
+    return [
+        cell(".3f", "orifice_concentric_mm", "orifice_eccentric_mm"),
+        cell(".2f", "peak_share"),
+        cell(".3f", "misfit_concentric_f0"),
+        cell(".3f", "misfit_eccentric_f0"),
+        cell(".2f", "air_g"),
+        cell("s", "would_take"),
+    ]
+
+
+def remarks(shown: dict[str, Any]) -> list[str]:
+    """What a reader has to know beside the tables, one sentence each."""
+    said, demand = [], shown["demand"]
+    if shown["strength"] is not None:
+        weak = "too weak" if shown["strength"] < 1.0 else "enough"
+        needed = shown["pressure_for_needed_force_bar"]
+        at = "more than 20 bar" if needed is None else f"{needed:.2f} bar"
+        said.append(
+            f"The actuators have {shown['strength']:.3g} times the force that is asked for ({weak}): {at} would give "
+            "just that. Preferred is the row that needs fewest actuators, then least gas (assumed)."
+        )
+    if demand and demand["least_margin"] < 1.0:
+        said.append(
+            f"At {demand['least_margin_pct']:.0f} % of the stride the actuators cannot carry tendon and damper at the "
+            "supply's pressure."
+        )
+    if demand and demand["at_stop_pct"] > 0.0:
+        said.append(
+            f"In {demand['at_stop_pct']:.0f} % of the stride the muscle would be longer than at rest: the stop carries."
+        )
+    if shown["slenderness"] < SLENDER:
+        said.append(
+            f"Length over diameter is {shown['slenderness']:.1f}; the actuators of Table 3.1 were tested at "
+            f"{SLENDER:g} and more."
+        )
+    missed = [row["name"] for row in shown["envelope"] if not row["met"]]
+    if missed:
+        said.append(
+            f"(2.5) is not met: {', '.join(missed)}. The actuator's isometric curve bends upwards, a muscle's "
+            "downwards; and one orifice gives a damping that grows with the square of speed, not a hyperbola."
+        )
+    said.append(
+        "The cavitation number is the pressure behind the orifice over the drop across it, with the reservoir at "
+        "atmosphere (assumed): far below 1, the jet is close to boiling, and only a back pressure would prevent it."
+    )
+    said.append(f"{len(shown['assumptions'])} of the device's numbers are assumed (device.toml says which and why).")
+    return said
