@@ -62,7 +62,7 @@ def _curves(figure: "Figure", picture: Picture) -> None:
 def _curve(axes: Any, line: Line) -> None:
     style: dict[str, Any] = {"linestyle": DASHES[line.style], "linewidth": 1.4, "label": line.label or None}
     if line.style == "points":
-        style |= {"marker": "o", "markersize": 4.0}
+        style |= {"marker": "o", "markersize": 6.0}
     if line.colour is not None:
         style["color"] = f"C{line.colour}"
     axes.plot(line.x, line.y, **style)

@@ -18,8 +18,8 @@ from klute_sim.reproduce.walk import Reproduction
 TEMPLATE = "reproduction.html"
 MEANING = {
     "agrees": "what we compute is what is printed",
-    "contradicts-source": "it is not",
-    "source-contradicts-itself": "it is not, and another part of the source speaks against it, too",
+    "contradicts-source": "what we compute is not what is printed",
+    "source-contradicts-itself": "it is not, and another part of the source speaks against what is printed, too",
     "not-printed": "nothing to compare: the page is missing from our copy, or it is about an experiment",
 }
 
@@ -84,7 +84,7 @@ def cells(outcome: Outcome) -> dict[str, str]:
     difference = outcome.difference
     apart = "-"
     if difference is not None:
-        apart = f"{100.0 * difference:+.1f} %" if item.published else number(difference, 2)
+        apart = f"{round(100.0 * difference, 1) + 0.0:+.1f} %" if item.published else number(difference, 2)
     return {
         "id": item.id,
         "quantity": item.quantity,

@@ -15,7 +15,7 @@ TABLES = {"concentric": ("table-8.1", "8.5", "8.6"), "eccentric": ("table-8.2", 
 HALF = {0.0: "concentric", 50.0: "eccentric"}
 """Where in the cycle the pressure comes on [%] -> activation."""
 SHOWN_AT = 100.0
-"""Velocity of the loops that are drawn [mm/s]."""
+"""Velocity [mm/s] of the loops that are drawn at every pressure; of the others, the highest is."""
 
 
 def compute(device: Device, told: Callable[[float], None] = lambda share: None) -> Chapter:
@@ -73,13 +73,15 @@ def _square(result: Result) -> Found:
 def _loops(number: str, name: str, trials: dict[tuple[float, float], Trial]) -> Picture:
     lines = []
     for (pressure, velocity), trial in sorted(trials.items()):
-        if velocity == SHOWN_AT:
-            recording = trial.recording
-            half = recording["time"] >= 0.5 * (recording["time"][0] + recording["time"][-1])
-            lines.append(Line(f"{pressure:g} bar", recording["length"][half], recording["force"][half]))
+        if velocity == SHOWN_AT or pressure == max(trials)[0]:
+            time, length, force = (trial.recording[c] for c in ("time", "length", "force"))
+            last = time >= 0.5 * (time[0] + time[-1])
+            usual = velocity == SHOWN_AT
+            label = f"{pressure:g} bar" if usual else f"{pressure:g} bar, {velocity:g} mm/s"
+            lines.append(Line(label, length[last], force[last], "line" if usual else "dotted"))
     return Picture(
         number,
-        f"work loops, {name} activation, {SHOWN_AT:g} mm/s",
+        f"work loops, {name} activation, {SHOWN_AT:g} mm/s where nothing is said",
         "unit length [mm]",
         "force [N]",
         tuple(lines),
