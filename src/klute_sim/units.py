@@ -8,6 +8,8 @@ BAR = 1.0e5
 KEY_UNITS: dict[str, tuple[str, float]] = {
     "_mm": ("mm", 1e-3),
     "_n_per_mm": ("N/mm", 1e3),
+    "_n_per_mm2": ("N/mm²", 1e6),
+    "_per_bar": ("1/bar", 1.0 / BAR),
     "_kpa": ("kPa", 1e3),
     "_bar": ("bar", BAR),
     "_bar_per_s": ("bar/s", BAR),

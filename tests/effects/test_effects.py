@@ -84,6 +84,11 @@ SIGNATURES = {
     "tendon_slack": (-1, -1),
     "bladder": (-1, -1),
     "friction_offset": (-1, -1),
+    "braid_extensibility": (-1, -1),
+    "thick_wall_bladder": (-1, -1),
+    "bladder_softening": (1, 1),  # the bladder takes less of the gas's tension
+    "trapped_air": (1, -1),  # the damper brakes less
+    "tendon_stiffening": (1, 1),
 }
 
 
@@ -152,7 +157,7 @@ def test_at_constant_pressure_a_closed_path_gives_nothing(slot: Slot, seed: int,
     assert thrice - twice > -2e-3
 
 
-@pytest.mark.parametrize("form", ["coulomb", "maxwell_slip"])
+@pytest.mark.parametrize("form", ["coulomb", "maxwell_slip", "bouc_wen"])
 def test_braid_friction_takes_energy_whatever_the_pressure_does(form: str) -> None:
     """The hysteresis alone: pressing harder in one direction must not make it give."""
     slot = catalogue.slot("braid_hysteresis", form)

@@ -1,5 +1,7 @@
 """Dry friction between the threads of the braid: it resists motion either way and grows with pressure."""
 
+import math
+
 from klute_sim.effects.effect import Effect, Form, Numbers, Parameter
 from klute_sim.effects.smooth import dragged, sign
 from klute_sim.laws.mckibben import Muscle
@@ -43,6 +45,31 @@ def dragged_sliders(
     )
 
 
+def hysteretic(
+    own: Numbers, memory: Numbers, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+) -> float:
+    """Tension [N]: ``+ n k u``, u the hysteretic stretch."""
+    return force + muscle.actuators * own[1] * memory[0]
+
+
+def stretched(
+    own: Numbers, memory: Numbers, muscle: Muscle, pressure: float, length: float, stretch: float, step: float
+) -> tuple[float, float]:
+    """``du/dx = 1 - u sign(dx) / r`` with ``r = slope P / k``, solved over the step: u goes to r sign(dx).
+
+    The model of Bouc and Wen with an exponent of 1 and equal shape constants. The stiffness is constant and the limit
+    follows the pressure, so that it takes ``k u^2 |dx| / r`` and gives nothing, whatever the pressure does.
+    """
+    x = length - muscle.resting_length
+    moved, reach = x - memory[1], own[0] * pressure / own[1]
+    if moved == 0.0:
+        return memory[0], x
+    if reach <= 0.0:
+        return 0.0, x
+    limit = math.copysign(reach, moved)
+    return limit + (memory[0] - limit) * math.exp(-abs(moved) / reach), x
+
+
 _SLOPE = Parameter(
     key="slope_n_per_bar",
     neutral=0.0,
@@ -74,6 +101,23 @@ EFFECT = Effect(
             ),
             laws={"muscle_force": slip, "remember": dragged_sliders},
             memory=3,
+        ),
+        Form(
+            name="bouc_wen",
+            equation="F += n k u, du/dx = 1 - u sign(dx)/r, r = slope P / k",
+            parameters=(
+                _SLOPE,
+                Parameter(
+                    key="stiffness_n_per_mm",
+                    neutral=None,
+                    low=1.0,
+                    high=500.0,
+                    typical=40.0,
+                    source="assumed: friction turns round within about a millimetre",
+                ),
+            ),
+            laws={"muscle_force": hysteretic, "remember": stretched},
+            memory=2,
         ),
     ),
 )

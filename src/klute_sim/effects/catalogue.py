@@ -18,6 +18,8 @@ import numpy as np
 
 from klute_sim.effects import (
     bladder_relaxation,
+    bladder_wall,
+    braid_extensibility,
     braid_hysteresis,
     damper,
     end_taper,
@@ -39,7 +41,10 @@ BUILT_IN = (
     # Where two act at one hook, the earlier acts first.
     threshold_pressure.EFFECT,
     end_taper.EFFECT,
+    braid_extensibility.EFFECT,
     ladder.BLADDER,
+    bladder_wall.THICK,
+    bladder_wall.SOFTENING,
     ladder.FRICTION,
     braid_hysteresis.EFFECT,
     muscle_damping.EFFECT,
@@ -49,14 +54,17 @@ BUILT_IN = (
     supply.DELAY,
     damper.DISCHARGE,
     damper.LAMINAR,
+    damper.AIR,
     damper.SEAL,
     tendon.SLACK,
+    tendon.STIFFENING,
     tendon.HYSTERESIS,
     instrument.GAIN,
     instrument.OFFSET,
     instrument.DRIFT,
     instrument.LAG,
     instrument.SKEW,
+    instrument.QUANTISATION,
 )
 
 

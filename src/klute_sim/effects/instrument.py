@@ -43,6 +43,11 @@ def late(own: Numbers, time: Array, value: Array) -> Array:
     return np.asarray(np.interp(time - own[0], time, value))
 
 
+def rounded(own: Numbers, time: Array, value: Array) -> Array:
+    """``y`` to the nearest multiple of the step."""
+    return np.asarray(np.round(value / own[0]) * own[0]) if own[0] > 0.0 else value
+
+
 def _effect(name: str, sentence: str, equation: str, law: Any, parameter: Parameter) -> Effect:
     form = Form(name="linear", equation=equation, parameters=(parameter,), laws={"reading": law})
     return Effect(name=name, sentence=sentence, kind="instrument", forms=(form,))
@@ -84,4 +89,11 @@ SKEW = _effect(
     "y(t - shift)",
     late,
     Parameter(key="shift_s", neutral=0.0, low=-0.1, high=0.1, typical=0.01, source=_SHEET),
+)
+QUANTISATION = _effect(
+    "quantisation",
+    "The channel shows whole steps only.",
+    "round(y / step) step",
+    rounded,
+    Parameter(key="step", neutral=0.0, low=0.0, high=np.inf, typical=4.0, source=_SHEET),
 )

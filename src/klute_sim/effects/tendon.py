@@ -13,6 +13,13 @@ def slack(own: Numbers, memory: Numbers, stretch: float) -> float:
     return stretch - own[0]
 
 
+def stiffened(own: Numbers, memory: Numbers, force: float, stretch: float) -> float:
+    """Tension [N]: ``+ c x^2`` while taut, x the stretch beyond slack."""
+    if stretch <= 0.0:
+        return force
+    return force + own[0] * stretch * stretch
+
+
 def slip(own: Numbers, memory: Numbers, force: float, stretch: float) -> float:
     """Tension [N]: ``F (1 + eta (x - a) / reach)``, the slider ``a`` at most ``reach`` behind the stretch ``x``."""
     return force * (1.0 + own[0] * (stretch - memory[0]) / REACH)
@@ -83,6 +90,29 @@ HYSTERESIS = Effect(
             ),
             laws={"tendon_force": maxwell, "remember": relaxed},
             memory=1,
+        ),
+    ),
+)
+
+STIFFENING = Effect(
+    name="tendon_stiffening",
+    sentence="The tendon's springs stiffen as they are stretched: more tension than their two lines say.",
+    kind="device",
+    forms=(
+        Form(
+            name="quadratic",
+            equation="F += c x^2 while taut",
+            parameters=(
+                Parameter(
+                    key="stiffening_n_per_mm2",
+                    neutral=0.0,
+                    low=0.0,
+                    high=100.0,
+                    typical=2.0,
+                    source="assumed: a tenth more tension at a stretch of 10 mm",
+                ),
+            ),
+            laws={"tendon_force": stiffened},
         ),
     ),
 )
