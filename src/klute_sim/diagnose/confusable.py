@@ -1,0 +1,194 @@
+"""What is easily taken for what: effects by what they change in the standard protocols, and the rig that splits them.
+
+Every form of every effect is tried a little in every protocol. What the device's uncertain numbers could do instead is
+projected off, and what is left are signatures: two effects with parallel ones look alike, whatever their sizes.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from klute_sim.dataset.trial import Series
+from klute_sim.device.files import Device
+from klute_sim.diagnose.experiment import UNITS, Array, Bench, Experiment, Setting
+from klute_sim.diagnose.fit import DIFFERENCE
+from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.diagnose.propose import CHANGES, MUSCLE_LENGTH, Change
+from klute_sim.diagnose.protocols import PROTOCOLS
+from klute_sim.diagnose.screen import SHARE
+from klute_sim.effects import catalogue
+from klute_sim.errors import InputError
+
+STEP, SAMPLE = 1e-3, 5e-3
+"""Of the simulation, and between samples [s]."""
+NOISE = {"force": 3.0, "pressure": 1e3, "muscle_length": MUSCLE_LENGTH}
+"""Standard deviation of a sample [SI] (assumed: an ordinary load cell and gauge)."""
+RECORDED = ("force", "pressure")
+"""Channels of the rig as it is."""
+UNCERTAIN = 0.1
+"""Of its value, is the standard deviation of each of the device's uncertain numbers (assumed)."""
+NUMBERS = (
+    "muscle.c10_kpa",
+    "muscle.friction_slope_n_per_bar",
+    "tendon.slack_length_mm",
+    "tendon.stiffness_1_n_per_mm",
+    "tendon.stiffness_2_n_per_mm",
+    "damper.orifice_concentric_mm",
+    "damper.orifice_eccentric_mm",
+)
+"""What one seldom knows of a device."""
+ALIKE = 0.95
+"""Cosine between signatures from which two effects are of one class."""
+
+
+class Signature(NamedTuple):
+    """What is left of an effect's change."""
+
+    term: Term
+    direction: Array
+    """Over all samples of all channels, of length 1."""
+    size: float
+    """Root of chi squared that the typical size makes, after projection."""
+    kept: float
+    """Share of the change that projection left."""
+
+
+@dataclass(frozen=True, eq=False)
+class Confusion:
+    """Signatures on one rig."""
+
+    change: Change
+    """Of the rig."""
+    signatures: tuple[Signature, ...]
+
+    def cosines(self) -> Array:
+        """(n, n) absolute cosines between the signatures."""
+        rows = np.array([signature.direction for signature in self.signatures])
+        return np.asarray(np.abs(rows @ rows.T))
+
+
+def confusions(device: Device, bench: Bench, told: Callable[[float], None] = lambda share: None) -> list[Confusion]:
+    """Signatures in all protocols with the rig as it is, then with each change of it.
+
+    Raises InputError for a device that no protocol can be run on.
+    """
+    experiments = _experiments(device)
+    numbers = device.spec.numbers()
+    uncertain = tuple((key, UNCERTAIN * numbers[key]) for key in NUMBERS if numbers.get(key))
+    plain = Hypothesis(device, uncertain, tuple(NOISE.items()))
+    terms = _terms(device)
+    start = plain.start()
+    base = [plain.settings(start + DIFFERENCE * unit, experiments) for unit in np.eye(len(start))]
+    rows = [plain.settings(start, experiments), *base]
+    tried = []
+    for term in terms:
+        hypothesis = plain.plus(term)
+        row = hypothesis.start()
+        for k in range(len(start), len(row)):
+            if not hypothesis.unknowns[k].logarithmic:
+                row[k] = SHARE
+        tried.append(hypothesis.settings(row, experiments))
+    told(0.05)
+    shown = bench.simulate([*rows, *tried], experiments)
+    told(0.7)
+    true = bench.simulate([[Setting(one.parameters) for one in row] for row in [*rows, *tried]], experiments)
+    told(0.95)
+    return [_confusion(change, terms, len(base), shown, true) for change in CHANGES]
+
+
+def _experiments(device: Device) -> list[Experiment]:
+    found = []
+    for name, protocol in PROTOCOLS.items():
+        try:
+            time, length, command = protocol.program(device)
+        except InputError:
+            continue
+        grid = np.arange(STEP, time[-1], STEP)
+        samples = np.arange(SAMPLE, time[-1], SAMPLE)
+        inputs = np.interp(grid, time, length), np.interp(grid, time, command)
+        measured = {channel: Series(samples, samples) for channel in NOISE}
+        found.append(Experiment(name, name, "fit", device, 0.0, STEP, *inputs, measured))
+    if not found:
+        raise InputError(f"no protocol can be run on device '{device.name}'")
+    return found
+
+
+def _terms(device: Device) -> list[Term]:
+    found = []
+    for effect in catalogue.effects().values():
+        there = effect.name in device.spec.effects
+        if there or (effect.instead_of and getattr(device.spec.muscle, effect.instead_of)):
+            continue
+        if effect.kind == "device":
+            found += [Term(effect.name, form.name) for form in effect.forms]
+        else:
+            found += [Term(effect.name, effect.forms[0].name, channel) for channel in RECORDED if channel in UNITS]
+    return found
+
+
+Shown = Sequence[dict[str, Array]]
+"""What the instruments show of one setting, per experiment."""
+
+
+def _confusion(
+    change: Change, terms: Sequence[Term], base: int, shown: Sequence[Shown], true: Sequence[Shown]
+) -> Confusion:
+    columns = [_column(change, faulty, there) for faulty, there in zip(shown, true, strict=True)]
+    here, rest = columns[0], columns[1:]
+    slopes = np.stack([(column - here) / DIFFERENCE for column in rest[:base]], axis=1)
+    # What is believed of the device's numbers holds them: a row for each that asks for 0.
+    basis, _ = np.linalg.qr(np.vstack([slopes, np.eye(base)]))
+    found = []
+    for term, column in zip(terms, rest[base:], strict=True):
+        whole = np.concatenate([(column - here) / SHARE, np.zeros(base)])
+        left = whole - basis @ (basis.T @ whole)
+        size, all_of_it = float(np.linalg.norm(left)), float(np.linalg.norm(whole))
+        if size > 1e-6 * max(1.0, all_of_it):
+            found.append(Signature(term, left / size, size, size / all_of_it))
+    return Confusion(change, tuple(found))
+
+
+def _column(change: Change, shown: Shown, true: Shown) -> Array:
+    """All samples of the channels there are, and of those that the change adds, over their noise."""
+    parts = []
+    for faulty, there in zip(shown, true, strict=True):
+        parts += [faulty[channel] / NOISE[channel] for channel in RECORDED]
+        parts += [there[channel] / NOISE[channel] for channel in (*change.second, *change.added)]
+    return np.concatenate(parts)
+
+
+class Twin(NamedTuple):
+    """An effect that looks like another."""
+
+    term: Term
+    cosine: float
+    split_by: Change | None
+    """The change of the rig that makes the two least alike; None: none makes them unlike (below :data:`ALIKE`)."""
+    after: float
+    """Their cosine then."""
+
+
+def twins(found: Sequence[Confusion]) -> dict[Term, list[Twin]]:
+    """Term -> the others of its class on the rig as it is, most alike first.
+
+    Other forms of an effect are not others.
+    """
+    places = [{s.term: k for k, s in enumerate(each.signatures)} for each in found]
+    matrices = [each.cosines() for each in found]
+    result = {}
+    for term, row in places[0].items():
+        alike = []
+        for other, column in places[0].items():
+            cosine = float(matrices[0][row, column])
+            if (other.effect, other.channel) == (term.effect, term.channel) or cosine < ALIKE:
+                continue
+            after = [
+                (float(matrix[place[term], place[other]]), each.change)
+                for place, matrix, each in zip(places[1:], matrices[1:], found[1:], strict=True)
+            ]
+            least, change = min(after, key=lambda pair: pair[0])
+            alike.append(Twin(other, cosine, change if least < ALIKE else None, least))
+        result[term] = sorted(alike, key=lambda twin: -twin.cosine)
+    return result
