@@ -76,6 +76,24 @@ def test_a_verdict_follows_from_the_two_numbers(
     assert (against in outcome.note) == (verdict == "source-contradicts-itself" or not against)
 
 
+@pytest.mark.parametrize(
+    ("published", "found", "implied", "verdict"),
+    [
+        (1.0, Found(0.84), 0.84, "source-contradicts-itself"),
+        (1.0, Found(1.30), 0.84, "contradicts-source"),
+        (1.0, Found(1.001), 0.84, "agrees"),
+        ("holds", Found(None, False), False, "source-contradicts-itself"),
+        ("holds", Found(None, False), True, "contradicts-source"),
+        ("holds", Found(None, True), False, "source-contradicts-itself"),
+        ("holds", Found(None, True), True, "agrees"),
+    ],
+)
+def test_the_source_contradicts_itself_only_by_its_own_numbers(
+    published: float | str, found: Found, implied: float | bool, verdict: str
+) -> None:
+    assert judge(item(published, against="elsewhere"), found, implied).verdict == verdict
+
+
 def test_the_difference_is_relative_to_what_is_printed() -> None:
     assert judge(item(-200.0), Found(-190.0)).difference == pytest.approx(0.05)
     assert judge(item(0.0), Found(0.02)).difference == pytest.approx(0.02)

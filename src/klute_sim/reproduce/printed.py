@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter
 from klute_sim.errors import InputError
 from klute_sim.reproduce.item import Item
 
-WITHIN, WITHIN_SUPPLIED = 0.005, 0.1
+WITHIN, WITHIN_SUPPLIED = 1e-6, 0.1
 """What a number may differ by, relative, where the list does not say: printed, and supplied by a user."""
 
 
@@ -26,6 +26,8 @@ class _Entry(BaseModel):
     against: str = ""
     note: str = ""
     measured: bool = False
+    lost: bool = True
+    """Where nothing is published: whether the source has it, on a page that we have not."""
 
 
 class Row(BaseModel):
@@ -61,9 +63,15 @@ def items(supplied: Mapping[str, float] | None = None) -> list[Item]:
     return found
 
 
+def numbers() -> dict[str, float]:
+    """The printed numbers, by item."""
+    return {item.id: item.published for item in items() if isinstance(item.published, float)}
+
+
 def missing() -> list[Item]:
-    """The items whose number is not printed in our copy."""
-    return [item for item in items() if item.published is None]
+    """The items whose number the source has on a page that our copy lacks."""
+    lost = {f"{name}.{entry.id}" for name, row in rows().items() for entry in row.items if entry.lost}
+    return [item for item in items() if item.published is None and item.id in lost]
 
 
 def template() -> str:
