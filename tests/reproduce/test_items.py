@@ -36,7 +36,7 @@ def numbers(title: str, word: str) -> set[str]:
 
 
 def item(published: float | str | None, within: float = 0.01, against: str = "") -> Item:
-    return Item("row.name", "Row", "quantity", "N", published, within, against, "", False)
+    return Item("row.name", "Row", "quantity", "N", published, within, against, "", False, False)
 
 
 def test_no_table_or_figure_is_missing() -> None:
@@ -114,6 +114,7 @@ def test_a_user_fills_in_what_is_missing(tmp_path: Path) -> None:
     one = with_them["table-8.1.p5-v100"]
     assert one.published == 1.5
     assert "supplied by the user" in one.note
+    assert "within 10 %" in one.note
     assert judge(one, Found(1.6)).verdict == "agrees"
     assert judge(one, Found(1.7)).verdict == "contradicts-source"
     assert printed.items()[0] == printed.items(given)[0]

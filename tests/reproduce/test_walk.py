@@ -25,6 +25,8 @@ def test_every_printed_item_is_compared(found: Reproduction) -> None:
     assert [o.item.id for o in found.outcomes] == [item.id for item in printed.items()]
     compared = [o for o in found.outcomes if o.verdict != "not-printed"]
     assert len(compared) >= 60
+    worth = [o for o in compared if not o.item.input]
+    assert len(worth) >= 60  # besides what is taken over as it is
     left = {o.item.id for o in found.outcomes if o.item.published is not None} - {o.item.id for o in compared}
     assert left == {name for name in left if any(part in name for part in EXPERIMENTS)}
     lost = [o for o in found.outcomes if o.item.published is None]

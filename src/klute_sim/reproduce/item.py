@@ -28,6 +28,8 @@ class Item(NamedTuple):
     note: str
     measured: bool
     """Whether the source measured it on an actuator."""
+    input: bool
+    """Whether we take it over as it is, so that it cannot but agree."""
 
 
 class Found(NamedTuple):
@@ -50,12 +52,17 @@ class Outcome(NamedTuple):
 
     @property
     def difference(self) -> float | None:
-        """Computed less published, over published where that is not 0; None where there are no two numbers."""
+        """Computed less published, over published unless that is 0 or a percentage; None without two numbers."""
         published = self.item.published
         if self.found.value is None or not isinstance(published, float):
             return None
         apart = self.found.value - published
-        return apart / abs(published) if published else apart
+        return apart / abs(published) if self.relative else apart
+
+    @property
+    def relative(self) -> bool:
+        """Whether the difference is a share of what is published."""
+        return bool(self.item.published) and self.item.unit != "%"
 
     @property
     def note(self) -> str:

@@ -34,7 +34,7 @@ def compute(told: Callable[[float], None] = lambda share: None) -> Chapter:
     two = run(pair(), both_ways, told=lambda share: told(0.5 + 0.5 * share))
     force = {t.setting["velocity_mm_per_s"]: t.readings["force_n"] for t in one.trials}
     found = {"fig-3.9.slow": Found(force[SLOW]), "fig-3.9.fast": Found(force[FAST])}
-    found["fig-3.9.loss"] = Found(100.0 * (force[FAST] / force[SLOW] - 1.0))
+    found["fig-3.9.loss"] = Found(round(100.0 * (force[FAST] / force[SLOW] - 1.0), 2))
     spread = 100.0 * (max(force.values()) - min(force.values())) / force[SLOW]
     depends = float(np.ptp(next(iter(_over_length(one)[2]))))
     found["fig-3.7.velocity"] = Found(
@@ -74,7 +74,7 @@ def _surface(number: str, result: Result) -> Picture:
     rest = 1e3 * result.device.parameters.muscle.resting_length
     return Picture(
         number,
-        f"{result.device.spec.muscle.count} actuator(s) 3/4 in, resting length {rest:.0f} mm, 5 bar",
+        f"{'one 3/4 in actuator' if number == '3.7' else 'two 3/4 in actuators'}, resting length {rest:.0f} mm, 5 bar",
         "λ1 = L/L0",
         "velocity [mm/s]",
         surface=Surface(lengths, velocities, force),
@@ -95,7 +95,7 @@ def _over_velocity(force: dict[float, float]) -> Picture:
     generic = np.array([hill.force_velocity(tables.GENERIC_HILL, 1.0, float(v)) for v in relative])
     return Picture(
         "3.9",
-        "3/4 in actuator at 0.96 of resting length, 5 bar, beside the Hill envelope",
+        "3/4 in at 0.96 of resting length, 5 bar, and the envelope",
         "V/V0",
         "F/F0",
         (

@@ -26,6 +26,7 @@ class _Entry(BaseModel):
     against: str = ""
     note: str = ""
     measured: bool = False
+    input: bool = False
     lost: bool = True
     """Where nothing is published: whether the source has it, on a page that we have not."""
 
@@ -55,10 +56,22 @@ def items(supplied: Mapping[str, float] | None = None) -> list[Item]:
             within = WITHIN if entry.within is None else entry.within
             if name in given:
                 published, within = given[name], WITHIN_SUPPLIED
-                note = " ".join(filter(None, [note, "The published number was supplied by the user."]))
+                told = f"The published number was supplied by the user and is compared within {100.0 * within:g} %."
+                note = " ".join(filter(None, [note, told]))
             number = float(published) if isinstance(published, int | float) else published
             found.append(
-                Item(name, row.title, entry.quantity, entry.unit, number, within, entry.against, note, entry.measured)
+                Item(
+                    name,
+                    row.title,
+                    entry.quantity,
+                    entry.unit,
+                    number,
+                    within,
+                    entry.against,
+                    note,
+                    entry.measured,
+                    entry.input,
+                )
             )
     return found
 
@@ -79,6 +92,7 @@ def template() -> str:
     lines = [
         "# Numbers that are missing from the copy of the source that this package was made from.",
         "# Fill in what you have, as 'name = number' in the unit that stands there, and take away the # before it.",
+        "# A number of the device itself (Table 4.1, springs) is only compared; to use it, put it into a device file.",
     ]
     title = ""
     for item in missing():

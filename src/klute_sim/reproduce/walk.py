@@ -32,6 +32,8 @@ class Reproduction(NamedTuple):
                 "computed": _finite(outcome.found.value),
                 "holds": outcome.found.holds,
                 "difference": _finite(outcome.difference),
+                "tolerance": outcome.item.within,
+                "input": outcome.item.input,
                 "verdict": outcome.verdict,
                 "note": outcome.note,
             }
