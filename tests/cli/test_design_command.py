@@ -1,9 +1,12 @@
 """``klute-sim design`` end to end, as a user types it."""
 
+import csv
+import io
 import json
 import os
 import subprocess
 import sys
+from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -111,6 +114,33 @@ def test_arm_and_strain_reach_the_design(tmp_path: Path) -> None:
     shown = json.loads(run("design", *options, cwd=tmp_path).stdout)
     assert shown["demand"]["tendon_peak_n"] == pytest.approx(shown["target"]["peak_moment_nm"] / 0.040, rel=1e-3)
     assert "stretched 3 %" in shown["assumptions"]["tendon.stiffness_1_n_per_mm"]
+    assert shown["given"] == ["moment_arm", "tendon_strain"]
+
+
+def test_what_is_given_is_no_assumption(tmp_path: Path) -> None:
+    options = ("--mass", "75", "--moment-arm", "48", "--cylinder-pressure", "10", "--a", "0.28", "--json", "--out", "o")
+    shown = json.loads(run("design", *options, cwd=tmp_path).stdout)
+    varied = {row["assumption"] for row in shown["sensitivity"]["rows"]}
+    assert varied.isdisjoint({"moment arm", "cylinder pressure", "a/F0 = b/Vmax", "a/F0"})
+    assert "b/Vmax" in varied
+    assert "damper.bore_mm" not in shown["assumptions"]
+    assert load(tmp_path / "o" / "device.toml").spec.sources["damper.bore_mm"].endswith("given to klute-sim design")
+    assert shown["sensitivity"]["base"]["cylinder_pressure_mpa"] == pytest.approx(10.0, rel=0.01)
+    assert set(shown["sensitivity"]["left_out"]) == {"pressure_rate"}
+
+
+def test_a_reference_that_asks_for_no_moment_is_refused(tmp_path: Path) -> None:
+    file = resources.files("klute_sim.rigs.gait") / "normative_gait.csv"
+    heading, *rows = csv.reader(io.StringIO(file.read_text("utf-8")))
+    column = heading.index("ankle_plantarflexor_moment_nm_per_kg")
+    with (tmp_path / "limp.csv").open("w", newline="") as out:
+        csv.writer(out).writerows([heading, *([*row[:column], "0", *row[column + 1 :]] for row in rows)])
+    done = run("design", "--mass", "75", "--reference", "limp.csv", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    says = "reference limp.csv: ankle_plantarflexor_moment_nm_per_kg peaks at 0; allowed: 0.1 to 10 N·m/kg"
+    assert says in done.stderr
+    assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.parametrize(

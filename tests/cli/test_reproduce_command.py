@@ -51,6 +51,7 @@ def test_the_table_begins_with_what_was_measured(tmp_path: Path) -> None:
         (("reproduce", "--device", "klute-3-4"), "has no damper"),
         (("reproduce", "--published", "none.toml"), "none.toml cannot be read"),
         (("assumptions", "klute"), "no device 'klute'"),
+        (("reproduce", "--missing", "--json"), "no other option goes with it"),
     ],
 )
 def test_bad_input_is_one_sentence(tmp_path: Path, arguments: tuple[str, ...], says: str) -> None:
@@ -64,7 +65,10 @@ def test_bad_input_is_one_sentence(tmp_path: Path, arguments: tuple[str, ...], s
 def test_missing_numbers_are_listed_to_fill_in(tmp_path: Path) -> None:
     done = run("reproduce", "--missing", where=tmp_path)
     assert done.returncode == 0
-    assert '# "table-8.1.p5-v100" =   # net work per cycle at 5 bar, 100 mm/s [J]' in done.stdout
+    assert (
+        '# "table-8.1.p5-v100" =   # pressure while shortening: net work of the device per cycle at 5 bar, 100 mm/s [J]'
+        in done.stdout
+    )
     assert not (tmp_path / "runs").exists()
 
 
@@ -76,6 +80,9 @@ def test_assumptions_say_why_and_what_they_change(tmp_path: Path) -> None:
     assert abs(rows["damper.bore_mm"]["changes"]["force shortening at 300 mm/s"]) > 0.05
     table = run("assumptions", "klute-1-2", where=tmp_path).stdout
     assert "room temperature" in table.replace("\n", " ")
+    text = run("device", "klute-1-2", "--toml", where=tmp_path).stdout
+    (tmp_path / "plain.toml").write_text(text[: text.index("[sources]")], "utf-8")
+    assert "no number is marked as assumed" in run("assumptions", "plain.toml", where=tmp_path).stdout
 
 
 def test_a_walk_is_tried_with_every_assumption_if_asked(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """What a stride asks of a device, and what the assumptions change."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -8,17 +8,19 @@ import pytest
 from klute_sim.control.pressure import Constant, off, tuned
 from klute_sim.design.choices import Assumptions, Choices
 from klute_sim.design.demand import Demand, over_stride
-from klute_sim.design.sensitivity import Effect, outcome, sensitivity, variations
+from klute_sim.design.sensitivity import Effect, left_out, outcome, sensitivity, variations
 from klute_sim.design.sizing import design
 from klute_sim.design.target import Target, Walker
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben
 from klute_sim.laws import tendon as tendon_law
+from klute_sim.laws.hill import Hill
 
 WALKER = Walker(mass=75.0)
 FOUND = design(WALKER)
 PARAMETERS = FOUND.device.parameters
 MUSCLE, TENDON = PARAMETERS.muscle, PARAMETERS.tendon
+FIELDS = {field.name for field in fields(Assumptions)}
 
 
 def asked(**changes: float) -> Demand:
@@ -126,9 +128,33 @@ def test_every_assumption_of_the_file_is_varied(effects: list[Effect]) -> None:
     assert len(effects) >= 2 * len(names) - 1
     assert {"cylinder pressure", "tendon strain", "second spring/first", "engagement/slack length"} <= names
     assert {"tendon slack length", "L/L0 at neutral ankle", "eccentric damping", "Vmax", "moment arm"} <= names
+    assert {e.variation.field for e in effects if e.variation.field} | set(left_out(FOUND)) == FIELDS
     base = outcome(FOUND)
-    changed = [e for e in effects if e.outcome is not None and e.outcome != base]
-    assert len(changed) == len(effects)
+    idle = [(e.variation.name, e.value) for e in effects if e.outcome is None or e.outcome == base]
+    # A travel of up to 12 % would not make this row longer than it is.
+    assert idle == [("ankle's travel/L0", pytest.approx(0.12))]
+
+
+def test_a_muscle_says_what_of_its_file_no_outcome_depends_on() -> None:
+    found = design(Target(), Choices(actuator="klute-3-4", count=2))
+    varied = {v.field for v in variations(found)}
+    assert varied.isdisjoint(left_out(found))
+    # Neither is used: no ankle moves the tendon.
+    assert FIELDS - varied - set(left_out(found)) == {"moment_arm", "excursion_share"}
+
+
+def test_a_travel_that_is_allowed_less_makes_the_actuators_longer(effects: list[Effect]) -> None:
+    shorter_travel = by_name(effects, "ankle's travel/L0")[0]
+    made = design(WALKER, Choices(assumptions=Assumptions(excursion_share=shorter_travel.value)))
+    assert made.option.resting_length > FOUND.option.resting_length
+    assert shorter_travel.outcome == outcome(made)
+
+
+def test_the_real_orifice_loads_the_cylinder(effects: list[Effect]) -> None:
+    _, real = by_name(effects, "Cd as made")
+    assert real.outcome is not None
+    assert outcome(FOUND).cylinder_pressure == pytest.approx(4.7e6, rel=0.005)
+    assert real.outcome.cylinder_pressure == pytest.approx(4.7e6 / 0.61**2, rel=0.005)
 
 
 def test_effects_go_the_way_they_must(effects: list[Effect]) -> None:
@@ -180,3 +206,31 @@ def test_what_was_given_is_not_varied() -> None:
     choices = Choices(actuator="klute-3-4", count=2, bore=0.02, eccentric_force=400.0, eccentric_speed=0.15)
     names = {v.name for v in variations(design(Target(peak_velocity=0.3), choices))}
     assert names == {"L/L0 at which F0 counts", "Cd as made", "a/F0 = b/Vmax"}
+
+
+def test_a_given_assumption_is_not_varied_even_at_its_default() -> None:
+    def fields_of(choices: Choices) -> set[str | None]:
+        return {v.field for v in variations(design(WALKER, choices))}
+
+    by_rule = fields_of(Choices())
+    other = Assumptions(moment_arm=0.040, cylinder_pressure=10e6)
+    assert by_rule - fields_of(Choices(assumptions=other)) == {"moment_arm", "cylinder_pressure"}
+    assert by_rule - fields_of(Choices(named=frozenset({"moment_arm"}))) == {"moment_arm"}
+    assert "pressure_rate" not in left_out(design(WALKER, Choices(named=frozenset({"pressure_rate"}))))
+
+
+def test_the_half_of_hills_shape_that_was_not_given_is_varied() -> None:
+    def shapes(hill: Hill, *named: str) -> list[tuple[str, Hill]]:
+        found = design(Target(hill=hill), Choices(actuator="klute-3-4", count=2, named=frozenset(named)))
+        return [
+            (v.name, target.hill)
+            for v in variations(found)
+            if ("F0" in v.name and "at which" not in v.name) or "b/Vmax" in v.name
+            for target in [v.changed(v.values[0])[0]]
+            if isinstance(target, Target)
+        ]
+
+    assert shapes(Hill(0.28, 0.28, 1.4)) == [("a/F0 = b/Vmax", Hill(0.12, 0.12, 1.4))]
+    assert shapes(Hill(0.28, 0.28), "a") == [("b/Vmax", Hill(0.28, 0.12))]
+    assert shapes(Hill(0.3, 0.28)) == [("b/Vmax", Hill(0.3, 0.12))]
+    assert shapes(Hill(0.28, 0.28), "a", "b") == []

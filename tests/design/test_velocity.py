@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from klute_sim.design import actuator, damper, isometric, velocity
 from klute_sim.design.choices import Choices
 from klute_sim.design.target import Target
+from klute_sim.device.files import load
 from klute_sim.laws import hill as hill_law
 from klute_sim.laws.hill import Hill
 from klute_sim.laws.hill_tables import GENERIC_CONTRACTILE, GENERIC_HILL
@@ -128,3 +129,18 @@ def test_the_generic_muscle_meets_the_envelope() -> None:
     for shape in (0.11, 0.42):
         missed = [b.name for b in isometric.envelope(GENERIC_CONTRACTILE, shape, 1.3) if not b.met]
         assert missed == ["a/F0", "b/Vmax"]
+
+
+@pytest.mark.parametrize("preset", ["klute-1-1-4", "klute-3-4", "klute-1-2"])
+@pytest.mark.parametrize("bar", [2.0, 3.0, 4.0, 5.0])
+def test_the_isometric_curve_is_convex_wherever_a_parabola_is_fitted(preset: str, bar: float) -> None:
+    muscle = load(preset).parameters.muscle
+    for low in (0.65, 0.75, 0.85):
+        for high in (0.92, 0.96, 1.0):
+            assert isometric.parabola(muscle, bar * 1e5, (low, high)).k5 > 0.0
+
+
+def test_the_sign_of_k7_depends_on_where_the_parabola_is_fitted() -> None:
+    muscle = load("klute-3-4").parameters.muscle
+    assert isometric.parabola(muscle, 5e5).k7 == pytest.approx(0.22, abs=0.005)
+    assert isometric.parabola(muscle, 5e5, (0.65, 0.96)).k7 == pytest.approx(-0.60, abs=0.005)

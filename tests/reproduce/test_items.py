@@ -36,7 +36,7 @@ def numbers(title: str, word: str) -> set[str]:
 
 
 def item(published: float | str | None, within: float = 0.01, against: str = "") -> Item:
-    return Item("row.name", "Row", "quantity", "N", published, within, against, "", False)
+    return Item("row.name", "Row", "quantity", "N", published, within, against, "", False, False)
 
 
 def test_no_table_or_figure_is_missing() -> None:
@@ -76,6 +76,24 @@ def test_a_verdict_follows_from_the_two_numbers(
     assert (against in outcome.note) == (verdict == "source-contradicts-itself" or not against)
 
 
+@pytest.mark.parametrize(
+    ("published", "found", "implied", "verdict"),
+    [
+        (1.0, Found(0.84), 0.84, "source-contradicts-itself"),
+        (1.0, Found(1.30), 0.84, "contradicts-source"),
+        (1.0, Found(1.001), 0.84, "agrees"),
+        ("holds", Found(None, False), False, "source-contradicts-itself"),
+        ("holds", Found(None, False), True, "contradicts-source"),
+        ("holds", Found(None, True), False, "source-contradicts-itself"),
+        ("holds", Found(None, True), True, "agrees"),
+    ],
+)
+def test_the_source_contradicts_itself_only_by_its_own_numbers(
+    published: float | str, found: Found, implied: float | bool, verdict: str
+) -> None:
+    assert judge(item(published, against="elsewhere"), found, implied).verdict == verdict
+
+
 def test_the_difference_is_relative_to_what_is_printed() -> None:
     assert judge(item(-200.0), Found(-190.0)).difference == pytest.approx(0.05)
     assert judge(item(0.0), Found(0.02)).difference == pytest.approx(0.02)
@@ -96,6 +114,7 @@ def test_a_user_fills_in_what_is_missing(tmp_path: Path) -> None:
     one = with_them["table-8.1.p5-v100"]
     assert one.published == 1.5
     assert "supplied by the user" in one.note
+    assert "within 10 %" in one.note
     assert judge(one, Found(1.6)).verdict == "agrees"
     assert judge(one, Found(1.7)).verdict == "contradicts-source"
     assert printed.items()[0] == printed.items(given)[0]

@@ -9,10 +9,12 @@ from klute_sim.device.files import Device, load, preset_names, read
 from klute_sim.device.step import settled
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
+from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench import alone, protocols, tester
 from klute_sim.rigs.bench.kinds.frequency import fit
 from klute_sim.rigs.bench.kinds.step import response
 from klute_sim.rigs.bench.reach import unit_length
+from klute_sim.rigs.bench.reading import between, over
 from klute_sim.rigs.bench.run import MOST_SAMPLES, Trial, run, thinned
 
 PAIR, BARE = load("klute-3-4-pair"), load("klute-3-4")
@@ -132,6 +134,18 @@ def test_work_is_the_loops_area_and_closes_with_the_ledger(loops: list[Trial]) -
         assert read["work_j"] == pytest.approx(given - read["stored_j"], rel=0.01, abs=0.02)
 
 
+def test_work_both_ways_and_power_are_those_of_the_loop(loops: list[Trial]) -> None:
+    for trial in loops:
+        time, read = trial.recording["time"], trial.readings
+        period = (time[-1] - 0.5) / 2
+        cycle = trial.recording.select(time >= 0.5 + period - 1e-9)
+        way, force = np.diff(1e-3 * cycle["length"]), cycle["force"]
+        done = -0.5 * (force[1:] + force[:-1]) * way
+        assert read["work_shortening_j"] == pytest.approx(done[way < 0.0].sum(), rel=2e-3, abs=1e-3)
+        assert read["work_lengthening_j"] == pytest.approx(done[way > 0.0].sum(), rel=2e-3, abs=1e-3)
+        assert read["mean_power_w"] == pytest.approx(read["work_j"] / period, rel=1e-3)
+
+
 def test_halving_the_step_halves_what_the_ledger_lacks_and_hardly_changes_work(loops: list[Trial]) -> None:
     fine = trials(PAIR, "workloop", step=2.5e-4, velocities_mm_per_s=[50, 100, 200])
     by_name = {trial.name: trial.readings for trial in loops}
@@ -180,6 +194,27 @@ def test_a_step_is_as_fast_as_the_supply() -> None:
         assert trial.readings["force_up_overshoot_pct"] == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("step", [5e-4, 2e-3, 1e-2])
+def test_a_step_is_read_before_the_next_one_at_any_time_step(step: float) -> None:
+    (trial,) = trials(BARE, "step", pressures_bar=[5], step=step)
+    assert trial.readings["force_up_n"] == pytest.approx(736, abs=0.5)
+    assert trial.readings["force_down_n"] == pytest.approx(-121.7, abs=0.5)
+    for way in ("up", "down"):
+        assert trial.readings[f"pressure_{way}_delay_s"] == pytest.approx(0.005, abs=1e-9)
+        assert trial.readings[f"pressure_{way}_rise_s"] == pytest.approx(0.04, abs=1e-9)
+        assert trial.readings[f"pressure_{way}_settling_s"] == pytest.approx(0.0475, abs=1.01 * step)
+        assert trial.readings[f"force_{way}_overshoot_pct"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_window_ends_before_its_end_and_a_sum_at_it() -> None:
+    time = np.arange(11) * 0.1
+    whole = Recording({"time": time}, {"time": "s"})
+    assert between(whole, 0.2, 0.6)["time"] == pytest.approx([0.2, 0.3, 0.4, 0.5])
+    assert between(whole, 0.15, 0.65)["time"] == pytest.approx([0.2, 0.3, 0.4, 0.5, 0.6])
+    assert over(whole, 0.2, 0.6)["time"] == pytest.approx([0.2, 0.3, 0.4, 0.5, 0.6])
+    assert over(whole, 0.16, 0.64)["time"] == pytest.approx([0.2, 0.3, 0.4, 0.5, 0.6])
+
+
 def test_a_response_is_read_as_defined() -> None:
     time = np.linspace(0.0, 2.0, 20001)
     told = response(time, 3.0 - 2.0 * np.exp(-time / 0.1))
@@ -215,6 +250,10 @@ def test_only_what_relaxes_creeps() -> None:
         assert of(trials(device, "creep", **short), "creep_pct_per_decade") == pytest.approx([0.0], abs=1e-6)
     (trial,) = trials(read(BARE.content + RELAXING, "relaxing"), "creep", **short)
     assert abs(trial.readings["creep_pct_per_decade"]) > 1.0
+    # Of one decade it is what the force changes by.
+    (trial,) = trials(read(BARE.content + RELAXING, "relaxing"), "creep", times_s=[0.1, 1.0], pressures_bar=[3])
+    first, second = (trial.readings[f"force_at_{time}_s_n"] for time in ("0.1", "1"))
+    assert trial.readings["creep_pct_per_decade"] == pytest.approx(100.0 * (second - first) / first)
 
 
 def test_a_release_feels_the_tendon_first() -> None:
@@ -224,6 +263,22 @@ def test_a_release_feels_the_tendon_first() -> None:
         assert trial.readings["recovery_s"] > 0.0
     assert all(np.diff(of(found, "force_lowest_n")) < 0)
     assert 60 < found[0].readings["stiffness_n_per_mm"] < 200  # of the tendon's springs
+
+
+def test_recovery_is_until_nine_tenths_of_the_force_are_back() -> None:
+    released = {plan.name: plan.marks["released"] for plan in protocols.load("quick-release").plans(PAIR)}
+    for trial in trials(PAIR, "quick-release"):
+        low, last = trial.readings["force_lowest_n"], trial.readings["force_after_n"]
+        time, force = trial.recording["time"], trial.recording["force"]
+        share = (force - low) / (last - low)
+        back = int(np.searchsorted(time, released[trial.name] + trial.readings["recovery_s"] - 1e-9))
+        assert share[back - 1] < 0.9 <= share[back], trial.name
+
+
+def test_trials_that_differ_have_names_that_differ() -> None:
+    update = {"pressures_bar": [5], "release_ratios": [0.04, 0.0401, 0.04000001]}
+    assert len({trial.name for trial in trials(PAIR, "quick-release", **update)}) == 3
+    assert {t.name for t in trials(PAIR, "quick-release", pressures_bar=[5], release_ratios=[0.04])} == {"5bar_10mm"}
 
 
 @pytest.mark.parametrize("device", [PAIR, BARE], ids=lambda d: d.name)
@@ -302,12 +357,24 @@ def test_a_protocol_that_is_none_is_refused(change: tuple[str, str], says: str) 
         ("step", {"low_bar": 3.0}, "which is no step"),
         ("frequency", {"amplitude_bar": 4.0}, "asks for 7 bar"),
         ("frequency", {"pressures_bar": [0.2]}, r"amplitude_bar is 0\.5"),
+        ("quick-release", {"release_ratios": [0.04, 0.02, 0.04]}, "2 trials '3bar_10mm'; allowed: every value once"),
+        ("isometric", {"pressures_bar": [3, 3.0]}, "the protocol has 2 trials '3bar_"),
         ("creep", {"times_s": [1.0, 1e5]}, "steps of 0.5 ms; allowed"),
     ],
 )
 def test_what_a_device_cannot_do_is_said(name: str, update: dict[str, Any], says: str) -> None:
     with pytest.raises(InputError, match=says):
         trials(PAIR, name, **update)
+
+
+def test_a_sinusoid_needs_ten_samples_per_period() -> None:
+    says = r"step is 10 ms, which is 2 samples per period at 50 Hz; allowed: up to 2 ms \(10 samples\)"
+    with pytest.raises(InputError, match=says):
+        trials(BARE, "frequency", step=1e-2)
+    # At the limit the regulator's 100 bar/s show: 0.5 bar at 50 Hz asks for 157.
+    for step in (1e-4, 2e-3):
+        (trial,) = trials(BARE, "frequency", frequencies_hz=[50], step=step)
+        assert trial.readings["pressure_gain"] < 0.9
 
 
 def test_progress_is_told_to_its_end() -> None:

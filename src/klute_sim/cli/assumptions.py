@@ -23,9 +23,10 @@ def command(names: tuple[str, ...], gait: bool, as_json: bool) -> None:
     """List every assumed number of devices: why it was assumed, and what it changes.
 
     A number is assumed where the page with it is missing from our copy of the source, or where nobody printed it.
-    Each is moved by 10 % (a count by 1) and the device is put on a simulated bench again: isometric force at 0.96 of
-    resting length, force while shortening at 300 and lengthening at 150 mm/s, time to 90 % of force after a pressure
-    step, net work of a cycle at 100 mm/s, air. Without names: all devices that come with the package.
+    Each is moved by 10 % (a count by 1, a temperature by 10 degrees) and the device is put on a simulated bench again,
+    at the crosshead length that puts the unchanged device at 0.96 of its resting length: isometric force, force while
+    shortening at 300 and lengthening at 150 mm/s, time to 90 % of force after a pressure step, net work of a cycle at
+    100 mm/s, air in the muscle. Without names: all devices that come with the package.
 
     \b
     Examples:
@@ -84,6 +85,9 @@ def _print(found: dict[str, Any], *, gait: bool) -> None:
 
     out = console()
     for name, rows in found.items():
+        if not rows:
+            out.print(f"{name}: no number is marked as assumed (klute-sim device says which have a source).\n")
+            continue
         table = Table("number", "value", "why", "tried", "what that changes", title=name)
         for row in rows:
             changed = sorted(row["changes"].items(), key=lambda pair: -abs(pair[1]))

@@ -44,10 +44,10 @@ def _number(name: str, metavar: str, text: str) -> Callable[[Callable[..., None]
 @click.option("--count", type=int, default=None, metavar="N", help="Actuators in parallel.  [default: by rule]")
 @_number("--resting-length", "MM", "Resting length L0 of the actuators [mm].  [default: by rule]")
 @_number("--bore", "MM", "Bore of the damper [mm].  [default: by (4.2)]")
-@_number("--cylinder-pressure", "MPA", "Largest pressure in the damper [MPa].  [default: 4.7, assumed]")
+@_number("--cylinder-pressure", "MPA", "Pressure in the damper that sets its bore [MPa].  [default: 4.7, assumed]")
 @_number("--eccentric-speed", "MM/S", "Lengthening the damper is sized at [mm/s].  [default: Vmax/2, assumed]")
 @_number("--eccentric-force", "N", "Damping at that speed [N].  [default: (saturation - 1) F0]")
-@_number("--moment-arm", "MM", "Of the tendon about the ankle [mm].  [default: 48]")
+@_number("--moment-arm", "MM", "Of the tendon about the ankle [mm].  [default: 48, assumed]")
 @_number("--tendon-strain", "%", "Stretch at the design force over tendon plus muscle [%].  [default: 4, assumed]")
 @click.option("--name", default="klute-design", show_default=True, metavar="NAME", help="Name of the device.")
 @click.option(
@@ -63,7 +63,8 @@ def command(out: Path | None, as_json: bool, name: str, **given: Any) -> None:
 
     Chapters 4 to 6 as a tool: actuators of Table 3.1 that are strong enough, the damper's bore (4.2) and its two
     orifices (4.6), the tendon's two springs. Says how muscle-like the result is (2.5), how far its force over
-    velocity is from Hill's, what a stride asks of it, and what every assumed number changes.
+    velocity is from Hill's, what a stride asks of it, and what the assumed numbers change, one at a time; a number
+    that is given is none of them, and those that are left out are named.
 
     Writes device.toml (for klute-sim device and klute-sim gait --device), summary.json, figure.png and, for a walker,
     profile.csv (for klute-sim gait --profile): the tuned profile at the same force per body mass.
@@ -144,6 +145,7 @@ def _choices(given: dict[str, Any]) -> "Choices":
             "tendon_strain": ("tendon_strain", 0.01),
         }
     )
+    named = frozenset([*assumed, *(key for key in ("a", "b") if given[key] is not None or given["muscle"] is not None)])
     fixed = si(
         {
             "pressure": ("supply_pressure", BAR),
@@ -153,7 +155,13 @@ def _choices(given: dict[str, Any]) -> "Choices":
             "eccentric_force": ("eccentric_force", 1.0),
         }
     )
-    return Choices(actuator=given["actuator"], count=given["count"], assumptions=Assumptions(**assumed), **fixed)
+    return Choices(
+        actuator=given["actuator"],
+        count=given["count"],
+        assumptions=Assumptions(**assumed),
+        named=named,
+        **fixed,
+    )
 
 
 def _refuse_what_no_shank_takes(found: "Design", walker: "Walker") -> None:

@@ -60,12 +60,15 @@ def command(
     """
     from klute_sim.cli.console import progress_bar
     from klute_sim.device.files import load
+    from klute_sim.errors import InputError
     from klute_sim.recording import run_folder
     from klute_sim.report import reproduction_figures, reproduction_page
     from klute_sim.reproduce import printed
     from klute_sim.reproduce.walk import walk
 
     if missing:
+        if published_file or out or as_json or every:
+            raise InputError("--missing prints a file to fill in and ends: no other option goes with it")
         click.echo(printed.template(), nl=False)
         return
     device = load(device_name)
@@ -95,13 +98,14 @@ def _print(found: "Reproduction", folder: Path, *, every: bool) -> None:
     from rich.table import Table
 
     from klute_sim.cli.console import console
-    from klute_sim.report.reproduction_page import MEANING, cells, counts
+    from klute_sim.report.reproduction_page import MEANING, cells, counts, inputs
 
     out = console()
-    shown = [o for o in found.outcomes if every or o.verdict in ("contradicts-source", "source-contradicts-itself")]
+    told = ("contradicts-source", "source-contradicts-itself")
+    shown = [o for o in found.outcomes if every or (o.verdict in told and not o.item.measured)]
     for title, outcomes in (
         ("Measured at 5 bar, and the model", [o for o in found.outcomes if o.item.measured]),
-        ("Every item" if every else "What does not agree", shown),
+        ("Every item" if every else "What else does not agree", shown),
     ):
         table = Table("table or figure", "what", "unit", "published", "computed", "difference", title=title)
         table.add_column("verdict", no_wrap=True)
@@ -111,7 +115,13 @@ def _print(found: "Reproduction", folder: Path, *, every: bool) -> None:
                 outcome.item.row, c["quantity"], c["unit"], c["published"], c["computed"], c["difference"], c["verdict"]
             )
         out.print(table)
+        for outcome in outcomes:
+            if outcome.note and outcome.verdict not in ("agrees", "not-printed"):
+                out.print(f"{outcome.item.row}, {outcome.item.quantity}: {outcome.note}", soft_wrap=True)
     for verdict, count in counts(found.outcomes).items():
-        out.print(f"{count:4d} {verdict}: {MEANING[verdict]}", soft_wrap=True)
+        taken = (
+            f"; {inputs(found.outcomes)} of them inputs that are taken over as they are" if verdict == "agrees" else ""
+        )
+        out.print(f"{count:4d} {verdict}: {MEANING[verdict]}{taken}", soft_wrap=True)
     rest = "" if every else " (--items prints them)"
     out.print(f"{len(found.outcomes)} items{rest}; the reasons and all figures: {folder}/report.html", soft_wrap=True)

@@ -3,7 +3,7 @@
 Lengths in m, forces in N, pressures in Pa (gauge), speeds in m/s.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from klute_sim.design.limits import check
 from klute_sim.errors import InputError
@@ -25,7 +25,7 @@ class Assumptions:
     eccentric_speed_share: float = 0.5
     """Fastest lengthening over Vmax [1]: the tests of one actuator went to 150 of 300 mm/s."""
     cylinder_pressure: float = 4.7 * MPA
-    """Largest gauge pressure in the damper [Pa]: 20 mm of bore for the 3/4 in pair."""
+    """Gauge pressure in the damper under the designed force [Pa]: 20 mm of bore for the 3/4 in pair."""
     discharge: float = 1.0
     """Cd that the orifices, sized with 1, turn out to have [1]; the source: in reality as low as 0.61."""
     neutral_ratio: float = 0.975
@@ -85,6 +85,15 @@ class Choices:
     oil_density: float = 900.0
     """Mineral oil (chapter 4) [kg/m3]."""
     assumptions: Assumptions = field(default_factory=Assumptions)
+    named: frozenset[str] = frozenset()
+    """Fields of :class:`Assumptions`, and ``a`` and ``b`` of Hill's equation, that the user gave, at whatever value."""
+
+    @property
+    def given(self) -> frozenset[str]:
+        """What is no assumption any more: :attr:`named`, and every field that is not at its default."""
+        default = Assumptions()
+        names = (f.name for f in fields(Assumptions))
+        return self.named | {n for n in names if getattr(self.assumptions, n) != getattr(default, n)}
 
     def __post_init__(self) -> None:
         """Raise InputError for a choice that cannot be made."""

@@ -23,7 +23,7 @@ class DesignPoint:
     speed: float
     """Of the piston [m/s]."""
     damping: float
-    """Fd [N]."""
+    """Fd that it is sized to give [N]."""
     orifice: float
     """Diameter by (4.6) [m], rounded as in the file."""
     bore: float
@@ -31,12 +31,22 @@ class DesignPoint:
     density: float
     """Of the oil [kg/m3]."""
     discharge: float
-    """Cd that the orifice has [1]."""
+    """Cd that the orifice has as made [1]."""
+
+    @property
+    def coefficient(self) -> float:
+        """Force over speed squared [N s2/m2] as made: with the orifice's own discharge."""
+        return law.coefficient(self.bore, self.orifice, self.density, self.discharge)
+
+    @property
+    def braking(self) -> float:
+        """Force at the speed as made [N]: ``damping``, up to the orifice's rounding, if Cd is as designed."""
+        return self.coefficient * self.speed * self.speed
 
     @property
     def pressure(self) -> float:
-        """Gauge pressure [Pa] on the loaded side: damping over the piston, the other side at atmosphere."""
-        return 4.0 * self.damping / (math.pi * self.bore * self.bore)
+        """Gauge pressure [Pa] on the loaded side as made: braking over the piston, the other side at atmosphere."""
+        return 4.0 * self.braking / (math.pi * self.bore * self.bore)
 
     @property
     def oil_speed(self) -> float:
@@ -78,8 +88,12 @@ class DamperDesign:
 
     def law(self) -> Damper:
         """The damper as built: with the discharge that its orifices have."""
-        points = (self.concentric, self.eccentric)
-        return Damper(*(law.coefficient(self.bore, p.orifice, p.density, p.discharge) for p in points))
+        return Damper(self.concentric.coefficient, self.eccentric.coefficient)
+
+    @property
+    def pressure(self) -> float:
+        """Larger gauge pressure [Pa] of the two design points, as made."""
+        return max(self.concentric.pressure, self.eccentric.pressure)
 
 
 def concentric_damping(target: Target, force: float) -> float:
@@ -116,5 +130,5 @@ def size(target: Target, force: float, choices: Choices) -> DamperDesign:
 
 
 def _up(bore: float) -> float:
-    """Rounded up to 0.01 mm, so that the allowed pressure is not passed."""
+    """Rounded up to 0.01 mm, so that the designed force stays within the allowed pressure."""
     return math.ceil(1e5 * bore - 1e-9) / 1e5

@@ -10,7 +10,7 @@ import numpy as np
 
 from klute_sim.control.pressure import PressureController
 from klute_sim.design.actuator import pressure_for
-from klute_sim.design.target import Walker
+from klute_sim.design.target import MOMENT, Walker
 from klute_sim.device.step import Parameters, settled
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben, pneumatics
@@ -74,7 +74,7 @@ def over_stride(
     )
     phase = np.arange(SAMPLES) / SAMPLES
     angle = np.radians(walker.reference("ankle_dorsiflexion_deg", phase))
-    moment = walker.mass * walker.moment_scale * walker.reference("ankle_plantarflexor_moment_nm_per_kg", phase)
+    moment = walker.mass * walker.moment_scale * walker.reference(MOMENT, phase)
     pull = np.maximum(moment, 0.0) / arm
     unit = neutral_ratio * rest + tendon.slack_length + arm * angle
     stretch = np.array([tendon_law.stretch_under(tendon, float(force)) for force in pull])

@@ -4,14 +4,18 @@ from typing import Any
 
 from klute_sim.dataset.override import to_toml
 from klute_sim.design.actuator import Option, row
-from klute_sim.design.choices import ROWS, Choices
-from klute_sim.design.damper import DamperDesign
+from klute_sim.design.choices import MPA, ROWS, Choices
+from klute_sim.design.damper import DESIGN_DISCHARGE, DamperDesign, DesignPoint
 from klute_sim.design.target import Target, Walker
 from klute_sim.device.files import Device, load, read
 from klute_sim.laws.tendon import Tendon
 from klute_sim.units import BAR
 
 ASKED = "given to klute-sim design"
+"""Source of a number that the user gave."""
+MISSING = "the values of Figs 6.3-6.4 are missing from the source"
+SPRINGS = frozenset({"tendon_strain", "second_spring", "engagement_share"})
+"""What the stiffnesses of the tendon follow from, beside its force and its length."""
 
 
 def device(
@@ -26,22 +30,22 @@ def device(
     """The device file of a design whose tendon is sized for ``force`` [N], read back and checked as any other."""
     assumed = choices.assumptions
     braid = row(option.actuator)
-    muscle = {"count": option.count, "resting_length_mm": _round(1e3 * option.resting_length, 1)}
+    muscle = {"count": option.count, "resting_length_mm": round(1e3 * option.resting_length, 1)}
     keys: dict[str, Any] = {
         "name": name,
-        "description": _description(target, option),
+        "description": _description(target, option, choices),
         "muscle": {**braid.model_dump(exclude={"count", "resting_length_mm", "bladder", "friction"}), **muscle},
         "damper": {
-            "bore_mm": _round(1e3 * damper.bore, 2),
-            "orifice_concentric_mm": _round(1e3 * damper.concentric.orifice, 3),
-            "orifice_eccentric_mm": _round(1e3 * damper.eccentric.orifice, 3),
+            "bore_mm": round(1e3 * damper.bore, 2),
+            "orifice_concentric_mm": round(1e3 * damper.concentric.orifice, 3),
+            "orifice_eccentric_mm": round(1e3 * damper.eccentric.orifice, 3),
             "oil_density_kg_m3": choices.oil_density,
         },
         "tendon": {
-            "slack_length_mm": _round(1e3 * tendon.slack_length, 2),
+            "slack_length_mm": round(1e3 * tendon.slack_length, 2),
             "stiffness_1_n_per_mm": float(f"{1e-3 * tendon.stiffness_1:.5g}"),
             "stiffness_2_n_per_mm": float(f"{1e-3 * tendon.stiffness_2:.5g}"),
-            "engagement_mm": _round(1e3 * tendon.engagement, 3),
+            "engagement_mm": round(1e3 * tendon.engagement, 3),
         },
         "supply": {
             "pressure_bar": choices.supply_pressure / BAR,
@@ -54,12 +58,10 @@ def device(
     return read(to_toml(keys).encode(), f"of the design '{name}'")
 
 
-def _round(value: float, digits: int) -> float:
-    return round(value, digits)
-
-
-def _description(target: Target | Walker, option: Option) -> str:
-    whom = f"a walker of {target.mass:g} kg" if isinstance(target, Walker) else f"the muscle '{target.name}'"
+def _description(target: Target | Walker, option: Option, choices: Choices) -> str:
+    whom = f"the muscle '{target.name}'" if isinstance(target, Target) else f"a walker of {target.mass:g} kg"
+    if isinstance(target, Walker) and "moment_arm" in choices.given:
+        whom = f"{whom} with the given moment arm of {1e3 * choices.assumptions.moment_arm:g} mm"
     made = f"{option.count} x {ROWS[option.actuator]} actuator, damper and tendon"
     return f"{made}, sized by klute-sim design for {whom}."
 
@@ -73,27 +75,64 @@ def _sources(
         for key, source in preset.spec.sources.items()
         if key.startswith("muscle.")
     }
-    missing = "the values of Figs 6.3-6.4 are missing from the source"
-    bore = f"assumed: (4.2) at {assumed.cylinder_pressure / 1e6:g} MPa; Table 4.1 is missing from the source"
+    given, muscle = choices.given, target.muscle if isinstance(target, Walker) else target
+    # A given strain is the user's, but how the springs share the load stays assumed unless it is given, too.
     strain = f"stretched {100 * assumed.tendon_strain:g} % of tendon plus muscle at {force:.0f} N"
-    point = "assumed: (4.6) with {:.0f} N at {:.0f} mm/s, Cd = 1; the design point is ours, Table 4.1 is missing"
+    if "tendon_strain" in given:
+        strain = f"{strain} ({ASKED})"
+    springs = strain if given >= SPRINGS else f"assumed: {strain}; {MISSING}"
+
+    def unless_given(field: str, otherwise: str) -> str:
+        return ASKED if field in given else otherwise
+
     return {
         **printed,
         "muscle.count": _why_count(target, option, choices),
         "muscle.resting_length_mm": _why_length(target, option, choices),
-        "damper.bore_mm": bore if choices.bore is None else ASKED,
-        "damper.orifice_concentric_mm": point.format(damper.concentric.damping, 1e3 * damper.concentric.speed),
-        "damper.orifice_eccentric_mm": point.format(damper.eccentric.damping, 1e3 * damper.eccentric.speed),
-        "damper.oil_density_kg_m3": "dissertation chapter 4, mineral oil" if choices.oil_density == 900.0 else ASKED,
-        "tendon.slack_length_mm": "assumed: that of the 3/4 in pair, whose unit lengths (Fig. 7.6) it fits",
-        "tendon.stiffness_1_n_per_mm": f"assumed: {strain}; {missing}",
-        "tendon.stiffness_2_n_per_mm": f"assumed: {strain}; {missing}",
-        "tendon.engagement_mm": f"assumed: {100 * assumed.engagement_share:g} % of slack length; {missing}",
-        "supply.pressure_bar": "dissertation Fig. 3.3: at most 5 bar" if choices.supply_pressure == 5 * BAR else ASKED,
-        "supply.rate_bar_per_s": "assumed: a fast proportional regulator",
-        "supply.gas_temperature_c": "assumed: room temperature",
-        "mounting.neutral_muscle_ratio": "assumed: strong at push-off, clear of the rest-length stop in walking",
+        "damper.bore_mm": _why_bore(choices),
+        "damper.orifice_concentric_mm": _why_orifice(damper.concentric, speed=muscle.peak_velocity, force=None),
+        "damper.orifice_eccentric_mm": _why_orifice(
+            damper.eccentric, speed=choices.eccentric_speed, force=choices.eccentric_force
+        ),
+        "damper.oil_density_kg_m3": "dissertation chapter 4, mineral oil"
+        if choices.oil_density == Choices.oil_density
+        else ASKED,
+        "tendon.slack_length_mm": unless_given(
+            "slack_length", "assumed: that of the 3/4 in pair, whose unit lengths (Fig. 7.6) it fits"
+        ),
+        "tendon.stiffness_1_n_per_mm": springs,
+        "tendon.stiffness_2_n_per_mm": springs,
+        "tendon.engagement_mm": unless_given(
+            "engagement_share", f"assumed: {100 * assumed.engagement_share:g} % of slack length; {MISSING}"
+        ),
+        "supply.pressure_bar": (
+            "dissertation Fig. 3.3: at most 5 bar" if choices.supply_pressure == Choices.supply_pressure else ASKED
+        ),
+        "supply.rate_bar_per_s": unless_given("pressure_rate", "assumed: a fast proportional regulator"),
+        "supply.gas_temperature_c": unless_given("temperature", "assumed: room temperature"),
+        "mounting.neutral_muscle_ratio": unless_given(
+            "neutral_ratio", "assumed: strong at push-off, clear of the rest-length stop in walking"
+        ),
     }
+
+
+def _why_bore(choices: Choices) -> str:
+    if choices.bore is not None:
+        return ASKED
+    rule = f"(4.2) at {choices.assumptions.cylinder_pressure / MPA:g} MPa"
+    if "cylinder_pressure" in choices.given:
+        return f"{rule}, {ASKED}"
+    return f"assumed: {rule}; Table 4.1 is missing from the source"
+
+
+def _why_orifice(point: DesignPoint, *, speed: float | None, force: float | None) -> str:
+    """``speed`` and ``force`` are what somebody gave of the design point."""
+    rule = f"(4.6) with {point.damping:.0f} N at {1e3 * point.speed:.0f} mm/s, Cd = {DESIGN_DISCHARGE:g}"
+    given = " and ".join(name for name, value in (("force", force), ("speed", speed)) if value is not None)
+    if speed is not None and force is not None:
+        return f"{rule}; {given} {ASKED}"
+    rest = f"the {given} is given, the rest of the design point" if given else "the design point"
+    return f"assumed: {rule}; {rest} is ours, Table 4.1 is missing"
 
 
 def _why_count(target: Target | Walker, option: Option, choices: Choices) -> str:
@@ -113,4 +152,5 @@ def _why_length(target: Target | Walker, option: Option, choices: Choices) -> st
     if option.resting_length == row(option.actuator).si("resting_length_mm"):
         return f"dissertation Table 3.1, {ROWS[option.actuator]}"
     share = 100 * choices.assumptions.excursion_share
-    return f"assumed: the same braid, longer, so that the ankle moves the tendon by at most {share:g} % of it"
+    rule = f"the same braid, longer, so that the ankle moves the tendon by at most {share:g} % of it"
+    return f"{rule}, {ASKED}" if "excursion_share" in choices.given else f"assumed: {rule}"

@@ -33,11 +33,14 @@ class Bound:
         return self.found is not None and hill.in_span(span, self.found)
 
 
-def parabola(muscle: Muscle, pressure: float) -> Contractile:
-    """Least-squares fit of (2.3) to the isometric force at gauge ``pressure`` [Pa], over that at L0, by L/L0."""
-    ratio = np.linspace(*RATIOS, 201)
+def parabola(muscle: Muscle, pressure: float, ratios: tuple[float, float] = RATIOS) -> Contractile:
+    """Least-squares fit of (2.3) to the isometric force at gauge ``pressure`` [Pa], over that at L0, by L/L0.
+
+    The constants depend on the span of L/L0, ``ratios``, and so does the sign of k7. The curve is convex: k5 > 0.
+    """
+    ratio = np.linspace(*ratios, 201)
     force = np.array([mckibben.force(muscle, pressure, float(x) * muscle.resting_length) for x in ratio])
-    k5, k6, k7 = np.polyfit(ratio, force / force[-1], 2)
+    k5, k6, k7 = np.polyfit(ratio, force / mckibben.force(muscle, pressure, muscle.resting_length), 2)
     return Contractile(float(k5), float(k6), float(k7))
 
 

@@ -3,11 +3,18 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-from klute_sim.design.choices import ROWS, Choices
+from klute_sim.design.choices import MPA, ROWS, Choices
 from klute_sim.design.sizing import Design, design
 from klute_sim.design.target import Target, Walker
 from klute_sim.errors import InputError
 from klute_sim.laws.hill_tables import GENERIC_HILL
+
+SHAPE = {"a": "a/F0", "b": "b/Vmax"}
+"""Constants of Hill's equation (2.4), and what they are called."""
+NOT_IN_A_DESIGN = ("pressure_rate",)
+"""Assumptions that only a simulation of the device uses: klute-sim gait shows what they change."""
+OF_THE_STRIDE = ("neutral_ratio", "slack_length", "tendon_strain", "second_spring", "engagement_share", "temperature")
+"""Assumptions that are in every device file, but count only in a stride."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +33,10 @@ class Variation:
     """Where the number, and how far it is changed, are from."""
     changed: Callable[[float], tuple[Target | Walker, Choices]]
     """The inputs of a design with that value."""
+    field: str | None = None
+    """Of the assumptions; None: another number."""
+    changes_length: bool = False
+    """Whether the resting length follows from it, and is found anew."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +47,8 @@ class Outcome:
     """[m]"""
     orifice_eccentric: float
     """[m]"""
+    cylinder_pressure: float
+    """Gauge pressure in the damper as made, the larger of its two design points' [Pa]."""
     peak_share: float | None
     """See :class:`klute_sim.design.demand.Demand`."""
     misfit_concentric: float
@@ -65,6 +78,7 @@ def outcome(found: Design) -> Outcome:
     return Outcome(
         orifice_concentric=found.damper.concentric.orifice,
         orifice_eccentric=found.damper.eccentric.orifice,
+        cylinder_pressure=found.damper.pressure,
         peak_share=demand.peak_share if demand else None,
         misfit_concentric=fixed.concentric,
         misfit_eccentric=fixed.eccentric,
@@ -82,25 +96,28 @@ def _by_rule(target: Target | Walker, choices: Choices) -> str | None:
 
 
 def variations(found: Design) -> Iterator[Variation]:
-    """What was assumed in ``found`` and not given by its user."""
+    """What was assumed in ``found`` and not given by its user; :func:`left_out` has the rest."""
     target, choices, assumed = found.target, found.choices, found.choices.assumptions
 
-    def number(field: str, name: str, unit: str, factor: float, values: tuple[float, ...], why: str) -> Variation:
+    def number(
+        field: str, name: str, unit: str, factor: float, values: tuple[float, ...], why: str, *, length: bool = False
+    ) -> Iterator[Variation]:
         def changed(value: float) -> tuple[Target | Walker, Choices]:
             return target, replace(choices, assumptions=replace(assumed, **{field: value}))
 
-        return Variation(name, unit, factor, getattr(assumed, field), values, why, changed)
+        if field not in choices.given:
+            yield Variation(name, unit, factor, getattr(assumed, field), values, why, changed, field, length)
 
     def around(field: str, share: float) -> tuple[float, ...]:
         base = getattr(assumed, field)
         return (1.0 - share) * base, (1.0 + share) * base
 
     ratio, neutral, strain = assumed.design_ratio, assumed.neutral_ratio, assumed.tendon_strain
-    yield number(
+    yield from number(
         "design_ratio", "L/L0 at which F0 counts", "1", 1.0, (ratio - 0.02, min(1.0, ratio + 0.02)), "Fig. 3.9"
     )
     if choices.eccentric_speed is None:
-        yield number(
+        yield from number(
             "eccentric_speed_share",
             "fastest lengthening/Vmax",
             "1",
@@ -121,32 +138,29 @@ def variations(found: Design) -> Iterator[Variation]:
         )
     if choices.bore is None:
         pressure = around("cylinder_pressure", 0.2)
-        yield number("cylinder_pressure", "cylinder pressure", "MPa", 1e6, pressure, "Table 4.1 is missing; a fifth")
-    yield number("discharge", "Cd as made", "1", 1.0, (0.8, 0.61), "chapter 4: as low as 0.61")
+        yield from number(
+            "cylinder_pressure", "cylinder pressure", "MPa", MPA, pressure, "Table 4.1 is missing; a fifth"
+        )
+    yield from number("discharge", "Cd as made", "1", 1.0, (0.8, 0.61), "chapter 4: as low as 0.61")
     yield from _of_the_muscle(found)
     if not isinstance(target, Walker):
         return
-    yield number(
+    yield from number(
         "neutral_ratio", "L/L0 at neutral ankle", "1", 1.0, (neutral - 0.01, neutral + 0.01), "the stop is near"
     )
-    yield number("moment_arm", "moment arm", "mm", 1e-3, (0.0434, 0.0524), "Wolfram 2018: 47.9 +- 4.5 mm")
-    yield number("slack_length", "tendon slack length", "mm", 1e-3, around("slack_length", 0.2), "a fifth either way")
-    yield number(
+    yield from number("moment_arm", "moment arm", "mm", 1e-3, (0.0434, 0.0524), "Wolfram 2018: 47.9 +- 4.5 mm")
+    slack = around("slack_length", 0.2)
+    yield from number("slack_length", "tendon slack length", "mm", 1e-3, slack, "a fifth either way")
+    yield from number(
         "tendon_strain", "tendon strain", "%", 0.01, (strain - 0.01, strain + 0.01), "Kharazi 2021: 4.0 %; a point"
     )
-    yield number(
-        "second_spring", "second spring/first", "1", 1.0, around("second_spring", 0.5), "Figs 6.3, 6.4: no values"
-    )
-    yield number(
-        "engagement_share",
-        "engagement/slack length",
-        "1",
-        1.0,
-        around("engagement_share", 0.5),
-        "Figs 6.3, 6.4: no values",
-    )
-    yield number("temperature", "gas temperature", "degC", 1.0, (0.0, 40.0), "room temperature")
-    if choices.resting_length is None:
+    for field, name in (("second_spring", "second spring/first"), ("engagement_share", "engagement/slack length")):
+        yield from number(field, name, "1", 1.0, around(field, 0.5), "Figs 6.3, 6.4: no values")
+    yield from number("temperature", "gas temperature", "degC", 1.0, (0.0, 40.0), "room temperature")
+    if _length_is_free(found):
+        share = around("excursion_share", 0.2)
+        why = "Fig. 3.8: 0.094; a fifth either way, L0 by rule"
+        yield from number("excursion_share", "ankle's travel/L0", "1", 1.0, share, why, length=True)
         base = found.option.resting_length
         yield Variation(
             "resting length L0",
@@ -168,6 +182,18 @@ def variations(found: Design) -> Iterator[Variation]:
     )
 
 
+def left_out(found: Design) -> dict[str, str]:
+    """Fields of the assumptions that ``found`` uses, that nobody gave and that are not varied -> why."""
+    why = dict.fromkeys(NOT_IN_A_DESIGN, "no size and no outcome of a design depends on it")
+    if not isinstance(found.target, Walker):
+        why |= dict.fromkeys(OF_THE_STRIDE, "without a walker no outcome depends on it")
+    return {field: reason for field, reason in why.items() if field not in found.choices.given}
+
+
+def _length_is_free(found: Design) -> bool:
+    return found.choices.resting_length is None and found.muscle.resting_length is None
+
+
 def _of_the_muscle(found: Design) -> Iterator[Variation]:
     target, choices, muscle = found.target, found.choices, found.muscle
 
@@ -185,32 +211,39 @@ def _of_the_muscle(found: Design) -> Iterator[Variation]:
             "fastest test; human triceps surae models: 756-780 mm/s",
             lambda value: with_muscle(replace(muscle, peak_velocity=value)),
         )
-    if muscle.hill == GENERIC_HILL:
+    free = [
+        key for key in SHAPE if getattr(muscle.hill, key) == getattr(GENERIC_HILL, key) and key not in choices.given
+    ]
+    if free:
         yield Variation(
-            "a/F0 = b/Vmax",
+            " = ".join(SHAPE[key] for key in free),
             "1",
             1.0,
-            muscle.hill.a,
+            getattr(muscle.hill, free[0]),
             (0.12, 0.41),
             "Fig. 2.8; the ends of (2.5)",
-            lambda value: with_muscle(replace(muscle, hill=muscle.hill._replace(a=value, b=value))),
+            lambda value: with_muscle(replace(muscle, hill=muscle.hill._replace(**dict.fromkeys(free, value)))),
         )
 
 
 def sensitivity(found: Design, progress: Callable[[float], None] = lambda fraction: None) -> list[Effect]:
-    """Every variation of ``found``, redesigned by rule; actuators, count and length are kept."""
+    """Every variation of ``found``, redesigned by rule; actuators, count and length are kept.
+
+    Only where the length itself follows from the number varied, it is found anew.
+    """
     tried = [(variation, value) for variation in variations(found) for value in variation.values]
     effects = []
     for number, (variation, value) in enumerate(tried):
         progress(number / len(tried))
-        effects.append(Effect(variation, value, _redesigned(found, *variation.changed(value))))
+        effects.append(Effect(variation, value, _redesigned(found, variation, value)))
     progress(1.0)
     return effects
 
 
-def _redesigned(found: Design, target: Target | Walker, choices: Choices) -> Outcome | None:
+def _redesigned(found: Design, variation: Variation, value: float) -> Outcome | None:
+    target, choices = variation.changed(value)
     kept = replace(choices, actuator=found.option.actuator, count=found.option.count)
-    if choices.resting_length is None:
+    if choices.resting_length is None and not variation.changes_length:
         kept = replace(kept, resting_length=found.option.resting_length)
     try:
         return replace(outcome(design(target, kept)), would_take=_by_rule(target, choices))

@@ -15,6 +15,7 @@ from klute_sim.design.target import Target, Walker
 from klute_sim.design.velocity import Curves, Misfit
 from klute_sim.device.files import Device
 from klute_sim.errors import InputError
+from klute_sim.units import BAR
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def design(target: Target | Walker, choices: Choices | None = None, name: str = 
     option, options = actuator.choose(need or anything, choices)
     if option.force <= 0.0:
         raise InputError(
-            f"{option.actuator} has no force left at {choices.supply_pressure / 1e5:g} bar and "
+            f"{option.actuator} has no force left at {choices.supply_pressure / BAR:g} bar and "
             f"{assumed.design_ratio:g} of its resting length"
         )
     damping = damper.size(muscle, option.total, choices)

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from klute_sim.design.actuator import pressure_for
-from klute_sim.design.choices import ROWS
+from klute_sim.design.choices import MPA, ROWS
 from klute_sim.design.damper import DesignPoint
 from klute_sim.design.demand import Demand
-from klute_sim.design.sensitivity import Effect, Outcome, outcome
+from klute_sim.design.sensitivity import Effect, Outcome, left_out, outcome
 from klute_sim.design.sizing import Design
 from klute_sim.design.target import Walker
 from klute_sim.units import BAR
@@ -79,8 +79,13 @@ def summary(found: Design, effects: list[Effect]) -> dict[str, Any]:
             name: {"concentric": m.concentric, "eccentric": m.eccentric} for name, m in found.misfit().items()
         },
         "demand": _demand(found.demand) if found.demand else None,
+        "given": sorted(choices.given),
         "assumptions": found.device.spec.assumed(),
-        "sensitivity": {"base": _outcome(outcome(found)), "rows": [_effect(e) for e in effects]},
+        "sensitivity": {
+            "base": _outcome(outcome(found)),
+            "rows": [_effect(e) for e in effects],
+            "left_out": left_out(found),
+        },
     }
 
 
@@ -97,8 +102,9 @@ def _point(point: DesignPoint) -> dict[str, float]:
     return {
         "speed_mm_per_s": 1e3 * point.speed,
         "damping_n": point.damping,
+        "damping_as_made_n": point.braking,
         "orifice_mm": round(1e3 * point.orifice, 6),
-        "pressure_mpa": 1e-6 * point.pressure,
+        "pressure_mpa": point.pressure / MPA,
         "oil_speed_m_per_s": point.oil_speed,
         "cavitation_number": point.cavitation_number,
         "refill_passage_mm": 1e3 * point.refill_passage,
@@ -130,6 +136,7 @@ def _outcome(found: Outcome) -> dict[str, Any]:
     return {
         "orifice_concentric_mm": round(1e3 * found.orifice_concentric, 6),
         "orifice_eccentric_mm": round(1e3 * found.orifice_eccentric, 6),
+        "cylinder_pressure_mpa": found.cylinder_pressure / MPA,
         "peak_share": found.peak_share,
         "misfit_concentric_f0": found.misfit_concentric,
         "misfit_eccentric_f0": found.misfit_eccentric,

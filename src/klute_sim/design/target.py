@@ -12,6 +12,10 @@ from klute_sim.rigs.gait.reference import Reference, default
 
 FASTEST_TEST = 0.300
 """Vmax [m/s] where none is given (assumed): the fastest test of chapter 3."""
+MOMENT = "ankle_plantarflexor_moment_nm_per_kg"
+"""Column of a reference that a walker's calf has to carry."""
+PEAK_MOMENT = (0.1, 10.0)
+"""Its peak in anything that may be designed for [N m/kg]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,11 +80,18 @@ class Walker:
         """Raise InputError for a body outside of the gait rig's limits."""
         check("mass", self.mass, 20.0, 250.0, "kg")
         check("ankle moment over the reference's", self.moment_scale, 0.1, 3.0, "")
+        per_kg = self.peak()[0] / (self.mass * self.moment_scale)
+        low, high = PEAK_MOMENT
+        if not low <= per_kg <= high:
+            raise InputError(
+                f"reference {self.reference.name}: {MOMENT} peaks at {per_kg:.3g}; allowed: {low:g} to {high:g} N·m/kg "
+                "(walking is near 1.4, plantarflexor positive)"
+            )
 
     def peak(self) -> tuple[float, float]:
         """Largest plantarflexor moment [N m], and the ankle's dorsiflexion [rad] at that moment."""
         phase = np.arange(0.0, 1.0, 0.001)
-        moment = self.reference("ankle_plantarflexor_moment_nm_per_kg", phase)
+        moment = self.reference(MOMENT, phase)
         at = int(moment.argmax())
         angle = np.radians(self.reference("ankle_dorsiflexion_deg", phase[at : at + 1]))
         return self.mass * self.moment_scale * float(moment[at]), float(angle[0])

@@ -55,6 +55,7 @@ def _sizes(shown: dict[str, Any]) -> Table:
         ("speed designed for", "mm/s", "speed_mm_per_s", ".0f"),
         ("damping there", "N", "damping_n", ".0f"),
         ("orifice (4.6)", "mm", "orifice_mm", ".3f"),
+        ("damping there as made", "N", "damping_as_made_n", ".0f"),
         ("pressure in the cylinder", "MPa", "pressure_mpa", ".2f"),
         ("oil in the orifice", "m/s", "oil_speed_m_per_s", ".0f"),
         ("cavitation number", "1", "cavitation_number", ".3f"),
@@ -117,9 +118,9 @@ def _sensitivity(shown: dict[str, Any]) -> Table:
         "from",
         "to",
         "orifices\n[mm]",
+        "cylinder\n[MPa]",
         "moment\nshare",
-        "Hill con.\n[F0]",
-        "Hill ecc.\n[F0]",
+        "Hill con./\necc. [F0]",
         "air\n[g]",
         "rule\ntakes",
     )
@@ -146,9 +147,9 @@ def _cells(own: dict[str, Any], base: dict[str, Any] | None) -> list[str]:
 
     return [
         cell(".3f", "orifice_concentric_mm", "orifice_eccentric_mm"),
+        cell(".1f", "cylinder_pressure_mpa"),
         cell(".2f", "peak_share"),
-        cell(".3f", "misfit_concentric_f0"),
-        cell(".3f", "misfit_eccentric_f0"),
+        cell(".3f", "misfit_concentric_f0", "misfit_eccentric_f0"),
         cell(".2f", "air_g"),
         cell("s", "would_take"),
     ]
@@ -189,5 +190,9 @@ def remarks(shown: dict[str, Any]) -> list[str]:
         "The cavitation number is the pressure behind the orifice over the drop across it, with the reservoir at "
         "atmosphere (assumed): far below 1, the jet is close to boiling, and only a back pressure would prevent it."
     )
+    unvaried = shown["sensitivity"]["left_out"]
+    for why in dict.fromkeys(unvaried.values()):
+        fields = ", ".join(field.replace("_", " ") for field in unvaried if unvaried[field] == why)
+        said.append(f"Assumed, but not varied: {fields} ({why}).")
     said.append(f"{len(shown['assumptions'])} of the device's numbers are assumed (device.toml says which and why).")
     return said

@@ -24,7 +24,8 @@ STYLE: Any = {
 }
 DASHES: Any = {"line": "-", "dashed": "--", "dotted": ":", "points": "none"}
 DPI = 110
-MOST_IN_LEGEND = 12
+CROWDED = 5
+"""Curves in a legend that stands beside the axes if there are more."""
 
 
 def draw(picture: Picture) -> "Figure":
@@ -38,7 +39,7 @@ def draw(picture: Picture) -> "Figure":
             _surface(figure, picture)
         else:
             _curves(figure, picture)
-        figure.suptitle(f"Fig. {picture.number}: {picture.title}", fontsize=9.5)
+        figure.suptitle(f"Fig. {picture.number}: {picture.title}", fontsize=9.0)
     return figure
 
 
@@ -55,14 +56,16 @@ def _curves(figure: "Figure", picture: Picture) -> None:
     axes.axhline(0.0, color="0.7", linewidth=0.6)
     axes.grid(alpha=0.25, linewidth=0.5)
     named = [line for line in picture.lines if line.label]
-    if 1 < len(named) <= MOST_IN_LEGEND:
+    if len(named) > CROWDED:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    elif len(named) > 1:
         axes.legend()
 
 
 def _curve(axes: Any, line: Line) -> None:
     style: dict[str, Any] = {"linestyle": DASHES[line.style], "linewidth": 1.4, "label": line.label or None}
     if line.style == "points":
-        style |= {"marker": "o", "markersize": 6.0}
+        style |= {"marker": "o", "markersize": 6.0, "clip_on": False}
     if line.colour is not None:
         style["color"] = f"C{line.colour}"
     axes.plot(line.x, line.y, **style)

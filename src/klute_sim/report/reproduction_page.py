@@ -48,6 +48,7 @@ def content(found: Reproduction) -> dict[str, Any]:
         "device": found.device.name,
         "digest": found.device.digest,
         "counts": [(verdict, count, MEANING[verdict]) for verdict, count in counts(found.outcomes).items()],
+        "inputs": inputs(found.outcomes),
         "items": len(found.outcomes),
         "measured": [cells(outcome) for outcome in found.outcomes if outcome.item.measured],
         "rows": [
@@ -74,6 +75,11 @@ def counts(outcomes: Iterable[Outcome]) -> dict[str, int]:
     return {verdict: found[verdict] for verdict in VERDICTS}
 
 
+def inputs(outcomes: Iterable[Outcome]) -> int:
+    """How many of those that agree were taken over as they are."""
+    return sum(outcome.item.input and outcome.verdict == "agrees" for outcome in outcomes)
+
+
 def cells(outcome: Outcome) -> dict[str, str]:
     """An outcome as a person reads it."""
     item, found = outcome.item, outcome.found
@@ -84,7 +90,8 @@ def cells(outcome: Outcome) -> dict[str, str]:
     difference = outcome.difference
     apart = "-"
     if difference is not None:
-        apart = f"{round(100.0 * difference, 1) + 0.0:+.1f} %" if item.published else number(difference, 2)
+        share = f"{round(100.0 * difference, 1) + 0.0:+.1f} %"
+        apart = share if outcome.relative else f"{difference:+.2g}"
     return {
         "id": item.id,
         "quantity": item.quantity,

@@ -14,6 +14,8 @@ from klute_sim.laws import mckibben, pneumatics
 from klute_sim.laws import tendon as tendon_law
 from klute_sim.reproduce.picture import Array
 
+KELVIN = 10.0
+"""By which a temperature is moved."""
 SHARE = 0.1
 """Of an assumed number, by which it is moved to see what it changes; a whole number is moved by 1."""
 RATIO = 0.96
@@ -59,7 +61,9 @@ def changes(device: Device, outcomes: Outcomes, told: Callable[[float], None] = 
 
 def _moved(device: Device, key: str, value: float) -> Device:
     """``device`` with number ``key`` a little larger; smaller where it cannot be larger."""
-    by = 1 if isinstance(value, int) else SHARE * (abs(value) or 1.0)
+    by: float = 1 if isinstance(value, int) else SHARE * (abs(value) or 1.0)
+    if key.endswith("_c"):
+        by = KELVIN
     try:
         return overridden(device, {key: value + by}, "tried")
     except InputError:
@@ -91,14 +95,14 @@ def _outcomes(parameters: Parameters, there: float, travel: float, pressure: flo
     reached = np.flatnonzero(after >= 0.9 * force)
     found = {
         "isometric force": force,
-        "time to 90 % of it": STEP * float(reached[0] + 1) if force > 0.0 and len(reached) else 0.0,
+        "time to 90 % of force": STEP * float(reached[0] + 1) if force > 0.0 and len(reached) else 0.0,
         f"force shortening at {1e3 * SHORTENING:.0f} mm/s": _moving(parameters, there, travel, -SHORTENING, pressure),
         f"force lengthening at {1e3 * LENGTHENING:.0f} mm/s": _moving(parameters, there, travel, LENGTHENING, pressure),
         "net work of a cycle": _work(parameters, there, travel, pressure),
     }
     muscle, temperature = parameters.muscle, parameters.supply.temperature
     volume = mckibben.volume(muscle, float(rise.length[-1]))
-    found["air to fill it"] = pneumatics.air_mass(float(rise.pressure[-1]), volume, temperature)
+    found["air in the muscle"] = pneumatics.air_mass(float(rise.pressure[-1]), volume, temperature)
     return found
 
 

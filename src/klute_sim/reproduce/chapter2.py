@@ -92,6 +92,8 @@ def _parallel(found: dict[str, Found]) -> None:
         k1, k2 = parallel_constants(row.law, row.valid or MODEL_RANGE)
         found[f"table-2.1.{name}.k1"], found[f"table-2.1.{name}.k2"] = Found(k1), Found(k2)
         found[f"table-2.1.{name}.r2"] = Found()
+        if row.valid is not None:
+            found[f"table-2.1.{name}.from"], found[f"table-2.1.{name}.to"] = map(Found, row.valid)
         at[name] = hill.parallel_force(row.law, 1.2)
     found["table-2.1.rat"] = Found(note="There are no constants to compute it from.")
     told = ", ".join(f"{NAMES[name]} {100.0 * force:.1f} %" for name, force in at.items())
@@ -118,6 +120,7 @@ def _contractile(found: dict[str, Found]) -> None:
             found[f"table-2.3.{name}.{key}"] = Found(value)
         found[f"table-2.3.{name}.at-rest"] = Found(hill.isometric_force(law, 1.0))
         if row.valid is not None:
+            found[f"table-2.3.{name}.from"], found[f"table-2.3.{name}.to"] = map(Found, row.valid)
             root = np.sqrt(law.k6**2 - 4.0 * law.k5 * law.k7) / -law.k5
             widths[name] = float(root)
             slopes[name] = max(abs(2.0 * law.k5 * x + law.k6) for x in row.valid)
@@ -160,6 +163,7 @@ def _envelope(found: dict[str, Found]) -> None:
     for key in ("k5", "k6", "k7", "a", "b"):
         span: Span = getattr(hill.ENVELOPE, key)
         found[f"eq-2.5.{key}.low"], found[f"eq-2.5.{key}.high"] = Found(span.low), Found(span.high)
+    found["eq-2.5.saturation"] = Found(hill.ENVELOPE.saturation.low)
     generic = contractile_constants(tables.GENERIC_CONTRACTILE, Span(*LENGTHS))
     for key, value in zip(("k5", "k6", "k7"), generic, strict=True):
         found[f"fig-2.8.{key}"] = Found(value)

@@ -11,10 +11,11 @@ from scipy.optimize import brentq
 from klute_sim.design.isometric import parabola
 from klute_sim.device.files import Device, load
 from klute_sim.device.step import advance, taut
-from klute_sim.laws import hill, mckibben
+from klute_sim.laws import hill, mckibben, pneumatics
 from klute_sim.laws import hill_tables as tables
 from klute_sim.laws.hill import ENVELOPE
 from klute_sim.laws.mckibben import Muscle
+from klute_sim.reproduce import printed
 from klute_sim.reproduce.item import Found
 from klute_sim.reproduce.picture import Array, Chapter, Line, Picture
 from klute_sim.units import BAR
@@ -27,10 +28,10 @@ RATIOS = np.linspace(0.6, 1.0, 161)
 """Muscle length over resting length, the abscissa of Figs. 3.4 and 3.5."""
 FITTED = np.linspace(0.65, 1.0, 141)
 """Ratios over which the actuator's parabola is fitted (assumed: its curve ends at the lock length, near 0.61)."""
-VESSEL = 4000.0
-"""Volume of the pressure vessel over the actuator's (Fig. 3.3)."""
-ATMOSPHERE = 101325.0
-"""[Pa]"""
+SHARED = np.linspace(0.75, 1.0, 51)
+"""Lengths over resting length that muscles and actuator have in common."""
+LEAST_SLENDER = 14.0
+"""Length over diameter that the text gives."""
 
 
 def geometric(muscle: Muscle) -> Muscle:
@@ -57,7 +58,9 @@ def compute() -> Chapter:
     found["table-3.1.c01"] = Found(1e-3 * load("klute-3-4").parameters.muscle.c01)
     slender = {name: _slenderness(load(name)) for name in ROWS}
     told = ", ".join(f"{name.removeprefix('klute-')} in: {value:.1f}" for name, value in slender.items())
-    found["table-3.1.slender"] = Found(min(slender.values()), min(slender.values()) >= 14.0, f"L0/(2 R0): {told}.")
+    found["table-3.1.slender"] = Found(
+        min(slender.values()), min(slender.values()) >= LEAST_SLENDER, f"L0/(2 R0): {told}."
+    )
     _vessel(found)
     _overestimates(found)
     one = load("klute-3-4").parameters.muscle
@@ -65,11 +68,14 @@ def compute() -> Chapter:
         big = load("klute-1-1-4").parameters.muscle
         found[f"fig-3.5.force-{pressure:g}"] = Found(float(over_length(big, pressure, np.array([0.96]))[0]))
     _parabola(found, one)
-    found["fig-3.6.stop"] = _stop(load("klute-3-4-pair"))
+    found["fig-3.3.ratio"] = Found()
+    found["fig-3.5.fit"] = Found()
+    found["fig-3.6.stop"] = stop(load("klute-3-4-pair"))
     found["fig-3.7.rest"] = Found(1e3 * one.resting_length)
     pair = load("klute-3-4-pair").parameters.muscle
     found["fig-3.8.rest"] = Found(1e3 * pair.resting_length)
-    found["fig-3.8.twice"] = Found(float(np.mean(over_length(pair, 5.0, FITTED) / over_length(one, 5.0, FITTED))))
+    ratios = [over_length(pair, p, SHARED) / over_length(one, p, SHARED) for p in PRESSURES]
+    found["fig-3.8.twice"] = Found(float(np.ravel(ratios)[np.argmax(np.abs(np.ravel(ratios) - 2.0))]))
     return Chapter(found, tuple(_pictures()))
 
 
@@ -82,6 +88,10 @@ def _row(found: dict[str, Found], device: Device, size: str) -> None:
     turns = math.sqrt(0.8 * rest * (braid**2 - (0.8 * rest) ** 2) / (4.0 * math.pi * volume))
     friction = [-mckibben.friction_force(muscle, pressure * BAR) for pressure in PRESSURES]
     slope, offset = np.polyfit(PRESSURES, friction, 1)
+    if offset > 100.0:
+        found[f"table-3.1.{size}.empty"] = Found(float(offset))
+    elif offset < 0.0:
+        found[f"table-3.1.{size}.turns-round"] = Found(float(-offset / slope))
     values = {
         "turns": turns,
         "l0": 1e3 * rest,
@@ -103,8 +113,8 @@ def _slenderness(device: Device) -> float:
 def _vessel(found: dict[str, Found]) -> None:
     muscle = load("klute-1-1-4").parameters.muscle
     most = mckibben.volume(muscle, mckibben.lock_length(muscle))
-    change = (most - mckibben.volume(muscle, muscle.resting_length)) / (VESSEL * most)
-    pressure = 5.0 * BAR + ATMOSPHERE
+    change = (most - mckibben.volume(muscle, muscle.resting_length)) / (printed.numbers()["fig-3.3.ratio"] * most)
+    pressure = 5.0 * BAR + pneumatics.ATMOSPHERE
     found["fig-3.3.vessel"] = Found(
         1e3 * pressure * change / BAR, note="Isothermal, at 5 bar, from resting length to lock: 1-1/4 in actuator."
     )
@@ -146,29 +156,42 @@ def _parabola(found: dict[str, Found], muscle: Muscle) -> None:
             f"{key} of a parabola through the 3/4 in actuator's curve at 5 bar; asked for are {span.low:g} to "
             f"{span.high:g}.",
         )
-    relative = {p: over_length(muscle, p, FITTED) for p in PRESSURES}
-    rising = all((np.diff(curve) > 0.0).all() for curve in relative.values())
-    found["fig-3.6.first-order"] = Found(
-        None,
-        rising,
-        "Taken to mean: force rises with length up to resting length, as living muscle's does on its shorter side.",
+    found["fig-3.6.first-order"] = first_order(force_over_length(muscle))
+
+
+def force_over_length(muscle: Muscle) -> Array:
+    """Force at 5 bar over that at resting length, over :data:`SHARED`."""
+    force = over_length(muscle, 5.0, SHARED)
+    return np.asarray(force / force[-1])
+
+
+def first_order(actuator: Array) -> Found:
+    """Whether the line through an ``actuator``'s force over :data:`SHARED` is as steep as one through a muscle's."""
+    laws = [tables.CONTRACTILE[name].law for name in ("rat", "cat", "frog", "human")]
+    muscles = [[max(0.0, hill.isometric_force(law, x)) for x in SHARED] for law in laws]
+    slopes = [float(np.polyfit(SHARED, force, 1)[0]) for force in muscles]
+    own = float(np.polyfit(SHARED, actuator, 1)[0])
+    return Found(
+        own,
+        min(slopes) <= own <= max(slopes),
+        f"Slope of force over length from 0.75 to 1 of resting length, by F0 and l0; muscles have {min(slopes):.2f} to "
+        f"{max(slopes):.2f}, which is taken for first order. The shape is another matter: see (2.5).",
     )
 
 
-def _stop(device: Device) -> Found:
+def stop(device: Device) -> Found:
     """Pull a unit far beyond its muscle's resting length: the muscle must not follow."""
     parameters, rest = device.parameters, device.parameters.muscle.resting_length
     unit = rest + parameters.tendon.slack_length + 0.02
     state = taut(parameters, unit - 0.02, 5.0 * BAR)
-    for _ in range(200):
-        state = advance(parameters, state, unit, 5.0 * BAR, 1e-3)
-    return Found(state.length / rest, state.length <= rest, "Muscle length over resting length, pulled 20 mm further.")
+    for k in range(2000):
+        state = advance(parameters, state, unit - 0.02 + 1e-5 * k, 5.0 * BAR, 1e-3)
+    return Found(state.length / rest, state.length <= rest, "Over resting length, at 10 mm/s, 20 mm beyond.")
 
 
 def _pictures() -> list[Picture]:
     big, one = load("klute-1-1-4").parameters.muscle, load("klute-3-4").parameters.muscle
     ladder = (("geometric", geometric(big)), ("with bladder", with_bladder(big)), ("with bladder and friction", big))
-    actuator = FITTED[FITTED >= 0.65]
     at_rest = float(over_length(one, 5.0, np.array([1.0]))[0])
     wide = np.linspace(0.6, 1.4, 161)
     muscles = [(name, tables.CONTRACTILE[name].law) for name in ("rat", "cat", "frog", "human")]
@@ -203,7 +226,7 @@ def _pictures() -> list[Picture]:
                     Line(name, wide, np.array([hill.isometric_force(law, x) for x in wide]), "dashed")
                     for name, law in muscles
                 ),
-                Line("McKibben, 5 bar", actuator, over_length(one, 5.0, actuator) / at_rest),
+                Line("McKibben, 5 bar", FITTED, over_length(one, 5.0, FITTED) / at_rest),
             ),
             (0.6, 1.4),
             (0.0, 1.2),

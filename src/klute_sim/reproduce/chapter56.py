@@ -35,7 +35,7 @@ def compute(device: Device) -> Chapter:
     beyond = stretch > law.engagement
     before_slope, after_slope = law.stiffness_1, float(np.polyfit(stretch[beyond], pull(law, stretch)[beyond], 1)[0])
     joins = float(stretch[np.flatnonzero(second > STRAIGHT)[0] - 1]) if second.any() else float("nan")
-    found["figs-6.1-6.2.offset"] = Found(1e3 * joins, joins > 0.0)
+    found["figs-6.1-6.2.offset"] = Found(1e3 * joins if second.any() else None, joins > 0.0)
     found["figs-6.3-6.4.linear-a"] = _line(stretch, first)
     found["figs-6.3-6.4.linear-b"] = _line(stretch[beyond], second[beyond])
     found["figs-6.3-6.4.bilinear"] = Found(after_slope / before_slope, after_slope > 1.01 * before_slope)

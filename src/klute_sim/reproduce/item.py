@@ -4,7 +4,6 @@ The list of what is printed is data (``printed.toml``). Chapters compute; nothin
 verdict is written down anywhere: it follows from both.
 """
 
-import math
 from typing import Literal, NamedTuple
 
 Verdict = Literal["agrees", "contradicts-source", "source-contradicts-itself", "not-printed"]
@@ -29,6 +28,8 @@ class Item(NamedTuple):
     note: str
     measured: bool
     """Whether the source measured it on an actuator."""
+    input: bool
+    """Whether we take it over as it is, so that it cannot but agree."""
 
 
 class Found(NamedTuple):
@@ -51,12 +52,17 @@ class Outcome(NamedTuple):
 
     @property
     def difference(self) -> float | None:
-        """Computed less published, over published where that is not 0; None where there are no two numbers."""
+        """Computed less published, over published unless that is 0 or a percentage; None without two numbers."""
         published = self.item.published
         if self.found.value is None or not isinstance(published, float):
             return None
         apart = self.found.value - published
-        return apart / abs(published) if published else apart
+        return apart / abs(published) if self.relative else apart
+
+    @property
+    def relative(self) -> bool:
+        """Whether the difference is a share of what is published."""
+        return bool(self.item.published) and self.item.unit != "%"
 
     @property
     def note(self) -> str:
@@ -65,21 +71,25 @@ class Outcome(NamedTuple):
         return " ".join(filter(None, [self.item.note, self.found.note, against]))
 
 
-def judge(item: Item, found: Found) -> Outcome:
+def judge(item: Item, found: Found, implied: float | bool | None = None) -> Outcome:
     """The verdict on ``item``: of a number by its distance, of a statement by whether it holds.
 
-    What does not agree contradicts the source, or shows that the source contradicts itself where another part of the
-    source speaks against the item. What is not printed, or cannot be computed, is ``not-printed``.
+    ``implied`` is what the source's other printed numbers make of it, where they make anything. The source contradicts
+    itself where something else in it speaks against the item and, if that can be computed, agrees with what we find,
+    or makes a statement false that holds for us. What otherwise does not agree contradicts the source; what is not
+    printed, or cannot be computed, is ``not-printed``.
     """
     if isinstance(item.published, str):
-        agrees = found.holds
+        if found.holds is None:
+            return Outcome(item, found, "not-printed")
+        if found.holds and implied is not False:
+            return Outcome(item, found, "agrees")
+        own = bool(item.against) and implied is not True
     elif item.published is None or found.value is None:
-        agrees = None
-    else:
-        room = item.within * (abs(item.published) or 1.0)
-        agrees = abs(found.value - item.published) <= room * (1.0 + 1e-9) and math.isfinite(found.value)
-    if agrees is None:
         return Outcome(item, found, "not-printed")
-    if agrees:
-        return Outcome(item, found, "agrees")
-    return Outcome(item, found, "source-contradicts-itself" if item.against else "contradicts-source")
+    else:
+        room = item.within * (abs(item.published) or 1.0) * (1.0 + 1e-9)
+        if abs(found.value - item.published) <= room:
+            return Outcome(item, found, "agrees")
+        own = bool(item.against) and (implied is None or abs(found.value - implied) <= room)
+    return Outcome(item, found, "source-contradicts-itself" if own else "contradicts-source")

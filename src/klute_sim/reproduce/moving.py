@@ -9,6 +9,7 @@ from klute_sim.device.files import Device, load
 from klute_sim.laws import hill
 from klute_sim.laws import hill_tables as tables
 from klute_sim.recording.recording import Recording
+from klute_sim.reproduce import printed
 from klute_sim.reproduce.item import Found
 from klute_sim.reproduce.picture import Array, Chapter, Line, Picture, Surface
 from klute_sim.rigs.bench import protocols
@@ -22,23 +23,26 @@ VMAX = 300.0
 """Of Fig. 3.9's abscissa [mm/s] (assumed: the fastest test)."""
 SEEN = np.linspace(0.87, 0.99, 13)
 """Length ratios of the surfaces (assumed: the source's strokes are lost)."""
-ENVELOPE = (0.12, 0.41)
-"""Least and greatest a/F0 = b/Vmax of (2.5d) and (2.5e)."""
 
 
 def compute(told: Callable[[float], None] = lambda share: None) -> Chapter:
     """Everything of chapter 3 that moves."""
     protocol = protocols.load("isokinetic").model_copy(update={"pressures_bar": [PRESSURE]})
     one = run(load("klute-3-4"), protocol, told=lambda share: told(0.5 * share))
-    two = run(pair(), protocol, told=lambda share: told(0.5 + 0.5 * share))
+    # The pair was lengthened as fast as it was shortened.
+    both_ways = protocol.model_copy(update={"eccentric_mm_per_s": protocol.model_dump()["concentric_mm_per_s"]})
+    two = run(pair(), both_ways, told=lambda share: told(0.5 + 0.5 * share))
     force = {t.setting["velocity_mm_per_s"]: t.readings["force_n"] for t in one.trials}
     found = {"fig-3.9.slow": Found(force[SLOW]), "fig-3.9.fast": Found(force[FAST])}
-    found["fig-3.9.loss"] = Found(100.0 * (force[FAST] / force[SLOW] - 1.0))
+    found["fig-3.9.loss"] = Found(round(100.0 * (force[FAST] / force[SLOW] - 1.0), 2))
     spread = 100.0 * (max(force.values()) - min(force.values())) / force[SLOW]
     depends = float(np.ptp(next(iter(_over_length(one)[2]))))
     found["fig-3.7.velocity"] = Found(
         spread, spread < 1.0 and depends > 1.0, f"Over lengths of {SEEN[0]:g} to {SEEN[-1]:g} of rest: {depends:.0f} N."
     )
+    for row, result in (("fig-3.7", one), ("fig-3.8", two)):
+        speeds = [trial.setting["velocity_mm_per_s"] for trial in result.trials]
+        found[f"{row}.concentric"], found[f"{row}.eccentric"] = Found(max(speeds)), Found(-min(speeds))
     for speed in (500, 300, 200):
         found[f"fig-3.7.ripple-{speed}"] = Found()
     return Chapter(found, (_surface("3.7", one), _surface("3.8", two), _over_velocity(force)))
@@ -70,7 +74,7 @@ def _surface(number: str, result: Result) -> Picture:
     rest = 1e3 * result.device.parameters.muscle.resting_length
     return Picture(
         number,
-        f"{result.device.spec.muscle.count} actuator(s) 3/4 in, resting length {rest:.0f} mm, 5 bar",
+        f"{'one 3/4 in actuator' if number == '3.7' else 'two 3/4 in actuators'}, resting length {rest:.0f} mm, 5 bar",
         "λ1 = L/L0",
         "velocity [mm/s]",
         surface=Surface(lengths, velocities, force),
@@ -84,12 +88,14 @@ def _over_velocity(force: dict[float, float]) -> Picture:
     velocity = np.array(sorted(force))
     # Over its own isometric force, as the muscles are.
     own = np.array([force[v] for v in velocity]) / force[SLOW]
-    edges = [hill.Hill(value, value) for value in ENVELOPE]
+    edges = [hill.Hill(value, value) for value in hill.ENVELOPE.a]
     curves = [np.array([hill.force_velocity(law, 1.0, float(v)) for v in relative]) for law in edges]
+    p = printed.numbers()
+    measured = np.array([p["fig-3.9.slow"], p["fig-3.9.fast"]])
     generic = np.array([hill.force_velocity(tables.GENERIC_HILL, 1.0, float(v)) for v in relative])
     return Picture(
         "3.9",
-        "3/4 in actuator at 0.96 of resting length, 5 bar, beside the Hill envelope",
+        "3/4 in at 0.96 of resting length, 5 bar, and the envelope",
         "V/V0",
         "F/F0",
         (
@@ -97,7 +103,7 @@ def _over_velocity(force: dict[float, float]) -> Picture:
             Line("envelope, a/F0 = 0.41", relative, curves[1], "dotted", 7),
             Line("generic muscle", relative, generic),
             Line("actuator, model", velocity / VMAX, own),
-            Line("actuator, printed", np.array([SLOW, FAST]) / VMAX, np.array([734.0, 690.0]) / 734.0, "points"),
+            Line("actuator, printed", np.array([SLOW, FAST]) / VMAX, measured / measured[0], "points"),
         ),
         (-0.5, 1.0),
         (0.0, 1.4),

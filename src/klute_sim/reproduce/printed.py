@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter
 from klute_sim.errors import InputError
 from klute_sim.reproduce.item import Item
 
-WITHIN, WITHIN_SUPPLIED = 0.005, 0.1
+WITHIN, WITHIN_SUPPLIED = 1e-6, 0.1
 """What a number may differ by, relative, where the list does not say: printed, and supplied by a user."""
 
 
@@ -26,6 +26,9 @@ class _Entry(BaseModel):
     against: str = ""
     note: str = ""
     measured: bool = False
+    input: bool = False
+    lost: bool = True
+    """Where nothing is published: whether the source has it, on a page that we have not."""
 
 
 class Row(BaseModel):
@@ -53,17 +56,35 @@ def items(supplied: Mapping[str, float] | None = None) -> list[Item]:
             within = WITHIN if entry.within is None else entry.within
             if name in given:
                 published, within = given[name], WITHIN_SUPPLIED
-                note = " ".join(filter(None, [note, "The published number was supplied by the user."]))
+                told = f"The published number was supplied by the user and is compared within {100.0 * within:g} %."
+                note = " ".join(filter(None, [note, told]))
             number = float(published) if isinstance(published, int | float) else published
             found.append(
-                Item(name, row.title, entry.quantity, entry.unit, number, within, entry.against, note, entry.measured)
+                Item(
+                    name,
+                    row.title,
+                    entry.quantity,
+                    entry.unit,
+                    number,
+                    within,
+                    entry.against,
+                    note,
+                    entry.measured,
+                    entry.input,
+                )
             )
     return found
 
 
+def numbers() -> dict[str, float]:
+    """The printed numbers, by item."""
+    return {item.id: item.published for item in items() if isinstance(item.published, float)}
+
+
 def missing() -> list[Item]:
-    """The items whose number is not printed in our copy."""
-    return [item for item in items() if item.published is None]
+    """The items whose number the source has on a page that our copy lacks."""
+    lost = {f"{name}.{entry.id}" for name, row in rows().items() for entry in row.items if entry.lost}
+    return [item for item in items() if item.published is None and item.id in lost]
 
 
 def template() -> str:
@@ -71,6 +92,7 @@ def template() -> str:
     lines = [
         "# Numbers that are missing from the copy of the source that this package was made from.",
         "# Fill in what you have, as 'name = number' in the unit that stands there, and take away the # before it.",
+        "# A number of the device itself (Table 4.1, springs) is only compared; to use it, put it into a device file.",
     ]
     title = ""
     for item in missing():

@@ -1,10 +1,12 @@
 """Through the whole source, item by item."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from klute_sim.device.files import Device
 from klute_sim.reproduce import chapter2, chapter3, chapter4, chapter7, chapter8, chapter56, moving, printed
+from klute_sim.reproduce.implied import implied
 from klute_sim.reproduce.item import Found, Outcome, judge
 from klute_sim.reproduce.picture import Chapter, Picture
 
@@ -27,14 +29,20 @@ class Reproduction(NamedTuple):
                 "quantity": outcome.item.quantity,
                 "unit": outcome.item.unit,
                 "published": outcome.item.published,
-                "computed": outcome.found.value,
+                "computed": _finite(outcome.found.value),
                 "holds": outcome.found.holds,
-                "difference": outcome.difference,
+                "difference": _finite(outcome.difference),
+                "tolerance": outcome.item.within,
+                "input": outcome.item.input,
                 "verdict": outcome.verdict,
                 "note": outcome.note,
             }
             for outcome in self.outcomes
         ]
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
 
 
 def walk(
@@ -67,5 +75,6 @@ def walk(
         pictures += found.pictures
         begin += weight
         told(begin)
-    outcomes = tuple(judge(item, findings[item.id]) for item in printed.items(supplied))
+    others = implied()
+    outcomes = tuple(judge(item, findings[item.id], others.get(item.id)) for item in printed.items(supplied))
     return Reproduction(device, outcomes, tuple(pictures))

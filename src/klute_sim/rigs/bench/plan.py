@@ -4,6 +4,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, ClassVar, NamedTuple
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from klute_sim.device.files import Device
@@ -17,11 +18,21 @@ Some = Field(min_length=1)
 """At least one of a list."""
 
 
+def label(value: float) -> str:
+    """``value`` for a name: what is different by more than rounding reads differently."""
+    return f"{value:.12g}"
+
+
+def constant(pressure: float) -> Callable[[Array], Array]:
+    """A command that stays at ``pressure`` [Pa]."""
+    return lambda time: np.full(len(time), pressure)
+
+
 class Plan(NamedTuple):
     """One trial."""
 
     name: str
-    """Fit for a file's name."""
+    """Fit for a file's name, and of this trial alone."""
     setting: Mapping[str, float]
     """What was set, keys with units."""
     path: Path
@@ -53,6 +64,9 @@ class Protocol(BaseModel):
     @abstractmethod
     def plans(self, device: Device) -> Sequence[Plan]:
         """The trials for ``device``; raises InputError for what it cannot do."""
+
+    def check_step(self, step: float) -> None:
+        """Raise InputError for a time ``step`` [s] that is too long for what is read."""
 
     @abstractmethod
     def readings(self, device: Device, plan: Plan, recording: Recording) -> dict[str, float]:

@@ -8,6 +8,8 @@ from klute_sim.rigs.bench.path import Array
 POWERS = ("gas_power", "friction_power", "damper_power", "stop_power", "effects_power")
 """Out of the device's elements."""
 STORES = ("bladder_energy", "tendon_energy")
+TINY = 1e-9
+"""By which an instant may miss its sample [s]: rounding, as in :func:`klute_sim.rigs.bench.path.stairs`."""
 
 
 def at(recording: Recording, channel: str, time: float) -> float:
@@ -16,14 +18,25 @@ def at(recording: Recording, channel: str, time: float) -> float:
 
 
 def between(recording: Recording, begin: float, end: float) -> Recording:
-    """The samples from ``begin`` to ``end`` [s], both ends with them."""
-    tiny = 1e-9 + 0.5 * float(recording["time"][1])
-    return recording.select((recording["time"] >= begin - tiny) & (recording["time"] < end + tiny))
+    """The samples from ``begin`` [s] on, without those from ``end`` [s] on: a command given then is not in them."""
+    time = recording["time"]
+    return recording.select((time >= begin - TINY) & (time < end - TINY))
+
+
+def over(recording: Recording, begin: float, end: float) -> Recording:
+    """From the sample next to ``begin`` to that next to ``end`` [s], both with it: what is added up in between."""
+    time, half = recording["time"], 0.5 * sampling(recording) + TINY
+    return recording.select((time >= begin - half) & (time < end + half))
+
+
+def sampling(recording: Recording) -> float:
+    """Time [s] from one sample to the next."""
+    return float(recording["time"][1] - recording["time"][0])
 
 
 def crossing(recording: Recording, channel: str, level: float, begin: float, end: float) -> float:
     """First instant [s] between ``begin`` and ``end`` at which ``channel`` passes ``level``; NaN if it does not."""
-    inside = between(recording, begin, end)
+    inside = over(recording, begin, end)
     time, beyond = inside["time"], inside[channel] - level
     passed = np.flatnonzero((beyond[:-1] * beyond[1:] <= 0.0) & (beyond[:-1] != beyond[1:]))
     if not len(passed):

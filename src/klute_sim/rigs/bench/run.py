@@ -1,5 +1,6 @@
 """Running a protocol on a device, trial by trial."""
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from klute_sim.device.files import Device
+from klute_sim.device.rollout import LONGEST_STEP
 from klute_sim.device.step import settled
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
@@ -60,9 +62,15 @@ def run(
 
     Each begins in equilibrium. Raises InputError for what the device cannot do.
     """
-    if not 0.0 < step <= 0.01:
-        raise InputError(f"step is {step:g}; allowed: above 0, up to 0.01 s")
+    if not 0.0 < step <= LONGEST_STEP:
+        raise InputError(f"step is {step:g}; allowed: above 0, up to {LONGEST_STEP:g} s")
+    protocol.check_step(step)
     plans = protocol.plans(device)
+    for name, count in Counter(plan.name for plan in plans).items():
+        if count > 1:
+            raise InputError(
+                f"the protocol has {count} trials '{name}'; allowed: every value once in each of its lists"
+            )
     sizes = [plan.path.samples(step) for plan in plans]
     if sum(sizes) > MOST_STEPS:
         raise InputError(

@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 from klute_sim.device.files import Device
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench.path import Path
-from klute_sim.rigs.bench.plan import Plan, Positive, Protocol, Ratio, Some
+from klute_sim.rigs.bench.plan import Plan, Positive, Protocol, Ratio, Some, constant, label
 from klute_sim.rigs.bench.reach import refuse_beyond_supply, unit_length
 from klute_sim.rigs.bench.reading import at
 from klute_sim.units import BAR
@@ -50,10 +50,10 @@ class Creep(Protocol):
             done = path.end
             found.append(
                 Plan(
-                    name=f"{bar:g}bar",
+                    name=f"{label(bar)}bar",
                     setting={"pressure_bar": bar},
                     path=path.hold(self.times_s[-1]),
-                    command=lambda time, pressure=pressure: np.full(len(time), pressure),  # type: ignore[misc]
+                    command=constant(pressure),
                     marks={"done": done},
                 )
             )
@@ -64,6 +64,6 @@ class Creep(Protocol):
         forces = [at(recording, "force", plan.marks["done"] + time) for time in self.times_s]
         slope = float(np.polyfit(np.log10(self.times_s), np.array(forces) - forces[0], 1)[0])
         return {
-            **{f"force_at_{time:g}_s_n": force for time, force in zip(self.times_s, forces, strict=True)},
+            **{f"force_at_{label(time)}_s_n": force for time, force in zip(self.times_s, forces, strict=True)},
             "creep_pct_per_decade": 100.0 * slope / abs(forces[0]) if forces[0] else float("nan"),
         }

@@ -9,10 +9,13 @@ from klute_sim.device.files import Device
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench.path import Array, Path
-from klute_sim.rigs.bench.plan import Plan, Positive, Protocol, Ratio, Some
+from klute_sim.rigs.bench.plan import Plan, Positive, Protocol, Ratio, Some, label
 from klute_sim.rigs.bench.reach import refuse_beyond_supply, unit_length
 from klute_sim.rigs.bench.reading import between
 from klute_sim.units import BAR
+
+LEAST_SAMPLES = 10
+"""Per period of a sinusoid that is fitted."""
 
 
 class Frequency(Protocol):
@@ -51,12 +54,21 @@ class Frequency(Protocol):
             return np.asarray(BAR * (bar + self.amplitude_bar * swing))
 
         return Plan(
-            name=f"{bar:g}bar_{frequency:g}Hz",
+            name=f"{label(bar)}bar_{label(frequency)}Hz",
             setting={"pressure_bar": bar, "amplitude_bar": self.amplitude_bar, "frequency_hz": frequency},
             path=Path(unit_length(device, self.muscle_ratio, bar * BAR), end),
             command=command,
             marks={"begin": begin, "end": end},
         )
+
+    def check_step(self, step: float) -> None:
+        """Raise InputError where the fastest sinusoid has fewer than :data:`LEAST_SAMPLES` per period."""
+        fastest = max(self.frequencies_hz)
+        if step * fastest * LEAST_SAMPLES > 1.0 + 1e-9:
+            raise InputError(
+                f"step is {1e3 * step:g} ms, which is {1.0 / (step * fastest):.3g} samples per period at "
+                f"{fastest:g} Hz; allowed: up to {1e3 / (LEAST_SAMPLES * fastest):.4g} ms ({LEAST_SAMPLES} samples)"
+            )
 
     def readings(self, device: Device, plan: Plan, recording: Recording) -> dict[str, float]:
         """Gains and phases against the command; negative phase: late.

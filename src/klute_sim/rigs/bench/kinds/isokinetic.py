@@ -11,7 +11,7 @@ from klute_sim.device.files import Device
 from klute_sim.device.step import settled, tension
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench.path import Path
-from klute_sim.rigs.bench.plan import Plan, Positive, Protocol, Ratio
+from klute_sim.rigs.bench.plan import Plan, Positive, Protocol, Ratio, constant, label
 from klute_sim.rigs.bench.reach import isometric_force, refuse_beyond_supply, refuse_too_fast, unit_length
 from klute_sim.rigs.bench.reading import crossing, velocity
 from klute_sim.units import BAR
@@ -80,10 +80,10 @@ class Isokinetic(Protocol):
         path.hold(0.05)
         way = "concentric" if shortening > 0.0 else "eccentric"
         return Plan(
-            name=f"{bar:g}bar_{place:g}_{way}_{1e3 * speed:g}mm_per_s",
+            name=f"{label(bar)}bar_{label(place)}_{way}_{label(1e3 * speed)}mm_per_s",
             setting={"pressure_bar": bar, "velocity_mm_per_s": 1e3 * shortening, key: place},
             path=path,
-            command=lambda time: np.full(len(time), bar * BAR),
+            command=constant(bar * BAR),
             marks=marks,
         )
 

@@ -2,12 +2,10 @@
 
 from typing import Annotated, ClassVar, Literal
 
-import numpy as np
-
 from klute_sim.device.files import Device
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench.path import Path
-from klute_sim.rigs.bench.plan import Plan, Protocol, Ratio, Some
+from klute_sim.rigs.bench.plan import Plan, Protocol, Ratio, Some, constant, label
 from klute_sim.rigs.bench.reach import refuse_beyond_supply, unit_length
 from klute_sim.units import BAR
 
@@ -30,10 +28,10 @@ class Isometric(Protocol):
                 pressure = bar * BAR
                 found.append(
                     Plan(
-                        name=f"{bar:g}bar_{ratio:g}",
+                        name=f"{label(bar)}bar_{label(ratio)}",
                         setting={"pressure_bar": bar, "muscle_ratio": ratio},
                         path=Path(unit_length(device, ratio, pressure), self.rest_s),
-                        command=lambda time, pressure=pressure: np.full(len(time), pressure),  # type: ignore[misc]
+                        command=constant(pressure),
                         marks={},
                     )
                 )

@@ -8,9 +8,9 @@ from pydantic import Field
 from klute_sim.device.files import Device
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench.path import Path
-from klute_sim.rigs.bench.plan import Plan, Positive, Protocol, Ratio, Some
+from klute_sim.rigs.bench.plan import Plan, Positive, Protocol, Ratio, Some, constant, label
 from klute_sim.rigs.bench.reach import refuse_beyond_supply, unit_length
-from klute_sim.rigs.bench.reading import at, between
+from klute_sim.rigs.bench.reading import at, over
 from klute_sim.units import BAR
 
 
@@ -41,10 +41,10 @@ class QuickRelease(Protocol):
                 released = path.end
                 found.append(
                     Plan(
-                        name=f"{bar:g}bar_{1e3 * release * rest:.3g}mm",
+                        name=f"{label(bar)}bar_{label(1e3 * release * rest)}mm",
                         setting={"pressure_bar": bar, "release_mm": 1e3 * release * rest},
                         path=path.hold(self.hold_s),
-                        command=lambda time, pressure=pressure: np.full(len(time), pressure),  # type: ignore[misc]
+                        command=constant(pressure),
                         marks={"released": released},
                     )
                 )
@@ -53,7 +53,7 @@ class QuickRelease(Protocol):
     def readings(self, device: Device, plan: Plan, recording: Recording) -> dict[str, float]:
         """Before, at the lowest, and at the end; ``recovery_s``: until 90 % of the force has come back."""
         released = plan.marks["released"]
-        after = between(recording, self.rest_s, plan.path.end)
+        after = over(recording, self.rest_s, plan.path.end)
         lowest = int(np.argmin(after["force"]))
         before, low, last = at(recording, "force", self.rest_s - 0.01), after["force"][lowest], after["force"][-1]
         back = after.select(slice(lowest, None))

@@ -8,9 +8,9 @@ from klute_sim.device.files import Device
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench.path import Array, Path, stairs
-from klute_sim.rigs.bench.plan import NotNegative, Plan, Positive, Protocol, Ratio
+from klute_sim.rigs.bench.plan import NotNegative, Plan, Positive, Protocol, Ratio, label
 from klute_sim.rigs.bench.reach import refuse_beyond_supply, unit_length
-from klute_sim.rigs.bench.reading import between
+from klute_sim.rigs.bench.reading import between, sampling
 from klute_sim.units import BAR
 
 NEAR = 0.05
@@ -40,7 +40,7 @@ class Step(Protocol):
             levels = [(0.0, low), (self.rest_s, bar * BAR), (self.rest_s + self.hold_s, low)]
             found.append(
                 Plan(
-                    name=f"{self.low_bar:g}to{bar:g}bar",
+                    name=f"{label(self.low_bar)}to{label(bar)}bar",
                     setting={"pressure_bar": bar, "low_bar": self.low_bar},
                     path=Path(unit_length(device, self.muscle_ratio, 0.0), self.rest_s + 2.0 * self.hold_s),
                     command=lambda time, levels=levels: stairs(time, levels),  # type: ignore[misc]
@@ -54,9 +54,10 @@ class Step(Protocol):
         found: dict[str, float] = {}
         for way in ("up", "down"):
             begin = plan.marks[way]
-            part = between(recording, begin, begin + self.hold_s - 1e-3)
+            # A sample is what the step that ends there has made: the one before is where the response begins.
+            part = between(recording, begin - sampling(recording), begin + self.hold_s)
             for channel in ("pressure", "force"):
-                told = response(part["time"] - begin, part[channel])
+                told = response(part["time"] - part["time"][0], part[channel])
                 found |= {f"{channel}_{way}_{key}": value for key, value in told.items()}
             found[f"force_{way}_n"] = float(part["force"][-1])
         return found

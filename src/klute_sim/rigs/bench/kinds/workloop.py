@@ -15,9 +15,9 @@ from klute_sim.device.files import Device
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench.path import Array, Path
-from klute_sim.rigs.bench.plan import NotNegative, Plan, Positive, Protocol, Ratio, Some
+from klute_sim.rigs.bench.plan import NotNegative, Plan, Positive, Protocol, Ratio, Some, label
 from klute_sim.rigs.bench.reach import refuse_beyond_supply, refuse_too_fast, unit_length
-from klute_sim.rigs.bench.reading import POWERS, between, given, ledger_residual, stored, work
+from klute_sim.rigs.bench.reading import POWERS, given, ledger_residual, over, stored, work
 from klute_sim.units import BAR
 
 HALF = {"concentric": 0.0, "eccentric": 50.0}
@@ -65,7 +65,7 @@ class Workloop(Protocol):
             raise InputError(f"low_bar is {self.low_bar:g}; allowed: less than every one of pressures_bar")
         pulses: list[tuple[str, float, float]]
         pulses = [(name, HALF[name], 50.0) for name in self.activations if name != "phased"]
-        pulses += [(f"phased_{phase:g}pct", phase, self.duty_pct) for phase in self.phases_pct]
+        pulses += [(f"phased_{label(phase)}pct", phase, self.duty_pct) for phase in self.phases_pct]
         return [
             self._plan(device, name, phase, duty, velocity, bar)
             for name, phase, duty in pulses
@@ -91,7 +91,7 @@ class Workloop(Protocol):
             return np.asarray(BAR * np.where(place < 0.01 * duty, bar, self.low_bar))
 
         return Plan(
-            name=f"{name}_{velocity:g}mm_per_s_{bar:g}bar",
+            name=f"{name}_{label(velocity)}mm_per_s_{label(bar)}bar",
             setting={"pressure_bar": bar, "velocity_mm_per_s": velocity, "phase_pct": phase, "duty_pct": duty},
             path=path,
             command=command,
@@ -105,14 +105,14 @@ class Workloop(Protocol):
         the dwell is too short for this supply.
         """
         begin, half, end = (plan.marks[key] for key in ("begin", "half", "end"))
-        cycle = between(recording, begin, end)
+        cycle = over(recording, begin, end)
         way = np.abs(np.diff(cycle["length_command"]))
         swing = plan.setting["pressure_bar"] - self.low_bar
         follows = np.abs(cycle["pressure"] - cycle["pressure_command"])[1:] <= NEAR * swing
         return {
             "work_j": work(cycle),
-            "work_shortening_j": work(between(recording, begin, half)),
-            "work_lengthening_j": work(between(recording, half, end)),
+            "work_shortening_j": work(over(recording, begin, half)),
+            "work_lengthening_j": work(over(recording, half, end)),
             "mean_power_w": work(cycle) / (end - begin),
             "force_max_n": float(cycle["force"].max()),
             "force_min_n": float(cycle["force"].min()),
