@@ -25,6 +25,7 @@ PLACES = {
     "reading": "what an instrument shows",
 }
 """Hook -> what a law changes there."""
+DEVICE = "klute-3-4-pair"
 WHOLE_SERIES = "the pressure command as a whole"
 """Where an effect without laws acts."""
 
@@ -41,7 +42,34 @@ WHOLE_SERIES = "the pressure command as a whole"
     metavar="FILE",
     help="Python file with effects of your own (docs/effects.md). Its code is run.",
 )
-def command(name: str | None, as_json: bool, catalogue: Path | None) -> None:
+@click.option(
+    "--confusable",
+    is_flag=True,
+    help="Compute which effects look alike in the standard protocols, and the change of the rig that splits them.",
+)
+@click.option(
+    "--device",
+    "device_name",
+    default=DEVICE,
+    show_default=True,
+    metavar="NAME|FILE",
+    help="Device of --confusable and of the pictures.",
+)
+@click.option(
+    "--out",
+    type=GivenPath(),
+    default=None,
+    metavar="FOLDER",
+    help="New or empty folder for pictures and data: of NAME what it changes, of --confusable who looks like whom.",
+)
+def command(
+    name: str | None,
+    as_json: bool,
+    catalogue: Path | None,
+    confusable: bool,
+    device_name: str,
+    out: Path | None,
+) -> None:
     """List the physical effects that the base model leaves out, or show one.
 
     Shows each form's equation, where it acts, its parameters (unit, the value without effect, range, typical size,
@@ -53,11 +81,23 @@ def command(name: str | None, as_json: bool, catalogue: Path | None) -> None:
       klute-sim effects braid_hysteresis
       klute-sim effects pressure_lag --json
       klute-sim effects warming --catalogue my_effects.py
+      klute-sim effects muscle_damping --out signature    pictures of what it changes
+      klute-sim effects seal_friction --confusable        what it is easily taken for
+      klute-sim effects --confusable --out who-is-who     all of them, as matrix and table
     """
     from klute_sim.effects import catalogue as known
+    from klute_sim.errors import InputError
 
     if catalogue is not None:
         use(catalogue)
+    if out is not None and name is None and not confusable:
+        raise InputError("--out goes with NAME or --confusable")
+    chosen = known.form_of(name, None)[0] if name else None
+    if confusable:
+        _confusable(device_name, chosen, out, as_json=as_json)
+        return
+    if out is not None and chosen is not None:
+        _signatures(device_name, chosen, out)
     if name is None:
         shown = [describe(effect) for effect in known.effects().values()]
         if as_json:
@@ -70,6 +110,107 @@ def command(name: str | None, as_json: bool, catalogue: Path | None) -> None:
         _json(one)
     else:
         _print_one(one)
+
+
+def _confusable(device_name: str, chosen: "Effect | None", out: Path | None, *, as_json: bool) -> None:
+    from contextlib import nullcontext
+
+    from klute_sim.cli.console import console, progress_bar
+    from klute_sim.device.files import load
+    from klute_sim.diagnose.confusable import confusions, twins
+    from klute_sim.diagnose.experiment import Bench
+    from klute_sim.recording import run_folder
+
+    device, bench = load(device_name), Bench()
+    folder = run_folder.new("effects", out) if out is not None else nullcontext((None, None))
+    with folder as (place, scratch):
+        with progress_bar("simulating") as told:
+            found = confusions(device, bench, told)
+        alike = twins(found)
+        rows = [
+            {
+                "effect": term.effect,
+                "form": term.form,
+                "channel": term.channel,
+                "class_size": 1 + len(others),
+                "size": next(s.size for s in found[0].signatures if s.term == term),
+                "kept": next(s.kept for s in found[0].signatures if s.term == term),
+                "alike": [
+                    {
+                        "effect": str(twin.term),
+                        "cosine": twin.cosine,
+                        "split_by": twin.split_by.words if twin.split_by else None,
+                        "cosine_then": twin.after,
+                    }
+                    for twin in others
+                ],
+            }
+            for term, others in alike.items()
+        ]
+        if scratch is not None:
+            _write_matrices(found, rows, scratch)
+    bench.close()
+    shown = [row for row in rows if chosen is None or row["effect"] == chosen.name]
+    if as_json:
+        _json(shown)
+        return
+    _print_confusable(shown)
+    if place is not None:
+        console().print(f"Matrix and table: {place}", soft_wrap=True)
+
+
+def _write_matrices(found: Any, rows: list[dict[str, Any]], scratch: Path) -> None:
+    import csv
+
+    from klute_sim.report import effects_figures
+
+    (scratch / "confusable.json").write_text(json.dumps(rows, indent=2, allow_nan=False) + "\n", "utf-8")
+    for number, one in enumerate(found):
+        effects_figures.matrix(one).savefig(scratch / f"matrix_{number}.png", dpi=110)
+        names = [str(signature.term) for signature in one.signatures]
+        with (scratch / f"matrix_{number}.csv").open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow([one.change.words, *names])
+            writer.writerows(
+                [name, *(f"{c:.4f}" for c in line)] for name, line in zip(names, one.cosines(), strict=True)
+            )
+
+
+def _print_confusable(rows: list[dict[str, Any]]) -> None:
+    from rich.table import Table
+
+    from klute_sim.cli.console import console
+
+    table = Table("effect", "typical size over noise", "left after refitting", "looks like", "split by")
+    for row in rows:
+        name = f"{row['effect']} ({row['form']})" + (f" of {row['channel']}" if row["channel"] else "")
+        likes = "\n".join(f"{t['effect']} ({t['cosine']:.2f})" for t in row["alike"]) or "nothing else"
+        split = "\n".join(
+            f"{t['split_by']} ({t['cosine_then']:.2f})" if t["split_by"] else "no change of the rig"
+            for t in row["alike"]
+        )
+        table.add_row(name, f"{row['size']:.0f}", f"{100.0 * row['kept']:.0f} %", likes, split or "-")
+    console().print(table)
+
+
+def _signatures(device_name: str, effect: "Effect", out: Path) -> None:
+    """A picture of every form of ``effect`` (of an instrument: on the force)."""
+    from klute_sim.cli.console import notes
+    from klute_sim.device.files import load
+    from klute_sim.diagnose.experiment import Bench
+    from klute_sim.diagnose.hypothesis import Term
+    from klute_sim.diagnose.signature import signature
+    from klute_sim.recording import run_folder
+    from klute_sim.report import effects_figures
+
+    device, bench = load(device_name), Bench()
+    with run_folder.new("effects", out) as (place, scratch):
+        for form in effect.forms:
+            found = signature(device, Term(effect.name, form.name, None if effect.kind == "device" else "force"), bench)
+            title = f"{effect.name} ({form.name}) at its typical size, protocol '{found.protocol}', {device.name}"
+            effects_figures.signature(found, title).savefig(scratch / f"{effect.name}_{form.name}.png", dpi=110)
+    bench.close()
+    notes().print(f"Pictures: {place}", soft_wrap=True)
 
 
 def use(catalogue: Path) -> None:

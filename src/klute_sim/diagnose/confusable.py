@@ -74,14 +74,14 @@ def confusions(device: Device, bench: Bench, told: Callable[[float], None] = lam
 
     Raises InputError for a device that no protocol can be run on.
     """
-    experiments = _experiments(device)
+    every = experiments(device)
     numbers = device.spec.numbers()
     uncertain = tuple((key, UNCERTAIN * numbers[key]) for key in NUMBERS if numbers.get(key))
     plain = Hypothesis(device, uncertain, tuple(NOISE.items()))
     terms = _terms(device)
     start = plain.start()
-    base = [plain.settings(start + DIFFERENCE * unit, experiments) for unit in np.eye(len(start))]
-    rows = [plain.settings(start, experiments), *base]
+    base = [plain.settings(start + DIFFERENCE * unit, every) for unit in np.eye(len(start))]
+    rows = [plain.settings(start, every), *base]
     tried = []
     for term in terms:
         hypothesis = plain.plus(term)
@@ -89,16 +89,17 @@ def confusions(device: Device, bench: Bench, told: Callable[[float], None] = lam
         for k in range(len(start), len(row)):
             if not hypothesis.unknowns[k].logarithmic:
                 row[k] = SHARE
-        tried.append(hypothesis.settings(row, experiments))
+        tried.append(hypothesis.settings(row, every))
     told(0.05)
-    shown = bench.simulate([*rows, *tried], experiments)
+    shown = bench.simulate([*rows, *tried], every)
     told(0.7)
-    true = bench.simulate([[Setting(one.parameters) for one in row] for row in [*rows, *tried]], experiments)
+    true = bench.simulate([[Setting(one.parameters) for one in row] for row in [*rows, *tried]], every)
     told(0.95)
     return [_confusion(change, terms, len(base), shown, true) for change in CHANGES]
 
 
-def _experiments(device: Device) -> list[Experiment]:
+def experiments(device: Device) -> list[Experiment]:
+    """The standard protocols for ``device``, with every channel sampled; InputError where none can be run."""
     found = []
     for name, protocol in PROTOCOLS.items():
         try:
