@@ -70,7 +70,7 @@ def _orifice(axis: Axes, found: Design) -> None:
 def _force(axis: Axes, demand: Demand) -> None:
     phase = 100.0 * demand.phase
     axis.plot(phase, demand.strongest, color="#d62728", linewidth=1.1, label="isometric, supply's pressure")
-    axis.plot(phase, demand.commanded, color="#9467bd", linewidth=1.1, label="isometric, tuned profile")
+    axis.plot(phase, demand.commanded, color="#9467bd", linewidth=1.1, label="isometric, its own profile")
     asked = np.where(demand.loaded, demand.tendon - demand.damping, np.nan)
     axis.plot(phase, asked, color=OURS, linestyle="--", linewidth=1.2, label="needed, with damper")
     axis.plot(phase, demand.tendon, color=HUMAN, linewidth=1.6, label="needed by the tendon")
