@@ -367,6 +367,13 @@ def test_what_a_device_cannot_do_is_said(name: str, update: dict[str, Any], says
         trials(PAIR, name, **update)
 
 
+@pytest.mark.parametrize("ratio", [0.1, 0.85, 0.995, 1.0])
+def test_a_length_that_the_stroke_does_not_pass_is_refused(ratio: float) -> None:
+    text = protocols.content("isokinetic").decode().replace("muscle_ratios = [0.96]", f"muscle_ratios = [0.9, {ratio}]")
+    with pytest.raises(InputError, match=rf"a muscle_ratio is {ratio:g}.*\(0\.85 to 0\.995\)"):
+        protocols.read(text.encode(), "mine.toml")
+
+
 def test_a_sinusoid_needs_ten_samples_per_period() -> None:
     says = r"step is 10 ms, which is 2 samples per period at 50 Hz; allowed: up to 2 ms \(10 samples\)"
     with pytest.raises(InputError, match=says):
