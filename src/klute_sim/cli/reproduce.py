@@ -95,28 +95,29 @@ def _json(found: "Reproduction") -> str:
 
 
 def _print(found: "Reproduction", folder: Path, *, every: bool) -> None:
-    from rich.markup import escape
     from rich.table import Table
 
     from klute_sim.cli.console import console
     from klute_sim.report.reproduction_page import MEANING, cells, counts, inputs
 
     out = console()
-    shown = [o for o in found.outcomes if every or o.verdict in ("contradicts-source", "source-contradicts-itself")]
+    told = ("contradicts-source", "source-contradicts-itself")
+    shown = [o for o in found.outcomes if every or (o.verdict in told and not o.item.measured)]
     for title, outcomes in (
         ("Measured at 5 bar, and the model", [o for o in found.outcomes if o.item.measured]),
-        ("Every item" if every else "What does not agree", shown),
+        ("Every item" if every else "What else does not agree", shown),
     ):
         table = Table("table or figure", "what", "unit", "published", "computed", "difference", title=title)
         table.add_column("verdict", no_wrap=True)
         for outcome in outcomes:
             c = cells(outcome)
-            why = f"\n[dim]{escape(c['note'])}[/dim]" if c["note"] and c["verdict"] != "not-printed" else ""
-            what = f"{escape(c['quantity'])}{why}"
             table.add_row(
-                outcome.item.row, what, c["unit"], c["published"], c["computed"], c["difference"], c["verdict"]
+                outcome.item.row, c["quantity"], c["unit"], c["published"], c["computed"], c["difference"], c["verdict"]
             )
         out.print(table)
+        for outcome in outcomes:
+            if outcome.note and outcome.verdict not in ("agrees", "not-printed"):
+                out.print(f"{outcome.item.row}, {outcome.item.quantity}: {outcome.note}", soft_wrap=True)
     for verdict, count in counts(found.outcomes).items():
         taken = (
             f"; {inputs(found.outcomes)} of them inputs that are taken over as they are" if verdict == "agrees" else ""
