@@ -110,6 +110,7 @@ def test_the_tester_says_so_and_records_what_it_reached(tmp_path: Path) -> None:
     assert recording["load_cell"] == pytest.approx(recording["force"], rel=1e-6, abs=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["isometric", "step", "frequency", "quick-release", "creep", "isokinetic-unit"])
 def test_every_kind_has_a_table_and_a_picture(name: str, tmp_path: Path) -> None:
     done = run(name, "--out", "r", "--step", "1", cwd=tmp_path)

@@ -47,6 +47,7 @@ def loops() -> list[Trial]:
     return trials(PAIR, "workloop")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", protocols.names())
 def test_every_protocol_runs_on_every_device_and_its_ledger_closes(name: str) -> None:
     slow = {"concentric_mm_per_s": [100], "eccentric_mm_per_s": [100]} if name == "isokinetic" else {}
