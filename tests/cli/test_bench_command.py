@@ -110,12 +110,53 @@ def test_the_tester_says_so_and_records_what_it_reached(tmp_path: Path) -> None:
     assert recording["load_cell"] == pytest.approx(recording["force"], rel=1e-6, abs=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["isometric", "step", "frequency", "quick-release", "creep", "isokinetic-unit"])
 def test_every_kind_has_a_table_and_a_picture(name: str, tmp_path: Path) -> None:
     done = run(name, "--out", "r", "--step", "1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"{name}: klute-3-4-pair, device alone" in done.stdout
     assert (tmp_path / "r" / "figure.png").stat().st_size > 20_000
+
+
+def test_a_file_that_is_none_or_something_else_is_recognised(tmp_path: Path) -> None:
+    (tmp_path / "empty.toml").touch()
+    (tmp_path / "huge.toml").write_text("#" * 1_000_001)
+    (tmp_path / "mine.toml").write_text(SMALL, "utf-8")
+    (tmp_path / "device.toml").write_bytes(load("klute-3-4").content)
+    for arguments, says in (
+        (["empty.toml"], "protocol file empty.toml: key 'kind' is missing; allowed: isometric, isokinetic"),
+        (["huge.toml"], "protocol file huge.toml has 1000001 bytes; allowed: up to 1000000"),
+        (["isometric", "mine.toml"], "'mine.toml' is a protocol where a device is expected"),
+        (["device.toml"], "it looks like a device file, which stands after the protocol"),
+    ):
+        done = run(*arguments, cwd=tmp_path)
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert says in done.stderr
+
+
+def test_phased_activation_is_not_advised_a_longer_dwell(tmp_path: Path) -> None:
+    done = run("workloop-phased", "--step", "1", "--out", "p", cwd=tmp_path)
+    assert "its rise and fall are part of the experiment" in done.stdout
+    assert "dwell_s it would be" not in done.stdout
+    assert "[% of cycle]" in done.stdout
+    (tmp_path / "short.toml").write_text(SMALL.replace("dwell_s = 0.1", "dwell_s = 0.0"), "utf-8")
+    done = run("short.toml", "--out", "s", cwd=tmp_path)
+    assert "In 4 of 4 concentric or eccentric trials" in done.stdout
+    assert "with a longer dwell_s it would be" in done.stdout
+
+
+def test_a_muscle_that_pushes_is_said(made: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+    """The vented muscle pushes in every loop; a unit with a tendon never does."""
+    (said,) = [remark for remark in made[1]["remarks"] if "below 0" in remark]  # type: ignore[attr-defined]
+    assert said.startswith("In 4 of 4 trials a force is below 0 (down to -1")
+    assert said.endswith("A tendon would be slack.")
+    done = run("step", "klute-3-4-pair", "--step", "1", "--out", "t", cwd=tmp_path)
+    assert "below 0" not in done.stdout
+
+
+def test_the_slope_of_a_creep_has_its_unit(tmp_path: Path) -> None:
+    assert "[% per decade]" in run("creep", "--step", "10", "--out", "c", cwd=tmp_path).stdout
 
 
 def test_protocols_are_listed_and_printed(tmp_path: Path) -> None:
@@ -135,9 +176,13 @@ def test_protocols_are_listed_and_printed(tmp_path: Path) -> None:
         (["stretch"], "no protocol 'stretch': give the path of a protocol file"),
         ([""], "the name of the protocol is empty"),
         (["step", "klute-9"], "no device 'klute-9'"),
-        (["step", "--step", "20"], "step is 0.02; allowed: above 0, up to 0.01 s"),
+        (["step", "--step", "20"], "step is 20 ms; allowed: above 0, up to 10 ms"),
         (["isokinetic-unit", "klute-3-4"], "unit length runs from 298.0 to 322.0 mm; allowed for 'klute-3-4'"),
         (["--toml"], "--toml needs a protocol"),
+        (["klute-3-4"], "'klute-3-4' is a device: name a protocol before it (klute-sim bench PROTOCOL klute-3-4)"),
+        (["/dev/zero"], "protocol file /dev/zero cannot be read: it is no regular file"),
+        (["step", "/dev/zero"], "device file /dev/zero cannot be read: it is no regular file"),
+        (["step", "isometric"], "'isometric' is a protocol where a device is expected"),
         (["step", "--list"], "--list goes without a protocol"),
         (["step", "--toml", "--json"], "--toml and --json do not go together"),
     ],

@@ -86,6 +86,32 @@ def test_the_tables_say_what_was_chosen_what_is_missed_and_what_is_assumed(tmp_p
     assert spec.damper.orifice_concentric_mm == pytest.approx(1.084, rel=0.005)
     assert spec.damper.orifice_eccentric_mm == pytest.approx(1.062, rel=0.005)
     assert not (tmp_path / "pair" / "profile.csv").exists()
+    assert "No pressure profile was written, because a muscle has no stride" in done.stdout
+    assert "bore, given" in done.stdout
+    assert "bore (4.2)" not in done.stdout
+    assert "more than the" not in done.stdout
+    assert "Asked for: muscle 'generic'" in done.stdout
+
+
+def test_a_cylinder_beyond_its_pressure_is_said(tmp_path: Path) -> None:
+    done = run("design", "--mass", "75", "--bore", "1", "--json", "--out", "o", cwd=tmp_path)
+    shown = json.loads(done.stdout)
+    (said,) = [remark for remark in shown["remarks"] if "MPa in its cylinder" in remark]
+    assert f"{shown['damper']['pressure_mpa']:.4g} MPa in its cylinder, more than the 4.7 MPa allowed" in said
+    assert "bore of 27.0" in said
+    assert json.loads((tmp_path / "o" / "summary.json").read_text()) == shown
+    assert "klute-sim gait --device o/device.toml --profile o/profile.csv --mass 75" in " ".join(shown["remarks"])
+
+
+def test_there_is_one_verdict_on_the_strength(walker: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+    enough = " ".join(walker[1]["remarks"])  # type: ignore[call-overload]
+    assert "strong enough" in enough
+    assert "too weak" not in enough
+    shown = json.loads(run("design", "--mass", "250", "--pressure", "2", "--json", cwd=tmp_path).stdout)
+    assert shown["strength"] >= 1.0 > shown["demand"]["least_margin"]
+    said = " ".join(shown["remarks"])
+    assert "The actuators are too weak: at rest they have" in said
+    assert "enough" not in said
 
 
 def test_options_reach_the_design(tmp_path: Path) -> None:
@@ -151,6 +177,7 @@ def test_a_reference_that_asks_for_no_moment_is_refused(tmp_path: Path) -> None:
         (["--mass", "75", "--f0", "100"], "--f0 does not go with --mass"),
         (["--mass", "75", "--muscle", "cat"], "--muscle does not go with --mass"),
         (["--f0", "100", "--reference", "x.csv"], "--reference goes with --mass"),
+        (["--muscle", "bobbert_1986", "--moment-arm", "40"], "--moment-arm goes with --mass"),
         (["--mass", "75", "--reference", "x.csv"], "reference x.csv cannot be read"),
         (["--muscle", "dog"], "Table 2.4 has no muscle 'dog'"),
         (["--mass", "75", "--actuator", "big"], "there is no actuator 'big'; there are: klute-1-1-4"),
@@ -172,5 +199,6 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(arguments: list[str], says
 
 def test_help_has_units_and_examples(tmp_path: Path) -> None:
     told = run("design", "--help", cwd=tmp_path).stdout
+    assert "bobbert_1986, bobbert_van_ingen_schenau_1990" in " ".join(told.split())
     for expected in ("[MPa]", "[mm/s]", "Examples:", "klute-sim design --mass 75", "assumed"):
         assert expected in told

@@ -36,6 +36,7 @@ def test_the_dissertation_is_written_as_a_page_with_pictures(tmp_path: Path) -> 
     assert "http:" not in page
 
 
+@pytest.mark.long
 def test_the_table_begins_with_what_was_measured(tmp_path: Path) -> None:
     done = run("reproduce", where=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -85,6 +86,7 @@ def test_assumptions_say_why_and_what_they_change(tmp_path: Path) -> None:
     assert "no number is marked as assumed" in run("assumptions", "plain.toml", where=tmp_path).stdout
 
 
+@pytest.mark.long
 def test_a_walk_is_tried_with_every_assumption_if_asked(tmp_path: Path) -> None:
     text = run("device", "klute-1-1-4-pair", "--toml", where=tmp_path).stdout
     kept = [line for line in text.splitlines() if '= "assumed' not in line or "slack_length" in line]

@@ -5,9 +5,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from klute_sim.control.pressure import Constant, off, tuned
+from klute_sim.control.pressure import Constant, PressureController, off, tuned
 from klute_sim.design.choices import Assumptions, Choices
-from klute_sim.design.demand import Demand, over_stride
+from klute_sim.design.demand import Demand, over_stride, posture
 from klute_sim.design.sensitivity import Effect, left_out, outcome, sensitivity, variations
 from klute_sim.design.sizing import design
 from klute_sim.design.target import Target, Walker
@@ -24,7 +24,12 @@ FIELDS = {field.name for field in fields(Assumptions)}
 
 
 def asked(**changes: float) -> Demand:
-    return over_stride(PARAMETERS, 0.975, 0.048, replace(WALKER, **changes), tuned())
+    return under(replace(WALKER, **changes))
+
+
+def under(walker: Walker, profile: PressureController | None = None, neutral_ratio: float = 0.975) -> Demand:
+    lies = posture(PARAMETERS, neutral_ratio, 0.048, walker)
+    return over_stride(PARAMETERS, walker, lies, tuned() if profile is None else profile)
 
 
 def test_the_tendon_carries_the_references_plantarflexor_moment() -> None:
@@ -63,7 +68,7 @@ def test_rates_are_those_of_the_lengths_and_of_the_strides_time() -> None:
     travelled = length[0] + np.cumsum(own.rate) * step
     assert travelled == pytest.approx(length, abs=1e-3)
     hurried = replace(WALKER.reference, stride_time=0.55)
-    twice = over_stride(PARAMETERS, 0.975, 0.048, replace(WALKER, reference=hurried), tuned())
+    twice = under(replace(WALKER, reference=hurried))
     assert twice.rate == pytest.approx(2.0 * own.rate)
 
 
@@ -100,18 +105,18 @@ def test_strength_is_compared_where_there_is_load() -> None:
 
 
 def test_a_muscle_mounted_long_meets_its_stop() -> None:
-    long = over_stride(PARAMETERS, 1.0, 0.048, WALKER, tuned())
+    long = under(WALKER, neutral_ratio=1.0)
     assert long.at_stop.any()
     assert long.ratio.max() == 1.0
 
 
 def test_constant_pressure_takes_the_air_of_the_volume_alone() -> None:
-    own = over_stride(PARAMETERS, 0.975, 0.048, WALKER, Constant(4e5))
+    own = under(WALKER, Constant(4e5))
     volumes = np.array([mckibben.volume(MUSCLE, float(r) * MUSCLE.resting_length) for r in own.ratio])
     grown = np.maximum(np.diff(np.append(volumes, volumes[0])), 0.0).sum()
     assert own.air == pytest.approx((4e5 + 101_325.0) * grown / (287.05 * 293.15))
-    assert over_stride(PARAMETERS, 0.975, 0.048, WALKER, off()).air < own.air
-    assert over_stride(PARAMETERS, 0.975, 0.048, WALKER, Constant(9e5)).commanded == pytest.approx(own.strongest)
+    assert under(WALKER, off()).air < own.air
+    assert under(WALKER, Constant(9e5)).commanded == pytest.approx(own.strongest)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from klute_sim.control.pressure import parse_profile, tuned
 from klute_sim.design import actuator, damper
 from klute_sim.design.choices import Assumptions, Choices
-from klute_sim.design.profile import TUNED_FOR, carried_over, to_csv
+from klute_sim.design.profile import TUNED_FOR, to_csv
 from klute_sim.design.sizing import Design, design
 from klute_sim.design.target import Target, Walker, from_table
 from klute_sim.device.files import load
@@ -291,9 +291,8 @@ def test_a_given_moment_arm_is_in_the_files_description() -> None:
 
 
 def test_the_profile_carried_over_to_its_own_walker_is_the_tuned_one() -> None:
-    found = design(Walker(mass=TUNED_FOR))
-    assert found.demand is not None
-    own = carried_over(found.device.parameters, TUNED_FOR, found.demand)
+    own = design(Walker(mass=TUNED_FOR)).profile
+    assert own is not None
     assert own.pressure_bar == pytest.approx(tuned().pressure_bar, abs=2e-3)
     assert parse_profile(to_csv(own), "x").pressure_bar == own.pressure_bar
 
@@ -301,7 +300,8 @@ def test_the_profile_carried_over_to_its_own_walker_is_the_tuned_one() -> None:
 def test_a_lighter_walker_needs_less_pressure_and_nobody_more_than_the_supply() -> None:
     found = design(Walker(mass=50.0))
     assert found.demand is not None
-    own, given_bar = carried_over(found.device.parameters, 50.0, found.demand).pressure_bar, tuned().pressure_bar
+    assert found.profile is not None
+    own, given_bar = found.profile.pressure_bar, tuned().pressure_bar
     assert all(lighter <= bar for lighter, bar in zip(own, given_bar, strict=True))
     at = 5  # 48 %: the muscles, the same in both, pull with two thirds of the force
     length = 0.264 * float(np.interp(0.48, found.demand.phase, found.demand.ratio))
@@ -309,8 +309,31 @@ def test_a_lighter_walker_needs_less_pressure_and_nobody_more_than_the_supply() 
     pull = mckibben.force(muscle, 1e5 * own[at], length) / mckibben.force(muscle, 1e5 * given_bar[at], length)
     assert pull == pytest.approx(2.0 / 3.0, rel=1e-3)
     weak = design(Walker(mass=120.0), Choices(actuator="klute-3-4", count=2))
-    assert weak.demand is not None
-    assert max(carried_over(weak.device.parameters, 120.0, weak.demand).pressure_bar) == 5.0
+    assert weak.profile is not None
+    assert max(weak.profile.pressure_bar) == 5.0
+
+
+def test_the_stride_is_evaluated_under_the_profile_that_is_written() -> None:
+    of_75, of_60 = (design(Walker(mass=mass)) for mass in (75.0, 60.0))
+    assert of_75.demand is not None
+    assert of_60.demand is not None
+    assert of_60.profile is not None
+    at = int(of_60.demand.tendon.argmax())
+    length = float(of_60.demand.ratio[at]) * of_60.option.resting_length
+    pressure = of_60.profile.pressure(float(of_60.demand.phase[at]))
+    assert of_60.demand.commanded[at] == mckibben.force(of_60.device.parameters.muscle, pressure, length)
+    assert of_60.demand.commanded[at] == pytest.approx(0.8 * of_75.demand.commanded[at], rel=0.02)
+    assert of_60.demand.air < 0.95 * of_75.demand.air
+
+
+def test_the_count_says_what_was_asked_for_and_what_is_reached() -> None:
+    found = design(Walker(mass=60.0))
+    source = found.device.spec.sources["muscle.count"]
+    assert found.needed_force is not None
+    assert f"the {found.needed_force:.0f} N asked for at L/L0 0.95" in source
+    assert f"there they have {found.option.count * found.option.strength:.0f} N at 5 bar" in source
+    weak = design(Target(isometric_force=9e4), Choices(actuator="klute-1-2")).device.spec.sources["muscle.count"]
+    assert "still too few for the 90000 N" in weak
 
 
 @for_all(st.floats(0.0, 8e5), st.floats(0.85, 1.0))

@@ -115,7 +115,7 @@ def test_noise_is_loud_where_the_device_lets_its_inputs_through(tmp_path: Path) 
         value = moved + random.normal(0.0, 5e-6, len(series.time))
         made.append(replace(e, measured={"muscle_length": Series(series.time, value)}))
     fitted = [e for e in made if e.use == "fit"]
-    found = heard(made, fitted, bench, data.device)
+    found = heard(made, fitted, bench)
     own = np.concatenate([e.loud["muscle_length"] for e in found if e.use == "fit"])
     assert np.sqrt(np.mean(own**2)) == pytest.approx(1.0, rel=0.05)
     assert own.max() > 1.5 * own.min()
@@ -127,7 +127,7 @@ def test_noise_is_loud_where_the_device_lets_its_inputs_through(tmp_path: Path) 
         ratio.append(float(np.std(apart[~quiet]) / np.std(apart[quiet])))
     assert ratio[0] > 1.3
     assert abs(np.log(ratio[1])) < 0.5 * np.log(ratio[0])
-    assert heard(made[:1], made[:1], bench, data.device)[0].loud == {}  # nothing is repeated
+    assert heard(made[:1], made[:1], bench)[0].loud == {}  # nothing is repeated
     bench.close()
 
 

@@ -47,6 +47,7 @@ def loops() -> list[Trial]:
     return trials(PAIR, "workloop")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", protocols.names())
 def test_every_protocol_runs_on_every_device_and_its_ledger_closes(name: str) -> None:
     slow = {"concentric_mm_per_s": [100], "eccentric_mm_per_s": [100]} if name == "isokinetic" else {}
@@ -365,6 +366,13 @@ def test_a_protocol_that_is_none_is_refused(change: tuple[str, str], says: str) 
 def test_what_a_device_cannot_do_is_said(name: str, update: dict[str, Any], says: str) -> None:
     with pytest.raises(InputError, match=says):
         trials(PAIR, name, **update)
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.85, 0.995, 1.0])
+def test_a_length_that_the_stroke_does_not_pass_is_refused(ratio: float) -> None:
+    text = protocols.content("isokinetic").decode().replace("muscle_ratios = [0.96]", f"muscle_ratios = [0.9, {ratio}]")
+    with pytest.raises(InputError, match=rf"a muscle_ratio is {ratio:g}.*\(0\.85 to 0\.995\)"):
+        protocols.read(text.encode(), "mine.toml")
 
 
 def test_a_sinusoid_needs_ten_samples_per_period() -> None:

@@ -9,6 +9,7 @@ import click
 from klute_sim.cli.given_path import GivenPath
 
 if TYPE_CHECKING:
+    from klute_sim.device.files import Device
     from klute_sim.rigs.bench.run import Result
 
 DEVICE = "klute-3-4-pair"
@@ -78,16 +79,31 @@ def command(
         click.echo(content.decode("utf-8-sig"), nl=False)
         return
     from klute_sim.cli.console import progress_bar
-    from klute_sim.device.files import load
     from klute_sim.recording import run_folder
     from klute_sim.rigs.bench.run import run
 
-    device = load(DEVICE if device_name is None else device_name)
+    device = _device(DEVICE if device_name is None else device_name)
     with run_folder.new("bench", out) as (folder, scratch):
         with progress_bar("testing") as progress:
             result = run(device, protocol, mujoco=mujoco, step=1e-3 * step_ms, told=progress)
         shown = _write(result, content, folder, scratch)
     _report(result, shown, as_json=as_json)
+
+
+def _device(name: str) -> "Device":
+    """The preset or device file of that ``name``; raises InputError, also for what is a protocol."""
+    from klute_sim.device.files import load, preset_names
+    from klute_sim.errors import InputError
+    from klute_sim.rigs.bench import protocols
+
+    swapped = f"'{name}' is a protocol where a device is expected: klute-sim bench PROTOCOL DEVICE"
+    if name in protocols.names():
+        raise InputError(swapped)
+    path = Path(name)
+    file = name not in preset_names() and path.exists() and not path.is_dir()
+    if file and protocols.is_protocol(protocols.small(name, "device")):
+        raise InputError(swapped)
+    return load(name)
 
 
 def _list(*, as_json: bool) -> None:

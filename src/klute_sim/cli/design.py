@@ -1,6 +1,7 @@
 """``klute-sim design``."""
 
 import json
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli.given_path import GivenPath
+from klute_sim.laws.hill_tables import HILL
 
 if TYPE_CHECKING:
     from klute_sim.design.choices import Choices
@@ -30,7 +32,7 @@ def _number(name: str, metavar: str, text: str) -> Callable[[Callable[..., None]
     metavar="FILE",
     help="With --mass: CSV of a gait cycle with the columns of docs/gait.md.  [default: able-bodied adults]",
 )
-@click.option("--muscle", default=None, metavar="ROW", help="Emulate this muscle of Table 2.4 (say bobbert_1986).")
+@click.option("--muscle", default=None, metavar="ROW", help=f"Emulate this muscle of Table 2.4: {', '.join(HILL)}.")
 @_number("--f0", "N", "Isometric force F0 of the muscle [N].")
 @_number("--l0", "MM", "Length l0 of the muscle: the actuators' resting length [mm].")
 @_number("--vmax", "MM/S", "Fastest shortening Vmax of the muscle [mm/s].  [default: 300, assumed]")
@@ -47,7 +49,7 @@ def _number(name: str, metavar: str, text: str) -> Callable[[Callable[..., None]
 @_number("--cylinder-pressure", "MPA", "Pressure in the damper that sets its bore [MPa].  [default: 4.7, assumed]")
 @_number("--eccentric-speed", "MM/S", "Lengthening the damper is sized at [mm/s].  [default: Vmax/2, assumed]")
 @_number("--eccentric-force", "N", "Damping at that speed [N].  [default: (saturation - 1) F0]")
-@_number("--moment-arm", "MM", "Of the tendon about the ankle [mm].  [default: 48, assumed]")
+@_number("--moment-arm", "MM", "With --mass: of the tendon about the ankle [mm].  [default: 48, assumed]")
 @_number("--tendon-strain", "%", "Stretch at the design force over tendon plus muscle [%].  [default: 4, assumed]")
 @click.option("--name", default="klute-design", show_default=True, metavar="NAME", help="Name of the device.")
 @click.option(
@@ -77,7 +79,7 @@ def command(out: Path | None, as_json: bool, name: str, **given: Any) -> None:
       klute-sim design --f0 1400 --l0 250 --vmax 300 --a 0.28 --b 0.28
       klute-sim design --actuator klute-3-4 --count 2 --resting-length 250 --eccentric-force 400
     """
-    from klute_sim.design.profile import carried_over, to_csv
+    from klute_sim.design.profile import to_csv
     from klute_sim.design.sizing import design
     from klute_sim.design.target import Walker
     from klute_sim.errors import InputError
@@ -88,11 +90,10 @@ def command(out: Path | None, as_json: bool, name: str, **given: Any) -> None:
     target = _target(given)
     with run_folder.new("design", out) as (folder, scratch):
         found = design(target, _choices(given), name)
-        if isinstance(target, Walker) and found.demand:
+        if isinstance(target, Walker) and found.profile:
             _refuse_what_no_shank_takes(found, target)
-            profile = carried_over(found.device.parameters, target.mass, found.demand)
-            (scratch / "profile.csv").write_text(to_csv(profile), "utf-8")
-        shown = _write(found, folder, scratch)
+            (scratch / "profile.csv").write_text(to_csv(found.profile), "utf-8")
+        shown = _write(found, folder, scratch, given["reference_file"])
     _report(shown, as_json=as_json)
 
 
@@ -108,6 +109,8 @@ def _target(given: dict[str, Any]) -> "Target | Walker":
                 raise InputError(f"--{option} does not go with --mass: F0 and length follow from the walker")
     elif given["reference_file"] is not None:
         raise InputError("--reference goes with --mass")
+    elif given["moment_arm"] is not None:
+        raise InputError("--moment-arm goes with --mass: without a walker no ankle moves the tendon")
     aimless = given["mass"] is None and given["muscle"] is None and given["f0"] is None
     if aimless and (given["actuator"] is None or given["count"] is None):
         raise InputError(
@@ -171,21 +174,35 @@ def _refuse_what_no_shank_takes(found: "Design", walker: "Walker") -> None:
     build(found.device, mass=walker.mass, stature=MODEL_STATURE, step=1e-3)
 
 
-def _write(found: "Design", folder: Path, scratch: Path) -> dict[str, Any]:
-    """Fill ``scratch``; the summary."""
+def _write(found: "Design", folder: Path, scratch: Path, reference_file: Path | None) -> dict[str, Any]:
+    """Fill ``scratch``; the summary, with what is said beside the tables."""
     from klute_sim.cli.console import progress_bar
     from klute_sim.design.sensitivity import sensitivity
     from klute_sim.design.summary import summary
     from klute_sim.report import design_figure
+    from klute_sim.report.design_table import remarks
 
     with progress_bar("varying the assumptions") as progress:
         effects = sensitivity(found, progress)
     (scratch / "device.toml").write_bytes(found.device.content)
     design_figure.draw(found, scratch / "figure.png")
     files = sorted([*(file.name for file in scratch.iterdir()), "summary.json"])
-    shown = {**summary(found, effects), "run": str(folder), "files": files}
+    shown = {**summary(found, effects), "gait": _gait_command(found, folder, reference_file)}
+    shown = {**shown, "remarks": remarks(shown), "run": str(folder), "files": files}
     (scratch / "summary.json").write_text(_json(shown) + "\n", "utf-8")
     return shown
+
+
+def _gait_command(found: "Design", folder: Path, reference_file: Path | None) -> str | None:
+    """The command that walks with the design under the profile written with it; None without a walker."""
+    from klute_sim.design.target import Walker
+
+    if not isinstance(found.target, Walker):
+        return None
+    device, profile = folder / "device.toml", folder / "profile.csv"
+    words = ["--device", device, "--profile", profile, "--mass", repr(found.target.mass).removesuffix(".0")]
+    reference = [] if reference_file is None else ["--reference", reference_file]
+    return shlex.join(["klute-sim", "gait", *map(str, [*words, *reference])])
 
 
 def _json(shown: dict[str, Any]) -> str:
@@ -194,7 +211,7 @@ def _json(shown: dict[str, Any]) -> str:
 
 def _report(shown: dict[str, Any], *, as_json: bool) -> None:
     from klute_sim.cli.console import console
-    from klute_sim.report.design_table import remarks, tables
+    from klute_sim.report.design_table import tables
 
     if as_json:
         click.echo(_json(shown))
@@ -202,6 +219,6 @@ def _report(shown: dict[str, Any], *, as_json: bool) -> None:
     out = console()
     for table in tables(shown):
         out.print(table)
-    for remark in remarks(shown):
+    for remark in shown["remarks"]:
         out.print(remark, soft_wrap=True)
     out.print(f"Design folder: {shown['run']}  ({', '.join(shown['files'])})", soft_wrap=True)

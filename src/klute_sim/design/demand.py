@@ -5,6 +5,7 @@ spring of the prosthesis helps in truth), its arm is constant, and where it carr
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,19 @@ SAMPLES = 200
 """Phases of the stride that are looked at."""
 LOADED = 0.05
 """Tendon force over its peak above which strength is compared with demand."""
+
+
+class Posture(NamedTuple):
+    """How muscle and tendon lie over one stride, whatever the pressure; arrays over phase."""
+
+    phase: Samples
+    """0-1."""
+    tendon: Samples
+    """Tension that the moment asks for [N]."""
+    unit: Samples
+    """Length of muscle and tendon together [m]."""
+    free: Samples
+    """Length that is left to the muscle [m]; above L0 the stop carries."""
 
 
 @dataclass(frozen=True)
@@ -62,23 +76,23 @@ class Demand:
         return np.where(self.loaded & (asked > 0.0), self.strongest / np.where(asked > 0.0, asked, 1.0), np.nan)
 
 
-def over_stride(
-    parameters: Parameters, neutral_ratio: float, arm: float, walker: Walker, profile: PressureController
-) -> Demand:
-    """The demand of ``walker`` on the device, mounted at ``neutral_ratio`` [L0] with a moment ``arm`` [m]."""
-    muscle, tendon, supply, rest = (
-        parameters.muscle,
-        parameters.tendon,
-        parameters.supply,
-        parameters.muscle.resting_length,
-    )
+def posture(parameters: Parameters, neutral_ratio: float, arm: float, walker: Walker) -> Posture:
+    """The stride of ``walker`` with the device mounted at ``neutral_ratio`` [L0] with a moment ``arm`` [m]."""
+    tendon = parameters.tendon
     phase = np.arange(SAMPLES) / SAMPLES
     angle = np.radians(walker.reference("ankle_dorsiflexion_deg", phase))
     moment = walker.mass * walker.moment_scale * walker.reference(MOMENT, phase)
     pull = np.maximum(moment, 0.0) / arm
-    unit = neutral_ratio * rest + tendon.slack_length + arm * angle
+    unit = neutral_ratio * parameters.muscle.resting_length + tendon.slack_length + arm * angle
     stretch = np.array([tendon_law.stretch_under(tendon, float(force)) for force in pull])
-    free = unit - tendon.slack_length - stretch
+    return Posture(phase, pull, unit, unit - tendon.slack_length - stretch)
+
+
+def over_stride(parameters: Parameters, walker: Walker, lies: Posture, profile: PressureController) -> Demand:
+    """The demand of ``walker`` on the device that ``lies`` so, under ``profile``."""
+    muscle, tendon, supply = parameters.muscle, parameters.tendon, parameters.supply
+    phase, pull, unit, free = lies
+    rest = muscle.resting_length
     length = np.minimum(free, rest)
     step = walker.reference.stride_time / SAMPLES
     rate = (np.roll(length, -1) - np.roll(length, 1)) / (2.0 * step)

@@ -25,9 +25,13 @@ def device(
     damper: DamperDesign,
     tendon: Tendon,
     force: float,
+    needed: float,
     choices: Choices,
 ) -> Device:
-    """The device file of a design whose tendon is sized for ``force`` [N], read back and checked as any other."""
+    """The device file of a design whose tendon is sized for ``force`` [N], read back and checked as any other.
+
+    ``needed`` [N] is what was asked of the actuators; 0: nothing.
+    """
     assumed = choices.assumptions
     braid = row(option.actuator)
     muscle = {"count": option.count, "resting_length_mm": round(1e3 * option.resting_length, 1)}
@@ -53,7 +57,7 @@ def device(
             "gas_temperature_c": assumed.temperature,
         },
         "mounting": {"neutral_muscle_ratio": assumed.neutral_ratio},
-        "sources": _sources(target, option, damper, force, choices),
+        "sources": _sources(target, option, damper, force, needed, choices),
     }
     return read(to_toml(keys).encode(), f"of the design '{name}'")
 
@@ -67,7 +71,7 @@ def _description(target: Target | Walker, option: Option, choices: Choices) -> s
 
 
 def _sources(
-    target: Target | Walker, option: Option, damper: DamperDesign, force: float, choices: Choices
+    target: Target | Walker, option: Option, damper: DamperDesign, force: float, needed: float, choices: Choices
 ) -> dict[str, str]:
     assumed, preset = choices.assumptions, load(option.actuator)
     printed = {
@@ -87,7 +91,7 @@ def _sources(
 
     return {
         **printed,
-        "muscle.count": _why_count(target, option, choices),
+        "muscle.count": _why_count(option, needed, choices),
         "muscle.resting_length_mm": _why_length(target, option, choices),
         "damper.bore_mm": _why_bore(choices),
         "damper.orifice_concentric_mm": _why_orifice(damper.concentric, speed=muscle.peak_velocity, force=None),
@@ -135,13 +139,14 @@ def _why_orifice(point: DesignPoint, *, speed: float | None, force: float | None
     return f"assumed: {rule}; {rest} is ours, Table 4.1 is missing"
 
 
-def _why_count(target: Target | Walker, option: Option, choices: Choices) -> str:
+def _why_count(option: Option, needed: float, choices: Choices) -> str:
     if choices.count is not None:
         return ASKED
-    reached = (
-        f"{option.total:.0f} N at {choices.supply_pressure / BAR:g} bar, L/L0 {choices.assumptions.design_ratio:g}"
+    rule = "fewest that reach" if option.sufficient else "as many as a device may have, and still too few for"
+    return (
+        f"assumed: {rule} the {needed:.0f} N asked for at L/L0 {option.ratio:.3f}; there they have "
+        f"{option.count * option.strength:.0f} N at {choices.supply_pressure / BAR:g} bar"
     )
-    return f"assumed: fewest that reach the force asked for ({reached})"
 
 
 def _why_length(target: Target | Walker, option: Option, choices: Choices) -> str:

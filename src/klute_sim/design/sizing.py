@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from klute_sim.control.pressure import tuned
-from klute_sim.design import actuator, damper, demand, file, isometric, tendon, velocity
+from klute_sim.control.pressure import Profile
+from klute_sim.design import actuator, damper, demand, file, isometric, profile, tendon, velocity
 from klute_sim.design.actuator import Need, Option
 from klute_sim.design.choices import Choices
 from klute_sim.design.damper import DamperDesign
@@ -37,7 +37,9 @@ class Design:
     curves: Curves
     envelope: tuple[Bound, ...]
     demand: Demand | None
-    """None: no walker."""
+    """Under :attr:`profile`; None: no walker."""
+    profile: Profile | None
+    """The tuned one, carried over to this device and this walker; None: no walker."""
 
     @property
     def muscle(self) -> Target:
@@ -75,7 +77,7 @@ def design(target: Target | Walker, choices: Choices | None = None, name: str = 
     damping = damper.size(muscle, option.total, choices)
     pull = need.force if need and isinstance(target, Walker) else option.total
     springs = tendon.size(pull, option.resting_length, assumed)
-    made = file.device(name, target, option, damping, springs, pull, choices)
+    made = file.device(name, target, option, damping, springs, pull, need.force if need else 0.0, choices)
     parameters = made.parameters
     if assumed.discharge != damper.DESIGN_DISCHARGE:
         parameters = parameters._replace(damper=damping.law())
@@ -96,9 +98,11 @@ def design(target: Target | Walker, choices: Choices | None = None, name: str = 
         np.asarray(force_velocity.fixed[shortening] / force_velocity.isometric),
     )
     saturation = float(force_velocity.fixed[0] / force_velocity.isometric)
-    asked = None
+    asked, own = None, None
     if isinstance(target, Walker):
-        asked = demand.over_stride(parameters, assumed.neutral_ratio, assumed.moment_arm, target, tuned())
+        lies = demand.posture(parameters, assumed.neutral_ratio, assumed.moment_arm, target)
+        own = profile.carried_over(parameters, target.mass, lies)
+        asked = demand.over_stride(parameters, target, lies, own)
     return Design(
         target=target,
         choices=choices,
@@ -113,6 +117,7 @@ def design(target: Target | Walker, choices: Choices | None = None, name: str = 
             isometric.envelope(isometric.parabola(parameters.muscle, choices.supply_pressure), shape, saturation)
         ),
         demand=asked,
+        profile=own,
     )
 
 

@@ -28,6 +28,8 @@ def summary(found: Design, effects: list[Effect]) -> dict[str, Any]:
         "device": found.device.name,
         "target": {
             "muscle": muscle.name,
+            "f0_n": muscle.isometric_force,
+            "l0_mm": None if muscle.resting_length is None else 1e3 * muscle.resting_length,
             "mass_kg": walker.mass if walker else None,
             "reference": walker.reference.name if walker else None,
             "peak_moment_nm": walker.peak()[0] if walker else None,
@@ -66,7 +68,10 @@ def summary(found: Design, effects: list[Effect]) -> dict[str, Any]:
         ],
         "damper": {
             "bore_mm": round(1e3 * found.damper.bore, 6),
+            "bore_given": choices.bore is not None,
             "needed_bore_mm": 1e3 * found.damper.needed_bore,
+            "pressure_mpa": found.damper.pressure / MPA,
+            "allowed_pressure_mpa": choices.assumptions.cylinder_pressure / MPA,
             "concentric": _point(found.damper.concentric),
             "eccentric": _point(found.damper.eccentric),
             "cavitation_note": CAVITATION,
@@ -79,6 +84,7 @@ def summary(found: Design, effects: list[Effect]) -> dict[str, Any]:
             name: {"concentric": m.concentric, "eccentric": m.eccentric} for name, m in found.misfit().items()
         },
         "demand": _demand(found.demand) if found.demand else None,
+        "profile": found.profile.describe() if found.profile else None,
         "given": sorted(choices.given),
         "assumptions": found.device.spec.assumed(),
         "sensitivity": {

@@ -131,7 +131,7 @@ def _diagnose(
         )
 
     if check.repeated(fitted):
-        every = heard(every, fitted, bench, dataset.device)
+        every = heard(every, fitted, bench)
         fitted = [e for e in every if e.use == "fit" and e.measured]
     told("fitting the device as it is")
     base, evidence = base_fit(dataset, fitted, bench, store)

@@ -11,29 +11,24 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import nnls
 
-from klute_sim.device.files import Device
 from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.experiment import Array, Bench, Experiment, Setting
 
 PRESSURE, LENGTH = 2e3, -1e-4
 """What the inputs are moved by [Pa, m]; the length towards where a bare muscle can go."""
 LEAST = 0.05
-"""Of the mean variance, that is left wherever noise is least."""
+"""Of the mean variance, that is left wherever noise is least (assumed)."""
 ROUNDS = 3
 """Of weighing what sets repeats apart by the variance found so far."""
 
-Shares = Mapping[str, Array]
-"""Channel -> (3,) A, B and C [SI squared, of each input's move]."""
 
-
-def heard(
-    experiments: Sequence[Experiment], fitted: Sequence[Experiment], bench: Bench, device: Device
-) -> list[Experiment]:
+def heard(experiments: Sequence[Experiment], fitted: Sequence[Experiment], bench: Bench) -> list[Experiment]:
     """``experiments`` with the loudness of their noise, as repeats of ``fitted`` ones have it on average 1 (rms).
 
-    Without repeats, or where a channel's noise is equally loud everywhere, nothing changes.
+    Nothing changes without repeats, and in a channel that one of the inputs never moves: its noise is taken to be
+    equally loud everywhere.
     """
-    seen = _sensitivities(experiments, bench, device)
+    seen = _sensitivities(experiments, bench)
     known = {e.name: row for e, row in zip(experiments, seen, strict=True)}
     residuals = [{c: series.value - known[e.name][c][0] for c, series in e.measured.items()} for e in fitted]
     shares = {c: _shares(fitted, residuals, known, c) for c in noises.channels(fitted)}
@@ -48,7 +43,7 @@ def heard(
     return result
 
 
-def _sensitivities(experiments: Sequence[Experiment], bench: Bench, device: Device) -> list[dict[str, Array]]:
+def _sensitivities(experiments: Sequence[Experiment], bench: Bench) -> list[dict[str, Array]]:
     """Per experiment: channel -> (3, samples): as simulated, and the squares of what each input's move changes."""
     moved = [
         experiments,

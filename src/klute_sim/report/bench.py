@@ -29,6 +29,12 @@ SHOWN: dict[str, tuple[str, ...]] = {
 }
 """Kind -> readings in the table; all are in results.csv. Empty: all."""
 
+PHASED = "phased"
+"""Activation of a work loop whose trials' names begin so."""
+
+PER_DECADE = "_pct_per_decade"
+"""End of a key whose unit is % per decade of time."""
+
 
 def summary(result: Result) -> dict[str, Any]:
     """Everything but the recordings, as JSON types; what could not be read is null."""
@@ -76,11 +82,11 @@ def table(result: Result) -> Table:
     changed = [key for key in first.setting if len({t.setting[key] for t in result.trials}) > 1] or list(first.setting)
     named = result.protocol.kind == "workloop"
     if named:
-        made.add_column("activation", no_wrap=True)
+        phased = any(_phased(trial) for trial in result.trials)
+        made.add_column("activation\n[% of cycle]" if phased else "activation", no_wrap=True)
         changed = [key for key in changed if not key.startswith(("phase", "duty"))]
     for key in (*changed, *shown):
-        name, unit = units.split(key)
-        made.add_column(f"{name.replace('_', ' ')}\n{f'[{unit}]' if unit else ''}", justify="right")
+        made.add_column(_heading(key), justify="right")
     for trial in result.trials:
         cells = [*(f"{trial.setting[key]:g}" for key in changed), *(_cell(trial, key) for key in shown)]
         made.add_row(*([_activation(trial)] if named else []), *cells)
@@ -99,15 +105,55 @@ def remarks(result: Result) -> list[str]:
             f"In {len(nothing)} of {len(result.trials)} trials the length to read at was not passed at full speed: "
             f"{', '.join(nothing[:4])}{' ...' if len(nothing) > 4 else ''}."
         )
-    late = [t.name for t in result.trials if t.readings.get("overlap_pct", 100.0) < FULL]
-    if late:
-        said.append(
-            f"In {len(late)} of {len(result.trials)} trials the pressure was not the commanded one all the way: "
-            "with a longer dwell_s it would be."
-        )
+    said.extend(_late(result))
+    said.extend(_pushing(result))
     if result.protocol.kind == "workloop":
         said.append("Positive work is done by the device on the crosshead.")
     return said
+
+
+def _late(result: Result) -> list[str]:
+    """Of work loops: where the pressure was not the commanded one, and whether a longer dwell would help."""
+    said = []
+    for phased in (False, True):
+        own = [t for t in result.trials if "overlap_pct" in t.readings and _phased(t) == phased]
+        late = [t.name for t in own if t.readings["overlap_pct"] < FULL]
+        if not late:
+            continue
+        kind = "phased" if phased else "concentric or eccentric"
+        said.append(
+            f"In {len(late)} of {len(own)} {kind} trials the pressure was not the commanded one all the way: "
+            + (
+                "with phased activation its rise and fall are part of the experiment."
+                if phased
+                else "with a longer dwell_s it would be."
+            )
+        )
+    return said
+
+
+def _pushing(result: Result) -> list[str]:
+    """What a force below 0 is."""
+    lowest = {
+        trial.name: min((v for k, v in trial.readings.items() if k.startswith("force") and k.endswith("_n")), default=0)
+        for trial in result.trials
+    }
+    below = [force for force in lowest.values() if force < -SMALL]
+    if not below:
+        return []
+    return [
+        f"In {len(below)} of {len(lowest)} trials a force is below 0 (down to {min(below):.4g} N): there the bare "
+        "muscle pushes, by its rubber and by the friction offset of Table 3.1, which has no sign and grows with "
+        "pressure. A tendon would be slack."
+    ]
+
+
+def _heading(key: str) -> str:
+    """Of a column, with its unit below."""
+    name, unit = units.split(key)
+    if key.endswith(PER_DECADE):
+        name, unit = key.removesuffix(PER_DECADE), "% per decade"
+    return f"{name.replace('_', ' ')}\n{f'[{unit}]' if unit else ''}"
 
 
 def _cell(trial: Trial, key: str) -> str:
@@ -115,7 +161,11 @@ def _cell(trial: Trial, key: str) -> str:
     return "-" if math.isnan(value) else f"{0.0 if abs(value) < SMALL else value:.4g}"
 
 
+def _phased(trial: Trial) -> bool:
+    return trial.name.startswith(PHASED)
+
+
 def _activation(trial: Trial) -> str:
     """The first word of its name, and of a phased one the phase, too."""
     word, second, *_ = trial.name.split("_")
-    return f"{word} {second}" if word == "phased" else word
+    return f"phased {second.removesuffix('pct')}" if _phased(trial) else word

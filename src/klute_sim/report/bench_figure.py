@@ -8,7 +8,9 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
+from klute_sim.recording.recording import Samples
 from klute_sim.report.figure import STYLE
 from klute_sim.rigs.bench.run import Result, Trial
 
@@ -71,11 +73,14 @@ def _isokinetic(result: Result) -> Figure:
     key = "muscle_ratio" if "muscle_ratio" in result.trials[0].setting else "unit_length_mm"
     at = "muscle at {:g} of rest" if key == "muscle_ratio" else "unit at {:g} mm"
     rest = 1e3 * result.device.parameters.muscle.resting_length
-    for k, ((bar, place), trials) in enumerate(_groups(result.trials, "pressure_bar", key).items()):
+    groups = _groups(result.trials, "pressure_bar", key)
+    for k, ((bar, place), trials) in enumerate(groups.items()):
         velocity, force = np.array(_read(trials, "velocity_mm_per_s")), np.array(_read(trials, "force_n"))
         style: Any = {"marker": "o", "markersize": 3, "color": _colour(k), "label": f"{bar:g} bar, {at.format(place)}"}
         plain.plot(velocity, force, **style)
-        normal.plot(velocity / rest, _read(trials, "force_ratio"), **style)
+        # Rings inside of rings: curves that lie on each other all show.
+        ring: Any = {"markersize": 3.0 + 9.0 * (1.0 - (k + 1) / len(groups)), "markerfacecolor": "none"}
+        normal.plot(velocity / rest, _read(trials, "force_ratio"), **{**style, **ring, "linewidth": 1.0})
     _label(plain, "shortening velocity of the unit [mm/s]", "force [N]", "force-velocity")
     _label(
         normal,
@@ -85,7 +90,8 @@ def _isokinetic(result: Result) -> Figure:
     )
     for axis in (plain, normal):
         axis.axvline(0.0, color="0.6", linewidth=0.6)
-        axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
+        low, high = axis.get_ylim()
+        axis.set_ylim(min(0.0, low), high + 0.05 * max(high, 0.0))  # clear of the markers
     _legend(plain)
     return figure
 
@@ -202,8 +208,27 @@ def _cycle(loop: Axes, pressure: Axes, trial: Trial, protocol: Any, k: int, labe
     period = (time[-1] - protocol.rest_s) / protocol.cycles
     last = trial.recording.select(time >= time[-1] - period - 1e-9)
     loop.plot(last["length"], last["force"], color=_colour(k), linewidth=1.0, label=label)
+    loop.xaxis.set_major_locator(MaxNLocator(5))
+    _arrows(loop, last["length"], last["force"], _colour(k))
     share = 100.0 * (last["time"] - last["time"][0]) / period
     pressure.plot(share, last["pressure"], color=_colour(k), linewidth=1.0)
+
+
+def _arrows(loop: Axes, length: Samples, force: Samples, colour: str) -> None:
+    """The direction in which a loop is run through: a head halfway along the shortening, and one along the return."""
+    middle, turn = 0.5 * (length.min() + length.max()), int(length.argmin())
+    for way in (slice(0, turn + 1), slice(turn, len(length))):
+        at = int(np.argmin(np.abs(length[way] - middle))) + way.start
+        before = max(at - max(1, len(length) // 50), 0)
+        head: Any = {
+            "arrowstyle": "-|>",
+            "color": colour,
+            "mutation_scale": 13,
+            "shrinkA": 0,
+            "shrinkB": 0,
+            "linewidth": 0,
+        }
+        loop.annotate("", (length[at], force[at]), (length[before], force[before]), arrowprops=head)
 
 
 def _phases(result: Result) -> Figure:

@@ -58,8 +58,12 @@ def _orifice(axis: Axes, found: Design) -> None:
     needed = 1e3 * needed_orifice(found.curves, found.damper.bore, point.density, point.discharge)
     speed = 1e3 * found.curves.velocity
     axis.plot(speed, needed, color=HUMAN, linestyle="--", linewidth=1.1, label="needed for Hill (4.6)")
-    fixed = np.where(speed > 0.0, found.damper.concentric.orifice, found.damper.eccentric.orifice)
-    axis.plot(speed, 1e3 * fixed, color=OURS, linewidth=1.6, label="fixed")
+    # One orifice per direction: two levels, with nothing between them.
+    for label, end, orifice in (
+        ("fixed", speed[-1], found.damper.concentric.orifice),
+        (None, speed[0], found.damper.eccentric.orifice),
+    ):
+        axis.plot([0.0, end], [1e3 * orifice] * 2, color=OURS, linewidth=1.6, label=label)
     axis.axvline(0.0, color="0.6", linewidth=0.6)
     axis.set_title("orifice diameter [mm]")
     axis.set_xlabel("velocity [mm/s], shortening positive")
@@ -70,7 +74,7 @@ def _orifice(axis: Axes, found: Design) -> None:
 def _force(axis: Axes, demand: Demand) -> None:
     phase = 100.0 * demand.phase
     axis.plot(phase, demand.strongest, color="#d62728", linewidth=1.1, label="isometric, supply's pressure")
-    axis.plot(phase, demand.commanded, color="#9467bd", linewidth=1.1, label="isometric, tuned profile")
+    axis.plot(phase, demand.commanded, color="#9467bd", linewidth=1.1, label="isometric, its own profile")
     asked = np.where(demand.loaded, demand.tendon - demand.damping, np.nan)
     axis.plot(phase, asked, color=OURS, linestyle="--", linewidth=1.2, label="needed, with damper")
     axis.plot(phase, demand.tendon, color=HUMAN, linewidth=1.6, label="needed by the tendon")

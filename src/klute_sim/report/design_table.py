@@ -7,12 +7,14 @@ from rich.table import Table
 
 from klute_sim.design.actuator import SLENDER
 
+ROUNDED = 1.02
+"""Pressure in the cylinder over the allowed one that the rounding of the orifices may make [1]."""
 CURVES = (("alone", "actuator alone"), ("ideal", "with ideal damper"), ("fixed", "with fixed orifices"))
 
 
 def tables(shown: dict[str, Any]) -> list[Table]:
     """The tables of the summary ``shown``, in the order in which they are read."""
-    found = [_rows(shown), _sizes(shown), _envelope(shown), _misfit(shown)]
+    found = [_target(shown["target"]), _rows(shown), _sizes(shown), _envelope(shown), _misfit(shown)]
     if shown["demand"]:
         found.append(_demand(shown["demand"]))
     return [*found, _sensitivity(shown)]
@@ -22,6 +24,25 @@ def _table(title: str, *headings: str) -> Table:
     result = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
     for number, heading in enumerate(headings):
         result.add_column(heading, justify="right" if number else "left", no_wrap=number > 0)
+    return result
+
+
+def _target(own: dict[str, Any]) -> Table:
+    """What is emulated, as understood."""
+    whom = f"muscle '{own['muscle']}'" if own["mass_kg"] is None else f"walker of {own['mass_kg']:g} kg"
+    result = _table(f"Asked for: {whom}", "", "unit", "")
+    rows: list[tuple[str, str, float | None, str]] = [
+        ("F0", "N", own["f0_n"], "what the actuators have"),
+        ("l0", "mm", own["l0_mm"], "the actuators' own"),
+    ]
+    if own["mass_kg"] is not None:
+        rows = [("peak ankle moment", "N·m", own["peak_moment_nm"], "")]
+    for label, unit, value, otherwise in rows:
+        result.add_row(label, unit, otherwise if value is None else f"{value:.4g}")
+    assumed = " (assumed)" if own["vmax_assumed"] else ""
+    result.add_row("Vmax", "mm/s", f"{own['vmax_mm_per_s']:.4g}{assumed}")
+    for label, key in (("a/F0", "a_over_f0"), ("b/Vmax", "b_over_vmax"), ("saturation/F0", "saturation")):
+        result.add_row(label, "1", f"{own[key]:.4g}")
     return result
 
 
@@ -62,7 +83,11 @@ def _sizes(shown: dict[str, Any]) -> Table:
         ("refill passage, at least", "mm", "refill_passage_mm", ".2f"),
     ):
         result.add_row(label, unit, *(format(damper[side][key], form) for side in ("concentric", "eccentric")))
-    result.add_row("bore (4.2)", "mm", f"{damper['bore_mm']:.2f}", "")
+    if damper["bore_given"]:
+        result.add_row("bore, given", "mm", f"{damper['bore_mm']:.2f}", "")
+        result.add_row("bore that (4.2) asks for", "mm", f"{damper['needed_bore_mm']:.2f}", "")
+    else:
+        result.add_row("bore (4.2)", "mm", f"{damper['bore_mm']:.2f}", "")
     springs = f"{tendon['stiffness_1_n_per_mm']:.1f} + {tendon['stiffness_2_n_per_mm']:.1f}"
     result.add_row("tendon springs", "N/mm", springs, "")
     lengths = f"{tendon['engagement_mm']:.1f} of {tendon['slack_length_mm']:.0f}"
@@ -93,7 +118,7 @@ def _demand(own: dict[str, Any]) -> Table:
     for label, unit, value in (
         ("peak tendon force", "N", f"{own['tendon_peak_n']:.0f} at {own['tendon_peak_pct']:.0f} %"),
         ("isometric force there, supply's pressure", "N", f"{own['strongest_at_peak_n']:.0f}"),
-        ("isometric force there, tuned profile", "N", f"{own['commanded_at_peak_n']:.0f}"),
+        ("isometric force there, its own profile", "N", f"{own['commanded_at_peak_n']:.0f}"),
         ("moment held at rest / peak moment", "1", f"{own['peak_share']:.2f}"),
         (
             "least strength / (tendon + damper)",
@@ -105,7 +130,7 @@ def _demand(own: dict[str, Any]) -> Table:
         ("of the stride against the rest-length stop", "%", f"{own['at_stop_pct']:.0f}"),
         ("fastest shortening", "mm/s", f"{own['fastest_shortening_mm_per_s']:.0f}"),
         ("fastest lengthening", "mm/s", f"{own['fastest_lengthening_mm_per_s']:.0f}"),
-        ("air, tuned profile, no dead volume", "g", f"{own['air_g']:.2f}"),
+        ("air, its own profile, no dead volume", "g", f"{own['air_g']:.2f}"),
     ):
         result.add_row(label, unit, value)
     return result
@@ -155,22 +180,43 @@ def _cells(own: dict[str, Any], base: dict[str, Any] | None) -> list[str]:
     ]
 
 
+def _verdict(shown: dict[str, Any]) -> str:
+    """Whether the actuators are strong enough: at rest, and in a stride with the damper."""
+    demand, share = shown["demand"], f"{shown['strength']:.2f} times the force that is asked for"
+    needed = shown["pressure_for_needed_force_bar"]
+    at = "more than 20 bar" if needed is None else f"{needed:.2f} bar"
+    if demand and demand["least_margin"] < 1.0:
+        held = "" if shown["strength"] < 1.0 else "at rest "
+        verdict = (
+            f"The actuators are too weak: {held}they have {share}, and at {demand['least_margin_pct']:.0f} % of the "
+            f"stride {demand['least_margin']:.2f} of what tendon and damper ask for at the supply's pressure."
+        )
+    elif shown["strength"] < 1.0:
+        verdict = f"The actuators are too weak: they have {share}; {at} would give just that."
+    else:
+        verdict = f"The actuators are strong enough: they have {share}; {at} would give just that."
+    return f"{verdict} Preferred is the row that needs fewest actuators, then least gas (assumed)."
+
+
+def _damper_beyond(damper: dict[str, Any]) -> list[str]:
+    """What to say of a cylinder that has more pressure than is allowed."""
+    pressure, allowed = damper["pressure_mpa"], damper["allowed_pressure_mpa"]
+    if pressure <= ROUNDED * allowed:
+        return []
+    fastest = max(damper[side]["oil_speed_m_per_s"] for side in ("concentric", "eccentric"))
+    return [
+        f"The damper would have {pressure:.4g} MPa in its cylinder, more than the {allowed:g} MPa allowed, and oil at "
+        f"{fastest:.0f} m/s in its orifice: no such damper can be built as sized. (4.2) asks for a bore of "
+        f"{damper['needed_bore_mm']:.2f} mm; make the bore larger, or give another --cylinder-pressure."
+    ]
+
+
 def remarks(shown: dict[str, Any]) -> list[str]:
     """What a reader has to know beside the tables, one sentence each."""
     said, demand = [], shown["demand"]
     if shown["strength"] is not None:
-        weak = "too weak" if shown["strength"] < 1.0 else "enough"
-        needed = shown["pressure_for_needed_force_bar"]
-        at = "more than 20 bar" if needed is None else f"{needed:.2f} bar"
-        said.append(
-            f"The actuators have {shown['strength']:.3g} times the force that is asked for ({weak}): {at} would give "
-            "just that. Preferred is the row that needs fewest actuators, then least gas (assumed)."
-        )
-    if demand and demand["least_margin"] < 1.0:
-        said.append(
-            f"At {demand['least_margin_pct']:.0f} % of the stride the actuators cannot carry tendon and damper at the "
-            "supply's pressure."
-        )
+        said.append(_verdict(shown))
+    said.extend(_damper_beyond(shown["damper"]))
     if demand and demand["at_stop_pct"] > 0.0:
         said.append(
             f"In {demand['at_stop_pct']:.0f} % of the stride the muscle would be longer than at rest: the stop carries."
@@ -194,5 +240,12 @@ def remarks(shown: dict[str, Any]) -> list[str]:
     for why in dict.fromkeys(unvaried.values()):
         fields = ", ".join(field.replace("_", " ") for field in unvaried if unvaried[field] == why)
         said.append(f"Assumed, but not varied: {fields} ({why}).")
+    if shown["gait"]:
+        said.append(f"To walk with it under its own profile: {shown['gait']}")
+    else:
+        said.append(
+            "No pressure profile was written, because a muscle has no stride: klute-sim gait would walk with this "
+            "device under the profile that is tuned for the default prosthesis and 75 kg, unless it is given another."
+        )
     said.append(f"{len(shown['assumptions'])} of the device's numbers are assumed (device.toml says which and why).")
     return said

@@ -15,21 +15,13 @@ from klute_sim.diagnose.experiment import UNITS, Array, Experiment
 from klute_sim.diagnose.search import Step
 from klute_sim.report import diagnosis_words as words
 from klute_sim.report.diagnosis_traces import Simulated, simulated
+from klute_sim.report.style import STYLE
 from klute_sim.units import BAR
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-STYLE: Any = {
-    "font.size": 9,
-    "axes.titlesize": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.fontsize": 8,
-    "legend.frameon": False,
-    "text.parse_math": False,  # names of trials come from the user: a dollar sign is a dollar sign
-}
 MEASURED, NOISE, NOMINAL, BEFORE, AFTER, LIMIT = "0.15", "0.85", "0.65", "#e6842a", "#1f77b4", "#d62728"
 PROMISED, REFITTED = "#c6dbef", "#8c8c8c"
 DPI = 120

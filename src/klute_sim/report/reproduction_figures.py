@@ -9,19 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from klute_sim.report.style import STYLE
 from klute_sim.reproduce.picture import Line, Picture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STYLE: Any = {
-    "font.size": 9,
-    "axes.titlesize": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.fontsize": 8,
-    "legend.frameon": False,
-}
 DASHES: Any = {"line": "-", "dashed": "--", "dotted": ":", "points": "none"}
 DPI = 110
 CROWDED = 5

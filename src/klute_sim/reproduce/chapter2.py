@@ -8,6 +8,7 @@ import numpy as np
 from klute_sim.laws import hill
 from klute_sim.laws import hill_tables as tables
 from klute_sim.laws.hill import Contractile, Hill, Parallel, Series, Span
+from klute_sim.reproduce.implied import SLIGHT
 from klute_sim.reproduce.item import Found
 from klute_sim.reproduce.picture import Array, Chapter, Line, Picture, Surface
 
@@ -17,8 +18,6 @@ SERIES_RANGE = (0.5, 1.0)
 """Of Fig. 2.3 [F0]."""
 LENGTHS = (0.5, 1.5)
 """Of Fig. 2.4 [l0]."""
-SLIGHT = 0.05
-"""Force [F0] up to which the parallel element is insignificant (assumed: the text gives no number)."""
 GREAT_SPEED = 1e6
 """Lengthening velocity [Vmax] at which force has saturated."""
 NAMES = {

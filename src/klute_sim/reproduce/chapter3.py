@@ -16,6 +16,7 @@ from klute_sim.laws import hill_tables as tables
 from klute_sim.laws.hill import ENVELOPE
 from klute_sim.laws.mckibben import Muscle
 from klute_sim.reproduce import printed
+from klute_sim.reproduce.implied import PROPORTIONAL
 from klute_sim.reproduce.item import Found
 from klute_sim.reproduce.picture import Array, Chapter, Line, Picture
 from klute_sim.units import BAR
@@ -142,7 +143,7 @@ def _overestimates(found: dict[str, Found]) -> None:
     ratios = {p: (high[p] / high[5.0]) / (p / 5.0) for p in PRESSURES[:-1]}
     told = ", ".join(f"{high[p]:.0f} N at {p:g} bar" for p in PRESSURES)
     found["fig-3.4.proportional"] = Found(
-        max(ratios.values()), max(ratios.values()) < 1.1, f"Bladder model less friction model: {told}."
+        max(ratios.values()), max(ratios.values()) <= PROPORTIONAL, f"Bladder model less friction model: {told}."
     )
 
 

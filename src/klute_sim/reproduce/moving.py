@@ -10,6 +10,7 @@ from klute_sim.laws import hill
 from klute_sim.laws import hill_tables as tables
 from klute_sim.recording.recording import Recording
 from klute_sim.reproduce import printed
+from klute_sim.reproduce.implied import UNCHANGED
 from klute_sim.reproduce.item import Found
 from klute_sim.reproduce.picture import Array, Chapter, Line, Picture, Surface
 from klute_sim.rigs.bench import protocols
@@ -38,7 +39,9 @@ def compute(told: Callable[[float], None] = lambda share: None) -> Chapter:
     spread = 100.0 * (max(force.values()) - min(force.values())) / force[SLOW]
     depends = float(np.ptp(next(iter(_over_length(one)[2]))))
     found["fig-3.7.velocity"] = Found(
-        spread, spread < 1.0 and depends > 1.0, f"Over lengths of {SEEN[0]:g} to {SEEN[-1]:g} of rest: {depends:.0f} N."
+        spread,
+        spread < UNCHANGED and depends > 1.0,
+        f"Over lengths of {SEEN[0]:g} to {SEEN[-1]:g} of rest: {depends:.0f} N.",
     )
     for row, result in (("fig-3.7", one), ("fig-3.8", two)):
         speeds = [trial.setting["velocity_mm_per_s"] for trial in result.trials]

@@ -63,7 +63,7 @@ def run(
     Each begins in equilibrium. Raises InputError for what the device cannot do.
     """
     if not 0.0 < step <= LONGEST_STEP:
-        raise InputError(f"step is {step:g}; allowed: above 0, up to {LONGEST_STEP:g} s")
+        raise InputError(f"step is {1e3 * step:g} ms; allowed: above 0, up to {1e3 * LONGEST_STEP:g} ms")
     protocol.check_step(step)
     plans = protocol.plans(device)
     for name, count in Counter(plan.name for plan in plans).items():

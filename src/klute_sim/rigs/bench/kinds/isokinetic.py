@@ -50,6 +50,14 @@ class Isokinetic(Protocol):
             raise PydanticCustomError("protocol", "give concentric_mm_per_s, eccentric_mm_per_s or both")
         if self.short_muscle_ratio >= self.long_muscle_ratio:
             raise PydanticCustomError("protocol", "short_muscle_ratio must be less than long_muscle_ratio")
+        for ratio in self.muscle_ratios:
+            if not self.short_muscle_ratio < ratio < self.long_muscle_ratio:
+                raise PydanticCustomError(
+                    "protocol",
+                    "a muscle_ratio is {ratio}, which the stroke does not pass; allowed: above short_muscle_ratio, "
+                    "below long_muscle_ratio ({short} to {long})",
+                    {"ratio": ratio, "short": self.short_muscle_ratio, "long": self.long_muscle_ratio},
+                )
         return self
 
     def plans(self, device: Device) -> list[Plan]:

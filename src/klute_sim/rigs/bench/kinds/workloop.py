@@ -102,7 +102,7 @@ class Workloop(Protocol):
         """Of the last cycle. Positive: the device works on the crosshead.
 
         ``overlap_pct``: the share of the way at which the pressure was what was commanded; less than 100 means that
-        the dwell is too short for this supply.
+        the dwell is too short for this supply; with *phased* activation, that the pressure changes under way.
         """
         begin, half, end = (plan.marks[key] for key in ("begin", "half", "end"))
         cycle = over(recording, begin, end)

@@ -1,5 +1,6 @@
 """Finding and reading protocol files: those of the package by name, anything else by path."""
 
+import stat
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
+from klute_sim.device.files import preset_names
 from klute_sim.errors import InputError
 from klute_sim.rigs.bench.kinds.creep import Creep
 from klute_sim.rigs.bench.kinds.frequency import Frequency
@@ -28,6 +30,8 @@ KINDS: dict[str, type[Protocol]] = {
     "workloop": Workloop,
 }
 """What a protocol file can say under ``kind``."""
+LARGEST = 1_000_000
+"""Size of a file that is read [bytes]."""
 
 _any: TypeAdapter[Protocol] = TypeAdapter(
     Annotated[
@@ -50,15 +54,42 @@ def content(name_or_path: str | Path) -> bytes:
         raise InputError("the name of the protocol is empty: give the path of a protocol file, or a name")
     if wanted in names():
         return (resources.files(__name__) / f"{wanted}.toml").read_bytes()
+    if wanted in preset_names():
+        raise InputError(f"'{wanted}' is a device: name a protocol before it (klute-sim bench PROTOCOL {wanted})")
     try:
-        return Path(wanted).read_bytes()
+        return small(wanted, "protocol")
     except FileNotFoundError:
         raise InputError(
             f"no protocol '{wanted}': give the path of a protocol file (klute-sim bench NAME --toml prints one to "
             f"start from), or one of {', '.join(names())}"
         ) from None
+
+
+def small(path: str, what: str) -> bytes:
+    """The file at ``path``, which is a file of a ``what``; raises FileNotFoundError.
+
+    Raises InputError for what cannot be read, is no regular file or is larger than :data:`LARGEST`: a device of the
+    system may have no end.
+    """
+    try:
+        about = Path(path).stat()
+        if not stat.S_ISREG(about.st_mode):
+            raise InputError(f"{what} file {path} cannot be read: it is no regular file")
+        if about.st_size > LARGEST:
+            raise InputError(f"{what} file {path} has {about.st_size} bytes; allowed: up to {LARGEST}")
+        return Path(path).read_bytes()
+    except FileNotFoundError:
+        raise
     except OSError as error:
-        raise InputError(f"protocol file {wanted} cannot be read: {error.strerror}") from None
+        raise InputError(f"{what} file {path} cannot be read: {error.strerror}") from None
+
+
+def is_protocol(text: bytes) -> bool:
+    """Whether a file with this ``text`` is meant to be a protocol: TOML with a ``kind`` of :data:`KINDS`."""
+    try:
+        return tomllib.loads(text.decode("utf-8-sig")).get("kind") in KINDS
+    except (ValueError, TypeError, RecursionError):
+        return False
 
 
 def load(name_or_path: str | Path) -> Protocol:
@@ -74,8 +105,11 @@ def read(text: bytes, where: str) -> Protocol:
         raise InputError(f"protocol file {where} cannot be read: not a UTF-8 text file") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"protocol file {where} is not valid TOML: {error}") from None
-    if keys.get("kind") not in KINDS:
-        raise InputError(f"protocol file {where}: kind = {keys.get('kind')!r}; allowed: {', '.join(KINDS)}")
+    if "kind" not in keys:
+        hint = "; it looks like a device file, which stands after the protocol" if "muscle" in keys else ""
+        raise InputError(f"protocol file {where}: key 'kind' is missing; allowed: {', '.join(KINDS)}{hint}")
+    if keys["kind"] not in list(KINDS):
+        raise InputError(f"protocol file {where}: kind = {keys['kind']!r}; allowed: {', '.join(KINDS)}")
     try:
         protocol = _any.validate_python(keys)
     except ValidationError as error:
