@@ -12,7 +12,7 @@ from klute_sim.device import step as unit
 from klute_sim.device.files import load
 from klute_sim.device.ledger import LINES, Book, Ledger
 from klute_sim.device.step import Parameters, State
-from klute_sim.laws import mckibben
+from klute_sim.laws import charging, mckibben
 from klute_sim.laws import tendon as tendon_law
 
 PAIR = load("klute-3-4-pair").parameters
@@ -37,7 +37,7 @@ def test_every_step_balances_or_rests_on_a_stop(
     pressure: float, start: float, unit_length: float, step: float, concentric: float, eccentric: float
 ) -> None:
     device = ANKLE._replace(damper=ANKLE.damper._replace(concentric=concentric, eccentric=eccentric))
-    length = unit.balance(device, pressure, State(pressure, start), unit_length, step)
+    length = unit.balance(device, charging.still(pressure), State(pressure, start), unit_length, step)
     pull = tendon_law.force(device.tendon, unit_length - length - device.tendon.slack_length)
     push = unit.muscle_side(device, unit.NO_MEMORY, pressure, length, (length - start) / step)
     assert LOCK <= length <= REST
@@ -65,9 +65,9 @@ def test_balance_agrees_with_an_independent_solver() -> None:
             return unit.muscle_side(ANKLE, unit.NO_MEMORY, p, x, (x - s) / 5e-4) - pull
 
         wanted = brentq(imbalance, LOCK, REST, xtol=1e-15)
-        assert unit.balance(ANKLE, pressure, State(pressure, start), unit_length, step) == pytest.approx(
-            wanted, abs=1e-13
-        )
+        assert unit.balance(
+            ANKLE, charging.still(pressure), State(pressure, start), unit_length, step
+        ) == pytest.approx(wanted, abs=1e-13)
 
 
 def test_settled_length_needs_no_damper_to_be_the_static_balance() -> None:
@@ -93,7 +93,7 @@ def test_order_of_convergence_is_one() -> None:
 
 def test_closed_orifices_hold_the_muscle_and_open_ones_do_not_chatter() -> None:
     closed = PAIR._replace(damper=PAIR.damper._replace(concentric=1e12, eccentric=1e12))
-    assert unit.balance(closed, 4e5, State(4e5, 0.24), 0.36, 5e-4) == pytest.approx(0.24, abs=1e-7)
+    assert unit.balance(closed, charging.still(4e5), State(4e5, 0.24), 0.36, 5e-4) == pytest.approx(0.24, abs=1e-7)
     state, lengths = State(4e5, 0.24), []
     for _ in range(2000):
         state = unit.advance(PAIR, state, 0.345, 4e5, 5e-4)
@@ -126,8 +126,8 @@ def test_a_rigid_tie_stops_with_the_muscle() -> None:
 
 
 def test_not_a_number_comes_out_as_not_a_number() -> None:
-    assert math.isnan(unit.balance(PAIR, math.nan, State(1e5, 0.24), 0.34, 1e-3))
-    assert math.isnan(unit.balance(PAIR, 1e5, State(1e5, 0.24), math.nan, 1e-3))
+    assert math.isnan(unit.balance(PAIR, charging.still(math.nan), State(1e5, 0.24), 0.34, 1e-3))
+    assert math.isnan(unit.balance(PAIR, charging.still(1e5), State(1e5, 0.24), math.nan, 1e-3))
 
 
 @given(st.floats(0.3, 0.34), st.floats(1e5, 4.9e5))

@@ -2,7 +2,7 @@
 
 import mujoco
 
-from klute_sim.device.step import NO_MEMORY, State
+from klute_sim.device.step import NO_MEMORY, State, gas, with_gas
 from klute_sim.device.vector import unpack
 from klute_sim.errors import InputError
 from klute_sim.plant import coupling
@@ -52,7 +52,9 @@ class DeviceActuator:
         """The state that the step just taken from ``before`` led to; ``data`` is as the step left it."""
         by_pressure, by_length = data.act_dot[self.act : self.act + coupling.STATES].tolist()
         unit_length, step = self.unit_length(data), model.opt.timestep
-        return coupling.reached(self.parameters, before, by_pressure, by_length, unit_length, step)
+        after = coupling.reached(self.parameters, before, by_pressure, by_length, unit_length, step)
+        # What the supply remembers no force depends on: it stands where MuJoCo has carried it by now.
+        return after._replace(memory=with_gas(after.memory, gas(self.state(data))))
 
     def unit_length(self, data: mujoco.MjData) -> float:
         """Length [m] of the whole muscle-tendon unit at the last evaluation."""
