@@ -28,7 +28,7 @@ def flows(
     pressure, gas, found = start, charging.rested(supply, start, volume, volume), []
     for _ in range(round(time / step)):
         air = charging.charge(supply, gas, pressure, command, volume, volume, step)
-        pressure = charging.felt(air, volume + supply.dead_volume)
+        pressure = charging.felt(air, volume)
         gas = charging.booked(supply, gas, air, pressure, volume, volume)
         found.append(pressure)
     return np.array(found), gas
@@ -97,7 +97,7 @@ def pump(supply: Supply, command: np.ndarray, step: float) -> tuple[list[float],
     pressures, remembered = [pressure], [gas]
     for k, asked in enumerate(command.tolist()):
         air = charging.charge(supply, gas, pressure, asked, float(volume[k]), VOLUME, step)
-        pressure = charging.felt(air, float(volume[k + 1]) + supply.dead_volume)
+        pressure = charging.felt(air, float(volume[k + 1]))
         gas = charging.booked(supply, gas, air, pressure, float(volume[k + 1]), VOLUME)
         pressures.append(pressure)
         remembered.append(gas)

@@ -15,9 +15,10 @@ from klute_sim.device.installation import choose
 from klute_sim.device.instant import Instant, added, instant, stages
 from klute_sim.device.ledger import Ledger, ledger
 from klute_sim.device.rollout import earlier, obstacle
-from klute_sim.device.step import DEAD_TIME, MEMORY, Parameters, State, advance, taut
+from klute_sim.device.step import DEAD_TIME, MEMORY, Parameters, State, advance, supplied, taut
 from klute_sim.device.vector import pack, unpack
 from klute_sim.errors import SimulationError
+from klute_sim.laws import charging
 
 Array = NDArray[np.float64]
 
@@ -66,10 +67,11 @@ def run(
         # Spelled out, because a compiler has to follow it.
         out[k, 3], out[k, 4], out[k, 5], out[k, 6] = told.tension, told.gas, told.friction, told.bladder
         out[k, 7], out[k, 8], out[k, 9] = told.damper, told.tendon, told.bladder_energy
-        out[k, 10], out[k, 11] = told.tendon_energy, told.air_mass
+        out[k, 10], out[k, 11], out[k, 12] = told.tendon_energy, told.air_mass, told.air_drawn
+        out[k, 13] = told.air_leaked
         for j in range(1, len(rows)):
             own = added(unpack(rows[j]), unpack(rows[j - 1]), after, unit_length[k], rate)
-            out[k, 10 + 2 * j], out[k, 11 + 2 * j] = own
+            out[k, 12 + 2 * j], out[k, 13 + 2 * j] = own
         before = after
 
 
@@ -81,7 +83,7 @@ def _compiled() -> Callable[..., None]:
 
     law = compiled.device_law()
     early = compiled.copy_of(rollout, **law).earlier
-    told = compiled.copy_of(instant, **law)
+    told = compiled.copy_of(instant, **law, gas_of=law["gas"])
     copy = compiled.copy_of(account, **law, instant=told.instant, added=told.added, earlier=early)
     number = numba.float64
     memory, series = numba.types.UniTuple(number, MEMORY), number[::1]
@@ -121,5 +123,6 @@ def account(
         raise SimulationError(f"the device has no finite state at t = {first * step:.4f} s")
     pressure, length, rate = (np.ascontiguousarray(column) for column in out[:, :STATES].T)
     instants, own = out[:, STATES : STATES + FIELDS], out[:, STATES + FIELDS :].reshape(len(out), len(names), 2)
-    told = ledger(instants, own, names, length, lengths, step)
+    counts = not charging.plain(supplied(parameters, begin.memory))
+    told = ledger(instants, own, names, length, lengths, step, counts=counts)
     return Account(np.ascontiguousarray(instants[:, 0]), pressure, length, rate, told)

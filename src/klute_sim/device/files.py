@@ -80,3 +80,12 @@ def read(content: bytes, where: str) -> Device:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"device file {where} is not valid TOML: {error}") from None
     return Device(parse(keys, where), content)
+
+
+def refuse_openings(device: Device, what: str) -> None:
+    """Raise InputError if the device takes openings of its valve, where ``what`` commands pressures."""
+    if device.parameters.supply.opens != 0.0:
+        raise InputError(
+            f"{what} commands pressures, and '{device.name}' takes openings of its valve; "
+            "allowed: a device file with takes = 'pressure' in [valve]"
+        )

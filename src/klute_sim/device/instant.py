@@ -2,10 +2,11 @@
 
 from typing import NamedTuple
 
-from klute_sim.device.step import NO_EFFECTS, Parameters, State, muscle_side, tendon_side, tension
+from klute_sim.device.step import NO_EFFECTS, Parameters, State, muscle_side, supplied, tendon_side, tension
+from klute_sim.device.step import gas as gas_of
 from klute_sim.effects import catalogue
+from klute_sim.laws import charging, mckibben
 from klute_sim.laws import damper as _damper
-from klute_sim.laws import mckibben, pneumatics
 from klute_sim.laws import tendon as _tendon
 
 
@@ -29,7 +30,11 @@ class Instant(NamedTuple):
     tendon_energy: float
     """Stored in the tendon [J]."""
     air_mass: float
-    """Air in the muscles [kg], at the supply's gas temperature and without dead volume (assumed)."""
+    """Air in muscles and dead volume [kg]; of an ideal regulator's isothermal and without dead volume (assumed)."""
+    air_drawn: float
+    """Air taken since the start [kg], if the supply counts it; 0 if it remembers nothing."""
+    air_leaked: float
+    """Air lost through a leak since the start [kg]."""
 
 
 def instant(parameters: Parameters, state: State, unit_length: float, rate: float) -> Instant:
@@ -40,6 +45,8 @@ def instant(parameters: Parameters, state: State, unit_length: float, rate: floa
     if not parameters.tendon.rigid:
         stretch = unit_length - length - parameters.tendon.slack_length
         carried, stored = _tendon.force(parameters.tendon, stretch), _tendon.energy(parameters.tendon, stretch)
+    supply, gas = supplied(parameters, state.memory), gas_of(state)
+    volume, most = mckibben.volume(muscle, length), mckibben.volume(muscle, muscle.resting_length)
     return Instant(
         tension=pull,
         gas=mckibben.gas_force(muscle, pressure, length),
@@ -49,7 +56,9 @@ def instant(parameters: Parameters, state: State, unit_length: float, rate: floa
         tendon=carried,
         bladder_energy=mckibben.bladder_energy(muscle, length),
         tendon_energy=stored,
-        air_mass=pneumatics.air_mass(pressure, mckibben.volume(muscle, length), parameters.supply.temperature),
+        air_mass=charging.held(supply, gas, pressure, volume, most),
+        air_drawn=gas.drawn,
+        air_leaked=gas.leaked,
     )
 
 

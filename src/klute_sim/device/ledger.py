@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.device.instant import Instant, added, instant, stages
-from klute_sim.device.step import Parameters, State
+from klute_sim.device.step import NO_MEMORY, Parameters, State, supplied
+from klute_sim.laws import charging
 
 Array = NDArray[np.float64]
 
@@ -48,7 +49,11 @@ class Ledger(NamedTuple):
     tendon_energy: Array
     """Stored in the tendon [J]."""
     air_mass: Array
-    """Air in the muscles [kg], at the supply's gas temperature and without dead volume (assumed)."""
+    """Air in muscles and dead volume [kg]; of an ideal regulator's isothermal and without dead volume (assumed)."""
+    air_drawn: Array
+    """Air taken from the supply since the first sample [kg]."""
+    air_leaked: Array
+    """Air lost through a leak since the first sample [kg]; the rest of what came and is not there was let out."""
     of_effect: Mapping[str, Array]
     """The share of each effect in ``effects_power`` [W], by name."""
 
@@ -58,7 +63,7 @@ class Ledger(NamedTuple):
         return [*zip(HEADINGS, self[:-1], strict=True), *own]
 
 
-_UNITS = {"power": "W", "energy": "J", "mass": "kg"}
+_UNITS = {"power": "W", "energy": "J", "mass": "kg", "drawn": "kg", "leaked": "kg"}
 HEADINGS = tuple(f"{name} [{_UNITS[name.rsplit('_')[-1]]}]" for name in Ledger._fields[:-1])
 """Columns of every recording; each effect has one of its own besides, ``<effect>_power [W]``."""
 LINES = tuple(name for name in Ledger._fields if name.endswith("_power") and name != "delivered_power")
@@ -68,12 +73,20 @@ SOLVER = "solver_power"
 
 
 def ledger(
-    instants: Array, own: Array, effects: Sequence[str], length: Array, unit_length: Array, step: float
+    instants: Array,
+    own: Array,
+    effects: Sequence[str],
+    length: Array,
+    unit_length: Array,
+    step: float,
+    *,
+    counts: bool,
 ) -> Ledger:
     """The ledger of a series of samples, one every ``step`` [s].
 
     ``instants`` (samples, fields of :class:`Instant`); ``own`` (samples, effects, 2) is what each of ``effects`` adds
-    to the muscle side and to the tendon side [N]; muscle ``length`` and ``unit_length`` [m].
+    to the muscle side and to the tendon side [N]; muscle ``length`` and ``unit_length`` [m]. Unless the supply
+    ``counts`` its air, what is drawn is what the muscle gains.
     """
     at: Any = Instant(*np.ascontiguousarray(instants.T))  # of arrays instead of numbers
     muscle_moved, moved = np.diff(length, prepend=length[0]), np.diff(unit_length, prepend=unit_length[0])
@@ -87,6 +100,7 @@ def ledger(
         return np.asarray(-np.diff(energy, prepend=energy[0]) / step)
 
     bladder, tendon = from_store(at.bladder_energy), from_store(at.tendon_energy)
+    gained = np.cumsum(np.maximum(np.diff(at.air_mass, prepend=at.air_mass[0]), 0.0))
     stop = at.tension - (at.gas + at.friction + at.bladder + at.damper + own[:, :, 0].sum(axis=1))
     shares = {
         name: given(own[:, k, 0], muscle_moved) + given(own[:, k, 1], stretched) for k, name in enumerate(effects)
@@ -104,6 +118,8 @@ def ledger(
         bladder_energy=at.bladder_energy,
         tendon_energy=at.tendon_energy,
         air_mass=at.air_mass,
+        air_drawn=at.air_drawn - at.air_drawn[0] if counts else gained,
+        air_leaked=at.air_leaked - at.air_leaked[0],
         of_effect=shares,
     )
 
@@ -117,6 +133,7 @@ class Book:
         self._instants = np.empty((samples, len(Instant._fields)))
         self._own = np.empty((samples, len(self._names), 2))
         self._lengths = np.empty((2, samples))
+        self._counts = not charging.plain(supplied(parameters, NO_MEMORY))
 
     def note(self, sample: int, state: State, unit_length: float, rate: float) -> None:
         """The device in ``state`` at ``unit_length`` [m], with its muscle moving at ``rate`` [m/s]."""
@@ -128,4 +145,4 @@ class Book:
     def ledger(self, step: float) -> Ledger:
         """The ledger, when every sample is noted; one every ``step`` [s]."""
         length, unit_length = self._lengths
-        return ledger(self._instants, self._own, self._names, length, unit_length, step)
+        return ledger(self._instants, self._own, self._names, length, unit_length, step, counts=self._counts)

@@ -79,13 +79,13 @@ def supplied(parameters: Parameters, memory: tuple[float, ...]) -> Supply:
 def gas(state: State) -> Gas:
     """What the supply remembers."""
     own = state.memory[EFFECTS_MEMORY:]
-    return Gas(own[0], own[1], own[2], own[3])
+    return Gas(own[0], own[1], own[2], own[3], own[4])
 
 
 def with_gas(memory: tuple[float, ...], own: Gas) -> tuple[float, ...]:
     """``memory`` with what the supply remembers replaced."""
     kept = memory[:EFFECTS_MEMORY]
-    return kept + (own.surplus, own.drawn, own.phase, own.disturbance)  # noqa: RUF005, numba unpacks no tuples
+    return kept + (own.surplus, own.drawn, own.phase, own.disturbance, own.leaked)  # noqa: RUF005, numba unpacks no tuples
 
 
 def dead_time(parameters: Parameters) -> float:

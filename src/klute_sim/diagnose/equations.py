@@ -20,8 +20,11 @@ from klute_sim.diagnose.experiment import Array, Experiment, Setting, trace
 from klute_sim.diagnose.fit import Evidence, Fit
 from klute_sim.diagnose.hypothesis import Hypothesis
 from klute_sim.diagnose.noise import Misfit, measure, misfit, significant
+from klute_sim.laws.pneumatics import Supply
 from klute_sim.units import BAR
 
+AT_ONCE = 1e12
+"""Rate of a regulator [Pa/s] that follows every step."""
 SMOOTHED = 0.05
 """Time over which lengths are smoothed to take their rate [s]."""
 UNITS = {
@@ -102,7 +105,8 @@ def _under_pressure(experiment: Experiment, parameters: Parameters) -> tuple[Exp
     series = experiment.measured["pressure"]
     grid = experiment.begin + experiment.step * np.arange(1, len(experiment.command) + 1)
     pressure = np.where(grid < series.time[0], experiment.command, np.interp(grid, series.time, series.value))
-    return replace(experiment, command=pressure), parameters._replace(supply=parameters.supply._replace(rate=1e12))
+    supply = Supply(parameters.supply.pressure, AT_ONCE, parameters.supply.temperature)
+    return replace(experiment, command=pressure), parameters._replace(supply=supply)
 
 
 def _shown(experiment: Experiment, parameters: Parameters) -> dict[str, Array]:

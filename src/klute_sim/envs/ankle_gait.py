@@ -1,5 +1,6 @@
 """``klute_sim/AnkleGait-v0``: walk a powered ankle on the gait rig, one pressure command every 10 ms."""
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -82,8 +83,11 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     | ``reward_air`` | -0.1 per gram of air drawn per 0.1 s |
     | ``reward_smoothness`` | -0.05 times the squared change of the action |
 
-    ``info`` also holds ``gait_pct`` (true phase), ``ankle_moment_nm_per_kg``, ``ankle_power_w_per_kg``, ``air_g`` and
-    ``pressure_command_bar``.
+    ``info`` also holds ``gait_pct`` (true phase), ``ankle_moment_nm_per_kg``, ``ankle_power_w_per_kg``,
+    ``pressure_command_bar`` (or ``valve_command``), and what the interval came to: ``air_g`` drawn, the work that gas,
+    friction offset, damper, effects and stores gave (``work_gas_j``, ``work_friction_j``, ``work_damper_j``,
+    ``work_effects_j``, ``work_stored_j``), what was delivered (``work_delivered_j``) and what reading once per interval
+    leaves open (``work_unresolved_j``).
 
     ## Episode
 
@@ -128,8 +132,8 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         """The simulation."""
         self.render_mode = render_mode
         self.action_space, self.observation_space = action_space(), observation_space()
-        self._task, self._one = Task(self._rig, 1), np.ones(1, dtype=np.bool_)
         self._law, self._reset_noise = router.choose(law), noise_of(reset_noise)
+        self._task, self._one = Task(self._rig, 1, self._law), np.ones(1, dtype=np.bool_)
         if not (0 < width <= MOST_PIXELS and 0 < height <= MOST_PIXELS):
             raise InputError(f"pictures are {width} x {height}; allowed: 1 to {MOST_PIXELS} pixels a side")
         self._size = (height, width)
@@ -158,8 +162,8 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         self.data.ctrl[: len(DRIVES)] = self._task.slopes()[0]
         with router.installed(self._law):
             try:
-                for steps, bar in self._task.due(self._task.command(chosen), self._one):
-                    self.data.ctrl[self._rig.actuator.ctrl] = bar[0]
+                for steps, asked in self._task.due(self._task.command(chosen), self._one):
+                    self.data.ctrl[self._rig.actuator.ctrl] = asked[0]
                     router.step(self.model, self.data, steps)
             except SimulationError:
                 self.data.act[self._rig.actuator.act] = np.nan  # under either law, a failed device ends the episode
@@ -170,9 +174,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
 
     def _readings(self) -> Readings:
         d = self.data
-        return Readings(
-            d.qpos[None], d.qvel[None], d.act[None], d.sensordata[None], d.qfrc_actuator[None], d.qfrc_passive[None]
-        )
+        return Readings(*(getattr(d, field.name)[None] for field in fields(Readings)))
 
     def render(self) -> NDArray[np.uint8] | None:
         """The leg from its side, (height, width, 3); None without a render mode."""
@@ -205,7 +207,7 @@ def begin(rig: Assembly, data: mujoco.MjData, random: np.random.Generator, noise
     """Put ``data`` at the beginning of an episode."""
     pressure = random.uniform(0.0, 0.25 * rig.actuator.parameters.supply.pressure)
     start(rig, data, pressure, random.uniform(-noise, noise))
-    data.ctrl[rig.actuator.ctrl] = pressure / BAR
+    data.ctrl[rig.actuator.ctrl] = 0.0 if rig.actuator.parameters.supply.opens != 0.0 else pressure / BAR
 
 
 def checked(

@@ -17,7 +17,7 @@ from klute_sim.device.files import DEFAULT_PROSTHESIS, Device
 from klute_sim.envs.ankle_gait import action_space, begin, checked, noise_of, observation_space, rig_for
 from klute_sim.envs.task import INTERVAL, Readings, Task
 from klute_sim.errors import InputError, SimulationError
-from klute_sim.plant import batch
+from klute_sim.plant import batch, router
 from klute_sim.rigs.gait.assembly import DRIVES, GaitOptions
 
 Observations = NDArray[np.float32]
@@ -66,7 +66,7 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.metadata = {**self.metadata, "autoreset_mode": AutoresetMode(autoreset_mode)}
         self._mode = AutoresetMode(autoreset_mode)
-        self._task, self._reset_noise = Task(self._rig, num_envs), noise_of(reset_noise)
+        self._task, self._reset_noise = Task(self._rig, num_envs, router.choose()), noise_of(reset_noise)
         self._randoms: list[np.random.Generator] | None = None
         self._done: Flags = np.zeros(num_envs, dtype=np.bool_)
 
@@ -129,8 +129,8 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
             raise InputError("an episode has ended: reset it (options={'reset_mask': ...}) before the next step")
         self._begin(~live)
         self._ctrl[live, : len(DRIVES)] = self._task.slopes()[live]
-        for steps, bar in self._task.due(self._task.command(chosen), live):
-            self._ctrl[live, self._rig.actuator.ctrl] = bar[live]
+        for steps, asked in self._task.due(self._task.command(chosen), live):
+            self._ctrl[live, self._rig.actuator.ctrl] = asked[live]
             with suppress(SimulationError):  # a failed device ends its episode
                 batch.step(self._batch, np.flatnonzero(live), steps)
         for name, value in self._bound.items():

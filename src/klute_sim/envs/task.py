@@ -4,13 +4,12 @@ Everything is an array with one entry per simulation, so that one environment an
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.device.step import dead_time
-from klute_sim.laws import mckibben, pneumatics
+from klute_sim.envs.books import Books, DeviceStates
 from klute_sim.rigs.gait.assembly import Assembly
 from klute_sim.rigs.gait.build import ANKLE
 from klute_sim.rigs.gait.reference import GRAVITY
@@ -58,13 +57,15 @@ class Readings:
     sensordata: Array
     qfrc_actuator: Array
     qfrc_passive: Array
+    actuator_length: Array
+    act_dot: Array
 
 
 class Task:
     """Senses and judges ``count`` simulations of one rig."""
 
-    def __init__(self, rig: Assembly, count: int) -> None:
-        """For ``count`` simulations of ``rig``."""
+    def __init__(self, rig: Assembly, count: int, law: str) -> None:
+        """For ``count`` simulations of ``rig`` under ``law``, ``compiled`` or ``python``."""
         self.rig = rig
         model, reference, phase = rig.model, rig.options.reference, rig.phase
         joint = model.joint(ANKLE + "ankle")
@@ -86,13 +87,14 @@ class Task:
             ]
         )
         self._weights = np.array(list(WEIGHTS.values()))
-        self._highest_bar = rig.actuator.parameters.supply.pressure / BAR
+        supply = rig.actuator.parameters.supply
+        self._opens, self._highest_bar = supply.opens != 0.0, supply.pressure / BAR
+        self._books = Books(rig.actuator.parameters, count, law)
         self.steps = np.zeros(count, dtype=np.int64)
         """Intervals since the reset."""
         self._standing: Mask = np.zeros(count, dtype=np.bool_)
         self._since = np.zeros(count)
         self._period = np.full(count, rig.plan.stride_time)
-        self._air = np.zeros(count)
         self._action = np.zeros(count)
         # Commands reach the device late by whole intervals and a part of one.
         self._late = round(dead_time(rig.actuator.parameters) / rig.options.step)
@@ -104,11 +106,12 @@ class Task:
         return self.rig.per_stride * self.rig.options.strides
 
     def command(self, action: Array) -> Array:
-        """Gauge pressure [bar] that ``action`` in [-1, 1] asks for; what is beyond is clipped."""
-        return np.asarray(0.5 * (_within(action, -1.0, 1.0) + 1.0) * self._highest_bar)
+        """Gauge pressure [bar] that ``action`` in [-1, 1] asks for, or the opening [1]; what is beyond is clipped."""
+        chosen = _within(action, -1.0, 1.0)
+        return np.asarray(chosen if self._opens else 0.5 * (chosen + 1.0) * self._highest_bar)
 
     def due(self, command: Array, which: Mask) -> list[tuple[int, Array]]:
-        """What reaches the device in the next interval, if ``which`` are now told ``command`` [bar]: steps, (n,) bar.
+        """What reaches the device in the next interval, if ``which`` are now told ``command``: steps, (n,) commands.
 
         One piece, or two where a dead time ends within the interval.
         """
@@ -116,7 +119,7 @@ class Task:
         self._asked[which] = np.column_stack([self._asked[which, 1:], command[which]])
         first = self._late % each
         pieces = [(first, self._asked[:, 0]), (each - first, self._asked[:, 1])]
-        return [(steps, bar) for steps, bar in pieces if steps]
+        return [(steps, asked) for steps, asked in pieces if steps]
 
     def slopes(self) -> Array:
         """(n, 6) what the drives are told for the next interval."""
@@ -127,9 +130,10 @@ class Task:
         self.steps[which] = 0
         self._standing[which], self._since[which] = False, 0.0
         self._period[which] = self.rig.plan.stride_time
-        self._air[which] = self._air_mass(now)[which]
-        self._asked[which] = now.act[which, self._pressure, None]
-        self._action[which] = (2.0 * now.act[:, self._pressure] / self._highest_bar - 1.0)[which]
+        self._books.begin(which, self._devices(now))
+        pressure = now.act[:, self._pressure]
+        self._asked[which] = 0.0 if self._opens else pressure[which, None]
+        self._action[which] = 0.0 if self._opens else (2.0 * pressure / self._highest_bar - 1.0)[which]
 
     def observe(self, now: Readings) -> NDArray[np.float32]:
         """(n, 8) what the prosthesis senses: :data:`OBSERVATIONS`."""
@@ -161,8 +165,7 @@ class Task:
         self._estimate_phase(self._axial_load(now), which)
         moment = self._net_moment(now) / self._mass
         power = moment * now.qvel[:, self._dof]
-        air = self._air_mass(now)
-        drawn = 1e3 * np.fmax(air - self._air, 0.0)  # nothing, where it cannot be told
+        books = self._books.turn(which, self._devices(now))
         action = _within(action, -1.0, 1.0)
         change = action - self._action
 
@@ -170,21 +173,20 @@ class Task:
         terms[:, 0], terms[:, 1], terms[:, 2] = moment, -now.qpos[:, self._angle], power
         apart = (terms[:, :3] - self._human[j]) / SCALES
         terms[:, :3] = np.exp(-0.5 * apart * apart)
-        terms[:, 3], terms[:, 4] = drawn * (0.1 / INTERVAL), change * change
+        terms[:, 3], terms[:, 4] = books["air_g"] * (0.1 / INTERVAL), change * change
         terms *= self._weights
         finite = np.isfinite(now.qpos.sum(axis=1) + now.act.sum(axis=1))
         terminated: Mask = (self.rig.off_path(now.qpos[:, 1], j) | ~finite) & which
         terms[terminated | ~which] = 0.0
         truncated: Mask = (self.steps >= self.length) & which & ~terminated
 
-        self._air = np.where(which, air, self._air)
         self._action = np.where(which, action, self._action)
         told = {
             "gait_pct": 100.0 * self.rig.phase[j],
             "ankle_moment_nm_per_kg": moment,
             "ankle_power_w_per_kg": power,
-            "air_g": drawn,
-            "pressure_command_bar": self.command(action),
+            **books,
+            "valve_command" if self._opens else "pressure_command_bar": self.command(action),
         }
         return terms.sum(axis=1), terminated, truncated, dict(zip(TERMS, terms.T, strict=True)) | told
 
@@ -197,13 +199,15 @@ class Task:
         stop = np.where(now.qpos[:, self._angle] < self._middle, 1.0, -1.0) * now.sensordata[:, self._stop]
         return np.asarray(now.qfrc_actuator[:, self._dof] + now.qfrc_passive[:, self._dof] + stop)
 
-    def _air_mass(self, now: Readings) -> Array:
-        """Air in the muscles [kg]."""
-        parameters = self.rig.actuator.parameters
-        length: Any = parameters.muscle.resting_length + now.act[:, self._offset]
-        pressure: Any = now.act[:, self._pressure] * BAR
-        volume = mckibben.volume(parameters.muscle, length)
-        return np.asarray(pneumatics.air_mass(pressure, volume, parameters.supply.temperature))
+    def _devices(self, now: Readings) -> DeviceStates:
+        actuator, first = self.rig.actuator, self._pressure
+        return DeviceStates(
+            pressure=now.act[:, first] * BAR,
+            length=actuator.parameters.muscle.resting_length + now.act[:, self._offset],
+            rate=now.act_dot[:, self._offset],
+            unit_length=now.actuator_length[:, actuator.out],
+            remembered=now.act[:, first + 2 : first + actuator.states],
+        )
 
     def _estimate_phase(self, load: Array, which: Mask) -> None:
         """Time since the last foot strike over the time between the last two."""

@@ -33,6 +33,8 @@ class Gas(NamedTuple):
     """Of an on/off valve's period [1]."""
     disturbance: float = 0.0
     """What a change of the volume did to the pressure, and the regulator has not made up for [Pa]."""
+    leaked: float = 0.0
+    """Air lost through a leak since the start [kg]."""
 
 
 REMEMBERED = len(Gas._fields)
@@ -51,6 +53,8 @@ class Charge(NamedTuple):
     """[1]"""
     volume: float
     """With the dead volume, before the muscle moves [m3]."""
+    dead_volume: float
+    """[m3]"""
     valve: float
     """Air that came through the valve [kg]; negative: went."""
     leaked: float
@@ -80,7 +84,7 @@ def rested(supply: Supply, pressure: float, volume: float, rest_volume: float) -
     ``rest_volume`` [m3] is that of the muscle at its resting length; both without dead volume.
     """
     vented = air_mass(0.0, rest_volume + supply.dead_volume, supply.temperature)
-    return Gas(air_mass(pressure, volume + supply.dead_volume, supply.temperature) - vented, 0.0, 0.0, 0.0)
+    return Gas(air_mass(pressure, volume + supply.dead_volume, supply.temperature) - vented, 0.0, 0.0, 0.0, 0.0)
 
 
 def pulsed(supply: Supply, opening: float, phase: float, step: float) -> float:
@@ -185,7 +189,10 @@ def charge(
         after = min(regulate(supply, held - per_mass * leaked, target, step), max(held, source))
         kept = supply.recovery / (supply.recovery + step)
         # What the regulator lets in is known when the muscle has moved.
-        return Charge(after, gas.disturbance, kept, supply.exponent, whole, 0.0, leaked, gas.phase, True)
+        air = 0.0
+        return Charge(
+            after, gas.disturbance, kept, supply.exponent, whole, supply.dead_volume, air, leaked, gas.phase, True
+        )
 
     per_mass = supply.exponent * AIR_CONSTANT * supply.temperature / whole
     if supply.warming > 0.0 and supply.exponent != 1.0:
@@ -217,12 +224,12 @@ def charge(
     leaked = -gained if shut else leakage(supply, after) * step
     through = gained + leaked
     draws = (fixed if held_open else opening(supply, after, target)) >= 0.0
-    return Charge(after, 0.0, 1.0, supply.exponent, whole, through, leaked, phase, draws)
+    return Charge(after, 0.0, 1.0, supply.exponent, whole, supply.dead_volume, through, leaked, phase, draws)
 
 
 def still(pressure: float) -> Charge:
     """Air that stays at ``pressure`` [Pa] whatever the muscle does."""
-    return Charge(pressure, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, True)
+    return Charge(pressure, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, True)
 
 
 def regulated(supply: Supply, pressure: float, target: float, step: float) -> Charge:
@@ -230,12 +237,20 @@ def regulated(supply: Supply, pressure: float, target: float, step: float) -> Ch
     return still(regulate(supply, pressure, target, step))
 
 
+def held(supply: Supply, gas: Gas, pressure: float, volume: float, rest_volume: float) -> float:
+    """Air in muscle and dead volume [kg]; volumes [m3] as in :func:`rested`."""
+    if supply.fill == 0.0:
+        return air_mass(pressure, volume + supply.dead_volume, supply.temperature)
+    return gas.surplus + air_mass(0.0, rest_volume + supply.dead_volume, supply.temperature)
+
+
 def felt(charged: Charge, volume: float) -> float:
-    """Pressure [Pa] in the muscle when it has moved to ``volume`` [m3], with the dead volume."""
+    """Pressure [Pa] in the muscle when it has moved to ``volume`` [m3], without the dead volume."""
     if charged.kept == 0.0:
         return charged.pressure
     before = charged.pressure + charged.disturbance + ATMOSPHERE
-    squeezed = before * (math.pow(charged.volume / volume, charged.exponent) - 1.0)
+    ratio = charged.volume / (volume + charged.dead_volume)
+    squeezed = before * (math.pow(ratio, charged.exponent) - 1.0)
     return charged.pressure + charged.kept * (charged.disturbance + squeezed)
 
 
@@ -248,6 +263,7 @@ def booked(supply: Supply, gas: Gas, charged: Charge, pressure: float, volume: f
         # A regulator gives whatever the gas law then asks for.
         surplus = rested(supply, pressure, volume, rest_volume).surplus
         through = surplus - gas.surplus + charged.leaked
-        return Gas(surplus, gas.drawn + max(through, 0.0), charged.phase, pressure - charged.pressure)
-    drawn = gas.drawn + charged.valve if charged.draws else gas.drawn
-    return Gas(gas.surplus + charged.valve - charged.leaked, drawn, charged.phase, 0.0)
+        drawn, lost = gas.drawn + max(through, 0.0), gas.leaked + charged.leaked
+        return Gas(surplus, drawn, charged.phase, pressure - charged.pressure, lost)
+    drawn, lost = gas.drawn + (charged.valve if charged.draws else 0.0), gas.leaked + charged.leaked
+    return Gas(gas.surplus + charged.valve - charged.leaked, drawn, charged.phase, 0.0, lost)

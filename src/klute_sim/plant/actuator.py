@@ -25,13 +25,16 @@ class DeviceActuator:
         """Where its states begin in ``data.act``."""
         self.ctrl = int(model.actuator_ctrladr[actuator])
         """Where its command is in ``data.ctrl``."""
-        self._out = int(model.actuator_outadr[actuator])
+        self.out = int(model.actuator_outadr[actuator])
+        """Where its length is in ``data.actuator_length``."""
+        self.states = int(model.actuator_actnum[actuator])
+        """How many states it has."""
         self._row = row
-        self._remembers = bool(model.actuator_actnum[actuator] != coupling.STATES)
+        self._remembers = self.states != coupling.STATES
 
-    def command(self, data: mujoco.MjData, pressure: float) -> None:
-        """Ask for gauge ``pressure`` [Pa] from now on."""
-        data.ctrl[self.ctrl] = pressure / BAR
+    def command(self, data: mujoco.MjData, asked: float) -> None:
+        """Ask for a gauge pressure [Pa] from now on, or for an opening of the valve [1] if the supply takes those."""
+        data.ctrl[self.ctrl] = asked if self.parameters.supply.opens != 0.0 else asked / BAR
 
     def set_state(self, data: mujoco.MjData, state: State) -> None:
         """Put the device into ``state``."""
@@ -58,13 +61,13 @@ class DeviceActuator:
 
     def unit_length(self, data: mujoco.MjData) -> float:
         """Length [m] of the whole muscle-tendon unit at the last evaluation."""
-        return float(data.actuator_length[self._out])
+        return float(data.actuator_length[self.out])
 
     def unit_rate(self, data: mujoco.MjData) -> float:
         """How fast that length changes [m/s], at the last evaluation."""
-        return float(data.actuator_velocity[self._out])
+        return float(data.actuator_velocity[self.out])
 
     def tension(self, data: mujoco.MjData) -> float:
         """Tension [N] at the last evaluation."""
         given_back = coupling.given_back(self._row, self.unit_rate(data))
-        return given_back - float(data.actuator_force[self._out])
+        return given_back - float(data.actuator_force[self.out])

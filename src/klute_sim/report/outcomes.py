@@ -93,7 +93,7 @@ class StrideOutcome(AnkleOutcome):
     below_friction_fit_pct: float
     """Share of the stride below :data:`FRICTION_ONSET`, where the friction offset is an assumed fade."""
     air_g: float
-    """Air taken from the supply; isothermal and without dead volume (assumed)."""
+    """Air taken from the supply; of an ideal regulator's isothermal and without dead volume (assumed)."""
     ledger_residual_pct: float
     """Energy ledger: what does not close, over the work the device did both ways."""
 
@@ -181,7 +181,7 @@ def _stride(r: Recording, mass: float) -> StrideOutcome:
         power_distance_sd=_distance(r, "ankle_power", mass, FLOORS["power_w_per_kg"], stance),
         friction_offset_work_j_per_kg=float(r["friction_power"].sum() * step / mass),
         below_friction_fit_pct=float(100.0 * np.mean(r["pressure"] < FRICTION_ONSET / BAR)),
-        air_g=float(1e3 * np.maximum(np.diff(r["air_mass"]), 0.0).sum()),
+        air_g=float(1e3 * (r["air_drawn"][-1] - r["air_drawn"][0])),
         ledger_residual_pct=_ledger_residual(r, step),
     )
 

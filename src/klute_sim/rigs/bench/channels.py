@@ -23,7 +23,7 @@ CHANNELS = (
     "damper_force [N]",
     *HEADINGS,
 )
-"""Beside ``time``, ``length`` (reached) and ``pressure_command``."""
+"""Beside ``time``, ``length`` (reached) and ``pressure_command`` (or ``valve_command``)."""
 
 
 def recorded(
@@ -46,11 +46,14 @@ def recorded(
     states = zip(pressure.tolist(), muscle_length.tolist(), strict=True)
     pull = np.array([mckibben.force(muscle, p, x) for p, x in states])
     damping = np.array([damper_law.force(damper, rate) for rate in muscle_rate.tolist()])
+    # What was asked for is an opening, if that is what the supply takes.
+    opens = device.parameters.supply.opens != 0.0
+    asked = ("valve_command [1]", command) if opens else ("pressure_command [bar]", command / BAR)
     columns = [
         ("time [s]", np.arange(len(length)) * step),
         ("length [mm]", 1e3 * length),
         ("length_command [mm]", 1e3 * length_command),
-        ("pressure_command [bar]", command / BAR),
+        asked,
         ("force [N]", tension),
         ("load_cell [N]", load_cell),
         ("pressure [bar]", pressure / BAR),

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from klute_sim.device.files import Device
+from klute_sim.device.files import Device, refuse_openings
 from klute_sim.device.step import muscle_side, taut, tendon_side
 from klute_sim.errors import InputError
 from klute_sim.laws.mckibben import lock_length
@@ -50,7 +50,8 @@ def unit_length(device: Device, ratio: float, pressure: float) -> float:
 
 
 def refuse_beyond_supply(device: Device, pressures_bar: Iterable[float]) -> None:
-    """Raise InputError unless the device's supply has every one of ``pressures_bar``."""
+    """Raise InputError unless the device's supply takes pressures, and has every one of ``pressures_bar``."""
+    refuse_openings(device, "the protocol")
     most = device.parameters.supply.pressure / BAR
     for pressure in pressures_bar:
         if pressure > most:

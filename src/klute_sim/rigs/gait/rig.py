@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.control.pressure import PressureController
-from klute_sim.device.files import Device
+from klute_sim.device.files import Device, refuse_openings
 from klute_sim.device.ledger import Book
 from klute_sim.device.step import dead_time
 from klute_sim.errors import InputError, SimulationError
@@ -58,6 +58,7 @@ def walk(
     the rig leaves its path.
     """
     options = options or GaitOptions()
+    refuse_openings(device, "the controller")
     rig = assemble(device, options, options.step)
     model, data, actuator, per_stride = rig.model, mujoco.MjData(rig.model), rig.actuator, rig.per_stride
     if per_stride * options.strides > MOST_SAMPLES:

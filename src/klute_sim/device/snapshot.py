@@ -1,0 +1,77 @@
+"""Many devices at one instant, compiled: what a batch of simulations needs for its energy and its air."""
+
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from klute_sim.device.instant import Instant, added, instant, stages
+from klute_sim.device.rollout import obstacle
+from klute_sim.device.step import MEMORY, Parameters, State
+from klute_sim.device.vector import pack, unpack
+
+Array = NDArray[np.float64]
+
+FIELDS = len(Instant._fields)
+WIDTH = FIELDS + 2
+"""Numbers of a snapshot: an :class:`Instant`, and what all effects add to the muscle side and the tendon side [N]."""
+
+
+def run(rows: Any, states: Array, memory: Array, out: Array) -> None:
+    """Fill ``out`` (n, :data:`WIDTH`); ``rows`` are the device without and with its effects.
+
+    ``states`` (n, 4) are gauge pressure [Pa], muscle length [m], its rate [m/s] and the unit's length [m]; ``memory``
+    (n, MEMORY).
+    """
+    bare, whole = unpack(rows[0]), unpack(rows[1])
+    for k in range(len(states)):
+        state = State(states[k, 0], states[k, 1], to_tuple(memory[k], MEMORY))
+        told = instant(whole, state, states[k, 3], states[k, 2])
+        # Spelled out, because a compiler has to follow it.
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = told.tension, told.gas, told.friction, told.bladder
+        out[k, 4], out[k, 5], out[k, 6] = told.damper, told.tendon, told.bladder_energy
+        out[k, 7], out[k, 8], out[k, 9] = told.tendon_energy, told.air_mass, told.air_drawn
+        out[k, 10] = told.air_leaked
+        out[k, 11], out[k, 12] = added(whole, bare, state, states[k, 3], states[k, 2])
+
+
+def to_tuple(numbers: Any, count: int) -> tuple[float, ...]:
+    """The first ``count`` of some ``numbers``."""
+    return tuple(float(number) for number in numbers[:count])
+
+
+@cache
+def _compiled() -> Callable[..., None]:
+    import numba
+    from numba.np.unsafe.ndarray import to_fixed_tuple
+
+    from klute_sim.device import compiled, snapshot
+    from klute_sim.device import instant as module
+
+    law = compiled.device_law()
+    told = compiled.copy_of(module, **law, gas_of=law["gas"])
+    copy = compiled.copy_of(snapshot, **law, instant=told.instant, added=told.added, to_tuple=to_fixed_tuple)
+    table = numba.float64[:, ::1]
+    ready: Callable[..., None] = compiled.ready(
+        partial(numba.njit, nogil=True), copy.run, numba.void(table, table, table, table)
+    )
+    return ready
+
+
+class Snapshots:
+    """Takes snapshots of simulations of one device."""
+
+    def __init__(self, parameters: Parameters, law: str) -> None:
+        """``law`` is the one in force, ``compiled`` or ``python``."""
+        bare, whole = stages(parameters)[1][0], parameters
+        self._rows = np.array([pack(bare), pack(whole)])
+        self._run: Callable[..., None] = _compiled() if law == "compiled" and not obstacle() else run
+
+    def take(self, states: Array, memory: Array) -> Array:
+        """(n, :data:`WIDTH`) of ``states`` and ``memory`` as in :func:`run`."""
+        out = np.empty((len(states), WIDTH))
+        rows: Any = self._rows if self._run is not run else self._rows.tolist()
+        self._run(rows, np.ascontiguousarray(states), np.ascontiguousarray(memory), out)
+        return out
