@@ -100,12 +100,14 @@ def _confusable(device_name: str, chosen: "Effect | None", out: Path | None, *, 
 
     from klute_sim.cli.console import console, progress_bar
     from klute_sim.device.files import load
-    from klute_sim.diagnose.confusable import confusions, rows
+    from klute_sim.diagnose.confusable import bare, confusions, rows
     from klute_sim.diagnose.experiment import Bench
     from klute_sim.recording import run_folder
     from klute_sim.report import effects_figures
 
     device, bench = load(device_name), Bench()
+    if chosen is not None:
+        device = bare(device, chosen)
     folder = run_folder.new("effects", out) if out is not None else nullcontext((None, None))
     with folder as (place, scratch):
         with progress_bar("simulating") as told:
