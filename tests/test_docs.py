@@ -74,10 +74,11 @@ def test_the_documented_reference_columns_are_complete() -> None:
 
 
 def test_the_documented_channels_are_complete() -> None:
+    from klute_sim.device import ledger
     from klute_sim.rigs import bench
     from klute_sim.rigs.gait import gauges, rig
 
     page = (ROOT / "docs" / "recordings.md").read_text("utf-8")
     named = [*(name for name, *_ in (*rig.REFERENCE_CHANNELS, *rig.REFERENCE_DEVIATIONS))]
-    for channel in (*gauges.CHANNELS, *bench.CHANNELS, *named):
+    for channel in (*gauges.CHANNELS, *bench.CHANNELS, *ledger.HEADINGS, *named):
         assert f"`{channel.split(' ')[0]}`" in page, channel

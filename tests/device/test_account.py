@@ -5,6 +5,7 @@ import pytest
 
 from klute_sim.device.account import account
 from klute_sim.device.files import load, read
+from klute_sim.device.ledger import LINES
 from klute_sim.device.rollout import rollout
 from klute_sim.device.step import State, settled
 from klute_sim.errors import SimulationError
@@ -26,13 +27,33 @@ def test_compiled_and_python_agree_to_the_bit_and_take_the_rollouts_steps(name: 
     length = p.tendon.slack_length + p.muscle.resting_length * (0.93 + 0.05 * np.sin(15 * TIME))
     command = np.where(TIME % 0.3 < 0.15, 4e5, 1e5)
     fast, slow = (account(p, length, command, STEP, law=law) for law in ("compiled", "python"))
-    for a, b in zip([*fast[:4], *fast.ledger], [*slow[:4], *slow.ledger], strict=True):
+    for a, b in zip([*fast[:4], *fast.ledger[:-1]], [*slow[:4], *slow.ledger[:-1]], strict=True):
         assert np.array_equal(a, b)
     plain = rollout(p, length, command, STEP)
     assert np.array_equal(fast.tension, plain.tension)
     assert np.array_equal(fast.length, plain.length)
     assert np.ptp(fast.ledger.gas_power) > 1.0
     assert (np.ptp(fast.ledger.effects_power) > 0.1) == (name == "with effects")
+    assert set(fast.ledger.of_effect) == ({"tendon_hysteresis", "pressure_delay"} if name == "with effects" else set())
+
+
+def test_every_effect_has_its_share_and_the_shares_are_all_there_is() -> None:
+    more = (
+        EFFECTS
+        + b"[effects.braid_hysteresis]\nslope_n_per_bar = 10.0\n[effects.threshold_pressure]\npressure_bar = 0.2\n"
+    )
+    p = read(load("klute-3-4-pair").content + more, "mine").parameters
+    length = p.tendon.slack_length + p.muscle.resting_length * (0.93 + 0.05 * np.sin(15 * TIME))
+    told = account(p, length, np.full(len(TIME), 3e5), STEP).ledger
+    work = {name: STEP * power.sum() for name, power in told.of_effect.items()}
+    assert set(work) == {"tendon_hysteresis", "pressure_delay", "braid_hysteresis", "threshold_pressure"}
+    assert work["pressure_delay"] == 0.0  # it moves no force of its own
+    assert work["braid_hysteresis"] < -0.1
+    assert work["tendon_hysteresis"] < 0.0
+    assert sum(told.of_effect.values()) == pytest.approx(told.effects_power, abs=1e-12)
+    given = sum(getattr(told, line) for line in LINES)
+    assert given == pytest.approx(told.delivered_power, abs=1e-9)
+    assert STEP * np.abs(told.solver_power).sum() < 1e-3 * STEP * np.abs(told.delivered_power).sum()
 
 
 def test_where_it_starts_can_be_said() -> None:

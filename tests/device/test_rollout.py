@@ -10,7 +10,7 @@ from klute_sim.device.files import load, preset_names
 from klute_sim.device.rollout import Trace, rollout
 from klute_sim.device.step import Parameters, State
 from klute_sim.errors import InputError
-from klute_sim.laws import mckibben
+from klute_sim.laws import charging, mckibben
 
 PAIR = load("klute-3-4-pair").parameters
 
@@ -156,11 +156,11 @@ def test_every_step_of_any_device_balances_to_the_tolerance(seed: int, step: flo
     for _ in range(20):
         begin, pressure = random.uniform(low, high), random.uniform(0.0, device.supply.pressure)
         length = device.tendon.slack_length + random.uniform(0.8 * low, 1.05 * high)
-        found = unit.balance(device, pressure, State(pressure, begin), length, step)
-        imbalance = unit._imbalance(device, pressure, State(pressure, begin), length, step, found)
+        found = unit.balance(device, charging.still(pressure), State(pressure, begin), length, step)
+        imbalance = unit._imbalance(device, charging.still(pressure), State(pressure, begin), length, step, found)
         if low < found < high:
             at, beside = State(pressure, begin), [np.nextafter(found, to) for to in (0, 1)]
-            nearby = [unit._imbalance(device, pressure, at, length, step, each) for each in beside]
+            nearby = [unit._imbalance(device, charging.still(pressure), at, length, step, each) for each in beside]
             pull = unit.tension(device, State(pressure, found), length, 0.0)
             # Solved, or the zero is between this length and the next number beside it.
             assert abs(imbalance) <= 1e-10 * (1.0 + pull) or nearby[0] * nearby[1] <= 0.0

@@ -11,7 +11,7 @@ from klute_sim.device import step as unit
 from klute_sim.device.files import load
 from klute_sim.device.step import Parameters
 from klute_sim.errors import InputError, SimulationError
-from klute_sim.plant import batch, models, router
+from klute_sim.plant import batch, coupling, models, router
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.plant.coupling import SHOWN_DAMPING
 
@@ -42,7 +42,7 @@ CROWD = f"""
 def test_two_devices_among_unlike_actuators_each_do_their_own(law: str) -> None:
     devices = {"first": load("klute-3-4-pair").parameters, "second": load("klute-1-1-4-pair").parameters}
     model = models.equip(mujoco.MjSpec.from_string(CROWD), devices)
-    assert model.nuser_actuator == 80
+    assert model.nuser_actuator == coupling.ROW
     for address in (model.actuator_ctrladr, model.actuator_outadr, model.actuator_actadr):
         assert address.tolist() != list(range(5))
     data = mujoco.MjData(model)

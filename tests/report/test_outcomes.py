@@ -48,8 +48,10 @@ def channels() -> dict[str, Samples]:
         "damper_power": zero,
         "stop_power": zero,
         "effects_power": zero,
-        "bladder_energy": zero,
-        "tendon_energy": zero,
+        "bladder_power": zero,
+        "tendon_power": zero,
+        "solver_power": zero,
+        "delivered_power": power,
         "air_mass": 1e-3 * (1 - np.cos(2 * np.pi * PHASE / 100)),
         **human,
         **ground,
@@ -173,13 +175,13 @@ def test_air_counts_what_flows_in_only() -> None:
 
 def test_ledger_residual_finds_a_missing_line() -> None:
     assert one().strides[0].ledger_residual_pct == pytest.approx(0.0, abs=1e-9)
-    power = channels()["actuator_power"]
+    power = channels()["delivered_power"]
     lost = one(gas_power=0.9 * power).strides[0].ledger_residual_pct
     assert lost == pytest.approx(-10 * power[1:].sum() / np.abs(power[1:]).sum(), rel=1e-6)
     nothing = np.zeros(COUNT)
-    assert one(gas_power=nothing, actuator_power=nothing).strides[0].ledger_residual_pct == 0.0
-    stored = np.linspace(0.0, 1.0, COUNT)
-    assert one(tendon_energy=stored).strides[0].ledger_residual_pct < -0.1
+    assert one(gas_power=nothing, delivered_power=nothing).strides[0].ledger_residual_pct == 0.0
+    assert one(tendon_power=nothing - 1.0).strides[0].ledger_residual_pct < -0.1
+    assert one(solver_power=0.1 * power).strides[0].ledger_residual_pct == pytest.approx(0.0, abs=1e-9)
 
 
 def test_mean_leaves_the_first_stride_out_unless_it_is_the_only_one() -> None:

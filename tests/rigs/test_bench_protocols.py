@@ -58,7 +58,7 @@ def test_every_protocol_runs_on_every_device_and_its_ledger_closes(name: str) ->
         for trial in trials(device, name, **slow):
             time = trial.recording["time"]
             turned = sum(np.trapezoid(np.abs(trial.recording[k]), time) for k in ("gas_power", "delivered_power"))
-            assert abs(trial.readings["ledger_residual_j"]) < 0.02 * turned + 1e-3, trial.name
+            assert abs(trial.readings["ledger_residual_j"]) < 1e-3 * turned + 1e-3, trial.name
 
 
 def test_every_number_of_a_protocol_has_a_source() -> None:
@@ -131,8 +131,9 @@ def test_work_is_the_loops_area_and_closes_with_the_ledger(loops: list[Trial]) -
         area = -(0.5 * (force[1:] + force[:-1]) * np.diff(length)).sum()
         assert read["work_j"] == pytest.approx(area, rel=1e-3)
         assert read["work_j"] == pytest.approx(read["work_shortening_j"] + read["work_lengthening_j"], rel=1e-6)
-        given = sum(read[f"{k}_work_j"] for k in ("gas", "friction", "damper", "stop", "effects"))
-        assert read["work_j"] == pytest.approx(given - read["stored_j"], rel=0.01, abs=0.02)
+        lines = ("gas", "friction", "damper", "stop", "bladder", "tendon", "effects")
+        assert read["work_j"] == pytest.approx(sum(read[f"{k}_work_j"] for k in lines), rel=1e-3)
+        assert read["ledger_residual_j"] == pytest.approx(read["solver_work_j"], abs=1e-9)
 
 
 def test_work_both_ways_and_power_are_those_of_the_loop(loops: list[Trial]) -> None:
@@ -147,13 +148,14 @@ def test_work_both_ways_and_power_are_those_of_the_loop(loops: list[Trial]) -> N
         assert read["mean_power_w"] == pytest.approx(read["work_j"] / period, rel=1e-3)
 
 
-def test_halving_the_step_halves_what_the_ledger_lacks_and_hardly_changes_work(loops: list[Trial]) -> None:
+def test_halving_the_step_hardly_changes_work_and_the_ledger_closes_better(loops: list[Trial]) -> None:
     fine = trials(PAIR, "workloop", step=2.5e-4, velocities_mm_per_s=[50, 100, 200])
     by_name = {trial.name: trial.readings for trial in loops}
     for trial in fine:
         coarse = by_name[trial.name]
         assert trial.readings["work_j"] == pytest.approx(coarse["work_j"], rel=5e-3)
-        assert abs(trial.readings["ledger_residual_j"]) < 0.6 * abs(coarse["ledger_residual_j"])
+        assert abs(trial.readings["ledger_residual_j"]) < 2e-5 * abs(trial.readings["work_j"])
+        assert abs(coarse["ledger_residual_j"]) < 5e-5 * abs(coarse["work_j"])
 
 
 def test_without_friction_and_at_one_pressure_nothing_is_gained() -> None:

@@ -31,7 +31,8 @@ def read(height: float, ankle: float, rate: float) -> tuple[mujoco.MjModel, mujo
     q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.state(data)
     with router.installed():
         mujoco.mj_step(model, data)
-        row = gauges.read(data, q, v, before)
+        after = actuator.reached(model, data, before)
+        row = gauges.read(data, q, v, after, (after.length - before.length) / model.opt.timestep)
     return model, data, dict(zip((heading.split(" ")[0] for heading in CHANNELS), row, strict=True))
 
 

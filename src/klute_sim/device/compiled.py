@@ -19,7 +19,7 @@ import numba
 from klute_sim.device import step, vector
 from klute_sim.effects import catalogue
 
-DEVICE = ("advance", "tension", "remembered", "muscle_side")
+DEVICE = ("advance", "tension", "remembered", "muscle_side", "tendon_side")
 """Functions of :mod:`klute_sim.device.step` that other compiled code calls."""
 
 

@@ -1,68 +1,131 @@
-"""Where the energy and the air of the device are at one step.
+"""Where the energy of the device goes on its way from one sample to the next.
 
-Powers flow *out of* an element into the rest of the device. With energies ``U`` and powers ``P``, over any
-time: ``work on the ankle = sum(P) dt - change of (U_bladder + U_tendon)``. The tendon's and the bladders'
-lines are energies, not powers, because both are potentials: a wrong sign or a lost step shows as a ledger
-that does not close.
+Powers flow *out of* an element into the rest of the device and are those of the step that ends at a sample: the mean
+of the element's force at both ends times the way. The lines sum to what is delivered, to the last bits::
+
+    delivered = gas + friction + damper + stop + bladder + tendon + effects + solver
+
+Bladder and tendon are potentials: their lines are differences of stored energy, whatever happened in between. What a
+straight line between two samples makes of their forces differs from that by the *solver's* line. It is no physics but
+the error of a finite step, shrinks with the square of the step, and says how far the other lines can be trusted.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
-from klute_sim.device.step import Parameters, State, muscle_side, tension
-from klute_sim.laws import damper as _damper
-from klute_sim.laws import mckibben, pneumatics
-from klute_sim.laws import tendon as _tendon
+import numpy as np
+from numpy.typing import NDArray
+
+from klute_sim.device.instant import Instant, added, instant, stages
+from klute_sim.device.step import Parameters, State
+
+Array = NDArray[np.float64]
 
 
 class Ledger(NamedTuple):
-    """One step's entries."""
+    """One entry per sample; the first knows of no step and is 0 in all powers."""
 
-    gas_power: float
+    gas_power: Array
     """``P dV/dt``, from the compressed air [W]."""
-    friction_power: float
+    friction_power: Array
     """From the printed friction offset [W]; either sign, because it is an offset and not a friction."""
-    damper_power: float
-    """From the damper [W]; never positive."""
-    stop_power: float
-    """From the length stops [W]; never positive: they are rigid, so they only take at the instant of impact."""
-    effects_power: float
-    """From what effects add to muscle, damper and tendon [W]; 0 without effects."""
-    bladder_energy: float
+    damper_power: Array
+    """From the damper [W]."""
+    stop_power: Array
+    """From the length stops [W]; they are rigid, so they only take at the instant of impact."""
+    bladder_power: Array
+    """From the bladders' store [W]."""
+    tendon_power: Array
+    """From the tendon's store [W]."""
+    effects_power: Array
+    """From all effects on muscle, damper and tendon [W]; 0 without effects."""
+    solver_power: Array
+    """What the finite step seems to give [W]."""
+    delivered_power: Array
+    """To what the unit pulls on [W]."""
+    bladder_energy: Array
     """Stored in the bladders [J]."""
-    tendon_energy: float
+    tendon_energy: Array
     """Stored in the tendon [J]."""
-    air_mass: float
+    air_mass: Array
     """Air in the muscles [kg], at the supply's gas temperature and without dead volume (assumed)."""
+    of_effect: Mapping[str, Array]
+    """The share of each effect in ``effects_power`` [W], by name."""
+
+    def columns(self) -> list[tuple[str, Array]]:
+        """Recording columns ``name [unit]``, each with its samples."""
+        own = [(f"{name}_power [W]", power) for name, power in self.of_effect.items()]
+        return [*zip(HEADINGS, self[:-1], strict=True), *own]
 
 
-def entries(
-    parameters: Parameters, before: State, after: State, unit_length: float, unit_rate: float, step: float
+_UNITS = {"power": "W", "energy": "J", "mass": "kg"}
+HEADINGS = tuple(f"{name} [{_UNITS[name.rsplit('_')[-1]]}]" for name in Ledger._fields[:-1])
+"""Columns of every recording; each effect has one of its own besides, ``<effect>_power [W]``."""
+LINES = tuple(name for name in Ledger._fields if name.endswith("_power") and name != "delivered_power")
+"""Powers that sum to ``delivered_power``."""
+SOLVER = "solver_power"
+"""The one of them that is no physics."""
+
+
+def ledger(
+    instants: Array, own: Array, effects: Sequence[str], length: Array, unit_length: Array, step: float
 ) -> Ledger:
-    """Entries of the step that led from ``before`` to ``after`` in ``step`` [s].
+    """The ledger of a series of samples, one every ``step`` [s].
 
-    It ended at ``unit_length`` [m], which changes at ``unit_rate`` [m/s].
+    ``instants`` (samples, fields of :class:`Instant`); ``own`` (samples, effects, 2) is what each of ``effects`` adds
+    to the muscle side and to the tendon side [N]; muscle ``length`` and ``unit_length`` [m].
     """
-    muscle, pressure, length = parameters.muscle, after.pressure, after.length
-    rate = (length - before.length) / step
-    gas = mckibben.gas_force(muscle, pressure, length)
-    friction = mckibben.friction_force(muscle, pressure)
-    damping = _damper.force(parameters.damper, rate)
-    pull = tension(parameters, after, unit_length, rate)
-    plain = gas + friction + damping + mckibben.bladder_force(muscle, length)
-    whole = muscle_side(parameters, after.memory, pressure, length, rate)
-    volume = mckibben.volume(muscle, length)
-    stored, beyond = 0.0, 0.0
-    if not parameters.tendon.rigid:
-        stretch = unit_length - length - parameters.tendon.slack_length
-        stored = _tendon.energy(parameters.tendon, stretch)
-        beyond = pull - _tendon.force(parameters.tendon, stretch)
+    at: Any = Instant(*np.ascontiguousarray(instants.T))  # of arrays instead of numbers
+    muscle_moved, moved = np.diff(length, prepend=length[0]), np.diff(unit_length, prepend=unit_length[0])
+    stretched = moved - muscle_moved
+
+    def given(force: Array, way: Array) -> Array:
+        before = np.concatenate([force[:1], force[:-1]])
+        return np.asarray(-0.5 * (before + force) * way / step)
+
+    def from_store(energy: Array) -> Array:
+        return np.asarray(-np.diff(energy, prepend=energy[0]) / step)
+
+    bladder, tendon = from_store(at.bladder_energy), from_store(at.tendon_energy)
+    stop = at.tension - (at.gas + at.friction + at.bladder + at.damper + own[:, :, 0].sum(axis=1))
+    shares = {
+        name: given(own[:, k, 0], muscle_moved) + given(own[:, k, 1], stretched) for k, name in enumerate(effects)
+    }
     return Ledger(
-        gas_power=-gas * rate,
-        friction_power=-friction * rate,
-        damper_power=-damping * rate,
-        stop_power=-(pull - whole) * rate,
-        effects_power=-(whole - plain) * rate - beyond * (unit_rate - rate),
-        bladder_energy=mckibben.bladder_energy(muscle, length),
-        tendon_energy=stored,
-        air_mass=pneumatics.air_mass(pressure, volume, parameters.supply.temperature),
+        gas_power=given(at.gas, muscle_moved),
+        friction_power=given(at.friction, muscle_moved),
+        damper_power=given(at.damper, muscle_moved),
+        stop_power=given(stop, muscle_moved),
+        bladder_power=bladder,
+        tendon_power=tendon,
+        effects_power=np.sum(list(shares.values()), axis=0) if shares else np.zeros(len(length)),
+        solver_power=given(at.bladder, muscle_moved) - bladder + given(at.tendon, stretched) - tendon,
+        delivered_power=given(at.tension, moved),
+        bladder_energy=at.bladder_energy,
+        tendon_energy=at.tendon_energy,
+        air_mass=at.air_mass,
+        of_effect=shares,
     )
+
+
+class Book:
+    """What a ledger is made from, written down sample by sample."""
+
+    def __init__(self, parameters: Parameters, samples: int) -> None:
+        """With room for that many ``samples`` of a device."""
+        self._names, self._stages = stages(parameters)
+        self._instants = np.empty((samples, len(Instant._fields)))
+        self._own = np.empty((samples, len(self._names), 2))
+        self._lengths = np.empty((2, samples))
+
+    def note(self, sample: int, state: State, unit_length: float, rate: float) -> None:
+        """The device in ``state`` at ``unit_length`` [m], with its muscle moving at ``rate`` [m/s]."""
+        self._instants[sample] = instant(self._stages[-1], state, unit_length, rate)
+        for k, fewer in enumerate(self._stages[:-1]):
+            self._own[sample, k] = added(self._stages[k + 1], fewer, state, unit_length, rate)
+        self._lengths[:, sample] = state.length, unit_length
+
+    def ledger(self, step: float) -> Ledger:
+        """The ledger, when every sample is noted; one every ``step`` [s]."""
+        length, unit_length = self._lengths
+        return ledger(self._instants, self._own, self._names, length, unit_length, step)

@@ -7,18 +7,25 @@ allowed; nothing is defaulted silently except what this page says may be left ou
 import math
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from klute_sim.device import effects_file
+from klute_sim.device import effects_file, supply_sections
+from klute_sim.device.section import NotNegative, Positive, Section
 from klute_sim.device.step import Parameters
+from klute_sim.device.supply_sections import (
+    ChamberSection,
+    LeakSection,
+    LineSection,
+    SupplySection,
+    TankSection,
+    ValveSection,
+)
 from klute_sim.errors import InputError
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws.damper import Damper
 from klute_sim.laws.mckibben import Muscle
-from klute_sim.laws.pneumatics import ZERO_CELSIUS, Supply
 from klute_sim.laws.tendon import Tendon
-from klute_sim.units import to_si
 
 RADIUS_AGREEMENT = 0.05
 """How far the radius that braid and turns imply may be from the bladder's (Table 3.1: up to 2.6 %)."""
@@ -26,19 +33,8 @@ RADIUS_AGREEMENT = 0.05
 CLOSED = 1000
 """Bore over orifice beyond which an orifice is none: the muscle creeps micrometres in a stride."""
 
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 
-
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-    def si(self, key: str) -> float:
-        """Value of ``key`` in SI."""
-        return to_si(key, float(getattr(self, key)))
-
-
-class MuscleSection(_Section):
+class MuscleSection(Section):
     """``count`` equal McKibben actuators side by side."""
 
     count: Annotated[int, Field(ge=1, le=100)] = 1
@@ -100,7 +96,7 @@ class MuscleSection(_Section):
         )
 
 
-class DamperSection(_Section):
+class DamperSection(Section):
     """An orifice damper in parallel with the muscle, discharge coefficient 1 as in the design."""
 
     bore_mm: Positive
@@ -130,7 +126,7 @@ class DamperSection(_Section):
         )
 
 
-class TendonSection(_Section):
+class TendonSection(Section):
     """Two offset parallel springs in series with muscle and damper."""
 
     slack_length_mm: Annotated[FiniteFloat, Field(ge=0, le=2000)]
@@ -149,32 +145,14 @@ class TendonSection(_Section):
         )
 
 
-class SupplySection(_Section):
-    """What the pressure regulator can do."""
-
-    pressure_bar: Annotated[FiniteFloat, Field(gt=0, le=20)]
-    """Highest gauge pressure."""
-    rate_bar_per_s: Positive
-    """Fastest change either way."""
-    gas_temperature_c: Annotated[FiniteFloat, Field(gt=-ZERO_CELSIUS)]
-
-    def parameters(self) -> Supply:
-        """The law's parameters, SI."""
-        return Supply(
-            pressure=self.si("pressure_bar"),
-            rate=self.si("rate_bar_per_s"),
-            temperature=self.gas_temperature_c + ZERO_CELSIUS,
-        )
-
-
-class MountingSection(_Section):
+class MountingSection(Section):
     """How the device is cut to length when it is built into an ankle."""
 
     neutral_muscle_ratio: Annotated[FiniteFloat, Field(gt=0.6, le=1.0)]
     """Muscle length over L0 with the ankle at neutral and the tendon just taut."""
 
 
-class Publication(_Section):
+class Publication(Section):
     """A published measurement of this device, to lay beside the model."""
 
     muscle_ratio: Annotated[FiniteFloat, Field(gt=0, le=1.0)]
@@ -184,7 +162,19 @@ class Publication(_Section):
     note: str
 
 
-class DeviceSpec(_Section):
+AIR = ("supply", "valve", "line", "chamber", "tank", "leak")
+"""Sections on air."""
+SAID_BY = {
+    "pressure_lag": "valve",
+    "choked_valve": "valve",
+    "volume_coupling": "valve",
+    "leak": "leak",
+    "supply_droop": "tank",
+}
+"""Effects that say of a regulator what a section says already."""
+
+
+class DeviceSpec(Section):
     """One device file."""
 
     name: Annotated[str, Field(min_length=1)]
@@ -195,12 +185,20 @@ class DeviceSpec(_Section):
     tendon: TendonSection | None = None
     """Left out: a rigid tie of length 0 (a bare muscle on a tester)."""
     supply: SupplySection
+    valve: ValveSection | None = None
+    """Left out: the regulator gives any flow."""
+    line: LineSection | None = None
+    chamber: ChamberSection | None = None
+    """Left out: air at constant temperature, no dead volume."""
+    tank: TankSection | None = None
+    """Left out: the supply never ends."""
+    leak: LeakSection | None = None
     mounting: MountingSection | None = None
     """Left out: the device cannot be built into an ankle."""
-    effects: dict[str, dict[str, FiniteFloat | str]] = {}
+    effects: dict[str, dict[str, FiniteFloat | str]] = Field(default_factory=dict)
     """What the dissertation's model leaves out: effect -> ``form`` (left out: the usual one) and its parameters."""
-    published: list[Publication] = []
-    sources: dict[str, str] = {}
+    published: list[Publication] = Field(default_factory=list)
+    sources: dict[str, str] = Field(default_factory=dict)
     """``section.key`` -> where the number is from; begins with 'assumed' if nobody printed it."""
 
     @model_validator(mode="after")
@@ -210,6 +208,22 @@ class DeviceSpec(_Section):
             if key not in known:
                 raise PydanticCustomError(
                     "source", "sources names '{key}', which is no number of this file", {"key": key}
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _air_comes_through_a_valve(self) -> Self:
+        for title in ("line", "chamber"):
+            if getattr(self, title) is not None and self.valve is None:
+                raise PydanticCustomError(
+                    "valve", "[{title}] needs a [valve]: an ideal regulator has no use for it", {"title": title}
+                )
+        for effect, title in SAID_BY.items():
+            if effect in self.effects and getattr(self, title) is not None:
+                raise PydanticCustomError(
+                    "effect",
+                    "[effects.{effect}] and [{title}] say the same twice; leave one out",
+                    {"effect": effect, "title": title},
                 )
         return self
 
@@ -225,11 +239,11 @@ class DeviceSpec(_Section):
     def numbers(self) -> dict[str, float]:
         """Every number of the device, ``section.key`` -> value as written in the file."""
         found: dict[str, float] = {}
-        for title in ("muscle", "damper", "tendon", "supply", "mounting"):
+        for title in ("muscle", "damper", "tendon", *AIR, "mounting"):
             section = getattr(self, title)
             if section is not None:
-                values = section.model_dump()
-                found.update({f"{title}.{k}": v for k, v in values.items() if not isinstance(v, bool)})
+                values = section.model_dump(exclude_none=True)
+                found.update({f"{title}.{k}": v for k, v in values.items() if not isinstance(v, bool | str)})
         for effect, content in self.effects.items():
             found.update({f"effects.{effect}.{k}": v for k, v in content.items() if not isinstance(v, str)})
         return found
@@ -248,7 +262,7 @@ class DeviceSpec(_Section):
             muscle=self.muscle.parameters(),
             damper=self.damper.parameters() if self.damper else Damper(0.0, 0.0),
             tendon=self.tendon.parameters() if self.tendon else Tendon(0.0, 0.0, 0.0, 0.0, rigid=True),
-            supply=self.supply.parameters(),
+            supply=supply_sections.parameters(*(getattr(self, title) for title in AIR)),
             effects=effects_file.values(self.effects),
         )
 
@@ -279,17 +293,22 @@ def _problem(problem: ErrorDetails) -> str:
         return f"unknown key '{key}'; allowed here: {', '.join(_keys_beside(problem['loc']))}"
     if problem["type"] == "missing":
         return f"key '{key}' is missing"
-    if problem["type"] in {"wall", "radius", "orifice", "source", "effect"}:
+    if problem["type"] in {"wall", "radius", "orifice", "source", "effect", "valve"}:
         return f"[{key}] {problem['msg']}" if key else problem["msg"]
     return f"{key} = {problem['input']!r} is refused: {problem['msg'][0].lower()}{problem['msg'][1:]}"
 
 
 def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
-    sections: dict[str, type[_Section]] = {
+    sections: dict[str, type[Section]] = {
         "muscle": MuscleSection,
         "damper": DamperSection,
         "tendon": TendonSection,
         "supply": SupplySection,
+        "valve": ValveSection,
+        "line": LineSection,
+        "chamber": ChamberSection,
+        "tank": TankSection,
+        "leak": LeakSection,
         "mounting": MountingSection,
         "published": Publication,
     }

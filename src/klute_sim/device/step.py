@@ -13,9 +13,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from klute_sim.effects import catalogue
+from klute_sim.laws import charging, mckibben
 from klute_sim.laws import damper as _damper
-from klute_sim.laws import mckibben, pneumatics
 from klute_sim.laws import tendon as _tendon
+from klute_sim.laws.charging import Charge, Gas
 from klute_sim.laws.damper import Damper
 from klute_sim.laws.mckibben import Muscle
 from klute_sim.laws.pneumatics import Supply
@@ -28,7 +29,9 @@ MOST_ITERATIONS = 200
 
 hooks: Any = catalogue.assembled()
 """Where effects act: :mod:`klute_sim.effects.effect`."""
-VALUES, MEMORY = catalogue.sizes()
+VALUES, EFFECTS_MEMORY = catalogue.sizes()
+MEMORY = EFFECTS_MEMORY + charging.REMEMBERED
+"""Numbers that a device remembers beside its states: those of its effects, then those of its supply."""
 NO_EFFECTS = (0.0,) * VALUES
 NO_MEMORY = (0.0,) * MEMORY
 DEAD_TIME = catalogue.slot("pressure_delay", "dead_time").at + 1
@@ -56,12 +59,33 @@ class State(NamedTuple):
     length: float
     """Muscle length [m]."""
     memory: tuple[float, ...] = NO_MEMORY
-    """What the effects remember."""
+    """What the effects remember, then the supply."""
 
 
 def remembers(parameters: Parameters) -> bool:
-    """Whether an active effect of the device remembers anything."""
-    return any(slot.form.memory and parameters.effects[slot.at] != 0.0 for slot in catalogue.device_slots())
+    """Whether an active effect of the device, or its supply, remembers anything."""
+    acting = (slot for slot in catalogue.device_slots() if parameters.effects[slot.at] != 0.0)
+    return not charging.plain(supplied(parameters, NO_MEMORY)) or any(slot.form.memory for slot in acting)
+
+
+def supplied(parameters: Parameters, memory: tuple[float, ...]) -> Supply:
+    """The supply as its effects leave it."""
+    if parameters.effects[0] == 0.0:
+        return parameters.supply
+    found: Supply = hooks.supply(parameters.effects, memory, parameters.supply)
+    return found
+
+
+def gas(state: State) -> Gas:
+    """What the supply remembers."""
+    own = state.memory[EFFECTS_MEMORY:]
+    return Gas(own[0], own[1], own[2], own[3])
+
+
+def with_gas(memory: tuple[float, ...], own: Gas) -> tuple[float, ...]:
+    """``memory`` with what the supply remembers replaced."""
+    kept = memory[:EFFECTS_MEMORY]
+    return kept + (own.surplus, own.drawn, own.phase, own.disturbance)  # noqa: RUF005, numba unpacks no tuples
 
 
 def dead_time(parameters: Parameters) -> float:
@@ -71,35 +95,43 @@ def dead_time(parameters: Parameters) -> float:
 
 def rest(parameters: Parameters) -> State:
     """The unpressurised device, its muscle at resting length."""
-    return State(0.0, parameters.muscle.resting_length)
+    return State(0.0, parameters.muscle.resting_length, NO_MEMORY)
 
 
 def taut(parameters: Parameters, unit_length: float, pressure: float) -> State:
     """The device with its tendon just taut at muscle-tendon length ``unit_length`` [m], as far as the muscle allows.
 
-    ``pressure`` [Pa] is clipped to what the supply has. Whatever the effects remember has come to rest there.
+    ``pressure`` [Pa] is clipped to what the supply has; a muscle whose supply takes openings is vented. Whatever is
+    remembered has come to rest there, and a tank is full.
     """
     shortest, longest = mckibben.lock_length(parameters.muscle), parameters.muscle.resting_length
     length = min(max(unit_length - parameters.tendon.slack_length, shortest), longest)
-    pressure = min(max(pressure, 0.0), parameters.supply.pressure)
+    supply = supplied(parameters, NO_MEMORY)
+    pressure = min(max(pressure, 0.0), charging.upstream(supply, 0.0)) if supply.opens == 0.0 else 0.0
     return State(pressure, length, _rested(parameters, pressure, length, unit_length))
 
 
 def _rested(parameters: Parameters, pressure: float, length: float, unit_length: float) -> tuple[float, ...]:
-    """What the effects remember after a long time here: sliders let go, without pressure, then followers arrive."""
+    """What is remembered after a long time here: sliders let go, without pressure, then followers arrive."""
     memory = remembered(parameters, NO_MEMORY, 0.0, length, unit_length, LONG)
-    return remembered(parameters, memory, pressure, length, unit_length, LONG)
+    memory = remembered(parameters, memory, pressure, length, unit_length, LONG)
+    supply, muscle = supplied(parameters, memory), parameters.muscle
+    if charging.plain(supply):
+        return memory
+    volume, most = mckibben.volume(muscle, length), mckibben.volume(muscle, muscle.resting_length)
+    return with_gas(memory, charging.rested(supply, pressure, volume, most))
 
 
 def settled(parameters: Parameters, unit_length: float, command: float) -> State:
     """The device at rest at muscle-tendon length ``unit_length`` [m] under pressure ``command`` [Pa].
 
-    Whatever the effects remember has come to rest there, too.
+    Whatever is remembered has come to rest there, too.
     """
     state = taut(parameters, unit_length, command)
-    pressure = next_pressure(parameters, state.memory, state.pressure, command, LONG)
+    pressure = charged(parameters, state, command, LONG).pressure
+    still = charging.still(pressure)
     for _ in range(3):  # what follows the length relaxes to where the length has come
-        length = balance(parameters, pressure, state._replace(pressure=pressure), unit_length, LONG)
+        length = balance(parameters, still, state._replace(pressure=pressure), unit_length, LONG)
         state = State(pressure, length, _rested(parameters, pressure, length, unit_length))
     return state
 
@@ -136,27 +168,38 @@ def remembered(
     unit_length: float,
     step: float,
 ) -> tuple[float, ...]:
-    """What the effects remember after a ``step`` [s] that ended at this pressure [Pa] and these lengths [m]."""
+    """What the effects remember after a ``step`` [s] that ended at this pressure [Pa] and these lengths [m].
+
+    What the supply remembers stays as it was.
+    """
     effects = parameters.effects
     if effects[0] == 0.0:
         return memory
     acting = hooks.acting_pressure(effects, memory, pressure, parameters.muscle, length)
     stretch = hooks.tendon_stretch(effects, memory, unit_length - length - parameters.tendon.slack_length)
     found: tuple[float, ...] = hooks.remember(effects, memory, parameters.muscle, acting, length, stretch, step)
-    return found
+    return found + memory[EFFECTS_MEMORY:]
+
+
+def pressure_at(parameters: Parameters, air: Charge, length: float) -> float:
+    """Gauge pressure [Pa] of the muscle's ``air`` at muscle ``length`` [m]."""
+    if air.kept == 0.0:
+        return air.pressure
+    return charging.felt(air, mckibben.volume(parameters.muscle, length))
 
 
 def _imbalance(
-    parameters: Parameters, pressure: float, start: State, unit_length: float, step: float, length: float
+    parameters: Parameters, air: Charge, start: State, unit_length: float, step: float, length: float
 ) -> float:
     """Muscle side minus tendon side [N] if the muscle went from ``start`` to ``length`` in ``step``."""
+    pressure = pressure_at(parameters, air, length)
     memory = remembered(parameters, start.memory, pressure, length, unit_length, step)
     pull = tendon_side(parameters, memory, length, unit_length)
     return muscle_side(parameters, memory, pressure, length, (length - start.length) / step) - pull
 
 
-def balance(parameters: Parameters, pressure: float, start: State, unit_length: float, step: float) -> float:
-    """Muscle length [m] that balances the junction after ``step`` [s] at ``pressure`` [Pa], from state ``start``.
+def balance(parameters: Parameters, air: Charge, start: State, unit_length: float, step: float) -> float:
+    """Muscle length [m] that balances the junction after ``step`` [s] with this ``air`` in it, from state ``start``.
 
     ``unit_length`` [m] is the whole muscle-tendon unit. The root is found with Chandrupatla's bracketed
     method (Adv. Eng. Software 28:145, 1997) to :data:`FORCE_TOLERANCE`, or to the last bit of the length. NaN
@@ -170,15 +213,15 @@ def balance(parameters: Parameters, pressure: float, start: State, unit_length: 
     # The muscle has hardly moved since the last step: a narrow bracket around where it was is mostly enough.
     reach = 0.4 * step
     near_low, near_high = max(low, start.length - reach), min(high, start.length + reach)
-    f_low = _imbalance(parameters, pressure, start, unit_length, step, near_low)
-    f_high = _imbalance(parameters, pressure, start, unit_length, step, near_high)
+    f_low = _imbalance(parameters, air, start, unit_length, step, near_low)
+    f_high = _imbalance(parameters, air, start, unit_length, step, near_high)
     if f_low < 0.0 and f_high > 0.0:
         low, high = near_low, near_high
     else:
-        f_high = _imbalance(parameters, pressure, start, unit_length, step, high)
+        f_high = _imbalance(parameters, air, start, unit_length, step, high)
         if not f_high > 0.0:
             return high if f_high == f_high else f_high
-        f_low = _imbalance(parameters, pressure, start, unit_length, step, low)
+        f_low = _imbalance(parameters, air, start, unit_length, step, low)
         if not f_low < 0.0:
             return low if f_low == f_low else f_low
 
@@ -187,7 +230,7 @@ def balance(parameters: Parameters, pressure: float, start: State, unit_length: 
     t = 0.5
     for _ in range(MOST_ITERATIONS):
         x = a + t * (b - a)
-        f_x = _imbalance(parameters, pressure, start, unit_length, step, x)
+        f_x = _imbalance(parameters, air, start, unit_length, step, x)
         if (f_x > 0.0) == (f_a > 0.0):
             c, f_c = a, f_a
         else:
@@ -209,23 +252,36 @@ def balance(parameters: Parameters, pressure: float, start: State, unit_length: 
     return best
 
 
-def next_pressure(
-    parameters: Parameters, memory: tuple[float, ...], pressure: float, command: float, step: float
-) -> float:
-    """Gauge pressure [Pa] a ``step`` [s] after ``pressure`` [Pa] under ``command`` [Pa]."""
-    supply, effects = parameters.supply, parameters.effects
-    if effects[0] == 0.0:
-        return pneumatics.regulate(supply, pressure, command, step)
-    target = min(max(hooks.pressure_target(effects, memory, command), 0.0), supply.pressure)
-    reached = hooks.pressure_reached(effects, memory, target, pressure, step)
-    return pneumatics.regulate(supply, pressure, reached, step)
+def charged(parameters: Parameters, state: State, command: float, step: float) -> Charge:
+    """The muscle's air a ``step`` [s] after ``state`` under ``command`` (a pressure [Pa] or an opening [1]).
+
+    What the muscle's own motion does to it in this step is still to come: :func:`pressure_at`.
+    """
+    supply, effects, muscle = supplied(parameters, state.memory), parameters.effects, parameters.muscle
+    target = command
+    if effects[0] != 0.0 and supply.opens == 0.0:
+        target = min(max(hooks.pressure_target(effects, state.memory, command), 0.0), supply.pressure)
+        target = hooks.pressure_reached(effects, state.memory, target, state.pressure, step)
+    if charging.plain(supply):
+        return charging.regulated(supply, state.pressure, target, step)
+    volume, most = mckibben.volume(muscle, state.length), mckibben.volume(muscle, muscle.resting_length)
+    return charging.charge(supply, gas(state), state.pressure, target, volume, most, step)
 
 
 def advance(parameters: Parameters, state: State, unit_length: float, command: float, step: float) -> State:
-    """State one ``step`` [s] later, at muscle-tendon length ``unit_length`` [m] and pressure ``command`` [Pa]."""
-    pressure = next_pressure(parameters, state.memory, state.pressure, command, step)
-    length = balance(parameters, pressure, state, unit_length, step)
-    return State(pressure, length, remembered(parameters, state.memory, pressure, length, unit_length, step))
+    """State one ``step`` [s] later, at muscle-tendon length ``unit_length`` [m] under ``command``.
+
+    The command is a gauge pressure [Pa], or the opening of its valve [1] if that is what the supply takes.
+    """
+    air = charged(parameters, state, command, step)
+    length = balance(parameters, air, state, unit_length, step)
+    pressure = pressure_at(parameters, air, length)
+    memory = remembered(parameters, state.memory, pressure, length, unit_length, step)
+    supply, muscle = supplied(parameters, memory), parameters.muscle
+    if not charging.plain(supply):
+        volume, most = mckibben.volume(muscle, length), mckibben.volume(muscle, muscle.resting_length)
+        memory = with_gas(memory, charging.booked(supply, gas(state), air, pressure, volume, most))
+    return State(pressure, length, memory)
 
 
 def tension(parameters: Parameters, state: State, unit_length: float, rate: float) -> float:

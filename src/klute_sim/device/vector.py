@@ -13,7 +13,7 @@ from klute_sim.laws.mckibben import Muscle
 from klute_sim.laws.pneumatics import Supply
 from klute_sim.laws.tendon import Tendon
 
-SIGNATURE = 1999e6 + catalogue.layout()
+SIGNATURE = 2000e6 + catalogue.layout()
 """First number of a row. A row of another layout, or with other effects, gets another signature."""
 EFFECTS = 1 + len(Muscle._fields) + len(Damper._fields) + len(Tendon._fields) + len(Supply._fields)
 """Where the effects begin in a row."""
@@ -33,6 +33,25 @@ def unpack(row: Sequence[float]) -> Parameters:
         Muscle(row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10]),
         Damper(row[11], row[12]),
         Tendon(row[13], row[14], row[15], row[16], row[17] != 0.0),
-        Supply(row[18], row[19], row[20]),
+        Supply(
+            row[18],
+            row[19],
+            row[20],
+            row[21],
+            row[22],
+            row[23],
+            row[24],
+            row[25],
+            row[26],
+            row[27],
+            row[28],
+            row[29],
+            row[30],
+            row[31],
+            row[32],
+            row[33],
+            row[34],
+            row[35],
+        ),
         row[EFFECTS:SIZE],
     )

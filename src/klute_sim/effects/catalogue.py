@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from klute_sim.effects import (
+    air,
     bladder_relaxation,
     bladder_wall,
     braid_extensibility,
@@ -34,6 +35,7 @@ from klute_sim.effects import hooks as _hooks
 from klute_sim.effects.effect import HOOKS, Effect, Form
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
+from klute_sim.laws.pneumatics import Supply
 
 VARIABLE = "KLUTE_SIM_CATALOGUE"
 
@@ -49,6 +51,10 @@ BUILT_IN = (
     braid_hysteresis.EFFECT,
     muscle_damping.EFFECT,
     bladder_relaxation.EFFECT,
+    air.DROOP,
+    air.CHOKED,
+    air.COUPLING,
+    air.LEAK,
     supply.ERROR,
     supply.LAG,
     supply.DELAY,
@@ -145,6 +151,7 @@ def _try(law: Callable[..., Any], hook: str, form: Form, where: str) -> None:
         "damper_force": (own, memory, force, rate),
         "tendon_stretch": (own, memory, stretch),
         "tendon_force": (own, memory, force, stretch),
+        "supply": (own, memory, Supply(5e5, 1e7, 293.15)),
         "pressure_target": (own, memory, pressure),
         "pressure_reached": (own, memory, pressure, pressure, step),
         "remember": (own, memory, muscle, pressure, length, stretch, step),
@@ -157,6 +164,8 @@ def _try(law: Callable[..., Any], hook: str, form: Form, where: str) -> None:
     if hook == "remember":
         good = isinstance(found, tuple) and len(found) == form.memory
         wanted = f"a tuple of {form.memory} (as many as it remembers)"
+    elif hook == "supply":
+        good, wanted = isinstance(found, Supply), "a klute_sim.laws.pneumatics.Supply"
     elif hook == "reading":
         good, wanted = np.shape(found) == series.shape, "an array like the one it was given"
     else:

@@ -13,6 +13,7 @@ muscle_force        own, memory, force, muscle, pressure, length, rate          
 damper_force        own, memory, force, rate                                               tension [N]
 tendon_stretch      own, memory, stretch                                                   beyond slack length [m]
 tendon_force        own, memory, force, stretch                                            tension [N], floored at 0
+supply              own, memory, supply                                                    what the supply is then
 pressure_target     own, memory, command                                                   what is regulated to [Pa]
 pressure_reached    own, memory, target, pressure, step                                    a step later, before the
                                                                                            supply's rate limits it [Pa]
@@ -41,6 +42,7 @@ HOOKS = (
     "damper_force",
     "tendon_stretch",
     "tendon_force",
+    "supply",
     "pressure_target",
     "pressure_reached",
     "remember",

@@ -50,10 +50,11 @@ def flow_share(ratio: float, critical_ratio: float) -> float:
     if ratio >= 1.0:
         return 0.0
     edge = max(LAMINAR, critical_ratio)
+    beyond = (min(ratio, edge) - critical_ratio) / (1.0 - critical_ratio)
+    share = math.sqrt(1.0 - beyond * beyond)
     if ratio > edge:
-        return flow_share(edge, critical_ratio) * (1.0 - ratio) / (1.0 - edge)
-    beyond = (ratio - critical_ratio) / (1.0 - critical_ratio)
-    return math.sqrt(1.0 - beyond * beyond)
+        share *= (1.0 - ratio) / (1.0 - edge)
+    return share
 
 
 def flow(restriction: Restriction, first: float, second: float, temperature: float) -> float:
@@ -99,3 +100,24 @@ def venting_time(restriction: Restriction, chamber: Chamber, volume: float, high
     per_pressure = sonic_flow(restriction, 1.0, chamber.temperature)
     constant = volume / (chamber.exponent * AIR_CONSTANT * chamber.temperature * per_pressure)
     return constant * math.log(high / low)
+
+
+def tube(length: float, diameter: float) -> Restriction:
+    """A tube of ``length`` and inner ``diameter`` [m]: ``C = 0.029 d^2/sqrt(L/d^1.25 + 510)``, ``b = 474 C/d^2``.
+
+    d and L in metres. An empirical fit for the tubes of pneumatic drives (P. Beater, Pneumatic Drives, Springer 2007;
+    recalled, not checked against the book).
+    """
+    square = diameter * diameter
+    conductance = 0.029 * square / math.sqrt(length / diameter**1.25 + 510.0)
+    return Restriction(conductance, 474.0 * conductance / square)
+
+
+def in_series(first: Restriction, second: Restriction) -> Restriction:
+    """One restriction for two behind each other: ``1/C^3 = sum 1/C_i^3``, ``b = 1 - C^2 sum (1 - b_i)/C_i^2``.
+
+    The approximation of ISO 6358:1989 for components in series; it is exact if one of them is wide open.
+    """
+    total = (first.conductance**-3.0 + second.conductance**-3.0) ** (-1.0 / 3.0)
+    lost = sum((1.0 - each.critical_ratio) * (total / each.conductance) ** 2 for each in (first, second))
+    return Restriction(total, min(max(1.0 - lost, 0.0), 0.999))

@@ -1,9 +1,8 @@
-"""The device on an actuator of a MuJoCo model: its command, its states, its tension, its ledger."""
+"""The device on an actuator of a MuJoCo model: its command, its states, its tension."""
 
 import mujoco
 
-from klute_sim.device.ledger import Ledger, entries
-from klute_sim.device.step import NO_MEMORY, State
+from klute_sim.device.step import NO_MEMORY, State, gas, with_gas
 from klute_sim.device.vector import unpack
 from klute_sim.errors import InputError
 from klute_sim.plant import coupling
@@ -49,13 +48,13 @@ class DeviceActuator:
             memory = tuple(data.act[self.act + coupling.STATES : self.act + coupling.ALL_STATES].tolist())
         return coupling.state(self.parameters, pressure, offset, memory)
 
-    def ledger(self, model: mujoco.MjModel, data: mujoco.MjData, before: State) -> tuple[State, Ledger]:
-        """State and entries of the step just taken from ``before``; ``data`` is as the step left it."""
-        step = model.opt.timestep
+    def reached(self, model: mujoco.MjModel, data: mujoco.MjData, before: State) -> State:
+        """The state that the step just taken from ``before`` led to; ``data`` is as the step left it."""
         by_pressure, by_length = data.act_dot[self.act : self.act + coupling.STATES].tolist()
-        unit_length = self.unit_length(data)
+        unit_length, step = self.unit_length(data), model.opt.timestep
         after = coupling.reached(self.parameters, before, by_pressure, by_length, unit_length, step)
-        return after, entries(self.parameters, before, after, unit_length, self.unit_rate(data), step)
+        # What the supply remembers no force depends on: it stands where MuJoCo has carried it by now.
+        return after._replace(memory=with_gas(after.memory, gas(self.state(data))))
 
     def unit_length(self, data: mujoco.MjData) -> float:
         """Length [m] of the whole muscle-tendon unit at the last evaluation."""

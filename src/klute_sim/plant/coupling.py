@@ -1,9 +1,10 @@
 """The device in MuJoCo's terms: numbers in, numbers out, the same for both installations.
 
 States (``data.act``): gauge pressure [bar], muscle length minus resting length [m], and where the device has effects
-that remember, what they remember (in a device's row there is room for all of them). Pressure is kept in bar so
-that both states are of a size that finite differences and solvers like; the length is an offset so that MuJoCo's
-reset, which zeroes states, is the device at rest. The command (``data.ctrl``) is gauge pressure [bar].
+or a supply that remember, what they remember (in a device's row there is room for all of them). Pressure is kept in
+bar so that both states are of a size that finite differences and solvers like; the length is an offset so that
+MuJoCo's reset, which zeroes states, is the device at rest. The command (``data.ctrl``) is gauge pressure [bar], or the
+opening of its valve [1] if that is what the supply takes.
 
 The length is solved implicitly where MuJoCo asks for the rates, and handed over as the *effective rate*
 ``(l+ - l)/h``, so that its single-step integrators land on l+. MuJoCo evaluates every rate before any force, so the
@@ -38,7 +39,10 @@ def state(parameters: Parameters, pressure: float, offset: float, memory: tuple[
 def reached(
     parameters: Parameters, before: State, by_pressure: float, by_length: float, unit_length: float, step: float
 ) -> State:
-    """State [Pa, m] that rates [bar/s, m/s] lead to in a ``step`` [s] that ends at ``unit_length`` [m]."""
+    """State [Pa, m] that rates [bar/s, m/s] lead to in a ``step`` [s] that ends at ``unit_length`` [m].
+
+    What the supply remembers stays as it was: no force depends on it.
+    """
     pressure, length = before.pressure + step * by_pressure * BAR, before.length + step * by_length
     return State(pressure, length, remembered(parameters, before.memory, pressure, length, unit_length, step))
 
@@ -60,7 +64,8 @@ def rates(
     """
     parameters = unpack(row)
     before = state(parameters, pressure, offset, memory)
-    after = advance(parameters, before, unit_length, command * BAR, step)
+    asked = command if parameters.supply.opens != 0.0 else command * BAR
+    after = advance(parameters, before, unit_length, asked, step)
     by_pressure = (after.pressure - before.pressure) / (BAR * step)
     by_length = (after.length - before.length) / step
     if math.isfinite(command) and math.isfinite(by_pressure) and math.isfinite(by_length):

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from klute_sim.device.ledger import LINES, SOLVER
 from klute_sim.laws.mckibben import FRICTION_ONSET
 from klute_sim.recording.recording import Recording, Samples
 from klute_sim.rigs.gait.reference import GRAVITY, LOADED
@@ -248,14 +249,11 @@ def _rollover_radius(r: Recording, loaded: np.ndarray) -> float | None:
 
 
 def _ledger_residual(r: Recording, step: float) -> float:
-    """Percent of the device's work, both ways, that its own ledger does not account for."""
-    lines = ("gas_power", "friction_power", "damper_power", "stop_power", "effects_power")
-    # Energies stand at the end of a sample's step, so the first sample only tells where the count begins.
-    given = sum(float(r[line][1:].sum()) * step for line in lines)
-    stored = r["bladder_energy"] + r["tendon_energy"]
-    delivered = r["actuator_power"][1:]
-    residual = given - float(stored[-1] - stored[0]) - float(delivered.sum()) * step
-    exchanged = float(np.abs(delivered).sum()) * step
+    """Percent of the device's work, both ways, that its elements do not account for."""
+    # A sample's power holds for the step that ends there: the first one only tells where the count begins.
+    given = sum(r[line][1:] for line in LINES if line != SOLVER)
+    delivered = r["delivered_power"][1:]
+    residual, exchanged = float((given - delivered).sum()) * step, float(np.abs(delivered).sum()) * step
     return 100.0 * residual / exchanged if exchanged > 0.0 else 0.0
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from klute_sim.device.account import account
@@ -25,15 +24,13 @@ def pull(
 ) -> Recording:
     """As :func:`klute_sim.rigs.bench.tester.pull`, with a length that is reached exactly."""
     length, command = checked(device, length, command, step)
-    rate = np.gradient(length, step)
-    found = account(device.parameters, length, command, step, unit_rate=rate, start=start, law=law)
+    found = account(device.parameters, length, command, step, start=start, law=law)
     told(1.0)
     return recorded(
         device,
         step=step,
         length=length,
         length_command=length,
-        unit_rate=rate,
         command=command,
         tension=found.tension,
         load_cell=found.tension,

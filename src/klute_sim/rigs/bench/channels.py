@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from klute_sim.device.files import Device
-from klute_sim.device.ledger import Ledger
+from klute_sim.device.ledger import HEADINGS, Ledger
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben
 from klute_sim.provenance import versions
@@ -21,15 +21,7 @@ CHANNELS = (
     "muscle_length [mm]",
     "muscle_force [N]",
     "damper_force [N]",
-    "gas_power [W]",
-    "friction_power [W]",
-    "damper_power [W]",
-    "stop_power [W]",
-    "effects_power [W]",
-    "delivered_power [W]",
-    "bladder_energy [J]",
-    "tendon_energy [J]",
-    "air_mass [kg]",
+    *HEADINGS,
 )
 """Beside ``time``, ``length`` (reached) and ``pressure_command``."""
 
@@ -40,7 +32,6 @@ def recorded(
     step: float,
     length: Samples,
     length_command: Samples,
-    unit_rate: Samples,
     command: Samples,
     tension: Samples,
     load_cell: Samples,
@@ -50,7 +41,7 @@ def recorded(
     ledger: Ledger,
     options: Mapping[str, Any],
 ) -> Recording:
-    """A recording of series [SI], one entry per ``step`` [s]; ``ledger`` holds arrays."""
+    """A recording of series [SI], one entry per ``step`` [s]."""
     muscle, damper = device.parameters.muscle, device.parameters.damper
     states = zip(pressure.tolist(), muscle_length.tolist(), strict=True)
     pull = np.array([mckibben.force(muscle, p, x) for p, x in states])
@@ -66,15 +57,7 @@ def recorded(
         ("muscle_length [mm]", 1e3 * muscle_length),
         ("muscle_force [N]", pull),
         ("damper_force [N]", damping),
-        ("gas_power [W]", ledger.gas_power),
-        ("friction_power [W]", ledger.friction_power),
-        ("damper_power [W]", ledger.damper_power),
-        ("stop_power [W]", ledger.stop_power),
-        ("effects_power [W]", ledger.effects_power),
-        ("delivered_power [W]", -tension * unit_rate),
-        ("bladder_energy [J]", ledger.bladder_energy),
-        ("tendon_energy [J]", ledger.tendon_energy),
-        ("air_mass [kg]", ledger.air_mass),
+        *ledger.columns(),
     ]
     provenance = {
         "rig": "bench",

@@ -2,12 +2,10 @@
 
 import numpy as np
 
+from klute_sim.device.ledger import LINES, SOLVER
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench.path import Array
 
-POWERS = ("gas_power", "friction_power", "damper_power", "stop_power", "effects_power")
-"""Out of the device's elements."""
-STORES = ("bladder_energy", "tendon_energy")
 TINY = 1e-9
 """By which an instant may miss its sample [s]: rounding, as in :func:`klute_sim.rigs.bench.path.stairs`."""
 
@@ -55,14 +53,9 @@ def given(recording: Recording, channel: str) -> float:
     return float((recording[channel][1:] * np.diff(recording["time"])).sum())
 
 
-def stored(recording: Recording) -> float:
-    """By how much the energy in bladder and tendon grew [J]."""
-    return sum(float(recording[channel][-1] - recording[channel][0]) for channel in STORES)
-
-
 def ledger_residual(recording: Recording) -> float:
-    """Work minus what the energy ledger accounts for [J]; the time step's error, and nothing else."""
-    return work(recording) - (sum(given(recording, channel) for channel in POWERS) - stored(recording))
+    """Work that the elements of the device do not account for [J]: the time step's error, and nothing else."""
+    return work(recording) - sum(given(recording, line) for line in LINES if line != SOLVER)
 
 
 def velocity(recording: Recording, channel: str) -> Array:

@@ -1,14 +1,13 @@
 """The bench in MuJoCo: a crosshead on a servo, a load cell, and the device between them as in the ankle."""
 
 from collections.abc import Callable
-from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
 from klute_sim.device.files import Device
-from klute_sim.device.ledger import Ledger
+from klute_sim.device.ledger import Book
 from klute_sim.device.rollout import earlier
 from klute_sim.device.step import State, dead_time, taut, tension
 from klute_sim.plant import router
@@ -62,41 +61,40 @@ def pull(
     servo = int(model.actuator_ctrladr[model.actuator("servo").id])
     cell = int(model.sensor("load_cell").adr[0])
 
-    found = np.empty((len(length), 7))
-    ledger = np.empty((len(length), len(Ledger._fields)))
+    found = np.empty((len(length), 6))
+    book = Book(parameters, len(length))
     with router.installed(law) as in_force:
         for k in range(len(length)):
             data.ctrl[servo] = target[k]
             actuator.command(data, earlier(commands, k - late))
             before = actuator.state(data)
             router.step(model, data)
-            after, ledger[k] = actuator.ledger(model, data, before)
+            after = actuator.reached(model, data, before)
+            rate = (after.length - before.length) / step
+            book.note(k, after, actuator.unit_length(data), rate)
             found[k] = (
                 actuator.unit_length(data),
-                actuator.unit_rate(data),
                 actuator.tension(data),
                 -data.sensordata[cell],  # the sensor tells what the unit does to the cell, along x
                 after.pressure,
                 after.length,
-                (after.length - before.length) / step,
+                rate,
             )
             if k % OFTEN == 0:
                 told(k / len(length))
     told(1.0)
-    columns: Any = ledger.T
-    reached, rate, pulled, weighed, pressure, muscle, muscle_rate = (np.ascontiguousarray(x) for x in found.T)
+    reached, pulled, weighed, pressure, muscle, muscle_rate = (np.ascontiguousarray(x) for x in found.T)
     return recorded(
         device,
         step=step,
         length=reached,
         length_command=length,
-        unit_rate=rate,
         command=command,
         tension=pulled,
         load_cell=weighed,
         pressure=pressure,
         muscle_length=muscle,
         muscle_rate=muscle_rate,
-        ledger=Ledger(*columns),
+        ledger=book.ledger(step),
         options={"law": in_force, "mujoco": True},
     )

@@ -43,14 +43,6 @@ CHANNELS = (
     "ankle_x [m]",
     "ankle_z [m]",
     "sole_depth [m]",
-    "gas_power [W]",
-    "friction_power [W]",
-    "damper_power [W]",
-    "stop_power [W]",
-    "effects_power [W]",
-    "bladder_energy [J]",
-    "tendon_energy [J]",
-    "air_mass [kg]",
 )
 """Columns of :meth:`Gauges.read`, in its order."""
 
@@ -71,11 +63,14 @@ class Gauges:
         self._insertion = model.site(ANKLE + "achilles_insertion").id
         self._middle = float(model.jnt_range[self._joint].mean())
 
-    def read(self, data: mujoco.MjData, q: np.ndarray, v: np.ndarray, before: State) -> tuple[float, ...]:
-        """The sample of the step just taken, from positions ``q``, velocities ``v`` and device ``before``."""
+    def read(
+        self, data: mujoco.MjData, q: np.ndarray, v: np.ndarray, device: State, muscle_rate: float
+    ) -> tuple[float, ...]:
+        """The sample of the step just taken, from positions ``q`` and velocities ``v`` before it.
+
+        It led to ``device``, with the muscle moving at ``muscle_rate`` [m/s].
+        """
         actuator, parameters = self._actuator, self._actuator.parameters
-        device, ledger = actuator.ledger(self._model, data, before)
-        muscle_rate = (device.length - before.length) / self._model.opt.timestep
         tension = actuator.tension(data)
 
         rate = float(v[self._dof])  # plantarflexion positive, as the hinge
@@ -114,14 +109,6 @@ class Gauges:
             float(ankle[0]),
             float(ankle[2]),
             depth,
-            ledger.gas_power,
-            ledger.friction_power,
-            ledger.damper_power,
-            ledger.stop_power,
-            ledger.effects_power,
-            ledger.bladder_energy,
-            ledger.tendon_energy,
-            ledger.air_mass,
         )
 
     def _moment_arm(self, data: mujoco.MjData) -> float:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from klute_sim.control.pressure import PressureController
 from klute_sim.device.files import Device
+from klute_sim.device.ledger import Book
 from klute_sim.device.step import dead_time
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import router
@@ -69,7 +70,7 @@ def walk(
     late = dead_time(actuator.parameters) / options.step
     start(rig, data, pressure[0])
     count, drives = per_stride * options.strides, len(DRIVES)
-    samples = np.empty((count, len(CHANNELS)))
+    samples, book = np.empty((count, len(CHANNELS))), Book(actuator.parameters, count)
     with router.installed(law) as in_force:
         for k in range(count):
             j = k % per_stride
@@ -82,11 +83,16 @@ def walk(
                     f"the gait rig left its path at t = {data.time:.3f} s ({100 * rig.phase[j]:.0f} % of stride "
                     f"{k // per_stride + 1}): device '{device.name}', {options.mass:g} kg, {rig.plan.speed:.2f} m/s"
                 )
-            samples[k] = gauges.read(data, q, v, before)
+            after = actuator.reached(model, data, before)
+            muscle_rate = (after.length - before.length) / options.step
+            samples[k] = gauges.read(data, q, v, after, muscle_rate)
+            book.note(k, after, actuator.unit_length(data), muscle_rate)
             if k % 200 == 0:
                 progress(k / count)
     progress(1.0)
-    return _recording(device, controller, rig, pressure, samples, in_force)
+    columns = [(heading, samples[:, i]) for i, heading in enumerate(CHANNELS)]
+    columns += book.ledger(options.step).columns()
+    return _recording(device, controller, rig, pressure, columns, in_force)
 
 
 def _earlier(pressure: Samples, place: float) -> float:
@@ -101,11 +107,11 @@ def _recording(
     controller: PressureController,
     rig: Assembly,
     command: Samples,
-    samples: Samples,
+    read: list[tuple[str, Samples]],
     law: str,
 ) -> Recording:
     options, plan, per_stride = rig.options, rig.plan, rig.per_stride
-    count, reference = len(samples), options.reference
+    count, reference = per_stride * options.strides, options.reference
     index = np.arange(count)
     phase = (index % per_stride) / per_stride
     columns: list[tuple[str, NDArray[np.floating[Any]]]] = [
@@ -114,7 +120,7 @@ def _recording(
         ("stride [1]", index // per_stride + 1.0),
         ("pressure_command [bar]", np.tile(command, options.strides) / BAR),
     ]
-    columns += [(heading, samples[:, i]) for i, heading in enumerate(CHANNELS)]
+    columns += read
     # The reference's moment over its angle at another stride time: its power is that much slower or faster.
     power = options.mass * reference.stride_time / plan.stride_time
     factors = {"deg": 1.0, "N*m": options.mass, "N": options.mass, "W": power}

@@ -12,12 +12,13 @@ from pydantic import Field, FiniteFloat, model_validator
 from pydantic_core import PydanticCustomError
 
 from klute_sim.device.files import Device
+from klute_sim.device.ledger import LINES
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench.path import Array, Path
 from klute_sim.rigs.bench.plan import NotNegative, Plan, Positive, Protocol, Ratio, Some, label
 from klute_sim.rigs.bench.reach import refuse_beyond_supply, refuse_too_fast, unit_length
-from klute_sim.rigs.bench.reading import POWERS, given, ledger_residual, over, stored, work
+from klute_sim.rigs.bench.reading import given, ledger_residual, over, work
 from klute_sim.units import BAR
 
 HALF = {"concentric": 0.0, "eccentric": 50.0}
@@ -117,7 +118,6 @@ class Workloop(Protocol):
             "force_max_n": float(cycle["force"].max()),
             "force_min_n": float(cycle["force"].min()),
             "overlap_pct": 100.0 * float(way[follows].sum() / way.sum()),
-            **{f"{channel.removesuffix('_power')}_work_j": given(cycle, channel) for channel in POWERS},
-            "stored_j": stored(cycle),
+            **{f"{channel.removesuffix('_power')}_work_j": given(cycle, channel) for channel in LINES},
             "ledger_residual_j": ledger_residual(cycle),
         }

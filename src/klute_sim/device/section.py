@@ -1,0 +1,20 @@
+"""A section of a device file: keys that carry their unit, nothing that is not known."""
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from klute_sim.units import to_si
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+
+
+class Section(BaseModel):
+    """Base of all sections."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    def si(self, key: str) -> float:
+        """Value of ``key`` in SI."""
+        return to_si(key, float(getattr(self, key)))

@@ -1,0 +1,139 @@
+"""The device file on air: a regulator, and between it and the muscle a valve, a line, the chamber, a tank, a leak."""
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, FiniteFloat, model_validator
+from pydantic_core import PydanticCustomError
+
+from klute_sim.device.section import NotNegative, Positive, Section
+from klute_sim.laws import valve as valve_law
+from klute_sim.laws.pneumatics import ZERO_CELSIUS, Supply
+from klute_sim.laws.valve import Restriction
+
+Ratio = Annotated[FiniteFloat, Field(ge=0.0, lt=0.99)]
+
+
+class SupplySection(Section):
+    """What the pressure regulator can do."""
+
+    pressure_bar: Annotated[FiniteFloat, Field(gt=0, le=20)]
+    """Highest gauge pressure."""
+    rate_bar_per_s: Positive
+    """Fastest change either way; of a regulator without a [valve]."""
+    gas_temperature_c: Annotated[FiniteFloat, Field(gt=-ZERO_CELSIUS)]
+
+
+class ValveSection(Section):
+    """A valve with a limited flow (ISO 6358) between supply and muscle, and between muscle and room."""
+
+    fill_dm3_per_s_bar: Annotated[FiniteFloat, Field(ge=1e-4, le=1e3)]
+    """Sonic conductance C towards the muscle, fully open."""
+    fill_critical_ratio: Ratio
+    """Critical pressure ratio b."""
+    exhaust_dm3_per_s_bar: Annotated[FiniteFloat, Field(ge=1e-4, le=1e3)]
+    exhaust_critical_ratio: Ratio
+    takes: Literal["pressure", "opening"] = "pressure"
+    """What a command is: a pressure, which the valve's own loop follows, or an opening, -1 (exhaust) to 1 (fill)."""
+    gain_per_bar: Annotated[FiniteFloat, Field(gt=0, le=1e4)] | None = None
+    """Opening per bar that is missing; only, and always, where commands are pressures."""
+    drive: Literal["proportional", "on-off"] = "proportional"
+    """Whether the valve opens in proportion, or in pulses as wide as the opening."""
+    period_s: Annotated[FiniteFloat, Field(ge=1e-3, le=1.0)] | None = None
+    """Of the pulses; only, and always, of an on-off valve."""
+    shortest_pulse_s: NotNegative | None = None
+    """That the valve can still make; likewise."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if (self.takes == "pressure") != (self.gain_per_bar is not None):
+            raise PydanticCustomError("valve", "gain_per_bar belongs to takes = 'pressure', and to nothing else")
+        pulses = [self.period_s is not None, self.shortest_pulse_s is not None]
+        if pulses != [self.drive == "on-off"] * 2:
+            raise PydanticCustomError(
+                "valve", "period_s and shortest_pulse_s belong to drive = 'on-off', and to nothing else"
+            )
+        return self
+
+
+class LineSection(Section):
+    """The tube between valve and muscle: it throttles, and it has to be filled, too."""
+
+    length_m: Annotated[FiniteFloat, Field(gt=0, le=100)]
+    inner_diameter_mm: Annotated[FiniteFloat, Field(ge=0.5, le=50)]
+
+    def restriction(self) -> Restriction:
+        """Its flow."""
+        return valve_law.tube(self.length_m, self.si("inner_diameter_mm"))
+
+    def volume(self) -> float:
+        """Its volume [m3]."""
+        return 0.25 * math.pi * self.si("inner_diameter_mm") ** 2 * self.length_m
+
+
+class ChamberSection(Section):
+    """The air in the muscle."""
+
+    dead_volume_cm3: NotNegative
+    """Of fittings, without the line."""
+    exponent: Annotated[FiniteFloat, Field(ge=1.0, le=1.67)]
+    """Polytropic: 1 isothermal, 1.4 adiabatic."""
+    warming_s: NotNegative
+    """Time in which the air takes the walls' temperature all the same; 0: never."""
+
+
+class TankSection(Section):
+    """A tank that is not refilled."""
+
+    volume_l: Positive
+    pressure_bar: Annotated[FiniteFloat, Field(gt=0, le=500)]
+    """When full, gauge."""
+
+
+class LeakSection(Section):
+    """A leak of the muscle into the room."""
+
+    conductance_dm3_per_s_bar: Annotated[FiniteFloat, Field(ge=0, le=10)]
+
+
+def parameters(
+    supply: SupplySection,
+    valve: ValveSection | None,
+    line: LineSection | None,
+    chamber: ChamberSection | None,
+    tank: TankSection | None,
+    leak: LeakSection | None,
+) -> Supply:
+    """The law's parameters, SI."""
+    found = Supply(
+        pressure=supply.si("pressure_bar"),
+        rate=supply.si("rate_bar_per_s"),
+        temperature=supply.gas_temperature_c + ZERO_CELSIUS,
+    )
+    if tank is not None:
+        found = found._replace(tank=tank.si("volume_l"), tank_pressure=tank.si("pressure_bar"))
+    if leak is not None:
+        found = found._replace(leak=leak.si("conductance_dm3_per_s_bar"))
+    if valve is None:
+        return found
+    fill = Restriction(valve.si("fill_dm3_per_s_bar"), valve.fill_critical_ratio)
+    exhaust = Restriction(valve.si("exhaust_dm3_per_s_bar"), valve.exhaust_critical_ratio)
+    if line is not None:
+        fill, exhaust = (valve_law.in_series(way, line.restriction()) for way in (fill, exhaust))
+        found = found._replace(dead_volume=line.volume())
+    if chamber is not None:
+        found = found._replace(
+            dead_volume=found.dead_volume + chamber.si("dead_volume_cm3"),
+            exponent=chamber.exponent,
+            warming=chamber.warming_s,
+        )
+    return found._replace(
+        fill=fill.conductance,
+        fill_ratio=fill.critical_ratio,
+        exhaust=exhaust.conductance,
+        exhaust_ratio=exhaust.critical_ratio,
+        gain=valve.si("gain_per_bar") if valve.gain_per_bar is not None else 0.0,
+        opens=float(valve.takes == "opening"),
+        period=valve.period_s or 0.0,
+        shortest=valve.shortest_pulse_s or 0.0,
+    )

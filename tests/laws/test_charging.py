@@ -1,0 +1,229 @@
+"""Filling and emptying: closed forms, limits, the gas law; what regulator, valve and pulses make of a command."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from klute_sim.laws import charging, valve
+from klute_sim.laws.charging import Gas
+from klute_sim.laws.pneumatics import AIR_CONSTANT, ATMOSPHERE, Supply, air_mass
+from klute_sim.laws.valve import Chamber, Restriction
+
+BAR = 1e5
+VOLUME = 2e-4
+VALVE = Supply(5e5, 100e5, 293.15, 1e-8, 0.4, 0.7e-8, 0.3, gain=50 / BAR)
+OPENED = VALVE._replace(gain=0.0, opens=1.0)
+IDEAL = Supply(5e5, 100e5, 293.15)
+
+
+def flows(
+    supply: Supply, command: float, start: float, time: float, step: float = 1e-4, volume: float = VOLUME
+) -> tuple[np.ndarray, Gas]:
+    """Pressures [Pa] after each step in a muscle that does not move, and what is remembered at the end."""
+    pressure, gas, found = start, charging.rested(supply, start, volume, volume), []
+    for _ in range(round(time / step)):
+        air = charging.charge(supply, gas, pressure, command, volume, volume, step)
+        pressure = charging.felt(air, volume + supply.dead_volume)
+        gas = charging.booked(supply, gas, air, pressure, volume, volume)
+        found.append(pressure)
+    return np.array(found), gas
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.2, 1.4])
+def test_choked_filling_and_venting_take_as_long_as_their_closed_forms(exponent: float) -> None:
+    supply = OPENED._replace(pressure=19e5, exponent=exponent, dead_volume=0.3e-4)
+    chamber, whole = Chamber(exponent, 293.15), VOLUME + 0.3e-4
+    fill = valve.filling_time(Restriction(1e-8, 0.4), chamber, whole, 19e5 + ATMOSPHERE, ATMOSPHERE, 6e5 + ATMOSPHERE)
+    found, _ = flows(supply, 1.0, 0.0, fill, fill / 1000)
+    assert found[-1] == pytest.approx(6e5, rel=1e-9)  # sonic all the way: a straight line, which the step follows
+    assert np.ptp(np.diff(found)) < 1e-6 * np.diff(found).mean()
+    low = ATMOSPHERE / 0.3 - ATMOSPHERE
+    vent = valve.venting_time(Restriction(0.7e-8, 0.3), chamber, whole, 6e5 + ATMOSPHERE, low + ATMOSPHERE)
+    errors = [abs(flows(supply, -1.0, 6e5, vent, vent / n)[0][-1] / low - 1.0) for n in (200, 400, 800)]
+    assert errors[2] < 2e-3
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.05)  # first order
+    assert errors[1] / errors[2] == pytest.approx(2.0, rel=0.05)
+
+
+def test_from_sonic_to_subsonic_it_follows_an_adaptive_integrator() -> None:
+    chamber = Chamber(1.0, 293.15)
+
+    def rate(_: float, state: list[float]) -> list[float]:
+        inflow = valve.flow(Restriction(1e-8, 0.4), 5e5 + ATMOSPHERE, state[0], 293.15)
+        return [valve.pressure_rate(chamber, state[0], VOLUME, inflow, 0.0)]
+
+    times = np.arange(1, 3001) * 1e-4
+    exact = solve_ivp(rate, (0.0, 0.3), [ATMOSPHERE], t_eval=times, rtol=1e-10, atol=1e-2).y[0] - ATMOSPHERE
+    found, _ = flows(OPENED, 1.0, 0.0, 0.3)
+    assert np.abs(found - exact).max() < 2e-3 * 5e5
+    critical = 0.4 * (5e5 + ATMOSPHERE) - ATMOSPHERE
+    sonic = np.diff(found)[found[1:] < critical]
+    assert np.ptp(sonic) < 1e-6 * sonic.mean()
+    assert found[-1] == pytest.approx(5e5, rel=1e-3)
+    assert (np.diff(found) >= 0).all()
+
+
+@given(st.floats(0.0, 5e5), st.floats(-1.0, 1.0), st.floats(1e-5, 1.0), st.floats(1.0, 1.4))
+def test_any_step_ends_between_room_and_supply(start: float, opened: float, step: float, exponent: float) -> None:
+    supply = OPENED._replace(exponent=exponent)
+    air = charging.charge(supply, charging.rested(supply, start, VOLUME, VOLUME), start, opened, VOLUME, VOLUME, step)
+    assert -1e-6 <= air.pressure <= 5e5 + 1e-6
+    assert (air.pressure - start) * opened >= -1e-6
+    assert air.leaked == 0.0
+
+
+@given(st.floats(0.5, 2.0), st.floats(1.0, 1.4), st.floats(0.0, 5e5))
+def test_closed_air_obeys_its_closed_form(share: float, exponent: float, pressure: float) -> None:
+    supply = OPENED._replace(exponent=exponent)
+    gas = charging.rested(supply, pressure, VOLUME, VOLUME)
+    air = charging.charge(supply, gas, pressure, 0.0, VOLUME, VOLUME, 1e-3)
+    moved = charging.felt(air, share * VOLUME)
+    wanted = valve.compressed(Chamber(exponent, 293.15), pressure + ATMOSPHERE, VOLUME, share * VOLUME) - ATMOSPHERE
+    assert moved == pytest.approx(wanted, rel=1e-12, abs=1e-5)
+    after = charging.booked(supply, gas, air, moved, share * VOLUME, VOLUME)
+    assert after == gas  # no air came or went
+
+
+def pump(supply: Supply, command: np.ndarray, step: float) -> tuple[list[float], list[Gas], list[float]]:
+    """Pressures, memories and volumes while the volume swings by a third."""
+    volume = VOLUME * (1.0 - np.cos(12.0 * np.arange(len(command) + 1) * step) / 3.0)
+    pressure = 0.0
+    gas = charging.rested(supply, pressure, float(volume[0]), VOLUME)
+    pressures, remembered = [pressure], [gas]
+    for k, asked in enumerate(command.tolist()):
+        air = charging.charge(supply, gas, pressure, asked, float(volume[k]), VOLUME, step)
+        pressure = charging.felt(air, float(volume[k + 1]) + supply.dead_volume)
+        gas = charging.booked(supply, gas, air, pressure, float(volume[k + 1]), VOLUME)
+        pressures.append(pressure)
+        remembered.append(gas)
+    return pressures, remembered, volume.tolist()
+
+
+@pytest.mark.parametrize(
+    "supply",
+    [
+        VALVE,
+        VALVE._replace(dead_volume=3e-5, leak=2e-10),
+        VALVE._replace(tank=1e-3, tank_pressure=6e5, leak=2e-10),
+        VALVE._replace(period=0.02, shortest=0.002),
+        IDEAL._replace(leak=2e-10),
+        IDEAL._replace(recovery=0.05, exponent=1.0),
+    ],
+    ids=["valve", "leak", "tank", "pulses", "regulator", "slow regulator"],
+)
+def test_at_constant_temperature_air_obeys_the_gas_law_and_none_is_lost(supply: Supply) -> None:
+    command = np.where(np.arange(4000) % 1000 < 500, 4e5, 0.5e5)
+    pressures, remembered, volumes = pump(supply, command, 5e-4)
+    vented = air_mass(0.0, VOLUME + supply.dead_volume, 293.15)
+    for pressure, gas, volume in zip(pressures, remembered, volumes, strict=True):
+        held = air_mass(pressure, volume + supply.dead_volume, 293.15)
+        assert vented + gas.surplus == pytest.approx(held, rel=1e-9)
+    drawn = [gas.drawn for gas in remembered]
+    # Into a tank that has sunk below the muscle's pressure, air goes back.
+    assert supply.tank > 0.0 or all(b >= a for a, b in itertools.pairwise(drawn))
+    assert drawn[-1] > 1e-4
+
+
+def test_warm_air_cools_down_to_the_walls() -> None:
+    supply = OPENED._replace(exponent=1.4, warming=0.1)
+    found, gas = flows(supply, 1.0, 0.0, 0.05)
+    hot = found[-1]
+    pressure = hot
+    for _ in range(20_000):
+        air = charging.charge(supply, gas, pressure, 0.0, VOLUME, VOLUME, 1e-4)
+        pressure = charging.felt(air, VOLUME)
+        gas = charging.booked(supply, gas, air, pressure, VOLUME, VOLUME)
+    mass = air_mass(0.0, VOLUME, 293.15) + gas.surplus
+    assert pressure == pytest.approx(mass * AIR_CONSTANT * 293.15 / VOLUME - ATMOSPHERE, rel=1e-6)
+    assert pressure < 0.8 * hot
+
+
+def test_a_valve_with_a_gain_follows_a_pressure_and_a_leak_leaves_it_short() -> None:
+    tight, _ = flows(VALVE, 3e5, 0.0, 0.5)
+    assert tight[-1] == pytest.approx(3e5, rel=1e-6)
+    leaky, gas = flows(VALVE._replace(leak=2e-10), 3e5, 0.0, 0.5)
+    # At rest the valve is open by what the leak takes: gain times what is missing.
+    lost = charging.leakage(VALVE._replace(leak=2e-10), leaky[-1])
+    opened = VALVE.gain * (3e5 - leaky[-1])
+    assert charging.flow(VALVE, 5e5, leaky[-1], opened) == pytest.approx(lost, rel=1e-6)
+    assert 10.0 < 3e5 - leaky[-1] < 3e3
+    assert gas.drawn == pytest.approx(gas.surplus + 0.5 * lost, rel=0.2)
+
+
+def test_a_sealed_leak_empties_the_muscle() -> None:
+    found, gas = flows(OPENED._replace(leak=2e-10), 0.0, 5e5, 60.0, 1e-2)
+    assert (np.diff(found) <= 0).all()
+    assert found[-1] < 1e3
+    assert gas.drawn == 0.0
+
+
+def test_a_tank_gives_what_it_has() -> None:
+    supply = OPENED._replace(tank=1e-3, tank_pressure=4e5)
+    found, gas = flows(supply, 1.0, 0.0, 2.0)
+    # Tank and muscle end at one pressure, at constant temperature.
+    together = (4e5 * 1e-3 + 0.0 * VOLUME) / (1e-3 + VOLUME)
+    assert found[-1] == pytest.approx(together, rel=2e-3)
+    assert charging.upstream(supply, gas.drawn) == pytest.approx(together, rel=2e-3)
+    ideal = IDEAL._replace(tank=1e-3, tank_pressure=4e5)
+    emptied, _ = flows(ideal, 5e5, 0.0, 1.0)
+    assert emptied[-1] == pytest.approx(together, rel=5e-2)
+    assert charging.upstream(IDEAL, 1.0) == IDEAL.pressure
+
+
+@pytest.mark.parametrize("duty", [0.0, 0.13, 0.5, 0.99, 1.0, -0.4])
+def test_pulses_are_open_for_their_duty_whatever_the_step(duty: float) -> None:
+    supply = VALVE._replace(period=0.02, shortest=0.0)
+    for step in (0.02, 3e-3, 5e-4, 0.05):
+        phase, opened = 0.0, 0.0
+        for _ in range(2000):
+            share = charging.pulsed(supply, duty, phase, step)
+            assert 0.0 <= share * math.copysign(1.0, duty) <= 1.0 + 1e-9
+            opened += share * step
+            phase = (phase + step / supply.period) % 1.0
+        assert opened / (2000 * step) == pytest.approx(duty, abs=1.1 * 0.02 / (2000 * step))
+
+
+def test_pulses_too_short_are_none_and_pauses_too_short_neither() -> None:
+    supply = VALVE._replace(period=0.02, shortest=0.003)
+    assert charging.pulsed(supply, 0.1, 0.0, 0.02) == 0.0
+    assert charging.pulsed(supply, 0.2, 0.0, 0.02) == pytest.approx(0.2)
+    assert charging.pulsed(supply, -0.9, 0.0, 0.02) == -1.0
+
+
+def test_on_off_pulses_reach_the_same_pressure_with_a_ripple() -> None:
+    smooth, _ = flows(VALVE._replace(gain=2 / BAR), 3e5, 0.0, 1.0)
+    pulses, _ = flows(VALVE._replace(gain=2 / BAR, period=0.02, shortest=0.001), 3e5, 0.0, 1.0)
+    assert pulses[-2000:].mean() == pytest.approx(smooth[-1], rel=0.05)
+    rise = slice(0, 500)
+    assert np.diff(pulses[rise]).max() > 1.5 * np.diff(smooth[rise]).max() or np.ptp(np.diff(pulses[rise])) > 0.0
+    slow, _ = flows(VALVE._replace(gain=0.1 / BAR, period=0.02, shortest=0.001), 3e5, 0.0, 0.2)
+    steps = np.diff(slow)
+    assert (steps[200:] == 0.0).any()  # shut
+    assert steps[200:].max() > 3 * steps[200:].mean()  # or open
+
+
+def test_a_perfect_pilot_arrives_and_stays() -> None:
+    supply = VALVE._replace(gain=0.0)
+    found, _ = flows(supply, 3e5, 0.0, 0.2)
+    assert found.max() == 3e5 == found[-1]
+    down, _ = flows(supply, 1e5, 3e5, 0.3)
+    assert down.min() == 1e5 == down[-1]
+
+
+def test_a_regulator_that_is_slow_to_recover_lags_behind_the_volume() -> None:
+    supply = IDEAL._replace(recovery=0.05, exponent=1.2)
+    step = 1e-4
+    volume, pressure, gas = VOLUME, 3e5, charging.rested(IDEAL, 3e5, VOLUME, VOLUME)
+    for _ in range(20_000):
+        air = charging.charge(supply, gas, pressure, 3e5, volume, VOLUME, step)
+        volume *= 1.0 - 2.0 * step  # V'/V = -2 1/s
+        pressure = charging.felt(air, volume)
+        gas = charging.booked(supply, gas, air, pressure, volume, VOLUME)
+    # At rest of the disturbance d: 0 = n (p + d) 2 - d/tau
+    squeeze = 1.2 * 2.0 * 0.05
+    assert pressure - 3e5 == pytest.approx((3e5 + ATMOSPHERE) * squeeze / (1.0 - squeeze), rel=2e-3)
