@@ -16,6 +16,7 @@ PLACES = {
     "damper_force": "the damper's tension",
     "tendon_stretch": "the tendon's stretch",
     "tendon_force": "the tendon's tension",
+    "supply": "what the supply is",
     "pressure_target": "the pressure that is regulated to",
     "pressure_reached": "how the pressure follows",
     "remember": "its own memory",
