@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from klute_sim.cli import effects as command
 from klute_sim.device.files import load, read
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import HOOKS, Parameter
+from klute_sim.report import effects_words as words
 from klute_sim.units import KEY_UNITS
 
 ROOT = Path(__file__).parents[2]
@@ -65,7 +65,7 @@ def test_all_are_listed_with_their_forms() -> None:
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_form_is_shown_whole(name: str) -> None:
-    effect, shown = EFFECTS[name], command.describe(EFFECTS[name])
+    effect, shown = EFFECTS[name], words.describe(EFFECTS[name])
     json.dumps(shown, allow_nan=False)
     for form, told in zip(effect.forms, shown["forms"], strict=True):
         assert told["equation"] == form.equation
@@ -86,7 +86,7 @@ def test_every_form_is_shown_whole(name: str) -> None:
 def test_the_snippet_is_a_device_files_section_of_typical_size(name: str) -> None:
     effect, plain = EFFECTS[name], load("klute-3-4-pair")
     for form in effect.forms:
-        snippet = command.snippet(effect, form)
+        snippet = words.snippet(effect, form)
         if effect.kind == "instrument":
             assert snippet is None
             continue
@@ -111,7 +111,7 @@ def test_what_is_printed_of_one() -> None:
     assert "channel's unit" in offset
     delay = run("effects", "pressure_delay").stdout
     assert "in its gas supply, which may do work" in delay
-    assert command.WHOLE_SERIES in delay
+    assert words.WHOLE_SERIES in delay
 
 
 @pytest.mark.parametrize(
@@ -127,13 +127,13 @@ def test_what_is_printed_of_one() -> None:
 )
 def test_units_are_those_of_the_keys(effect: str, key: str, unit: str) -> None:
     parameter = next(p for form in EFFECTS[effect].forms for p in form.parameters if p.key == key)
-    assert command.unit(EFFECTS[effect], parameter) == unit
+    assert words.unit(EFFECTS[effect], parameter) == unit
 
 
 def test_every_hook_has_words() -> None:
-    assert set(command.PLACES) == set(HOOKS)
+    assert set(words.PLACES) == set(HOOKS)
     unbounded = Parameter(key="x_mm", neutral=0.0, low=0.0, high=math.inf, typical=1.0, source="assumed")
-    assert command.unit(EFFECTS["tendon_slack"], unbounded) == "mm"
+    assert words.unit(EFFECTS["tendon_slack"], unbounded) == "mm"
 
 
 def test_a_file_of_ones_own_is_run_and_said_to_be() -> None:
@@ -193,16 +193,6 @@ def test_a_bad_file_is_one_sentence_after_the_note(text: str, says: str, tmp_pat
     assert says in sentence
 
 
-def test_the_pages_table_is_the_catalogue() -> None:
-    table = PAGE.split("## The catalogue\n")[1].split("\n## ")[0]
-    rows = [line for line in table.splitlines() if line.startswith("| `")]
-    assert rows == [
-        f"| `{e.name}` | {e.kind}{', supply' if e.supply else ''} | {', '.join(f'`{f.name}`' for f in e.forms)} | "
-        f"{e.sentence} |"
-        for e in EFFECTS.values()
-    ]
-
-
 def test_the_pages_own_effect_is_the_one_that_is_tested() -> None:
     blocks = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
     assert USERS.read_text("utf-8") in blocks
@@ -216,21 +206,21 @@ def test_the_page_names_every_hook_and_unit() -> None:
 
 def test_the_pages_section_is_the_printed_one() -> None:
     effect = EFFECTS["braid_hysteresis"]
-    assert f"```toml\n{command.snippet(effect, effect.forms[0])}\n```" in PAGE
+    assert f"```toml\n{words.snippet(effect, effect.forms[0])}\n```" in PAGE
 
 
 def test_a_slip_in_a_law_of_ones_own_is_told_at_once(tmp_path: Path) -> None:
     text = USERS.read_text("utf-8")
-    for old, new, words in (
+    for old, new, said in (
         ("own[1], step", "own[1], stp", "NameError"),
         ("return force * (1.0 + own[0] * memory[0])", "return None", "allowed: a float"),
         ("return (followed(memory[0], pressure / 1e5, own[1], step),)", "return ()", "a tuple of 1"),
     ):
         assert old in text
-        file = tmp_path / f"slip_{len(words)}.py"
+        file = tmp_path / f"slip_{len(said)}.py"
         file.write_text(text.replace(old, new), "utf-8")
         done = run("effects", "warming", "--catalogue", str(file))
         assert done.returncode == 2
         assert "effect 'warming', form 'first_order': its law at" in done.stderr
-        assert words in done.stderr
+        assert said in done.stderr
         assert "Traceback" not in done.stderr

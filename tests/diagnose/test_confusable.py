@@ -42,15 +42,18 @@ def test_what_the_device_s_numbers_imitate_is_projected_off(found: list[Confusio
 def test_a_wrong_gauge_looks_like_a_wrong_regulator_until_there_is_a_second_one(found: list[Confusion]) -> None:
     alike = twins(found)
     (twin,) = alike[Term("regulator_error", "gain")]
-    assert twin.term == Term("sensor_gain", "linear", "pressure")
+    assert twin.terms == (Term("regulator_error", "gain"), Term("sensor_gain", "linear", "pressure"))
     assert twin.cosine > 0.98
     assert twin.split_by is not None
     assert "gauge" in twin.split_by.words
     assert twin.after < 0.8
-    late = next(t for t in alike[Term("sensor_lag", "linear", "force")] if t.term.effect == "clock_skew")
+    (late,) = alike[Term("sensor_lag", "linear", "force")]
+    assert late.terms[1] == Term("clock_skew", "linear", "force")
     assert late.split_by is None
     assert late.after > ALIKE
-    assert all(t.term.effect != term.effect or t.term.channel != term.channel for term in alike for t in alike[term])
+    assert all(
+        t.terms[1].effect != term.effect or t.terms[1].channel != term.channel for term in alike for t in alike[term]
+    )
 
 
 def test_what_a_device_does_not_have_has_no_signature() -> None:

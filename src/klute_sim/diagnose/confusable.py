@@ -5,10 +5,13 @@ projected off, and what is left are signatures: two effects with parallel ones l
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from klute_sim.dataset.trial import Series
 from klute_sim.device.files import Device
@@ -19,6 +22,7 @@ from klute_sim.diagnose.propose import CHANGES, MUSCLE_LENGTH, Change
 from klute_sim.diagnose.protocols import PROTOCOLS
 from klute_sim.diagnose.screen import SHARE
 from klute_sim.effects import catalogue
+from klute_sim.effects.effect import Effect
 from klute_sim.errors import InputError
 
 STEP, SAMPLE = 1e-3, 5e-3
@@ -68,6 +72,14 @@ class Confusion:
         rows = np.array([signature.direction for signature in self.signatures])
         return np.asarray(np.abs(rows @ rows.T))
 
+    def cosine(self, one: Term, other: Term) -> float:
+        """The entry of :meth:`cosines` for two of the terms."""
+        return float(abs(self._directions[one] @ self._directions[other]))
+
+    @cached_property
+    def _directions(self) -> dict[Term, Array]:
+        return {signature.term: signature.direction for signature in self.signatures}
+
 
 def confusions(device: Device, bench: Bench, told: Callable[[float], None] = lambda share: None) -> list[Confusion]:
     """Signatures in all protocols with the rig as it is, then with each change of it.
@@ -96,6 +108,14 @@ def confusions(device: Device, bench: Bench, told: Callable[[float], None] = lam
     true = bench.simulate([[Setting(one.parameters) for one in row] for row in [*rows, *tried]], every)
     told(0.95)
     return [_confusion(change, terms, len(base), shown, true) for change in CHANGES]
+
+
+def bare(device: Device, effect: Effect) -> Device:
+    """``device`` without what the base model has of ``effect``: on it the effect has its whole size."""
+    if not effect.instead_of:
+        return device
+    muscle = device.spec.muscle.model_copy(update={effect.instead_of: False})
+    return replace(device, spec=device.spec.model_copy(update={"muscle": muscle}))
 
 
 def experiments(device: Device) -> list[Experiment]:
@@ -160,36 +180,85 @@ def _column(change: Change, shown: Shown, true: Shown) -> Array:
     return np.concatenate(parts)
 
 
-class Twin(NamedTuple):
-    """An effect that looks like another."""
+class Alike(NamedTuple):
+    """Effects of one class: each looks like another of them on the rig as it is."""
 
-    term: Term
+    terms: tuple[Term, ...]
     cosine: float
+    """The largest between two of them."""
     split_by: Change | None
-    """The change of the rig that makes the two least alike; None: none makes them unlike (below :data:`ALIKE`)."""
+    """The change of the rig that makes them least alike; None: none makes all of them unlike (below :data:`ALIKE`)."""
     after: float
-    """Their cosine then."""
+    """The largest cosine then."""
+
+    @property
+    def size(self) -> int:
+        """How many effects; other forms of one are not others."""
+        return len({(term.effect, term.channel) for term in self.terms})
 
 
-def twins(found: Sequence[Confusion]) -> dict[Term, list[Twin]]:
-    """Term -> the others of its class on the rig as it is, most alike first.
+def classes(found: Sequence[Confusion]) -> list[Alike]:
+    """The classes of more than one effect, in the catalogue's order."""
+    terms = [signature.term for signature in found[0].signatures]
+    linked = found[0].cosines() >= ALIKE
+    linked &= np.array([[_others(one, other) for other in terms] for one in terms])
+    count, label = connected_components(linked)
+    groups = [tuple(term for term, own in zip(terms, label, strict=True) if own == k) for k in range(count)]
+    return [_alike(found, group) for group in groups if len(group) > 1]
 
-    Other forms of an effect are not others.
-    """
-    places = [{s.term: k for k, s in enumerate(each.signatures)} for each in found]
-    matrices = [each.cosines() for each in found]
-    result = {}
-    for term, row in places[0].items():
-        alike = []
-        for other, column in places[0].items():
-            cosine = float(matrices[0][row, column])
-            if (other.effect, other.channel) == (term.effect, term.channel) or cosine < ALIKE:
-                continue
-            after = [
-                (float(matrix[place[term], place[other]]), each.change)
-                for place, matrix, each in zip(places[1:], matrices[1:], found[1:], strict=True)
-            ]
-            least, change = min(after, key=lambda pair: pair[0])
-            alike.append(Twin(other, cosine, change if least < ALIKE else None, least))
-        result[term] = sorted(alike, key=lambda twin: -twin.cosine)
+
+def twins(found: Sequence[Confusion]) -> dict[Term, list[Alike]]:
+    """Term -> each other effect that it looks like paired with it (the term itself first), most alike first."""
+    result: dict[Term, list[Alike]] = {signature.term: [] for signature in found[0].signatures}
+    for group in classes(found):
+        for term in group.terms:
+            pairs = [_alike(found, (term, other)) for other in group.terms if _others(term, other)]
+            result[term] = sorted((p for p in pairs if p.cosine >= ALIKE), key=lambda pair: -pair.cosine)
     return result
+
+
+def rows(found: Sequence[Confusion]) -> list[dict[str, Any]]:
+    """For JSON: each term with its size over the noise, what refitting leaves of it, and what it looks like.
+
+    ``closest`` is the most alike of all others, in its class or not.
+    """
+    alike, size = twins(found), {term: group.size for group in classes(found) for term in group.terms}
+
+    def closest(term: Term) -> tuple[float, str]:
+        return max((found[0].cosine(term, other), str(other)) for other in alike if _others(term, other))
+
+    return [
+        {
+            "effect": term.effect,
+            "form": term.form,
+            "channel": term.channel,
+            "class_size": size.get(term, 1),
+            "closest": closest(term)[1],
+            "closest_cosine": closest(term)[0],
+            "size": signature.size,
+            "kept": signature.kept,
+            "alike": [
+                {
+                    "effect": str(pair.terms[1]),
+                    "cosine": pair.cosine,
+                    "split_by": pair.split_by.words if pair.split_by else None,
+                    "cosine_then": pair.after,
+                }
+                for pair in alike[term]
+            ],
+        }
+        for signature in found[0].signatures
+        for term in [signature.term]
+    ]
+
+
+def _others(one: Term, other: Term) -> bool:
+    """Whether these are different effects: other forms of one are not."""
+    return (one.effect, one.channel) != (other.effect, other.channel)
+
+
+def _alike(found: Sequence[Confusion], terms: tuple[Term, ...]) -> Alike:
+    pairs = [pair for pair in combinations(terms, 2) if _others(*pair)]
+    now, *then = (max(each.cosine(*pair) for pair in pairs) for each in found)
+    least, change = min(zip(then, found[1:], strict=True), key=lambda each: each[0])
+    return Alike(terms, now, change.change if least < ALIKE else None, least)

@@ -1,13 +1,15 @@
 """What one effect changes in a standard protocol, at its typical size."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from klute_sim.device.files import Device
-from klute_sim.diagnose.confusable import NOISE, experiments
+from klute_sim.diagnose.confusable import NOISE, bare, experiments
 from klute_sim.diagnose.experiment import Array, Bench, Experiment
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.effects.effect import Effect
 
 
 class Shown(NamedTuple):
@@ -25,13 +27,18 @@ class Shown(NamedTuple):
 class Signature(NamedTuple):
     """One protocol, as the instruments would show it."""
 
+    term: Term
     protocol: str
     experiment: Experiment
     shown: tuple[Shown, ...]
 
 
 def signature(device: Device, term: Term, bench: Bench) -> Signature:
-    """The protocol in which ``term`` shows most, over the channels' usual noise."""
+    """The protocol in which ``term`` shows most, over the channels' usual noise.
+
+    What the base model has of it is switched off before.
+    """
+    device = bare(device, term.entry)
     plain = Hypothesis(device, (), tuple(NOISE.items()))
     hypothesis = plain.plus(term)
     typical = np.array([0.0 if u.logarithmic else 1.0 for u in hypothesis.unknowns])
@@ -45,4 +52,11 @@ def signature(device: Device, term: Term, bench: Bench) -> Signature:
     k = int(np.argmax(sizes))
     e = every[k]
     shown = tuple(Shown(c, e.measured[c].time, without[k][c], having[k][c]) for c in e.measured)
-    return Signature(e.name, e, shown)
+    return Signature(term, e.name, e, shown)
+
+
+def signatures(device: Device, effect: Effect, bench: Bench) -> Iterator[Signature]:
+    """One of every form of ``effect``; an instrument's is that of the force."""
+    channel = None if effect.kind == "device" else "force"
+    for form in effect.forms:
+        yield signature(device, Term(effect.name, form.name, channel), bench)

@@ -16,7 +16,7 @@ from klute_sim.effects import catalogue
 
 DIGITS = 4
 """Significant ones."""
-PROPER = {"coulomb": "Coulomb", "maxwell": "Maxwell", "stribeck": "Stribeck"}
+PROPER = {name.lower(): name for name in ("Bouc", "Coulomb", "Maxwell", "Stribeck", "Wen")}
 """Parts of identifiers that are people's names."""
 
 

@@ -3,6 +3,10 @@
 Matplotlib is imported when something is drawn.
 """
 
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,9 +21,43 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WITHOUT, HAVING = "0.55", "#1f77b4"
+DPI = 80
+LINES, SHADES = 48, 256
+"""Colours in the file of a picture: few make it small."""
 
 
-def signature(found: Signature, title: str) -> "Figure":
+def file_name(effect: str, form: str) -> str:
+    """Of the file with the picture of a form."""
+    return f"{effect}_{form}.png"
+
+
+def draw(found: Signature, folder: Path) -> None:
+    """Put the picture of ``found`` into ``folder`` (:func:`file_name`)."""
+    _save(signature(found), folder / file_name(found.term.effect, found.term.form), LINES)
+
+
+def write_matrices(found: Sequence[Confusion], folder: Path) -> None:
+    """Put a table of cosines ``matrix_N.csv`` and its picture ``matrix_N.png`` into ``folder``, of each rig in turn."""
+    for number, one in enumerate(found):
+        _save(matrix(one), folder / f"matrix_{number}.png", SHADES)
+        names = [str(signature.term) for signature in one.signatures]
+        with (folder / f"matrix_{number}.csv").open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow([one.change.words, *names])
+            writer.writerows(
+                [name, *(f"{c:.3f}" for c in line)] for name, line in zip(names, one.cosines(), strict=True)
+            )
+
+
+def _save(figure: "Figure", path: Path, colours: int) -> None:
+    from PIL import Image  # Matplotlib writes its own pictures with it
+
+    whole = io.BytesIO()
+    figure.savefig(whole, dpi=DPI, format="png")
+    Image.open(whole).convert("RGB").quantize(colours).save(path, optimize=True)
+
+
+def signature(found: Signature) -> "Figure":
     """Inputs on top, then every channel without and with the effect, and the difference."""
     from matplotlib.figure import Figure
 
@@ -43,9 +81,10 @@ def signature(found: Signature, title: str) -> "Figure":
         apart.set_ylabel("difference", color="#d62728")
         axis.set_zorder(apart.get_zorder() + 1)
         axis.patch.set_visible(False)
-    axes[1].legend(loc="upper right", ncols=2, frameon=False, fontsize=8)
+    axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=2, frameon=False, fontsize=8)
     axes[-1].set_xlabel("time [s]")
-    figure.suptitle(title)
+    where = f"protocol '{found.protocol}', {experiment.device.name}"
+    figure.suptitle(f"{found.term.effect} ({found.term.form}) at its typical size, {where}")
     return figure
 
 
@@ -63,7 +102,7 @@ def matrix(found: Confusion) -> "Figure":
     axis.set_yticks(range(len(names)), names, fontsize=7)
     for row, column in np.argwhere(cosines > ALIKE):
         if row != column:
-            axis.plot(column, row, marker="o", markersize=3.0, color="#2ca02c")
+            axis.plot(column, row, marker="o", markersize=3.0, color="white")
     figure.colorbar(image, ax=axis, shrink=0.6, label="|cosine| of signatures (a dot: alike)")
     axis.set_title(f"Which effects look alike {found.change.words}", fontsize=9.5)
     return figure

@@ -1,0 +1,264 @@
+"""Write a page for every effect of the catalogue, and one about all of them: which look alike, and what splits them.
+
+    python scripts/effect_pages.py docs/effects
+
+The pages say what ``klute-sim effects NAME`` says. What has to be simulated for them is kept in ``confusable.json``
+beside them, with the digest of the laws that it is of. It takes less than a minute on one core.
+"""
+
+import argparse
+import ast
+import hashlib
+import json
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import klute_sim
+from klute_sim.cli.console import progress_bar
+from klute_sim.device.files import load
+from klute_sim.diagnose.confusable import ALIKE, bare, classes, confusions, rows
+from klute_sim.diagnose.experiment import Bench
+from klute_sim.diagnose.propose import CHANGES
+from klute_sim.diagnose.signature import signatures
+from klute_sim.effects import catalogue
+from klute_sim.effects.effect import Effect
+from klute_sim.report import effects_figures
+from klute_sim.report import effects_words as words
+from klute_sim.report.diagnosis_words import joined
+
+COMMAND = "python scripts/effect_pages.py docs/effects"
+MARK = f"<!-- Written by `{COMMAND}`. Change the catalogue instead. -->\n"
+DATA, INDEX, PICTURES = "confusable.json", "README.md", "pictures"
+DIGITS = 3
+"""Significant ones of a number that is kept: so many are the same on every machine."""
+HEAD = ("typical size over noise", "left after refitting", "class size", "looks like", "|cos|", "split by", "then")
+"""Of what an effect is easily taken for; :data:`INDEX` says what it means."""
+PICTURED = 10.0
+"""Effects that are drawn while all signatures are computed once."""
+OF_THE_LAWS = (
+    *("laws/*.py", "effects/*.py", "device/step.py", "device/rollout.py", "diagnose/confusable.py"),
+    *("diagnose/experiment.py", "diagnose/hypothesis.py", "diagnose/protocols.py", "diagnose/signature.py"),
+)
+"""Files whose code decides what is simulated."""
+
+
+def digest() -> str:
+    """Of the code in :data:`OF_THE_LAWS` and the numbers of the device: comments, docstrings and sentences are not."""
+    source = Path(klute_sim.__file__).parent
+    files = [file for pattern in OF_THE_LAWS for file in sorted(source.glob(pattern))]
+    text = "".join(f"{file.relative_to(source).as_posix()} {_code(ast.parse(file.read_bytes()))}" for file in files)
+    return hashlib.sha256(f"{text} {load(words.DEVICE).parameters!r}".encode()).hexdigest()
+
+
+def _code(node: Any) -> str:
+    """A syntax tree in the same words in every version of Python, without what is only there to be read."""
+    if isinstance(node, list):
+        return "".join(map(_code, node))
+    if isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
+        return ""
+    if isinstance(node, ast.AST):
+        return f"({type(node).__name__}{''.join(_code(value) for _, value in ast.iter_fields(node))})"
+    # Hooks, keys and names are identifiers; other strings are sentences.
+    return "" if node is None or (isinstance(node, str) and not node.isidentifier()) else repr(node)
+
+
+def simulated(folder: Path, told: Callable[[float], None]) -> dict[str, Any]:
+    """All that takes long: the pictures and matrices go into ``folder``, the content of :data:`DATA` comes back."""
+    device, bench = load(words.DEVICE), Bench()
+    effects = catalogue.effects().values()
+    replaced = [effect for effect in effects if effect.instead_of]
+    parts = 1.0 + len(replaced) + len(effects) / PICTURED
+
+    def after(begun: float) -> Callable[[float], None]:
+        return lambda share: told((begun + share) / parts)
+
+    found = confusions(device, bench, after(0.0))
+    effects_figures.write_matrices(found, folder)
+    every = rows(found)
+    for k, effect in enumerate(replaced):
+        there = rows(confusions(bare(device, effect), bench, after(1.0 + k)))
+        every += [row for row in there if row["effect"] == effect.name]
+    shown_in = {}
+    for k, effect in enumerate(effects):
+        after(1.0 + len(replaced))(k / PICTURED)
+        for signature in signatures(device, effect, bench):
+            effects_figures.draw(signature, folder)
+            shown_in[effects_figures.file_name(effect.name, signature.term.form)] = signature.protocol
+    bench.close()
+    alike = [
+        {
+            "effects": list(map(str, group.terms)),
+            "size": group.size,
+            "cosine": group.cosine,
+            "split_by": group.split_by.words if group.split_by else None,
+            "cosine_then": group.after,
+        }
+        for group in classes(found)
+    ]
+    kept = {"digest": digest(), "device": words.DEVICE, "shown_in": shown_in, "classes": alike, "effects": every}
+    rounded: dict[str, Any] = json.loads(json.dumps(kept), parse_float=lambda text: float(f"{float(text):.{DIGITS}g}"))
+    return rounded
+
+
+def pages(data: dict[str, Any]) -> dict[str, str]:
+    """File -> text, from the catalogue and the content of :data:`DATA`."""
+    effects = catalogue.effects().values()
+    return {INDEX: _index(data)} | {f"{effect.name}.md": _page(effect, data) for effect in effects}
+
+
+def _table(head: tuple[str, ...], lines: Sequence[tuple[str, ...]]) -> str:
+    cells = [head, ("---",) * len(head), *lines]
+    return "".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |\n" for line in cells)
+
+
+def _page(effect: Effect, data: dict[str, Any]) -> str:
+    shown = words.describe(effect)
+    text = f"{MARK}\n# {effect.name}\n\n{effect.sentence}\n\n{words.kind(shown)}\n"
+    for number, form in enumerate(shown["forms"]):
+        text += f"\n## Form {form['name']}{words.usual(number, shown['forms'])}\n\n```\n{form['equation']}\n```\n\n"
+        text += f"{words.acts(form)}\n\n"
+        text += _table(words.PARAMETER_HEAD, [words.cells(row) for row in form["parameters"]])
+        if form["device_file"]:
+            text += f"\nIn a [device file](../devices.md):\n\n```toml\n{form['device_file']}\n```\n"
+        picture = effects_figures.file_name(effect.name, form["name"])
+        of = " of the force" if effect.kind == "instrument" else ""
+        where = f"protocol `{data['shown_in'].get(picture)}` on device {_device(effect, data)}"
+        text += f"\n![{effect.name} ({form['name']}): with and without]({PICTURES}/{picture})\n"
+        text += (
+            f"\nWhat the typical size{of} changes in {where}: of the standard protocols, it shows most in this one.\n"
+        )
+    return f"{text}\n## Easily taken for\n\n{_taken_for(effect, data)}"
+
+
+def _device(effect: Effect, data: dict[str, Any]) -> str:
+    return str(data["device"]) + (f" with `{effect.instead_of} = false` in `[muscle]`" if effect.instead_of else "")
+
+
+def _taken_for(effect: Effect, data: dict[str, Any]) -> str:
+    of = "channel" if effect.kind == "instrument" else "form"
+    lines: list[tuple[str, ...]] = []
+    for row in data["effects"]:
+        if row["effect"] != effect.name:
+            continue
+        own = (row[of], f"{row['size']:.0f}", f"{100.0 * row['kept']:.0f} %", str(row["class_size"]))
+        likes = [
+            (_link(pair["effect"]), f"{pair['cosine']:.3f}", pair["split_by"] or words.NO_SPLIT, _then(pair))
+            for pair in row["alike"]
+        ] or [(f"nothing; closest: {_link(row['closest'])}", f"{row['closest_cosine']:.3f}", "", "")]
+        lines += [(*own, *likes[0]), *(("",) * len(own) + like for like in likes[1:])]
+    where = f"n all standard protocols together, on device {_device(effect, data)}"
+    if not lines:
+        return f"I{where}, it changes nothing that the device's own numbers could not imitate.\n"
+    table = _table((of, *HEAD), lines)
+    return f"I{where}:\n\n{table}\nWhat the columns mean is said [here]({INDEX}#which-look-alike).\n"
+
+
+def _then(pair: dict[str, Any]) -> str:
+    return f"{pair['cosine_then']:.3f}"
+
+
+def _link(term: str) -> str:
+    """A term as one says it, leading to its effect's page."""
+    return f"[{term}]({term.split()[0]}.md)"
+
+
+def _index(data: dict[str, Any]) -> str:
+    rows = [
+        (
+            f"[`{effect.name}`]({effect.name}.md)",
+            f"{effect.kind}{', supply' if effect.supply else ''}",
+            ", ".join(f"`{form.name}`" for form in effect.forms),
+            effect.sentence,
+        )
+        for effect in catalogue.effects().values()
+    ]
+    groups = [
+        (
+            ", ".join(map(_link, group["effects"])),
+            str(group["size"]),
+            f"{group['cosine']:.3f}",
+            group["split_by"] or words.NO_SPLIT,
+            _then(group),
+        )
+        for group in data["classes"]
+    ]
+    replaced = joined([f"`{effect.name}`" for effect in catalogue.effects().values() if effect.instead_of])
+    matrices = "".join(
+        f"- {change.words}: [table](matrix_{k}.csv), [picture]({PICTURES}/matrix_{k}.png)\n"
+        for k, change in enumerate(CHANGES)
+    )
+    return f"""{MARK}
+# The catalogue of effects
+
+How to use them is on the page about [effects](../effects.md). The first form is the usual one.
+
+{_table(("effect", "kind", "forms", "what it is"), rows)}
+## Which look alike
+
+On device {data["device"]}, every form of every effect is tried a little in all standard protocols. What the device's
+uncertain numbers could do instead is projected off. What is left, over the noise of an ordinary load cell and gauge, is
+the effect's signature. Two effects whose signatures have a cosine of {ALIKE:g} or more look alike, whatever their
+sizes. What hangs together so is a class. These protocols do not tell it apart well; another instrument may.
+
+- *Typical size over noise* is the root of chi squared that the typical size makes, after projection.
+- *Left after refitting* is the share of the change that projection leaves: little of what the device's own numbers
+  imitate.
+- *Split by* is the change of the rig that makes a class least alike, if it gets all its cosines below {ALIKE:g}. *Then*
+  is its largest cosine with that change; where no change is enough, with the best one.
+
+{_table(("class", "size", "largest |cos|", "split by", "then"), groups)}
+All others look like nothing else (their largest cosine is below {ALIKE:g}). The numbers are in [{DATA}]({DATA}).
+
+![Cosines between all signatures]({PICTURES}/matrix_0.png)
+
+All cosines between signatures:
+
+{matrices}
+{replaced} are terms of the base model, so they are in no matrix. On their own
+pages they are compared with all others on the device without that term.
+
+All of this is made by `{COMMAND}`, which has to be run again when a law changes.
+"""
+
+
+def write(folder: Path, told: Callable[[float], None] = lambda share: None) -> None:
+    """Put everything into ``folder``; pages and pictures of effects that are gone go."""
+    with tempfile.TemporaryDirectory() as scratch:
+        data = simulated(Path(scratch), told)
+        pictures = folder / PICTURES
+        pictures.mkdir(parents=True, exist_ok=True)
+        for old in (*pictures.glob("*.png"), *folder.glob("matrix_*.csv")):
+            old.unlink()
+        for made in Path(scratch).iterdir():
+            (pictures if made.suffix == ".png" else folder).joinpath(made.name).write_bytes(made.read_bytes())
+    # A row of each list is a line: so few that one sees what has changed.
+    parts = ",\n".join(f'"{key}": {_lines(value)}' for key, value in data.items())
+    (folder / DATA).write_text(f"{{\n{parts}\n}}\n", "utf-8")
+    texts = pages(data)
+    for page in folder.glob("*.md"):
+        if page.name not in texts and page.read_text("utf-8").startswith(MARK):
+            page.unlink()
+    for name, text in texts.items():
+        (folder / name).write_text(text, "utf-8")
+
+
+def _lines(value: Any) -> str:
+    if not isinstance(value, list):
+        return json.dumps(value)
+    return "[\n" + ",\n".join(json.dumps(each) for each in value) + "\n]"
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="where the pages go: docs/effects")
+    with progress_bar("simulating every effect") as told:
+        write(parser.parse_args().folder, told)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
