@@ -314,7 +314,7 @@ def test_every_number_of_the_catalogue_makes_sense() -> None:
             assert form.equation
             for p in form.parameters:
                 assert p.low <= p.typical <= p.high
-                assert p.neutral is None or p.low <= p.neutral <= p.high
+                assert p.low > 0.0 if p.neutral is None else p.low <= p.neutral <= p.high  # shapes are fitted as logs
                 assert p.source
 
 

@@ -57,7 +57,7 @@ def _resistance(key: str, neutral: float | None = 0.0) -> Parameter:
     return Parameter(
         key=key,
         neutral=neutral,
-        low=0.0,
+        low=0.0 if neutral == 0.0 else 0.02,
         high=50.0,
         typical=4.0,
         source="1/C (ISO 6358); C = 1 dm3/(s bar) fills a 250 mm pair in about 0.2 s; assumed: a quarter of that",

@@ -141,7 +141,7 @@ SEAL = Effect(
                 Parameter(
                     key="stick_fraction",
                     neutral=None,
-                    low=0.0,
+                    low=0.05,
                     high=3.0,
                     typical=0.6,
                     source="assumed: seals break away at half as much again",
