@@ -26,8 +26,11 @@ from rich.progress import track
 from rich.table import Table
 
 import klute_sim  # noqa: F401  (registers the environments)
-from klute_sim.device.files import DEFAULT_PROSTHESIS, load
+from klute_sim.device.files import DEFAULT_PROSTHESIS, load, read
 from klute_sim.device.rollout import rollout
+from klute_sim.device.schema import SAID_BY
+from klute_sim.device.step import Parameters
+from klute_sim.effects import catalogue
 from klute_sim.plant import models, router
 from klute_sim.provenance import versions
 from klute_sim.rigs import bench
@@ -35,6 +38,7 @@ from klute_sim.rigs.gait.assembly import DRIVES, GaitOptions, assemble, start
 from klute_sim.rigs.gait.build import ANKLE
 
 DEVICE = load(DEFAULT_PROSTHESIS)
+VALVE = load("klute-1-1-4-pair-valve")
 NAME = "klute_sim/AnkleGait-v0"
 CHUNK = 20
 
@@ -103,17 +107,29 @@ def interleaved(rounds: int, clock: Callable[..., float], *works: Callable[[], A
     return [statistics.median(row[k] / row[0] for row in measured) for k in range(len(works))]
 
 
+def with_every_effect() -> Parameters:
+    """The device behind a valve with the usual form of every effect that may be beside one, at typical size."""
+    sections = "".join(
+        f"[effects.{effect.name}]\n" + "".join(f"{p.key} = {float(p.typical)}\n" for p in effect.forms[0].parameters)
+        for effect in catalogue.effects().values()
+        if effect.kind == "device" and not effect.instead_of and effect.name not in SAID_BY
+    )
+    return read(VALVE.content + sections.encode(), "with every effect").parameters
+
+
 def step_ratios(rounds: int) -> list[Ratio]:
     """The device against the built-in muscle in the same ankle."""
     device = models.equip(models.spec("ankle"), {"muscle_tendon": DEVICE.parameters})
+    valve = models.equip(models.spec("ankle"), {"muscle_tendon": VALVE.parameters})
+    everything = models.equip(models.spec("ankle"), {"muscle_tendon": with_every_effect()})
     muscle = with_muscle(models.spec("ankle"), "muscle_tendon")
 
     def theirs(count: int, threads: int = 1) -> None:
         _on(threads, lambda: ankle_steps(muscle, 1.0, count // threads))
 
-    def ours(name: str, count: int, threads: int = 1) -> None:
+    def ours(name: str, count: int, threads: int = 1, model: mujoco.MjModel = device) -> None:
         with router.installed(name):
-            _on(threads, lambda: ankle_steps(device, 5.0, count // threads))
+            _on(threads, lambda: ankle_steps(model, 5.0, count // threads))
 
     # Long enough that to start two threads, and to be given a second core, takes nothing measurable.
     many, few = 40_000, 4_000
@@ -122,14 +138,18 @@ def step_ratios(rounds: int) -> list[Ratio]:
         lambda: ours("compiled", many),
         lambda: ours("compiled", many, threads=2),
         lambda: theirs(many, threads=2),
+        lambda: ours("compiled", many, model=valve),
+        lambda: ours("compiled", many, model=everything),
     ]
-    _, one, two, muscles = interleaved(rounds, wall, *works)
+    _, one, two, muscles, behind, whole = interleaved(rounds, wall, *works)
     _, python = interleaved(rounds, wall, lambda: theirs(few), lambda: ours("python", few))
     against = "built-in muscle, one thread"
     return [
         Ratio("step of the ankle, compiled law", against, one, "<= 1.15", one <= 1.15),
         Ratio("same number of steps on two threads", against, two, "<= 0.65", two <= 0.65),
         Ratio("  (built-in muscle on two threads)", against, muscles, "", True),
+        Ratio("step of the ankle, behind a valve", against, behind, "", True),
+        Ratio("  and with every effect at once", against, whole, "<= 1.6", whole <= 1.6),
         Ratio("step of the ankle, Python law", against, python, "", True),
     ]
 

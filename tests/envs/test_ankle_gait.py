@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 import klute_sim  # noqa: F401  (registers)
 from klute_sim.control import pressure
-from klute_sim.device.files import load
+from klute_sim.device.files import load, read
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
 from klute_sim.envs.task import OBSERVATIONS, WEIGHTS
 from klute_sim.errors import InputError
@@ -82,6 +82,15 @@ def test_an_episode_is_the_walk_of_the_gait_rig(episode: list[tuple]) -> None:
     assert moment[2].max() == pytest.approx(walked.strides[2].ankle_moment_peak_nm_per_kg, rel=0.03)
     air = sum(info["air_g"] for *_, info in episode[220:330])
     assert air == pytest.approx(walked.strides[2].air_g, rel=0.05)
+    # Energy read once per interval, of commands that are held, is nearly that of every step of the gait rig.
+    last = walk(load("klute-1-1-4-pair"), pressure.tuned(), GaitOptions(strides=5))
+    last = last.select(last["stride"] == 3)
+    gas = last["gas_power"].sum() * 5e-4
+    lines = {"gas": "gas", "friction": "friction", "damper": "damper", "delivered": "delivered"}
+    for key, line in lines.items():
+        counted = sum(info[f"work_{key}_j"] for *_, info in episode[220:330])
+        assert counted == pytest.approx(last[f"{line}_power"].sum() * 5e-4, abs=0.06 * gas), key
+    assert abs(sum(info["work_unresolved_j"] for *_, info in episode[220:330])) < 0.02 * gas
     assert [info["gait_pct"] for *_, info in episode[:3]] == pytest.approx([100 / 110, 200 / 110, 300 / 110])
     assert not any(terminated for _, _, terminated, _, _ in episode)
     assert [truncated for _, _, _, truncated, _ in episode] == [False] * 549 + [True]
@@ -259,3 +268,22 @@ def test_it_renders_the_leg() -> None:
     if done.returncode != 0 and "GL" in done.stderr:
         pytest.skip("no off-screen rendering on this machine")
     assert done.stdout.strip() == "(480, 480, 3) uint8 True", done.stderr
+
+
+def test_a_device_that_takes_openings_is_acted_on_with_openings() -> None:
+    text = load("klute-1-1-4-pair-valve").content.decode()
+    text = text.replace('takes = "pressure"\ngain_per_bar = 5.0\n', 'takes = "opening"\n')
+    device = read(text.replace('"valve.gain_per_bar" =', "#").encode(), "opens")
+    env = AnkleGaitEnv(device=device, reset_noise=0.0)
+    env.reset(seed=0)
+    pressures = []
+    for opening in (1.0, 0.0, -1.0):
+        for _ in range(5):
+            _, _, _, _, info = env.step(np.array([opening], dtype=np.float32))
+            assert info["valve_command"] == opening
+            assert "pressure_command_bar" not in info
+            assert (info["air_g"] > 0.0) == (opening > 0.0)
+        pressures.append(float(env.data.act[env._rig.actuator.act]))
+    assert pressures[0] > 1.5
+    assert pressures[1] == pytest.approx(pressures[0], rel=0.3)  # closed: only motion and cooling move it
+    assert pressures[2] < 0.5 * pressures[1]

@@ -53,6 +53,7 @@ def channels() -> dict[str, Samples]:
         "solver_power": zero,
         "delivered_power": power,
         "air_mass": 1e-3 * (1 - np.cos(2 * np.pi * PHASE / 100)),
+        "air_leaked": zero,
         "air_drawn": 2e-3 * PHASE / PHASE[-1],
         **human,
         **ground,

@@ -6,13 +6,14 @@ plantarflexor positive: what inverse dynamics would measure. The actuator's own 
 The first stride starts from the reference's posture and is left out of the mean when there is another one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from klute_sim.device.ledger import LINES, SOLVER
+from klute_sim.effects import catalogue
 from klute_sim.laws.mckibben import FRICTION_ONSET
 from klute_sim.recording.recording import Recording, Samples
 from klute_sim.rigs.gait.reference import GRAVITY, LOADED
@@ -94,8 +95,11 @@ class StrideOutcome(AnkleOutcome):
     """Share of the stride below :data:`FRICTION_ONSET`, where the friction offset is an assumed fade."""
     air_g: float
     """Air taken from the supply; of an ideal regulator's isothermal and without dead volume (assumed)."""
+    air_leaked_g: float
+    ledger_j: Mapping[str, float]
+    """Energy that each line of the device's ledger gave in the stride [J], each effect by itself; and ``delivered``."""
     ledger_residual_pct: float
-    """Energy ledger: what does not close, over the work the device did both ways."""
+    """What its elements do not account for, over the work the device did both ways: the time step's error."""
 
 
 @dataclass(frozen=True)
@@ -182,6 +186,8 @@ def _stride(r: Recording, mass: float) -> StrideOutcome:
         friction_offset_work_j_per_kg=float(r["friction_power"].sum() * step / mass),
         below_friction_fit_pct=float(100.0 * np.mean(r["pressure"] < FRICTION_ONSET / BAR)),
         air_g=float(1e3 * (r["air_drawn"][-1] - r["air_drawn"][0])),
+        air_leaked_g=float(1e3 * (r["air_leaked"][-1] - r["air_leaked"][0])),
+        ledger_j=_ledger(r, step),
         ledger_residual_pct=_ledger_residual(r, step),
     )
 
@@ -248,6 +254,11 @@ def _rollover_radius(r: Recording, loaded: np.ndarray) -> float | None:
     return float(np.sqrt(square)) if rank == 3 and square > 0.0 else None
 
 
+def _ledger(r: Recording, step: float) -> dict[str, float]:
+    own = [name for name in (f"{effect}_power" for effect in catalogue.effects()) if name in r]
+    return {name.removesuffix("_power"): float(r[name].sum() * step) for name in (*LINES, *own, "delivered_power")}
+
+
 def _ledger_residual(r: Recording, step: float) -> float:
     """Percent of the device's work, both ways, that its elements do not account for."""
     # A sample's power holds for the step that ends there: the first one only tells where the count begins.
@@ -306,6 +317,8 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "friction_offset_work_j_per_kg": mean(lambda s: s.friction_offset_work_j_per_kg),
         "below_friction_fit_pct": mean(lambda s: s.below_friction_fit_pct),
         "air_per_stride_g": mean(lambda s: s.air_g),
+        "air_leaked_per_stride_g": mean(lambda s: s.air_leaked_g),
+        "ledger_j": {line: mean(lambda s, n=line: s.ledger_j[n]) for line in outcome.strides[0].ledger_j},  # type: ignore[misc]
         "ledger_residual_pct": mean(lambda s: s.ledger_residual_pct),
         "assumptions": {**ASSUMPTIONS, **recording.provenance["device"]["assumed"]},
         "without_source": recording.provenance["device"]["without_source"],

@@ -64,6 +64,25 @@ PLOTS: tuple[tuple[str, tuple[Series, ...]], ...] = (
             ("channels/grf_forward", "forward", RED),
         ),
     ),
+    (
+        "device powers [W], given up",
+        (
+            ("channels/gas_power", "gas", GREEN),
+            ("channels/friction_power", "friction offset", VIOLET),
+            ("channels/damper_power", "damper", BROWN),
+            ("channels/tendon_power", "tendon's store", ORANGE),
+            ("channels/effects_power", "effects", PALE_ORANGE),
+            ("channels/delivered_power", "delivered", RED),
+        ),
+    ),
+    (
+        "air [kg] (its gas assumed)",
+        (
+            ("channels/air_mass", "in the muscles", GREEN),
+            ("channels/air_drawn", "drawn since the start", BLUE),
+            ("channels/air_leaked", "leaked since the start", RED),
+        ),
+    ),
 )
 """Title and series of each plot."""
 
@@ -98,7 +117,7 @@ def write(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
 
 
 def blueprint() -> Any:
-    """Layout: the leg seen from its side on the left, six plots on the right, panels folded away."""
+    """Layout: the leg seen from its side on the left, eight plots on the right, panels folded away."""
     import rerun.blueprint as rrb
 
     # The view's origin is the hip, so the camera walks along.

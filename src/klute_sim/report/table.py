@@ -45,10 +45,24 @@ RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideOutcome], float | None]], .
     ("actuator's own peak moment", "N·m/kg", ".3f", lambda s: s.actuator_moment_peak_nm_per_kg),
     ("actuator's own net work", "J/kg", "+.3f", lambda s: s.actuator_work_net_j_per_kg),
     ("friction offset's work", "J/kg", "+.3f", lambda s: s.friction_offset_work_j_per_kg),
-    ("air, no dead volume (assumed)", "g", ".2f", lambda s: s.air_g),
-    ("energy not accounted for", "%", "+.4f", lambda s: s.ledger_residual_pct),
+    ("air drawn (its gas assumed)", "g", ".2f", lambda s: s.air_g),
+    ("energy not accounted for", "%", "+.4f", lambda s: round(s.ledger_residual_pct, 4) + 0.0),
 )
 """What only the prosthesis on the rig has."""
+
+WORTH_A_LINE = 0.005
+"""Energy in a stride [J]."""
+LEDGER_ROWS = {
+    "gas": "from the gas",
+    "friction": "from the friction offset",
+    "damper": "from the damper",
+    "stop": "from the length stops",
+    "bladder": "from the bladders' store",
+    "tendon": "from the tendon's store",
+    "solver": "from the time step",
+    "delivered": "delivered",
+}
+"""Of the energy ledger; each effect has a line besides."""
 
 
 def table(recording: Recording, outcome: GaitOutcome, width: int) -> Table:
@@ -73,7 +87,20 @@ def table(recording: Recording, outcome: GaitOutcome, width: int) -> Table:
     for label, unit, form, own in RIG_ROWS:
         cells = [None, outcome.mean(own), *(own(stride) for _, stride in shown)]
         result.add_row(label, unit, *(_cell(value, form) for value in cells))
+    result.add_section()
+    for line, label in _ledger_rows(outcome).items():
+        cells = [None, outcome.mean(lambda s, n=line: s.ledger_j[n]), *(s.ledger_j[line] for _, s in shown)]  # type: ignore[misc]
+        result.add_row(label, "J", *(_cell(value, "+.2f") for value in cells))
     return result
+
+
+def _ledger_rows(outcome: GaitOutcome) -> dict[str, str]:
+    """Line -> label of what gave or took anything worth a line, the effects one by one before what is delivered."""
+    stride = outcome.strides[-1].ledger_j
+    effects = {name: f"from {name}" for name in stride if name not in LEDGER_ROWS and name != "effects"}
+    rows = {**LEDGER_ROWS, **effects}
+    rows["delivered"] = rows.pop("delivered")
+    return {name: label for name, label in rows.items() if name == "delivered" or abs(stride[name]) >= WORTH_A_LINE}
 
 
 def remarks(summary: dict[str, Any]) -> list[str]:

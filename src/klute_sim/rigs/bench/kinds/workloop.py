@@ -119,5 +119,6 @@ class Workloop(Protocol):
             "force_min_n": float(cycle["force"].min()),
             "overlap_pct": 100.0 * float(way[follows].sum() / way.sum()),
             **{f"{channel.removesuffix('_power')}_work_j": given(cycle, channel) for channel in LINES},
+            "air_drawn_g": 1e3 * float(cycle["air_drawn"][-1] - cycle["air_drawn"][0]),
             "ledger_residual_j": ledger_residual(cycle),
         }
