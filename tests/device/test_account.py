@@ -34,7 +34,7 @@ def test_compiled_and_python_agree_to_the_bit_and_take_the_rollouts_steps(name: 
     assert np.array_equal(fast.length, plain.length)
     assert np.ptp(fast.ledger.gas_power) > 1.0
     assert (np.ptp(fast.ledger.effects_power) > 0.1) == (name == "with effects")
-    assert set(fast.ledger.of_effect) == ({"tendon_hysteresis", "pressure_delay"} if name == "with effects" else set())
+    assert set(fast.ledger.shares) == ({"tendon_hysteresis", "pressure_delay"} if name == "with effects" else set())
 
 
 def test_every_effect_has_its_share_and_the_shares_are_all_there_is() -> None:
@@ -45,12 +45,12 @@ def test_every_effect_has_its_share_and_the_shares_are_all_there_is() -> None:
     p = read(load("klute-3-4-pair").content + more, "mine").parameters
     length = p.tendon.slack_length + p.muscle.resting_length * (0.93 + 0.05 * np.sin(15 * TIME))
     told = account(p, length, np.full(len(TIME), 3e5), STEP).ledger
-    work = {name: STEP * power.sum() for name, power in told.of_effect.items()}
+    work = {name: STEP * power.sum() for name, power in told.shares.items()}
     assert set(work) == {"tendon_hysteresis", "pressure_delay", "braid_hysteresis", "threshold_pressure"}
     assert work["pressure_delay"] == 0.0  # it moves no force of its own
     assert work["braid_hysteresis"] < -0.1
     assert work["tendon_hysteresis"] < 0.0
-    assert sum(told.of_effect.values()) == pytest.approx(told.effects_power, abs=1e-12)
+    assert sum(told.shares.values()) == pytest.approx(told.effects_power, abs=1e-12)
     given = sum(getattr(told, line) for line in LINES)
     assert given == pytest.approx(told.delivered_power, abs=1e-9)
     assert STEP * np.abs(told.solver_power).sum() < 1e-3 * STEP * np.abs(told.delivered_power).sum()

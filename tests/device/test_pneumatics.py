@@ -152,7 +152,7 @@ def test_energy_and_air_of_a_stride_close_with_everything_on() -> None:
         drawn = float(last["air_drawn"][-1] - last["air_drawn"][0])
         assert counted == pytest.approx(gained, abs=1e-9 * drawn)
         assert 1e3 * drawn == pytest.approx(stride.air_g, rel=1e-12)
-        assert last["braid_hysteresis_power"].sum() < -1.0
+        assert last["effect_braid_hysteresis_power"].sum() < -1.0
     assert 1.0 < stride.air_g < 2.5
     assert not outcomes(recording).trips
 

@@ -7,7 +7,7 @@ import pytest
 
 from klute_sim.control import pressure
 from klute_sim.device.files import DEFAULT_PROSTHESIS, Device, load, read
-from klute_sim.device.ledger import LINES, SOLVER
+from klute_sim.device.ledger import LINES, SOLVER, of_effect
 from klute_sim.effects import catalogue
 from klute_sim.effects.hooks import Slot
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
@@ -54,7 +54,7 @@ def test_it_acts_in_the_gait_on_the_bench_and_in_the_environment_and_its_ledger_
         apart = max(np.abs(found[name] - base[name]).max() for name in ("force", "pressure", "air_drawn"))
         # The dissertation's bladder, in place of the device's own, is the same again.
         assert (apart > 1e-9) == (slot.effect != "bladder")
-        power = found[f"{slot.effect}_power"]
+        power = found[of_effect(slot.effect)]
         assert found["effects_power"] == pytest.approx(power)
         if catalogue.effects()[slot.effect].supply:
             assert not power.any()  # its work is the gas's

@@ -286,4 +286,4 @@ def test_a_device_that_takes_openings_is_acted_on_with_openings() -> None:
         pressures.append(float(env.data.act[env._rig.actuator.act]))
     assert pressures[0] > 1.5
     assert pressures[1] == pytest.approx(pressures[0], rel=0.3)  # closed: only motion and cooling move it
-    assert pressures[2] < 0.5 * pressures[1]
+    assert pressures[2] < 0.8 * pressures[1]

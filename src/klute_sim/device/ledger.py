@@ -54,22 +54,27 @@ class Ledger(NamedTuple):
     """Air taken from the supply since the first sample [kg]."""
     air_leaked: Array
     """Air lost through a leak since the first sample [kg]; the rest of what came and is not there was let out."""
-    of_effect: Mapping[str, Array]
+    shares: Mapping[str, Array]
     """The share of each effect in ``effects_power`` [W], by name."""
 
     def columns(self) -> list[tuple[str, Array]]:
         """Recording columns ``name [unit]``, each with its samples."""
-        own = [(f"{name}_power [W]", power) for name, power in self.of_effect.items()]
+        own = [(of_effect(name) + " [W]", power) for name, power in self.shares.items()]
         return [*zip(HEADINGS, self[:-1], strict=True), *own]
 
 
 _UNITS = {"power": "W", "energy": "J", "mass": "kg", "drawn": "kg", "leaked": "kg"}
 HEADINGS = tuple(f"{name} [{_UNITS[name.rsplit('_')[-1]]}]" for name in Ledger._fields[:-1])
-"""Columns of every recording; each effect has one of its own besides, ``<effect>_power [W]``."""
+"""Columns of every recording; each effect has one of its own besides, :func:`of_effect`."""
 LINES = tuple(name for name in Ledger._fields if name.endswith("_power") and name != "delivered_power")
 """Powers that sum to ``delivered_power``."""
 SOLVER = "solver_power"
 """The one of them that is no physics."""
+
+
+def of_effect(name: str) -> str:
+    """The channel with the share of an effect, which may be called like one of the lines."""
+    return f"effect_{name}_power"
 
 
 def ledger(
@@ -120,7 +125,7 @@ def ledger(
         air_mass=at.air_mass,
         air_drawn=at.air_drawn - at.air_drawn[0] if counts else gained,
         air_leaked=at.air_leaked - at.air_leaked[0],
-        of_effect=shares,
+        shares=shares,
     )
 
 

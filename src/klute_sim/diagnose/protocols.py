@@ -224,8 +224,9 @@ PROTOCOLS = {
             "fit",
             "Pressure steps at three lengths, below 2 bar too: how pressure arrives, and what it pulls with where.",
             (
-                *("pressure_lag", "pressure_delay", "regulator_error"),
-                *("threshold_pressure", "end_taper", "bladder", "friction_offset"),
+                *("pressure_lag", "pressure_delay", "regulator_error", "choked_valve", "supply_droop"),
+                *("threshold_pressure", "end_taper", "bladder", "friction_offset", "thick_wall_bladder"),
+                *("braid_extensibility", "tendon_stiffening", "quantisation"),
             ),
             steps,
         ),
@@ -240,7 +241,7 @@ PROTOCOLS = {
             "sines",
             "select",
             "Sines from 0.5 to 5 Hz: what grows with speed, what is late, and what only turns round.",
-            ("muscle_damping", "sensor_lag", "clock_skew", "tendon_hysteresis"),
+            ("muscle_damping", "sensor_lag", "clock_skew", "tendon_hysteresis", "volume_coupling", "trapped_air"),
             sines,
         ),
         Protocol(
@@ -254,7 +255,7 @@ PROTOCOLS = {
             "hold",
             "fit",
             "Steps that are held for seconds: what creeps although nothing moves.",
-            ("bladder_relaxation", "tendon_hysteresis", "sensor_drift"),
+            ("bladder_relaxation", "bladder_softening", "tendon_hysteresis", "sensor_drift", "leak"),
             hold,
         ),
         Protocol(

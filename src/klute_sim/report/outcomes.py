@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from klute_sim.device.ledger import LINES, SOLVER
+from klute_sim.device.ledger import LINES, SOLVER, of_effect
 from klute_sim.effects import catalogue
 from klute_sim.laws.mckibben import FRICTION_ONSET
 from klute_sim.recording.recording import Recording, Samples
@@ -255,7 +255,7 @@ def _rollover_radius(r: Recording, loaded: np.ndarray) -> float | None:
 
 
 def _ledger(r: Recording, step: float) -> dict[str, float]:
-    own = [name for name in (f"{effect}_power" for effect in catalogue.effects()) if name in r]
+    own = [name for name in map(of_effect, catalogue.effects()) if name in r]
     return {name.removesuffix("_power"): float(r[name].sum() * step) for name in (*LINES, *own, "delivered_power")}
 
 

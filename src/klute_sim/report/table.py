@@ -97,7 +97,9 @@ def table(recording: Recording, outcome: GaitOutcome, width: int) -> Table:
 def _ledger_rows(outcome: GaitOutcome) -> dict[str, str]:
     """Line -> label of what gave or took anything worth a line, the effects one by one before what is delivered."""
     stride = outcome.strides[-1].ledger_j
-    effects = {name: f"from {name}" for name in stride if name not in LEDGER_ROWS and name != "effects"}
+    effects = {
+        name: f"from {name.removeprefix('effect_')}" for name in stride if name not in LEDGER_ROWS and name != "effects"
+    }
     rows = {**LEDGER_ROWS, **effects}
     rows["delivered"] = rows.pop("delivered")
     return {name: label for name, label in rows.items() if name == "delivered" or abs(stride[name]) >= WORTH_A_LINE}
