@@ -95,6 +95,7 @@ def test_the_device_file_is_the_fit_and_with_it_nothing_is_missing(
     assert as_json(again)["effects"] == []
 
 
+@pytest.mark.long
 def test_without_the_true_effect_in_the_catalogue_it_says_so(friction: tuple[Diagnosis, dict[str, Any]]) -> None:
     # A few of the others are enough here; all of them are the benchmark's business.
     found = diagnose(friction[0].dataset, Options(only=("muscle_damping", "end_taper", "sensor_gain")))
@@ -218,6 +219,7 @@ def test_an_effect_that_the_device_has_can_be_uncertain(tmp_path: Path) -> None:
     assert values["effects.seal_friction.force_n"] == pytest.approx(30.0, rel=0.05)
 
 
+@pytest.mark.long
 def test_the_dissertations_own_ladder(tmp_path: Path) -> None:
     """A geometric model, and data of the device with its bladder and its friction: both are found."""
     text = load("klute-3-4-pair").content.decode()
@@ -286,6 +288,7 @@ def test_bad_input_is_one_sentence(arguments: tuple[str, ...], words: str, tmp_p
     assert done.stdout == ""
 
 
+@pytest.mark.long
 def test_a_users_effect_is_found(tmp_path: Path) -> None:
     users = Path(__file__).parents[1] / "effects" / "users.py"
     script = (
