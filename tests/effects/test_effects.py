@@ -153,16 +153,15 @@ def test_a_choked_valve_fills_as_slowly_as_its_conductance_lets_it() -> None:
     length = 0.9 * bare.muscle.resting_length
     volume = mckibben.volume(bare.muscle, length)
     restriction = valve.Restriction(1.0 / (8.0 * 1e3 * BAR), 0.3)
-    still = valve.Chamber(1.0, bare.supply.temperature)
     high = 15e5 + ATMOSPHERE
-    time = valve.filling_time(restriction, still, volume, high, ATMOSPHERE, 0.3 * high)
+    time = valve.filling_time(restriction, 1.0, bare.supply.temperature, volume, high, ATMOSPHERE, 0.3 * high)
     found = rollout(device, np.full(4000, length), np.full(4000, 14e5), STEP, start=unit.taut(device, length, 0.0))
     assert np.interp(0.3 * high - ATMOSPHERE, found.pressure, STEP * np.arange(1, 4001)) == pytest.approx(
         time, rel=1e-3
     )
     empty = rollout(device, np.full(9000, length), np.full(9000, 0.0), STEP, start=unit.taut(device, length, 8e5))
     low = ATMOSPHERE / 0.3
-    wanted = valve.venting_time(restriction, still, volume, 8e5 + ATMOSPHERE, low)
+    wanted = valve.venting_time(restriction, 1.0, bare.supply.temperature, volume, 8e5 + ATMOSPHERE, low)
     crossed = STEP * (1 + np.argmax(empty.pressure < low - ATMOSPHERE))
     assert crossed == pytest.approx(wanted, rel=5e-3)
 
