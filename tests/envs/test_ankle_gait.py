@@ -293,7 +293,7 @@ def test_a_device_that_takes_openings_is_acted_on_with_openings() -> None:
 
 
 def test_the_books_of_an_environment_are_those_of_the_ledger() -> None:
-    """An effect on the muscle, one on the tendon, a valve, a leak: every step read in Python, against every interval."""
+    """An effect on the muscle, one on the tendon, a valve, a leak; every step read, against every interval."""
     more = (
         b"\n[effects.muscle_damping]\ncoefficient_n_s_per_m = 150.0\n[effects.tendon_hysteresis]\nloss_fraction = 0.1\n"
     )
