@@ -211,12 +211,12 @@ def valve_stage(
     wanted = target
     if air.lag > 0.0:
         wanted = (base[PRESSURE] - pushed * ROOM + share * target) / (1.0 + share + pushed)
-    if beyond_the_valve(wanted, False, gh, volume, growth, base, new, air) < 0.0:
-        rising, low, high = False, wanted, (base[PRESSURE] - pushed * ROOM) / (1.0 + pushed)
-    elif beyond_the_valve(wanted, True, gh, volume, growth, base, new, air) > 0.0:
-        rising, low, high = True, -0.99 * ROOM, wanted
-    else:
+    kept = (base[PRESSURE] - pushed * ROOM) / (1.0 + pushed)  # if nothing flowed
+    rising = wanted >= kept
+    beyond = beyond_the_valve(wanted, rising, gh, volume, growth, base, new, air)
+    if (beyond <= 0.0) if rising else (beyond >= 0.0):
         return wanted
+    low, high = (-0.99 * ROOM, wanted) if rising else (wanted, kept)
     f_low = beyond_the_valve(low, rising, gh, volume, growth, base, new, air)
     f_high = beyond_the_valve(high, rising, gh, volume, growth, base, new, air)
     side = 0
