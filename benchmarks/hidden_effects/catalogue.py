@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from truth import Air, Law
+from air import Air, moves
+from law import Law
 
 PRESET = Path(__file__).parents[2] / "src" / "klute_sim" / "device" / "presets" / "klute-3-4-pair.toml"
 BAR = 1e5
@@ -59,6 +60,46 @@ EFFECTS: Forms = {
         "time_constant_s": Parameter(0.01, 10, 0.3, None),
     },
     ("tendon_slack", "dead_length"): {"slack_mm": Parameter(0, 20, 1.5)},
+    ("braid_hysteresis", "bouc_wen"): {
+        "slope_n_per_bar": Parameter(0, 60, 8),
+        "stiffness_n_per_mm": Parameter(1, 500, 40, None),
+    },
+    ("braid_extensibility", "linear"): {"strain_per_bar": Parameter(0, 0.03, 0.003)},
+    ("thick_wall_bladder", "mooney_rivlin"): {"share": Parameter(0, 3, 1)},
+    ("bladder_softening", "ogden_roxburgh"): {
+        "share": Parameter(0, 0.9, 0.3),
+        "energy_density_kpa": Parameter(0.1, 1000, 10, None),
+    },
+    ("seal_friction", "stribeck"): {
+        "force_n": Parameter(0, 200, 15),
+        "stick_fraction": Parameter(0.05, 3, 0.6, None),
+        "stribeck_speed_mm_per_s": Parameter(1, 200, 15, None),
+    },
+    ("trapped_air", "dead_stroke"): {"stroke_mm": Parameter(0, 20, 3)},
+    ("tendon_stiffening", "quadratic"): {"stiffening_n_per_mm2": Parameter(0, 100, 2)},
+    ("choked_valve", "symmetric"): {
+        "resistance_s_bar_per_dm3": Parameter(0, 50, 4),
+        "critical_ratio": Parameter(0.1, 0.6, 0.5, None),
+    },
+    ("choked_valve", "asymmetric"): {
+        "fill_resistance_s_bar_per_dm3": Parameter(0, 50, 4),
+        "exhaust_resistance_s_bar_per_dm3": Parameter(0.02, 50, 4, None),
+        "critical_ratio": Parameter(0.1, 0.6, 0.5, None),
+    },
+    ("volume_coupling", "polytropic"): {
+        "recovery_s": Parameter(0, 5, 0.05),
+        "exponent": Parameter(1, 1.4, 1.2, None),
+    },
+    ("leak", "orifice"): {"conductance_dm3_per_s_bar": Parameter(0, 1, 0.02)},
+    ("supply_droop", "tank"): {"inverse_volume_per_l": Parameter(0, 20, 4)},
+}
+
+NEEDS_VALVE = {"leak"}
+"""Effects that a regulator makes up for: they are hidden in a device that is known to have a valve."""
+KNOWN_VALVE: dict[str, Any] = {
+    "name": "choked_valve",
+    "form": "symmetric",
+    "parameters": {"resistance_s_bar_per_dm3": 4.0, "critical_ratio": 0.5},
 }
 
 OTHER_FORMS: Forms = {
@@ -71,12 +112,24 @@ OTHER_FORMS: Forms = {
         "natural_rad_per_s": Parameter(15, 120, 40, math.inf),
         "damping_ratio": Parameter(0.4, 1.2, 0.7, None),
     },
-    ("seal_friction", "stribeck"): {
+    ("seal_friction", "lugre"): {
         "force_n": Parameter(0, 60, 15),
-        "rise": Parameter(0, 0.4, 0.3, None),  # larger, and the junction would have several velocities to choose from
+        "rise": Parameter(0, 0.4, 0.3, None),
         "speed_mm_per_s": Parameter(30, 100, 50, None),
+        "reach_mm": Parameter(0.05, 2, 0.3, None),
     },
     ("tendon_slack", "toe"): {"toe_mm": Parameter(0, 10, 4)},
+    ("braid_hysteresis", "prandtl_ishlinskii"): {
+        "slope_n_per_bar": Parameter(0, 60, 8),
+        "reach_mm": Parameter(0.2, 20, 3, None),
+    },
+    ("bladder_relaxation", "log_time"): {"stiffness_n_per_mm": Parameter(0, 20, 1)},
+    ("muscle_damping", "warming"): {
+        "coefficient_n_s_per_m": Parameter(0, 3000, 300),
+        "loss_per_j": Parameter(0.001, 0.1, 0.01, None),
+    },
+    ("end_taper", "quadratic"): {"factor": Parameter(0, 40, 8)},
+    ("leak", "crack"): {"conductance_dm3_per_s_bar": Parameter(0, 1, 0.03)},
 }
 
 
@@ -88,24 +141,26 @@ class Channel(NamedTuple):
     gain: float
     offset: float
     drift: float
+    step: float
 
 
 CHANNELS = {
-    "force": Channel("N", 3.0, 0.96, 15.0, 4.0),
-    "pressure": Channel("bar", 0.01, 0.96, 0.08, 0.02),
-    "muscle_length": Channel("mm", 0.02, 0.997, 0.3, 0.08),
+    "force": Channel("N", 3.0, 0.96, 15.0, 4.0, 12.0),
+    "pressure": Channel("bar", 0.01, 0.96, 0.08, 0.02, 0.04),
+    "muscle_length": Channel("mm", 0.02, 0.997, 0.3, 0.08, 0.08),
 }
 
 
 def instrument_forms(channel: str) -> Forms:
-    """Faults of the instrument on ``channel``; offsets and drifts are in the channel's unit."""
-    _, _, gain, offset, drift = CHANNELS[channel]
+    """Faults of the instrument on ``channel``; offsets, drifts and steps are in the channel's unit."""
+    _, _, gain, offset, drift, step = CHANNELS[channel]
     return {
         ("sensor_gain", "gain"): {"gain": Parameter(0.8, 1.2, gain, 1.0, True)},
         ("sensor_offset", "offset"): {"offset": Parameter(-10 * offset, 10 * offset, offset, 0.0, True)},
         ("sensor_drift", "linear"): {"drift_per_s": Parameter(-10 * drift, 10 * drift, drift, 0.0, True)},
         ("sensor_lag", "first_order"): {"time_constant_s": Parameter(0, 0.2, 0.02)},
         ("clock_skew", "shift"): {"shift_s": Parameter(0, 0.1, 0.015)},
+        ("quantisation", "linear"): {"step": Parameter(0, 10 * step, step)},
     }
 
 
@@ -123,7 +178,8 @@ UNCERTAIN: dict[str, float] = {
 def load_device(path: Path = PRESET) -> dict[str, float]:
     """Numbers of a device file as ``table.key``, in the units of the keys."""
     document = tomllib.loads(path.read_text("utf-8"))
-    tables = {name: table for name, table in document.items() if isinstance(table, dict) and name != "sources"}
+    words = {"sources", "effects"}
+    tables = {name: table for name, table in document.items() if isinstance(table, dict) and name not in words}
     return {f"{name}.{key}": float(value) for name, table in tables.items() for key, value in table.items()}
 
 
@@ -150,6 +206,8 @@ def neutral_law(device: Mapping[str, float]) -> tuple[Law, Air]:
         turns=turns,
         bladder_gain=math.pi * (outer**2 - inner**2),
         hoop=(rest / (2 * math.pi * turns * outer)) ** 2,
+        outer=outer,
+        inner=inner,
         c10=get("muscle.c10_kpa", 1e3),
         c01=get("muscle.c01_kpa", 1e3),
         friction_slope=get("muscle.friction_slope_n_per_bar", 1 / BAR),
@@ -160,10 +218,18 @@ def neutral_law(device: Mapping[str, float]) -> tuple[Law, Air]:
         stiffness_1=get("tendon.stiffness_1_n_per_mm", 1e3),
         stiffness_2=get("tendon.stiffness_2_n_per_mm", 1e3),
         engagement=get("tendon.engagement_mm", 1e-3),
-        **dict.fromkeys(Law._fields[16:], 0.0),
+        **dict.fromkeys(Law._fields[Law._fields.index("coulomb_slope") :], 0.0),
     )
-    law = law._replace(slip_stiffness=1.0, relax_time=1.0, tendon_time=1.0, dahl_reach=1.0, stribeck_speed=1.0)
-    air = Air(get("supply.pressure_bar", BAR), get("supply.rate_bar_per_s", BAR), 0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
+    divisors = ("slip_stiffness", "bouc_stiffness", "softening_energy", "relax_time", "stribeck_speed", "tendon_time")
+    divisors += ("dahl_reach", "play_reach", "lugre_speed", "lugre_reach")
+    law = law._replace(**dict.fromkeys(divisors, 1.0))
+    air = Air(
+        supply=get("supply.pressure_bar", BAR),
+        rate=get("supply.rate_bar_per_s", BAR),
+        **dict.fromkeys(Air._fields[2:], 0.0),
+    )
+    warm = device["supply.gas_temperature_c"] + 273.15
+    air = air._replace(gain=1.0, damping=1.0, temperature=warm, exponent=1.0)
     return law, air
 
 
@@ -180,6 +246,8 @@ def with_effects(law: Law, air: Air, effects: Sequence[Mapping[str, Any]]) -> tu
             if not expected[name].low <= value <= expected[name].high and value != expected[name].neutral:
                 raise ValueError(f"{key[0]}/{key[1]}: {name} = {value} outside its range")
         law, air = _put(law, air, key, p)
+    if moves(air) and air.natural > 0.0:
+        raise ValueError("second-order dynamics are for a pressure that does not depend on the motion")
     # Floats only: an integer would be another type to the compiled functions, and compile them again.
     return Law(*map(float, law)), Air(*map(float, air))
 
@@ -221,8 +289,11 @@ def _put(law: Law, air: Air, key: tuple[str, str], p: Mapping[str, float]) -> tu
         case ("seal_friction", "coulomb"):
             law = law._replace(seal=p["force_n"])
         case ("seal_friction", "stribeck"):
-            speed = p["speed_mm_per_s"] * 1e-3
-            law = law._replace(stribeck=p["force_n"], stribeck_rise=p["rise"], stribeck_speed=speed)
+            speed = p["stribeck_speed_mm_per_s"] * 1e-3
+            law = law._replace(stribeck=p["force_n"], stribeck_rise=p["stick_fraction"], stribeck_speed=speed)
+        case ("seal_friction", "lugre"):
+            speed, reach = p["speed_mm_per_s"] * 1e-3, p["reach_mm"] * 1e-3
+            law = law._replace(lugre=p["force_n"], lugre_rise=p["rise"], lugre_speed=speed, lugre_reach=reach)
         case ("laminar_orifice", "smooth"):
             law = law._replace(transition=p["transition_speed_mm_per_s"] * 1e-3)
         case ("discharge_loss", "constant"):
@@ -236,4 +307,53 @@ def _put(law: Law, air: Air, key: tuple[str, str], p: Mapping[str, float]) -> tu
             law = law._replace(tendon_slack=p["slack_mm"] * 1e-3)
         case ("tendon_slack", "toe"):
             law = law._replace(toe=p["toe_mm"] * 1e-3)
+        case ("braid_hysteresis", "bouc_wen"):
+            stiffness = p["stiffness_n_per_mm"] * 1e3
+            law = law._replace(bouc_slope=p["slope_n_per_bar"] / BAR, bouc_stiffness=stiffness)
+        case ("braid_hysteresis", "prandtl_ishlinskii"):
+            law = law._replace(play_slope=p["slope_n_per_bar"] / BAR, play_reach=p["reach_mm"] * 1e-3)
+        case ("braid_extensibility", "linear"):
+            law = law._replace(thread_strain=p["strain_per_bar"] / BAR)
+        case ("thick_wall_bladder", "mooney_rivlin"):
+            law = law._replace(thick=p["share"])
+        case ("bladder_softening", "ogden_roxburgh"):
+            law = law._replace(softening=p["share"], softening_energy=p["energy_density_kpa"] * 1e3)
+        case ("bladder_relaxation", "log_time"):
+            law = law._replace(creep=p["stiffness_n_per_mm"] * 1e3)
+        case ("muscle_damping", "warming"):
+            law = law._replace(warm=p["coefficient_n_s_per_m"], warm_gain=p["loss_per_j"])
+        case ("end_taper", "quadratic"):
+            law = law._replace(bulge=p["factor"])
+        case ("trapped_air", "dead_stroke"):
+            law = law._replace(dead_stroke=p["stroke_mm"] * 1e-3)
+        case ("tendon_stiffening", "quadratic"):
+            law = law._replace(stiffening=p["stiffening_n_per_mm2"] * 1e6)
+        case _:
+            air = _supplied(air, key, p)
     return law, air
+
+
+def _supplied(air: Air, key: tuple[str, str], p: Mapping[str, float]) -> Air:
+    """The same for what couples the pressure to the motion."""
+    match key:
+        case ("choked_valve", "symmetric"):
+            air = _behind(air, p["resistance_s_bar_per_dm3"], p["resistance_s_bar_per_dm3"], p["critical_ratio"])
+        case ("choked_valve", "asymmetric"):
+            both = p["fill_resistance_s_bar_per_dm3"], p["exhaust_resistance_s_bar_per_dm3"]
+            air = _behind(air, *both, p["critical_ratio"])
+        case ("volume_coupling", "polytropic"):
+            if p["recovery_s"] > 0.0:
+                air = air._replace(recovery=p["recovery_s"], exponent=p["exponent"])
+        case ("leak", form):
+            air = air._replace(leak=p["conductance_dm3_per_s_bar"] * 1e-8, leak_opens=float(form == "crack"))
+        case ("supply_droop", "tank"):
+            inverse = p["inverse_volume_per_l"] * 1e3
+            air = air._replace(tank=1.0 / inverse if inverse > 0.0 else 0.0)
+    return air
+
+
+def _behind(air: Air, fill: float, exhaust: float, ratio: float) -> Air:
+    """Conductances are the resistances' inverses; 1 dm3/(s bar) is 1e-8 m3/(s Pa)."""
+    if fill == 0.0:
+        return air
+    return air._replace(fill=1e-8 / fill, exhaust=1e-8 / max(exhaust, 1e-3 * fill), ratio=ratio)

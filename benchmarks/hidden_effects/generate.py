@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from air import AIR_STEP
 from catalogue import CHANNELS, PRESET, UNCERTAIN, load_device, neutral_law, with_effects
 from inputs import Program, programs, still
 from plan import BLOCKS, DEFECTS, plan
-from simulate import Noise, coloured, read, trace, wander
-from truth import AIR_STEP
+from simulate import Noise, coloured, in_steps, read, trace, wander
 
 Effects = Sequence[Mapping[str, Any]]
 EVERY = 5  # trace samples per logged sample
@@ -48,6 +48,7 @@ def make(
     *,
     effects: Effects = (),
     instruments: Effects = (),
+    known: Effects = (),
     block: str = "single",
     noise: Noise | None = None,
     defect: str | None = None,
@@ -58,8 +59,9 @@ def make(
     """Write the dataset ``folder`` and its truth file; return the truth.
 
     Base parameters, inputs and noise depend on ``seed`` only, not on the effects: the same seed with another effect is
-    the same bench on the same day. ``muscle_length`` says whether that channel is recorded; by default in a third of
-    the datasets, and where an instrument fault needs it. ``truth`` defaults to ``<folder>.truth.json``.
+    the same bench on the same day. ``known`` are effects that the dataset's device file has, for everybody to see.
+    ``muscle_length`` says whether that channel is recorded; by default in a third of the datasets, and where an
+    instrument fault needs it. ``truth`` defaults to ``<folder>.truth.json``.
     """
     if defect is not None and defect not in DEFECTS:
         raise ValueError(f"defect {defect!r} is none of {', '.join(DEFECTS)}")
@@ -76,7 +78,7 @@ def make(
     if defect == "no_excitation":
         bench = [still(program) for program in bench]
 
-    plain = neutral_law(base)
+    plain = with_effects(*neutral_law(base), known)
     hidden = with_effects(*plain, effects)
     tables: dict[str, dict[str, np.ndarray]] = {}
     trials, seen = [], {name: [] for name in recorded}
@@ -85,11 +87,12 @@ def make(
             slow = wander(child[3], round(program.duration / AIR_STEP) + 1, noise.wander)
             true = trace(program, *hidden, slow)
             reported = read(true, instruments)
+            shown = {name: in_steps(name, values, instruments) for name, values in reported.items()}
             if repeat == "a" and (effects or instruments):
                 without = true if not effects else trace(program, *plain, slow)
                 for name in recorded:
-                    seen[name].append((reported[name] - without[name])[::EVERY])
-            tables[f"{program.name}_{repeat}.csv"] = _log(child[3], program, reported, noise, recorded)
+                    seen[name].append((shown[name] - without[name])[::EVERY])
+            tables[f"{program.name}_{repeat}.csv"] = _log(child[3], program, reported, noise, recorded, instruments)
             trials.append((f"{program.name}_{repeat}.csv", program.name, program.use))
     if defect is not None:
         _spoil(tables, defect)
@@ -102,6 +105,7 @@ def make(
         "block": block,
         "effects": list(effects),
         "instruments": list(instruments),
+        **({"known": list(known)} if known else {}),
         "defect": defect,
         "base": {key: base[key] for key in UNCERTAIN},
         "nominal": {key: device[key] for key in UNCERTAIN},
@@ -111,7 +115,7 @@ def make(
         "noise": noise._asdict(),
         "groups": {program.name: program.use for program in bench},
     }
-    _write(Path(folder), truth or Path(f"{folder}.truth.json"), tables, trials, device_file, sealed)
+    _write(Path(folder), truth or Path(f"{folder}.truth.json"), tables, trials, device_file, known, sealed)
     return sealed
 
 
@@ -120,7 +124,12 @@ def _rms(values: np.ndarray) -> float:
 
 
 def _log(
-    rng: np.random.Generator, program: Program, reported: Mapping[str, np.ndarray], noise: Noise, recorded: list[str]
+    rng: np.random.Generator,
+    program: Program,
+    reported: Mapping[str, np.ndarray],
+    noise: Noise,
+    recorded: list[str],
+    instruments: Effects,
 ) -> dict[str, np.ndarray]:
     n = len(program.command)
     table = {
@@ -131,7 +140,7 @@ def _log(
     for name in CHANNELS:  # drawn for all, so that a channel left out changes no other
         values = reported[name][::EVERY] + coloured(rng, n, getattr(noise, name))
         if name in recorded:
-            table[name] = values
+            table[name] = in_steps(name, values, instruments)
     return table
 
 
@@ -156,11 +165,13 @@ def _write(
     tables: Mapping[str, Mapping[str, np.ndarray]],
     trials: Sequence[tuple[str, str, str]],
     device_file: Path,
+    known: Effects,
     sealed: Mapping[str, Any],
 ) -> None:
     """Data first, under another name until it is whole; the truth last, as the sign that all is there."""
     folder.parent.mkdir(parents=True, exist_ok=True)
-    lines = ['format = "klute-sim-dataset/1"', 'rig = "bench"', f'device = "{device_file.stem}"', "", "[uncertain]"]
+    device = "device.toml" if known else device_file.stem
+    lines = ['format = "klute-sim-dataset/1"', 'rig = "bench"', f'device = "{device}"', "", "[uncertain]"]
     lines += [f'"{key}" = "{share * 100:g} %"' for key, share in UNCERTAIN.items()]
     for file, group, use in trials:
         lines += ["", "[[trial]]", f'files = ["{file}"]', f'group = "{group}"', f'use = "{use}"']
@@ -168,6 +179,8 @@ def _write(
         part = Path(temporary) / "dataset"
         part.mkdir()
         (part / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
+        if known:
+            (part / device).write_text(device_file.read_text("utf-8") + _sections(known), "utf-8")
         for file, table in tables.items():
             header = ",".join(f"{name} [{UNITS[name]}]" for name in table)
             columns = [[f"{value:.{DECIMALS[name]}f}" for value in values] for name, values in table.items()]
@@ -180,6 +193,15 @@ def _write(
     partial = truth.with_name(f".part-{truth.name}")
     partial.write_text(json.dumps(sealed, indent=1) + "\n", "utf-8")
     partial.rename(truth)
+
+
+def _sections(known: Effects) -> str:
+    """``known`` effects in the format of device files."""
+    lines = []
+    for effect in known:
+        lines += ["", f"[effects.{effect['name']}]", f'form = "{effect["form"]}"']
+        lines += [f"{key} = {value}" for key, value in effect["parameters"].items()]
+    return "\n".join(lines) + "\n"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

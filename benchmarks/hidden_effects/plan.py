@@ -5,10 +5,12 @@ from itertools import cycle, islice
 from typing import Any
 
 import numpy as np
-from catalogue import CHANNELS, EFFECTS, OTHER_FORMS, Forms, Parameter, instrument_forms
+from catalogue import CHANNELS, EFFECTS, KNOWN_VALVE, NEEDS_VALVE, OTHER_FORMS, Forms, Parameter, instrument_forms
 
 BLOCKS = ("clean", "single", "instrument", "pair", "defective", "wrong_form")
 DEFECTS = ("dead_channel", "no_repeats", "no_excitation", "clock_backwards", "saturated_force")
+APART = ({"volume_coupling", "choked_valve"}, {"volume_coupling", "leak"})
+"""Not hidden together: behind a valve no regulator makes up for what the motion does."""
 Spec = dict[str, Any]
 
 
@@ -31,6 +33,13 @@ def effect(forms: Forms, key: tuple[str, str], rng: np.random.Generator | None) 
     sign = 1.0 if rng is None else float(rng.choice([-1.0, 1.0]))
     parameters = {name: draw(parameter, scale(), sign) for name, parameter in forms[key].items()}
     return {"name": key[0], "form": key[1], "parameters": parameters}
+
+
+def hidden(*effects: dict[str, Any]) -> Spec:
+    """A dataset with ``effects``, in a device with a known valve where one of them needs it."""
+    names = {each["name"] for each in effects}
+    spec: Spec = {"effects": list(effects)}
+    return spec | {"known": [KNOWN_VALVE]} if names & NEEDS_VALVE and "choked_valve" not in names else spec
 
 
 def plan(block: str, count: int, seed: int, *, typical: bool = False) -> list[Spec]:
@@ -58,19 +67,19 @@ def _contents(block: str, seed: int, typical: bool) -> Iterator[Spec]:
         yield from ({"defect": defect} for defect in cycle(DEFECTS))
     elif block in {"single", "wrong_form"}:
         forms = EFFECTS if block == "single" else OTHER_FORMS
-        yield from ({"effects": [effect(forms, key, rng(i))]} for i, key in enumerate(cycle(forms)))
+        yield from (hidden(effect(forms, key, rng(i))) for i, key in enumerate(cycle(forms)))
     elif block == "instrument":
         # Neighbours in the order differ in both fault and channel, so that a short plan sees some of each.
         names, channels = list(instrument_forms("force")), list(CHANNELS)
         for i in range(10**9):
-            channel = channels[i % 3]
-            fault = effect(instrument_forms(channel), names[i % 5], rng(i))
+            channel = channels[(i + i // len(names)) % len(channels)]
+            fault = effect(instrument_forms(channel), names[i % len(names)], rng(i))
             yield {"instruments": [{**fault, "channel": channel}]}
     else:
         for i in range(10**9):
             chooser, keys = np.random.default_rng([seed, BLOCKS.index(block), i]), list(EFFECTS)
             first, second = (keys[k] for k in chooser.choice(len(keys), 2, replace=False))
-            while second[0] == first[0]:
+            while second[0] == first[0] or {first[0], second[0]} in APART:
                 second = keys[chooser.integers(len(keys))]
             generator = rng(i)
-            yield {"effects": [effect(EFFECTS, first, generator), effect(EFFECTS, second, generator)]}
+            yield hidden(effect(EFFECTS, first, generator), effect(EFFECTS, second, generator))

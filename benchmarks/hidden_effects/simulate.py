@@ -4,10 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from air import AIR_STEP, Air, moves, pressure_trace
 from catalogue import CHANNELS, instrument_forms
 from inputs import SAMPLE, Program
+from law import Law
 from scipy.signal import lfilter
-from truth import AIR_STEP, TRACE_STEP, Air, Law, integrate, pressure_trace
+from truth import TRACE_STEP, Inputs, integrate
 
 TOLERANCE = 1e-9  # m per step: see the accuracy test
 Floats = np.ndarray
@@ -38,13 +40,20 @@ def trace(
     """True channels on the trace grid, in the units of the columns."""
     every = round(TRACE_STEP / AIR_STEP)
     n = (len(program.length) - 1) * every + 1
-    pressure = np.maximum(pressure_trace(program.command, SAMPLE, n, air) + disturbance, 0.0)
-    force, length, _ = integrate(program.pieces(), pressure, law, tolerance)
-    return {"force": force, "pressure": pressure[::every] / 1e5, "muscle_length": length * 1e3}
+    if moves(air):
+        # Air that is shut in may be thinned below the room's pressure: no floor.
+        given = np.broadcast_to(np.asarray(disturbance, float), n).copy()
+    else:
+        given = np.maximum(pressure_trace(program.command, SAMPLE, n, air) + disturbance, 0.0)
+    inputs = Inputs(program.pieces(), given, program.command, SAMPLE)
+    force, length, pressure, _ = integrate(inputs, law, air, tolerance)
+    if not moves(air):
+        pressure = given[::every]
+    return {"force": force, "pressure": pressure / 1e5, "muscle_length": length * 1e3}
 
 
 def read(channels: Mapping[str, Floats], faults: Sequence[Mapping[str, Any]]) -> dict[str, Floats]:
-    """The channels as faulty instruments report them, still on the trace grid and without noise."""
+    """The channels as faulty instruments report them, still on the trace grid, without noise and not yet rounded."""
     out = {name: values.copy() for name, values in channels.items()}
     for fault in faults:
         channel, p = fault["channel"], fault["parameters"]
@@ -65,6 +74,15 @@ def read(channels: Mapping[str, Floats], faults: Sequence[Mapping[str, Any]]) ->
                 values = np.interp(t - p["shift_s"], t, values)
         out[channel] = values
     return out
+
+
+def in_steps(channel: str, values: Floats, faults: Sequence[Mapping[str, Any]]) -> Floats:
+    """``values`` of ``channel`` as a display with coarse steps shows them; noise has to be in them already."""
+    for fault in faults:
+        if fault["name"] == "quantisation" and fault["channel"] == channel and fault["parameters"]["step"] > 0.0:
+            step = fault["parameters"]["step"]
+            values = step * np.floor(values / step + 0.5)
+    return values
 
 
 def _lag(values: Floats, time_constant: float) -> Floats:

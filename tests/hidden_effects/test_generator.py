@@ -16,9 +16,12 @@ from scipy.optimize import brentq
 HOME = Path(__file__).parents[2] / "benchmarks" / "hidden_effects"
 sys.path.insert(0, str(HOME))
 
+import air  # noqa: E402
 import catalogue  # noqa: E402
+import compiled  # noqa: E402
 import generate  # noqa: E402
 import inputs  # noqa: E402
+import law as laws  # noqa: E402
 import plan  # noqa: E402
 import simulate  # noqa: E402
 import truth  # noqa: E402
@@ -26,6 +29,16 @@ import truth  # noqa: E402
 FORMS = {**catalogue.EFFECTS, **catalogue.OTHER_FORMS}
 LAW, AIR = catalogue.neutral_law(catalogue.load_device())
 PROGRAM = inputs.programs(np.random.default_rng(7))[2]
+
+
+def device_with(effects: list[dict], known: bool) -> tuple[laws.Law, air.Air]:
+    """The device with ``effects``, and with the known valve."""
+    return catalogue.with_effects(LAW, AIR, [*([catalogue.KNOWN_VALVE] if known else []), *effects])
+
+
+@pytest.fixture(scope="module")
+def behind_valve() -> dict[str, np.ndarray]:
+    return simulate.trace(PROGRAM, *device_with([], known=True))
 
 
 @pytest.fixture(scope="module")
@@ -49,31 +62,41 @@ def test_static_force_is_the_published_one(ratio: float, geometric: float, bladd
     """The 3/4 in actuator at 5 bar; the preset's are the same braid and bladder, only longer."""
     hard = LAW._replace(friction_slope=0.0, friction_offset=0.0)
     for law, force in ((hard._replace(bladder_gain=0.0), geometric), (hard, bladder), (LAW, total)):
-        assert truth.muscle_static(5e5, ratio * law.rest, law) / law.count == pytest.approx(force, abs=1.0)
+        assert laws.muscle_static(5e5, ratio * law.rest, law) / law.count == pytest.approx(force, abs=1.0)
 
 
 def test_the_damper_meets_its_design_points() -> None:
-    assert truth.moving(5e5, -0.3, LAW) == pytest.approx(-1472.0, rel=2e-3)
-    assert truth.moving(5e5, 0.15, LAW) == pytest.approx(400.0, rel=2e-3)
+    assert laws.moving(5e5, -0.3, LAW) == pytest.approx(-1472.0, rel=2e-3)
+    assert laws.moving(5e5, 0.15, LAW) == pytest.approx(400.0, rel=2e-3)
 
 
 @pytest.mark.parametrize("key", FORMS, ids="/".join)
 def test_every_effect_shows_at_its_typical_size_and_is_nothing_at_neutral(
-    key: tuple[str, str], plain: dict[str, np.ndarray]
+    key: tuple[str, str], plain: dict[str, np.ndarray], behind_valve: dict[str, np.ndarray]
 ) -> None:
-    effect = plan.effect(FORMS, key, None)
-    shown = simulate.trace(PROGRAM, *catalogue.with_effects(LAW, AIR, [effect]))
+    effect, known = plan.effect(FORMS, key, None), key[0] in catalogue.NEEDS_VALVE
+    plain = behind_valve if known else plain
+    shown = simulate.trace(PROGRAM, *device_with([effect], known))
     assert np.isfinite(shown["force"]).all()
     assert rms(shown["force"] - plain["force"]) > 1.0
     neutral = {n: p.typical if p.neutral is None else p.neutral for n, p in FORMS[key].items()}
-    without = simulate.trace(PROGRAM, *catalogue.with_effects(LAW, AIR, [{**effect, "parameters": neutral}]))
+    without = simulate.trace(PROGRAM, *device_with([{**effect, "parameters": neutral}], known))
     for channel, values in plain.items():
         np.testing.assert_array_equal(without[channel], values)
 
 
-def test_ten_times_tighter_is_the_same() -> None:
-    """With the effects that are hardest to integrate, all at once."""
-    names = [("braid_hysteresis", "maxwell_slip"), ("seal_friction", "coulomb"), ("tendon_hysteresis", "slip")]
+@pytest.mark.parametrize(
+    "names",
+    [
+        [("braid_hysteresis", "maxwell_slip"), ("seal_friction", "coulomb"), ("tendon_hysteresis", "slip")],
+        [("choked_valve", "asymmetric"), ("supply_droop", "tank"), ("leak", "crack"), ("trapped_air", "dead_stroke")],
+        [("volume_coupling", "polytropic"), ("supply_droop", "tank"), ("pressure_lag", "first_order")],
+        [("seal_friction", "lugre"), ("braid_hysteresis", "prandtl_ishlinskii"), ("bladder_relaxation", "log_time")],
+    ],
+    ids=lambda names: names[0][0],
+)
+def test_ten_times_tighter_is_the_same(names: list[tuple[str, str]]) -> None:
+    """With effects that are hard to integrate, several at once."""
     device = catalogue.with_effects(LAW, AIR, [plan.effect(FORMS, key, None) for key in names])
     usual, tighter = (simulate.trace(PROGRAM, *device, tolerance=t) for t in (1e-9, 1e-10))
     assert rms(usual["force"] - tighter["force"]) < 0.02
@@ -84,15 +107,16 @@ def test_scipys_radau_agrees(plain: dict[str, np.ndarray]) -> None:
     law = LAW._replace(transition=0.04, viscous=300.0, relax_stiffness=3e3, relax_time=0.3)
     pieces, end = PROGRAM.pieces(), 1.5
     n = (len(PROGRAM.length) - 1) * 20 + 1
-    pressure = np.maximum(truth.pressure_trace(PROGRAM.command, inputs.SAMPLE, n, AIR), 2.0e5)
-    _, length, _ = truth.integrate(pieces, pressure, law, 1e-9)
+    pressure = np.maximum(air.pressure_trace(PROGRAM.command, inputs.SAMPLE, n, AIR), 2.0e5)
+    given = truth.Inputs(pieces, pressure, PROGRAM.command, inputs.SAMPLE)
+    _, length, _, _ = truth.integrate(given, law, AIR, 1e-9)
 
     def rate(t: float, state: np.ndarray) -> list[float]:
         L, s = state
-        p = truth.on_grid(t, pressure, truth.AIR_STEP)
-        pull = truth.tendon_elastic(truth.unit_length(t, pieces) - L - law.slack, law)
-        held = truth.muscle_static(p, L, law) + law.count * law.relax_stiffness * (L - law.rest - s) - pull
-        v = brentq(lambda u: held + truth.moving(p, u, law), -2.0, 2.0, xtol=1e-12)
+        p = air.on_grid(t, pressure, air.AIR_STEP)
+        pull = laws.tendon_elastic(truth.unit_length(t, pieces) - L - law.slack, law)
+        held = laws.muscle_static(p, L, law) + law.count * law.relax_stiffness * (L - law.rest - s) - pull
+        v = brentq(lambda u: held + laws.moving(p, u, law), -2.0, 2.0, xtol=1e-12)
         return [v, (L - law.rest - s) / law.relax_time]
 
     start = [length[0], length[0] - law.rest]
@@ -104,16 +128,16 @@ def test_scipys_radau_agrees(plain: dict[str, np.ndarray]) -> None:
 
 def test_pressure_follows_its_laws() -> None:
     command = np.r_[np.full(20, 2e5), np.full(181, 4e5)]  # a step that ends at 0.1 s
-    t = np.arange(20001) * truth.AIR_STEP
-    plain = truth.pressure_trace(command, 5e-3, len(t), AIR)
-    assert np.diff(plain).max() <= AIR.rate * truth.AIR_STEP * (1 + 1e-9)
+    t = np.arange(20001) * air.AIR_STEP
+    plain = air.pressure_trace(command, 5e-3, len(t), AIR)
+    assert np.diff(plain).max() <= AIR.rate * air.AIR_STEP * (1 + 1e-9)
     np.testing.assert_allclose(plain[t > 0.12], 4e5)
-    lagged = truth.pressure_trace(command, 5e-3, len(t), AIR._replace(lag=0.05))
+    lagged = air.pressure_trace(command, 5e-3, len(t), AIR._replace(lag=0.05))
     late = t > 0.1
     start = lagged[np.flatnonzero(late)[0]]
     decay = np.exp(-(t[late] - t[late][0]) / 0.05)
     np.testing.assert_allclose(lagged[late], 4e5 + (start - 4e5) * decay, rtol=1e-9)
-    delayed = truth.pressure_trace(command, 5e-3, len(t), AIR._replace(delay=0.04))
+    delayed = air.pressure_trace(command, 5e-3, len(t), AIR._replace(delay=0.04))
     np.testing.assert_allclose(delayed[800:], plain[:-800], atol=1e-3)
 
 
@@ -124,9 +148,11 @@ def test_instruments_touch_their_channel_only(channel: str, plain: dict[str, np.
         fault = {**plan.effect(forms, key, None), "channel": channel}
         read = simulate.read(plain, [fault])
         for name, values in plain.items():
-            assert np.array_equal(read[name], values) == (name != channel)
+            shown = simulate.in_steps(name, read[name], [fault])
+            assert np.array_equal(shown, values) == (name != channel)
         fault["parameters"] = {name: parameter.neutral for name, parameter in forms[key].items()}
-        np.testing.assert_array_equal(simulate.read(plain, [fault])[channel], plain[channel])
+        read = simulate.read(plain, [fault])
+        np.testing.assert_array_equal(simulate.in_steps(channel, read[channel], [fault]), plain[channel])
 
 
 def test_noise_is_coloured() -> None:
@@ -194,6 +220,34 @@ def test_the_same_seed_writes_the_same_bytes_in_the_documented_format(tmp_path: 
     assert len(document["trial"]) + 1 == len(files(tmp_path / "a"))
 
 
+def test_a_leak_is_hidden_in_a_device_that_is_known_to_have_a_valve(tmp_path: Path) -> None:
+    (spec,) = (s for s in plan.plan("single", 60, 1)[:31] if s["effects"][0]["name"] == "leak")
+    spec.pop("name")
+    sealed = generate.make(tmp_path / "leak", **spec)
+    assert [e["name"] for e in sealed["effects"]] == ["leak"]
+    assert sealed["known"] == [catalogue.KNOWN_VALVE]
+    device = tomllib.loads((tmp_path / "leak" / "device.toml").read_text("utf-8"))
+    assert device["effects"] == {"choked_valve": {"form": "symmetric", **catalogue.KNOWN_VALVE["parameters"]}}
+    assert tomllib.loads((tmp_path / "leak" / "dataset.toml").read_text("utf-8"))["device"] == "device.toml"
+    assert catalogue.load_device(tmp_path / "leak" / "device.toml") == catalogue.load_device()
+
+
+def test_coarse_steps_come_after_the_noise(tmp_path: Path) -> None:
+    fault = {"name": "quantisation", "form": "linear", "channel": "force", "parameters": {"step": 12.0}}
+    sealed = generate.make(tmp_path / "steps", 5, instruments=[fault])
+    assert 0.7 < sealed["raw_size"] < 1.6  # evenly spread over a step of four times the noise: 4 / sqrt(12)
+    with (tmp_path / "steps" / "fit_1_a.csv").open(encoding="utf-8") as stream:
+        force = np.array([row["force [N]"] for row in csv.DictReader(stream)], float)
+    np.testing.assert_allclose(force / 12.0, np.round(force / 12.0), atol=1e-9)
+    assert len(np.unique(force)) > 10
+
+
+def test_machine_code_is_kept_under_a_name_that_says_what_it_is_made_of() -> None:
+    users = {file.name for file in HOME.glob("*.py") if "@compiled" in file.read_text("utf-8")}
+    assert users <= set(compiled.SOURCES)
+    assert laws.moving.py_func.__qualname__.endswith(compiled.DIGEST)
+
+
 def test_defects_spoil_what_they_say(tmp_path: Path) -> None:
     def column(folder: str, name: str) -> list[np.ndarray]:
         out = []
@@ -221,6 +275,9 @@ def test_plans_cover_the_catalogue_and_only_grow() -> None:
     for spec in plan.plan("pair", 50, 1) + plan.plan("wrong_form", 20, 1) + plan.plan("single", 60, 1):
         catalogue.with_effects(LAW, AIR, spec["effects"])  # refuses what is out of range
     assert all(len({e["name"] for e in spec["effects"]}) == 2 for spec in plan.plan("pair", 50, 1))
+    faults = [s["instruments"][0] for s in plan.plan("instrument", 18, 1)]
+    assert len({(fault["name"], fault["channel"]) for fault in faults}) == 18
+    assert len(catalogue.OTHER_FORMS) >= 6
 
 
 def test_it_shares_no_code_with_the_simulator_and_resumes(tmp_path: Path) -> None:
