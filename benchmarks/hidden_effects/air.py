@@ -152,14 +152,43 @@ def regulated(r: float, gh: float, volume: float, growth: float, base: np.ndarra
 
 
 @compiled
+def from_sunken_tank(
+    target: float, gh: float, volume: float, growth: float, base: np.ndarray, new: np.ndarray, air: Air
+) -> float:
+    """Pressure at the end of a stage that begins above what the tank has."""
+    start = base[PRESSURE] + base[DISTURBANCE]
+    let_out = min(0.0, max(target - start, -gh * air.rate))
+    lost = gh * leakage(start, air) * GAS_CONSTANT * air.temperature / volume
+    closed = (start + let_out - lost - gh * growth * ROOM) / (1.0 + gh * growth)
+    new[PRESSURE], new[DISTURBANCE], new[DRAWN] = closed, 0.0, base[DRAWN]
+    if closed >= source(base[DRAWN], air):
+        return closed
+    # The muscle has grown until the tank can fill it again: as much as brings both to one pressure.
+    low, high = closed, source(base[DRAWN], air)
+    high = min(high, max(target, closed))
+    per_mass = GAS_CONSTANT * air.temperature / volume
+    while high - low > NEAR:
+        p = 0.5 * (low + high)
+        new[DRAWN] = base[DRAWN] + (p - closed) * (1.0 + gh * growth) / per_mass
+        if source(new[DRAWN], air) < p:
+            high = p
+        else:
+            low = p
+    new[PRESSURE] = low
+    return low
+
+
+@compiled
 def regulator_stage(
     target: float, gh: float, volume: float, growth: float, base: np.ndarray, new: np.ndarray, air: Air
 ) -> float:
     """Pressure behind a regulator at the end of a stage.
 
-    It goes no higher than its source; what is there already it keeps, whatever becomes of the source.
+    It goes no higher than its source. What is in the muscle beyond that is closed in, and can only be let out.
     """
     start = base[PRESSURE]
+    if air.tank > 0.0 and start + base[DISTURBANCE] >= source(base[DRAWN], air):
+        return from_sunken_tank(target, gh, volume, growth, base, new, air)
     share = gh / air.lag if air.lag > 0.0 else 1e30
     wanted = (start / share + target) / (1.0 / share + 1.0)
     r = min(max(wanted, start - gh * air.rate), start + gh * air.rate)
@@ -194,10 +223,9 @@ def beyond_the_valve(
     came = needed / per_mass + lost
     new[DRAWN] = base[DRAWN] + gh * max(0.0, came)
     room = source(new[DRAWN], air)
-    if room < p:  # the valve is open, and the air goes back
-        new[DRAWN] = base[DRAWN] + gh * came
-        room = source(new[DRAWN], air)
-    flow = through(air.fill, air.ratio, room + ROOM, p + ROOM, air.temperature)
+    flow = 0.0  # a check valve lets no air go back
+    if room > p:
+        flow = through(air.fill, air.ratio, room + ROOM, p + ROOM, air.temperature)
     return needed - min(per_mass * (flow - lost), air.rate)
 
 

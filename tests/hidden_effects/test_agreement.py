@@ -101,7 +101,6 @@ def test_several_at_once_are_the_packages(name: str) -> None:
         assert gap < 2.0 * CHANNELS[channel], (channel, gap)
 
 
-@pytest.mark.xfail(strict=True, reason="the package's lag takes what motion adds to the pressure for the regulator's")
 def test_recovery_and_lag_are_the_packages() -> None:
     assert apart(typical(("volume_coupling", "polytropic"), ("pressure_lag", "first_order")))["pressure"] < 0.01
 
