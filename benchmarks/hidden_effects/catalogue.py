@@ -83,7 +83,7 @@ EFFECTS: Forms = {
     },
     ("choked_valve", "asymmetric"): {
         "fill_resistance_s_bar_per_dm3": Parameter(0, 50, 4),
-        "exhaust_resistance_s_bar_per_dm3": Parameter(0.02, 50, 4, None),
+        "exhaust_factor": Parameter(0.1, 10, 2, None),
         "critical_ratio": Parameter(0.1, 0.6, 0.5, None),
     },
     ("volume_coupling", "polytropic"): {
@@ -337,10 +337,9 @@ def _supplied(air: Air, key: tuple[str, str], p: Mapping[str, float]) -> Air:
     """The same for what couples the pressure to the motion."""
     match key:
         case ("choked_valve", "symmetric"):
-            air = _behind(air, p["resistance_s_bar_per_dm3"], p["resistance_s_bar_per_dm3"], p["critical_ratio"])
+            air = _behind(air, p["resistance_s_bar_per_dm3"], 1.0, p["critical_ratio"])
         case ("choked_valve", "asymmetric"):
-            both = p["fill_resistance_s_bar_per_dm3"], p["exhaust_resistance_s_bar_per_dm3"]
-            air = _behind(air, *both, p["critical_ratio"])
+            air = _behind(air, p["fill_resistance_s_bar_per_dm3"], p["exhaust_factor"], p["critical_ratio"])
         case ("volume_coupling", "polytropic"):
             if p["recovery_s"] > 0.0:
                 air = air._replace(recovery=p["recovery_s"], exponent=p["exponent"])
@@ -352,8 +351,11 @@ def _supplied(air: Air, key: tuple[str, str], p: Mapping[str, float]) -> Air:
     return air
 
 
-def _behind(air: Air, fill: float, exhaust: float, ratio: float) -> Air:
-    """Conductances are the resistances' inverses; 1 dm3/(s bar) is 1e-8 m3/(s Pa)."""
-    if fill == 0.0:
+def _behind(air: Air, resistance: float, factor: float, ratio: float) -> Air:
+    """A valve whose resistance to exhaust is ``factor`` times that to fill.
+
+    Conductances are the resistances' inverses; 1 dm3/(s bar) is 1e-8 m3/(s Pa).
+    """
+    if resistance == 0.0:
         return air
-    return air._replace(fill=1e-8 / fill, exhaust=1e-8 / max(exhaust, 1e-3 * fill), ratio=ratio)
+    return air._replace(fill=1e-8 / resistance, exhaust=1e-8 / (resistance * factor), ratio=ratio)
