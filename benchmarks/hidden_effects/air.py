@@ -7,11 +7,12 @@ temperature and n its exponent, the regulator is
 
     p = r + d,    dr/dt = regulator,    dd/dt = -n p_abs V'/V - d / recovery,
 
-and the muscle behind a valve
+and the muscle behind a valve, whose walls keep the air's temperature,
 
-    dp/dt = n R T m' / V - n p_abs V'/V,    m' = C rho0 p1 sqrt(T0/T) phi(p2/p1) (ISO 6358) less a leak of the same law,
+    dp/dt = R T m' / V - p_abs V'/V,    m' = C rho0 p1 sqrt(T0/T) phi(p2/p1) (ISO 6358) less a leak of the same law,
 
-with a pilot that opens the valve just as far as the target asks for, if it can.
+with a pilot that opens the valve just as far as the target asks for, if it can. A tank that has sunk below the muscle
+gives nothing, and takes nothing back.
 """
 
 import math
@@ -26,7 +27,9 @@ ROOM = 101_325.0  # Pa
 GAS_CONSTANT = 287.05  # J/(kg K), dry air
 REFERENCE = 1.185 * math.sqrt(293.15)  # kg/m3 sqrt(K): density and temperature of ISO 8778
 LEAK_RATIO = 0.5  # critical pressure ratio of a leak (assumed)
+LAMINAR = 0.999  # ratio of pressures above which flow is in proportion to their difference (ISO 6358:2013)
 NEAR = 1e-4  # Pa: to which a pressure between flows is found
+LATE = 1.0  # Pa: by which a muscle may have passed its tank when it is seen to be closed
 
 
 class Air(NamedTuple):
@@ -114,8 +117,9 @@ def target_at(t: float, command: np.ndarray, command_step: float, air: Air) -> f
 def through(conductance: float, ratio: float, first: float, second: float, temperature: float) -> float:
     """Mass flow [kg/s] from one absolute pressure to another, negative if the other is higher; ISO 6358."""
     up, down = max(first, second), min(first, second)
-    beyond = max(0.0, down / up - ratio) / (1.0 - ratio)
-    flow = conductance * REFERENCE / math.sqrt(temperature) * up * math.sqrt(max(0.0, 1.0 - beyond * beyond))
+    beyond = max(0.0, min(down / up, LAMINAR) - ratio) / (1.0 - ratio)
+    flow = conductance * REFERENCE / math.sqrt(temperature) * up * math.sqrt(1.0 - beyond * beyond)
+    flow *= min(1.0, (1.0 - down / up) / (1.0 - LAMINAR))
     return flow if first >= second else -flow
 
 
@@ -137,70 +141,92 @@ def source(drawn: float, air: Air) -> float:
 
 
 @compiled
-def regulated(r: float, gh: float, volume: float, growth: float, base: np.ndarray, new: np.ndarray, air: Air) -> float:
-    """What the supply still has once the regulator has gone to ``r``; the other memories of the air in ``new``."""
-    new[PRESSURE], new[DISTURBANCE] = r, 0.0
-    if air.recovery > 0.0:
-        pushed = gh * air.exponent * growth
-        new[DISTURBANCE] = (base[DISTURBANCE] - pushed * (r + ROOM)) / (1.0 + gh / air.recovery + pushed)
-    p = r + new[DISTURBANCE]
-    if air.tank > 0.0:
-        rise = (p - base[PRESSURE] - base[DISTURBANCE]) / gh
-        mass = volume * (rise + (p + ROOM) * growth) / (GAS_CONSTANT * air.temperature) + leakage(p, air)
-        new[DRAWN] = base[DRAWN] + gh * max(0.0, mass)
-    return source(new[DRAWN], air)
+def beyond_the_tank(memory: np.ndarray, air: Air) -> float:
+    """By how much [Pa] a muscle behind a regulator has more than the tank."""
+    if air.tank == 0.0 or air.fill > 0.0:
+        return -ROOM
+    return memory[PRESSURE] + memory[DISTURBANCE] - source(memory[DRAWN], air)
 
 
 @compiled
-def from_sunken_tank(
-    target: float, gh: float, volume: float, growth: float, base: np.ndarray, new: np.ndarray, air: Air
+def close(memory: np.ndarray, air: Air) -> None:
+    """Forget the disturbance of air that is closed in: there is nothing that would make up for it.
+
+    Between steps, because a stage would take the jump for a speed.
+    """
+    if beyond_the_tank(memory, air) >= 0.0:
+        memory[PRESSURE] += memory[DISTURBANCE]
+        memory[DISTURBANCE] = 0.0
+
+
+@compiled
+def regulated(
+    r: float, start: float, pushed_before: float, gh: float, volume: float, growth: float, new: np.ndarray, air: Air
 ) -> float:
-    """Pressure at the end of a stage that begins above what the tank has."""
-    start = base[PRESSURE] + base[DISTURBANCE]
-    let_out = min(0.0, max(target - start, -gh * air.rate))
-    lost = gh * leakage(start, air) * GAS_CONSTANT * air.temperature / volume
-    closed = (start + let_out - lost - gh * growth * ROOM) / (1.0 + gh * growth)
-    new[PRESSURE], new[DISTURBANCE], new[DRAWN] = closed, 0.0, base[DRAWN]
-    if closed >= source(base[DRAWN], air):
-        return closed
-    # The muscle has grown until the tank can fill it again: as much as brings both to one pressure.
-    low, high = closed, source(base[DRAWN], air)
-    high = min(high, max(target, closed))
-    per_mass = GAS_CONSTANT * air.temperature / volume
-    while high - low > NEAR:
-        p = 0.5 * (low + high)
-        new[DRAWN] = base[DRAWN] + (p - closed) * (1.0 + gh * growth) / per_mass
-        if source(new[DRAWN], air) < p:
-            high = p
-        else:
-            low = p
-    new[PRESSURE] = low
-    return low
+    """What the supply still has once the regulator has gone from ``start`` to ``r``; memories of the air in ``new``.
+
+    ``pushed_before`` is the disturbance [Pa] at the start; ``new`` still holds what was drawn until then. Being
+    squeezed takes no air: the air that is held is ``(r + d/n) V / (R T)``, absolute.
+    """
+    d = 0.0
+    if air.recovery > 0.0:
+        pushed = gh * air.exponent * growth
+        d = (pushed_before - pushed * (r + ROOM)) / (1.0 + gh / air.recovery + pushed)
+    drawn = new[DRAWN]
+    if air.tank > 0.0:
+        held = r + d / air.exponent
+        rise = (held - start - pushed_before / air.exponent) / gh
+        came = volume * (rise + (held + ROOM) * growth) / (GAS_CONSTANT * air.temperature) + leakage(r + d, air)
+        drawn += gh * max(0.0, came)
+    new[PRESSURE], new[DISTURBANCE], new[DRAWN] = r, d, drawn
+    return source(drawn, air)
 
 
 @compiled
 def regulator_stage(
-    target: float, gh: float, volume: float, growth: float, base: np.ndarray, new: np.ndarray, air: Air
+    target: float,
+    gh: float,
+    volume: float,
+    growth: float,
+    old: np.ndarray,
+    base: np.ndarray,
+    new: np.ndarray,
+    air: Air,
 ) -> float:
     """Pressure behind a regulator at the end of a stage.
 
-    It goes no higher than its source. What is in the muscle beyond that is closed in, and can only be let out.
+    It goes no higher than its source. A muscle with more than that is closed: its air can only be let out, and keeps
+    the walls' temperature. Whether it is closed is told by the state before (``old``), not by ``base``, which is only
+    extrapolated.
     """
-    start = base[PRESSURE]
-    if air.tank > 0.0 and start + base[DISTURBANCE] >= source(base[DRAWN], air):
-        return from_sunken_tank(target, gh, volume, growth, base, new, air)
+    start, before = base[PRESSURE], base[DISTURBANCE]
     share = gh / air.lag if air.lag > 0.0 else 1e30
+    if beyond_the_tank(old, air) >= 0.0:
+        start, before = start + before, 0.0
+        wanted = (start / share + target) / (1.0 / share + 1.0)
+        let_out = min(0.0, max(wanted - start, -gh * air.rate))
+        lost = gh * leakage(start, air) * GAS_CONSTANT * air.temperature / volume
+        closed = (start + let_out - lost - gh * growth * ROOM) / (1.0 + gh * growth)
+        if closed >= source(base[DRAWN], air):
+            new[PRESSURE], new[DISTURBANCE], new[DRAWN] = closed, 0.0, base[DRAWN]
+            return closed
+        # Else the muscle has grown until the tank can fill it again.
     wanted = (start / share + target) / (1.0 / share + 1.0)
     r = min(max(wanted, start - gh * air.rate), start + gh * air.rate)
-    if regulated(r, gh, volume, growth, base, new, air) < r and r > start:
-        low, high = start, r
+    new[DRAWN] = base[DRAWN]
+    left = regulated(r, start, before, gh, volume, growth, new, air)
+    if left < r:
+        low, high = left, r
         while high - low > NEAR:  # the more is taken, the less is left
             r = 0.5 * (low + high)
-            if regulated(r, gh, volume, growth, base, new, air) < r:
+            new[DRAWN] = base[DRAWN]
+            if regulated(r, start, before, gh, volume, growth, new, air) < r:
                 high = r
             else:
                 low = r
-        regulated(low, gh, volume, growth, base, new, air)
+        # The upper one, so that a muscle that is as full as its tank counts as closed.
+        new[DRAWN] = base[DRAWN]
+        regulated(high, start, before, gh, volume, growth, new, air)
     return new[PRESSURE] + new[DISTURBANCE]
 
 
@@ -212,9 +238,9 @@ def beyond_the_valve(
 
     ``rising`` says that the valve fills; the memories of the air are left in ``new``.
     """
-    per_mass = air.exponent * GAS_CONSTANT * air.temperature / volume
+    per_mass = GAS_CONSTANT * air.temperature / volume
     lost = leakage(p, air)
-    needed = (p - base[PRESSURE]) / gh + air.exponent * (p + ROOM) * growth
+    needed = (p - base[PRESSURE]) / gh + (p + ROOM) * growth
     new[PRESSURE] = p
     if not rising:
         out = through(air.exhaust, air.ratio, p + ROOM, ROOM, air.temperature)
@@ -235,11 +261,12 @@ def valve_stage(
 ) -> float:
     """Pressure behind the valve at the end of a stage: where the pilot wants it, or as near as the flow allows."""
     share = gh / air.lag if air.lag > 0.0 else 1e30
-    pushed = gh * air.exponent * growth
+    pushed = gh * growth
     wanted = target
     if air.lag > 0.0:
         wanted = (base[PRESSURE] - pushed * ROOM + share * target) / (1.0 + share + pushed)
-    kept = (base[PRESSURE] - pushed * ROOM) / (1.0 + pushed)  # if nothing flowed
+    lost = gh * GAS_CONSTANT * air.temperature / volume * leakage(wanted, air)
+    kept = (base[PRESSURE] - pushed * ROOM - lost) / (1.0 + pushed)  # if nothing came through the valve
     rising = wanted >= kept
     beyond = beyond_the_valve(wanted, rising, gh, volume, growth, base, new, air)
     if (beyond <= 0.0) if rising else (beyond >= 0.0):
@@ -274,7 +301,15 @@ def valve_stage(
 
 @compiled
 def air_stage(
-    v: float, L: float, target: float, gh: float, base: np.ndarray, new: np.ndarray, law: Law, air: Air
+    v: float,
+    L: float,
+    target: float,
+    gh: float,
+    old: np.ndarray,
+    base: np.ndarray,
+    new: np.ndarray,
+    law: Law,
+    air: Air,
 ) -> float:
     """Pressure at the end of a stage that moves the muscle at ``v`` to ``L``; the air's memories in ``new``."""
     area = law.braid * law.braid - L * L  # times 4 pi N^2, as is the volume
@@ -283,4 +318,4 @@ def air_stage(
     growth = max(growth, -0.3 / gh)  # while a root is bracketed, the muscle may seem to leap
     if air.fill > 0.0:
         return valve_stage(target, gh, volume, growth, base, new, air)
-    return regulator_stage(target, gh, volume, growth, base, new, air)
+    return regulator_stage(target, gh, volume, growth, old, base, new, air)

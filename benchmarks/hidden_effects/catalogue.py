@@ -246,6 +246,8 @@ def with_effects(law: Law, air: Air, effects: Sequence[Mapping[str, Any]]) -> tu
             if not expected[name].low <= value <= expected[name].high and value != expected[name].neutral:
                 raise ValueError(f"{key[0]}/{key[1]}: {name} = {value} outside its range")
         law, air = _put(law, air, key, p)
+    if air.fill > 0.0:  # behind a valve there is no regulator that makes up for what the motion does
+        air = air._replace(recovery=0.0, exponent=1.0)
     if moves(air) and air.natural > 0.0:
         raise ValueError("second-order dynamics are for a pressure that does not depend on the motion")
     # Floats only: an integer would be another type to the compiled functions, and compile them again.

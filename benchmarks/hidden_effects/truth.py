@@ -17,7 +17,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from air import AIR_STEP, Air, air_stage, moves, on_grid, source, target_at
+from air import AIR_STEP, LATE, Air, air_stage, beyond_the_tank, close, moves, on_grid, source, target_at
 from compiled import compiled
 from law import (
     DISTURBANCE,
@@ -79,7 +79,7 @@ def surplus(
     L = L + gh * v
     pressure = told.pressure
     if moves(air):
-        pressure += air_stage(v, L, told.target, gh, base, new, law, air)
+        pressure += air_stage(v, L, told.target, gh, old, base, new, law, air)
     felt = felt_pressure(pressure, L, law)
     x = L - law.rest
     stretch = told.unit - L - law.slack - law.tendon_slack
@@ -225,9 +225,14 @@ def integrate(inputs: Inputs, law: Law, air: Air, tolerance: float) -> tuple[np.
                 if step > h:  # two equal steps rather than a long one and a sliver
                     step = min(h, 0.5 * step) if step < 2.0 * h else h
                 once, _ = advance(t, step, L, v, memory, whole, work, inputs, law, air)
+                passed = beyond_the_tank(memory, air) < 0.0 and beyond_the_tank(whole, air) > LATE
+                close(whole, air)
                 part, v1 = advance(t, 0.5 * step, L, v, memory, half, work, inputs, law, air)
+                close(half, air)
                 twice, v2 = advance(t + 0.5 * step, 0.5 * step, part, v1, half, final, work, inputs, law, air)
+                close(final, air)
                 error = max(abs(once - twice), distance(whole, final)) / 3.0
+                error = max(error, 8.0 * tolerance) if passed else error
                 scale = min(4.0, max(0.2, 0.85 * (tolerance / max(error, 1e-300)) ** (1.0 / 3.0)))
                 if error <= tolerance or step <= SHORTEST:
                     t, L, v = t + step, twice, v2
