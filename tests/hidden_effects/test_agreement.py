@@ -5,7 +5,9 @@ what friction had been through before a trial, and they begin otherwise, so the 
 """
 
 import sys
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,6 +31,7 @@ LAW, AIR = catalogue.neutral_law(catalogue.load_device())
 PROGRAM = inputs.programs(np.random.default_rng(7))[2]
 STEP = 5e-5  # s
 FINE_STEP = 1e-5  # s: for a tank, whose pressure the package looks up a step late
+FINE_TOLERANCE = 1e-10  # m: for a tank, because air that is closed in a moment later may go another way
 CHANNELS = {"force": 0.1, "pressure": 5e-4, "muscle_length": 2e-3}  # N, bar, mm: a thirtieth to a tenth of the noise
 STICK_SLIP = {"force": 0.5, "pressure": 5e-4, "muscle_length": 3e-3}
 """Where friction falls faster with speed than the damper's force rises, the piston sticks and slips, at moments that
@@ -55,21 +58,40 @@ def stepped(effects: list[dict], step: float) -> dict[str, np.ndarray]:
 
 def apart(effects: list[dict]) -> dict[str, float]:
     """Rms of what they differ by in the second half of the trial, by channel."""
-    made = simulate.trace(PROGRAM, *catalogue.with_effects(LAW, AIR, effects))
-    step = FINE_STEP if any(e["name"] == "supply_droop" for e in effects) else STEP
+    tank = any(e["name"] == "supply_droop" for e in effects)
+    step, tolerance = (FINE_STEP, FINE_TOLERANCE) if tank else (STEP, simulate.TOLERANCE)
+    made = simulate.trace(PROGRAM, *catalogue.with_effects(LAW, AIR, effects), tolerance=tolerance)
     coarse, fine = stepped(effects, 2.0 * step), stepped(effects, step)
     late = len(PROGRAM.length) // 2
     gap = {name: (made[name][1:] - (2.0 * fine[name] - coarse[name]))[late:] for name in CHANNELS}
     return {name: float(np.sqrt(np.mean(each**2))) for name, each in gap.items()}
 
 
-@pytest.mark.parametrize("key", catalogue.EFFECTS, ids="/".join)
+BEHIND_A_VALVE = pytest.mark.xfail(
+    strict=True,
+    reason="the package's leak changes the valve: its critical ratios and conductances are given in another order",
+)
+CLOSED_IN = pytest.mark.xfail(
+    strict=True,
+    reason="the package draws air from a tank below the muscle when it takes polytropic air for isothermal",
+)
+
+
+def marked(cases: Iterable[Any], marks: Mapping[Any, pytest.MarkDecorator]) -> list[Any]:
+    return [pytest.param(c, marks=marks.get(c, ()), id=c if isinstance(c, str) else "/".join(c)) for c in cases]
+
+
+@pytest.mark.parametrize("key", marked(catalogue.EFFECTS, {("leak", "orifice"): BEHIND_A_VALVE}))
 def test_every_form_is_the_packages(key: tuple[str, str]) -> None:
     known = [catalogue.KNOWN_VALVE] if key[0] in catalogue.NEEDS_VALVE else []
-    few = 2.0 if key[0] == "supply_droop" else 1.0
     limits = STICK_SLIP if key == ("seal_friction", "stribeck") else CHANNELS
     for name, gap in apart([*known, *typical(key)]).items():
-        assert gap < few * limits[name], (name, gap)
+        assert gap < limits[name], (name, gap)
+
+
+def coupled(exponent: float) -> dict:
+    parameters = {"recovery_s": 0.05, "exponent": exponent}
+    return {"name": "volume_coupling", "form": "polytropic", "parameters": parameters}
 
 
 COMBINATIONS = {
@@ -90,19 +112,25 @@ COMBINATIONS = {
     ],
     "valve and lag": typical(("choked_valve", "symmetric"), ("pressure_lag", "first_order")),
     "valve, leak and tank": typical(("choked_valve", "asymmetric"), ("leak", "orifice"), ("supply_droop", "tank")),
-    "recovery and tank": typical(("volume_coupling", "polytropic"), ("supply_droop", "tank")),
+    "valve and tank": typical(("choked_valve", "symmetric"), ("supply_droop", "tank")),
+    "valve and recovery": typical(("choked_valve", "asymmetric"), ("volume_coupling", "polytropic")),
+    "recovery and lag": typical(("volume_coupling", "polytropic"), ("pressure_lag", "first_order")),
+    "isothermal recovery and tank": [coupled(1.0), *typical(("supply_droop", "tank"))],
+    "adiabatic recovery and tank": [coupled(1.4), *typical(("supply_droop", "tank"))],
     "tank and lag": typical(("supply_droop", "tank"), ("pressure_lag", "first_order")),
 }
 
 
-@pytest.mark.parametrize("name", COMBINATIONS)
+LEFT = {
+    "valve, leak and tank": BEHIND_A_VALVE,
+    "adiabatic recovery and tank": CLOSED_IN,
+}
+
+
+@pytest.mark.parametrize("name", marked(COMBINATIONS, LEFT))
 def test_several_at_once_are_the_packages(name: str) -> None:
     for channel, gap in apart(COMBINATIONS[name]).items():
         assert gap < 2.0 * CHANNELS[channel], (channel, gap)
-
-
-def test_recovery_and_lag_are_the_packages() -> None:
-    assert apart(typical(("volume_coupling", "polytropic"), ("pressure_lag", "first_order")))["pressure"] < 0.01
 
 
 def test_names_and_parameters_are_those_of_the_packages_catalogue() -> None:

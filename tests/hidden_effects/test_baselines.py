@@ -127,6 +127,7 @@ def test_the_sparse_regression_names_what_is_there_and_says_what_it_cannot_tell_
     assert baselines.sindy(tmp_path / "clean")["verdict"] == "nothing-missing"
 
 
+@pytest.mark.long
 def test_plain_bic_names_a_strong_effect(tmp_path: Path) -> None:
     hidden = effect("braid_hysteresis", "coulomb", slope_n_per_bar=12.0)
     generate.make(tmp_path / "rough", 3, effects=hidden)
