@@ -48,6 +48,7 @@ def without_most(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("formula", "true", "hidden", "faults"),
     [
@@ -108,6 +109,7 @@ def test_a_term_means_only_what_is_possible(
     assert [meaning.name for meaning in term.possible(measured, exclude, positive)] == names
 
 
+@pytest.mark.long
 def test_the_sparse_regression_names_what_is_there_and_says_what_it_cannot_tell_apart(tmp_path: Path) -> None:
     pytest.importorskip("pysindy")
     hidden = effect("muscle_damping", "viscous", coefficient_n_s_per_m=600.0)

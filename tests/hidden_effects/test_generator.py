@@ -248,6 +248,7 @@ def test_machine_code_is_kept_under_a_name_that_says_what_it_is_made_of() -> Non
     assert laws.moving.py_func.__qualname__.endswith(compiled.DIGEST)
 
 
+@pytest.mark.long
 def test_defects_spoil_what_they_say(tmp_path: Path) -> None:
     def column(folder: str, name: str) -> list[np.ndarray]:
         out = []
