@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from klute_sim.dataset.dataset import Dataset, split
 from klute_sim.dataset.split import Split
@@ -113,7 +114,9 @@ def diagnose(
     parts = split(dataset)
     bench, store = Bench(options.jobs), Store(f"{dataset.digest} {dataset.device.digest} {options}")
     try:
-        found = _diagnose(dataset, parts, options, bench, store, told)
+        # Simulations share the cores already; a linear algebra of many threads would only wait for its turn.
+        with threadpool_limits(1, user_api="blas"):
+            found = _diagnose(dataset, parts, options, bench, store, told)
     finally:
         bench.close()
     store.forget()

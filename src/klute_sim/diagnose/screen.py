@@ -72,10 +72,10 @@ def screen(evidence: Evidence, current: Fit, candidates: Sequence[Term]) -> list
     """``candidates`` by what they promise, best first."""
     hypotheses = [current.hypothesis.plus(term) for term in candidates]
     rows = [_tried(hypothesis, current.steps) for hypothesis in hypotheses]
-    experiments = [e.coarse for e in evidence.experiments]
+    experiments = evidence.experiments
     settings = [h.settings(row, experiments) for h, row in zip(hypotheses, rows, strict=True)]
     settings.append(current.hypothesis.settings(current.steps, experiments))
-    *shown, plain = evidence.bench.simulate(settings, experiments)
+    *shown, plain = evidence.bench.simulate(settings, experiments, coarse=True)
     basis, _ = np.linalg.qr(current.jacobian)
     found = []
     for term, hypothesis, row, each in zip(candidates, hypotheses, rows, shown, strict=True):
