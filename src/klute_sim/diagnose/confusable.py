@@ -138,7 +138,7 @@ def experiments(device: Device) -> list[Experiment]:
 
 def _terms(device: Device) -> list[Term]:
     found = []
-    for effect in catalogue.effects().values():
+    for effect in catalogue.named().values():
         there = effect.name in device.spec.effects
         if there or (effect.instead_of and getattr(device.spec.muscle, effect.instead_of)):
             continue

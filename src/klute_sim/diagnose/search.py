@@ -79,7 +79,7 @@ class Search:
             self.steps.append(step)
             if step.added is None:
                 break
-            current = self._without_idle(step.refits[0], base)
+            current = self.without_idle(step.refits[0], base)
             if not self.repeated:
                 current = self._weighed_anew(current)
         return current
@@ -141,15 +141,20 @@ class Search:
         return sorted([*fits, *dropped], key=self._criterion)
 
     def _begin(self, current: Fit, candidate: Candidate) -> Array:
-        """Where to fit ``candidate`` from: some part of what screening promised, the other unknowns following.
+        own = current.hypothesis.plus(candidate.term).unknowns[len(current.steps) :]
+        whole = np.array([0.0 if u.logarithmic else candidate.steps for u in own])
+        return self.begin(current, candidate.term, whole, candidate.steps * candidate.change)
 
-        Many effects are anything but linear in their size, so the whole of it may be far too much.
+    def begin(self, current: Fit, term: Term, steps: Array, change: Array) -> Array:
+        """Where to fit ``current`` with ``term`` from: some part of its unknowns' ``steps``, the others following.
+
+        ``change`` is what these would do to the weighted residuals if everything were linear. Many effects are
+        anything but that, so the whole of it may be far too much.
         """
-        hypothesis, known = current.hypothesis.plus(candidate.term), len(current.steps)
+        hypothesis, known = current.hypothesis.plus(term), len(current.steps)
         neutral = hypothesis.start()
         neutral[:known] = current.steps
-        whole = np.array([0.0 if u.logarithmic else candidate.steps for u in hypothesis.unknowns])
-        whole[:known] = -candidate.steps * np.linalg.lstsq(current.jacobian, candidate.change)[0]
+        whole = np.concatenate([-np.linalg.lstsq(current.jacobian, change)[0], steps])
         rows = [np.clip(neutral + part * whole, *hypothesis.bounds()) for part in PARTS]
         costs = []
         for row, found in zip(rows, self.evidence.residuals(hypothesis, rows, coarse=True), strict=True):
@@ -206,14 +211,14 @@ class Search:
             return f"{term} fits, but trials that were not fitted gain no more than {100 * least:.0f} %"
         return ""
 
-    def _without_idle(self, current: Fit, base: Fit) -> Fit:
+    def without_idle(self, current: Fit, base: Fit) -> Fit:
         """``current`` less the terms that later ones have made idle."""
         own = current.hypothesis.terms[len(base.hypothesis.terms) :]
         for term in own[:-1]:
             self.told(f"trying without {term}")
             less = drop(self.evidence, current, term)
             if self._criterion(less) <= self._criterion(current) + self.decisive:
-                return self._without_idle(less, base)
+                return self.without_idle(less, base)
         return current
 
 

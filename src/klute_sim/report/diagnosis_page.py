@@ -118,7 +118,7 @@ def _warnings(d: Diagnosis) -> list[str]:
 
 def _effect(d: Diagnosis, term: Term) -> dict[str, Any]:
     assert d.final is not None
-    sources = [(words.split_key(p.key)[0], p.source) for p in term.law.parameters if p.source.startswith("assumed")]
+    sources = [(words.split_key(p.key)[0], p.source) for p in term.parameters if p.source.startswith("assumed")]
     return {
         "name": words.term(term),
         "identifier": term.effect,
@@ -268,7 +268,7 @@ def _unseen(d: Diagnosis) -> list[str]:
         found.append("No effect was looked for, because the data cannot answer.")
     else:
         tried = {candidate.term.effect for step in d.steps for candidate in step.candidates}
-        rest = [words.spoken(name) for name in catalogue.effects() if name not in tried]
+        rest = [words.spoken(name) for name in catalogue.named() if name not in tried]
         if rest:
             found.append(
                 f"Effects left out, in the device already, or without any change in these trials: {words.joined(rest)}."
