@@ -1,24 +1,22 @@
 """Where no effect explains the data: a data-driven term at the equation that lacks something.
 
 The equation is known by then (:mod:`klute_sim.diagnose.equations`). What it lacks is written as a combination of
-functions of what acts there (:mod:`klute_sim.effects.unknown`). A little of each is put into the equation and
-simulated, less what the fitted numbers could do instead; sparse regression (PySINDy) finds the few functions that what
-is left of the data asks for. Regressing what the *device* would then show, instead of the force at the equation itself,
-needs no derivative of measured data and weighs every channel by its noise. The combinations are then fitted together
-with all other unknowns, and the term has to pass the gates of a named effect.
+functions of what acts there (:mod:`klute_sim.effects.unknown`). All of them together are fitted in simulation; from
+there everything is nearly linear, and sparse regression (PySINDy) takes away one after the other that is missed least.
+Nothing measured has to be derived for this, and every channel weighs as its noise lets it. The few that are left are
+fitted again together with all other unknowns, and the term has to pass the gates of a named effect.
 """
 
 import warnings
 from collections.abc import Collection, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from klute_sim.diagnose.equations import Equation, lacking
 from klute_sim.diagnose.experiment import Array
-from klute_sim.diagnose.fit import Fit, fit
+from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Term
-from klute_sim.diagnose.screen import Candidate, screen
 from klute_sim.diagnose.search import DECISIVE, PATIENCE, Search
 from klute_sim.effects import unknown
 from klute_sim.effects.effect import Effect
@@ -28,6 +26,10 @@ MOST_FUNCTIONS = 4
 """In a term: more are no longer read."""
 RIDGE = 1e-3
 """Of the regression, over the length of each function's signature: only keeps twins from cancelling each other."""
+ROUNDS = 50
+"""Of the regression: more than there are functions in a library."""
+LEAST = 1e-6
+"""Length of a function's change, over the longest, below which it has none."""
 AT = {
     "supply": unknown.PRESSURE,
     "muscle and damper": unknown.FORCE,
@@ -41,10 +43,8 @@ class Support(NamedTuple):
     """Some functions of one equation, together."""
 
     term: Term
-    steps: Array
-    """Their coefficients, in steps of their sizes."""
-    change: Array
-    """What these do to the weighted residuals."""
+    start: Array
+    """All unknowns with it, in steps, if everything were linear."""
     promise: float
     """By how much BIC would fall if everything were linear."""
 
@@ -71,7 +71,7 @@ def fallback(
     if not open_:
         return Fallback(None, "No data-driven term was looked for: it is not known which equation lacks something.")
     try:
-        found = {name: supports(search, current, effect) for name, effect in open_.items()}
+        found = {name: supports(search.evidence, current, effect) for name, effect in open_.items()}
     except MissingExtraError as missing:
         return Fallback(None, f"No data-driven term was looked for: {missing}.")
     where = max(found, key=lambda name: max((each.promise for each in found[name]), default=-np.inf))
@@ -90,53 +90,71 @@ def fallback(
     )
 
 
-def supports(search: Search, current: Fit, effect: Effect) -> list[Support]:
+def formula(found: Fit) -> str:
+    """The data-driven term of ``found`` with its coefficients, in a line; '' if there is none."""
+    for number, term in enumerate(found.hypothesis.terms):
+        if term.entry.data_driven:
+            rows = zip(found.hypothesis.unknowns, found.values, strict=True)
+            return unknown.formula(term.entry, {u.key: value for u, value in rows if u.term == number})
+    return ""
+
+
+def supports(evidence: Evidence, current: Fit, effect: Effect) -> list[Support]:
     """Combinations of the functions of ``effect``, the smallest first, none larger than :data:`MOST_FUNCTIONS`.
 
     Raises MissingExtraError without PySINDy.
     """
-    form = effect.forms[0]
-    singles = [Term(effect.name, form.name, None, (p.key,)) for p in form.parameters]
-    signed = {p.key: p.low < 0.0 for p in form.parameters}
-    tried = screen(search.evidence, current, singles)
-    open_ = sorted(tried, key=lambda one: singles.index(one.term))  # in the order of the effect's parameters
+    regression = _regression()
+    known, form = len(current.steps), effect.forms[0]
+    hypothesis = current.hypothesis.plus(Term(effect.name, form.name))
+    begin = np.concatenate([current.steps, np.zeros(len(form.parameters))])
+    whole = fit(evidence, hypothesis, begin, rounds=PATIENCE[-1])
+    # What the weighted data ask of all unknowns, as if everything were linear from here.
+    asked = whole.jacobian @ whole.steps - whole.vector
+    basis, _ = np.linalg.qr(whole.jacobian[:, :known])
+    functions = whole.jacobian[:, known:] - basis @ (basis.T @ whole.jacobian[:, known:])
+    left = asked - basis @ (basis.T @ asked)
+    lengths = np.linalg.norm(functions, axis=0)
+    open_ = [k for k, length in enumerate(lengths) if length > LEAST * max(1.0, lengths.max())]
     while open_:
-        found = [_support(search, current, few) for few in _fewer(open_, current) if len(few) <= MOST_FUNCTIONS]
-        pairs = [pair for each in found for pair in zip(each.term.keys, each.steps, strict=True)]
-        impossible = {key for key, steps in pairs if steps < 0.0 and not signed[key]}
+        rows = [[open_[k] for k in few] for few in _fewer(regression, functions[:, open_] / lengths[open_], left)]
+        found = [_support(evidence, current, whole, asked, row) for row in rows if len(row) <= MOST_FUNCTIONS]
+        pairs = [pair for each in found for pair in zip(each.term.parameters, each.start[known:], strict=True)]
+        impossible = {parameter.key for parameter, steps in pairs if steps < 0.0 and parameter.low == 0.0}
         if not impossible:
-            return sorted(found, key=lambda each: len(each.steps))
-        open_ = [one for one in open_ if one.term.keys[0] not in impossible]
+            return sorted(found, key=lambda each: len(each.term.keys))
+        open_ = [k for k in open_ if form.parameters[k].key not in impossible]
     return []
 
 
-def _fewer(candidates: Sequence[Candidate], current: Fit) -> list[list[Candidate]]:
-    """``candidates``, then ever fewer of them: the one that is missed least goes first."""
+def _regression() -> Any:
     try:
         from pysindy.optimizers import SSR
     except ModuleNotFoundError:
         raise MissingExtraError("a data-driven term", "sparse") from None
-    if len(candidates) == 1:
-        return [list(candidates)]
-    regression = SSR(criteria="model_residual", alpha=RIDGE, max_iter=len(candidates))
-    signatures = np.stack([one.signature for one in candidates], axis=1)
+    return SSR(criteria="model_residual", alpha=RIDGE, max_iter=ROUNDS)
+
+
+def _fewer(regression: Any, functions: Array, left: Array) -> list[list[int]]:
+    """Columns of ``functions``: all, then ever fewer; the one that ``left`` is explained without best goes first."""
+    every = list(range(functions.shape[1]))
+    if len(every) == 1:
+        return [every]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of coefficients that are nearly none
-        regression.fit(signatures, -current.vector[:, np.newaxis])
+        regression.fit(functions, left[:, np.newaxis])
     # The first entry is overwritten by the next: it was that of all of them.
-    kept = [np.flatnonzero(row[0]) for row in regression.history_[1:]]
-    return [list(candidates), *([candidates[k] for k in row] for row in kept)]
+    return [every, *(np.flatnonzero(row[0]).tolist() for row in regression.history_[1:])]
 
 
-def _support(search: Search, current: Fit, few: Sequence[Candidate]) -> Support:
-    lengths = np.array([one.kept * np.linalg.norm(one.change) for one in few])
-    columns = lengths * np.stack([one.signature for one in few], axis=1)
-    steps = np.linalg.lstsq(columns, -current.vector)[0]
-    left = current.vector + columns @ steps
-    fall = current.cost - float(left @ left) - len(few) * float(np.log(search.evidence.effective))
-    change = np.stack([one.change for one in few], axis=1) @ steps
-    first = few[0].term
-    return Support(Term(first.effect, first.form, None, tuple(one.term.keys[0] for one in few)), steps, change, fall)
+def _support(evidence: Evidence, current: Fit, whole: Fit, asked: Array, few: Sequence[int]) -> Support:
+    known, term = len(current.steps), whole.hypothesis.terms[-1]
+    columns = whole.jacobian[:, [*range(known), *(known + k for k in few)]]
+    start = np.linalg.lstsq(columns, asked)[0].astype(np.float64)
+    left = asked - columns @ start
+    fall = current.cost - float(left @ left) - len(few) * float(np.log(evidence.effective))
+    keys = tuple(term.law.parameters[k].key for k in few)
+    return Support(Term(term.effect, term.form, None, keys), start, fall)
 
 
 def _fitted(search: Search, current: Fit, promising: Sequence[Support]) -> Fit:
@@ -144,8 +162,7 @@ def _fitted(search: Search, current: Fit, promising: Sequence[Support]) -> Fit:
     fits = []
     for each in promising:
         search.told(f"fitting a data-driven term of {len(each.term.keys)}")
-        begin = search.begin(current, each.term, each.steps, each.change)
-        fits.append(fit(search.evidence, current.hypothesis.plus(each.term), begin, rounds=PATIENCE[0]))
+        fits.append(fit(search.evidence, current.hypothesis.plus(each.term), each.start, rounds=PATIENCE[0]))
     criteria = [one.criterion(search.evidence.effective) for one in fits]
     best = next(one for one, own in zip(fits, criteria, strict=True) if own < min(criteria) + DECISIVE)
     return fit(search.evidence, best.hypothesis, best.steps, best.jacobian, rounds=PATIENCE[-1])

@@ -141,20 +141,15 @@ class Search:
         return sorted([*fits, *dropped], key=self._criterion)
 
     def _begin(self, current: Fit, candidate: Candidate) -> Array:
-        own = current.hypothesis.plus(candidate.term).unknowns[len(current.steps) :]
-        whole = np.array([0.0 if u.logarithmic else candidate.steps for u in own])
-        return self.begin(current, candidate.term, whole, candidate.steps * candidate.change)
+        """Where to fit ``candidate`` from: some part of what screening promised, the other unknowns following.
 
-    def begin(self, current: Fit, term: Term, steps: Array, change: Array) -> Array:
-        """Where to fit ``current`` with ``term`` from: some part of its unknowns' ``steps``, the others following.
-
-        ``change`` is what these would do to the weighted residuals if everything were linear. Many effects are
-        anything but that, so the whole of it may be far too much.
+        Many effects are anything but linear in their size, so the whole of it may be far too much.
         """
-        hypothesis, known = current.hypothesis.plus(term), len(current.steps)
+        hypothesis, known = current.hypothesis.plus(candidate.term), len(current.steps)
         neutral = hypothesis.start()
         neutral[:known] = current.steps
-        whole = np.concatenate([-np.linalg.lstsq(current.jacobian, change)[0], steps])
+        whole = np.array([0.0 if u.logarithmic else candidate.steps for u in hypothesis.unknowns])
+        whole[:known] = -candidate.steps * np.linalg.lstsq(current.jacobian, candidate.change)[0]
         rows = [np.clip(neutral + part * whole, *hypothesis.bounds()) for part in PARTS]
         costs = []
         for row, found in zip(rows, self.evidence.residuals(hypothesis, rows, coarse=True), strict=True):

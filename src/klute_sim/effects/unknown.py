@@ -41,7 +41,9 @@ def pulled(
     b = max(pressure, 0.0) / (max(pressure, 0.0) + HALF)
     e = min(max((1.0 - length / muscle.resting_length) / SHORTENED, 0.0), MOST)
     d, s = sign(rate), rate / math.sqrt(rate * rate + FAST * FAST)
-    still = p * (own[0] + own[1] * p) + b * (own[2] + own[3] * e) + e * (own[4] + own[5] * e + p * (own[6] + own[7] * e))
+    still = (
+        p * (own[0] + own[1] * p) + b * (own[2] + own[3] * e) + e * (own[4] + own[5] * e + p * (own[6] + own[7] * e))
+    )
     return force + (still + d * (own[8] + own[9] * p + own[10] * e) + s * (own[11] + own[12] * p + own[13] * abs(s)))
 
 
@@ -70,8 +72,8 @@ def _number(key: str, high: float, typical: float, *, signed: bool = True) -> Pa
     return Parameter(key=key, neutral=0.0, low=low, high=high, typical=typical, source=_SOURCE)
 
 
-def _force(key: str, *, signed: bool = True) -> Parameter:
-    return _number(key, 500.0, 10.0, signed=signed)
+def _force(key: str, typical: float = 10.0, *, signed: bool = True) -> Parameter:
+    return _number(key, 1000.0, typical, signed=signed)
 
 
 FORCE = Effect(
@@ -117,7 +119,7 @@ TENDON = Effect(
             name="sparse",
             equation="F += sum of coefficient times function: x, x^2, t; x = stretch/(10 mm), up to 2, "
             "t = stretch/(stretch + 1 mm)",
-            parameters=(_force("stretch_n"), _force("stretch_squared_n"), _force("toe_n")),
+            parameters=(_force("stretch_n", 40.0), _force("stretch_squared_n", 40.0), _force("toe_n", 40.0)),
             laws={"tendon_force": tied},
         ),
     ),
@@ -155,7 +157,7 @@ _FUNCTIONS = {
     PRESSURE.name: ("", "c", "c^2", "", "", "c", "f"),
 }
 """Effect -> what each of its parameters is the coefficient of; '': of 1."""
-_SUMS = {"dead_band_bar": "dead band", "N": "F +", "bar": "target = command +", "s": "tau"}
+_SUMS = {"dead_band_bar": "dead band =", "N": "F +=", "bar": "target = command", "s": "tau ="}
 """Parameter, or else its unit -> what it is part of."""
 _SYMBOLS = {
     "p": "P/(5 bar)",
@@ -177,9 +179,9 @@ def formula(effect: Effect, values: Mapping[str, float]) -> str:
     for parameter, function in zip(effect.forms[0].parameters, _FUNCTIONS[effect.name], strict=True):
         value, unit = values.get(parameter.key, 0.0), units.split(parameter.key)[1]
         if value != 0.0:
-            whole = _SUMS.get(parameter.key, _SUMS[unit])
-            sign_ = ("- " if value < 0.0 else "+ ") if whole in sums else ("-" if value < 0.0 else "")
-            sums[whole] = f"{sums.get(whole, f'{whole}=' if whole.endswith('+') else f'{whole} =')} {sign_}{abs(value):.3g} {unit} {function}".rstrip()
+            whole = _SUMS.get(parameter.key) or _SUMS[unit]
+            part = f" {'-' if value < 0.0 else '+'} {abs(value):.3g} {unit} {function}"
+            sums[whole] = sums.get(whole, whole) + part.rstrip()
             used += function
-    meanings = (f"{symbol} = {meaning}" for symbol, meaning in _SYMBOLS.items() if symbol in used)
-    return "; ".join([*sums.values(), *meanings])
+    lines = [line.replace("= + ", "= ") for line in sums.values()]
+    return "; ".join([*lines, *(f"{symbol} = {meaning}" for symbol, meaning in _SYMBOLS.items() if symbol in used)])
