@@ -80,6 +80,15 @@ def test_functions_and_coefficients_that_are_there_are_found(lacking: tuple[Sear
     assert search.lacks(base)
 
 
+def test_a_supply_that_lags_is_found_in_its_own_equation(tmp_path: Path) -> None:
+    pytest.importorskip("pysindy")
+    for search, base in searched(tmp_path / "d", {("pressure_lag", "first_order"): {"time_constant_s": 0.05}}):
+        found = fallback(search, base, base, equations(search.evidence, base))
+        assert "at the equation of supply" in found.why
+        assert found.fit is not None
+        assert own(found.fit) == pytest.approx({"lag_s": 0.05}, rel=0.03)
+
+
 def test_regression_goes_from_many_functions_to_few(lacking: tuple[Search, Fit]) -> None:
     pytest.importorskip("pysindy")
     search, base = lacking
@@ -139,8 +148,8 @@ def test_a_formula_reads_in_units() -> None:
     )
     values = {"offset_bar": -0.1, "command_bar": 0.2, "dead_band_bar": 0.05, "lag_s": 0.02, "falling_lag_s": -0.01}
     assert unknown.formula(unknown.PRESSURE, values) == (
-        "target = command - 0.1 bar + 0.2 bar c; dead band = 0.05 bar; tau = 0.02 s - 0.01 s f; c = command/(5 bar); "
-        "f = 1 while P falls"
+        "target = command - 0.1 bar + 0.2 bar c; dead band = 0.05 bar; dP/dt = (target - P)/tau, "
+        "tau = 0.02 s - 0.01 s f; c = command/(5 bar); f = 1 while P falls"
     )
 
 
@@ -234,17 +243,22 @@ def test_page_and_terminal_say_that_it_is_no_name(unnamed: Diagnosis, capsys: py
     assert any(reason.startswith("A data-driven term at the equation of") for reason in unnamed.reasons)
 
 
-STRUCK: dict[str, tuple[dict[str, Any], tuple[str, ...], float]] = {}
+STRUCK: dict[str, tuple[int, str, dict[str, float], float]] = {
+    "braid_hysteresis": (11, "coulomb", {"slope_n_per_bar": 6.0}, 0.98),
+    "threshold_pressure": (16, "constant", {"pressure_bar": 0.6}, 0.95),
+}
+"""Effect -> seed, form, parameters, and the share of the gap that has to go at least (measured: 1.00 and 0.99)."""
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", STRUCK)
 def test_most_of_what_has_no_name_goes(name: str, tmp_path: Path) -> None:
-    """Data of the generator, the truth struck from the catalogue: some share of the gap on show trials goes."""
+    """Data of laws that are not ours, the truth struck from the catalogue: most of the gap on show trials goes."""
     pytest.importorskip("pysindy")
-    truth, exclude, least = STRUCK[name]
-    make(tmp_path / "d", 31, muscle_length=False, effects=[truth])
-    found = diagnose(datasets.read(tmp_path / "d"), Options(exclude=exclude))
+    seed, form, parameters, least = STRUCK[name]
+    truth: list[dict[str, Any]] = [{"name": name, "form": form, "parameters": parameters}]
+    make(tmp_path / "d", seed, muscle_length=False, effects=truth)
+    found = diagnose(datasets.read(tmp_path / "d"), Options(exclude=(name,)))
     assert found.verdict == "unexplained", found.reasons
     assert found.found[-1].entry.data_driven
     gap = found.gap["force"]

@@ -157,7 +157,7 @@ _FUNCTIONS = {
     PRESSURE.name: ("", "c", "c^2", "", "", "c", "f"),
 }
 """Effect -> what each of its parameters is the coefficient of; '': of 1."""
-_SUMS = {"dead_band_bar": "dead band =", "N": "F +=", "bar": "target = command", "s": "tau ="}
+_SUMS = {"dead_band_bar": "dead band =", "N": "F +=", "bar": "target = command", "s": "dP/dt = (target - P)/tau, tau ="}
 """Parameter, or else its unit -> what it is part of."""
 _SYMBOLS = {
     "p": "P/(5 bar)",
