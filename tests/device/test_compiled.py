@@ -56,6 +56,7 @@ ALONE = (
 )
 
 
+@pytest.mark.long
 def test_what_was_compiled_is_named_after_its_sources(tmp_path: Path) -> None:
     """numba itself would go on using machine code of a law that has changed since."""
     package = tmp_path / "klute_sim"

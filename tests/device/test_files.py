@@ -29,7 +29,7 @@ def test_every_number_of_every_preset_has_a_source(name: str) -> None:
 
 def test_presets_are_the_ones_promised() -> None:
     bare = {"klute-1-1-4", "klute-3-4", "klute-1-2"}
-    assert set(preset_names()) == bare | {"klute-3-4-pair", "klute-1-1-4-pair"}
+    assert set(preset_names()) == bare | {"klute-3-4-pair", "klute-1-1-4-pair", "klute-1-1-4-pair-valve"}
     assert DEFAULT_PROSTHESIS in preset_names()
     assert all(load(n).parameters.tendon.rigid and load(n).parameters.damper == (0.0, 0.0) for n in bare)
 

@@ -140,6 +140,7 @@ def walked() -> tuple[Recording, Parameters]:
 
 def test_energy_and_air_of_a_stride_close_with_everything_on() -> None:
     recording, p = walked()
+    step = recording["time"][1]
     for number, stride in enumerate(outcomes(recording).strides, start=1):
         assert abs(stride.ledger_residual_pct) < 0.1
         last = recording.select(recording["stride"] == number)
@@ -153,6 +154,15 @@ def test_energy_and_air_of_a_stride_close_with_everything_on() -> None:
         assert counted == pytest.approx(gained, abs=1e-9 * drawn)
         assert 1e3 * drawn == pytest.approx(stride.air_g, rel=1e-12)
         assert last["effect_braid_hysteresis_power"].sum() < -1.0
+        # Stops are what is left over in a balance of forces: they must be nothing where none is touched.
+        assert np.abs(last["stop_power"]).sum() < 1e-5 * np.abs(last["delivered_power"]).sum()
+        volume = np.array([mckibben.volume(p.muscle, x) for x in last["muscle_length"].tolist()])
+        work = float(np.trapezoid(last["pressure"] * BAR, volume))
+        assert step * last["gas_power"][1:].sum() == pytest.approx(work, rel=1e-4)
+        lost = [charging.leakage(p.supply, x * BAR, p.supply.temperature) for x in last["pressure"].tolist()]
+        leaked = last["air_leaked"][-1] - last["air_leaked"][0]
+        assert leaked == pytest.approx(step * np.sum(lost[1:]), rel=1e-2)
+        assert 1e3 * leaked == pytest.approx(stride.air_leaked_g, rel=1e-9)
     assert 1.0 < stride.air_g < 2.5
     assert not outcomes(recording).trips
 
@@ -163,6 +173,11 @@ def test_energy_and_air_of_a_stride_close_with_everything_on() -> None:
         ([("gain_per_bar = 5.0\n", ""), ('"valve.gain_per_bar" =', "#")], "gain_per_bar belongs to takes = 'pressure'"),
         ([('drive = "proportional"', 'drive = "on-off"')], "period_s and shortest_pulse_s belong to drive = 'on-off'"),
         ([("[leak]", "[effects.leak]")], "leak.conductance_dm3_per_s_bar', which is no number"),
+        (
+            [('drive = "proportional"', 'drive = "on-off"\nperiod_s = 0.02\nshortest_pulse_s = 0.03')],
+            "shortest_pulse_s must be at most half of period_s",
+        ),
+        ([("dead_volume_cm3 = 5.0", "dead_volume_cm3 = 1e300")], "chamber.dead_volume_cm3 = 1e[+]300 is refused"),
         ([("exponent = 1.2", "exponent = 2.0")], "chamber.exponent = 2.0 is refused"),
         ([("volume_l = 1.5", "volume = 1.5")], "unknown key 'tank.volume'; allowed here: volume_l, pressure_bar"),
     ],
@@ -181,6 +196,28 @@ def test_a_line_needs_a_valve_and_nothing_is_said_twice() -> None:
         edited(more=b"\n[effects.pressure_lag]\ntime_constant_s = 0.05\n")
 
 
+def test_pumping_is_no_part_of_what_a_regulator_is_late_with() -> None:
+    more = b"\n[effects.pressure_lag]\ntime_constant_s = 0.05\n"
+    more += b"[effects.volume_coupling]\nrecovery_s = 0.05\nexponent = 1.2\n"
+    device = read(load("klute-1-1-4-pair").content + more, "both").parameters
+    ends = []
+    for step in (1e-3, 2.5e-4):
+        time = np.arange(round(2.0 / step)) * step
+        told = account(device, 0.36 + 0.005 * np.sin(9 * time), np.full(len(time), 3e5), step)
+        ends.append(told.pressure[time > 1.0])
+    assert ends[0].mean() == pytest.approx(3e5, rel=0.02)
+    assert ends[0].max() == pytest.approx(ends[1].max(), rel=5e-3)
+
+
+@pytest.mark.parametrize("command", [7.05e5, -0.1e5])
+def test_commands_beyond_the_supply_are_clipped_with_and_without_effects(command: float) -> None:
+    neutral = edited(more=b"\n[effects.regulator_error]\ngain = 1.0\n").parameters
+    commands = np.full(400, command)
+    plain, same = (account(p, LENGTH[:400], commands, STEP) for p in (VALVE.parameters, neutral))
+    assert np.array_equal(plain.pressure, same.pressure)
+    assert np.array_equal(plain.tension, same.tension)
+
+
 def test_rigs_that_command_pressures_refuse_openings() -> None:
     opens = edited(*OPENS)
     with pytest.raises(InputError, match=r"the controller commands pressures, and .* takes openings of its valve"):
@@ -190,6 +227,25 @@ def test_rigs_that_command_pressures_refuse_openings() -> None:
 
     with pytest.raises(InputError, match="the protocol commands pressures"):
         run(opens, protocols.load("isometric"))
+    from klute_sim.diagnose import confusable
+
+    with pytest.raises(InputError, match="a protocol commands pressures"):
+        confusable.experiments(opens)
+    with pytest.raises(InputError, match=r"\[effects.regulator_error\] needs commands that are pressures"):
+        edited(*OPENS, more=b"\n[effects.regulator_error]\ngain = 0.9\n")
+
+
+def test_what_a_section_says_is_no_effect_to_look_for() -> None:
+    from klute_sim.diagnose import confusable
+    from klute_sim.effects import catalogue
+
+    known = catalogue.effects()
+    assert not VALVE.spec.may_lack(known["choked_valve"])
+    assert not VALVE.spec.may_lack(known["leak"])
+    assert VALVE.spec.may_lack(known["regulator_error"])
+    assert load("klute-1-1-4-pair").spec.may_lack(known["choked_valve"])
+    with pytest.raises(InputError, match=r"\[effects.leak\] and \[leak\] say the same twice"):
+        confusable.bare(VALVE, known["leak"])
 
 
 def test_the_whole_file_reaches_the_law() -> None:
@@ -198,6 +254,11 @@ def test_the_whole_file_reaches_the_law() -> None:
     assert supply.dead_volume == pytest.approx(5e-6 + np.pi / 4 * 36e-6 * 0.5)
     assert (supply.gain, supply.tank, supply.tank_pressure) == pytest.approx((5 / BAR, 1.5e-3, 200e5))
     assert supply.leak == pytest.approx(0.001e-8)
+    throttled = ("exhaust_dm3_per_s_bar = 2.0", "exhaust_dm3_per_s_bar = 0.5")
+    other = edited(throttled, ("exhaust_critical_ratio = 0.3", "exhaust_critical_ratio = 0.1"))
+    assert other.parameters.supply.fill == supply.fill
+    assert 0.49e-8 < other.parameters.supply.exhaust < 0.5e-8
+    assert other.parameters.supply.exhaust_ratio == pytest.approx(0.1, abs=0.02)
     assert not charging.plain(supply)
     assert VALVE.spec.assumed().keys() >= {"valve.fill_dm3_per_s_bar", "tank.volume_l", "chamber.exponent"}
     assert not VALVE.spec.without_source()

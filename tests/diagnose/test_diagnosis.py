@@ -102,6 +102,7 @@ def struck(friction: tuple[Diagnosis, dict[str, Any]]) -> Diagnosis:
     return diagnose(friction[0].dataset, Options(only=("muscle_damping", "end_taper", "sensor_gain")))
 
 
+@pytest.mark.long
 def test_without_the_true_effect_in_the_catalogue_it_says_so(struck: Diagnosis) -> None:
     assert struck.verdict == "unexplained"
     assert all(each.get("proxy", each.get("data_driven")) for each in as_json(struck)["effects"])
@@ -109,6 +110,7 @@ def test_without_the_true_effect_in_the_catalogue_it_says_so(struck: Diagnosis) 
     assert any("data-driven term" in reason for reason in struck.reasons)
 
 
+@pytest.mark.long
 def test_a_data_driven_term_stands_in_for_it(struck: Diagnosis) -> None:
     """Found in data of laws that are not ours: friction of two muscles, 6 N/bar each, at 5 bar."""
     pytest.importorskip("pysindy")
@@ -236,6 +238,7 @@ def test_an_effect_that_the_device_has_can_be_uncertain(tmp_path: Path) -> None:
     assert values["effects.seal_friction.force_n"] == pytest.approx(30.0, rel=0.05)
 
 
+@pytest.mark.long
 def test_the_dissertations_own_ladder(tmp_path: Path) -> None:
     """A geometric model, and data of the device with its bladder and its friction: both are found."""
     text = load("klute-3-4-pair").content.decode()
@@ -304,6 +307,7 @@ def test_bad_input_is_one_sentence(arguments: tuple[str, ...], words: str, tmp_p
     assert done.stdout == ""
 
 
+@pytest.mark.long
 def test_a_users_effect_is_found(tmp_path: Path) -> None:
     users = Path(__file__).parents[1] / "effects" / "users.py"
     script = (

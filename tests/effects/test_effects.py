@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from klute_sim.device import step as unit
+from klute_sim.device.account import account
 from klute_sim.device.files import load, read
 from klute_sim.device.rollout import Trace, rollout
 from klute_sim.device.step import Parameters
@@ -22,6 +23,8 @@ from klute_sim.effects.effect import Form
 from klute_sim.effects.hooks import Slot
 from klute_sim.effects.smooth import SLIDING
 from klute_sim.errors import InputError
+from klute_sim.laws import mckibben, valve
+from klute_sim.laws.pneumatics import ATMOSPHERE
 from klute_sim.plant import batch, models, router
 from klute_sim.rigs import bench
 from klute_sim.units import BAR
@@ -139,6 +142,64 @@ def test_supply_effects_do_to_the_pressure_what_they_say() -> None:
     # Faster than the supply's rate it cannot be; a lag of 50 ms on 3 bar is not.
     wanted = 4e5 + (rise[0] - 4e5) * np.exp(-(after - after[0]) / 0.05)
     assert rise == pytest.approx(wanted, abs=0.01 * 3e5)
+
+
+def test_a_choked_valve_fills_as_slowly_as_its_conductance_lets_it() -> None:
+    """A clamped muscle, and sonic flow: the closed form of a constant volume."""
+    bare = load("klute-3-4").parameters
+    bare = bare._replace(supply=bare.supply._replace(pressure=15e5, rate=1e9))
+    slot = catalogue.slot("choked_valve", "symmetric")
+    device = having(slot, {"resistance_s_bar_per_dm3": 8.0, "critical_ratio": 0.3}, bare)
+    length = 0.9 * bare.muscle.resting_length
+    volume = mckibben.volume(bare.muscle, length)
+    restriction = valve.Restriction(1.0 / (8.0 * 1e3 * BAR), 0.3)
+    high = 15e5 + ATMOSPHERE
+    time = valve.filling_time(restriction, 1.0, bare.supply.temperature, volume, high, ATMOSPHERE, 0.3 * high)
+    found = rollout(device, np.full(4000, length), np.full(4000, 14e5), STEP, start=unit.taut(device, length, 0.0))
+    assert np.interp(0.3 * high - ATMOSPHERE, found.pressure, STEP * np.arange(1, 4001)) == pytest.approx(
+        time, rel=1e-3
+    )
+    empty = rollout(device, np.full(9000, length), np.full(9000, 0.0), STEP, start=unit.taut(device, length, 8e5))
+    low = ATMOSPHERE / 0.3
+    wanted = valve.venting_time(restriction, 1.0, bare.supply.temperature, volume, 8e5 + ATMOSPHERE, low)
+    crossed = STEP * (1 + np.argmax(empty.pressure < low - ATMOSPHERE))
+    assert crossed == pytest.approx(wanted, rel=5e-3)
+
+
+def test_a_regulator_that_recovers_slowly_feels_the_muscle_pump() -> None:
+    slot = catalogue.slot("volume_coupling", "polytropic")
+    command = np.full(len(TIME), 3e5)
+    found = rollout(having(slot, numbers(slot.form)), LENGTH, command, STEP)
+    rate = np.gradient(found.length, STEP)
+    late = TIME > 0.2
+    # A muscle that is pulled long gets thin: its air is squeezed.
+    assert np.corrcoef(found.pressure[late], rate[late])[0, 1] > 0.8
+    assert 0.05e5 < np.ptp(found.pressure[late]) < 2e5
+    fast, slow = (
+        np.ptp(rollout(having(slot, {"recovery_s": s, "exponent": 1.2}), LENGTH, command, STEP).pressure[late])
+        for s in (0.005, 0.05)
+    )
+    assert slow > 5 * fast
+
+
+def test_a_leak_costs_air_and_behind_a_valve_pressure() -> None:
+    slot = catalogue.slot("leak", "orifice")
+    held = np.full(len(TIME), 0.338), np.full(len(TIME), 4e5)
+    tight, leaky = (account(p, *held, STEP) for p in (PAIR.parameters, having(slot, numbers(slot.form))))
+    assert leaky.pressure[-1] == tight.pressure[-1]
+    lost = 0.02e-8 * 1.185 * (4e5 + ATMOSPHERE)  # sonic, at the reference temperature
+    assert leaky.ledger.air_leaked[-1] == pytest.approx(lost * TIME[-1], rel=1e-3)
+    assert leaky.ledger.air_drawn[-1] - tight.ledger.air_drawn[-1] == pytest.approx(lost * TIME[-1], rel=0.02)
+    sound, sagging = (account(p, *held, STEP) for p in (VALVE_FED, having(slot, numbers(slot.form), VALVE_FED)))
+    assert sagging.pressure[-1] < sound.pressure[-1] - 5e3
+
+
+def test_a_tank_sinks_with_every_filling() -> None:
+    slot = catalogue.slot("supply_droop", "tank")
+    command = np.where(TIME % 0.2 < 0.1, 5e5, 0.0)
+    found = rollout(having(slot, numbers(slot.form)), np.full(len(TIME), 0.338), command, STEP)
+    tops = [found.pressure[(0.2 * k <= TIME) & (0.2 * k + 0.1 > TIME)].max() for k in range(5)]
+    assert np.diff(tops).max() < -0.2e5
 
 
 def work_taken(device: Parameters, path: np.ndarray, pressure: np.ndarray) -> float:

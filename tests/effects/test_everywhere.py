@@ -65,4 +65,5 @@ def test_it_acts_in_the_gait_on_the_bench_and_in_the_environment_and_its_ledger_
     env.reset(seed=3)
     told = [env.step(np.array([0.2], dtype=np.float32))[4] for _ in range(20)]
     assert all(np.isfinite(info["work_delivered_j"]) for info in told)
-    assert any(info["work_effects_j"] for info in told) or catalogue.effects()[slot.effect].supply
+    own = sum(abs(info[f"work_effect_{slot.effect}_j"]) for info in told)
+    assert (own > 0.0) != catalogue.effects()[slot.effect].supply

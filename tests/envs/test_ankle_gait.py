@@ -6,6 +6,7 @@ import sys
 import warnings
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -13,9 +14,11 @@ from gymnasium.utils.env_checker import check_env
 import klute_sim  # noqa: F401  (registers)
 from klute_sim.control import pressure
 from klute_sim.device.files import load, read
+from klute_sim.device.ledger import Book
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
 from klute_sim.envs.task import OBSERVATIONS, WEIGHTS
 from klute_sim.errors import InputError
+from klute_sim.plant import router
 from klute_sim.report.outcomes import outcomes
 from klute_sim.rigs.gait.assembly import GaitOptions
 from klute_sim.rigs.gait.rig import walk
@@ -287,3 +290,45 @@ def test_a_device_that_takes_openings_is_acted_on_with_openings() -> None:
     assert pressures[0] > 1.5
     assert pressures[1] == pytest.approx(pressures[0], rel=0.3)  # closed: only motion and cooling move it
     assert pressures[2] < 0.8 * pressures[1]
+
+
+def test_the_books_of_an_environment_are_those_of_the_ledger() -> None:
+    """An effect on the muscle, one on the tendon, a valve, a leak; every step read, against every interval."""
+    more = (
+        b"\n[effects.muscle_damping]\ncoefficient_n_s_per_m = 150.0\n[effects.tendon_hysteresis]\nloss_fraction = 0.1\n"
+    )
+    text = load("klute-1-1-4-pair-valve").content.replace(b"= 0.001", b"= 0.02")
+    device = read(text + more, "everything")
+    env = AnkleGaitEnv(device=device, reset_noise=0.0)
+    env.reset(seed=0)
+    actuator, book = env._rig.actuator, Book(device.parameters, 60 * 20 + 1)
+    book.note(0, actuator.state(env.data), actuator.unit_length(env.data), 0.0)
+    told, step = [], router.step
+
+    def noted(model: mujoco.MjModel, data: mujoco.MjData, count: int) -> None:
+        for _ in range(count):
+            before = actuator.state(data)
+            step(model, data, 1)
+            after = actuator.reached(model, data, before)
+            noted.sample += 1
+            book.note(noted.sample, after, actuator.unit_length(data), (after.length - before.length) / 5e-4)
+
+    noted.sample = 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(router, "step", noted)
+        for k in range(60):
+            told.append(env.step(action(1.5 + 1.5 * np.sin(k / 8)))[4])
+    ledger = book.ledger(5e-4)
+    gas = 5e-4 * np.abs(ledger.gas_power).sum()
+    parts = {**{name: getattr(ledger, f"{name}_power") for name in ("gas", "friction", "damper", "bladder", "tendon")}}
+    parts |= {f"effect_{name}": power for name, power in ledger.shares.items()}
+    assert set(ledger.shares) == {"muscle_damping", "tendon_hysteresis"}
+    for name, power in {**parts, "delivered": ledger.delivered_power}.items():
+        assert sum(info[f"work_{name}_j"] for info in told) == pytest.approx(5e-4 * power.sum(), abs=0.02 * gas), name
+    for name in ledger.shares:
+        assert abs(5e-4 * parts[f"effect_{name}"].sum()) > 0.0
+        own = sum(info[f"work_effect_{name}_j"] for info in told)
+        assert own == pytest.approx(5e-4 * parts[f"effect_{name}"].sum(), rel=0.2), name
+    assert sum(info["air_g"] for info in told) == pytest.approx(1e3 * ledger.air_drawn[-1], rel=1e-9)
+    assert sum(info["air_leaked_g"] for info in told) == pytest.approx(1e3 * ledger.air_leaked[-1], rel=1e-9)
+    assert told[-1]["air_held_g"] == pytest.approx(1e3 * ledger.air_mass[-1], rel=1e-9)

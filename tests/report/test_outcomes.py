@@ -76,7 +76,12 @@ def recording(strides: int = 1, **changed: Samples) -> Recording:
     whole["time"] = np.arange(strides * COUNT) * STEP
     whole["stride"] = np.repeat(np.arange(1.0, strides + 1), COUNT)
     provenance = {
-        "device": {"name": "test", "assumed": {"damper.bore_mm": "assumed: lost"}, "without_source": []},
+        "device": {
+            "name": "test",
+            "assumed": {"damper.bore_mm": "assumed: lost"},
+            "without_source": [],
+            "valve": False,
+        },
         "controller": {},
         "reference": {"name": "itself"},
         "options": {"mass_kg": MASS, "stature_m": 1.75, "speed_m_per_s": 1.2, "stride_time_s": 1.0, "strides": strides},

@@ -73,7 +73,7 @@ def command(device_name: str, out: Path, repeats: int, only: tuple[str, ...], re
       klute-sim measure my-device.toml --out short --only steps --only ramps --repeats 3
       klute-sim measure klute-3-4-pair --out tried --rehearse
     """
-    from klute_sim.device.files import load
+    from klute_sim.device.files import load, refuse_openings
     from klute_sim.diagnose.protocols import PROTOCOLS
     from klute_sim.errors import InputError
     from klute_sim.recording import run_folder
@@ -86,6 +86,7 @@ def command(device_name: str, out: Path, repeats: int, only: tuple[str, ...], re
         if name not in PROTOCOLS:
             raise InputError(f"there is no protocol '{name}'; there are: {', '.join(PROTOCOLS)}")
     device = load(device_name)
+    refuse_openings(device, "the plan")
     chosen = [protocol for name, protocol in PROTOCOLS.items() if not only or name in only]
     programs = [rounded(protocol.program(device)) for protocol in chosen]
     with run_folder.new("measure", out) as (folder, scratch):

@@ -21,6 +21,7 @@ from klute_sim.device.supply_sections import (
     TankSection,
     ValveSection,
 )
+from klute_sim.effects.effect import Effect
 from klute_sim.errors import InputError
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws.damper import Damper
@@ -218,13 +219,10 @@ class DeviceSpec(Section):
                 raise PydanticCustomError(
                     "valve", "[{title}] needs a [valve]: an ideal regulator has no use for it", {"title": title}
                 )
-        for effect, title in SAID_BY.items():
-            if effect in self.effects and getattr(self, title) is not None:
-                raise PydanticCustomError(
-                    "effect",
-                    "[effects.{effect}] and [{title}] say the same twice; leave one out",
-                    {"effect": effect, "title": title},
-                )
+        for effect in self.effects:
+            obstacle = self.obstacle(effect)
+            if obstacle:
+                raise PydanticCustomError("effect", "{why}", {"why": obstacle})
         return self
 
     @model_validator(mode="after")
@@ -235,6 +233,20 @@ class DeviceSpec(Section):
             except InputError as error:
                 raise PydanticCustomError("effect", "{why}", {"why": str(error)}) from None
         return self
+
+    def may_lack(self, effect: Effect) -> bool:
+        """Whether ``effect`` is one that this device is without and could have."""
+        there = effect.instead_of and getattr(self.muscle, effect.instead_of)
+        return effect.name not in self.effects and not there and not self.obstacle(effect.name)
+
+    def obstacle(self, effect: str) -> str:
+        """Why this device cannot have ``effect`` beside what its sections say, or ''."""
+        title = SAID_BY.get(effect, "")
+        if title and getattr(self, title) is not None:
+            return f"[effects.{effect}] and [{title}] say the same twice; leave one out"
+        if effect in ("regulator_error", "unknown_pressure") and self.valve is not None and self.valve.takes == "opening":
+            return f"[effects.{effect}] needs commands that are pressures; this [valve] takes openings"
+        return ""
 
     def numbers(self) -> dict[str, float]:
         """Every number of the device, ``section.key`` -> value as written in the file."""

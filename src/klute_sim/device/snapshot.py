@@ -15,17 +15,15 @@ from klute_sim.device.vector import pack, unpack
 Array = NDArray[np.float64]
 
 FIELDS = len(Instant._fields)
-WIDTH = FIELDS + 2
-"""Numbers of a snapshot: an :class:`Instant`, and what all effects add to the muscle side and the tendon side [N]."""
 
 
 def run(rows: Any, states: Array, memory: Array, out: Array) -> None:
-    """Fill ``out`` (n, :data:`WIDTH`); ``rows`` are the device without and with its effects.
+    """Fill ``out`` (n, :data:`FIELDS` + 2 for each effect); ``rows`` are :func:`klute_sim.device.instant.stages`.
 
     ``states`` (n, 4) are gauge pressure [Pa], muscle length [m], its rate [m/s] and the unit's length [m]; ``memory``
     (n, MEMORY).
     """
-    bare, whole = unpack(rows[0]), unpack(rows[1])
+    whole = unpack(rows[-1])
     for k in range(len(states)):
         state = State(states[k, 0], states[k, 1], to_tuple(memory[k], MEMORY))
         told = instant(whole, state, states[k, 3], states[k, 2])
@@ -34,7 +32,9 @@ def run(rows: Any, states: Array, memory: Array, out: Array) -> None:
         out[k, 4], out[k, 5], out[k, 6] = told.damper, told.tendon, told.bladder_energy
         out[k, 7], out[k, 8], out[k, 9] = told.tendon_energy, told.air_mass, told.air_drawn
         out[k, 10] = told.air_leaked
-        out[k, 11], out[k, 12] = added(whole, bare, state, states[k, 3], states[k, 2])
+        for j in range(1, len(rows)):
+            own = added(unpack(rows[j]), unpack(rows[j - 1]), state, states[k, 3], states[k, 2])
+            out[k, 9 + 2 * j], out[k, 10 + 2 * j] = own
 
 
 def to_tuple(numbers: Any, count: int) -> tuple[float, ...]:
@@ -65,13 +65,16 @@ class Snapshots:
 
     def __init__(self, parameters: Parameters, law: str) -> None:
         """``law`` is the one in force, ``compiled`` or ``python``."""
-        bare, whole = stages(parameters)[1][0], parameters
-        self._rows = np.array([pack(bare), pack(whole)])
+        self.effects, devices = stages(parameters)
+        """Names of the device's effects."""
+        self.width = FIELDS + 2 * len(self.effects)
+        """Numbers of a snapshot: an :class:`Instant`, then what each effect adds to muscle side and tendon side [N]."""
+        self._rows = np.array([pack(device) for device in devices])
         self._run: Callable[..., None] = _compiled() if law == "compiled" and not obstacle() else run
 
     def take(self, states: Array, memory: Array) -> Array:
-        """(n, :data:`WIDTH`) of ``states`` and ``memory`` as in :func:`run`."""
-        out = np.empty((len(states), WIDTH))
+        """(n, ``width``) of ``states`` and ``memory`` as in :func:`run`."""
+        out = np.empty((len(states), self.width))
         rows: Any = self._rows if self._run is not run else self._rows.tolist()
         self._run(rows, np.ascontiguousarray(states), np.ascontiguousarray(memory), out)
         return out

@@ -79,13 +79,20 @@ def supplied(parameters: Parameters, memory: tuple[float, ...]) -> Supply:
 def gas(state: State) -> Gas:
     """What the supply remembers."""
     own = state.memory[EFFECTS_MEMORY:]
-    return Gas(own[0], own[1], own[2], own[3], own[4])
+    return Gas(own[0], own[1], own[2], own[3], own[4], own[5])
 
 
 def with_gas(memory: tuple[float, ...], own: Gas) -> tuple[float, ...]:
     """``memory`` with what the supply remembers replaced."""
     kept = memory[:EFFECTS_MEMORY]
-    return kept + (own.surplus, own.drawn, own.phase, own.disturbance, own.leaked)  # noqa: RUF005, numba unpacks no tuples
+    return kept + (  # noqa: RUF005, numba unpacks no tuples
+        own.surplus,
+        own.drawn,
+        own.phase,
+        own.disturbance,
+        own.leaked,
+        own.duty,
+    )
 
 
 def dead_time(parameters: Parameters) -> float:
@@ -259,9 +266,14 @@ def charged(parameters: Parameters, state: State, command: float, step: float) -
     """
     supply, effects, muscle = supplied(parameters, state.memory), parameters.effects, parameters.muscle
     target = command
-    if effects[0] != 0.0 and supply.opens == 0.0:
-        target = min(max(hooks.pressure_target(effects, state.memory, command), 0.0), supply.pressure)
-        target = hooks.pressure_reached(effects, state.memory, target, state.pressure, step)
+    if supply.opens == 0.0:
+        if effects[0] != 0.0:
+            target = hooks.pressure_target(effects, state.memory, target)
+        target = min(max(target, 0.0), supply.pressure)
+        if effects[0] != 0.0:
+            # What the muscle's own motion does to its air is no part of what the regulator is late with.
+            own = state.pressure - gas(state).disturbance
+            target = hooks.pressure_reached(effects, state.memory, target, own, step)
     if charging.plain(supply):
         return charging.regulated(supply, state.pressure, target, step)
     volume, most = mckibben.volume(muscle, state.length), mckibben.volume(muscle, muscle.resting_length)

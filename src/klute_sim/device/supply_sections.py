@@ -21,7 +21,7 @@ class SupplySection(Section):
     """Highest gauge pressure."""
     rate_bar_per_s: Positive
     """Fastest change either way; of a regulator without a [valve]."""
-    gas_temperature_c: Annotated[FiniteFloat, Field(gt=-ZERO_CELSIUS)]
+    gas_temperature_c: Annotated[FiniteFloat, Field(ge=-60, le=200)]
 
 
 class ValveSection(Section):
@@ -53,6 +53,8 @@ class ValveSection(Section):
             raise PydanticCustomError(
                 "valve", "period_s and shortest_pulse_s belong to drive = 'on-off', and to nothing else"
             )
+        if self.period_s is not None and 2.0 * (self.shortest_pulse_s or 0.0) > self.period_s:
+            raise PydanticCustomError("valve", "shortest_pulse_s must be at most half of period_s")
         return self
 
 
@@ -74,18 +76,18 @@ class LineSection(Section):
 class ChamberSection(Section):
     """The air in the muscle."""
 
-    dead_volume_cm3: NotNegative
+    dead_volume_cm3: Annotated[FiniteFloat, Field(ge=0, le=1e4)]
     """Of fittings, without the line."""
     exponent: Annotated[FiniteFloat, Field(ge=1.0, le=1.67)]
     """Polytropic: 1 isothermal, 1.4 adiabatic."""
-    warming_s: NotNegative
+    warming_s: Annotated[FiniteFloat, Field(ge=0, le=1e4)]
     """Time in which the air takes the walls' temperature all the same; 0: never."""
 
 
 class TankSection(Section):
     """A tank that is not refilled."""
 
-    volume_l: Positive
+    volume_l: Annotated[FiniteFloat, Field(ge=1e-3, le=1e4)]
     pressure_bar: Annotated[FiniteFloat, Field(gt=0, le=500)]
     """When full, gauge."""
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from klute_sim.dataset.trial import Series
-from klute_sim.device.files import Device
+from klute_sim.device.files import Device, refuse_openings
 from klute_sim.diagnose.experiment import UNITS, Array, Bench, Experiment, Setting
 from klute_sim.diagnose.fit import DIFFERENCE
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
@@ -111,7 +111,13 @@ def confusions(device: Device, bench: Bench, told: Callable[[float], None] = lam
 
 
 def bare(device: Device, effect: Effect) -> Device:
-    """``device`` without what the base model has of ``effect``: on it the effect has its whole size."""
+    """``device`` without what the base model has of ``effect``: on it the effect has its whole size.
+
+    Raises InputError where a section of the device says what the effect would say.
+    """
+    obstacle = device.spec.obstacle(effect.name)
+    if obstacle:
+        raise InputError(f"device '{device.name}': {obstacle}")
     if not effect.instead_of:
         return device
     muscle = device.spec.muscle.model_copy(update={effect.instead_of: False})
@@ -120,6 +126,7 @@ def bare(device: Device, effect: Effect) -> Device:
 
 def experiments(device: Device) -> list[Experiment]:
     """The standard protocols for ``device``, with every channel sampled; InputError where none can be run."""
+    refuse_openings(device, "a protocol")
     found = []
     for name, protocol in PROTOCOLS.items():
         try:
@@ -139,8 +146,7 @@ def experiments(device: Device) -> list[Experiment]:
 def _terms(device: Device) -> list[Term]:
     found = []
     for effect in catalogue.named().values():
-        there = effect.name in device.spec.effects
-        if there or (effect.instead_of and getattr(device.spec.muscle, effect.instead_of)):
+        if not device.spec.may_lack(effect):
             continue
         if effect.kind == "device":
             found += [Term(effect.name, form.name) for form in effect.forms]

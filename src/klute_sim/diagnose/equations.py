@@ -20,6 +20,7 @@ from klute_sim.diagnose.experiment import Array, Experiment, Setting, trace
 from klute_sim.diagnose.fit import Evidence, Fit
 from klute_sim.diagnose.hypothesis import Hypothesis
 from klute_sim.diagnose.noise import Misfit, measure, misfit, significant
+from klute_sim.effects import catalogue
 from klute_sim.laws.pneumatics import Supply
 from klute_sim.units import BAR
 
@@ -88,25 +89,32 @@ def _lacking(experiment: Experiment, parameters: Parameters) -> dict[str, Series
     alike = all(np.array_equal(series.time, clock) for series in experiment.measured.values())
     if not alike or len(clock) < 10:
         return {}
-    found, shown = {}, _shown(experiment, parameters)
+    found, shown, fed = {}, _shown(experiment, parameters), parameters
     if "pressure" in measured:
         found["supply"] = measured["pressure"] - shown["pressure"]
-        shown = _shown(*_under_pressure(experiment, parameters))
-    if "force" in measured and not remembers(parameters):  # what an effect remembers was not measured
+        under, fed = _under_pressure(experiment, parameters)
+        shown = _shown(under, fed)
+    if "force" in measured and not remembers(fed):  # what an effect remembers was not measured
         simulated = {channel: shown[channel] for channel in measured}
-        sides = [_sides({**shown, **given}, given, parameters) for given in (measured, simulated)]
+        sides = [_sides({**shown, **given}, given, fed) for given in (measured, simulated)]
         for name in sides[0]:
             found[name] = sides[0][name] - sides[1][name]
     return {name: Series(clock, value) for name, value in found.items()}
 
 
 def _under_pressure(experiment: Experiment, parameters: Parameters) -> tuple[Experiment, Parameters]:
-    """``experiment`` with the measured pressure for its command, and a supply that follows at once."""
+    """``experiment`` with the measured pressure for its command, and a supply without effects that follows at once."""
     series = experiment.measured["pressure"]
     grid = experiment.begin + experiment.step * np.arange(1, len(experiment.command) + 1)
     pressure = np.where(grid < series.time[0], experiment.command, np.interp(grid, series.time, series.value))
     supply = Supply(parameters.supply.pressure, AT_ONCE, parameters.supply.temperature)
-    return replace(experiment, command=pressure), parameters._replace(supply=supply)
+    effects = list(parameters.effects)
+    for slot in catalogue.device_slots():
+        if effects[slot.at] and catalogue.effects()[slot.effect].supply:
+            effects[slot.at] = 0.0
+            effects[0] -= 1.0
+            effects[slot.at + 1 : slot.at + 1 + len(slot.form.parameters)] = [0.0] * len(slot.form.parameters)
+    return replace(experiment, command=pressure), parameters._replace(supply=supply, effects=tuple(effects))
 
 
 def _shown(experiment: Experiment, parameters: Parameters) -> dict[str, Array]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from klute_sim.dataset.dataset import Dataset
 from klute_sim.dataset.split import Split
 from klute_sim.dataset.trial import Series, Trial, Use
-from klute_sim.device.files import Device
+from klute_sim.device.files import Device, refuse_openings
 from klute_sim.device.rollout import Trace, rollout
 from klute_sim.device.step import Parameters, settled
 from klute_sim.effects.catalogue import effects
@@ -93,7 +93,9 @@ class Experiment:
 
 
 def prepare(dataset: Dataset, split: Split) -> list[Experiment]:
-    """The trials of ``dataset``, in its order."""
+    """The trials of ``dataset``, in its order; raises InputError for devices that are commanded by openings."""
+    for trial in dataset.trials:
+        refuse_openings(trial.device, f"trial '{trial.name}'")
     uses: dict[str, Use] = dict.fromkeys(split.fit, "fit")
     uses |= dict.fromkeys(split.select, "select")
     uses |= dict.fromkeys(split.show, "show")

@@ -66,8 +66,9 @@ def fallback(
     The ``equations`` that lack something are tried, and the one that promises most is fitted. ``exclude`` names effects
     that are not looked for.
     """
-    there = {*exclude, *current.hypothesis.device.spec.effects}
-    open_ = {each.name: AT[each.name] for each in lacking(equations) if AT[each.name].name not in there}
+    may_lack = current.hypothesis.device.spec.may_lack
+    suspected = {each.name: AT[each.name] for each in lacking(equations)}
+    open_ = {name: effect for name, effect in suspected.items() if effect.name not in exclude and may_lack(effect)}
     if not open_:
         return Fallback(None, "No data-driven term was looked for: it is not known which equation lacks something.")
     try:

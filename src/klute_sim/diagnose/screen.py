@@ -51,6 +51,9 @@ def check_names(device: Device, only: Sequence[str], exclude: Sequence[str]) -> 
                 f"device '{device.name}' has effect '{name}' already, so it cannot be looked for; take it out of the "
                 f'device file, or put its numbers under [uncertain] (as "effects.{name}.<number>") to refit them'
             )
+        obstacle = device.spec.obstacle(name)
+        if obstacle:
+            raise InputError(f"device '{device.name}': {obstacle}")
 
 
 def terms(evidence: Evidence, device: Device, only: Sequence[str] = (), exclude: Sequence[str] = ()) -> list[Term]:
@@ -60,9 +63,7 @@ def terms(evidence: Evidence, device: Device, only: Sequence[str] = (), exclude:
     """
     found = []
     for effect in catalogue.named().values():
-        if (only and effect.name not in only) or effect.name in (*exclude, *device.spec.effects):
-            continue
-        if effect.instead_of and getattr(device.spec.muscle, effect.instead_of):
+        if (only and effect.name not in only) or effect.name in exclude or not device.spec.may_lack(effect):
             continue
         if effect.kind == "device":
             found += [Term(effect.name, form.name) for form in effect.forms]

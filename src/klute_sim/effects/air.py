@@ -20,16 +20,19 @@ def throttled_both(own: Numbers, memory: Numbers, supply: Supply) -> Supply:
 def _behind(fill: float, exhaust: float, ratio: float, supply: Supply) -> Supply:
     if fill <= 0.0:
         return supply
-    wide, out, s = 1.0 / fill, 1.0 / max(exhaust, 1e-3 * fill), supply
-    return changed(s, wide, out, ratio, ratio, s.exponent, s.leak, s.tank, s.tank_pressure, s.recovery)
+    s = supply
+    return changed(s, 1.0 / fill, ratio, 1.0 / exhaust, ratio, s.exponent, s.leak, s.tank, s.tank_pressure, s.recovery)
 
 
 def slow_to_recover(own: Numbers, memory: Numbers, supply: Supply) -> Supply:
-    """A regulator that takes ``own[0]`` [s] to make up for a change of the muscle's volume, exponent ``own[1]``."""
+    """A regulator that takes ``own[0]`` [s] to make up for a change of the muscle's volume, exponent ``own[1]``.
+
+    Behind a choked valve the air feels the volume anyway, and there is nothing to recover.
+    """
     s = supply
-    if own[0] <= 0.0:
+    if own[0] <= 0.0 or s.fill > 0.0:
         return s
-    valve = s.fill, s.exhaust, s.fill_ratio, s.exhaust_ratio
+    valve = s.fill, s.fill_ratio, s.exhaust, s.exhaust_ratio
     return changed(s, *valve, own[1], s.leak, s.tank, s.tank_pressure, own[0])
 
 

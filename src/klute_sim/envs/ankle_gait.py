@@ -84,10 +84,11 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     | ``reward_smoothness`` | -0.05 times the squared change of the action |
 
     ``info`` also holds ``gait_pct`` (true phase), ``ankle_moment_nm_per_kg``, ``ankle_power_w_per_kg``,
-    ``pressure_command_bar`` (or ``valve_command``), and what the interval came to: ``air_g`` drawn, the work that gas,
-    friction offset, damper, effects and stores gave (``work_gas_j``, ``work_friction_j``, ``work_damper_j``,
-    ``work_effects_j``, ``work_stored_j``), what was delivered (``work_delivered_j``) and what reading once per interval
-    leaves open (``work_unresolved_j``).
+    ``pressure_command_bar`` (or ``valve_command``), and what the interval came to: air drawn, leaked,
+    and held at its end (``air_g``, ``air_leaked_g``, ``air_held_g``); the work that gas, friction offset, damper, the
+    stores of bladder and tendon, and each effect gave (``work_gas_j``, ``work_friction_j``, ``work_damper_j``,
+    ``work_bladder_j``, ``work_tendon_j``, ``work_effect_<name>_j``), what was delivered (``work_delivered_j``), and
+    what reading once per interval leaves open (``work_unresolved_j``).
 
     ## Episode
 

@@ -1,7 +1,8 @@
 """Energy and air of many simulations, from one control interval to the next.
 
 Forces are known where an interval ends, so work is their mean at both ends times the way: coarser than the ledger of a
-recording, which has every step. What that leaves open is told as ``work_unresolved_j``, and stops are in there, too.
+recording, which has every step. What that leaves open is told as ``work_unresolved_j``; what length stops take is in
+there, too.
 """
 
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ class Books:
         self._snapshots = Snapshots(parameters, law)
         self._counts = not charging.plain(supplied(parameters, NO_MEMORY))
         self._remembers = remembers(parameters)
-        self._told, self._way = np.zeros((count, FIELDS + 2)), np.zeros((count, 2))
+        self._told, self._way = np.zeros((count, self._snapshots.width)), np.zeros((count, 2))
 
     def begin(self, which: Mask, now: DeviceStates) -> None:
         """Start the books of ``which`` anew."""
@@ -53,19 +54,27 @@ class Books:
         """What the interval that ends ``now`` came to in ``which``: work given by each part [J], air drawn [g]."""
         told, way = self._look(now)
         mean, muscle_way, unit_way = 0.5 * (told + self._told), *(way - self._way).T
-        at, stored, before = Instant(*mean.T[:FIELDS]), Instant(*told.T[:FIELDS]), Instant(*self._told.T[:FIELDS])
+        at, after, before = (Instant(*each.T[:FIELDS]) for each in (mean, told, self._told))
         work = {
             "work_gas_j": -at.gas * muscle_way,
             "work_friction_j": -at.friction * muscle_way,
             "work_damper_j": -at.damper * muscle_way,
-            "work_effects_j": -mean[:, FIELDS] * muscle_way - mean[:, FIELDS + 1] * (unit_way - muscle_way),
-            "work_stored_j": (before.bladder_energy + before.tendon_energy)
-            - (stored.bladder_energy + stored.tendon_energy),
+            "work_bladder_j": before.bladder_energy - after.bladder_energy,
+            "work_tendon_j": before.tendon_energy - after.tendon_energy,
         }
+        for k, name in enumerate(self._snapshots.effects):
+            side, other = mean[:, FIELDS + 2 * k], mean[:, FIELDS + 2 * k + 1]
+            work[f"work_effect_{name}_j"] = -side * muscle_way - other * (unit_way - muscle_way)
         delivered = -at.tension * unit_way
         work["work_unresolved_j"] = delivered - np.sum(list(work.values()), axis=0)
-        drawn = stored.air_drawn - before.air_drawn if self._counts else stored.air_mass - before.air_mass
-        found = {**work, "work_delivered_j": delivered, "air_g": 1e3 * np.fmax(drawn, 0.0)}
+        drawn = after.air_drawn - before.air_drawn if self._counts else after.air_mass - before.air_mass
+        found = {
+            **work,
+            "work_delivered_j": delivered,
+            "air_g": 1e3 * np.fmax(drawn, 0.0),
+            "air_leaked_g": 1e3 * (after.air_leaked - before.air_leaked),
+            "air_held_g": 1e3 * after.air_mass,
+        }
         self._told[which], self._way[which] = told[which], way[which]
         return {name: np.asarray(value) for name, value in found.items()}
 

@@ -54,8 +54,8 @@ class Supply(NamedTuple):
 def changed(
     supply: Supply,
     fill: float,
-    exhaust: float,
     fill_ratio: float,
+    exhaust: float,
     exhaust_ratio: float,
     exponent: float,
     leak: float,

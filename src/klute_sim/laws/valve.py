@@ -1,4 +1,4 @@
-"""Air through valves and in chambers (ISO 6358, and the first law for an ideal gas).
+"""Air through valves (ISO 6358), and how long it takes to fill and to empty a volume.
 
 Pressures here are absolute. A restriction has a sonic conductance C and a critical pressure ratio b. Mass flow is
 positive in the direction of falling pressure.
@@ -24,15 +24,6 @@ class Restriction(NamedTuple):
     """C, sonic conductance [m3/(s Pa)]; 1 dm3/(s bar) is 1e-8."""
     critical_ratio: float
     """b, ratio of pressures below which the flow is sonic [1]; 0 to below 1, about 0.3 to 0.5 for valves."""
-
-
-class Chamber(NamedTuple):
-    """A volume of air that may change."""
-
-    exponent: float
-    """n, polytropic exponent [1]: 1 if the walls keep the temperature, 1.4 if they give no heat."""
-    temperature: float
-    """Of the air that comes and goes [K]."""
 
 
 def sonic_flow(restriction: Restriction, upstream: float, temperature: float) -> float:
@@ -64,42 +55,32 @@ def flow(restriction: Restriction, first: float, second: float, temperature: flo
     return -sonic_flow(restriction, second, temperature) * flow_share(first / second, restriction.critical_ratio)
 
 
-def pressure_rate(chamber: Chamber, pressure: float, volume: float, inflow: float, expansion: float) -> float:
-    """dp/dt [Pa/s]: ``n/V (R T m' - p V')`` at ``pressure`` [Pa absolute] in ``volume`` [m3].
-
-    ``inflow`` m' [kg/s] comes in and the volume grows by ``expansion`` V' [m3/s].
-    """
-    gained = AIR_CONSTANT * chamber.temperature * inflow
-    return chamber.exponent / volume * (gained - pressure * expansion)
-
-
-def compressed(chamber: Chamber, pressure: float, before: float, after: float) -> float:
-    """Pressure [Pa absolute] of closed air that was at ``pressure`` in volume ``before`` [m3], now in ``after``.
-
-    ``p V^n`` stays: what :func:`pressure_rate` comes to without flow.
-    """
-    return pressure * math.pow(before / after, chamber.exponent)
-
-
 def filling_time(
-    restriction: Restriction, chamber: Chamber, volume: float, source: float, low: float, high: float
+    restriction: Restriction, exponent: float, temperature: float, volume: float, source: float, low: float, high: float
 ) -> float:
-    """Time [s] to fill ``volume`` [m3] from ``low`` to ``high`` [Pa absolute] out of a ``source`` [Pa] with sonic flow.
+    """Time [s] to fill ``volume`` [m3] from ``low`` to ``high`` [Pa absolute] with sonic flow out of ``source`` [Pa].
 
-    ``V (high - low) / (n R T m')``, m' the sonic flow. Valid while ``high`` is at most b times the source.
+    ``V (high - low)/(n R T m')``, m' the sonic flow at the source's ``temperature`` T [K], n the polytropic
+    ``exponent``. Valid while ``high`` is at most b times the source.
     """
-    rate = sonic_flow(restriction, source, chamber.temperature)
-    return volume * (high - low) / (chamber.exponent * AIR_CONSTANT * chamber.temperature * rate)
+    rate = sonic_flow(restriction, source, temperature)
+    return volume * (high - low) / (exponent * AIR_CONSTANT * temperature * rate)
 
 
-def venting_time(restriction: Restriction, chamber: Chamber, volume: float, high: float, low: float) -> float:
-    """Time [s] to empty ``volume`` [m3] from ``high`` to ``low`` [Pa absolute] with sonic flow: an exponential.
+def venting_time(
+    restriction: Restriction, exponent: float, temperature: float, volume: float, high: float, low: float
+) -> float:
+    """Time [s] to empty ``volume`` [m3] from ``high`` to ``low`` [Pa absolute] with sonic flow.
 
-    ``V / (n R T C rho0 sqrt(T0/T)) ln(high/low)``. Valid while the outside is at most b times ``low``.
+    It begins at ``temperature`` [K] and cools as ``p ~ m^n``: ``tau 2/(n - 1) ((high/low)^((n - 1)/2n) - 1)`` with
+    tau = V/(R T C rho0 sqrt(T0/T)), and ``tau ln(high/low)`` for n = 1. Valid while the outside is at most b times
+    ``low``.
     """
-    per_pressure = sonic_flow(restriction, 1.0, chamber.temperature)
-    constant = volume / (chamber.exponent * AIR_CONSTANT * chamber.temperature * per_pressure)
-    return constant * math.log(high / low)
+    tau = volume / (AIR_CONSTANT * temperature * sonic_flow(restriction, 1.0, temperature))
+    if exponent == 1.0:
+        return tau * math.log(high / low)
+    power = (exponent - 1.0) / (2.0 * exponent)
+    return tau * 2.0 / (exponent - 1.0) * (math.pow(high / low, power) - 1.0)
 
 
 def tube(length: float, diameter: float) -> Restriction:

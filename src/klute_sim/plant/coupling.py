@@ -58,7 +58,7 @@ def rates(
 ) -> tuple[float, float, tuple[float, ...]]:
     """Rates [bar/s, m/s] that carry the states to the implicit step's end, and the memory there.
 
-    NaN, 0 and the memory as it was, unless everything is finite.
+    NaN, 0 and the memory as it was, unless command, pressure and length are finite.
 
     ``pressure`` [bar] and ``offset`` [m] are the states, ``command`` [bar], ``unit_length`` [m], ``step`` [s].
     """

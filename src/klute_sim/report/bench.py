@@ -115,6 +115,12 @@ def remarks(result: Result) -> list[str]:
 def _late(result: Result) -> list[str]:
     """Of work loops: where the pressure was not the commanded one, and whether a longer dwell would help."""
     said = []
+    behind_valve = result.device.parameters.supply.fill > 0.0
+    cure = (
+        "the valve lets too little air through for this speed."
+        if behind_valve
+        else "with a longer dwell_s it would be."
+    )
     for phased in (False, True):
         own = [t for t in result.trials if "overlap_pct" in t.readings and _phased(t) == phased]
         late = [t.name for t in own if t.readings["overlap_pct"] < FULL]
@@ -123,11 +129,7 @@ def _late(result: Result) -> list[str]:
         kind = "phased" if phased else "concentric or eccentric"
         said.append(
             f"In {len(late)} of {len(own)} {kind} trials the pressure was not the commanded one all the way: "
-            + (
-                "with phased activation its rise and fall are part of the experiment."
-                if phased
-                else "with a longer dwell_s it would be."
-            )
+            + ("with phased activation its rise and fall are part of the experiment." if phased else cure)
         )
     return said
 

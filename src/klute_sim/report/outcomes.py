@@ -35,10 +35,16 @@ FLOORS = {"angle_deg": 2.0, "moment_nm_per_kg": 0.05, "power_w_per_kg": 0.1}
 ASSUMPTIONS = {
     "friction below 2 bar": "assumed: the printed fit is for 2-5 bar; below, it is faded to zero at zero pressure",
     "length stops": "assumed: rigid at resting length (the stop itself is the source's) and at lock length",
-    "air": "assumed: isothermal, no dead volume",
     "prosthesis": "assumed: masses, inertias, return spring, joint damping, end stops (models/ankle.xml)",
 }
 """What was assumed in every run, besides the device's own numbers."""
+OF_REGULATOR = {"air": "assumed: isothermal, no dead volume"}
+OF_VALVE = {
+    "air": "assumed: leaves at the muscle's own temperature, throttled by ISO 6358; a check valve before the tank",
+    "tube": "assumed: flow by an empirical fit for smooth tubes",
+    "leak": "assumed: critical pressure ratio 0.5",
+}
+"""Likewise, where air comes from a regulator that gives any flow, or through a valve."""
 ROLLOVER = 50.0
 """Phase [%] of the opposite heel strike: the roll-over shape is taken up to it (Hansen & Meier 2010)."""
 
@@ -271,6 +277,7 @@ def _ledger_residual(r: Recording, step: float) -> float:
 def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
     """The run as one JSON object: means over the settled strides, then every stride."""
     options, mean = recording.provenance["options"], outcome.mean
+    air = OF_VALVE if recording.provenance["device"]["valve"] else OF_REGULATOR
     distances = {
         name: {
             "stance_rms": mean(lambda s, n=name: getattr(s, n).stance_rms),  # type: ignore[misc]
@@ -320,7 +327,7 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "air_leaked_per_stride_g": mean(lambda s: s.air_leaked_g),
         "ledger_j": {line: mean(lambda s, n=line: s.ledger_j[n]) for line in outcome.strides[0].ledger_j},  # type: ignore[misc]
         "ledger_residual_pct": mean(lambda s: s.ledger_residual_pct),
-        "assumptions": {**ASSUMPTIONS, **recording.provenance["device"]["assumed"]},
+        "assumptions": {**ASSUMPTIONS, **air, **recording.provenance["device"]["assumed"]},
         "without_source": recording.provenance["device"]["without_source"],
         "per_stride": [asdict(s) for s in outcome.strides],
     }

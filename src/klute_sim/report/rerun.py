@@ -4,13 +4,17 @@ rerun is an optional extra and is imported when it is used.
 """
 
 import hashlib
+import itertools
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from klute_sim.device.ledger import of_effect
+from klute_sim.effects import catalogue
 from klute_sim.errors import MissingExtraError
 from klute_sim.recording.recording import Recording
 from klute_sim.report.scene import log_scene
@@ -36,7 +40,11 @@ def _against_human(channel: str) -> tuple[Series, ...]:
     )
 
 
-PLOTS: tuple[tuple[str, tuple[Series, ...]], ...] = (
+Plot = tuple[str, tuple[Series, ...]]
+"""Title, and what is in it."""
+POWERS = "device powers [W], given up"
+
+PLOTS: tuple[Plot, ...] = (
     ("ankle angle [deg], dorsiflexion up", _against_human("ankle_angle")),
     ("net ankle moment [N·m], plantarflexor up", _against_human("ankle_moment")),
     ("net ankle power [W], generation up", _against_human("ankle_power")),
@@ -65,13 +73,15 @@ PLOTS: tuple[tuple[str, tuple[Series, ...]], ...] = (
         ),
     ),
     (
-        "device powers [W], given up",
+        POWERS,
         (
             ("channels/gas_power", "gas", GREEN),
             ("channels/friction_power", "friction offset", VIOLET),
             ("channels/damper_power", "damper", BROWN),
+            ("channels/stop_power", "length stops", PALE_ORANGE),
+            ("channels/bladder_power", "bladders' store", PALE_GREEN),
             ("channels/tendon_power", "tendon's store", ORANGE),
-            ("channels/effects_power", "effects", PALE_ORANGE),
+            ("channels/solver_power", "time step", DARK_ORANGE),
             ("channels/delivered_power", "delivered", RED),
         ),
     ),
@@ -96,7 +106,8 @@ def write(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
 
     identity = hashlib.sha256(json.dumps(recording.provenance, sort_keys=True).encode()).hexdigest()
     stream = rr.RecordingStream("klute-sim", recording_id=identity, send_properties=False)
-    stream.save(path, default_blueprint=blueprint())
+    shown = plots(recording)
+    stream.save(path, default_blueprint=blueprint(shown))
     log_scene(stream, recording, model, TIMELINE)
     times = [rr.TimeColumn(TIMELINE, duration=recording["time"])]
     series = {f"channels/{name}": values for name, values in recording.channels.items() if name != "time"}
@@ -106,7 +117,7 @@ def write(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
             series[f"band/{name}_low"], series[f"band/{name}_high"] = middle - deviation, middle + deviation
     for entity, values in series.items():
         stream.send_columns(entity, indexes=times, columns=rr.Scalars.columns(scalars=values))
-    for _, plotted in PLOTS:
+    for _, plotted in shown:
         for entity, name, colour in plotted:
             if entity in series:
                 thickness = 1.0 if colour in THIN else 3.0
@@ -116,7 +127,15 @@ def write(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
     stream.disconnect()
 
 
-def blueprint() -> Any:
+def plots(recording: Recording) -> list[Plot]:
+    """:data:`PLOTS`, and among the powers a line for each effect that the device has."""
+    effects = [name for name in catalogue.effects() if of_effect(name) in recording]
+    colours = itertools.cycle((BLUE, PALE_ORANGE, DARK_ORANGE, PALE_GREEN))
+    lines = tuple((f"channels/{of_effect(name)}", name, next(colours)) for name in effects)
+    return [(title, (*series, *lines) if title == POWERS else series) for title, series in PLOTS]
+
+
+def blueprint(shown: Sequence[Plot]) -> Any:
     """Layout: the leg seen from its side on the left, eight plots on the right, panels folded away."""
     import rerun.blueprint as rrb
 
@@ -130,7 +149,7 @@ def blueprint() -> Any:
     )
     plots = [
         rrb.TimeSeriesView(origin="/", contents=[f"/{entity}" for entity, _, _ in plotted], name=title)
-        for title, plotted in PLOTS
+        for title, plotted in shown
     ]
     return rrb.Blueprint(
         rrb.Horizontal(scene, rrb.Grid(*plots, grid_columns=2), column_shares=[1, 2]),

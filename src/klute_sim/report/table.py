@@ -46,6 +46,7 @@ RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideOutcome], float | None]], .
     ("actuator's own net work", "J/kg", "+.3f", lambda s: s.actuator_work_net_j_per_kg),
     ("friction offset's work", "J/kg", "+.3f", lambda s: s.friction_offset_work_j_per_kg),
     ("air drawn (its gas assumed)", "g", ".2f", lambda s: s.air_g),
+    ("air leaked", "g", ".3f", lambda s: s.air_leaked_g),
     ("energy not accounted for", "%", "+.4f", lambda s: round(s.ledger_residual_pct, 4) + 0.0),
 )
 """What only the prosthesis on the rig has."""

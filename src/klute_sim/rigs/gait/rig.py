@@ -142,6 +142,7 @@ def _provenance(device: Device, controller: PressureController, rig: Assembly, l
             "sha256": device.digest,
             "assumed": device.spec.assumed(),
             "without_source": device.spec.without_source(),
+            "valve": device.spec.valve is not None,
         },
         "controller": controller.describe(),
         "reference": {"name": options.reference.name, "sha256": options.reference.digest},
