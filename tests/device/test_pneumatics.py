@@ -170,14 +170,19 @@ def test_energy_and_air_of_a_stride_close_with_everything_on() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ([("gain_per_bar = 5.0\n", ""), ('"valve.gain_per_bar" =', "#")], "gain_per_bar belongs to takes = 'pressure'"),
-        ([('drive = "proportional"', 'drive = "on-off"')], "period_s and shortest_pulse_s belong to drive = 'on-off'"),
+        (
+            [("gain_per_bar = 5.0\n", ""), ('"valve.gain_per_bar" =', "#")],
+            "takes = 'pressure' .also when left out. needs gain_per_bar",
+        ),
+        ([('drive = "proportional"', 'drive = "on-off"')], "drive = 'on-off' needs period_s and shortest_pulse_s"),
         ([("[leak]", "[effects.leak]")], "leak.conductance_dm3_per_s_bar', which is no number"),
         (
             [('drive = "proportional"', 'drive = "on-off"\nperiod_s = 0.02\nshortest_pulse_s = 0.03')],
             "shortest_pulse_s must be at most half of period_s",
         ),
         ([("dead_volume_cm3 = 5.0", "dead_volume_cm3 = 1e300")], "chamber.dead_volume_cm3 = 1e[+]300 is refused"),
+        ([('takes = "pressure"', 'takes = "opening"')], "gain_per_bar is of no use to takes = 'opening'"),
+        ([('drive = "proportional"', "period_s = 0.02")], "period_s and shortest_pulse_s need drive = 'on-off'"),
         ([("exponent = 1.2", "exponent = 2.0")], "chamber.exponent = 2.0 is refused"),
         ([("volume_l = 1.5", "volume = 1.5")], "unknown key 'tank.volume'; allowed here: volume_l, pressure_bar"),
     ],

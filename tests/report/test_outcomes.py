@@ -54,6 +54,7 @@ def channels() -> dict[str, Samples]:
         "delivered_power": power,
         "air_mass": 1e-3 * (1 - np.cos(2 * np.pi * PHASE / 100)),
         "air_leaked": zero,
+        "supply_pressure": zero + 5.0,
         "air_drawn": 2e-3 * PHASE / PHASE[-1],
         **human,
         **ground,

@@ -68,10 +68,10 @@ def run(
         out[k, 3], out[k, 4], out[k, 5], out[k, 6] = told.tension, told.gas, told.friction, told.bladder
         out[k, 7], out[k, 8], out[k, 9] = told.damper, told.tendon, told.bladder_energy
         out[k, 10], out[k, 11], out[k, 12] = told.tendon_energy, told.air_mass, told.air_drawn
-        out[k, 13] = told.air_leaked
+        out[k, 13], out[k, 14] = told.air_leaked, told.supply_pressure
         for j in range(1, len(rows)):
             own = added(unpack(rows[j]), unpack(rows[j - 1]), after, unit_length[k], rate)
-            out[k, 12 + 2 * j], out[k, 13 + 2 * j] = own
+            out[k, 13 + 2 * j], out[k, 14 + 2 * j] = own
         before = after
 
 

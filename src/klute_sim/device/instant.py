@@ -35,6 +35,8 @@ class Instant(NamedTuple):
     """Air taken since the start [kg], if the supply counts it; 0 if it remembers nothing."""
     air_leaked: float
     """Air lost through a leak since the start [kg]."""
+    supply_pressure: float
+    """What the supply has [Pa]: its own pressure, or what a tank still has, if that is less."""
 
 
 def instant(parameters: Parameters, state: State, unit_length: float, rate: float) -> Instant:
@@ -59,6 +61,7 @@ def instant(parameters: Parameters, state: State, unit_length: float, rate: floa
         air_mass=charging.held(supply, gas, pressure, volume, most),
         air_drawn=gas.drawn,
         air_leaked=gas.leaked,
+        supply_pressure=charging.upstream(supply, gas.drawn),
     )
 
 

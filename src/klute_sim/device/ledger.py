@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from klute_sim.device.instant import Instant, added, instant, stages
 from klute_sim.device.step import NO_MEMORY, Parameters, State, supplied
 from klute_sim.laws import charging
+from klute_sim.units import BAR
 
 Array = NDArray[np.float64]
 
@@ -54,6 +55,8 @@ class Ledger(NamedTuple):
     """Air taken from the supply since the first sample [kg]."""
     air_leaked: Array
     """Air lost through a leak since the first sample [kg]; the rest of what came and is not there was let out."""
+    supply_pressure: Array
+    """What the supply, or the tank behind it, still has [bar], gauge."""
     shares: Mapping[str, Array]
     """The share of each effect in ``effects_power`` [W], by name."""
 
@@ -63,7 +66,7 @@ class Ledger(NamedTuple):
         return [*zip(HEADINGS, self[:-1], strict=True), *own]
 
 
-_UNITS = {"power": "W", "energy": "J", "mass": "kg", "drawn": "kg", "leaked": "kg"}
+_UNITS = {"power": "W", "energy": "J", "mass": "kg", "drawn": "kg", "leaked": "kg", "pressure": "bar"}
 HEADINGS = tuple(f"{name} [{_UNITS[name.rsplit('_')[-1]]}]" for name in Ledger._fields[:-1])
 """Columns of every recording; each effect has one of its own besides, :func:`of_effect`."""
 LINES = tuple(name for name in Ledger._fields if name.endswith("_power") and name != "delivered_power")
@@ -125,6 +128,7 @@ def ledger(
         air_mass=at.air_mass,
         air_drawn=at.air_drawn - at.air_drawn[0] if counts else gained,
         air_leaked=at.air_leaked - at.air_leaked[0],
+        supply_pressure=at.supply_pressure / BAR,
         shares=shares,
     )
 

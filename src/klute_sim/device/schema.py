@@ -203,16 +203,6 @@ class DeviceSpec(Section):
     """``section.key`` -> where the number is from; begins with 'assumed' if nobody printed it."""
 
     @model_validator(mode="after")
-    def _sources_name_keys(self) -> Self:
-        known = self.numbers()
-        for key in self.sources:
-            if key not in known:
-                raise PydanticCustomError(
-                    "source", "sources names '{key}', which is no number of this file", {"key": key}
-                )
-        return self
-
-    @model_validator(mode="after")
     def _air_comes_through_a_valve(self) -> Self:
         for title in ("line", "chamber"):
             if getattr(self, title) is not None and self.valve is None:
@@ -232,6 +222,16 @@ class DeviceSpec(Section):
                 effects_file.check(name, content)
             except InputError as error:
                 raise PydanticCustomError("effect", "{why}", {"why": str(error)}) from None
+        return self
+
+    @model_validator(mode="after")
+    def _sources_name_keys(self) -> Self:
+        known = self.numbers()
+        for key in self.sources:
+            if key not in known:
+                raise PydanticCustomError(
+                    "source", "sources names '{key}', which is no number of this file", {"key": key}
+                )
         return self
 
     def may_lack(self, effect: Effect) -> bool:

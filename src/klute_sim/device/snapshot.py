@@ -31,10 +31,10 @@ def run(rows: Any, states: Array, memory: Array, out: Array) -> None:
         out[k, 0], out[k, 1], out[k, 2], out[k, 3] = told.tension, told.gas, told.friction, told.bladder
         out[k, 4], out[k, 5], out[k, 6] = told.damper, told.tendon, told.bladder_energy
         out[k, 7], out[k, 8], out[k, 9] = told.tendon_energy, told.air_mass, told.air_drawn
-        out[k, 10] = told.air_leaked
+        out[k, 10], out[k, 11] = told.air_leaked, told.supply_pressure
         for j in range(1, len(rows)):
             own = added(unpack(rows[j]), unpack(rows[j - 1]), state, states[k, 3], states[k, 2])
-            out[k, 9 + 2 * j], out[k, 10 + 2 * j] = own
+            out[k, 10 + 2 * j], out[k, 11 + 2 * j] = own
 
 
 def to_tuple(numbers: Any, count: int) -> tuple[float, ...]:

@@ -46,13 +46,15 @@ class ValveSection(Section):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        if (self.takes == "pressure") != (self.gain_per_bar is not None):
-            raise PydanticCustomError("valve", "gain_per_bar belongs to takes = 'pressure', and to nothing else")
-        pulses = [self.period_s is not None, self.shortest_pulse_s is not None]
-        if pulses != [self.drive == "on-off"] * 2:
-            raise PydanticCustomError(
-                "valve", "period_s and shortest_pulse_s belong to drive = 'on-off', and to nothing else"
-            )
+        if self.takes == "pressure" and self.gain_per_bar is None:
+            raise PydanticCustomError("valve", "takes = 'pressure' (also when left out) needs gain_per_bar")
+        if self.takes == "opening" and self.gain_per_bar is not None:
+            raise PydanticCustomError("valve", "gain_per_bar is of no use to takes = 'opening': leave it out")
+        pulses = self.period_s, self.shortest_pulse_s
+        if self.drive == "on-off" and None in pulses:
+            raise PydanticCustomError("valve", "drive = 'on-off' needs period_s and shortest_pulse_s")
+        if self.drive == "proportional" and pulses != (None, None):
+            raise PydanticCustomError("valve", "period_s and shortest_pulse_s need drive = 'on-off'")
         if self.period_s is not None and 2.0 * (self.shortest_pulse_s or 0.0) > self.period_s:
             raise PydanticCustomError("valve", "shortest_pulse_s must be at most half of period_s")
         return self

@@ -117,7 +117,7 @@ def bare(device: Device, effect: Effect) -> Device:
     """
     obstacle = device.spec.obstacle(effect.name)
     if obstacle:
-        raise InputError(f"device '{device.name}': {obstacle}")
+        raise InputError(f"effect '{effect.name}' cannot be tried on device '{device.name}': {obstacle}")
     if not effect.instead_of:
         return device
     muscle = device.spec.muscle.model_copy(update={effect.instead_of: False})

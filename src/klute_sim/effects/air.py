@@ -13,8 +13,8 @@ def throttled(own: Numbers, memory: Numbers, supply: Supply) -> Supply:
 
 
 def throttled_both(own: Numbers, memory: Numbers, supply: Supply) -> Supply:
-    """The same with ``1/own[0]`` to fill and ``1/own[1]`` to exhaust."""
-    return _behind(own[0], own[1], own[2], supply)
+    """The same with ``1/own[0]`` to fill, and ``own[1]`` times the resistance to exhaust."""
+    return _behind(own[0], own[0] * own[1], own[2], supply)
 
 
 def _behind(fill: float, exhaust: float, ratio: float, supply: Supply) -> Supply:
@@ -56,11 +56,11 @@ def from_tank(own: Numbers, memory: Numbers, supply: Supply) -> Supply:
     )
 
 
-def _resistance(key: str, neutral: float | None = 0.0) -> Parameter:
+def _resistance(key: str) -> Parameter:
     return Parameter(
         key=key,
-        neutral=neutral,
-        low=0.0 if neutral == 0.0 else 0.02,
+        neutral=0.0,
+        low=0.0,
         high=50.0,
         typical=4.0,
         source="1/C (ISO 6358); C = 1 dm3/(s bar) fills a 250 mm pair in about 0.2 s; assumed: a quarter of that",
@@ -90,10 +90,17 @@ CHOKED = Effect(
         ),
         Form(
             name="asymmetric",
-            equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b), C to fill and C to exhaust; pV = mRT",
+            equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b), C to fill, C over the factor to exhaust; pV = mRT",
             parameters=(
                 _resistance("fill_resistance_s_bar_per_dm3"),
-                _resistance("exhaust_resistance_s_bar_per_dm3", None),
+                Parameter(
+                    key="exhaust_factor",
+                    neutral=None,
+                    low=0.1,
+                    high=10.0,
+                    typical=2.0,
+                    source="assumed: resistance to exhaust over that to fill; silencers and long ways out",
+                ),
                 _RATIO,
             ),
             laws={"supply": throttled_both},

@@ -50,7 +50,8 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
 
     ## Action space
 
-    ``Box(-1, 1, (1,), float32)``, held for 10 ms: commanded gauge pressure from 0 (-1) to the supply's pressure (+1).
+    ``Box(-1, 1, (1,), float32)``, held for 10 ms: commanded gauge pressure from 0 (-1) to the supply's pressure (+1);
+    for a device whose valve takes openings, the opening from exhaust (-1) to fill (+1).
     What is beyond is clipped; NaN is refused. The regulator's own limits (rate) act after that.
 
     ## Observation space
@@ -93,8 +94,8 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     ## Episode
 
     Starts at heel strike, the ankle within ``reset_noise`` of the reference's angle and the pressure anywhere between
-    0 and a quarter of the supply's. Truncated after ``strides`` strides; terminated when the rig leaves its path or a
-    state is not finite.
+    0 and a quarter of the supply's (0 if the device takes openings). Truncated after ``strides`` strides; terminated
+    when the rig leaves its path or a state is not finite.
 
     ## Versions
 

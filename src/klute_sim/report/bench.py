@@ -116,11 +116,13 @@ def _late(result: Result) -> list[str]:
     """Of work loops: where the pressure was not the commanded one, and whether a longer dwell would help."""
     said = []
     behind_valve = result.device.parameters.supply.fill > 0.0
-    cure = (
-        "the valve lets too little air through for this speed."
-        if behind_valve
-        else "with a longer dwell_s it would be."
-    )
+    empty = any((t.recording["pressure_command"] > t.recording["supply_pressure"]).any() for t in result.trials)
+    if empty:
+        cure = "the supply, or the tank behind it, had less than was commanded."
+    elif behind_valve:
+        cure = "the valve does not follow so fast or so closely."
+    else:
+        cure = "with a longer dwell_s it would be."
     for phased in (False, True):
         own = [t for t in result.trials if "overlap_pct" in t.readings and _phased(t) == phased]
         late = [t.name for t in own if t.readings["overlap_pct"] < FULL]

@@ -102,6 +102,8 @@ class StrideOutcome(AnkleOutcome):
     air_g: float
     """Air taken from the supply; of an ideal regulator's isothermal and without dead volume (assumed)."""
     air_leaked_g: float
+    short_of_supply_pct: float
+    """Share of the stride in which more pressure was commanded than the supply had: its tank ran low."""
     ledger_j: Mapping[str, float]
     """Energy that each line of the device's ledger gave in the stride [J], each effect by itself; and ``delivered``."""
     ledger_residual_pct: float
@@ -193,6 +195,7 @@ def _stride(r: Recording, mass: float) -> StrideOutcome:
         below_friction_fit_pct=float(100.0 * np.mean(r["pressure"] < FRICTION_ONSET / BAR)),
         air_g=float(1e3 * (r["air_drawn"][-1] - r["air_drawn"][0])),
         air_leaked_g=float(1e3 * (r["air_leaked"][-1] - r["air_leaked"][0])),
+        short_of_supply_pct=float(100.0 * np.mean(r["pressure_command"] > r["supply_pressure"])),
         ledger_j=_ledger(r, step),
         ledger_residual_pct=_ledger_residual(r, step),
     )
@@ -324,6 +327,7 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "friction_offset_work_j_per_kg": mean(lambda s: s.friction_offset_work_j_per_kg),
         "below_friction_fit_pct": mean(lambda s: s.below_friction_fit_pct),
         "air_per_stride_g": mean(lambda s: s.air_g),
+        "short_of_supply_pct": mean(lambda s: s.short_of_supply_pct),
         "air_leaked_per_stride_g": mean(lambda s: s.air_leaked_g),
         "ledger_j": {line: mean(lambda s, n=line: s.ledger_j[n]) for line in outcome.strides[0].ledger_j},  # type: ignore[misc]
         "ledger_residual_pct": mean(lambda s: s.ledger_residual_pct),

@@ -120,6 +120,12 @@ def remarks(summary: dict[str, Any]) -> list[str]:
             f"The load was not followed here (rms {summary['grf_vertical_tracking_rms_bw']:.2f} body weights): the "
             "ankle did not carry what the reference's does, so moments and powers are not those of walking."
         )
+    short = [k for k, stride in enumerate(summary["per_stride"], start=1) if stride["short_of_supply_pct"] > 0.0]
+    if short:
+        said.append(
+            f"From stride {short[0]} on, the supply had less pressure at times than was commanded: the means hide that "
+            "its tank runs empty, or that the command is beyond it."
+        )
     below, unsourced = summary["below_friction_fit_pct"], len(summary["without_source"])
     fade = f", among them how the muscle's friction fades below 2 bar, where {below:.0f} % of the stride is"
     more = f" {unsourced} of the device's numbers have no source." if unsourced else ""
