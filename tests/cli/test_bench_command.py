@@ -135,6 +135,7 @@ def test_a_file_that_is_none_or_something_else_is_recognised(tmp_path: Path) -> 
         assert says in done.stderr
 
 
+@pytest.mark.long
 def test_phased_activation_is_not_advised_a_longer_dwell(tmp_path: Path) -> None:
     done = run("workloop-phased", "--step", "1", "--out", "p", cwd=tmp_path)
     assert "its rise and fall are part of the experiment" in done.stdout

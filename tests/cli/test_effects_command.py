@@ -136,6 +136,7 @@ def test_every_hook_has_words() -> None:
     assert words.unit(EFFECTS["tendon_slack"], unbounded) == "mm"
 
 
+@pytest.mark.long
 def test_a_file_of_ones_own_is_run_and_said_to_be() -> None:
     done = run("effects", "warming", "--json", "--catalogue", str(USERS))
     assert done.returncode == 0, done.stderr

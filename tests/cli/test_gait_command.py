@@ -65,6 +65,7 @@ def test_the_recording_holds_the_numbers_of_the_summary(default: tuple[Path, dic
     assert recording.provenance["device"]["sha256"] == load("klute-1-1-4-pair").digest
 
 
+@pytest.mark.long
 def test_same_command_same_parquet_bits(tmp_path: Path) -> None:
     files = []
     for name in ("a", "b"):

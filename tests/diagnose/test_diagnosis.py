@@ -131,6 +131,7 @@ def test_clean_data_miss_nothing(tmp_path: Path) -> None:
     assert as_json(found)["device_file"] is None
 
 
+@pytest.mark.long
 def test_a_wrong_load_cell_is_no_physics(tmp_path: Path) -> None:
     data, truth = hidden(
         tmp_path / "instrument", 31, instruments=[{**effect("sensor_gain", "gain", gain=1.06), "channel": "pressure"}]

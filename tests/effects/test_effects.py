@@ -407,6 +407,7 @@ USERS = (
 )
 
 
+@pytest.mark.long
 def test_a_users_effect_works_in_both_installations() -> None:
     file = HERE / "users.py"
     assert len(file.read_text("utf-8").splitlines()) < 40

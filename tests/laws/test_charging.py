@@ -310,3 +310,10 @@ def test_warming_counts_the_dead_volume() -> None:
     found, gas = flows(supply, 0.0, 2e5, 0.5)
     assert found == pytest.approx(np.full(len(found), 2e5), rel=1e-9)  # it has the walls' temperature already
     assert gas.drawn == 0.0
+
+
+def test_no_air_goes_back_into_a_sunken_tank() -> None:
+    supply = OPENED._replace(tank=1e-3, tank_pressure=2e5)
+    found, gas = flows(supply, 1.0, 4e5, 0.5)
+    assert found == pytest.approx(np.full(len(found), 4e5), rel=1e-9)
+    assert gas.drawn == 0.0

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from klute_sim.device.installation import choose
-from klute_sim.device.instant import Instant, added, instant, stages
+from klute_sim.device.instant import stages
 from klute_sim.device.ledger import Ledger, ledger
 from klute_sim.device.rollout import earlier, obstacle
+from klute_sim.device.snapshot import FIELDS, tell
 from klute_sim.device.step import DEAD_TIME, MEMORY, Parameters, State, advance, supplied, taut
 from klute_sim.device.vector import pack, unpack
 from klute_sim.errors import SimulationError
@@ -23,8 +24,7 @@ from klute_sim.laws import charging
 Array = NDArray[np.float64]
 
 STATES = 3
-"""Columns before those of an :class:`Instant`: gauge pressure [Pa], muscle length [m], its rate [m/s]."""
-FIELDS = len(Instant._fields)
+"""Columns before those of a snapshot: gauge pressure [Pa], muscle length [m], its rate [m/s]."""
 
 
 class Account(NamedTuple):
@@ -63,15 +63,7 @@ def run(
         after = advance(parameters, before, unit_length[k], earlier(command, k - late), step)
         rate = (after.length - before.length) / step
         out[k, 0], out[k, 1], out[k, 2] = after.pressure, after.length, rate
-        told = instant(parameters, after, unit_length[k], rate)
-        # Spelled out, because a compiler has to follow it.
-        out[k, 3], out[k, 4], out[k, 5], out[k, 6] = told.tension, told.gas, told.friction, told.bladder
-        out[k, 7], out[k, 8], out[k, 9] = told.damper, told.tendon, told.bladder_energy
-        out[k, 10], out[k, 11], out[k, 12] = told.tendon_energy, told.air_mass, told.air_drawn
-        out[k, 13], out[k, 14] = told.air_leaked, told.supply_pressure
-        for j in range(1, len(rows)):
-            own = added(unpack(rows[j]), unpack(rows[j - 1]), after, unit_length[k], rate)
-            out[k, 13 + 2 * j], out[k, 14 + 2 * j] = own
+        tell(rows, after, unit_length[k], rate, out[k, STATES:])
         before = after
 
 
@@ -79,12 +71,11 @@ def run(
 def _compiled() -> Callable[..., None]:
     import numba
 
-    from klute_sim.device import account, compiled, instant, rollout
+    from klute_sim.device import account, compiled, rollout, snapshot
 
     law = compiled.device_law()
     early = compiled.copy_of(rollout, **law).earlier
-    told = compiled.copy_of(instant, **law, gas_of=law["gas"])
-    copy = compiled.copy_of(account, **law, instant=told.instant, added=told.added, earlier=early)
+    copy = compiled.copy_of(account, **law, tell=snapshot.compiled_functions().tell, earlier=early)
     number = numba.float64
     memory, series = numba.types.UniTuple(number, MEMORY), number[::1]
     signature = numba.void(number[:, ::1], number, number, memory, series, series, number, number[:, ::1])

@@ -17,24 +17,31 @@ Array = NDArray[np.float64]
 FIELDS = len(Instant._fields)
 
 
+def tell(rows: Any, state: State, unit_length: float, rate: float, out: Array) -> None:
+    """Fill ``out`` with an :class:`Instant` and what each effect adds to muscle side and tendon side [N].
+
+    ``rows`` are :func:`klute_sim.device.instant.stages`; the muscle moves at ``rate`` [m/s], the unit is at
+    ``unit_length`` [m].
+    """
+    told = instant(unpack(rows[-1]), state, unit_length, rate)
+    # Spelled out, because a compiler has to follow it.
+    out[0], out[1], out[2], out[3], out[4] = told.tension, told.gas, told.friction, told.bladder, told.damper
+    out[5], out[6], out[7] = told.tendon, told.bladder_energy, told.tendon_energy
+    out[8], out[9], out[10], out[11] = told.air_mass, told.air_drawn, told.air_leaked, told.supply_pressure
+    for j in range(1, len(rows)):
+        own = added(unpack(rows[j]), unpack(rows[j - 1]), state, unit_length, rate)
+        out[10 + 2 * j], out[11 + 2 * j] = own
+
+
 def run(rows: Any, states: Array, memory: Array, out: Array) -> None:
-    """Fill ``out`` (n, :data:`FIELDS` + 2 for each effect); ``rows`` are :func:`klute_sim.device.instant.stages`.
+    """Fill ``out`` (n, :data:`FIELDS` + 2 for each effect), a row as in :func:`tell` for each device.
 
     ``states`` (n, 4) are gauge pressure [Pa], muscle length [m], its rate [m/s] and the unit's length [m]; ``memory``
     (n, MEMORY).
     """
-    whole = unpack(rows[-1])
     for k in range(len(states)):
         state = State(states[k, 0], states[k, 1], to_tuple(memory[k], MEMORY))
-        told = instant(whole, state, states[k, 3], states[k, 2])
-        # Spelled out, because a compiler has to follow it.
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = told.tension, told.gas, told.friction, told.bladder
-        out[k, 4], out[k, 5], out[k, 6] = told.damper, told.tendon, told.bladder_energy
-        out[k, 7], out[k, 8], out[k, 9] = told.tendon_energy, told.air_mass, told.air_drawn
-        out[k, 10], out[k, 11] = told.air_leaked, told.supply_pressure
-        for j in range(1, len(rows)):
-            own = added(unpack(rows[j]), unpack(rows[j - 1]), state, states[k, 3], states[k, 2])
-            out[k, 10 + 2 * j], out[k, 11 + 2 * j] = own
+        tell(rows, state, states[k, 3], states[k, 2], out[k])
 
 
 def to_tuple(numbers: Any, count: int) -> tuple[float, ...]:
@@ -43,8 +50,8 @@ def to_tuple(numbers: Any, count: int) -> tuple[float, ...]:
 
 
 @cache
-def _compiled() -> Callable[..., None]:
-    import numba
+def compiled_functions() -> Any:
+    """This module with its functions compiled."""
     from numba.np.unsafe.ndarray import to_fixed_tuple
 
     from klute_sim.device import compiled, snapshot
@@ -52,11 +59,18 @@ def _compiled() -> Callable[..., None]:
 
     law = compiled.device_law()
     told = compiled.copy_of(module, **law, gas_of=law["gas"])
-    copy = compiled.copy_of(snapshot, **law, instant=told.instant, added=told.added, to_tuple=to_fixed_tuple)
+    return compiled.copy_of(snapshot, **law, instant=told.instant, added=told.added, to_tuple=to_fixed_tuple)
+
+
+@cache
+def _compiled() -> Callable[..., None]:
+    import numba
+
+    from klute_sim.device import compiled
+
     table = numba.float64[:, ::1]
-    ready: Callable[..., None] = compiled.ready(
-        partial(numba.njit, nogil=True), copy.run, numba.void(table, table, table, table)
-    )
+    signature = numba.void(table, table, table, table)
+    ready: Callable[..., None] = compiled.ready(partial(numba.njit, nogil=True), compiled_functions().run, signature)
     return ready
 
 
