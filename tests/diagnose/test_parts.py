@@ -186,7 +186,11 @@ NOT_SHOWN = ("bladder", "friction_offset", "leak")
 
 @pytest.mark.parametrize(
     "key",
-    [(s.effect, s.form.name) for s in catalogue.device_slots() if s.effect not in NOT_SHOWN],
+    [
+        (s.effect, s.form.name)
+        for s in catalogue.device_slots()
+        if s.effect in catalogue.named() and s.effect not in NOT_SHOWN
+    ],
     ids="-".join,
 )
 def test_screening_puts_the_truth_first(key: tuple[str, str], evidence: tuple, tmp_path: Path) -> None:

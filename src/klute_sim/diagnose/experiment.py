@@ -159,7 +159,7 @@ def trace(parameters: Parameters, experiment: Experiment) -> Motion:
         parameters = parameters._replace(effects=late)
         length = length + shift / step * np.diff(length, append=length[-1])
     found = rollout(parameters, length, command, step, start=start, threads=1)
-    time = experiment.begin + shift + step * np.arange(1, len(length) + 1)
+    time: Array = experiment.begin + shift + step * np.arange(1.0, len(length) + 1.0)
     return Motion(time, found.tension, found.pressure, found.length)
 
 
@@ -171,7 +171,7 @@ def extrapolated(fine: Motion, coarse: Motion) -> Motion:
     right: list[Array] = []
     for short, long in zip(fine[1:], coarse[1:], strict=True):
         wrong = np.interp(coarse.time, fine.time, short) - long
-        right.append(short + np.interp(fine.time, coarse.time, wrong) / (COARSE - 1))
+        right.append(short + np.interp(fine.time, coarse.time, wrong).astype(np.float64) / (COARSE - 1))
     return Motion(fine.time, *right)
 
 
