@@ -36,7 +36,7 @@ PAST, LONGEST_PAST = 0.1, 0.5
 """Share of a trial, and time [s], that is simulated but not compared: what friction remembers from before the trial
 is not known, and is forgotten in the first movements."""
 COARSE = 2
-"""So many steps in one are good enough for derivatives, within some percent. What they change is what is wrong with the
+"""So many steps in one are good enough for derivatives, within a fifth. What they change is what is wrong with the
 single ones, too, and is taken off."""
 KEPT = 128
 """Simulations that are remembered."""
@@ -80,6 +80,9 @@ class Experiment:
     """Without the samples that are missing, or outside of what is prescribed."""
     loud: Mapping[str, Array] = field(default_factory=dict)
     """Channel -> how loud noise is at each of its samples, over its usual; left out: as usual everywhere."""
+
+    checked: frozenset[str] = frozenset()
+    """Channels whose instrument is known to be right."""
 
     @property
     def duration(self) -> float:
@@ -129,6 +132,7 @@ def _experiment(trial: Trial, use: Use) -> Experiment:
         unit_length=np.interp(grid, length.time, length.value),
         command=np.interp(grid, command.time, command.value),
         measured=measured,
+        checked=trial.checked,
     )
 
 

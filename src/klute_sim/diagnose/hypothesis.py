@@ -172,7 +172,8 @@ class Hypothesis:
                 spec = with_numbers(device.spec, corrected)
                 effects = catalogue.values(dict(_active(spec)) | active)
                 made[device.digest] = spec.parameters()._replace(effects=effects)
-            result.append(Setting(made[device.digest], tuple(readings)))
+            faulty = tuple(each for each in readings if each.channel not in experiment.checked)
+            result.append(Setting(made[device.digest], faulty))
         return result
 
 
