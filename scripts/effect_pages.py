@@ -138,6 +138,8 @@ def _device(effect: Effect, data: dict[str, Any]) -> str:
 
 
 def _taken_for(effect: Effect, data: dict[str, Any]) -> str:
+    if effect.data_driven:
+        return "It is a combination of functions and can look like many effects, so it is compared with none.\n"
     of = "channel" if effect.kind == "instrument" else "form"
     lines: list[tuple[str, ...]] = []
     for row in data["effects"]:
@@ -169,7 +171,7 @@ def _index(data: dict[str, Any]) -> str:
     rows = [
         (
             f"[`{effect.name}`]({effect.name}.md)",
-            f"{effect.kind}{', supply' if effect.supply else ''}",
+            f"{effect.kind}{', supply' * effect.supply}{', data-driven' * effect.data_driven}",
             ", ".join(f"`{form.name}`" for form in effect.forms),
             effect.sentence,
         )
@@ -186,6 +188,7 @@ def _index(data: dict[str, Any]) -> str:
         for group in data["classes"]
     ]
     replaced = joined([f"`{effect.name}`" for effect in catalogue.effects().values() if effect.instead_of])
+    driven = joined([f"`{effect.name}`" for effect in catalogue.effects().values() if effect.data_driven])
     matrices = "".join(
         f"- {change.words}: [table](matrix_{k}.csv), [picture]({PICTURES}/matrix_{k}.png)\n"
         for k, change in enumerate(CHANGES)
@@ -218,7 +221,8 @@ All cosines between signatures:
 
 {matrices}
 {replaced} are terms of the base model, so they are in no matrix. On their own
-pages they are compared with all others on the device without that term.
+pages they are compared with all others on the device without that term. {driven}
+are data-driven: they name nothing and are compared with nothing.
 
 All of this is made by `{COMMAND}`, which has to be run again when a law changes.
 """

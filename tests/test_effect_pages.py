@@ -61,7 +61,7 @@ def test_every_form_has_a_picture_that_is_small() -> None:
 
 def test_the_matrices_hold_every_effect_on_every_rig(data: dict[str, Any]) -> None:
     own = load(data["device"]).spec.muscle
-    whole = [e for e in catalogue.effects().values() if not (e.instead_of and getattr(own, e.instead_of))]
+    whole = [e for e in catalogue.named().values() if not (e.instead_of and getattr(own, e.instead_of))]
     for number, change in enumerate(CHANGES):
         with (FOLDER / f"matrix_{number}.csv").open(encoding="utf-8") as file:
             (words, *names), *lines = csv.reader(file)

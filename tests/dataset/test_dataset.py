@@ -158,6 +158,16 @@ def refused(folder: Path) -> str:
         ('[uncertain]\n"', 'uncertain = 3\n[sources]\n"', "unknown key 'sources'"),
         ('group = "iso"', 'grupp = "iso"', "unknown key 'trial.1.grupp'; allowed here: files, group, use, device"),
         ('group = "iso"', "group = 7", "'trial.1.group' = 7 is refused; allowed: a name, as text"),
+        (
+            'use = "show"',
+            'use = "show"\nchecked = ["force", "torque"]',
+            "'checked' names 'torque', which it did not measure",
+        ),
+        (
+            'use = "show"',
+            'use = "show"\nchecked = "force"',
+            "'trial.3.checked' = 'force' is refused; allowed: a list of",
+        ),
         ('use = "show"', 'use = "test"', "'trial.3.use' = 'test' is refused; allowed: 'fit', 'select' or 'show'"),
         (
             'files = ["a.csv"]',

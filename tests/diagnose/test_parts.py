@@ -34,6 +34,14 @@ def repeated(values: list[np.ndarray], group: str = "g") -> list[Experiment]:
     ]
 
 
+def test_a_fault_of_an_instrument_is_not_looked_for_where_it_was_checked() -> None:
+    plain = repeated([np.zeros(20)])[0]
+    hypothesis = Hypothesis(plain.device, (), (("force", 3.0),), (Term("sensor_gain", "linear", "force"),))
+    doubted, sure = hypothesis.settings(np.array([1.0]), [plain, replace(plain, checked=frozenset({"force"}))])
+    assert [reading.channel for reading in doubted.readings] == ["force"]
+    assert sure.readings == ()
+
+
 def test_noise_is_measured_from_repeats_whatever_they_have_in_common() -> None:
     random = np.random.default_rng(0)
     common = 40.0 * np.sin(np.arange(4000) / 50)
@@ -177,7 +185,7 @@ def test_the_derivatives_are_those_of_the_residuals(evidence: tuple) -> None:
             (apart[0] - apart[1]) / 2e-3, abs=0.02 * np.abs(found.jacobian).max()
         )
         off = np.linalg.norm(coarse.jacobian[:, k] - found.jacobian[:, k])
-        assert 0.0 < off < 0.15 * np.linalg.norm(found.jacobian[:, k])
+        assert 0.0 < off < 0.25 * np.linalg.norm(found.jacobian[:, k])
 
 
 NOT_SHOWN = ("bladder", "friction_offset", "leak")
@@ -186,7 +194,11 @@ NOT_SHOWN = ("bladder", "friction_offset", "leak")
 
 @pytest.mark.parametrize(
     "key",
-    [(s.effect, s.form.name) for s in catalogue.device_slots() if s.effect not in NOT_SHOWN],
+    [
+        (s.effect, s.form.name)
+        for s in catalogue.device_slots()
+        if s.effect in catalogue.named() and s.effect not in NOT_SHOWN
+    ],
     ids="-".join,
 )
 def test_screening_puts_the_truth_first(key: tuple[str, str], evidence: tuple, tmp_path: Path) -> None:

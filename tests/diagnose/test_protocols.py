@@ -194,7 +194,7 @@ def test_every_use_is_there_and_every_effect_named_exists() -> None:
     assert PROTOCOLS["mixed"].use == "show"
     named = {effect for p in PROTOCOLS.values() for effect in p.shows}
     assert named <= set(catalogue.effects())
-    assert {n for n, e in catalogue.effects().items() if e.kind == "device"} <= named
+    assert {n for n, e in catalogue.named().items() if e.kind == "device"} <= named
     for name, protocol in PROTOCOLS.items():
         assert name == protocol.name
         assert protocol.sentence.endswith(".")

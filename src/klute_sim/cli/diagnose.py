@@ -155,6 +155,7 @@ def _print(found: "Diagnosis", place: "Path") -> None:
 
     from klute_sim.cli.console import console
     from klute_sim.diagnose.experiment import UNITS
+    from klute_sim.diagnose.fallback import formula
     from klute_sim.report import diagnosis_words as words
 
     out = console()
@@ -169,6 +170,8 @@ def _print(found: "Diagnosis", place: "Path") -> None:
                 if unknown.term == number:
                     effects.add_row(str(term), unknown.key, f"{value:.4g}", f"{low:.4g} to {high:.4g}")
         out.print(effects)
+        if formula(found.final):
+            out.print(f"Data-driven term: {formula(found.final)}", soft_wrap=True)
     if found.gap:
         on = "trials that no fit saw" if found.shown_on == "show" else "fitted trials: none was kept back"
         gaps = Table(

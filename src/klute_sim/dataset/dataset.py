@@ -1,7 +1,7 @@
 """A folder of measured trials, read and checked."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
@@ -12,7 +12,7 @@ from klute_sim.dataset.channels import Rig
 from klute_sim.dataset.format import DatasetFile
 from klute_sim.dataset.override import overridden
 from klute_sim.dataset.split import Member, Split
-from klute_sim.dataset.trial import Trial
+from klute_sim.dataset.trial import Series, Trial
 from klute_sim.device import files as device_files
 from klute_sim.device.files import Device
 from klute_sim.errors import InputError
@@ -74,6 +74,7 @@ def read(folder: str | Path, device: Device | None = None) -> Dataset:
                 files=files,
                 prescribed=channels.prescribed,
                 measured=channels.measured,
+                checked=_checked(entry.checked, channels.measured, f"{where}, trial '{use.name}'"),
             )
         )
     return Dataset(
@@ -90,6 +91,15 @@ def read(folder: str | Path, device: Device | None = None) -> Dataset:
 def split(dataset: Dataset) -> Split:
     """Which trials to fit, to select by and to show; the same dataset is always split the same way."""
     return splitting.assign((Member(t.name, t.group, t.use) for t in dataset.trials), str(dataset.folder / FILE))
+
+
+def _checked(named: Sequence[str], measured: Mapping[str, Series], where: str) -> frozenset[str]:
+    for channel in named:
+        if channel not in measured:
+            raise InputError(
+                f"{where}: 'checked' names '{channel}', which it did not measure; allowed: {', '.join(measured)}"
+            )
+    return frozenset(named)
 
 
 def _content(folder: Path) -> bytes:

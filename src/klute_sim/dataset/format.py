@@ -76,6 +76,8 @@ class TrialEntry(_Section):
     """Left out: the program splits whole groups."""
     device: dict[str, Annotated[int | float, BeforeValidator(_number)]] = {}
     """``section.key`` -> value in the key's unit: what differs about the device."""
+    checked: list[Name] = []
+    """Measured channels whose instrument, in this trial, is known to be right: a second gauge, a calibrated cell."""
 
 
 class DatasetFile(_Section):
@@ -164,6 +166,7 @@ _ALLOWED: dict[str, str] = {
     "trial.files": "a list of one or more file names",
     "trial.group": "a name, as text",
     "trial.use": "'fit', 'select' or 'show'",
+    "trial.checked": "a list of measured channels",
     "trial.device": 'a table of "section.key" = number',
 }
 

@@ -51,6 +51,8 @@ class Trial:
     """Every channel of :data:`klute_sim.dataset.channels.PRESCRIBED` of the rig."""
     measured: Mapping[str, Series]
     """One or more of :data:`klute_sim.dataset.channels.MEASURED` of the rig."""
+    checked: frozenset[str] = frozenset()
+    """Measured channels whose instrument is known to be right."""
 
 
 class Channels(NamedTuple):

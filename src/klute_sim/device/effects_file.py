@@ -23,6 +23,8 @@ def check(name: str, content: Content) -> Form:
             raise InputError(f"[effects.{name}] unknown key '{key}'; allowed here: form, {', '.join(known)}")
     for key, parameter in known.items():
         value = content.get(key)
+        if value is None and effect.data_driven:
+            continue
         if value is None:
             raise InputError(f"[effects.{name}] key '{key}' is missing")
         if isinstance(value, str) or not parameter.low <= value <= parameter.high:
@@ -37,5 +39,5 @@ def values(sections: Mapping[str, Content]) -> tuple[float, ...]:
     active = {}
     for name, content in sections.items():
         form = check(name, content)
-        active[name, form.name] = {p.key: float(content[p.key]) for p in form.parameters}
+        active[name, form.name] = {p.key: float(content[p.key]) for p in form.parameters if p.key in content}
     return catalogue.values(active)

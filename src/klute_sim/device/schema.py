@@ -244,8 +244,9 @@ class DeviceSpec(Section):
         title = SAID_BY.get(effect, "")
         if title and getattr(self, title) is not None:
             return f"[effects.{effect}] and [{title}] say the same twice; leave one out"
-        if effect == "regulator_error" and self.valve is not None and self.valve.takes == "opening":
-            return "[effects.regulator_error] needs commands that are pressures; this [valve] takes openings"
+        opened = self.valve is not None and self.valve.takes == "opening"
+        if effect in ("regulator_error", "unknown_pressure") and opened:
+            return f"[effects.{effect}] needs commands that are pressures; this [valve] takes openings"
         return ""
 
     def numbers(self) -> dict[str, float]:

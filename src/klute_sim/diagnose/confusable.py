@@ -145,7 +145,7 @@ def experiments(device: Device) -> list[Experiment]:
 
 def _terms(device: Device) -> list[Term]:
     found = []
-    for effect in catalogue.effects().values():
+    for effect in catalogue.named().values():
         if not device.spec.may_lack(effect):
             continue
         if effect.kind == "device":

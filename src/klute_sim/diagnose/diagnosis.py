@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from klute_sim.dataset.dataset import Dataset, split
 from klute_sim.dataset.split import Split
@@ -16,6 +17,7 @@ from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.doubt import Rival, certified, intervals, rivals
 from klute_sim.diagnose.equations import Equation, equations
 from klute_sim.diagnose.experiment import Bench, Experiment, prepare
+from klute_sim.diagnose.fallback import fallback
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.diagnose.locate import Place, locate
@@ -74,7 +76,7 @@ class Diagnosis:
     final: Fit | None = None
     """With the effects that were accepted."""
     found: tuple[Term, ...] = ()
-    """The effects that were added."""
+    """What was added: effects, and where they do not explain everything, perhaps a data-driven term, the last."""
     intervals: list[tuple[float, float]] = field(default_factory=list)
     """Of the final fit's unknowns, 95 %."""
     rivals: list[Rival] = field(default_factory=list)
@@ -113,7 +115,9 @@ def diagnose(
     parts = split(dataset)
     bench, store = Bench(options.jobs), Store(f"{dataset.digest} {dataset.device.digest} {options}")
     try:
-        found = _diagnose(dataset, parts, options, bench, store, told)
+        # Simulations share the cores already; a linear algebra of many threads would only wait for its turn.
+        with threadpool_limits(1, user_api="blas"):
+            found = _diagnose(dataset, parts, options, bench, store, told)
     finally:
         bench.close()
     store.forget()
@@ -148,10 +152,20 @@ def _diagnose(
     if others and others[0].difference < -search.decisive:
         final, sure = certified(evidence, others[0].fit, np.random.default_rng(options.seed))
         others = rivals(search, final)
-    own = final.hypothesis.terms
+    verdict, why = _verdict(search, final, others)
+    lacks = equations(evidence, final)
+    if verdict == "unexplained":
+        told("looking for a data-driven term")
+        extra = fallback(search, final, base, lacks, options.exclude)
+        why.append(extra.why)
+        if extra.fit is not None:
+            final, sure = certified(evidence, extra.fit, np.random.default_rng(options.seed))
+            others = []  # they are rivals of what was found without it
+            rest = "still show a misfit" if search.lacks(final) else "show no more misfit"
+            why[-1] += f" With it, repeats {rest}."
+        why += _proxies(final)
     if not sure:
         reasons.append("The fit does not come back to the same place from elsewhere: take its numbers with care.")
-    verdict, why = _verdict(search, final, others)
     result = Diagnosis(
         dataset=dataset,
         split=parts,
@@ -160,11 +174,11 @@ def _diagnose(
         noise=dict(evidence.noise),
         base=base,
         final=final,
-        found=own,
+        found=final.hypothesis.terms,
         intervals=intervals(evidence, final, np.random.default_rng(options.seed)),
         rivals=others,
         where=locate(evidence, base),
-        equations=equations(evidence, final),
+        equations=lacks,
         steps=search.steps,
         experiments=every,
         effective=evidence.effective,
@@ -201,7 +215,6 @@ def base_fit(
 
 def _verdict(search: Search, final: Fit, others: Sequence[Rival]) -> tuple[Verdict, list[str]]:
     own = final.hypothesis.terms
-    named = " and ".join(str(term) for term in own)
     misfits = {channel: each for channel, each in search.misfits(final).items() if significant(each)}
     if misfits:
         worst = max(misfits, key=lambda channel: misfits[channel].certainty)
@@ -210,8 +223,7 @@ def _verdict(search: Search, final: Fit, others: Sequence[Rival]) -> tuple[Verdi
             f"the noise ({misfits[worst].certainty:.0f} standard errors; {CERTAIN:.0f} are allowed)."
         )
         last = f"What was tried last: {search.steps[-1].why}."
-        proxy = [f"Only a proxy was found: {named} explains part of the gap."] if own else []
-        return "unexplained", [left, *proxy, *([] if own else [last])]
+        return "unexplained", [left, *([] if own else [last])]
     if not own:
         return "nothing-missing" if search.repeated else "insufficient-data", [f"{search.steps[-1].why}."]
     first = [f"{step.added}: {step.why}." for step in search.steps if step.added in own]
@@ -226,6 +238,11 @@ def _verdict(search: Search, final: Fit, others: Sequence[Rival]) -> tuple[Verdi
             f"{names} would explain the data as well: BIC differs by no more than {search.decisive:.0f}.",
         ]
     return "named", first
+
+
+def _proxies(final: Fit) -> list[str]:
+    named = " and ".join(str(term) for term in final.hypothesis.terms if not term.entry.data_driven)
+    return [f"Only a proxy was found: {named} explains part of the gap."] if named else []
 
 
 def _show(result: Diagnosis, evidence: Evidence) -> None:

@@ -67,9 +67,11 @@ def certified(evidence: Evidence, found: Fit, random: np.random.Generator) -> tu
     found = fit(evidence, found.hypothesis, found.steps, fine=True)
     errors = np.sqrt(np.diag(np.linalg.pinv(found.jacobian.T @ found.jacobian)))
     away = random.choice([-1.0, 1.0], len(errors)) * np.maximum(AWAY * errors, 0.02)
-    again = fit(evidence, found.hypothesis, found.steps + away, fine=True)
-    better = again if again.cost < found.cost else found
-    return better, found.converged and again.converged and abs(again.cost - found.cost) < SAME
+    again = fit(evidence, found.hypothesis, found.steps + away)
+    sure = found.converged and again.converged and abs(again.cost - found.cost) < SAME
+    if again.cost < found.cost - SAME:
+        found = fit(evidence, found.hypothesis, again.steps, fine=True)
+    return found, sure
 
 
 def intervals(evidence: Evidence, found: Fit, random: np.random.Generator) -> list[tuple[float, float]]:

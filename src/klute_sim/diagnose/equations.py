@@ -16,7 +16,7 @@ from scipy.signal import savgol_filter
 
 from klute_sim.dataset.trial import Series
 from klute_sim.device.step import NO_MEMORY, Parameters, muscle_side, remembers, tendon_side
-from klute_sim.diagnose.experiment import Array, Experiment, Setting, trace
+from klute_sim.diagnose.experiment import Array, Experiment, moved
 from klute_sim.diagnose.fit import Evidence, Fit
 from klute_sim.diagnose.hypothesis import Hypothesis
 from klute_sim.diagnose.noise import Misfit, measure, misfit, significant
@@ -119,16 +119,12 @@ def _under_pressure(experiment: Experiment, parameters: Parameters) -> tuple[Exp
 
 def _shown(experiment: Experiment, parameters: Parameters) -> dict[str, Array]:
     """Length, and what the device would have shown, at the samples of the first measured channel of ``experiment``."""
-    found = trace(Setting(parameters), experiment)
+    found = moved(parameters, experiment)
     clock = next(iter(experiment.measured.values())).time
-    grid = experiment.begin + experiment.step * np.arange(1, len(found.tension) + 1)
-    values = {
-        "unit_length": experiment.unit_length,
-        "force": found.tension,
-        "pressure": found.pressure,
-        "muscle_length": found.length,
-    }
-    return {"time": clock} | {name: np.interp(clock, grid, value) for name, value in values.items()}
+    grid = experiment.begin + experiment.step * np.arange(1, len(experiment.command) + 1)
+    values = {"force": found.tension, "pressure": found.pressure, "muscle_length": found.length}
+    inputs = {"time": clock, "unit_length": np.interp(clock, grid, experiment.unit_length)}
+    return inputs | {name: np.interp(clock, found.time, value) for name, value in values.items()}
 
 
 def _sides(values: Mapping[str, Array], given: Mapping[str, Array], parameters: Parameters) -> dict[str, Array]:

@@ -4,8 +4,9 @@ Prescribed channels are interpolated linearly between their samples: nothing is 
 through a quick release is wrong by more than the noise of its samples.
 """
 
+import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,15 +19,15 @@ from klute_sim.dataset.dataset import Dataset
 from klute_sim.dataset.split import Split
 from klute_sim.dataset.trial import Series, Trial, Use
 from klute_sim.device.files import Device, refuse_openings
-from klute_sim.device.rollout import Trace, rollout
-from klute_sim.device.step import Parameters, settled
+from klute_sim.device.rollout import rollout
+from klute_sim.device.step import DEAD_TIME, Parameters, settled
 from klute_sim.effects.catalogue import effects
 from klute_sim.units import BAR
 
 Array = NDArray[np.float64]
 
-STEPS_PER_SAMPLE = 20
-SHORTEST, LONGEST = 2.5e-4, 5e-3
+STEPS_PER_SAMPLE = 10
+SHORTEST, LONGEST = 5e-4, 5e-3
 """Time steps [s]: with a shorter one the error is lost in a load cell's noise; a longer one is not needed."""
 CLOSEST = 2e-3
 """Between samples of a measured channel [s]: of one that was sampled faster, only every so-manieth is used. Noise stays
@@ -34,8 +35,11 @@ alike for longer than this, and a million rows would fill the memory."""
 PAST, LONGEST_PAST = 0.1, 0.5
 """Share of a trial, and time [s], that is simulated but not compared: what friction remembers from before the trial
 is not known, and is forgotten in the first movements."""
-COARSE = 4
-"""So many steps in one are good enough for derivatives, within some percent."""
+COARSE = 2
+"""So many steps in one are good enough for derivatives, within a fifth. What they change is what is wrong with the
+single ones, too, and is taken off."""
+KEPT = 128
+"""Simulations that are remembered."""
 
 UNITS = {"force": ("N", 1.0), "pressure": ("bar", BAR), "muscle_length": ("mm", 1e-3)}
 """Channel -> unit it is shown in, and that unit in SI."""
@@ -76,6 +80,9 @@ class Experiment:
     """Without the samples that are missing, or outside of what is prescribed."""
     loud: Mapping[str, Array] = field(default_factory=dict)
     """Channel -> how loud noise is at each of its samples, over its usual; left out: as usual everywhere."""
+
+    checked: frozenset[str] = frozenset()
+    """Channels whose instrument is known to be right."""
 
     @property
     def duration(self) -> float:
@@ -125,27 +132,71 @@ def _experiment(trial: Trial, use: Use) -> Experiment:
         unit_length=np.interp(grid, length.time, length.value),
         command=np.interp(grid, command.time, command.value),
         measured=measured,
+        checked=trial.checked,
     )
 
 
-def trace(setting: Setting, experiment: Experiment) -> Trace:
-    """What the device does at every step of ``experiment``, from rest at its first inputs."""
-    length, command = experiment.unit_length, experiment.command
-    start = settled(setting.parameters, float(length[0]), float(command[0]))
-    return rollout(setting.parameters, length, command, experiment.step, start=start, threads=1)
+class Motion(NamedTuple):
+    """What the device does in a trial, after each step."""
+
+    time: Array
+    """[s]"""
+    tension: Array
+    """[N]"""
+    pressure: Array
+    """Gauge pressure [Pa]."""
+    length: Array
+    """Muscle length [m]."""
 
 
-def shown(setting: Setting, experiment: Experiment, found: Trace) -> dict[str, Array]:
+def trace(parameters: Parameters, experiment: Experiment) -> Motion:
+    """``experiment`` in its own steps, from rest at its first inputs.
+
+    Steps are put where a delayed command has its corners: a rate that is limited would begin up to a step early.
+    """
+    length, command, step = experiment.unit_length, experiment.command, experiment.step
+    start = settled(parameters, float(length[0]), float(command[0]))
+    whole = math.floor(parameters.effects[DEAD_TIME] / step + 1e-9)
+    shift = max(0.0, parameters.effects[DEAD_TIME] - whole * step)
+    if shift > 0.0:
+        late = (*parameters.effects[:DEAD_TIME], whole * step, *parameters.effects[DEAD_TIME + 1 :])
+        parameters = parameters._replace(effects=late)
+        length = length + shift / step * np.diff(length, append=length[-1])
+    found = rollout(parameters, length, command, step, start=start, threads=1)
+    time: Array = experiment.begin + shift + step * np.arange(1.0, len(length) + 1.0)
+    return Motion(time, found.tension, found.pressure, found.length)
+
+
+def extrapolated(fine: Motion, coarse: Motion) -> Motion:
+    """What shorter and shorter steps tend to (Richardson, 1911), by two of :data:`COARSE` times different length.
+
+    The error of a step is proportional to its length, so what longer ones change is a multiple of it.
+    """
+    right: list[Array] = []
+    for short, long in zip(fine[1:], coarse[1:], strict=True):
+        wrong = np.interp(coarse.time, fine.time, short) - long
+        right.append(short + np.interp(fine.time, coarse.time, wrong).astype(np.float64) / (COARSE - 1))
+    return Motion(fine.time, *right)
+
+
+def moved(
+    parameters: Parameters, experiment: Experiment, by: Callable[[Parameters, Experiment], Motion] = trace
+) -> Motion:
+    """``experiment`` in steps as short as it needs, simulated ``by`` that."""
+    coarse = by(parameters, experiment.coarse)
+    return coarse if experiment.coarse is experiment else extrapolated(by(parameters, experiment), coarse)
+
+
+def shown(setting: Setting, experiment: Experiment, found: Motion) -> dict[str, Array]:
     """What the instruments of ``experiment`` would have shown of ``found``, at the times of their samples."""
-    time = experiment.begin + experiment.step * np.arange(1, len(found.tension) + 1)
     values = {"force": found.tension, "pressure": found.pressure, "muscle_length": found.length}
     result = {}
     for channel, series in experiment.measured.items():
         value = values[channel]
         for reading in setting.readings:
             if reading.channel == channel:
-                value = effects()[reading.effect].forms[0].laws["reading"](reading.own, time, value)
-        result[channel] = np.interp(series.time, time, value)
+                value = effects()[reading.effect].forms[0].laws["reading"](reading.own, found.time, value)
+        result[channel] = np.interp(series.time, found.time, value)
     return result
 
 
@@ -155,18 +206,36 @@ class Bench:
     def __init__(self, jobs: int = 0) -> None:
         """On ``jobs`` threads (0: all cores)."""
         self._pool = ThreadPoolExecutor(jobs or os.cpu_count() or 1)
+        self._kept: dict[tuple[Parameters, Experiment], Motion] = {}
         self.rollouts = 0
         """Simulations so far."""
 
     def simulate(
-        self, settings: Sequence[Sequence[Setting]], experiments: Sequence[Experiment]
+        self, settings: Sequence[Sequence[Setting]], experiments: Sequence[Experiment], *, coarse: bool = False
     ) -> list[list[dict[str, Array]]]:
-        """For each row of ``settings`` (one per experiment) what the instruments would have shown in each."""
+        """For each row of ``settings`` (one per experiment) what the instruments would have shown in each.
+
+        ``coarse``: in long steps, with their error.
+        """
         work = [(s, e) for row in settings for s, e in zip(row, experiments, strict=True)]
-        self.rollouts += len(work)
-        done = list(self._pool.map(lambda pair: shown(pair[0], pair[1], trace(*pair)), work))
+        # Instruments that look at the same device look at the same simulation.
+        devices = list(dict.fromkeys((s.parameters, e) for s, e in work))
+        motions = dict(zip(devices, self._pool.map(lambda one: self._moved(*one, coarse=coarse), devices), strict=True))
+        for key in list(self._kept)[:-KEPT]:
+            del self._kept[key]
+        done = [shown(s, e, motions[s.parameters, e]) for s, e in work]
         width = len(experiments)
         return [done[k : k + width] for k in range(0, len(done), width)]
+
+    def _moved(self, parameters: Parameters, experiment: Experiment, *, coarse: bool) -> Motion:
+        return self._traced(parameters, experiment.coarse) if coarse else moved(parameters, experiment, self._traced)
+
+    def _traced(self, parameters: Parameters, experiment: Experiment) -> Motion:
+        key = parameters, experiment
+        if key not in self._kept:
+            self.rollouts += 1
+            self._kept[key] = trace(parameters, experiment)
+        return self._kept[key]
 
     def close(self) -> None:
         """Let the threads go; what has not begun is dropped."""

@@ -16,8 +16,8 @@ from klute_sim.diagnose.store import Store
 DIFFERENCE = 1e-3
 """Of an unknown, in steps of its own size, to take derivatives with."""
 MOST_ROUNDS = 25
-TOLERANCE = 1e-7
-"""Relative change of cost at which a fit has converged."""
+TOLERANCE, FINE = 1e-5, 1e-7
+"""Relative change of cost at which a fit has converged: one that is compared with others, and one that is kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +44,13 @@ class Evidence:
         self, hypothesis: Hypothesis, rows: Sequence[Array], *, coarse: bool = False
     ) -> list[list[dict[str, Array]]]:
         """Measured minus simulated [SI] for each of ``rows`` of unknowns, in each experiment; ``coarse``: quickly."""
-        experiments = [e.coarse for e in self.experiments] if coarse else self.experiments
-        settings = [hypothesis.settings(row, experiments) for row in rows]
+        settings = [hypothesis.settings(row, self.experiments) for row in rows]
         return [
             [
                 {channel: series.value - shown[channel] for channel, series in e.measured.items()}
-                for e, shown in zip(experiments, found, strict=True)
+                for e, shown in zip(self.experiments, found, strict=True)
             ]
-            for found in self.bench.simulate(settings, experiments)
+            for found in self.bench.simulate(settings, self.experiments, coarse=coarse)
         ]
 
     def weighted(self, residuals: Residuals) -> Array:
@@ -110,6 +109,10 @@ class Fit:
         return self.cost + (len(self.steps) - self.hypothesis.base) * float(np.log(effective))
 
 
+SLACK = 0.5
+"""Rise of chi squared that a fit by long steps may end with, where it began as well as anywhere."""
+
+
 def fit(
     evidence: Evidence,
     hypothesis: Hypothesis,
@@ -121,9 +124,9 @@ def fit(
 ) -> Fit:
     """Fit ``hypothesis`` from ``start`` (in steps; None: nominal and neutral) by bounded least squares.
 
-    ``slope`` is the Jacobian at ``start``, or near enough to find the first direction, where it is known. Residuals are
-    never coarse; derivatives are, unless the fit is to be a ``fine`` one, which takes three times as long and comes
-    out the same to a small part of what decides.
+    ``slope`` is the Jacobian at ``start``, or near enough to find the first direction, where it is known. On the way
+    simulations are coarse, with what is wrong with them at the ``start`` taken off; the result's residuals never are. A
+    ``fine`` fit goes the last steps, and takes its derivatives, with the short steps of these.
     """
     given = [e.name for e in evidence.experiments]
     question = repr((hypothesis, sorted(evidence.noise.items()), given, rounds, fine))
@@ -146,47 +149,73 @@ def _fit(
     evidence: Evidence, hypothesis: Hypothesis, begin: Array, slope: Array | None, rounds: int, *, coarse: bool
 ) -> Fit:
     low, high = hypothesis.bounds()
-    prior = np.eye(hypothesis.base, len(hypothesis.unknowns))
-    seen: dict[bytes, Residuals] = {}
-
-    def vector(row: Array, residuals: Residuals) -> Array:
-        return np.concatenate([evidence.weighted(residuals), row[: hypothesis.base]])
-
-    def vector_at(row: Array) -> Array:
-        if row.tobytes() not in seen:
-            seen[row.tobytes()] = evidence.residuals(hypothesis, [row])[0]
-        return vector(row, seen[row.tobytes()])
-
-    known = [] if slope is None else [slope]
-
-    def jacobian(row: Array) -> Array:
-        if known:
-            return known.pop()
-        # Into the bounds, one unknown at a time, all at once on the bench.
-        signs = np.where(row + DIFFERENCE > high, -1.0, 1.0)
-        moved = [row + DIFFERENCE * sign * unit for sign, unit in zip(signs, np.eye(len(row)), strict=True)]
-        rows = [row, *moved] if coarse else moved
-        residuals = evidence.residuals(hypothesis, rows, coarse=coarse)
-        vectors = [vector(*pair) for pair in zip(rows, residuals, strict=True)]
-        here = vectors.pop(0) if coarse else vector_at(row)
-        return np.stack([(v - here) / (DIFFERENCE * s) for v, s in zip(vectors, signs, strict=True)], axis=1)
-
     # Not at a bound: the first step would be no longer than the distance from it.
     margin = np.minimum(0.01, 0.25 * (high - low))
     inside = np.clip(begin, low + margin, high - margin)
+    problem = _Problem(evidence, hypothesis, inside, coarse=coarse)
+    first = problem.finely(inside)
     if not len(inside):
-        there = vector_at(inside)
-        return Fit(hypothesis, inside, there, np.empty((len(there), 0)), True, seen[inside.tobytes()])
+        return Fit(hypothesis, inside, first[0], np.empty((len(first[0]), 0)), True, first[1])
+    known = [] if slope is None else [slope]
+
+    def slope_at(row: Array) -> Array:
+        return known.pop() if known else problem.jacobian(row)
+
     result = least_squares(
-        vector_at,
+        problem.vector,
         inside,
-        jacobian,
+        slope_at,
         bounds=(low, high),
-        ftol=TOLERANCE,
+        ftol=TOLERANCE if coarse else FINE,
         xtol=1e-6,
         gtol=None,
         max_nfev=rounds,
     )
-    there, found = vector_at(result.x), np.asarray(result.jac)
-    found[len(there) - hypothesis.base :] = prior
-    return Fit(hypothesis, result.x, there, found, result.status > 0, seen[result.x.tobytes()])
+    last, found = problem.finely(result.x), np.asarray(result.jac)
+    if (
+        coarse and last[0] @ last[0] > first[0] @ first[0] + SLACK
+    ):  # what long steps get wrong has changed too much on the way
+        return _fit(evidence, hypothesis, begin, slope, rounds, coarse=False)
+    found[len(last[0]) - hypothesis.base :] = np.eye(hypothesis.base, len(hypothesis.unknowns))
+    return Fit(hypothesis, result.x, last[0], found, result.status > 0, last[1])
+
+
+class _Problem:
+    """The vector whose square is least, and its derivatives, by few long steps or many short ones.
+
+    What long steps get wrong is known where a fit begins, and taken off everywhere: it hardly changes on the way.
+    """
+
+    def __init__(self, evidence: Evidence, hypothesis: Hypothesis, begin: Array, *, coarse: bool) -> None:
+        self._evidence, self._hypothesis, self._coarse = evidence, hypothesis, coarse
+        self._high = hypothesis.bounds()[1]
+        self._fine: dict[bytes, tuple[Array, Residuals]] = {}
+        self._wrong: Array | float = 0.0
+        if coarse:
+            self._wrong = self._simulated([begin])[0] - self.finely(begin)[0]
+
+    def finely(self, row: Array) -> tuple[Array, Residuals]:
+        """The vector at ``row`` by short steps, and the residuals [SI] in it."""
+        key = row.tobytes()
+        if key not in self._fine:
+            residuals = self._evidence.residuals(self._hypothesis, [row])[0]
+            self._fine[key] = self._joined(row, residuals), residuals
+        return self._fine[key]
+
+    def vector(self, row: Array) -> Array:
+        """Weighted residuals at ``row``, those of the priors last."""
+        return self._simulated([row])[0] - self._wrong if self._coarse else self.finely(row)[0]
+
+    def jacobian(self, row: Array) -> Array:
+        """Of :meth:`vector`: into the bounds, one unknown at a time, all at once on the bench."""
+        signs = np.where(row + DIFFERENCE > self._high, -1.0, 1.0)
+        moved = [row + DIFFERENCE * sign * unit for sign, unit in zip(signs, np.eye(len(row)), strict=True)]
+        here, *vectors = self._simulated([row, *moved])
+        return np.stack([(v - here) / (DIFFERENCE * s) for v, s in zip(vectors, signs, strict=True)], axis=1)
+
+    def _simulated(self, rows: Sequence[Array]) -> list[Array]:
+        found = self._evidence.residuals(self._hypothesis, rows, coarse=self._coarse)
+        return [self._joined(row, each) for row, each in zip(rows, found, strict=True)]
+
+    def _joined(self, row: Array, residuals: Residuals) -> Array:
+        return np.concatenate([self._evidence.weighted(residuals), row[: self._hypothesis.base]])

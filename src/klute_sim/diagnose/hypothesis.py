@@ -30,6 +30,8 @@ class Term(NamedTuple):
     effect: str
     form: str
     channel: str | None = None
+    keys: tuple[str, ...] = ()
+    """The parameters that are fitted, of a data-driven one; none: all. The others stay neutral."""
 
     @property
     def entry(self) -> Effect:
@@ -40,6 +42,11 @@ class Term(NamedTuple):
     def law(self) -> Form:
         """The form in the catalogue."""
         return catalogue.form_of(self.effect, self.form)[1]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those that are fitted."""
+        return tuple(p for p in self.law.parameters if not self.keys or p.key in self.keys)
 
     def __str__(self) -> str:
         """As a person would say it."""
@@ -106,7 +113,7 @@ class Hypothesis:
             low = max(nominal - reach, 1e-3 * nominal) if nominal > 0.0 else nominal - reach
             found.append(Unknown(key, None, nominal, deviation, low, nominal + reach))
         for number, term in enumerate(self.terms):
-            found += [self._unknown(p, number, term) for p in term.law.parameters]
+            found += [self._unknown(p, number, term) for p in term.parameters]
         return tuple(found)
 
     def _unknown(self, parameter: Parameter, number: int, term: Term) -> Unknown:
@@ -165,7 +172,8 @@ class Hypothesis:
                 spec = with_numbers(device.spec, corrected)
                 effects = catalogue.values(dict(_active(spec)) | active)
                 made[device.digest] = spec.parameters()._replace(effects=effects)
-            result.append(Setting(made[device.digest], tuple(readings)))
+            faulty = tuple(each for each in readings if each.channel not in experiment.checked)
+            result.append(Setting(made[device.digest], faulty))
         return result
 
 
@@ -191,5 +199,5 @@ def _active(spec: DeviceSpec) -> list[tuple[tuple[str, str], dict[str, float]]]:
     found = []
     for name, content in spec.effects.items():
         form = catalogue.form_of(name, str(content["form"]) if "form" in content else None)[1]
-        found.append(((name, form.name), {p.key: float(content[p.key]) for p in form.parameters}))
+        found.append(((name, form.name), {p.key: float(content[p.key]) for p in form.parameters if p.key in content}))
     return found

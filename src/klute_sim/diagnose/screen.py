@@ -42,6 +42,10 @@ def check_names(device: Device, only: Sequence[str], exclude: Sequence[str]) -> 
     for name in (*only, *exclude):
         catalogue.form_of(name, None)
     for name in only:
+        if name not in catalogue.named():
+            raise InputError(
+                f"'{name}' is no effect to look for: it is data-driven, and is fitted where no effect explains the data"
+            )
         if name in device.spec.effects:
             raise InputError(
                 f"device '{device.name}' has effect '{name}' already, so it cannot be looked for; take it out of the "
@@ -58,7 +62,7 @@ def terms(evidence: Evidence, device: Device, only: Sequence[str] = (), exclude:
     ``only`` and ``exclude`` name effects.
     """
     found = []
-    for effect in catalogue.effects().values():
+    for effect in catalogue.named().values():
         if (only and effect.name not in only) or effect.name in exclude or not device.spec.may_lack(effect):
             continue
         if effect.kind == "device":
@@ -72,10 +76,10 @@ def screen(evidence: Evidence, current: Fit, candidates: Sequence[Term]) -> list
     """``candidates`` by what they promise, best first."""
     hypotheses = [current.hypothesis.plus(term) for term in candidates]
     rows = [_tried(hypothesis, current.steps) for hypothesis in hypotheses]
-    experiments = [e.coarse for e in evidence.experiments]
+    experiments = evidence.experiments
     settings = [h.settings(row, experiments) for h, row in zip(hypotheses, rows, strict=True)]
     settings.append(current.hypothesis.settings(current.steps, experiments))
-    *shown, plain = evidence.bench.simulate(settings, experiments)
+    *shown, plain = evidence.bench.simulate(settings, experiments, coarse=True)
     basis, _ = np.linalg.qr(current.jacobian)
     found = []
     for term, hypothesis, row, each in zip(candidates, hypotheses, rows, shown, strict=True):

@@ -79,7 +79,7 @@ class Search:
             self.steps.append(step)
             if step.added is None:
                 break
-            current = self._without_idle(step.refits[0], base)
+            current = self.without_idle(step.refits[0], base)
             if not self.repeated:
                 current = self._weighed_anew(current)
         return current
@@ -206,14 +206,14 @@ class Search:
             return f"{term} fits, but trials that were not fitted gain no more than {100 * least:.0f} %"
         return ""
 
-    def _without_idle(self, current: Fit, base: Fit) -> Fit:
+    def without_idle(self, current: Fit, base: Fit) -> Fit:
         """``current`` less the terms that later ones have made idle."""
         own = current.hypothesis.terms[len(base.hypothesis.terms) :]
         for term in own[:-1]:
             self.told(f"trying without {term}")
             less = drop(self.evidence, current, term)
             if self._criterion(less) <= self._criterion(current) + self.decisive:
-                return self._without_idle(less, base)
+                return self.without_idle(less, base)
         return current
 
 

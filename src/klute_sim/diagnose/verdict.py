@@ -4,6 +4,7 @@ from typing import Any
 
 from klute_sim.diagnose.diagnosis import Diagnosis
 from klute_sim.diagnose.experiment import UNITS
+from klute_sim.diagnose.fallback import formula
 from klute_sim.diagnose.fit import Fit
 from klute_sim.diagnose.hypothesis import Term
 
@@ -62,7 +63,9 @@ def _effects(diagnosis: Diagnosis, final: Fit) -> list[dict[str, Any]]:
                 u.key: {"value": value, "low": low, "high": high} for u, value, (low, high) in rows if u.term == number
             },
         }
-        if diagnosis.verdict in ("unexplained", "insufficient-data"):
+        if term.entry.data_driven:
+            entry |= {"data_driven": True, "formula": formula(final)}
+        elif diagnosis.verdict in ("unexplained", "insufficient-data"):
             entry["proxy"] = True
         found.append(entry)
     return found

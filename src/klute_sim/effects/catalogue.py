@@ -30,6 +30,7 @@ from klute_sim.effects import (
     supply,
     tendon,
     threshold_pressure,
+    unknown,
 )
 from klute_sim.effects import hooks as _hooks
 from klute_sim.effects.effect import HOOKS, Effect, Form
@@ -65,6 +66,10 @@ BUILT_IN = (
     tendon.SLACK,
     tendon.STIFFENING,
     tendon.HYSTERESIS,
+    # Last, and outside of the equations they are terms of.
+    unknown.FORCE,
+    unknown.TENDON,
+    unknown.PRESSURE,
     instrument.GAIN,
     instrument.OFFSET,
     instrument.DRIFT,
@@ -82,6 +87,11 @@ def effects() -> dict[str, Effect]:
         _check(effect, found)
         found[effect.name] = effect
     return found
+
+
+def named() -> dict[str, Effect]:
+    """Those of :func:`effects` that are names: not the data-driven ones."""
+    return {name: effect for name, effect in effects().items() if not effect.data_driven}
 
 
 def use(file: str | Path) -> None:
@@ -212,14 +222,19 @@ def slot(effect: str, form: str) -> _hooks.Slot:
 
 
 def values(active: Mapping[tuple[str, str], Mapping[str, float]]) -> tuple[float, ...]:
-    """The values for these forms, (effect, form) -> parameters by key, in the keys' units; none: all neutral."""
+    """The values for these forms, (effect, form) -> parameters by key, in the keys' units; none: all neutral.
+
+    A parameter that is left out is neutral, too.
+    """
     found = [0.0] * sizes()[0]
     for (effect, form), parameters in active.items():
         place = slot(effect, form)
         found[0] += 1.0
         found[place.at] = 1.0
         for k, parameter in enumerate(place.form.parameters):
-            found[place.at + 1 + k] = parameter.si(parameters[parameter.key])
+            value = parameters.get(parameter.key, parameter.neutral)
+            assert value is not None, f"{effect} needs {parameter.key}"
+            found[place.at + 1 + k] = parameter.si(value)
     return tuple(found)
 
 

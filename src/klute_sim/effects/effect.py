@@ -100,6 +100,10 @@ class Effect:
     The dissertation's own friction offset can create some while the pressure changes, as its source has it.
     """
 
+    data_driven: bool = False
+    """Whether it is only a combination of functions fitted to data, which names nothing: no diagnosis proposes it as a
+    name, nothing keeps it from giving energy, and a device file may leave out numbers that are neutral."""
+
     def form(self, name: str) -> Form | None:
         """The form of that name."""
         return next((form for form in self.forms if form.name == name), None)

@@ -13,6 +13,7 @@ import numpy as np
 
 from klute_sim.diagnose.diagnosis import Diagnosis
 from klute_sim.diagnose.experiment import UNITS
+from klute_sim.diagnose.fallback import formula
 from klute_sim.diagnose.fit import Fit
 from klute_sim.diagnose.hypothesis import Term
 from klute_sim.diagnose.noise import CERTAIN, misfit
@@ -71,7 +72,7 @@ def content(diagnosis: Diagnosis) -> dict[str, Any]:
         "reasons": [words.sentence(reason) for reason in d.reasons],
         "warnings": _warnings(d),
         "next": d.next_experiment["sentence"] if d.next_experiment else "",
-        "proxies": d.verdict == "unexplained",
+        "title_of_effects": _title_of_effects(d),
         "effects": [_effect(d, term) for term in d.found],
         "rivals": _rivals(d),
         "equation": words.equation(d),
@@ -105,6 +106,14 @@ def content(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
+def _title_of_effects(d: Diagnosis) -> str:
+    if d.verdict != "unexplained":
+        return "Effects"
+    kinds = {term.entry.data_driven: None for term in d.found}
+    names = {False: "proxies: effects that come closest", True: "a data-driven term, which names nothing"}
+    return words.sentence(words.joined([names[kind] for kind in kinds]))
+
+
 def _warnings(d: Diagnosis) -> list[str]:
     found = list(d.dataset.remarks)
     fits = {"the device as it was": d.base}
@@ -118,13 +127,15 @@ def _warnings(d: Diagnosis) -> list[str]:
 
 def _effect(d: Diagnosis, term: Term) -> dict[str, Any]:
     assert d.final is not None
-    sources = [(words.split_key(p.key)[0], p.source) for p in term.law.parameters if p.source.startswith("assumed")]
+    sources = [(words.split_key(p.key)[0], p.source) for p in term.parameters if p.source.startswith("assumed")]
+    marks = {False: " (a proxy)", True: " (data-driven)"}
     return {
         "name": words.term(term),
+        "mark": marks[term.entry.data_driven] if d.verdict == "unexplained" else "",
         "identifier": term.effect,
         "form": term.form,
         "sentence": term.entry.sentence,
-        "equation": term.law.equation,
+        "equation": formula(d.final) if term.entry.data_driven else term.law.equation,
         "parameters": _numbers(d.final, term, d.intervals),
         "assumed": sources,
     }
@@ -268,7 +279,7 @@ def _unseen(d: Diagnosis) -> list[str]:
         found.append("No effect was looked for, because the data cannot answer.")
     else:
         tried = {candidate.term.effect for step in d.steps for candidate in step.candidates}
-        rest = [words.spoken(name) for name in catalogue.effects() if name not in tried]
+        rest = [words.spoken(name) for name in catalogue.named() if name not in tried]
         if rest:
             found.append(
                 f"Effects left out, in the device already, or without any change in these trials: {words.joined(rest)}."

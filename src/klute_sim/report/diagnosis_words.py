@@ -87,9 +87,14 @@ def verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unexplained":
         if not diagnosis.found:
             return "The simulation lacks something, and no effect that was looked for explains it."
-        closest = joined([term(t) for t in diagnosis.found])
-        comes = "come" if len(diagnosis.found) > 1 else "comes"
-        return f"The simulation lacks something that is not fully explained; {closest} {comes} closest, as a proxy."
+        proxies = [term(t) for t in diagnosis.found if not t.entry.data_driven]
+        extra = "a data-driven term, which names nothing, stands in for it"
+        if not proxies:
+            return f"The simulation lacks something that no effect that was looked for explains; {extra}."
+        comes = "come" if len(proxies) > 1 else "comes"
+        beside = f"; for the rest {extra}" if len(proxies) < len(diagnosis.found) else ""
+        closest = f"{joined(proxies)} {comes} closest, as a proxy"
+        return f"The simulation lacks something that is not fully explained; {closest}{beside}."
     parts = []
     for kind, words in (("device", "the simulated device lacks"), ("instrument", "an instrument is at fault:")):
         own = [term(t) for t in diagnosis.found if t.entry.kind == kind]

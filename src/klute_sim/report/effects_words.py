@@ -37,6 +37,7 @@ def describe(effect: "Effect") -> dict[str, Any]:
         "sentence": effect.sentence,
         "kind": effect.kind,
         "supply": effect.supply,
+        "data_driven": effect.data_driven,
         "instead_of": effect.instead_of or None,
         "forms": [
             {
@@ -86,6 +87,13 @@ def kind(shown: dict[str, Any]) -> str:
         return (
             "An effect of an instrument. It is never in a device file: a diagnosis looks for it in every measured "
             "channel."
+        )
+    if shown["data_driven"]:
+        return (
+            "A data-driven term of the device, which names nothing: a diagnosis falls back on it where no effect is "
+            "enough. It is not guaranteed to be passive: nothing keeps it from giving "
+            "energy, and outside of the data it was fitted to it may do anything within its bounds. A device file may "
+            "leave out coefficients that are 0."
         )
     if shown["supply"]:
         return "An effect of the device, in its gas supply, which may do work."
