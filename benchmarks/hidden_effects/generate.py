@@ -21,7 +21,8 @@ from air import AIR_STEP
 from catalogue import CHANNELS, PRESET, UNCERTAIN, load_device, neutral_law, with_effects
 from inputs import Program, programs, still
 from plan import BLOCKS, DEFECTS, plan
-from simulate import Noise, coloured, in_steps, read, trace, wander
+from simulate import Hidden, Noise, coloured, in_steps, reported, wander
+from sizes import Scale
 
 Effects = Sequence[Mapping[str, Any]]
 EVERY = 5  # trace samples per logged sample
@@ -48,6 +49,8 @@ def make(
     *,
     effects: Effects = (),
     instruments: Effects = (),
+    strangers: Effects = (),
+    deleted: bool = False,
     known: Effects = (),
     block: str = "single",
     noise: Noise | None = None,
@@ -59,7 +62,8 @@ def make(
     """Write the dataset ``folder`` and its truth file; return the truth.
 
     Base parameters, inputs and noise depend on ``seed`` only, not on the effects: the same seed with another effect is
-    the same bench on the same day. ``known`` are effects that the dataset's device file has, for everybody to see.
+    the same bench on the same day. What has a ``wanted`` size gets it. ``deleted`` effects are to be looked for with a
+    catalogue that lacks them. ``known`` are effects that the dataset's device file has, for everybody to see.
     ``muscle_length`` says whether that channel is recorded; by default in a third of the datasets, and where an
     instrument fault needs it. ``truth`` defaults to ``<folder>.truth.json``.
     """
@@ -79,39 +83,44 @@ def make(
         bench = [still(program) for program in bench]
 
     plain = with_effects(*neutral_law(base), known)
-    hidden = with_effects(*plain, effects)
+    hidden = Hidden(effects, instruments, strangers)
+    size = 0.0
+    if any("wanted" in each for every in hidden for each in every):
+        scale = Scale(base, bench, recorded, noise, known)
+        hidden = Hidden(*([scale.sized(each) for each in every] for every in hidden))
+        size = scale.size(hidden)
     tables: dict[str, dict[str, np.ndarray]] = {}
     trials, seen = [], {name: [] for name in recorded}
     for program in bench:
         for repeat in "a" if defect == "no_repeats" else "ab":
             slow = wander(child[3], round(program.duration / AIR_STEP) + 1, noise.wander)
-            true = trace(program, *hidden, slow)
-            reported = read(true, instruments)
-            shown = {name: in_steps(name, values, instruments) for name, values in reported.items()}
-            if repeat == "a" and (effects or instruments):
-                without = true if not effects else trace(program, *plain, slow)
+            told = reported(program, plain, hidden, slow)
+            shown = {name: in_steps(name, values, hidden.instruments) for name, values in told.items()}
+            if repeat == "a" and any(hidden):
+                without = reported(program, plain, Hidden(), slow)
                 for name in recorded:
                     seen[name].append((shown[name] - without[name])[::EVERY])
-            tables[f"{program.name}_{repeat}.csv"] = _log(child[3], program, reported, noise, recorded, instruments)
+            tables[f"{program.name}_{repeat}.csv"] = log(child[3], program, told, noise, recorded, hidden.instruments)
             trials.append((f"{program.name}_{repeat}.csv", program.name, program.use))
     if defect is not None:
         _spoil(tables, defect)
 
     floor = {name: getattr(noise, name) or CHANNELS[name].noise for name in recorded}
-    size = {name: _rms(np.concatenate(d)) / floor[name] if d else 0.0 for name, d in seen.items()}
-    worst = max(size, key=lambda name: size[name])
+    raw = {name: _rms(np.concatenate(d)) / floor[name] if d else 0.0 for name, d in seen.items()}
+    worst = max(raw, key=lambda name: raw[name])
     sealed = {
         "seed": seed,
         "block": block,
-        "effects": list(effects),
-        "instruments": list(instruments),
+        **{kind: list(every) for kind, every in hidden._asdict().items()},
+        "deleted": deleted,
         **({"known": list(known)} if known else {}),
         "defect": defect,
         "base": {key: base[key] for key in UNCERTAIN},
         "nominal": {key: device[key] for key in UNCERTAIN},
-        "raw_size": size[worst],
-        "most_affected": worst if size[worst] > 0.0 else None,
-        "raw_size_by_channel": size,
+        "size": size,
+        "raw_size": raw[worst],
+        "most_affected": worst if raw[worst] > 0.0 else None,
+        "raw_size_by_channel": raw,
         "noise": noise._asdict(),
         "groups": {program.name: program.use for program in bench},
     }
@@ -123,7 +132,7 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _log(
+def log(
     rng: np.random.Generator,
     program: Program,
     reported: Mapping[str, np.ndarray],
@@ -131,6 +140,7 @@ def _log(
     recorded: list[str],
     instruments: Effects,
 ) -> dict[str, np.ndarray]:
+    """The columns of one trial: inputs as they were logged, and what was ``reported`` with its noise, as displayed."""
     n = len(program.command)
     table = {
         "time": np.arange(n) / 200.0,
@@ -208,7 +218,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Write a block of datasets."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder that will hold the datasets")
-    parser.add_argument("--block", choices=BLOCKS, default="single")
+    parser.add_argument("--block", choices=tuple(BLOCKS), default="single")
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--typical", action="store_true", help="every parameter at its typical value")

@@ -1,16 +1,43 @@
 """Which datasets a block holds."""
 
-from collections.abc import Iterator
-from itertools import cycle, islice
 from typing import Any
 
 import numpy as np
 from catalogue import CHANNELS, EFFECTS, KNOWN_VALVE, NEEDS_VALVE, OTHER_FORMS, Forms, Parameter, instrument_forms
+from strangers import STRANGERS
 
-BLOCKS = ("clean", "single", "instrument", "pair", "defective", "wrong_form")
+BLOCKS = {
+    "clean": 120,
+    "single": 3 * len(EFFECTS),
+    "instrument": 24,
+    "pair": 30,
+    "triple": 10,
+    "wrong_form": 20,
+    "outside": 36,
+    "twin": 10,
+    "defective": 10,
+}
+"""Name -> how many datasets of it tell enough."""
+HALVES = {"development": 101, "test": 202}
+"""Seeds: thresholds are set on the one half, and frozen before the other is looked at."""
+SIZES = (2.0, 8.0, 0.7)
+"""Of single effects, over the noise."""
 DEFECTS = ("dead_channel", "no_repeats", "no_excitation", "clock_backwards", "saturated_force")
 APART = ({"volume_coupling", "choked_valve"}, {"volume_coupling", "leak"})
 """Not hidden together: behind a valve no regulator makes up for what the motion does."""
+TWINS = (
+    ("regulator_error", "offset", None),
+    ("sensor_offset", "offset", "pressure"),
+    ("regulator_error", "gain", None),
+    ("sensor_gain", "gain", "pressure"),
+    ("sensor_lag", "first_order", "force"),
+    ("clock_skew", "shift", "force"),
+    ("laminar_orifice", "smooth", None),
+    ("seal_friction", "coulomb", None),
+    ("end_taper", "strain", None),
+    ("sensor_gain", "gain", "force"),
+)
+"""Effects that have a near twin on this rig."""
 Spec = dict[str, Any]
 
 
@@ -24,15 +51,21 @@ def draw(parameter: Parameter, scale: float, sign: float = 1.0) -> float:
     return float(f"{min(max(value, parameter.low), parameter.high):.6g}")
 
 
-def effect(forms: Forms, key: tuple[str, str], rng: np.random.Generator | None) -> dict[str, Any]:
-    """One effect at its typical size, or at 0.7 to 3 times that where ``rng`` is given."""
+def effect(
+    forms: Forms, key: tuple[str, str], rng: np.random.Generator | None, wanted: float | None = None
+) -> dict[str, Any]:
+    """One effect at its typical size, or at 0.7 to 3 times that where ``rng`` is given.
+
+    ``wanted`` is the size, over the noise, that it is to have in the end; what only shapes it stays as drawn.
+    """
 
     def scale() -> float:
         return 1.0 if rng is None else float(np.exp(rng.uniform(np.log(0.7), np.log(3.0))))
 
     sign = 1.0 if rng is None else float(rng.choice([-1.0, 1.0]))
     parameters = {name: draw(parameter, scale(), sign) for name, parameter in forms[key].items()}
-    return {"name": key[0], "form": key[1], "parameters": parameters}
+    found = {"name": key[0], "form": key[1], "parameters": parameters}
+    return found if wanted is None or rng is None else found | {"wanted": wanted}
 
 
 def hidden(*effects: dict[str, Any]) -> Spec:
@@ -50,36 +83,62 @@ def plan(block: str, count: int, seed: int, *, typical: bool = False) -> list[Sp
     """
     if block not in BLOCKS:
         raise ValueError(f"block {block!r} is none of {', '.join(BLOCKS)}")
-    specs = []
-    for i, content in enumerate(islice(_contents(block, seed, typical), count)):
-        own = int(np.random.SeedSequence([seed, BLOCKS.index(block), i]).generate_state(1)[0])
+    specs, number = [], list(BLOCKS).index(block)
+    contents = (
+        _content(block, i, None if typical else np.random.default_rng([seed, number, i, 1])) for i in range(count)
+    )
+    for i, content in enumerate(contents):
+        own = int(np.random.SeedSequence([seed, number, i]).generate_state(1)[0])
         specs.append({"name": f"{block}_{seed}_{i:03d}", "seed": own, "block": block, **content})
     return specs
 
 
-def _contents(block: str, seed: int, typical: bool) -> Iterator[Spec]:
-    def rng(i: int) -> np.random.Generator | None:
-        return None if typical else np.random.default_rng([seed, BLOCKS.index(block), i, 1])
+def _content(block: str, i: int, rng: np.random.Generator | None) -> Spec:
+    singles, others = list(EFFECTS), list(OTHER_FORMS)
+    match block:
+        case "clean":
+            return {}
+        case "defective":
+            return {"defect": DEFECTS[i % len(DEFECTS)]}
+        case "single":
+            turn, which = divmod(i, len(singles))
+            return hidden(effect(EFFECTS, singles[which], rng, SIZES[turn % len(SIZES)]))
+        case "wrong_form":
+            turn, which = divmod(i, len(others))
+            return hidden(effect(OTHER_FORMS, others[which], rng, (8.0, 2.0)[turn % 2]))
+        case "instrument":
+            # Neighbours in the order differ in both fault and channel, so that a short plan sees some of each.
+            names, channels = list(instrument_forms("force")), list(CHANNELS)
+            turn, which = divmod(i, len(names))
+            return _fault(names[which], channels[(i + turn) % len(channels)], rng, (8.0, 2.0)[(i + turn // 3) % 2])
+        case "twin":
+            name, form, channel = TWINS[i % len(TWINS)]
+            if channel:
+                return _fault((name, form), channel, rng, 2.0)
+            return hidden(effect(EFFECTS, (name, form), rng, 2.0))
+        case "outside":
+            turn, which = divmod(i, 6)
+            if which == 0:
+                key = list(STRANGERS)[turn % len(STRANGERS)]
+                return {"strangers": [effect(STRANGERS, key, rng, 8.0)]}
+            known = singles[(5 * turn + which - 1) % len(singles)]
+            return hidden(effect(EFFECTS, known, rng, 8.0)) | {"deleted": True}
+        case _:
+            return _several(2 if block == "pair" else 3, i, rng)
 
-    if block == "clean":
-        yield from cycle([{}])
-    elif block == "defective":
-        yield from ({"defect": defect} for defect in cycle(DEFECTS))
-    elif block in {"single", "wrong_form"}:
-        forms = EFFECTS if block == "single" else OTHER_FORMS
-        yield from (hidden(effect(forms, key, rng(i))) for i, key in enumerate(cycle(forms)))
-    elif block == "instrument":
-        # Neighbours in the order differ in both fault and channel, so that a short plan sees some of each.
-        names, channels = list(instrument_forms("force")), list(CHANNELS)
-        for i in range(10**9):
-            channel = channels[(i + i // len(names)) % len(channels)]
-            fault = effect(instrument_forms(channel), names[i % len(names)], rng(i))
-            yield {"instruments": [{**fault, "channel": channel}]}
-    else:
-        for i in range(10**9):
-            chooser, keys = np.random.default_rng([seed, BLOCKS.index(block), i]), list(EFFECTS)
-            first, second = (keys[k] for k in chooser.choice(len(keys), 2, replace=False))
-            while second[0] == first[0] or {first[0], second[0]} in APART:
-                second = keys[chooser.integers(len(keys))]
-            generator = rng(i)
-            yield hidden(effect(EFFECTS, first, generator), effect(EFFECTS, second, generator))
+
+def _fault(key: tuple[str, str], channel: str, rng: np.random.Generator | None, wanted: float) -> Spec:
+    return {"instruments": [{**effect(instrument_forms(channel), key, rng, wanted), "channel": channel}]}
+
+
+def _several(count: int, i: int, rng: np.random.Generator | None) -> Spec:
+    """Effects of different names that can be in one device, each 2 to 8 times the noise when alone."""
+    generator, keys = rng or np.random.default_rng(i), list(EFFECTS)
+    chosen: list[tuple[str, str]] = []
+    while len(chosen) < count:
+        key = keys[generator.integers(len(keys))]
+        names = {name for name, _ in chosen}
+        if key[0] not in names and not any({key[0], name} in APART for name in names):
+            chosen.append(key)
+    sizes = np.exp(generator.uniform(np.log(2.0), np.log(8.0), count))
+    return hidden(*(effect(EFFECTS, key, rng, float(size)) for key, size in zip(chosen, sizes, strict=True)))

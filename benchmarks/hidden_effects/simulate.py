@@ -5,10 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from air import AIR_STEP, Air, moves, pressure_trace
-from catalogue import CHANNELS, instrument_forms
+from catalogue import CHANNELS, instrument_forms, with_effects
 from inputs import SAMPLE, Program
 from law import Law
 from scipy.signal import lfilter
+from strangers import moved, seen
 from truth import TRACE_STEP, Inputs, integrate
 
 TOLERANCE = 1e-9  # m per step: see the accuracy test
@@ -25,6 +26,17 @@ class Noise(NamedTuple):
     """Slow wander of the true pressure [bar]; stays below 0.01 bar."""
     logged_length: float = 0.01
     logged_command: float = 0.002
+
+
+class Hidden(NamedTuple):
+    """What is hidden in a dataset."""
+
+    effects: Sequence[Mapping[str, Any]] = ()
+    """Of the device."""
+    instruments: Sequence[Mapping[str, Any]] = ()
+    """Faults, each with its channel."""
+    strangers: Sequence[Mapping[str, Any]] = ()
+    """Of no kind that a catalogue has."""
 
 
 def wander(rng: np.random.Generator, n: int, rms_bar: float) -> Floats:
@@ -50,6 +62,14 @@ def trace(
     if not moves(air):
         pressure = given[::every]
     return {"force": force, "pressure": pressure / 1e5, "muscle_length": length * 1e3}
+
+
+def reported(
+    program: Program, plain: tuple[Law, Air], hidden: Hidden, disturbance: Floats | float = 0.0
+) -> dict[str, Floats]:
+    """Channels of the ``plain`` device with what is ``hidden``, as instruments report them (see :func:`read`)."""
+    true = trace(moved(program, hidden.strangers), *with_effects(*plain, hidden.effects), disturbance)
+    return read(seen(true, program, hidden.strangers), hidden.instruments)
 
 
 def read(channels: Mapping[str, Floats], faults: Sequence[Mapping[str, Any]]) -> dict[str, Floats]:

@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 from catalogue import CHANNELS, EFFECTS, OTHER_FORMS, UNCERTAIN, Forms, instrument_forms, neutral_law, with_effects
 from inputs import Program
-from simulate import Floats, Noise, read, trace
+from simulate import Floats, Hidden, Noise, reported
+from strangers import STRANGERS
 
 EVERY = 10  # trace samples per sample of a size: 100 Hz
 DIFFERENCE = 0.1
 """Of a number's uncertainty, to see what it changes."""
 NEAR, ROUNDS = 0.1, 6
 """Relative error of a size at which the search for it ends, and rounds after which it ends anyway."""
+DEVICE: Forms = EFFECTS | OTHER_FORMS
 Effect = Mapping[str, Any]
 
 
@@ -34,50 +36,51 @@ class Scale:
         """``known`` effects are in the device anyway."""
         self._bench, self._recorded, self._noise = [p for p in bench if p.use == "fit"], recorded, noise
         self._base, self._known = dict(base), list(known)
-        self._plain = self._seen(self._base, ())
+        self._plain = self._seen(self._base, Hidden())
         columns = []
         for key, share in UNCERTAIN.items():
             step = DIFFERENCE * share * base[key]
-            moved = self._seen({**self._base, key: base[key] + step}, ())
+            moved = self._seen({**self._base, key: base[key] + step}, Hidden())
             columns.append((moved - self._plain) / DIFFERENCE)
         # What an uncertain number may do is worth as much as one more sample of unit noise.
         self._columns = np.concatenate([np.stack(columns, axis=1), np.eye(len(columns))])
 
-    def size(self, effects: Sequence[Effect], faults: Sequence[Effect] = ()) -> float:
-        """Of all of them together."""
-        change = self._seen(self._base, effects, faults) - self._plain
+    def size(self, hidden: Hidden) -> float:
+        """Of all that is ``hidden``, together."""
+        change = self._seen(self._base, hidden) - self._plain
         target = np.concatenate([change, np.zeros(self._columns.shape[1])])
         left = (target - self._columns @ np.linalg.lstsq(self._columns, target)[0])[: len(change)]
-        by_channel = left.reshape(len(self._recorded), -1)
-        rounded = [
-            f["parameters"]["step"] / CHANNELS[f["channel"]].noise for f in faults if f["name"] == "quantisation"
-        ]
-        whole = [float(np.sqrt(np.mean(row * row))) for row in by_channel]
-        return max(*whole, *(step / np.sqrt(12.0) for step in rounded), 0.0)
+        whole = [float(np.sqrt(np.mean(row * row))) for row in left.reshape(len(self._recorded), -1)]
+        for fault in hidden.instruments:
+            if fault["name"] == "quantisation":  # of signals that pass through many steps
+                step = fault["parameters"]["step"] / CHANNELS[fault["channel"]].noise
+                whole.append(step / float(np.sqrt(12.0)))
+        return max(whole)
 
-    def sized(self, effect: Effect, wanted: float) -> dict[str, Any]:
-        """``effect`` made ``wanted`` times as large as the noise, or as nearly as its parameters may; with its size."""
-        fault = "channel" in effect
-        forms: Forms = instrument_forms(effect["channel"]) if fault else {**EFFECTS, **OTHER_FORMS}
-        own = forms[effect["name"], effect["form"]]
+    def sized(self, effect: Effect) -> dict[str, Any]:
+        """``effect`` as large as is wanted of it, or as nearly as its parameters may be; with its size."""
+        key, wanted = (effect["name"], effect["form"]), effect["wanted"]
+        kind = "strangers" if key in STRANGERS else "instruments" if "channel" in effect else "effects"
+        forms: Forms = instrument_forms(effect["channel"]) if kind == "instruments" else DEVICE | STRANGERS
+        own = forms[key]
 
         def of(scale: float) -> dict[str, Any]:
             values = {
                 key: value if own[key].neutral is None else _scaled(own[key], value, scale)
                 for key, value in effect["parameters"].items()
             }
-            return {**effect, "parameters": values}
+            return {**{key: value for key, value in effect.items() if key != "wanted"}, "parameters": values}
 
         def measured(scale: float) -> float:
-            return self.size((), [of(scale)]) if fault else self.size([of(scale)])
+            return self.size(Hidden(**{kind: [of(scale)]}))
 
         scale, size = _sought(measured, wanted, lambda s: of(s) == of(1.3 * s))
         return {**of(scale), "size": round(size, 3)}
 
-    def _seen(self, base: Mapping[str, float], effects: Sequence[Effect], faults: Sequence[Effect] = ()) -> Floats:
+    def _seen(self, base: Mapping[str, float], hidden: Hidden) -> Floats:
         """Every recorded channel over its noise, one channel after the other."""
-        hidden = with_effects(*neutral_law(base), [*self._known, *effects])
-        found = [read(trace(program, *hidden), faults) for program in self._bench]
+        plain = with_effects(*neutral_law(base), self._known)
+        found = [reported(program, plain, hidden) for program in self._bench]
         rows = [
             np.concatenate([each[name][::EVERY] for each in found]) / getattr(self._noise, name)
             for name in self._recorded

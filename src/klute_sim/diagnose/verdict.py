@@ -2,6 +2,9 @@
 
 from typing import Any
 
+import numpy as np
+
+from klute_sim.diagnose.confusable import ALIKE
 from klute_sim.diagnose.diagnosis import Diagnosis
 from klute_sim.diagnose.experiment import UNITS
 from klute_sim.diagnose.fallback import formula
@@ -19,6 +22,21 @@ def alternatives(diagnosis: Diagnosis) -> list[list[str]]:
     return [list(each) for each in dict.fromkeys(tuple(sorted(names)) for names in sets)]
 
 
+def alike(diagnosis: Diagnosis) -> list[list[str]]:
+    """Pairs of effects that these data hardly tell apart: what the device's numbers leave of them looks the same.
+
+    Their traces in the fitted trials, with the device's uncertain numbers projected off, have a cosine beyond
+    :data:`klute_sim.diagnose.confusable.ALIKE`, in some form of each.
+    """
+    if not diagnosis.steps:
+        return []
+    every = diagnosis.steps[0].candidates
+    cosines = np.abs(np.array([one.signature for one in every]) @ np.array([one.signature for one in every]).T)
+    names = [_name(one.term) for one in every]
+    pairs = {tuple(sorted((names[i], names[k]))) for i, k in np.argwhere(cosines > ALIKE) if names[i] != names[k]}
+    return [list(pair) for pair in sorted(pairs)]
+
+
 def _name(term: Term) -> str:
     return f"{term.effect}@{term.channel}" if term.channel else term.effect
 
@@ -31,6 +49,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": diagnosis.verdict,
         "effects": _effects(diagnosis, diagnosis.final) if diagnosis.final else [],
         "alternatives": alternatives(diagnosis),
+        "alike": alike(diagnosis),
         "split": {"fit": list(split.fit), "select": list(split.select), "show": list(split.show)},
         "where": [
             {"channel": place.channel, "share": round(place.share, 3), "region": place.region}
