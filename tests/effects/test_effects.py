@@ -24,7 +24,7 @@ from klute_sim.effects.hooks import Slot
 from klute_sim.effects.smooth import SLIDING
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben, valve
-from klute_sim.laws.pneumatics import ATMOSPHERE
+from klute_sim.laws.pneumatics import ATMOSPHERE, Supply
 from klute_sim.plant import batch, models, router
 from klute_sim.rigs import bench
 from klute_sim.units import BAR
@@ -435,3 +435,31 @@ def test_a_catalogue_that_is_none_is_refused(content: str | None, words: str, tm
         file.write_text(content, "utf-8")
     done = in_fresh_process("import klute_sim.device.step", KLUTE_SIM_CATALOGUE=str(file))
     assert words in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("name", "form", "own", "others"),
+    [
+        ("leak", "orifice", (7.0,), {"leak": 7.0}),
+        ("supply_droop", "tank", (4.0,), {"tank": 0.25, "tank_pressure": 0.5}),
+        (
+            "choked_valve",
+            "symmetric",
+            (4.0, 0.3),
+            {"fill": 0.25, "fill_ratio": 0.3, "exhaust": 0.25, "exhaust_ratio": 0.3},
+        ),
+        (
+            "choked_valve",
+            "asymmetric",
+            (4.0, 2.0, 0.3),
+            {"fill": 0.25, "fill_ratio": 0.3, "exhaust": 0.125, "exhaust_ratio": 0.3},
+        ),
+    ],
+)
+def test_an_effect_of_the_air_changes_its_own_numbers_of_the_supply_only(
+    name: str, form: str, own: tuple[float, ...], others: dict[str, float]
+) -> None:
+    supply = Supply(*(0.5 + k for k in range(len(Supply._fields))))  # no two alike
+    law = catalogue.form_of(name, form)[1].laws["supply"]
+    assert law(own, (), supply) == supply._replace(**others)
+    assert law((0.0, *own[1:]), (), supply) == supply

@@ -67,10 +67,6 @@ def apart(effects: list[dict]) -> dict[str, float]:
     return {name: float(np.sqrt(np.mean(each**2))) for name, each in gap.items()}
 
 
-BEHIND_A_VALVE = pytest.mark.xfail(
-    strict=True,
-    reason="the package's leak changes the valve: its critical ratios and conductances are given in another order",
-)
 CLOSED_IN = pytest.mark.xfail(
     strict=True,
     reason="the package draws air from a tank below the muscle when it takes polytropic air for isothermal",
@@ -81,7 +77,7 @@ def marked(cases: Iterable[Any], marks: Mapping[Any, pytest.MarkDecorator]) -> l
     return [pytest.param(c, marks=marks.get(c, ()), id=c if isinstance(c, str) else "/".join(c)) for c in cases]
 
 
-@pytest.mark.parametrize("key", marked(catalogue.EFFECTS, {("leak", "orifice"): BEHIND_A_VALVE}))
+@pytest.mark.parametrize("key", marked(catalogue.EFFECTS, {}))
 def test_every_form_is_the_packages(key: tuple[str, str]) -> None:
     known = [catalogue.KNOWN_VALVE] if key[0] in catalogue.NEEDS_VALVE else []
     limits = STICK_SLIP if key == ("seal_friction", "stribeck") else CHANNELS
@@ -121,10 +117,7 @@ COMBINATIONS = {
 }
 
 
-LEFT = {
-    "valve, leak and tank": BEHIND_A_VALVE,
-    "adiabatic recovery and tank": CLOSED_IN,
-}
+LEFT = {"adiabatic recovery and tank": CLOSED_IN}
 
 
 @pytest.mark.parametrize("name", marked(COMBINATIONS, LEFT))

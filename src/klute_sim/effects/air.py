@@ -42,7 +42,7 @@ def leaking(own: Numbers, memory: Numbers, supply: Supply) -> Supply:
     if own[0] <= 0.0:
         return s
     return changed(
-        s, s.fill, s.exhaust, s.fill_ratio, s.exhaust_ratio, s.exponent, own[0], s.tank, s.tank_pressure, s.recovery
+        s, s.fill, s.fill_ratio, s.exhaust, s.exhaust_ratio, s.exponent, own[0], s.tank, s.tank_pressure, s.recovery
     )
 
 
@@ -52,7 +52,7 @@ def from_tank(own: Numbers, memory: Numbers, supply: Supply) -> Supply:
     if own[0] <= 0.0:
         return s
     return changed(
-        s, s.fill, s.exhaust, s.fill_ratio, s.exhaust_ratio, s.exponent, s.leak, 1.0 / own[0], s.pressure, s.recovery
+        s, s.fill, s.fill_ratio, s.exhaust, s.exhaust_ratio, s.exponent, s.leak, 1.0 / own[0], s.pressure, s.recovery
     )
 
 

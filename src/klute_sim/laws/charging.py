@@ -304,7 +304,8 @@ def _by_valve(
     through = rest / flowing.raised if rest > 0.0 else rest / flowing.lowered
     if shut:
         lost, through = lost - through, 0.0
-    draws = _stands(supply, flowing, after) >= 0.0
+    # Above the room's pressure, what comes in comes from the tank, wherever a pilot stands that makes up for a leak.
+    draws = _stands(supply, flowing, after) >= 0.0 or after > 0.0
     return Charge(after, 0.0, 1.0, supply.exponent, whole, supply.dead_volume, through, lost, phase, duty, draws)
 
 
