@@ -86,7 +86,7 @@ def make(
     hidden = Hidden(effects, instruments, strangers)
     size = 0.0
     if any("wanted" in each for every in hidden for each in every):
-        scale = Scale(base, bench, recorded, noise, known)
+        scale = Scale(base, device, bench, recorded, noise, known)
         hidden = Hidden(*([scale.sized(each) for each in every] for every in hidden))
         size = scale.size(hidden)
     tables: dict[str, dict[str, np.ndarray]] = {}
@@ -192,10 +192,7 @@ def _write(
         if known:
             (part / device).write_text(device_file.read_text("utf-8") + _sections(known), "utf-8")
         for file, table in tables.items():
-            header = ",".join(f"{name} [{UNITS[name]}]" for name in table)
-            columns = [[f"{value:.{DECIMALS[name]}f}" for value in values] for name, values in table.items()]
-            rows = [",".join(row) for row in zip(*columns, strict=True)]
-            (part / file).write_text("\n".join([header, *rows]) + "\n", "utf-8")
+            (part / file).write_text(table_text(table), "utf-8")
         if folder.exists():
             shutil.rmtree(folder)
         part.rename(folder)
@@ -203,6 +200,14 @@ def _write(
     partial = truth.with_name(f".part-{truth.name}")
     partial.write_text(json.dumps(sealed, indent=1) + "\n", "utf-8")
     partial.rename(truth)
+
+
+def table_text(table: Mapping[str, np.ndarray]) -> str:
+    """A trial file with the columns of ``table``."""
+    header = ",".join(f"{name} [{UNITS[name]}]" for name in table)
+    columns = [[f"{value:.{DECIMALS[name]}f}" for value in values] for name, values in table.items()]
+    rows = [",".join(row) for row in zip(*columns, strict=True)]
+    return "\n".join([header, *rows]) + "\n"
 
 
 def _sections(known: Effects) -> str:

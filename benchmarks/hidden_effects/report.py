@@ -3,23 +3,15 @@
 import json
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
+from metrics import Row, metrics
 from rich.console import Console
 from rich.table import Table
-from score import ABSORBED, hidden, kinds_confused, named, size
+from score import ABSORBED, hidden, kinds_confused, left, named
 
 OWN = "klute-sim"
 REFIT = "refit only"
-
-
-class Row(NamedTuple):
-    """A dataset, what was answered, and what that is worth."""
-
-    name: str
-    truth: Mapping[str, Any]
-    verdict: Mapping[str, Any]
-    outcome: str
 
 
 def report(rows: Sequence[Row], others: Mapping[str, Sequence[Row]], *, as_json: bool) -> None:
@@ -29,6 +21,7 @@ def report(rows: Sequence[Row], others: Mapping[str, Sequence[Row]], *, as_json:
         "outcomes": _counts(rows),
         "kinds_confused": sum(kinds_confused(row.truth, row.verdict) for row in rows),
         "median_s": statistics.median(row.verdict["s"] for row in rows),
+        "metrics": [one._asdict() for one in metrics(rows)],
     }
     if others:
         refit = {"names": 0, "gap_over_floor": _median(_worst(row)[0] for row in rows)}
@@ -37,12 +30,13 @@ def report(rows: Sequence[Row], others: Mapping[str, Sequence[Row]], *, as_json:
         {
             "dataset": row.name,
             "hidden": hidden(row.truth),
-            "raw_size": row.truth["raw_size"],
-            "size": size(row.verdict),
+            "size": row.truth["size"],
+            "left": left(row.verdict),
             "verdict": row.verdict["verdict"],
             "named": named(row.verdict),
             "alternatives": row.verdict["alternatives"],
             "outcome": row.outcome,
+            "second": row.second,
             **{
                 method: {"named": named(each[k].verdict), "outcome": each[k].outcome} for method, each in others.items()
             },
@@ -52,16 +46,21 @@ def report(rows: Sequence[Row], others: Mapping[str, Sequence[Row]], *, as_json:
     if as_json:
         print(json.dumps({**whole, "rows": listed}, indent=2))
         return
-    table = Table("dataset", "hidden", "raw size", "size", "verdict", "named", "outcome", *others)
+    table = Table("dataset", "hidden", "size", "left", "verdict", "named", "outcome", *others)
     for row in listed:
         told = ", ".join(row["named"]) + ("".join(f" | {', '.join(a)}" for a in row["alternatives"]))
-        sizes = f"{row['raw_size']:.1f}", f"{row['size']:.1f}"
+        sizes = f"{row['size']:.1f}", f"{row['left']:.1f}"
         words = [row[method]["outcome"] for method in others]
         table.add_row(row["dataset"], ", ".join(row["hidden"]), *sizes, row["verdict"], told, row["outcome"], *words)
     out = Console(width=150, highlight=False)
     out.print(table)
     methods = whole.pop("methods", {})
-    out.print(whole)
+    aims = Table("", "measured", "of", "aimed at", "met")
+    for one in metrics(rows):
+        value = "-" if one.value is None else f"{one.value:.3g}"
+        aims.add_row(one.name, value, str(one.of), one.target, {None: "", True: "yes", False: "no"}[one.met])
+    out.print(aims)
+    out.print({key: value for key, value in whole.items() if key != "metrics"})
     if methods:
         out.print(_compared(methods))
 
@@ -96,7 +95,7 @@ def _method(rows: Sequence[Row]) -> dict[str, Any]:
     return {
         "outcomes": _counts(rows),
         "median_s": statistics.median(row.verdict["s"] for row in rows),
-        "gap_removed": _median(_worst(row)[1] for row in rows if size(row.verdict) >= ABSORBED),
+        "gap_removed": _median(_worst(row)[1] for row in rows if left(row.verdict) >= ABSORBED),
     }
 
 

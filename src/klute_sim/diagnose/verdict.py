@@ -47,6 +47,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "verdict": diagnosis.verdict,
+        "reasons": list(diagnosis.reasons),
         "effects": _effects(diagnosis, diagnosis.final) if diagnosis.final else [],
         "alternatives": alternatives(diagnosis),
         "alike": alike(diagnosis),

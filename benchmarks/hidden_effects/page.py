@@ -1,0 +1,100 @@
+"""The page of results: what was aimed at, what came out, every failure with its reason."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from metrics import Metric, Row, confusion, metrics, power
+from score import hidden, sets
+
+FINE = {"right", "absorbed"}
+LIMIT = 400
+"""Letters of a reason."""
+
+
+def page(rows: Sequence[Row], others: Mapping[str, Sequence[Row]], head: Mapping[str, Any]) -> str:
+    """Markdown; ``head`` says what was run."""
+    blocks = list(dict.fromkeys(row.truth["block"] for row in rows))
+    lines = ["# The hidden-effect benchmark: results", ""]
+    lines += [f"{key}: {value}  " for key, value in head.items()]
+    lines += ["", "## What was aimed at", "", *_targets(metrics(rows)), "", "## Blocks", ""]
+    words = list(dict.fromkeys(row.outcome for row in rows))
+    lines += _table(
+        ["block", "datasets", *words],
+        [
+            [block, len(own), *(sum(row.outcome == word for row in own) or "" for word in words)]
+            for block in blocks
+            for own in [[row for row in rows if row.truth["block"] == block]]
+        ],
+    )
+    if others:
+        lines += ["", "## Beside other methods", "", *_methods(rows, others)]
+    lines += ["", "## Power: what became of single effects, by their size over the noise", "", *_power(rows)]
+    lines += ["", "## Confusion", "", *_confusion(rows), "", "## What was not right, and why", "", *_failures(rows)]
+    return "\n".join(lines) + "\n"
+
+
+def _table(head: Sequence[object], rows: Sequence[Sequence[object]]) -> list[str]:
+    return [_line(head), _line(["---"] * len(head)), *map(_line, rows)]
+
+
+def _line(cells: Sequence[object]) -> str:
+    return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"
+
+
+def _targets(every: Sequence[Metric]) -> list[str]:
+    rows = []
+    for one in every:
+        share = one.low is not None
+        value = "-" if one.value is None else f"{100 * one.value:.1f} %" if share else f"{one.value:.3g}"
+        around = (
+            f"{100 * one.low:.1f} to {100 * one.high:.1f} %" if one.low is not None and one.high is not None else ""
+        )
+        met = {None: "", True: "yes", False: "**no**"}[one.met]
+        rows.append([one.name, value, around, one.of, one.target, met])
+    return _table(["", "measured", "95 % interval", "of", "aimed at", "met"], rows)
+
+
+def _methods(rows: Sequence[Row], others: Mapping[str, Sequence[Row]]) -> list[str]:
+    every = {"klute-sim": rows, **others}
+    words = list(dict.fromkeys(row.outcome for own in every.values() for row in own))
+    return _table(
+        ["method", "datasets", *words],
+        [[name, len(own), *(sum(r.outcome == w for r in own) or "" for w in words)] for name, own in every.items()],
+    )
+
+
+def _power(rows: Sequence[Row]) -> list[str]:
+    bands = ((0.0, 1.0), (1.0, 4.0), (4.0, float("inf")))
+    heads = ["effect", "below 1", "1 to 4", "above 4"]
+    table = []
+    for name, found in power(rows).items():
+        told = [
+            ", ".join(f"{word} ({size:.1f})" for size, word in sorted(found.items()) if low <= size < high)
+            for low, high in bands
+        ]
+        table.append([name, *told])
+    return _table(heads, table)
+
+
+def _confusion(rows: Sequence[Row]) -> list[str]:
+    return _table(
+        ["hidden", "told (how often)"],
+        [
+            [true, ", ".join(f"{word} ({count})" for word, count in sorted(told.items(), key=lambda pair: -pair[1]))]
+            for true, told in sorted(confusion(rows).items())
+        ],
+    )
+
+
+def _failures(rows: Sequence[Row]) -> list[str]:
+    table = []
+    for row in rows:
+        fine = row.outcome in FINE or (row.truth["block"] in ("outside", "wrong_form") and row.outcome == "flagged")
+        if fine and row.second in (None, "right"):
+            continue
+        told = " or ".join(" and ".join(each) for each in sets(row.verdict)) or row.verdict["verdict"]
+        reason = " ".join(row.verdict.get("reasons", ())).replace("\n", " ")
+        outcome = row.outcome if row.second in (None, "right") else f"{row.outcome}, then {row.second}"
+        sizes = f"{row.truth['size']:.1f}"
+        table.append([row.name, " and ".join(hidden(row.truth)), sizes, told, outcome, reason[:LIMIT]])
+    return _table(["dataset", "hidden", "size", "told", "outcome", "what the program said"], table)

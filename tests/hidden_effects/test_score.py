@@ -1,0 +1,217 @@
+"""What a verdict is worth, and what many of them say."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+HOME = Path(__file__).parents[2] / "benchmarks" / "hidden_effects"
+sys.path.insert(0, str(HOME))
+
+import catalogue  # noqa: E402
+import generate  # noqa: E402
+import inputs  # noqa: E402
+import metrics  # noqa: E402
+import page  # noqa: E402
+import plan  # noqa: E402
+import second_round  # noqa: E402
+import sizes  # noqa: E402
+import strangers  # noqa: E402
+from metrics import Row  # noqa: E402
+from score import first_right, kinds_confused, score  # noqa: E402
+from simulate import Hidden, Noise, reported  # noqa: E402
+
+from klute_sim.dataset.dataset import read  # noqa: E402
+
+HYSTERESIS = {"name": "braid_hysteresis", "channel": None}
+DAMPING = {"name": "muscle_damping", "channel": None}
+GAIN = {"name": "sensor_gain", "channel": "force"}
+MASS = {"name": "moving_mass", "form": "rigid", "parameters": {"mass_kg": 2.0}}
+
+
+def verdict(kind: str, *effects: dict, alternatives: tuple = (), left: float = 1.0, after: float = 1.0) -> dict:
+    gap = {"force": {"before": left, "after": after, "floor": 1.0}}
+    told = {"verdict": kind, "effects": list(effects), "alternatives": list(alternatives)}
+    return told | {"gap": gap, "alike": [["braid_hysteresis", "seal_friction"]], "s": 10.0}
+
+
+def truth(effects: tuple = (), instruments: tuple = (), **more: object) -> dict:
+    nothing = {"strangers": [], "defect": None, "deleted": False, "size": 2.0, "block": "single"}
+    return {**nothing, "effects": list(effects), "instruments": list(instruments), **more}
+
+
+@pytest.mark.parametrize(
+    ("hidden", "found", "outcome"),
+    [
+        (truth(), verdict("nothing-missing"), "right"),
+        (truth(), verdict("named", HYSTERESIS), "false-alarm"),
+        (truth(), verdict("unexplained", HYSTERESIS), "flagged"),
+        (truth((HYSTERESIS,)), verdict("named", HYSTERESIS), "right"),
+        (truth((HYSTERESIS,)), verdict("named", GAIN), "wrong"),
+        (truth((HYSTERESIS,)), verdict("named", {"name": "seal_friction", "channel": None}), "twin"),
+        (truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)), "right"),
+        (truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["end_taper"],)), "wrong"),
+        (
+            truth((HYSTERESIS,)),
+            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"], ["end_taper"], ["leak"])),
+            "loose",
+        ),
+        (truth((HYSTERESIS,)), verdict("nothing-missing", left=1.5), "missed"),
+        (truth((HYSTERESIS,)), verdict("nothing-missing", left=1.02), "absorbed"),
+        (truth((HYSTERESIS,)), verdict("unexplained", GAIN), "flagged"),
+        (truth((HYSTERESIS,), deleted=True), verdict("unexplained", GAIN), "flagged"),
+        (truth((HYSTERESIS,), deleted=True), verdict("named", GAIN), "wrong"),
+        (truth((HYSTERESIS,), deleted=True), verdict("nothing-missing", left=3.0), "missed"),
+        (truth(strangers=[MASS]), verdict("named", GAIN), "wrong"),
+        (truth(strangers=[MASS]), verdict("unexplained"), "flagged"),
+        (truth((HYSTERESIS,), (GAIN,)), verdict("named", HYSTERESIS, after=1.5), "part"),
+        (truth((HYSTERESIS,), (GAIN,)), verdict("named", HYSTERESIS), "absorbed"),
+        (truth((HYSTERESIS,), (GAIN,)), verdict("named", GAIN, HYSTERESIS), "right"),
+        (truth(defect="dead_channel"), verdict("insufficient-data"), "right"),
+        (truth(defect="dead_channel"), verdict("named", GAIN), "false-alarm"),
+    ],
+)
+def test_verdicts_are_scored_as_they_should(hidden: dict, found: dict, outcome: str) -> None:
+    assert score(hidden, found) == outcome
+
+
+def test_a_first_name_and_a_kind_may_be_right_where_the_rest_is_not() -> None:
+    both = truth((HYSTERESIS, DAMPING))
+    assert first_right(both, verdict("named", HYSTERESIS))
+    assert first_right(both, verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis", "muscle_damping"],)))
+    assert not first_right(both, verdict("named", GAIN, HYSTERESIS))
+    assert not first_right(both, verdict("unexplained", HYSTERESIS))
+    assert kinds_confused(both, verdict("named", HYSTERESIS, GAIN))
+    assert kinds_confused(truth((), (GAIN,)), verdict("named", HYSTERESIS))
+    assert not kinds_confused(truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)))
+
+
+def test_the_numbers_are_those_of_the_rows(tmp_path: Path) -> None:
+    slope = {"slope_n_per_bar": 10.0}
+    true = {**HYSTERESIS, "form": "coulomb", "parameters": slope}
+    told = {**true, "parameters": {"slope_n_per_bar": {"value": 11.0, "low": 9.0, "high": 12.0}}}
+    off = {**true, "parameters": {"slope_n_per_bar": {"value": 14.0, "low": 13.0, "high": 15.0}}}
+    rows = [
+        Row("clean_0", truth(block="clean", size=0.0), verdict("nothing-missing"), "right"),
+        Row("clean_1", truth(block="clean", size=0.0), verdict("named", GAIN), "false-alarm"),
+        Row("single_0", truth((true,)), verdict("named", told, left=5.0, after=1.4), "right"),
+        Row("single_1", truth((true,)), verdict("named", off, left=5.0, after=1.0), "right"),
+        Row("single_2", truth((true,), size=0.7), verdict("nothing-missing"), "absorbed"),
+        Row(
+            "twin_0",
+            truth((true,), block="twin"),
+            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)),
+            "right",
+            "right",
+        ),
+        Row("outside_0", truth(block="outside", strangers=[MASS]), verdict("named", GAIN), "wrong"),
+    ]
+    found = {one.name: one for one in metrics.metrics(rows)}
+    alarms = found["false alarms on clean data"]
+    assert (alarms.value, alarms.of, alarms.met) == (0.5, 2, False)
+    # Wilson (1927) for 1 of 2.
+    assert (alarms.low, alarms.high) == pytest.approx((0.0945, 0.9055), abs=1e-4)
+    assert found["exact set, singles at least as large as the noise"].of == 2
+    assert found["error of a number, median"].value == pytest.approx(0.25)  # of 0.1 and 0.4
+    assert found["95 % intervals that cover the truth"].value == 0.5
+    removed = found["gap above the floor removed on unseen trials, named, median"]
+    assert removed.value == pytest.approx((0.9 + 1.0) / 2)
+    assert found["wrong name, at any size"].value == pytest.approx(1 / 6)
+    assert found["in no catalogue: flagged"].value == 0.0
+    assert found["rival sets contain the truth"].value == 1.0
+    assert found["resolved by the experiment that was asked for"].of == 1
+    assert found["exact set, pairs"].value is None
+    text = page.page(rows, {}, {"half": "test"})
+    assert "| clean_1 |" in text
+    assert "| outside_0 | moving_mass |" in text
+    assert "| single_2 |" not in text  # absorbed is nobody's fault
+    assert "braid_hysteresis, coulomb" in text
+
+
+def test_effects_get_the_size_that_is_wanted() -> None:
+    """By the definition: what is left after the device's numbers followed, over noise, in the worst channel."""
+    base = catalogue.load_device()
+    bench = inputs.programs(np.random.default_rng(3))
+    scale = sizes.Scale(base, base, bench, ["force", "pressure"], Noise())
+    taper = {"name": "end_taper", "form": "cone", "parameters": {"tip_length_mm": 8.0}, "wanted": 3.0}
+    found = scale.sized(taper)
+    assert found["size"] == pytest.approx(3.0, rel=0.1)
+    assert "wanted" not in found
+    assert scale.size(Hidden(effects=[found])) == pytest.approx(found["size"], rel=0.03)
+    plain = catalogue.with_effects(*catalogue.neutral_law(base), ())
+    change = np.concatenate(
+        [
+            (reported(p, plain, Hidden(effects=[found]))["force"] - reported(p, plain, Hidden())["force"])[
+                :: sizes.EVERY
+            ]
+            for p in bench
+            if p.use == "fit"
+        ]
+    )
+    raw = float(np.sqrt(np.mean(change**2))) / Noise().force
+    assert raw > 2.0 * found["size"]  # most of an end taper is taken by the other numbers
+    gain = {"name": "sensor_gain", "form": "gain", "channel": "pressure", "parameters": {"gain": 0.96}, "wanted": 2.0}
+    assert scale.sized(gain)["size"] == pytest.approx(2.0, rel=0.1)
+    slack = {"name": "regulator_error", "form": "gain", "parameters": {"gain": 0.95}, "wanted": 1e4}
+    assert scale.sized(slack)["parameters"] == {"gain": 0.7}  # as far as it may
+
+
+def test_strangers_do_what_they_are_called() -> None:
+    program = inputs.programs(np.random.default_rng(3))[0]
+    plain = catalogue.with_effects(*catalogue.neutral_law(catalogue.load_device()), ())
+    without = reported(program, plain, Hidden())
+
+    def change(name: str, form: str, **parameters: float) -> dict[str, np.ndarray]:
+        stranger = {"name": name, "form": form, "parameters": parameters}
+        shown = reported(program, plain, Hidden(strangers=[stranger]))
+        return {channel: shown[channel] - without[channel] for channel in shown}
+
+    mass = change("moving_mass", "rigid", mass_kg=2.0)
+    acceleration = np.gradient(np.gradient(program.length, 1e-3), 1e-3)
+    assert mass["force"] == pytest.approx(2.0 * acceleration)
+    assert not mass["pressure"].any()
+    talk = change("cross_talk", "pressure", force_n_per_bar=3.0)
+    assert talk["force"] == pytest.approx(3.0 * without["pressure"])
+    stuck = change("sticking_gauge", "dead_band", width_bar=0.2)
+    assert np.abs(stuck["pressure"]).max() == pytest.approx(0.1, abs=1e-6)
+    assert not stuck["force"].any()
+    assert np.abs(change("crosshead_play", "dead_band", width_mm=1.0)["force"]).max() > 10.0
+    creep = change("load_cell_creep", "first_order", share=0.1, time_constant_s=0.5)
+    assert creep["force"][0] == pytest.approx(0.1 * without["force"][0])
+    assert all(name not in dict(catalogue.EFFECTS) for name in strangers.STRANGERS)
+
+
+def test_a_second_round_is_what_was_asked_for(tmp_path: Path) -> None:
+    fault = {"name": "sensor_offset", "form": "offset", "channel": "pressure", "parameters": {"offset": 0.5}}
+    sealed = generate.make(tmp_path / "first", 5, instruments=[fault], muscle_length=False)
+    words = {change.words: change for change in second_round.CHANGES}
+    gauge = next(w for w, change in words.items() if "pressure" in change.second)
+    sensor = next(w for w, change in words.items() if "muscle_length" in change.added)
+    for change in (None, gauge, sensor):
+        asked = {"protocol": "steps", "rig_change": change}
+        second_round.second_round(tmp_path / "first", sealed, asked, tmp_path / "second")
+        found = {trial.name: trial for trial in read(tmp_path / "second").trials}
+        new = [found[f"second_round_{repeat}"] for repeat in "ab"]
+        assert {trial.group for trial in new} == {"second_round"}
+        for trial in new:
+            pressure, command = trial.measured["pressure"], trial.prescribed["pressure_command"]
+            off = float(np.median(pressure.value - np.interp(pressure.time, command.time, command.value))) / 1e5
+            assert off == pytest.approx(0.0 if change == gauge else 0.5, abs=0.02)
+            assert trial.checked == ({"pressure"} if change == gauge else set())
+            assert ("muscle_length" in trial.measured) == (change == sensor)
+    first = (tmp_path / "first" / "fit_1_a.csv").read_text("utf-8")
+    assert (tmp_path / "second" / "fit_1_a.csv").read_text("utf-8") == first
+
+
+def test_what_is_outside_of_the_catalogue_is_deleted_or_a_stranger() -> None:
+    specs = plan.plan("outside", plan.BLOCKS["outside"], 1)
+    deleted = {(e["name"], e["form"]) for spec in specs if spec.get("deleted") for e in spec["effects"]}
+    assert len(deleted) >= 25
+    assert {spec["strangers"][0]["name"] for spec in specs if "strangers" in spec} == {
+        n for n, _ in strangers.STRANGERS
+    }
+    triples = plan.plan("triple", 10, 1)
+    assert all(len({e["name"] for e in spec["effects"]}) == 3 for spec in triples)
+    wanted = {e["wanted"] for spec in plan.plan("single", plan.BLOCKS["single"], 1) for e in spec["effects"]}
+    assert wanted == set(plan.SIZES)
