@@ -23,6 +23,7 @@ import generate  # noqa: E402
 import run  # noqa: E402
 import score  # noqa: E402
 import simulate  # noqa: E402
+from metrics import Row  # noqa: E402
 
 import report  # noqa: E402
 
@@ -163,15 +164,20 @@ def test_what_is_done_is_kept(tmp_path: Path) -> None:
 
 
 def test_methods_are_told_of_side_by_side(capsys: pytest.CaptureFixture[str]) -> None:
-    truth = {"effects": effect("seal_friction", "coulomb", force_n=15.0), "instruments": [], "raw_size": 3.0}
+    truth = {"effects": effect("seal_friction", "coulomb", force_n=15.0), "instruments": [], "strangers": []}
+    truth |= {"block": "single", "size": 3.0}
 
-    def row(verdict: str, after: float, outcome: str) -> report.Row:
+    def row(verdict: str, after: float, outcome: str) -> Row:
         gap = {
             "force": {"before": 11.0, "after": after, "floor": 3.0},
             "pressure": {"before": 1, "after": 1, "floor": 1},
         }
-        found = {"verdict": verdict, "effects": truth["effects"], "alternatives": [], "gap": gap, "s": 2.0}
-        return report.Row("one", truth, found, outcome)
+        told = [
+            {**e, "channel": None, "parameters": {"force_n": {"value": 15.0, "low": 14.0, "high": 16.0}}}
+            for e in truth["effects"]
+        ]
+        found = {"verdict": verdict, "effects": told, "alternatives": [], "gap": gap, "s": 2.0}
+        return Row("one", truth, found, outcome)
 
     rows = [row("named", 3.0, "right"), row("named", 5.0, "right"), row("nothing-missing", 11.0, "missed")]
     others = {"sindy": [row("named", 7.0, "wrong")] * 3}
