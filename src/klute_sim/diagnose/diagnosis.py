@@ -14,9 +14,10 @@ from klute_sim.dataset.dataset import Dataset, split
 from klute_sim.dataset.split import Split
 from klute_sim.diagnose import check
 from klute_sim.diagnose import noise as noises
+from klute_sim.diagnose.display import Display, displayed
 from klute_sim.diagnose.doubt import Rival, certified, intervals, rivals
 from klute_sim.diagnose.equations import Equation, equations
-from klute_sim.diagnose.experiment import Bench, Experiment, prepare
+from klute_sim.diagnose.experiment import UNITS, Bench, Experiment, prepare
 from klute_sim.diagnose.fallback import fallback
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
@@ -88,6 +89,8 @@ class Diagnosis:
     shown_on: Literal["show", "fit"] = "show"
     """Which trials :attr:`gap` is of; fitted ones where none was kept back."""
     experiments: list[Experiment] = field(default_factory=list)
+    displays: dict[str, Display] = field(default_factory=dict)
+    """Channels that show whole steps only."""
     effective: float = 0.0
     """Independent samples that were fitted."""
     repeated: bool = True
@@ -134,7 +137,9 @@ def _diagnose(
             dataset=dataset, split=parts, verdict="insufficient-data", reasons=[*reasons, *against], experiments=every
         )
 
+    shown: dict[str, Display] = {}
     if check.repeated(fitted):
+        every, shown = displayed(every, fitted)
         every = heard(every, fitted, bench)
         fitted = [e for e in every if e.use == "fit" and e.measured]
     told("fitting the device as it is")
@@ -153,6 +158,9 @@ def _diagnose(
         final, sure = certified(evidence, others[0].fit, np.random.default_rng(options.seed))
         others = rivals(search, final)
     verdict, why = _verdict(search, final, others)
+    if shown and "quantisation" not in options.exclude:
+        why = [*(_in_steps(c, display) for c, display in shown.items()), *why]
+        verdict = "named" if verdict == "nothing-missing" else verdict
     lacks = equations(evidence, final)
     if verdict == "unexplained":
         told("looking for a data-driven term")
@@ -182,6 +190,7 @@ def _diagnose(
         steps=search.steps,
         experiments=every,
         effective=evidence.effective,
+        displays=shown,
         repeated=search.repeated,
         decisive=search.decisive,
     )
@@ -238,6 +247,14 @@ def _verdict(search: Search, final: Fit, others: Sequence[Rival]) -> tuple[Verdi
             f"{names} would explain the data as well: BIC differs by no more than {search.decisive:.0f}.",
         ]
     return "named", first
+
+
+def _in_steps(channel: str, display: Display) -> str:
+    unit, si = UNITS[channel]
+    return (
+        f"'{channel}' shows whole steps of {display.step / si:.4g} {unit} only, {1.0 / display.dither:.1f} times the "
+        "noise before it: a quantisation, read off the data's own grid."
+    )
 
 
 def _proxies(final: Fit) -> list[str]:

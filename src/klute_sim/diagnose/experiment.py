@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,13 @@ KEPT = 128
 
 UNITS = {"force": ("N", 1.0), "pressure": ("bar", BAR), "muscle_length": ("mm", 1e-3)}
 """Channel -> unit it is shown in, and that unit in SI."""
+
+
+class Display(Protocol):
+    """An instrument that shows whole steps only."""
+
+    def shows(self, value: Array) -> Array:
+        """What is shown on average for ``value`` [SI]."""
 
 
 class Reading(NamedTuple):
@@ -83,6 +90,8 @@ class Experiment:
 
     checked: frozenset[str] = frozenset()
     """Channels whose instrument is known to be right."""
+    displays: Mapping[str, Display] = field(default_factory=dict)
+    """Channels that show whole steps only."""
 
     @property
     def duration(self) -> float:
@@ -196,7 +205,8 @@ def shown(setting: Setting, experiment: Experiment, found: Motion) -> dict[str, 
         for reading in setting.readings:
             if reading.channel == channel:
                 value = effects()[reading.effect].forms[0].laws["reading"](reading.own, found.time, value)
-        result[channel] = np.interp(series.time, found.time, value)
+        sampled = np.interp(series.time, found.time, value)
+        result[channel] = experiment.displays[channel].shows(sampled) if channel in experiment.displays else sampled
     return result
 
 

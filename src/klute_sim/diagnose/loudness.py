@@ -2,11 +2,14 @@
 
 A hardly inflated muscle moves far for a little pressure, a stiff one pulls hard for a little length. The variance of a
 channel is taken to be ``A + B s_p^2 + C s_L^2``, with the channel's sensitivities to commanded pressure and prescribed
-length from two simulations, and A, B and C, none negative, from what sets repeats apart.
+length from two simulations, and A, B and C, none negative, from what sets repeats apart. While the pressure changes at
+a regulator's rate, a moment counts: when it began to is known no better than a time step, and what that changes is
+added.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -25,8 +28,8 @@ ROUNDS = 3
 def heard(experiments: Sequence[Experiment], fitted: Sequence[Experiment], bench: Bench) -> list[Experiment]:
     """``experiments`` with the loudness of their noise, as repeats of ``fitted`` ones have it on average 1 (rms).
 
-    Nothing changes without repeats, and in a channel that one of the inputs never moves: its noise is taken to be
-    equally loud everywhere.
+    Nothing changes without repeats. In a channel that one of the inputs never moves noise is taken to be equally loud
+    everywhere, but for the moments of the pressure.
     """
     seen = _sensitivities(experiments, bench)
     known = {e.name: row for e, row in zip(experiments, seen, strict=True)}
@@ -38,29 +41,42 @@ def heard(experiments: Sequence[Experiment], fitted: Sequence[Experiment], bench
         for channel in e.measured:
             share = shares.get(channel)
             if share is not None and len(e.measured[channel].time):
-                loud[channel] = np.sqrt(np.maximum(LEAST, row[channel][1:].T @ share[1:] + share[0]))
+                own = np.maximum(LEAST, row[channel][1:3].T @ share.of_inputs[1:] + share.of_inputs[0])
+                loud[channel] = np.sqrt(own + row[channel][3] / share.variance)
         result.append(replace(e, loud=loud))
     return result
 
 
+class _Shares(NamedTuple):
+    """What the noise of a channel is made of."""
+
+    of_inputs: Array
+    """A, B and C over the mean variance."""
+    variance: float
+    """Mean [SI]."""
+
+
 def _sensitivities(experiments: Sequence[Experiment], bench: Bench) -> list[dict[str, Array]]:
-    """Per experiment: channel -> (3, samples): as simulated, and the squares of what each input's move changes."""
+    """Per experiment: channel -> (4, samples): as simulated, and the squares of what it changes when the pressure
+    command, the length, or the moment at which the command comes is moved [SI].
+    """
     moved = [
         experiments,
         [replace(e, command=e.command + PRESSURE) for e in experiments],
         [replace(e, unit_length=e.unit_length + LENGTH) for e in experiments],
+        [replace(e, command=np.concatenate([e.command[:1], e.command[:-1]])) for e in experiments],
     ]
     shown = [bench.simulate([[Setting(e.device.parameters) for e in each]], each)[0] for each in moved]
     return [
-        {c: np.stack([here[c], (there[c] - here[c]) ** 2, (beyond[c] - here[c]) ** 2]) for c in here}
-        for here, there, beyond in zip(*shown, strict=True)
+        {c: np.stack([here[c], *((other[c] - here[c]) ** 2 for other in others)]) for c in here}
+        for here, *others in zip(*shown, strict=True)
     ]
 
 
 def _shares(
     fitted: Sequence[Experiment], residuals: noises.Residuals, known: Mapping[str, dict[str, Array]], channel: str
-) -> Array | None:
-    """A, B and C of ``channel``, over their mean variance; None where they cannot be known."""
+) -> _Shares | None:
+    """Of ``channel``; None where nothing was repeated."""
     rows, apart = [], []
     first = {e.group: e for e in reversed(fitted) if channel in e.measured}
     for stack in noises.stacks(fitted, residuals, channel):
@@ -68,18 +84,20 @@ def _shares(
         clock = e.measured[channel].time - e.begin
         rows.append(
             np.stack(
-                [np.ones(len(stack.clock)), *(np.interp(stack.clock, clock, s) for s in known[e.name][channel][1:])]
+                [np.ones(len(stack.clock)), *(np.interp(stack.clock, clock, s) for s in known[e.name][channel][1:3])]
             )
         )
         apart.append(((stack.rows - stack.rows.mean(axis=0)) ** 2).sum(axis=0) / (len(stack.rows) - 1))
     if not rows:
         return None
     columns, squares = np.concatenate(rows, axis=1).T, np.concatenate(apart)
-    mean = columns.mean(axis=0)
-    if not (squares.any() and mean.all()):
+    mean, whole = columns.mean(axis=0), float(squares.mean())
+    if not whole > 0.0:
         return None
-    variance, found = np.full(len(squares), squares.mean()), np.zeros(3)
+    if not mean.all():
+        return _Shares(np.array([1.0, 0.0, 0.0]), whole)
+    variance, found = np.full(len(squares), whole), np.zeros(3)
     for _ in range(ROUNDS):
         found = nnls(columns / mean / variance[:, np.newaxis], squares / variance)[0] / mean
-        variance = np.maximum(columns @ found, LEAST * squares.mean())
-    return np.asarray(found / (columns @ found).mean())
+        variance = np.maximum(columns @ found, LEAST * whole)
+    return _Shares(np.asarray(found / (columns @ found).mean()), whole)

@@ -14,7 +14,7 @@ from klute_sim.device.files import Device
 from klute_sim.diagnose.experiment import UNITS, Array
 from klute_sim.diagnose.fit import Evidence, Fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
-from klute_sim.effects import catalogue
+from klute_sim.effects import catalogue, instrument
 from klute_sim.errors import InputError
 
 SHARE = 0.3
@@ -68,7 +68,9 @@ def terms(evidence: Evidence, device: Device, only: Sequence[str] = (), exclude:
         if effect.kind == "device":
             found += [Term(effect.name, form.name) for form in effect.forms]
         else:
-            found += [Term(effect.name, effect.forms[0].name, c) for c in evidence.noise if c in UNITS]
+            # Displays are seen without a simulation.
+            channels = [c for c in evidence.noise if c in UNITS and effect is not instrument.QUANTISATION]
+            found += [Term(effect.name, effect.forms[0].name, c) for c in channels]
     return found
 
 

@@ -10,6 +10,7 @@ from klute_sim.diagnose.experiment import UNITS
 from klute_sim.diagnose.fallback import formula
 from klute_sim.diagnose.fit import Fit
 from klute_sim.diagnose.hypothesis import Term
+from klute_sim.effects import instrument
 
 SCHEMA = "klute-sim-verdict/1"
 DEVICE_FILE = "device.toml"
@@ -88,4 +89,18 @@ def _effects(diagnosis: Diagnosis, final: Fit) -> list[dict[str, Any]]:
         elif diagnosis.verdict in ("unexplained", "insufficient-data"):
             entry["proxy"] = True
         found.append(entry)
+    for channel, display in diagnosis.displays.items():
+        step, error = display.step / UNITS[channel][1], display.error / UNITS[channel][1]
+        own = instrument.QUANTISATION
+        found.append(
+            {
+                "name": own.name,
+                "form": own.forms[0].name,
+                "kind": own.kind,
+                "channel": channel,
+                "parameters": {
+                    own.forms[0].parameters[0].key: {"value": step, "low": step - error, "high": step + error}
+                },
+            }
+        )
     return found

@@ -98,6 +98,8 @@ def verdict(diagnosis: Diagnosis) -> str:
     parts = []
     for kind, words in (("device", "the simulated device lacks"), ("instrument", "an instrument is at fault:")):
         own = [term(t) for t in diagnosis.found if t.entry.kind == kind]
+        if kind == "instrument":
+            own += [f"quantisation of {spoken(channel)}" for channel in diagnosis.displays]
         if own:
             parts.append(f"{words} {joined(own)}")
     found = "; ".join(parts)
