@@ -24,6 +24,8 @@ from klute_sim.errors import MissingExtraError
 
 MOST_FUNCTIONS = 4
 """In a term: more are no longer read."""
+ALL = 8
+"""Rounds of fitting all functions together: it only has to get near."""
 RIDGE = 1e-3
 """Of the regression, over the length of each function's signature: only keeps twins from cancelling each other."""
 ROUNDS = 50
@@ -109,7 +111,7 @@ def supports(evidence: Evidence, current: Fit, effect: Effect) -> list[Support]:
     known, form = len(current.steps), effect.forms[0]
     hypothesis = current.hypothesis.plus(Term(effect.name, form.name))
     begin = np.concatenate([current.steps, np.zeros(len(form.parameters))])
-    whole = fit(evidence, hypothesis, begin, rounds=PATIENCE[-1])
+    whole = fit(evidence, hypothesis, begin, rounds=ALL)
     # What the weighted data ask of all unknowns, as if everything were linear from here.
     asked = whole.jacobian @ whole.steps - whole.vector
     basis, _ = np.linalg.qr(whole.jacobian[:, :known])
