@@ -15,7 +15,7 @@ from klute_sim.dataset.split import Split
 from klute_sim.diagnose import check
 from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.display import Display, displayed
-from klute_sim.diagnose.doubt import Rival, certified, intervals, rivals
+from klute_sim.diagnose.doubt import Rival, certified, fewer, intervals, rivals
 from klute_sim.diagnose.equations import Equation, equations
 from klute_sim.diagnose.experiment import UNITS, Bench, Experiment, prepare
 from klute_sim.diagnose.fallback import fallback
@@ -152,6 +152,9 @@ def _diagnose(
     evidence = search.evidence
     told("fitting once more from elsewhere")
     final, sure = certified(evidence, final, np.random.default_rng(options.seed))
+    smaller = fewer(search, final)
+    if smaller is not None:
+        final, sure = certified(evidence, smaller, np.random.default_rng(options.seed))
     told("looking for rivals")
     others = rivals(search, final)
     if others and others[0].difference < -search.decisive:

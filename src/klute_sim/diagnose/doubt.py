@@ -31,6 +31,38 @@ class Rival(NamedTuple):
     """Of BIC; positive: a little worse than what was found."""
 
 
+def fewer(search: Search, found: Fit) -> Fit | None:
+    """A set with one term less that does as well as ``found``: one of its terms, and another in place of the rest.
+
+    Two proxies that were taken one after the other are found out by that. None if there is no such set, or if
+    ``found`` has less than three terms: with two, every single one has been tried before.
+    """
+    evidence, terms = search.evidence, found.hypothesis.terms
+    if len(terms) < 3:
+        return None
+    most = found.criterion(evidence.effective) + search.decisive
+    sets = []
+    for kept in terms:
+        less = found
+        for term in terms:
+            if term != kept:
+                less = drop(evidence, less, term)
+        for refit in _others(search, less, found, most):
+            if refit.criterion(evidence.effective) <= most and not search.objection(
+                less, refit, search.gains(less, refit)
+            ):
+                sets.append(refit)
+    return min(sets, key=lambda one: one.criterion(evidence.effective), default=None)
+
+
+def _others(search: Search, less: Fit, found: Fit, goal: float) -> list[Fit]:
+    """``less`` with one more term each, refitted, of those that promise half of what ``found`` has over it."""
+    taken = {(t.effect, t.channel) for t in less.hypothesis.terms}
+    open_ = [t for t in search.candidates if (t.effect, t.channel) not in taken]
+    promising = [c for c in screen(search.evidence, less, open_) if c.gain > 0.5 * (less.cost - found.cost)]
+    return search.refit(less, shortlist(promising)[:MOST], goal) if promising else []
+
+
 def rivals(search: Search, found: Fit) -> list[Rival]:
     """Sets with one of the terms of ``found`` exchanged that are within a decisive difference of BIC, or better.
 
@@ -44,10 +76,7 @@ def rivals(search: Search, found: Fit) -> list[Rival]:
             less, refits = known.before, known.refits
         else:
             less = drop(evidence, found, term)
-            taken = {(t.effect, t.channel) for t in less.hypothesis.terms}
-            open_ = [t for t in search.candidates if (t.effect, t.channel) not in taken]
-            promising = [c for c in screen(evidence, less, open_) if c.gain > 0.5 * (less.cost - found.cost)]
-            refits = tuple(search.refit(less, shortlist(promising)[:MOST], best)) if promising else ()
+            refits = tuple(_others(search, less, found, best))
         for refit in refits:
             other, difference = refit.hypothesis.terms[-1], refit.criterion(evidence.effective) - best
             if (other.effect, other.channel) == (term.effect, term.channel) or difference > search.decisive:

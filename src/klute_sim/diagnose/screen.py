@@ -5,6 +5,7 @@ left of it is compared with the residual. Effects that the device's uncertain nu
 what they cannot.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -19,6 +20,8 @@ from klute_sim.errors import InputError
 
 SHARE = 0.3
 """Of the typical size, at which an effect is tried."""
+FOLLOWED = 0.6
+"""Share of its change that projection leaves of an effect, below which it is tried once more."""
 
 
 class Candidate(NamedTuple):
@@ -75,19 +78,45 @@ def terms(evidence: Evidence, device: Device, only: Sequence[str] = (), exclude:
 
 
 def screen(evidence: Evidence, current: Fit, candidates: Sequence[Term]) -> list[Candidate]:
-    """``candidates`` by what they promise, best first."""
-    hypotheses = [current.hypothesis.plus(term) for term in candidates]
-    rows = [_tried(hypothesis, current.steps) for hypothesis in hypotheses]
-    experiments = evidence.experiments
+    """``candidates`` by what they promise, best first.
+
+    What the fitted unknowns could imitate, they imitate only for a little of it: of effects of which they take most,
+    the typical size is looked at, too, with the unknowns where they would follow to.
+    """
+    basis, _ = np.linalg.qr(current.jacobian)
+    found = _promises(evidence, current, basis, [(term, SHARE, np.zeros(len(current.steps))) for term in candidates])
+    again: list[tuple[Term, float, Array]] = []
+    for one in found:
+        if one.kept < FOLLOWED and one.term.channel is None:
+            size = math.copysign(1.0, one.steps)
+            follow = np.linalg.lstsq(current.jacobian, one.change)[0].astype(np.float64)
+            again.append((one.term, size, -size * follow))
+    best = {one.term: one for one in found}
+    for one in _promises(evidence, current, basis, again) if again else ():
+        if one.gain > best[one.term].gain:
+            best[one.term] = one
+    return sorted(best.values(), key=lambda candidate: -candidate.gain)
+
+
+def _promises(
+    evidence: Evidence, current: Fit, basis: Array, tried: Sequence[tuple[Term, float, Array]]
+) -> list[Candidate]:
+    """Of every term that is ``tried``: in which size, and with which move of the fitted unknowns."""
+    known, experiments = len(current.steps), evidence.experiments
+    hypotheses = [current.hypothesis.plus(term) for term, _, _ in tried]
+    rows = [_tried(h, current.steps, size, moved) for h, (_, size, moved) in zip(hypotheses, tried, strict=True)]
     settings = [h.settings(row, experiments) for h, row in zip(hypotheses, rows, strict=True)]
     settings.append(current.hypothesis.settings(current.steps, experiments))
     *shown, plain = evidence.bench.simulate(settings, experiments, coarse=True)
-    basis, _ = np.linalg.qr(current.jacobian)
     found = []
-    for term, hypothesis, row, each in zip(candidates, hypotheses, rows, shown, strict=True):
+    for (term, _, _), hypothesis, row, each in zip(tried, hypotheses, rows, shown, strict=True):
         less = [{c: before[c] - after[c] for c in after} for before, after in zip(plain, each, strict=True)]
-        steps = float(row[len(current.steps)])
-        change = np.concatenate([evidence.weighted(less), np.zeros(hypothesis.base)]) / steps
+        steps, moved = float(row[known]), row[:known] - current.steps
+        if steps == 0.0:
+            continue
+        # What the move of the others did is taken off again, as if it were linear: that is projected off anyway.
+        change = np.concatenate([evidence.weighted(less), moved[: hypothesis.base]])
+        change = (change - current.jacobian @ moved) / steps
         left = change - basis @ (basis.T @ change)
         size, whole = float(np.linalg.norm(left)), float(np.linalg.norm(change))
         if not (np.isfinite(size) and size > 1e-6 * max(whole, 1.0)):
@@ -95,17 +124,17 @@ def screen(evidence: Evidence, current: Fit, candidates: Sequence[Term]) -> list
         signature = left / size
         along = -float(signature @ current.vector)
         low, high = hypothesis.bounds()
-        best = min(max(along / size, low[len(current.steps)]), high[len(current.steps)])
+        best = min(max(along / size, low[known]), high[known])
         gain = 2.0 * best * size * along - (best * size) ** 2
         found.append(Candidate(term, gain, best, change, signature, size / whole))
-    return sorted(found, key=lambda candidate: -candidate.gain)
+    return found
 
 
-def _tried(hypothesis: Hypothesis, steps: Array) -> Array:
-    """The unknowns with a little of the last term; every size parameter of it moves, shapes stay typical."""
+def _tried(hypothesis: Hypothesis, steps: Array, size: float, moved: Array) -> Array:
+    """The unknowns ``moved``, with ``size`` of the last term; every size parameter of it moves, shapes stay typical."""
     row = hypothesis.start()
-    row[: len(steps)] = steps
+    row[: len(steps)] = steps + moved
     for k in range(len(steps), len(row)):
         if not hypothesis.unknowns[k].logarithmic:
-            row[k] = SHARE
-    return row
+            row[k] = size
+    return np.clip(row, *hypothesis.bounds())
