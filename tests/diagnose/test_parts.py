@@ -125,7 +125,7 @@ def test_noise_is_loud_where_the_device_lets_its_inputs_through(tmp_path: Path) 
     fitted = [e for e in made if e.use == "fit"]
     found = heard(made, fitted, bench)
     own = np.concatenate([e.loud["muscle_length"] for e in found if e.use == "fit"])
-    assert np.sqrt(np.mean(own**2)) == pytest.approx(1.0, rel=0.05)
+    assert 1.0 <= np.sqrt(np.mean(own**2)) < 1.3  # what is not known of moments is beside what repeats show
     assert own.max() > 1.5 * own.min()
     # Divided by its loudness, noise is about as loud in the loud half as in the quiet one.
     quiet, ratio = own < np.median(own), []
@@ -136,6 +136,23 @@ def test_noise_is_loud_where_the_device_lets_its_inputs_through(tmp_path: Path) 
     assert ratio[0] > 1.3
     assert abs(np.log(ratio[1])) < 0.5 * np.log(ratio[0])
     assert heard(made[:1], made[:1], bench)[0].loud == {}  # nothing is repeated
+    bench.close()
+
+
+def test_a_moment_of_the_pressure_is_known_no_better_than_a_step(tmp_path: Path) -> None:
+    data, random, bench = datasets.read(dataset(tmp_path / "d")), np.random.default_rng(2), Bench(2)
+    plain = prepare(data, datasets.split(data))
+    made = []
+    for e, row in zip(plain, simulated(plain, bench), strict=True):
+        series = e.measured["pressure"]
+        noise = random.normal(0.0, 1e3, len(series.time))
+        made.append(replace(e, measured={"pressure": Series(series.time, series.value - row["pressure"] + noise)}))
+    (one, *_) = heard(made, [e for e in made if e.use == "fit"], bench)
+    series = one.measured["pressure"]
+    jump = np.abs(np.gradient(series.value, series.time)) > 50e5  # of 100 bar/s
+    assert jump.any()
+    assert np.median(one.loud["pressure"][jump]) == pytest.approx(np.hypot(1.0, 100e5 * one.step / 1e3), rel=0.1)
+    assert np.median(one.loud["pressure"][~jump]) < 1.1
     bench.close()
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from klute_sim.diagnose import noise as noises
-from klute_sim.diagnose.experiment import Array, Bench, Experiment, Setting
+from klute_sim.diagnose.experiment import COARSE, Array, Bench, Experiment, Setting
 
 PRESSURE, LENGTH = 2e3, -1e-4
 """What the inputs are moved by [Pa, m]; the length towards where a bare muscle can go."""
@@ -58,19 +58,29 @@ class _Shares(NamedTuple):
 
 def _sensitivities(experiments: Sequence[Experiment], bench: Bench) -> list[dict[str, Array]]:
     """Per experiment: channel -> (4, samples): as simulated, and the squares of what it changes when the pressure
-    command, the length, or the moment at which the command comes is moved [SI].
+    command, the length, or (by a step) the moment at which the command comes is moved [SI].
     """
     moved = [
         experiments,
         [replace(e, command=e.command + PRESSURE) for e in experiments],
         [replace(e, unit_length=e.unit_length + LENGTH) for e in experiments],
-        [replace(e, command=np.concatenate([e.command[:1], e.command[:-1]])) for e in experiments],
+        [replace(e, command=_later(e.command)) for e in experiments],
     ]
     shown = [bench.simulate([[Setting(e.device.parameters) for e in each]], each)[0] for each in moved]
     return [
-        {c: np.stack([here[c], *((other[c] - here[c]) ** 2 for other in others)]) for c in here}
-        for here, *others in zip(*shown, strict=True)
+        {
+            c: np.stack(
+                [here[c], (more[c] - here[c]) ** 2, (shorter[c] - here[c]) ** 2, ((late[c] - here[c]) / COARSE) ** 2]
+            )
+            for c in here
+        }
+        for here, more, shorter, late in zip(*shown, strict=True)
     ]
+
+
+def _later(command: Array) -> Array:
+    """``command`` so many steps later that both step lengths see all of them."""
+    return np.concatenate([np.repeat(command[:1], COARSE), command[:-COARSE]])
 
 
 def _shares(
