@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,7 @@ def make(
     instruments: Effects = (),
     strangers: Effects = (),
     deleted: bool = False,
+    repeats: int = 2,
     known: Effects = (),
     block: str = "single",
     noise: Noise | None = None,
@@ -92,7 +94,7 @@ def make(
     tables: dict[str, dict[str, np.ndarray]] = {}
     trials, seen = [], {name: [] for name in recorded}
     for program in bench:
-        for repeat in "a" if defect == "no_repeats" else "ab":
+        for repeat in "a" if defect == "no_repeats" else ascii_lowercase[:repeats]:
             slow = wander(child[3], round(program.duration / AIR_STEP) + 1, noise.wander)
             told = reported(program, plain, hidden, slow)
             shown = {name: in_steps(name, values, hidden.instruments) for name, values in told.items()}
@@ -113,6 +115,7 @@ def make(
         "block": block,
         **{kind: list(every) for kind, every in hidden._asdict().items()},
         "deleted": deleted,
+        "repeats": repeats,
         **({"known": list(known)} if known else {}),
         "defect": defect,
         "base": {key: base[key] for key in UNCERTAIN},

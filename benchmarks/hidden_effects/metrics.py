@@ -58,7 +58,7 @@ def metrics(rows: Sequence[Row]) -> list[Metric]:
     alone = [row for row in of("single", "instrument") if row.truth["size"] >= WORTH]
     ambiguous = [row for row in rows if row.verdict["verdict"] == "ambiguous" and hidden(row.truth)]
     known = [row for row in ambiguous if not row.truth.get("deleted") and not row.truth["strangers"]]
-    judged = [row for row in rows if row.truth["block"] not in ("wrong_form", "outside")]
+    judged = [row for row in rows if row.truth["block"] not in ("wrong_form", "outside", "repeats")]
     numbers = list(intervals(rows))
     gaps = [share for row in rows if row.outcome == "right" and (share := removed(row)) is not None]
     other = [share for row in of("wrong_form") if (share := removed(row)) is not None]

@@ -29,6 +29,7 @@ def page(rows: Sequence[Row], others: Mapping[str, Sequence[Row]], head: Mapping
     if others:
         lines += ["", "## Beside other methods", "", *_methods(rows, others)]
     lines += ["", "## Power: what became of single effects, by their size over the noise", "", *_power(rows)]
+    lines += ["", "## How many repeats, for effects of half the noise", "", *_repeats(rows)]
     lines += ["", "## Confusion", "", *_confusion(rows), "", "## What was not right, and why", "", *_failures(rows)]
     return "\n".join(lines) + "\n"
 
@@ -76,6 +77,16 @@ def _power(rows: Sequence[Row]) -> list[str]:
     return _table(heads, table)
 
 
+def _repeats(rows: Sequence[Row]) -> list[str]:
+    own = [row for row in rows if row.truth["block"] == "repeats"]
+    words = list(dict.fromkeys(row.outcome for row in own))
+    counts = sorted({row.truth["repeats"] for row in own})
+    return _table(
+        ["repeats", *words],
+        [[n, *(sum(r.truth["repeats"] == n and r.outcome == w for r in own) or "" for w in words)] for n in counts],
+    )
+
+
 def _confusion(rows: Sequence[Row]) -> list[str]:
     return _table(
         ["hidden", "told (how often)"],
@@ -89,7 +100,8 @@ def _confusion(rows: Sequence[Row]) -> list[str]:
 def _failures(rows: Sequence[Row]) -> list[str]:
     table = []
     for row in rows:
-        fine = row.outcome in FINE or (row.truth["block"] in ("outside", "wrong_form") and row.outcome == "flagged")
+        block, outcome = row.truth["block"], row.outcome
+        fine = outcome in FINE or (block in ("outside", "wrong_form") and outcome == "flagged") or block == "repeats"
         if fine and row.second in (None, "right"):
             continue
         told = " or ".join(" and ".join(each) for each in sets(row.verdict)) or row.verdict["verdict"]

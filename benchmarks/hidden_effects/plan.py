@@ -15,6 +15,7 @@ BLOCKS = {
     "wrong_form": 20,
     "outside": 36,
     "twin": 10,
+    "repeats": 24,
     "defective": 10,
 }
 """Name -> how many datasets of it tell enough."""
@@ -22,6 +23,17 @@ HALVES = {"development": 101, "test": 202}
 """Seeds: thresholds are set on the one half, and frozen before the other is looked at."""
 SIZES = (2.0, 8.0, 0.7)
 """Of single effects, over the noise."""
+REPEATS = (1, 2, 3, 4)
+"""Of every trial, in block ``repeats``."""
+FAINT = (
+    ("braid_hysteresis", "coulomb"),
+    ("muscle_damping", "viscous"),
+    ("end_taper", "strain"),
+    ("pressure_lag", "first_order"),
+    ("tendon_hysteresis", "slip"),
+    ("volume_coupling", "polytropic"),
+)
+"""Effects that are hidden at half the noise in block ``repeats``."""
 DEFECTS = ("dead_channel", "no_repeats", "no_excitation", "clock_backwards", "saturated_force")
 APART = ({"volume_coupling", "choked_valve"}, {"volume_coupling", "leak"})
 """Not hidden together: behind a valve no regulator makes up for what the motion does."""
@@ -116,6 +128,10 @@ def _content(block: str, i: int, rng: np.random.Generator | None) -> Spec:
             if channel:
                 return _fault((name, form), channel, rng, 2.0)
             return hidden(effect(EFFECTS, (name, form), rng, 2.0))
+        case "repeats":
+            turn, which = divmod(i, len(FAINT))
+            found = hidden(effect(EFFECTS, FAINT[which], rng, 0.5))
+            return found | {"repeats": REPEATS[turn % len(REPEATS)], "muscle_length": False}
         case "outside":
             turn, which = divmod(i, 6)
             if which == 0:
