@@ -292,5 +292,44 @@ def test_selection_trials_veto_what_does_not_help_them(evidence: tuple) -> None:
     assert "gain no more than 5 %" in search.objection(off, good, {"a": 0.02, "b": 0.07})
 
 
+def test_a_shape_that_a_later_effect_makes_idle_goes(tmp_path: Path) -> None:
+    rubs, off = Term("seal_friction", "coulomb"), Term("sensor_offset", "linear", "force")
+    folder = dataset(
+        tmp_path / "d",
+        {("seal_friction", "coulomb"): {"force_n": 20.0}},
+        device="klute-1-1-4-pair",
+        distort={"force": lambda time, value: value + 10.0},
+    )
+    found, bench = datasets.read(folder), Bench(2)
+    fitted = [e for e in prepare(found, datasets.split(found)) if e.use == "fit"]
+    base, on = base_fit(found, fitted, bench)
+    search = Search(on, [], [])
+    shaped = fit(on, base.hypothesis.plus(Term("seal_friction", "stribeck")).plus(off))
+    simple = search.simpler(shaped, base)
+    assert simple.hypothesis.terms == (rubs, off)
+    force = next(v for u, v in zip(simple.hypothesis.unknowns, simple.values, strict=True) if u.key == "force_n")
+    assert force == pytest.approx(20.0, rel=0.1)
+    bench.close()
+
+
+def test_a_number_that_nothing_holds_has_an_interval() -> None:
+    """Its error may be hundreds of steps, and a step of a logarithmic one is a factor e."""
+    hypothesis = Hypothesis(load("klute-3-4-pair"), (), (), (Term("seal_friction", "stribeck"),))
+    stick = hypothesis.unknowns[1]
+    assert stick.value(-2000.0) == pytest.approx(stick.low)
+    assert stick.value(2000.0) == pytest.approx(stick.high)
+
+
+def test_an_effect_without_any_effect_is_fitted(evidence: tuple) -> None:
+    """A regulator that lacks so much that it gives no pressure: a little more or less of that changes nothing."""
+    data, on, _ = evidence
+    still = [replace(e, command=0.0 * e.command) for e in on.experiments]
+    flat = on.on(still)
+    hypothesis = Hypothesis(data.device, (), (("force", 3.0),), (Term("regulator_error", "offset"),))
+    found = fit(flat, hypothesis, np.array([-1.0]))
+    assert np.isfinite(found.steps).all()
+    assert found.converged
+
+
 def shifted(residuals: list, by: float) -> list:
     return [{channel: values + by * (channel == "force") for channel, values in each.items()} for each in residuals]

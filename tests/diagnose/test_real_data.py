@@ -10,7 +10,7 @@ import pytest
 
 from klute_sim.dataset import dataset as datasets
 from klute_sim.dataset.write import write_trial
-from klute_sim.diagnose.diagnosis import diagnose
+from klute_sim.diagnose.diagnosis import Options, diagnose
 from klute_sim.diagnose.verdict import as_json
 
 DATA = Path(os.environ.get("KLUTE_SIM_DATA", "nowhere")) / "mckibben_isometric_10mm" / "isometric.csv"
@@ -84,17 +84,32 @@ def imported(folder: Path) -> Path:
     return folder
 
 
+SLACK_READS = ("sensor_offset",)
+"""The load cell's zero is known: it reads -9 to -2 N wherever the muscle is slack. Left free, an offset of 35 N is
+found, which stands in for what the law lacks at low pressure."""
+
+
+@pytest.mark.long
 @pytest.mark.skipif(not DATA.exists(), reason="KLUTE_SIM_DATA does not hold these measurements")
 def test_ten_millimetre_muscles_lack_what_is_known_of_short_muscles(tmp_path: Path) -> None:
-    found = diagnose(datasets.read(imported(tmp_path / "data")))
+    found = diagnose(datasets.read(imported(tmp_path / "data")), Options(exclude=SLACK_READS))
     verdict = as_json(found)
-    gap = verdict["gap"]["force"]
-    names = {each["name"] for each in verdict["effects"]} | {name for a in verdict["alternatives"] for name in a}
+    gap = found.gap["force"]
     assert found.shown_on == "show"
-    assert found.gap["force"].after < 0.5 * found.gap["force"].before
-    assert gap["after"] < 0.6 * gap["before"]
+    # Of 81 N as drawn, 47 are left with other numbers in the same law, and 26 with the effects.
+    assert gap.refitted < 0.65 * gap.before
+    assert gap.after < 0.6 * gap.refitted
+    assert gap.floor is not None
+    assert gap.after > 5.0 * gap.floor
     # Known of such muscles: they are weaker when short, and pull nothing before the bladder meets the braid.
-    assert {"end_taper", "threshold_pressure"} <= names
+    named = {each["name"]: each["parameters"] for each in verdict["effects"] if not each.get("data_driven")}
+    assert set(named) == {"end_taper", "threshold_pressure"}
+    factor, pressure = named["end_taper"]["factor"], named["threshold_pressure"]["pressure_bar"]
+    for each in (factor, pressure):
+        assert each["low"] <= each["value"] <= each["high"]
+    # What is left makes repeats look like certainty: the intervals are of the noise, not of the law.
+    assert 0.3 < pressure["low"] < pressure["high"] < 0.6
+    assert 4.0 < factor["low"] < factor["high"] <= 5.0
     # What is left is no noise: the geometry of a hose that buckles is in no effect of the catalogue.
     assert verdict["verdict"] == "unexplained"
-    assert all(each["proxy"] for each in verdict["effects"])
+    assert all(each["proxy"] for each in verdict["effects"] if not each.get("data_driven"))

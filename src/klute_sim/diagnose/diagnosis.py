@@ -238,8 +238,10 @@ def _verdict(search: Search, final: Fit, others: Sequence[Rival]) -> tuple[Verdi
         return "unexplained", [left, *([] if own else [last])]
     if not own:
         return "nothing-missing" if search.repeated else "insufficient-data", [f"{search.steps[-1].why}."]
-    first = [f"{step.added}: {step.why}." for step in search.steps if step.added in own]
-    if any(step.added in own and not step.gains for step in search.steps):
+    found = {(term.effect, term.channel): term for term in own}  # by now, perhaps, in a simpler form than was added
+    kept = [s for s in search.steps if s.added is not None and (s.added.effect, s.added.channel) in found]
+    first = [f"{found[s.added.effect, s.added.channel]}: {s.why}." for s in kept if s.added is not None]
+    if not all(step.gains for step in kept):
         first.append("There was no second group of trials to check that by: it rests on the fitted ones alone.")
     if not search.repeated:
         return "insufficient-data", first

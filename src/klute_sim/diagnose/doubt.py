@@ -94,7 +94,8 @@ def certified(evidence: Evidence, found: Fit, random: np.random.Generator) -> tu
     if not len(found.steps):
         return found, found.converged
     found = fit(evidence, found.hypothesis, found.steps, fine=True)
-    errors = np.sqrt(np.diag(np.linalg.pinv(found.jacobian.T @ found.jacobian)))
+    # Of unknowns that the data hardly hold, rounding may leave a variance below zero.
+    errors = np.sqrt(np.maximum(0.0, np.diag(np.linalg.pinv(found.jacobian.T @ found.jacobian))))
     away = random.choice([-1.0, 1.0], len(errors)) * np.maximum(AWAY * errors, 0.02)
     again = fit(evidence, found.hypothesis, found.steps + away)
     sure = found.converged and again.converged and abs(again.cost - found.cost) < SAME

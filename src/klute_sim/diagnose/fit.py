@@ -109,6 +109,9 @@ class Fit:
         return self.cost + (len(self.steps) - self.hypothesis.base) * float(np.log(effective))
 
 
+FLAT = 1e-15
+"""Gradient of chi squared, per step, that is none: of an effect that changes nothing where its fit begins. The solver
+would divide by it."""
 SLACK = 0.5
 """Rise of chi squared that a fit by long steps may end with, where it began as well as anywhere."""
 
@@ -168,7 +171,7 @@ def _fit(
         bounds=(low, high),
         ftol=TOLERANCE if coarse else FINE,
         xtol=1e-6,
-        gtol=None,
+        gtol=FLAT,
         max_nfev=rounds,
     )
     last, found = problem.finely(result.x), np.asarray(result.jac)

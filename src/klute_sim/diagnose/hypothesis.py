@@ -69,8 +69,10 @@ class Unknown(NamedTuple):
     logarithmic: bool = False
 
     def value(self, steps: float) -> float:
-        """In its own unit."""
-        found = self.origin * math.exp(steps) if self.logarithmic else self.origin + self.size * steps
+        """In its own unit, within the bounds."""
+        low, high = self.bounds  # first: what the data do not hold may be hundreds of steps away, more than exp can say
+        within = min(max(steps, low), high)
+        found = self.origin * math.exp(within) if self.logarithmic else self.origin + self.size * within
         return min(max(found, self.low), self.high)
 
     def steps(self, value: float) -> float:

@@ -79,7 +79,7 @@ class Search:
             self.steps.append(step)
             if step.added is None:
                 break
-            current = self.without_idle(step.refits[0], base)
+            current = self.simpler(self.without_idle(step.refits[0], base), base)
             if not self.repeated:
                 current = self._weighed_anew(current)
         return current
@@ -216,6 +216,23 @@ class Search:
                 return self.without_idle(less, base)
         return current
 
+    def simpler(self, current: Fit, base: Fit) -> Fit:
+        """``current`` with simpler forms of earlier effects, where later ones have made the others' shapes idle.
+
+        A shape that fits what another effect has been found to do is held by nothing once that one is there.
+        """
+        own = current.hypothesis.terms[len(base.hypothesis.terms) :]
+        for term in own[:-1]:
+            for form in term.entry.forms:
+                if len(form.parameters) >= len(term.parameters):
+                    continue
+                plain = Term(term.effect, form.name, term.channel)
+                self.told(f"trying {plain} in place of {term}")
+                less = exchange(self.evidence, current, term, plain)
+                if self._criterion(less) <= self._criterion(current):
+                    return self.simpler(less, base)
+        return current
+
 
 def shortlist(promising: Sequence[Candidate]) -> list[Candidate]:
     """The best, and the other forms of the best three effects."""
@@ -228,3 +245,13 @@ def drop(evidence: Evidence, current: Fit, term: Term) -> Fit:
     number = current.hypothesis.terms.index(term)
     keep = [u.term != number for u in current.hypothesis.unknowns]
     return fit(evidence, current.hypothesis.minus(term), current.steps[keep], current.jacobian[:, keep])
+
+
+def exchange(evidence: Evidence, current: Fit, term: Term, other: Term) -> Fit:
+    """``current`` fitted again with ``other``, neutral at first, in place of ``term``."""
+    number, old = current.hypothesis.terms.index(term), current.hypothesis.unknowns
+    terms = tuple(other if t == term else t for t in current.hypothesis.terms)
+    hypothesis = replace(current.hypothesis, terms=terms)
+    start = hypothesis.start()
+    start[[u.term != number for u in hypothesis.unknowns]] = current.steps[[u.term != number for u in old]]
+    return fit(evidence, hypothesis, start)

@@ -286,7 +286,8 @@ def _unseen(d: Diagnosis) -> list[str]:
             )
         found.append(f"Effects that the catalogue does not know, and more than {MOST_EFFECTS} at a time.")
         found.append("Candidates that were screened and not refitted, beyond what the screening promised.")
-        if any(step.added in d.found and not step.gains for step in d.steps):
+        kept = {(term.effect, term.channel) for term in d.found}
+        if any(s.added is not None and (s.added.effect, s.added.channel) in kept and not s.gains for s in d.steps):
             found.append("Whether trials that were not fitted gain from each effect: there was no second group.")
         if d.shown_on == "fit":
             found.append("How well the result predicts: no trial was kept back to show, the gap is of fitted ones.")
