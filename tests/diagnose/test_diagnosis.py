@@ -276,7 +276,8 @@ def test_the_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     verdict = json.loads(done.stdout)
     assert verdict == json.loads((tmp_path / "found" / "verdict.json").read_text("utf-8"))
     assert set(verdict) == {
-        *("schema", "verdict", "effects", "alternatives", "split", "where", "gap", "next_experiment", "device_file")
+        *("schema", "verdict", "reasons", "effects", "alternatives", "alike", "split", "where", "gap"),
+        *("next_experiment", "device_file"),
     }
     assert verdict["schema"] == "klute-sim-verdict/1"
     assert verdict["effects"][0]["parameters"]["coefficient_n_s_per_m"]["value"] == pytest.approx(400.0, rel=0.05)
