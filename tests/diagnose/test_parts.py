@@ -244,7 +244,7 @@ def test_forms_of_a_promising_effect_are_all_tried() -> None:
 
     nothing = np.zeros(1)
     made = [
-        Candidate(Term(*name), 100.0 - k, 1.0, nothing, nothing, 1.0)
+        Candidate(Term(*name), 100.0 - k, 1.0, nothing, nothing, 1.0, nothing, nothing)
         for k, name in enumerate([*data, *many, ("braid_hysteresis", "maxwell_slip")])
     ]
     names = [(c.term.effect, c.term.form) for c in shortlist(made)]

@@ -183,6 +183,12 @@ def _fit(
     return Fit(hypothesis, result.x, last[0], found, result.status > 0, last[1])
 
 
+def linear(evidence: Evidence, hypothesis: Hypothesis, row: Array) -> tuple[Array, Array]:
+    """Weighted residuals at ``row`` of unknowns, and their derivatives, these by long steps."""
+    problem = _Problem(evidence, hypothesis, row, coarse=True)
+    return problem.finely(row)[0], problem.jacobian(row)
+
+
 class _Problem:
     """The vector whose square is least, and its derivatives, by few long steps or many short ones.
 

@@ -13,13 +13,15 @@ import numpy as np
 
 from klute_sim.device.files import Device
 from klute_sim.diagnose.experiment import UNITS, Array
-from klute_sim.diagnose.fit import Evidence, Fit
+from klute_sim.diagnose.fit import Evidence, Fit, linear
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.effects import catalogue, instrument
 from klute_sim.errors import InputError
 
 SHARE = 0.3
 """Of the typical size, at which an effect is tried."""
+FAR = 1.5
+"""Standard deviations of a device's number from what was believed of it."""
 FOLLOWED = 0.6
 """Share of its change that projection leaves of an effect, below which it is tried once more."""
 
@@ -38,6 +40,10 @@ class Candidate(NamedTuple):
     """What is left of that after projection, of length 1."""
     kept: float
     """Share of the change that the projection left."""
+    origin: Array
+    """The unknowns there were, where everything was taken to be linear."""
+    follow: Array
+    """Their move from there that goes with it."""
 
 
 def check_names(device: Device, only: Sequence[str], exclude: Sequence[str]) -> None:
@@ -81,53 +87,74 @@ def screen(evidence: Evidence, current: Fit, candidates: Sequence[Term]) -> list
     """``candidates`` by what they promise, best first.
 
     What the fitted unknowns could imitate, they imitate only for a little of it: of effects of which they take most,
-    the typical size is looked at, too, with the unknowns where they would follow to.
+    the typical size is looked at, too, with the unknowns where they would follow to. And where the device's numbers had
+    to go far from what was believed of them, that may be because of what is missing: effects are then looked at from
+    what was believed, too.
     """
-    basis, _ = np.linalg.qr(current.jacobian)
-    found = _promises(evidence, current, basis, [(term, SHARE, np.zeros(len(current.steps))) for term in candidates])
+    known, base = len(current.steps), current.hypothesis.base
+    here = _Point(current.steps, current.vector, current.jacobian)
+    every = _promises(evidence, current.hypothesis, here, [(term, SHARE, np.zeros(known)) for term in candidates])
     again: list[tuple[Term, float, Array]] = []
-    for one in found:
+    for one in every:
         if one.kept < FOLLOWED and one.term.channel is None:
             size = math.copysign(1.0, one.steps)
-            follow = np.linalg.lstsq(current.jacobian, one.change)[0].astype(np.float64)
-            again.append((one.term, size, -size * follow))
-    best = {one.term: one for one in found}
-    for one in _promises(evidence, current, basis, again) if again else ():
-        if one.gain > best[one.term].gain:
+            again.append((one.term, size, -size * _lstsq(current.jacobian, one.change)))
+    every += _promises(evidence, current.hypothesis, here, again) if again else []
+    if np.abs(current.steps[:base]).max(initial=0.0) > FAR:
+        home = np.concatenate([np.zeros(base), current.steps[base:]])
+        there = _Point(home, *linear(evidence, current.hypothesis, home))
+        every += _promises(evidence, current.hypothesis, there, [(term, SHARE, np.zeros(known)) for term in candidates])
+    best: dict[Term, Candidate] = {}
+    for one in every:
+        if one.term not in best or one.gain > best[one.term].gain:
             best[one.term] = one
     return sorted(best.values(), key=lambda candidate: -candidate.gain)
 
 
+class _Point(NamedTuple):
+    """Where everything is taken to be linear."""
+
+    steps: Array
+    vector: Array
+    jacobian: Array
+
+
 def _promises(
-    evidence: Evidence, current: Fit, basis: Array, tried: Sequence[tuple[Term, float, Array]]
+    evidence: Evidence, before: Hypothesis, point: _Point, tried: Sequence[tuple[Term, float, Array]]
 ) -> list[Candidate]:
-    """Of every term that is ``tried``: in which size, and with which move of the fitted unknowns."""
-    known, experiments = len(current.steps), evidence.experiments
-    hypotheses = [current.hypothesis.plus(term) for term, _, _ in tried]
-    rows = [_tried(h, current.steps, size, moved) for h, (_, size, moved) in zip(hypotheses, tried, strict=True)]
+    """Of every term that is ``tried`` beside ``before``: in which size, and with which move of the known unknowns."""
+    known, experiments = len(point.steps), evidence.experiments
+    basis, _ = np.linalg.qr(point.jacobian)
+    hypotheses = [before.plus(term) for term, _, _ in tried]
+    rows = [_tried(h, point.steps, size, moved) for h, (_, size, moved) in zip(hypotheses, tried, strict=True)]
     settings = [h.settings(row, experiments) for h, row in zip(hypotheses, rows, strict=True)]
-    settings.append(current.hypothesis.settings(current.steps, experiments))
+    settings.append(before.settings(point.steps, experiments))
     *shown, plain = evidence.bench.simulate(settings, experiments, coarse=True)
     found = []
     for (term, _, _), hypothesis, row, each in zip(tried, hypotheses, rows, shown, strict=True):
         less = [{c: before[c] - after[c] for c in after} for before, after in zip(plain, each, strict=True)]
-        steps, moved = float(row[known]), row[:known] - current.steps
+        steps, moved = float(row[known]), row[:known] - point.steps
         if steps == 0.0:
             continue
         # What the move of the others did is taken off again, as if it were linear: that is projected off anyway.
         change = np.concatenate([evidence.weighted(less), moved[: hypothesis.base]])
-        change = (change - current.jacobian @ moved) / steps
+        change = (change - point.jacobian @ moved) / steps
         left = change - basis @ (basis.T @ change)
         size, whole = float(np.linalg.norm(left)), float(np.linalg.norm(change))
         if not (np.isfinite(size) and size > 1e-6 * max(whole, 1.0)):
             continue
         signature = left / size
-        along = -float(signature @ current.vector)
+        along = -float(signature @ point.vector)
         low, high = hypothesis.bounds()
         best = min(max(along / size, low[known]), high[known])
         gain = 2.0 * best * size * along - (best * size) ** 2
-        found.append(Candidate(term, gain, best, change, signature, size / whole))
+        follow = -_lstsq(point.jacobian, point.vector + best * change)
+        found.append(Candidate(term, gain, best, change, signature, size / whole, point.steps, follow))
     return found
+
+
+def _lstsq(columns: Array, target: Array) -> Array:
+    return np.linalg.lstsq(columns, target)[0].astype(np.float64)
 
 
 def _tried(hypothesis: Hypothesis, steps: Array, size: float, moved: Array) -> Array:

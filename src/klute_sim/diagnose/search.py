@@ -147,9 +147,9 @@ class Search:
         """
         hypothesis, known = current.hypothesis.plus(candidate.term), len(current.steps)
         neutral = hypothesis.start()
-        neutral[:known] = current.steps
+        neutral[:known] = candidate.origin
         whole = np.array([0.0 if u.logarithmic else candidate.steps for u in hypothesis.unknowns])
-        whole[:known] = -candidate.steps * np.linalg.lstsq(current.jacobian, candidate.change)[0]
+        whole[:known] = candidate.follow
         rows = [np.clip(neutral + part * whole, *hypothesis.bounds()) for part in PARTS]
         costs = []
         for row, found in zip(rows, self.evidence.residuals(hypothesis, rows, coarse=True), strict=True):
