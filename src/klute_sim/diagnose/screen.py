@@ -22,6 +22,8 @@ SHARE = 0.3
 """Of the typical size, at which an effect is tried."""
 FAR = 1.5
 """Standard deviations of a device's number from what was believed of it."""
+MOST_OF_IT, FROM_AFAR = 0.5, 3
+"""Share of what the numbers leave, seen from what was believed, that an effect has to explain, and how many may."""
 FOLLOWED = 0.6
 """Share of its change that projection leaves of an effect, below which it is tried once more."""
 
@@ -103,7 +105,13 @@ def screen(evidence: Evidence, current: Fit, candidates: Sequence[Term]) -> list
     if np.abs(current.steps[:base]).max(initial=0.0) > FAR:
         home = np.concatenate([np.zeros(base), current.steps[base:]])
         there = _Point(home, *linear(evidence, current.hypothesis, home))
-        every += _promises(evidence, current.hypothesis, there, [(term, SHARE, np.zeros(known)) for term in candidates])
+        tried = [(term, SHARE, np.zeros(known)) for term in candidates]
+        # From afar little is linear: what explains most of what the numbers leave there may explain that share here.
+        left = there.vector + there.jacobian @ -_lstsq(there.jacobian, there.vector)
+        whole = float(left @ left)
+        found = [c for c in _promises(evidence, current.hypothesis, there, tried) if c.gain > MOST_OF_IT * whole]
+        found = sorted(found, key=lambda one: -one.gain)[:FROM_AFAR]
+        every += [one._replace(gain=one.gain * min(1.0, current.cost / whole)) for one in found]
     best: dict[Term, Candidate] = {}
     for one in every:
         if one.term not in best or one.gain > best[one.term].gain:
