@@ -61,7 +61,10 @@ def test_the_device_can_be_shown(walker: tuple[Path, dict[str, object]]) -> None
     assert all(row["source"] for row in rows)
 
 
-@pytest.mark.parametrize("profile", [(), ("--profile", "runs/design-001/profile.csv")], ids=["tuned", "carried over"])
+CARRIED_OVER = pytest.param(("--profile", "runs/design-001/profile.csv"), marks=pytest.mark.long, id="carried over")
+
+
+@pytest.mark.parametrize("profile", [pytest.param((), id="tuned"), CARRIED_OVER])
 def test_the_designed_prosthesis_walks(walker: tuple[Path, dict[str, object]], profile: tuple[str, ...]) -> None:
     """About 15 s each: three strides on the gait rig."""
     folder, _ = walker

@@ -88,6 +88,7 @@ def test_table_names_what_is_tracked_and_the_csv_reads_back(tmp_path: Path) -> N
     assert [float(line.split(",")[force]) for line in lines[1:]] == recording["force"].tolist()
 
 
+@pytest.mark.long
 def test_a_reference_without_deviations_and_a_profile_of_ones_own(tmp_path: Path) -> None:
     from klute_sim.rigs.gait import reference
 

@@ -145,7 +145,7 @@ def test_a_wrong_load_cell_is_no_physics(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("defect", "words"),
     [
-        ("no_excitation", "what depends on speed hardly shows"),
+        pytest.param("no_excitation", "what depends on speed hardly shows", marks=pytest.mark.long),
         ("dead_channel", "the channel is dead; it is not used"),
     ],
 )
@@ -155,6 +155,7 @@ def test_data_that_cannot_answer_are_told_why(defect: str, words: str, tmp_path:
     assert any(words in reason for reason in found.reasons), found.reasons
 
 
+@pytest.mark.long
 def test_without_repeats_only_what_stands_out_is_named(tmp_path: Path) -> None:
     """Noise is only supposed then: nothing can be declared complete, and no floor is known."""
     options = Options(only=("braid_hysteresis", "muscle_damping", "sensor_gain"))

@@ -66,6 +66,7 @@ def test_a_display_shows_the_mean_of_what_noise_lets_it_show(dither: float) -> N
     assert Display(step, 0.0, zero, dither).shows(value) == pytest.approx(drawn, abs=0.02 * step)
 
 
+@pytest.mark.long
 def test_a_quantised_force_is_named_and_leaves_no_more_than_noise(tmp_path: Path) -> None:
     fault = {"name": "quantisation", "form": "linear", "channel": "force", "parameters": {"step": 17.0}}
     truth = make(tmp_path / "d", 5, instruments=[fault], muscle_length=False)

@@ -80,6 +80,7 @@ def test_functions_and_coefficients_that_are_there_are_found(lacking: tuple[Sear
     assert search.lacks(base)
 
 
+@pytest.mark.long
 def test_a_supply_that_lags_is_found_in_its_own_equation(tmp_path: Path) -> None:
     pytest.importorskip("pysindy")
     for search, base in searched(tmp_path / "d", {("pressure_lag", "first_order"): {"time_constant_s": 0.05}}):

@@ -19,7 +19,7 @@ RISING = {"name": "threshold_pressure", "form": "rising", "parameters": {"pressu
 THICK = {"name": "thick_wall_bladder", "form": "mooney_rivlin", "parameters": {"share": 0.5}}
 
 
-@pytest.mark.parametrize(("effect", "seed"), [(RISING, 2252072962), (THICK, 8)], ids=["rising", "thick"])
+@pytest.mark.parametrize(("effect", "seed"), [(RISING, 2252072962), pytest.param(THICK, 8, marks=pytest.mark.long)])
 def test_what_the_numbers_imitate_far_from_what_was_believed_is_promised(
     tmp_path: Path, effect: dict, seed: int
 ) -> None:

@@ -221,7 +221,7 @@ def test_the_same_seed_writes_the_same_bytes_in_the_documented_format(tmp_path: 
 
 
 def test_a_leak_is_hidden_in_a_device_that_is_known_to_have_a_valve(tmp_path: Path) -> None:
-    (spec,) = (s for s in plan.plan("single", 60, 1)[:31] if s["effects"][0]["name"] == "leak")
+    (spec,) = (s for s in plan.plan("single", 60, 1, typical=True)[:31] if s["effects"][0]["name"] == "leak")
     spec.pop("name")
     sealed = generate.make(tmp_path / "leak", **spec)
     assert [e["name"] for e in sealed["effects"]] == ["leak"]
@@ -284,7 +284,7 @@ def test_plans_cover_the_catalogue_and_only_grow() -> None:
 def test_it_shares_no_code_with_the_simulator_and_resumes(tmp_path: Path) -> None:
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]); import generate;"
-        "generate.main([sys.argv[2], '--block', 'instrument', '--count', '1']);"
+        "generate.main([sys.argv[2], '--block', 'instrument', '--count', '1', '--typical']);"
         "assert not [m for m in sys.modules if m.split('.')[0] == 'klute_sim']"
     )
     for word in ("raw size", "is there"):

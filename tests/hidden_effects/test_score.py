@@ -153,8 +153,18 @@ def test_effects_get_the_size_that_is_wanted() -> None:
     assert raw > 2.0 * found["size"]  # most of an end taper is taken by the other numbers
     gain = {"name": "sensor_gain", "form": "gain", "channel": "pressure", "parameters": {"gain": 0.96}, "wanted": 2.0}
     assert scale.sized(gain)["size"] == pytest.approx(2.0, rel=0.1)
-    slack = {"name": "regulator_error", "form": "gain", "parameters": {"gain": 0.95}, "wanted": 1e4}
-    assert scale.sized(slack)["parameters"] == {"gain": 0.7}  # as far as it may
+
+
+def test_a_size_is_sought_as_far_as_parameters_may_go() -> None:
+    def steep(scale: float) -> float:  # nothing at first, and then a lot, as where the numbers run to their bounds
+        return 0.1 * scale + max(0.0, 5.0 * (scale - 2.0))
+
+    scale, size = sizes._sought(steep, 2.0, lambda scale: False)
+    assert size == pytest.approx(2.0, rel=0.5)
+    assert steep(scale) == size
+    assert sizes._sought(lambda s: min(s, 3.0), 8.0, lambda s: s >= 3.0) == (8.0, 3.0)
+    limit = catalogue.EFFECTS["regulator_error", "gain"]["gain"]
+    assert sizes._scaled(limit, 0.95, 100.0) == 0.7
 
 
 def test_strangers_do_what_they_are_called() -> None:
