@@ -2,15 +2,14 @@
 
 import csv
 import json
-import os
 import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import command
 from klute_sim.dataset import trial
 from klute_sim.device.files import load
 from klute_sim.recording import parquet
@@ -34,14 +33,7 @@ dwell_s = "assumed: enough"
 
 
 def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "klute_sim", "bench", *arguments],
-        cwd=cwd,
-        env={**os.environ, "COLUMNS": "130"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return command.run("bench", *arguments, cwd=cwd)
 
 
 @pytest.fixture(scope="module")

@@ -3,30 +3,17 @@
 import csv
 import io
 import json
-import os
-import subprocess
-import sys
 from importlib import resources
 from pathlib import Path
 
 import pytest
 
+from command import run
 from klute_sim.design.actuator import SLENDER
 from klute_sim.device.files import load
 
 REFERENCE_PEAK = 1.43
 """Peak ankle moment of the reference [N m/kg]."""
-
-
-def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "klute_sim", *arguments],
-        cwd=cwd,
-        env={**os.environ, "COLUMNS": "120"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 import re
 import subprocess
 import sys
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from command import run
 from klute_sim.device.files import load, read
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import HOOKS, Parameter
@@ -21,17 +21,6 @@ USERS = ROOT / "tests" / "effects" / "users.py"
 PAGE = (ROOT / "docs" / "effects.md").read_text("utf-8")
 EFFECTS = catalogue.effects()
 HEAVY = ("gymnasium", "matplotlib", "mujoco", "numba", "numpy", "pint", "pyarrow", "pydantic", "rich", "scipy")
-
-
-def run(*arguments: str, cwd: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "klute_sim", *arguments],
-        cwd=cwd,
-        env={**os.environ, "COLUMNS": "140", **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
 
 @pytest.mark.parametrize("name", ["effects", "measure"])

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from command import apart, run
 from klute_sim.device.files import load
 from klute_sim.recording import parquet
 
@@ -17,17 +18,6 @@ PROMISED = {
     "device", "mass_kg", "strides", "ankle_range_deg", "ankle_moment_peak_nm_per_kg", "ankle_power_peak_w_per_kg",
     "ankle_work_net_j_per_kg", "toe_off_pct", "grf_vertical_peaks_bw", "air_per_stride_g", "run",
 }  # fmt: skip
-
-
-def run(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "klute_sim", *arguments],
-        cwd=cwd,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -156,12 +146,12 @@ def test_without_rerun_everything_else_is_written_and_the_extra_is_named(tmp_pat
     (tmp_path / "rerun").mkdir()
     (tmp_path / "rerun" / "__init__.py").write_text("raise ImportError('not here')")
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    done = run("gait", "--strides", "1", "--out", "r", cwd=tmp_path, PYTHONPATH=paths)
+    done = apart("gait", "--strides", "1", "--out", "r", cwd=tmp_path, PYTHONPATH=paths)
     assert done.returncode == 0, done.stderr
     assert "pip install '.[rerun]'" in done.stderr
     names = {file.name for file in (tmp_path / "r").iterdir()}
     assert names == {"recording.parquet", "summary.json", "report.png", "device.toml"}
-    done = run("view", "r", cwd=tmp_path, PYTHONPATH=paths)
+    done = apart("view", "r", cwd=tmp_path, PYTHONPATH=paths)
     assert done.returncode == 2
     assert "pip install '.[rerun]'" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

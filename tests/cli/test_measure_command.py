@@ -2,12 +2,12 @@
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import command
 from klute_sim.cli import measure
 from klute_sim.dataset import dataset, table
 from klute_sim.device.files import load, preset_names, read
@@ -19,9 +19,7 @@ COMMAND = {"time": "s", "length": "m", "pressure_command": "Pa"}
 
 
 def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "klute_sim", "measure", *arguments], cwd=cwd, capture_output=True, text=True, check=False
-    )
+    return command.run("measure", *arguments, cwd=cwd)
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from command import run
 from klute_sim.device.files import load
 
 HEAVY = ("gymnasium", "matplotlib", "mujoco", "numba", "numpy", "rerun", "scipy")
-
-
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "klute_sim", *arguments], capture_output=True, text=True, check=False)
 
 
 @pytest.mark.parametrize("command", [[], ["gait"], ["bench"], ["device"], ["view"]])

@@ -1,24 +1,19 @@
 """``klute-sim reproduce`` and ``klute-sim assumptions``, from the command line to the files."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from command import run
+
 VERDICTS = {"agrees", "contradicts-source", "source-contradicts-itself", "not-printed"}
-
-
-def run(*arguments: str, where: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "klute_sim", *arguments]
-    return subprocess.run(command, cwd=where, capture_output=True, text=True, check=False)
 
 
 def test_the_dissertation_is_written_as_a_page_with_pictures(tmp_path: Path) -> None:
     numbers = tmp_path / "numbers.toml"
     numbers.write_text('"table-4.1.bore" = 20.0\n', "utf-8")
-    done = run("reproduce", "--out", "found", "--published", "numbers.toml", "--json", where=tmp_path)
+    done = run("reproduce", "--out", "found", "--published", "numbers.toml", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     items = json.loads(done.stdout)
     assert len(items) >= 60
@@ -38,7 +33,7 @@ def test_the_dissertation_is_written_as_a_page_with_pictures(tmp_path: Path) -> 
 
 @pytest.mark.long
 def test_the_table_begins_with_what_was_measured(tmp_path: Path) -> None:
-    done = run("reproduce", where=tmp_path)
+    done = run("reproduce", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     first = done.stdout.splitlines()[0].strip()
     assert first == "Measured at 5 bar, and the model"
@@ -56,7 +51,7 @@ def test_the_table_begins_with_what_was_measured(tmp_path: Path) -> None:
     ],
 )
 def test_bad_input_is_one_sentence(tmp_path: Path, arguments: tuple[str, ...], says: str) -> None:
-    done = run(*arguments, where=tmp_path)
+    done = run(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert says in done.stderr
     assert done.stderr.count("\n") == 1
@@ -64,7 +59,7 @@ def test_bad_input_is_one_sentence(tmp_path: Path, arguments: tuple[str, ...], s
 
 
 def test_missing_numbers_are_listed_to_fill_in(tmp_path: Path) -> None:
-    done = run("reproduce", "--missing", where=tmp_path)
+    done = run("reproduce", "--missing", cwd=tmp_path)
     assert done.returncode == 0
     assert (
         '# "table-8.1.p5-v100" =   # pressure while shortening: net work of the device per cycle at 5 bar, 100 mm/s [J]'
@@ -74,24 +69,24 @@ def test_missing_numbers_are_listed_to_fill_in(tmp_path: Path) -> None:
 
 
 def test_assumptions_say_why_and_what_they_change(tmp_path: Path) -> None:
-    done = run("assumptions", "klute-3-4-pair", "--json", where=tmp_path)
+    done = run("assumptions", "klute-3-4-pair", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = {row["key"]: row for row in json.loads(done.stdout)["klute-3-4-pair"]}
     assert "Table 4.1 is missing" in rows["damper.bore_mm"]["why"]
     assert abs(rows["damper.bore_mm"]["changes"]["force shortening at 300 mm/s"]) > 0.05
-    table = run("assumptions", "klute-1-2", where=tmp_path).stdout
+    table = run("assumptions", "klute-1-2", cwd=tmp_path).stdout
     assert "room temperature" in table.replace("\n", " ")
-    text = run("device", "klute-1-2", "--toml", where=tmp_path).stdout
+    text = run("device", "klute-1-2", "--toml", cwd=tmp_path).stdout
     (tmp_path / "plain.toml").write_text(text[: text.index("[sources]")], "utf-8")
-    assert "no number is marked as assumed" in run("assumptions", "plain.toml", where=tmp_path).stdout
+    assert "no number is marked as assumed" in run("assumptions", "plain.toml", cwd=tmp_path).stdout
 
 
 @pytest.mark.long
 def test_a_walk_is_tried_with_every_assumption_if_asked(tmp_path: Path) -> None:
-    text = run("device", "klute-1-1-4-pair", "--toml", where=tmp_path).stdout
+    text = run("device", "klute-1-1-4-pair", "--toml", cwd=tmp_path).stdout
     kept = [line for line in text.splitlines() if '= "assumed' not in line or "slack_length" in line]
     (tmp_path / "one.toml").write_text("\n".join(kept) + "\n", "utf-8")
-    done = run("assumptions", "one.toml", "--gait", "--json", where=tmp_path)
+    done = run("assumptions", "one.toml", "--gait", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (row,) = next(iter(json.loads(done.stdout).values()))
     assert row["key"] == "tendon.slack_length_mm"

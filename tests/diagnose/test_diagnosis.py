@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from made import dataset as made
 
+from command import run
 from klute_sim.cli.diagnose import write as write_results
 from klute_sim.dataset import dataset as datasets
 from klute_sim.device.files import load
@@ -259,20 +260,10 @@ def test_the_dissertations_own_ladder(tmp_path: Path) -> None:
     assert entries["friction_offset"]["offset_n"]["value"] == pytest.approx(-38.2, rel=0.1)
 
 
-def command(*arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "klute_sim", "diagnose", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, **more},
-    )
-
-
 def test_the_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     folder = made(tmp_path / "data", {("muscle_damping", "viscous"): {"coefficient_n_s_per_m": 400.0}})
     only = ("--only", "muscle_damping", "--only", "seal_friction")
-    done = command(str(folder), "--out", str(tmp_path / "found"), "--json", *only)
+    done = run("diagnose", str(folder), "--out", str(tmp_path / "found"), "--json", *only)
     assert done.returncode == 0, done.stderr
     verdict = json.loads(done.stdout)
     assert verdict == json.loads((tmp_path / "found" / "verdict.json").read_text("utf-8"))
@@ -284,7 +275,7 @@ def test_the_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     assert verdict["effects"][0]["parameters"]["coefficient_n_s_per_m"]["value"] == pytest.approx(400.0, rel=0.05)
     device = load(str(tmp_path / "found" / "device.toml"))
     assert device.spec.effects["muscle_damping"]["form"] == "viscous"
-    told = command(str(folder), "--out", str(tmp_path / "again"), "--no-report", *only)
+    told = run("diagnose", str(folder), "--out", str(tmp_path / "again"), "--no-report", *only)
     assert "The simulated device lacks muscle damping (viscous)." in told.stdout
     assert "Gap on trials that no fit saw" in told.stdout
     assert sorted(f.name for f in (tmp_path / "again").iterdir()) == ["device.toml", "verdict.json"]
@@ -303,7 +294,7 @@ def test_the_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
 )
 def test_bad_input_is_one_sentence(arguments: tuple[str, ...], words: str, tmp_path: Path) -> None:
     folder = made(tmp_path / "data", seconds=0.5)
-    done = command(*(a.format(data=folder) for a in arguments))
+    done = run("diagnose", *(a.format(data=folder) for a in arguments))
     assert done.returncode == 2
     assert words in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
@@ -321,7 +312,7 @@ def test_a_users_effect_is_found(tmp_path: Path) -> None:
     environment = {**os.environ, "KLUTE_SIM_CATALOGUE": str(users)}
     subprocess.run([sys.executable, "-c", script, here, str(data)], check=True, env=environment)
     only = ("--only", "warming", "--only", "sensor_gain", "--only", "muscle_damping")
-    done = command(str(data), "--catalogue", str(users), "--out", str(tmp_path / "found"), "--json", *only)
+    done = run("diagnose", str(data), "--catalogue", str(users), "--out", str(tmp_path / "found"), "--json", *only)
     assert done.returncode == 0, done.stderr
     assert "was run for its effects" in done.stderr
     (only_effect,) = json.loads(done.stdout)["effects"]

@@ -1,0 +1,59 @@
+"""Commands as a user types them, run in the process of the tests: most of a command's time is spent importing.
+
+That commands run by themselves is for the documentation's examples to show, and for ``apart``.
+"""
+
+import contextlib
+import io
+import os
+import signal
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from unittest import mock
+
+from klute_sim.cli import main
+from klute_sim.cli.console import console, notes
+
+COLUMNS = "130"
+
+
+def run(*arguments: str, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
+    """``klute-sim ARGUMENTS`` in the folder ``cwd``, as if in a process of its own.
+
+    With a catalogue it is one: the law is made once in a process, of the effects that there are by then.
+    """
+    if "--catalogue" in arguments:
+        return apart(*arguments, cwd=cwd, **environment)
+    out, err, handler = io.StringIO(), io.StringIO(), signal.getsignal(signal.SIGTERM)
+    code: object = 0
+    with (
+        contextlib.chdir(cwd or Path.cwd()),
+        mock.patch.dict(os.environ, {"COLUMNS": COLUMNS, **environment}),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        warnings.catch_warnings(),
+    ):
+        warnings.resetwarnings()
+        console.cache_clear()
+        notes.cache_clear()
+        try:
+            main(arguments)
+        except SystemExit as left:
+            code = left.code
+        finally:
+            signal.signal(signal.SIGTERM, handler)
+    return subprocess.CompletedProcess(["klute-sim", *arguments], int(str(code)), out.getvalue(), err.getvalue())
+
+
+def apart(*arguments: str, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
+    """The same in a process of its own, for what changes how Python starts."""
+    return subprocess.run(
+        [sys.executable, "-m", "klute_sim", *arguments],
+        cwd=cwd,
+        env={**os.environ, "COLUMNS": COLUMNS, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
