@@ -12,10 +12,10 @@ from klute_sim.dataset.trial import Series
 from klute_sim.device.files import load, read
 from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.diagnosis import base_fit
-from klute_sim.diagnose.doubt import intervals
 from klute_sim.diagnose.experiment import Bench, Experiment, Setting, prepare
 from klute_sim.diagnose.fit import Evidence, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.diagnose.interval import intervals
 from klute_sim.diagnose.loudness import heard
 from klute_sim.diagnose.noise import Alike, Noise, correlation, misfit
 from klute_sim.diagnose.screen import check_names, screen, terms
@@ -180,7 +180,7 @@ def test_a_fit_finds_an_uncertain_number_again(evidence: tuple) -> None:
     assert found.values[0] == pytest.approx(1.15 * 60.0, rel=0.01)
     assert found.values[1] == pytest.approx(28.0, rel=0.02)
     assert found.cost == pytest.approx(on.effective, rel=0.3)
-    low, high = intervals(on, found, np.random.default_rng(0))[0]
+    low, high = intervals(on, found)[0]
     assert low < 1.15 * 60.0 < high
     assert 0.0005 < (high - low) / 69.0 < 0.02
 

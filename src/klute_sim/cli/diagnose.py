@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 )
 @click.option("--jobs", type=click.IntRange(0, 256), default=0, metavar="N", help="Threads.  [default: 0, all cores]")
 @click.option(
-    "--seed", type=click.IntRange(0), default=0, metavar="N", help="Of the intervals' bootstrap.  [default: 0]"
+    "--seed", type=click.IntRange(0), default=0, metavar="N", help="Of where fits are tried again from.  [default: 0]"
 )
 @click.option(
     "--out",

@@ -15,12 +15,13 @@ from klute_sim.dataset.split import Split
 from klute_sim.diagnose import check
 from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.display import Display, displayed
-from klute_sim.diagnose.doubt import Rival, certified, fewer, intervals, rivals
+from klute_sim.diagnose.doubt import Rival, certified, fewer, rivals
 from klute_sim.diagnose.equations import Equation, equations
 from klute_sim.diagnose.experiment import UNITS, Bench, Experiment, prepare
 from klute_sim.diagnose.fallback import fallback
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.diagnose.interval import intervals
 from klute_sim.diagnose.locate import Place, locate
 from klute_sim.diagnose.loudness import heard
 from klute_sim.diagnose.noise import CERTAIN, Noise, significant
@@ -45,7 +46,7 @@ class Options:
     jobs: int = 0
     """Threads; 0: all cores."""
     seed: int = 0
-    """Of the bootstrap."""
+    """Of where fits are tried again from."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -186,7 +187,7 @@ def _diagnose(
         base=base,
         final=final,
         found=final.hypothesis.terms,
-        intervals=intervals(evidence, final, np.random.default_rng(options.seed)),
+        intervals=intervals(evidence, final),
         rivals=others,
         where=locate(evidence, base),
         equations=lacks,

@@ -1,13 +1,11 @@
-"""Doubting the answer: is anything left, could it be something else, and how sure are the numbers."""
+"""Doubting the answer: would less do, does it come back from elsewhere, and could it be something else."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnose.experiment import Array
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Term
-from klute_sim.diagnose.noise import stacks
 from klute_sim.diagnose.screen import screen
 from klute_sim.diagnose.search import Search, drop, shortlist
 
@@ -16,10 +14,6 @@ MOST = 5
 AWAY = 3.0
 SAME = 1.0
 """Difference of chi squared by which two fits are the same."""
-SAMPLES = 400
-"""Of the bootstrap."""
-SPREAD = 0.025
-"""Probability outside of an interval, on each side."""
 
 
 class Rival(NamedTuple):
@@ -102,47 +96,3 @@ def certified(evidence: Evidence, found: Fit, random: np.random.Generator) -> tu
     if again.cost < found.cost - SAME:
         found = fit(evidence, found.hypothesis, again.steps, fine=True)
     return found, sure
-
-
-def intervals(evidence: Evidence, found: Fit, random: np.random.Generator) -> list[tuple[float, float]]:
-    """95 % interval of every unknown in its own unit, by bootstrap over repeats.
-
-    What differs between repeats, shifted in time and turned in sign at random, is put in the residual's place; the
-    unknowns follow along the fit's derivatives. Its correlation in time is thereby kept.
-    """
-    base, solver = found.hypothesis.base, np.linalg.pinv(found.jacobian)
-    samples = np.empty((SAMPLES, len(found.steps)))
-    noises = _repeats(evidence, found)
-    for k in range(SAMPLES):
-        drawn = np.concatenate([_surrogate(noise, random) for noise in noises] + [random.normal(size=base)])
-        samples[k] = solver @ drawn
-    low, high = np.quantile(samples - samples.mean(axis=0), [SPREAD, 1.0 - SPREAD], axis=0)
-    result = []
-    for unknown, step, down, up in zip(found.hypothesis.unknowns, found.steps, low, high, strict=True):
-        ends = unknown.value(step - up), unknown.value(step - down)
-        result.append((min(ends), max(ends)))
-    return result
-
-
-def _repeats(evidence: Evidence, found: Fit) -> list[Array]:
-    """Per weighted block of the fit's vector, in its order: what sets a repeat of its group apart, weighted."""
-    apart: dict[tuple[str, str], Array] = {}
-    for channel in evidence.noise:
-        for stack in stacks(evidence.experiments, found.residuals, channel):
-            many = len(stack.rows)
-            apart[stack.group, channel] = (stack.rows - stack.rows.mean(axis=0)) * np.sqrt(many / (many - 1.0))
-    blocks = []
-    every = zip(evidence.experiments, evidence.weights, found.residuals, strict=True)
-    for experiment, weights, residual in every:
-        for channel in weights:
-            weight = evidence.noise[channel].weight(experiment.measured[channel].interval)
-            # What was not repeated itself borrows from another group, or else takes what the fit leaves.
-            others = (row for (_, of), row in apart.items() if of == channel)
-            left = residual[channel] / experiment.loud.get(channel, 1.0)
-            pool = apart.get((experiment.group, channel), next(others, left[np.newaxis]))
-            blocks.append(weight * np.resize(pool[0], len(left)))
-    return blocks
-
-
-def _surrogate(noise: Array, random: np.random.Generator) -> Array:
-    return np.asarray(random.choice([-1.0, 1.0]) * np.roll(noise, int(random.integers(len(noise)))))

@@ -1,0 +1,155 @@
+"""How sure the fitted numbers are, from what sets repeats apart."""
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import t as student
+
+from klute_sim.diagnose.experiment import Array
+from klute_sim.diagnose.fit import Evidence, Fit
+from klute_sim.diagnose.noise import stacks
+
+LEVEL = 0.95
+"""Of the intervals."""
+BLOCK = 0.5
+"""Time [s] within which noise that is loud in places may be correlated (assumed)."""
+
+
+class Part(NamedTuple):
+    """A channel of a trial."""
+
+    follow: Array
+    """(unknowns, samples) how the unknowns, in steps, follow its residuals [1/SI]."""
+    noise: Array
+    """(repeats, samples) noise that it might have had [SI], of which all but one are independent."""
+    interval: float
+    """Between samples [s]."""
+
+
+class Squares(NamedTuple):
+    """What the noise of a group of repeats does to the unknowns, in parts that are independent of each other."""
+
+    of: Array
+    """(unknowns, parts) [steps^2]"""
+    freedom: Array
+    """(parts) degrees of freedom with which each is known."""
+
+
+def intervals(evidence: Evidence, found: Fit) -> list[tuple[float, float]]:
+    """95 % interval of every unknown in its own unit, the wider one of two.
+
+    The unknowns follow noise along the fit's derivatives, and noise is what sets repeats apart. It might have come at
+    another time (:func:`shifted`), which is right for slow noise that is as loud everywhere; or it is loud just where
+    it was seen (:func:`in_place`). Either is a sum of squares that few repeats tell, so an interval is as wide as
+    Student's t asks for, with the degrees of freedom of that sum.
+    """
+    solver: Array = np.asarray(np.linalg.pinv(found.jacobian), float)
+    groups = _groups(evidence, found, solver)
+    priors = (solver[:, solver.shape[1] - found.hypothesis.base :] ** 2).sum(axis=1)
+    reach = np.zeros(len(solver))
+    for view in (shifted, in_place):
+        squares = [view(trials) for trials in groups]
+        freedom = np.concatenate([each.freedom for each in squares])
+        for k, own in enumerate(np.concatenate([each.of for each in squares], axis=1)):
+            wide = student.ppf(0.5 + 0.5 * LEVEL, degrees(own, freedom, priors[k])) * np.sqrt(own.sum() + priors[k])
+            reach[k] = max(reach[k], wide)
+    ends = [
+        (unknown.value(step - own), unknown.value(step + own))
+        for unknown, step, own in zip(found.hypothesis.unknowns, found.steps, reach, strict=True)
+    ]
+    return [(min(each), max(each)) for each in ends]
+
+
+def degrees(squares: Array, freedom: Array, exact: float = 0.0) -> float:
+    """Degrees of freedom of a sum of ``squares``, each known with its own ``freedom``, and one that is ``exact``.
+
+    Welch (1947), Biometrika 34, equation 28: an estimated square, squared, is too large in the mean by
+    (freedom + 2)/freedom, which the two that are added and taken off again make good.
+    """
+    estimated = float((squares * squares / (freedom + 2.0)).sum())
+    if estimated == 0.0:
+        return np.inf
+    return max(float(freedom.min()), float(squares.sum() + exact) ** 2 / estimated - 2.0)
+
+
+def shifted(trials: Sequence[Sequence[Part]]) -> Squares:
+    """Squares by frequency, in the mean over all times at which the noise might have begun, around the trial.
+
+    By Parseval's theorem that is a product of spectra. All channels of a trial are shifted together: they see the
+    same disturbances.
+    """
+
+    def spectra(part: Part, row: Array) -> Array:
+        return np.asarray(np.fft.rfft(part.follow) * np.fft.rfft(row).conj() / len(row))
+
+    def squares(spectrum: Array) -> Array:
+        # One side of the spectrum stands for both, but for the mean.
+        return np.asarray(np.abs(spectrum) ** 2 * np.where(np.arange(spectrum.shape[1]) == 0, 1.0, 2.0))
+
+    of, repeats = _joined(trials, spectra, squares)
+    return Squares(of, repeats * np.where(np.arange(of.shape[1]) == 0, 1.0, 2.0))
+
+
+def in_place(trials: Sequence[Sequence[Part]]) -> Squares:
+    """Squares by blocks of :data:`BLOCK`, each of which is known from what was seen in that very block."""
+
+    def blocks(part: Part, row: Array) -> Array:
+        count = max(1, round(len(row) * part.interval / BLOCK))
+        return np.stack([each.sum(axis=1) for each in np.array_split(part.follow * row, count, axis=1)], axis=1)
+
+    of, repeats = _joined(trials, blocks, np.square)
+    return Squares(of, np.full(of.shape[1], float(repeats)))
+
+
+def _joined(
+    trials: Sequence[Sequence[Part]], split: Callable[[Part, Array], Array], square: Callable[[Array], Array]
+) -> tuple[Array, int]:
+    """Squares of a group, and how many rows of noise they are known from.
+
+    Channels of a trial add up before they are squared. Trials of a group add up after it: they were given the same
+    noise, so what it does to them is known together.
+    """
+    repeats = min(len(part.noise) for trial in trials for part in trial)
+    rows = [[_sum([split(part, part.noise[k]) for part in trial]) for k in range(repeats)] for trial in trials]
+    return _sum([np.mean([square(row) for row in trial], axis=0) for trial in rows]), max(1, repeats - 1)
+
+
+def _sum(every: Sequence[Array]) -> Array:
+    """What was sampled less often, or for less long, has nothing in the last columns."""
+    total = np.zeros((every[0].shape[0], max(each.shape[1] for each in every)), every[0].dtype)
+    for each in every:
+        total[:, : each.shape[1]] += each
+    return total
+
+
+def _groups(evidence: Evidence, found: Fit, solver: Array) -> list[list[list[Part]]]:
+    """Groups of trials of channels."""
+    apart = _apart(evidence, found)
+    groups: dict[str, list[list[Part]]] = defaultdict(list)
+    begin = 0
+    for experiment, weights, residual in zip(evidence.experiments, evidence.weights, found.residuals, strict=True):
+        trial = []
+        for channel in weights:
+            left = residual[channel] / experiment.loud.get(channel, 1.0)
+            # What was not repeated itself borrows from another group, or else takes what the fit leaves.
+            others = (own for (_, of), own in apart.items() if of == channel)
+            pool = apart.get((experiment.group, channel), next(others, left[np.newaxis]))
+            interval = experiment.measured[channel].interval
+            columns = solver[:, begin : begin + len(left)] * evidence.noise[channel].weight(interval)
+            trial.append(Part(columns, np.array([np.resize(row, len(left)) for row in pool]), interval))
+            begin += len(left)
+        if trial:
+            groups[experiment.group].append(trial)
+    return list(groups.values())
+
+
+def _apart(evidence: Evidence, found: Fit) -> dict[tuple[str, str], Array]:
+    """(group, channel) -> what sets its repeats apart, in the size that the noise of one of them has."""
+    apart = {}
+    for channel in evidence.noise:
+        for stack in stacks(evidence.experiments, found.residuals, channel):
+            many = len(stack.rows)
+            apart[stack.group, channel] = (stack.rows - stack.rows.mean(axis=0)) * np.sqrt(many / (many - 1.0))
+    return apart
