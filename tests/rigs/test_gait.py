@@ -187,7 +187,15 @@ def test_mass_and_speed_change_what_they_should() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("mass", -75), ("mass", float("nan")), ("speed", 0.0), ("stature", 17.5), ("strides", 0), ("step", 0.01)],
+    [
+        ("mass", -75),
+        ("mass", float("nan")),
+        ("speed", 0.0),
+        ("slope", 0.2),
+        ("stature", 17.5),
+        ("strides", 0),
+        ("step", 0.01),
+    ],
 )
 def test_options_nobody_has_are_refused(name: str, value: float) -> None:
     with pytest.raises(InputError, match=f"{name} is .*allowed"):

@@ -1,6 +1,7 @@
 """``klute-sim gait``."""
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,6 +65,14 @@ if TYPE_CHECKING:
     metavar="M/S",
     help="Walking speed [m/s]; scales the stride time.  [default: what reference and legs imply]",
 )
+@click.option(
+    "--slope",
+    type=float,
+    default=0.0,
+    show_default=True,
+    metavar="DEG",
+    help="Of the ground, uphill positive; the limb's motion on it is assumed [degrees].",
+)
 @click.option("--strides", type=int, default=5, show_default=True, help="Strides to walk.")
 @click.option("--step", "step_ms", type=float, default=0.5, show_default=True, metavar="MS", help="Time step [ms].")
 @click.option(
@@ -92,6 +101,7 @@ def command(
     mass: float,
     stature: float,
     speed: float | None,
+    slope: float,
     strides: int,
     step_ms: float,
     law: str,
@@ -111,6 +121,7 @@ def command(
     Examples:
       klute-sim gait
       klute-sim gait --controller off --strides 3
+      klute-sim gait --slope -5 --speed 1.0
       klute-sim gait --device my-device.toml --mass 82 --stature 1.80 --speed 1.3
       klute-sim gait --json | python -m json.tool
     """
@@ -130,7 +141,13 @@ def command(
     if reference_file is not None:
         human = reference.load(reference_file, reference.STRIDE_TIME if stride_time is None else stride_time)
     options = GaitOptions(
-        mass=mass, stature=stature, speed=speed, strides=strides, step=1e-3 * step_ms, reference=human
+        mass=mass,
+        stature=stature,
+        speed=speed,
+        slope=math.radians(slope),
+        strides=strides,
+        step=1e-3 * step_ms,
+        reference=human,
     )
     with run_folder.new("gait", out) as (folder, scratch):
         recording = _walk(device, chosen, options, law)

@@ -67,7 +67,7 @@ class Task:
     def __init__(self, rig: Assembly, count: int, law: str) -> None:
         """For ``count`` simulations of ``rig`` under ``law``, ``compiled`` or ``python``."""
         self.rig = rig
-        model, reference, phase = rig.model, rig.options.reference, rig.phase
+        model, reference, phase = rig.model, rig.reference, rig.phase
         joint = model.joint(ANKLE + "ankle")
         self._angle, self._dof = int(joint.qposadr[0]), int(joint.dofadr[0])
         self._middle = float(joint.range.mean())
@@ -142,7 +142,7 @@ class Task:
         columns = (
             -now.qpos[:, self._angle],
             -now.qvel[:, self._dof],
-            now.qpos[:, 2] + now.qpos[:, 3],
+            now.qpos[:, 2] + now.qpos[:, 3] - self.rig.options.slope,  # to gravity, as an inertial sensor has it
             now.qvel[:, 2] + now.qvel[:, 3],
             self._axial_load(now),
             now.act[:, self._pressure],

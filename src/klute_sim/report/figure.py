@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from klute_sim.recording.recording import Recording, Samples
-from klute_sim.report.outcomes import outcomes
+from klute_sim.report.outcomes import level, outcomes
 from klute_sim.rigs.gait.reference import GRAVITY
 
 STYLE: Any = {"font.size": 8, "axes.titlesize": 9, "axes.spines.top": False, "axes.spines.right": False}
@@ -49,8 +49,9 @@ def _draw(recording: Recording, path: Path) -> None:
             axis.set_xlabel("gait cycle [%]")
     options = recording.provenance["options"]
     trips = "\nthe foot touches the ground in swing: it trips" if outcomes(recording).trips else ""
+    slope = "" if level(recording) else f"slope {options['slope_deg']:+g}° (nobody's gait measured there), "
     figure.suptitle(
-        f"{recording.provenance['device']['name']}, {mass:g} kg, {options['speed_m_per_s']:.2f} m/s, "
+        f"{recording.provenance['device']['name']}, {mass:g} kg, {options['speed_m_per_s']:.2f} m/s, {slope}"
         f"stride {len(strides)} of {len(strides)}; reference: {recording.provenance['reference']['name']}{trips}"
     )
     figure.savefig(path, dpi=130)

@@ -140,8 +140,13 @@ def outcomes(recording: Recording) -> GaitOutcome:
     return GaitOutcome(tuple(_stride(recording.select(recording["stride"] == k), mass) for k in range(first, last + 1)))
 
 
+def level(recording: Recording) -> bool:
+    """Whether the ground was level; on a slope nobody's gait was measured, and there is nothing to compare with."""
+    return bool(recording.provenance["options"].get("slope_deg", 0.0) == 0.0)
+
+
 def human_outcome(recording: Recording) -> AnkleOutcome:
-    """The same outcomes of the human reference that ``recording`` was compared with."""
+    """The same outcomes of the human reference that ``recording`` was compared with, or that it followed on a slope."""
     mass = float(recording.provenance["options"]["mass_kg"])
     return AnkleOutcome(**_ankle(recording.select(recording["stride"] == recording["stride"][0]), "reference_", mass))
 
@@ -297,6 +302,7 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "stature_m": options["stature_m"],
         "speed_m_per_s": options["speed_m_per_s"],
         "stride_time_s": options["stride_time_s"],
+        "slope_deg": options.get("slope_deg", 0.0),
         "strides": options["strides"],
         "mean_over_strides": [len(outcome.strides) - len(outcome.settled) + 1, len(outcome.strides)],
         "ankle_range_deg": mean(lambda s: s.ankle_range_deg),

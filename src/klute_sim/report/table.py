@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from klute_sim.recording.recording import Recording
-from klute_sim.report.outcomes import AnkleOutcome, GaitOutcome, StrideOutcome, human_outcome
+from klute_sim.report.outcomes import AnkleOutcome, GaitOutcome, StrideOutcome, human_outcome, level
 
 MOST_STRIDES = 5
 """Strides shown beside the mean, where the width allows: the last ones."""
@@ -77,7 +77,7 @@ def table(recording: Recording, outcome: GaitOutcome, width: int) -> Table:
     result = Table(title=Text(title), box=box.SIMPLE_HEAD)
     result.add_column("")  # where the terminal is narrow, words wrap and numbers do not
     result.add_column("unit", style="dim")
-    result.add_column("human", justify="right", no_wrap=True)
+    result.add_column("human" if level(recording) else "human,\nlevel", justify="right", no_wrap=True)
     result.add_column(f"mean\n{first}-{len(outcome.strides)}", justify="right", style="bold", no_wrap=True)
     for number, _ in shown:
         result.add_column(f"stride\n{number}", justify="right", no_wrap=True)
@@ -115,6 +115,12 @@ def remarks(summary: dict[str, Any]) -> list[str]:
         "Vertical ground reaction is tracked, not predicted: the reference's load is applied. Fore-aft reaction is "
         "partly prescribed."
     )
+    if summary["slope_deg"]:
+        way = "rises" if summary["slope_deg"] > 0.0 else "falls"
+        said.append(
+            f"The ground {way} by {abs(summary['slope_deg']):g} degrees, where nobody's gait was measured: limb and load "
+            "follow the level reference in space, the ankle makes up for the slope (assumed), and no distance is given."
+        )
     if summary["grf_vertical_tracking_rms_bw"] > FOLLOWED:
         said.append(
             f"The load was not followed here (rms {summary['grf_vertical_tracking_rms_bw']:.2f} body weights): the "

@@ -37,6 +37,8 @@ class GaitOptions:
     speed: float | None = None
     """Walking speed [m/s]; None: what the reference's angles and stride time imply with these legs. A chosen speed
     scales the stride time."""
+    slope: float = 0.0
+    """Of the ground [rad], uphill positive. What is followed there is assumed (:meth:`Reference.on_slope`)."""
     strides: int = 5
     """Strides to walk, from heel strike to heel strike."""
     step: float = 5e-4
@@ -50,6 +52,7 @@ class GaitOptions:
             ("mass", self.mass, 20.0, 250.0, "kg"),
             ("stature", self.stature, 1.0, 2.4, "m"),
             ("speed", self.speed, 0.4, 2.5, "m/s"),
+            ("slope", math.degrees(self.slope), -10.0, 10.0, "degrees"),
             ("strides", self.strides, 1, 200, ""),
             ("step", 1e3 * self.step, 0.01, 1.0, "ms"),
         ]
@@ -66,6 +69,8 @@ class Assembly:
 
     model: mujoco.MjModel
     options: GaitOptions
+    reference: Reference
+    """What is followed, in the frame of the ground: that of the options on their slope."""
     plan: paths.Motion
     interval: float
     """Between commands [s]."""
@@ -91,18 +96,18 @@ class Assembly:
 
 def assemble(device: Device, options: GaitOptions, interval: float) -> Assembly:
     """The rig for ``device``, commanded every ``interval`` [s]; raises InputError for a device that does not fit."""
-    model = build(device, mass=options.mass, stature=options.stature, step=options.step)
-    limb, reference = leg(model), options.reference
-    wanted = paths.plan(reference, limb, reference.stride_time, options.speed).stride_time
+    model = build(device, mass=options.mass, stature=options.stature, step=options.step, slope=options.slope)
+    limb, reference, slope = leg(model), options.reference.on_slope(options.slope), options.slope
+    wanted = paths.plan(reference, limb, reference.stride_time, options.speed, slope).stride_time
     count = round(wanted / interval)
-    plan = paths.plan(reference, limb, count * interval)
+    plan = paths.plan(reference, limb, count * interval, None, slope)
     phase = np.arange(count) / count
     moved = float(model.body_mass.sum())
     commands = np.column_stack(
         [
             _servo_commands(model, reference, plan, phase),
-            paths.forward_feedforward(reference, plan, moved, options.mass, phase),
-            paths.vertical_feedforward(reference, plan, moved, options.mass, phase),
+            paths.forward_feedforward(reference, plan, moved, options.mass, phase, slope),
+            paths.vertical_feedforward(reference, plan, moved, options.mass, phase, slope),
         ]
     )
     after = np.roll(commands, -1, axis=0)
@@ -110,6 +115,7 @@ def assemble(device: Device, options: GaitOptions, interval: float) -> Assembly:
     return Assembly(
         model=model,
         options=options,
+        reference=reference,
         plan=plan,
         interval=interval,
         phase=phase,
@@ -149,7 +155,7 @@ def start(rig: Assembly, data: mujoco.MjData, pressure: float, ankle_offset: flo
     ``ankle_offset`` [rad] is added to the reference's ankle angle, dorsiflexion positive.
     """
     mujoco.mj_resetData(rig.model, data)
-    plan, reference, zero = rig.plan, rig.options.reference, np.zeros(1)
+    plan, reference, zero = rig.plan, rig.reference, np.zeros(1)
     ankle = rig.model.joint(ANKLE + "ankle")
     data.qpos[1:4] = [
         float(plan.height(0.0)),

@@ -10,6 +10,7 @@ from klute_sim.errors import InputError
 from klute_sim.plant import models
 from klute_sim.recording.recording import Samples
 from klute_sim.rigs.gait.motion import Leg
+from klute_sim.rigs.gait.reference import GRAVITY
 
 MODEL_MASS = 75.0
 """Body mass of the model as it is in the file [kg]."""
@@ -19,15 +20,18 @@ ANKLE = "prosthesis_"
 """Prefix of everything that comes from ankle.xml."""
 
 
-def build(device: Device, *, mass: float, stature: float, step: float) -> mujoco.MjModel:
+def build(device: Device, *, mass: float, stature: float, step: float, slope: float = 0.0) -> mujoco.MjModel:
     """Model of a subject of ``mass`` [kg] and ``stature`` [m] wearing ``device``; ``step`` [s].
 
+    Ground that rises by ``slope`` [rad] stays level in the model, and gravity leans instead.
     Limb lengths and the foot scale with stature, limb masses with body mass; the carriage carries the rest.
     The device and the prosthesis' mass stay what they are. The Achilles origin is moved up or down the pylon
     so that the muscle has its mounting length at a neutral ankle.
     """
     spec = models.spec("gait_rig")
     spec.option.timestep = step
+    if slope != 0.0:
+        spec.option.gravity = GRAVITY * np.array([-np.sin(slope), 0.0, -np.cos(slope)])
     scale = stature / MODEL_STATURE
     _scale_limbs(spec, scale, mass)
     spec.site(ANKLE + "achilles_origin").pos = _origin(device, spec, scale)

@@ -8,6 +8,7 @@ Angles lean forward when positive: ``thigh = knee - shank`` is turned into the h
 +y; the foot's pitch is ``shank - dorsiflexion``.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,17 +86,19 @@ def knee_angle(reference: Reference, phase: Samples, order: int = 0) -> Samples:
     return np.radians(reference("knee_flexion_deg", phase, order))
 
 
-def plan(reference: Reference, leg: Leg, stride_time: float, speed: float | None = None) -> Motion:
-    """Motion of the hip that walks ``reference`` with ``leg``.
+def plan(reference: Reference, leg: Leg, stride_time: float, speed: float | None = None, slope: float = 0.0) -> Motion:
+    """Motion of the hip that walks ``reference`` with ``leg``, in the frame of the ground.
 
     The reference's angles and the leg fix how far the hip travels per stride. ``stride_time`` [s] then implies
-    the speed; a chosen ``speed`` [m/s] scales the stride time instead.
+    the speed; a chosen ``speed`` [m/s] scales the stride time instead. ``reference`` is that of the ``slope`` [rad]
+    already (:meth:`Reference.on_slope`); in swing the hip is as far above where the foot would touch as on the level.
     """
     thigh = thigh_angle(reference, GRID)
     shank = thigh + knee_angle(reference, GRID)
     pitch = shank - np.radians(reference("ankle_dorsiflexion_deg", GRID))
     ankle = leg.ankle_height(pitch)
     contact = ankle + leg.shank * np.cos(shank) + leg.thigh * np.cos(thigh)
+    level = ankle + leg.shank * np.cos(shank - slope) + leg.thigh * np.cos(thigh - slope)
 
     # Forward speed per cycle [m]: the ankle moves as the foot rolls, the hip as the leg swings over it.
     behind = -leg.thigh * np.sin(thigh) - leg.shank * np.sin(shank)
@@ -107,7 +110,7 @@ def plan(reference: Reference, leg: Leg, stride_time: float, speed: float | None
     return Motion(
         stride_time=stride_time,
         speed=float(per_cycle.mean()) / stride_time,
-        height=_hip_height(reference, contact, leg.scale),
+        height=_hip_height(reference, contact, contact - level, leg.scale),
         velocity=forward,
         travel=forward.antiderivative(),
     )
@@ -134,38 +137,45 @@ def _blend_legs(reference: Reference, rolling: Samples, scale: float) -> Samples
     return np.asarray(np.fft.irfft(spectrum, len(GRID)))
 
 
-def _hip_height(reference: Reference, contact: Samples, scale: float) -> CubicSpline:
-    """One periodic spline: contact height through stance, high enough to clear the toe in swing."""
+def _hip_height(reference: Reference, contact: Samples, raised: Samples, scale: float) -> CubicSpline:
+    """One periodic spline: contact height through stance, high enough to clear the toe in swing.
+
+    ``raised`` is what a slope adds to ``contact`` [m].
+    """
     lift = reference.stance_end()
 
     def moved(knots: Samples) -> Samples:
         return np.asarray(np.interp(knots, [0.0, KNOTS_LIFT, 1.0], [0.0, lift, 1.0]), dtype=np.float64)
 
-    def touching(phase: Samples) -> Samples:
-        closed = np.append(contact, contact[0])
+    def at(phase: Samples, cycle: Samples) -> Samples:
+        closed = np.append(cycle, cycle[0])
         return np.asarray(np.interp(phase, np.append(GRID, 1.0), closed), dtype=np.float64)
 
     stance, swing = moved(STANCE_KNOTS), moved(SWING_KNOTS)
-    first, second, least = (scale * height for height in SWING_HEIGHTS)
-    touch = touching(swing[2:])
+    first, second, least = scale * np.array(SWING_HEIGHTS) + at(swing[:3], raised)
+    touch = at(swing[2:], contact)
     late = touch + np.array(SWING_CLEARANCES)
     late[0] = max(late[0], least)
     phases = np.concatenate([[swing[-1] - 1.0], stance, swing])
-    heights = np.concatenate([[late[-1]], touching(stance) + STANCE_CLEARANCE, [first, second], late])
+    heights = np.concatenate([[late[-1]], at(stance, contact) + STANCE_CLEARANCE, [first, second], late])
     return CubicSpline(phases, heights, bc_type="periodic")
 
 
-def vertical_feedforward(reference: Reference, motion: Motion, moved: float, body: float, phase: Samples) -> Samples:
-    """Force on the carriage [N] that leaves the reference's load on the foot.
+def vertical_feedforward(
+    reference: Reference, motion: Motion, moved: float, body: float, phase: Samples, slope: float = 0.0
+) -> Samples:
+    """Force on the carriage [N], normal to the ground, that leaves the reference's load on the foot.
 
-    ``m (g + z'') - GRF``: ``moved`` [kg] is the rig's moving mass, ``body`` [kg] the mass whose reference load
-    is applied. Without ``m z''`` the first contact is a spike of 1.5 body weights.
+    ``m (g cos(slope) + z'') - GRF``: ``moved`` [kg] is the rig's moving mass, ``body`` [kg] the mass whose reference
+    load is applied, ``slope`` [rad] the ground's. Without ``m z''`` the first contact is a spike of 1.5 body weights.
     """
     lift = np.asarray(motion.height(phase, 2)) / motion.stride_time**2
-    return moved * (GRAVITY + lift) - body * reference("grf_vertical_n_per_kg", phase)
+    return moved * (GRAVITY * math.cos(slope) + lift) - body * reference("grf_vertical_n_per_kg", phase)
 
 
-def forward_feedforward(reference: Reference, motion: Motion, moved: float, body: float, phase: Samples) -> Samples:
-    """Force on the carriage [N] that leaves the reference's fore-aft load on the foot: ``m x'' - GRF``."""
+def forward_feedforward(
+    reference: Reference, motion: Motion, moved: float, body: float, phase: Samples, slope: float = 0.0
+) -> Samples:
+    """Force on the carriage [N] that leaves the reference's fore-aft load: ``m (g sin(slope) + x'') - GRF``."""
     push = np.asarray(motion.velocity(phase, 1)) / motion.stride_time
-    return moved * push - body * reference("grf_forward_n_per_kg", phase)
+    return moved * (GRAVITY * math.sin(slope) + push) - body * reference("grf_forward_n_per_kg", phase)

@@ -10,7 +10,7 @@ import csv
 import hashlib
 import io
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 
@@ -73,12 +73,45 @@ class Reference:
         lowest, _ = self.ranges[column]
         return np.maximum(self(column, phase), lowest)
 
+    def on_slope(self, slope: float) -> "Reference":
+        """The same gait in the frame of ground that rises by ``slope`` [rad] in the direction of walking.
+
+        Nobody's gait on it was measured: the segments keep their inclination to gravity, the foot keeps to the ground,
+        so the ankle makes up for the slope, and the ground reaction is the same in space (assumed).
+        """
+        if slope == 0.0:
+            return self
+        tilt, along, across = np.degrees(slope), np.sin(slope), np.cos(slope)
+        up, forward = (self.splines[column] for column in ("grf_vertical_n_per_kg", "grf_forward_n_per_kg"))
+        turned = {
+            "shank_forward_deg": _shifted(self.splines["shank_forward_deg"], tilt),
+            "ankle_dorsiflexion_deg": _shifted(self.splines["ankle_dorsiflexion_deg"], tilt),
+            "hip_flexion_deg": _shifted(self.splines["hip_flexion_deg"], -tilt),
+            "grf_vertical_n_per_kg": _joined(across, up, -along, forward),
+            "grf_forward_n_per_kg": _joined(across, forward, along, up),
+        }
+        kept = {name: spline for name, spline in self.splines.items() if name not in DEVIATIONS}
+        return replace(self, splines=kept | turned)
+
     def stance_end(self) -> float:
         """Phase (0-1) at which the reference foot leaves the ground (:data:`LOADED`)."""
         phase = np.arange(0.0, 1.0, 0.001)
         loaded = self("grf_vertical_n_per_kg", phase) > LOADED * GRAVITY
         swing = (phase > 0.5) & ~loaded  # the first half may dip between the humps
         return float(phase[np.argmax(swing)])
+
+
+def _shifted(spline: CubicSpline, by: float) -> CubicSpline:
+    values = spline(spline.x) + by
+    values[-1] = values[0]
+    return CubicSpline(spline.x, values, bc_type="periodic")
+
+
+def _joined(share: float, one: CubicSpline, rest: float, other: CubicSpline) -> CubicSpline:
+    """Both splines have the rows of one file for knots; their ends are equal up to rounding."""
+    values = share * one(one.x) + rest * other(one.x)
+    values[-1] = values[0]
+    return CubicSpline(one.x, values, bc_type="periodic")
 
 
 def default() -> Reference:

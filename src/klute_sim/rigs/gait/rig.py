@@ -112,7 +112,7 @@ def _recording(
     law: str,
 ) -> Recording:
     options, plan, per_stride = rig.options, rig.plan, rig.per_stride
-    count, reference = per_stride * options.strides, options.reference
+    count, reference = per_stride * options.strides, rig.reference
     index = np.arange(count)
     phase = (index % per_stride) / per_stride
     columns: list[tuple[str, NDArray[np.floating[Any]]]] = [
@@ -152,6 +152,7 @@ def _provenance(device: Device, controller: PressureController, rig: Assembly, l
             "speed_m_per_s": plan.speed,
             "stride_time_s": plan.stride_time,
             "stride_length_m": plan.stride_length,
+            "slope_deg": float(np.degrees(options.slope)),
             "strides": options.strides,
             "step_s": options.step,
             "law": law,

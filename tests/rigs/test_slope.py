@@ -1,0 +1,106 @@
+"""Ground that rises or falls: what is followed there, and what becomes of the ankle."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from klute_sim.control.pressure import tuned
+from klute_sim.device.files import load
+from klute_sim.recording.recording import Recording
+from klute_sim.report.outcomes import StrideOutcome, outcomes
+from klute_sim.report.table import remarks
+from klute_sim.rigs.gait.assembly import GaitOptions, assemble
+from klute_sim.rigs.gait.reference import GRAVITY, default
+from klute_sim.rigs.gait.rig import walk
+
+PHASE = np.linspace(0.0, 1.0, 201)
+
+
+@cache
+def walked(degrees: float) -> Recording:
+    return walk(load("klute-1-1-4-pair"), tuned(), GaitOptions(strides=2, step=1e-3, slope=math.radians(degrees)))
+
+
+def stride(degrees: float) -> StrideOutcome:
+    return outcomes(walked(degrees)).strides[-1]
+
+
+def test_the_level_is_the_reference_itself() -> None:
+    reference = default()
+    assert reference.on_slope(0.0) is reference
+
+
+@pytest.mark.parametrize("degrees", [-5.0, 3.0])
+def test_segments_lean_to_gravity_as_before_and_the_ankle_makes_up_for_the_slope(degrees: float) -> None:
+    level, turned = default(), default().on_slope(math.radians(degrees))
+    for column in ("shank_forward_deg", "ankle_dorsiflexion_deg"):
+        assert turned(column, PHASE) == pytest.approx(level(column, PHASE) + degrees, abs=1e-9)
+    assert turned("knee_flexion_deg", PHASE) == pytest.approx(level("knee_flexion_deg", PHASE))
+    # Seen from space, the ground reaction is the same: up is normal and along the slope by its cosine and sine.
+    normal, along = turned("grf_vertical_n_per_kg", PHASE), turned("grf_forward_n_per_kg", PHASE)
+    sine, cosine = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+    assert cosine * normal + sine * along == pytest.approx(level("grf_vertical_n_per_kg", PHASE), abs=1e-3)
+    assert cosine * along - sine * normal == pytest.approx(level("grf_forward_n_per_kg", PHASE), abs=1e-3)
+
+
+def test_gravity_leans_and_keeps_its_size() -> None:
+    device = load("klute-1-1-4-pair")
+    gravity = assemble(device, GaitOptions(slope=math.radians(5.0)), 1e-3).model.opt.gravity
+    assert np.linalg.norm(gravity) == pytest.approx(GRAVITY)
+    assert gravity[0] == pytest.approx(-GRAVITY * math.sin(math.radians(5.0)))  # back, on the way up
+    assert assemble(device, GaitOptions(), 1e-3).model.opt.gravity == pytest.approx([0.0, 0.0, -GRAVITY], abs=0.0)
+
+
+def test_uphill_asks_more_of_the_ankle_and_downhill_less() -> None:
+    strides = [stride(degrees) for degrees in (-3.0, 0.0, 3.0)]
+    for reading in (
+        lambda s: s.ankle_moment_peak_nm_per_kg,
+        lambda s: s.ankle_power_peak_w_per_kg,
+        lambda s: s.grf_forward_max_bw,
+    ):
+        down, level, up = map(reading, strides)
+        assert down < level < up
+    assert walked(3.0)["ankle_angle"].max() > walked(-3.0)["ankle_angle"].max() + 3.0
+    assert not any(s.touches_in_swing for s in strides)
+
+
+def test_a_small_slope_changes_things_in_proportion_and_either_way_alike() -> None:
+    down, level, up = (stride(d).ankle_moment_peak_nm_per_kg for d in (-0.5, 0.0, 0.5))
+    assert up - level == pytest.approx(level - down, rel=0.2)
+    assert abs(up - level) > 0.005
+
+
+def test_the_carriage_carries_the_weight_along_the_slope_in_the_mean() -> None:
+    """Over a stride of steady walking momentum is the same again: ground and rig together balance gravity."""
+    for degrees in (-3.0, 3.0):
+        followed = walked(degrees)
+        last = followed.select(followed["stride"] == 2.0)
+        reference = default().on_slope(math.radians(degrees))
+        asked = 75.0 * reference("grf_forward_n_per_kg", np.arange(0.0, 1.0, 0.001)).mean()
+        assert last["grf_forward"].mean() == pytest.approx(asked, abs=0.03 * 75.0 * GRAVITY)
+        assert math.copysign(1.0, asked) == math.copysign(1.0, degrees)
+
+
+def test_no_distance_is_given_where_nobody_was_measured() -> None:
+    assert stride(0.0).moment_distance_sd.stance_rms is not None
+    assert stride(3.0).moment_distance_sd.stance_rms is None
+    summary = {
+        "touches_in_swing": False,
+        "slope_deg": 3.0,
+        "grf_vertical_tracking_rms_bw": 0.1,
+        "per_stride": [],
+        "below_friction_fit_pct": 0.0,
+        "without_source": [],
+        "assumptions": {},
+        "friction_offset_work_j_per_kg": 0.0,
+    }
+    assert any("rises by 3 degrees" in said for said in remarks(summary))
+    assert not any("rises" in said for said in remarks(summary | {"slope_deg": 0.0}))
+
+
+def test_at_half_the_step_nearly_the_same() -> None:
+    fine = walk(load("klute-1-1-4-pair"), tuned(), GaitOptions(strides=2, step=5e-4, slope=math.radians(3.0)))
+    peak = outcomes(fine).strides[-1].ankle_moment_peak_nm_per_kg
+    assert peak == pytest.approx(stride(3.0).ankle_moment_peak_nm_per_kg, rel=0.01)
