@@ -65,13 +65,17 @@ def _against_reference(
     if f"reference_{channel}_sd" in last:
         band: Samples = last[f"reference_{channel}_sd"] / scale
         axis.fill_between(phase, human - band, human + band, color="0.87", label="human ±1 sd")
-    axis.plot(phase, human, color=HUMAN, linestyle="--", linewidth=1.0, label="human")
+    axis.plot(phase, human, color=HUMAN, linestyle="--", linewidth=1.0, label=_followed(last))
     for number, stride in enumerate(strides[:-1]):
         name = "earlier strides" if number == 0 else None
         axis.plot(stride["gait_phase"], stride[channel] / scale, color=EARLIER, linewidth=0.7, label=name)
     axis.plot(phase, last[channel] / scale, color=OURS, linewidth=1.4, label="prosthesis")
     axis.set_title(f"{label} ({remark})")
     axis.legend(fontsize=7, frameon=False)
+
+
+def _followed(recording: Recording) -> str:
+    return "human" if level(recording) else "human on the level, turned"
 
 
 def _loop(axis: Axes, strides: list[Recording], mass: float) -> None:
@@ -82,7 +86,7 @@ def _loop(axis: Axes, strides: list[Recording], mass: float) -> None:
         color=HUMAN,
         linestyle="--",
         linewidth=1.0,
-        label="human",
+        label=_followed(last),
     )
     axis.plot(last["ankle_angle"], last["ankle_moment"] / mass, color=OURS, linewidth=1.4, label="prosthesis")
     axis.set_title("moment [N·m/kg] over angle [deg] (counter-clockwise: net work done)")

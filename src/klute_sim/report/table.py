@@ -118,8 +118,9 @@ def remarks(summary: dict[str, Any]) -> list[str]:
     if summary["slope_deg"]:
         way = "rises" if summary["slope_deg"] > 0.0 else "falls"
         said.append(
-            f"The ground {way} by {abs(summary['slope_deg']):g} degrees, where nobody's gait was measured: limb and load "
-            "follow the level reference in space, the ankle makes up for the slope (assumed), and no distance is given."
+            f"The ground {way} by {abs(summary['slope_deg']):g} degrees, where nobody's gait was measured: limb and "
+            "load follow the level reference in space, the ankle makes up for the slope (assumed), and no distance is "
+            "given."
         )
     if summary["grf_vertical_tracking_rms_bw"] > FOLLOWED:
         said.append(
