@@ -135,7 +135,7 @@ def test_the_phase_estimate_stays_one_under_any_policy(most: float, error: float
     for _ in range(550):
         observed, _, terminated, _, info = env.step(random.uniform(-1, most, 1).astype(np.float32))
         assert not terminated
-        assert 0.6 * usual <= env._task._period[0] <= 1.6 * usual
+        assert 0.6 * usual <= env._task._senses._period[0] <= 1.6 * usual
         estimate = np.arctan2(observed[6], observed[7]) / (2 * np.pi) * 100
         errors.append((estimate - info["gait_pct"] + 50) % 100 - 50)
         assert np.hypot(observed[6], observed[7]) == pytest.approx(1.0, abs=1e-6)

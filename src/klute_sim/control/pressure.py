@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -22,6 +22,7 @@ from klute_sim.units import BAR
 COLUMNS = ("gait_pct", "pressure_bar")
 
 
+@runtime_checkable
 class PressureController(Protocol):
     """Anything that commands pressure over the gait cycle."""
 

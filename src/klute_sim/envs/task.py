@@ -12,7 +12,7 @@ from klute_sim.device.step import dead_time
 from klute_sim.envs.books import Books, DeviceStates
 from klute_sim.rigs.gait.assembly import Assembly
 from klute_sim.rigs.gait.build import ANKLE
-from klute_sim.rigs.gait.reference import GRAVITY
+from klute_sim.rigs.gait.senses import Senses
 from klute_sim.units import BAR
 
 Array = NDArray[np.float64]
@@ -41,11 +41,6 @@ WEIGHTS = {"moment": 0.4, "angle": 0.3, "power": 0.3, "air": -0.1, "smoothness":
 
 TERMS = tuple(f"reward_{name}" for name in WEIGHTS)
 
-STRIKE, SWING = 0.10, 0.05
-"""Load [body weights] above which the foot has struck, and below which it has left."""
-SHORTEST, LONGEST, EARLY = 0.6, 1.6, 0.1
-"""Of the usual stride time: the least and the most a stride is taken for; until when a strike is the first one's."""
-
 
 @dataclass
 class Readings:
@@ -71,11 +66,10 @@ class Task:
         joint = model.joint(ANKLE + "ankle")
         self._angle, self._dof = int(joint.qposadr[0]), int(joint.dofadr[0])
         self._middle = float(joint.range.mean())
-        self._load = int(model.sensor(ANKLE + "load_cell").adr[0]) + 2
         self._stop = int(model.sensor(ANKLE + "ankle_stop").adr[0])
         # The drives' states and the device's are in one vector.
         self._pressure, self._offset = rig.actuator.act, rig.actuator.act + 1
-        self._mass, self._weight = rig.options.mass, rig.options.mass * GRAVITY
+        self._mass = rig.options.mass
         self._lowest, self._highest = (np.array([row[k] for row in OBSERVATIONS]) for k in (2, 3))
         # The reference's moment over its angle at another stride time: its power is that much slower or faster.
         slower = reference.stride_time / rig.plan.stride_time
@@ -92,9 +86,7 @@ class Task:
         self._books = Books(rig.actuator.parameters, count, law)
         self.steps = np.zeros(count, dtype=np.int64)
         """Intervals since the reset."""
-        self._standing: Mask = np.zeros(count, dtype=np.bool_)
-        self._since = np.zeros(count)
-        self._period = np.full(count, rig.plan.stride_time)
+        self._senses = Senses(rig, count, INTERVAL)
         self._action = np.zeros(count)
         # Commands reach the device late by whole intervals and a part of one.
         self._late = round(dead_time(rig.actuator.parameters) / rig.options.step)
@@ -128,8 +120,7 @@ class Task:
     def begin(self, which: Mask, now: Readings) -> None:
         """Forget what was estimated of the simulations that start anew."""
         self.steps[which] = 0
-        self._standing[which], self._since[which] = False, 0.0
-        self._period[which] = self.rig.plan.stride_time
+        self._senses.begin(which)
         self._books.begin(which, self._devices(now))
         pressure = now.act[:, self._pressure]
         self._asked[which] = 0.0 if self._opens else pressure[which, None]
@@ -137,18 +128,9 @@ class Task:
 
     def observe(self, now: Readings) -> NDArray[np.float32]:
         """(n, 8) what the prosthesis senses: :data:`OBSERVATIONS`."""
-        turn = 2.0 * np.pi * np.minimum(self._since / self._period, 1.0)
-        sensed: Array = np.empty((len(turn), len(OBSERVATIONS)))
-        columns = (
-            -now.qpos[:, self._angle],
-            -now.qvel[:, self._dof],
-            now.qpos[:, 2] + now.qpos[:, 3] - self.rig.options.slope,  # to gravity, as an inertial sensor has it
-            now.qvel[:, 2] + now.qvel[:, 3],
-            self._axial_load(now),
-            now.act[:, self._pressure],
-            np.sin(turn),
-            np.cos(turn),
-        )
+        *told, phase = self._senses.read(now.qpos, now.qvel, now.act, now.sensordata)
+        sensed: Array = np.empty((len(phase), len(OBSERVATIONS)))
+        columns = (*told, np.sin(2.0 * np.pi * phase), np.cos(2.0 * np.pi * phase))
         for number, column in enumerate(columns):
             sensed[:, number] = column
         if not np.isfinite(sensed.sum()):  # the last observation of an episode that failed
@@ -162,7 +144,7 @@ class Task:
         """
         self.steps += which
         j = self.steps % self.rig.per_stride
-        self._estimate_phase(self._axial_load(now), which)
+        self._senses.move_on(self._senses.load(now.sensordata), which)
         moment = self._net_moment(now) / self._mass
         power = moment * now.qvel[:, self._dof]
         books = self._books.turn(which, self._devices(now))
@@ -190,10 +172,6 @@ class Task:
         }
         return terms.sum(axis=1), terminated, truncated, dict(zip(TERMS, terms.T, strict=True)) | told
 
-    def _axial_load(self, now: Readings) -> Array:
-        """Compression of the pylon [body weights]."""
-        return np.asarray(-now.sensordata[:, self._load] / self._weight)
-
     def _net_moment(self, now: Readings) -> Array:
         """Net ankle moment [N.m], plantarflexor positive: device, passive parts and end stop."""
         stop = np.where(now.qpos[:, self._angle] < self._middle, 1.0, -1.0) * now.sensordata[:, self._stop]
@@ -208,18 +186,6 @@ class Task:
             unit_length=now.actuator_length[:, actuator.out],
             remembered=now.act[:, first + 2 : first + actuator.states],
         )
-
-    def _estimate_phase(self, load: Array, which: Mask) -> None:
-        """Time since the last foot strike over the time between the last two."""
-        self._since += INTERVAL * which
-        strikes = which & ~self._standing & (load > STRIKE)
-        if strikes.any():
-            # A bounce within the stride is no stride. The wearer's cadence is known well enough to tell.
-            usual = self.rig.plan.stride_time
-            counts = strikes & (self._since > SHORTEST * usual)
-            self._period = np.where(counts, np.minimum(self._since, LONGEST * usual), self._period)
-            self._since = np.where(counts | (strikes & (self._since < EARLY * usual)), 0.0, self._since)
-        self._standing = np.where(which, load > np.where(self._standing, SWING, STRIKE), self._standing)
 
 
 def _within(values: Array, low: Array | float, high: Array | float) -> Array:

@@ -28,6 +28,8 @@ GAP = 5.0
 """Longest loss of contact [%] that does not end stance."""
 HUMPS = ((4.0, 33.0), (33.0, 65.0))
 """Phases [%] between which the two humps of the vertical ground reaction are looked for."""
+FLAT_FOOT = (2.0, 25.0)
+"""Phases [%] in which the least dorsiflexion of stance, and with it flat foot, is looked for."""
 CLEAR = (65.0, 97.0)
 """Phases [%] in which nothing may touch the ground."""
 FLOORS = {"angle_deg": 2.0, "moment_nm_per_kg": 0.05, "power_w_per_kg": 0.1}
@@ -71,6 +73,10 @@ class AnkleOutcome:
     ankle_power_peak_pct: float
     ankle_work_net_j_per_kg: float
     ankle_work_positive_j_per_kg: float
+    energy_return: float | None
+    """Positive over negative work in stance [1]: above 1 only with power. None: none was put in."""
+    quasi_stiffness_nm_per_kg_deg: float | None
+    """Slope of moment over angle in the middle of stance, from flat foot to most dorsiflexion (Shamaei et al. 2013)."""
     first_contact_pct: float | None
     """Negative: before the reference's heel strike. None: never touched."""
     toe_off_pct: float | None
@@ -160,7 +166,9 @@ def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
     carried = _smoothed(vertical, SHORT / step)
     first, lift = _contact_events(phase, vertical > LOADED)
     # Over the angle, not over time: a reference has no stride time of its own.
-    work = -moment * np.gradient(np.radians(r[f"{prefix}ankle_angle"]))
+    angle = r[f"{prefix}ankle_angle"]
+    work = -moment * np.gradient(np.radians(angle))
+    absorbed = float(np.minimum(work[vertical > LOADED], 0.0).sum())
     return {
         "ankle_range_deg": float(np.ptp(r[f"{prefix}ankle_angle"])),
         "ankle_moment_peak_nm_per_kg": float(moment.max()),
@@ -169,6 +177,8 @@ def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
         "ankle_power_peak_pct": float(phase[smooth.argmax()]),
         "ankle_work_net_j_per_kg": float(work.sum()),
         "ankle_work_positive_j_per_kg": float(np.maximum(work, 0.0).sum()),
+        "energy_return": float(np.maximum(work[vertical > LOADED], 0.0).sum()) / -absorbed if absorbed < 0.0 else None,
+        "quasi_stiffness_nm_per_kg_deg": _quasi_stiffness(phase, angle, moment),
         "first_contact_pct": first,
         "toe_off_pct": lift,
         "grf_vertical_peaks_bw": (
@@ -179,6 +189,16 @@ def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
         "grf_forward_min_bw": float(forward.min()),
         "grf_forward_max_bw": float(forward.max()),
     }
+
+
+def _quasi_stiffness(phase: Samples, angle: Samples, moment: Samples) -> float | None:
+    early = np.flatnonzero(_between(phase, *FLAT_FOOT))
+    begin = int(early[angle[early].argmin()])
+    late = np.flatnonzero(_between(phase, phase[begin], 65.0))
+    end = int(late[angle[late].argmax()])
+    if end - begin < 3 or np.ptp(angle[begin:end]) < 1.0:
+        return None
+    return float(np.polyfit(angle[begin:end], moment[begin:end], 1)[0])
 
 
 def _stride(r: Recording, mass: float) -> StrideOutcome:
@@ -312,6 +332,8 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "ankle_power_peak_pct": mean(lambda s: s.ankle_power_peak_pct),
         "ankle_work_net_j_per_kg": mean(lambda s: s.ankle_work_net_j_per_kg),
         "ankle_work_positive_j_per_kg": mean(lambda s: s.ankle_work_positive_j_per_kg),
+        "energy_return": mean(lambda s: s.energy_return),
+        "quasi_stiffness_nm_per_kg_deg": mean(lambda s: s.quasi_stiffness_nm_per_kg_deg),
         "actuator_moment_peak_nm_per_kg": mean(lambda s: s.actuator_moment_peak_nm_per_kg),
         "actuator_work_net_j_per_kg": mean(lambda s: s.actuator_work_net_j_per_kg),
         "first_contact_pct": mean(lambda s: s.first_contact_pct),

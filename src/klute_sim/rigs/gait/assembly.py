@@ -19,6 +19,7 @@ from klute_sim.recording.recording import Samples
 from klute_sim.rigs.gait import motion as paths
 from klute_sim.rigs.gait.build import ANKLE, MODEL_MASS, MODEL_STATURE, build, leg
 from klute_sim.rigs.gait.reference import Reference, default
+from klute_sim.rigs.gait.spring_foot import SpringFoot
 
 DRIVES = ("carriage_x", "carriage_z", "thigh", "knee", "push", "lift")
 """Actuators of the model that are commanded by the rig; the first four are servos."""
@@ -45,6 +46,8 @@ class GaitOptions:
     """Time step [s]."""
     reference: Reference = field(default_factory=default)
     """What is followed and compared with."""
+    foot: SpringFoot | None = None
+    """A passive foot in place of the device."""
 
     def __post_init__(self) -> None:
         """Raise InputError for a value no subject or solver has."""
@@ -96,7 +99,9 @@ class Assembly:
 
 def assemble(device: Device, options: GaitOptions, interval: float) -> Assembly:
     """The rig for ``device``, commanded every ``interval`` [s]; raises InputError for a device that does not fit."""
-    model = build(device, mass=options.mass, stature=options.stature, step=options.step, slope=options.slope)
+    model = build(
+        device, mass=options.mass, stature=options.stature, step=options.step, slope=options.slope, foot=options.foot
+    )
     limb, reference, slope = leg(model), options.reference.on_slope(options.slope), options.slope
     wanted = paths.plan(reference, limb, reference.stride_time, options.speed, slope).stride_time
     count = round(wanted / interval)

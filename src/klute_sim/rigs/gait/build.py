@@ -11,6 +11,7 @@ from klute_sim.plant import models
 from klute_sim.recording.recording import Samples
 from klute_sim.rigs.gait.motion import Leg
 from klute_sim.rigs.gait.reference import GRAVITY
+from klute_sim.rigs.gait.spring_foot import SpringFoot, without_pull
 
 MODEL_MASS = 75.0
 """Body mass of the model as it is in the file [kg]."""
@@ -20,10 +21,19 @@ ANKLE = "prosthesis_"
 """Prefix of everything that comes from ankle.xml."""
 
 
-def build(device: Device, *, mass: float, stature: float, step: float, slope: float = 0.0) -> mujoco.MjModel:
+def build(
+    device: Device,
+    *,
+    mass: float,
+    stature: float,
+    step: float,
+    slope: float = 0.0,
+    foot: SpringFoot | None = None,
+) -> mujoco.MjModel:
     """Model of a subject of ``mass`` [kg] and ``stature`` [m] wearing ``device``; ``step`` [s].
 
     Ground that rises by ``slope`` [rad] stays level in the model, and gravity leans instead.
+    A ``foot`` takes the place of the device and of the prosthesis' return spring.
     Limb lengths and the foot scale with stature, limb masses with body mass; the carriage carries the rest.
     The device and the prosthesis' mass stay what they are. The Achilles origin is moved up or down the pylon
     so that the muscle has its mounting length at a neutral ankle.
@@ -35,7 +45,11 @@ def build(device: Device, *, mass: float, stature: float, step: float, slope: fl
     scale = stature / MODEL_STATURE
     _scale_limbs(spec, scale, mass)
     spec.site(ANKLE + "achilles_origin").pos = _origin(device, spec, scale)
-    return models.equip(spec, {ANKLE + "muscle_tendon": device.parameters})
+    parameters = device.parameters
+    if foot is not None:
+        foot.into(spec.joint(ANKLE + "ankle"))
+        parameters = without_pull(parameters)
+    return models.equip(spec, {ANKLE + "muscle_tendon": parameters})
 
 
 def _scale_limbs(spec: mujoco.MjSpec, scale: float, mass: float) -> None:

@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from klute_sim.control.pressure import PressureController
 from klute_sim.device.files import Device, refuse_openings
 from klute_sim.device.ledger import Book
 from klute_sim.device.step import dead_time
@@ -23,6 +22,7 @@ from klute_sim.provenance import versions
 from klute_sim.recording.recording import Recording, Samples
 from klute_sim.rigs.gait import assembly
 from klute_sim.rigs.gait.assembly import DRIVES, Assembly, GaitOptions, assemble, start
+from klute_sim.rigs.gait.commands import Commands, Controller
 from klute_sim.rigs.gait.gauges import CHANNELS, Gauges
 from klute_sim.units import BAR
 
@@ -46,7 +46,7 @@ REFERENCE_DEVIATIONS = (
 
 def walk(
     device: Device,
-    controller: PressureController,
+    controller: Controller,
     options: GaitOptions | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
     law: str = "auto",
@@ -66,17 +66,17 @@ def walk(
             f"{options.strides} strides of {per_stride} steps are more than {MOST_SAMPLES} samples: take fewer strides "
             "or a longer step"
         )
-    gauges = Gauges(model, actuator)
-    pressure = np.array([controller.pressure(float(p)) for p in rig.phase])
-    late = dead_time(actuator.parameters) / options.step
-    start(rig, data, pressure[0])
-    count, drives = per_stride * options.strides, len(DRIVES)
+    gauges, count, drives = Gauges(model, actuator), per_stride * options.strides, len(DRIVES)
+    commands, late = Commands(controller, rig, count), dead_time(actuator.parameters) / options.step
+    start(rig, data, 0.0)
+    start(rig, data, commands.at(0, data))
     samples, book = np.empty((count, len(CHANNELS))), Book(actuator.parameters, count)
     with router.installed(law) as in_force:
         for k in range(count):
             j = k % per_stride
             data.ctrl[:drives] = rig.slopes[j]
-            actuator.command(data, _earlier(pressure, k - late))
+            commands.at(k, data)
+            actuator.command(data, commands.earlier(k - late))
             q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.state(data)
             router.step(model, data)
             if not abs(data.qpos[1] - rig.height[j]) < assembly.OFF_PATH:
@@ -93,19 +93,12 @@ def walk(
     progress(1.0)
     columns = [(heading, samples[:, i]) for i, heading in enumerate(CHANNELS)]
     columns += book.ledger(options.step).columns()
-    return _recording(device, controller, rig, pressure, columns, in_force)
-
-
-def _earlier(pressure: Samples, place: float) -> float:
-    """The command [Pa] at ``place``, in samples of a walk whose every stride is ``pressure``; its first before that."""
-    if place <= 0.0:
-        return float(pressure[0])
-    return float(np.interp(place % len(pressure), np.arange(len(pressure) + 1), np.append(pressure, pressure[0])))
+    return _recording(device, controller, rig, commands.asked, columns, in_force)
 
 
 def _recording(
     device: Device,
-    controller: PressureController,
+    controller: Controller,
     rig: Assembly,
     command: Samples,
     read: list[tuple[str, Samples]],
@@ -119,7 +112,7 @@ def _recording(
         ("time [s]", index * options.step),
         ("gait_phase [%]", 100.0 * phase),
         ("stride [1]", index // per_stride + 1.0),
-        ("pressure_command [bar]", np.tile(command, options.strides) / BAR),
+        ("pressure_command [bar]", command / BAR),
     ]
     columns += read
     # The reference's moment over its angle at another stride time: its power is that much slower or faster.
@@ -133,7 +126,7 @@ def _recording(
     return Recording.from_columns(columns, _provenance(device, controller, rig, law))
 
 
-def _provenance(device: Device, controller: PressureController, rig: Assembly, law: str) -> dict[str, Any]:
+def _provenance(device: Device, controller: Controller, rig: Assembly, law: str) -> dict[str, Any]:
     options, plan = rig.options, rig.plan
     return {
         "rig": "gait",
@@ -152,6 +145,7 @@ def _provenance(device: Device, controller: PressureController, rig: Assembly, l
             "speed_m_per_s": plan.speed,
             "stride_time_s": plan.stride_time,
             "stride_length_m": plan.stride_length,
+            "spring_foot_nm_per_deg": None if options.foot is None else float(np.radians(options.foot.stiffness)),
             "slope_deg": float(np.degrees(options.slope)),
             "strides": options.strides,
             "step_s": options.step,
