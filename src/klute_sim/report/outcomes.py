@@ -66,6 +66,8 @@ class AnkleOutcome:
     """One stride of an ankle, human or not; phases in % of the cycle, work and power per kg of body mass."""
 
     ankle_range_deg: float
+    ankle_plantarflexion_deg: float
+    """The most of it; negative if it is dorsiflexed throughout."""
     ankle_moment_peak_nm_per_kg: float
     ankle_moment_peak_pct: float
     ankle_power_peak_w_per_kg: float
@@ -105,6 +107,8 @@ class StrideOutcome(AnkleOutcome):
     """What the printed friction gave the device; either sign, because it is an offset."""
     below_friction_fit_pct: float
     """Share of the stride below :data:`FRICTION_ONSET`, where the friction offset is an assumed fade."""
+    muscle_ratio_max: float | None
+    """Most L/L0 of the muscle: 1 is its rest-length stop. None: the recording does not tell L0."""
     air_g: float
     """Air taken from the supply; of an ideal regulator's isothermal and without dead volume (assumed)."""
     air_leaked_g: float
@@ -170,7 +174,8 @@ def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
     work = -moment * np.gradient(np.radians(angle))
     absorbed = float(np.minimum(work[vertical > LOADED], 0.0).sum())
     return {
-        "ankle_range_deg": float(np.ptp(r[f"{prefix}ankle_angle"])),
+        "ankle_range_deg": float(np.ptp(angle)),
+        "ankle_plantarflexion_deg": float(-angle.min()),
         "ankle_moment_peak_nm_per_kg": float(moment.max()),
         "ankle_moment_peak_pct": float(phase[moment.argmax()]),
         "ankle_power_peak_w_per_kg": float(smooth.max()),
@@ -218,12 +223,18 @@ def _stride(r: Recording, mass: float) -> StrideOutcome:
         power_distance_sd=_distance(r, "ankle_power", mass, FLOORS["power_w_per_kg"], stance),
         friction_offset_work_j_per_kg=float(r["friction_power"].sum() * step / mass),
         below_friction_fit_pct=float(100.0 * np.mean(r["pressure"] < FRICTION_ONSET / BAR)),
+        muscle_ratio_max=_longest(r),
         air_g=float(1e3 * (r["air_drawn"][-1] - r["air_drawn"][0])),
         air_leaked_g=float(1e3 * (r["air_leaked"][-1] - r["air_leaked"][0])),
         short_of_supply_pct=float(100.0 * np.mean(r["pressure_command"] > r["supply_pressure"])),
         ledger_j=_ledger(r, step),
         ledger_residual_pct=_ledger_residual(r, step),
     )
+
+
+def _longest(r: Recording) -> float | None:
+    resting = r.provenance["device"].get("resting_length_m")
+    return None if resting is None else float(r["muscle_length"].max() / resting)
 
 
 def _step(r: Recording) -> float:
@@ -326,6 +337,7 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "strides": options["strides"],
         "mean_over_strides": [len(outcome.strides) - len(outcome.settled) + 1, len(outcome.strides)],
         "ankle_range_deg": mean(lambda s: s.ankle_range_deg),
+        "ankle_plantarflexion_deg": mean(lambda s: s.ankle_plantarflexion_deg),
         "ankle_moment_peak_nm_per_kg": mean(lambda s: s.ankle_moment_peak_nm_per_kg),
         "ankle_moment_peak_pct": mean(lambda s: s.ankle_moment_peak_pct),
         "ankle_power_peak_w_per_kg": mean(lambda s: s.ankle_power_peak_w_per_kg),
@@ -336,6 +348,7 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "quasi_stiffness_nm_per_kg_deg": mean(lambda s: s.quasi_stiffness_nm_per_kg_deg),
         "actuator_moment_peak_nm_per_kg": mean(lambda s: s.actuator_moment_peak_nm_per_kg),
         "actuator_work_net_j_per_kg": mean(lambda s: s.actuator_work_net_j_per_kg),
+        "muscle_ratio_max": mean(lambda s: s.muscle_ratio_max),
         "first_contact_pct": mean(lambda s: s.first_contact_pct),
         "toe_off_pct": mean(lambda s: s.toe_off_pct),
         "touches_in_swing": outcome.trips,

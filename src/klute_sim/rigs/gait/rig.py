@@ -133,6 +133,7 @@ def _provenance(device: Device, controller: Controller, rig: Assembly, law: str)
         "device": {
             "name": device.name,
             "sha256": device.digest,
+            "resting_length_m": device.parameters.muscle.resting_length,
             "assumed": device.spec.assumed(),
             "without_source": device.spec.without_source(),
             "valve": device.spec.valve is not None,

@@ -1,0 +1,109 @@
+"""What tuning makes small: how far the ankle is from the human one, and the air that takes.
+
+In words: the mean squared distance of net moment, angle and power from the reference in stance, in its standard
+deviations, each counted once; plus 0.1 for every gram of air in a stride; plus more than any walk can be worth for a
+foot that catches the ground in swing or a rig that leaves its path. Goals add what they are missed by.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+from klute_sim.errors import InputError
+
+CATCH, FALL = 10.0, 50.0
+"""What a foot that catches in swing costs, and a walk that ends early."""
+REST = 1e4
+"""Cost of a muscle at its rest-length stop: times the square of L/L0 above :data:`FREE`; the stop is no spring."""
+FREE = 0.985
+"""L/L0 below which a muscle is clear of its stop."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Goals:
+    """Numbers to reach, if any; what is missing is counted in units that matter about alike (assumed)."""
+
+    moment_sd: float | None = None
+    """At most: net moment's distance in stance, rms [sd]; 0.2 counts as 1."""
+    power_w_per_kg: float | None = None
+    """At least: peak net power [W/kg]; 0.5 counts as 1."""
+    work_j_per_kg: float | None = None
+    """At least: net work of the ankle in a stride [J/kg]; 0.03 counts as 1."""
+    plantarflexion_deg: float | None = None
+    """At least: most plantarflexion [deg]; 1.5 counts as 1."""
+
+    def missed(self, walked: "Tracked") -> float:
+        """What is missing in all, 0 if all is reached."""
+        shares = (
+            (self.moment_sd, walked.moment_sd, 0.2, -1.0),
+            (self.power_w_per_kg, walked.power_w_per_kg, 0.5, 1.0),
+            (self.work_j_per_kg, walked.work_j_per_kg, 0.03, 1.0),
+            (self.plantarflexion_deg, walked.plantarflexion_deg, 1.5, 1.0),
+        )
+        return sum(max(0.0, sign * (goal - found)) / unit for goal, found, unit, sign in shares if goal is not None)
+
+
+HUMAN = Goals(moment_sd=0.4, power_w_per_kg=3.3, work_j_per_kg=0.215, plantarflexion_deg=15.0)
+"""The human ankle, as near as the reference's own groups are to each other."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weights:
+    """Of the objective's parts; InputError for one that is negative or no number."""
+
+    moment: float = 1.0
+    angle: float = 1.0
+    power: float = 1.0
+    air: float = 0.1
+    """Per gram in a stride."""
+
+    def __post_init__(self) -> None:
+        """See the class."""
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if not 0.0 <= value <= 1e3:  # also refuses NaN
+                raise InputError(f"weight of {each.name} is {value:g}; allowed: 0 to 1000")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tracked:
+    """What the objective needs to know of a walk."""
+
+    moment_sd: float
+    """Rms distance to the reference in stance [sd]; of the next two likewise."""
+    angle_sd: float
+    power_sd: float
+    air_g: float
+    """In a stride."""
+    power_w_per_kg: float
+    """Peak net power."""
+    work_j_per_kg: float
+    """Net work of a stride."""
+    plantarflexion_deg: float
+    """The most of it."""
+    longest_ratio: float
+    """Most L/L0 of the muscle [1]."""
+    catches: bool
+    """Whether the foot touches the ground in swing."""
+
+
+def tracking(walked: Tracked, weights: Weights) -> float:
+    """Weighted mean squared distance to the reference [sd^2], summed over moment, angle and power."""
+    squares = walked.moment_sd**2, walked.angle_sd**2, walked.power_sd**2
+    return math.fsum(w * s for w, s in zip((weights.moment, weights.angle, weights.power), squares, strict=True))
+
+
+def cost(walked: Tracked, weights: Weights, goals: Goals) -> float:
+    """The objective; smaller is better."""
+    stop = REST * max(0.0, walked.longest_ratio - FREE) ** 2
+    caught = CATCH if walked.catches else 0.0
+    return tracking(walked, weights) + weights.air * walked.air_g + stop + caught + goals.missed(walked)
+
+
+def named(values: Mapping[str, float]) -> Weights:
+    """Weights with some of them changed; raises InputError for a name that there is not."""
+    known = [each.name for each in fields(Weights)]
+    for name in values:
+        if name not in known:
+            raise InputError(f"there is no weight of '{name}'; there are: {', '.join(known)}")
+    return Weights(**dict(values))
