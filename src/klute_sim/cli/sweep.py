@@ -65,6 +65,14 @@ def _number(word: str, option: click.Parameter, wanted: str) -> float:
     help="Walking speeds [m/s]; own: what reference and legs imply.  [default: own]",
 )
 @click.option(
+    "--slope",
+    "slopes",
+    callback=_numbers,
+    multiple=True,
+    metavar="DEG,...",
+    help="Slopes of the ground, uphill positive; the limb's motion on them is assumed [degrees].  [default: 0]",
+)
+@click.option(
     "--mass", "masses", callback=_numbers, multiple=True, metavar="KG,...", help="Body masses [kg].  [default: 75]"
 )
 @click.option("--strides", type=int, default=5, show_default=True, help="Strides of each walk.")
@@ -94,6 +102,7 @@ def command(
     devices: tuple[str, ...],
     controllers: tuple[str, ...],
     speeds: list[float | None],
+    slopes: list[float],
     masses: list[float],
     strides: int,
     step_ms: float,
@@ -103,7 +112,7 @@ def command(
     with_csv: bool,
     as_json: bool,
 ) -> None:
-    """Walk every combination of devices, controllers, speeds and masses; one row for each.
+    """Walk every combination of devices, controllers, speeds, slopes and masses; one row for each.
 
     Each is walked as 'klute-sim gait' does, on all cores or on a cluster. What a combination cannot do is a row with
     the reason. Finished walks are on the disk at once: after an interrupt, the same command with the same --out goes on
@@ -115,6 +124,7 @@ def command(
     \b
     Examples:
       klute-sim sweep --mass 60,75,90 --speed own,1.0,1.4
+      klute-sim sweep --slope -5,0,5 --controller profile --controller off
       klute-sim sweep --device klute-1-1-4-pair --device my.toml --controller profile --controller off
       klute-sim sweep --controller constant:2 --controller mine.csv --out my-sweep --csv
       klute-sim sweep --mass 60,75,90 --ray local
@@ -123,7 +133,7 @@ def command(
     from klute_sim.errors import InputError
     from klute_sim.sweep import local
 
-    plan = _plan(devices, controllers, speeds, masses, strides, step_ms)
+    plan = _plan(devices, controllers, speeds, slopes, masses, strides, step_ms)
     if address is None:
         _sweep(plan, partial(local.run, jobs=jobs or 0), out, with_csv=with_csv, as_json=as_json)
         return
@@ -139,6 +149,7 @@ def _plan(
     devices: tuple[str, ...],
     controllers: tuple[str, ...],
     speeds: list[float | None],
+    slopes: list[float],
     masses: list[float],
     strides: int,
     step_ms: float,
@@ -153,6 +164,7 @@ def _plan(
         devices={name: load(name) for name in devices or [DEFAULT_PROSTHESIS]},
         controllers={name: word.parse(name) for name in controllers or ["profile"]},
         speeds=speeds or [None],
+        slopes_deg=slopes or [0.0],
         masses=masses or [MODEL_MASS],
         strides=strides,
         step=1e-3 * step_ms,

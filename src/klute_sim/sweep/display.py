@@ -12,7 +12,13 @@ from klute_sim.sweep.walk import TRIPS
 
 MOST_ROWS = 40
 """Rows shown; the files have all of them."""
-INPUTS = {"device": "device", "controller": "controller", "speed [m/s]": "speed\nm/s", "mass [kg]": "mass\nkg"}
+INPUTS = {
+    "device": "device",
+    "controller": "controller",
+    "speed [m/s]": "speed\nm/s",
+    "slope [deg]": "slope\ndeg",
+    "mass [kg]": "mass\nkg",
+}
 """Heading -> title: the walked speed stands for the asked one, which may be the reference's own."""
 OUTCOMES = {
     "ankle_power_peak [W/kg]": ("power\nW/kg", ".2f"),

@@ -1,8 +1,9 @@
-"""What a sweep walks: every combination of the devices, controllers, speeds and masses that were listed."""
+"""What a sweep walks: every combination of the devices, controllers, speeds, slopes and masses that were listed."""
 
 import hashlib
 import itertools
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -33,6 +34,8 @@ class Combination:
     controller: PressureController
     speed: float | None
     """[m/s]; None: the reference's own."""
+    slope_deg: float
+    """Of the ground [degrees], uphill positive; not in radians, so that the table has what was typed."""
     mass: float
     """Of the body [kg]."""
     strides: int
@@ -44,14 +47,20 @@ class Combination:
     def options(self) -> GaitOptions:
         """What the gait rig is told; raises InputError for a value no subject or solver has."""
         return GaitOptions(
-            mass=self.mass, speed=self.speed, strides=self.strides, step=self.step, reference=_reference()
+            mass=self.mass,
+            speed=self.speed,
+            slope=math.radians(self.slope_deg),
+            strides=self.strides,
+            step=self.step,
+            reference=_reference(),
         )
 
     @property
     def key(self) -> str:
         """Digest of all that its outcomes depend on; what things are called is not among it."""
-        told = [self.device.digest, self.controller.describe(), self.speed, self.mass, self.strides, self.step]
-        return hashlib.sha256(json.dumps([*told, dict(self.software)], sort_keys=True).encode()).hexdigest()[:32]
+        who = [self.device.digest, self.controller.describe()]
+        how = [self.speed, self.slope_deg, self.mass, self.strides, self.step, dict(self.software)]
+        return hashlib.sha256(json.dumps([*who, *how], sort_keys=True).encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +73,8 @@ class Plan:
     """As named -> controller."""
     speeds: Sequence[float | None] = (None,)
     """[m/s]; None: the reference's own."""
+    slopes_deg: Sequence[float] = (0.0,)
+    """[degrees], uphill positive"""
     masses: Sequence[float] = (MODEL_MASS,)
     """[kg]"""
     strides: int = 5
@@ -77,8 +88,8 @@ class Plan:
 
     def combinations(self) -> Iterator[Combination]:
         """Every one, in the order of the table."""
-        for (device_word, device), (controller_word, controller), speed, mass in itertools.product(
-            self.devices.items(), self.controllers.items(), self.speeds, self.masses
+        for (device_word, device), (controller_word, controller), speed, slope, mass in itertools.product(
+            self.devices.items(), self.controllers.items(), self.speeds, self.slopes_deg, self.masses
         ):
             yield Combination(
                 device_word=device_word,
@@ -86,6 +97,7 @@ class Plan:
                 controller_word=controller_word,
                 controller=controller,
                 speed=speed,
+                slope_deg=slope,
                 mass=mass,
                 strides=self.strides,
                 step=self.step,
@@ -101,6 +113,7 @@ class Plan:
             "devices": devices,
             "controllers": {word: controller.describe() for word, controller in self.controllers.items()},
             "speeds_m_per_s": list(self.speeds),
+            "slopes_deg": list(self.slopes_deg),
             "masses_kg": list(self.masses),
             "strides": self.strides,
             "step_s": self.step,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from klute_sim.errors import KluteSimError
 from klute_sim.recording.recording import Recording
-from klute_sim.report.outcomes import GaitOutcome, StrideOutcome, outcomes
+from klute_sim.report.outcomes import GaitOutcome, StrideOutcome, level, outcomes
 from klute_sim.rigs.gait import rig
 from klute_sim.sweep.plan import Combination
 from klute_sim.sweep.software import software
@@ -72,14 +72,14 @@ def walk(combination: Combination) -> Walked:
 
 def _outcomes(recording: Recording, combination: Combination) -> dict[str, Value]:
     outcome, options = outcomes(recording), recording.provenance["options"]
-    compared = _as_reference(options["stride_time_s"], combination)
+    compared = level(recording) and _in_time(options["stride_time_s"], combination)
     found: dict[str, Value] = {"speed [m/s]": options["speed_m_per_s"], "stride_time [s]": options["stride_time_s"]}
     found |= {heading: _mean(outcome, read) if compared else None for heading, read in DISTANCES.items()}
     found |= {heading: _mean(outcome, read) for heading, read in MEANS.items()}
     return {**found, TRIPS: outcome.trips}
 
 
-def _as_reference(stride_time: float, combination: Combination) -> bool:
+def _in_time(stride_time: float, combination: Combination) -> bool:
     """Whether this walk is at the reference's own stride time [s], to the step that strides are a whole number of."""
     return abs(stride_time - combination.options().reference.stride_time) <= 0.5 * combination.step
 
