@@ -15,11 +15,13 @@ MOST_ROWS = 40
 INPUTS = {
     "device": "device",
     "controller": "controller",
-    "speed [m/s]": "speed\nm/s",
+    "speed_asked [m/s]": "speed\nm/s",
     "slope [deg]": "slope\ndeg",
     "mass [kg]": "mass\nkg",
 }
-"""Heading -> title: the walked speed stands for the asked one, which may be the reference's own."""
+"""Heading -> title of what was asked for, which is shown where it differs."""
+OWN = "own"
+"""In place of a speed: what reference and legs imply."""
 OUTCOMES = {
     "ankle_power_peak [W/kg]": ("power\nW/kg", ".2f"),
     "ankle_work_net [J/kg]": ("net work\nJ/kg", "+.3f"),
@@ -40,7 +42,7 @@ def display(rows: Sequence[Row]) -> Table:
         result.add_column(title, justify="right", no_wrap=True)
     result.add_column("")
     for row in rows[:MOST_ROWS]:
-        inputs = [_cell(row[heading], ".4g") for heading in shown]
+        inputs = [_cell(row[heading], ".4g", OWN) for heading in shown]
         values = [
             "-" if row[heading] is None else format(row[heading], form) for heading, (_, form) in OUTCOMES.items()
         ]
@@ -48,9 +50,9 @@ def display(rows: Sequence[Row]) -> Table:
     return result
 
 
-def _cell(value: Any, form: str) -> str:
+def _cell(value: Any, form: str, missing: str = "-") -> str:
     if value is None:
-        return "-"
+        return missing
     return value if isinstance(value, str) else format(value, form)
 
 

@@ -6,9 +6,10 @@ import signal
 import threading
 import warnings
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 
 from threadpoolctl import threadpool_limits
@@ -35,7 +36,8 @@ def run(combinations: Iterable[Combination], finished: Finished, jobs: int = 0) 
         while waiting or running:
             while waiting and idle:
                 process, combination = idle.pop(), waiting.popleft()
-                running[process.submit(combination)] = process, combination
+                with _interrupts_held():
+                    running[process.submit(combination)] = process, combination
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 process, combination = running.pop(future)
                 idle.append(process)
@@ -56,6 +58,19 @@ def run(combinations: Iterable[Combination], finished: Finished, jobs: int = 0) 
 def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Ctrl-C is held back meanwhile, and processes begun in here never hear of it; where the system can do that."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class _Process:
@@ -85,7 +100,7 @@ class _Process:
 
 def _begin(lifeline: Connection) -> None:
     """Make a fresh process ready to walk, and to end when the other end of ``lifeline`` is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the first one ends the others
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the first one ends the others
     warnings.simplefilter("ignore", KluteSimWarning)  # said once, by the first process
     threadpool_limits(1, user_api="blas")  # every core has a walk of its own
     threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
