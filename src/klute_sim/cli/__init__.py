@@ -16,6 +16,7 @@ from klute_sim.errors import KluteSimError
 
 COMMANDS = {
     "gait": ("klute_sim.cli.gait", "Walk the prosthesis on measured human gait."),
+    "sweep": ("klute_sim.cli.sweep", "Walk every combination of devices, controllers, speeds, slopes, masses."),
     "bench": ("klute_sim.cli.bench", "Run tests of a tensile tester on a device: forces, work, responses."),
     "reproduce": ("klute_sim.cli.reproduce", "Lay the dissertation's numbers and figures beside ours, item by item."),
     "design": ("klute_sim.cli.design", "Size actuator, damper and tendon for a muscle or a walker."),

@@ -1,0 +1,213 @@
+"""``klute-sim sweep``."""
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from klute_sim.cli.given_path import GivenPath
+
+if TYPE_CHECKING:
+    from klute_sim.sweep.plan import Plan
+    from klute_sim.sweep.runner import Runner
+    from klute_sim.sweep.sweep import Swept
+
+OWN = "own"
+"""The word for the speed that reference and legs imply."""
+
+
+def _numbers(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> list[float]:
+    """Each number once, in the order given; a callback of options."""
+    return list(dict.fromkeys(_number(word, option, "a number") for word in _words(given)))
+
+
+def _speeds(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> list[float | None]:
+    """Likewise; None for the walker's own."""
+    own = f"a number or {OWN!r}"
+    return list(dict.fromkeys(None if word == OWN else _number(word, option, own) for word in _words(given)))
+
+
+def _words(given: tuple[str, ...]) -> list[str]:
+    return [word.strip() for text in given for word in text.split(",")]
+
+
+def _number(word: str, option: click.Parameter, wanted: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        raise click.BadParameter(f"'{word}' is not {wanted}", param=option) from None
+
+
+@click.command("sweep")
+@click.option(
+    "--device",
+    "devices",
+    multiple=True,
+    metavar="NAME|FILE",
+    help="Preset or device file; may be given several times.  [default: klute-1-1-4-pair]",
+)
+@click.option(
+    "--controller",
+    "controllers",
+    multiple=True,
+    metavar="WORD",
+    help="profile (the tuned one), off, constant:BAR, or the CSV file of a profile; may be given several times."
+    "  [default: profile]",
+)
+@click.option(
+    "--speed",
+    "speeds",
+    callback=_speeds,
+    multiple=True,
+    metavar="M/S,...",
+    help="Walking speeds [m/s]; own: what reference and legs imply.  [default: own]",
+)
+@click.option(
+    "--slope",
+    "slopes",
+    callback=_numbers,
+    multiple=True,
+    metavar="DEG,...",
+    help="Slopes of the ground, uphill positive; the limb's motion on them is assumed [degrees].  [default: 0]",
+)
+@click.option(
+    "--mass", "masses", callback=_numbers, multiple=True, metavar="KG,...", help="Body masses [kg].  [default: 75]"
+)
+@click.option("--strides", type=int, default=5, show_default=True, help="Strides of each walk.")
+@click.option("--step", "step_ms", type=float, default=0.5, show_default=True, metavar="MS", help="Time step [ms].")
+@click.option(
+    "--jobs", type=click.IntRange(0, 256), default=None, metavar="N", help="Processes.  [default: 0, one per core]"
+)
+@click.option(
+    "--ray",
+    "address",
+    is_flag=False,
+    flag_value="auto",
+    default=None,
+    metavar="[ADDRESS|local]",
+    help="Walk on a Ray cluster: the one at ADDRESS, the one that Ray finds, or a local one made for this.",
+)
+@click.option(
+    "--out",
+    type=GivenPath(),
+    default=None,
+    metavar="FOLDER",
+    help="Folder for the sweep; one that was begun there by the same command goes on.  [default: runs/sweep-NNN]",
+)
+@click.option("--csv", "with_csv", is_flag=True, help="Write sweep.csv, too.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
+def command(
+    devices: tuple[str, ...],
+    controllers: tuple[str, ...],
+    speeds: list[float | None],
+    slopes: list[float],
+    masses: list[float],
+    strides: int,
+    step_ms: float,
+    jobs: int | None,
+    address: str | None,
+    out: Path | None,
+    with_csv: bool,
+    as_json: bool,
+) -> None:
+    """Walk every combination of devices, controllers, speeds, slopes and masses; one row for each.
+
+    Each is walked as 'klute-sim gait' does, on all cores or on a cluster. What a combination cannot do is a row with
+    the reason. Finished walks are on the disk at once: after an interrupt, the same command with the same --out goes on
+    where it was.
+
+    Writes sweep.parquet (a row per combination, columns 'name [unit]'), sweep.json (what was asked for, device files
+    included) and a file per walk.
+
+    \b
+    Examples:
+      klute-sim sweep --mass 60,75,90 --speed own,1.0,1.4
+      klute-sim sweep --slope -5,0,5 --controller profile --controller off
+      klute-sim sweep --device klute-1-1-4-pair --device my.toml --controller profile --controller off
+      klute-sim sweep --controller constant:2 --controller mine.csv --out my-sweep --csv
+      klute-sim sweep --mass 60,75,90 --ray local
+      klute-sim sweep --mass 60,75,90 --ray 10.0.0.1:6379 --json | python -m json.tool
+    """
+    from klute_sim.errors import InputError
+    from klute_sim.sweep import local
+
+    plan = _plan(devices, controllers, speeds, slopes, masses, strides, step_ms)
+    if address is None:
+        _sweep(plan, partial(local.run, jobs=jobs or 0), out, with_csv=with_csv, as_json=as_json)
+        return
+    if jobs is not None:
+        raise InputError("--jobs goes without --ray: a cluster has as many as it has")
+    from klute_sim.sweep import cluster
+
+    with cluster.connected(address) as ray:
+        _sweep(plan, partial(cluster.run, ray=ray), out, with_csv=with_csv, as_json=as_json)
+
+
+def _plan(
+    devices: tuple[str, ...],
+    controllers: tuple[str, ...],
+    speeds: list[float | None],
+    slopes: list[float],
+    masses: list[float],
+    strides: int,
+    step_ms: float,
+) -> "Plan":
+    """What was asked for, everything once; raises InputError."""
+    from klute_sim.control import word
+    from klute_sim.device.files import DEFAULT_PROSTHESIS, load
+    from klute_sim.rigs.gait.build import MODEL_MASS
+    from klute_sim.sweep.plan import Plan
+
+    return Plan(
+        devices={name: load(name) for name in devices or [DEFAULT_PROSTHESIS]},
+        controllers={name: word.parse(name) for name in controllers or ["profile"]},
+        speeds=speeds or [None],
+        slopes_deg=slopes or [0.0],
+        masses=masses or [MODEL_MASS],
+        strides=strides,
+        step=1e-3 * step_ms,
+    )
+
+
+def _sweep(plan: "Plan", runner: "Runner", out: Path | None, *, with_csv: bool, as_json: bool) -> None:
+    """Walk, write and show."""
+    from klute_sim.cli.console import notes, progress_bar
+    from klute_sim.sweep import table
+    from klute_sim.sweep.store import open_folder
+    from klute_sim.sweep.sweep import sweep
+
+    store = open_folder(out, plan)
+    try:
+        with progress_bar("walking") as progress:
+            swept = sweep(plan, store, runner, progress)
+    except KeyboardInterrupt:
+        notes().print(
+            f"What has been walked is kept: the same command with --out {store.folder} goes on where it was.",
+            soft_wrap=True,
+        )
+        raise
+    with store.writing():
+        table.write_parquet(swept.rows, plan, store.folder / "sweep.parquet")
+        if with_csv:
+            table.write_csv(swept.rows, store.folder / "sweep.csv")
+    _report(swept, store.folder, as_json=as_json)
+
+
+def _report(swept: "Swept", folder: Path, *, as_json: bool) -> None:
+    from klute_sim.cli.console import console, notes
+    from klute_sim.sweep import display
+
+    if swept.kept:
+        notes().print(f"{swept.kept} walks were there from before.")
+    if as_json:
+        found = {"folder": str(folder), "kept": swept.kept, "failed": swept.failed, "rows": swept.rows}
+        click.echo(json.dumps(found, indent=2, allow_nan=False))
+        return
+    out = console()
+    out.print(display.display(swept.rows))
+    for remark in display.remarks(swept.rows, swept.failed):
+        out.print(remark, soft_wrap=True)
+    files = sorted(file.name for file in folder.glob("sweep.*"))
+    out.print(f"Sweep folder: {folder}  ({', '.join(files)})", soft_wrap=True)

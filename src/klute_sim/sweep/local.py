@@ -1,0 +1,114 @@
+"""Walks on the cores of this machine."""
+
+import multiprocessing
+import os
+import signal
+import threading
+import warnings
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+
+from threadpoolctl import threadpool_limits
+
+from klute_sim.errors import KluteSimWarning
+from klute_sim.plant import router
+from klute_sim.sweep.plan import Combination
+from klute_sim.sweep.runner import TRIES, Finished
+from klute_sim.sweep.walk import Walked, walk
+
+
+def run(combinations: Iterable[Combination], finished: Finished, jobs: int = 0) -> None:
+    """Walk ``combinations`` in ``jobs`` processes (0: one per core) and tell ``finished`` as they are done.
+
+    A process that is killed costs its own walk and no other: that one is begun again, :data:`TRIES` times in all.
+    Whatever ends this early, an interrupt or an error of ``finished``, ends the processes as well.
+    """
+    waiting = deque(combinations)
+    router.choose()  # compiled once here rather than in every process; and says if it cannot be
+    processes = [_Process() for _ in range(min(jobs or cores(), len(waiting)))]
+    idle, running = list(processes), dict[Future[Walked], tuple[_Process, Combination]]()
+    lost: Counter[str] = Counter()
+    try:
+        while waiting or running:
+            while waiting and idle:
+                process, combination = idle.pop(), waiting.popleft()
+                with _interrupts_held():
+                    running[process.submit(combination)] = process, combination
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                process, combination = running.pop(future)
+                idle.append(process)
+                try:
+                    walked = future.result()
+                except (BrokenProcessPool, MemoryError):  # the one is how Linux answers the other
+                    lost[combination.key] += 1
+                    if lost[combination.key] < TRIES:
+                        waiting.append(combination)
+                        continue
+                    walked = None
+                finished(combination, walked)
+    finally:
+        for process in processes:
+            process.end()
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Ctrl-C is held back meanwhile, and processes begun in here never hear of it; where the system can do that."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Process:
+    """A pool of one process: if it breaks, it is known which combination it had, and the others go on."""
+
+    def __init__(self) -> None:
+        self._begin()
+
+    def _begin(self) -> None:
+        theirs, self._lifeline = multiprocessing.Pipe(duplex=False)
+        context = multiprocessing.get_context("spawn")
+        self._pool = ProcessPoolExecutor(1, context, initializer=_begin, initargs=(theirs,))
+
+    def submit(self, combination: Combination) -> Future[Walked]:
+        try:
+            return self._pool.submit(walk, combination)
+        except BrokenProcessPool:  # killed during the walk before this one, or since
+            self.end()
+            self._begin()
+            return self._pool.submit(walk, combination)
+
+    def end(self) -> None:
+        """End the process, whatever it is doing."""
+        self._lifeline.close()
+        self._pool.shutdown(cancel_futures=True)
+
+
+def _begin(lifeline: Connection) -> None:
+    """Make a fresh process ready to walk, and to end when the other end of ``lifeline`` is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the first one ends the others
+    warnings.simplefilter("ignore", KluteSimWarning)  # said once, by the first process
+    threadpool_limits(1, user_api="blas")  # every core has a walk of its own
+    threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
+
+
+def _follow(lifeline: Connection) -> None:
+    """End this process with the one that began it, even if that was killed and could not say so."""
+    try:
+        lifeline.recv_bytes()
+    except EOFError:
+        os._exit(1)

@@ -1,0 +1,15 @@
+"""What walks combinations, wherever it does: on the cores of this machine or on a cluster."""
+
+from collections.abc import Callable, Iterable
+
+from klute_sim.sweep.plan import Combination
+from klute_sim.sweep.walk import Walked
+
+TRIES = 3
+"""How often a combination is begun whose process is killed, before it is given up."""
+
+Finished = Callable[[Combination, Walked | None], None]
+"""Told each combination when it is done; None: its process was killed every time."""
+
+Runner = Callable[[Iterable[Combination], Finished], None]
+"""Walks combinations and tells of each; in any order."""

@@ -1,0 +1,31 @@
+"""What a walk's numbers depend on besides its inputs."""
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+from klute_sim.effects import catalogue
+from klute_sim.plant import models
+from klute_sim.provenance import versions
+
+PARTS = ("laws", "effects", "device", "plant", "control", "rigs", "report/outcomes.py", "sweep/walk.py")
+"""Code and tables that can change a walk's outcomes."""
+
+
+@cache
+def software() -> dict[str, str]:
+    """Name -> version of every package that can change a number; and a digest of our own code.
+
+    Neither Python nor the machine: a cluster may be of many kinds, and its walks still belong in one table.
+    """
+    known = {name: version for name, version in versions().items() if name not in ("python", "machine")}
+    return {**known, "code": _code()}
+
+
+def _code() -> str:
+    """Where the package is worked on, its version stays and its code does not."""
+    home = Path(__file__).parents[1]
+    found = [file for part in PARTS for file in ((home / part).rglob("*") if (home / part).is_dir() else [home / part])]
+    files = sorted(file for file in found if file.suffix in (".py", ".csv", ".toml"))
+    files += sorted(models.folder().glob("*.xml"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files) + catalogue.source()).hexdigest()

@@ -1,0 +1,53 @@
+"""A sweep from its plan to its table."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from klute_sim.sweep import table
+from klute_sim.sweep.plan import Combination, Plan
+from klute_sim.sweep.runner import Runner
+from klute_sim.sweep.store import Store
+from klute_sim.sweep.walk import Walked
+
+
+@dataclass(frozen=True)
+class Swept:
+    """A sweep that is done."""
+
+    rows: list[table.Row]
+    """In the order of the plan."""
+    kept: int
+    """How many walks were there from before."""
+
+    @property
+    def failed(self) -> int:
+        """How many combinations have a reason in place of outcomes."""
+        return sum(row[table.FAILURE] is not None for row in self.rows)
+
+
+def sweep(plan: Plan, store: Store, runner: Runner, progress: Callable[[float], None] = lambda fraction: None) -> Swept:
+    """Walk what ``store`` lacks of ``plan`` by ``runner``; ``progress`` is told the finished fraction.
+
+    Every walk is in the store before the next is told, so that whatever ends this costs only what was under way.
+    Combinations that are the same under two names are walked once.
+    """
+    everything = list(plan.combinations())
+    keys = {combination.key: combination for combination in everything}
+    walked = {key: found for key in keys if (found := store.get(key))}
+    kept = len(walked)
+    lost = 0
+
+    def finished(combination: Combination, result: Walked | None) -> None:
+        nonlocal lost
+        if result is None:
+            lost += 1  # not kept: it may have been the machine's fault, and the same command tries it again
+        else:
+            store.put(combination.key, result)
+            walked[combination.key] = result
+        progress((len(walked) + lost) / len(keys))
+
+    progress(kept / len(keys))
+    missing = [combination for key, combination in keys.items() if key not in walked]
+    if missing:
+        runner(missing, finished)
+    return Swept([table.row(each, walked.get(each.key)) for each in everything], kept)
