@@ -48,7 +48,7 @@ def test_the_device_can_be_shown(walker: tuple[Path, dict[str, object]]) -> None
     assert all(row["source"] for row in rows)
 
 
-CARRIED_OVER = pytest.param(("--profile", "runs/design-001/profile.csv"), marks=pytest.mark.long, id="carried over")
+CARRIED_OVER = pytest.param(("--controller", "runs/design-001/profile.csv"), marks=pytest.mark.long, id="carried over")
 
 
 @pytest.mark.parametrize("profile", [pytest.param((), id="tuned"), CARRIED_OVER])
@@ -90,7 +90,7 @@ def test_a_cylinder_beyond_its_pressure_is_said(tmp_path: Path) -> None:
     assert f"{shown['damper']['pressure_mpa']:.4g} MPa in its cylinder, more than the 4.7 MPa allowed" in said
     assert "bore of 27.0" in said
     assert json.loads((tmp_path / "o" / "summary.json").read_text()) == shown
-    assert "klute-sim gait --device o/device.toml --profile o/profile.csv --mass 75" in " ".join(shown["remarks"])
+    assert "klute-sim gait --device o/device.toml --controller o/profile.csv --mass 75" in " ".join(shown["remarks"])
 
 
 def test_there_is_one_verdict_on_the_strength(walker: tuple[Path, dict[str, object]], tmp_path: Path) -> None:

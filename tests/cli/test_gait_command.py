@@ -87,7 +87,7 @@ def test_a_reference_without_deviations_and_a_profile_of_ones_own(tmp_path: Path
     keep = [i for i, name in enumerate(rows[0]) if "_sd_" not in name]
     (tmp_path / "ref.csv").write_text("\n".join(",".join(row[i] for i in keep) for row in rows))
     (tmp_path / "p.csv").write_text("gait_pct,pressure_bar\n0,0.9\n30,2\n50,4\n65,1\n")
-    arguments = ("--strides", "1", "--reference", "ref.csv", "--profile", "p.csv", "--out", "r", "--json")
+    arguments = ("--strides", "1", "--reference", "ref.csv", "--controller", "p.csv", "--out", "r", "--json")
     done = run("gait", *arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
@@ -97,7 +97,7 @@ def test_a_reference_without_deviations_and_a_profile_of_ones_own(tmp_path: Path
 
 
 def test_tripping_is_said(tmp_path: Path) -> None:
-    arguments = ("--strides", "2", "--controller", "constant", "--pressure", "2", "--out", "r")
+    arguments = ("--strides", "2", "--controller", "constant:2", "--out", "r")
     done = run("gait", *arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "it trips" in done.stdout
@@ -116,12 +116,14 @@ def test_tripping_is_said(tmp_path: Path) -> None:
         (["--device", "bad.toml"], "unknown key 'muscle.weight'"),
         (["--reference", "none.csv"], "reference none.csv cannot be read"),
         (["--reference", "bad.toml"], "reference bad.toml"),
-        (["--profile", "none.csv"], "pressure profile none.csv cannot be read"),
-        (["--pressure", "2"], "--pressure goes with --controller constant"),
-        (["--controller", "constant"], "needs --pressure BAR"),
-        (["--controller", "constant", "--pressure", "-1"], "0 bar or more"),
-        (["--controller", "off", "--profile", "x"], "--profile goes with --controller profile"),
-        (["--controller", "pid"], "'pid'"),
+        (["--controller", "none.csv"], "pressure profile none.csv cannot be read"),
+        (["--controller", "none.toml"], "state machine none.toml cannot be read"),
+        (["--controller", "constant"], "needs a pressure in bar, as in constant:3.5"),
+        (["--controller", "constant:-1"], "0 bar or more"),
+        (["--controller", "off:1"], "off takes nothing after it"),
+        (["--controller", "pid"], "no controller 'pid'; allowed: profile, off"),
+        (["--spring-foot", "100"], "stiffness of the spring foot is 100; allowed: 0.5 to 40 N.m/deg"),
+        (["--slope", "45"], "slope is 45; allowed: -10 to 10 degrees"),
         (["--out", "full"], "output folder full is not empty"),
         (["--out", "bad.toml"], "is a file"),
         (["--out", "bad.toml/run"], "cannot be written"),

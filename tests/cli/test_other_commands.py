@@ -85,9 +85,9 @@ def test_assumed_numbers_say_so() -> None:
         (["device", "klute-3-4", "--toml", "--json"], "do not go together"),
         (["gait", "--device", ""], "name of the device is empty"),
         (["gait", "--reference", ""], "the path is empty"),
-        (["gait", "--profile", ""], "the path is empty"),
+        (["gait", "--controller", ""], "the name of the controller is empty"),
         (["gait", "--out", ""], "the path is empty"),
-        (["gait", "--controller", "constant", "--pressure", "9"], "supply of 'klute-1-1-4-pair' has 5 bar"),
+        (["gait", "--controller", "constant:9"], "supply of 'klute-1-1-4-pair' has 5 bar"),
         (["gait", "--law", "fast"], "'fast' is not one of 'auto', 'compiled', 'python'"),
     ],
 )

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given as for_all
 from hypothesis import strategies as st
 
-from klute_sim.control.pressure import parse_profile, tuned
+from klute_sim.control.pressure import parse_profile, to_csv, tuned
 from klute_sim.design import actuator, damper
 from klute_sim.design.choices import Assumptions, Choices
-from klute_sim.design.profile import TUNED_FOR, to_csv
+from klute_sim.design.profile import TUNED_FOR
 from klute_sim.design.sizing import Design, design
 from klute_sim.design.target import Target, Walker, from_table
 from klute_sim.device.files import load

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from klute_sim.control.feedback import Sensed
-from klute_sim.control.machine import StateMachine
+from klute_sim.control.machine import StateMachine, parse, shipped
 from klute_sim.control.pressure import Constant
 from klute_sim.device.files import load, read
 from klute_sim.errors import InputError
@@ -141,3 +141,25 @@ def test_the_machine_walks_and_pushes_off_by_its_own_sensors() -> None:
 def test_a_machine_that_cannot_go_round_is_refused(changed: dict[str, float], says: str) -> None:
     with pytest.raises(InputError, match=says):
         machine(**changed)
+
+
+def test_the_shipped_machine_is_read_from_its_file_and_says_what_it_is() -> None:
+    told = shipped().describe()
+    assert told["kind"] == "machine"
+    text = "\n".join(f"{name} = {value}" for name, value in told.items() if name != "kind")
+    assert parse(text, "again").describe() == told
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("swing_bar = ", "is no TOML file"),
+        ("swing = 1", "there is no 'swing'; there are: loading_bar"),
+        ("swing_bar = 1", "'loading_bar' is missing"),
+        ("swing_bar = true", "'swing_bar' is True; allowed: a number"),
+        ("state = 1", "there is no 'state'"),
+    ],
+)
+def test_a_file_that_is_no_machine_is_refused(text: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        parse(text, "mine.toml")

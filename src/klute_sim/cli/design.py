@@ -69,7 +69,7 @@ def command(out: Path | None, as_json: bool, name: str, **given: Any) -> None:
     that is given is none of them, and those that are left out are named.
 
     Writes device.toml (for klute-sim device and klute-sim gait --device), summary.json, figure.png and, for a walker,
-    profile.csv (for klute-sim gait --profile): the tuned profile at the same force per body mass.
+    profile.csv (for klute-sim gait --controller): the tuned profile at the same force per body mass.
 
     \b
     Examples:
@@ -79,7 +79,7 @@ def command(out: Path | None, as_json: bool, name: str, **given: Any) -> None:
       klute-sim design --f0 1400 --l0 250 --vmax 300 --a 0.28 --b 0.28
       klute-sim design --actuator klute-3-4 --count 2 --resting-length 250 --eccentric-force 400
     """
-    from klute_sim.design.profile import to_csv
+    from klute_sim.control.pressure import to_csv
     from klute_sim.design.sizing import design
     from klute_sim.design.target import Walker
     from klute_sim.errors import InputError
@@ -200,7 +200,7 @@ def _gait_command(found: "Design", folder: Path, reference_file: Path | None) ->
     if not isinstance(found.target, Walker):
         return None
     device, profile = folder / "device.toml", folder / "profile.csv"
-    words = ["--device", device, "--profile", profile, "--mass", repr(found.target.mass).removesuffix(".0")]
+    words = ["--device", device, "--controller", profile, "--mass", repr(found.target.mass).removesuffix(".0")]
     reference = [] if reference_file is None else ["--reference", reference_file]
     return shlex.join(["klute-sim", "gait", *map(str, [*words, *reference])])
 

@@ -10,7 +10,7 @@ import click
 from klute_sim.cli.given_path import GivenPath
 
 if TYPE_CHECKING:
-    from klute_sim.control.pressure import PressureController
+    from klute_sim.control.word import Controller
     from klute_sim.device.files import Device
     from klute_sim.recording.recording import Recording
     from klute_sim.rigs.gait.assembly import GaitOptions
@@ -26,20 +26,19 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--controller",
-    type=click.Choice(["profile", "constant", "off"]),
-    default=None,
-    help="Pressure over gait phase, the same pressure all the time, or none.  [default: profile]",
+    "controller_word",
+    default="profile",
+    show_default=True,
+    metavar="WORD",
+    help="profile (tuned by hand), off, constant:BAR, machine (states seen by its own sensors), the CSV file of a "
+    "profile over gait phase, or the TOML file of a state machine.",
 )
 @click.option(
-    "--profile",
-    "profile_file",
-    type=GivenPath(),
+    "--spring-foot",
+    type=float,
     default=None,
-    metavar="FILE",
-    help="CSV with columns gait_pct,pressure_bar: knots of the profile.  [default: the tuned one]",
-)
-@click.option(
-    "--pressure", type=float, default=None, metavar="BAR", help="Gauge pressure of --controller constant [bar]."
+    metavar="STIFFNESS",
+    help="A passive foot in place of the device, as most people wear; those have 3 to 15 [N·m/deg].",
 )
 @click.option(
     "--reference",
@@ -93,9 +92,8 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
 def command(
     device_name: str | None,
-    controller: str | None,
-    profile_file: Path | None,
-    pressure: float | None,
+    controller_word: str,
+    spring_foot: float | None,
     reference_file: Path | None,
     stride_time: float | None,
     mass: float,
@@ -121,19 +119,23 @@ def command(
     Examples:
       klute-sim gait
       klute-sim gait --controller off --strides 3
-      klute-sim gait --slope -5 --speed 1.0
+      klute-sim gait --slope -5 --speed 1.0 --controller machine
+      klute-sim gait --spring-foot 6 --controller off
       klute-sim gait --device my-device.toml --mass 82 --stature 1.80 --speed 1.3
       klute-sim gait --json | python -m json.tool
     """
     from klute_sim.cli.console import notes
+    from klute_sim.control import word
     from klute_sim.device.files import DEFAULT_PROSTHESIS, load
     from klute_sim.errors import InputError
     from klute_sim.recording import run_folder
     from klute_sim.rigs.gait import reference
     from klute_sim.rigs.gait.assembly import GaitOptions
+    from klute_sim.rigs.gait.spring_foot import SpringFoot
 
     device = load(DEFAULT_PROSTHESIS if device_name is None else device_name)
-    chosen = _controller(controller, profile_file, pressure)
+    chosen = word.parse(controller_word)
+    foot = None if spring_foot is None else SpringFoot(stiffness=math.degrees(spring_foot))
     beyond = _beyond_supply(device, chosen)
     if stride_time is not None and reference_file is None:
         raise InputError("--stride-time goes with --reference")
@@ -148,6 +150,7 @@ def command(
         strides=strides,
         step=1e-3 * step_ms,
         reference=human,
+        foot=foot,
     )
     with run_folder.new("gait", out) as (folder, scratch):
         recording = _walk(device, chosen, options, law)
@@ -157,7 +160,7 @@ def command(
         notes().print(beyond, soft_wrap=True)
 
 
-def _beyond_supply(device: "Device", controller: "PressureController") -> str:
+def _beyond_supply(device: "Device", controller: "Controller") -> str:
     """What to say of a profile that asks for more than the supply has; raises InputError for a constant that does."""
     from klute_sim.control.pressure import Constant, Profile
     from klute_sim.errors import InputError
@@ -171,26 +174,7 @@ def _beyond_supply(device: "Device", controller: "PressureController") -> str:
     return ""
 
 
-def _controller(kind: str | None, profile_file: Path | None, pressure: float | None) -> "PressureController":
-    from klute_sim.control import pressure as control
-    from klute_sim.errors import InputError
-    from klute_sim.units import BAR
-
-    kind = kind or "profile"
-    if pressure is not None and kind != "constant":
-        raise InputError("--pressure goes with --controller constant")
-    if profile_file is not None and kind != "profile":
-        raise InputError("--profile goes with --controller profile")
-    if kind == "off":
-        return control.off()
-    if kind == "constant":
-        if pressure is None:
-            raise InputError("--controller constant needs --pressure BAR")
-        return control.Constant(pressure * BAR)
-    return control.load_profile(profile_file) if profile_file else control.tuned()
-
-
-def _walk(device: "Device", controller: "PressureController", options: "GaitOptions", law: str) -> "Recording":
+def _walk(device: "Device", controller: "Controller", options: "GaitOptions", law: str) -> "Recording":
     from klute_sim.cli.console import progress_bar
     from klute_sim.rigs.gait.rig import walk
 

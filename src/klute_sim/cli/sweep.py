@@ -135,7 +135,8 @@ def command(
 
     plan = _plan(devices, controllers, speeds, slopes, masses, strides, step_ms)
     if address is None:
-        _sweep(plan, partial(local.run, jobs=jobs or 0), out, with_csv=with_csv, as_json=as_json)
+        with local.Processes(jobs or 0) as processes:
+            _sweep(plan, processes.run, out, with_csv=with_csv, as_json=as_json)
         return
     if jobs is not None:
         raise InputError("--jobs goes without --ray: a cluster has as many as it has")
@@ -178,7 +179,7 @@ def _sweep(plan: "Plan", runner: "Runner", out: Path | None, *, with_csv: bool, 
     from klute_sim.sweep.store import open_folder
     from klute_sim.sweep.sweep import sweep
 
-    store = open_folder(out, plan)
+    store = open_folder(out, plan.describe(), "sweep")
     try:
         with progress_bar("walking") as progress:
             swept = sweep(plan, store, runner, progress)

@@ -4,7 +4,10 @@ The kind of controller that powered ankles are sold with: heel strike, the shank
 seen by a load cell and an inertial sensor, and each begins a state (Sup et al. 2008; Au et al. 2009).
 """
 
-from dataclasses import dataclass, field
+import tomllib
+from dataclasses import MISSING, dataclass, field, fields
+from importlib import resources
+from pathlib import Path
 from typing import Any
 
 from klute_sim.control.feedback import Sensed
@@ -58,6 +61,9 @@ class StateMachine:
                 "-30 < upright_deg < lean_deg < 60 degrees"
             )
 
+        if not 1e-3 <= self.interval <= 0.1:
+            raise InputError(f"interval of the state machine is {self.interval:g}; allowed: 0.001 to 0.1 s")
+
     def begin(self) -> None:
         """See :class:`~klute_sim.control.feedback.FeedbackController`."""
         self.state = "loading"
@@ -89,7 +95,41 @@ class StateMachine:
 
     def describe(self) -> dict[str, Any]:
         """See :class:`~klute_sim.control.feedback.FeedbackController`."""
-        own = ("loading_bar", "rollover_bar", "rollover_end_bar", "push_off_bar", "swing_bar", "strike_bw", "lift_bw")
-        return {"kind": "machine"} | {
-            name: getattr(self, name) for name in (*own, "upright_deg", "lean_deg", "interval")
-        }
+        return {"kind": "machine"} | {each.name: getattr(self, each.name) for each in fields(self) if each.init}
+
+
+def shipped() -> StateMachine:
+    """The package's own."""
+    file = resources.files("klute_sim.control") / "machine.toml"
+    return parse(file.read_text("utf-8"), "machine.toml")
+
+
+def load(path: str | Path) -> StateMachine:
+    """The state machine in a TOML file of :class:`StateMachine`'s numbers; raises InputError."""
+    try:
+        text = Path(path).read_text("utf-8-sig")  # some editors put a mark in front
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
+        raise InputError(f"state machine {path} cannot be read: {reason}") from None
+    return parse(text, str(path))
+
+
+def parse(text: str, where: str) -> StateMachine:
+    """The state machine that TOML ``text`` holds; ``where`` names it in errors."""
+    try:
+        numbers = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"state machine {where} is no TOML file: {error}") from None
+    own = {each.name: each for each in fields(StateMachine) if each.init}
+    for name, value in numbers.items():
+        if name not in own:
+            raise InputError(f"state machine {where}: there is no '{name}'; there are: {', '.join(own)}")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(f"state machine {where}: '{name}' is {value!r}; allowed: a number")
+    for name, each in own.items():
+        if each.default is MISSING and name not in numbers:
+            raise InputError(f"state machine {where}: '{name}' is missing")
+    try:
+        return StateMachine(**numbers)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None

@@ -133,3 +133,9 @@ def parse_profile(text: str, where: str) -> Profile:
             raise InputError(f"pressure profile {where}: row {number} is not two numbers") from None
         knots.append((phase, pressure))
     return Profile(Path(where).name, tuple(k[0] for k in knots), tuple(k[1] for k in knots))
+
+
+def to_csv(profile: Profile) -> str:
+    """``profile`` as the CSV file that ``klute-sim gait --controller`` takes."""
+    rows = [f"{phase:g},{bar:g}" for phase, bar in zip(profile.gait_pct, profile.pressure_bar, strict=True)]
+    return "\n".join([",".join(COLUMNS), *rows]) + "\n"

@@ -3,35 +3,40 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from klute_sim.control import machine
 from klute_sim.control import pressure as control
+from klute_sim.control.feedback import FeedbackController
 from klute_sim.control.pressure import PressureController
 from klute_sim.errors import InputError
 from klute_sim.units import BAR
 
-WORDS = "profile, off, constant:BAR, or the CSV file of a profile"
+Controller = PressureController | FeedbackController
+WORDS = "profile, off, constant:BAR, machine, the CSV file of a profile, or the TOML file of a state machine"
 """What can be typed, for help and errors."""
 
 
-def parse(word: str) -> PressureController:
-    """The controller that ``word`` names: a kind, what it needs after a colon; anything else is a profile's file.
+def parse(word: str) -> Controller:
+    """The controller that ``word`` names: a kind, what it needs after a colon; anything else is a file.
 
     Raises InputError.
     """
+    if word in ("", "."):  # a shell variable that is not set
+        raise InputError(f"the name of the controller is empty; allowed: {WORDS}")
     kind, _, argument = word.partition(":")
     if kind in KINDS:
         return KINDS[kind](argument)
     if not Path(word).suffix and not Path(word).exists():
         raise InputError(f"no controller '{word}'; allowed: {WORDS}")
-    return control.load_profile(word)
+    return machine.load(word) if Path(word).suffix.lower() == ".toml" else control.load_profile(word)
 
 
-def _off(argument: str) -> PressureController:
+def _off(argument: str) -> Controller:
     if argument:
         raise InputError(f"controller 'off:{argument}': off takes nothing after it")
     return control.off()
 
 
-def _constant(argument: str) -> PressureController:
+def _constant(argument: str) -> Controller:
     try:
         gauge = float(argument)
     except ValueError:
@@ -39,9 +44,18 @@ def _constant(argument: str) -> PressureController:
     return control.Constant(gauge * BAR)
 
 
-def _profile(argument: str) -> PressureController:
+def _profile(argument: str) -> Controller:
     return control.load_profile(argument) if argument else control.tuned()
 
 
-KINDS: dict[str, Callable[[str], PressureController]] = {"profile": _profile, "off": _off, "constant": _constant}
+def _machine(argument: str) -> Controller:
+    return machine.load(argument) if argument else machine.shipped()
+
+
+KINDS: dict[str, Callable[[str], Controller]] = {
+    "profile": _profile,
+    "off": _off,
+    "constant": _constant,
+    "machine": _machine,
+}
 """Kind -> what makes a controller of it from the text after the colon, which may be empty."""

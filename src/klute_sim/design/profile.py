@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from klute_sim.control.pressure import COLUMNS, Profile, tuned
+from klute_sim.control.pressure import Profile, tuned
 from klute_sim.design.actuator import pressure_for
 from klute_sim.design.demand import Posture
 from klute_sim.device.files import DEFAULT_PROSTHESIS, load
@@ -45,9 +45,3 @@ def carried_over(parameters: Parameters, mass: float, lies: Posture) -> Profile:
         found = pressure_for(own, force, float(ratio) * own.resting_length) if force > 0.0 else bar * BAR
         pressures.append(parameters.supply.pressure if math.isnan(found) else min(found, parameters.supply.pressure))
     return Profile("carried over", given.gait_pct, tuple(round(p / BAR, 3) for p in pressures))
-
-
-def to_csv(profile: Profile) -> str:
-    """``profile`` as the file that ``klute-sim gait --profile`` takes."""
-    rows = zip(profile.gait_pct, profile.pressure_bar, strict=True)
-    return "\n".join([",".join(COLUMNS), *(f"{phase:g},{pressure:g}" for phase, pressure in rows)]) + "\n"

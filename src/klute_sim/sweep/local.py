@@ -21,18 +21,36 @@ from klute_sim.sweep.runner import TRIES, Finished
 from klute_sim.sweep.walk import Walked, walk
 
 
-def run(combinations: Iterable[Combination], finished: Finished, jobs: int = 0) -> None:
-    """Walk ``combinations`` in ``jobs`` processes (0: one per core) and tell ``finished`` as they are done.
+class Processes:
+    """Processes of this machine that walk combinations, until the context that they were made in ends.
 
-    A process that is killed costs its own walk and no other: that one is begun again, :data:`TRIES` times in all.
-    Whatever ends this early, an interrupt or an error of ``finished``, ends the processes as well.
+    Whatever ends that early, an interrupt or an error, ends the processes as well.
     """
-    waiting = deque(combinations)
-    router.choose()  # compiled once here rather than in every process; and says if it cannot be
-    processes = [_Process() for _ in range(min(jobs or cores(), len(waiting)))]
-    idle, running = list(processes), dict[Future[Walked], tuple[_Process, Combination]]()
-    lost: Counter[str] = Counter()
-    try:
+
+    def __init__(self, jobs: int = 0) -> None:
+        """``jobs`` processes (0: one per core), begun as they are needed."""
+        self._most, self._processes = jobs or cores(), list[_Process]()
+
+    def __enter__(self) -> "Processes":
+        """See the class."""
+        router.choose()  # compiled once here rather than in every process; and says if it cannot be
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """See the class."""
+        for process in self._processes:
+            process.end()
+
+    def run(self, combinations: Iterable[Combination], finished: Finished) -> None:
+        """Walk ``combinations`` and tell ``finished`` as they are done.
+
+        A process that is killed costs its own walk and no other: that one is begun again, :data:`TRIES` times in all.
+        """
+        waiting = deque(combinations)
+        while len(self._processes) < min(self._most, len(waiting)):
+            self._processes.append(_Process())
+        idle, running = list(self._processes), dict[Future[Walked], tuple[_Process, Combination]]()
+        lost: Counter[str] = Counter()
         while waiting or running:
             while waiting and idle:
                 process, combination = idle.pop(), waiting.popleft()
@@ -50,9 +68,6 @@ def run(combinations: Iterable[Combination], finished: Finished, jobs: int = 0) 
                         continue
                     walked = None
                 finished(combination, walked)
-    finally:
-        for process in processes:
-            process.end()
 
 
 def cores() -> int:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from klute_sim.control.pressure import PressureController
+from klute_sim.control.word import Controller
 from klute_sim.device.files import Device
 from klute_sim.rigs.gait.assembly import GaitOptions
 from klute_sim.rigs.gait.build import MODEL_MASS
@@ -31,7 +31,7 @@ class Combination:
     """As it was named: a preset or a file."""
     device: Device
     controller_word: str
-    controller: PressureController
+    controller: Controller
     speed: float | None
     """[m/s]; None: the reference's own."""
     slope_deg: float
@@ -69,7 +69,7 @@ class Plan:
 
     devices: Mapping[str, Device]
     """As named -> device."""
-    controllers: Mapping[str, PressureController]
+    controllers: Mapping[str, Controller]
     """As named -> controller."""
     speeds: Sequence[float | None] = (None,)
     """[m/s]; None: the reference's own."""

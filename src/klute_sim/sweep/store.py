@@ -10,11 +10,10 @@ from typing import Any
 
 from klute_sim.errors import InputError, KluteSimError
 from klute_sim.recording.run_folder import RUNS
-from klute_sim.sweep.plan import Plan
 from klute_sim.sweep.walk import HEADINGS, Walked
 
-PLAN, WALKS = "sweep.json", "walks"
-"""The plan, and the folder of the finished walks."""
+WALKS = "walks"
+"""The folder of the finished walks."""
 
 
 class Store:
@@ -65,52 +64,56 @@ def write(file: Path, text: str) -> None:
         fresh.unlink(missing_ok=True)
 
 
-def open_folder(wanted: Path | None, plan: Plan) -> Store:
-    """The store of ``plan`` in the folder ``wanted``, new or begun before; None: in the next ``runs/sweep-NNN``.
+def open_folder(wanted: Path | None, described: dict[str, Any], kind: str) -> Store:
+    """The store of what is ``described`` in the folder ``wanted``, new or begun before.
+
+    None: in the next ``runs/kind-NNN``. What is described is kept in ``kind.json``.
 
     Raises InputError if something else is there or nothing can be written there.
     """
-    described = plan.describe()
+    plan = f"{kind}.json"
     try:
         if wanted is None:
-            return _begin(_next(), described)
+            return _begin(_next(kind), plan, described)
         if wanted.exists() and not wanted.is_dir():
             raise InputError(f"output folder {wanted} is a file; name a folder")
-        if (wanted / PLAN).exists():
-            _refuse_other(wanted, described)
+        if (wanted / plan).exists():
+            _refuse_other(wanted, plan, described)
             return Store(wanted)
         if wanted.is_dir() and any(wanted.iterdir()):
-            raise InputError(f"output folder {wanted} is not empty and holds no sweep; name a new or an empty one")
+            raise InputError(f"output folder {wanted} is not empty and holds no {kind}; name a new or an empty one")
         wanted.mkdir(parents=True, exist_ok=True)
-        return _begin(wanted, described)
+        return _begin(wanted, plan, described)
     except OSError as error:
         raise InputError(f"output folder {wanted or RUNS} cannot be written: {error.strerror}") from None
 
 
-def _next() -> Path:
-    """The next free ``runs/sweep-NNN``, made."""
+def _next(kind: str) -> Path:
+    """The next free ``runs/kind-NNN``, made."""
     number = 1
     while True:
-        folder = RUNS / f"sweep-{number:03d}"
+        folder = RUNS / f"{kind}-{number:03d}"
         with suppress(FileExistsError):
             folder.mkdir(parents=True)
             return folder
         number += 1
 
 
-def _begin(folder: Path, described: dict[str, Any]) -> Store:
+def _begin(folder: Path, plan: str, described: dict[str, Any]) -> Store:
     (folder / WALKS).mkdir(exist_ok=True)
-    write(folder / PLAN, json.dumps(described, indent=2))  # last: a folder that holds it is complete
+    write(folder / plan, json.dumps(described, indent=2))  # last: a folder that holds it is complete
     return Store(folder)
 
 
-def _refuse_other(folder: Path, described: dict[str, Any]) -> None:
-    """Raise InputError unless the plan in ``folder`` is the one ``described``."""
+def _refuse_other(folder: Path, plan: str, described: dict[str, Any]) -> None:
+    """Raise InputError unless what the file ``plan`` in ``folder`` holds is what is ``described``."""
     try:
-        there = json.loads((folder / PLAN).read_text("utf-8"))
+        there = json.loads((folder / plan).read_text("utf-8"))
         different = [name for name, value in json.loads(json.dumps(described)).items() if there.get(name) != value]
     except (ValueError, AttributeError):
-        raise InputError(f"{folder / PLAN} is no plan of a sweep; name a new or an empty folder") from None
+        raise InputError(f"{folder / plan} is no plan; name a new or an empty folder") from None
     if different:
         what = ", ".join(name.split("_")[0] for name in different)
-        raise InputError(f"output folder {folder} holds another sweep (other {what}); name a new or an empty one")
+        raise InputError(
+            f"output folder {folder} holds another {Path(plan).stem} (other {what}); name a new or an empty one"
+        )

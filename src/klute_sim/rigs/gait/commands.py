@@ -3,14 +3,13 @@
 import mujoco
 import numpy as np
 
-from klute_sim.control.feedback import FeedbackController
 from klute_sim.control.pressure import PressureController
+from klute_sim.control.word import Controller
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Samples
 from klute_sim.rigs.gait.assembly import Assembly
 from klute_sim.rigs.gait.senses import Senses, sensed
 
-Controller = PressureController | FeedbackController
 _ALL = np.ones(1, dtype=np.bool_)
 
 

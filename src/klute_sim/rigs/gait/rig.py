@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from klute_sim.control.word import Controller
 from klute_sim.device.files import Device, refuse_openings
 from klute_sim.device.ledger import Book
 from klute_sim.device.step import dead_time
@@ -22,7 +23,7 @@ from klute_sim.provenance import versions
 from klute_sim.recording.recording import Recording, Samples
 from klute_sim.rigs.gait import assembly
 from klute_sim.rigs.gait.assembly import DRIVES, Assembly, GaitOptions, assemble, start
-from klute_sim.rigs.gait.commands import Commands, Controller
+from klute_sim.rigs.gait.commands import Commands
 from klute_sim.rigs.gait.gauges import CHANNELS, Gauges
 from klute_sim.units import BAR
 

@@ -1,0 +1,172 @@
+"""Tuning: knobs and objective by what they say, and the search on problems whose answer is known."""
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.control.pressure import Profile, tuned
+from klute_sim.device.files import load
+from klute_sim.errors import InputError, KluteSimError
+from klute_sim.sweep.plan import Combination
+from klute_sim.sweep.runner import Finished
+from klute_sim.sweep.store import open_folder
+from klute_sim.sweep.walk import HEADINGS, Walked
+from klute_sim.tuning.folder import described
+from klute_sim.tuning.knobs import DEVICE, Tunable
+from klute_sim.tuning.objective import CATCH, HUMAN, Goals, Tracked, Weights, cost, named, tracking
+from klute_sim.tuning.search import Question, best, front, search
+
+pytest.importorskip("cma")
+PAIR = load("klute-1-1-4-pair")
+WALKED = Tracked(
+    moment_sd=0.7,
+    angle_sd=0.3,
+    power_sd=1.0,
+    air_g=1.5,
+    power_w_per_kg=2.66,
+    work_j_per_kg=0.21,
+    plantarflexion_deg=14.0,
+    longest_ratio=0.975,
+    catches=False,
+)
+
+
+def changed(**values: float) -> Tracked:
+    return Tracked(**{**WALKED.__dict__, **values})  # type: ignore[arg-type]
+
+
+def test_the_objective_is_what_it_says() -> None:
+    assert tracking(WALKED, Weights()) == pytest.approx(0.49 + 0.09 + 1.0)
+    assert cost(WALKED, Weights(), Goals()) == pytest.approx(1.58 + 0.15)
+    assert cost(WALKED, Weights(moment=2.0, air=1.0), Goals()) == pytest.approx(1.58 + 0.49 + 1.5)
+    assert cost(changed(catches=True), Weights(), Goals()) == pytest.approx(1.73 + CATCH)
+    assert cost(changed(longest_ratio=0.995), Weights(), Goals()) == pytest.approx(1.73 + 1e4 * 0.01**2)
+    missing = 0.3 / 0.2 + 0.64 / 0.5 + 0.005 / 0.03 + 1.0 / 1.5
+    assert cost(WALKED, Weights(), HUMAN) == pytest.approx(1.73 + missing)
+    reached = changed(moment_sd=0.39, power_w_per_kg=3.4, work_j_per_kg=0.22, plantarflexion_deg=15.1)
+    assert HUMAN.missed(reached) == 0.0
+
+
+def test_weights_are_checked() -> None:
+    assert named({"air": 0.5}) == Weights(air=0.5)
+    with pytest.raises(InputError, match="there is no weight of 'oil'; there are: moment, angle, power, air"):
+        named({"oil": 1.0})
+    for value in (-1.0, math.nan):
+        with pytest.raises(InputError, match="weight of air is"):
+            named({"air": value})
+
+
+def test_knobs_where_they_start_change_nothing() -> None:
+    tunable = Tunable(PAIR, tuned(), DEVICE)
+    device, profile = tunable.made(np.zeros(len(tunable.knobs)))
+    assert profile.gait_pct == tuned().gait_pct
+    assert profile.pressure_bar == tuned().pressure_bar
+    assert device.parameters == PAIR.parameters
+
+
+def test_knobs_stay_within_their_bounds_and_tell_how_far_they_would_go() -> None:
+    tunable = Tunable(PAIR, tuned(), ("damper.bore_mm",))
+    far = np.full(len(tunable.knobs), 100.0)
+    device, profile = tunable.made(far)
+    assert max(profile.pressure_bar) == 5.0
+    assert device.spec.numbers()["damper.bore_mm"] == pytest.approx(6.0 * 27.0)
+    assert tunable.beyond(far) > 1e3
+    assert tunable.beyond(np.zeros(len(far))) == 0.0
+    low = tunable.made(-far)[1]
+    assert min(low.pressure_bar) == 0.0
+    for knob in tunable.knobs:
+        assert knob.value(knob.place(0.5 * (knob.start + knob.high))) == pytest.approx(0.5 * (knob.start + knob.high))
+
+
+def test_timing_moves_a_profile_around_the_stride() -> None:
+    tunable = Tunable(PAIR, tuned())
+    places = np.zeros(len(tunable.knobs))
+    places[-1] = 1.5  # of 2 %
+    moved = tunable.made(places)[1]
+    phases = np.linspace(0.0, 1.0, 50, endpoint=False)
+    assert [moved.pressure(p + 0.03) for p in phases] == pytest.approx([tuned().pressure(p) for p in phases])
+
+
+@pytest.mark.parametrize(
+    ("key", "says"),
+    [("damper.colour", "has no number 'damper.colour'"), ("supply.dead_volume_l", "has no number")],
+)
+def test_a_key_that_is_no_number_is_refused(key: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        Tunable(PAIR, tuned(), (key,))
+
+
+class Bowl:
+    """In place of the rig: the nearer the pressures are to 1, 2, 3 bar the better; it counts what it is asked."""
+
+    def __init__(self, breaks_after: int | None = None) -> None:
+        self.asked, self._breaks_after = 0, breaks_after
+
+    def run(self, combinations: Iterable[Combination], finished: Finished) -> None:
+        for each in combinations:
+            if self.asked == self._breaks_after:
+                raise KeyboardInterrupt
+            self.asked += 1
+            pressures = np.array(each.controller.describe()["pressure_bar"])
+            apart = float(np.sqrt(np.sum((pressures - [1.0, 2.0, 3.0]) ** 2)))
+            values: dict[str, float | bool | None] = dict.fromkeys(HEADINGS, 0.0)
+            values |= {"moment_distance [sd]": apart, "air_per_stride [g]": float(pressures.sum()), "trips": False}
+            finished(each, Walked(values))
+
+
+def question(seed: int = 0, air: float = 0.0) -> Question:
+    profile = Profile("flat", (10.0, 40.0, 70.0), (2.0, 2.0, 2.0))
+    return Question(tunable=Tunable(PAIR, profile), mass=75.0, weights=Weights(air=air), seed=seed)
+
+
+def test_the_search_finds_what_is_there(tmp_path: Path) -> None:
+    asked = question()
+    tried = search(asked, 300, open_folder(tmp_path / "s", described(asked), "tune"), Bowl().run)
+    assert best(tried).cost < 1e-3
+    assert asked.tunable.made(best(tried).places)[1].pressure_bar == pytest.approx((1.0, 2.0, 3.0), abs=0.05)
+    assert tried[0].places == pytest.approx(0.0)
+    assert 300 <= len(tried) < 320
+    # Air costs: the best with it takes less.
+    dear = question(air=1.0)
+    other = search(dear, 300, open_folder(tmp_path / "d", described(dear), "tune"), Bowl().run)
+    assert best(other).tracked.air_g < best(tried).tracked.air_g - 0.5  # type: ignore[union-attr]
+
+
+def test_an_interrupted_search_goes_on_and_ends_where_it_would_have(tmp_path: Path) -> None:
+    asked = question(seed=3)
+    whole = search(asked, 60, open_folder(tmp_path / "whole", described(asked), "tune"), Bowl().run)
+    store = open_folder(tmp_path / "half", described(asked), "tune")
+    with pytest.raises(KeyboardInterrupt):
+        search(asked, 60, store, Bowl(breaks_after=25).run)
+    rest = Bowl()
+    again = search(asked, 60, open_folder(tmp_path / "half", described(asked), "tune"), rest.run)
+    assert [each.cost for each in again] == [each.cost for each in whole]
+    assert rest.asked == len(whole) - 25
+    with pytest.raises(InputError, match=r"holds another tune \(other seed\)"):
+        open_folder(tmp_path / "half", described(question(seed=4)), "tune")
+
+
+def test_nothing_beats_the_front(tmp_path: Path) -> None:
+    asked = question(air=0.3)
+    tried = search(asked, 150, open_folder(tmp_path / "s", described(asked), "tune"), Bowl().run)
+    ahead = front(tried)
+    air = [each.tracked.air_g for each in ahead if each.tracked is not None]
+    assert air == sorted(air)
+    for each in ahead:
+        assert not any(
+            other.tracking < each.tracking and other.tracked.air_g < each.tracked.air_g  # type: ignore[union-attr]
+            for other in tried
+        )
+
+
+def test_a_beginning_that_does_not_walk_is_refused(tmp_path: Path) -> None:
+    def falls(combinations: Iterable[Combination], finished: Finished) -> None:
+        for each in combinations:
+            finished(each, Walked({}, "the gait rig left its path"))
+
+    asked = question()
+    with pytest.raises(KluteSimError, match="where tuning begins does not walk"):
+        search(asked, 10, open_folder(tmp_path / "s", described(asked), "tune"), falls)
