@@ -35,6 +35,6 @@ def test_anything_else_is_a_file(word: str, tmp_path: Path) -> None:
     ],
 )
 def test_bad_words_are_one_sentence(word: str, says: str) -> None:
-    with pytest.raises(InputError, match="^[^\n]*$") as raised:
+    with pytest.raises(InputError, match=r"^[^\n]*$") as raised:
         parse(word)
     assert says in str(raised.value)
