@@ -22,7 +22,7 @@ from klute_sim.rigs.gait.rig import walk
 SHORT = ("--strides", "1", "--step", "1")
 ASKED = (
     *("--controller", "constant:2", "--controller", "profile", "--speed", "1.1,own", "--slope", "-4,0"),
-    *("--mass", "60", *SHORT, "--jobs", "2", "--out", "s"),
+    *("--mass", "60", *SHORT, "--jobs", "1", "--out", "s"),
 )
 
 
@@ -82,7 +82,7 @@ def test_the_same_command_shows_the_table_and_walks_nothing(
 ) -> None:
     from klute_sim.sweep import local
 
-    monkeypatch.setattr(local, "run", None)  # nothing could be walked with it
+    monkeypatch.setattr(local, "run", lambda *_, **__: pytest.fail("something was walked"))
     done = run("sweep", *ASKED, cwd=swept[0])
     assert done.returncode == 0, done.stderr
     assert done.stderr == "8 walks were there from before.\n"

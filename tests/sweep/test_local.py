@@ -47,6 +47,7 @@ def test_a_killed_process_costs_its_own_walk_alone_and_that_is_tried_again(tmp_p
     assert told["off", 75.0].failure is None
 
 
+@pytest.mark.long
 def test_processes_end_with_the_first_one_even_if_that_is_killed(tmp_path: Path) -> None:
     code = (
         "from controllers import Beating\n"

@@ -24,14 +24,8 @@ POWER = "ankle_power_peak [W/kg]"
 
 
 def plan(**changes: object) -> Plan:
-    given = {
-        "devices": {"a": DEVICE},
-        "controllers": {"off": off()},
-        "masses": (60.0, 75.0),
-        "strides": 1,
-        "step": 1e-3,
-    }
-    return Plan(**{**given, **changes})  # type: ignore[arg-type]
+    small = {"masses": (60.0, 75.0), "strides": 1, "step": 1e-3}
+    return Plan(**{"devices": {"a": DEVICE}, "controllers": {"off": off()}, **small, **changes})  # type: ignore[arg-type]
 
 
 class Here:
