@@ -5,6 +5,7 @@ that asked, so the machines need klute-sim and no common disk.
 """
 
 import os
+import socket
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import islice
@@ -15,6 +16,10 @@ from klute_sim.sweep.plan import Combination
 from klute_sim.sweep.runner import TRIES, Finished
 from klute_sim.sweep.walk import walk
 
+FOUND_BY_RAY = ("auto", "local")
+"""Words in place of an address."""
+PATIENCE = 5.0
+"""How long an address may take to answer [s]."""
 MOST_ASKED = 1000
 """Walks that Ray is asked for at a time: enough for as many cores, and for it to see what it has to wait for."""
 
@@ -31,14 +36,24 @@ def connected(address: str) -> Iterator[Any]:
         raise MissingExtraError("a sweep on a cluster", "ray") from None
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # what is walked here is nobody else's business
     try:
+        _knock(address)
         ray.init(address, log_to_driver=False, logging_level="error")
     except (OSError, ValueError, RuntimeError) as error:
-        reason = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
-        raise InputError(f"no Ray cluster at '{address}': {reason}") from None
+        raise InputError(f"no Ray cluster at '{address}': {_first_line(error)}") from None
     try:
         yield ray
     finally:
         ray.shutdown()
+
+
+def _knock(address: str) -> None:
+    """Raise OSError or ValueError where nobody listens: Ray itself would go on trying for a long time."""
+    if address in FOUND_BY_RAY:
+        return
+    host, _, port = address.rpartition("://")[2].rpartition(":")
+    if not host or not port.isdigit():
+        raise ValueError("an address is HOST:PORT")
+    socket.create_connection((host, int(port)), timeout=PATIENCE).close()
 
 
 def run(combinations: Iterable[Combination], finished: Finished, ray: Any) -> None:
@@ -66,5 +81,10 @@ def _told(cause: BaseException) -> KluteSimError:
     """What a walk raised elsewhere; anything but an error of ours means that it could not even begin."""
     if isinstance(cause, KluteSimError):
         return cause
-    reason = (str(cause).strip().splitlines() or [""])[0]
-    return KluteSimError(f"a machine of the cluster cannot walk ({type(cause).__name__}: {reason}): it needs klute-sim")
+    return KluteSimError(f"a machine of the cluster cannot walk ({_first_line(cause)}): it needs klute-sim")
+
+
+def _first_line(error: BaseException) -> str:
+    """What ``error`` says first: Ray's own say much."""
+    said = getattr(error, "strerror", None) or str(error).strip() or type(error).__name__
+    return said.splitlines()[0].rstrip(".")

@@ -1,0 +1,164 @@
+"""``klute-sim sweep`` end to end, as a user types it."""
+
+import csv
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from command import run
+from klute_sim.control.word import parse
+from klute_sim.device.files import load
+from klute_sim.report.outcomes import outcomes
+from klute_sim.rigs.gait.assembly import GaitOptions
+from klute_sim.rigs.gait.rig import walk
+
+SHORT = ("--strides", "1", "--step", "1")
+ASKED = (
+    *("--controller", "constant:2", "--controller", "profile", "--speed", "1.1,own", "--slope", "-4,0"),
+    *("--mass", "60", *SHORT, "--jobs", "1", "--out", "s"),
+)
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("sweep")
+    done = run("sweep", *ASKED, "--csv", "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return folder, json.loads(done.stdout)
+
+
+def test_the_table_holds_the_outcomes_of_single_walks_bit_for_bit(swept: tuple[Path, dict[str, Any]]) -> None:
+    folder, found = swept
+    rows = pq.read_table(folder / "s" / "sweep.parquet").to_pylist()
+    assert rows == found["rows"]
+    asked = [(r["controller"], r["speed_asked [m/s]"], r["slope [deg]"]) for r in rows]
+    assert asked == [(c, v, s) for c in ("constant:2", "profile") for v in (1.1, None) for s in (-4.0, 0.0)]
+    for row, (controller, speed, slope) in zip(rows, asked, strict=True):
+        options = GaitOptions(mass=60.0, speed=speed, slope=math.radians(slope), strides=1, step=1e-3)
+        recording = walk(load("klute-1-1-4-pair"), parse(controller), options)
+        outcome = outcomes(recording)
+        (stride,) = outcome.strides
+        human = speed is None and slope == 0.0
+        assert row["speed [m/s]"] == recording.provenance["options"]["speed_m_per_s"]
+        assert row["angle_distance [sd]"] == (stride.angle_distance_sd.stance_rms if human else None)
+        assert row["moment_distance [sd]"] == (stride.moment_distance_sd.stance_rms if human else None)
+        assert row["power_distance [sd]"] == (stride.power_distance_sd.stance_rms if human else None)
+        assert row["ankle_power_peak [W/kg]"] == stride.ankle_power_peak_w_per_kg
+        assert row["ankle_work_net [J/kg]"] == stride.ankle_work_net_j_per_kg
+        assert row["ankle_work_positive [J/kg]"] == stride.ankle_work_positive_j_per_kg
+        assert row["ankle_moment_peak [N*m/kg]"] == stride.ankle_moment_peak_nm_per_kg
+        assert row["ankle_range [deg]"] == stride.ankle_range_deg
+        assert row["toe_off [%]"] == stride.toe_off_pct
+        assert row["rollover_radius [m]"] == stride.rollover_radius_m
+        assert row["grf_vertical_tracking_rms [1]"] == stride.grf_vertical_tracking_rms_bw
+        assert row["air_per_stride [g]"] == stride.air_g
+        assert row["short_of_supply [%]"] == stride.short_of_supply_pct
+        assert row["trips"] is outcome.trips
+        assert row["failure"] is None
+
+
+def test_the_csv_reads_back_and_the_folder_says_what_was_asked_for(swept: tuple[Path, dict[str, Any]]) -> None:
+    folder, found = swept
+    with (folder / "s" / "sweep.csv").open(newline="") as file:
+        read = list(csv.DictReader(file))
+    assert [float(row["toe_off [%]"]) for row in read] == [row["toe_off [%]"] for row in found["rows"]]
+    assert read[0]["moment_distance [sd]"] == ""
+    plan = json.loads((folder / "s" / "sweep.json").read_text())
+    assert plan["devices"]["klute-1-1-4-pair"]["file"] == load("klute-1-1-4-pair").content.decode()
+    assert plan["controllers"]["constant:2"] == {"kind": "constant", "pressure_bar": 2.0}
+    assert {file.name for file in (folder / "s").iterdir()} == {"sweep.parquet", "sweep.csv", "sweep.json", "walks"}
+
+
+def test_the_same_command_shows_the_table_and_walks_nothing(
+    swept: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from klute_sim.sweep import local
+
+    monkeypatch.setattr(local, "run", lambda *_, **__: pytest.fail("something was walked"))
+    done = run("sweep", *ASKED, cwd=swept[0])
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == "8 walks were there from before.\n"
+    assert "8 combinations" in done.stdout
+    assert "own" in done.stdout
+    assert "Sweep folder: s  (sweep.csv, sweep.json, sweep.parquet)" in done.stdout
+
+
+def test_a_device_that_does_not_fit_is_a_row_with_the_reason(tmp_path: Path) -> None:
+    devices = ("--device", "klute-3-4", "--device", "klute-1-1-4-pair")
+    done = run("sweep", *devices, "--controller", "off", *SHORT, "--jobs", "1", cwd=tmp_path, COLUMNS="160")
+    assert done.returncode == 0, done.stderr
+    assert "its file has no [tendon] section" in done.stdout
+    assert "1 of 2 combinations have no outcomes" in done.stdout
+    failures = pq.read_table(tmp_path / "runs" / "sweep-001" / "sweep.parquet").column("failure").to_pylist()
+    assert failures == ["device 'klute-3-4' cannot be built into an ankle: its file has no [tendon] section", None]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
+    code = (
+        "import os, signal\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a job in the background ignores it
+        "from klute_sim.sweep.store import Store\n"
+        "put = Store.put\n"
+        "def interrupted(*arguments):\n"
+        "    put(*arguments)\n"
+        "    os.killpg(0, signal.SIGINT)\n"  # as a terminal does: every process gets it
+        "Store.put = interrupted\n"
+        "from klute_sim.cli import main\n"
+        "main(['sweep', '--mass', '60,75,90', '--strides', '1', '--step', '1', '--jobs', '1', '--out', 's'])\n"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, check=False, start_new_session=True, timeout=120
+    )
+    assert done.returncode == 130
+    assert "with --out s goes on where it was" in done.stderr
+    assert done.stderr.strip().splitlines()[-1] == "klute-sim: interrupted; no file was left half-written"
+    assert "Traceback" not in done.stderr
+    assert len(list((tmp_path / "s" / "walks").iterdir())) == 1
+    assert not (tmp_path / "s" / "sweep.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--device", "nobody"], "no device 'nobody'"),
+        (["--controller", "pid"], "no controller 'pid'; allowed: profile, off, constant:BAR"),
+        (["--controller", "constant:x"], "needs a pressure in bar"),
+        (["--mass", "60,-75"], "mass is -75; allowed: 20 to 250 kg"),
+        (["--mass", "60,,75"], "'' is not a number"),
+        (["--mass", "own"], "'own' is not a number"),
+        (["--speed", "fast"], "'fast' is not a number or 'own'"),
+        (["--speed", "nan"], "speed is nan"),
+        (["--slope", "30"], "slope is 30; allowed: -10 to 10 degrees"),
+        (["--strides", "0"], "strides is 0; allowed: 1 to 200"),
+        (["--step", "7"], "step is 7; allowed: 0.01 to 1 ms"),
+        (["--jobs", "-1"], "--jobs"),
+        (["--jobs", "2", "--ray", "local"], "--jobs goes without --ray"),
+        (["--out", ""], "the path is empty"),
+        (["--out", "full"], "output folder full is not empty and holds no sweep"),
+        (["--out", "file"], "output folder file is a file"),
+        (["--out", "file/s"], "output folder file/s cannot be written"),
+        (["--out", "odd"], "is no plan of a sweep"),
+        (["--out", "other"], "output folder other holds another sweep (other devices, controllers, speeds"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_leaves_nothing(arguments: list[str], says: str, tmp_path: Path) -> None:
+    for name, text in (("full/x", ""), ("odd/sweep.json", "[]"), ("other/sweep.json", "{}"), ("file", "")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    before = sorted(tmp_path.rglob("*"))
+    done = run("sweep", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert done.stdout == ""
+    assert sorted(tmp_path.rglob("*")) == before

@@ -1,0 +1,150 @@
+"""Sweeps with walks done in place: what is kept, gone on with, refused, and what is in the table."""
+
+import errno
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from klute_sim.control.pressure import Constant, off
+from klute_sim.device.files import load
+from klute_sim.errors import InputError, KluteSimError
+from klute_sim.sweep import store, table
+from klute_sim.sweep.plan import Combination, Plan
+from klute_sim.sweep.runner import Finished
+from klute_sim.sweep.store import open_folder
+from klute_sim.sweep.sweep import sweep
+from klute_sim.sweep.walk import walk
+
+DEVICE = load("klute-1-1-4-pair")
+POWER = "ankle_power_peak [W/kg]"
+
+
+def plan(**changes: object) -> Plan:
+    small = {"masses": (60.0, 75.0), "strides": 1, "step": 1e-3}
+    return Plan(**{"devices": {"a": DEVICE}, "controllers": {"off": off()}, **small, **changes})  # type: ignore[arg-type]
+
+
+class Here:
+    """Walks in this process, and remembers what it walked."""
+
+    def __init__(self) -> None:
+        self.walked: list[Combination] = []
+
+    def __call__(self, combinations: Iterable[Combination], finished: Finished) -> None:
+        for combination in combinations:
+            self.walked.append(combination)
+            finished(combination, walk(combination))
+
+
+def test_combinations_come_in_the_order_given_the_last_one_changing_first() -> None:
+    planned = plan(
+        devices={"b": DEVICE, "a": DEVICE},
+        controllers={"off": off(), "low": Constant(1e5)},
+        speeds=(1.2, None),
+        slopes_deg=(3.0, -3.0),
+        masses=(75.0, 60.0),
+    )
+    listed = [
+        (c.device_word, c.controller_word, c.speed, c.slope_deg, c.mass) for c in planned.combinations()
+    ]  # fmt: skip
+    assert len(listed) == 32
+    assert listed[:5] == [
+        ("b", "off", 1.2, 3.0, 75.0),
+        ("b", "off", 1.2, 3.0, 60.0),
+        ("b", "off", 1.2, -3.0, 75.0),
+        ("b", "off", 1.2, -3.0, 60.0),
+        ("b", "off", None, 3.0, 75.0),
+    ]
+    assert listed[8][1] == "low"
+    assert listed[16][0] == "a"
+
+
+def test_what_is_finished_is_not_walked_again_and_what_the_disk_lost_is(tmp_path: Path) -> None:
+    first, told = Here(), list[float]()
+    swept = sweep(plan(), open_folder(tmp_path / "s", plan()), first, told.append)
+    assert [c.mass for c in first.walked] == [60.0, 75.0]
+    assert (swept.kept, swept.failed, told) == (0, 0, [0.0, 0.5, 1.0])
+    files = {c.mass: tmp_path / "s" / "walks" / f"{c.key}.json" for c in first.walked}
+    marked = json.loads(files[60.0].read_text())
+    marked["outcomes"][POWER] = 123.0
+    files[60.0].write_text(json.dumps(marked))
+    files[75.0].write_text(files[75.0].read_text()[:40])
+
+    second, told = Here(), []
+    again = sweep(plan(), open_folder(tmp_path / "s", plan()), second, told.append)
+    assert [c.mass for c in second.walked] == [75.0]
+    assert (again.kept, told) == (1, [0.5, 1.0])
+    assert [row[POWER] for row in again.rows] == [123.0, swept.rows[1][POWER]]
+    third = Here()
+    assert sweep(plan(), open_folder(tmp_path / "s", plan()), third).rows == again.rows
+    assert third.walked == []
+
+
+def test_two_names_for_the_same_are_two_rows_of_one_walk(tmp_path: Path) -> None:
+    here, planned = Here(), plan(devices={"a": DEVICE, "b": DEVICE}, masses=(60.0,))
+    rows = sweep(planned, open_folder(tmp_path / "s", planned), here).rows
+    assert len(here.walked) == 1
+    assert [row.pop("device") for row in rows] == ["a", "b"]
+    assert rows[0] == rows[1]
+
+
+def test_a_full_disk_keeps_what_was_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept, write = open_folder(tmp_path / "s", plan()), store.write
+
+    def full(file: Path, text: str) -> None:
+        if any(file.parent.glob("*.json")):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(file, text)
+
+    monkeypatch.setattr(store, "write", full)
+    with pytest.raises(KluteSimError, match="the disk is full: what was walked so far is kept"):
+        sweep(plan(), kept, Here())
+    monkeypatch.undo()
+    here = Here()
+    assert sweep(plan(), open_folder(tmp_path / "s", plan()), here).kept == 1
+    assert [c.mass for c in here.walked] == [75.0]
+
+
+def test_a_file_that_cannot_be_written_whole_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def half(file: Path, text: str, encoding: str) -> None:
+        with file.open("w") as out:
+            out.write(text[:10])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", half)
+    with pytest.raises(OSError, match="No space"):
+        store.write(tmp_path / "x.json", "0123456789abc")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        ({"masses": (60.0,)}, "other masses"),
+        ({"controllers": {"off": Constant(1e5)}}, "other controllers"),
+        ({"slopes_deg": (1.0,), "step": 5e-4}, "other slopes, step"),
+        ({"devices": {"a": load("klute-1-1-4-pair-valve")}}, "other devices"),
+    ],
+)
+def test_a_folder_of_another_sweep_is_refused(change: dict[str, object], what: str, tmp_path: Path) -> None:
+    open_folder(tmp_path / "s", plan())
+    with pytest.raises(InputError, match=f"holds another sweep \\({what}\\)"):
+        open_folder(tmp_path / "s", plan(**change))
+
+
+def test_the_table_is_typed_and_says_what_made_it(tmp_path: Path) -> None:
+    planned = plan(devices={"a": DEVICE, "no": load("klute-3-4")}, masses=(60.0,))
+    rows = sweep(planned, open_folder(tmp_path / "s", planned), Here()).rows
+    table.write_parquet(rows, planned, tmp_path / "t.parquet")
+    read = pq.read_table(tmp_path / "t.parquet")
+    assert read.to_pylist() == rows
+    assert {name: read.schema.field(name).type for name in table.COLUMNS} == table.COLUMNS
+    assert read.schema.field("mass [kg]").metadata == {b"unit": b"kg"}
+    assert json.loads(read.schema.metadata[b"klute_sim"]) == json.loads(json.dumps(planned.describe()))
+    assert read.column("trips").to_pylist() == [False, None]
+    assert read.column("failure").type == pa.string()
+    assert "no [tendon] section" in read.column("failure").to_pylist()[1]

@@ -1,0 +1,95 @@
+"""One combination: its outcomes, when there is a human to compare with, and what is a row instead of an end."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from klute_sim.control.pressure import off, tuned
+from klute_sim.device.files import load
+from klute_sim.errors import KluteSimError, SimulationError
+from klute_sim.rigs.gait import rig
+from klute_sim.sweep.plan import Combination
+from klute_sim.sweep.walk import DISTANCES, HEADINGS, walk
+
+DEFAULT = Combination(
+    device_word="mine",
+    device=load("klute-1-1-4-pair"),
+    controller_word="profile",
+    controller=tuned(),
+    speed=None,
+    slope_deg=0.0,
+    mass=75.0,
+    strides=1,
+    step=1e-3,
+)
+
+
+def test_a_walk_has_every_outcome_in_the_order_of_the_table() -> None:
+    walked = walk(DEFAULT)
+    assert walked.failure is None
+    assert tuple(walked.outcomes) == HEADINGS
+    assert None not in walked.outcomes.values()
+
+
+@pytest.mark.parametrize(
+    ("change", "compared"),
+    [({"step": 7e-4}, True), ({"speed": 1.2}, False), ({"slope_deg": -3.0}, False)],
+    ids=["own speed in odd steps", "another speed", "downhill"],
+)
+def test_humans_are_there_to_compare_with_on_the_level_at_their_own_speed(
+    change: dict[str, float], compared: bool
+) -> None:
+    found = walk(replace(DEFAULT, **change)).outcomes
+    assert [found[heading] is not None for heading in DISTANCES] == [compared] * 3
+    assert found["ankle_power_peak [W/kg]"] is not None
+
+
+def test_a_device_that_does_not_fit_is_a_reason() -> None:
+    walked = walk(replace(DEFAULT, device=load("klute-3-4")))
+    assert not walked.outcomes
+    assert walked.failure == "device 'klute-3-4' cannot be built into an ankle: its file has no [tendon] section"
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (SimulationError("the gait rig left its path"), "the gait rig left its path"),
+        (ZeroDivisionError("by zero"), "unexpected ZeroDivisionError: by zero"),
+    ],
+)
+def test_what_goes_wrong_in_a_walk_is_a_reason(error: Exception, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(rig, "walk", fails)
+    assert walk(DEFAULT).failure == reason
+
+
+def test_too_little_memory_says_nothing_about_the_combination(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(rig, "walk", fails)
+    with pytest.raises(MemoryError):
+        walk(DEFAULT)
+
+
+def test_other_software_than_planned_is_refused() -> None:
+    with pytest.raises(KluteSimError, match="other mujoco"):
+        walk(replace(DEFAULT, software={**DEFAULT.software, "mujoco": "0.1"}))
+
+
+def test_the_key_is_of_all_that_the_outcomes_depend_on_and_of_no_name() -> None:
+    changed = [
+        replace(DEFAULT, device=load("klute-1-1-4-pair-valve")),
+        replace(DEFAULT, controller=off()),
+        replace(DEFAULT, speed=1.0),
+        replace(DEFAULT, slope_deg=1.0),
+        replace(DEFAULT, mass=math.nextafter(75.0, 76.0)),
+        replace(DEFAULT, strides=2),
+        replace(DEFAULT, step=5e-4),
+        replace(DEFAULT, software={**DEFAULT.software, "code": "other"}),
+    ]
+    assert len({DEFAULT.key, *(each.key for each in changed)}) == 9
+    assert replace(DEFAULT, device_word="other", controller_word="other").key == DEFAULT.key
