@@ -82,7 +82,7 @@ def test_the_same_command_shows_the_table_and_walks_nothing(
 ) -> None:
     from klute_sim.sweep import local
 
-    monkeypatch.setattr(local, "run", lambda *_, **__: pytest.fail("something was walked"))
+    monkeypatch.setattr(local.Processes, "run", lambda *_, **__: pytest.fail("something was walked"))
     done = run("sweep", *ASKED, cwd=swept[0])
     assert done.returncode == 0, done.stderr
     assert done.stderr == "8 walks were there from before.\n"

@@ -37,7 +37,8 @@ def test_a_killed_process_costs_its_own_walk_alone_and_that_is_tried_again(tmp_p
     def finished(combination: Combination, walked: Walked | None) -> None:
         told[combination.controller_word, combination.mass] = walked
 
-    local.run(some, finished, jobs=2)
+    with local.Processes(2) as processes:
+        processes.run(some, finished)
     assert len(told) == 4
     assert told["always", 60.0] is None
     assert len(list((tmp_path / "always").iterdir())) == TRIES == 3
@@ -56,7 +57,8 @@ def test_processes_end_with_the_first_one_even_if_that_is_killed(tmp_path: Path)
         "from klute_sim.sweep.plan import Plan\n"
         "if __name__ == '__main__':\n"
         "    plan = Plan(devices={'a': load('klute-1-1-4-pair')}, controllers={'b': Beating('beat')})\n"
-        "    local.run(plan.combinations(), print, jobs=1)\n"
+        "    with local.Processes(1) as processes:\n"
+        "        processes.run(plan.combinations(), print)\n"
     )
     paths = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
     first = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, env={**os.environ, "PYTHONPATH": paths})

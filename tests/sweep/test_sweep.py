@@ -65,7 +65,7 @@ def test_combinations_come_in_the_order_given_the_last_one_changing_first() -> N
 
 def test_what_is_finished_is_not_walked_again_and_what_the_disk_lost_is(tmp_path: Path) -> None:
     first, told = Here(), list[float]()
-    swept = sweep(plan(), open_folder(tmp_path / "s", plan()), first, told.append)
+    swept = sweep(plan(), open_folder(tmp_path / "s", plan().describe(), "sweep"), first, told.append)
     assert [c.mass for c in first.walked] == [60.0, 75.0]
     assert (swept.kept, swept.failed, told) == (0, 0, [0.0, 0.5, 1.0])
     files = {c.mass: tmp_path / "s" / "walks" / f"{c.key}.json" for c in first.walked}
@@ -75,25 +75,25 @@ def test_what_is_finished_is_not_walked_again_and_what_the_disk_lost_is(tmp_path
     files[75.0].write_text(files[75.0].read_text()[:40])
 
     second, told = Here(), []
-    again = sweep(plan(), open_folder(tmp_path / "s", plan()), second, told.append)
+    again = sweep(plan(), open_folder(tmp_path / "s", plan().describe(), "sweep"), second, told.append)
     assert [c.mass for c in second.walked] == [75.0]
     assert (again.kept, told) == (1, [0.5, 1.0])
     assert [row[POWER] for row in again.rows] == [123.0, swept.rows[1][POWER]]
     third = Here()
-    assert sweep(plan(), open_folder(tmp_path / "s", plan()), third).rows == again.rows
+    assert sweep(plan(), open_folder(tmp_path / "s", plan().describe(), "sweep"), third).rows == again.rows
     assert third.walked == []
 
 
 def test_two_names_for_the_same_are_two_rows_of_one_walk(tmp_path: Path) -> None:
     here, planned = Here(), plan(devices={"a": DEVICE, "b": DEVICE}, masses=(60.0,))
-    rows = sweep(planned, open_folder(tmp_path / "s", planned), here).rows
+    rows = sweep(planned, open_folder(tmp_path / "s", planned.describe(), "sweep"), here).rows
     assert len(here.walked) == 1
     assert [row.pop("device") for row in rows] == ["a", "b"]
     assert rows[0] == rows[1]
 
 
 def test_a_full_disk_keeps_what_was_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept, write = open_folder(tmp_path / "s", plan()), store.write
+    kept, write = open_folder(tmp_path / "s", plan().describe(), "sweep"), store.write
 
     def full(file: Path, text: str) -> None:
         if any(file.parent.glob("*.json")):
@@ -105,7 +105,7 @@ def test_a_full_disk_keeps_what_was_finished(tmp_path: Path, monkeypatch: pytest
         sweep(plan(), kept, Here())
     monkeypatch.undo()
     here = Here()
-    assert sweep(plan(), open_folder(tmp_path / "s", plan()), here).kept == 1
+    assert sweep(plan(), open_folder(tmp_path / "s", plan().describe(), "sweep"), here).kept == 1
     assert [c.mass for c in here.walked] == [75.0]
 
 
@@ -131,14 +131,14 @@ def test_a_file_that_cannot_be_written_whole_is_not_there(tmp_path: Path, monkey
     ],
 )
 def test_a_folder_of_another_sweep_is_refused(change: dict[str, object], what: str, tmp_path: Path) -> None:
-    open_folder(tmp_path / "s", plan())
+    open_folder(tmp_path / "s", plan().describe(), "sweep")
     with pytest.raises(InputError, match=f"holds another sweep \\({what}\\)"):
-        open_folder(tmp_path / "s", plan(**change))
+        open_folder(tmp_path / "s", plan(**change).describe(), "sweep")
 
 
 def test_the_table_is_typed_and_says_what_made_it(tmp_path: Path) -> None:
     planned = plan(devices={"a": DEVICE, "no": load("klute-3-4")}, masses=(60.0,))
-    rows = sweep(planned, open_folder(tmp_path / "s", planned), Here()).rows
+    rows = sweep(planned, open_folder(tmp_path / "s", planned.describe(), "sweep"), Here()).rows
     table.write_parquet(rows, planned, tmp_path / "t.parquet")
     read = pq.read_table(tmp_path / "t.parquet")
     assert read.to_pylist() == rows

@@ -111,7 +111,7 @@ def _refuse_other(folder: Path, plan: str, described: dict[str, Any]) -> None:
         there = json.loads((folder / plan).read_text("utf-8"))
         different = [name for name, value in json.loads(json.dumps(described)).items() if there.get(name) != value]
     except (ValueError, AttributeError):
-        raise InputError(f"{folder / plan} is no plan; name a new or an empty folder") from None
+        raise InputError(f"{folder / plan} is no plan of a {Path(plan).stem}; name a new or an empty folder") from None
     if different:
         what = ", ".join(name.split("_")[0] for name in different)
         raise InputError(
