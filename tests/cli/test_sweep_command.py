@@ -19,10 +19,10 @@ from klute_sim.report.outcomes import outcomes
 from klute_sim.rigs.gait.assembly import GaitOptions
 from klute_sim.rigs.gait.rig import walk
 
-SHORT = ("--strides", "1", "--step", "1")
 ASKED = (
+    *("--device", "klute-3-4", "--device", "klute-1-1-4-pair"),
     *("--controller", "constant:2", "--controller", "profile", "--speed", "1.1,own", "--slope", "-4,0"),
-    *("--mass", "60", *SHORT, "--jobs", "1", "--out", "s"),
+    *("--mass", "60", "--strides", "1", "--step", "1", "--jobs", "1", "--out", "s"),
 )
 
 
@@ -39,6 +39,8 @@ def test_the_table_holds_the_outcomes_of_single_walks_bit_for_bit(swept: tuple[P
     folder, found = swept
     rows = pq.read_table(folder / "s" / "sweep.parquet").to_pylist()
     assert rows == found["rows"]
+    assert [r["device"] for r in rows] == ["klute-3-4"] * 8 + ["klute-1-1-4-pair"] * 8
+    rows = rows[8:]
     asked = [(r["controller"], r["speed_asked [m/s]"], r["slope [deg]"]) for r in rows]
     assert asked == [(c, v, s) for c in ("constant:2", "profile") for v in (1.1, None) for s in (-4.0, 0.0)]
     for row, (controller, speed, slope) in zip(rows, asked, strict=True):
@@ -65,11 +67,19 @@ def test_the_table_holds_the_outcomes_of_single_walks_bit_for_bit(swept: tuple[P
         assert row["failure"] is None
 
 
+def test_a_device_that_does_not_fit_is_a_row_with_the_reason(swept: tuple[Path, dict[str, Any]]) -> None:
+    assert swept[1]["failed"] == 8
+    for row in swept[1]["rows"][:8]:
+        assert row["failure"] == "device 'klute-3-4' cannot be built into an ankle: its file has no [tendon] section"
+        assert row["toe_off [%]"] is None
+        assert row["trips"] is None
+
+
 def test_the_csv_reads_back_and_the_folder_says_what_was_asked_for(swept: tuple[Path, dict[str, Any]]) -> None:
     folder, found = swept
     with (folder / "s" / "sweep.csv").open(newline="") as file:
         read = list(csv.DictReader(file))
-    assert [float(row["toe_off [%]"]) for row in read] == [row["toe_off [%]"] for row in found["rows"]]
+    assert [float(r["toe_off [%]"]) for r in read[8:]] == [r["toe_off [%]"] for r in found["rows"][8:]]
     assert read[0]["moment_distance [sd]"] == ""
     plan = json.loads((folder / "s" / "sweep.json").read_text())
     assert plan["devices"]["klute-1-1-4-pair"]["file"] == load("klute-1-1-4-pair").content.decode()
@@ -82,23 +92,15 @@ def test_the_same_command_shows_the_table_and_walks_nothing(
 ) -> None:
     from klute_sim.sweep import local
 
-    monkeypatch.setattr(local.Processes, "run", lambda *_, **__: pytest.fail("something was walked"))
-    done = run("sweep", *ASKED, cwd=swept[0])
+    monkeypatch.setattr(local, "run", lambda *_, **__: pytest.fail("something was walked"))
+    done = run("sweep", *ASKED, cwd=swept[0], COLUMNS="220")
     assert done.returncode == 0, done.stderr
-    assert done.stderr == "8 walks were there from before.\n"
-    assert "8 combinations" in done.stdout
+    assert done.stderr == "16 walks were there from before.\n"
+    assert "16 combinations" in done.stdout
+    assert "its file has no [tendon] section" in done.stdout
+    assert "8 of 16 combinations have no outcomes" in done.stdout
     assert "own" in done.stdout
     assert "Sweep folder: s  (sweep.csv, sweep.json, sweep.parquet)" in done.stdout
-
-
-def test_a_device_that_does_not_fit_is_a_row_with_the_reason(tmp_path: Path) -> None:
-    devices = ("--device", "klute-3-4", "--device", "klute-1-1-4-pair")
-    done = run("sweep", *devices, "--controller", "off", *SHORT, "--jobs", "1", cwd=tmp_path, COLUMNS="160")
-    assert done.returncode == 0, done.stderr
-    assert "its file has no [tendon] section" in done.stdout
-    assert "1 of 2 combinations have no outcomes" in done.stdout
-    failures = pq.read_table(tmp_path / "runs" / "sweep-001" / "sweep.parquet").column("failure").to_pylist()
-    assert failures == ["device 'klute-3-4' cannot be built into an ankle: its file has no [tendon] section", None]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")

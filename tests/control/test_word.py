@@ -25,8 +25,7 @@ def test_anything_else_is_a_file(word: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("word", "says"),
     [
-        ("pid", "no controller 'pid'; allowed: profile, off, constant:BAR, or the CSV file"),
-        ("", "no controller ''"),
+        ("pid", "no controller 'pid'; allowed: profile, off, constant:BAR"),
         ("none.csv", "pressure profile none.csv cannot be read"),
         ("constant", "'constant:' needs a pressure in bar"),
         ("constant:much", "'constant:much' needs a pressure in bar"),

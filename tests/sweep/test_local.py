@@ -1,15 +1,17 @@
 """Walks in processes of their own: killed ones, and what becomes of them when the first process ends."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 from controllers import Deadly
 
-from klute_sim.control.pressure import off
+from klute_sim.control.pressure import Constant, PressureController, off
 from klute_sim.device.files import load
 from klute_sim.sweep import local
 from klute_sim.sweep.plan import Combination, Plan
@@ -19,33 +21,48 @@ from klute_sim.sweep.walk import Walked
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 
 
+def walked(combinations: Iterable[Combination]) -> dict[str, Walked | None]:
+    """What becomes of ``combinations`` in two processes, by their controller's word."""
+    told = dict[str, Walked | None]()
+
+    def finished(combination: Combination, result: Walked | None) -> None:
+        assert combination.controller_word not in told
+        told[combination.controller_word] = result
+
+    local.run(combinations, finished, jobs=2)
+    return told
+
+
+def plan(**controllers: PressureController) -> Plan:
+    return Plan(devices={"a": load("klute-1-1-4-pair")}, controllers=controllers, strides=1, step=1e-3)
+
+
 def test_a_killed_process_costs_its_own_walk_alone_and_that_is_tried_again(tmp_path: Path) -> None:
-    for name in ("once", "always"):
-        (tmp_path / name).mkdir()
-    once, always = Deadly(str(tmp_path / "once"), 1), Deadly(str(tmp_path / "always"), 99)
-    plan = Plan(
-        devices={"a": load("klute-1-1-4-pair")},
-        controllers={"always": always, "once": once, "off": off()},
-        masses=(60.0, 75.0),
-        strides=1,
-        step=1e-3,
-    )
-    # The deadly ones on one mass only, so that every process but theirs has something to lose.
-    some = [c for c in plan.combinations() if c.controller_word == "off" or c.mass == 60.0]
-    told = dict[tuple[str, float], Walked | None]()
+    told = walked(plan(off=off(), deadly=Deadly(str(tmp_path), 2), low=Constant(1e5)).combinations())
+    assert len(list(tmp_path.iterdir())) == 2
+    assert set(told) == {"off", "deadly", "low"}
+    assert told["deadly"] == told["off"]
+    assert told["off"] is not None
+    assert told["off"].failure is None
+    assert told["low"] is not None
+    assert told["low"].failure is None
 
-    def finished(combination: Combination, walked: Walked | None) -> None:
-        told[combination.controller_word, combination.mass] = walked
 
-    with local.Processes(2) as processes:
-        processes.run(some, finished)
-    assert len(told) == 4
-    assert told["always", 60.0] is None
-    assert len(list((tmp_path / "always").iterdir())) == TRIES == 3
-    assert len(list((tmp_path / "once").iterdir())) == 1
-    assert told["once", 60.0] == told["off", 60.0]
-    assert told["off", 75.0] is not None
-    assert told["off", 75.0].failure is None
+@pytest.mark.long
+def test_a_walk_whose_process_is_killed_every_time_is_given_up(tmp_path: Path) -> None:
+    told = walked(plan(deadly=Deadly(str(tmp_path), 99), off=off()).combinations())
+    assert len(list(tmp_path.iterdir())) == TRIES == 3
+    assert told["deadly"] is None
+    assert told["off"] is not None
+
+
+def test_a_process_begun_while_interrupts_are_held_never_hears_of_them() -> None:
+    asks = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    with local._interrupts_held():
+        held = subprocess.run([sys.executable, "-c", asks], capture_output=True, text=True, check=True)
+    assert held.stdout == "True\n"
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
 
 
 @pytest.mark.long
@@ -57,8 +74,7 @@ def test_processes_end_with_the_first_one_even_if_that_is_killed(tmp_path: Path)
         "from klute_sim.sweep.plan import Plan\n"
         "if __name__ == '__main__':\n"
         "    plan = Plan(devices={'a': load('klute-1-1-4-pair')}, controllers={'b': Beating('beat')})\n"
-        "    with local.Processes(1) as processes:\n"
-        "        processes.run(plan.combinations(), print)\n"
+        "    local.run(plan.combinations(), print, jobs=1)\n"
     )
     paths = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
     first = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, env={**os.environ, "PYTHONPATH": paths})

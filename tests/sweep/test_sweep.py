@@ -142,9 +142,11 @@ def test_the_table_is_typed_and_says_what_made_it(tmp_path: Path) -> None:
     table.write_parquet(rows, planned, tmp_path / "t.parquet")
     read = pq.read_table(tmp_path / "t.parquet")
     assert read.to_pylist() == rows
-    assert {name: read.schema.field(name).type for name in table.COLUMNS} == table.COLUMNS
+    assert read.schema.names == list(table.COLUMNS)
+    assert [read.schema.field(name).type for name in ("device", "strides [1]", "toe_off [%]", "trips", "failure")] == [
+        pa.string(), pa.int64(), pa.float64(), pa.bool_(), pa.string(),
+    ]  # fmt: skip
     assert read.schema.field("mass [kg]").metadata == {b"unit": b"kg"}
     assert json.loads(read.schema.metadata[b"klute_sim"]) == json.loads(json.dumps(planned.describe()))
     assert read.column("trips").to_pylist() == [False, None]
-    assert read.column("failure").type == pa.string()
     assert "no [tendon] section" in read.column("failure").to_pylist()[1]

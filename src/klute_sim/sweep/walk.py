@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from klute_sim.errors import KluteSimError
 from klute_sim.recording.recording import Recording
-from klute_sim.report.outcomes import GaitOutcome, StrideOutcome, level, outcomes
+from klute_sim.report.outcomes import GaitOutcome, StrideOutcome, outcomes
 from klute_sim.rigs.gait import rig
 from klute_sim.sweep.plan import Combination
 from klute_sim.sweep.software import software
@@ -76,7 +76,7 @@ def walk(combination: Combination) -> Walked:
 
 def _outcomes(recording: Recording, combination: Combination) -> dict[str, Value]:
     outcome, options = outcomes(recording), recording.provenance["options"]
-    compared = level(recording) and _in_time(options["stride_time_s"], combination)
+    compared = _in_time(options["stride_time_s"], combination)  # on a slope there is no distance anyway
     found: dict[str, Value] = {"speed [m/s]": options["speed_m_per_s"], "stride_time [s]": options["stride_time_s"]}
     found |= {heading: _mean(outcome, read) if compared else None for heading, read in DISTANCES.items()}
     found |= {heading: _mean(outcome, read) for heading, read in MEANS.items()}
