@@ -58,6 +58,10 @@ def test_the_table_holds_the_outcomes_of_single_walks_bit_for_bit(swept: tuple[P
         assert row["ankle_work_positive [J/kg]"] == stride.ankle_work_positive_j_per_kg
         assert row["ankle_moment_peak [N*m/kg]"] == stride.ankle_moment_peak_nm_per_kg
         assert row["ankle_range [deg]"] == stride.ankle_range_deg
+        assert row["ankle_plantarflexion [deg]"] == stride.ankle_plantarflexion_deg
+        assert row["energy_return [1]"] == stride.energy_return
+        assert row["quasi_stiffness [N*m/kg/deg]"] == stride.quasi_stiffness_nm_per_kg_deg
+        assert row["muscle_ratio_max [1]"] == stride.muscle_ratio_max
         assert row["toe_off [%]"] == stride.toe_off_pct
         assert row["rollover_radius [m]"] == stride.rollover_radius_m
         assert row["grf_vertical_tracking_rms [1]"] == stride.grf_vertical_tracking_rms_bw
@@ -92,7 +96,7 @@ def test_the_same_command_shows_the_table_and_walks_nothing(
 ) -> None:
     from klute_sim.sweep import local
 
-    monkeypatch.setattr(local, "run", lambda *_, **__: pytest.fail("something was walked"))
+    monkeypatch.setattr(local.Processes, "run", lambda *_, **__: pytest.fail("something was walked"))
     done = run("sweep", *ASKED, cwd=swept[0], COLUMNS="220")
     assert done.returncode == 0, done.stderr
     assert done.stderr == "16 walks were there from before.\n"
@@ -149,7 +153,7 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
         (["--out", "full"], "output folder full is not empty and holds no sweep"),
         (["--out", "file"], "output folder file is a file"),
         (["--out", "file/s"], "output folder file/s cannot be written"),
-        (["--out", "odd"], "is no plan of a sweep"),
+        (["--out", "odd"], "sweep.json is no plan"),
         (["--out", "other"], "output folder other holds another sweep (other devices, controllers, speeds"),
     ],
 )

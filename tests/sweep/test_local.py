@@ -29,7 +29,8 @@ def walked(combinations: Iterable[Combination]) -> dict[str, Walked | None]:
         assert combination.controller_word not in told
         told[combination.controller_word] = result
 
-    local.run(combinations, finished, jobs=2)
+    with local.Processes(2) as processes:
+        processes.run(combinations, finished)
     return told
 
 
@@ -74,7 +75,8 @@ def test_processes_end_with_the_first_one_even_if_that_is_killed(tmp_path: Path)
         "from klute_sim.sweep.plan import Plan\n"
         "if __name__ == '__main__':\n"
         "    plan = Plan(devices={'a': load('klute-1-1-4-pair')}, controllers={'b': Beating('beat')})\n"
-        "    local.run(plan.combinations(), print, jobs=1)\n"
+        "    with local.Processes(1) as processes:\n"
+        "        processes.run(plan.combinations(), print)\n"
     )
     paths = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
     first = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, env={**os.environ, "PYTHONPATH": paths})

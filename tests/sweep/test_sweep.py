@@ -121,6 +121,12 @@ def test_a_file_that_cannot_be_written_whole_is_not_there(tmp_path: Path, monkey
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_documented_table_of_columns_is_complete() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "sweep.md").read_text("utf-8")
+    for heading in table.COLUMNS:
+        assert f"`{heading}`" in page, heading
+
+
 @pytest.mark.parametrize(
     ("change", "what"),
     [
