@@ -53,7 +53,7 @@ def _number(word: str, option: click.Parameter, wanted: str) -> float:
     "controllers",
     multiple=True,
     metavar="WORD",
-    help="profile (the tuned one), off, constant:BAR, or the CSV file of a profile; may be given several times."
+    help="As in 'klute-sim gait': profile, off, constant:BAR, machine, or a file; may be given several times."
     "  [default: profile]",
 )
 @click.option(
