@@ -136,14 +136,15 @@ def command(
     plan = _plan(devices, controllers, speeds, slopes, masses, strides, step_ms)
     if address is None:
         with local.Processes(jobs or 0) as processes:
-            _sweep(plan, processes.run, out, with_csv=with_csv, as_json=as_json)
-        return
-    if jobs is not None:
+            swept, folder = _sweep(plan, processes.run, out, with_csv=with_csv)
+    elif jobs is not None:
         raise InputError("--jobs goes without --ray: a cluster has as many as it has")
-    from klute_sim.sweep import cluster
+    else:
+        from klute_sim.sweep import cluster
 
-    with cluster.connected(address) as ray:
-        _sweep(plan, partial(cluster.run, ray=ray), out, with_csv=with_csv, as_json=as_json)
+        with cluster.connected(address) as ray:
+            swept, folder = _sweep(plan, partial(cluster.run, ray=ray), out, with_csv=with_csv)
+    _report(swept, folder, as_json=as_json)
 
 
 def _plan(
@@ -172,8 +173,8 @@ def _plan(
     )
 
 
-def _sweep(plan: "Plan", runner: "Runner", out: Path | None, *, with_csv: bool, as_json: bool) -> None:
-    """Walk, write and show."""
+def _sweep(plan: "Plan", runner: "Runner", out: Path | None, *, with_csv: bool) -> tuple["Swept", Path]:
+    """Walk and write; what came of it, and the folder."""
     from klute_sim.cli.console import notes, progress_bar
     from klute_sim.sweep import table
     from klute_sim.sweep.store import open_folder
@@ -193,7 +194,7 @@ def _sweep(plan: "Plan", runner: "Runner", out: Path | None, *, with_csv: bool, 
         table.write_parquet(swept.rows, plan, store.folder / "sweep.parquet")
         if with_csv:
             table.write_csv(swept.rows, store.folder / "sweep.csv")
-    _report(swept, store.folder, as_json=as_json)
+    return swept, store.folder
 
 
 def _report(swept: "Swept", folder: Path, *, as_json: bool) -> None:

@@ -25,7 +25,7 @@ def parse(word: str) -> Controller:
     kind, _, argument = word.partition(":")
     if kind in KINDS:
         return KINDS[kind](argument)
-    if not Path(word).suffix and not Path(word).exists():
+    if not word or not (Path(word).suffix or Path(word).exists()):
         raise InputError(f"no controller '{word}'; allowed: {WORDS}")
     return machine.load(word) if Path(word).suffix.lower() == ".toml" else control.load_profile(word)
 

@@ -6,8 +6,9 @@ that asked, so the machines need klute-sim and no common disk.
 
 import os
 import socket
+import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from itertools import islice
 from typing import Any
 
@@ -28,7 +29,7 @@ MOST_ASKED = 1000
 def connected(address: str) -> Iterator[Any]:
     """Ray, connected to the cluster at ``address``; ``auto``: to the one it finds, ``local``: to one it starts here.
 
-    Raises MissingExtraError without Ray and InputError if nothing answers.
+    Whatever Ray prints meanwhile goes to stderr. Raises MissingExtraError without Ray and InputError if nothing answers.
     """
     try:
         import ray
@@ -40,10 +41,11 @@ def connected(address: str) -> Iterator[Any]:
         ray.init(address, log_to_driver=False, logging_level="error")
     except (OSError, ValueError, RuntimeError) as error:
         raise InputError(f"no Ray cluster at '{address}': {_first_line(error)}") from None
-    try:
-        yield ray
-    finally:
-        ray.shutdown()
+    with redirect_stdout(sys.stderr):  # it prints what happens to its workers, among the results
+        try:
+            yield ray
+        finally:
+            ray.shutdown()
 
 
 def _knock(address: str) -> None:
