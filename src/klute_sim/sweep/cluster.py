@@ -29,7 +29,7 @@ MOST_ASKED = 1000
 def connected(address: str) -> Iterator[Any]:
     """Ray, connected to the cluster at ``address``; ``auto``: to the one it finds, ``local``: to one it starts here.
 
-    Whatever Ray prints meanwhile goes to stderr. Raises MissingExtraError without Ray and InputError if nothing answers.
+    Whatever Ray prints meanwhile goes to stderr. Raises MissingExtraError without Ray, InputError if nothing answers.
     """
     try:
         import ray
