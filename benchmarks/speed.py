@@ -39,7 +39,7 @@ from klute_sim.rigs.gait.build import ANKLE
 
 DEVICE = load(DEFAULT_PROSTHESIS)
 VALVE = load("klute-1-1-4-pair-valve")
-NAME = "klute_sim/AnkleGait-v0"
+NAME = "klute_sim/AnkleGait-v1"
 CHUNK = 20
 
 

@@ -16,7 +16,8 @@ from klute_sim.control import pressure
 from klute_sim.device.files import load, read
 from klute_sim.device.ledger import Book
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
-from klute_sim.envs.task import OBSERVATIONS, WEIGHTS
+from klute_sim.envs.reward import WEIGHTS
+from klute_sim.envs.senses import OBSERVATIONS
 from klute_sim.errors import InputError
 from klute_sim.plant import router
 from klute_sim.report.outcomes import outcomes
@@ -24,7 +25,7 @@ from klute_sim.rigs.gait.assembly import GaitOptions
 from klute_sim.rigs.gait.rig import walk
 from klute_sim.units import BAR
 
-NAME = "klute_sim/AnkleGait-v0"
+NAME = "klute_sim/AnkleGait-v1"
 
 
 def action(pressure_bar: float) -> np.ndarray:
@@ -71,8 +72,8 @@ def test_it_is_what_gymnasium_users_expect() -> None:
 
 def test_the_documented_tables_are_the_spaces() -> None:
     text = AnkleGaitEnv.__doc__ or ""
-    for number, (name, unit, low, high) in enumerate(OBSERVATIONS):
-        assert f"| {number} | {name} | {unit} | {low:g} | {high:g} |" in text
+    for number, (name, unit, low, high, noise) in enumerate(OBSERVATIONS):
+        assert f"| {number} | {name} | {unit} | {low:g} | {high:g} | {noise:g} |" in text
     for name, weight in WEIGHTS.items():
         (row,) = [line for line in text.splitlines() if f"``reward_{name}``" in line]
         assert f"{weight:g} " in row

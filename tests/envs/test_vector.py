@@ -9,7 +9,7 @@ import klute_sim  # noqa: F401  (registers)
 from klute_sim.device.files import load
 from klute_sim.errors import InputError
 
-NAME = "klute_sim/AnkleGait-v0"
+NAME = "klute_sim/AnkleGait-v1"
 SHORT = {"strides": 1, "step": 1e-3}
 
 
@@ -67,7 +67,7 @@ def test_the_number_of_threads_changes_no_bit() -> None:
 def test_bad_input_is_refused_in_one_sentence() -> None:
     batch = make("batch", AutoresetMode.DISABLED, 2)
     with pytest.raises(InputError, match="reset the environments"):
-        batch.unwrapped._begin(np.ones(2, dtype=bool))
+        batch.unwrapped.step(np.zeros((2, 1)))
     batch.reset(seed=1)
     for actions, words in ((np.zeros((3, 1)), "shape"), (np.array([[0.0], [np.nan]]), "not a number")):
         with pytest.raises(InputError, match=words):

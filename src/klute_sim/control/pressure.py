@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from klute_sim.errors import InputError
@@ -89,6 +90,10 @@ class Profile:
     def pressure(self, phase: float) -> float:
         """See :class:`PressureController`."""
         return float(self._curve(phase % 1.0))
+
+    def pressures(self, phase: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Commanded gauge pressure [Pa] at many phases of the cycle (0-1)."""
+        return np.asarray(self._curve(phase % 1.0), dtype=np.float64)
 
     def describe(self) -> dict[str, Any]:
         """See :class:`PressureController`."""

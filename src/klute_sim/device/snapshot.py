@@ -36,12 +36,12 @@ def tell(rows: Any, state: State, unit_length: float, rate: float, out: Array) -
 def run(rows: Any, states: Array, memory: Array, out: Array) -> None:
     """Fill ``out`` (n, :data:`FIELDS` + 2 for each effect), a row as in :func:`tell` for each device.
 
-    ``states`` (n, 4) are gauge pressure [Pa], muscle length [m], its rate [m/s] and the unit's length [m]; ``memory``
-    (n, MEMORY).
+    ``rows`` are those of each device, or of one that all are like; ``states`` (n, 4) are gauge pressure [Pa], muscle
+    length [m], its rate [m/s] and the unit's length [m]; ``memory`` (n, MEMORY).
     """
     for k in range(len(states)):
         state = State(states[k, 0], states[k, 1], to_tuple(memory[k], MEMORY))
-        tell(rows, state, states[k, 3], states[k, 2], out[k])
+        tell(rows[min(k, len(rows) - 1)], state, states[k, 3], states[k, 2], out[k])
 
 
 def to_tuple(numbers: Any, count: int) -> tuple[float, ...]:
@@ -69,22 +69,28 @@ def _compiled() -> Callable[..., None]:
     from klute_sim.device import compiled
 
     table = numba.float64[:, ::1]
-    signature = numba.void(table, table, table, table)
+    signature = numba.void(numba.float64[:, :, ::1], table, table, table)
     ready: Callable[..., None] = compiled.ready(partial(numba.njit, nogil=True), compiled_functions().run, signature)
     return ready
 
 
 class Snapshots:
-    """Takes snapshots of simulations of one device."""
+    """Takes snapshots of simulations of one device, or of devices with the same effects."""
 
     def __init__(self, parameters: Parameters, law: str) -> None:
         """``law`` is the one in force, ``compiled`` or ``python``."""
-        self.effects, devices = stages(parameters)
+        self.effects = stages(parameters)[0]
         """Names of the device's effects."""
         self.width = FIELDS + 2 * len(self.effects)
         """Numbers of a snapshot: an :class:`Instant`, then what each effect adds to muscle side and tendon side [N]."""
-        self._rows = np.array([pack(device) for device in devices])
+        self._rows = np.array([_rows(parameters)])
         self._run: Callable[..., None] = _compiled() if law == "compiled" and not obstacle() else run
+
+    def give(self, place: int, parameters: Parameters, count: int) -> None:
+        """From now on simulation ``place`` of ``count`` has this device, which has the same effects as the others."""
+        if len(self._rows) != count:
+            self._rows = np.repeat(self._rows, count, axis=0)
+        self._rows[place] = _rows(parameters)
 
     def take(self, states: Array, memory: Array) -> Array:
         """(n, ``width``) of ``states`` and ``memory`` as in :func:`run`."""
@@ -92,3 +98,7 @@ class Snapshots:
         rows: Any = self._rows if self._run is not run else self._rows.tolist()
         self._run(rows, np.ascontiguousarray(states), np.ascontiguousarray(memory), out)
         return out
+
+
+def _rows(parameters: Parameters) -> Array:
+    return np.array([pack(device) for device in stages(parameters)[1]])

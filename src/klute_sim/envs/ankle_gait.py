@@ -1,5 +1,7 @@
-"""``klute_sim/AnkleGait-v0``: walk a powered ankle on the gait rig, one pressure command every 10 ms."""
+"""``klute_sim/AnkleGait-v1``: walk a powered ankle on the gait rig, one command every 10 ms."""
 
+from collections.abc import Mapping
+from copy import copy
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -10,25 +12,19 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from klute_sim.device.files import DEFAULT_PROSTHESIS, Device, load
-from klute_sim.envs.task import INTERVAL, OBSERVATIONS, Readings, Task
+from klute_sim.control.pressure import Profile
+from klute_sim.device.files import DEFAULT_PROSTHESIS, Device
+from klute_sim.envs.options import TaskOptions, device_of
+from klute_sim.envs.randomise import Randomise
+from klute_sim.envs.senses import OBSERVATIONS
+from klute_sim.envs.task import INTERVAL, Readings, Task
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import router
-from klute_sim.rigs.gait.assembly import DRIVES, Assembly, GaitOptions, assemble, start
+from klute_sim.rigs.gait.assembly import DRIVES, Assembly, GaitOptions, start
 from klute_sim.units import BAR
 
 Observation = NDArray[np.float32]
-MOST_NOISE = 0.3
-"""[rad]"""
 MOST_PIXELS = 4096
-
-
-def rig_for(device: Device | str | Path, options: GaitOptions) -> Assembly:
-    """The rig, commanded at the environment's interval; raises InputError if that is no number of steps."""
-    each = round(INTERVAL / options.step)
-    if abs(each * options.step - INTERVAL) > 1e-12:
-        raise InputError(f"step is {1e3 * options.step:g} ms; allowed: what divides {1e3 * INTERVAL:g} ms evenly")
-    return assemble(device if isinstance(device, Device) else load(device), options, INTERVAL)
 
 
 def observation_space() -> "spaces.Box[np.float32]":
@@ -38,7 +34,7 @@ def observation_space() -> "spaces.Box[np.float32]":
 
 
 def action_space() -> "spaces.Box[np.float32]":
-    """Pressure, from none (-1) to all that the supply has (1)."""
+    """One number; what it means is :data:`klute_sim.envs.commands.ACTIONS`."""
     return spaces.Box(-1.0, 1.0, (1,), np.float32)
 
 
@@ -46,41 +42,53 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     """A powered below-knee prosthesis on the gait rig of ``klute-sim gait``.
 
     The residual limb follows measured human gait and the reference's load is applied to it; the policy commands the
-    pressure of the artificial muscle and is rewarded for an ankle that moves and pushes like the human one.
+    artificial muscle and is rewarded for an ankle that moves and pushes like the human one.
 
     ## Action space
 
-    ``Box(-1, 1, (1,), float32)``, held for 10 ms: commanded gauge pressure from 0 (-1) to the supply's pressure (+1);
-    for a device whose valve takes openings, the opening from exhaust (-1) to fill (+1).
-    What is beyond is clipped; NaN is refused. The regulator's own limits (rate) act after that.
+    ``Box(-1, 1, (1,), float32)``, held for 10 ms. What is beyond is clipped; NaN is refused. The regulator's own limits
+    (rate) act after that. The keyword ``action`` says what is commanded:
+
+    | action | meaning |
+    |---|---|
+    | ``pressure`` | gauge pressure, from none (-1) to all that the supply has (1) |
+    | ``valve`` | opening of the valve, from exhaust (-1) to fill (1) |
+    | ``residual`` | change of a base profile's pressure, from -residual_bar (-1) to residual_bar (1) |
+
+    Left out it is ``valve`` for a device that takes openings, which can have no other, and ``pressure`` for the rest.
+    The base ``profile`` is that of ``klute-sim gait``, at the *estimated* phase of the gait; pressures stay within what
+    the supply has.
 
     ## Observation space
 
-    ``Box((8,), float32)``: what a prosthesis can sense, without noise, clipped to the bounds.
+    ``Box((8,), float32)``: what a prosthesis can sense, clipped to the bounds.
 
-    | # | observation | unit | low | high |
-    |---|---|---|---|---|
-    | 0 | ankle angle, dorsiflexion positive | rad | -1 | 1 |
-    | 1 | ankle velocity, dorsiflexion positive | rad/s | -50 | 50 |
-    | 2 | shank inclination, forward positive | rad | -3.2 | 3.2 |
-    | 3 | shank angular velocity, forward positive | rad/s | -50 | 50 |
-    | 4 | axial load in the pylon, compression positive | body weights | -5 | 5 |
-    | 5 | gauge pressure | bar | 0 | 20 |
-    | 6 | sine of the estimated gait phase | 1 | -1 | 1 |
-    | 7 | cosine of the estimated gait phase | 1 | -1 | 1 |
+    | # | observation | unit | low | high | typical noise |
+    |---|---|---|---|---|---|
+    | 0 | ankle angle, dorsiflexion positive | rad | -1 | 1 | 0.002 |
+    | 1 | ankle velocity, dorsiflexion positive | rad/s | -50 | 50 | 0.05 |
+    | 2 | shank inclination, forward positive | rad | -3.2 | 3.2 | 0.01 |
+    | 3 | shank angular velocity, forward positive | rad/s | -50 | 50 | 0.02 |
+    | 4 | axial load in the pylon, compression positive | body weights | -5 | 5 | 0.01 |
+    | 5 | gauge pressure | bar | 0 | 20 | 0.02 |
+    | 6 | sine of the estimated gait phase | 1 | -1 | 1 | 0 |
+    | 7 | cosine of the estimated gait phase | 1 | -1 | 1 | 0 |
 
-    The phase is estimated as the prosthesis could: time since the last foot strike (load above 0.1 body weights) over
+    ``sensor_noise`` is the standard deviation in units of the typical one (0: none), normal and new every 10 ms;
+    ``sensor_delay`` is by how many whole intervals of 10 ms everything is late. The phase is estimated as the
+    prosthesis could, from the load as it is sensed: time since the last foot strike (load above 0.1 body weights) over
     the time between the last two.
 
     ## Reward
 
-    The sum of these terms, each in ``info``:
+    The sum of these terms, each in ``info``; the keyword ``reward`` replaces weights by name, as in ``{"air": -0.2}``:
 
     | term | value |
     |---|---|
     | ``reward_moment`` | 0.4 exp(-d²/2), d = distance of the net ankle moment from the human one, in 0.2 N·m/kg |
     | ``reward_angle`` | 0.3 exp(-d²/2), d in 5 degrees |
     | ``reward_power`` | 0.3 exp(-d²/2), d in 0.5 W/kg |
+    | ``reward_work`` | 0.1 times positive power, as far as the human ankle has it then, in its mean over the stride |
     | ``reward_air`` | -0.1 per gram of air drawn per 0.1 s |
     | ``reward_smoothness`` | -0.05 times the squared change of the action |
 
@@ -97,8 +105,26 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     0 and a quarter of the supply's (0 if the device takes openings). Truncated after ``strides`` strides; terminated
     when the rig leaves its path or a state is not finite.
 
+    ## Randomisation
+
+    ``randomise`` is a :class:`klute_sim.envs.randomise.Randomise`, or a mapping with its names. What was drawn is in
+    the ``info`` of the reset, under the names on the right.
+
+    | name | draws | in ``info`` |
+    |---|---|---|
+    | ``mass_share`` | body mass within a share of ``mass`` | ``mass_kg`` |
+    | ``speed_m_per_s`` | walking speed, from a range | ``speed_m_per_s`` |
+    | ``slope_deg`` | slope of the ground, from a range, uphill positive | ``slope_deg`` |
+    | ``device`` | numbers of the device file within a share, as in ``{"muscle.c10_kpa": 0.1}`` | the keys |
+    | ``effects`` | as in ``{"pressure_lag": {"time_constant_s": (0, 0.05)}}`` | ``effects.<name>.<key>`` |
+
+    Mass, speed and slope each have 9 values, evenly over their range: a rig for each is put together when it is first
+    drawn, and kept. The Achilles origin stays where the usual device has it.
+
     ## Versions
 
+    * v1: kinds of actions, noise and delay of sensors, weights of the reward, randomisation, slope; positive work is
+      rewarded. With ``reward={"work": 0}`` and all else left out, episodes are those of v0.
     * v0: first version.
     """
 
@@ -111,31 +137,50 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         mass: float = 75.0,
         stature: float = 1.75,
         speed: float | None = None,
+        slope: float = 0.0,
         strides: int = 5,
         step: float = 5e-4,
         law: str = "auto",
+        action: str | None = None,
+        residual_bar: float = 1.0,
+        profile: Profile | None = None,
+        sensor_noise: float = 0.0,
+        sensor_delay: int = 0,
+        reward: Mapping[str, float] | None = None,
+        randomise: Randomise | Mapping[str, Any] | None = None,
         reset_noise: float = 0.02,
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
     ) -> None:
-        """For a ``device`` (preset, file or Device), a subject (kg, m, m/s), ``step`` [s] and ``reset_noise`` [rad].
+        """For a ``device`` (preset, file or Device), a subject (kg, m, m/s), a ``slope`` [rad] and a ``step`` [s].
 
-        ``law`` is one of :data:`klute_sim.device.installation.LAWS`. Raises InputError for what cannot be.
+        ``law`` is one of :data:`klute_sim.device.installation.LAWS`; ``reset_noise`` [rad], and what is not named
+        here is in the tables above (:class:`klute_sim.envs.options.TaskOptions`). Raises InputError for what cannot be.
         """
         gymnasium.utils.EzPickle.__init__(**locals())
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is '{render_mode}'; allowed: None, rgb_array")
-        options = GaitOptions(mass=mass, stature=stature, speed=speed, strides=strides, step=step)
-        self._rig = rig_for(device, options)
-        self.model = self._rig.model
-        """The MuJoCo model, with the device in it."""
+        walker = GaitOptions(mass=mass, stature=stature, speed=speed, slope=slope, strides=strides, step=step)
+        options = TaskOptions(
+            action=action,
+            residual_bar=residual_bar,
+            profile=profile,
+            sensor_noise=sensor_noise,
+            sensor_delay=sensor_delay,
+            reward=reward,
+            randomise=randomise,
+            reset_noise=reset_noise,
+        )
+        self._law, self._reset_noise = router.choose(law), reset_noise
+        self._task, self._one = Task(device_of(device), walker, options, 1, self._law), np.ones(1, dtype=np.bool_)
+        self._rig = self._task.casting.rigs[0]
+        self.model = copy(self._rig.model)
+        """The MuJoCo model, with the device in it; randomisation changes it at every reset."""
         self.data = mujoco.MjData(self.model)
         """The simulation."""
         self.render_mode = render_mode
         self.action_space, self.observation_space = action_space(), observation_space()
-        self._law, self._reset_noise = router.choose(law), noise_of(reset_noise)
-        self._task, self._one = Task(self._rig, 1, self._law), np.ones(1, dtype=np.bool_)
         if not (0 < width <= MOST_PIXELS and 0 < height <= MOST_PIXELS):
             raise InputError(f"pictures are {width} x {height}; allowed: 1 to {MOST_PIXELS} pixels a side")
         self._size = (height, width)
@@ -153,26 +198,29 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     ) -> tuple[Observation, dict[str, Any]]:
         """Heel strike; there are no ``options``."""
         super().reset(seed=seed)
+        episode = self._task.casting.draw(self.np_random)
+        self._rig = self._task.casting.cast(episode, self.model)
         begin(self._rig, self.data, self.np_random, self._reset_noise)
-        now = self._readings()
-        self._task.begin(self._one, now)
-        return self._task.observe(now)[0], {}
+        self._task.cast(0, episode)
+        self._task.begin(self._one, self._readings(), [self.np_random])
+        return self._task.observed[0], dict(episode.told)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for one interval; raises InputError if it is no number."""
         chosen = checked(action, (1,))
+        command = self._task.command(chosen)
         self.data.ctrl[: len(DRIVES)] = self._task.slopes()[0]
         with router.installed(self._law):
             try:
-                for steps, asked in self._task.due(self._task.command(chosen), self._one):
+                for steps, asked in self._task.due(command, self._one):
                     self.data.ctrl[self._rig.actuator.ctrl] = asked[0]
                     router.step(self.model, self.data, steps)
             except SimulationError:
                 self.data.act[self._rig.actuator.act] = np.nan  # under either law, a failed device ends the episode
-        now = self._readings()
-        reward, terminated, truncated, told = self._task.judge(chosen, now, self._one)
+        now, random = self._readings(), [self.np_random]
+        reward, terminated, truncated, told = self._task.judge(chosen, command, now, self._one, random)
         info = {name: float(value[0]) for name, value in told.items()}
-        return self._task.observe(now)[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+        return self._task.observed[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def _readings(self) -> Readings:
         d = self.data
@@ -196,13 +244,6 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-
-def noise_of(reset_noise: float) -> float:
-    """``reset_noise`` [rad]; raises InputError if no ankle could be there."""
-    if not 0.0 <= reset_noise <= MOST_NOISE:
-        raise InputError(f"reset_noise is {reset_noise:g}; allowed: 0 to {MOST_NOISE:g} rad")
-    return reset_noise
 
 
 def begin(rig: Assembly, data: mujoco.MjData, random: np.random.Generator, noise: float) -> None:

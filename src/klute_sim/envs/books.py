@@ -36,7 +36,7 @@ class DeviceStates:
 
 
 class Books:
-    """Of ``count`` simulations of one device."""
+    """Of ``count`` simulations of one device, whose numbers may differ."""
 
     def __init__(self, parameters: Parameters, count: int, law: str) -> None:
         """``law`` is the one in force, ``compiled`` or ``python``."""
@@ -44,6 +44,10 @@ class Books:
         self._counts = not charging.plain(supplied(parameters, NO_MEMORY))
         self._remembers = remembers(parameters)
         self._told, self._way = np.zeros((count, self._snapshots.width)), np.zeros((count, 2))
+
+    def give(self, place: int, parameters: Parameters) -> None:
+        """Simulation ``place`` has this device from its next beginning on, with the effects that all have."""
+        self._snapshots.give(place, parameters, len(self._told))
 
     def begin(self, which: Mask, now: DeviceStates) -> None:
         """Start the books of ``which`` anew."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.device.files import Device
 from klute_sim.device.step import taut
@@ -91,10 +90,6 @@ class Assembly:
     def per_stride(self) -> int:
         """Commands in a stride."""
         return len(self.phase)
-
-    def off_path(self, carriage_height: Samples, command: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether carriages at these heights [m] after these commands have left their path, or are nowhere."""
-        return np.asarray(~(np.abs(carriage_height - self.height[command % self.per_stride]) < OFF_PATH))
 
 
 def assemble(device: Device, options: GaitOptions, interval: float) -> Assembly:
