@@ -28,13 +28,13 @@ def test_the_documented_table_is_what_there_is() -> None:
 
 
 def test_a_residual_changes_the_profile_at_the_estimated_phase() -> None:
-    env = AnkleGaitEnv(action="residual", residual_bar=0.5, strides=2)
+    env = AnkleGaitEnv(action="residual", residual_bar=1.5, strides=2)
     observed, _ = env.reset(seed=1)
     random = np.random.default_rng(0)
     clipped = 0
     for _ in range(219):
         chosen = random.uniform(-1, 1)
-        wanted = tuned().pressure(phase(observed)) / BAR + 0.5 * np.float32(chosen)
+        wanted = tuned().pressure(phase(observed)) / BAR + 1.5 * np.float32(chosen)
         clipped += wanted < 0.0
         observed, _, terminated, _, info = env.step(np.array([chosen], dtype=np.float32))
         assert not terminated

@@ -70,7 +70,8 @@ class Books:
             side, other = mean[:, FIELDS + 2 * k], mean[:, FIELDS + 2 * k + 1]
             work[f"work_effect_{name}_j"] = -side * muscle_way - other * (unit_way - muscle_way)
         delivered = -at.tension * unit_way
-        work["work_unresolved_j"] = delivered - np.sum(list(work.values()), axis=0)
+        # One after the other: NumPy's own sum takes another order for one simulation than for many.
+        work["work_unresolved_j"] = delivered - sum(work.values())
         drawn = after.air_drawn - before.air_drawn if self._counts else after.air_mass - before.air_mass
         found = {
             **work,
