@@ -16,8 +16,8 @@ from klute_sim.control import pressure
 from klute_sim.device.files import load, read
 from klute_sim.device.ledger import Book
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
+from klute_sim.envs.instruments import OBSERVATIONS
 from klute_sim.envs.reward import WEIGHTS
-from klute_sim.envs.senses import OBSERVATIONS
 from klute_sim.errors import InputError
 from klute_sim.plant import router
 from klute_sim.report.outcomes import outcomes

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from klute_sim.control.pressure import Profile
 from klute_sim.device.files import DEFAULT_PROSTHESIS, Device
+from klute_sim.envs.instruments import OBSERVATIONS
 from klute_sim.envs.options import TaskOptions, device_of
 from klute_sim.envs.randomise import Randomise
-from klute_sim.envs.senses import OBSERVATIONS
 from klute_sim.envs.task import INTERVAL, Readings, Task
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import router
@@ -34,7 +34,7 @@ def observation_space() -> "spaces.Box[np.float32]":
 
 
 def action_space() -> "spaces.Box[np.float32]":
-    """One number; what it means is :data:`klute_sim.envs.commands.ACTIONS`."""
+    """One number; what it means is :data:`klute_sim.envs.actions.ACTIONS`."""
     return spaces.Box(-1.0, 1.0, (1,), np.float32)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from klute_sim.control.pressure import Profile
 from klute_sim.device.files import Device, load
 from klute_sim.envs import reward
-from klute_sim.envs.commands import ACTIONS
+from klute_sim.envs.actions import ACTIONS
 from klute_sim.envs.randomise import Randomise
 from klute_sim.errors import InputError
 
@@ -25,13 +25,13 @@ class TaskOptions:
     """Validated when made."""
 
     action: str | None = None
-    """Of :data:`klute_sim.envs.commands.ACTIONS`; None: what the device takes."""
+    """Of :data:`klute_sim.envs.actions.ACTIONS`; None: what the device takes."""
     residual_bar: float = 1.0
     """Largest change of the base profile [bar]."""
     profile: Profile | None = None
     """The base profile; None: that of ``klute-sim gait``."""
     sensor_noise: float = 0.0
-    """Times the typical noise of each sensor (:data:`klute_sim.envs.senses.OBSERVATIONS`)."""
+    """Times the typical noise of each sensor (:data:`klute_sim.envs.instruments.OBSERVATIONS`)."""
     sensor_delay: int = 0
     """Whole intervals."""
     reward: Mapping[str, float] | None = None

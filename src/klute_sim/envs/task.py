@@ -13,15 +13,14 @@ from klute_sim.control.pressure import tuned
 from klute_sim.device.files import Device
 from klute_sim.device.step import Parameters
 from klute_sim.envs import reward
+from klute_sim.envs.actions import Actions, kind_for
 from klute_sim.envs.books import Books, DeviceStates
-from klute_sim.envs.commands import Commands, kind_for
+from klute_sim.envs.instruments import MEASURED, Instruments
 from klute_sim.envs.options import TaskOptions
 from klute_sim.envs.randomise import Casting, Episode, Randomise
-from klute_sim.envs.senses import Senses
 from klute_sim.errors import InputError
 from klute_sim.rigs.gait.assembly import OFF_PATH, Assembly, GaitOptions
 from klute_sim.rigs.gait.build import ANKLE
-from klute_sim.rigs.gait.reference import GRAVITY
 from klute_sim.units import BAR
 
 Array = NDArray[np.float64]
@@ -61,14 +60,14 @@ class Walks:
         for rig in rigs[len(self._tables) :]:
             ankle = human(rig)
             self._tables.append((rig.phase, rig.height, rig.slopes, ankle))
-            push, walker = float(np.maximum(ankle[:, 2], 0.0).mean()), rig.options
-            self._numbers.append((rig.per_stride, rig.plan.stride_time, walker.mass, walker.slope, push))
+            push = float(np.maximum(ankle[:, 2], 0.0).mean())
+            self._numbers.append((rig.per_stride, rig.options.mass, push))
         longest = max(rig.per_stride for rig in rigs)
         self.phase, self.height, self.slopes, self.human = (
             np.stack([np.resize(table, (longest, *table.shape[1:])) for table in tables])
             for tables in zip(*self._tables, strict=True)
         )
-        count, self.stride_time, self.mass, self.slope, self.push = np.array(self._numbers).T
+        count, self.mass, self.push = np.array(self._numbers).T
         self.per_stride = count.astype(np.int64)
 
     def off_path(self, carriage_height: Array, rig: NDArray[np.int64], command: NDArray[np.int64]) -> Mask:
@@ -105,7 +104,6 @@ class Task:
         self._actuator, self._strides = rig.actuator, walker.strides
         self._angle, self._dof = int(joint.qposadr[0]), int(joint.dofadr[0])
         self._middle = float(joint.range.mean())
-        self._load = int(model.sensor(ANKLE + "load_cell").adr[0]) + 2
         self._stop = int(model.sensor(ANKLE + "ankle_stop").adr[0])
         # The drives' states and the device's are in one vector.
         self._pressure, self._offset = rig.actuator.act, rig.actuator.act + 1
@@ -114,26 +112,27 @@ class Task:
         self._walks.learn(self.casting.rigs)
         self._rest = np.full(count, parameters.muscle.resting_length)
         self._books = Books(parameters, count, law)
-        self._senses = Senses(count, INTERVAL, options.sensor_noise, options.sensor_delay)
+        self._instruments = Instruments(rig, count, INTERVAL, options.sensor_noise, options.sensor_delay)
+        self._senses = self._instruments.senses
         kind = kind_for(options.action, self._opens, device.name)
         base = options.profile or tuned()
-        self._commands = Commands(kind, parameters, base, options.residual_bar, count, each, walker.step)
+        self._actions = Actions(kind, parameters, base, options.residual_bar, count, each, walker.step)
         self.steps = np.zeros(count, dtype=np.int64)
         """Intervals since the reset."""
         self._action = np.zeros(count)
 
     @property
     def observed(self) -> NDArray[np.float32]:
-        """(n, 8) what the prostheses sense: :data:`klute_sim.envs.senses.OBSERVATIONS`."""
-        return self._senses.observed
+        """(n, 8) what the prostheses sense: :data:`klute_sim.envs.instruments.OBSERVATIONS`."""
+        return self._instruments.observed
 
     def command(self, action: Array) -> Array:
         """Gauge pressure [bar] that ``action`` in [-1, 1] asks for, or the opening [1]; what is beyond is clipped."""
-        return self._commands.asked(np.clip(action, -1.0, 1.0), self._senses.phase)
+        return self._actions.asked(np.clip(action, -1.0, 1.0), self._senses.phase())
 
     def due(self, command: Array, which: Mask) -> list[tuple[int, Array]]:
-        """See :meth:`klute_sim.envs.commands.Commands.due`."""
-        return self._commands.due(command, which)
+        """See :meth:`klute_sim.envs.actions.Actions.due`."""
+        return self._actions.due(command, which)
 
     def slopes(self) -> Array:
         """(n, 6) what the drives are told for the next interval."""
@@ -143,18 +142,19 @@ class Task:
         """Simulation ``place`` walks ``episode`` from its next beginning on."""
         self._walks.learn(self.casting.rigs)
         self._number[place] = episode.number
+        self._senses.wear(place, self.casting.rigs[episode.number])
         parameters: Parameters = episode.parameters
         if parameters is not self.casting.device.parameters:
             self._rest[place] = parameters.muscle.resting_length
             self._books.give(place, parameters)
-            self._commands.give(place, parameters)
+            self._actions.give(place, parameters)
 
     def begin(self, which: Mask, now: Readings, randoms: Randoms) -> None:
         """Forget what was estimated of the simulations that start anew."""
         self.steps[which] = 0
-        self._senses.begin(which, self._measured(now), self._walks.stride_time[self._number], randoms)
+        self._instruments.begin(which, self._measured(now), randoms)
         self._books.begin(which, self._devices(now))
-        still = self._commands.begin(which, now.act[:, self._pressure])
+        still = self._actions.begin(which, now.act[:, self._pressure])
         self._action[which] = still[which]
 
     def judge(
@@ -167,7 +167,7 @@ class Task:
         self.steps += which
         walks, number = self._walks, self._number
         j = self.steps % self._per_stride()
-        self._senses.turn(which, self._measured(now), randoms)
+        self._instruments.turn(which, self._measured(now), randoms)
         moment = self._net_moment(now) / walks.mass[number]
         power = moment * now.qvel[:, self._dof]
         ankle = np.column_stack([moment, -now.qpos[:, self._angle], power])
@@ -194,17 +194,8 @@ class Task:
         return np.asarray(self._walks.per_stride[self._number])
 
     def _measured(self, now: Readings) -> Array:
-        """(n, 6) what perfect sensors read; the shank's inclination is to gravity, as an inertial sensor has it."""
-        return np.column_stack(
-            [
-                -now.qpos[:, self._angle],
-                -now.qvel[:, self._dof],
-                now.qpos[:, 2] + now.qpos[:, 3] - self._walks.slope[self._number],
-                now.qvel[:, 2] + now.qvel[:, 3],
-                -now.sensordata[:, self._load] / (GRAVITY * self._walks.mass[self._number]),
-                now.act[:, self._pressure],
-            ]
-        )
+        """(n, 6) what perfect sensors read."""
+        return np.column_stack(self._senses.read(now.qpos, now.qvel, now.act, now.sensordata)[:MEASURED])
 
     def _net_moment(self, now: Readings) -> Array:
         """Net ankle moment [N.m], plantarflexor positive: device, passive parts and end stop."""

@@ -22,22 +22,28 @@ SHORTEST, LONGEST, EARLY = 0.6, 1.6, 0.1
 
 
 class Senses:
-    """Of ``count`` simulations of one rig, read every ``interval`` [s]."""
+    """Of ``count`` simulations, read every ``interval`` [s]."""
 
     def __init__(self, rig: Assembly, count: int, interval: float) -> None:
-        """The wearer's usual stride time is the rig's."""
+        """All of one rig, whose stride time is the wearer's usual one."""
         model, joint = rig.model, rig.model.joint(ANKLE + "ankle")
         self._angle, self._dof = int(joint.qposadr[0]), int(joint.dofadr[0])
         self._load = int(model.sensor(ANKLE + "load_cell").adr[0]) + 2
-        self._pressure, self._slope = rig.actuator.act, rig.options.slope
-        self._weight, self._usual, self._interval = rig.options.mass * GRAVITY, rig.plan.stride_time, interval
+        self._pressure, self._interval = rig.actuator.act, interval
+        self._weight, self._usual, self._slope = np.empty(count), np.empty(count), np.empty(count)
+        self.wear(slice(None), rig)
         self._standing: Mask = np.zeros(count, dtype=np.bool_)
         self._since = np.zeros(count)
-        self._period = np.full(count, self._usual)
+        self._period = self._usual.copy()
+
+    def wear(self, place: int | slice, rig: Assembly) -> None:
+        """Simulations at ``place`` are of this rig from their next beginning on; it differs in walker and ground."""
+        self._weight[place], self._usual[place] = rig.options.mass * GRAVITY, rig.plan.stride_time
+        self._slope[place] = rig.options.slope
 
     def begin(self, which: Mask) -> None:
         """Forget what was estimated of simulations that start anew, at heel strike."""
-        self._standing[which], self._since[which], self._period[which] = False, 0.0, self._usual
+        self._standing[which], self._since[which], self._period[which] = False, 0.0, self._usual[which]
 
     def load(self, sensordata: Array) -> Array:
         """(n,) compression of the pylon [body weights]."""

@@ -41,7 +41,7 @@ def kind_for(asked: str | None, opens: bool, device: str) -> str:
     return asked
 
 
-class Commands:
+class Actions:
     """Of ``count`` devices."""
 
     def __init__(

@@ -1,9 +1,12 @@
-"""What a prosthesis senses: noisy and late if asked for, and the gait phase that can be told from it."""
+"""The instruments of the environment's prostheses: noisy and late if asked for."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
+from klute_sim.rigs.gait.assembly import Assembly
+from klute_sim.rigs.gait.senses import Senses
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,50 +29,38 @@ MEASURED = 6
 """The first of them come from sensors, the others are worked out."""
 LOAD = 4
 
-STRIKE, SWING = 0.10, 0.05
-"""Load [body weights] above which the foot has struck, and below which it has left."""
-SHORTEST, LONGEST, EARLY = 0.6, 1.6, 0.1
-"""Of the usual stride time: the least and the most a stride is taken for; until when a strike is the first one's."""
 
-
-class Senses:
+class Instruments:
     """Of ``count`` prostheses."""
 
-    def __init__(self, count: int, interval: float, noise: float, delay: int) -> None:
+    def __init__(self, rig: Assembly, count: int, interval: float, noise: float, delay: int) -> None:
         """Read every ``interval`` [s], with ``noise`` times the typical noise, ``delay`` whole intervals late."""
-        self._interval, self._noise = interval, noise
+        self.senses, self._noise = Senses(rig, count, interval), noise
+        """Without either."""
         self._lowest, self._highest = (np.array([row[k] for row in OBSERVATIONS]) for k in (2, 3))
         self._typical = np.array([row[4] for row in OBSERVATIONS[:MEASURED]])
         self._read = np.zeros((count, 1 + delay, MEASURED))
-        self._standing: Mask = np.zeros(count, dtype=np.bool_)
-        self._since, self._period, self._usual = np.zeros(count), np.ones(count), np.ones(count)
-
-    @property
-    def phase(self) -> Array:
-        """(n,) estimated phase of the stride [0-1]: time since the last foot strike over that between the last two."""
-        return np.minimum(self._since / self._period, 1.0)
 
     @property
     def observed(self) -> NDArray[np.float32]:
         """(n, 8) :data:`OBSERVATIONS`."""
-        turn = 2.0 * np.pi * self.phase
+        turn = 2.0 * np.pi * self.senses.phase()
         sensed = np.column_stack([self._read[:, 0], np.sin(turn), np.cos(turn)])
         if not np.isfinite(sensed.sum()):  # the last observation of an episode that failed
             sensed = np.nan_to_num(sensed)
         return np.asarray(np.clip(sensed, self._lowest, self._highest), dtype=np.float32)
 
-    def begin(self, which: Mask, measured: Array, stride_time: Array, randoms: Sequence[np.random.Generator]) -> None:
-        """Forget the episodes of ``which``; ``measured`` (n, 6) is how they start, ``stride_time`` (n,) [s] usual."""
+    def begin(self, which: Mask, measured: Array, randoms: Sequence[np.random.Generator]) -> None:
+        """Forget the episodes of ``which``; ``measured`` (n, 6) is how they start."""
         self._read[which] = self._noisy(which, measured, randoms)[which, None]
-        self._standing[which], self._since[which] = False, 0.0
-        self._usual[which] = self._period[which] = stride_time[which]
+        self.senses.begin(which)
 
     def turn(self, which: Mask, measured: Array, randoms: Sequence[np.random.Generator]) -> None:
-        """An interval has passed in ``which``; ``measured`` (n, 6) is what a perfect sensor would read."""
+        """An interval has passed in ``which``; ``measured`` (n, 6) is what perfect sensors read."""
         noisy = self._noisy(which, measured, randoms)
         self._read[which, :-1] = self._read[which, 1:]
         self._read[which, -1] = noisy[which]
-        self._estimate_phase(self._read[:, 0, LOAD], which)
+        self.senses.move_on(self._read[:, 0, LOAD], which)
 
     def _noisy(self, which: Mask, measured: Array, randoms: Sequence[np.random.Generator]) -> Array:
         if self._noise == 0.0:
@@ -78,14 +69,3 @@ class Senses:
         for i in np.flatnonzero(which).tolist():  # every simulation has its own random numbers
             noisy[i] += self._noise * self._typical * randoms[i].standard_normal(MEASURED)
         return noisy
-
-    def _estimate_phase(self, load: Array, which: Mask) -> None:
-        """Time since the last foot strike over the time between the last two."""
-        self._since += self._interval * which
-        strikes = which & ~self._standing & (load > STRIKE)
-        if strikes.any():
-            # A bounce within the stride is no stride. The wearer's cadence is known well enough to tell.
-            counts = strikes & (self._since > SHORTEST * self._usual)
-            self._period = np.where(counts, np.minimum(self._since, LONGEST * self._usual), self._period)
-            self._since = np.where(counts | (strikes & (self._since < EARLY * self._usual)), 0.0, self._since)
-        self._standing = np.where(which, load > np.where(self._standing, SWING, STRIKE), self._standing)

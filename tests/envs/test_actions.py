@@ -5,8 +5,8 @@ import pytest
 
 from klute_sim.control.pressure import Profile, tuned
 from klute_sim.device.files import Device, load, read
+from klute_sim.envs.actions import ACTIONS
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
-from klute_sim.envs.commands import ACTIONS
 from klute_sim.errors import InputError
 from klute_sim.units import BAR
 
