@@ -26,6 +26,7 @@ COMMANDS = {
     "effects": ("klute_sim.cli.effects", "List physical effects the base model leaves out, or show one."),
     "measure": ("klute_sim.cli.measure", "Plan bench measurements: commands, files to fill, what to record."),
     "tune": ("klute_sim.cli.tune", "Tune a pressure profile, or device and profile together, on the gait rig."),
+    "train": ("klute_sim.cli.train", "Train a policy to walk, and compare it with the hand-tuned profile."),
     "view": ("klute_sim.cli.view", "Open a run in the rerun viewer."),
 }
 """Name -> (module that defines it as ``command``, one line of help)."""

@@ -47,6 +47,21 @@ def new(kind: str, wanted: str | Path | None) -> Iterator[tuple[Path, Path]]:
         _remove(made)
 
 
+def lasting(kind: str, wanted: str | Path | None) -> Path:
+    """A new folder for work that is kept when it is interrupted: ``wanted``, or the next ``runs/kind-NNN``.
+
+    Raises InputError if something is already there or nothing can be written there.
+    """
+    made: list[Path] = []
+    try:
+        folder = _reserve_next(kind, made) if wanted is None else _reserve(Path(wanted), made)
+        (folder / UNFINISHED).rmdir()
+    except OSError as error:
+        _remove(made)
+        raise InputError(f"output folder {wanted or RUNS} cannot be written: {error.strerror}") from None
+    return folder
+
+
 def _reserve_next(kind: str, made: list[Path]) -> Path:
     number = 1
     while True:

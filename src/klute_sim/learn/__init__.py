@@ -1,0 +1,1 @@
+"""Training a policy in the walking environment, and comparing it with the hand-tuned profile."""
