@@ -87,6 +87,6 @@ def load_policy(path: str | Path) -> Policy:
         scale, activation, squashed = np.asarray(arrays["scale"], np.float32), made["activation"], made["squashed"]
     except OSError as error:
         raise InputError(f"policy {path} cannot be read: {error.strerror or error}") from None
-    except (KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
+    except (EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
         raise InputError(f"policy {path} is none: {error}") from None
     return Policy(scale, layers, str(activation), bool(squashed), made)
