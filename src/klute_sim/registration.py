@@ -16,6 +16,7 @@ ENVIRONMENTS = {
         "entry_point": "klute_sim.envs.ankle_gait:AnkleGaitEnv",
         "vector_entry_point": "klute_sim.envs.ankle_gait_vector:AnkleGaitVectorEnv",
     },
+    "klute_sim/AnkleBench-v0": {"entry_point": "klute_sim.envs.ankle_bench:AnkleBenchEnv"},
 }
 """Name -> where it is."""
 
@@ -27,7 +28,7 @@ def register() -> None:
 
         for name, places in ENVIRONMENTS.items():
             if name not in gymnasium.registry:
-                gymnasium.register(name, places["entry_point"], vector_entry_point=places["vector_entry_point"])
+                gymnasium.register(name, places["entry_point"], vector_entry_point=places.get("vector_entry_point"))
     elif not any(isinstance(finder, _Watch) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Watch())
 

@@ -175,7 +175,8 @@ def test_stable_baselines3_has_nothing_to_say_about_the_environments(recwarn: py
     pytest.importorskip("stable_baselines3")
     from stable_baselines3.common.env_checker import check_env
 
-    for name, options in (("AnkleGait-v1", {"randomise": {"mass_share": 0.1}, "sensor_noise": 1.0}),):
+    asked = {"AnkleGait-v1": {"randomise": {"mass_share": 0.1}, "sensor_noise": 1.0}, "AnkleBench-v0": {"task": "work"}}
+    for name, options in asked.items():
         recwarn.clear()
         check_env(gymnasium.make(f"klute_sim/{name}", **options).unwrapped, skip_render_check=True)
         assert [str(each.message) for each in recwarn] == []

@@ -1,9 +1,11 @@
 """The tester as a MuJoCo model: ``bench.xml`` with a crosshead on a servo and a load cell that measures."""
 
 import mujoco
+import numpy as np
 
 from klute_sim.device.files import Device
 from klute_sim.plant import models
+from klute_sim.recording.recording import Samples
 
 CROSSHEAD = 400.0
 """Moving mass of the crosshead and its drive [kg] (assumed)."""
@@ -28,3 +30,15 @@ def build(device: Device, step: float) -> mujoco.MjModel:
         objname="load_cell",
     )
     return models.equip(spec, {"muscle_tendon": device.parameters})
+
+
+def servo_commands(length: Samples, step: float) -> Samples:
+    """What the servo is told, to be at ``length`` [m] after each ``step`` [s]: speed and acceleration fed forward."""
+    speed = np.gradient(length, step)
+    return np.asarray(length + (DAMPING * speed + CROSSHEAD * np.gradient(speed, step)) / STIFFNESS)
+
+
+def stand(data: mujoco.MjData, length: float, speed: float, load: float) -> None:
+    """Put the crosshead where its servo already carries ``load`` [N], at ``length`` [m] and ``speed`` [m/s]."""
+    data.joint("crosshead").qpos[0] = length - load / STIFFNESS
+    data.joint("crosshead").qvel[0] = speed

@@ -14,7 +14,7 @@ from klute_sim.plant import router
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench.asked import checked
-from klute_sim.rigs.bench.build import CROSSHEAD, DAMPING, STIFFNESS, build
+from klute_sim.rigs.bench.build import build, servo_commands, stand
 from klute_sim.rigs.bench.channels import recorded
 
 OFTEN = 500
@@ -52,11 +52,9 @@ def pull(
     data = mujoco.MjData(model)
     actuator = DeviceActuator(model, "muscle_tendon")
     actuator.set_state(data, begin)
-    speed = np.gradient(length, step)
-    # The servo stands where it already carries the first load, and is told where to be at the end of the step.
-    data.joint("crosshead").qpos[0] = length[0] - tension(parameters, begin, float(length[0]), 0.0) / STIFFNESS
-    data.joint("crosshead").qvel[0] = speed[0]
-    target = length + (DAMPING * speed + CROSSHEAD * np.gradient(speed, step)) / STIFFNESS
+    speed, load = (length[1] - length[0]) / step, tension(parameters, begin, float(length[0]), 0.0)
+    stand(data, float(length[0]), float(speed), load)
+    target = servo_commands(length, step)
     late, commands = dead_time(parameters) / step, command.tolist()
     servo = int(model.actuator_ctrladr[model.actuator("servo").id])
     cell = int(model.sensor("load_cell").adr[0])
