@@ -35,6 +35,16 @@ def test_block_runs(kind: str, text: str, tmp_path: Path) -> None:
         assert done.returncode == 0, done.stderr
 
 
+def test_the_example_learns_in_a_few_generations(tmp_path: Path) -> None:
+    example = str(ROOT / "examples" / "cross_entropy.py")
+    command = [sys.executable, example, "--generations", "4", "--candidates", "16", "--strides", "1"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) == 6
+    assert float(lines[-1].removeprefix("learned: ")) > float(lines[0].removeprefix("hand-tuned profile: "))
+
+
 def test_there_are_blocks_of_both_kinds() -> None:
     kinds = [block.values[0] for block in BLOCKS]
     assert kinds.count("python") >= 4
