@@ -142,6 +142,7 @@ def test_rigs_are_put_together_once() -> None:
     for seed in range(60):
         env.reset(seed=seed)
     assert len(env._task.casting.rigs) == GRID + 1
+    assert len({id(rig.model) for rig in env._task.casting.rigs}) == 1
 
 
 def test_a_device_drawn_for_an_episode_is_gone_in_the_next() -> None:

@@ -61,12 +61,12 @@ class Policy:
         value = value @ weights.T + biases
         return np.asarray(np.tanh(value) if self.squashed else np.clip(value, -1.0, 1.0), dtype=np.float32)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write it to ``path`` (.npz): arrays, and a JSON text under ``made``."""
         arrays: dict[str, Any] = {"scale": self.scale, "made": np.array(self._text())}
         for number, (weights, biases) in enumerate(self.layers):
             arrays[f"weights_{number}"], arrays[f"biases_{number}"] = weights, biases
-        with path.open("wb") as file:
+        with Path(path).open("wb") as file:
             np.savez(file, **arrays)
 
     def _text(self) -> str:

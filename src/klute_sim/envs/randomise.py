@@ -109,16 +109,15 @@ class Casting:
             for end in ends:
                 overridden(self.device, {key: end}, "randomise")
         self._grids = self._options_grids()
-        self.rigs: list[Assembly] = [assemble(self.device, options, interval)]
-        """The usual one, then those that have been drawn."""
-        self._numbers: dict[tuple[float, ...], int] = {}
-        for ends in zip(*(((grid[0], grid[-1])) for grid in self._grids.values()), strict=True):
-            self._rig(ends)
-        self.changing = [ROW] if self._ranges else []
+        usual = assemble(self.device, options, interval)
+        self.rigs: list[Assembly] = [usual]
+        """The usual one, then those that have been drawn; all on the usual one's model, which is kept but once."""
+        corners = [self._assembled(both) for both in zip(*((g[0], g[-1]) for g in self._grids.values()), strict=True)]
+        self._drawn = [n for n in MODEL_FIELDS if any(_differs(n, usual.model, rig.model) for rig in corners)]
+        self.changing = [*self._drawn, *([ROW] if self._ranges else [])]
         """Fields of the model that differ from episode to episode."""
-        for name in MODEL_FIELDS:
-            if name != ROW and any(_differs(name, self.rigs[0].model, rig.model) for rig in self.rigs[1:]):
-                self.changing.append(name)
+        self._fields: list[dict[str, Any]] = [self._own(usual.model)]
+        self._numbers: dict[tuple[float, ...], int] = {}
 
     def draw(self, random: np.random.Generator) -> Episode:
         """An episode; draws nothing where nothing is to be drawn."""
@@ -134,10 +133,9 @@ class Casting:
 
     def value(self, episode: Episode, name: str) -> Any:
         """What the model's field ``name`` is in ``episode``."""
-        model = self.rigs[episode.number].model
         if name != ROW:
-            return _field(model, name)
-        rows = model.actuator_user.copy()
+            return self._fields[episode.number][name]
+        rows = self.rigs[0].model.actuator_user.copy()
         rows[self.rigs[0].actuator.id, :SIZE] = pack(episode.parameters)
         return rows
 
@@ -149,16 +147,24 @@ class Casting:
 
     def _rig(self, places: tuple[float, ...]) -> int:
         if places not in self._numbers:
-            drawn = dict(zip(self._grids, places, strict=True))
-            options = replace(
-                self._options,
-                mass=drawn.get("mass_kg", self._options.mass),
-                speed=drawn.get("speed_m_per_s", self._options.speed),
-                slope=np.radians(drawn["slope_deg"]) if "slope_deg" in drawn else self._options.slope,
-            )
-            self.rigs.append(assemble(self.device, options, self._interval))
+            rig = self._assembled(places)
+            self._fields.append(self._own(rig.model))
+            self.rigs.append(replace(rig, model=self.rigs[0].model, actuator=self.rigs[0].actuator))
             self._numbers[places] = len(self.rigs) - 1
         return self._numbers[places]
+
+    def _assembled(self, places: tuple[float, ...]) -> Assembly:
+        drawn, usual = dict(zip(self._grids, places, strict=True)), self._options
+        options = replace(
+            usual,
+            mass=drawn.get("mass_kg", usual.mass),
+            speed=drawn.get("speed_m_per_s", usual.speed),
+            slope=np.radians(drawn["slope_deg"]) if "slope_deg" in drawn else usual.slope,
+        )
+        return assemble(self.device, options, self._interval)
+
+    def _own(self, model: mujoco.MjModel) -> dict[str, Any]:
+        return {name: np.array(_field(model, name)) for name in self._drawn}
 
     def _options_grids(self) -> dict[str, np.ndarray]:
         asked, mass = self._randomise, self._options.mass
