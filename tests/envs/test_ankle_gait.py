@@ -158,6 +158,25 @@ def test_reward_terms_are_what_they_say(episode: list[tuple]) -> None:
         assert info["reward_power"] == pytest.approx(0.3 * np.exp(-(off_power**2) / 2))
         assert info["ankle_power_w_per_kg"] == pytest.approx(-info["ankle_moment_nm_per_kg"] * observed[1], abs=1e-4)
         assert info["reward_air"] == pytest.approx(-0.1 * info["air_g"] * 10)
+        human_power = reference("ankle_power_w_per_kg", np.arange(0.0, 1.0, 1 / 110))
+        push = max(min(info["ankle_power_w_per_kg"], reference("ankle_power_w_per_kg", phase)[0]), 0.0)
+        assert info["reward_work"] == pytest.approx(0.1 * push / np.maximum(human_power, 0.0).mean(), rel=1e-6)
+
+
+def test_weights_are_replaced_by_name() -> None:
+    usual, other = AnkleGaitEnv(strides=1), AnkleGaitEnv(strides=1, reward={"air": -1.0, "work": 0.0})
+    usual.reset(seed=1)
+    other.reset(seed=1)
+    for k in range(110):
+        one, two = (env.step(action(k % 9 * 0.5))[4] for env in (usual, other))
+        assert two["reward_air"] == pytest.approx(10.0 * one["reward_air"])
+        assert two["reward_work"] == 0.0
+        assert two["reward_moment"] == one["reward_moment"]
+    assert one["air_g"] >= 0.0
+    with pytest.raises(InputError, match="reward has no term 'speed'; allowed: moment, angle, power, work, air"):
+        AnkleGaitEnv(reward={"speed": 1.0})
+    with pytest.raises(InputError, match="weight of air is nan"):
+        AnkleGaitEnv(reward={"air": np.nan})
 
 
 @pytest.mark.parametrize("asked", [-7.0, 1.5, np.inf, -np.inf])

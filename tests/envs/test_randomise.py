@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from klute_sim.device.files import load
+from klute_sim.device.files import load, read
 from klute_sim.device.vector import unpack
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
 from klute_sim.envs.randomise import GRID, Randomise
@@ -88,8 +88,6 @@ def test_a_drawn_device_is_that_device() -> None:
     text = load("klute-1-1-4-pair").content.decode()
     drawn = AnkleGaitEnv(randomise={"device": {"muscle.c10_kpa": 0.3}})
     c10 = drawn.reset(seed=4)[1]["muscle.c10_kpa"]
-    from klute_sim.device.files import read
-
     made = AnkleGaitEnv(device=read(text.replace("c10_kpa = 118.4", f"c10_kpa = {c10!r}").encode(), "made"))
     made.reset(seed=4)
     made.np_random.bit_generator.state = drawn.np_random.bit_generator.state
@@ -135,6 +133,17 @@ def test_the_batch_draws_and_walks_as_environments_in_turn_bit_for_bit(autoreset
     assert ended == 3
     turn.close()
     batch.close()
+
+
+def test_a_drawn_dead_time_is_by_how_much_commands_are_late() -> None:
+    env = AnkleGaitEnv(randomise={"effects": {"pressure_delay": {"delay_s": (0.0, 0.03)}}})
+    for seed in range(4):
+        delay = env.reset(seed=seed)[1]["effects.pressure_delay.delay_s"]
+        begin = env.data.act[env._rig.actuator.act]
+        for _ in range(4):
+            env.step(np.ones(1))
+        rise = 50.0 * (0.04 - round(delay / 5e-4) * 5e-4)  # the regulator gives 50 bar/s
+        assert env.data.act[env._rig.actuator.act] - begin == pytest.approx(rise, abs=1e-6)
 
 
 def test_rigs_are_put_together_once() -> None:

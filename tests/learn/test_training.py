@@ -15,7 +15,7 @@ import pytest
 from command import run
 from klute_sim.control.policy import load_policy
 from klute_sim.errors import InputError
-from klute_sim.learn import config
+from klute_sim.learn import config, training
 from klute_sim.learn.evaluate import compared, episodes
 
 SMALL = b"""
@@ -150,6 +150,10 @@ def test_a_training_can_be_resumed_and_its_policy_is_the_network(algorithm: str,
     set_random_seed(0)
     model = getattr(stable_baselines3, algorithm.upper()).load(folder / "checkpoint.zip", device="cpu")
     policy = load_policy(folder / "policy.npz")
+    kept = training.resume(folder).policy()
+    for (weights, biases), (own, its) in zip(policy.layers, kept.layers, strict=True):
+        assert np.array_equal(weights, own)
+        assert np.array_equal(biases, its)
     assert policy.made["steps"] == told["steps"]
     assert policy.made["config"]["algorithm"] == algorithm
     space = gymnasium.make("klute_sim/AnkleGait-v1").observation_space
@@ -169,6 +173,8 @@ def test_a_run_of_so_many_steps_can_be_repeated(tmp_path: Path) -> None:
         seen.append(load_policy(tmp_path / name / "policy.npz").layers[-1][0])
     assert np.array_equal(seen[0], seen[1])
     assert not np.array_equal(seen[0], seen[2])
+    first = [training.resume(tmp_path / name).model.seed for name in "abc"]
+    assert first == [1, 1, 2]
 
 
 def test_stable_baselines3_has_nothing_to_say_about_the_environments(recwarn: pytest.WarningsRecorder) -> None:
