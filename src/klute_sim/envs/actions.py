@@ -91,6 +91,8 @@ class Actions:
 
         One piece, or more where a dead time of one of them ends within the interval.
         """
+        if not self._late.any():
+            return [(self._each, command)]
         self._told[which] = np.column_stack([self._told[which, 1:], command[which]])
         whole, part = np.divmod(self._late, self._each)
         places = np.arange(len(part))

@@ -119,7 +119,7 @@ class Training:
         """Write checkpoint, progress and learning curve, each whole or not at all."""
         unfinished = self.folder / f".{CHECKPOINT}"
         self.model.save(unfinished)
-        unfinished.rename(self.folder / CHECKPOINT)
+        unfinished.replace(self.folder / CHECKPOINT)
         text = json.dumps({"seed": self.progress.seed, "minutes": self.progress.minutes, "steps": self.progress.steps})
         _replace(self.folder / PROGRESS, text + "\n")
         rows = "".join(",".join(str(value) for value in row) + "\n" for row in self.progress.rows)
@@ -173,4 +173,4 @@ def resume(folder: Path) -> Training:
 def _replace(path: Path, text: str) -> None:
     unfinished = path.with_name(f".{path.name}")
     unfinished.write_text(text, "utf-8")
-    unfinished.rename(path)
+    unfinished.replace(path)
