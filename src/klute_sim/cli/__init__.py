@@ -27,6 +27,7 @@ COMMANDS = {
     "measure": ("klute_sim.cli.measure", "Plan bench measurements: commands, files to fill, what to record."),
     "tune": ("klute_sim.cli.tune", "Tune a pressure profile, or device and profile together, on the gait rig."),
     "train": ("klute_sim.cli.train", "Train a policy to walk, and compare it with the hand-tuned profile."),
+    "baselines": ("klute_sim.cli.baselines", "Walk what a new controller or device is held against."),
     "view": ("klute_sim.cli.view", "Open a run in the rerun viewer."),
 }
 """Name -> (module that defines it as ``command``, one line of help)."""

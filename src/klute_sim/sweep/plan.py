@@ -14,6 +14,7 @@ from klute_sim.device.files import Device
 from klute_sim.rigs.gait.assembly import GaitOptions
 from klute_sim.rigs.gait.build import MODEL_MASS
 from klute_sim.rigs.gait.reference import Reference, default
+from klute_sim.rigs.gait.spring_foot import SpringFoot
 from klute_sim.sweep.software import software
 
 
@@ -41,6 +42,8 @@ class Combination:
     strides: int
     step: float
     """Time step [s]."""
+    foot: float | None = None
+    """Stiffness of a passive foot in place of the device [N.m/deg]."""
     software: Mapping[str, str] = field(default_factory=software)
     """Of whoever planned it: it may be walked elsewhere."""
 
@@ -53,13 +56,14 @@ class Combination:
             strides=self.strides,
             step=self.step,
             reference=_reference(),
+            foot=None if self.foot is None else SpringFoot(stiffness=math.degrees(self.foot)),
         )
 
     @property
     def key(self) -> str:
         """Digest of all that its outcomes depend on; what things are called is not among it."""
         who = [self.device.digest, self.controller.describe()]
-        how = [self.speed, self.slope_deg, self.mass, self.strides, self.step, dict(self.software)]
+        how = [self.speed, self.slope_deg, self.mass, self.strides, self.step, self.foot, dict(self.software)]
         return hashlib.sha256(json.dumps([*who, *how], sort_keys=True).encode()).hexdigest()[:32]
 
 

@@ -1,6 +1,6 @@
 """A sweep from its plan to its table."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from klute_sim.sweep import table
@@ -26,12 +26,23 @@ class Swept:
 
 
 def sweep(plan: Plan, store: Store, runner: Runner, progress: Callable[[float], None] = lambda fraction: None) -> Swept:
-    """Walk what ``store`` lacks of ``plan`` by ``runner``; ``progress`` is told the finished fraction.
+    """Walk what ``store`` lacks of ``plan`` by ``runner``; ``progress`` is told the finished fraction."""
+    everything = list(plan.combinations())
+    walked, kept = walks(everything, store, runner, progress)
+    return Swept([table.row(each, found) for each, found in zip(everything, walked, strict=True)], kept)
+
+
+def walks(
+    everything: Sequence[Combination],
+    store: Store,
+    runner: Runner,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> tuple[list[Walked | None], int]:
+    """What became of each of ``everything``, and how many of them ``store`` had; None: its process was killed.
 
     Every walk is in the store before the next is told, so that whatever ends this costs only what was under way.
     Combinations that are the same under two names are walked once.
     """
-    everything = list(plan.combinations())
     keys = {combination.key: combination for combination in everything}
     walked = {key: found for key in keys if (found := store.get(key))}
     kept = len(walked)
@@ -50,4 +61,4 @@ def sweep(plan: Plan, store: Store, runner: Runner, progress: Callable[[float], 
     missing = [combination for key, combination in keys.items() if key not in walked]
     if missing:
         runner(missing, finished)
-    return Swept([table.row(each, walked.get(each.key)) for each in everything], kept)
+    return [walked.get(each.key) for each in everything], kept

@@ -91,13 +91,15 @@ def plan(reference: Reference, leg: Leg, stride_time: float, speed: float | None
 
     The reference's angles and the leg fix how far the hip travels per stride. ``stride_time`` [s] then implies
     the speed; a chosen ``speed`` [m/s] scales the stride time instead. ``reference`` is that of the ``slope`` [rad]
-    already (:meth:`Reference.on_slope`); in swing the hip is as far above where the foot would touch as on the level.
+    already (:meth:`Reference.on_slope`). A prosthesis does not lift its toe: in swing the hip is raised to where a foot
+    with the ankle as on the level clears the ground as it does there (assumed: people hike the hip).
     """
     thigh = thigh_angle(reference, GRID)
     shank = thigh + knee_angle(reference, GRID)
     pitch = shank - np.radians(reference("ankle_dorsiflexion_deg", GRID))
     ankle = leg.ankle_height(pitch)
-    contact = ankle + leg.shank * np.cos(shank) + leg.thigh * np.cos(thigh)
+    above = leg.shank * np.cos(shank) + leg.thigh * np.cos(thigh)
+    contact, swinging = ankle + above, leg.ankle_height(pitch + slope) + above
     level = ankle + leg.shank * np.cos(shank - slope) + leg.thigh * np.cos(thigh - slope)
 
     # Forward speed per cycle [m]: the ankle moves as the foot rolls, the hip as the leg swings over it.
@@ -110,7 +112,7 @@ def plan(reference: Reference, leg: Leg, stride_time: float, speed: float | None
     return Motion(
         stride_time=stride_time,
         speed=float(per_cycle.mean()) / stride_time,
-        height=_hip_height(reference, contact, contact - level, leg.scale),
+        height=_hip_height(reference, contact, swinging, swinging - level, leg.scale),
         velocity=forward,
         travel=forward.antiderivative(),
     )
@@ -137,10 +139,13 @@ def _blend_legs(reference: Reference, rolling: Samples, scale: float) -> Samples
     return np.asarray(np.fft.irfft(spectrum, len(GRID)))
 
 
-def _hip_height(reference: Reference, contact: Samples, raised: Samples, scale: float) -> CubicSpline:
+def _hip_height(
+    reference: Reference, contact: Samples, swinging: Samples, raised: Samples, scale: float
+) -> CubicSpline:
     """One periodic spline: contact height through stance, high enough to clear the toe in swing.
 
-    ``raised`` is what a slope adds to ``contact`` [m].
+    ``contact`` is the height [m] at which the stance foot touches, ``swinging`` that of the swing foot, and ``raised``
+    what a slope adds to the latter.
     """
     lift = reference.stance_end()
 
@@ -153,7 +158,7 @@ def _hip_height(reference: Reference, contact: Samples, raised: Samples, scale: 
 
     stance, swing = moved(STANCE_KNOTS), moved(SWING_KNOTS)
     first, second, least = scale * np.array(SWING_HEIGHTS) + at(swing[:3], raised)
-    touch = at(swing[2:], contact)
+    touch = at(swing[2:], swinging)
     late = touch + np.array(SWING_CLEARANCES)
     late[0] = max(late[0], least)
     phases = np.concatenate([[swing[-1] - 1.0], stance, swing])

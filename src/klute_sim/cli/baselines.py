@@ -1,0 +1,122 @@
+"""``klute-sim baselines``."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from klute_sim.cli.given_path import GivenPath
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+COLUMNS = (
+    ("moment\nsd", "moment_distance [sd]", ".2f"),
+    ("angle\nsd", "angle_distance [sd]", ".2f"),
+    ("power\nsd", "power_distance [sd]", ".2f"),
+    ("peak power\nW/kg", "ankle_power_peak [W/kg]", ".2f"),
+    ("net work\nJ/kg", "ankle_work_net [J/kg]", "+.3f"),
+    ("air\ng/stride", "air_per_stride [g]", ".2f"),
+)
+"""Title, heading and format of what is shown in every condition; the files have more."""
+FIELD = (
+    ("quasi-stiffness\nN·m/kg/deg", "quasi_stiffness [N*m/kg/deg]", ".3f"),
+    ("energy\nreturn", "energy_return [1]", ".2f"),
+    ("roll-over\nradius m", "rollover_radius [m]", ".2f"),
+    ("plantar-\nflexion deg", "ankle_plantarflexion [deg]", ".1f"),
+    ("strides\nper tank", "strides_per_tank [1]", ".0f"),
+)
+"""Likewise, on the level at the reference's speed."""
+
+
+@click.command("baselines")
+@click.option(
+    "--only", multiple=True, metavar="NAME", help="One of the baselines; may be given several times.  [default: all]"
+)
+@click.option("--mass", type=float, default=75.0, show_default=True, metavar="KG", help="Body mass [kg].")
+@click.option("--strides", type=int, default=5, show_default=True, help="Strides of each walk.")
+@click.option("--step", "step_ms", type=float, default=0.5, show_default=True, metavar="MS", help="Time step [ms].")
+@click.option(
+    "--jobs", type=click.IntRange(0, 256), default=0, metavar="N", help="Processes.  [default: 0, one per core]"
+)
+@click.option(
+    "--out",
+    type=GivenPath(),
+    default=None,
+    metavar="FOLDER",
+    help="Folder for the walks; one that was begun there goes on.  [default: runs/baselines-NNN]",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the tables.")
+def command(
+    only: tuple[str, ...], mass: float, strides: int, step_ms: float, jobs: int, out: Path | None, as_json: bool
+) -> None:
+    """Walk what a new controller or device is held against: passive feet, off, constant, hand-tuned, machine, tuned.
+
+    Each at the reference's speed, at 0.8 and 1.25 of it, and 5 degrees uphill and downhill. Distance to the human is
+    given on the level at the reference's speed only: elsewhere nobody was measured. There, angles of thigh and shank
+    and the ground reaction are the reference's in space, in its time scaled with the speed (assumed).
+
+    Writes baselines.json, table.json and a file per walk.
+
+    \b
+    Examples:
+      klute-sim baselines
+      klute-sim baselines --only hand-tuned --only machine --mass 90
+    """
+    from klute_sim.baselines import table
+    from klute_sim.baselines.library import baselines
+    from klute_sim.cli.console import console, progress_bar
+    from klute_sim.sweep.local import Processes
+    from klute_sim.sweep.store import open_folder, write
+    from klute_sim.sweep.sweep import walks
+
+    planned = table.entries(baselines(only), mass, strides, 1e-3 * step_ms)
+    store = open_folder(out, table.described(planned), "baselines")
+    with progress_bar("walking") as progress, Processes(jobs) as processes:
+        walked, _ = walks([each.combination for each in planned], store, processes.run, progress)
+    found = [
+        table.Entry(each.baseline, each.condition, each.combination, result)
+        for each, result in zip(planned, walked, strict=True)
+    ]
+    rows = table.rows(found)
+    text = json.dumps({"folder": str(store.folder), "rows": rows}, indent=2, allow_nan=False)
+    with store.writing():
+        write(store.folder / "table.json", text + "\n")
+    if as_json:
+        click.echo(text)
+        return
+    out_ = console()
+    for condition in dict.fromkeys(row["condition"] for row in rows):
+        own = [row for row in rows if row["condition"] == condition]
+        out_.print(_table(_title(own[0]), own, COLUMNS if condition == "level" else COLUMNS[3:]))
+    level = [row for row in rows if row["condition"] == "level"]
+    out_.print(_table("on the level: what a wearer would notice", level, FIELD))
+    out_.print(
+        f"A tank of {1e3 * table.TANK_VOLUME:g} l at {table.TANK_PRESSURE / 1e5:g} bar, used down to "
+        f"{table.TANK_LEFT / 1e5:g} bar, is assumed. On slopes and at other speeds the limb's motion is assumed.",
+        soft_wrap=True,
+    )
+    out_.print(f"Folder: {store.folder}", soft_wrap=True)
+
+
+def _title(row: dict[str, Any]) -> str:
+    if row["slope [deg]"]:
+        return f"{abs(row['slope [deg]']):g} degrees {row['condition']}"
+    return "level, the reference's speed" if row["speed_asked [m/s]"] is None else f"{row['speed_asked [m/s]']:.2f} m/s"
+
+
+def _table(title: str, rows: list[dict[str, Any]], columns: tuple[tuple[str, str, str], ...]) -> "Table":
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    result = Table(title=Text(title), box=box.SIMPLE_HEAD)
+    result.add_column("")
+    for name, _, _ in columns:
+        result.add_column(name, justify="right", no_wrap=True)
+    result.add_column("")
+    for row in rows:
+        cells = ["-" if row.get(heading) is None else format(row[heading], form) for _, heading, form in columns]
+        result.add_row(row["baseline"], *cells, row["failure"] or "")
+    return result
