@@ -19,7 +19,14 @@ def test_the_wheel_runs_by_itself(tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
     inside = {str(file.relative_to(site / "klute_sim")) for file in (site / "klute_sim").rglob("*")}
-    wanted = {"py.typed", "models/ankle.xml", "models/bench.xml", "models/gait_rig.xml", "control/tuned_profile.csv"}
+    wanted = {
+        "py.typed",
+        "models/ankle.xml",
+        "models/bench.xml",
+        "models/gait_rig.xml",
+        "control/tuned_profile.csv",
+        "learn/default.toml",
+    }
     assert {str(Path(name)) for name in wanted} <= inside
     code = (
         "import klute_sim, sys; from klute_sim.plant import models; from klute_sim.cli import main\n"
