@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 
-from klute_sim.control import word
+from klute_sim.control import learned, word
 from klute_sim.control.pressure import Profile, parse_profile
 from klute_sim.control.word import Controller
 from klute_sim.device.files import DEFAULT_PROSTHESIS, Device, load, read
@@ -52,6 +52,9 @@ def _baseline(entry: dict[str, str | float]) -> Baseline:
 
 def _controller(text: str) -> Controller:
     """A file that lies beside the list, or what the command line calls it."""
+    if text.endswith(".npz"):
+        with resources.as_file(_folder() / text) as path:
+            return learned.load(path)
     return _profile(text) if text.endswith(".csv") else word.parse(text)
 
 

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     default="profile",
     show_default=True,
     metavar="WORD",
-    help="profile (tuned by hand), off, constant:BAR, machine (states seen by its own sensors), the CSV file of a "
-    "profile over gait phase, or the TOML file of a state machine.",
+    help="profile (tuned by hand), off, constant:BAR, machine (states seen by its own sensors), or a file: a profile "
+    "over gait phase (.csv), a state machine (.toml), a trained policy (.npz).",
 )
 @click.option(
     "--spring-foot",

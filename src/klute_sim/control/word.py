@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from klute_sim.control import machine
+from klute_sim.control import learned, machine
 from klute_sim.control import pressure as control
 from klute_sim.control.feedback import FeedbackController
 from klute_sim.control.pressure import PressureController
@@ -11,7 +11,9 @@ from klute_sim.errors import InputError
 from klute_sim.units import BAR
 
 Controller = PressureController | FeedbackController
-WORDS = "profile, off, constant:BAR, machine, the CSV file of a profile, or the TOML file of a state machine"
+WORDS = (
+    "profile, off, constant:BAR, machine, or a file: a profile (.csv), a state machine (.toml), a trained policy (.npz)"
+)
 """What can be typed, for help and errors."""
 
 
@@ -27,7 +29,7 @@ def parse(word: str) -> Controller:
         return KINDS[kind](argument)
     if not word or not (Path(word).suffix or Path(word).exists()):
         raise InputError(f"no controller '{word}'; allowed: {WORDS}")
-    return machine.load(word) if Path(word).suffix.lower() == ".toml" else control.load_profile(word)
+    return FILES.get(Path(word).suffix.lower(), control.load_profile)(word)
 
 
 def _off(argument: str) -> Controller:
@@ -59,3 +61,6 @@ KINDS: dict[str, Callable[[str], Controller]] = {
     "machine": _machine,
 }
 """Kind -> what makes a controller of it from the text after the colon, which may be empty."""
+
+FILES: dict[str, Callable[[str], Controller]] = {".toml": machine.load, ".npz": learned.load}
+"""Ending of a file -> what reads a controller from it; all others are profiles."""
