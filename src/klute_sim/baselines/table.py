@@ -7,6 +7,7 @@ from typing import Any
 
 from klute_sim.baselines.library import Baseline
 from klute_sim.laws.pneumatics import air_mass
+from klute_sim.report.table import FOLLOWED
 from klute_sim.rigs.gait.assembly import GaitOptions, assemble
 from klute_sim.sweep.plan import Combination
 from klute_sim.sweep.software import software
@@ -55,6 +56,12 @@ class Entry:
         return {} if self.walked is None else dict(self.walked.outcomes)
 
     @property
+    def remark(self) -> str | None:
+        """What is not as it should be; None: nothing."""
+        tracking = self.outcomes.get("grf_vertical_tracking_rms [1]")
+        return self.failure or ("the load was not followed" if tracking is not None and tracking > FOLLOWED else None)
+
+    @property
     def failure(self) -> str | None:
         """Why it does not walk, or walks badly; None: it walks."""
         if self.walked is None:
@@ -66,11 +73,11 @@ def entries(
     baselines: Sequence[Baseline], mass: float, strides: int, step: float, conditions: Iterable[Condition] = CONDITIONS
 ) -> list[Entry]:
     """What is to be walked by somebody of ``mass`` [kg], ``strides`` at ``step`` [s]; raises InputError."""
-    conditions, usual = list(conditions), {}
+    conditions, usual, options = list(conditions), {}, GaitOptions(mass=mass, strides=strides, step=step)
     found = []
     for baseline in baselines:
         if baseline.device.digest not in usual:
-            usual[baseline.device.digest] = assemble(baseline.device, GaitOptions(mass=mass), step).plan.speed
+            usual[baseline.device.digest] = assemble(baseline.device, options, step).plan.speed
         own = usual[baseline.device.digest]
         for condition in conditions:
             combination = Combination(
@@ -113,6 +120,7 @@ def rows(found: Iterable[Entry]) -> list[dict[str, Any]]:
             **each.outcomes,
             "strides_per_tank [1]": strides_per_tank(each.outcomes.get("air_per_stride [g]")),
             "failure": each.failure,
+            "remark": each.remark,
         }
         for each in found
     ]

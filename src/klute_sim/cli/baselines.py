@@ -67,6 +67,7 @@ def command(
     from klute_sim.baselines import table
     from klute_sim.baselines.library import baselines
     from klute_sim.cli.console import console, progress_bar
+    from klute_sim.report.table import FOLLOWED
     from klute_sim.sweep.local import Processes
     from klute_sim.sweep.store import open_folder, write
     from klute_sim.sweep.sweep import walks
@@ -97,6 +98,12 @@ def command(
         f"{table.TANK_LEFT / 1e5:g} bar, is assumed. On slopes and at other speeds the limb's motion is assumed.",
         soft_wrap=True,
     )
+    if any(row["remark"] for row in rows):
+        out_.print(
+            f"Where the load was not followed (rms above {FOLLOWED:g} body weights), the ankle did not carry what the "
+            "reference's does: its moments and powers are not those of walking.",
+            soft_wrap=True,
+        )
     out_.print(f"Folder: {store.folder}", soft_wrap=True)
 
 
@@ -118,5 +125,5 @@ def _table(title: str, rows: list[dict[str, Any]], columns: tuple[tuple[str, str
     result.add_column("")
     for row in rows:
         cells = ["-" if row.get(heading) is None else format(row[heading], form) for _, heading, form in columns]
-        result.add_row(row["baseline"], *cells, row["failure"] or "")
+        result.add_row(row["baseline"], *cells, row["remark"] or "")
     return result

@@ -27,11 +27,10 @@ if TYPE_CHECKING:
 @click.option(
     "--controller",
     "controller_word",
-    default="profile",
-    show_default=True,
+    default=None,
     metavar="WORD",
     help="profile (tuned by hand), off, constant:BAR, machine (states seen by its own sensors), or a file: a profile "
-    "over gait phase (.csv), a state machine (.toml), a trained policy (.npz).",
+    "over gait phase (.csv), a state machine (.toml), a trained policy (.npz).  [default: profile; off for a spring foot]",
 )
 @click.option(
     "--spring-foot",
@@ -92,7 +91,7 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
 def command(
     device_name: str | None,
-    controller_word: str,
+    controller_word: str | None,
     spring_foot: float | None,
     reference_file: Path | None,
     stride_time: float | None,
@@ -120,7 +119,7 @@ def command(
       klute-sim gait
       klute-sim gait --controller off --strides 3
       klute-sim gait --slope -5 --speed 1.0 --controller machine
-      klute-sim gait --spring-foot 6 --controller off
+      klute-sim gait --spring-foot 6
       klute-sim gait --device my-device.toml --mass 82 --stature 1.80 --speed 1.3
       klute-sim gait --json | python -m json.tool
     """
@@ -134,7 +133,9 @@ def command(
     from klute_sim.rigs.gait.spring_foot import SpringFoot
 
     device = load(DEFAULT_PROSTHESIS if device_name is None else device_name)
-    chosen = word.parse(controller_word)
+    chosen = word.parse(controller_word if controller_word is not None else "off" if spring_foot else "profile")
+    if spring_foot is not None and controller_word not in (None, "off"):
+        raise InputError("a spring foot takes no pressure: --spring-foot goes with --controller off, or without one")
     foot = None if spring_foot is None else SpringFoot(stiffness=math.degrees(spring_foot))
     beyond = _beyond_supply(device, chosen)
     if stride_time is not None and reference_file is None:

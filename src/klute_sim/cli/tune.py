@@ -50,7 +50,12 @@ if TYPE_CHECKING:
 )
 @click.option("--mass", type=float, default=75.0, show_default=True, metavar="KG", help="Body mass [kg].")
 @click.option(
-    "--budget", type=click.IntRange(1, 1_000_000), default=600, show_default=True, metavar="N", help="Walks to try."
+    "--budget",
+    type=click.IntRange(1, 1_000_000),
+    default=600,
+    show_default=True,
+    metavar="N",
+    help="Walks to try, in whole rounds.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Of the search.")
 @click.option(
@@ -81,11 +86,11 @@ def command(
     """Tune a pressure profile, and the device with it if asked to, to walk like the human reference on little air.
 
     What is made small: the mean squared distance of net moment, angle and power from the reference in stance, in its
-    standard deviations, plus 0.1 for every gram of air in a stride; a foot that catches in swing costs more than any
-    walk is worth. The search is CMA-ES; every walk is kept, so that the same command goes on where it was, also with a
+    standard deviations, plus 0.1 for every gram of air in a stride. A foot that catches in swing comes after every walk
+    that does not. The search is CMA-ES; every walk is kept, so that the same command goes on where it was, also with a
     larger --budget.
 
-    Writes tuned.csv (for gait --profile), device.toml if the device was tuned, tuning.png (tracking against air),
+    Writes tuned.csv (for gait --controller), device.toml if the device was tuned, tuning.png (tracking against air),
     tuning.json and a file per walk. Needs the extra 'tune'.
 
     \b
@@ -93,7 +98,7 @@ def command(
       klute-sim tune
       klute-sim tune --weight air=0.5 --budget 2000 --out thrifty
       klute-sim tune --with-device --goal-human --budget 4000 --out human
-      klute-sim gait --profile human/tuned.csv --device human/device.toml
+      klute-sim gait --controller human/tuned.csv --device human/device.toml
     """
     from klute_sim.control import pressure as control
     from klute_sim.device.files import DEFAULT_PROSTHESIS, load
@@ -158,4 +163,6 @@ def _report(result: dict[str, Any], *, as_json: bool) -> None:
     out.print(
         f"The objective fell by {better:.0f} % in {result['walks']} walks (seed {result['seed']}).", soft_wrap=True
     )
+    for remark in result["remarks"]:
+        out.print(remark, soft_wrap=True)
     out.print(f"Folder: {result['folder']}  ({', '.join(result['files'])})", soft_wrap=True)

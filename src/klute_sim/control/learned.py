@@ -79,8 +79,10 @@ def learned(policy: Policy, where: str) -> Learned:
         environment = policy.made["config"]["environment"]
         action = environment.get("action", "pressure")
         residual, late = float(environment.get("residual_bar", 1.0)), int(environment.get("sensor_delay", 0))
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         raise InputError(f"policy {where} does not say how it was trained") from None
+    if not (0.0 <= residual <= 20.0 and 0 <= late <= 100):  # also refuses NaN
+        raise InputError(f"policy {where} changes {residual:g} bar, {late} intervals late; allowed: 0 to 20, 0 to 100")
     if action != "residual":
         raise InputError(f"policy {where} commands '{action}'; allowed: residual, a bounded change of a profile")
     return Learned(policy, tuned(), residual * BAR, late)

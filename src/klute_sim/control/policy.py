@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +37,8 @@ class Policy:
         """Raise InputError for layers that do not fit together."""
         if self.activation not in ACTIVATIONS:
             raise InputError(f"the policy's activation is '{self.activation}'; allowed: {', '.join(ACTIVATIONS)}")
+        if self.scale.ndim != 1 or any(weights.ndim != 2 or biases.ndim != 1 for weights, biases in self.layers):
+            raise InputError("the policy's scale and biases are no rows, or its weights no tables, of numbers")
         inputs = len(self.scale)
         for number, (weights, biases) in enumerate(self.layers, start=1):
             if (
@@ -87,6 +90,6 @@ def load_policy(path: str | Path) -> Policy:
         scale, activation, squashed = np.asarray(arrays["scale"], np.float32), made["activation"], made["squashed"]
     except OSError as error:
         raise InputError(f"policy {path} cannot be read: {error.strerror or error}") from None
-    except (EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
+    except (EOFError, KeyError, ValueError, TypeError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(f"policy {path} is none: {error}") from None
     return Policy(scale, layers, str(activation), bool(squashed), made)

@@ -234,7 +234,8 @@ def _stride(r: Recording, mass: float) -> StrideOutcome:
 
 def _longest(r: Recording) -> float | None:
     resting = r.provenance["device"].get("resting_length_m")
-    return None if resting is None else float(r["muscle_length"].max() / resting)
+    passive = r.provenance["options"].get("spring_foot_nm_per_deg") is not None
+    return None if resting is None or passive else float(r["muscle_length"].max() / resting)
 
 
 def _step(r: Recording) -> float:

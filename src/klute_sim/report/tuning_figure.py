@@ -47,9 +47,9 @@ def _pareto(
     before: tuple[float, float],
     after: tuple[float, float],
 ) -> None:
-    air, apart = zip(*tried, strict=True)
+    air, apart = zip(*tried, strict=True) if tried else ((), ())
     axis.scatter(air, apart, s=6, color=EARLIER, label=f"{len(tried)} walks")
-    air, apart = zip(*front, strict=True)
+    air, apart = zip(*front, strict=True) if front else ((), ())
     axis.plot(air, apart, color=FRONT, drawstyle="steps-post", linewidth=1.2, label="nothing beats both")
     axis.plot(*before, "s", color=HUMAN, label="before")
     axis.plot(*after, "*", color=OURS, markersize=12, label="tuned")

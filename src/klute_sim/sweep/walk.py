@@ -12,6 +12,8 @@ from klute_sim.sweep.plan import Combination
 from klute_sim.sweep.software import software
 
 Value = float | bool | None
+UNEXPECTED = "unexpected"
+"""First word of a failure that is a mistake of ours."""
 
 MEANS: dict[str, Callable[[StrideOutcome], float | None]] = {
     "ankle_power_peak [W/kg]": lambda s: s.ankle_power_peak_w_per_kg,
@@ -71,7 +73,7 @@ def walk(combination: Combination) -> Walked:
     except MemoryError:
         raise
     except Exception as error:  # one combination that trips over a mistake of ours must not cost a night's sweep
-        return Walked({}, f"unexpected {type(error).__name__}: {error}")
+        return Walked({}, f"{UNEXPECTED} {type(error).__name__}: {error}")
 
 
 def _outcomes(recording: Recording, combination: Combination) -> dict[str, Value]:

@@ -4,18 +4,20 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from klute_sim.control.pressure import to_csv
 from klute_sim.recording.recording import Recording
-from klute_sim.report import tuning_figure
-from klute_sim.report.outcomes import AnkleOutcome, StrideOutcome, human_outcome, outcomes
+from klute_sim.report import table, tuning_figure
+from klute_sim.report.outcomes import AnkleOutcome, StrideOutcome, human_outcome, outcomes, summary
 from klute_sim.rigs.gait.rig import walk
 from klute_sim.sweep.software import software
 from klute_sim.sweep.store import Store, open_folder, write
 from klute_sim.tuning.knobs import Point
-from klute_sim.tuning.search import Question, Tried, best, front
+from klute_sim.tuning.objective import FREE, REST
+from klute_sim.tuning.search import SPREAD, STEP, STRIDES, Question, Tried, best, front
 
 FINE_STRIDES, FINE_STEP = 5, 5e-4
 """Of the walks before and after that are shown."""
@@ -40,7 +42,8 @@ def described(question: Question) -> dict[str, Any]:
         "weights": asdict(question.weights),
         "goals": asdict(question.goals),
         "seed": question.seed,
-        "software": software(),
+        "search": {"spread": SPREAD, "strides": STRIDES, "step_s": STEP, "rest": REST, "free": FREE},
+        "software": {**software(), "cma": version("cma")},
     }
 
 
@@ -50,8 +53,8 @@ def finished(store: Store, question: Question, tried: list[Tried]) -> dict[str, 
     walks = _walk(question, start.places), _walk(question, found.places)
     device, profile = question.tunable.made(found.places)
     files = ["tuned.csv", "tuning.json", "tuning.png"]
+    remarks = table.remarks(summary(walks[1], outcomes(walks[1])))
     with store.writing():
-        write(store.folder / "tuned.csv", to_csv(profile))
         if question.tunable.keys:
             write(store.folder / "device.toml", device.content.decode("utf-8-sig"))
             files.append("device.toml")
@@ -59,6 +62,7 @@ def finished(store: Store, question: Question, tried: list[Tried]) -> dict[str, 
         tuning_figure.draw(
             points, [_point(e) for e in front(tried)], _point(start), _point(found), walks, store.folder / "tuning.png"
         )
+        write(store.folder / "tuned.csv", to_csv(profile))
         result = {
             "folder": str(store.folder),
             "files": sorted(files),
@@ -66,6 +70,7 @@ def finished(store: Store, question: Question, tried: list[Tried]) -> dict[str, 
             "seed": question.seed,
             "cost": {"before": start.cost, "tuned": found.cost},
             "table": _table(*walks),
+            "remarks": remarks,
             "knobs": {
                 knob.name: {"before": knob.start, "tuned": knob.value(float(place))}
                 for knob, place in zip(question.tunable.knobs, found.places, strict=True)

@@ -1,6 +1,7 @@
 """What tuning turns: pressures and timing of a profile, and numbers of the device if asked for."""
 
 import math
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -8,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.control.pressure import Profile
-from klute_sim.dataset.override import overridden
-from klute_sim.device.files import Device
+from klute_sim.dataset.override import overridden, to_toml
+from klute_sim.device.files import Device, read
 from klute_sim.errors import InputError
 from klute_sim.units import BAR
 
 Point = NDArray[np.float64]
-TUNED = "klute-sim tune"
+TUNED = "assumed: found by klute-sim tune, nobody has built it"
 PRESSURE, TIMING = 0.4, 2.0
 """First spread of a pressure [bar], and of the profile's timing [% of the cycle]."""
 LATEST = 10.0
@@ -37,6 +38,15 @@ DEVICE = (
     "mounting.neutral_muscle_ratio",
 )
 """What is turned of a device that is tuned together with its controller, where nothing else is said."""
+
+
+def _renamed(device: Device) -> Device:
+    """Under a name of its own, if it is another one."""
+    keys = tomllib.loads(device.content.decode("utf-8-sig"))
+    if TUNED not in keys.get("sources", {}).values():
+        return device
+    keys |= {"name": f"{keys['name']}-tuned", "description": f"{keys['name']} with numbers found by klute-sim tune."}
+    return read(to_toml(keys).encode(), keys["name"])
 
 
 @dataclass(frozen=True)
@@ -74,11 +84,19 @@ class Tunable:
     """Numbers of the device (``section.key``)."""
 
     def __post_init__(self) -> None:
-        """Raise InputError for a key that is no number of the device, or one that cannot be scaled."""
+        """Raise InputError for a key that is no number of the device or cannot be scaled, or for too much pressure."""
+        most = self.device.parameters.supply.pressure / BAR
+        if max(self.profile.pressure_bar) > most:
+            raise InputError(
+                f"pressure profile {self.profile.name} asks for {max(self.profile.pressure_bar):g} bar; the supply of "
+                f"'{self.device.name}' has {most:g} bar"
+            )
         numbers = self.device.spec.numbers()
         for key in self.keys:
             if key not in numbers:
                 raise InputError(f"device '{self.device.name}' has no number '{key}'; klute-sim device shows them")
+            if key == "muscle.count":
+                raise InputError(f"'{key}' is a whole number; only what can be any number is tuned")
             if not numbers[key] > 0.0:
                 raise InputError(
                     f"'{key}' of device '{self.device.name}' is {numbers[key]:g}; only what is positive is tuned"
@@ -111,7 +129,7 @@ class Tunable:
         )
         profile = Profile(f"tuned from {self.profile.name}", *map(tuple, zip(*moved, strict=True)))
         changes = {key: float(f"{value:.6g}") for key, value in zip(self.keys, numbers, strict=True)}
-        return overridden(self.device, changes, TUNED), profile
+        return _renamed(overridden(self.device, changes, TUNED)), profile
 
     def beyond(self, places: Sequence[float] | Point) -> float:
         """Sum of squares of how far ``places`` are outside of the bounds, in spreads."""

@@ -1,8 +1,9 @@
 """What tuning makes small: how far the ankle is from the human one, and the air that takes.
 
 In words: the mean squared distance of net moment, angle and power from the reference in stance, in its standard
-deviations, each counted once; plus 0.1 for every gram of air in a stride; plus more than any walk can be worth for a
-foot that catches the ground in swing or a rig that leaves its path. Goals add what they are missed by.
+deviations, each counted once; plus 0.1 for every gram of air in a stride; plus what keeps a muscle off its rest-length
+stop. Goals add what they are missed by. A foot that catches the ground in swing comes after every walk that does not,
+and a rig that leaves its path after those.
 """
 
 import math
@@ -11,8 +12,9 @@ from dataclasses import dataclass, fields
 
 from klute_sim.errors import InputError
 
-CATCH, FALL = 10.0, 50.0
-"""What a foot that catches in swing costs, and a walk that ends early."""
+CATCH, FALL = 1e9, 1e12
+"""What a foot that catches in swing costs, and a walk that ends early: more than the worst walk at the largest weights.
+The search goes by ranks alone."""
 REST = 1e4
 """Cost of a muscle at its rest-length stop: times the square of L/L0 above :data:`FREE`; the stop is no spring."""
 FREE = 0.985
@@ -59,10 +61,12 @@ class Weights:
 
     def __post_init__(self) -> None:
         """See the class."""
-        for each in fields(self):
-            value = getattr(self, each.name)
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        for name, value in values.items():
             if not 0.0 <= value <= 1e3:  # also refuses NaN
-                raise InputError(f"weight of {each.name} is {value:g}; allowed: 0 to 1000")
+                raise InputError(f"weight of {name} is {value:g}; allowed: 0 to 1000")
+        if not any(values.values()):
+            raise InputError("all weights are 0: nothing would be better than anything else")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from klute_sim.errors import InputError, KluteSimError, MissingExtraError
+from klute_sim.rigs.gait.assembly import assemble
 from klute_sim.sweep.plan import Combination
 from klute_sim.sweep.runner import Runner
 from klute_sim.sweep.store import Store
-from klute_sim.sweep.walk import Walked
+from klute_sim.sweep.walk import UNEXPECTED, Walked
 from klute_sim.tuning.knobs import Point, Tunable
 from klute_sim.tuning.objective import FALL, Goals, Tracked, Weights, cost, tracking
 
@@ -38,7 +39,8 @@ class Question:
 
     def __post_init__(self) -> None:
         """Raise InputError for a body or a device that the rig has no place for."""
-        self.combination(np.zeros(len(self.tunable.knobs))).options()
+        combination = self.combination(np.zeros(len(self.tunable.knobs)))
+        assemble(combination.device, combination.options(), STEP)
 
     def combination(self, places: Point, strides: int = STRIDES, step: float = STEP) -> Combination:
         """The walk with the knobs at ``places``; raises InputError for a device that cannot be."""
@@ -64,6 +66,8 @@ class Tried:
     cost: float
     tracked: Tracked | None
     """None: it did not walk."""
+    failure: str | None = None
+    """Why it did not."""
 
     @property
     def tracking(self) -> float:
@@ -104,14 +108,19 @@ def search(
 ) -> list[Tried]:
     """Everything that was tried, the start first, in order; ``budget`` walks, or a few more to finish a round.
 
-    ``progress`` is told how many are done. Raises MissingExtraError without the package cma.
+    A strategy that has nothing left to find is begun anew where tuning began, from another seed, so that a larger
+    budget is never in vain. ``progress`` is told how many are done. Raises MissingExtraError without the package cma.
     """
     count = len(question.tunable.knobs)
     strategy = _strategy(count, question.seed)
     tried = list(_walked(question, [np.zeros(count)], store, runner, progress, 0))
     if tried[0].tracked is None:
-        raise KluteSimError("where tuning begins does not walk; begin from a profile and a device that do")
-    while len(tried) < budget and not strategy.stop():
+        raise KluteSimError(f"where tuning begins does not walk: {tried[0].failure}")
+    restarts = 0
+    while len(tried) < budget:
+        if strategy.stop():
+            restarts += 1
+            strategy = _strategy(count, question.seed + 1_000_003 * restarts)
         asked = [np.asarray(each, dtype=np.float64) for each in strategy.ask()]
         found = list(_walked(question, asked, store, runner, progress, len(tried)))
         strategy.tell(asked, [each.cost for each in found])
@@ -120,8 +129,8 @@ def search(
 
 
 def best(tried: Sequence[Tried]) -> Tried:
-    """The cheapest."""
-    return min(tried, key=lambda each: each.cost)
+    """The cheapest of those that walked; where tuning begins, one does."""
+    return min((each for each in tried if each.tracked is not None), key=lambda each: each.cost)
 
 
 def front(tried: Sequence[Tried]) -> list[Tried]:
@@ -146,7 +155,13 @@ def cma() -> Any:
 def _strategy(count: int, seed: int) -> Any:
     random = np.random.default_rng(seed)
     # With its own source of randomness: the package would seed NumPy's for the whole process.
-    options = {"randn": lambda *shape: random.standard_normal(shape), "seed": np.nan, "verbose": -9}
+    # It would also take orders from a file in the working folder.
+    options = {
+        "randn": lambda *shape: random.standard_normal(shape),
+        "seed": np.nan,
+        "verbose": -9,
+        "signals_filename": None,
+    }
     return cma().CMAEvolutionStrategy(np.zeros(count), SPREAD, options)
 
 
@@ -185,7 +200,11 @@ def _walked(
 
 def _judged(question: Question, places: Point, walked: Walked | None) -> Tried:
     beyond = question.tunable.beyond(places)
-    if walked is None or walked.failure is not None:
-        return Tried(places, FALL + beyond, None)
+    if walked is None:
+        return Tried(places, FALL + beyond, None, "there is no such device")
+    if walked.failure is not None:
+        if walked.failure.startswith(UNEXPECTED):
+            raise KluteSimError(f"a walk met a mistake of ours ({walked.failure}): please report it")
+        return Tried(places, FALL + beyond, None, walked.failure)
     found = tracked(walked.outcomes)
     return Tried(places, cost(found, question.weights, question.goals) + beyond, found)
