@@ -93,6 +93,9 @@ def test_the_command_makes_the_table_and_goes_on(tmp_path: Path) -> None:
     assert level["spring-foot-6"]["strides_per_tank [1]"] is None
     assert all(row["moment_distance [sd]"] is None for row in rows if row["condition"] != "level")
     assert not any(row["failure"] for row in rows)
+    followed = {row["baseline"]: row["remark"] for row in rows if row["condition"] == "level"}
+    assert followed == {"spring-foot-6": "the load was not followed", "machine": None}
+    assert level["spring-foot-6"]["muscle_ratio_max [1]"] is None
     kept = sorted((tmp_path / "b" / "walks").iterdir())
     shown = run("baselines", *asked, cwd=tmp_path)
     assert shown.returncode == 0, shown.stderr
@@ -103,7 +106,13 @@ def test_the_command_makes_the_table_and_goes_on(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
-    [(["--only", "x"], "there is no baseline 'x'"), (["--mass", "7"], "mass is 7; allowed: 20 to 250 kg")],
+    [
+        (["--only", "x"], "there is no baseline 'x'"),
+        (["--mass", "7"], "mass is 7; allowed: 20 to 250 kg"),
+        (["--step", "0"], "step is 0; allowed: 0.01 to 1 ms"),
+        (["--step", "nan"], "step is nan"),
+        (["--strides", "0"], "strides is 0; allowed: 1 to 200"),
+    ],
 )
 def test_bad_input_is_one_sentence_and_leaves_nothing(arguments: list[str], says: str, tmp_path: Path) -> None:
     done = run("baselines", *arguments, cwd=tmp_path)

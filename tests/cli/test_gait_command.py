@@ -123,6 +123,7 @@ def test_tripping_is_said(tmp_path: Path) -> None:
         (["--controller", "off:1"], "off takes nothing after it"),
         (["--controller", "pid"], "no controller 'pid'; allowed: profile, off"),
         (["--spring-foot", "100"], "stiffness of the spring foot is 100; allowed: 0.5 to 40 N.m/deg"),
+        (["--spring-foot", "6", "--controller", "machine"], "a spring foot takes no pressure"),
         (["--slope", "45"], "slope is 45; allowed: -10 to 10 degrees"),
         (["--out", "full"], "output folder full is not empty"),
         (["--out", "bad.toml"], "is a file"),

@@ -26,7 +26,16 @@ def test_a_few_walks_make_it_better_and_more_of_them_go_on(tmp_path: Path) -> No
     device = load(tmp_path / "t" / "device.toml")
     tuned = device.spec.numbers()["tendon.stiffness_1_n_per_mm"]
     assert tuned == pytest.approx(knobs["tendon.stiffness_1_n_per_mm"]["tuned"], rel=1e-4)
-    assert device.spec.sources["tendon.stiffness_1_n_per_mm"] == "klute-sim tune"
+    assert device.spec.sources["tendon.stiffness_1_n_per_mm"].startswith("assumed: found by klute-sim tune")
+    rows = {row["name"]: row for row in found["table"]}
+    for row in rows.values():
+        assert row["before"] != row["tuned"]
+    squares = [
+        sum(rows[f"{each} to human, stance rms [sd]"][side] ** 2 for each in ("moment", "angle", "power"))
+        for side in ("before", "tuned")
+    ]
+    assert squares[1] < squares[0]
+    assert rows["peak net power [W/kg]"]["human"] == pytest.approx(3.29, abs=0.02)
     walks = len(list((tmp_path / "t" / "walks").iterdir()))
     again = run("tune", "--budget", "14", "--also", "tendon.stiffness_1_n_per_mm", "--out", "t", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
@@ -43,6 +52,11 @@ def test_a_few_walks_make_it_better_and_more_of_them_go_on(tmp_path: Path) -> No
         (["--also", "damper.colour"], "has no number 'damper.colour'"),
         (["--profile", "none.csv"], "pressure profile none.csv cannot be read"),
         (["--device", "nobody"], "no device 'nobody'"),
+        (["--device", "klute-3-4"], "its file has no [tendon] section"),
+        (
+            ["--weight", "moment=0", "--weight", "angle=0", "--weight", "power=0", "--weight", "air=0"],
+            "all weights are 0",
+        ),
         (["--mass", "7"], "mass is 7; allowed: 20 to 250 kg"),
         (["--budget", "0"], "0"),
     ],

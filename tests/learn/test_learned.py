@@ -84,6 +84,10 @@ def test_a_file_is_a_controller_on_the_command_line(tmp_path: Path) -> None:
     [
         (policy(inputs=5), "the policy has 5 inputs and 1 outputs; allowed: 8 and 1"),
         (policy(action="pressure"), "commands 'pressure'; allowed: residual"),
+        (policy(residual_bar=float("nan")), "changes nan bar"),
+        (policy(residual_bar=-5.0), "changes -5 bar"),
+        (policy(sensor_delay=-3), "-3 intervals late"),
+        (policy(sensor_delay=float("inf")), "does not say how it was trained"),
     ],
 )
 def test_a_policy_of_something_else_is_refused(given: Policy, says: str) -> None:

@@ -12,6 +12,7 @@ from klute_sim.recording.recording import Recording
 from klute_sim.report.outcomes import StrideOutcome, outcomes
 from klute_sim.report.table import remarks
 from klute_sim.rigs.gait.assembly import GaitOptions, assemble
+from klute_sim.rigs.gait.build import leg
 from klute_sim.rigs.gait.reference import GRAVITY, default
 from klute_sim.rigs.gait.rig import walk
 
@@ -81,6 +82,33 @@ def test_the_carriage_carries_the_weight_along_the_slope_in_the_mean() -> None:
         asked = 75.0 * reference("grf_forward_n_per_kg", np.arange(0.0, 1.0, 0.001)).mean()
         assert last["grf_forward"].mean() == pytest.approx(asked, abs=0.03 * 75.0 * GRAVITY)
         assert math.copysign(1.0, asked) == math.copysign(1.0, degrees)
+
+
+@pytest.mark.parametrize("degrees", [-5.0, 0.0, 4.0])
+def test_feed_forward_carries_weight_normal_to_the_ground_and_along_it(degrees: float) -> None:
+    slope, device = math.radians(degrees), load("klute-1-1-4-pair")
+    rig = assemble(device, GaitOptions(slope=slope), 1e-3)
+    moved, phase, plan = float(rig.model.body_mass.sum()), rig.phase, rig.plan
+    lift = plan.height(phase, 2) / plan.stride_time**2
+    push = plan.velocity(phase, 1) / plan.stride_time
+    normal, along = (75.0 * rig.reference(c, phase) for c in ("grf_vertical_n_per_kg", "grf_forward_n_per_kg"))
+    assert rig.commands[:, 4] == pytest.approx(moved * (GRAVITY * math.sin(slope) + push) - along, abs=1e-6)
+    assert rig.commands[:, 5] == pytest.approx(moved * (GRAVITY * math.cos(slope) + lift) - normal, abs=1e-6)
+
+
+def test_the_hip_is_hiked_so_that_a_foot_that_is_not_lifted_clears_the_ground_as_on_the_level() -> None:
+    device, slope = load("klute-1-1-4-pair"), math.radians(5.0)
+    clearances = []
+    for each in (0.0, slope):
+        rig = assemble(device, GaitOptions(slope=each), 1e-3)
+        limb, phase = leg(rig.model), np.array([0.70, 0.80])
+        shank = np.radians(rig.reference("shank_forward_deg", phase))
+        thigh = shank - np.radians(rig.reference("knee_flexion_deg", phase))
+        ankle_as_on_the_level = np.radians(default()("ankle_dorsiflexion_deg", phase))
+        ankle = limb.ankle_height(shank - ankle_as_on_the_level)
+        touching = ankle + limb.shank * np.cos(shank) + limb.thigh * np.cos(thigh)
+        clearances.append(rig.plan.height(phase) - touching)
+    assert clearances[1] == pytest.approx(clearances[0], abs=2e-3)
 
 
 def test_no_distance_is_given_where_nobody_was_measured() -> None:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     default=None,
     metavar="WORD",
     help="profile (tuned by hand), off, constant:BAR, machine (states seen by its own sensors), or a file: a profile "
-    "over gait phase (.csv), a state machine (.toml), a trained policy (.npz).  [default: profile; off for a spring foot]",
+    "over gait phase (.csv), a state machine (.toml), a trained policy (.npz).  [default: profile, or off]",
 )
 @click.option(
     "--spring-foot",

@@ -155,13 +155,8 @@ def cma() -> Any:
 def _strategy(count: int, seed: int) -> Any:
     random = np.random.default_rng(seed)
     # With its own source of randomness: the package would seed NumPy's for the whole process.
-    # It would also take orders from a file in the working folder.
-    options = {
-        "randn": lambda *shape: random.standard_normal(shape),
-        "seed": np.nan,
-        "verbose": -9,
-        "signals_filename": None,
-    }
+    # From -10 on it takes no orders from a file in the working folder, either.
+    options = {"randn": lambda *shape: random.standard_normal(shape), "seed": np.nan, "verbose": -10}
     return cma().CMAEvolutionStrategy(np.zeros(count), SPREAD, options)
 
 
