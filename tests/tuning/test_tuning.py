@@ -177,12 +177,12 @@ def test_a_strategy_that_has_nothing_left_begins_anew(tmp_path: Path) -> None:
 
 
 def test_an_order_in_the_working_folder_does_not_stop_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = question()
+    alone = search(asked, 60, open_folder(tmp_path / "t", described(asked), "tune"), Bowl().run)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "cma_signals.in").write_text("{'timeout': 0}")
-    asked = question()
-    store = open_folder(tmp_path / "s", described(asked), "tune")
-    alone = search(asked, 60, open_folder(tmp_path / "t", described(asked), "tune"), Bowl().run)
-    assert [e.cost for e in search(asked, 60, store, Bowl().run)] == [e.cost for e in alone]
+    ordered = search(asked, 60, open_folder(tmp_path / "s", described(asked), "tune"), Bowl().run)
+    assert [each.cost for each in ordered] == [each.cost for each in alone]
 
 
 def test_a_device_that_cannot_be_made_is_a_fall(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
