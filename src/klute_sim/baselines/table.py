@@ -19,7 +19,7 @@ SLOWER, FASTER, SLOPE = 0.8, 1.25, 5.0
 TANK_VOLUME, TANK_PRESSURE, TANK_LEFT = 1e-3, 30.0 * BAR, 6.0 * BAR
 """Of a tank that could be worn (assumed) [m3], filled to [Pa, gauge], and no use below, a bar above the supply."""
 TEMPERATURE = 293.15
-"""Of the air in it [K]."""
+"""Of the air in it (assumed) [K]."""
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ def intervals(evidence: Evidence, found: Fit) -> list[tuple[float, float]]:
 def degrees(squares: Array, freedom: Array, exact: float = 0.0) -> float:
     """Degrees of freedom of a sum of ``squares``, each known with its own ``freedom``, and one that is ``exact``.
 
-    Welch (1947), Biometrika 34, equation 28: an estimated square, squared, is too large in the mean by
+    After Welch (1947), Biometrika 34, 28-35: an estimated square, squared, is too large in the mean by
     (freedom + 2)/freedom, which the two that are added and taken off again make good.
     """
     estimated = float((squares * squares / (freedom + 2.0)).sum())
@@ -85,7 +85,8 @@ def shifted(trials: Sequence[Sequence[Part]]) -> Squares:
         return np.asarray(np.fft.rfft(part.follow) * np.fft.rfft(row).conj() / len(row))
 
     def squares(spectrum: Array) -> Array:
-        # One side of the spectrum stands for both, but for the mean.
+        # One side of the spectrum stands for both, but for the mean. (And for the highest frequency of an even number
+        # of samples, where noise that is sampled often enough has next to nothing: it is counted double.)
         return np.asarray(np.abs(spectrum) ** 2 * np.where(np.arange(spectrum.shape[1]) == 0, 1.0, 2.0))
 
     of, repeats = _joined(trials, spectra, squares)

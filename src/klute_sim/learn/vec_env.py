@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from klute_sim.envs.ankle_gait_vector import AnkleGaitVectorEnv
+from klute_sim.errors import KluteSimError
 
 SCALE = np.array([0.2, 2.0, 0.5, 3.0, 1.0, 3.0, 1.0, 1.0], dtype=np.float32)
 """Usual sizes of the observations, in their units (assumed: those of walking)."""
@@ -65,12 +66,12 @@ class GaitVecEnv(VecEnv):  # type: ignore[misc]
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """The batch has no attributes to set."""
-        raise NotImplementedError
+        """Raises KluteSimError: one simulation of a batch cannot be set apart."""
+        raise KluteSimError(f"'{attr_name}' cannot be set: the simulations of a batch have no attributes of their own")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """The simulations of a batch have no methods of their own."""
-        raise NotImplementedError
+        """Raises KluteSimError, likewise."""
+        raise KluteSimError(f"'{method_name}' cannot be called: simulations of a batch have no methods of their own")
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Sequence[int] | int | None = None) -> list[bool]:
         """They are not."""

@@ -17,8 +17,8 @@ OUT_OF_REACH = 10.0
 class SpringFoot:
     """A rotational spring about the ankle; InputError for one that no foot has.
 
-    Dynamic elastic response feet have 3 to 15 N.m/deg in late stance, by category (Shepherd & Rouse 2017; Major et al.
-    2011). The same spring in both directions and no toe joint are assumed, and the damping is the prosthesis' own.
+    Feet that people wear are taken to have 3 to 15 N.m/deg (assumed). The same spring in both directions and no toe
+    joint are assumed, too, and the damping is the prosthesis' own.
     """
 
     stiffness: float
