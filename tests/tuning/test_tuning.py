@@ -30,6 +30,7 @@ WALKED = Tracked(
     work_j_per_kg=0.21,
     plantarflexion_deg=14.0,
     longest_ratio=0.975,
+    load_bw=0.1,
     catches=False,
 )
 
@@ -44,10 +45,11 @@ def test_the_objective_is_what_it_says() -> None:
     assert cost(WALKED, Weights(moment=2.0, air=1.0), Goals()) == pytest.approx(1.58 + 0.49 + 1.5)
     assert cost(changed(catches=True), Weights(), Goals()) == pytest.approx(1.73 + CATCH)
     # Whatever the weights, a walk that catches comes after the worst of those that do not, and a fall after both.
-    worst = changed(moment_sd=30.0, angle_sd=30.0, power_sd=30.0, air_g=50.0, longest_ratio=1.2)
+    worst = changed(moment_sd=30.0, angle_sd=30.0, power_sd=30.0, air_g=50.0, longest_ratio=1.2, load_bw=1.0)
     assert cost(worst, Weights(moment=1e3, angle=1e3, power=1e3, air=1e3), HUMAN) < CATCH
     assert CATCH + cost(worst, Weights(moment=1e3, angle=1e3, power=1e3, air=1e3), HUMAN) < FALL
     assert cost(changed(longest_ratio=0.995), Weights(), Goals()) == pytest.approx(1.73 + 1e4 * 0.01**2)
+    assert cost(changed(load_bw=0.16), Weights(), Goals()) == pytest.approx(1.73 + 3e3 * 0.02**2)
     missing = 0.3 / 0.2 + 0.64 / 0.5 + 0.005 / 0.03 + 1.0 / 1.5
     assert cost(WALKED, Weights(), HUMAN) == pytest.approx(1.73 + missing)
     reached = changed(moment_sd=0.39, power_w_per_kg=3.4, work_j_per_kg=0.22, plantarflexion_deg=15.1)

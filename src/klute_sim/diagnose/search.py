@@ -12,7 +12,7 @@ import numpy as np
 
 from klute_sim.diagnose.experiment import Array
 from klute_sim.diagnose.fit import Evidence, Fit, fit
-from klute_sim.diagnose.hypothesis import Term
+from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.diagnose.noise import Misfit, groups, misfit, significant, supposed
 from klute_sim.diagnose.screen import Candidate, screen
 
@@ -33,6 +33,11 @@ PATIENCE = (3, 4, 25)
 """Rounds of fitting that the shortlist gets, then who is left of it, then who is left of those."""
 PARTS = (0.05, 0.2, 0.5, 1.0)
 """Of what screening promised, that are tried to begin a fit with."""
+LADDER = (0.01, 0.016, 0.025, 0.04, 0.063, 0.1, 0.16, 0.25, 0.4, 0.63, 1.0)
+"""Typical sizes that are tried where the promise is not kept: an effect with a threshold, such as a tank that runs low,
+does nothing at all in one size and far too much in another, and no straight line leads from there."""
+KEPT = 0.3
+"""Share of what screening promised that a fit has to begin with, for the ladder not to be tried."""
 SECOND_CHANCES = 3
 """How many of the shortlist may be accepted, should the better ones not help trials that were not fitted."""
 BEHIND = 0.3
@@ -143,19 +148,33 @@ class Search:
     def _begin(self, current: Fit, candidate: Candidate) -> Array:
         """Where to fit ``candidate`` from: some part of what screening promised, the other unknowns following.
 
-        Many effects are anything but linear in their size, so the whole of it may be far too much.
+        Many effects are anything but linear in their size, so the whole of it may be far too much. If no part keeps
+        the promise, sizes are tried one by one, with the other unknowns where they are.
         """
         hypothesis, known = current.hypothesis.plus(candidate.term), len(current.steps)
         neutral = hypothesis.start()
         neutral[:known] = candidate.origin
-        whole = np.array([0.0 if u.logarithmic else candidate.steps for u in hypothesis.unknowns])
+        own = np.array([0.0 if u.logarithmic else 1.0 for u in hypothesis.unknowns])
+        own[:known] = 0.0
+        whole = candidate.steps * own
         whole[:known] = candidate.follow
-        rows = [np.clip(neutral + part * whole, *hypothesis.bounds()) for part in PARTS]
+        row, cost = self._cheapest(hypothesis, [neutral + part * whole for part in PARTS])
+        if current.cost - cost > KEPT * candidate.gain:
+            return row
+        neutral[:known] = current.steps
+        own *= np.sign(candidate.steps)
+        other, less = self._cheapest(hypothesis, [neutral + size * own for size in LADDER])
+        return other if less < cost else row
+
+    def _cheapest(self, hypothesis: Hypothesis, rows: Sequence[Array]) -> tuple[Array, float]:
+        """The best of ``rows`` of unknowns, kept within their bounds, and its chi squared, both by long steps."""
+        within = [np.clip(row, *hypothesis.bounds()) for row in rows]
         costs = []
-        for row, found in zip(rows, self.evidence.residuals(hypothesis, rows, coarse=True), strict=True):
+        for row, found in zip(within, self.evidence.residuals(hypothesis, within, coarse=True), strict=True):
             vector = self.evidence.weighted(found)
             costs.append(float(vector @ vector + row[: hypothesis.base] @ row[: hypothesis.base]))
-        return rows[int(np.argmin(costs))]
+        best = int(np.argmin(costs))
+        return within[best], costs[best]
 
     def _criterion(self, one: Fit) -> float:
         return one.criterion(self.evidence.effective)

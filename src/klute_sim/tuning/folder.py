@@ -16,7 +16,7 @@ from klute_sim.rigs.gait.rig import walk
 from klute_sim.sweep.software import software
 from klute_sim.sweep.store import Store, open_folder, write
 from klute_sim.tuning.knobs import Point
-from klute_sim.tuning.objective import FREE, REST
+from klute_sim.tuning.objective import FOLLOWED, FREE, REST, UNFOLLOWED
 from klute_sim.tuning.search import SPREAD, STEP, STRIDES, Question, Tried, best, front
 
 FINE_STRIDES, FINE_STEP = 5, 5e-4
@@ -34,6 +34,7 @@ def opened(wanted: Path | None, question: Question) -> Store:
 def described(question: Question) -> dict[str, Any]:
     """The question in JSON types; not how long it is searched, which may grow."""
     tunable = question.tunable
+    penalties = {"rest": REST, "free": FREE, "unfollowed": UNFOLLOWED, "followed_bw": FOLLOWED}
     return {
         "device": tunable.device.content.decode("utf-8-sig"),
         "profile": tunable.profile.describe(),
@@ -42,7 +43,7 @@ def described(question: Question) -> dict[str, Any]:
         "weights": asdict(question.weights),
         "goals": asdict(question.goals),
         "seed": question.seed,
-        "search": {"spread": SPREAD, "strides": STRIDES, "step_s": STEP, "rest": REST, "free": FREE},
+        "search": {"spread": SPREAD, "strides": STRIDES, "step_s": STEP, **penalties},
         "software": {**software(), "cma": version("cma")},
     }
 
@@ -96,6 +97,7 @@ ON_RIG: tuple[tuple[str, Callable[[StrideOutcome], float | None]], ...] = (
     ("power to human, stance rms [sd]", lambda s: s.power_distance_sd.stance_rms),
     ("air in a stride [g]", lambda s: s.air_g),
     ("most L/L0 of the muscle [1]", lambda s: s.muscle_ratio_max),
+    ("load to human, rms [body weights]", lambda s: s.grf_vertical_tracking_rms_bw),
 )
 OF_ANKLE: tuple[tuple[str, Callable[[AnkleOutcome], float]], ...] = (
     ("peak net power [W/kg]", lambda s: s.ankle_power_peak_w_per_kg),

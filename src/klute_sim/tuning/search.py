@@ -96,6 +96,7 @@ _HEADINGS = {
     "work_j_per_kg": "ankle_work_net [J/kg]",
     "plantarflexion_deg": "ankle_plantarflexion [deg]",
     "longest_ratio": "muscle_ratio_max [1]",
+    "load_bw": "grf_vertical_tracking_rms [1]",
 }
 
 

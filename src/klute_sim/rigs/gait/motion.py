@@ -20,8 +20,11 @@ from klute_sim.rigs.gait.reference import GRAVITY, Reference
 GRID = np.arange(400) / 400.0
 """Phases at which the sole's contact is worked out."""
 
-STANCE_KNOTS = np.array([0.05, 0.09, 0.13, 0.17, 0.21, 0.26, 0.31, 0.36, 0.41, 0.46, 0.50, 0.54, 0.59])
-"""Phases at which the hip height is that of contact, for a reference that lifts off at :data:`KNOTS_LIFT`."""
+STANCE_KNOTS = np.array([0.05, 0.09, 0.13, 0.17, 0.21, 0.26, 0.31, 0.36, 0.41, 0.46, 0.50, 0.54, 0.57, 0.60, 0.63])
+"""Phases at which the hip height is that of contact, for a reference that lifts off at :data:`KNOTS_LIFT`.
+
+Where they end, the foot leaves the ground, whatever the ankle does: with 0.59 as the last, net moment is zero from 60 %
+on, and that alone is 0.35 standard deviations from the reference."""
 SWING_KNOTS = np.array([0.70, 0.80, 0.88, 0.94, 1.0])
 KNOTS_LIFT = 0.633
 STANCE_CLEARANCE = 0.5e-3
