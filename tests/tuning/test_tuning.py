@@ -142,6 +142,7 @@ class Odd:
         ("ankle_work_net [J/kg]", 0.2),
         ("ankle_plantarflexion [deg]", 12.0),
         ("muscle_ratio_max [1]", 0.97),
+        ("grf_vertical_tracking_rms [1]", 0.1),
     )
 
     def run(self, combinations: Iterable[Combination], finished: Finished) -> None:

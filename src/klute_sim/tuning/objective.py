@@ -2,8 +2,9 @@
 
 In words: the mean squared distance of net moment, angle and power from the reference in stance, in its standard
 deviations, each counted once; plus 0.1 for every gram of air in a stride; plus what keeps a muscle off its rest-length
-stop and the rig's load on the foot: an ankle that does not carry what the human one does cannot be compared with it. Goals add what they are missed by. A foot that catches the ground in swing comes after every walk that does not,
-and a rig that leaves its path after those.
+stop and the rig's load on the foot: an ankle that does not carry what the human one does cannot be compared with it.
+Goals add what they are missed by. A foot that catches the ground in swing comes after every walk that does not, and a
+rig that leaves its path after those.
 """
 
 import math
