@@ -64,9 +64,10 @@ class Part:
     differences: Mapping[str, Mapping[str, Difference]]
     """Channel -> label of another series -> how it differs from the first."""
 
-    def deviation_of(self, channel: str) -> Series:
-        """The series whose standard deviation the rms of ``channel`` is told in: the reference if it has one there."""
-        return _yardstick(self.series, channel)
+    @property
+    def yardstick(self) -> Series:
+        """The series in whose standard deviations every rms is told: the reference if it is there, else the first."""
+        return _yardstick(self.series)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,10 +143,11 @@ def _part(name: str, members: Mapping[str, Members], over: Over, options: Option
     names = matching.names(sources, options.names, remarks)
     units = {channel: sources[0].units[channel] for channel in names}
     series = tuple(_made(one, units) for one in sources)
+    deviations = {name: own.sd for name, own in _yardstick(series).curves.items()}
     differences = {
         channel: {
             other.label: difference.between(
-                series[0].curves[channel], other.curves[channel], axis, _yardstick(series, channel).curves[channel].sd
+                series[0].curves[channel], other.curves[channel], axis, deviations.get(channel)
             )
             for other in series[1:]
             if channel in other.curves
@@ -161,6 +163,5 @@ def _made(one: Source, units: Mapping[str, str]) -> Series:
     return Series(one.label, curves, one.repeats)
 
 
-def _yardstick(series: Sequence[Series], channel: str) -> Series:
-    known = (one for one in series if one.reference and channel in one.curves and not one.curves[channel].unspread)
-    return next(known, series[0])
+def _yardstick(series: Sequence[Series]) -> Series:
+    return next((one for one in series if one.reference), series[0])

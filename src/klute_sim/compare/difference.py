@@ -72,17 +72,17 @@ class Difference:
     largest: float | None
     """Difference of largest size, with its sign."""
     at: float | None
-    """Where that is."""
+    """Where that is; None where there is no difference."""
     half: tuple[float, float] | None
     """The shortest stretch with half of the squared difference; None where there is no difference."""
     regions: tuple[Region, ...]
     """Stretches beyond the band."""
 
 
-def between(first: Curve, other: Curve, axis: Samples, sd: Samples | None = None) -> Difference:
+def between(first: Curve, other: Curve, axis: Samples, sd: Samples | None) -> Difference:
     """The difference ``other`` minus ``first`` along ``axis`` (rising, evenly spaced).
 
-    ``sd`` is what :attr:`Difference.rms_sd` is measured in; None: the first's.
+    ``sd`` is the standard deviation that :attr:`Difference.rms_sd` is measured in; None: not known.
     """
     values = other.mean - first.mean
     there = np.isfinite(values)
@@ -102,10 +102,10 @@ def between(first: Curve, other: Curve, axis: Samples, sd: Samples | None = None
         share=found.share,
         bias=float(np.mean(d)) + 0.0,  # no negative zero
         rms=rms,
-        rms_sd=_in_deviations(rms, (first.sd if sd is None else sd)[there], least),
+        rms_sd=None if sd is None else _in_deviations(rms, sd[there], least),
         correlation=correlation(first.mean[there], other.mean[there]),
         largest=float(values[worst]) + 0.0,
-        at=float(axis[worst]),
+        at=float(axis[worst]) if rms > 0.0 else None,
         half=half_of_it(values, axis),
         regions=_regions(values, np.maximum(found.width, least), axis),
     )

@@ -127,7 +127,7 @@ def _difference(part: Part, channel: str, label: str, d: Difference) -> dict[str
         "bias": d.bias,
         "rms": d.rms,
         "rms_sd": d.rms_sd,
-        "sd_of": None if d.rms_sd is None else part.deviation_of(channel).label,
+        "sd_of": None if d.rms_sd is None else part.yardstick.label,
         "correlation": d.correlation,
         "largest": d.largest,
         "at": d.at,

@@ -48,7 +48,8 @@ def free_ports(count: int) -> list[int]:
 
 def recording_of(run: Path) -> Path:
     """The .rrd file of a ``run`` folder (or the file itself); raises InputError if there is none."""
-    file = run / "recording.rrd" if run.is_dir() else run
+    kinds = ("recording.rrd", "comparison.rrd")
+    file = next((run / name for name in kinds if (run / name).is_file()), run)
     if file.is_file() and file.suffix == ".rrd":
         return file
     if not run.exists():
