@@ -72,9 +72,9 @@ class Difference:
     largest: float | None
     """Difference of largest size, with its sign."""
     at: float | None
-    """Where that is; None where there is no difference."""
+    """Where that is; None where there is no difference, but for rounding."""
     half: tuple[float, float] | None
-    """The shortest stretch with half of the squared difference; None where there is no difference."""
+    """The shortest stretch with half of the squared difference; None likewise."""
     regions: tuple[Region, ...]
     """Stretches beyond the band."""
 
@@ -105,8 +105,8 @@ def between(first: Curve, other: Curve, axis: Samples, sd: Samples | None) -> Di
         rms_sd=None if sd is None else _in_deviations(rms, sd[there], least),
         correlation=correlation(first.mean[there], other.mean[there]),
         largest=float(values[worst]) + 0.0,
-        at=float(axis[worst]) if rms > 0.0 else None,
-        half=half_of_it(values, axis),
+        at=float(axis[worst]) if rms > least else None,
+        half=half_of_it(values, axis) if rms > least else None,
         regions=_regions(values, np.maximum(found.width, least), axis),
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from klute_sim.compare import channels, curve, resample
 from klute_sim.compare.curve import Curve
-from klute_sim.compare.remarks import MOST_NAMES, Remarks
+from klute_sim.compare.remarks import Remarks
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording, Samples
 
@@ -66,8 +66,8 @@ def over_phase(label: str, members: Members, skip: int | None, remarks: Remarks)
             f"{cut[0].high:.3g} %; allowed are strides that reach to {resample.EDGE:g} % of both ends"
         )
     if cut:
-        them = ", ".join(f"{stride.number} ({stride.low:.3g} to {stride.high:.3g} %)" for stride in cut[:MOST_NAMES])
-        remarks.add(f"Strides of '{label}' that are not whole are left out: {them}.")
+        first = f"the first is stride {cut[0].number}, {cut[0].low:.3g} to {cut[0].high:.3g} %"
+        remarks.add(f"Strides of '{label}' that are not whole are left out: {len(cut)} ({first}).")
 
     def of(name: str) -> Curve:
         return curve.of(np.array([_stride(recording, stride, name) for recording, stride in repeats]))

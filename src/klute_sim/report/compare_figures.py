@@ -126,13 +126,15 @@ def _differences(axis: "Axes", part: Part, channel: str) -> None:
                 part.axis, 0.0, d.values, where=_inside(d, part.axis), color=colour, alpha=0.3, linewidth=0
             )
         axis.plot(part.axis, d.values, **{**looks[label], "linewidth": 1.0})
-        if d.half is not None:
+        if d.half is not None and words.Row(part, channel, label, d).located:
             # In the panel's own height, so that several do not cover each other.
             axis.plot(d.half, [1.0 + 0.045 * number] * 2, transform=axis.get_xaxis_transform(), color=colour,
                       linewidth=3.0, solid_capstyle="butt", clip_on=False)  # fmt: skip
     if any(d.rms for d in part.differences[channel].values()):
         # As high as the differences: a band that is much wider needs no more than to be seen to be.
-        largest = max(abs(d.largest or 0.0) for d in part.differences[channel].values())
+        first = part.series[0].curves[channel].mean
+        least = 1e-6 * float(np.nanmax(np.abs(first)))  # so that rounding is a straight line
+        largest = max(least, *(abs(d.largest or 0.0) for d in part.differences[channel].values()))
         axis.set_ylim(-1.2 * largest, 1.2 * largest)
     axis.set_ylabel("difference")
     axis.grid(alpha=0.25, linewidth=0.5)
@@ -164,7 +166,7 @@ def _key(part: Part, over: str) -> tuple[list[Any], list[str]]:
     single = looks[part.series[1].label]["color"] if len(part.series) == 2 else "0.5"
     if any(d.regions for d in differences):
         entries.append((Patch(color=single, alpha=0.3), "beyond it"))
-    if any(d.half is not None for d in differences):
+    if any(words.Row(part, c, n, d).located for c, own in part.differences.items() for n, d in own.items()):
         entries.append((Line2D([], [], color=single, linewidth=3.0), "half of the squared difference"))
     # Matplotlib leaves out what begins with an underscore.
     return [handle for handle, _ in entries], [f" {word}" if word.startswith("_") else word for _, word in entries]

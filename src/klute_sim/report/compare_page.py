@@ -64,23 +64,28 @@ def _series(told: dict[str, Any]) -> dict[str, Any]:
 
 
 def _part(part: Part, over: str, pictures: Mapping[str, bytes]) -> dict[str, Any]:
-    rows = []
-    for channel, others in part.differences.items():
-        for label, d in others.items():
-            row = {
-                "channel": words.spoken(channel),
-                "unit": words.unit(part.units[channel]),
-                "series": label,
-                "bias": words.number(d.bias, "+.3g"),
-                "rms": words.number(d.rms),
-                "rms_sd": words.number(d.rms_sd),
-                "correlation": words.number(d.correlation, ".4f"),
-                "largest": words.number(d.largest, "+.3g"),
-                "at": words.place(d.at, over),
-                "compared": f"{100.0 * d.share:.0f} %",
-                "half": words.half(d, over),
-                "beyond": words.beyond(d, over),
-            }
-            rows.append(row)
+    rows = [
+        _row(words.Row(part, name, label, d), over)
+        for name, own in part.differences.items()
+        for label, d in own.items()
+    ]
     image = base64.b64encode(pictures[part.name]).decode("ascii") if part.name in pictures else ""
     return {"name": part.name, "rows": rows, "image": image}
+
+
+def _row(row: words.Row, over: str) -> dict[str, str]:
+    part, channel, label, d = row
+    return {
+        "channel": words.spoken(channel),
+        "unit": words.unit(part.units[channel]),
+        "series": label,
+        "bias": words.bias(d),
+        "rms": words.number(d.rms),
+        "rms_sd": words.number(d.rms_sd),
+        "correlation": words.number(d.correlation, ".4f"),
+        "largest": words.number(d.largest, "+.3g"),
+        "at": words.place(d.at, over),
+        "compared": f"{100.0 * d.share:.0f} %",
+        "half": words.half(row, over),
+        "beyond": words.beyond(d, over),
+    }

@@ -42,18 +42,19 @@ def _table(rows: list[Row], title: str, over: str) -> Table:
     result.add_column("half", no_wrap=True)
     if bands:
         result.add_column("beyond the band")
-    for part, channel, _, d in rows:
+    for row in rows:
+        part, channel, _, d = row
         result.add_row(
             *[part.name] * trials,
             f"{words.spoken(channel)} [{words.unit(part.units[channel])}]",
-            words.number(d.bias, "+.3g"),
+            words.bias(d),
             words.number(d.rms),
             *[words.number(d.rms_sd)] * spread,
             words.number(d.correlation, ".4f"),
             words.number(d.largest, "+.3g"),
             words.place(d.at, over),
             *[f"{100.0 * d.share:.0f} %"] * partly,
-            words.half(d, over),
+            words.half(row, over),
             *[words.beyond(d, over)] * bands,
         )
     return result

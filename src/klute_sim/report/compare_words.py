@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.compare.comparison import Comparison, Part, Series
-from klute_sim.compare.difference import Band, Difference
+from klute_sim.compare.difference import ROUNDING, Band, Difference
 from klute_sim.compare.results import AXIS_UNITS
 
 SIGNS = {
@@ -29,6 +29,8 @@ INTERVALS: dict[Band, str] = {
     "none": "",
 }
 """What the difference is held against, for each kind of band."""
+SPREAD = 0.4
+"""Of the axis: where no shorter stretch holds half of the squared difference, it is nowhere in particular."""
 MOST_STRETCHES = 3
 """Stretches beyond the band that a table lists: those with the largest shares."""
 
@@ -50,6 +52,12 @@ class Row(NamedTuple):
             return 0.0
         span = float(np.ptp(known))
         return rms / span if span > 0.0 else float("inf")
+
+    @property
+    def located(self) -> bool:
+        """Whether half of the squared difference is in a stretch of less than :data:`SPREAD` of the axis."""
+        half, axis = self.difference.half, self.part.axis
+        return half is not None and half[1] - half[0] < SPREAD * (axis[-1] - axis[0])
 
 
 def rows(found: Comparison) -> Iterator[Row]:
@@ -75,6 +83,13 @@ def number(value: float | None, form: str = ".3g") -> str:
     return "-" if value is None else format(value + 0.0, form)
 
 
+def bias(difference: Difference) -> str:
+    """The mean difference, without what rounding leaves of differences that cancel out."""
+    if difference.bias is None or difference.rms is None:
+        return "-"
+    return number(difference.bias if abs(difference.bias) > ROUNDING * difference.rms else 0.0, "+.3g")
+
+
 def named(series: Series, over: str) -> str:
     """Its label and how many repeats it is the mean of."""
     if series.reference:
@@ -93,9 +108,11 @@ def stretch(begin: float, end: float) -> str:
     return f"{begin:.4g}" if begin == end else f"{begin:.4g}-{end:.4g}"
 
 
-def half(difference: Difference, over: str) -> str:
-    """Where half of the squared difference is."""
-    return "-" if difference.half is None else f"{stretch(*difference.half)} {AXIS_UNITS[over]}"
+def half(row: Row, over: str) -> str:
+    """Where half of the squared difference is, if it is anywhere more than elsewhere."""
+    if row.difference.half is None:
+        return "-"
+    return f"{stretch(*row.difference.half)} {AXIS_UNITS[over]}" if row.located else "spread out"
 
 
 def beyond(difference: Difference, over: str) -> str:
@@ -130,7 +147,7 @@ def rules(found: Comparison) -> list[str]:
         said.append(
             "No band: where nothing is repeated and no spread is known, the difference is located by its size alone."
         )
-    said.append("Half: the shortest stretch that holds half of the squared difference.")
+    said.append("Half: the shortest stretch that holds half of the squared difference, if it is a short one.")
     if any(difference.share < 1.0 for difference in differences):
         said.append("Compared: the share of the axis where both have a value; all numbers are of that share.")
     if _simulated(found) and any(difference.band == "means" for difference in differences):
