@@ -14,7 +14,7 @@ from klute_sim.recording.recording import Recording
 def walked(
     begin: float = 0.0, end: float = 300.0, interval: float = 0.7, *, numbered: bool = False, duration: float = 1.1
 ) -> Recording:
-    """Strides of ``duration`` [s] from ``begin`` to ``end`` [% of the first stride], a sample every ``interval`` [%]."""
+    """Strides of ``duration`` [s] from ``begin`` to ``end`` [%, 100 per stride], a sample every ``interval`` [%]."""
     along = np.arange(begin, end, interval)
     phase = along % 100.0
     columns = [("time [s]", duration * along / 100.0), ("gait_phase [%]", phase)]

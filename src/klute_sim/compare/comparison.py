@@ -119,9 +119,9 @@ def _over(runs: Sequence[Run], options: Options) -> Over:
 def _note_walkers(runs: Sequence[Run], options: Options, remarks: Remarks) -> None:
     """Say what makes walks differ beside what is walked on: nothing here is divided by body mass."""
     recordings = [recording for run in runs for recording in run.parts.values()]
-    walks = [r.provenance["options"] for r in recordings if r.provenance.get("rig") == "gait"]
+    walks = [r.provenance.get("options") or {} for r in recordings if r.provenance.get("rig") == "gait"]
     for key, what, unit in (("mass_kg", "body mass", "kg"), ("speed_m_per_s", "speed", "m/s")):
-        values = sorted({f"{walk[key]:.3g}" for walk in walks}, key=float)
+        values = sorted({f"{walk[key]:.3g}" for walk in walks if isinstance(walk.get(key), float | int)}, key=float)
         if len(values) > 1:
             remarks.add(f"The walkers differ in {what} ({', '.join(values)} {unit}); nothing here is scaled by it.")
     references = {str(r.provenance.get("reference")) for r in recordings}

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +88,7 @@ def _series(found: Comparison, series: Series) -> dict[str, Any]:
     runs = [run for run in found.runs if run.label == series.label and not series.reference]
     provenance = [recording.provenance for run in runs for recording in run.parts.values()]
     devices = dict.fromkeys((p.get("device") or {}).get("name") for p in provenance)
-    controllers = dict.fromkeys((p.get("controller") or {}).get("name") for p in provenance)
+    controllers = dict.fromkeys(_controller(p.get("controller") or {}) for p in provenance)
     return {
         "label": series.label,
         "reference": series.reference,
@@ -96,6 +97,12 @@ def _series(found: Comparison, series: Series) -> dict[str, Any]:
         "controllers": [name for name in controllers if name],
         "repeats": [_repeats(part, series.label) for part in found.parts],
     }
+
+
+def _controller(told: Mapping[str, Any]) -> str:
+    """A controller's file or kind, and the pressure of one that has a single one."""
+    name, pressure = told.get("name") or told.get("kind") or "", told.get("pressure_bar")
+    return f"{name} {pressure:g} bar" if isinstance(pressure, float | int) else str(name)
 
 
 def _repeats(part: Part, label: str) -> int | None:

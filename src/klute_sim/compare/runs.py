@@ -14,6 +14,8 @@ from klute_sim.recording.recording import Recording, split_heading
 PARQUET = {".parquet", ".pq"}
 MAIN = "recording.parquet"
 """Of a gait run."""
+TOLD = ("device", "controller", "options")
+"""Of the provenance: tables that are looked into."""
 LONGEST_LABEL = 40
 """Characters."""
 
@@ -54,7 +56,7 @@ def _split(word: str) -> tuple[str, Path]:
     if not equals or Path(word).exists():
         label, path = "", word
     elif not (0 < len(label) <= LONGEST_LABEL and label.isprintable() and label.strip()):
-        raise InputError(f"the label of '{word}' is not usable; allowed: 1 to {LONGEST_LABEL} printable characters")
+        raise InputError(f"the label of {word!r} is not usable; allowed: 1 to {LONGEST_LABEL} printable characters")
     if not path:
         raise InputError(f"the path of the run '{word}' is empty; allowed: a run folder or a recording file")
     return label, Path(path)
@@ -103,12 +105,16 @@ def _parts(path: Path, label: str) -> tuple[dict[str, Recording], tuple[str, ...
 
 def _parquet(path: Path) -> Recording:
     try:
-        return parquet.read(path)
+        recording = parquet.read(path)
     except InputError as error:
         said = str(error)
         raise InputError(said if str(path) in said else f"recording {path}: {said}") from None
     except ValueError:
         raise InputError(f"recording {path}: its provenance is no JSON text; allowed: what klute-sim wrote") from None
+    known = recording.provenance
+    if not (isinstance(known, dict) and all(isinstance(known.get(key) or {}, dict) for key in TOLD)):
+        raise InputError(f"recording {path}: its provenance is not of a recording; allowed: what klute-sim wrote")
+    return recording
 
 
 def _csv(content: bytes, path: Path) -> tuple[Recording, tuple[str, ...]]:
