@@ -162,13 +162,20 @@ def test_the_rerun_recording_holds_the_curves(compared: tuple[Path, dict[str, An
     folder, told = compared
     file = folder / told["run"] / "comparison.rrd"
     chunks = {str(c.entity_path).lstrip("/"): c for c in rr.chunk.RrdReader(file).stream() if not c.is_static}
-    batch = chunks["part_1/ankle_angle/curves/series_0/mean"].to_record_batch()
-    (name,) = [n for n in batch.schema.names if n.endswith("Scalars:scalars")]
-    values = [value for (value,) in batch.column(name).to_pylist()]
+
+    def read(entity: str) -> np.ndarray:
+        batch = chunks[entity].to_record_batch()
+        assert batch.column("gait_cycle_percent").to_pylist() == list(range(101))
+        (name,) = [n for n in batch.schema.names if n.endswith("Scalars:scalars")]
+        return np.array([value for (value,) in batch.column(name).to_pylist()])
+
     table = pq.read_table(folder / told["run"] / "bands.parquet").to_pylist()
-    assert values == [r["mean"] for r in table if (r["series"], r["channel"]) == ("profile", "ankle_angle")]
-    assert batch.column("gait_cycle_percent").to_pylist() == list(range(101))
-    assert "part_1/ankle_angle/curves/series_2/low" in chunks
+    for number, label in enumerate(("profile", "off", "human")):
+        rows = [r for r in table if (r["series"], r["channel"]) == (label, "ankle_angle")]
+        assert read(f"part_1/ankle_angle/curves/series_{number}/mean").tolist() == [r["mean"] for r in rows]
+    sd = np.array([r["sd"] for r in rows])
+    high, low = (read(f"part_1/ankle_angle/curves/series_2/{side}") for side in ("high", "low"))
+    assert high - low == pytest.approx(2.0 * sd)
     assert "part_1/pressure/difference/series_1/mean" in chunks
     assert len(list(rr.chunk.RrdReader(file).blueprints())) == 1
     from klute_sim.report import view

@@ -156,6 +156,12 @@ def test_channels_of_other_units_and_missing_ones_are_told_and_by_name_refused()
         compare([run("a", walk(force="N")), run("a", walk(force="kN")), run("b", walk())])
 
 
+def test_a_channel_is_compared_with_those_that_have_it_in_the_same_unit() -> None:
+    found = compare([run("a", walk(force="N")), run("b", walk(force="kN")), run("c", walk(force="N"))])
+    assert set(found.parts[0].differences["force"]) == {"c"}
+    assert [("force" in series.curves) for series in found.parts[0].series] == [True, False, True]
+
+
 def test_nothing_in_common_is_refused() -> None:
     one = Recording.from_columns([("time [s]", np.arange(9.0)), ("force [N]", np.arange(9.0))])
     two = Recording.from_columns([("time [s]", np.arange(9.0)), ("pressure [bar]", np.arange(9.0))])

@@ -168,7 +168,9 @@ def test_a_reference_is_held_against_its_people() -> None:
 def test_missing_points_are_left_out_and_their_share_is_told() -> None:
     first, other = repeats(1, 4), repeats(1, 4) + 1.0
     first[:, AXIS < 25.0] = np.nan
+    other[:, AXIS < 25.0] = 100.0
     d = compared(first, other)
+    assert d.correlation == pytest.approx(1.0, abs=1e-9)
     assert d.share == pytest.approx(76 / 101)
     assert d.bias == pytest.approx(1.0)
     assert np.isnan(d.values[:25]).all()

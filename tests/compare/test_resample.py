@@ -59,10 +59,10 @@ def test_a_stride_that_ends_at_100_percent_is_not_mixed_with_the_next_heel_strik
 
 
 def test_after_a_pause_the_next_strides_sample_is_no_neighbour() -> None:
-    whole = walked(0.0, 200.0, 1.0)
+    whole = walked(0.5, 200.5, 1.0)
     later = np.arange(200) >= 100
     time = whole["time"] + 5.0 * later
-    line = np.where(later, 1e3, PHASE_GRID[0] + whole["gait_phase"])
+    line = np.where(later, 1e3, whole["gait_phase"])
     recording = Recording({**whole.channels, "time": time, "x": line}, {**whole.units, "x": "m"})
     first, second = strides(recording, "r")
     assert over_phase(recording, first, "x") == pytest.approx(PHASE_GRID)  # the line goes on for one interval
@@ -123,6 +123,11 @@ def test_a_straight_line_is_exact_at_every_common_time(one: float, two: float, l
     assert axis[-1] > min(first["time"][-1], other["time"][-1]) - 1.0001 * max(one, two)
     for recording in (first, other):
         assert over_time(recording, "line", axis) == pytest.approx(5.0 - 4.0 * axis, abs=1e-9)
+
+
+def test_outside_of_a_recording_there_is_nothing() -> None:
+    found = over_time(clock(0.0, 1.0, 0.1), "line", np.array([-0.01, 0.0, 0.9, 0.91]))
+    assert np.isnan(found).tolist() == [True, False, False, True]
 
 
 def test_recordings_that_share_no_time_are_refused_by_name() -> None:
