@@ -12,6 +12,7 @@ from klute_sim.compare.comparison import Comparison, Part
 from klute_sim.compare.results import as_json
 from klute_sim.provenance import versions
 from klute_sim.report import compare_words as words
+from klute_sim.report.compare_figures import MOST_CHANNELS
 
 TEMPLATE = "comparison.html"
 
@@ -38,18 +39,26 @@ def render(found: Comparison, pictures: Mapping[str, bytes]) -> str:
 def content(found: Comparison, pictures: Mapping[str, bytes]) -> dict[str, Any]:
     """Everything on the page, in words."""
     labels = [series.label for series in found.parts[0].series]
-    undrawn = len(found.parts) - len(pictures)
     return {
         "title": f"{', '.join(labels[1:])} against {labels[0]}",
         "series": [_series(told) for told in as_json(found)["series"]],
         "remarks": found.remarks,
         "parts": [_part(part, found.over, pictures) for part in found.parts],
-        "undrawn": f"Drawn are the {len(pictures)} trials with the largest differences."
-        if undrawn and pictures
-        else "",
+        "undrawn": _undrawn(found, pictures),
         "rules": words.rules(found),
         "versions": versions(),
     }
+
+
+def _undrawn(found: Comparison, pictures: Mapping[str, bytes]) -> list[str]:
+    """What has no picture, one sentence each."""
+    said = []
+    if pictures and len(pictures) < len(found.parts):
+        said.append(f"Drawn are the {len(pictures)} trials with the largest differences of {len(found.parts)}.")
+    most = max(len(part.differences) for part in found.parts)
+    if pictures and most > MOST_CHANNELS:
+        said.append(f"Drawn are the {MOST_CHANNELS} channels with the largest differences of {most}.")
+    return said
 
 
 def _series(told: dict[str, Any]) -> dict[str, Any]:

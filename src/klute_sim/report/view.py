@@ -54,10 +54,12 @@ def recording_of(run: Path) -> Path:
         return file
     if not run.exists():
         raise InputError(f"no run folder {run}")
-    if (run / "recording.parquet").is_file():
-        raise InputError(
-            f"{run} has no recording.rrd: it was made without the extra 'rerun'; install it and run the gait again"
-        )
+    made_by = {"recording.parquet": ("recording.rrd", "gait"), "comparison.json": ("comparison.rrd", "comparison")}
+    for content, (lacks, what) in made_by.items():
+        if (run / content).is_file():
+            raise InputError(
+                f"{run} has no {lacks}: it was made without the extra 'rerun'; install it and run the {what} again"
+            )
     raise InputError(f"{run} is no run folder: it has no recording.rrd")
 
 
