@@ -79,6 +79,8 @@ def test_the_first_stride_of_a_simulated_walk_is_left_out_unless_it_is_the_only_
 def test_runs_of_one_label_are_repeats_of_each_other() -> None:
     found = compare([run("a", walk(3)), run("a", walk(5, seed=3)), run("b", walk(2))])
     assert [(s.label, s.repeats) for s in found.parts[0].series] == [("a", 8), ("b", 2)]
+    (pooled,) = found.remarks
+    assert pooled.startswith("The 8 strides of 'a' from 2 recordings count as independent repeats")
     over_time = compare([run("a", walk(3)), run("a", walk(5, seed=3)), run("b", walk(2))], Options(over="time"))
     assert [(s.label, s.repeats) for s in over_time.parts[0].series] == [("a", 2), ("b", 1)]
     assert only(over_time).band == "prediction"

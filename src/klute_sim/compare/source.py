@@ -68,6 +68,11 @@ def over_phase(label: str, members: Members, skip: int | None, remarks: Remarks)
     if cut:
         first = f"the first is stride {cut[0].number}, {cut[0].low:.3g} to {cut[0].high:.3g} %"
         remarks.add(f"Strides of '{label}' that are not whole are left out: {len(cut)} ({first}).")
+    if len(members) > 1:
+        remarks.add(
+            f"The {len(repeats)} strides of '{label}' from {len(members)} recordings count as independent repeats: its "
+            "band is one of strides, not of people or sessions."
+        )
 
     def of(name: str) -> Curve:
         return curve.of(np.array([_stride(recording, stride, name) for recording, stride in repeats]))
