@@ -1,0 +1,168 @@
+"""Legs from joint angles that somebody else computed: OpenSim's inverse kinematics, a treadmill's software."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from klute_sim.motion import columns, filters, loads, names
+from klute_sim.motion.columns import Column
+from klute_sim.motion.findings import Findings
+from klute_sim.motion.finish import landed, power, signed, zeroed
+from klute_sim.motion.limb import Limb
+from klute_sim.motion.loads import Loads
+from klute_sim.motion.names import SIDES, Side
+from klute_sim.motion.options import ImportOptions
+from klute_sim.motion.sources import Source
+from klute_sim.recording.recording import Samples
+
+LEAST_TRAVEL = 0.5
+"""Way of the pelvis [m] below which it walked on a treadmill."""
+OF_LEG = (*(name for name in names.ANGLES if name != names.TILT), names.MOMENT)
+
+
+@dataclass(frozen=True, eq=False)
+class _Clock:
+    """The clock of a leg's angles, and other columns brought to it."""
+
+    time: Samples
+
+    def bring(self, column: Column, values: Samples, cutoff: float) -> Samples:
+        """``values`` of ``column`` filtered at ``cutoff`` [Hz], at this clock; NaN outside of the column's own time."""
+        whole = filters.bridged(values, column.time)
+        own, evened = filters.even(column.time, {"": whole}, column.source.where)
+        smooth = filters.low_pass(evened[""], (len(own) - 1) / (own[-1] - own[0]), cutoff)
+        return np.asarray(np.interp(self.time, own, smooth, left=np.nan, right=np.nan), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """What is not of one leg."""
+
+    tilt: Column | None
+    belt: Column | None
+    speed: float | None
+
+
+def legs(trial: Sequence[Source], where: str, options: ImportOptions, findings: Findings) -> list[Limb]:
+    """The legs of ``trial`` by its joint angles."""
+    found: dict[Side, dict[str, Column]] = {}
+    for side in SIDES:
+        every = {name: columns.find(trial, name, side, options) for name in OF_LEG}
+        found[side] = {name: column for name, column in every.items() if column is not None}
+    travel = columns.find(trial, names.TRAVEL, None, options)
+    belts = [columns.find(trial, names.BELT, side, options) for side in (None, *SIDES)]
+    belt = next((column for column in belts if column is not None), None)
+    body = _Body(columns.find(trial, names.TILT, None, options), belt, _travelled(travel))
+    if belt is not None:
+        findings.map(
+            **{"channel": names.BELT, "side": "body", "file": belt.file, "column": belt.label, "unit": belt.unit},
+            **{"sign": 1, "zero": 0.0, "why": f"unit {belt.why_unit}"},
+        )
+    on = loads.of_sides(trial, options, findings)
+    plates = loads.of_plates(trial, None, findings) if not on else {}
+    if plates:
+        present = [side for side, of in found.items() if "knee_angle" in of]
+        lead_time, lead = _lead(found, body)
+        on = loads.assigned(plates, present, lead_time, lead, where, options, findings)
+    result = []
+    for side, of in found.items():
+        if "knee_angle" not in of or "ankle_angle" not in of:
+            continue
+        if side not in on:
+            findings.miss(f"{where}: no ground reaction of the {side} foot; without it there is no heel strike")
+            continue
+        limb = _leg(side, of, body, on[side], where, options, findings)
+        result += [limb] if limb else []
+    return result
+
+
+def _travelled(travel: Column | None) -> float | None:
+    """Speed [m/s] of a pelvis that moves through the laboratory."""
+    if travel is None or abs(travel.values[-1] - travel.values[0]) < LEAST_TRAVEL:
+        return None
+    return abs(float(np.polyfit(travel.time, travel.values, 1)[0]))
+
+
+def _lead(found: Mapping[Side, Mapping[str, Column]], body: _Body) -> tuple[Samples, Samples]:
+    """(time, how far the right ankle is ahead of the left one) in lengths of a leg's segment, by the names' signs."""
+    ahead = {}
+    for side, of in found.items():
+        if "knee_angle" not in of or not {"hip_angle", "thigh_angle"} & set(of):
+            return np.zeros(2), np.zeros(2)
+        quiet, clock = Findings(), _Clock(of["knee_angle"].time)
+        angles = {
+            name: clock.bring(column, signed(column, (), side, quiet), 0.0)
+            for name, column in of.items()
+            if name in names.ANGLES
+        }
+        _shank(angles, body.tilt, clock, quiet)
+        thigh = angles["shank_angle"] - angles["knee_angle"]
+        ahead[side] = -np.sin(np.radians(thigh)) - np.sin(np.radians(angles["shank_angle"]))
+    time = found["right"]["knee_angle"].time
+    other = np.interp(time, found["left"]["knee_angle"].time, ahead["left"])
+    return time, np.asarray(ahead["right"] - other, dtype=np.float64)
+
+
+def _leg(
+    side: Side,
+    of: Mapping[str, Column],
+    body: _Body,
+    load: Loads,
+    where: str,
+    options: ImportOptions,
+    findings: Findings,
+) -> Limb | None:
+    knee = of["knee_angle"]
+    clock = _Clock(filters.even(knee.time, {}, knee.source.where)[0])
+    foot = landed(load, clock.time, side, where, options, findings)
+    angles = {
+        name: clock.bring(column, signed(column, foot.contacts, side, findings), options.cutoff)
+        for name, column in of.items()
+        if name in names.ANGLES
+    }
+    free = _shank(angles, body.tilt, clock, findings, options.cutoff)
+    if free is None:
+        findings.miss(
+            f"{where}: no hip angle and no inclination of the {side} thigh or shank, so nothing says how the leg leans"
+        )
+        return None
+    zeroed(clock.time, angles, free, foot.contacts, side, where, options, findings)
+    channels = {name: angles[name] for name in ("hip_angle", "knee_angle", "ankle_angle", "shank_angle")}
+    channels |= {names.VERTICAL: foot.vertical, names.FORWARD: foot.forward}
+    if names.MOMENT in of:
+        column = of[names.MOMENT]
+        values = signed(column, foot.contacts, side, findings)
+        channels[names.MOMENT] = clock.bring(column, values, options.load_cutoff)
+        channels[names.POWER] = power(clock.time, channels[names.MOMENT], angles["ankle_angle"])
+        findings.derive("Ankle power: moment times plantarflexion rate")
+    else:
+        findings.miss(
+            f"{where}: no ankle moment of the {side} leg, and none can be derived without the ankle's position: add "
+            "the inverse dynamics (.sto) or the markers (.trc, .c3d)"
+        )
+    belt = None if body.belt is None else np.interp(clock.time, body.belt.time, body.belt.values)
+    return Limb(side, where, clock.time, channels, foot.contacts, body.speed, belt, foot.impulses)
+
+
+def _shank(
+    angles: dict[str, Samples], tilt: Column | None, clock: _Clock, findings: Findings, cutoff: float = 0.0
+) -> bool | None:
+    """Fill in ``shank_angle`` and ``hip_angle``; whether the shank's zero is free, None where it cannot be had."""
+    knee = angles["knee_angle"]
+    if "shank_angle" not in angles and "thigh_angle" in angles:
+        angles["shank_angle"] = angles["thigh_angle"] + knee
+        findings.derive("Shank inclination: thigh inclination plus knee flexion")
+    if "shank_angle" in angles:
+        if "hip_angle" not in angles:
+            angles["hip_angle"] = knee - angles["shank_angle"]
+            findings.derive("Hip flexion: of the thigh against the vertical, not against the pelvis")
+        return False
+    if "hip_angle" not in angles:
+        return None
+    if tilt is None:
+        angles["shank_angle"] = knee - angles["hip_angle"]
+        return True
+    angles["shank_angle"] = knee - angles["hip_angle"] - clock.bring(tilt, tilt.values, cutoff)
+    findings.derive("Shank inclination: knee flexion minus hip flexion minus pelvis tilt (backward positive)")
+    return False

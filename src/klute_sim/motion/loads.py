@@ -1,0 +1,224 @@
+"""Ground reactions of each foot: from columns that name it, or from force plates that do not.
+
+A plate's load goes to the leg that is ahead when the plate is first loaded (or behind when it is left): at heel strike
+the feet are a step apart, so no lengths or positions of plates are needed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from klute_sim.errors import InputError
+from klute_sim.motion import columns, events, names
+from klute_sim.motion.findings import Findings
+from klute_sim.motion.markers import Frame
+from klute_sim.motion.names import SIDES, Side
+from klute_sim.motion.options import ImportOptions
+from klute_sim.motion.sources import Source
+from klute_sim.recording.recording import Samples
+
+LONGEST_CONTACT = 1.6
+"""A longer contact [s] of a walking foot is two feet on one plate, or standing."""
+NOTED_OFFSET = 3.0
+"""Load of an empty plate [N] from which it is told."""
+SAME_POINT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Ground reaction on one foot, or on one plate [N], on the body; up positive, forward as the axis is."""
+
+    time: Samples
+    vertical: Samples
+    forward: Samples
+    point: Samples | None = None
+    """(n, 2): forward and up [m] in the frame of walking; None: not told."""
+    lateral: Samples | None = None
+
+
+def of_sides(trial: Sequence[Source], options: ImportOptions, findings: Findings) -> dict[Side, Loads]:
+    """Loads from columns that name their foot."""
+    found: dict[Side, Loads] = {}
+    for side in SIDES:
+        vertical = columns.find(trial, names.VERTICAL, side, options)
+        forward = columns.find(trial, names.FORWARD, side, options)
+        if vertical is None or forward is None:
+            three = [columns.find(trial, axis, side, options) for axis in names.AXES]
+            present = [c for c in three if c is not None]
+            if len(present) < 2:
+                continue
+            up, ahead = _axes(np.stack([c.values for c in present], axis=1))
+            vertical, forward = vertical or present[up], forward or present[ahead]
+        sign = 1.0 if np.nanmean(vertical.values) > 0.0 else -1.0
+        for channel, column, why in (
+            (names.VERTICAL, vertical, "the axis with the largest mean load"),
+            (names.FORWARD, forward, "of the others, the one with the larger range"),
+        ):
+            stated = column.channel == channel
+            findings.map(
+                **{"channel": channel, "side": side, "file": column.file, "column": column.label},
+                **{"unit": column.unit, "sign": int(sign) if channel == names.VERTICAL else 1, "zero": 0.0},
+                why=f"unit {column.why_unit}; axis {'by its name' if stated else why}",
+            )
+        found[side] = Loads(vertical.time, sign * vertical.values, forward.values)
+    _same_points(trial, findings)
+    return found
+
+
+def _axes(force: Samples) -> tuple[int, int]:
+    """Which columns of ``force`` (n, axes) are vertical and fore-aft."""
+    size = np.abs(np.nanmean(force, axis=0))
+    up = int(size.argmax())
+    swing = np.nanmax(force, axis=0) - np.nanmin(force, axis=0)
+    swing[up] = -1.0
+    return up, int(swing.argmax())
+
+
+def _same_points(trial: Sequence[Source], findings: Findings) -> None:
+    """Both feet with one centre of pressure: a treadmill that does not know which foot."""
+    for source in trial:
+        pairs = [label for label in source.labels if "cop" in label.lower() and "left" in label.lower()]
+        for label in pairs:
+            other = label.replace("Left", "Right").replace("left", "right")
+            if other in source.labels and other != label:
+                one, two = source.column(label), source.column(other)
+                if np.ptp(one) > 0.0 and np.nanmean(np.abs(one - two) < SAME_POINT) > 0.9:
+                    findings.suspect(
+                        f"{Path(source.where).name}: '{label}' and '{other}' are the same: one centre of pressure for "
+                        "both feet; it was not used"
+                    )
+                    break
+
+
+def of_plates(trial: Sequence[Source], frame: Frame | None, findings: Findings) -> dict[str, Loads]:
+    """Plate -> its loads, in the frame of walking; a plate that OpenSim's labels give to a foot is named so."""
+    found: dict[str, Loads] = {}
+    for source in trial:
+        name = Path(source.where).name
+        for number, plate in enumerate(source.plates, 1):
+            if frame is None:
+                raise InputError(f"{source.where} has force plates, but no markers that say which way the walk went")
+            force, point = frame.turn(plate.force), frame.turn(plate.pressure_centre)
+            key = f"plate {number}"
+            found[key] = Loads(plate.time, force[:, 1], force[:, 0], point[:, :2], point[:, 2])
+            findings.map(
+                **{"channel": "ground reaction", "side": key, "file": name, "column": f"force platform {number}"},
+                **{"unit": "N", "sign": 1, "zero": 0.0, "why": frame.words},
+            )
+        found |= _stored_plates(source, name, frame, findings)
+    return found
+
+
+def _stored_plates(source: Source, name: str, frame: Frame | None, findings: Findings) -> dict[str, Loads]:
+    parts: dict[str, dict[tuple[str, int], str]] = {}
+    for label in source.labels:
+        meant = names.plate_column(label)
+        if meant is not None:
+            parts.setdefault(meant.plate, {})[meant.kind, meant.axis] = label
+    found = {}
+    for which, labels in parts.items():
+        if not all(("force", axis) in labels for axis in range(3)):
+            raise InputError(f"{source.where}: the ground reaction '{which}' has not all three components")
+        force = np.stack([source.column(labels["force", axis]) for axis in range(3)], axis=1)
+        whole = all(("point", axis) in labels for axis in range(3))
+        point = np.stack([source.column(labels["point", axis]) for axis in range(3)], axis=1) if whole else None
+        up, ahead, why = 1, 0, "OpenSim's axes: x forward, y up, z right"
+        if frame is not None:  # markers in the same laboratory
+            force, point = frame.turn(force), None if point is None else frame.turn(point)
+            why = frame.words
+        elif np.abs(np.nanmean(force, axis=0)).argmax() != 1:
+            up, ahead = _axes(force)
+            why = f"up is {'xyz'[up]}, not OpenSim's y: the axis with the largest mean load"
+            findings.suspect(
+                f"{name}: the vertical ground reaction is along {'xyz'[up]}, not along y as OpenSim has it"
+            )
+        sign = 1.0 if np.nanmean(force[:, up]) > 0.0 else -1.0
+        if sign < 0.0:
+            findings.suspect(f"{name}: the ground reaction '{which}' points down; it was turned to act on the body")
+            force = -force
+        key = which if which in SIDES else f"plate {which}"
+        place = None if point is None else point[:, [ahead, up]]
+        found[key] = Loads(columns.time(source), force[:, up], force[:, ahead], place)
+        findings.map(
+            **{"channel": "ground reaction", "side": key, "file": name, "column": labels["force", up] + ", ..."},
+            **{"unit": "N", "sign": int(sign), "zero": 0.0, "why": why},
+        )
+    return found
+
+
+def without_offset(loads: Loads, which: str, where: str, findings: Findings) -> Loads:
+    """``loads`` with what the empty plate reads taken off."""
+    zero = events.offset(loads.vertical)
+    if abs(zero) > NOTED_OFFSET:
+        findings.suspect(f"{where}: {which} reads {zero:.1f} N with nobody on it; this was taken off")
+    return replace(loads, vertical=loads.vertical - zero)
+
+
+def assigned(
+    plates: dict[str, Loads],
+    legs: Sequence[Side],
+    time: Samples,
+    lead: Samples,
+    where: str,
+    options: ImportOptions,
+    findings: Findings,
+) -> dict[Side, Loads]:
+    """Each foot's loads from ``plates``; ``lead`` is how far the right ankle is ahead of the left one at ``time``.
+
+    Where the files have one of the ``legs`` only, everything is taken for its.
+    """
+    parts: dict[Side, list[tuple[Loads, float, float]]] = {side: [] for side in SIDES}
+    for key, raw in plates.items():
+        loads = without_offset(raw, key, where, findings)
+        spans = events.contacts(loads.time, loads.vertical, options.threshold)
+        feet = [_foot(span, time, lead) for span in spans]
+        for foot, span in zip(feet, spans, strict=True):
+            known = {f for f in feet if f is not None}
+            side: Side | None = foot or (known.pop() if len(known) == 1 else None)
+            if key in SIDES:
+                side = "right" if key == "right" else "left"
+            elif len(legs) == 1:
+                side = legs[0]
+            if span.lift - span.strike > LONGEST_CONTACT:
+                findings.suspect(
+                    f"{where}: {key} is loaded for {span.lift - span.strike:.2f} s on end, by both feet or by standing; "
+                    "this was left out"
+                )
+            elif side is None:
+                findings.suspect(f"{where}: nothing tells whose foot is on {key} at {span.strike:.2f} s; left out")
+            else:
+                parts[side].append((loads, span.strike, span.lift))
+                if key not in SIDES and len(legs) > 1:
+                    findings.derive(
+                        f"Whose foot is on a plate: the leg that is ahead when it is loaded ({side}: {key})"
+                    )
+    return {side: _joined(found) for side, found in parts.items() if found}
+
+
+def _foot(span: events.Contact, time: Samples, lead: Samples) -> Side | None:
+    for seen, when, sign in ((span.begun, span.strike, 1.0), (span.ended, span.lift, -1.0)):
+        if seen and time[0] <= when <= time[-1]:
+            return "right" if sign * float(np.interp(when, time, lead)) > 0.0 else "left"
+    return None
+
+
+def _joined(parts: Sequence[tuple[Loads, float, float]]) -> Loads:
+    """One foot's contacts with several plates, on the first one's clock; zero between."""
+    time = parts[0][0].time
+    vertical, forward, moment = np.zeros(len(time)), np.zeros(len(time)), np.zeros((len(time), 2))
+    has_point = all(loads.point is not None for loads, *_ in parts)
+    for loads, start, end in parts:
+        inside = (time >= start - 0.02) & (time <= end + 0.02)  # what is below the threshold belongs to it
+        here = [np.interp(time[inside], loads.time, c) for c in (loads.vertical, loads.forward)]
+        vertical[inside] += here[0]
+        forward[inside] += here[1]
+        if has_point and loads.point is not None:
+            for axis in range(2):
+                known = np.isfinite(loads.point[:, axis])
+                place = np.interp(time[inside], loads.time[known], loads.point[known, axis])
+                moment[inside, axis] += here[0] * place
+    loaded = np.abs(vertical) > 1e-6
+    point = np.where(loaded[:, None], moment / np.where(loaded, vertical, 1.0)[:, None], 0.0)
+    return Loads(time, vertical, forward, point if has_point else None)
