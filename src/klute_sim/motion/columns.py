@@ -59,6 +59,8 @@ def find(trial: Sequence[Source], channel: str, side: Side | None, options: Impo
     if choice is not None:
         for source in trial:
             if choice.column in source.labels:
+                if not np.isfinite(source.column(choice.column)).any():
+                    raise InputError(f"{source.where}: column '{choice.column}' holds no number")
                 return _column(source, choice.column, channel, 1, choice, options)
         raise InputError(f"{trial[0].where}: there is no column '{choice.column}', which is to be {channel}")
     for source in trial:
@@ -67,7 +69,7 @@ def find(trial: Sequence[Source], channel: str, side: Side | None, options: Impo
             if meant is None or meant.channel != channel:
                 continue
             unsided = meant.side is None and side == (options.side or "right")
-            if meant.side == side or unsided:
+            if (meant.side == side or unsided) and np.isfinite(source.column(label)).any():
                 return _column(source, label, channel, meant.sign, None, options)
     return None
 
@@ -77,7 +79,7 @@ def _column(
 ) -> Column:
     values = source.column(label)
     stated = choice.unit if choice and choice.unit else source.units.get(label) or None
-    unit, why = stated or _unit_of(channel, values), "stated" if stated else "by its size"
+    unit, why = stated or _unit_of(channel, _sized(source, channel, values)), "stated" if stated else "by its size"
     if choice and choice.unit:
         why = "as given"
     return Column(
@@ -101,6 +103,15 @@ def time(source: Source) -> Samples:
     if factor is None:
         raise InputError(f"{source.where}: column '{label}' is in '{unit}'; allowed: {quantity.EXAMPLES['s']}")
     return np.asarray(clock * factor, dtype=np.float64)
+
+
+def _sized(source: Source, channel: str, values: Samples) -> Samples:
+    """What tells the unit of ``values``: of a ground reaction all axes together, for the lateral one is always small."""
+    if not channel.startswith("grf"):
+        return values
+    meant = {label: names.named(label.split("[")[0].strip()) for label in source.labels}
+    axes = [source.column(label) for label, of in meant.items() if of is not None and of.channel.startswith("grf")]
+    return np.concatenate([values, *axes])
 
 
 def _unit_of(channel: str, values: Samples) -> str:

@@ -144,7 +144,9 @@ def _table(of: Sequence[Stride], mass: float, findings: Findings) -> dict[str, S
         table[column] = every[name].mean(axis=0) / per[name]
     if len(of) >= FEWEST_FOR_DEVIATION:
         for column, name in DEVIATIONS.items():
-            table[column] = every[name].std(axis=0, ddof=1) / per[name]
+            spread = every[name].std(axis=0, ddof=1) / per[name]
+            spread[0] = spread[-1] = 0.5 * (spread[0] + spread[-1])  # the same heel strikes but for two: one number
+            table[column] = spread
         findings.derive(f"Standard deviations: between the {len(of)} strides")
     else:
         findings.miss(

@@ -100,12 +100,13 @@ def of_plates(trial: Sequence[Source], frame: Frame | None, findings: Findings) 
         for number, plate in enumerate(source.plates, 1):
             if frame is None:
                 raise InputError(f"{source.where} has force plates, but no markers that say which way the walk went")
-            force, point = frame.turn(plate.force), frame.turn(plate.pressure_centre)
             key = f"plate {number}"
+            force, point = frame.turn(plate.force), frame.turn(plate.pressure_centre)
+            force, sign = _upwards(force, 1, key, name, findings)
             found[key] = Loads(plate.time, force[:, 1], force[:, 0], point[:, :2], point[:, 2])
             findings.map(
                 **{"channel": "ground reaction", "side": key, "file": name, "column": f"force platform {number}"},
-                **{"unit": "N", "sign": 1, "zero": 0.0, "why": frame.words},
+                **{"unit": "N", "sign": sign, "zero": 0.0, "why": frame.words},
             )
         found |= _stored_plates(source, name, frame, findings)
     return found
@@ -134,18 +135,23 @@ def _stored_plates(source: Source, name: str, frame: Frame | None, findings: Fin
             findings.suspect(
                 f"{name}: the vertical ground reaction is along {'xyz'[up]}, not along y as OpenSim has it"
             )
-        sign = 1.0 if np.nanmean(force[:, up]) > 0.0 else -1.0
-        if sign < 0.0:
-            findings.suspect(f"{name}: the ground reaction '{which}' points down; it was turned to act on the body")
-            force = -force
+        force, sign = _upwards(force, up, f"the ground reaction '{which}'", name, findings)
         key = which if which in SIDES else f"plate {which}"
         place = None if point is None else point[:, [ahead, up]]
         found[key] = Loads(columns.time(source), force[:, up], force[:, ahead], place)
         findings.map(
             **{"channel": "ground reaction", "side": key, "file": name, "column": labels["force", up] + ", ..."},
-            **{"unit": "N", "sign": int(sign), "zero": 0.0, "why": why},
+            **{"unit": "N", "sign": sign, "zero": 0.0, "why": why},
         )
     return found
+
+
+def _upwards(force: Samples, up: int, which: str, name: str, findings: Findings) -> tuple[Samples, int]:
+    """``force`` (n, 3) on the body, and its sign; some record the force on the plate."""
+    if not np.nanmean(force[:, up]) < 0.0:
+        return force, 1
+    findings.suspect(f"{name}: {which} points down; it was turned to act on the body")
+    return -force, -1
 
 
 def without_offset(loads: Loads, which: str, where: str, findings: Findings) -> Loads:
@@ -183,7 +189,7 @@ def assigned(
                 side = legs[0]
             if span.lift - span.strike > LONGEST_CONTACT:
                 findings.suspect(
-                    f"{where}: {key} is loaded for {span.lift - span.strike:.2f} s on end, by both feet or by standing; "
+                    f"{where}: {key} is loaded for {span.lift - span.strike:.2f} s on end, by both feet or standing; "
                     "this was left out"
                 )
             elif side is None:

@@ -57,7 +57,7 @@ class Named:
 
 
 def named(markers: Markers, chosen: Chosen, where: str) -> Named:
-    """What the markers are, by ``chosen``, then by their names; raises InputError for a chosen one that is not there."""
+    """What the markers are, by ``chosen``, then by their names; raises InputError for a chosen one that is not."""
     found: dict[tuple[Side, str], list[str]] = {}
     sacrum = []
     for name in markers.positions:

@@ -171,7 +171,7 @@ def usual(strides: Sequence[Stride], where: str, findings: Findings) -> list[Str
     kept = [stride for stride in strides if abs(stride.duration - middle) <= UNUSUAL * middle]
     if len(kept) < len(strides):
         findings.suspect(
-            f"{where}: {len(strides) - len(kept)} of {len(strides)} strides take more than {100 * UNUSUAL:.0f} % longer "
+            f"{where}: {len(strides) - len(kept)} of {len(strides)} strides take over {100 * UNUSUAL:.0f} % longer "
             f"or shorter than {middle:.2f} s and were left out"
         )
     return kept
