@@ -63,8 +63,8 @@ def legs(trial: Sequence[Source], where: str, options: ImportOptions, findings: 
     plates = loads.of_plates(trial, None, findings) if not on else {}
     if plates:
         present = [side for side, of in found.items() if "knee_angle" in of]
-        lead_time, lead = _lead(found, body)
-        on = loads.assigned(plates, present, lead_time, lead, where, options, findings)
+        clock, bend = _bend(found)
+        on = loads.assigned(plates, present, clock, bend, where, options, findings)
     result = []
     for side, of in found.items():
         if "knee_angle" not in of or "ankle_angle" not in of:
@@ -84,24 +84,13 @@ def _travelled(travel: Column | None) -> float | None:
     return abs(float(np.polyfit(travel.time, travel.values, 1)[0]))
 
 
-def _lead(found: Mapping[Side, Mapping[str, Column]], body: _Body) -> tuple[Samples, Samples]:
-    """(time, how far the right ankle is ahead of the left one) in lengths of a leg's segment, by the names' signs."""
-    ahead = {}
-    for side, of in found.items():
-        if "knee_angle" not in of or not {"hip_angle", "thigh_angle"} & set(of):
-            return np.zeros(2), np.zeros(2)
-        quiet, clock = Findings(), _Clock(of["knee_angle"].time)
-        angles = {
-            name: clock.bring(column, signed(column, (), side, quiet), 0.0)
-            for name, column in of.items()
-            if name in names.ANGLES
-        }
-        _shank(angles, body.tilt, clock, quiet)
-        thigh = angles["shank_angle"] - angles["knee_angle"]
-        ahead[side] = -np.sin(np.radians(thigh)) - np.sin(np.radians(angles["shank_angle"]))
-    time = found["right"]["knee_angle"].time
-    other = np.interp(time, found["left"]["knee_angle"].time, ahead["left"])
-    return time, np.asarray(ahead["right"] - other, dtype=np.float64)
+def _bend(found: Mapping[Side, Mapping[str, Column]]) -> tuple[Samples, Samples]:
+    """(time, how much more the right knee is flexed than the left one [deg]); nothing where there is one knee only."""
+    knees = [found[side].get("knee_angle") for side in SIDES]
+    if knees[0] is None or knees[1] is None:
+        return np.zeros(0), np.zeros(0)
+    right, left = (signed(knee, (), side, Findings()) for knee, side in zip(knees, SIDES, strict=True) if knee)
+    return knees[0].time, np.asarray(right - np.interp(knees[0].time, knees[1].time, left), dtype=np.float64)
 
 
 def _leg(
@@ -146,7 +135,7 @@ def _leg(
 
 
 def _shank(
-    angles: dict[str, Samples], tilt: Column | None, clock: _Clock, findings: Findings, cutoff: float = 0.0
+    angles: dict[str, Samples], tilt: Column | None, clock: _Clock, findings: Findings, cutoff: float
 ) -> bool | None:
     """Fill in ``shank_angle`` and ``hip_angle``; whether the shank's zero is free, None where it cannot be had."""
     knee = angles["knee_angle"]

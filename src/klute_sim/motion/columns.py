@@ -106,7 +106,7 @@ def time(source: Source) -> Samples:
 
 
 def _sized(source: Source, channel: str, values: Samples) -> Samples:
-    """What tells the unit of ``values``: of a ground reaction all axes together, for the lateral one is always small."""
+    """What tells the unit of ``values``: of a ground reaction all axes together, for the lateral one is small."""
     if not channel.startswith("grf"):
         return values
     meant = {label: names.named(label.split("[")[0].strip()) for label in source.labels}

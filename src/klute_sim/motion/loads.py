@@ -1,7 +1,7 @@
 """Ground reactions of each foot: from columns that name it, or from force plates that do not.
 
-A plate's load goes to the leg that is ahead when the plate is first loaded (or behind when it is left): at heel strike
-the feet are a step apart, so no lengths or positions of plates are needed.
+A plate's load goes to the leg whose knee is straighter in the middle of the contact, while the other one swings: that
+needs no lengths, no positions of plates and no sign but the knee's, which the knee tells itself.
 """
 
 from collections.abc import Sequence
@@ -21,6 +21,12 @@ from klute_sim.recording.recording import Samples
 
 LONGEST_CONTACT = 1.6
 """A longer contact [s] of a walking foot is two feet on one plate, or standing."""
+MIDDLE = (0.2, 0.8)
+"""Shares of a contact in which the other leg swings."""
+USUAL_CONTACT = 0.7
+"""What a contact that is cut by the record's ends is taken to last [s] (assumed)."""
+LEAST_BEND = 5.0
+"""Difference of the knees' mean flexion [deg] below which nothing is told; in walking it is near 30."""
 NOTED_OFFSET = 3.0
 """Load of an empty plate [N] from which it is told."""
 SAME_POINT = 1e-9
@@ -166,12 +172,12 @@ def assigned(
     plates: dict[str, Loads],
     legs: Sequence[Side],
     time: Samples,
-    lead: Samples,
+    bend: Samples,
     where: str,
     options: ImportOptions,
     findings: Findings,
 ) -> dict[Side, Loads]:
-    """Each foot's loads from ``plates``; ``lead`` is how far the right ankle is ahead of the left one at ``time``.
+    """Each foot's loads from ``plates``; ``bend`` is how much more the right knee is flexed than the left one [deg].
 
     Where the files have one of the ``legs`` only, everything is taken for its.
     """
@@ -179,7 +185,7 @@ def assigned(
     for key, raw in plates.items():
         loads = without_offset(raw, key, where, findings)
         spans = events.contacts(loads.time, loads.vertical, options.threshold)
-        feet = [_foot(span, time, lead) for span in spans]
+        feet = [_foot(span, time, bend) for span in spans]
         for foot, span in zip(feet, spans, strict=True):
             known = {f for f in feet if f is not None}
             side: Side | None = foot or (known.pop() if len(known) == 1 else None)
@@ -197,17 +203,19 @@ def assigned(
             else:
                 parts[side].append((loads, span.strike, span.lift))
                 if key not in SIDES and len(legs) > 1:
-                    findings.derive(
-                        f"Whose foot is on a plate: the leg that is ahead when it is loaded ({side}: {key})"
-                    )
+                    findings.derive(f"Whose foot is on a plate: the leg with the straighter knee ({side}: {key})")
     return {side: _joined(found) for side, found in parts.items() if found}
 
 
-def _foot(span: events.Contact, time: Samples, lead: Samples) -> Side | None:
-    for seen, when, sign in ((span.begun, span.strike, 1.0), (span.ended, span.lift, -1.0)):
-        if seen and time[0] <= when <= time[-1]:
-            return "right" if sign * float(np.interp(when, time, lead)) > 0.0 else "left"
-    return None
+def _foot(span: events.Contact, time: Samples, bend: Samples) -> Side | None:
+    """Whose contact it is; None where it does not tell, as one that is cut by the record's ends often does not."""
+    length = span.lift - span.strike if span.begun and span.ended else USUAL_CONTACT
+    strike = span.strike if span.begun else span.lift - length
+    low, high = (strike + share * length for share in MIDDLE)
+    middle = bend[(time >= max(low, span.strike)) & (time <= min(high, span.lift)) & np.isfinite(bend)]
+    if not len(middle) or not abs(float(middle.mean())) > LEAST_BEND:
+        return None
+    return "left" if middle.mean() > 0.0 else "right"
 
 
 def _joined(parts: Sequence[tuple[Loads, float, float]]) -> Loads:

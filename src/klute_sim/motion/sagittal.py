@@ -35,6 +35,11 @@ class Leg:
         return _lean(self.knee - self.ankle)
 
     @property
+    def knee_angle(self) -> Samples:
+        """Flexion positive."""
+        return self.shank_angle - self.thigh_angle
+
+    @property
     def foot_pitch(self) -> Samples:
         """Of the line from heel to toe, toe down positive."""
         along = self.toe - self.heel

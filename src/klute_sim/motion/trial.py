@@ -43,8 +43,8 @@ def _by_markers(
     plates = loads.of_plates(trial, frame, findings)
     if plates and not on:
         right, left = both["right"], both["left"]
-        lead = right.ankle[:, 0] - left.ankle[:, 0] if right and left else np.full(len(smooth.time), np.nan)
-        on = loads.assigned(plates, list(known), smooth.time, lead, where, options, findings)
+        bend = right.knee_angle - left.knee_angle if right and left else np.full(len(smooth.time), np.nan)
+        on = loads.assigned(plates, list(known), smooth.time, bend, where, options, findings)
     result = []
     for side, leg in known.items():
         if side not in on:
@@ -53,7 +53,7 @@ def _by_markers(
         foot = landed(on[side], leg.time, side, where, options, findings)
         angles = {
             "hip_angle": -leg.thigh_angle,
-            "knee_angle": leg.shank_angle - leg.thigh_angle,
+            "knee_angle": leg.knee_angle,
             "ankle_angle": leg.shank_angle - leg.foot_pitch,
             "shank_angle": leg.shank_angle,
         }
