@@ -26,7 +26,7 @@ from klute_sim.motion import names
 from klute_sim.motion.names import Side
 
 BODY = "body"
-ROLES = ("hip", "knee", "ankle", "heel", "toe", "thigh", "shank", "asis", "psis", "sacrum")
+ROLES = ("hip", "knee", "ankle", "heel", "toe", "midfoot", "thigh", "shank", "asis", "psis", "sacrum")
 """What markers can be: joints and points of the foot, clusters of a segment, the pelvis."""
 AXES = tuple(f"{sign}{axis}" for sign in ("", "-") for axis in "xyz")
 

@@ -29,10 +29,11 @@ _PATTERNS: tuple[tuple[str, str], ...] = (
         "ankle",
         r"m?ank|ankle(lat|med|lateral|medial|jc|l|m)?|ajc|[lm]mal(l|leolus)?|(lat|med)(eral|ial)?(malleolus|ankle)",
     ),
+    ("midfoot", r"midfoot(lat|med|sup|\d)?|nav(icular)?"),
     ("heel", r"hee|heel|cal(c|caneus)?"),
     (
         "toe",
-        r"toe(tip|lat|med|\d)?|(foot|midfoot)(lat|med|sup)|[15]?mt[p125]?h?|[125](st|nd|th)?met|d?[125]m[th]?|meta[125]",
+        r"toe(tip|lat|med|\d)?|foot(lat|med)|[15]?mt[p125]?h?|[125](st|nd|th)?met|d?[125]m[th]?|meta[125]",
     ),
     ("thigh", r"thi(gh)?(upper|front|rear|\d+)?|th\d+"),
     ("shank", r"sha?n?k(upper|front|rear|\d+)?|tib(ia)?\d*|sh\d+"),
@@ -120,11 +121,12 @@ def frame(markers: Markers, roles: Named, chosen: Chosen, where: str, findings: 
     for side in SIDES:
         heel, toe = (centre(markers, roles.of(side, role)) for role in ("heel", "toe"))
         above = [n for role in ("shank", "knee", "thigh", "hip", "asis") for n in roles.of(side, role)]
-        if heel is not None and toe is not None and above:
-            feet.append(np.nanmean(toe - heel, axis=0))
-            upper = centre(markers, tuple(above))
-            assert upper is not None
-            legs.append(np.nanmean(upper - heel, axis=0))
+        upper = centre(markers, tuple(above))
+        if heel is not None and toe is not None and upper is not None:
+            seen = np.isfinite(toe + heel + upper).all(axis=1)
+            if seen.any():
+                feet.append(np.mean((toe - heel)[seen], axis=0))
+                legs.append(np.mean((upper - heel)[seen], axis=0))
     if not feet:
         raise InputError(
             f"{where}: no foot was recognised among the markers; heel, toe and something above them are needed: name "

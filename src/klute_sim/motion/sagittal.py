@@ -101,7 +101,10 @@ def _knee(markers: Markers, roles: Named, side: Side, where: str, findings: Find
 
 
 def _ankle(markers: Markers, roles: Named, side: Side, where: str, findings: Findings) -> Samples | None:
-    return _joint(markers, roles, side, "ankle", ("shank",), ("heel", "toe"), where, findings)
+    rigid = ("heel", "midfoot")  # the toes bend against them
+    enough = sum(len(roles.of(side, role)) for role in rigid) >= joints.LEAST_MARKERS
+    foot = rigid if enough else (*rigid, "toe")
+    return _joint(markers, roles, side, "ankle", ("shank",), foot, where, findings)
 
 
 def _joint(
