@@ -353,6 +353,14 @@ def test_bad_maps_are_one_sentence(text: str, says: str, tmp_path: Path) -> None
     assert "\n" not in str(caught.value)
 
 
+def test_names_that_would_steer_a_terminal_are_refused(tmp_path: Path) -> None:
+    path = made.treadmill(tmp_path, Walker())
+    path.write_text(path.read_text().replace("LeftCOP_x", "Left\x1b[2JCOP_x", 1))
+    with pytest.raises(InputError, match="characters that cannot be shown") as caught:
+        importing.run([path], RAW)
+    assert str(caught.value).isprintable()
+
+
 def test_options_that_mean_nothing_are_refused() -> None:
     for wrong in ({"mass": 3.0}, {"stature": 17.5}, {"cutoff": -1.0}, {"threshold": 0.0}, {"mass": float("nan")}):
         with pytest.raises(InputError, match="allowed"):

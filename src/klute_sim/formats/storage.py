@@ -96,7 +96,7 @@ def numbers(rows: list[tuple[int, str]], width: int, where: str) -> Samples:
             except ValueError:
                 finite = False
             if not finite:
-                raise InputError(f"{where}: line {number}: '{cell[:40]}' is not a finite number")
+                raise InputError(f"{where}: line {number}: {cell[:40]!r} is not a finite number")
     raise InputError(f"{where}: the numbers cannot be read")
 
 

@@ -75,7 +75,7 @@ def _row(number: int, line: str, width: int, where: str) -> list[float]:
         except ValueError:
             found[place] = np.inf
         if np.isinf(found[place]):
-            raise InputError(f"{where}: line {number}: '{cell.strip()[:40]}' is not a finite number")
+            raise InputError(f"{where}: line {number}: {cell.strip()[:40]!r} is not a finite number")
     return found
 
 

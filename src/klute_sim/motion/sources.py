@@ -95,6 +95,14 @@ def _bare(label: str) -> str:
 
 def read(path: str | Path) -> Source:
     """The file at ``path``; raises InputError for what cannot be read, and for a kind that is not known."""
+    found = _read(path)
+    for name in (*found.labels, *(found.markers.positions if found.markers else ())):
+        if not name.isprintable():  # names are shown in terminals, which obey some characters
+            raise InputError(f"{path}: the name {name[:40]!r} has characters that cannot be shown")
+    return found
+
+
+def _read(path: str | Path) -> Source:
     suffix = Path(path).suffix.lower()
     if suffix not in KINDS:
         raise InputError(f"{path}: a file that ends with '{suffix}' is not known; allowed: {', '.join(KINDS)}")
