@@ -267,7 +267,12 @@ def test_a_file_cut_in_two_trials_pools_the_strides_and_has_deviations(tmp_path:
     one, two = tmp_path / "one", tmp_path / "two"
     one.mkdir()
     two.mkdir()
-    found = importing.run(opensim(one) + opensim(two), ImportOptions(mass=MASS))
+    again = opensim(two)
+    with pytest.raises(InputError, match="its strides would count twice"):
+        importing.run(opensim(one) + again, ImportOptions(mass=MASS))
+    for path in again:
+        edited(path, lambda label, s: s + 0.001)
+    found = importing.run(opensim(one) + again, ImportOptions(mass=MASS))
     assert len(found.strides["right"]) == 6
     assert set(reference.DEVIATIONS) <= set(found.table)
     short = importing.run(made.opensim(tmp_path, Walker(seconds=2.6)), ImportOptions(mass=MASS, side="right"))
@@ -296,6 +301,14 @@ def without(file: int, part: str) -> Callable[[list[Path]], list[Path]]:
     return leave_out
 
 
+def emptied(file: int, part: str) -> Callable[[list[Path]], list[Path]]:
+    def empty(paths: list[Path]) -> list[Path]:
+        edited(paths[file], lambda label, s: np.full(len(s), np.nan) if part in label else s)
+        return paths
+
+    return empty
+
+
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
@@ -305,6 +318,9 @@ def without(file: int, part: str) -> Callable[[list[Path]], list[Path]]:
         (without(0, "hip"), "so nothing says how the leg leans"),
         (without(0, "ankle"), "neither knee and ankle angles of one leg nor markers"),
         (without(1, "vz"), "has not all three components"),
+        (emptied(1, "1_vy"), "column 'ground_force_1_vy' holds no number"),
+        (emptied(0, "ankle"), "neither knee and ankle angles of one leg nor markers"),
+        (emptied(2, "ankle"), "no ankle moment of the right leg"),
     ],
 )
 def test_what_is_missing_is_one_sentence(spoil: Callable[[list[Path]], list[Path]], says: str, tmp_path: Path) -> None:

@@ -228,3 +228,17 @@ def test_a_swing_is_not_clipped_and_a_plateau_is() -> None:
     bound = signs.clipped(np.maximum(wave, -12.0))
     assert bound is not None
     assert bound[0] == -12.0
+
+
+def test_an_uneven_clock_is_made_even_and_one_that_rounds_is_kept() -> None:
+    time = np.array([0.0, 0.0101, 0.0199, 0.03])
+    clock = filters.even(time, "x")
+    assert clock == pytest.approx([0.0, 0.01, 0.02, 0.03])
+    pair = np.stack([time, 2.0 * time], axis=1)
+    assert filters.onto(clock, time, pair) is pair
+    uneven = np.array([0.0, 0.01, 0.027, 0.03])
+    assert filters.onto(clock, uneven, np.stack([uneven, -uneven], axis=1)) == pytest.approx(
+        np.stack([clock, -clock]).T
+    )
+    with pytest.raises(InputError, match=r"x has a sample every 0\.5 s"):
+        filters.even(np.array([0.0, 0.5]), "x")

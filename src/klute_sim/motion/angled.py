@@ -29,9 +29,9 @@ class _Clock:
 
     def bring(self, column: Column, values: Samples, cutoff: float) -> Samples:
         """``values`` of ``column`` filtered at ``cutoff`` [Hz], at this clock; NaN outside of the column's own time."""
-        whole = filters.bridged(values, column.time)
-        own, evened = filters.even(column.time, {"": whole}, column.source.where)
-        smooth = filters.low_pass(evened[""], (len(own) - 1) / (own[-1] - own[0]), cutoff)
+        own = filters.even(column.time, column.source.where)
+        whole = filters.onto(own, column.time, filters.bridged(values, column.time))
+        smooth = filters.low_pass(whole, (len(own) - 1) / (own[-1] - own[0]), cutoff)
         return np.asarray(np.interp(self.time, own, smooth, left=np.nan, right=np.nan), dtype=np.float64)
 
 
@@ -103,7 +103,7 @@ def _leg(
     findings: Findings,
 ) -> Limb | None:
     knee = of["knee_angle"]
-    clock = _Clock(filters.even(knee.time, {}, knee.source.where)[0])
+    clock = _Clock(filters.even(knee.time, knee.source.where))
     foot = landed(load, clock.time, side, where, options, findings)
     angles = {
         name: clock.bring(column, signed(column, foot.contacts, side, findings), options.cutoff)

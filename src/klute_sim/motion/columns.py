@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -47,7 +46,7 @@ class Column:
     @property
     def file(self) -> str:
         """Its name."""
-        return Path(self.source.where).name
+        return self.source.name
 
 
 def find(trial: Sequence[Source], channel: str, side: Side | None, options: ImportOptions) -> Column | None:

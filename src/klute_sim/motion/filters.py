@@ -60,13 +60,19 @@ def bridged(samples: Samples, time: Samples) -> Samples:
     return result
 
 
-def even(time: Samples, columns: dict[str, Samples], where: str) -> tuple[Samples, dict[str, Samples]]:
-    """The same on an even clock of the same rate; samples of a clock that only rounds are left as they are."""
-    count = len(time)
-    clock = np.linspace(time[0], time[-1], count)
+def even(time: Samples, where: str) -> Samples:
+    """An even clock of as many samples as ``time`` [s]; raises InputError for rates that no laboratory has."""
+    clock = np.linspace(time[0], time[-1], len(time))
     step = clock[1] - clock[0]
     if not 1e-5 <= step <= 0.1:
         raise InputError(f"{where} has a sample every {step:g} s; allowed are 0.00001 to 0.1 s")
-    if np.abs(time - clock).max() <= UNEVEN * step:
-        return clock, columns
-    return clock, {name: np.interp(clock, time, samples) for name, samples in columns.items()}
+    return clock
+
+
+def onto(clock: Samples, time: Samples, samples: Samples) -> Samples:
+    """``samples`` (along the first axis, at ``time``) at the even ``clock``; as they are where ``time`` rounds it."""
+    if np.abs(time - clock).max() <= UNEVEN * (clock[1] - clock[0]):
+        return samples
+    columns = samples.reshape(len(samples), -1).T
+    moved = np.stack([np.interp(clock, time, column) for column in columns], axis=1)
+    return np.asarray(moved.reshape(samples.shape), dtype=np.float64)

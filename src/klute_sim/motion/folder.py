@@ -80,5 +80,10 @@ def _toml(imported: Imported) -> str:
     )
     lines.append('phase = "heel strike to heel strike of one foot"')
     for entry in imported.findings.found:
-        lines += ["", "[[source]]", f"file = {json.dumps(entry['file'])}", f'sha256 = "{entry["sha256"]}"']
+        lines += [
+            "",
+            "[[source]]",
+            f"file = {json.dumps(entry['file'], ensure_ascii=False)}",
+            f'sha256 = "{entry["sha256"]}"',
+        ]
     return "\n".join(lines) + "\n"

@@ -86,6 +86,9 @@ def run(
     read = []
     for number, file in enumerate(files):
         read.append(sources.read(file))
+        twin = next((source for source in read[:-1] if source.digest == read[-1].digest), None)
+        if twin is not None:
+            raise InputError(f"{file} is the same as {twin.where}; its strides would count twice")
         findings.found.append(read[-1].describe())
         progress(0.6 * (number + 1) / len(files))
     legs: list[tuple[Limb, list[Stride]]] = []
@@ -191,7 +194,7 @@ def _mass(
 
 def _compare_events(group: Sequence[Source], legs: Sequence[Limb], findings: Findings) -> None:
     """Events listed in a file beside those found."""
-    where = Path(group[0].where).name
+    where = group[0].name
     for source in group:
         for label in source.labels:
             if label.strip().lower() not in EVENTS or source.roles() != {"events"}:
@@ -210,7 +213,7 @@ def _compare_events(group: Sequence[Source], legs: Sequence[Limb], findings: Fin
             apart = np.subtract.outer(np.array(seen), listed)
             off = apart[np.abs(apart).argmin(axis=0), np.arange(len(listed))]
             typical = float(np.median(off))
-            what = f"{Path(source.where).name}: '{label}'"
+            what = f"{source.name}: '{label}'"
             sentence = (
                 f"{what} lists {len(listed)} events, {1e3 * abs(typical):.0f} ms {_order(typical)} those found here"
             )

@@ -6,7 +6,6 @@ needs no lengths, no positions of plates and no sign but the knee's, which the k
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -41,7 +40,6 @@ class Loads:
     forward: Samples
     point: Samples | None = None
     """(n, 2): forward and up [m] in the frame of walking; None: not told."""
-    lateral: Samples | None = None
 
 
 def of_sides(trial: Sequence[Source], options: ImportOptions, findings: Findings) -> dict[Side, Loads]:
@@ -53,7 +51,7 @@ def of_sides(trial: Sequence[Source], options: ImportOptions, findings: Findings
         if vertical is None or forward is None:
             three = [columns.find(trial, axis, side, options) for axis in names.AXES]
             present = [c for c in three if c is not None]
-            if len(present) < 2:
+            if len(present) < 2 or len({c.source.where for c in present}) > 1:
                 continue
             up, ahead = _axes(np.stack([c.values for c in present], axis=1))
             vertical, forward = vertical or present[up], forward or present[ahead]
@@ -68,7 +66,8 @@ def of_sides(trial: Sequence[Source], options: ImportOptions, findings: Findings
                 **{"unit": column.unit, "sign": int(sign) if channel == names.VERTICAL else 1, "zero": 0.0},
                 why=f"unit {column.why_unit}; axis {'by its name' if stated else why}",
             )
-        found[side] = Loads(vertical.time, sign * vertical.values, forward.values)
+        along = np.interp(vertical.time, forward.time, forward.values)  # they may be of two files
+        found[side] = Loads(vertical.time, sign * vertical.values, along)
     _same_points(trial, findings)
     return found
 
@@ -92,7 +91,7 @@ def _same_points(trial: Sequence[Source], findings: Findings) -> None:
                 one, two = source.column(label), source.column(other)
                 if np.ptp(one) > 0.0 and np.nanmean(np.abs(one - two) < SAME_POINT) > 0.9:
                     findings.suspect(
-                        f"{Path(source.where).name}: '{label}' and '{other}' are the same: one centre of pressure for "
+                        f"{source.name}: '{label}' and '{other}' are the same: one centre of pressure for "
                         "both feet; it was not used"
                     )
                     break
@@ -102,14 +101,14 @@ def of_plates(trial: Sequence[Source], frame: Frame | None, findings: Findings) 
     """Plate -> its loads, in the frame of walking; a plate that OpenSim's labels give to a foot is named so."""
     found: dict[str, Loads] = {}
     for source in trial:
-        name = Path(source.where).name
+        name = source.name
         for number, plate in enumerate(source.plates, 1):
             if frame is None:
                 raise InputError(f"{source.where} has force plates, but no markers that say which way the walk went")
             key = f"plate {number}"
             force, point = frame.turn(plate.force), frame.turn(plate.pressure_centre)
             force, sign = _upwards(force, 1, key, name, findings)
-            found[key] = Loads(plate.time, force[:, 1], force[:, 0], point[:, :2], point[:, 2])
+            found[key] = Loads(plate.time, force[:, 1], force[:, 0], point[:, :2])
             findings.map(
                 **{"channel": "ground reaction", "side": key, "file": name, "column": f"force platform {number}"},
                 **{"unit": "N", "sign": sign, "zero": 0.0, "why": frame.words},
@@ -129,6 +128,9 @@ def _stored_plates(source: Source, name: str, frame: Frame | None, findings: Fin
         if not all(("force", axis) in labels for axis in range(3)):
             raise InputError(f"{source.where}: the ground reaction '{which}' has not all three components")
         force = np.stack([source.column(labels["force", axis]) for axis in range(3)], axis=1)
+        empty = next((labels["force", axis] for axis in range(3) if not np.isfinite(force[:, axis]).any()), None)
+        if empty is not None:
+            raise InputError(f"{source.where}: column '{empty}' holds no number")
         whole = all(("point", axis) in labels for axis in range(3))
         point = np.stack([source.column(labels["point", axis]) for axis in range(3)], axis=1) if whole else None
         up, ahead, why = 1, 0, "OpenSim's axes: x forward, y up, z right"
@@ -222,7 +224,7 @@ def _joined(parts: Sequence[tuple[Loads, float, float]]) -> Loads:
     """One foot's contacts with several plates, on the first one's clock; zero between."""
     time = parts[0][0].time
     vertical, forward, moment = np.zeros(len(time)), np.zeros(len(time)), np.zeros((len(time), 2))
-    has_point = all(loads.point is not None for loads, *_ in parts)
+    has_point = all(loads.point is not None and np.isfinite(loads.point).any(axis=0).all() for loads, *_ in parts)
     for loads, start, end in parts:
         inside = (time >= start - 0.02) & (time <= end + 0.02)  # what is below the threshold belongs to it
         here = [np.interp(time[inside], loads.time, c) for c in (loads.vertical, loads.forward)]

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from klute_sim.errors import InputError
 from klute_sim.formats.trc import Markers
 from klute_sim.motion import filters, joints
 from klute_sim.motion.findings import Findings
@@ -51,15 +50,12 @@ def _lean(upwards: Samples) -> Samples:
 
 
 def prepared(markers: Markers, frame: Frame, cutoff: float, where: str) -> Markers:
-    """``markers`` in the frame of walking, gaps bridged, filtered at ``cutoff`` [Hz]."""
-    names = list(markers.positions)
-    clock, columns = filters.even(markers.time, {name: markers.positions[name][:, 0] for name in names}, where)
-    if any(columns[name] is not markers.positions[name][:, 0] for name in names) and clock is None:
-        raise InputError(f"{where}: the clock is not even")
+    """``markers`` in the frame of walking on an even clock, gaps bridged, filtered at ``cutoff`` [Hz]."""
+    clock = filters.even(markers.time, where)
     rate = (len(clock) - 1) / (clock[-1] - clock[0])
     smooth = {}
-    for name in names:
-        whole = filters.bridged(markers.positions[name], markers.time)
+    for name, place in markers.positions.items():
+        whole = filters.onto(clock, markers.time, filters.bridged(place, markers.time))
         smooth[name] = filters.low_pass(frame.turn(whole), rate, cutoff)
     return Markers(clock, smooth)
 

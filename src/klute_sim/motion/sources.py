@@ -40,6 +40,11 @@ class Source:
     plates: tuple[Plate, ...] = ()
     software: str = ""
 
+    @property
+    def name(self) -> str:
+        """The file's name, with a question mark for what cannot be shown."""
+        return "".join(c if c.isprintable() else "?" for c in Path(self.where).name)
+
     def column(self, label: str) -> Samples:
         """The samples in the column ``label``."""
         assert self.fetch is not None
@@ -76,7 +81,7 @@ class Source:
             time = self.column(self.time_label)
         seconds = float(time[-1] - time[0]) if time is not None and len(time) > 1 else 0.0
         return {
-            "file": Path(self.where).name,
+            "file": self.name,
             "kind": self.kind,
             "sha256": self.digest,
             "columns": len(self.labels),

@@ -1,7 +1,6 @@
 """One trial's files to its legs, by joint angles where there are some, by markers otherwise."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +18,7 @@ NEEDED = ("knee_angle", "ankle_angle")
 
 def legs(trial: Sequence[Source], options: ImportOptions, findings: Findings) -> list[Limb]:
     """The legs of one trial that have all that a stride needs; what the others lack is noted."""
-    where = Path(trial[0].where).name
+    where = trial[0].name
     captured = next((source for source in trial if source.markers is not None), None)
     found = {side: {n: columns.find(trial, n, side, options) for n in NEEDED} for side in SIDES}
     if any(all(of.values()) for of in found.values()):

@@ -102,7 +102,7 @@ def plan(reference: Reference, leg: Leg, stride_time: float, speed: float | None
     The reference's angles and the leg fix how far the hip travels per stride. ``stride_time`` [s] then implies
     the speed; a chosen ``speed`` [m/s] scales the stride time instead. ``reference`` is that of the ``slope`` [rad]
     already (:meth:`Reference.on_slope`). A prosthesis does not lift its toe: in swing the hip is raised to where a foot
-    with the ankle as on the level clears the ground as it does there (assumed: people hike the hip), and to where a foot
+    with the ankle as on the level clears the ground as it does there (assumed: people hike the hip), and to where one
     that is not lifted clears level ground.
     """
     thigh = thigh_angle(reference, GRID)
