@@ -1,6 +1,7 @@
 """C3D through its library: a capture by hand, and files that are none."""
 
 import struct
+import subprocess
 import sys
 from pathlib import Path
 
@@ -89,3 +90,23 @@ def test_without_the_library_the_extra_is_named(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     with pytest.raises(MissingExtraError, match="'c3d'"):
         c3d.read(tmp_path / "x.c3d")
+
+
+def test_a_file_that_crashes_the_library_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = made(tmp_path / "x.c3d")
+    for code, error, says in (
+        (-11, b"", "it is damaged, and the library that reads it gave up"),
+        (1, b"noise\nno \x1b[2Jparameters\n", r"no \[2Jparameters"),
+    ):
+        done = subprocess.CompletedProcess("", code, b"", error)
+        with monkeypatch.context() as patch:
+            patch.setattr(subprocess, "run", lambda *_, done=done, **__: done)
+            with pytest.raises(InputError, match=says):
+                c3d.read(path)
+
+
+def test_nothing_is_imported_from_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = made(tmp_path / "x.c3d")
+    (tmp_path / "ezc3d.py").write_text("raise SystemExit('from the working folder')")
+    monkeypatch.chdir(tmp_path)
+    assert len(c3d.read(path).plates) == 1

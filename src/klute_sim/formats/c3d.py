@@ -1,13 +1,18 @@
-"""Motion capture in C3D: markers and force plates, through the library ezc3d (an optional extra, imported when used).
+"""Motion capture in C3D: markers and force plates, through the library ezc3d (an optional extra, used when needed).
 
 A plate's force is the one on the plate's surface that acts on the body, so up is positive; the library turns channels
 of plates of types 1 to 4 into it. The centre of pressure is in the laboratory's frame.
 """
 
+import io
+import json
+import os
 import struct
-import warnings
+import subprocess
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +28,8 @@ BLOCK = 512
 """Bytes of a block of the format."""
 MAGIC = 0x50
 MOST_SAMPLES = 200_000_000
+LONGEST = 300.0
+"""Time [s] the library may take."""
 FORCE_UNITS = {"N": 1.0, "kN": 1e3}
 
 
@@ -52,20 +59,26 @@ def read(path: str | Path) -> Capture:
     """The capture in the file at ``path``; raises InputError for what is none, MissingExtraError without ezc3d."""
     file = content.read(path)
     _check_header(file)
+    if find_spec("ezc3d") is None:
+        raise MissingExtraError("reading C3D", "c3d")
+    with np.load(io.BytesIO(_read_apart(path)), allow_pickle=False) as arrays:
+        return _capture(json.loads(str(arrays["about"])), arrays, file.where)
+
+
+def _read_apart(path: str | Path) -> bytes:
+    """What :mod:`klute_sim.formats.c3d_apart` finds in the file."""
+    # -P: nothing is imported from the working folder
+    command = [sys.executable, "-P", "-m", "klute_sim.formats.c3d_apart", str(Path(path).absolute())]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:
-        import ezc3d
-    except ImportError:
-        raise MissingExtraError("reading C3D", "c3d") from None
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            found = ezc3d.c3d(str(path), extract_forceplat_data=True)
-            return _capture(found, file.where)
-    except InputError:
-        raise
-    except Exception as error:  # whatever C++ and its wrapper raise for what is no C3D file
-        reason = (str(error).splitlines() or ["?"])[0]
-        raise InputError(f"{path} cannot be read as C3D: {reason}") from None
+        done = subprocess.run(command, capture_output=True, env=environment, timeout=LONGEST, check=False)
+    except subprocess.TimeoutExpired:
+        raise InputError(f"{path} cannot be read as C3D within {LONGEST:g} s: it is damaged") from None
+    if done.returncode == 0:
+        return done.stdout
+    lines = done.stderr.decode("utf-8", "replace").strip().splitlines()
+    reason = lines[-1] if lines and done.returncode == 1 else "it is damaged, and the library that reads it gave up"
+    raise InputError(f"{path} cannot be read as C3D: {''.join(c for c in reason if c.isprintable())}")
 
 
 def _check_header(file: Content) -> None:
@@ -94,36 +107,26 @@ def _check_header(file: Content) -> None:
         raise InputError(f"{file.where} holds more than {MOST_SAMPLES} samples")
 
 
-def _capture(found: Mapping[str, Any], where: str) -> Capture:
-    parameters = found["parameters"]
-    labels = [str(label).strip() for label in parameters["POINT"].get("LABELS", {"value": []})["value"]]
-    more = [str(v).strip() for v in parameters["POINT"].get("LABELS2", {"value": []})["value"]]
-    points = np.asarray(found["data"]["points"], dtype=np.float64)
-    labels = (labels + more)[: points.shape[1]]
-    unit = _text(parameters["POINT"].get("UNITS")) or "mm"
+def _capture(about: Mapping[str, Any], arrays: Mapping[str, Samples], where: str) -> Capture:
+    unit, rate = about["unit"] or "mm", float(about["rate"])
     if unit.lower() not in UNITS:
-        raise InputError(f"{where}: markers are in '{unit[:20]}'; allowed: {', '.join(UNITS)}")
-    rate = float(parameters["POINT"]["RATE"]["value"][0])
+        raise InputError(f"{where}: markers are in {unit[:20]!r}; allowed: {', '.join(UNITS)}")
     if not 1.0 <= rate <= 100_000.0:
         raise InputError(f"{where}: markers at {rate:g} Hz; allowed are 1 to 100000 Hz")
-    places = UNITS[unit.lower()] * points[:3]
-    places[:, (points[:3] == 0.0).all(axis=0)] = np.nan  # old files have the origin for a marker not seen
-    time = np.arange(points.shape[2]) / rate
+    analog_rate = float(about["analog_rate"])
+    if about["plates"] and not rate <= analog_rate <= 1e6:
+        raise InputError(f"{where}: force plates at {analog_rate:g} Hz; allowed are {rate:g} to 1000000 Hz")
+    places = UNITS[unit.lower()] * arrays["points"]
+    places[:, (places == 0.0).all(axis=0)] = np.nan  # old files have the origin for a marker not seen
+    labels = [label.strip() for label in about["labels"]][: places.shape[1]]
     positions = {label: places[:, k].T for k, label in enumerate(labels) if label and not label.startswith("*")}
-    per_frame = float(found["header"]["analogs"]["frame_rate"]) / rate
-    plates = tuple(_plate(plate, rate * per_frame, where) for plate in found["data"].get("platform") or [])
-    return Capture(Markers(time, positions), plates, _text(parameters.get("MANUFACTURER", {}).get("SOFTWARE")))
-
-
-def _plate(plate: Mapping[str, Any], rate: float, where: str) -> Plate:
-    force_unit, length_unit = str(plate["unit_force"]), str(plate["unit_position"]).lower()
-    if force_unit not in FORCE_UNITS or length_unit not in UNITS:
-        raise InputError(f"{where}: a force plate in '{force_unit}' and '{length_unit}'; allowed: N, kN; mm, cm, m")
-    force = FORCE_UNITS[force_unit] * np.asarray(plate["force"], dtype=np.float64).T
-    centre = UNITS[length_unit] * np.asarray(plate["center_of_pressure"], dtype=np.float64).T
-    return Plate(np.arange(len(force)) / rate, force, centre)
-
-
-def _text(parameter: Any) -> str:
-    value = parameter["value"] if parameter else []
-    return str(value[0]).strip() if len(value) else ""
+    plates = []
+    for number, (force_unit, length_unit) in enumerate(about["plates"]):
+        if force_unit not in FORCE_UNITS or length_unit.lower() not in UNITS:
+            raise InputError(
+                f"{where}: a force plate in {force_unit[:20]!r} and {length_unit[:20]!r}; allowed: N, kN; mm, cm, m"
+            )
+        force = FORCE_UNITS[force_unit] * arrays[f"force{number}"].T
+        centre = UNITS[length_unit.lower()] * arrays[f"centre{number}"].T
+        plates.append(Plate(np.arange(len(force)) / analog_rate, force, centre))
+    return Capture(Markers(np.arange(places.shape[2]) / rate, positions), tuple(plates), about["software"])
