@@ -15,7 +15,7 @@ from klute_sim.device.files import load
 HEAVY = ("gymnasium", "matplotlib", "mujoco", "numba", "numpy", "rerun", "scipy")
 
 
-@pytest.mark.parametrize("command", [[], ["gait"], ["bench"], ["device"], ["view"]])
+@pytest.mark.parametrize("command", [[], ["gait"], ["bench"], ["compare"], ["device"], ["view"]])
 def test_help_has_examples_and_needs_no_mujoco(command: list[str]) -> None:
     code = (
         "import sys\nfrom klute_sim.cli import main\n"

@@ -331,5 +331,17 @@ def test_an_effect_without_any_effect_is_fitted(evidence: tuple) -> None:
     assert found.converged
 
 
+def test_an_effect_with_a_threshold_is_fitted_from_where_it_shows(tmp_path: Path) -> None:
+    """A small tank runs low late, and in one step of its typical size at once: no straight line leads there."""
+    effect = {("supply_droop", "tank"): {"inverse_volume_per_l": 0.3}}
+    data, bench = datasets.read(dataset(tmp_path / "d", effect, seconds=4.0)), Bench(2)
+    fitted = [e for e in prepare(data, datasets.split(data)) if e.use == "fit"]
+    base, on = base_fit(data, fitted, bench)
+    found = screen(on, base, [Term("supply_droop", "tank")])
+    (refitted,) = Search(on, [], []).refit(base, found)
+    assert refitted.values[-1] == pytest.approx(0.3, rel=0.03)
+    bench.close()
+
+
 def shifted(residuals: list, by: float) -> list:
     return [{channel: values + by * (channel == "force") for channel, values in each.items()} for each in residuals]

@@ -59,6 +59,26 @@ def same(a: Trace, b: Trace) -> bool:
     return all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
+@FORMS
+def test_a_device_at_rest_stays_where_it_is(slot: Slot) -> None:
+    """Three times as much of the effect as is typical: what was remembered has settled there, too."""
+    large = {
+        p.key: p.typical if p.neutral is None else min(max(p.neutral + 3.0 * (p.typical - p.neutral), p.low), p.high)
+        for p in slot.form.parameters
+    }
+    device = having(slot, large)
+    begin = unit.settled(device, 0.34, 3e5)
+    state = begin
+    for _ in range(300):
+        state = unit.advance(device, state, 0.34, 3e5, 1e-3)
+    assert state.length == pytest.approx(begin.length, abs=2e-6)
+    held, later = (unit.tension(device, each, 0.34, 0.0) for each in (begin, state))
+    assert later == pytest.approx(held, abs=0.3)
+    if slot.effect in ("braid_hysteresis", "tendon_hysteresis"):  # nothing pulls at what has let go
+        plain = unit.tension(PAIR.parameters, unit.settled(PAIR.parameters, 0.34, 3e5), 0.34, 0.0)
+        assert held == pytest.approx(plain, abs=1e-6)
+
+
 VALVE_FED = PAIR.parameters._replace(
     supply=PAIR.parameters.supply._replace(
         fill=1e-8, fill_ratio=0.4, exhaust=1e-8, exhaust_ratio=0.4, gain=0.2 / BAR, exponent=1.2, warming=0.3

@@ -38,7 +38,7 @@ def channels() -> dict[str, Samples]:
         "ankle_power": power,
         "actuator_power": power,
         "actuator_moment": 0.9 * moment,
-        "sole_depth": zero + 1e-3,
+        "sole_height": np.where(PHASE < 60.0, -1e-3, 12e-3),
         "shank_angle": np.degrees(shank),
         "ankle_x": zero,
         "ankle_z": CIRCLE - centre * np.cos(shank),

@@ -68,7 +68,7 @@ def test_ground_reaction_is_the_sum_of_mujocos_contacts() -> None:
     assert sample["grf_vertical"] == pytest.approx(total[2], rel=1e-9)
     assert sample["grf_forward"] == pytest.approx(total[0], rel=1e-9, abs=1e-9)
     assert sample["cop_x"] == pytest.approx(moment / sum(loads), rel=1e-9)
-    assert sample["sole_depth"] == pytest.approx(max(depths), rel=1e-9)
+    assert sample["sole_height"] == pytest.approx(-max(depths), rel=1e-9)
     assert total[2] > 10.0
 
 

@@ -31,6 +31,7 @@ WALKED = Tracked(
     plantarflexion_deg=14.0,
     longest_ratio=0.975,
     load_bw=0.1,
+    clearance_mm=9.0,
     catches=False,
 )
 
@@ -45,10 +46,13 @@ def test_the_objective_is_what_it_says() -> None:
     assert cost(WALKED, Weights(moment=2.0, air=1.0), Goals()) == pytest.approx(1.58 + 0.49 + 1.5)
     assert cost(changed(catches=True), Weights(), Goals()) == pytest.approx(1.73 + CATCH)
     # Whatever the weights, a walk that catches comes after the worst of those that do not, and a fall after both.
-    worst = changed(moment_sd=30.0, angle_sd=30.0, power_sd=30.0, air_g=50.0, longest_ratio=1.2, load_bw=1.0)
+    worst = changed(
+        moment_sd=30.0, angle_sd=30.0, power_sd=30.0, air_g=50.0, longest_ratio=1.2, load_bw=1.0, clearance_mm=-50.0
+    )
     assert cost(worst, Weights(moment=1e3, angle=1e3, power=1e3, air=1e3), HUMAN) < CATCH
     assert CATCH + cost(worst, Weights(moment=1e3, angle=1e3, power=1e3, air=1e3), HUMAN) < FALL
     assert cost(changed(longest_ratio=0.995), Weights(), Goals()) == pytest.approx(1.73 + 1e4 * 0.01**2)
+    assert cost(changed(clearance_mm=1.0), Weights(), Goals()) == pytest.approx(1.73 + 2.0**2)
     assert cost(changed(load_bw=0.16), Weights(), Goals()) == pytest.approx(1.73 + 3e3 * 0.02**2)
     missing = 0.3 / 0.2 + 0.64 / 0.5 + 0.005 / 0.03 + 1.0 / 1.5
     assert cost(WALKED, Weights(), HUMAN) == pytest.approx(1.73 + missing)
@@ -142,6 +146,8 @@ class Odd:
         ("ankle_work_net [J/kg]", 0.2),
         ("ankle_plantarflexion [deg]", 12.0),
         ("muscle_ratio_max [1]", 0.97),
+        ("grf_vertical_tracking_rms [1]", 0.1),
+        ("toe_clearance [mm]", 9.0),
     )
 
     def run(self, combinations: Iterable[Combination], finished: Finished) -> None:
@@ -217,6 +223,7 @@ class Bowl:
             apart = float(np.sqrt(np.sum((pressures - [1.0, 2.0, 3.0]) ** 2)))
             values: dict[str, float | bool | None] = dict.fromkeys(HEADINGS, 0.0)
             values |= {"moment_distance [sd]": apart, "air_per_stride [g]": float(pressures.sum()), "trips": False}
+            values["toe_clearance [mm]"] = 9.0
             finished(each, Walked(values))
 
 

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from klute_sim.effects import catalogue
+from klute_sim.effects.smooth import LONG
 from klute_sim.laws import charging, mckibben
 from klute_sim.laws import damper as _damper
 from klute_sim.laws import tendon as _tendon
@@ -36,8 +37,6 @@ NO_EFFECTS = (0.0,) * VALUES
 NO_MEMORY = (0.0,) * MEMORY
 DEAD_TIME = catalogue.slot("pressure_delay", "dead_time").at + 1
 """Where the dead time is among the values of the effects."""
-LONG = 1e9
-"""A step [s] after which everything has settled."""
 
 
 class Parameters(NamedTuple):
@@ -119,9 +118,8 @@ def taut(parameters: Parameters, unit_length: float, pressure: float) -> State:
 
 
 def _rested(parameters: Parameters, pressure: float, length: float, unit_length: float) -> tuple[float, ...]:
-    """What is remembered after a long time here: sliders let go, without pressure, then followers arrive."""
-    memory = remembered(parameters, NO_MEMORY, 0.0, length, unit_length, LONG)
-    memory = remembered(parameters, memory, pressure, length, unit_length, LONG)
+    """What is remembered after a long time here: sliders have let go, followers have arrived."""
+    memory = remembered(parameters, NO_MEMORY, pressure, length, unit_length, LONG)
     supply, muscle = supplied(parameters, memory), parameters.muscle
     if charging.plain(supply):
         return memory
@@ -136,11 +134,9 @@ def settled(parameters: Parameters, unit_length: float, command: float) -> State
     """
     state = taut(parameters, unit_length, command)
     pressure = charged(parameters, state, command, LONG).pressure
-    still = charging.still(pressure)
-    for _ in range(3):  # what follows the length relaxes to where the length has come
-        length = balance(parameters, still, state._replace(pressure=pressure), unit_length, LONG)
-        state = State(pressure, length, _rested(parameters, pressure, length, unit_length))
-    return state
+    # Remembering nothing, a step this long ends in what is remembered at its end.
+    length = balance(parameters, charging.still(pressure), State(pressure, state.length), unit_length, LONG)
+    return State(pressure, length, _rested(parameters, pressure, length, unit_length))
 
 
 def muscle_side(

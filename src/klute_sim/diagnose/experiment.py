@@ -1,7 +1,8 @@
 """Measured trials made ready to be simulated, and the device simulated in them.
 
-Prescribed channels are interpolated linearly between their samples: nothing is smoothed, because a smooth curve
-through a quick release is wrong by more than the noise of its samples.
+Prescribed channels are interpolated linearly between their samples, which are rid of noise only where that is safe
+(:mod:`klute_sim.diagnose.quiet`): a smooth curve through a quick release is wrong by more than the noise of its
+samples.
 """
 
 import math
@@ -21,6 +22,7 @@ from klute_sim.dataset.trial import Series, Trial, Use
 from klute_sim.device.files import Device, refuse_openings
 from klute_sim.device.rollout import rollout
 from klute_sim.device.step import DEAD_TIME, Parameters, settled
+from klute_sim.diagnose.quiet import quieter
 from klute_sim.effects.catalogue import effects
 from klute_sim.units import BAR
 
@@ -138,8 +140,8 @@ def _experiment(trial: Trial, use: Use) -> Experiment:
         device=trial.device,
         begin=begin,
         step=step,
-        unit_length=np.interp(grid, length.time, length.value),
-        command=np.interp(grid, command.time, command.value),
+        unit_length=np.interp(grid, length.time, quieter(length.time, length.value)),
+        command=np.interp(grid, command.time, quieter(command.time, command.value)),
         measured=measured,
         checked=trial.checked,
     )

@@ -3,7 +3,7 @@
 import math
 
 from klute_sim.effects.effect import Effect, Form, Numbers, Parameter
-from klute_sim.effects.smooth import dragged, sign
+from klute_sim.effects.smooth import LONG, dragged, sign
 from klute_sim.laws.mckibben import Muscle
 
 SHARES = (1.0 / 6.0, 2.0 / 6.0, 3.0 / 6.0)
@@ -39,9 +39,9 @@ def dragged_sliders(
     """
     x = length - muscle.resting_length
     return (
-        dragged(memory[0], x, _reach(own, pressure, SHARES[0])),
-        dragged(memory[1], x, _reach(own, pressure, SHARES[1])),
-        dragged(memory[2], x, _reach(own, pressure, SHARES[2])),
+        dragged(memory[0], x, _reach(own, pressure, SHARES[0]), step),
+        dragged(memory[1], x, _reach(own, pressure, SHARES[1]), step),
+        dragged(memory[2], x, _reach(own, pressure, SHARES[2]), step),
     )
 
 
@@ -62,6 +62,8 @@ def stretched(
     """
     x = length - muscle.resting_length
     moved, reach = x - memory[1], own[0] * pressure / own[1]
+    if step >= LONG:
+        return 0.0, x
     if moved == 0.0:
         return memory[0], x
     if reach <= 0.0:

@@ -56,7 +56,7 @@ def compressed(
     x, half = length - muscle.resting_length, 0.5 * own[0]
     if half <= 0.0:
         return 0.0, 0.0
-    slider = dragged(memory[0], x, half)
+    slider = dragged(memory[0], x, half, step)
     return slider, (x - slider) / half
 
 

@@ -4,6 +4,8 @@ import math
 
 SLIDING = 1e-3
 """Speed [m/s] over which dry friction turns round (assumed; small beside any test's speed)."""
+LONG = 1e9
+"""A step [s] after which everything has settled: followers have arrived, and sliders have let go (assumed)."""
 
 
 def sign(rate: float) -> float:
@@ -11,9 +13,12 @@ def sign(rate: float) -> float:
     return rate / math.sqrt(rate * rate + SLIDING * SLIDING)
 
 
-def dragged(slider: float, position: float, reach: float) -> float:
-    """Where a slider is that lets ``position`` go no further than ``reach`` >= 0 from it; it moves only when pulled."""
-    return min(max(slider, position - reach), position + reach)
+def dragged(slider: float, position: float, reach: float, step: float) -> float:
+    """Where a slider is that lets ``position`` go no further than ``reach`` >= 0 from it, a ``step`` [s] later.
+
+    It moves only when pulled; after a :data:`LONG` time it has let go.
+    """
+    return position if step >= LONG else min(max(slider, position - reach), position + reach)
 
 
 def followed(follower: float, position: float, time_constant: float, step: float) -> float:

@@ -29,7 +29,7 @@ def slider(
     own: Numbers, memory: Numbers, muscle: Muscle, pressure: float, length: float, stretch: float, step: float
 ) -> tuple[float]:
     """The slider follows when it is pulled."""
-    return (dragged(memory[0], stretch, REACH),)
+    return (dragged(memory[0], stretch, REACH, step),)
 
 
 def maxwell(own: Numbers, memory: Numbers, force: float, stretch: float) -> float:

@@ -56,7 +56,7 @@ def tied(own: Numbers, memory: Numbers, force: float, stretch: float) -> float:
 def held(own: Numbers, memory: Numbers, target: float, pressure: float, step: float) -> float:
     """Pressure [Pa] a step later: another target, a dead band around it, and a lag (backward Euler)."""
     c = min(target / FULL, MOST)
-    wanted = max(dragged(pressure, target + (own[0] + c * (own[1] + c * own[2])), own[3]), 0.0)
+    wanted = max(dragged(pressure, target + (own[0] + c * (own[1] + c * own[2])), own[3], 0.0), 0.0)
     slow = own[4] + own[5] * c + (own[6] if wanted < pressure else 0.0)
     if slow <= 0.0:
         return wanted

@@ -32,6 +32,8 @@ FLAT_FOOT = (2.0, 25.0)
 """Phases [%] in which the least dorsiflexion of stance, and with it flat foot, is looked for."""
 CLEAR = (65.0, 97.0)
 """Phases [%] in which nothing may touch the ground."""
+MID_SWING = (75.0, 92.0)
+"""Phases [%] in which the toe swings past the ground at its lowest."""
 FLOORS = {"angle_deg": 2.0, "moment_nm_per_kg": 0.05, "power_w_per_kg": 0.1}
 """Least standard deviation that a distance is measured in: those of swing are tiny."""
 ASSUMPTIONS = {
@@ -98,6 +100,8 @@ class StrideOutcome(AnkleOutcome):
     touches_in_swing: bool
     grf_vertical_tracking_rms_bw: float
     sole_depth_max_mm: float
+    toe_clearance_mm: float
+    """Least height of the sole above the ground in :data:`MID_SWING`; negative: it is in the ground."""
     rollover_radius_m: float | None
     """Of the centre of pressure in the shank's frame; None if it does not describe an arc."""
     angle_distance_sd: Distance
@@ -216,7 +220,8 @@ def _stride(r: Recording, mass: float) -> StrideOutcome:
         actuator_work_net_j_per_kg=float(r["actuator_power"].sum() * step / mass),
         touches_in_swing=bool((r["grf_vertical"][_between(phase, *CLEAR)] > 0.0).any()),
         grf_vertical_tracking_rms_bw=_rms((r["grf_vertical"] - r["reference_grf_vertical"]) / weight),
-        sole_depth_max_mm=float(1e3 * r["sole_depth"].max()),
+        sole_depth_max_mm=float(-1e3 * min(0.0, r["sole_height"].min())),
+        toe_clearance_mm=float(1e3 * r["sole_height"][_between(phase, *MID_SWING)].min()),
         rollover_radius_m=_rollover_radius(r, contact & (phase < ROLLOVER)),
         angle_distance_sd=_distance(r, "ankle_angle", 1.0, FLOORS["angle_deg"], stance),
         moment_distance_sd=_distance(r, "ankle_moment", mass, FLOORS["moment_nm_per_kg"], stance),
@@ -364,6 +369,7 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "mostly the device's, braking is not",
         "grf_forward_bw": [mean(lambda s: s.grf_forward_min_bw), mean(lambda s: s.grf_forward_max_bw)],
         "sole_depth_max_mm": mean(lambda s: s.sole_depth_max_mm),
+        "toe_clearance_mm": mean(lambda s: s.toe_clearance_mm),
         "rollover_radius_m": mean(lambda s: s.rollover_radius_m),
         "distance_to_reference": distances,
         "friction_offset_work_j_per_kg": mean(lambda s: s.friction_offset_work_j_per_kg),

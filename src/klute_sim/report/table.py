@@ -43,6 +43,7 @@ RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideOutcome], float | None]], .
     ("angle to human, swing rms", "sd", ".2f", lambda s: s.angle_distance_sd.swing_rms),
     ("moment to human, stance rms", "sd", ".2f", lambda s: s.moment_distance_sd.stance_rms),
     ("power to human, stance rms", "sd", ".2f", lambda s: s.power_distance_sd.stance_rms),
+    ("toe clearance in mid-swing", "mm", ".1f", lambda s: s.toe_clearance_mm),
     ("roll-over radius", "m", ".3f", lambda s: s.rollover_radius_m),
     ("actuator's own peak moment", "N·m/kg", ".3f", lambda s: s.actuator_moment_peak_nm_per_kg),
     ("actuator's own net work", "J/kg", "+.3f", lambda s: s.actuator_work_net_j_per_kg),

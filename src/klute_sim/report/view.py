@@ -48,15 +48,18 @@ def free_ports(count: int) -> list[int]:
 
 def recording_of(run: Path) -> Path:
     """The .rrd file of a ``run`` folder (or the file itself); raises InputError if there is none."""
-    file = run / "recording.rrd" if run.is_dir() else run
+    kinds = ("recording.rrd", "comparison.rrd")
+    file = next((run / name for name in kinds if (run / name).is_file()), run)
     if file.is_file() and file.suffix == ".rrd":
         return file
     if not run.exists():
         raise InputError(f"no run folder {run}")
-    if (run / "recording.parquet").is_file():
-        raise InputError(
-            f"{run} has no recording.rrd: it was made without the extra 'rerun'; install it and run the gait again"
-        )
+    made_by = {"recording.parquet": ("recording.rrd", "gait"), "comparison.json": ("comparison.rrd", "comparison")}
+    for content, (lacks, what) in made_by.items():
+        if (run / content).is_file():
+            raise InputError(
+                f"{run} has no {lacks}: it was made without the extra 'rerun'; install it and run the {what} again"
+            )
     raise InputError(f"{run} is no run folder: it has no recording.rrd")
 
 

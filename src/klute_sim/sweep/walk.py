@@ -26,6 +26,7 @@ MEANS: dict[str, Callable[[StrideOutcome], float | None]] = {
     "quasi_stiffness [N*m/kg/deg]": lambda s: s.quasi_stiffness_nm_per_kg_deg,
     "muscle_ratio_max [1]": lambda s: s.muscle_ratio_max,
     "toe_off [%]": lambda s: s.toe_off_pct,
+    "toe_clearance [mm]": lambda s: s.toe_clearance_mm,
     "rollover_radius [m]": lambda s: s.rollover_radius_m,
     "grf_vertical_tracking_rms [1]": lambda s: s.grf_vertical_tracking_rms_bw,
     "air_per_stride [g]": lambda s: s.air_g,

@@ -16,7 +16,7 @@ from klute_sim.rigs.gait.rig import walk
 from klute_sim.sweep.software import software
 from klute_sim.sweep.store import Store, open_folder, write
 from klute_sim.tuning.knobs import Point
-from klute_sim.tuning.objective import FOLLOWED, FREE, REST, UNFOLLOWED
+from klute_sim.tuning.objective import CLEARANCE, FOLLOWED, FREE, LOW, REST, UNFOLLOWED
 from klute_sim.tuning.search import SPREAD, STEP, STRIDES, Question, Tried, best, front
 
 FINE_STRIDES, FINE_STEP = 5, 5e-4
@@ -35,6 +35,7 @@ def described(question: Question) -> dict[str, Any]:
     """The question in JSON types; not how long it is searched, which may grow."""
     tunable = question.tunable
     penalties = {"rest": REST, "free": FREE, "unfollowed": UNFOLLOWED, "followed_bw": FOLLOWED}
+    penalties |= {"low": LOW, "clearance_mm": CLEARANCE}
     return {
         "device": tunable.device.content.decode("utf-8-sig"),
         "profile": tunable.profile.describe(),
@@ -97,6 +98,7 @@ ON_RIG: tuple[tuple[str, Callable[[StrideOutcome], float | None]], ...] = (
     ("power to human, stance rms [sd]", lambda s: s.power_distance_sd.stance_rms),
     ("air in a stride [g]", lambda s: s.air_g),
     ("most L/L0 of the muscle [1]", lambda s: s.muscle_ratio_max),
+    ("toe clearance in mid-swing [mm]", lambda s: s.toe_clearance_mm),
     ("load to human, rms [body weights]", lambda s: s.grf_vertical_tracking_rms_bw),
 )
 OF_ANKLE: tuple[tuple[str, Callable[[AnkleOutcome], float]], ...] = (

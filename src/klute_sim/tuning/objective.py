@@ -2,8 +2,10 @@
 
 In words: the mean squared distance of net moment, angle and power from the reference in stance, in its standard
 deviations, each counted once; plus 0.1 for every gram of air in a stride; plus what keeps a muscle off its rest-length
-stop and the rig's load on the foot: an ankle that does not carry what the human one does cannot be compared with it. Goals add what they are missed by. A foot that catches the ground in swing comes after every walk that does not,
-and a rig that leaves its path after those.
+stop, the rig's load on the foot (an ankle that does not carry what the human one does cannot be compared with it) and
+the toe off the ground in swing.
+Goals add what they are missed by. A foot that catches the ground in swing comes after every walk that does not, and a
+rig that leaves its path after those.
 """
 
 import math
@@ -19,6 +21,10 @@ REST = 1e4
 """Cost of a muscle at its rest-length stop: times the square of L/L0 above :data:`FREE`; the stop is no spring."""
 FREE = 0.985
 """L/L0 below which a muscle is clear of its stop."""
+LOW = 1.0
+"""Cost of a toe that swings low: times the square of what is missing to :data:`CLEARANCE` [mm]."""
+CLEARANCE = 3.0
+"""Least height of the toe in mid-swing [mm], so that a longer and finer walk does not catch either (assumed)."""
 UNFOLLOWED = 3e3
 """Cost of load that is not followed: times the square of its rms [body weights] above :data:`FOLLOWED`."""
 FOLLOWED = 0.14
@@ -91,6 +97,8 @@ class Tracked:
     """The most of it."""
     longest_ratio: float
     """Most L/L0 of the muscle [1]."""
+    clearance_mm: float
+    """Least height of the sole in mid-swing [mm]."""
     load_bw: float
     """Rms distance of the vertical load from the reference's [body weights]."""
     catches: bool
@@ -107,8 +115,10 @@ def cost(walked: Tracked, weights: Weights, goals: Goals) -> float:
     """The objective; smaller is better."""
     stop = REST * max(0.0, walked.longest_ratio - FREE) ** 2
     load = UNFOLLOWED * max(0.0, walked.load_bw - FOLLOWED) ** 2
+    low = LOW * max(0.0, CLEARANCE - walked.clearance_mm) ** 2
     caught = CATCH if walked.catches else 0.0
-    return tracking(walked, weights) + weights.air * walked.air_g + stop + load + caught + goals.missed(walked)
+    kept = stop + load + low + caught
+    return tracking(walked, weights) + weights.air * walked.air_g + kept + goals.missed(walked)
 
 
 def named(values: Mapping[str, float]) -> Weights:

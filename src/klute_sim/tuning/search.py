@@ -97,6 +97,7 @@ _HEADINGS = {
     "plantarflexion_deg": "ankle_plantarflexion [deg]",
     "longest_ratio": "muscle_ratio_max [1]",
     "load_bw": "grf_vertical_tracking_rms [1]",
+    "clearance_mm": "toe_clearance [mm]",
 }
 
 

@@ -42,7 +42,7 @@ CHANNELS = (
     "cop_x [m]",
     "ankle_x [m]",
     "ankle_z [m]",
-    "sole_depth [m]",
+    "sole_height [m]",
 )
 """Columns of :meth:`Gauges.read`, in its order."""
 
@@ -62,6 +62,9 @@ class Gauges:
         self._origin = model.site(ANKLE + "achilles_origin").id
         self._insertion = model.site(ANKLE + "achilles_insertion").id
         self._middle = float(model.jnt_range[self._joint].mean())
+        floor = model.geom("floor").id
+        self._sole = np.flatnonzero((model.geom_contype & model.geom_conaffinity[floor]) != 0)
+        self._radius = model.geom_size[self._sole, 0]
 
     def read(
         self, data: mujoco.MjData, q: np.ndarray, v: np.ndarray, device: State, muscle_rate: float
@@ -78,7 +81,7 @@ class Gauges:
         by_passive = float(data.qfrc_passive[self._dof])
         by_stop = self._stop_moment(data, float(q[self._angle]))
         moment = by_actuator + by_passive + by_stop
-        up, forward, cop, depth = self._ground(data)
+        up, forward, cop = self._ground(data)
         ankle = data.xpos[self._foot]
         degrees = 57.29577951308232
         return (
@@ -108,7 +111,7 @@ class Gauges:
             cop,
             float(ankle[0]),
             float(ankle[2]),
-            depth,
+            float((data.geom_xpos[self._sole, 2] - self._radius).min()),
         )
 
     def _moment_arm(self, data: mujoco.MjData) -> float:
@@ -128,8 +131,8 @@ class Gauges:
         return push if angle < self._middle else -push
 
     @staticmethod
-    def _ground(data: mujoco.MjData) -> tuple[float, float, float, float]:
-        """Vertical and forward reaction [N], centre of pressure [m] (NaN unloaded), deepest penetration [m].
+    def _ground(data: mujoco.MjData) -> tuple[float, float, float]:
+        """Vertical and forward reaction [N], centre of pressure [m] (NaN unloaded).
 
         The floor is the only partner of the sole, and a plane is always the first of the two, so a contact's
         normal points up, into the foot.
@@ -137,7 +140,7 @@ class Gauges:
         contact = data.contact
         active = contact.efc_address >= 0
         if not active.any():
-            return 0.0, 0.0, float("nan"), 0.0
+            return 0.0, 0.0, float("nan")
         row = contact.efc_address[active]
         normal = data.efc_force[row]
         frame = contact.frame[active]
@@ -146,4 +149,4 @@ class Gauges:
         upward = normal * frame[:, 2] + along * frame[:, 5] + across * frame[:, 8]
         total = float(upward.sum())
         cop = float((normal * contact.pos[active, 0]).sum() / normal.sum()) if normal.sum() > 0.0 else float("nan")
-        return total, float(forward.sum()), cop, max(0.0, -float(contact.dist[active].min()))
+        return total, float(forward.sum()), cop

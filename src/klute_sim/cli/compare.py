@@ -1,0 +1,141 @@
+"""``klute-sim compare``."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from klute_sim.cli.given_path import GivenPath
+
+if TYPE_CHECKING:
+    from klute_sim.compare.comparison import Comparison
+
+
+@click.command("compare")
+@click.argument("runs", metavar="[LABEL=]RUN...", nargs=-1, required=True)
+@click.option(
+    "--over",
+    type=click.Choice(["phase", "time"]),
+    default=None,
+    help="Strides over the gait cycle [%], or whole recordings over their common time [s].  [default: phase if every "
+    "recording has gait_phase]",
+)
+@click.option(
+    "--channel",
+    "channels",
+    multiple=True,
+    metavar="NAME",
+    help="Compare this channel; may be repeated; 'all' for every one.  [default: the main ones]",
+)
+@click.option(
+    "--reference",
+    is_flag=True,
+    help="Put the human reference of the first walk beside, as the series 'human' with its ±1 sd between people.",
+)
+@click.option(
+    "--to", metavar="LABEL", default=None, help="What the others are compared with.  [default: the first RUN]"
+)
+@click.option(
+    "--skip",
+    type=click.IntRange(0),
+    default=None,
+    metavar="N",
+    help="Strides left out at the start of each recording.  [default: 1 of a simulated walk, 0 of a measured one]",
+)
+@click.option(
+    "--out",
+    type=GivenPath(),
+    default=None,
+    metavar="FOLDER",
+    help="New or empty folder for the results.  [default: runs/compare-NNN]",
+)
+@click.option("--no-report", is_flag=True, help="Write the numbers only: no page, picture, rerun recording.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
+def command(
+    runs: tuple[str, ...],
+    over: Any,
+    channels: tuple[str, ...],
+    reference: bool,
+    to: str | None,
+    skip: int | None,
+    out: Path | None,
+    no_report: bool,
+    as_json: bool,
+) -> None:
+    """Compare recordings, simulated or measured, channel by channel: how much they differ, and where.
+
+    A RUN is a folder that gait or bench made, or a recording: Parquet or CSV with columns 'name [unit]' and 'time [s]'.
+    Runs with the same LABEL are repeats of each other. Strides are brought to 0 to 100 % of the gait cycle (column
+    'gait_phase [%]'); mean and standard deviation are over strides, or over repeats in time. The first RUN is what the
+    others are compared with: bias, rms and largest difference are in the channel's own unit.
+
+    Writes comparison.json, comparison.csv (a row per channel), bands.parquet (the curves), comparison.html, a PNG per
+    trial and, with the extra 'rerun', comparison.rrd.
+
+    \b
+    Examples:
+      klute-sim compare runs/gait-001 runs/gait-002
+      klute-sim compare profile=runs/gait-001 machine=runs/gait-002 --reference --to human
+      klute-sim compare simulated=runs/gait-001 measured=a.csv measured=b.csv --channel ankle_angle
+      klute-sim compare runs/bench-001 runs/bench-002
+      klute-sim compare runs/gait-001 runs/gait-002 --over time --channel pressure --json
+    """
+    from klute_sim.cli.console import console, notes
+    from klute_sim.compare import runs as given
+    from klute_sim.compare.comparison import Options, compare
+    from klute_sim.recording import run_folder
+    from klute_sim.report.compare_table import remarks, tables
+
+    options = Options(over=over, names=channels, reference=reference, to=to, skip=skip)
+    with run_folder.new("compare", out) as (folder, scratch):
+        found = compare(given.read(runs), options)
+        told, missing = _write(found, folder, scratch, report=not no_report)
+    if as_json:
+        click.echo(_json(told))
+    else:
+        shown = console()
+        for table in tables(found):
+            shown.print(table)
+        for remark in remarks(found):
+            shown.print(remark, soft_wrap=True)
+        shown.print(f"Run folder: {folder}  ({', '.join(told['files'])})", soft_wrap=True)
+    if missing:
+        notes().print(f"No comparison.rrd: {missing}.", soft_wrap=True)
+
+
+def _write(found: "Comparison", folder: Path, scratch: Path, *, report: bool) -> tuple[dict[str, Any], str | None]:
+    """Fill ``scratch``; what is in comparison.json, and what an optional extra would have added."""
+    from klute_sim.compare import results
+
+    (scratch / "comparison.csv").write_text(results.numbers_csv(found), "utf-8")
+    results.write_bands(found, scratch / "bands.parquet")
+    missing = _write_report(found, scratch) if report else None
+    files = [*sorted(file.name for file in scratch.iterdir()), "comparison.json"]
+    told = {**results.as_json(found), "run": str(folder), "files": files}
+    (scratch / "comparison.json").write_text(_json(told) + "\n", "utf-8")
+    return told, missing
+
+
+def _write_report(found: "Comparison", scratch: Path) -> str | None:
+    from klute_sim.cli.console import progress_bar
+    from klute_sim.errors import MissingExtraError
+    from klute_sim.report import compare_figures, compare_page, compare_rerun
+
+    pictures = {}
+    with progress_bar("drawing") as progress:
+        for number, (part, figure) in enumerate(compare_figures.pictures(found), start=1):
+            file = scratch / f"{part.name or 'comparison'}.png"
+            figure.savefig(file, dpi=compare_figures.DPI)
+            pictures[part.name] = file.read_bytes()
+            progress(0.8 * number / min(len(found.parts), compare_figures.MOST_DRAWN))
+        compare_page.write(found, pictures, scratch / "comparison.html")
+        try:
+            compare_rerun.write(found, scratch / "comparison.rrd")
+        except MissingExtraError as error:
+            return str(error)
+    return None
+
+
+def _json(told: dict[str, Any]) -> str:
+    return json.dumps(told, indent=2, allow_nan=False)

@@ -1,0 +1,48 @@
+"""Which channels are compared, and how those are read that go on from stride to stride."""
+
+from collections.abc import Collection, Iterable, Sequence
+
+from klute_sim.compare.resample import PHASE, STRIDE, TIME
+
+REFERENCE, DEVIATION = "reference_", "_sd"
+"""Around the name of a channel: the human reference's, and its standard deviation."""
+AXES = frozenset({TIME, PHASE, STRIDE})
+"""What is compared along, not compared."""
+MAIN = (
+    "ankle_angle", "ankle_moment", "ankle_power", "grf_vertical", "grf_forward", "cop_x",
+    "length", "force", "load_cell", "pressure", "muscle_length", "body_load",
+)  # fmt: skip
+"""Compared where nothing is named and there are more than :data:`MOST`."""
+MOST = 12
+FROM_STRIDE_START = {
+    "carriage_x": "carriage_x",
+    "ankle_x": "ankle_x",
+    "cop_x": "ankle_x",
+    "air_drawn": "air_drawn",
+    "air_leaked": "air_leaked",
+}
+"""Channel -> the channel whose value at heel strike it is counted from over phase.
+
+These grow from stride to stride, so that their mean over strides would mean nothing.
+"""
+ALL = "all"
+"""In place of names: every one."""
+
+
+def measured(names: Iterable[str]) -> list[str]:
+    """Those of ``names`` that are channels of the recording's own: no axis, no reference."""
+    return [name for name in names if name not in AXES and not name.startswith(REFERENCE)]
+
+
+def of_reference(names: Collection[str]) -> list[str]:
+    """The channels that there is a human reference for among ``names``."""
+    plain = [n.removeprefix(REFERENCE) for n in names if n.startswith(REFERENCE)]
+    deviations = {n + DEVIATION for n in plain}
+    return [n for n in plain if n not in deviations]
+
+
+def chosen(common: Sequence[str]) -> list[str]:
+    """What to compare of the ``common`` channels where nothing was named: all, or the main ones if they are many."""
+    if len(common) <= MOST:
+        return list(common)
+    return [name for name in MAIN if name in common] or list(common)

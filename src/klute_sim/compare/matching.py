@@ -1,0 +1,105 @@
+"""What belongs together: trials of the same name, channels of the same name and unit; what does not is said."""
+
+from collections.abc import Sequence
+
+from klute_sim.compare import channels
+from klute_sim.compare.remarks import Remarks, listed
+from klute_sim.compare.runs import Run
+from klute_sim.compare.source import Members, Source
+from klute_sim.errors import InputError
+
+
+def parts(runs: Sequence[Run], remarks: Remarks) -> dict[str, dict[str, Members]]:
+    """Trial -> label -> recordings, of the trials that every label has; '' where every run is one recording."""
+    labels = list(dict.fromkeys(run.label for run in runs))
+    if all(len(run.parts) == 1 for run in runs):
+        whole = [(run.label, f"recording {run.path}", next(iter(run.parts.values()))) for run in runs]
+        return {"": {label: [(where, r) for own, where, r in whole if own == label] for label in labels}}
+    names = {label: {part for run in runs if run.label == label for part in run.parts} for label in labels}
+    common = [
+        part for part in dict.fromkeys(p for run in runs for p in run.parts) if all(part in n for n in names.values())
+    ]
+    if not common:
+        several = next(run for run in runs if len(run.parts) > 1)
+        trials = list(several.parts)
+        raise InputError(
+            f"no trial is in all runs: {several.path} has {listed(trials)}; allowed are runs of the same protocol, or "
+            f"the file of one trial, such as {several.path / trials[0]}.parquet"
+        )
+    for label, own in names.items():
+        if own - set(common):
+            remarks.add(f"Trials of '{label}' that not all have are left out: {listed(sorted(own - set(common)))}.")
+    return {
+        part: {
+            label: [
+                (f"recording {run.path}, trial {part}", run.parts[part])
+                for run in runs
+                if run.label == label and part in run.parts
+            ]
+            for label in labels
+        }
+        for part in common
+    }
+
+
+def names(sources: Sequence[Source], asked: Sequence[str], remarks: Remarks) -> list[str]:
+    """The channels to compare with those of the first of ``sources``.
+
+    ``asked`` empty: the main ones; ``["all"]``: every one; else these, and what is not there is refused.
+    """
+    first, others = sources[0], sources[1:]
+    there = list(dict.fromkeys(name for source in sources for name in source.units))
+    by_name = bool(asked) and list(asked) != [channels.ALL]
+    wanted = list(dict.fromkeys(asked)) if by_name else channels.measured(there)
+    if by_name:
+        for name in wanted:
+            _refuse(name, sources, there)
+    for other in others:
+        _note(first, other, wanted, remarks)
+    common = [name for name in wanted if any(_fits(name, first, other) for other in others)]
+    if not common:
+        raise InputError(
+            f"no channel of '{first.label}' is in another series in the same unit; it has "
+            f"{listed(channels.measured(first.units))}"
+        )
+    found = common if asked else channels.chosen(common)
+    if len(found) < len(common):
+        remarks.add(f"{len(found)} of {len(common)} channels in common are compared; --channel all takes every one.")
+    return found
+
+
+def _fits(name: str, first: Source, other: Source) -> bool:
+    return name in first.units and first.units[name] == other.units.get(name)
+
+
+def _refuse(name: str, sources: Sequence[Source], there: Sequence[str]) -> None:
+    """Raise InputError where channel ``name`` cannot be compared at all."""
+    first = sources[0]
+    has = [source for source in sources if name in source.units]
+    if not has:
+        raise InputError(f"no channel '{name}'; there are {', '.join(there)}")
+    if first not in has:
+        raise InputError(f"'{first.label}' has no channel '{name}', and the others are compared with it")
+    if len(has) == 1:
+        raise InputError(f"channel '{name}' is in '{first.label}' alone: there is nothing to compare it with")
+    if not any(_fits(name, first, other) for other in has[1:]):
+        raise InputError(f"channel '{name}' is in {_in_units(name, has)}; allowed: the same unit")
+
+
+def _note(first: Source, other: Source, wanted: Sequence[str], remarks: Remarks) -> None:
+    """Say which of the ``wanted`` channels cannot be compared between these two."""
+    for name in wanted:
+        if name in first.units and name in other.units and not _fits(name, first, other):
+            remarks.add(f"Channel '{name}' is in {_in_units(name, [first, other])}: not compared.")
+    for one, lacks in ((first, other), (other, first)):
+        missing = [name for name in wanted if name in one.units and name not in lacks.units]
+        if lacks.reference:
+            missing = channels.chosen(missing)  # nobody expects a reference for most of a device's
+            if missing:
+                remarks.add(f"There is no human reference for: {listed(missing)}.")
+        elif missing and not one.reference:
+            remarks.add(f"'{one.label}' has channels that '{lacks.label}' lacks: {listed(missing)}.")
+
+
+def _in_units(name: str, sources: Sequence[Source]) -> str:
+    return " and in ".join(f"'{source.units[name]}' in '{source.label}'" for source in sources)

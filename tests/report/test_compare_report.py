@@ -1,0 +1,143 @@
+"""How a comparison is shown: what is drawn and said is what was found, and long ones are cut to what matters."""
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.collections import PolyCollection
+
+from klute_sim.compare.comparison import Comparison, Options, compare
+from klute_sim.compare.runs import Run
+from klute_sim.errors import InputError
+from klute_sim.recording.recording import Recording
+from klute_sim.report import compare_figures, compare_page, compare_table, view
+from klute_sim.report import compare_words as words
+from klute_sim.report.style import STYLE
+
+PHASE = np.tile(np.arange(50) * 2.0, 4)
+
+
+def walk(bump: float, seed: int = 0, *, rig: str | None = None, channels: int = 1) -> Recording:
+    """Four strides of a wave, a bump at 40 to 50 % on it; of several channels the later ones have larger bumps."""
+    scatter = np.repeat(np.random.default_rng(seed).normal(size=4) * 0.1, 50)
+    columns = [("time [s]", np.arange(200) / 50.0), ("gait_phase [%]", PHASE)]
+    for k in range(channels):
+        bumped = bump * (k + 1) * ((PHASE >= 40.0) & (PHASE <= 50.0))
+        columns.append((f"x{k} [N*m]", np.sin(0.02 * np.pi * PHASE) + scatter + bumped))
+    reference = [("reference_x0 [N*m]", np.sin(0.02 * np.pi * PHASE)), ("reference_x0_sd [N*m]", np.full(200, 0.3))]
+    return Recording.from_columns([*columns, *reference], {"rig": rig} if rig else None)
+
+
+def found(*bumps: float, options: Options | None = None, rig: str | None = None, channels: int = 1) -> Comparison:
+    runs = [
+        Run("abc"[k], Path("abc"[k]), {"": walk(bump, k, rig=rig, channels=channels)}) for k, bump in enumerate(bumps)
+    ]
+    return compare(runs, options)
+
+
+def trials(count: int) -> Comparison:
+    """``count`` trials over time, the later ones with larger differences."""
+    time = np.arange(50) / 10.0
+    parts = [
+        {
+            f"t{k}": Recording.from_columns([("time [s]", time), ("force [N]", np.sin(time) + size * k * (time > 4.0))])
+            for k in range(count)
+        }
+        for size in (0.0, 1.0)
+    ]
+    return compare([Run(label, Path(label), own) for label, own in zip("ab", parts, strict=True)])
+
+
+def test_lines_and_bands_are_those_of_the_comparison() -> None:
+    made = found(0.0, 2.0, options=Options(reference=True))
+    (part,) = made.parts
+    with matplotlib.rc_context(STYLE):
+        figure = compare_figures.draw(part, "phase")
+    above, below = figure.axes[:2]
+    assert above.get_title() == "x0 [N·m]"
+    drawn = {line.get_color(): line.get_ydata() for line in above.lines}
+    looks = compare_figures._looks(part)
+    for series in part.series:
+        assert np.array_equal(drawn[looks[series.label]["color"]], series.curves["x0"].mean)
+    assert sum(isinstance(own, PolyCollection) for own in above.collections) == 3
+    d = part.differences["x0"]["b"]
+    (line,) = [line for line in below.lines if np.array_equal(line.get_ydata(), d.values)]
+    assert line.get_color() == looks["b"]["color"]
+    bars = [line.get_xdata() for line in below.lines if line.get_linewidth() == 3.0]
+    assert any(np.array_equal(bar, d.half) for bar in bars)
+    low, high = below.get_ylim()
+    assert -low == high == pytest.approx(1.2 * max(abs(own.largest or 0.0) for own in part.differences["x0"].values()))
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend[:3] == ["a (4 strides)", "b (4 strides)", "human (reference)"]
+    assert {"mean ±1 sd", "95 % interval of no difference", "beyond it"} <= set(legend)
+
+
+def test_what_is_beyond_the_band_is_filled_and_nothing_else() -> None:
+    made = found(0.0, 2.0)
+    d = made.parts[0].differences["x0"]["b"]
+    inside = compare_figures._inside(d, made.parts[0].axis)
+    (region,) = d.regions
+    assert np.flatnonzero(inside).tolist() == list(range(int(region.begin), int(region.end) + 1))
+
+
+def test_rules_are_those_of_the_bands_there_are() -> None:
+    two = " ".join(words.rules(found(0.0, 2.0)))
+    assert "Welch's t" in two
+    assert "people" not in two
+    assert "standard deviation of 'a' between its repeats" in two
+    assert "simulated" not in two
+    assert "repeat almost exactly" in " ".join(words.rules(found(0.0, 2.0, rig="gait")))
+    human = " ".join(words.rules(found(0.0, 2.0, options=Options(reference=True))))
+    assert "Beyond the band (b): where the difference is more than its 95 % interval" in human
+    assert "Beyond the band (human): where the difference is more than the 95 % interval of the reference's" in human
+    assert "standard deviation of 'human' between people" in human
+    single = " ".join(words.rules(found(0.0, 2.0, options=Options(skip=3))))
+    assert "No band: where nothing is repeated" in single
+    assert "Beyond" not in single
+
+
+def test_places_are_told_where_they_are() -> None:
+    made = found(0.0, 2.0)
+    (row,) = words.rows(made)
+    assert words.half(row, "phase").endswith(" %")
+    assert words.beyond(row.difference, "phase") == "39-51 %"
+    (same,) = words.rows(found(0.0, 0.0, options=Options(skip=3)))
+    assert (words.half(same, "phase"), words.beyond(same.difference, "phase")) == ("spread out", "no band")
+    (shifted,) = words.rows(found(0.0, 0.0))
+    assert words.beyond(shifted.difference, "phase") == "nowhere"
+    assert words.number(-0.0, "+.3g") == "+0"
+    assert words.number(None) == "-"
+    assert words.unit("N*m") == "N·m"
+
+
+def test_of_many_differences_the_largest_are_shown_and_the_rest_is_counted() -> None:
+    many = trials(45)
+    (table,) = compare_table.tables(many)
+    shown = list(table.columns[0].cells)
+    assert shown == [f"t{k}" for k in range(5, 45)]
+    assert compare_table.remarks(many)[0] == "Shown are the 40 largest of 45 differences; comparison.csv has all."
+    (short,) = compare_table.tables(trials(3))
+    assert list(short.columns[0].cells) == ["t0", "t1", "t2"]
+    assert "Shown" not in compare_table.remarks(trials(3))[0]
+
+
+def test_of_many_trials_and_channels_the_most_different_are_drawn() -> None:
+    drawn = [part.name for part, _ in compare_figures.pictures(trials(8))]
+    assert drawn == [f"t{k}" for k in range(2, 8)]
+    page = compare_page.content(trials(8), dict.fromkeys(drawn, b""))
+    assert page["undrawn"] == ["Drawn are the 6 trials with the largest differences of 8."]
+    many = found(0.0, 1.0, channels=18)
+    assert compare_figures._worst_channels(many.parts[0]) == [f"x{k}" for k in range(2, 18)]
+    assert compare_page.content(many, {"": b""})["undrawn"] == [
+        "Drawn are the 16 channels with the largest differences of 18."
+    ]
+    assert compare_page.content(many, {})["undrawn"] == []
+
+
+def test_a_comparison_without_a_rerun_recording_says_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "comparison.json").touch()
+    with pytest.raises(InputError, match=r"has no comparison\.rrd.*run the comparison again"):
+        view.recording_of(tmp_path)
+    (tmp_path / "comparison.rrd").touch()
+    assert view.recording_of(tmp_path) == tmp_path / "comparison.rrd"
