@@ -169,6 +169,17 @@ def test_what_is_given_goes_before_what_is_found(tmp_path: Path) -> None:
     assert any(e["channel"] == "knee_angle" and "as given" in e["why"] for e in findings.mapped)
 
 
+def test_a_pelvis_that_tilts_the_other_way_is_told_by_its_owner_alone(tmp_path: Path) -> None:
+    paths = opensim(tmp_path)
+    plain = limbs(paths, RAW)["right"].channels["shank_angle"]
+    edited(paths[0], lambda label, s: -s if "tilt" in label else s)
+    (tmp_path / "map.toml").write_text('[body]\npelvis_tilt = { column = "pelvis_tilt", sign = -1 }\n')
+    findings = Findings()
+    mended = limbs(paths, replace(RAW, chosen=mapping.read(tmp_path / "map.toml")), findings)["right"]
+    assert mended.channels["shank_angle"] == pytest.approx(plain)
+    assert any(e["channel"] == "pelvis_tilt" and e["sign"] == -1 for e in findings.mapped)
+
+
 def test_columns_with_names_nobody_knows_are_mapped(tmp_path: Path) -> None:
     path = made.treadmill(tmp_path, Walker())
     heading, _, rest = path.read_text().partition("\n")

@@ -1,7 +1,7 @@
 """Legs from joint angles that somebody else computed: OpenSim's inverse kinematics, a treadmill's software."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,12 +53,21 @@ def legs(trial: Sequence[Source], where: str, options: ImportOptions, findings: 
     travel = columns.find(trial, names.TRAVEL, None, options)
     belts = [columns.find(trial, names.BELT, side, options) for side in (None, *SIDES)]
     belt = next((column for column in belts if column is not None), None)
-    body = _Body(columns.find(trial, names.TILT, None, options), belt, _travelled(travel))
-    if belt is not None:
-        findings.map(
-            **{"channel": names.BELT, "side": "body", "file": belt.file, "column": belt.label, "unit": belt.unit},
-            **{"sign": 1, "zero": 0.0, "why": f"unit {belt.why_unit}"},
-        )
+    tilt = columns.find(trial, names.TILT, None, options)
+    if tilt is not None and tilt.choice is not None and tilt.choice.sign == -1:
+        tilt = replace(tilt, values=-tilt.values)
+    body = _Body(tilt, belt, _travelled(travel))
+    for column, why in (
+        (belt, ""),
+        (travel, ""),
+        (tilt, "; sign: backward positive, as OpenSim's, for nothing in walking tells it"),
+    ):
+        if column is not None:
+            findings.map(
+                **{"channel": column.channel, "side": "body", "file": column.file, "column": column.label},
+                **{"unit": column.unit, "sign": (column.choice and column.choice.sign) or 1, "zero": 0.0},
+                why=f"unit {column.why_unit}{why}" if column.choice is None else "as given",
+            )
     on = loads.of_sides(trial, options, findings)
     plates = loads.of_plates(trial, None, findings) if not on else {}
     if plates:

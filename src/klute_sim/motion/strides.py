@@ -53,41 +53,41 @@ class Stride:
 
 
 def segment(limb: Limb, findings: Findings) -> list[Stride]:
-    """The strides of ``limb`` in which all its channels are known; what is left out is noted."""
-    contacts = limb.contacts
-    found, unfinished, slow = [], 0, 0
-    for number, contact in enumerate(contacts):
-        if not contact.begun or not contact.ended:
-            continue
-        following = contacts[number + 1] if number + 1 < len(contacts) else None
-        end = following.strike if following and following.strike - contact.strike <= LONGEST else None
-        if end is None:
-            end = _recurrence(limb, contact)
-            if end is not None:
-                findings.derive(
-                    "End of a stride whose second heel strike is on no plate: when the leg's posture is that of the "
-                    "first heel strike again"
-                )
-        stride = None if end is None else _cut(limb, contact, end)
-        if stride is None:
-            unfinished += 1
-        elif _belt_changes(limb, stride):
-            slow += 1
+    """The strides of ``limb`` in which all its channels are known; what is left out is noted.
+
+    They end at the next heel strike on a plate; where no stride does, as on a short walkway, by the leg's posture; and
+    where the record is too short for that, too, one is put together.
+    """
+    whole = [c for c in limb.contacts if c.begun and c.ended]
+    ends = dict.fromkeys(whole, float("nan"))
+    ends |= {
+        one: two.strike for one, two in pairwise(limb.contacts) if one in ends and two.strike - one.strike <= LONGEST
+    }
+    cut = [_cut(limb, contact, end) for contact, end in ends.items()]
+    if not any(cut):
+        cut = [_cut(limb, contact, _recurrence(limb, contact)) for contact in whole]
+        if any(cut):
+            findings.derive(
+                "End of a stride whose second heel strike is on no plate: when the leg's posture is that of the first "
+                "heel strike again"
+            )
         else:
-            found.append(stride)
-    if not found and not slow:
-        folded = _folded(limb, findings)
-        if folded is not None:
-            return [folded]
-    if slow:
-        first = found[0].start if found else limb.time[-1]
+            cut = [_folded(limb, findings), *cut]
+    known = [stride for stride in cut if stride is not None]
+    steady = [stride for stride in known if not _belt_changes(limb, stride)]
+    if len(steady) < len(known):
+        first = steady[0].start if steady else limb.time[-1]
         findings.suspect(
-            f"{limb.trial}: the belt ramps up or changes its speed: {_strides(slow)} of the {limb.side} leg left out; "
-            f"the first one kept begins at {first:.2f} s"
+            f"{limb.trial}: the belt ramps up or changes its speed: {_strides(len(known) - len(steady))} of the "
+            f"{limb.side} leg left out; the first one kept begins at {first:.2f} s"
         )
-    if unfinished > 1 or (unfinished and not found):
-        findings.suspect(f"{limb.trial}: {_strides(unfinished)} of the {limb.side} leg not whole and left out")
-    return found
+    if not whole and not known:
+        findings.suspect(f"{limb.trial}: the {limb.side} foot is never seen from heel strike to toe-off")
+    elif len(whole) - len(known) > (1 if known else 0):  # the last one of a record hardly ever is
+        findings.suspect(
+            f"{limb.trial}: {_strides(len(whole) - len(known))} of the {limb.side} leg not whole and left out"
+        )
+    return steady
 
 
 def _strides(count: int) -> str:
@@ -95,6 +95,7 @@ def _strides(count: int) -> str:
 
 
 def _cut(limb: Limb, contact: Contact, end: float) -> Stride | None:
+    """The stride from ``contact`` to ``end`` [s]; None for NaN, where it is no walking, or where channels have gaps."""
     duration = end - contact.strike
     toe_off = (contact.lift - contact.strike) / duration
     if not SHORTEST <= duration <= LONGEST or not TOE_OFF[0] <= toe_off <= TOE_OFF[1]:
@@ -106,24 +107,24 @@ def _cut(limb: Limb, contact: Contact, end: float) -> Stride | None:
     return Stride(limb.trial, contact.strike, end, toe_off, channels)
 
 
-def _recurrence(limb: Limb, contact: Contact) -> float | None:
-    """When the leg is again as it was at ``contact``'s heel strike, by all its angles; None where it never is."""
+def _recurrence(limb: Limb, contact: Contact) -> float:
+    """When the leg is again as it was at ``contact``'s heel strike, by all its angles; NaN where it never is."""
     stance = contact.lift - contact.strike
     low, high = (contact.strike + factor * stance / STANCE for factor in RECURRENCE)
     inside = (limb.time >= low) & (limb.time <= high)
     known = [limb.channels[name] for name in POSTURE if name in limb.channels]
     if inside.sum() < 3 or not known:
-        return None
+        return float("nan")
     apart, moving = np.zeros(int(inside.sum())), np.zeros(int(inside.sum()))
     for samples in known:
         apart += (samples[inside] - np.interp(contact.strike, limb.time, samples)) ** 2
         rate = RATE * np.gradient(samples, limb.time)
         moving += (rate[inside] - np.interp(contact.strike, limb.time, rate)) ** 2
     if not np.isfinite(apart + moving).any():
-        return None
+        return float("nan")
     best = int(np.nanargmin(apart + moving))
     if best in (0, len(apart) - 1) or not np.sqrt(apart[best] / len(known)) < ALIKE:
-        return None
+        return float("nan")
     return float(limb.time[inside][best])
 
 
