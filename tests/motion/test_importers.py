@@ -159,6 +159,18 @@ def test_signs_units_and_zeros_are_found_and_told(
     assert any(told in entry["why"] for entry in found.findings.mapped)
 
 
+def test_another_neutral_ankle_is_moved_to_where_the_foot_is_flat_or_left(tmp_path: Path) -> None:
+    paths = opensim(tmp_path)
+    plain = importing.run(paths, ImportOptions(mass=MASS))
+    edited(paths[0], lambda label, s: s - 12.0 if "ankle" in label else s)
+    moved = importing.run(paths, ImportOptions(mass=MASS))
+    column = "ankle_dorsiflexion_deg"
+    assert moved.table[column] == pytest.approx(plain.table[column])
+    assert said(moved, "suspicious", "the right foot is pitched by 12.")
+    left = importing.run(paths, ImportOptions(mass=MASS, ankle_zero="file"))
+    assert left.table[column].mean() == pytest.approx(plain.table[column].mean() - 12.0, abs=0.6)
+
+
 def test_what_is_given_goes_before_what_is_found(tmp_path: Path) -> None:
     paths = opensim(tmp_path)
     (tmp_path / "map.toml").write_text('[right]\nknee_angle = { column = "knee_angle_r", sign = -1 }\n')
@@ -200,6 +212,7 @@ def test_columns_with_names_nobody_knows_are_mapped(tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text("\n".join(lines))
     found = importing.run([path], ImportOptions(mass=MASS, chosen=mapping.read(tmp_path / "map.toml")))
     assert list(found.strides) == ["right"]
+    assert found.mass_by_impulse == pytest.approx(69.5, abs=0.3)  # of one foot, twice
     assert found.table["knee_flexion_deg"][30] == pytest.approx(8.84, abs=0.5)
 
 
@@ -274,6 +287,10 @@ def test_the_end_of_one_stride_and_the_beginning_of_the_next_make_one(tmp_path: 
     assert found.table["knee_flexion_deg"] == pytest.approx(whole.table["knee_flexion_deg"], abs=2.5)
 
 
+def paths_of(folder: Path) -> list[Path]:
+    return [folder / name for name in ("ik.mot", "grf.mot", "id.sto")]
+
+
 def test_a_file_cut_in_two_trials_pools_the_strides_and_has_deviations(tmp_path: Path) -> None:
     one, two = tmp_path / "one", tmp_path / "two"
     one.mkdir()
@@ -281,10 +298,15 @@ def test_a_file_cut_in_two_trials_pools_the_strides_and_has_deviations(tmp_path:
     again = opensim(two)
     with pytest.raises(InputError, match="its strides would count twice"):
         importing.run(opensim(one) + again, ImportOptions(mass=MASS))
+    edited(paths_of(one)[2], lambda label, s: 0.9 * s if "moment" in label else s)
+    edited(again[2], lambda label, s: 1.1 * s if "moment" in label else s)
     for path in again:
         edited(path, lambda label, s: s + 0.001)
-    found = importing.run(opensim(one) + again, ImportOptions(mass=MASS))
+    found = importing.run(paths_of(one) + again, ImportOptions(mass=MASS))
     assert len(found.strides["right"]) == 6
+    # three strides 10 % below the mean and three above it
+    peak = found.table["ankle_plantarflexor_moment_nm_per_kg"][48]
+    assert found.table["ankle_moment_sd_nm_per_kg"][48] == pytest.approx(0.1 * peak * np.sqrt(6 / 5), rel=2e-3)
     assert set(reference.DEVIATIONS) <= set(found.table)
     short = importing.run(made.opensim(tmp_path, Walker(seconds=2.6)), ImportOptions(mass=MASS, side="right"))
     assert len(short.strides["right"]) == 2

@@ -1,5 +1,7 @@
 """Joint centres, inverse dynamics, filters and events, by hand and by closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -7,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from klute_sim.errors import InputError
 from klute_sim.formats.trc import Markers
-from klute_sim.motion import dynamics, events, filters, joints, mapping, markers, names, signs
+from klute_sim.motion import dynamics, events, filters, joints, mapping, markers, names, signs, trial
 from klute_sim.motion.findings import Findings
+from klute_sim.motion.finish import Landed
 from klute_sim.motion.sagittal import Leg
 
 Array = NDArray[np.float64]
@@ -105,6 +108,18 @@ def test_the_ankles_moment_of_a_foot_that_turns_and_is_pulled() -> None:
     assert turned[100] == pytest.approx(inertia * 20.0 - weight, rel=1e-3)
     pulled = dynamics.ankle_moment(leg(pull=5.0), nothing, nothing, np.zeros((200, 2)), 70.0)
     assert pulled[100] == pytest.approx(mass * -0.03 * 5.0 - weight, rel=1e-6)
+
+
+def test_speed_is_the_hips_over_what_the_foot_stands_on() -> None:
+    """A hip that goes 0.9 m/s through the room above a heel that a belt carries back at 0.3 m/s."""
+    still, time = leg(), np.arange(200) / 1000.0
+    hip, heel = still.hip.copy(), still.heel.copy()
+    hip[:, 0] += 0.9 * time
+    heel[:, 0] -= 0.3 * time
+    nothing = np.zeros(200)
+    foot = Landed([events.Contact(0.02, 0.18, True, True)], nothing, nothing, None, ())
+    assert trial._speed(replace(still, hip=hip, heel=heel), foot) == pytest.approx(1.2)
+    assert trial._speed(still, Landed([], nothing, nothing, None, ())) is None
 
 
 def test_both_passes_together_have_the_cut_off_and_no_lag() -> None:
