@@ -79,8 +79,9 @@ def test_the_mass_listed_contradicts_the_plates() -> None:
 
 def test_the_treadmills_traps_are_named() -> None:
     files = [MOORE / "UnpertPre_data.csv", MOORE / "UnpertPre__event.csv"]
-    found = importing.run(files, ImportOptions(mass=79.4))
+    found = importing.run(files, ImportOptions(mass=79.4, stature=1.832))
     assert said(found, "the belt ramps up")
+    assert said(found, "'LeftCOP_x' and 'RightCOP_x' are the same for 36 % of the time")
     assert said(found, "is -1.5708 rad (-90 degrees) in standing")
     assert said(found, "The mass given, 79.4 kg, contradicts", "82.0 kg")
     assert {side: len(of) for side, of in found.strides.items()} == {"right": 42, "left": 42}

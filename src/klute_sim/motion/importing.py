@@ -127,6 +127,8 @@ def _reference(legs: Sequence[tuple[Limb, list[Stride]]], options: ImportOptions
     speed = float(np.mean(speeds)) if speeds else None
     if speed is None:
         findings.miss("Walking speed: neither a belt's speed nor the way of pelvis or markers tells it")
+    if options.stature is None:
+        findings.miss("Stature: not given (--stature); klute-sim gait takes 1.75 m unless it is told")
     imported = Imported(findings, options, found, wanted, mass, by_impulse, speed, table)
     reference.parse(imported.csv(), "made of these files", imported.stride_time)
     return imported

@@ -29,6 +29,8 @@ LEAST_BEND = 5.0
 NOTED_OFFSET = 3.0
 """Load of an empty plate [N] from which it is told."""
 SAME_POINT = 1e-9
+SHARED = 0.2
+"""Share of samples with one centre of pressure for both feet from which it is told; for a third both are down."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,19 +84,20 @@ def _axes(force: Samples) -> tuple[int, int]:
 
 
 def _same_points(trial: Sequence[Source], findings: Findings) -> None:
-    """Both feet with one centre of pressure: a treadmill that does not know which foot."""
+    """Both feet with one centre of pressure, always or while both are down: plates that do not know which foot."""
     for source in trial:
-        pairs = [label for label in source.labels if "cop" in label.lower() and "left" in label.lower()]
-        for label in pairs:
+        for label in source.labels:
             other = label.replace("Left", "Right").replace("left", "right")
-            if other in source.labels and other != label:
-                one, two = source.column(label), source.column(other)
-                if np.ptp(one) > 0.0 and np.nanmean(np.abs(one - two) < SAME_POINT) > 0.9:
-                    findings.suspect(
-                        f"{source.name}: '{label}' and '{other}' are the same: one centre of pressure for "
-                        "both feet; it was not used"
-                    )
-                    break
+            if "cop" not in label.lower() or other == label or other not in source.labels:
+                continue
+            one, two = source.column(label), source.column(other)
+            share = float(np.mean(np.abs(one - two) < SAME_POINT))
+            if share > SHARED and np.nanmax(one) > np.nanmin(one):
+                findings.suspect(
+                    f"{source.name}: '{label}' and '{other}' are the same for {100 * share:.0f} % of the time: one "
+                    "centre of pressure for both feet; it was not used"
+                )
+                break
 
 
 def of_plates(trial: Sequence[Source], frame: Frame | None, findings: Findings) -> dict[str, Loads]:
