@@ -130,6 +130,14 @@ def in_radians(paths: list[Path]) -> None:
     edited(paths[0], lambda label, s: s if label in ("time", "pelvis_tx") else np.radians(s), degrees=False)
 
 
+def in_radians_that_call_themselves_degrees(paths: list[Path]) -> None:
+    edited(paths[0], lambda label, s: s if label in ("time", "pelvis_tx") else np.radians(s), degrees=True)
+
+
+def in_degrees_that_call_themselves_radians(paths: list[Path]) -> None:
+    edited(paths[0], lambda label, s: s, degrees=False)
+
+
 def ankle_against_foot(paths: list[Path]) -> None:
     edited(paths[0], lambda label, s: 90.0 - s if "ankle" in label else s)
 
@@ -144,6 +152,8 @@ def ankle_against_foot(paths: list[Path]) -> None:
         (flipped(1, "v"), "brakes first"),
         (flipped(2, "ankle"), "mean moment in stance"),
         (in_radians, "unit stated"),
+        (in_radians_that_call_themselves_degrees, "though the header says deg"),
+        (in_degrees_that_call_themselves_radians, "though the header says rad"),
         (ankle_against_foot, "zero is the nearest right angle"),
     ],
 )

@@ -11,12 +11,14 @@ from klute_sim.motion import names, signs
 from klute_sim.motion.mapping import BODY, Choice
 from klute_sim.motion.names import Side
 from klute_sim.motion.options import ImportOptions
-from klute_sim.motion.sources import Source
+from klute_sim.motion.sources import STORAGE, Source
 from klute_sim.recording.recording import Samples
 from klute_sim.rigs.gait.reference import GRAVITY
 
 PER_KG = {"N*m/kg": "N*m", "N/kg": "N", "W/kg": "W", "N m/kg": "N*m"}
 WEIGHTS = ("BW", "body weight", "body_weight")
+AGAINST = "by how far the knee moves, though the header says"
+"""Why a unit is not the stated one."""
 _UNIT = {
     **dict.fromkeys(names.ANGLES, "deg"),
     names.MOMENT: "N*m",
@@ -77,13 +79,26 @@ def _column(
     source: Source, label: str, channel: str, sign: int, choice: Choice | None, options: ImportOptions
 ) -> Column:
     values = source.column(label)
-    stated = choice.unit if choice and choice.unit else source.units.get(label) or None
-    unit, why = stated or _unit_of(channel, _sized(source, channel, values)), "stated" if stated else "by its size"
-    if choice and choice.unit:
-        why = "as given"
+    unit, why = _unit(source, label, channel, values, choice)
     return Column(
         channel, source, label, time(source), _converted(values, channel, unit, label, options), unit, why, sign, choice
     )
+
+
+def _unit(source: Source, label: str, channel: str, values: Samples, choice: Choice | None) -> tuple[str, str]:
+    """The unit of a column, and how it is known."""
+    if choice and choice.unit:
+        return choice.unit, "as given"
+    stated = source.units.get(label)
+    if channel in names.ANGLES and source.kind == STORAGE:
+        knee = next((other for other in source.labels if (names.named(other) or (None,))[0] == "knee_angle"), label)
+        by_size = signs.angle_unit(source.column(knee))
+        if stated and by_size != stated:
+            return by_size, f"{AGAINST} {stated}"
+    if stated:
+        return stated, "stated"
+    by_size = _unit_of(channel, _sized(source, channel, values))
+    return by_size, "assumed" if channel in (names.BELT, names.TRAVEL) else "by its size"
 
 
 def time(source: Source) -> Samples:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from klute_sim.motion import events, filters, names, signs
-from klute_sim.motion.columns import Column
+from klute_sim.motion.columns import AGAINST, Column
 from klute_sim.motion.events import Contact
 from klute_sim.motion.findings import Findings
 from klute_sim.motion.loads import Loads, without_offset
@@ -95,6 +95,8 @@ def signed(column: Column, contacts: Sequence[Contact], side: Side, findings: Fi
             "standing; this was taken off"
         )
         why += "; zero is the nearest right angle"
+    if AGAINST in column.why_unit:
+        findings.suspect(f"{column.file}: inDegrees is wrong: by how far the knee moves, angles are in {column.unit}")
     if column.channel != names.TILT:
         findings.map(
             **{"channel": column.channel, "side": side, "file": column.file, "column": column.label},

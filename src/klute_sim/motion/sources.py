@@ -20,6 +20,7 @@ from klute_sim.motion import names
 from klute_sim.recording.recording import Samples, split_heading
 
 Role = Literal["angles", "markers", "loads", "moments", "events"]
+STORAGE = "OpenSim storage"
 KINDS = (".c3d", ".mot", ".sto", ".trc", ".csv", ".tsv", ".txt", ".parquet")
 
 
@@ -117,7 +118,7 @@ def _read(path: str | Path) -> Source:
         found = storage.parse(file)
         rotation = "deg" if found.in_degrees else "rad"
         units = {label: _storage_unit(label, rotation) for label in found.columns}
-        return Source(file.where, "OpenSim storage", digest, tuple(found.columns), units, found.columns.__getitem__)
+        return Source(file.where, STORAGE, digest, tuple(found.columns), units, found.columns.__getitem__)
     if suffix == ".trc":
         return Source(file.where, "markers (.trc)", digest, markers=trc.parse(file))
     if suffix == ".c3d":
