@@ -412,6 +412,20 @@ def test_bad_maps_are_one_sentence(text: str, says: str, tmp_path: Path) -> None
     assert "\n" not in str(caught.value)
 
 
+def test_numbers_that_are_no_measurement_are_refused(tmp_path: Path) -> None:
+    paths = markers(tmp_path)
+    force = paths[1]
+    edited(force, lambda label, s: s * 1e300 if label.endswith("1_vx") else s)
+    with pytest.raises(InputError, match="column 'ground_force_1_vx' holds"):
+        importing.run(paths, RAW)
+    opensim(tmp_path)
+    old = trc.read(paths[0])
+    far = {name: place * (1e6 if "R_TOE" in name else 1.0) for name, place in old.positions.items()}
+    trc.write(trc.Markers(old.time, far), paths[0])
+    with pytest.raises(InputError, match=r"marker 'R_TOE' is .* m away: a wrong unit\?"):
+        importing.run(paths, RAW)
+
+
 def test_names_that_would_steer_a_terminal_are_refused(tmp_path: Path) -> None:
     path = made.treadmill(tmp_path, Walker())
     path.write_text(path.read_text().replace("LeftCOP_x", "Left\x1b[2JCOP_x", 1))

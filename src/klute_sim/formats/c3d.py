@@ -30,6 +30,8 @@ MAGIC = 0x50
 MOST_SAMPLES = 200_000_000
 LONGEST = 300.0
 """Time [s] the library may take."""
+LARGEST_FORCE = 1e6
+"""[N]"""
 FORCE_UNITS = {"N": 1.0, "kN": 1e3}
 
 
@@ -127,6 +129,8 @@ def _capture(about: Mapping[str, Any], arrays: Mapping[str, Samples], where: str
                 f"{where}: a force plate in {force_unit[:20]!r} and {length_unit[:20]!r}; allowed: N, kN; mm, cm, m"
             )
         force = FORCE_UNITS[force_unit] * arrays[f"force{number}"].T
+        if not (np.abs(force) < LARGEST_FORCE).all():
+            raise InputError(f"{where}: force plate {number + 1} reads what no force is; its channels are damaged")
         centre = UNITS[length_unit.lower()] * arrays[f"centre{number}"].T
         plates.append(Plate(np.arange(len(force)) / analog_rate, force, centre))
     return Capture(Markers(np.arange(places.shape[2]) / rate, positions), tuple(plates), about["software"])

@@ -20,6 +20,10 @@ from klute_sim.motion import names
 from klute_sim.recording.recording import Samples, split_heading
 
 Role = Literal["angles", "markers", "loads", "moments", "events"]
+LARGEST = 1e9
+"""Of any number in a column, whatever its unit."""
+FARTHEST = 1e4
+"""Of any marker or centre of pressure from the origin [m]."""
 STORAGE = "OpenSim storage"
 KINDS = (".c3d", ".mot", ".sto", ".trc", ".csv", ".tsv", ".txt", ".parquet")
 
@@ -47,9 +51,14 @@ class Source:
         return "".join(c if c.isprintable() else "?" for c in Path(self.where).name)
 
     def column(self, label: str) -> Samples:
-        """The samples in the column ``label``."""
+        """The samples in the column ``label``; raises InputError for numbers that nothing in a laboratory has."""
         assert self.fetch is not None
-        return self.fetch(label)
+        samples = self.fetch(label)
+        if (np.abs(samples) > LARGEST).any():
+            raise InputError(
+                f"{self.where}: column '{label}' holds {np.nanmax(np.abs(samples)):.3g}, which is no measurement"
+            )
+        return samples
 
     @property
     def time_label(self) -> str | None:
@@ -102,6 +111,9 @@ def _bare(label: str) -> str:
 def read(path: str | Path) -> Source:
     """The file at ``path``; raises InputError for what cannot be read, and for a kind that is not known."""
     found = _read(path)
+    for name, place in (found.markers.positions if found.markers else {}).items():
+        if (np.abs(place) > FARTHEST).any():
+            raise InputError(f"{path}: marker {name[:40]!r} is {np.nanmax(np.abs(place)):.3g} m away: a wrong unit?")
     for name in (*found.labels, *(found.markers.positions if found.markers else ())):
         if not name.isprintable():  # names are shown in terminals, which obey some characters
             raise InputError(f"{path}: the name {name[:40]!r} has characters that cannot be shown")
