@@ -10,9 +10,9 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "klute_sim"
 FLOORS = {
-    **{"laws": 1, "effects": 2, "device": 3, "plant": 4, "recording": 4, "dataset": 5, "control": 5, "rigs": 6},
-    **{"diagnose": 7, "envs": 7, "design": 7, "reproduce": 8, "learn": 8, "report": 9, "sweep": 10, "tuning": 11},
-    **{"compare": 6, "baselines": 11, "cli": 12},
+    **{"laws": 1, "effects": 2, "device": 3, "plant": 4, "recording": 4, "dataset": 5, "formats": 5, "control": 5},
+    **{"rigs": 6, "compare": 6, "diagnose": 7, "envs": 7, "design": 7, "motion": 7, "reproduce": 8, "learn": 8},
+    **{"report": 9, "sweep": 10, "tuning": 11, "baselines": 11, "cli": 12},
 }
 EVERYBODYS = {"errors", "units", "provenance", "registration", ""}
 FILES = sorted(SOURCE.rglob("*.py"))

@@ -1,5 +1,6 @@
 """References: the package's own, a user's, and what is refused."""
 
+import math
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
@@ -178,3 +179,30 @@ def test_prescribed_velocities_are_the_derivatives_of_prescribed_positions() -> 
     for angle in (motion.thigh_angle, motion.knee_angle):
         slope = (angle(OWN, PHASE + d) - angle(OWN, PHASE - d)) / (2 * d)
         assert slope == pytest.approx(angle(OWN, PHASE, 1), abs=1e-4)
+
+
+def test_the_hip_is_hiked_for_a_foot_that_its_owner_lifted_and_for_no_other() -> None:
+    """The package's own reference walks as it did; one that lifts its toe by 8 degrees in swing needs a higher hip."""
+    limb = leg(build(load("klute-1-1-4-pair"), mass=75, stature=1.75, step=1e-3))
+    own = motion.plan(OWN, limb, 1.10)
+    rows = [line.split(",") for line in TEXT.splitlines()]
+    ankle, phase = rows[0].index("ankle_dorsiflexion_deg"), rows[0].index("gait_pct")
+    for row in rows[1:]:
+        row[ankle] = repr(float(row[ankle]) + 8.0 * math.exp(-(((float(row[phase]) - 84.0) / 6.0) ** 2)))
+    lifted = motion.plan(reference.parse("\n".join(map(",".join, rows)), "x"), limb, 1.10)
+    swing, stance = PHASE[(PHASE > 0.70) & (PHASE < 0.96)], PHASE[(PHASE > 0.1) & (PHASE < 0.58)]
+    shank = np.radians(OWN("shank_forward_deg", swing))
+    thigh = motion.thigh_angle(OWN, swing)
+    passive = np.minimum(np.radians(OWN("ankle_dorsiflexion_deg", swing)), np.radians(motion.UNLIFTED))
+    touches = limb.ankle_height(shank - passive) + limb.shank * np.cos(shank) + limb.thigh * np.cos(thigh)
+    assert (own.height(swing) - touches).min() > motion.LEAST_CLEARANCE
+    assert (lifted.height(swing) - touches).min() > motion.LEAST_CLEARANCE - 2e-4
+    assert lifted.height(stance) == pytest.approx(own.height(stance), abs=2e-3)
+
+
+def test_the_own_reference_needs_no_hiking(monkeypatch: pytest.MonkeyPatch) -> None:
+    limb = leg(build(load("klute-1-1-4-pair"), mass=75, stature=1.75, step=1e-3))
+    with_it = motion.plan(OWN.on_slope(0.05), limb, 1.10, slope=0.05).height
+    monkeypatch.setattr(motion, "_hike", lambda *_: np.zeros(3))
+    without = motion.plan(OWN.on_slope(0.05), limb, 1.10, slope=0.05).height
+    assert np.array_equal(with_it.c, without.c)

@@ -44,18 +44,30 @@ if TYPE_CHECKING:
     "reference_file",
     type=GivenPath(),
     default=None,
-    metavar="FILE",
-    help="CSV of a gait cycle with the columns of docs/gait.md.  [default: able-bodied adults]",
+    metavar="FILE|FOLDER",
+    help="Gait cycle: a folder made by klute-sim import, or a CSV of docs/gait.md.  [default: able-bodied adults]",
 )
 @click.option(
     "--stride-time",
     type=float,
     default=None,
     metavar="S",
-    help="Stride time of --reference [s].  [default: 1.1]",
+    help="Stride time of --reference [s].  [default: what its folder states, or 1.1]",
 )
-@click.option("--mass", type=float, default=75.0, show_default=True, metavar="KG", help="Body mass [kg].")
-@click.option("--stature", type=float, default=1.75, show_default=True, metavar="M", help="Stature [m].")
+@click.option(
+    "--mass",
+    type=float,
+    default=None,
+    metavar="KG",
+    help="Body mass [kg].  [default: what the folder of --reference states, or 75]",
+)
+@click.option(
+    "--stature",
+    type=float,
+    default=None,
+    metavar="M",
+    help="Stature [m].  [default: what the folder of --reference states, or 1.75]",
+)
 @click.option(
     "--speed",
     type=float,
@@ -95,8 +107,8 @@ def command(
     spring_foot: float | None,
     reference_file: Path | None,
     stride_time: float | None,
-    mass: float,
-    stature: float,
+    mass: float | None,
+    stature: float | None,
     speed: float | None,
     slope: float,
     strides: int,
@@ -142,10 +154,10 @@ def command(
         raise InputError("--stride-time goes with --reference")
     human = reference.default()
     if reference_file is not None:
-        human = reference.load(reference_file, reference.STRIDE_TIME if stride_time is None else stride_time)
+        human = reference.load(reference_file, stride_time)
     options = GaitOptions(
-        mass=mass,
-        stature=stature,
+        mass=_first(mass, human.mass, GaitOptions.mass),
+        stature=_first(stature, human.stature, GaitOptions.stature),
         speed=speed,
         slope=math.radians(slope),
         strides=strides,
@@ -159,6 +171,11 @@ def command(
     _report(recording, result, missing, as_json=as_json)
     if beyond:
         notes().print(beyond, soft_wrap=True)
+
+
+def _first(*values: float | None) -> float:
+    """The first that is one."""
+    return next(value for value in values if value is not None)
 
 
 def _beyond_supply(device: "Device", controller: "Controller") -> str:

@@ -33,6 +33,13 @@ SWING_HEIGHTS = (0.898, 0.908, 0.905)
 """Hip height at the first swing knots [m] (the third is a least height), for legs of 0.43 + 0.43 m."""
 SWING_CLEARANCES = (12e-3, 9e-3, 5e-3)
 """Hip above contact height at the last three knots [m]; the last one sets first contact."""
+UNLIFTED = 1.0
+"""Most dorsiflexion in swing [deg] that is counted on: a passive ankle does not lift its toe, many people do."""
+LEAST_CLEARANCE = 4e-3
+"""Of such a foot in swing [m], for legs of 0.43 + 0.43 m; below it the hip is hiked (assumed). The package's own
+reference needs no hiking."""
+CLEARED = (0.68, 0.97)
+"""Phases between which, for a reference that lifts off at :data:`KNOTS_LIFT`, it has to clear the ground."""
 SPEED_HARMONICS = 6
 """Fourier terms kept of the hip's forward speed."""
 
@@ -95,7 +102,8 @@ def plan(reference: Reference, leg: Leg, stride_time: float, speed: float | None
     The reference's angles and the leg fix how far the hip travels per stride. ``stride_time`` [s] then implies
     the speed; a chosen ``speed`` [m/s] scales the stride time instead. ``reference`` is that of the ``slope`` [rad]
     already (:meth:`Reference.on_slope`). A prosthesis does not lift its toe: in swing the hip is raised to where a foot
-    with the ankle as on the level clears the ground as it does there (assumed: people hike the hip).
+    with the ankle as on the level clears the ground as it does there (assumed: people hike the hip), and to where one
+    that is not lifted clears level ground.
     """
     thigh = thigh_angle(reference, GRID)
     shank = thigh + knee_angle(reference, GRID)
@@ -104,6 +112,9 @@ def plan(reference: Reference, leg: Leg, stride_time: float, speed: float | None
     above = leg.shank * np.cos(shank) + leg.thigh * np.cos(thigh)
     contact, swinging = ankle + above, leg.ankle_height(pitch + slope) + above
     level = ankle + leg.shank * np.cos(shank - slope) + leg.thigh * np.cos(thigh - slope)
+
+    lowered = np.minimum(shank - pitch - slope, math.radians(UNLIFTED))  # on the level, as hiking is worked out there
+    hike = _hike(reference, level, level - ankle + leg.ankle_height(shank - slope - lowered), leg.scale)
 
     # Forward speed per cycle [m]: the ankle moves as the foot rolls, the hip as the leg swings over it.
     behind = -leg.thigh * np.sin(thigh) - leg.shank * np.sin(shank)
@@ -115,7 +126,7 @@ def plan(reference: Reference, leg: Leg, stride_time: float, speed: float | None
     return Motion(
         stride_time=stride_time,
         speed=float(per_cycle.mean()) / stride_time,
-        height=_hip_height(reference, contact, swinging, swinging - level, leg.scale),
+        height=_hip_height(reference, contact, swinging, swinging - level, leg.scale, hike),
         velocity=forward,
         travel=forward.antiderivative(),
     )
@@ -142,18 +153,41 @@ def _blend_legs(reference: Reference, rolling: Samples, scale: float) -> Samples
     return np.asarray(np.fft.irfft(spectrum, len(GRID)))
 
 
+def _moved(reference: Reference, knots: Samples) -> Samples:
+    """Phases of a reference that lifts off at :data:`KNOTS_LIFT` -> of ``reference``."""
+    return np.asarray(np.interp(knots, [0.0, KNOTS_LIFT, 1.0], [0.0, reference.stance_end(), 1.0]), dtype=np.float64)
+
+
+def _hike(reference: Reference, level: Samples, unlifted: Samples, scale: float) -> Samples:
+    """What the first three swing knots are raised by [m], so that a foot that is not lifted clears level ground.
+
+    ``level`` and ``unlifted`` are the hip's heights [m] at which the reference's foot and that one touch it.
+    """
+    hike = np.zeros(3)
+    knots = _moved(reference, SWING_KNOTS[:3])
+    low, high = _moved(reference, np.array(CLEARED))
+    nearest = np.abs(np.subtract.outer(GRID, knots)).argmin(axis=1)
+    for _ in range(8):
+        path = _hip_height(reference, level, level, np.zeros(len(GRID)), scale, hike)
+        lacking = np.where((low <= GRID) & (high >= GRID), LEAST_CLEARANCE * scale - (path(GRID) - unlifted), 0.0)
+        if lacking.max() <= 1e-4:
+            break
+        for knot in range(3):
+            hike[knot] += max(0.0, float(lacking[nearest == knot].max()))
+    return hike
+
+
 def _hip_height(
-    reference: Reference, contact: Samples, swinging: Samples, raised: Samples, scale: float
+    reference: Reference, contact: Samples, swinging: Samples, raised: Samples, scale: float, hike: Samples
 ) -> CubicSpline:
     """One periodic spline: contact height through stance, high enough to clear the toe in swing.
 
-    ``contact`` is the height [m] at which the stance foot touches, ``swinging`` that of the swing foot, and ``raised``
-    what a slope adds to the latter.
+    ``contact`` is the height [m] at which the stance foot touches, ``swinging`` that of the swing foot, ``raised``
+    what a slope adds to the latter, and ``hike`` what the first three swing knots are raised by.
     """
-    lift = reference.stance_end()
 
     def moved(knots: Samples) -> Samples:
-        return np.asarray(np.interp(knots, [0.0, KNOTS_LIFT, 1.0], [0.0, lift, 1.0]), dtype=np.float64)
+        return _moved(reference, knots)
 
     def at(phase: Samples, cycle: Samples) -> Samples:
         closed = np.append(cycle, cycle[0])
@@ -164,6 +198,7 @@ def _hip_height(
     touch = at(swing[2:], swinging)
     late = touch + np.array(SWING_CLEARANCES)
     late[0] = max(late[0], least)
+    first, second, late[0] = np.array([first, second, late[0]]) + hike
     phases = np.concatenate([[swing[-1] - 1.0], stance, swing])
     heights = np.concatenate([[late[-1]], at(stance, contact) + STANCE_CLEARANCE, [first, second], late])
     return CubicSpline(phases, heights, bc_type="periodic")

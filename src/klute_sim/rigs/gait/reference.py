@@ -19,6 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Samples
+from klute_sim.rigs.gait import reference_folder
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s2], as in the models; body weights are in its terms."""
@@ -59,6 +60,10 @@ class Reference:
     """Column -> smallest and largest value at the rows of the file."""
     stride_time: float = STRIDE_TIME
     """Stride time [s] the reference was walked at."""
+    mass: float | None = None
+    """Of the walker [kg], where a reference folder states it."""
+    stature: float | None = None
+    """Of the walker [m], likewise."""
 
     def __call__(self, column: str, phase: Samples, order: int = 0) -> Samples:
         """``column``, or its ``order``-th derivative by phase, at ``phase`` (0-1, periodic)."""
@@ -120,11 +125,16 @@ def default() -> Reference:
     return parse(file.read_text("utf-8"), "normative_gait.csv")
 
 
-def load(path: str | Path, stride_time: float = STRIDE_TIME) -> Reference:
-    """The reference in a CSV file of the same columns, walked at ``stride_time`` [s].
+def load(path: str | Path, stride_time: float | None = None) -> Reference:
+    """The reference in a CSV file, or in a folder of ``klute-sim import``, walked at ``stride_time`` [s].
 
-    Raises InputError with what is wrong, and where.
+    Left out, that is what the folder states, or :data:`STRIDE_TIME`. Raises InputError with what is wrong, and where.
     """
+    stated = None
+    if Path(path).is_dir():
+        path, stated = reference_folder.read(Path(path))
+    if stride_time is None:
+        stride_time = STRIDE_TIME if stated is None else stated.stride_time
     if not 0.5 <= stride_time <= 3.0:
         raise InputError(f"stride time is {stride_time:g}; allowed: 0.5 to 3 s")
     try:
@@ -132,7 +142,8 @@ def load(path: str | Path, stride_time: float = STRIDE_TIME) -> Reference:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
         raise InputError(f"reference {path} cannot be read: {reason}") from None
-    return parse(text, str(path), stride_time)
+    found = parse(text, str(path), stride_time)
+    return found if stated is None else replace(found, mass=stated.mass, stature=stated.stature)
 
 
 def parse(text: str, where: str, stride_time: float = STRIDE_TIME) -> Reference:

@@ -1,0 +1,53 @@
+"""``klute-sim export``."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from klute_sim.cli.given_path import GivenPath
+
+KINDS = ("mot", "sto", "trc", "csv", "parquet")
+
+
+@click.command("export")
+@click.argument("run", metavar="RUN", type=GivenPath())
+@click.option(
+    "--format",
+    "kinds",
+    type=click.Choice(KINDS),
+    multiple=True,
+    default=("mot", "sto"),
+    show_default=True,
+    help="May be repeated.",
+)
+@click.option(
+    "--side", type=click.Choice(["right", "left"]), default="right", show_default=True, help="Whose names the leg gets."
+)
+@click.option(
+    "--out",
+    type=GivenPath(),
+    default=None,
+    metavar="FOLDER",
+    help="New or empty folder for the files.  [default: runs/export-NNN]",
+)
+def command(run: Path, kinds: tuple[str, ...], side: Any, out: Path | None) -> None:
+    """Write a run's motion and loads for other programs.
+
+    RUN is a folder of klute-sim gait, or of klute-sim import (its mean stride). mot: joint angles and ground reaction;
+    sto: the ankle's moment; trc: virtual markers; all with OpenSim's names, axes and signs. csv and parquet: every
+    channel, with our own.
+
+    \b
+    Examples:
+      klute-sim export runs/gait-001
+      klute-sim export runs/gait-001 --format trc --format mot --out for-opensim
+    """
+    from klute_sim.cli.console import console
+    from klute_sim.motion import export
+    from klute_sim.recording import run_folder
+
+    recording = export.read(run)
+    with run_folder.new("export", out) as (folder, scratch):
+        files = export.write(recording, side, tuple(dict.fromkeys(kinds)), scratch)
+    console().print(f"Exported: {folder}  ({', '.join(files)})", soft_wrap=True)

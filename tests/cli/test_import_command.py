@@ -1,0 +1,241 @@
+"""``klute-sim import`` and ``export`` as a user types them."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import walker as made
+from command import run
+from klute_sim.formats import storage
+from klute_sim.recording import parquet
+from klute_sim.rigs.gait import reference, reference_folder
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A laboratory's files, and the folder ``me`` that was imported of them."""
+    folder = tmp_path_factory.mktemp("lab")
+    made.opensim(folder, made.Walker())
+    done = run("import", "ik.mot", "grf.mot", "id.sto", "--mass", "70", "--stature", "1.8", "--out", "me", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    (folder / "said.txt").write_text(done.stdout)
+    return folder
+
+
+def test_the_folder_says_whose_it_is_and_what_was_decided(lab: Path) -> None:
+    assert {file.name for file in (lab / "me").iterdir()} == {
+        "import.json",
+        "reference.csv",
+        "reference.toml",
+        "strides_left.parquet",
+        "strides_right.parquet",
+    }
+    stated = tomllib.loads((lab / "me" / "reference.toml").read_text())
+    assert (stated["format"], stated["side"], stated["strides"]) == (reference_folder.FORMAT, "right", 3)
+    assert (stated["mass_kg"], stated["stature_m"]) == (70.0, 1.8)
+    assert stated["stride_time_s"] == pytest.approx(1.1, abs=1e-3)
+    assert stated["speed_m_per_s"] == pytest.approx(1.2, abs=1e-3)
+    assert stated["filters"]["angles"] == "Butterworth, zero lag, order 4, 6 Hz"
+    assert [source["file"] for source in stated["source"]] == ["ik.mot", "grf.mot", "id.sto"]
+    report = json.loads((lab / "me" / "import.json").read_text())
+    assert report["found"][0]["sha256"] == stated["source"][0]["sha256"]
+    knee = next(e for e in report["mapped"] if e["channel"] == "knee_angle" and e["side"] == "right")
+    assert (knee["column"], knee["unit"], knee["sign"]) == ("knee_angle_r", "deg", 1)
+    strides = parquet.read(lab / "me" / "strides_right.parquet")
+    assert len(strides) == 3 * 100
+    assert np.all(np.diff(strides["time"]) > 0.0)
+    assert strides["knee_angle"].max() == pytest.approx(64.4, abs=1.0)
+
+
+def test_the_terminal_says_the_same(lab: Path) -> None:
+    said = (lab / "said.txt").read_text()
+    for part in (
+        "Found",
+        "Mapped",
+        "knee_angle_r",
+        "brakes first",
+        "Derived: ",
+        "3 strides of the right leg",
+        "--reference me",
+    ):
+        assert part in said
+
+
+def test_gait_takes_stride_time_mass_and_stature_from_the_folder(lab: Path) -> None:
+    done = run("gait", "--reference", "me", "--strides", "1", "--step", "1", "--out", "walked", "--json", cwd=lab)
+    assert done.returncode == 0, done.stderr
+    options = parquet.read(lab / "walked" / "recording.parquet").provenance["options"]
+    assert (options["mass_kg"], options["stature_m"]) == (70.0, 1.8)
+    assert options["stride_time_s"] == pytest.approx(1.1, abs=1e-3)
+    assert json.loads(done.stdout)["grf_vertical_tracking_rms_bw"] < 0.1
+
+
+def test_what_is_given_to_gait_goes_before_the_folder(lab: Path) -> None:
+    words = (
+        "--mass",
+        "80",
+        "--stature",
+        "1.7",
+        "--stride-time",
+        "1.2",
+        "--strides",
+        "1",
+        "--step",
+        "1",
+        "--out",
+        "other",
+    )
+    assert run("gait", "--reference", "me", *words, cwd=lab).returncode == 0
+    options = parquet.read(lab / "other" / "recording.parquet").provenance["options"]
+    assert (options["mass_kg"], options["stature_m"], options["stride_time_s"]) == (80.0, 1.7, 1.2)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, "reference.toml cannot be read: No such file or directory; klute-sim import makes such folders"),
+        ("format = 1", "'format' is 1; allowed: 'klute-sim-reference/1'"),
+        ("[", "is not valid TOML"),
+        ('format = "klute-sim-reference/1"\nmass_kg = 70', "key 'stride_time_s' is missing"),
+        ('format = "klute-sim-reference/1"\nmass_kg = 7\nstride_time_s = 1', "'mass_kg' = 7 is refused"),
+        ('format = "klute-sim-reference/1"\nmass_kg = 70\nstride_time_s = true', "'stride_time_s' = True is refused"),
+        ('format = "klute-sim-reference/1"\nmass_kg = 70\nstride_time_s = 1', "reference.csv cannot be read"),
+    ],
+)
+def test_folders_that_are_no_reference(text: str | None, says: str, tmp_path: Path) -> None:
+    (tmp_path / "me").mkdir()
+    if text is not None:
+        (tmp_path / "me" / "reference.toml").write_text(text)
+    done = run("gait", "--reference", "me", cwd=tmp_path)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_what_was_exported_is_read_by_a_reader_that_is_not_ours(lab: Path) -> None:
+    assert run("gait", "--strides", "3", "--step", "1", "--out", "run", cwd=lab).returncode == 0
+    every = [word for kind in ("mot", "sto", "trc", "csv", "parquet") for word in ("--format", kind)]
+    done = run("export", "run", *every, "--out", "out", cwd=lab)
+    assert done.returncode == 0, done.stderr
+    recording = parquet.read(lab / "run" / "recording.parquet")
+
+    def column(file: str, label: str) -> np.ndarray:
+        lines = (lab / "out" / file).read_text().splitlines()
+        end = lines.index("endheader")
+        place = lines[end + 1].split("\t").index(label)
+        return np.array([float(line.split("\t")[place]) for line in lines[end + 2 :]])
+
+    assert "inDegrees=yes" in (lab / "out" / "angles.mot").read_text().splitlines()[:6]
+    assert np.array_equal(column("angles.mot", "time"), recording["time"])
+    assert np.array_equal(column("angles.mot", "ankle_angle_r"), recording["ankle_angle"])
+    assert np.array_equal(column("angles.mot", "knee_angle_r"), recording["knee_angle"])
+    assert np.array_equal(column("angles.mot", "hip_flexion_r"), -recording["thigh_angle"])
+    assert np.array_equal(column("moments.sto", "ankle_angle_r_moment"), -recording["ankle_moment"])
+    for label, channel in (("vx", "grf_forward"), ("vy", "grf_vertical")):
+        assert np.array_equal(column("ground_reaction.mot", f"ground_force_{label}"), recording[channel])
+    loaded = recording["grf_vertical"] > 20.0
+    assert np.array_equal(column("ground_reaction.mot", "ground_force_px")[loaded], recording["cop_x"][loaded])
+    table = pq.read_table(lab / "out" / "recording.parquet")
+    assert np.array_equal(table.column("ankle_moment [N*m]").to_numpy(), recording["ankle_moment"])
+    text = np.genfromtxt(lab / "out" / "recording.csv", delimiter=",", names=None, skip_header=1)
+    assert np.array_equal(text[:, 0], recording["time"])
+
+
+def test_an_exported_run_comes_back_by_angles_by_markers_and_by_its_own_recording(lab: Path) -> None:
+    if not (lab / "out").exists():
+        test_what_was_exported_is_read_by_a_reader_that_is_not_ours(lab)
+    recording = parquet.read(lab / "run" / "recording.parquet")
+    second = recording.select(recording["stride"] == 2)
+    for number, files in enumerate(
+        (
+            ("out/angles.mot", "out/ground_reaction.mot", "out/moments.sto"),
+            ("out/markers.trc", "out/ground_reaction.mot"),
+            ("run/recording.parquet",),
+        )
+    ):
+        words = (
+            "--mass",
+            "75",
+            "--ankle-zero",
+            "file",
+            "--out",
+            f"back-{number}",
+            "--cutoff",
+            "0",
+            "--load-cutoff",
+            "0",
+        )
+        done = run("import", *files, *words, cwd=lab)
+        assert done.returncode == 0, done.stderr
+        back = reference.load(lab / f"back-{number}")
+        # its heel strike is the prosthesis' first contact, a little after the reference's
+        late = second["gait_phase"][np.argmax(second["grf_vertical"] > 20.0)] / 100.0
+        phase = second["gait_phase"] / 100.0 - late
+        middle = (phase > 0.1) & (phase < 0.9)
+        for column, channel, near in (
+            ("ankle_dorsiflexion_deg", "ankle_angle", 0.6),
+            ("knee_flexion_deg", "knee_angle", 0.6),
+            ("shank_forward_deg", "shank_angle", 0.6),
+        ):
+            off = back(column, phase[middle]) - second[channel][middle]
+            assert np.sqrt(np.mean(off**2)) < near, (files, column)
+        moment = 75.0 * back("ankle_plantarflexor_moment_nm_per_kg", phase[middle]) - second["ankle_moment"][middle]
+        assert np.sqrt(np.mean(moment**2)) < 6.0, files
+
+
+def test_the_mean_stride_of_an_import_is_exported(lab: Path) -> None:
+    assert run("export", "me", "--side", "left", "--out", "stride", cwd=lab).returncode == 0
+    angles = storage.read(lab / "stride" / "angles.mot")
+    assert angles.time[-1] == pytest.approx(1.1, abs=1e-3)
+    human = reference.load(lab / "me")
+    assert angles.columns["knee_angle_l"] == pytest.approx(human("knee_flexion_deg", np.linspace(0, 1, 101)))
+    forces = storage.read(lab / "stride" / "ground_reaction.mot")
+    assert forces.columns["ground_force_vy"].max() == pytest.approx(70 * 11.1, rel=0.03)
+    done = run("export", "me", "--format", "trc", "--out", "points", cwd=lab)
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "only runs of klute-sim gait have positions" in done.stderr
+    assert not (lab / "points").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("none.c3d",), "none.c3d cannot be read: No such file or directory"),
+        (("ik.xlsx",), "a file that ends with '.xlsx' is not known"),
+        (("ik.mot",), "no ground reaction of the right foot"),
+        (("ik.mot", "grf.mot", "id.sto", "--mass", "7"), "mass is 7; allowed: 20 to 250 kg"),
+        (("ik.mot", "grf.mot", "id.sto", "--cutoff", "60"), "cut-off is 60 Hz; allowed at 100 Hz"),
+        (("ik.mot", "grf.mot", "id.sto", "--map", "none.toml"), "none.toml cannot be read"),
+        ((), "Missing argument 'FILES...'"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence_and_leaves_no_folder(lab: Path, words: tuple[str, ...], says: str) -> None:
+    done = run("import", *words, "--out", "nothing", cwd=lab)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (lab / "nothing").exists()
+
+
+def test_a_full_folder_and_a_folder_of_nothing_are_refused(lab: Path, tmp_path: Path) -> None:
+    before = sorted((lab / "me").iterdir())
+    done = run("import", "ik.mot", "grf.mot", "id.sto", "--out", "me", cwd=lab)
+    assert done.returncode == 2
+    assert "is not empty" in done.stderr
+    assert sorted((lab / "me").iterdir()) == before
+    done = run("export", str(tmp_path), cwd=tmp_path)
+    assert done.returncode == 2
+    assert "name a folder of klute-sim gait or import" in done.stderr
+
+
+def test_json_is_one_object(lab: Path) -> None:
+    done = run("import", "ik.mot", "grf.mot", "id.sto", "--json", "--out", "again", cwd=lab)
+    found = json.loads(done.stdout)
+    assert found["run"] == "again"
+    assert found["mass_kg"] == pytest.approx(69.5, abs=0.3)
+    assert any("--mass was not given" in sentence for sentence in found["derived"])
+    assert found["peaks"]["ankle_moment_nm_per_kg"] == pytest.approx(1.43, abs=0.05)
