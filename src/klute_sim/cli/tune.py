@@ -132,13 +132,19 @@ def _tune(question: "Question", budget: int, jobs: int, out: Path | None) -> dic
     from klute_sim.cli.console import progress_bar
     from klute_sim.sweep.local import Processes
     from klute_sim.tuning import folder
-    from klute_sim.tuning.search import cma, search
+    from klute_sim.tuning.search import AGAIN, MOST_AGAIN, again, cma, search
 
     cma()  # before a folder is made for what cannot be done
     store = folder.opened(out, question)
+    expected = budget + min(AGAIN * budget, MOST_AGAIN)
     with progress_bar("tuning") as progress, Processes(jobs) as processes:
-        tried = search(question, budget, store, processes.run, lambda done: progress(min(1.0, done / budget)))
-    return folder.finished(store, question, tried)
+
+        def told(done: int) -> None:
+            progress(min(1.0, done / expected))
+
+        tried = search(question, budget, store, processes.run, told)
+        finely = again(question, tried, store, processes.run, told)
+    return folder.finished(store, question, tried, finely)
 
 
 def _report(result: dict[str, Any], *, as_json: bool) -> None:

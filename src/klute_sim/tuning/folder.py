@@ -17,9 +17,9 @@ from klute_sim.sweep.software import software
 from klute_sim.sweep.store import Store, open_folder, write
 from klute_sim.tuning.knobs import Point
 from klute_sim.tuning.objective import CLEARANCE, FOLLOWED, FREE, LOW, REST, UNFOLLOWED
-from klute_sim.tuning.search import SPREAD, STEP, STRIDES, Question, Tried, best, front
+from klute_sim.tuning.search import FINE_STEP, SPREAD, STEP, STRIDES, Question, Tried, best, front
 
-FINE_STRIDES, FINE_STEP = 5, 5e-4
+SHOWN_STRIDES = 5
 """Of the walks before and after that are shown."""
 
 
@@ -44,14 +44,14 @@ def described(question: Question) -> dict[str, Any]:
         "weights": asdict(question.weights),
         "goals": asdict(question.goals),
         "seed": question.seed,
-        "search": {"spread": SPREAD, "strides": STRIDES, "step_s": STEP, **penalties},
+        "search": {"spread": SPREAD, "strides": STRIDES, "step_s": STEP, "fine_step_s": FINE_STEP, **penalties},
         "software": {**software(), "cma": version("cma")},
     }
 
 
-def finished(store: Store, question: Question, tried: list[Tried]) -> dict[str, Any]:
-    """Write what came of it into the folder; the summary."""
-    start, found = tried[0], best(tried)
+def finished(store: Store, question: Question, tried: list[Tried], again: list[Tried]) -> dict[str, Any]:
+    """Write what came of it into the folder; the summary. The result is the best of what was walked ``again``."""
+    start, found = again[0], best(again)
     walks = _walk(question, start.places), _walk(question, found.places)
     device, profile = question.tunable.made(found.places)
     files = ["tuned.csv", "tuning.json", "tuning.png"]
@@ -84,7 +84,7 @@ def finished(store: Store, question: Question, tried: list[Tried]) -> dict[str, 
 
 
 def _walk(question: Question, places: Point) -> Recording:
-    combination = question.combination(places, FINE_STRIDES, FINE_STEP)
+    combination = question.combination(places, SHOWN_STRIDES, FINE_STEP)
     return walk(combination.device, combination.controller, combination.options())
 
 

@@ -23,7 +23,11 @@ from klute_sim.tuning.objective import FALL, Goals, Tracked, Weights, cost, trac
 SPREAD = 0.75
 """First standard deviation of the search, in the knobs' own spreads."""
 STRIDES, STEP = 2, 1e-3
-"""Of a walk that is tried; the second stride counts. The result is walked again, longer and finer."""
+"""Of a walk that is tried; the second stride counts."""
+FINE_STEP = 5e-4
+"""Of those that are walked again: long steps flatter what was chosen because of them."""
+AGAIN, MOST_AGAIN = 0.1, 200
+"""Share of what was tried, the best of it, that is walked again, and how many at most."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,6 +134,21 @@ def search(
     return tried
 
 
+def again(
+    question: Question,
+    tried: Sequence[Tried],
+    store: Store,
+    runner: Runner,
+    progress: Callable[[int], None] = lambda done: None,
+) -> list[Tried]:
+    """The start and some of the best of ``tried``, evenly by rank, walked at :data:`FINE_STEP`; the start first."""
+    ranked = sorted((each for each in tried[1:] if each.tracked is not None), key=lambda each: each.cost)
+    count = math.ceil(AGAIN * len(tried))
+    ranks = np.unique(np.linspace(0, count - 1, min(count, MOST_AGAIN)).astype(int))
+    chosen = [tried[0].places, *(ranked[k].places for k in ranks if k < len(ranked))]
+    return list(_walked(question, chosen, store, runner, progress, len(tried), FINE_STEP))
+
+
 def best(tried: Sequence[Tried]) -> Tried:
     """The cheapest of those that walked; where tuning begins, one does."""
     return min((each for each in tried if each.tracked is not None), key=lambda each: each.cost)
@@ -169,12 +188,13 @@ def _walked(
     runner: Runner,
     progress: Callable[[int], None],
     before: int,
+    step: float = STEP,
 ) -> Iterator[Tried]:
     """``asked`` walked, by now or before."""
     combinations: list[Combination | None] = []
     for places in asked:
         try:
-            combinations.append(question.combination(places))
+            combinations.append(question.combination(places, step=step))
         except InputError:  # a tendon that is too long for the shank, say: it cannot be walked, and is worth as much
             combinations.append(None)
     known = {c.key: found for c in combinations if c is not None and (found := store.get(c.key)) is not None}
