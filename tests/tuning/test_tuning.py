@@ -17,7 +17,7 @@ from klute_sim.sweep.walk import HEADINGS, Walked
 from klute_sim.tuning.folder import described
 from klute_sim.tuning.knobs import DEVICE, Tunable
 from klute_sim.tuning.objective import CATCH, FALL, HUMAN, Goals, Tracked, Weights, cost, named, tracking
-from klute_sim.tuning.search import Question, best, front, search
+from klute_sim.tuning.search import FINE_STEP, Question, again, best, front, search
 
 pytest.importorskip("cma")
 PAIR = load("klute-1-1-4-pair")
@@ -243,6 +243,36 @@ def test_the_search_finds_what_is_there(tmp_path: Path) -> None:
     dear = question(air=1.0)
     other = search(dear, 300, open_folder(tmp_path / "d", described(dear), "tune"), Bowl().run)
     assert best(other).tracked.air_g < best(tried).tracked.air_g - 0.5  # type: ignore[union-attr]
+
+
+class Flattering(Bowl):
+    """Long steps flatter what has a low first pressure."""
+
+    def run(self, combinations: Iterable[Combination], finished: Finished) -> None:
+        def judged(combination: Combination, walked: Walked) -> None:
+            first = combination.controller.describe()["pressure_bar"][0]
+            far = walked.outcomes["moment_distance [sd]"]
+            wrong = 0.0 if combination.step == FINE_STEP or first > 1.0 else 0.5
+            finished(combination, Walked({**walked.outcomes, "moment_distance [sd]": abs(far - wrong)}))
+
+        super().run(combinations, judged)
+
+
+def test_the_result_is_the_best_in_fine_steps(tmp_path: Path) -> None:
+    asked, runner = question(), Flattering()
+    store = open_folder(tmp_path / "s", described(asked), "tune")
+    tried = search(asked, 200, store, runner.run)
+    count = runner.asked
+    finely = again(asked, tried, store, runner.run)
+    assert runner.asked == count + len(finely)
+    assert np.array_equal(finely[0].places, tried[0].places)
+    assert len(finely) == 1 + math.ceil(0.1 * len(tried))
+    limit = sorted(each.cost for each in tried)[len(finely)]
+    known = {each.places.tobytes(): each.cost for each in tried}
+    assert all(known[each.places.tobytes()] <= limit for each in finely[1:])
+    assert best(finely).cost > best(tried).cost  # which was flattered
+    again(asked, tried, store, runner.run)
+    assert runner.asked == count + len(finely)  # nothing is walked twice
 
 
 def test_an_interrupted_search_goes_on_and_ends_where_it_would_have(tmp_path: Path) -> None:
