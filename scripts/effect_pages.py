@@ -40,7 +40,8 @@ PICTURED = 10.0
 """Effects that are drawn while all signatures are computed once."""
 OF_THE_LAWS = (
     *("laws/*.py", "effects/*.py", "device/step.py", "device/rollout.py", "diagnose/confusable.py"),
-    *("diagnose/experiment.py", "diagnose/hypothesis.py", "diagnose/protocols.py", "diagnose/signature.py"),
+    *("diagnose/experiment.py", "diagnose/on_bench.py", "diagnose/hypothesis.py", "diagnose/protocols.py"),
+    "diagnose/signature.py",
 )
 """Files whose code decides what is simulated."""
 

@@ -15,9 +15,10 @@ from scipy.sparse.csgraph import connected_components
 
 from klute_sim.dataset.trial import Series
 from klute_sim.device.files import Device, refuse_openings
-from klute_sim.diagnose.experiment import UNITS, Array, Bench, Experiment, Setting
+from klute_sim.diagnose.experiment import UNITS, Array, Bench
 from klute_sim.diagnose.fit import DIFFERENCE
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.diagnose.on_bench import OnBench
 from klute_sim.diagnose.propose import CHANGES, MUSCLE_LENGTH, Change
 from klute_sim.diagnose.protocols import PROTOCOLS
 from klute_sim.diagnose.screen import SHARE
@@ -105,7 +106,7 @@ def confusions(device: Device, bench: Bench, told: Callable[[float], None] = lam
     told(0.05)
     shown = bench.simulate([*rows, *tried], every)
     told(0.7)
-    true = bench.simulate([[Setting(one.parameters) for one in row] for row in [*rows, *tried]], every)
+    true = bench.simulate([[one._replace(readings=()) for one in row] for row in [*rows, *tried]], every)
     told(0.95)
     return [_confusion(change, terms, len(base), shown, true) for change in CHANGES]
 
@@ -124,7 +125,7 @@ def bare(device: Device, effect: Effect) -> Device:
     return replace(device, spec=device.spec.model_copy(update={"muscle": muscle}))
 
 
-def experiments(device: Device) -> list[Experiment]:
+def experiments(device: Device) -> list[OnBench]:
     """The standard protocols for ``device``, with every channel sampled; InputError where none can be run."""
     refuse_openings(device, "a protocol")
     found = []
@@ -135,9 +136,9 @@ def experiments(device: Device) -> list[Experiment]:
             continue
         grid = np.arange(STEP, time[-1], STEP)
         samples = np.arange(SAMPLE, time[-1], SAMPLE)
-        inputs = np.interp(grid, time, length), np.interp(grid, time, command)
         measured = {channel: Series(samples, samples) for channel in NOISE}
-        found.append(Experiment(name, name, "fit", device, 0.0, STEP, *inputs, measured))
+        pulled, commanded = np.interp(grid, time, length), np.interp(grid, time, command)
+        found.append(OnBench(name, name, "fit", device, 0.0, STEP, commanded, measured, unit_length=pulled))
     if not found:
         raise InputError(f"no protocol can be run on device '{device.name}'")
     return found

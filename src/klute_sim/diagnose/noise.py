@@ -103,7 +103,7 @@ def stacks(experiments: Sequence[Experiment], residuals: Residuals, channel: str
         having = [k for k in members if channel in experiments[k].measured and len(residuals[k][channel])]
         if len(having) < least:
             continue
-        clocks = [experiments[k].measured[channel].time - experiments[k].begin for k in having]
+        clocks = [experiments[k].clock(experiments[k].measured[channel].time - experiments[k].begin) for k in having]
         first = clocks[0]
         common = first[(first >= max(c[0] for c in clocks)) & (first <= min(c[-1] for c in clocks))]
         if len(common) > 10:

@@ -1,5 +1,6 @@
 """The gait rig's model, scaled to a subject and cut to a device."""
 
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -20,6 +21,9 @@ MODEL_STATURE = 1.75
 ANKLE = "prosthesis_"
 """Prefix of everything that comes from ankle.xml."""
 
+Edit = Callable[[mujoco.MjSpec], None]
+"""Changes a model before it is compiled."""
+
 
 def build(
     device: Device,
@@ -29,11 +33,12 @@ def build(
     step: float,
     slope: float = 0.0,
     foot: SpringFoot | None = None,
+    edit: Edit | None = None,
 ) -> mujoco.MjModel:
     """Model of a subject of ``mass`` [kg] and ``stature`` [m] wearing ``device``; ``step`` [s].
 
     Ground that rises by ``slope`` [rad] stays level in the model, and gravity leans instead.
-    A ``foot`` takes the place of the device and of the prosthesis' return spring.
+    A ``foot`` takes the place of the device and of the prosthesis' return spring. An ``edit`` has the last word.
     Limb lengths and the foot scale with stature, limb masses with body mass; the carriage carries the rest.
     The device and the prosthesis' mass stay what they are. The Achilles origin is moved up or down the pylon
     so that the muscle has its mounting length at a neutral ankle.
@@ -49,6 +54,8 @@ def build(
     if foot is not None:
         foot.into(spec.joint(ANKLE + "ankle"))
         parameters = without_pull(parameters)
+    if edit is not None:
+        edit(spec)
     return models.equip(spec, {ANKLE + "muscle_tendon": parameters})
 
 

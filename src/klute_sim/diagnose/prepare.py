@@ -1,0 +1,28 @@
+"""The trials of a dataset made ready for simulation on its rig."""
+
+from collections.abc import Callable, Mapping
+
+from klute_sim.dataset.channels import Rig
+from klute_sim.dataset.dataset import Dataset
+from klute_sim.dataset.split import Split
+from klute_sim.dataset.trial import Trial, Use
+from klute_sim.device.files import refuse_openings
+from klute_sim.diagnose.experiment import Experiment
+from klute_sim.diagnose.on_bench import on_bench
+from klute_sim.diagnose.on_gait import on_gait
+
+ON: Mapping[Rig, Callable[[Trial, Use], Experiment]] = {"bench": on_bench, "gait": on_gait}
+
+
+def prepare(dataset: Dataset, split: Split) -> list[Experiment]:
+    """The trials of ``dataset``, in its order.
+
+    Raises InputError for devices that are commanded by openings, or trials that its rig cannot simulate.
+    """
+    for trial in dataset.trials:
+        refuse_openings(trial.device, f"trial '{trial.name}'")
+    uses: dict[str, Use] = dict.fromkeys(split.fit, "fit")
+    uses |= dict.fromkeys(split.select, "select")
+    uses |= dict.fromkeys(split.show, "show")
+    found = [ON[dataset.rig](trial, uses[trial.name]) for trial in dataset.trials]
+    return [e.beside([other for other in found if other.group == e.group]) for e in found]
