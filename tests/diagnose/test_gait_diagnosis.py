@@ -13,12 +13,14 @@ import gait_made
 from klute_sim.dataset import dataset as datasets
 from klute_sim.dataset.trial import Series
 from klute_sim.diagnose import noise as noises
+from klute_sim.diagnose.device_file import augmented
 from klute_sim.diagnose.diagnosis import Diagnosis, Options, diagnose
 from klute_sim.diagnose.experiment import Bench, Setting, moved, shown
 from klute_sim.diagnose.locate import _cuts, _region
 from klute_sim.diagnose.on_gait import AFTER, BEFORE, OnGait
 from klute_sim.diagnose.prepare import prepare
 from klute_sim.errors import InputError
+from klute_sim.rigs.replay.foot import foot_of
 
 
 @pytest.fixture(autouse=True)
@@ -173,3 +175,19 @@ def test_an_encoder_that_is_zeroed_wrongly_is_the_encoder(tmp_path: Path) -> Non
     assert named(found) == ["sensor_offset of ankle_angle"]
     assert found.final is not None
     assert found.final.values[-1] == pytest.approx(1.0, rel=0.03)
+
+
+def test_a_hidden_friction_of_the_ankle_is_named_and_walks_again(tmp_path: Path) -> None:
+    """Friction in the MJCF, as MuJoCo has it; found in the replay's equation, and put back into a device file."""
+    effects = '\n[effects.ankle_friction]\nform = "coulomb"\nmoment_n_m = 2.0\n'
+    data = datasets.read(gait_made.dataset(tmp_path / "data", effects=effects, groups=("fit_1", "select_1")))
+    found = diagnose(data, Options(only=("ankle_friction", "return_spring_error", "seal_friction")))
+    assert found.verdict == "named"
+    assert named(found) == ["ankle_friction (coulomb)"]
+    assert found.final is not None
+    assert found.final.values[-1] == pytest.approx(2.0, rel=0.05)
+    device = augmented(found.final, "data")
+    assert foot_of(device).friction == pytest.approx(found.final.values[-1], rel=1e-12)
+    for gap in found.gap.values():
+        assert gap.floor is not None
+        assert gap.after < 1.1 * gap.floor

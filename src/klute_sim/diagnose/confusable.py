@@ -114,8 +114,10 @@ def confusions(device: Device, bench: Bench, told: Callable[[float], None] = lam
 def bare(device: Device, effect: Effect) -> Device:
     """``device`` without what the base model has of ``effect``: on it the effect has its whole size.
 
-    Raises InputError where a section of the device says what the effect would say.
+    Raises InputError where a section of the device says what the effect would say, and for an effect of the body.
     """
+    if effect.kind == "body":
+        raise InputError(f"effect '{effect.name}' shows on walks only: the standard protocols are a bench's")
     obstacle = device.spec.obstacle(effect.name)
     if obstacle:
         raise InputError(f"effect '{effect.name}' cannot be tried on device '{device.name}': {obstacle}")
@@ -151,7 +153,7 @@ def _terms(device: Device) -> list[Term]:
             continue
         if effect.kind == "device":
             found += [Term(effect.name, form.name) for form in effect.forms]
-        else:
+        elif effect.kind == "instrument":
             found += [Term(effect.name, effect.forms[0].name, channel) for channel in RECORDED if channel in UNITS]
     return found
 

@@ -57,11 +57,20 @@ class Reading(NamedTuple):
     own: tuple[float, ...]
 
 
+class Edit(NamedTuple):
+    """A form of an effect of the body, with its parameters by key, in their units."""
+
+    effect: str
+    form: str
+    own: tuple[tuple[str, float], ...]
+
+
 class Setting(NamedTuple):
-    """A device and the instruments that look at it: all that a simulation of a trial needs."""
+    """A device, the body it is built into and the instruments that look at it: all that a simulation needs."""
 
     parameters: Parameters
     readings: tuple[Reading, ...] = ()
+    body: tuple[Edit, ...] = ()
 
 
 class Motion(NamedTuple):
@@ -141,6 +150,11 @@ class Experiment(ABC):
     @abstractmethod
     def course(self) -> Course:
         """What is prescribed beside the pressure, for pictures."""
+
+    @property
+    @abstractmethod
+    def embodied(self) -> bool:
+        """Whether effects of the body can show."""
 
     @property
     @abstractmethod

@@ -49,6 +49,11 @@ class OnBench(Experiment):
         return Course("prescribed length [mm]", 1e-3, self.unit_length, SLOW, motions)
 
     @property
+    def embodied(self) -> bool:
+        """See :class:`Experiment`: the device alone is on the bench."""
+        return False
+
+    @property
     def telling(self) -> tuple[str, ...]:
         """See :class:`Experiment`."""
         return "force", "muscle_length"

@@ -8,6 +8,7 @@ import numpy as np
 
 from klute_sim.dataset.trial import Series, Trial, Use
 from klute_sim.diagnose.experiment import COARSE, PRESSURE, Array, Course, Experiment, Motion, Setting, compared
+from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.laws.foot import Foot, arm
 from klute_sim.rigs.replay.foot import foot_of
@@ -60,6 +61,11 @@ class OnGait(Experiment):
         return Course("load about the ankle [N·m]", 1.0, -self.inputs.ground, STEADY, motions)
 
     @property
+    def embodied(self) -> bool:
+        """See :class:`Experiment`."""
+        return True
+
+    @property
     def telling(self) -> tuple[str, ...]:
         """See :class:`Experiment`."""
         return "force", "ankle_angle", "muscle_length"
@@ -71,7 +77,8 @@ class OnGait(Experiment):
 
     def trace(self, setting: Setting) -> Motion:
         """See :class:`Experiment`; at the beginning of each step."""
-        found = replay(setting.parameters, self.foot, self.inputs._replace(command=self.command), self.step)
+        foot = catalogue.edited({(one.effect, one.form): dict(one.own) for one in setting.body}, self.foot)
+        found = replay(setting.parameters, foot, self.inputs._replace(command=self.command), self.step)
         time: Array = self.begin + self.step * np.arange(float(len(self.command)))
         return Motion(time, found.tension, found.pressure, found.length, found.angle, found.moment)
 

@@ -4,7 +4,7 @@ Newton-Euler about the moving ankle axis, with ``q`` the ankle angle (plantarfle
 which lowers the toe), ``t`` the shank's lean (forward positive, about +y as well), ``c`` the foot's centre of mass seen
 from the ankle and ``a`` the ankle's acceleration::
 
-    I (t'' + q'') = T r(q) - k (q - q0) - b q' + M_stop + M_ground + M_weight
+    I (t'' + q'') = T r(q) - k (q - q0) - b q' + k_b max(0, -q - q_b) + M_friction + M_stop + M_ground + M_weight
     M_weight = m (c_x (g + a_z) - c_z a_x)         c turned by t + q
 
 with ``T r`` the device's tension times its arm. The base is prescribed, so its acceleration is an input and nothing
@@ -45,6 +45,10 @@ class Foot(NamedTuple):
     lowest: float
     highest: float
     """Ankle angles at which the end stops begin [rad]."""
+    bumper: float
+    """Stiffness of a bumper [N.m/rad]."""
+    bumper_at: float
+    """Dorsiflexion from which it acts [rad]."""
     stop_time: float
     """Time constant of a stop [s], critically damped."""
     stop_least: float
@@ -128,6 +132,7 @@ def turn(foot: Foot, angle: float, rate: float, tension: float, base: Base, step
     and holds the ankle where that is all of it (backward Euler of Coulomb's law), so it never drives.
     """
     own = tension * arm(foot, angle) - foot.stiffness * (angle - foot.rest) - foot.damping * rate
+    own += foot.bumper * max(0.0, -angle - foot.bumper_at)
     other = base.ground + weight(foot, angle, base) - foot.inertia * base.turning
     own += stop(foot, angle, rate, (own + other) / foot.inertia)
     heavy = foot.inertia + step * foot.damping

@@ -16,7 +16,8 @@ from klute_sim.errors import InputError
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.recording.recording import Samples
 from klute_sim.rigs.gait import motion as paths
-from klute_sim.rigs.gait.build import ANKLE, MODEL_MASS, MODEL_STATURE, Edit, build, leg
+from klute_sim.rigs.gait.body import ANKLE
+from klute_sim.rigs.gait.build import MODEL_MASS, MODEL_STATURE, Edit, build, leg
 from klute_sim.rigs.gait.reference import Reference, default
 from klute_sim.rigs.gait.spring_foot import SpringFoot
 
