@@ -133,6 +133,12 @@ def test_a_trial_without_strides_is_refused(clean: datasets.Dataset) -> None:
         prepare(one, datasets.split(one))
 
 
+def test_uncertain_numbers_of_the_body_are_refused(clean: datasets.Dataset) -> None:
+    uncertain = {"muscle.c10_kpa": 1.0, "effects.ankle_friction.moment_n_m": 0.5}
+    with pytest.raises(InputError, match=r"'effects\.ankle_friction\.moment_n_m' is of the body and is not refitted"):
+        prepare(replace(clean, uncertain=uncertain), datasets.split(clean))
+
+
 def test_noise_is_loudest_where_the_load_is_far_from_the_ankle(clean: datasets.Dataset) -> None:
     """A centre of pressure that is 1 mm off turns the ankle at push-off, and nothing in swing."""
     one = trials(clean)[0]
