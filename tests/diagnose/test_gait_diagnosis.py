@@ -10,8 +10,10 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import gait_made
 
+from klute_sim.control.pressure import tuned
 from klute_sim.dataset import dataset as datasets
 from klute_sim.dataset.trial import Series
+from klute_sim.device.files import load
 from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.device_file import augmented
 from klute_sim.diagnose.diagnosis import Diagnosis, Options, diagnose
@@ -20,6 +22,9 @@ from klute_sim.diagnose.locate import _cuts, _region
 from klute_sim.diagnose.on_gait import AFTER, BEFORE, OnGait
 from klute_sim.diagnose.prepare import prepare
 from klute_sim.errors import InputError
+from klute_sim.recording import parquet
+from klute_sim.rigs.gait.assembly import GaitOptions
+from klute_sim.rigs.gait.rig import walk
 from klute_sim.rigs.replay.foot import foot_of
 
 
@@ -137,6 +142,19 @@ def test_uncertain_numbers_of_the_body_are_refused(clean: datasets.Dataset) -> N
     uncertain = {"muscle.c10_kpa": 1.0, "effects.ankle_friction.moment_n_m": 0.5}
     with pytest.raises(InputError, match=r"'effects\.ankle_friction\.moment_n_m' is of the body and is not refitted"):
         prepare(replace(clean, uncertain=uncertain), datasets.split(clean))
+
+
+def test_a_recording_of_ours_is_a_trial_and_lacks_nothing(tmp_path: Path) -> None:
+    """Without noise or a repeat: nothing can be said for sure, and nothing goes wrong."""
+    walked = walk(load(gait_made.DEVICE), tuned(), GaitOptions(strides=3))
+    parquet.write(walked, tmp_path / "a.parquet")
+    head = f'format = "klute-sim-dataset/1"\nrig = "gait"\ndevice = "{gait_made.DEVICE}"\n'
+    (tmp_path / "dataset.toml").write_text(f'{head}[[trial]]\nfiles = ["a.parquet"]\n', "utf-8")
+    found = diagnose(datasets.read(tmp_path), Options(only=("ankle_friction", "seal_friction")))
+    assert found.verdict == "insufficient-data"
+    assert "pressure" not in found.noise
+    assert found.gap["ankle_angle"].before < np.radians(0.05)
+    assert found.gap["force"].before < 3.0
 
 
 def test_noise_is_loudest_where_the_load_is_far_from_the_ankle(clean: datasets.Dataset) -> None:
