@@ -35,7 +35,7 @@ from klute_sim.plant import models, router
 from klute_sim.provenance import versions
 from klute_sim.rigs import bench
 from klute_sim.rigs.gait.assembly import DRIVES, GaitOptions, assemble, start
-from klute_sim.rigs.gait.build import ANKLE
+from klute_sim.rigs.gait.body import ANKLE
 
 DEVICE = load(DEFAULT_PROSTHESIS)
 VALVE = load("klute-1-1-4-pair-valve")

@@ -40,7 +40,8 @@ PICTURED = 10.0
 """Effects that are drawn while all signatures are computed once."""
 OF_THE_LAWS = (
     *("laws/*.py", "effects/*.py", "device/step.py", "device/rollout.py", "diagnose/confusable.py"),
-    *("diagnose/experiment.py", "diagnose/hypothesis.py", "diagnose/protocols.py", "diagnose/signature.py"),
+    *("diagnose/experiment.py", "diagnose/on_bench.py", "diagnose/hypothesis.py", "diagnose/protocols.py"),
+    "diagnose/signature.py",
 )
 """Files whose code decides what is simulated."""
 
@@ -68,7 +69,7 @@ def _code(node: Any) -> str:
 def simulated(folder: Path, told: Callable[[float], None]) -> dict[str, Any]:
     """All that takes long: the pictures and matrices go into ``folder``, the content of :data:`DATA` comes back."""
     device, bench = load(words.DEVICE), Bench()
-    effects = catalogue.effects().values()
+    effects = [effect for effect in catalogue.effects().values() if effect.kind != "body"]
     replaced = [effect for effect in effects if effect.instead_of]
     parts = 1.0 + len(replaced) + len(effects) / PICTURED
 
@@ -123,6 +124,8 @@ def _page(effect: Effect, data: dict[str, Any]) -> str:
         text += _table(words.PARAMETER_HEAD, [words.cells(row) for row in form["parameters"]])
         if form["device_file"]:
             text += f"\nIn a [device file](../devices.md):\n\n```toml\n{form['device_file']}\n```\n"
+        if effect.kind == "body":
+            continue
         picture = effects_figures.file_name(effect.name, form["name"])
         of = " of the force" if effect.kind == "instrument" else ""
         where = f"protocol `{data['shown_in'].get(picture)}` on device {_device(effect, data)}"
@@ -140,6 +143,8 @@ def _device(effect: Effect, data: dict[str, Any]) -> str:
 def _taken_for(effect: Effect, data: dict[str, Any]) -> str:
     if effect.data_driven:
         return "It is a combination of functions and can look like many effects, so it is compared with none.\n"
+    if effect.kind == "body":
+        return "It shows on walks only: no standard protocol of the bench compares it with others.\n"
     of = "channel" if effect.kind == "instrument" else "form"
     lines: list[tuple[str, ...]] = []
     for row in data["effects"]:

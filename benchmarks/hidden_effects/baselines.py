@@ -20,10 +20,11 @@ from score import label
 
 from klute_sim.dataset.dataset import Dataset, read, split
 from klute_sim.diagnose import noise as noises
-from klute_sim.diagnose.experiment import UNITS, Bench, Experiment, prepare
+from klute_sim.diagnose.experiment import UNITS, Bench, Experiment
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.diagnose.noise import Alike, Noise, Residuals
+from klute_sim.diagnose.prepare import prepare
 from klute_sim.diagnose.screen import screen, terms
 from klute_sim.diagnose.search import Search, shortlist
 from klute_sim.errors import InputError

@@ -28,6 +28,9 @@ KEY_UNITS: dict[str, tuple[str, float]] = {
     "_m_per_s2": ("m/s²", 1.0),
     "_hz": ("Hz", 1.0),
     "_deg": ("deg", math.pi / 180.0),
+    "_n_m": ("N·m", 1.0),
+    "_n_m_s": ("N·m·s/rad", 1.0),
+    "_n_m_per_deg": ("N·m/deg", 180.0 / math.pi),
     "_j": ("J", 1.0),
     "_pct": ("%", 0.01),
 }

@@ -84,6 +84,10 @@ def test_the_snippet_is_a_device_files_section_of_typical_size(name: str) -> Non
         device = read(f"{text}\n{snippet}\n".encode(), "with it")
         assert (f"needs {effect.instead_of} = false" in str(snippet)) == bool(effect.instead_of)
         typical = {parameter.key: parameter.typical for parameter in form.parameters}
+        if effect.kind == "body":
+            assert device.parameters.effects == plain.parameters.effects
+            assert device.spec.numbers().items() >= {f"effects.{name}.{k}": v for k, v in typical.items()}.items()
+            continue
         assert device.parameters.effects == catalogue.values({(name, form.name): typical})
 
 

@@ -11,7 +11,8 @@ import command
 from klute_sim.cli import measure
 from klute_sim.dataset import dataset, table
 from klute_sim.device.files import load, preset_names, read
-from klute_sim.diagnose.experiment import Setting, moved, prepare, shown
+from klute_sim.diagnose.experiment import Setting, moved, shown
+from klute_sim.diagnose.prepare import prepare
 from klute_sim.diagnose.protocols import PROTOCOLS
 from klute_sim.units import BAR
 
@@ -116,7 +117,7 @@ def test_a_rehearsal_is_the_device_and_noise(rehearsal: Path) -> None:
     left: dict[str, list[np.ndarray]] = {"force": [], "pressure": []}
     for experiment in prepare(data, dataset.split(data)):
         setting = Setting(experiment.device.parameters)
-        told = shown(setting, experiment, moved(setting.parameters, experiment))
+        told = shown(setting, experiment, moved(setting, experiment))
         for channel, values in told.items():
             left[channel].append(experiment.measured[channel].value - values)
     for channel, deviation in (("force", 3.0), ("pressure", 0.01 * BAR)):

@@ -18,7 +18,11 @@ from klute_sim.rigs.gait import gauges
 
 N = 20
 TIME = np.arange(N) * 0.01
-GAIT = {"shank_angle [deg]": TIME, "pressure_command [bar]": TIME, "ankle_moment [N*m]": TIME}
+GAIT = {
+    **{"shank_angle [deg]": TIME, "ankle_x [mm]": TIME, "ankle_z [mm]": 100 + 0 * TIME, "cop_x [mm]": TIME},
+    **{"grf_vertical [N]": 800 + 0 * TIME, "grf_forward [N]": TIME},
+    **{"pressure_command [bar]": TIME, "ankle_moment [N*m]": TIME},
+}
 
 
 def columns(**changes: np.ndarray | None) -> dict[str, np.ndarray]:
@@ -122,37 +126,47 @@ def test_unknown_columns_are_remarked(tmp_path: Path) -> None:
     assert remark.endswith("a.csv: ignored columns 'oil_temperature [degC]', 'gas_power [W]'")
 
 
-def test_gait_prescribes_the_load_or_takes_the_reaction_for_it(tmp_path: Path) -> None:
-    base = {"time [s]": TIME, **GAIT, "grf_vertical [N]": 700 + TIME}
-    both = read(tmp_path, base | {"body_load [N]": 800 + TIME}, rig="gait")
-    assert both.prescribed["body_load"].value == pytest.approx(800 + TIME)
-    assert set(both.measured) == {"ankle_moment", "grf_vertical"}
-    assert both.remarks == ()
-    stand_in = read(tmp_path, base, rig="gait")
-    assert stand_in.prescribed["body_load"].value == pytest.approx(700 + TIME)
-    assert set(stand_in.measured) == {"ankle_moment"}
-    assert "'grf_vertical' is taken as the prescribed 'body_load'" in stand_in.remarks[0]
-    assert stand_in.prescribed["shank_angle"].value == pytest.approx(np.radians(TIME))
+def test_gait_prescribes_motion_and_load(tmp_path: Path) -> None:
+    found = read(tmp_path, {"time [s]": TIME, **GAIT}, rig="gait")
+    assert set(found.prescribed) == set(channels.PRESCRIBED["gait"])
+    assert set(found.measured) == {"ankle_moment"}
+    assert found.prescribed["shank_angle"].value == pytest.approx(np.radians(TIME))
+    assert found.prescribed["ankle_z"].value == pytest.approx(0.1)
+    assert found.remarks == ()
 
 
-def test_gait_without_any_load_or_measurement_is_refused(tmp_path: Path) -> None:
-    base = {"time [s]": TIME, **GAIT}
-    says = "'body_load' (or 'grf_vertical') is missing; a gait trial needs shank_angle, body_load, pressure_command"
-    assert says in refused(tmp_path, base, rig="gait")
-    del base["ankle_moment [N*m]"]
-    assert "nothing was measured; a gait trial needs at least one of ankle_angle, ankle_moment, grf_f" in refused(
-        tmp_path, base | {"grf_vertical [N]": TIME}, rig="gait"
+@pytest.mark.parametrize("missing", ["ankle_x [mm]", "grf_vertical [N]", "cop_x [mm]"])
+def test_gait_without_motion_or_load_is_refused(tmp_path: Path, missing: str) -> None:
+    content = {"time [s]": TIME, **GAIT}
+    del content[missing]
+    says = "is missing; a gait trial needs shank_angle, ankle_x, ankle_z, grf_vertical, grf_forward, cop_x, pressure"
+    assert f"'{missing.split()[0]}' {says}" in refused(tmp_path, content, rig="gait")
+
+
+def test_gait_without_measurement_is_refused(tmp_path: Path) -> None:
+    content = {"time [s]": TIME, **GAIT}
+    del content["ankle_moment [N*m]"]
+    says = "nothing was measured; a gait trial needs at least one of ankle_angle, force, pressure, muscle_length, ank"
+    assert says in refused(tmp_path, content, rig="gait")
+
+
+def test_there_is_no_centre_of_pressure_without_a_load(tmp_path: Path) -> None:
+    gap = {"time [s]": TIME, **GAIT, "cop_x [mm]": with_at(2, np.nan)}
+    assert np.isnan(
+        read(tmp_path, gap | {"grf_vertical [N]": with_at(2, 20.0)}, rig="gait").prescribed["cop_x"].value[2]
     )
+    says = "column 'cop_x [mm]', line 4: the cell is empty under a load of 800 N; allowed: up to 20 N"
+    assert says in refused(tmp_path, gap, rig="gait")
     gap = {"time [s]": TIME, **GAIT, "grf_vertical [N]": with_at(2, np.nan)}
-    assert "line 4: the cell is empty; 'body_load' is prescribed" in refused(tmp_path, gap, rig="gait")
+    assert "line 4: the cell is empty; 'grf_vertical' is prescribed" in refused(tmp_path, gap, rig="gait")
 
 
 def test_our_rigs_record_what_trials_need() -> None:
     for rig, headings in (("bench", bench.CHANNELS), ("gait", gauges.CHANNELS)):
         recorded = {heading.split(" ")[0] for heading in headings}
         assert set(channels.MEASURED[rig]) <= recorded
-        # Bench and gait record these two themselves, beside what their gauges read; the reaction stands for the load.
-        assert set(channels.PRESCRIBED[rig]) - recorded <= {"length", "pressure_command", "body_load"}
+        # Bench and gait record these two themselves, beside what their gauges read.
+        assert set(channels.PRESCRIBED[rig]) - recorded <= {"length", "pressure_command"}
     assert "unit_length [m]" in gauges.CHANNELS
 
 

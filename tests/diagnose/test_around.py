@@ -15,10 +15,12 @@ from klute_sim.diagnose import check
 from klute_sim.diagnose.diagnosis import Options, base_fit, diagnose
 from klute_sim.diagnose.equations import equations
 from klute_sim.diagnose.equations import lacking as lacks
-from klute_sim.diagnose.experiment import Bench, Experiment, prepare
+from klute_sim.diagnose.experiment import Bench
 from klute_sim.diagnose.fit import Evidence, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.diagnose.locate import locate
+from klute_sim.diagnose.on_bench import OnBench
+from klute_sim.diagnose.prepare import prepare
 from klute_sim.diagnose.propose import CHANGES, propose
 from klute_sim.diagnose.store import Store
 
@@ -30,12 +32,12 @@ def kept_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("KLUTE_SIM_CACHE", str(tmp_path / "cache"))
 
 
-def experiment(name: str, force: np.ndarray, group: str = "g", moving: bool = True) -> Experiment:
+def experiment(name: str, force: np.ndarray, group: str = "g", moving: bool = True) -> OnBench:
     count = 2000
     wave = np.sin(np.arange(count) / 100) if moving else np.zeros(count)
     time = np.arange(len(force)) * (0.5 / len(force)) + 1e-3
-    inputs = 0.34 + 0.005 * wave, 2.5e5 + 2e5 * wave
-    return Experiment(name, group, "fit", load("klute-3-4-pair"), 0.0, 2.5e-4, *inputs, {"force": Series(time, force)})
+    length, command, measured = 0.34 + 0.005 * wave, 2.5e5 + 2e5 * wave, {"force": Series(time, force)}
+    return OnBench(name, group, "fit", load("klute-3-4-pair"), 0.0, 2.5e-4, command, measured, unit_length=length)
 
 
 def test_what_cannot_answer_is_told_with_the_mend() -> None:

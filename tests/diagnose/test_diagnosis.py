@@ -17,10 +17,10 @@ from klute_sim.dataset import dataset as datasets
 from klute_sim.device.files import load
 from klute_sim.diagnose.device_file import augmented
 from klute_sim.diagnose.diagnosis import Diagnosis, Options, diagnose
-from klute_sim.diagnose.experiment import Bench, prepare
+from klute_sim.diagnose.experiment import Bench
 from klute_sim.diagnose.hypothesis import Hypothesis
+from klute_sim.diagnose.prepare import prepare
 from klute_sim.diagnose.verdict import as_json
-from klute_sim.errors import InputError
 from klute_sim.report import diagnosis_words as words
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "hidden_effects"))
@@ -318,10 +318,3 @@ def test_a_users_effect_is_found(tmp_path: Path) -> None:
     (only_effect,) = json.loads(done.stdout)["effects"]
     assert only_effect["name"] == "warming"
     assert only_effect["parameters"]["gain"]["value"] == pytest.approx(0.04, rel=0.1)
-
-
-def test_a_gait_dataset_is_refused_for_now(tmp_path: Path) -> None:
-    data = datasets.read(made(tmp_path / "data", seconds=0.5))
-    object.__setattr__(data, "rig", "gait")
-    with pytest.raises(InputError, match="rig 'gait' cannot be diagnosed yet"):
-        diagnose(data)

@@ -14,6 +14,7 @@ from klute_sim.device.files import load
 from klute_sim.diagnose.diagnosis import Options, diagnose
 from klute_sim.diagnose.display import Display, displayed
 from klute_sim.diagnose.experiment import Experiment
+from klute_sim.diagnose.on_bench import OnBench
 from klute_sim.diagnose.verdict import as_json
 from klute_sim.report import diagnosis_words as words
 
@@ -28,7 +29,7 @@ TRUE = 200.0 + 150.0 * np.sin(np.arange(3000) / 300.0)
 def repeats(values: list[np.ndarray]) -> list[Experiment]:
     device, time, nothing = load("klute-3-4-pair"), np.arange(len(values[0])) * 0.005, np.zeros(3)
     return [
-        Experiment(f"{k}", "g", "fit", device, 0.0, 0.005, nothing, nothing, {"force": Series(time, v)})
+        OnBench(f"{k}", "g", "fit", device, 0.0, 0.005, nothing, {"force": Series(time, v)}, unit_length=nothing)
         for k, v in enumerate(values)
     ]
 

@@ -18,10 +18,11 @@ from klute_sim.device.files import load, read
 from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.diagnosis import Diagnosis, Options, base_fit, diagnose
 from klute_sim.diagnose.equations import Equation, equations
-from klute_sim.diagnose.experiment import Bench, prepare
+from klute_sim.diagnose.experiment import Bench
 from klute_sim.diagnose.fallback import fallback, formula, supports
 from klute_sim.diagnose.fit import Fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.diagnose.prepare import prepare
 from klute_sim.diagnose.screen import check_names, terms
 from klute_sim.diagnose.search import Search
 from klute_sim.diagnose.store import Store

@@ -9,11 +9,12 @@ from scipy.ndimage import gaussian_filter1d
 
 from klute_sim.dataset.trial import Series
 from klute_sim.device.files import load
-from klute_sim.diagnose.experiment import Bench, Experiment
+from klute_sim.diagnose.experiment import Bench
 from klute_sim.diagnose.fit import Evidence, Fit
 from klute_sim.diagnose.hypothesis import Hypothesis
 from klute_sim.diagnose.interval import BLOCK, Part, degrees, in_place, intervals, shifted
 from klute_sim.diagnose.noise import measure
+from klute_sim.diagnose.on_bench import OnBench
 
 SAMPLES, STEP, TRUE = 800, 0.005, 70.0
 TIME = np.arange(SAMPLES) * STEP
@@ -47,7 +48,17 @@ def covered(noise: Callable[[np.random.Generator, np.ndarray], np.ndarray], draw
     for _ in range(draws):
         rows = [noise(random, where) for _ in range(6)]
         experiments = [
-            Experiment(f"{k}", f"g{k // 2}", "fit", device, 0.0, STEP, nothing, nothing, {"force": Series(TIME, row)})
+            OnBench(
+                f"{k}",
+                f"g{k // 2}",
+                "fit",
+                device,
+                0.0,
+                STEP,
+                nothing,
+                {"force": Series(TIME, row)},
+                unit_length=nothing,
+            )
             for k, row in enumerate(rows)
         ]
         residuals = [{"force": row} for row in rows]

@@ -12,12 +12,14 @@ from klute_sim.dataset.trial import Series
 from klute_sim.device.files import load, read
 from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.diagnosis import base_fit
-from klute_sim.diagnose.experiment import Bench, Experiment, Setting, prepare
+from klute_sim.diagnose.experiment import Bench, Experiment, Setting
 from klute_sim.diagnose.fit import Evidence, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
 from klute_sim.diagnose.interval import intervals
 from klute_sim.diagnose.loudness import heard
 from klute_sim.diagnose.noise import Alike, Noise, correlation, misfit
+from klute_sim.diagnose.on_bench import OnBench
+from klute_sim.diagnose.prepare import prepare
 from klute_sim.diagnose.screen import check_names, screen, terms
 from klute_sim.diagnose.search import Search, shortlist, significant
 from klute_sim.effects import catalogue
@@ -29,7 +31,9 @@ def repeated(values: list[np.ndarray], group: str = "g") -> list[Experiment]:
     device, time = load("klute-3-4-pair"), np.arange(len(values[0])) * 0.005
     nothing = np.zeros(3)
     return [
-        Experiment(f"{group}{k}", group, "fit", device, 0.0, 0.005, nothing, nothing, {"force": Series(time, v)})
+        OnBench(
+            f"{group}{k}", group, "fit", device, 0.0, 0.005, nothing, {"force": Series(time, v)}, unit_length=nothing
+        )
         for k, v in enumerate(values)
     ]
 

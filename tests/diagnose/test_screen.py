@@ -8,8 +8,9 @@ import pytest
 
 from klute_sim.dataset import dataset as datasets
 from klute_sim.diagnose.diagnosis import base_fit
-from klute_sim.diagnose.experiment import Bench, prepare
+from klute_sim.diagnose.experiment import Bench
 from klute_sim.diagnose.loudness import heard
+from klute_sim.diagnose.prepare import prepare
 from klute_sim.diagnose.screen import FAR, FROM_AFAR, screen, terms
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "hidden_effects"))

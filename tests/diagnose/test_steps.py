@@ -8,20 +8,21 @@ import pytest
 from klute_sim.dataset.trial import Series
 from klute_sim.device.files import load
 from klute_sim.device.step import Parameters
-from klute_sim.diagnose.experiment import Bench, Experiment, Setting, moved, trace
+from klute_sim.diagnose.experiment import Bench, Setting, moved
+from klute_sim.diagnose.on_bench import OnBench
 from klute_sim.effects import catalogue
 
 DEVICE = load("klute-3-4-pair")
 SAMPLES = np.arange(5, 400) * 5e-3
 
 
-def experiment(step: float) -> Experiment:
+def experiment(step: float) -> OnBench:
     """Two seconds with ramps of length and steps of pressure, all of them at whole samples of 5 ms."""
     grid = step * np.arange(1, round(2.0 / step) + 1)
     length = np.interp(grid, [0.0, 0.3, 0.8, 1.2, 2.0], [0.335, 0.335, 0.35, 0.332, 0.345])
     command = np.interp(grid, [0.0, 0.4, 0.405, 1.0, 1.005, 1.6, 2.0], [1e5, 1e5, 4e5, 3e5, 1e5, 1e5, 5e5])
     measured = {name: Series(SAMPLES, SAMPLES) for name in ("force", "pressure", "muscle_length")}
-    return Experiment("a", "a", "fit", DEVICE, 0.0, step, length, command, measured)
+    return OnBench("a", "a", "fit", DEVICE, 0.0, step, command, measured, unit_length=length)
 
 
 def device(hidden: dict[tuple[str, str], dict[str, float]] | None = None) -> Parameters:
@@ -39,12 +40,12 @@ def device(hidden: dict[tuple[str, str], dict[str, float]] | None = None) -> Par
     ids=["plain", "braid", "relaxation", "lag"],
 )
 def test_what_longer_steps_change_is_what_is_wrong(hidden: dict) -> None:
-    parameters = device(hidden)
-    exact, one = trace(parameters, experiment(2e-5)), experiment(5e-4)
+    setting = Setting(device(hidden))
+    exact, one = experiment(2e-5).trace(setting), experiment(5e-4)
     there = np.interp(SAMPLES, exact.time, exact.tension)
     off = [
         np.sqrt(np.mean((np.interp(SAMPLES, found.time, found.tension) - there) ** 2))
-        for found in (trace(parameters, one), moved(parameters, one))
+        for found in (one.trace(setting), moved(setting, one))
     ]
     assert off[1] < 0.2 * off[0]
     assert off[1] < 0.1  # N, of a load cell's 3
@@ -54,8 +55,8 @@ def test_what_longer_steps_change_is_what_is_wrong(hidden: dict) -> None:
 def test_a_delayed_pressure_is_the_pressure_later(delay: float) -> None:
     """A limited rate starts when the command does, not at the first step after it."""
     one = experiment(5e-4)
-    plain = trace(device(), one)
-    late = trace(device({("pressure_delay", "dead_time"): {"delay_s": delay}}), one)
+    plain = one.trace(Setting(device()))
+    late = one.trace(Setting(device({("pressure_delay", "dead_time"): {"delay_s": delay}})))
     inside = late.time > delay + 2.0 * one.step
     shifted = np.interp(late.time[inside] - delay, plain.time, plain.pressure)
     assert np.abs(late.pressure[inside] - shifted).max() < 1.0  # Pa
@@ -70,7 +71,7 @@ def test_a_bench_looks_at_a_device_once_however_many_instruments_do() -> None:
         assert np.array_equal(twice[0][0]["force"], twice[1][0]["force"])
         fine = bench.simulate([[setting]], [one])[0][0]
         assert bench.rollouts == 2  # the longer steps are known
-        again = moved(setting.parameters, one)
+        again = moved(setting, one)
         assert np.array_equal(fine["force"], np.interp(SAMPLES, again.time, again.tension))
         other = replace(one, unit_length=one.unit_length + 1e-3)
         assert not np.array_equal(bench.simulate([[setting]], [other])[0][0]["force"], fine["force"])

@@ -20,11 +20,12 @@ from klute_sim.dataset.dataset import read, split
 from klute_sim.dataset.trial import Series
 from klute_sim.device.files import load
 from klute_sim.device.step import Parameters, settled
-from klute_sim.diagnose import experiment
-from klute_sim.diagnose.experiment import Bench, Experiment, prepare
+from klute_sim.diagnose import on_bench
+from klute_sim.diagnose.experiment import Bench, Experiment
 from klute_sim.diagnose.fit import Evidence, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, with_numbers
 from klute_sim.diagnose.noise import Alike, Noise
+from klute_sim.diagnose.prepare import prepare
 from klute_sim.plant import models, router
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.units import BAR
@@ -109,7 +110,7 @@ def refitted_by_sysid(trial: Experiment, optimizer: str) -> dict[str, float]:
 def test_it_finds_the_same_numbers_on_mujocos_bench(
     tmp_path: Path, optimizer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(experiment, "COARSE", 1)  # MuJoCo's steps have the error of their length, so ours may, too
+    monkeypatch.setattr(on_bench, "COARSE", 1)  # MuJoCo's steps have the error of their length, so ours may, too
     dataset = read(made.dataset(tmp_path, base=device_with(TRUTH), groups=("fit_1",), repeats=1))
     (trial,) = prepare(dataset, split(dataset))
     # The last sample is at the end of the rollout, which rounding may put before or after it: nobody gets it.

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from klute_sim.dataset.dataset import read, split
-from klute_sim.diagnose.experiment import prepare
+from klute_sim.diagnose.prepare import prepare
 from klute_sim.effects import catalogue as public
 
 HOME = Path(__file__).parents[2] / "benchmarks" / "hidden_effects"

@@ -397,10 +397,10 @@ def test_where_tells_the_misfit_in_units_of_noise(found: Diagnosis) -> None:
     rows = zip(fitted, found.base.residuals, strict=True)
     residual = np.concatenate([r["force"] / e.loud["force"] for e, r in rows]) / found.noise["force"].deviation
     assert own.before == pytest.approx(residual)
-    assert own.length.min() == pytest.approx(0.327, abs=2e-4)
+    assert own.course.min() == pytest.approx(0.327, abs=2e-4)
     assert own.pressure.max() == pytest.approx(4.0 * BAR)
     motion = next(axis for axis in axes_of(figure) if axis.get_xlabel() == "motion of the rig")
-    slow = np.sqrt(np.mean(own.before[own.speed < -pictures.SLOW] ** 2))
+    slow = np.sqrt(np.mean(own.before[own.rate < -fitted[0].course.slow] ** 2))
     assert motion.patches[0].get_height() == pytest.approx(slow)
     title = figure.subfigs[0].get_suptitle()
     assert title.startswith(words.spoken(found.where[0].channel))

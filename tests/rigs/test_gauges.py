@@ -10,7 +10,8 @@ from klute_sim.plant import router
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.rigs.gait import reference
 from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.build import ANKLE, build
+from klute_sim.rigs.gait.body import ANKLE
+from klute_sim.rigs.gait.build import build
 from klute_sim.rigs.gait.gauges import CHANNELS, Gauges
 from klute_sim.rigs.gait.rig import walk
 

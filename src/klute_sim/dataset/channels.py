@@ -7,13 +7,20 @@ Rig = Literal["bench", "gait"]
 RIGS: tuple[Rig, ...] = get_args(Rig)
 
 TIME = "time"
-LOAD = "body_load"
 VERTICAL = "grf_vertical"
 
 PRESCRIBED = MappingProxyType(
     {
         "bench": {"length": "m", "pressure_command": "Pa"},
-        "gait": {"shank_angle": "rad", LOAD: "N", "pressure_command": "Pa"},
+        "gait": {
+            "shank_angle": "rad",
+            "ankle_x": "m",
+            "ankle_z": "m",
+            VERTICAL: "N",
+            "grf_forward": "N",
+            "cop_x": "m",
+            "pressure_command": "Pa",
+        },
     }
 )
 """Rig -> channel -> SI unit of what the rig imposes; all of them are needed, without gaps."""
@@ -23,11 +30,10 @@ MEASURED = MappingProxyType(
         "bench": {"force": "N", "pressure": "Pa", "muscle_length": "m"},
         "gait": {
             "ankle_angle": "rad",
-            "ankle_moment": "N*m",
-            VERTICAL: "N",
-            "grf_forward": "N",
-            "pressure": "Pa",
             "force": "N",
+            "pressure": "Pa",
+            "muscle_length": "m",
+            "ankle_moment": "N*m",
         },
     }
 )
@@ -36,10 +42,11 @@ MEASURED = MappingProxyType(
 ALIASES = MappingProxyType({"bench": {"unit_length": "length"}, "gait": {}})
 """Rig -> name in a recording of ours -> channel, where the two mean the same."""
 
-# The gait rig tracks the load, it does not predict it. So a trial without `body_load` prescribes its vertical
-# reaction (our own gait recordings are such trials), which then is no measurement to be explained.
-STANDS_IN = MappingProxyType({"bench": {}, "gait": {LOAD: VERTICAL}})
-"""Rig -> prescribed channel -> measured channel that is taken for it where it is missing."""
+LOADED = 20.0
+"""Vertical load [N] above which a foot is on the ground (assumed, as is usual for force plates)."""
+
+UNKNOWN_UNLOADED = "cop_x"
+"""The one prescribed channel that may have gaps: there is no centre of pressure where nothing presses."""
 
 
 def known(rig: Rig) -> dict[str, str]:

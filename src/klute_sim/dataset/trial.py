@@ -86,7 +86,7 @@ def read(files: Sequence[Path], rig: Rig) -> Channels:
         if file.ignored:
             remarks.append(f"trial file {file.where}: ignored columns {', '.join(map(repr, file.ignored))}")
         digests.append(file.digest)
-    prescribed, measured = _roles(rig, found, [str(path) for path in files], remarks)
+    prescribed, measured = _roles(rig, found, [str(path) for path in files])
     _check_overlap(found)
     return Channels(prescribed, measured, tuple(digests), tuple(remarks))
 
@@ -145,26 +145,32 @@ def _twice(channel: str, first: _Column, second: _Column) -> str:
     return f"trial files {first.file.where} and {second.file.where} both hold '{channel}'; leave it out of one of them"
 
 
-def _roles(
-    rig: Rig, found: dict[str, _Column], files: Sequence[str], remarks: list[str]
-) -> tuple[dict[str, Series], dict[str, Series]]:
-    needed, where = channels.PRESCRIBED[rig], " + ".join(files)
-    source = {c: c if c in found else channels.STANDS_IN[rig].get(c, c) for c in needed}
-    for channel, taken in source.items():
-        if taken not in found:
-            instead = f" (or '{taken}')" if taken != channel else ""
+def _roles(rig: Rig, found: dict[str, _Column], files: Sequence[str]) -> tuple[dict[str, Series], dict[str, Series]]:
+    needed, free, where = channels.PRESCRIBED[rig], channels.MEASURED[rig], " + ".join(files)
+    for channel in needed:
+        if channel not in found:
             raise InputError(
-                f"trial {where}: the prescribed channel '{channel}'{instead} is missing; a {rig} trial needs "
-                f"{', '.join(needed)}"
+                f"trial {where}: the prescribed channel '{channel}' is missing; a {rig} trial needs {', '.join(needed)}"
             )
-        _check_no_gap(found[taken], f"'{channel}' is prescribed and needs every sample")
-        if taken != channel:
-            remarks.append(f"trial file {found[taken].file.where}: '{taken}' is taken as the prescribed '{channel}'")
-    free = [channel for channel in channels.MEASURED[rig] if channel not in source.values()]
+        if channel != channels.UNKNOWN_UNLOADED:
+            _check_no_gap(found[channel], f"'{channel}' is prescribed and needs every sample")
+    if channels.UNKNOWN_UNLOADED in needed:
+        _check_known_under_load(found[channels.UNKNOWN_UNLOADED], found[channels.VERTICAL].series)
     measured = {channel: found[channel].series for channel in free if channel in found}
     if not measured:
         raise InputError(f"trial {where}: nothing was measured; a {rig} trial needs at least one of {', '.join(free)}")
-    return {channel: found[taken].series for channel, taken in source.items()}, measured
+    return {channel: found[channel].series for channel in needed}, measured
+
+
+def _check_known_under_load(column: _Column, load: Series) -> None:
+    pressing = np.interp(column.series.time, load.time, load.value)
+    gap = np.isnan(column.series.value) & (pressing > channels.LOADED)
+    if gap.any():
+        row = int(gap.argmax())
+        raise InputError(
+            f"{column.place}, {column.file.place(row)}: the cell is empty under a load of {pressing[row]:.0f} N; "
+            f"allowed: up to {channels.LOADED:g} N"
+        )
 
 
 def _check_overlap(found: dict[str, _Column]) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Form
 from klute_sim.errors import InputError
+from klute_sim.laws.foot import Foot
 
 Content = Mapping[str, float | str]
 
@@ -15,7 +16,7 @@ def check(name: str, content: Content) -> Form:
     if named is not None and not isinstance(named, str):
         raise InputError(f"[effects.{name}] form = {named!r} is refused; allowed: the name of a form")
     effect, form = catalogue.form_of(name, named)
-    if effect.kind != "device":
+    if effect.kind == "instrument":
         raise InputError(f"'{name}' is an effect of instruments, not of a device")
     known = {parameter.key: parameter for parameter in form.parameters}
     for key in content:
@@ -35,9 +36,19 @@ def check(name: str, content: Content) -> Form:
 
 
 def values(sections: Mapping[str, Content]) -> tuple[float, ...]:
-    """The law's values for all sections of a file."""
+    """The law's values for all sections of a file that are of the device itself."""
+    return catalogue.values(_active(sections, "device"))
+
+
+def edited(sections: Mapping[str, Content], foot: Foot) -> Foot:
+    """``foot`` with all sections of a file that are of the body it is built into."""
+    return catalogue.edited(_active(sections, "body"), foot)
+
+
+def _active(sections: Mapping[str, Content], kind: str) -> dict[tuple[str, str], dict[str, float]]:
     active = {}
     for name, content in sections.items():
         form = check(name, content)
-        active[name, form.name] = {p.key: float(content[p.key]) for p in form.parameters if p.key in content}
-    return catalogue.values(active)
+        if catalogue.effects()[name].kind == kind:
+            active[name, form.name] = {p.key: float(content[p.key]) for p in form.parameters if p.key in content}
+    return active

@@ -24,10 +24,12 @@ channel that is saturated. What is coarsely digitised or vented stands still els
 def obstacles(experiments: Sequence[Experiment]) -> list[str]:
     """Why ``experiments`` (to be fitted) cannot answer, one sentence each with the mend; none: they can."""
     found = []
-    if not {"force", "muscle_length"} & set(noises.channels(experiments)):
+    telling = experiments[0].telling
+    if not set(telling) & set(noises.channels(experiments)):
+        names = [channel.replace("_", " ") for channel in telling]
         found.append(
-            "Neither force nor muscle length was recorded usefully: of muscle, damper and tendon nothing shows. Record "
-            "the force."
+            f"Neither {', '.join(names[:-1])} nor {names[-1]} was recorded usefully: of muscle, damper and tendon "
+            "nothing shows. Record the force."
         )
     time = sum(e.duration for e in experiments)
     if time < LEAST_TIME:
@@ -36,7 +38,7 @@ def obstacles(experiments: Sequence[Experiment]) -> list[str]:
             "changing pressure and length."
         )
     pressure = max(float(np.ptp(e.command)) for e in experiments)
-    length = max(float(np.ptp(e.unit_length)) for e in experiments)
+    length = max(e.travel for e in experiments)
     if pressure < LEAST_PRESSURE and length < LEAST_LENGTH:
         found.append(
             f"Nothing moves: pressure changes by {pressure / 1e5:.2f} bar and length by {1e3 * length:.2f} mm within a "
@@ -98,7 +100,7 @@ def disagreements(
 def blind(experiments: Sequence[Experiment]) -> list[str]:
     """What ``experiments`` cannot show, though they may answer otherwise."""
     pressure = max(float(np.ptp(e.command)) for e in experiments)
-    length = max(float(np.ptp(e.unit_length)) for e in experiments)
+    length = max(e.travel for e in experiments)
     found = []
     if length < LEAST_LENGTH:
         found.append(

@@ -15,9 +15,10 @@ from scipy.sparse.csgraph import connected_components
 
 from klute_sim.dataset.trial import Series
 from klute_sim.device.files import Device, refuse_openings
-from klute_sim.diagnose.experiment import UNITS, Array, Bench, Experiment, Setting
+from klute_sim.diagnose.experiment import UNITS, Array, Bench
 from klute_sim.diagnose.fit import DIFFERENCE
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.diagnose.on_bench import OnBench
 from klute_sim.diagnose.propose import CHANGES, MUSCLE_LENGTH, Change
 from klute_sim.diagnose.protocols import PROTOCOLS
 from klute_sim.diagnose.screen import SHARE
@@ -105,7 +106,7 @@ def confusions(device: Device, bench: Bench, told: Callable[[float], None] = lam
     told(0.05)
     shown = bench.simulate([*rows, *tried], every)
     told(0.7)
-    true = bench.simulate([[Setting(one.parameters) for one in row] for row in [*rows, *tried]], every)
+    true = bench.simulate([[one._replace(readings=()) for one in row] for row in [*rows, *tried]], every)
     told(0.95)
     return [_confusion(change, terms, len(base), shown, true) for change in CHANGES]
 
@@ -113,8 +114,10 @@ def confusions(device: Device, bench: Bench, told: Callable[[float], None] = lam
 def bare(device: Device, effect: Effect) -> Device:
     """``device`` without what the base model has of ``effect``: on it the effect has its whole size.
 
-    Raises InputError where a section of the device says what the effect would say.
+    Raises InputError where a section of the device says what the effect would say, and for an effect of the body.
     """
+    if effect.kind == "body":
+        raise InputError(f"effect '{effect.name}' shows on walks only: the standard protocols are a bench's")
     obstacle = device.spec.obstacle(effect.name)
     if obstacle:
         raise InputError(f"effect '{effect.name}' cannot be tried on device '{device.name}': {obstacle}")
@@ -124,7 +127,7 @@ def bare(device: Device, effect: Effect) -> Device:
     return replace(device, spec=device.spec.model_copy(update={"muscle": muscle}))
 
 
-def experiments(device: Device) -> list[Experiment]:
+def experiments(device: Device) -> list[OnBench]:
     """The standard protocols for ``device``, with every channel sampled; InputError where none can be run."""
     refuse_openings(device, "a protocol")
     found = []
@@ -135,9 +138,9 @@ def experiments(device: Device) -> list[Experiment]:
             continue
         grid = np.arange(STEP, time[-1], STEP)
         samples = np.arange(SAMPLE, time[-1], SAMPLE)
-        inputs = np.interp(grid, time, length), np.interp(grid, time, command)
         measured = {channel: Series(samples, samples) for channel in NOISE}
-        found.append(Experiment(name, name, "fit", device, 0.0, STEP, *inputs, measured))
+        pulled, commanded = np.interp(grid, time, length), np.interp(grid, time, command)
+        found.append(OnBench(name, name, "fit", device, 0.0, STEP, commanded, measured, unit_length=pulled))
     if not found:
         raise InputError(f"no protocol can be run on device '{device.name}'")
     return found
@@ -150,7 +153,7 @@ def _terms(device: Device) -> list[Term]:
             continue
         if effect.kind == "device":
             found += [Term(effect.name, form.name) for form in effect.forms]
-        else:
+        elif effect.kind == "instrument":
             found += [Term(effect.name, effect.forms[0].name, channel) for channel in RECORDED if channel in UNITS]
     return found
 

@@ -17,7 +17,7 @@ from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.display import Display, displayed
 from klute_sim.diagnose.doubt import Rival, certified, fewer, rivals
 from klute_sim.diagnose.equations import Equation, equations
-from klute_sim.diagnose.experiment import UNITS, Bench, Experiment, prepare
+from klute_sim.diagnose.experiment import UNITS, Bench, Experiment
 from klute_sim.diagnose.fallback import fallback
 from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
@@ -25,12 +25,12 @@ from klute_sim.diagnose.interval import intervals
 from klute_sim.diagnose.locate import Place, locate
 from klute_sim.diagnose.loudness import heard
 from klute_sim.diagnose.noise import CERTAIN, Noise, significant
+from klute_sim.diagnose.prepare import prepare
 from klute_sim.diagnose.propose import propose
 from klute_sim.diagnose.screen import check_names, terms
 from klute_sim.diagnose.search import DECISIVE, Search, Step
 from klute_sim.diagnose.store import Store
 from klute_sim.diagnose.usable import usable
-from klute_sim.errors import InputError
 
 Verdict = Literal["nothing-missing", "named", "ambiguous", "unexplained", "insufficient-data"]
 
@@ -110,11 +110,9 @@ def diagnose(
 ) -> Diagnosis:
     """Find what the simulation of ``dataset`` lacks; ``told`` hears what is being done.
 
-    Raises InputError for a rig that this cannot simulate yet.
+    Raises InputError for trials that their rig cannot simulate.
     """
     options = options or Options()
-    if dataset.rig != "bench":
-        raise InputError("a dataset of rig 'gait' cannot be diagnosed yet; allowed: bench")
     check_names(dataset.device, options.only, options.exclude)
     parts = split(dataset)
     bench, store = Bench(options.jobs), Store(f"{dataset.digest} {dataset.device.digest} {options}")
@@ -198,7 +196,7 @@ def _diagnose(
         repeated=search.repeated,
         decisive=search.decisive,
     )
-    if others:
+    if others and dataset.rig == "bench":  # protocols are for a tester
         told("looking for the experiment that separates them")
         result.next_experiment = propose(evidence, dataset.device, final, others[0].fit).as_json()
     told("showing it on trials kept back")

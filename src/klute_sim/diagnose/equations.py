@@ -16,10 +16,11 @@ from scipy.signal import savgol_filter
 
 from klute_sim.dataset.trial import Series
 from klute_sim.device.step import NO_MEMORY, Parameters, muscle_side, remembers, tendon_side
-from klute_sim.diagnose.experiment import Array, Experiment, moved
+from klute_sim.diagnose.experiment import Array, Setting, moved
 from klute_sim.diagnose.fit import Evidence, Fit
 from klute_sim.diagnose.hypothesis import Hypothesis
 from klute_sim.diagnose.noise import Misfit, measure, misfit, significant
+from klute_sim.diagnose.on_bench import OnBench
 from klute_sim.effects import catalogue
 from klute_sim.laws.pneumatics import Supply
 from klute_sim.units import BAR
@@ -69,20 +70,21 @@ def equations(evidence: Evidence, final: Fit) -> list[Equation]:
     The supply needs the pressure measured; muscle and damper, force and muscle length, and the tendon likewise. Where
     the muscle's length was not measured, it follows from the force through the tendon, and only the three together
     can be checked. Empty without repeats (noise cannot be taken off then), where channels have clocks of their own,
-    and for all but the supply of a device that remembers.
+    and for all but the supply of a device that remembers; and for walks, where the unit's length is not prescribed.
     """
+    given = [e for e in evidence.experiments if isinstance(e, OnBench)]
     plain = Hypothesis(final.hypothesis.device, final.hypothesis.uncertain, final.hypothesis.noise)
-    settings = plain.settings(final.steps[: plain.base], evidence.experiments)
-    lacking = [_lacking(e, setting.parameters) for e, setting in zip(evidence.experiments, settings, strict=True)]
+    settings = plain.settings(final.steps[: plain.base], given)
+    lacking = [_lacking(e, setting.parameters) for e, setting in zip(given, settings, strict=True)]
     residuals = [{name: series.value for name, series in each.items()} for each in lacking]
-    experiments = [replace(e, measured=each) for e, each in zip(evidence.experiments, lacking, strict=True)]
+    experiments = [replace(e, measured=each) for e, each in zip(given, lacking, strict=True)]
     noise = measure(experiments, residuals)
     found = misfit(experiments, residuals, noise)
     rows = [Equation(name, own.size, own.certainty, own.floor) for name, own in found.items()]
     return sorted(rows, key=lambda row: -row.certainty)
 
 
-def _lacking(experiment: Experiment, parameters: Parameters) -> dict[str, Series]:
+def _lacking(experiment: OnBench, parameters: Parameters) -> dict[str, Series]:
     """What each equation needs added for the measured samples, by equation."""
     measured = {channel: series.value for channel, series in experiment.measured.items()}
     clock = next(iter(experiment.measured.values())).time
@@ -102,7 +104,7 @@ def _lacking(experiment: Experiment, parameters: Parameters) -> dict[str, Series
     return {name: Series(clock, value) for name, value in found.items()}
 
 
-def _under_pressure(experiment: Experiment, parameters: Parameters) -> tuple[Experiment, Parameters]:
+def _under_pressure(experiment: OnBench, parameters: Parameters) -> tuple[OnBench, Parameters]:
     """``experiment`` with the measured pressure for its command, and a supply without effects that follows at once."""
     series = experiment.measured["pressure"]
     grid = experiment.begin + experiment.step * np.arange(1, len(experiment.command) + 1)
@@ -117,9 +119,9 @@ def _under_pressure(experiment: Experiment, parameters: Parameters) -> tuple[Exp
     return replace(experiment, command=pressure), parameters._replace(supply=supply, effects=tuple(effects))
 
 
-def _shown(experiment: Experiment, parameters: Parameters) -> dict[str, Array]:
+def _shown(experiment: OnBench, parameters: Parameters) -> dict[str, Array]:
     """Length, and what the device would have shown, at the samples of the first measured channel of ``experiment``."""
-    found = moved(parameters, experiment)
+    found = moved(Setting(parameters), experiment)
     clock = next(iter(experiment.measured.values())).time
     grid = experiment.begin + experiment.step * np.arange(1, len(experiment.command) + 1)
     values = {"force": found.tension, "pressure": found.pressure, "muscle_length": found.length}

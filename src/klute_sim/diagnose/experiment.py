@@ -1,36 +1,26 @@
-"""Measured trials made ready to be simulated, and the device simulated in them.
+"""Measured trials made ready to be simulated, on whichever rig, and the device simulated in them.
 
-Prescribed channels are interpolated linearly between their samples, which are rid of noise only where that is safe
-(:mod:`klute_sim.diagnose.quiet`): a smooth curve through a quick release is wrong by more than the noise of its
-samples.
+What a rig prescribes, and how a device moves under it, is its own: ``on_bench`` and ``on_gait``.
 """
 
-import math
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from klute_sim.dataset.dataset import Dataset
-from klute_sim.dataset.split import Split
 from klute_sim.dataset.trial import Series, Trial, Use
-from klute_sim.device.files import Device, refuse_openings
-from klute_sim.device.rollout import rollout
-from klute_sim.device.step import DEAD_TIME, Parameters, settled
-from klute_sim.diagnose.quiet import quieter
+from klute_sim.device.files import Device
+from klute_sim.device.step import Parameters
 from klute_sim.effects.catalogue import effects
 from klute_sim.units import BAR
 
 Array = NDArray[np.float64]
 
-STEPS_PER_SAMPLE = 10
-SHORTEST, LONGEST = 5e-4, 5e-3
-"""Time steps [s]: with a shorter one the error is lost in a load cell's noise; a longer one is not needed."""
 CLOSEST = 2e-3
 """Between samples of a measured channel [s]: of one that was sampled faster, only every so-manieth is used. Noise stays
 alike for longer than this, and a million rows would fill the memory."""
@@ -40,10 +30,15 @@ is not known, and is forgotten in the first movements."""
 COARSE = 2
 """So many steps in one are good enough for derivatives, within a fifth. What they change is what is wrong with the
 single ones, too, and is taken off."""
+PRESSURE = 2e3
+"""By how much a pressure is moved to see what its noise does [Pa]."""
 KEPT = 128
 """Simulations that are remembered."""
 
-UNITS = {"force": ("N", 1.0), "pressure": ("bar", BAR), "muscle_length": ("mm", 1e-3)}
+UNITS = {
+    **{"force": ("N", 1.0), "pressure": ("bar", BAR), "muscle_length": ("mm", 1e-3)},
+    **{"ankle_angle": ("deg", np.pi / 180.0), "ankle_moment": ("N*m", 1.0)},
+}
 """Channel -> unit it is shown in, and that unit in SI."""
 
 
@@ -62,16 +57,64 @@ class Reading(NamedTuple):
     own: tuple[float, ...]
 
 
+class Edit(NamedTuple):
+    """A form of an effect of the body, with its parameters by key, in their units."""
+
+    effect: str
+    form: str
+    own: tuple[tuple[str, float], ...]
+
+
 class Setting(NamedTuple):
-    """A device and the instruments that look at it: all that a simulation of a trial needs."""
+    """A device, the body it is built into and the instruments that look at it: all that a simulation needs."""
 
     parameters: Parameters
     readings: tuple[Reading, ...] = ()
+    body: tuple[Edit, ...] = ()
+
+
+class Motion(NamedTuple):
+    """What the device does in a trial."""
+
+    time: Array
+    """[s]"""
+    tension: Array
+    """[N]"""
+    pressure: Array
+    """Gauge pressure [Pa]."""
+    length: Array
+    """Muscle length [m]."""
+    angle: Array | None = None
+    """Of the ankle, dorsiflexion positive [rad]; None where there is none."""
+    moment: Array | None = None
+    """About the ankle, plantarflexor positive [N.m]."""
+
+
+SHOWS = {
+    **{"force": "tension", "pressure": "pressure", "muscle_length": "length"},
+    **{"ankle_angle": "angle", "ankle_moment": "moment"},
+}
+"""Channel -> what of a motion it shows."""
+
+
+class Course(NamedTuple):
+    """What a rig makes the device follow."""
+
+    label: str
+    """Of an axis in a picture, with its unit."""
+    si: float
+    """That unit in SI."""
+    values: Array
+    """[SI], one per step."""
+    slow: float
+    """Rate [SI/s] below which it holds still."""
+    motions: tuple[str, str, str]
+    """What falling, still and rising are called."""
 
 
 @dataclass(frozen=True, eq=False)
-class Experiment:
-    """A trial, its inputs on the simulation's own grid."""
+class Experiment(ABC):
+    """A trial, its inputs on the simulation's own grid; a rig adds its own."""
 
     name: str
     group: str
@@ -80,9 +123,7 @@ class Experiment:
     begin: float
     """Time of the first sample [s]."""
     step: float
-    """Between the inputs below [s]."""
-    unit_length: Array
-    """[m], one per step."""
+    """Between the inputs [s]."""
     command: Array
     """[Pa], one per step."""
     measured: Mapping[str, Series]
@@ -98,84 +139,71 @@ class Experiment:
     @property
     def duration(self) -> float:
         """[s]"""
-        return len(self.unit_length) * self.step
+        return len(self.command) * self.step
 
-    @cached_property
+    @property
+    @abstractmethod
     def coarse(self) -> "Experiment":
         """The same in fewer, longer steps."""
-        many = min(COARSE, int(LONGEST / self.step + 1e-6))
-        if many < 2:
-            return self
-        length, command = self.unit_length[many - 1 :: many], self.command[many - 1 :: many]
-        return replace(self, step=self.step * many, unit_length=length, command=command)
+
+    @property
+    @abstractmethod
+    def course(self) -> Course:
+        """What is prescribed beside the pressure, for pictures."""
+
+    @property
+    @abstractmethod
+    def embodied(self) -> bool:
+        """Whether effects of the body can show."""
+
+    @property
+    @abstractmethod
+    def telling(self) -> tuple[str, ...]:
+        """Channels of which one at least is needed: without it nothing shows of what pulls."""
+
+    @property
+    @abstractmethod
+    def travel(self) -> float:
+        """Range of what moves the muscle-tendon unit, as its length [m]."""
+
+    @abstractmethod
+    def trace(self, setting: Setting) -> Motion:
+        """What the device of ``setting`` does, in its own steps; readings do not matter."""
+
+    @abstractmethod
+    def swayed(self, later: Callable[[Array], Array]) -> "tuple[Experiment, Experiment, Experiment]":
+        """With its pressure, and with what else is prescribed, moved a little, and with a ``later`` command."""
+
+    @abstractmethod
+    def circumstances(self) -> dict[str, Array]:
+        """What a misfit may depend on, at each step."""
+
+    def beside(self, repeats: "Sequence[Experiment]") -> "Experiment":
+        """The same, as one of ``repeats``; itself is one of them."""
+        return self
+
+    def clock(self, since: Array) -> Array:
+        """Time [s] ``since`` the beginning, as it counts in every repeat of this trial."""
+        return since
+
+    def smooth(self, values: Array) -> Array:
+        """One per step, averaged over a twentieth of a second."""
+        width = max(1, round(0.05 * len(values) / self.duration))
+        return np.convolve(values, np.ones(width) / width, mode="same")
 
 
-def prepare(dataset: Dataset, split: Split) -> list[Experiment]:
-    """The trials of ``dataset``, in its order; raises InputError for devices that are commanded by openings."""
-    for trial in dataset.trials:
-        refuse_openings(trial.device, f"trial '{trial.name}'")
-    uses: dict[str, Use] = dict.fromkeys(split.fit, "fit")
-    uses |= dict.fromkeys(split.select, "select")
-    uses |= dict.fromkeys(split.show, "show")
-    return [_experiment(trial, uses[trial.name]) for trial in dataset.trials]
+def compared(trial: Trial, begin: float, end: float, last: float) -> dict[str, Series]:
+    """The samples of ``trial`` that are compared, if it is simulated from ``begin`` to ``end`` [s].
 
-
-def _experiment(trial: Trial, use: Use) -> Experiment:
-    length, command = trial.prescribed["length"], trial.prescribed["pressure_command"]
-    begin = max(length.time[0], command.time[0])
-    end = min(length.time[-1], command.time[-1])
-    interval = min(length.interval, command.interval)
-    step = interval / max(1, round(interval / min(max(interval / STEPS_PER_SAMPLE, SHORTEST), LONGEST)))
-    grid = begin + step * np.arange(1, int((end - begin) / step + 1e-6) + 1)
+    Up to the ``last`` step; not missing, not at the beginning, not closer than :data:`CLOSEST`.
+    """
     measured, first = {}, begin + min(PAST * (end - begin), LONGEST_PAST)
     for name, series in trial.measured.items():
-        good = np.isfinite(series.value) & (series.time > first) & (series.time <= grid[-1])
+        good = np.isfinite(series.value) & (series.time > first) & (series.time <= last)
         sampled = Series(series.time[good], series.value[good])
         every = max(1, int(CLOSEST / sampled.interval + 1e-6))
         measured[name] = Series(sampled.time[::every], sampled.value[::every])
-    return Experiment(
-        name=trial.name,
-        group=trial.group,
-        use=use,
-        device=trial.device,
-        begin=begin,
-        step=step,
-        unit_length=np.interp(grid, length.time, quieter(length.time, length.value)),
-        command=np.interp(grid, command.time, quieter(command.time, command.value)),
-        measured=measured,
-        checked=trial.checked,
-    )
-
-
-class Motion(NamedTuple):
-    """What the device does in a trial, after each step."""
-
-    time: Array
-    """[s]"""
-    tension: Array
-    """[N]"""
-    pressure: Array
-    """Gauge pressure [Pa]."""
-    length: Array
-    """Muscle length [m]."""
-
-
-def trace(parameters: Parameters, experiment: Experiment) -> Motion:
-    """``experiment`` in its own steps, from rest at its first inputs.
-
-    Steps are put where a delayed command has its corners: a rate that is limited would begin up to a step early.
-    """
-    length, command, step = experiment.unit_length, experiment.command, experiment.step
-    start = settled(parameters, float(length[0]), float(command[0]))
-    whole = math.floor(parameters.effects[DEAD_TIME] / step + 1e-9)
-    shift = max(0.0, parameters.effects[DEAD_TIME] - whole * step)
-    if shift > 0.0:
-        late = (*parameters.effects[:DEAD_TIME], whole * step, *parameters.effects[DEAD_TIME + 1 :])
-        parameters = parameters._replace(effects=late)
-        length = length + shift / step * np.diff(length, append=length[-1])
-    found = rollout(parameters, length, command, step, start=start, threads=1)
-    time: Array = experiment.begin + shift + step * np.arange(1.0, len(length) + 1.0)
-    return Motion(time, found.tension, found.pressure, found.length)
+    return measured
 
 
 def extrapolated(fine: Motion, coarse: Motion) -> Motion:
@@ -183,27 +211,36 @@ def extrapolated(fine: Motion, coarse: Motion) -> Motion:
 
     The error of a step is proportional to its length, so what longer ones change is a multiple of it.
     """
-    right: list[Array] = []
+    right: list[Array | None] = []
     for short, long in zip(fine[1:], coarse[1:], strict=True):
+        if short is None or long is None:
+            right.append(None)
+            continue
         wrong = np.interp(coarse.time, fine.time, short) - long
         right.append(short + np.interp(fine.time, coarse.time, wrong).astype(np.float64) / (COARSE - 1))
-    return Motion(fine.time, *right)
+    tension, pressure, length, angle, moment = right
+    assert tension is not None
+    assert pressure is not None
+    assert length is not None
+    return Motion(fine.time, tension, pressure, length, angle, moment)
 
 
-def moved(
-    parameters: Parameters, experiment: Experiment, by: Callable[[Parameters, Experiment], Motion] = trace
-) -> Motion:
+def traced(setting: Setting, experiment: Experiment) -> Motion:
+    """``experiment`` in its own steps."""
+    return experiment.trace(setting)
+
+
+def moved(setting: Setting, experiment: Experiment, by: Callable[[Setting, Experiment], Motion] = traced) -> Motion:
     """``experiment`` in steps as short as it needs, simulated ``by`` that."""
-    coarse = by(parameters, experiment.coarse)
-    return coarse if experiment.coarse is experiment else extrapolated(by(parameters, experiment), coarse)
+    coarse = by(setting, experiment.coarse)
+    return coarse if experiment.coarse is experiment else extrapolated(by(setting, experiment), coarse)
 
 
 def shown(setting: Setting, experiment: Experiment, found: Motion) -> dict[str, Array]:
     """What the instruments of ``experiment`` would have shown of ``found``, at the times of their samples."""
-    values = {"force": found.tension, "pressure": found.pressure, "muscle_length": found.length}
     result = {}
     for channel, series in experiment.measured.items():
-        value = values[channel]
+        value: Array = getattr(found, SHOWS[channel])
         for reading in setting.readings:
             if reading.channel == channel:
                 value = effects()[reading.effect].forms[0].laws["reading"](reading.own, found.time, value)
@@ -218,7 +255,7 @@ class Bench:
     def __init__(self, jobs: int = 0) -> None:
         """On ``jobs`` threads (0: all cores)."""
         self._pool = ThreadPoolExecutor(jobs or os.cpu_count() or 1)
-        self._kept: dict[tuple[Parameters, Experiment], Motion] = {}
+        self._kept: dict[tuple[Setting, Experiment], Motion] = {}
         self.rollouts = 0
         """Simulations so far."""
 
@@ -231,22 +268,22 @@ class Bench:
         """
         work = [(s, e) for row in settings for s, e in zip(row, experiments, strict=True)]
         # Instruments that look at the same device look at the same simulation.
-        devices = list(dict.fromkeys((s.parameters, e) for s, e in work))
+        devices = list(dict.fromkeys((s._replace(readings=()), e) for s, e in work))
         motions = dict(zip(devices, self._pool.map(lambda one: self._moved(*one, coarse=coarse), devices), strict=True))
         for key in list(self._kept)[:-KEPT]:
             del self._kept[key]
-        done = [shown(s, e, motions[s.parameters, e]) for s, e in work]
+        done = [shown(s, e, motions[s._replace(readings=()), e]) for s, e in work]
         width = len(experiments)
         return [done[k : k + width] for k in range(0, len(done), width)]
 
-    def _moved(self, parameters: Parameters, experiment: Experiment, *, coarse: bool) -> Motion:
-        return self._traced(parameters, experiment.coarse) if coarse else moved(parameters, experiment, self._traced)
+    def _moved(self, setting: Setting, experiment: Experiment, *, coarse: bool) -> Motion:
+        return self._traced(setting, experiment.coarse) if coarse else moved(setting, experiment, self._traced)
 
-    def _traced(self, parameters: Parameters, experiment: Experiment) -> Motion:
-        key = parameters, experiment
+    def _traced(self, setting: Setting, experiment: Experiment) -> Motion:
+        key = setting, experiment
         if key not in self._kept:
             self.rollouts += 1
-            self._kept[key] = trace(parameters, experiment)
+            self._kept[key] = experiment.trace(setting)
         return self._kept[key]
 
     def close(self) -> None:

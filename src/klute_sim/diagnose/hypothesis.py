@@ -16,7 +16,7 @@ import numpy as np
 from klute_sim.device.files import Device
 from klute_sim.device.schema import DeviceSpec
 from klute_sim.device.step import Parameters
-from klute_sim.diagnose.experiment import UNITS, Array, Experiment, Reading, Setting
+from klute_sim.diagnose.experiment import UNITS, Array, Edit, Experiment, Reading, Setting
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect, Form, Parameter
 
@@ -149,10 +149,12 @@ class Hypothesis:
         """What to simulate in each of ``experiments``."""
         values = self.values(steps)
         active: dict[tuple[str, str], dict[str, float]] = {}
-        readings = []
+        readings, body = [], []
         for number, term in enumerate(self.terms):
             own = [(u, v) for u, v in zip(self.unknowns, values, strict=True) if u.term == number]
-            if term.channel is None:
+            if term.entry.kind == "body":
+                body.append(Edit(term.effect, term.form, tuple((u.key, v) for u, v in own)))
+            elif term.channel is None:
                 active[term.effect, term.form] = {u.key: v for u, v in own}
             else:
                 unit = UNITS[term.channel][1]
@@ -175,7 +177,7 @@ class Hypothesis:
                 effects = catalogue.values(dict(_active(spec)) | active)
                 made[device.digest] = spec.parameters()._replace(effects=effects)
             faulty = tuple(each for each in readings if each.channel not in experiment.checked)
-            result.append(Setting(made[device.digest], faulty))
+            result.append(Setting(made[device.digest], faulty, tuple(body)))
         return result
 
 
@@ -197,9 +199,11 @@ def with_numbers(spec: DeviceSpec, numbers: Mapping[str, float]) -> DeviceSpec:
 
 
 def _active(spec: DeviceSpec) -> list[tuple[tuple[str, str], dict[str, float]]]:
-    """The effects that the device has already."""
+    """The effects that the device itself has already."""
     found = []
     for name, content in spec.effects.items():
+        if catalogue.effects()[name].kind != "device":
+            continue
         form = catalogue.form_of(name, str(content["form"]) if "form" in content else None)[1]
         found.append(((name, form.name), {p.key: float(content[p.key]) for p in form.parameters if p.key in content}))
     return found

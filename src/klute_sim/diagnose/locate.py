@@ -19,6 +19,9 @@ STEADY = 0.05e5
 """Change of the pressure command that is none [Pa/s]."""
 EDGES = (0.25, 0.5, 0.75)
 """Quantiles at which a circumstance may be cut in two."""
+WINDOWS = (0.08, 0.12, 0.2, 0.3, 0.4)
+"""Shares of a stride that a part of it may be, beginning at any multiple of :data:`GRAIN`."""
+GRAIN = 0.02
 
 
 class Place(NamedTuple):
@@ -56,24 +59,11 @@ def locate(evidence: Evidence, base: Fit) -> list[Place]:
     return sorted((p._replace(share=p.share * sizes[p.channel] / whole) for p in found), key=lambda p: -p.share)
 
 
-def _circumstances(experiment: Experiment, time: Array) -> dict[str, Array]:
-    """What may matter, at ``time`` [s] since the trial's beginning."""
+def _circumstances(experiment: Experiment, clock: Array) -> dict[str, Array]:
+    """What may matter, at times of the ``clock`` that repeats share."""
     grid = np.linspace(0.0, experiment.duration, len(experiment.command))
-    speed = np.gradient(experiment.unit_length, experiment.duration / len(experiment.command))
-    rate = np.gradient(experiment.command, experiment.duration / len(experiment.command))
-    known = {
-        "pressure": experiment.command,
-        "length": experiment.unit_length,
-        "speed": _smooth(speed, experiment),
-        "pressure change": _smooth(np.abs(rate), experiment),
-        "time": grid,
-    }
-    return {name: np.interp(time, grid, values) for name, values in known.items()}
-
-
-def _smooth(values: Array, experiment: Experiment) -> Array:
-    width = max(1, round(0.05 * len(values) / experiment.duration))
-    return np.convolve(values, np.ones(width) / width, mode="same")
+    then = experiment.clock(grid)
+    return {name: np.interp(clock, then, values) for name, values in experiment.circumstances().items()}
 
 
 def _region(square: Array, circumstances: dict[str, Array]) -> tuple[str, float, float]:
@@ -89,6 +79,8 @@ def _region(square: Array, circumstances: dict[str, Array]) -> tuple[str, float,
             break
         chosen.append(best[1])
         inside = best[2]
+        if "stride" in best[1]:
+            circumstances = {name: values for name, values in circumstances.items() if name != "phase"}
     whole = float(square.sum())
     if not whole > 0.0:
         return "", 1.0, 1.0
@@ -102,6 +94,9 @@ def _cuts(square: Array, inside: Mask, circumstances: dict[str, Array]) -> list[
     if not whole > 0.0:
         return found
     for name, values in circumstances.items():
+        if name == "phase":
+            found += _windows(square, inside, values)
+            continue
         edges = [0.0] if name == "speed" else [float(np.quantile(values[inside], q)) for q in EDGES]
         for edge in edges:
             for part, word in ((values > edge, "above"), (values <= edge, "below")):
@@ -111,6 +106,20 @@ def _cuts(square: Array, inside: Mask, circumstances: dict[str, Array]) -> list[
                 # More of the misfit than of the samples is in there.
                 contrast = float(square[both].sum()) / whole - both.sum() / count
                 found.append((contrast, _words(name, word, edge), both))
+    return found
+
+
+def _windows(square: Array, inside: Mask, phase: Array) -> list[tuple[float, str, Mask]]:
+    """Parts of the stride, which may go on beyond the next foot strike."""
+    whole, count, found = float(square[inside].sum()), int(inside.sum()), []
+    for begin in np.arange(0.0, 1.0, GRAIN):
+        for width in WINDOWS:
+            both = inside & ((phase - begin) % 1.0 < width)
+            if both.sum() < 0.05 * len(square):
+                continue
+            contrast = float(square[both].sum()) / whole - both.sum() / count
+            words = f"at {100.0 * begin:.0f}-{100.0 * ((begin + width) % 1.0) or 100.0:.0f} % of the stride"
+            found.append((contrast, words, both))
     return found
 
 

@@ -1,10 +1,10 @@
 """How loud noise is at each instant: a device lets the noise of its inputs through more in some states than in others.
 
-A hardly inflated muscle moves far for a little pressure, a stiff one pulls hard for a little length. The variance of a
-channel is taken to be ``A + B s_p^2 + C s_L^2``, with the channel's sensitivities to commanded pressure and prescribed
-length from two simulations, and A, B and C, none negative, from what sets repeats apart. While the pressure changes at
-a regulator's rate, a moment counts: when it began to is known no better than a time step, and what that changes is
-added.
+A hardly inflated muscle moves far for a little pressure, a stiff one pulls hard for a little length. The variance of
+a channel is taken to be ``A + B s_p^2 + C s_L^2``, with the channel's sensitivities to commanded pressure and
+prescribed length (in a walk, to the centre of pressure) from two simulations, and A, B and C, none negative, from
+what sets repeats apart. While the pressure changes at a regulator's rate, a moment counts: when it began to is known
+no better than a time step, and what that changes is added.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,8 +17,6 @@ from scipy.optimize import nnls
 from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.experiment import COARSE, Array, Bench, Experiment, Setting
 
-PRESSURE, LENGTH = 2e3, -1e-4
-"""What the inputs are moved by [Pa, m]; the length towards where a bare muscle can go."""
 LEAST = 0.05
 """Of the mean variance, that is left wherever noise is least (assumed)."""
 ROUNDS = 3
@@ -58,14 +56,9 @@ class _Shares(NamedTuple):
 
 def _sensitivities(experiments: Sequence[Experiment], bench: Bench) -> list[dict[str, Array]]:
     """Per experiment: channel -> (4, samples): as simulated, and the squares of what it changes when the pressure
-    command, the length, or (by a step) the moment at which the command comes is moved [SI].
+    command, what else is prescribed, or (by a step) the moment at which the command comes is moved [SI].
     """
-    moved = [
-        experiments,
-        [replace(e, command=e.command + PRESSURE) for e in experiments],
-        [replace(e, unit_length=e.unit_length + LENGTH) for e in experiments],
-        [replace(e, command=_later(e.command)) for e in experiments],
-    ]
+    moved = [experiments, *zip(*(e.swayed(_later) for e in experiments), strict=True)]
     shown = [bench.simulate([[Setting(e.device.parameters) for e in each]], each)[0] for each in moved]
     return [
         {
@@ -91,7 +84,7 @@ def _shares(
     first = {e.group: e for e in reversed(fitted) if channel in e.measured}
     for stack in noises.stacks(fitted, residuals, channel):
         e = first[stack.group]
-        clock = e.measured[channel].time - e.begin
+        clock = e.clock(e.measured[channel].time - e.begin)
         rows.append(
             np.stack(
                 [np.ones(len(stack.clock)), *(np.interp(stack.clock, clock, s) for s in known[e.name][channel][1:3])]

@@ -103,7 +103,7 @@ def stacks(experiments: Sequence[Experiment], residuals: Residuals, channel: str
         having = [k for k in members if channel in experiments[k].measured and len(residuals[k][channel])]
         if len(having) < least:
             continue
-        clocks = [experiments[k].measured[channel].time - experiments[k].begin for k in having]
+        clocks = [experiments[k].clock(experiments[k].measured[channel].time - experiments[k].begin) for k in having]
         first = clocks[0]
         common = first[(first >= max(c[0] for c in clocks)) & (first <= min(c[-1] for c in clocks))]
         if len(common) > 10:
@@ -162,12 +162,12 @@ def discordant(experiments: Sequence[Experiment], residuals: Residuals) -> dict[
 
 def supposed(experiments: Sequence[Experiment], residuals: Residuals) -> dict[str, Noise]:
     """Noise of every channel if all of ``residuals`` were noise: too much of it, and for too long, if a model lacks
-    something. That errs towards naming nothing.
+    something. That errs towards naming nothing. A channel that is simulated to the last digit has none and is left out.
     """
     found = {}
     for channel in channels(experiments):
         rows = [each[channel] for each in residuals if channel in each and len(each[channel]) > 10]
-        if rows:
+        if any(row.any() for row in rows):
             alike = [
                 Alike(experiment.measured[channel].interval, persistence(each[channel]), len(each[channel]))
                 for experiment, each in zip(experiments, residuals, strict=True)

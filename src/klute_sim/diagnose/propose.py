@@ -14,6 +14,7 @@ from klute_sim.dataset.trial import Series
 from klute_sim.device.files import Device
 from klute_sim.diagnose.experiment import Array, Bench, Experiment, Setting
 from klute_sim.diagnose.fit import DIFFERENCE, Evidence, Fit
+from klute_sim.diagnose.on_bench import OnBench
 from klute_sim.diagnose.protocols import PROTOCOLS, Protocol
 from klute_sim.diagnose.search import DECISIVE
 from klute_sim.errors import InputError
@@ -93,16 +94,16 @@ def _each(evidence: Evidence, device: Device, protocol: Protocol, found: Fit, ri
     # As often as the data have it: for how long noise stays alike is known of that.
     interval = next(series for e in evidence.experiments for series in e.measured.values()).interval
     samples = np.arange(interval, program.time[-1], interval)
-    experiment = Experiment(
-        protocol.name,
-        protocol.name,
-        "fit",
-        device,
-        0.0,
-        STEP,
-        np.interp(grid, program.time, program.unit_length),
-        np.interp(grid, program.time, program.command),
-        {channel: Series(samples, samples) for channel in channels},
+    experiment = OnBench(
+        name=protocol.name,
+        group=protocol.name,
+        use="fit",
+        device=device,
+        begin=0.0,
+        step=STEP,
+        unit_length=np.interp(grid, program.time, program.unit_length),
+        command=np.interp(grid, program.time, program.command),
+        measured={channel: Series(samples, samples) for channel in channels},
     )
     rows = [found.steps, *(found.steps + DIFFERENCE * unit for unit in np.eye(len(found.steps)))]
     settings = [*(found.hypothesis.settings(row, [experiment]) for row in rows)]
@@ -120,7 +121,7 @@ def _shown(
     bench: Bench, settings: Sequence[Sequence[Setting]], experiment: Experiment, *, faulty: bool
 ) -> list[dict[str, Array]]:
     if not faulty:
-        settings = [[Setting(one.parameters) for one in row] for row in settings]
+        settings = [[one._replace(readings=()) for one in row] for row in settings]
     return [row[0] for row in bench.simulate(settings, [experiment])]
 
 

@@ -76,9 +76,9 @@ def terms(evidence: Evidence, device: Device, only: Sequence[str] = (), exclude:
     for effect in catalogue.named().values():
         if (only and effect.name not in only) or effect.name in exclude or not device.spec.may_lack(effect):
             continue
-        if effect.kind == "device":
+        if effect.kind == "device" or (effect.kind == "body" and evidence.experiments[0].embodied):
             found += [Term(effect.name, form.name) for form in effect.forms]
-        else:
+        elif effect.kind == "instrument":
             # Displays are seen without a simulation.
             channels = [c for c in evidence.noise if c in UNITS and effect is not instrument.QUANTISATION]
             found += [Term(effect.name, effect.forms[0].name, c) for c in channels]

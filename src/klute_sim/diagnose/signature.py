@@ -7,8 +7,9 @@ import numpy as np
 
 from klute_sim.device.files import Device
 from klute_sim.diagnose.confusable import NOISE, bare, experiments
-from klute_sim.diagnose.experiment import Array, Bench, Experiment
+from klute_sim.diagnose.experiment import Array, Bench
 from klute_sim.diagnose.hypothesis import Hypothesis, Term
+from klute_sim.diagnose.on_bench import OnBench
 from klute_sim.effects.effect import Effect
 
 
@@ -29,7 +30,7 @@ class Signature(NamedTuple):
 
     term: Term
     protocol: str
-    experiment: Experiment
+    experiment: OnBench
     shown: tuple[Shown, ...]
 
 

@@ -20,6 +20,7 @@ from klute_sim.effects import (
     air,
     bladder_relaxation,
     bladder_wall,
+    body,
     braid_extensibility,
     braid_hysteresis,
     damper,
@@ -36,6 +37,7 @@ from klute_sim.effects import hooks as _hooks
 from klute_sim.effects.effect import HOOKS, Effect, Form
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
+from klute_sim.laws.foot import Foot
 from klute_sim.laws.pneumatics import Supply
 
 VARIABLE = "KLUTE_SIM_CATALOGUE"
@@ -70,6 +72,11 @@ BUILT_IN = (
     unknown.FORCE,
     unknown.TENDON,
     unknown.PRESSURE,
+    body.FRICTION,
+    body.SPRING,
+    body.STOP,
+    body.ARM,
+    body.INERTIA,
     instrument.GAIN,
     instrument.OFFSET,
     instrument.DRIFT,
@@ -155,6 +162,7 @@ def _try(law: Callable[..., Any], hook: str, form: Form, where: str) -> None:
     muscle = mckibben.Muscle(1.0, 0.2, 0.21, 1.3, 0.01, 0.002, 1e5, 1e4, 1e-4, 0.0)
     pressure, length, rate, force, stretch, step = 2e5, 0.19, 0.01, 300.0, 1e-3, 1e-3
     series = np.linspace(0.0, 1.0, 20)
+    foot = Foot(*(0.1 for _ in Foot._fields))
     arguments: dict[str, tuple[Any, ...]] = {
         "acting_pressure": (own, memory, pressure, muscle, length),
         "muscle_force": (own, memory, force, muscle, pressure, length, rate),
@@ -166,6 +174,7 @@ def _try(law: Callable[..., Any], hook: str, form: Form, where: str) -> None:
         "pressure_reached": (own, memory, pressure, pressure, step),
         "remember": (own, memory, muscle, pressure, length, stretch, step),
         "reading": (own, series, series),
+        "foot": (own, foot),
     }
     try:
         found = law(*arguments[hook])
@@ -176,6 +185,8 @@ def _try(law: Callable[..., Any], hook: str, form: Form, where: str) -> None:
         wanted = f"a tuple of {form.memory} (as many as it remembers)"
     elif hook == "supply":
         good, wanted = isinstance(found, Supply), "a klute_sim.laws.pneumatics.Supply"
+    elif hook == "foot":
+        good, wanted = isinstance(found, Foot), "a klute_sim.laws.foot.Foot"
     elif hook == "reading":
         good, wanted = np.shape(found) == series.shape, "an array like the one it was given"
     else:
@@ -219,6 +230,19 @@ def slot(effect: str, form: str) -> _hooks.Slot:
         if (each.effect, each.form.name) == (effect, form):
             return each
     raise InputError(f"there is no effect '{effect}' on the device with form '{form}'")
+
+
+def edited(active: Mapping[tuple[str, str], Mapping[str, float]], foot: Foot) -> Foot:
+    """``foot`` with these forms of effects of the body, in the order of the catalogue; the others are passed over.
+
+    (effect, form) -> parameters by key, in the keys' units.
+    """
+    for effect in effects().values():
+        for form in effect.forms if effect.kind == "body" else ():
+            numbers = active.get((effect.name, form.name))
+            if numbers is not None:
+                foot = form.laws["foot"](tuple(p.si(numbers[p.key]) for p in form.parameters), foot)
+    return foot
 
 
 def values(active: Mapping[tuple[str, str], Mapping[str, float]]) -> tuple[float, ...]:

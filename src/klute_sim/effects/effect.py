@@ -19,6 +19,8 @@ pressure_reached    own, memory, target, pressure, step                         
                                                                                            supply's rate limits it [Pa]
 remember            own, memory, muscle, pressure, length, stretch, step                   the memory a step later
 reading             own, time, value (arrays)                                              what an instrument shows
+foot                own, foot                                                              what the foot is then, of
+                                                                                           an effect of the body
 ==================  =====================================================================  =====
 
 ``length`` [m] and ``rate`` = d(length)/dt [m/s] are the muscle's, ``pressure`` [Pa] is the acting one. Where a form
@@ -47,6 +49,7 @@ HOOKS = (
     "pressure_reached",
     "remember",
     "reading",
+    "foot",
 )
 
 
@@ -89,7 +92,7 @@ class Effect:
 
     name: str
     sentence: str
-    kind: Literal["device", "instrument"]
+    kind: Literal["device", "body", "instrument"]
     forms: tuple[Form, ...]
     """The usual one first."""
     instead_of: str = ""

@@ -44,7 +44,7 @@ def assemble(
     """
     module = types.ModuleType(f"{__name__} (assembled)")
     for hook in HOOKS:
-        if hook in ("remember", "reading"):
+        if hook in ("remember", "reading", "foot"):
             continue
         function = made(_untouched)
         for place in places:

@@ -23,7 +23,7 @@ from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.rigs.gait.assembly import Assembly, GaitOptions, assemble
-from klute_sim.rigs.gait.build import ANKLE
+from klute_sim.rigs.gait.body import ANKLE
 
 GRID = 9
 """Values of mass, speed and slope each, the ends of their ranges among them."""
@@ -197,6 +197,8 @@ def with_effects(device: Device, effects: Mapping[str, Mapping[str, Any]]) -> De
         return device
     keys = tomllib.loads(device.content.decode("utf-8-sig"))
     for name, content in effects.items():
+        if catalogue.form_of(name, None)[0].kind == "body":
+            raise InputError(f"effect '{name}' is of the body, and only the device differs between episodes")
         catalogue.form_of(name, content.get("form"))
         middle = {key: value if key == "form" else 0.5 * sum(_range(key, value)) for key, value in content.items()}
         keys.setdefault("effects", {})[name] = keys.get("effects", {}).get(name, {}) | middle

@@ -20,7 +20,7 @@ from klute_sim.envs.options import TaskOptions
 from klute_sim.envs.randomise import Casting, Episode, Randomise
 from klute_sim.errors import InputError
 from klute_sim.rigs.gait.assembly import OFF_PATH, Assembly, GaitOptions
-from klute_sim.rigs.gait.build import ANKLE
+from klute_sim.rigs.gait.body import ANKLE
 from klute_sim.units import BAR
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from klute_sim.diagnose.diagnosis import Diagnosis
-from klute_sim.diagnose.experiment import UNITS, Array, Experiment
+from klute_sim.diagnose.experiment import UNITS, Array, Course, Experiment
 from klute_sim.diagnose.search import Step
 from klute_sim.report import diagnosis_words as words
 from klute_sim.report.diagnosis_traces import Simulated, simulated
@@ -30,8 +30,6 @@ MOST_BARS = 10
 BINS, TIME_BINS = 8, 12
 FEWEST = 5
 """Samples in a bin that is shown."""
-SLOW = 1e-3
-"""Speed [m/s] below which the rig holds still."""
 
 
 def overlay(diagnosis: Diagnosis, one: Simulated) -> "Figure":
@@ -203,10 +201,10 @@ class Seen(NamedTuple):
 
     pressure: Array
     """Commanded [Pa]."""
-    length: Array
-    """Prescribed [m]."""
-    speed: Array
-    """Of the prescribed length, over 50 ms [m/s]."""
+    course: Array
+    """Prescribed: the length [m], or what the rig prescribes instead of it [SI]."""
+    rate: Array
+    """Of that, over 50 ms [SI/s]."""
     time: Array
     """From each trial's begin [s]."""
     before: Array
@@ -233,12 +231,12 @@ def _seen(
     time = experiment.measured[channel].time - experiment.begin
     count = len(experiment.command)
     step, noise_then = experiment.duration / count, noise * experiment.loud.get(channel, 1.0)
-    grid = step * np.arange(1, count + 1)
-    late_length, early_length = (np.interp(time + shift, grid, experiment.unit_length) for shift in (0.025, -0.025))
+    grid, course = step * np.arange(1, count + 1), experiment.course.values
+    later, earlier = (np.interp(time + shift, grid, course) for shift in (0.025, -0.025))
     return Seen(
         np.interp(time, grid, experiment.command),
-        np.interp(time, grid, experiment.unit_length),
-        (late_length - early_length) / 0.05,
+        np.interp(time, grid, course),
+        (later - earlier) / 0.05,
         time,
         early[channel] / noise_then,
         late[channel] / noise_then,
@@ -261,21 +259,22 @@ def where(diagnosis: Diagnosis) -> "Figure":
             row.suptitle(title, fontsize=10, fontweight="bold")
             axes = row.subplots(1, len(pairs) + 2, squeeze=False)[0]
             axes[-1].sharey(axes[-2])
-            _maps(row, axes[: len(pairs)], own, pairs)
+            course = next(e for e in diagnosis.experiments if channel in e.measured).course
+            _maps(row, axes[: len(pairs)], own, course, pairs)
             _over_time(axes[-2], own, pairs, repeated=diagnosis.repeated)
-            _by_motion(axes[-1], own, pairs)
+            _by_motion(axes[-1], own, course, pairs)
     return figure
 
 
-def _maps(figure: Any, axes: Any, own: Seen, pairs: list[tuple[str, str]]) -> None:
-    pressure, length = own.pressure / BAR, own.length * 1e3
-    edges = [np.histogram_bin_edges(length, BINS), np.histogram_bin_edges(pressure, BINS)]
-    maps = [_binned((length, pressure), edges, getattr(own, which)) for which, _ in pairs]
+def _maps(figure: Any, axes: Any, own: Seen, course: Course, pairs: list[tuple[str, str]]) -> None:
+    pressure, along = own.pressure / BAR, own.course / course.si
+    edges = [np.histogram_bin_edges(along, BINS), np.histogram_bin_edges(pressure, BINS)]
+    maps = [_binned((along, pressure), edges, getattr(own, which)) for which, _ in pairs]
     top = max(3.0, max(float(np.nanmax(found, initial=0.0)) for found in maps))
     for axis, found, (_, name) in zip(axes, maps, pairs, strict=True):
         mesh = axis.pcolormesh(*edges, found.T, cmap="YlOrRd", vmin=0.0, vmax=top)
         axis.set_title(name)
-        axis.set_xlabel("prescribed length [mm]")
+        axis.set_xlabel(course.label)
         axis.set_ylabel("pressure command [bar]" if axis is axes[0] else "")
         axis.set_facecolor("0.94")
     bar = figure.colorbar(mesh, ax=list(axes), fraction=0.08, aspect=18)
@@ -315,12 +314,9 @@ def _over_time(axis: "Axes", own: Seen, pairs: list[tuple[str, str]], *, repeate
     )
 
 
-def _by_motion(axis: "Axes", own: Seen, pairs: list[tuple[str, str]]) -> None:
-    masks = {
-        "shortening": own.speed < -SLOW,
-        "still": np.abs(own.speed) <= SLOW,
-        "lengthening": own.speed > SLOW,
-    }
+def _by_motion(axis: "Axes", own: Seen, course: Course, pairs: list[tuple[str, str]]) -> None:
+    parts = own.rate < -course.slow, np.abs(own.rate) <= course.slow, own.rate > course.slow
+    masks = dict(zip(course.motions, parts, strict=True))
     width = 0.8 / len(pairs)
     for number, (which, name) in enumerate(pairs):
         residual = getattr(own, which)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from klute_sim.dataset.channels import MEASURED
 from klute_sim.diagnose.diagnosis import Diagnosis
 from klute_sim.diagnose.experiment import UNITS
 from klute_sim.diagnose.fallback import formula
@@ -27,6 +28,12 @@ AT_END = "at the end of what is allowed"
 TEMPLATE = "diagnosis.html"
 AT_BOUND = 1e-6
 """Distance from a bound, over the whole range, at which a fitted number stands at it."""
+
+BESIDE = {
+    "bench": "The body, its joints and the ground: the device alone was on the bench.",
+    "gait": "Whoever walked, and the ground: motion and load were taken as they were measured.",
+}
+"""Rig -> what no diagnosis on it sees."""
 
 CAPTIONS = {
     "before_after": "Measured and simulated in one trial, and what is left between them.",
@@ -292,12 +299,12 @@ def _unseen(d: Diagnosis) -> list[str]:
         if d.shown_on == "fit":
             found.append("How well the result predicts: no trial was kept back to show, the gap is of fitted ones.")
     measured = {channel for trial in d.dataset.trials for channel in trial.measured}
-    missing = [words.spoken(channel) for channel in UNITS if channel not in measured]
+    missing = [words.spoken(channel) for channel in MEASURED[d.dataset.rig] if channel not in measured]
     if missing:
         found.append(f"Channels that were not measured: {words.joined(missing)}.")
     weighed = d.noise if d.final is not None else measured
     idle = [words.spoken(channel) for channel in UNITS if channel in measured and channel not in weighed]
     if idle:
         found.append(f"Channels that were measured but could not be used: {words.joined(idle)}.")
-    found.append("The body, its joints and the ground: the device alone was on the bench.")
+    found.append(BESIDE[d.dataset.rig])
     return found

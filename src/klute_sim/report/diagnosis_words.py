@@ -96,7 +96,8 @@ def verdict(diagnosis: Diagnosis) -> str:
         closest = f"{joined(proxies)} {comes} closest, as a proxy"
         return f"The simulation lacks something that is not fully explained; {closest}{beside}."
     parts = []
-    for kind, words in (("device", "the simulated device lacks"), ("instrument", "an instrument is at fault:")):
+    kinds = (("device", "the simulated device lacks"), ("body", "the simulated foot and ankle lack"))
+    for kind, words in (*kinds, ("instrument", "an instrument is at fault:")):
         own = [term(t) for t in diagnosis.found if t.entry.kind == kind]
         if kind == "instrument":
             own += [f"quantisation of {spoken(channel)}" for channel in diagnosis.displays]

@@ -21,6 +21,7 @@ PLACES = {
     "pressure_reached": "how the pressure follows",
     "remember": "its own memory",
     "reading": "what an instrument shows",
+    "foot": "what the foot and its ankle are",
 }
 """Hook -> what a law changes there."""
 WHOLE_SERIES = "the pressure command as a whole"
@@ -54,7 +55,7 @@ def describe(effect: "Effect") -> dict[str, Any]:
 
 def snippet(effect: "Effect", form: "Form") -> str | None:
     """The lines of a device file that have ``effect`` in it at its typical size; None for one of instruments."""
-    if effect.kind != "device":
+    if effect.kind == "instrument":
         return None
     numbers = (f"{parameter.key} = {float(parameter.typical)!r}" for parameter in form.parameters)
     needs = [f"# needs {effect.instead_of} = false in [muscle]"] if effect.instead_of else []
@@ -87,6 +88,11 @@ def kind(shown: dict[str, Any]) -> str:
         return (
             "An effect of an instrument. It is never in a device file: a diagnosis looks for it in every measured "
             "channel."
+        )
+    if shown["kind"] == "body":
+        return (
+            "An effect of the body that the device is built into. It shows on walks: a diagnosis of gait looks for it, "
+            "and `klute-sim gait` walks with it. On a bench there is no body."
         )
     if shown["data_driven"]:
         return (

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.recording.recording import Recording
-from klute_sim.rigs.gait.build import ANKLE
+from klute_sim.rigs.gait.body import ANKLE
 
 FRAME_RATE = 100.0
 """Poses per second; channels keep every sample."""

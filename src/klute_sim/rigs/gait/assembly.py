@@ -16,7 +16,8 @@ from klute_sim.errors import InputError
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.recording.recording import Samples
 from klute_sim.rigs.gait import motion as paths
-from klute_sim.rigs.gait.build import ANKLE, MODEL_MASS, MODEL_STATURE, build, leg
+from klute_sim.rigs.gait.body import ANKLE
+from klute_sim.rigs.gait.build import MODEL_MASS, MODEL_STATURE, Edit, build, leg
 from klute_sim.rigs.gait.reference import Reference, default
 from klute_sim.rigs.gait.spring_foot import SpringFoot
 
@@ -47,6 +48,8 @@ class GaitOptions:
     """What is followed and compared with."""
     foot: SpringFoot | None = None
     """A passive foot in place of the device."""
+    edit: Edit | None = None
+    """What else is changed of the model before it is compiled; a recording does not say what."""
 
     def __post_init__(self) -> None:
         """Raise InputError for a value no subject or solver has."""
@@ -95,7 +98,13 @@ class Assembly:
 def assemble(device: Device, options: GaitOptions, interval: float) -> Assembly:
     """The rig for ``device``, commanded every ``interval`` [s]; raises InputError for a device that does not fit."""
     model = build(
-        device, mass=options.mass, stature=options.stature, step=options.step, slope=options.slope, foot=options.foot
+        device,
+        mass=options.mass,
+        stature=options.stature,
+        step=options.step,
+        slope=options.slope,
+        foot=options.foot,
+        edit=options.edit,
     )
     limb, reference, slope = leg(model), options.reference.on_slope(options.slope), options.slope
     wanted = paths.plan(reference, limb, reference.stride_time, options.speed, slope).stride_time

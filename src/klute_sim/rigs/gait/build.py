@@ -1,14 +1,18 @@
 """The gait rig's model, scaled to a subject and cut to a device."""
 
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from klute_sim.device import effects_file
 from klute_sim.device.files import Device
+from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.plant import models
 from klute_sim.recording.recording import Samples
+from klute_sim.rigs.gait.body import ANKLE, into, read
 from klute_sim.rigs.gait.motion import Leg
 from klute_sim.rigs.gait.reference import GRAVITY
 from klute_sim.rigs.gait.spring_foot import SpringFoot, without_pull
@@ -17,8 +21,9 @@ MODEL_MASS = 75.0
 """Body mass of the model as it is in the file [kg]."""
 MODEL_STATURE = 1.75
 """Stature of the model as it is in the file [m]."""
-ANKLE = "prosthesis_"
-"""Prefix of everything that comes from ankle.xml."""
+
+Edit = Callable[[mujoco.MjSpec], None]
+"""Changes a model before it is compiled."""
 
 
 def build(
@@ -29,11 +34,12 @@ def build(
     step: float,
     slope: float = 0.0,
     foot: SpringFoot | None = None,
+    edit: Edit | None = None,
 ) -> mujoco.MjModel:
     """Model of a subject of ``mass`` [kg] and ``stature`` [m] wearing ``device``; ``step`` [s].
 
     Ground that rises by ``slope`` [rad] stays level in the model, and gravity leans instead.
-    A ``foot`` takes the place of the device and of the prosthesis' return spring.
+    A ``foot`` takes the place of the device and of the prosthesis' return spring. An ``edit`` has the last word.
     Limb lengths and the foot scale with stature, limb masses with body mass; the carriage carries the rest.
     The device and the prosthesis' mass stay what they are. The Achilles origin is moved up or down the pylon
     so that the muscle has its mounting length at a neutral ankle.
@@ -49,6 +55,9 @@ def build(
     if foot is not None:
         foot.into(spec.joint(ANKLE + "ankle"))
         parameters = without_pull(parameters)
+    _put_in_effects(spec, device)
+    if edit is not None:
+        edit(spec)
     return models.equip(spec, {ANKLE + "muscle_tendon": parameters})
 
 
@@ -90,6 +99,13 @@ def _origin(device: Device, spec: mujoco.MjSpec, scale: float) -> Samples:
     across = np.hypot(origin[0] - insertion[0], origin[1] - insertion[1])
     origin[2] = insertion[2] + np.sqrt(length * length - across * across)
     return origin
+
+
+def _put_in_effects(spec: mujoco.MjSpec, device: Device) -> None:
+    """What the device file says of the body, at the models' own stature and mass: those of the prosthesis."""
+    if any(catalogue.effects()[name].kind == "body" for name in device.spec.effects):
+        was = read(models.equip(spec.copy(), {ANKLE + "muscle_tendon": device.parameters}))
+        into(spec, was, effects_file.edited(device.spec.effects, was))
 
 
 def leg(model: mujoco.MjModel) -> Leg:

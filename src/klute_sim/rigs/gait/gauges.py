@@ -12,7 +12,7 @@ from klute_sim.device.step import State
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben
 from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.rigs.gait.build import ANKLE
+from klute_sim.rigs.gait.body import ANKLE
 from klute_sim.units import BAR
 
 CHANNELS = (

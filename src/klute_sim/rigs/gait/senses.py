@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from klute_sim.control.feedback import Sensed
 from klute_sim.rigs.gait.assembly import Assembly
-from klute_sim.rigs.gait.build import ANKLE
+from klute_sim.rigs.gait.body import ANKLE
 from klute_sim.rigs.gait.reference import GRAVITY
 from klute_sim.units import BAR
 

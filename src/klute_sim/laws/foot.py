@@ -1,0 +1,142 @@
+"""A prosthetic foot that turns about an ankle whose own motion is prescribed, in the sagittal plane.
+
+Newton-Euler about the moving ankle axis, with ``q`` the ankle angle (plantarflexion positive, a rotation about +y,
+which lowers the toe), ``t`` the shank's lean (forward positive, about +y as well), ``c`` the foot's centre of mass seen
+from the ankle and ``a`` the ankle's acceleration::
+
+    I (t'' + q'') = T r(q) - k (q - q0) - b q' + k_b max(0, -q - q_b) + M_friction + M_stop + M_ground + M_weight
+    M_weight = m (c_x (g + a_z) - c_z a_x)         c turned by t + q
+
+with ``T r`` the device's tension times its arm. The base is prescribed, so its acceleration is an input and nothing
+acts back on it. Springs, masses and sites are the MJCF's; stop and step are MuJoCo's own formulas (documentation,
+"Computation", solver parameters; the integrator *implicitfast*), for the one coordinate that is free.
+"""
+
+import math
+from typing import NamedTuple
+
+GRAVITY = 9.81
+"""[m/s2], as in the models."""
+
+
+class Foot(NamedTuple):
+    """A foot on its ankle; SI, positions from the ankle axis, x forward and z up."""
+
+    inertia: float
+    """About the ankle axis [kg m2]."""
+    mass: float
+    centre_x: float
+    centre_z: float
+    """Centre of mass, in the foot."""
+    origin_x: float
+    origin_z: float
+    """Where the tendon begins, in the pylon."""
+    insertion_x: float
+    insertion_z: float
+    """Where it ends, in the foot."""
+    stiffness: float
+    """Of the return spring [N.m/rad]."""
+    rest: float
+    """Ankle angle at which that is slack [rad]."""
+    damping: float
+    """[N.m.s/rad]"""
+    friction: float
+    """Coulomb's, of the ankle [N.m]."""
+    lowest: float
+    highest: float
+    """Ankle angles at which the end stops begin [rad]."""
+    bumper: float
+    """Stiffness of a bumper [N.m/rad]."""
+    bumper_at: float
+    """Dorsiflexion from which it acts [rad]."""
+    stop_time: float
+    """Time constant of a stop [s], critically damped."""
+    stop_least: float
+    stop_most: float
+    stop_width: float
+    """Impedance of a stop where it begins, and beyond that width [rad]: MuJoCo's solimp."""
+
+
+class Base(NamedTuple):
+    """What is prescribed at an instant."""
+
+    angle: float
+    """Lean of the shank [rad]."""
+    turning: float
+    """Its second derivative [rad/s2]."""
+    forward: float
+    upward: float
+    """Acceleration of the ankle [m/s2]."""
+    ground: float
+    """Moment of the ground reaction about the ankle [N.m], plantarflexing positive."""
+
+
+class Turn(NamedTuple):
+    """The ankle after a step."""
+
+    angle: float
+    rate: float
+    moment: float
+    """Of tendon, spring, damping, friction and stops about the ankle during the step [N.m], plantarflexor positive."""
+
+
+def unit_length(foot: Foot, angle: float) -> float:
+    """Length of the muscle-tendon unit [m]: the straight line between its two sites."""
+    x, z = _insertion(foot, angle)
+    return math.sqrt((foot.origin_x - x) * (foot.origin_x - x) + (foot.origin_z - z) * (foot.origin_z - z))
+
+
+def arm(foot: Foot, angle: float) -> float:
+    """``-d(unit_length)/d(angle)`` [m]: what a tension is multiplied by to give a plantarflexing moment."""
+    x, z = _insertion(foot, angle)
+    return ((foot.origin_x - x) * z - (foot.origin_z - z) * x) / unit_length(foot, angle)
+
+
+def _insertion(foot: Foot, angle: float) -> tuple[float, float]:
+    """In the pylon."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    x = foot.insertion_x * cosine + foot.insertion_z * sine
+    return x, foot.insertion_z * cosine - foot.insertion_x * sine
+
+
+def weight(foot: Foot, angle: float, base: Base) -> float:
+    """Moment [N.m] of weight and of the ankle's acceleration."""
+    cosine, sine = math.cos(base.angle + angle), math.sin(base.angle + angle)
+    x = foot.centre_x * cosine + foot.centre_z * sine
+    z = foot.centre_z * cosine - foot.centre_x * sine
+    return foot.mass * (x * (GRAVITY + base.upward) - z * base.forward)
+
+
+def stop(foot: Foot, angle: float, rate: float, free: float) -> float:
+    """Moment [N.m] of the end stops, for the acceleration [rad/s2] that there would be ``free`` of them.
+
+    MuJoCo's soft limit: of the acceleration into the stop the share ``d`` (solimp) is replaced by
+    ``-2 v / (d1 tau) - d r / (d1 tau)^2``, where ``r`` is how deep it is in and ``d1`` the largest ``d``.
+    """
+    inward = 1.0 if angle < foot.lowest else -1.0
+    depth = foot.lowest - angle if angle < foot.lowest else angle - foot.highest
+    if depth <= 0.0:
+        return 0.0
+    x = min(1.0, depth / foot.stop_width)
+    share = 2.0 * x * x if x <= 0.5 else 1.0 - 2.0 * (1.0 - x) * (1.0 - x)
+    impedance = foot.stop_least + share * (foot.stop_most - foot.stop_least)
+    time = foot.stop_most * foot.stop_time
+    wanted = -2.0 / time * inward * rate + impedance / (time * time) * depth
+    return inward * foot.inertia * max(0.0, impedance * (wanted - inward * free))
+
+
+def turn(foot: Foot, angle: float, rate: float, tension: float, base: Base, step: float) -> Turn:
+    """The ankle a ``step`` [s] later, under ``tension`` [N].
+
+    Damping and friction are implicit: friction takes off of the rate that there would be without it as much as it can,
+    and holds the ankle where that is all of it (backward Euler of Coulomb's law), so it never drives.
+    """
+    own = tension * arm(foot, angle) - foot.stiffness * (angle - foot.rest) - foot.damping * rate
+    own += foot.bumper * max(0.0, -angle - foot.bumper_at)
+    other = base.ground + weight(foot, angle, base) - foot.inertia * base.turning
+    own += stop(foot, angle, rate, (own + other) / foot.inertia)
+    heavy = foot.inertia + step * foot.damping
+    after = rate + step * (own + other) / heavy
+    most = step * foot.friction / heavy
+    taken = min(max(after, -most), most)
+    return Turn(angle + step * (after - taken), after - taken, own - taken * heavy / step)

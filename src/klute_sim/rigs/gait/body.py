@@ -1,0 +1,88 @@
+"""Foot and ankle of the MJCF as numbers, and numbers put into the MJCF."""
+
+import mujoco
+import numpy as np
+
+from klute_sim.laws.foot import Foot
+
+ANKLE = "prosthesis_"
+"""Prefix of everything that comes from ankle.xml."""
+STICKING = (0.002, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
+"""solref and solimp of friction in MuJoCo: as hard as a step of 1 ms allows, because the soft default creeps."""
+
+
+def read(model: mujoco.MjModel) -> Foot:
+    """Of a model with ``ankle.xml`` in it, under the prefix :data:`ANKLE`.
+
+    The heel's spring is taken to be rigid: it gives 3 mm under 1 kN, and what that shifts is in a measured centre of
+    pressure already.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    joint, foot = model.joint(ANKLE + "ankle"), model.body(ANKLE + "foot").id
+    dof, number = int(joint.dofadr[0]), int(joint.id)
+    whole = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, whole)
+    ankle = data.xanchor[number]
+    centre = data.subtree_com[foot] - ankle
+    origin, insertion = (data.site(ANKLE + name).xpos - ankle for name in ("achilles_origin", "achilles_insertion"))
+    time, _ = model.jnt_solref[number]
+    least, most, width = model.jnt_solimp[number][:3]
+    lowest, highest = model.jnt_range[number]
+    bumper = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, BUMPER)
+    return Foot(
+        inertia=float(whole[dof, dof]),
+        mass=float(model.body_subtreemass[foot]),
+        centre_x=float(centre[0]),
+        centre_z=float(centre[2]),
+        origin_x=float(origin[0]),
+        origin_z=float(origin[2]),
+        insertion_x=float(insertion[0]),
+        insertion_z=float(insertion[2]),
+        stiffness=float(model.jnt_stiffness[number]),
+        rest=float(model.qpos_spring[int(joint.qposadr[0])]),
+        damping=float(model.dof_damping[dof]),
+        friction=float(model.dof_frictionloss[dof]),
+        lowest=float(lowest),
+        highest=float(highest),
+        bumper=0.0 if bumper < 0 else float(model.tendon_stiffness[bumper]),
+        bumper_at=0.0 if bumper < 0 else float(model.tendon_lengthspring[bumper, 1]),
+        stop_time=float(time),
+        stop_least=float(least),
+        stop_most=float(most),
+        stop_width=float(width),
+    )
+
+
+BUMPER, FREE = "bumper", 1e3
+"""Name of a bumper's tendon, and an ankle angle that is never reached [rad]."""
+
+
+def into(spec: mujoco.MjSpec, was: Foot, foot: Foot) -> None:
+    """Make the foot of ``spec``, which is what it ``was``, into ``foot``; what is equal is not touched.
+
+    A bumper is a fixed tendon whose spring is slack up to where it begins. Centre of mass, origin and stops stay.
+    """
+    joint = spec.joint(ANKLE + "ankle")
+    if foot.stiffness != was.stiffness:
+        joint.stiffness = np.array([foot.stiffness, 0.0, 0.0])  # a polynomial's terms
+    if foot.rest != was.rest:
+        joint.springref = foot.rest
+    if foot.damping != was.damping:
+        joint.damping = np.array([foot.damping, 0.0, 0.0])
+    if foot.friction != was.friction:
+        joint.frictionloss = foot.friction
+        joint.solref_friction, joint.solimp_friction = STICKING
+    insertion = spec.site(ANKLE + "achilles_insertion")
+    if (foot.insertion_x, foot.insertion_z) != (was.insertion_x, was.insertion_z):
+        insertion.pos = np.array([foot.insertion_x, insertion.pos[1], foot.insertion_z])
+    if foot.mass != was.mass:
+        for name in ("foot", "heel"):
+            body = spec.body(ANKLE + name)
+            body.mass *= foot.mass / was.mass
+            body.inertia = np.asarray(body.inertia) * (foot.mass / was.mass)
+    if foot.bumper != was.bumper:
+        tendon = spec.add_tendon(name=BUMPER)
+        tendon.wrap_joint(ANKLE + "ankle", -1.0)
+        tendon.stiffness = np.array([foot.bumper, 0.0, 0.0])
+        tendon.springlength = np.array([-FREE, foot.bumper_at])

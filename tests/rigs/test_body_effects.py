@@ -1,0 +1,118 @@
+"""Effects of the body: the same numbers in the MJCF and in a replay, and none where they are neutral."""
+
+import numpy as np
+import pytest
+
+from klute_sim.control import pressure
+from klute_sim.device.files import Device, load, read
+from klute_sim.effects import catalogue
+from klute_sim.effects.effect import Effect, Form
+from klute_sim.laws import foot as law
+from klute_sim.laws.foot import Base, Foot
+from klute_sim.report import effects_words as words
+from klute_sim.rigs.gait.assembly import GaitOptions
+from klute_sim.rigs.gait.rig import walk
+from klute_sim.rigs.replay.foot import foot_of
+from klute_sim.rigs.replay.rollout import Inputs, replay
+
+PLAIN = load("klute-1-1-4-pair")
+FOOT = foot_of(PLAIN)
+FORMS = [(e, form) for e in catalogue.effects().values() if e.kind == "body" for form in e.forms]
+IDS = [f"{effect.name}-{form.name}" for effect, form in FORMS]
+EVERY = pytest.mark.parametrize(("effect", "form"), FORMS, ids=IDS)
+STEP = 5e-4
+
+
+def having(effect: Effect, form: Form) -> Device:
+    """With the typical size, from a device file."""
+    return read(f"{PLAIN.content.decode()}\n{words.snippet(effect, form)}\n".encode(), "with it")
+
+
+def edited(effect: Effect, form: Form, share: float = 1.0) -> Foot:
+    own = {}
+    for p in form.parameters:
+        own[p.key] = p.typical if p.neutral is None else p.neutral + share * (p.typical - p.neutral)
+    return catalogue.edited({(effect.name, form.name): own}, FOOT)
+
+
+def moving(seconds: float = 0.6) -> Inputs:
+    time = np.arange(0.0, seconds, STEP)
+    wave = np.sin(2.0 * np.pi * 2.5 * time)
+    return Inputs(0.3 * wave, -70.0 * wave, 5.0 * wave, 3.0 * wave, -60.0 * (1.0 - np.cos(8.0 * time)), 3e5 + 0 * time)
+
+
+@EVERY
+def test_neutral_changes_no_bit(effect: Effect, form: Form) -> None:
+    assert edited(effect, form, 0.0)._replace(bumper_at=0.0) == FOOT
+    one, other = (replay(PLAIN.parameters, foot, moving(), STEP) for foot in (FOOT, edited(effect, form, 0.0)))
+    for a, b in zip(one, other, strict=True):
+        assert np.array_equal(a, b)
+
+
+@EVERY
+def test_the_mjcf_becomes_what_the_replay_takes(effect: Effect, form: Form) -> None:
+    """To the numbers of the compiled model and back."""
+    assert foot_of(having(effect, form)) == pytest.approx(edited(effect, form), rel=1e-9)
+    assert foot_of(having(effect, form)) != pytest.approx(FOOT, rel=1e-6)
+
+
+@EVERY
+def test_what_a_replay_does_mujoco_does(effect: Effect, form: Form) -> None:
+    """A walk with the effect in the MJCF, replayed with the effect in the equation: the ankle is where it was."""
+    recording = walk(having(effect, form), pressure.tuned(), GaitOptions(strides=1, step=STEP))
+
+    def twice(values: np.ndarray) -> np.ndarray:
+        inside = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / STEP**2
+        return np.concatenate([inside[:1], inside, inside[-1:]])
+
+    x, z, lean = recording["ankle_x"], recording["ankle_z"], np.radians(recording["shank_angle"])
+    ground = -z * recording["grf_forward"] - np.nan_to_num(recording["cop_x"] - x) * recording["grf_vertical"]
+    command = 1e5 * recording["pressure_command"]
+    inputs = Inputs(lean, twice(lean), twice(x), twice(z), ground, command)
+    late = recording["time"] > 0.3
+    off, without = (
+        np.degrees(replay(PLAIN.parameters, foot, inputs, STEP).angle)[late] - recording["ankle_angle"][late]
+        for foot in (edited(effect, form), FOOT)
+    )
+    assert np.sqrt(np.mean(off**2)) < 0.02
+    assert np.sqrt(np.mean(without**2)) > 3.0 * np.sqrt(np.mean(off**2))
+
+
+def test_signs() -> None:
+    """Dorsiflexed by a load: what each effect changes of that."""
+
+    def held(foot: Foot) -> float:
+        still = np.zeros(3000)
+        return float(
+            replay(PLAIN.parameters, foot, Inputs(still, still, still, still, still - 60.0, still), STEP).angle[-1]
+        )
+
+    forms = {f"{effect.name} {form.name}": edited(effect, form) for effect, form in FORMS}
+    plain = held(FOOT)
+    assert plain > np.radians(10.0)
+    assert held(forms["return_spring_error stiffness"]) < plain
+    assert held(forms["return_spring_error rest"]) > plain
+    assert held(forms["end_stop bumper"]) < plain
+    assert held(forms["moment_arm_error insertion"]) != plain
+    assert law.arm(forms["moment_arm_error insertion"], 0.0) == pytest.approx(1.05 * law.arm(FOOT, 0.0), rel=1e-3)
+    assert held(forms["ankle_friction viscous"]) == pytest.approx(plain, abs=1e-6)
+    stuck = held(forms["ankle_friction coulomb"]) - plain  # somewhere within what friction holds
+    assert 0.0 < abs(stuck) < 2.0 / FOOT.stiffness
+    assert forms["inertia_error mass"].inertia == pytest.approx(1.4 * FOOT.inertia)
+
+
+@EVERY
+def test_no_effect_gives_energy(effect: Effect, form: Form) -> None:
+    """A foot that swings on its own, or rests: its energy only falls."""
+    foot = edited(effect, form)
+    angle, rate, step, still = -0.3, 0.0, 2e-5, Base(0.0, 0.0, 0.0, 0.0, 0.0)
+    before = np.inf
+    for k in range(10000):
+        turned = law.turn(foot, angle, rate, 0.0, still, step)
+        angle, rate = turned.angle, turned.rate
+        lift = foot.centre_z * np.cos(angle) - foot.centre_x * np.sin(angle)
+        energy = 0.5 * foot.inertia * rate * rate + 0.5 * foot.stiffness * (angle - foot.rest) ** 2
+        energy += foot.mass * law.GRAVITY * lift + 0.5 * foot.bumper * max(0.0, -angle - foot.bumper_at) ** 2
+        if k % 500 == 0:
+            assert energy < before + 1e-3
+            before = energy
