@@ -83,12 +83,12 @@ def test_the_tuned_profile_is_nearer_to_the_human_than_the_hand_tuned_by_a_third
 
 
 def test_tuned_with_its_device_the_ankle_is_the_humans() -> None:
-    """The goals of ``tune --goal-human`` on at most 5 bar, at the fine step; the moment misses its 0.4 by a hair."""
+    """The goals of ``tune --goal-human`` on at most 5 bar, at the fine step."""
     (each,) = baselines(("tuned-with-device",))
     outcome = outcomes(walk(each.device, each.controller, GaitOptions(strides=2)))
     stride = outcome.strides[-1]
     assert stride.moment_distance_sd.stance_rms is not None
-    assert stride.moment_distance_sd.stance_rms < 0.405
+    assert stride.moment_distance_sd.stance_rms <= 0.4
     assert stride.ankle_power_peak_w_per_kg >= 3.3
     assert stride.ankle_work_net_j_per_kg >= 0.215
     assert stride.ankle_plantarflexion_deg >= 15.0

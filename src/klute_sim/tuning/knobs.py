@@ -45,7 +45,8 @@ def _renamed(device: Device) -> Device:
     keys = tomllib.loads(device.content.decode("utf-8-sig"))
     if TUNED not in keys.get("sources", {}).values():
         return device
-    keys |= {"name": f"{keys['name']}-tuned", "description": f"{keys['name']} with numbers found by klute-sim tune."}
+    plain = keys["name"].removesuffix("-tuned")  # of what is tuned further, the name stays
+    keys |= {"name": f"{plain}-tuned", "description": f"{plain} with numbers found by klute-sim tune."}
     return read(to_toml(keys).encode(), keys["name"])
 
 
