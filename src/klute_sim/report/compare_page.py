@@ -1,7 +1,4 @@
-"""A comparison as one HTML file that needs nothing else, not even a network.
-
-Jinja2 is imported when a page is written.
-"""
+"""A comparison as one HTML file that needs nothing else, not even a network."""
 
 import base64
 from collections.abc import Mapping
@@ -13,6 +10,7 @@ from klute_sim.compare.results import as_json
 from klute_sim.provenance import versions
 from klute_sim.report import compare_words as words
 from klute_sim.report.compare_figures import MOST_CHANNELS
+from klute_sim.report.html import rendered
 
 TEMPLATE = "comparison.html"
 
@@ -24,16 +22,7 @@ def write(found: Comparison, pictures: Mapping[str, bytes], path: Path) -> None:
 
 def render(found: Comparison, pictures: Mapping[str, bytes]) -> str:
     """The page; every name in the data is escaped."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("klute_sim.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(TEMPLATE).render(content(found, pictures))
+    return rendered(TEMPLATE, **content(found, pictures))
 
 
 def content(found: Comparison, pictures: Mapping[str, bytes]) -> dict[str, Any]:

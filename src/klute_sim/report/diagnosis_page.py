@@ -1,7 +1,4 @@
-"""The report of a diagnosis as one HTML file that needs nothing else, not even a network.
-
-Jinja2 is imported when a page is written.
-"""
+"""The report of a diagnosis as one HTML file that needs nothing else, not even a network."""
 
 import base64
 import io
@@ -23,6 +20,7 @@ from klute_sim.effects import catalogue
 from klute_sim.provenance import versions
 from klute_sim.report import diagnosis_figures as pictures
 from klute_sim.report import diagnosis_words as words
+from klute_sim.report.html import rendered
 
 AT_END = "at the end of what is allowed"
 TEMPLATE = "diagnosis.html"
@@ -55,16 +53,7 @@ def write(diagnosis: Diagnosis, path: Path) -> None:
 
 def render(diagnosis: Diagnosis, images: Mapping[str, str]) -> str:
     """The page with ``images`` (name -> PNG in base 64) in it; every name in the data is escaped."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("klute_sim.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(TEMPLATE).render(content(diagnosis), images=images, captions=CAPTIONS)
+    return rendered(TEMPLATE, **content(diagnosis), images=images, captions=CAPTIONS)
 
 
 def content(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -1,7 +1,4 @@
-"""The dissertation beside the model as one HTML file that needs nothing else.
-
-Jinja2 is imported when a page is written.
-"""
+"""The dissertation beside the model as one HTML file that needs nothing else."""
 
 import base64
 from collections import Counter
@@ -11,6 +8,7 @@ from typing import Any
 
 from klute_sim.provenance import versions
 from klute_sim.report.diagnosis_words import number
+from klute_sim.report.html import rendered
 from klute_sim.reproduce import printed
 from klute_sim.reproduce.item import VERDICTS, Outcome
 from klute_sim.reproduce.walk import Reproduction
@@ -26,17 +24,8 @@ MEANING = {
 
 def write(found: Reproduction, pictures: Mapping[str, Path], path: Path) -> None:
     """Write the page of ``found`` to ``path``, with ``pictures`` (number -> PNG) in it."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("klute_sim.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     images = {name: base64.b64encode(file.read_bytes()).decode("ascii") for name, file in pictures.items()}
-    path.write_text(environment.get_template(TEMPLATE).render(content(found), images=images), "utf-8")
+    path.write_text(rendered(TEMPLATE, **content(found), images=images), "utf-8")
 
 
 def content(found: Reproduction) -> dict[str, Any]:

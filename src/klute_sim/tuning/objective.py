@@ -22,13 +22,13 @@ REST = 1e4
 FREE = 0.985
 """L/L0 below which a muscle is clear of its stop."""
 LOW = 1.0
-"""Cost of a toe that swings low: times the square of what is missing to :data:`CLEARANCE` [mm]."""
+"""Cost of a toe that swings low: times the square of what is missing to :data:`CLEARANCE` [mm] (assumed)."""
 CLEARANCE = 3.0
 """Least height of the toe in mid-swing [mm], so that a longer and finer walk does not catch either (assumed)."""
 UNFOLLOWED = 3e3
-"""Cost of load that is not followed: times the square of its rms [body weights] above :data:`FOLLOWED`."""
+"""Cost of load that is not followed: times the square of its rms [body weights] above :data:`FOLLOWED` (assumed)."""
 FOLLOWED = 0.14
-"""Rms distance of the load [body weights] that may be; reports warn from 0.15 on."""
+"""Rms distance of the load [body weights] that may be (assumed); reports warn from 0.15 on."""
 
 
 @dataclass(frozen=True, kw_only=True)
