@@ -1,44 +1,67 @@
 """The house: imports go down its floors, files stay small, style and types are clean."""
 
 import ast
+import importlib.util
+import json
+import re
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "klute_sim"
-FLOORS = {
-    **{"laws": 1, "effects": 2, "device": 3, "plant": 4, "recording": 4, "dataset": 5, "formats": 5, "control": 5},
-    **{"rigs": 6, "compare": 6, "diagnose": 7, "envs": 7, "design": 7, "motion": 7, "reproduce": 8, "learn": 8},
-    **{"report": 9, "sweep": 10, "tuning": 11, "baselines": 11, "cli": 12},
-}
-EVERYBODYS = {"errors", "units", "provenance", "registration", ""}
 FILES = sorted(SOURCE.rglob("*.py"))
 
 
-def imported(file: Path) -> set[str]:
-    """Floors of klute_sim that ``file`` imports from."""
-    found = set()
-    for node in ast.walk(ast.parse(file.read_text("utf-8"))):
-        names = [node.module] if isinstance(node, ast.ImportFrom) else []
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        for name in names:
-            if name and name.split(".")[0] == "klute_sim":
-                found.add(([*name.split("."), ""])[1])
-    return found - EVERYBODYS
+def _script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("house", ROOT / "scripts" / "house.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+house = _script()
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda f: str(f.relative_to(SOURCE)))
 def test_imports_go_down(file: Path) -> None:
     home = "cli" if file.name == "__main__.py" else file.relative_to(SOURCE).parts[0]
-    if home not in FLOORS:
-        assert not imported(file)
+    floors, imported = house.FLOORS, house.imported(file)
+    if home not in floors:
+        assert not imported
         return
-    for other in imported(file):
-        assert other == home or FLOORS[other] < FLOORS[home], f"{home} imports {other}"
+    for other in imported:
+        assert other == home or floors[other] < floors[home], f"{home} imports {other}"
+
+
+def test_the_picture_of_the_house_is_of_this_house() -> None:
+    with Image.open(ROOT / "docs" / "pictures" / "house.png") as picture:
+        drawn = json.loads(picture.text[house.KEY])
+    assert drawn == house.house(), "run `python scripts/house.py docs/pictures/house.png`"
+
+
+def test_the_picture_leaves_out_only_what_follows() -> None:
+    graph = house.house()
+
+    def reached(name: str) -> set[str]:
+        return set(graph[name]).union(*(reached(below) for below in graph[name]))
+
+    for name in house.FLOORS:
+        direct = set().union(*(house.imported(file) for file in (SOURCE / name).rglob("*.py"))) - {name}
+        assert direct <= reached(name), name
+        assert set(graph[name]) <= direct, name
+
+
+def test_the_documented_floors_are_the_ones_that_are_kept() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+    told = {name: int(floor) for floor, name in re.findall(r"^\| (\d+) \| `(\w+)/`", page, re.MULTILINE)}
+    assert told == house.FLOORS
 
 
 @pytest.mark.parametrize("file", sorted((SOURCE / "laws").glob("*.py")), ids=lambda f: f.name)
