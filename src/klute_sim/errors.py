@@ -1,8 +1,33 @@
 """The base exception: whatever a user can do wrong ends in one sentence: what, where, what is allowed."""
 
+import re
+
+LONGEST_WORD, LONGEST = 300, 1500
+"""Letters of a word and of a whole message that are shown; a path is shorter, what a damaged file holds is not."""
+
 
 class KluteSimError(Exception):
-    """Base of all errors this package raises on purpose; its message is one sentence for the user."""
+    """Base of all errors this package raises on purpose; its message is one sentence for the user.
+
+    Messages quote files that others made, and libraries: what they bring along stays on one line and within bounds.
+    """
+
+    def __str__(self) -> str:
+        """The sentence."""
+        text = "".join(
+            c if c.isprintable() else " " if c.isspace() else "\N{REPLACEMENT CHARACTER}" for c in super().__str__()
+        )
+        text = re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: _shortened(word[0], LONGEST_WORD), text)
+        return _shortened(text.strip(), LONGEST)
+
+
+def _printable(letter: str) -> str:
+    return letter if letter.isprintable() else " " if letter.isspace() else "\N{REPLACEMENT CHARACTER}"
+
+
+def _shortened(text: str, longest: int) -> str:
+    """``text`` without its middle where it is longer than ``longest``."""
+    return text if len(text) <= longest else f"{text[: longest // 2]} ... {text[-longest // 4 :]}"
 
 
 class InputError(KluteSimError):
