@@ -4,7 +4,7 @@ import statistics
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from catalogue import EFFECTS, Parameter, instrument_forms
+from catalogue import EFFECTS, instrument_forms
 from scipy.stats import binomtest
 from score import BAD, TOLD, Truth, Verdict, first_right, hidden, kinds_confused, left, sets
 
@@ -140,8 +140,10 @@ def intervals(rows: Iterable[Row]) -> Iterator[Interval]:
             forms = instrument_forms(true["channel"]) if true.get("channel") else EFFECTS
             own = forms[true["name"], true["form"]]
             values = zip(found["parameters"].items(), true["parameters"].items(), strict=True)
-            for (key, told), (_, value) in values:
-                yield _interval(f"{true['name']}.{key}", told, value, own)
+            for (_, told), (key, value) in values:  # a fault's numbers are called otherwise there
+                neutral = own[key].neutral or 0.0
+                error = abs(told["value"] - value) / abs(value - neutral)
+                yield Interval(f"{true['name']}.{key}", value, error, told["low"] <= value <= told["high"])
 
 
 def _same(found: Mapping[str, Any], true: Mapping[str, Any]) -> bool:
@@ -150,12 +152,6 @@ def _same(found: Mapping[str, Any], true: Mapping[str, Any]) -> bool:
 
 def _same_form(found: Mapping[str, Any], true: Mapping[str, Any]) -> bool:
     return bool(true.get("channel")) or found["form"] == true["form"]
-
-
-def _interval(key: str, told: Mapping[str, float], value: float, own: Mapping[str, Parameter]) -> Interval:
-    neutral = own[key.split(".")[1]].neutral or 0.0
-    error = abs(told["value"] - value) / abs(value - neutral)
-    return Interval(key, value, error, told["low"] <= value <= told["high"])
 
 
 def removed(row: Row) -> float | None:

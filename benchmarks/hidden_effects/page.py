@@ -1,9 +1,10 @@
 """The page of results: what was aimed at, what came out, every failure with its reason."""
 
+import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from metrics import Metric, Row, confusion, metrics, power
+from metrics import WORTH, Metric, Row, confusion, intervals, metrics, power
 from score import hidden, sets
 
 FINE = {"right", "absorbed"}
@@ -30,6 +31,7 @@ def page(rows: Sequence[Row], others: Mapping[str, Sequence[Row]], head: Mapping
         lines += ["", "## Beside other methods", "", *_methods(rows, others)]
     lines += ["", "## Power: what became of single effects, by their size over the noise", "", *_power(rows)]
     lines += ["", "## How many repeats, for effects of half the noise", "", *_repeats(rows)]
+    lines += ["", "## What a sensor for the muscle's length brings", "", *_lengths(rows)]
     lines += ["", "## Confusion", "", *_confusion(rows), "", "## What was not right, and why", "", *_failures(rows)]
     return "\n".join(lines) + "\n"
 
@@ -85,6 +87,25 @@ def _repeats(rows: Sequence[Row]) -> list[str]:
         ["repeats", *words],
         [[n, *(sum(r.truth["repeats"] == n and r.outcome == w for r in own) or "" for w in words)] for n in counts],
     )
+
+
+def _lengths(rows: Sequence[Row]) -> list[str]:
+    """Single effects and pairs, of those of a size worth finding, by whether the muscle's own length was recorded."""
+    table = []
+    for has, word in ((True, "recorded"), (False, "not recorded")):
+        own = [
+            row
+            for row in rows
+            if row.truth["block"] in ("single", "pair", "triple")
+            and row.truth["size"] >= WORTH
+            and ("muscle_length" in row.verdict.get("gap", {})) is has
+        ]
+        errors = [each.error for each in intervals(own)]
+        right = sum(row.outcome == "right" for row in own)
+        alone = sum(row.verdict["verdict"] == "named" and row.outcome == "right" for row in own)
+        error = f"{100 * statistics.median(errors):.1f} %" if errors else "-"
+        table.append([word, len(own), right, alone, error])
+    return _table(["muscle's length", "datasets", "right", "of them by one name", "error of a number, median"], table)
 
 
 def _confusion(rows: Sequence[Row]) -> list[str]:

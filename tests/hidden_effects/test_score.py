@@ -87,6 +87,16 @@ def test_a_first_name_and_a_kind_may_be_right_where_the_rest_is_not() -> None:
     assert not kinds_confused(truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)))
 
 
+def test_a_fault_s_number_is_compared_whatever_it_is_called() -> None:
+    true = {"name": "sensor_drift", "form": "linear", "channel": "force", "parameters": {"drift_per_s": -10.0}}
+    told = {"value": -11.0, "low": -12.0, "high": -9.0}
+    found = {"name": "sensor_drift", "form": "linear", "channel": "force", "parameters": {"rate_per_s": told}}
+    row = Row("instrument_0", truth((), (true,), block="instrument"), verdict("named", found), "right")
+    (one,) = metrics.intervals([row])
+    assert one.error == pytest.approx(0.1)
+    assert one.covered
+
+
 def test_the_numbers_are_those_of_the_rows(tmp_path: Path) -> None:
     slope = {"slope_n_per_bar": 10.0}
     true = {**HYSTERESIS, "form": "coulomb", "parameters": slope}
