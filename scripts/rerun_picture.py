@@ -16,8 +16,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from klute_sim.errors import KluteSimError
 from klute_sim.report.view import LOOPBACK, free_ports, recording_of, viewer_program, without_statistics
+
+from klute_sim.errors import KluteSimError
 
 
 def draw(recording: Path, folder: Path, seconds: float) -> list[Path]:

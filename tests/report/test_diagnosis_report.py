@@ -24,9 +24,9 @@ from klute_sim.errors import InputError, MissingExtraError
 from klute_sim.provenance import versions
 from klute_sim.report import diagnosis_figures as pictures
 from klute_sim.report import diagnosis_page as page
-from klute_sim.report.workbench import diagnosis as recording
 from klute_sim.report import diagnosis_traces as traces
 from klute_sim.report import diagnosis_words as words
+from klute_sim.report.workbench import diagnosis as recording
 from klute_sim.units import BAR
 
 RATE, TIME, FINE = 200.0, 1.2, 10

@@ -45,6 +45,10 @@ class Trial(NamedTuple):
     readings: Mapping[str, float | None]
     recording: Recording
 
+    def number(self, key: str) -> float | None:
+        """A setting or reading."""
+        return {**self.setting, **self.readings}.get(key)
+
 
 def remake(folder: Path, path: Path) -> None:
     """Write ``path`` (.rrd) from the files of a bench run's ``folder``.
@@ -124,8 +128,8 @@ def page(told: Mapping[str, Any], trials: Sequence[Trial]) -> str:
     """What was run, what was read off each trial, and what was assumed."""
     where = "MuJoCo tester" if told["mujoco"] else "device alone"
     keys = dict.fromkeys(key for trial in trials for key in (*trial.setting, *(SHOWN[told["kind"]] or trial.readings)))
-    differs = [key for key in keys if len({(t.setting | t.readings).get(key) for t in trials}) > 1] or list(keys)
-    rows = [[trial.name, *((trial.setting | trial.readings).get(key) for key in differs)] for trial in trials]
+    differs = [key for key in keys if len({t.number(key) for t in trials}) > 1] or list(keys)
+    rows = [[trial.name, *(trial.number(key) for key in differs)] for trial in trials]
     table = stream.table(["trial", *(_heading(key) for key in differs)], rows)
     assumed = [f"{key} ({why})" for key, why in told["assumptions"].items()]
     return "\n\n".join(
@@ -147,9 +151,7 @@ def blueprint(told: Mapping[str, Any], trials: Sequence[Trial]) -> Any:
     """Layout: a tab with all trials and what was read off them, then one for each of some trials."""
     import rerun.blueprint as rrb
 
-    tabs: list[Any] = [
-        rrb.Horizontal(_view(trials, EVERY), stream.words("readings", READINGS), name="all trials")
-    ]
+    tabs: list[Any] = [rrb.Horizontal(_view(trials, EVERY), stream.words("readings", READINGS), name="all trials")]
     for number in chosen(trials):
         here, trial = f"trial_{number:03d}", trials[number - 1]
         views = [_view([trial], f"{here}/chart")]

@@ -104,9 +104,7 @@ def ticks(low: float, high: float, most: int = 6) -> list[float]:
     return [k * step for k in range(int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9)) + 1)]
 
 
-def _frame(
-    stream: Any, chart: Chart, across: tuple[float, float], up: tuple[float, float], place: Any
-) -> None:
+def _frame(stream: Any, chart: Chart, across: tuple[float, float], up: tuple[float, float], place: Any) -> None:
     rr = sdk()
     (left, right), (low, high) = across, up
     strips = [place([left, right, right, left, left], [low, low, high, high, low])]

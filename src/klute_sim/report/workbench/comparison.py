@@ -103,6 +103,6 @@ def blueprint(found: Comparison) -> Any:
                 )
                 for inside, title in (("curves", "{} [{}]"), ("difference", "{}, difference [{}]"))
             ]
-            plots.append(rrb.Vertical(*views, row_shares=[2, 1], name=words.spoken(channel)))
+            plots.append(rrb.Vertical(*views, row_shares=[3, 2], name=words.spoken(channel)))
         tabs.append(rrb.Grid(*plots, grid_columns=min(3, len(plots)), name=part.name or "curves"))
     return stream.whole(rrb.Tabs(*tabs, stream.words("numbers", NUMBERS)), TIMELINES[found.over])

@@ -22,12 +22,13 @@ class Entity:
         """Empty."""
         self.static: dict[str, list[Any]] = {}
         self.rows: dict[str, list[Any]] = {}
-        self.times: dict[str, list[NDArray[np.int64]]] = {}
+        self.times: dict[str, list[NDArray[np.float64]]] = {}
+        self.archetypes: set[str] = set()
+        """What it is, such as ``Boxes3D``."""
 
     def time(self, timeline: str) -> NDArray[np.float64]:
         """Of the rows: [s] of a timeline of durations, else its own numbers."""
-        stamps = np.concatenate(self.times[timeline])
-        return stamps.astype(np.float64)
+        return np.concatenate(self.times[timeline])
 
     def at(self, component: str, timeline: str, place: float) -> Any:
         """The last value at ``place`` on ``timeline`` or before it, else the static one; None if there is none."""
@@ -112,7 +113,8 @@ def _entities(chunks: Any) -> dict[str, Entity]:
         batch = chunk.to_record_batch()
         components = [n for n in batch.schema.names if ":" in n]
         for name in components:
-            short = name.split(":", 1)[1] if name.count(":") == 1 else name
+            archetype, short = name.split(":", 1)
+            entity.archetypes.add(archetype)
             column = batch.column(name).to_pylist()
             if chunk.is_static:
                 entity.static[short] = column[-1]

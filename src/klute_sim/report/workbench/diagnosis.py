@@ -124,7 +124,7 @@ def blueprint(
         for channel, own in maps
     ]
     answer = stream.words("verdict", VERDICT)
-    tabs: list[Any] = [rrb.Horizontal(answer, rrb.Vertical(*rows), column_shares=[2, 3], name="verdict and gap")]
+    tabs: list[Any] = [rrb.Horizontal(answer, rrb.Vertical(*rows), column_shares=[1, 2], name="verdict and gap")]
     for number, one in enumerate(trials, start=1):
         use = "shown, never fitted" if diagnosis.shown_on == "show" else "fitted"
         tabs.append(_trial(diagnosis, one, number, f"{one.experiment.name} ({use})"))

@@ -18,6 +18,8 @@ MOST_ROWS = 20
 """Trials in a map, evenly chosen."""
 LEAST_TOP = 3.0
 """Times the noise that the last colour stands for, at least: less is no disagreement."""
+LONGEST = 12
+"""Letters of a trial's name beside a map."""
 CASES = {"before": "refitted", "after": "with effects added"}
 
 
@@ -62,22 +64,27 @@ def maps(diagnosis: Diagnosis, shown: Sequence[Simulated]) -> Iterator[tuple[str
             for case in cases
         }
         top = common(list(found.values()), LEAST_TOP)
-        names = tuple(f"{row.experiment.name} ({_use(row)})" for row in own)
+        names = tuple(map(_name, own))
         across = "gait cycle [%]" if walked else "time from the trial's start [s]"
         yield (
             words.spoken(channel),
             [
                 (
                     CASES[case] if diagnosis.found else "simulated",
-                    Heat(f"gap/{channel}/{case}", across, edges, names, values, top, "sd of the noise"),
+                    Heat(
+                        f"gap/{channel}/{case}", across, edges, names, values, top, "sd of the noise; * no fit saw it"
+                    ),
                 )
                 for case, values in found.items()
             ],
         )
 
 
-def _use(row: Row) -> str:
-    return "fitted" if row.experiment.use == "fit" else "not fitted"
+def _name(row: Row) -> str:
+    """Short enough to stand beside a map; a star says that it was not fitted."""
+    name = row.experiment.name
+    short = name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…"
+    return short if row.experiment.use == "fit" else f"{short} *"
 
 
 def _row(row: Row, case: str, channel: str, deviation: float, edges: Array, *, walked: bool) -> Array:

@@ -23,18 +23,27 @@ class Kind(NamedTuple):
     maker: str
     """Module beside this one whose ``remake`` makes the recording of the folder's files; '' if only the command that
     made the folder could."""
+    made_of: tuple[str, ...] = ()
+    """Files that the recording is older than when it has to be made anew."""
     begun: str = ""
     """The file by which one is known that is not finished."""
 
 
 KINDS = (
-    Kind("gait run", "recording.parquet", "recording.rrd", "gait"),
-    Kind("bench run", "protocol.toml", "recording.rrd", "bench"),
+    Kind("gait run", "recording.parquet", "recording.rrd", "gait", ("recording.parquet",)),
+    Kind("bench run", "protocol.toml", "recording.rrd", "bench", ("summary.json",)),
     Kind("comparison", "comparison.json", "comparison.rrd", ""),
     Kind("diagnosis", "verdict.json", "recording.rrd", ""),
-    Kind("sweep", "sweep.parquet", "sweep.rrd", "sweep", begun="sweep.json"),
-    Kind("tuning", "tried.csv", "tuning.rrd", "tuning", begun="tune.json"),
-    Kind("training", "learning_curve.csv", "training.rrd", "training", begun="config.toml"),
+    Kind("sweep", "sweep.parquet", "sweep.rrd", "sweep", ("sweep.parquet",), "sweep.json"),
+    Kind("tuning", "tried.csv", "tuning.rrd", "tuning", ("tuning.json", "tried.csv"), "tune.json"),
+    Kind(
+        "training",
+        "learning_curve.csv",
+        "training.rrd",
+        "training",
+        ("learning_curve.csv", "summary.json"),
+        "config.toml",
+    ),
 )
 
 
@@ -54,7 +63,7 @@ def kind_of(folder: Path) -> Kind:
 def recording_of(path: Path) -> Iterator[Path]:
     """The .rrd file of the folder ``path`` (or ``path`` itself), made if it can be.
 
-    One that is missing, or older than the folder's other files, is made of them: in the folder, or where that cannot be
+    One that is missing, or older than what it is made of, is made: in the folder, or where that cannot be
     written to, in a temporary one. Raises InputError if there is none to be had and MissingExtraError without rerun.
     """
     if path.is_file() and path.suffix == ".rrd":
@@ -71,7 +80,7 @@ def recording_of(path: Path) -> Iterator[Path]:
                 "report, or had nothing to show; install the extra and make it again"
             )
         yield file
-    elif _fresh(file):
+    elif _fresh(kind, file):
         yield file
     elif os.access(path, os.W_OK):
         _make(kind, path, file)
@@ -82,12 +91,11 @@ def recording_of(path: Path) -> Iterator[Path]:
             yield Path(scratch) / kind.recording
 
 
-def _fresh(file: Path) -> bool:
-    """Whether nothing beside ``file`` is newer."""
-    if not file.is_file():
-        return False
-    others = [each.stat().st_mtime_ns for each in file.parent.iterdir() if each.is_file() and each != file]
-    return max(others, default=0) <= file.stat().st_mtime_ns
+def _fresh(kind: Kind, file: Path) -> bool:
+    """Whether there is a ``file`` and nothing that it is made of is newer."""
+    sources = [file.with_name(name) for name in kind.made_of]
+    newest = max((each.stat().st_mtime_ns for each in sources if each.is_file()), default=0)
+    return file.is_file() and newest <= file.stat().st_mtime_ns
 
 
 def _make(kind: Kind, folder: Path, file: Path) -> None:

@@ -139,7 +139,9 @@ def remake(folder: Path, path: Path) -> None:
     """Write ``path`` from the files of a gait run's ``folder``; raises InputError for files that are damaged."""
     recording = parquet.read(folder / "recording.parquet")
     options = recording.provenance["options"]
-    model = build(load(folder / "device.toml"), mass=options["mass_kg"], stature=options["stature_m"], step=options["step_s"])
+    model = build(
+        load(folder / "device.toml"), mass=options["mass_kg"], stature=options["stature_m"], step=options["step_s"]
+    )
     write(recording, model, path)
 
 

@@ -112,7 +112,7 @@ def log_scene(
 def _log_unit(
     stream: Any, recording: Recording, frames: NDArray[np.int64], times: list[Any], ends: Array, root: str
 ) -> None:
-    """Muscle and tendon between the ``ends`` (frames, 2, 3) of the unit; the tendon alone where the muscle is unknown."""
+    """Muscle and tendon between the ``ends`` (frames, 2, 3) of the unit; or the tendon alone, of a muscle not known."""
     import rerun as rr
 
     begin = ends[:, 0]
@@ -140,9 +140,7 @@ def colours(values: Array, least: Array, most: Array) -> NDArray[np.uint8]:
     return np.asarray(np.round(least + share * (most - least)), dtype=np.uint8)
 
 
-def _log_reaction(
-    stream: Any, recording: Recording, frames: NDArray[np.int64], times: list[Any], root: str
-) -> None:
+def _log_reaction(stream: Any, recording: Recording, frames: NDArray[np.int64], times: list[Any], root: str) -> None:
     import rerun as rr
 
     loaded = np.isfinite(recording["cop_x"][frames])

@@ -59,7 +59,9 @@ def series(curve: dict[str, Samples], summary: dict[str, Any] | None) -> list[Li
 def page(curve: dict[str, Samples], summary: dict[str, Any] | None) -> str:
     """How far it came, and what an episode is like under policy and profile."""
     if summary is None:
-        return f"# Training, not finished\n\n{int(curve['steps'][-1])} steps in {curve['minutes'][-1]:.1f} minutes so far."
+        return (
+            f"# Training, not finished\n\n{int(curve['steps'][-1])} steps in {curve['minutes'][-1]:.1f} minutes so far."
+        )
     title = f"# {summary['algorithm'].upper()}, seed {summary['seed']}"
     went = f"{summary['steps']} steps in {summary['minutes']:.1f} minutes."
     better = (
