@@ -56,7 +56,7 @@ def series(tried: dict[str, Samples]) -> list[Line]:
         ("air", "air_g", "air in a stride"),
     ):
         value = np.where(walked, tried[column], np.nan)
-        found.append(Line(f"{name}/each", f"{label}, each walk", GREY, 2.0, value, dots=True))
+        found.append(Line(f"{name}/each", f"{label}, each walk", GREY, 3.0, value, dots=True))
         if column == "cost":
             least = np.fmin.accumulate(value)
             found.append(Line(f"{name}/least", "least so far", BLUE, 2.5, least))
@@ -73,7 +73,7 @@ def front(tried: dict[str, Samples], result: dict[str, Any]) -> chart.Chart:
         chart.Curve("nothing beats both", RED, best[:, 0], best[:, 1]),
         chart.Curve("before", ORANGE, air[:1], apart[:1], dots=True),
     )
-    return chart.Chart("front", "air in a stride [g]", "squared distance to the human, summed [sd²]", curves)
+    return chart.Chart("front", "air in a stride [g]", "squared distance to the human [sd²]", curves)
 
 
 def pressures(before: Profile, tuned: Profile) -> chart.Chart:
@@ -109,7 +109,7 @@ def blueprint(parts: chart.Chart, profile: chart.Chart) -> Any:
 
     names = {
         "objective": "objective",
-        "tracking": "squared distance to the human [sd²]",
+        "tracking": "tracking [sd²]",
         "air": "air in a stride [g]",
     }
     first, *rest = (rrb.TimeSeriesView(origin=f"/{entity}", name=name) for entity, name in names.items())
