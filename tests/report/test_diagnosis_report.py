@@ -477,6 +477,7 @@ def test_the_map_shows_where_the_gap_is_and_that_it_is_gone(found: Diagnosis) ->
     assert before.top == after.top
     one, noise = shown[0], found.noise["force"].deviation
     since, left = one.time("force"), one.experiment.measured["force"].value - one.before["force"]
+    left = left / one.experiment.loud.get("force", 1.0)
     for k in (5, 20, 31):
         inside = (since >= before.edges[k]) & (since < before.edges[k + 1])
         assert before.values[2, k] == pytest.approx(np.sqrt(np.mean(left[inside] ** 2)) / noise, rel=1e-6)

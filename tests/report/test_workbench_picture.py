@@ -91,9 +91,9 @@ def test_a_series_is_drawn_as_it_is(found: Contents) -> None:
 
 def test_a_chart_is_to_scale_and_its_mark_is_at_the_cursor(found: Contents) -> None:
     axis = axis_of(found, "loop", at=0.5)
-    places = {text.get_text(): text.get_position() for text in axis.texts}
-    assert {"round", "far", "across: length [mm], up: force [N]"} <= set(places)
-    across = {name: x for name, (x, y) in places.items() if chart.HIGH < y < chart.HIGH + 10.0}
+    places = [(text.get_text(), *text.get_position()) for text in axis.texts]
+    assert {"round", "far", "across: length [mm], up: force [N]"} <= {name for name, _, _ in places}
+    across = {name: x for name, x, y in places if chart.HIGH < y < chart.HIGH + 10.0}
     assert across["4"] - across["2"] == pytest.approx(2.0 * chart.WIDE / 8.8, rel=0.01)
     (mark,) = axis.collections[-1].get_offsets()
     # Half a second into the round is at the top of it: no length, and 1 N of -1.15 to 2.15.
