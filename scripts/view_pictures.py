@@ -14,13 +14,15 @@ from PIL import Image
 
 from klute_sim.cli import main as klute_sim
 
-COLOURS = 48
-"""Of a picture: enough for lines and maps, and a third of the size."""
-WIDE = 1320
+COLOURS = 128
+"""Of a picture: enough for lines and maps, and a quarter of the size."""
+WIDE = 1200
 """[pixels]"""
+ONLY = ["--only", "braid_hysteresis", "--only", "seal_friction"]
+"""Effects that are looked for, so that it does not take long."""
 SHOWN = {
     "gait": (["gait", "--strides", "2"], ["--at", "1.65"]),
-    "diagnose": (["diagnose", "data", "--example"], []),
+    "diagnose": (["diagnose", "data", "--example", *ONLY], []),
 }
 """Name of the picture -> the command that makes the folder, and options of the view."""
 
@@ -48,7 +50,8 @@ def main() -> int:
             run("view", str(made), "--picture", str(picture), *view)
             with Image.open(picture) as drawn:
                 small = drawn.convert("RGB").resize((WIDE, round(WIDE * drawn.height / drawn.width)))
-            small.quantize(COLOURS).save(picture, optimize=True)
+            few = small.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+            few.save(picture, optimize=True)
     return 0
 
 

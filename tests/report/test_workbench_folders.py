@@ -20,6 +20,7 @@ from klute_sim.report.workbench.contents import Contents
 
 pytest.importorskip("rerun")
 
+
 def shown(folder: Path) -> Contents:
     with folders.recording_of(folder) as file:
         return contents.read(file)
