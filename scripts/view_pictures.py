@@ -50,7 +50,7 @@ def main() -> int:
             run("view", str(made), "--picture", str(picture), *view)
             with Image.open(picture) as drawn:
                 small = drawn.convert("RGB").resize((WIDE, round(WIDE * drawn.height / drawn.width)))
-            few = small.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+            few = small.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
             few.save(picture, optimize=True)
     return 0
 
