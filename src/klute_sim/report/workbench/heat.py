@@ -62,7 +62,7 @@ def log(stream: Any, heat: Heat) -> None:
     spots += [[-0.5 * LEFT, height * (k + 0.5) - 3.0] for k in range(len(heat.rows))]
     chart.write(stream, f"{heat.entity}/ticks", spots, [*texts, *heat.rows], [GREY] * len(spots))
     title = f"across: {heat.across}, colours: {heat.unit}"
-    chart.write(stream, f"{heat.entity}/title", [[chart.WIDE / 2.0, chart.HIGH + 12.0]], [title], [WHITE])
+    chart.write(stream, f"{heat.entity}/title", [[(chart.WIDE - LEFT) / 2.0, chart.HIGH + 12.0]], [title], [WHITE])
     steps = np.linspace(0.0, heat.top, len(SCALE))
     spots = [[chart.WIDE * (k + 0.5) / len(SCALE), -chart.ROW] for k in range(len(SCALE))]
     key = [f"{value:.3g}{' or more' * (k == len(SCALE) - 1)}" for k, value in enumerate(steps)]
