@@ -17,6 +17,7 @@ from klute_sim.device.files import DEFAULT_PROSTHESIS, load
 from klute_sim.recording import csv as text
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
+from klute_sim.report.workbench.folders import recording_of
 from klute_sim.rigs.gait.assembly import GaitOptions
 from klute_sim.rigs.gait.rig import walk
 
@@ -178,9 +179,9 @@ def test_the_rerun_recording_holds_the_curves(compared: tuple[Path, dict[str, An
     assert high - low == pytest.approx(2.0 * sd)
     assert "part_1/pressure/difference/series_1/mean" in chunks
     assert len(list(rr.chunk.RrdReader(file).blueprints())) == 1
-    from klute_sim.report import view
-
-    assert view.recording_of(file.parent) == file
+    with recording_of(file.parent) as found:
+        assert found == file
+    assert 'href="comparison.rrd"' in (file.parent / "comparison.html").read_text()
 
 
 def test_without_rerun_everything_else_is_written_and_the_extra_is_named(walks: Path, tmp_path: Path) -> None:

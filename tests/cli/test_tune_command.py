@@ -18,7 +18,7 @@ def test_a_few_walks_make_it_better_and_more_of_them_go_on(tmp_path: Path) -> No
     found = json.loads(done.stdout)
     assert found["cost"]["tuned"] < found["cost"]["before"]
     assert found["walks"] >= 14
-    assert found["files"] == ["device.toml", "tuned.csv", "tuning.json", "tuning.png"]
+    assert found["files"] == ["device.toml", "tried.csv", "tuned.csv", "tuning.json", "tuning.png"]
     assert {each.name for each in (tmp_path / "t").iterdir()} == {*found["files"], "tune.json", "walks"}
     knobs = found["knobs"]
     pressures = [knob["tuned"] for name, knob in knobs.items() if name.startswith("pressure at")]

@@ -9,9 +9,8 @@ from matplotlib.collections import PolyCollection
 
 from klute_sim.compare.comparison import Comparison, Options, compare
 from klute_sim.compare.runs import Run
-from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
-from klute_sim.report import compare_figures, compare_page, compare_table, view
+from klute_sim.report import compare_figures, compare_page, compare_table
 from klute_sim.report import compare_words as words
 from klute_sim.report.style import STYLE
 
@@ -135,9 +134,6 @@ def test_of_many_trials_and_channels_the_most_different_are_drawn() -> None:
     assert compare_page.content(many, {})["undrawn"] == []
 
 
-def test_a_comparison_without_a_rerun_recording_says_what_to_do(tmp_path: Path) -> None:
-    (tmp_path / "comparison.json").touch()
-    with pytest.raises(InputError, match=r"has no comparison\.rrd.*run the comparison again"):
-        view.recording_of(tmp_path)
-    (tmp_path / "comparison.rrd").touch()
-    assert view.recording_of(tmp_path) == tmp_path / "comparison.rrd"
+def test_a_page_links_to_a_recording_that_is_there() -> None:
+    assert 'href="comparison.rrd"' in compare_page.render(found(0.0, 1.0), {}, "comparison.rrd")
+    assert "rrd" not in compare_page.render(found(0.0, 1.0), {})

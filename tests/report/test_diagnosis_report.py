@@ -24,9 +24,10 @@ from klute_sim.errors import InputError, MissingExtraError
 from klute_sim.provenance import versions
 from klute_sim.report import diagnosis_figures as pictures
 from klute_sim.report import diagnosis_page as page
-from klute_sim.report import diagnosis_rerun as recording
 from klute_sim.report import diagnosis_traces as traces
 from klute_sim.report import diagnosis_words as words
+from klute_sim.report.workbench import diagnosis as recording
+from klute_sim.report.workbench import diagnosis_map
 from klute_sim.units import BAR
 
 RATE, TIME, FINE = 200.0, 1.2, 10
@@ -461,3 +462,44 @@ def test_a_recording_needs_trials_that_were_simulated(found: Diagnosis, tmp_path
     with pytest.raises(InputError, match="insufficient"):
         recording.write(bare(found), tmp_path / "r.rrd")
     assert not (tmp_path / "r.rrd").exists()
+
+
+def test_the_page_links_to_a_recording_that_is_there(found: Diagnosis, plain: str) -> None:
+    assert "rrd" not in plain
+    assert '<a href="recording.rrd">' in page.render(found, {}, "recording.rrd")
+
+
+def test_the_map_shows_where_the_gap_is_and_that_it_is_gone(found: Diagnosis) -> None:
+    shown = traces.simulated(found)
+    maps = {channel: dict(own) for channel, own in diagnosis_map.maps(found, shown)}
+    before, after = maps["force"]["refitted"], maps["force"]["with effects added"]
+    assert before.rows == ("g0_0", "g0_1", "g1_0 *", "g1_1 *")
+    assert before.top == after.top
+    one, noise = shown[0], found.noise["force"].deviation
+    since, left = one.time("force"), one.experiment.measured["force"].value - one.before["force"]
+    left = left / one.experiment.loud.get("force", 1.0)
+    for k in (5, 20, 31):
+        inside = (since >= before.edges[k]) & (since < before.edges[k + 1])
+        assert before.values[2, k] == pytest.approx(np.sqrt(np.mean(left[inside] ** 2)) / noise, rel=1e-6)
+    assert np.isnan(before.values[:, 0]).all()  # what friction remembers is not compared
+    assert np.nanmean(before.values) > 5.0 > 1.5 > np.nanmean(after.values) > 0.5
+
+
+def test_the_verdict_is_told_with_the_trials_that_no_fit_saw(found: Diagnosis) -> None:
+    text = recording.page(found)
+    assert text.startswith(f"# {words.verdict(found)}")
+    assert "- fitted: g0_0, g0_1" in text
+    assert "- shown, never fitted: g1_0, g1_1" in text
+    gap = found.gap["force"]
+    assert f"| force | N | {gap.before:.4g} | {gap.refitted:.4g} | {gap.after:.4g} | {gap.floor:.4g} |" in text
+
+
+def test_the_loop_of_a_trial_is_force_over_length(found: Diagnosis) -> None:
+    one = traces.simulated(found)[0]
+    (chart,) = recording.loops(found, one, 1)
+    measured, before, after = chart.curves
+    assert np.array_equal(measured.y, one.experiment.measured["force"].value)
+    assert np.array_equal(before.y, one.before["force"])
+    assert np.array_equal(after.y, one.after["force"])
+    moved = 335.0 + 8.0 * np.sin(4.0 * np.pi * np.maximum(0.0, one.time("force") - 0.2))
+    assert measured.x == pytest.approx(moved, abs=0.05)

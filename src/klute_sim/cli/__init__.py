@@ -31,7 +31,7 @@ COMMANDS = {
     "train": ("klute_sim.cli.train", "Train a policy to walk, and compare it with the hand-tuned profile."),
     "baselines": ("klute_sim.cli.baselines", "Walk what a new controller or device is held against."),
     "compare": ("klute_sim.cli.compare", "Compare recordings over phase or time: how much they differ, and where."),
-    "view": ("klute_sim.cli.view", "Open a run in the rerun viewer."),
+    "view": ("klute_sim.cli.view", "Open a folder in the rerun viewer, or draw it."),
 }
 """Name -> (module that defines it as ``command``, one line of help)."""
 

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from klute_sim.compare.comparison import Comparison
 
 
+RECORDING = "comparison.rrd"
+
+
 @click.command("compare")
 @click.argument("runs", metavar="[LABEL=]RUN...", nargs=-1, required=True)
 @click.option(
@@ -120,7 +123,8 @@ def _write(found: "Comparison", folder: Path, scratch: Path, *, report: bool) ->
 def _write_report(found: "Comparison", scratch: Path) -> str | None:
     from klute_sim.cli.console import progress_bar
     from klute_sim.errors import MissingExtraError
-    from klute_sim.report import compare_figures, compare_page, compare_rerun
+    from klute_sim.report import compare_figures, compare_page
+    from klute_sim.report.workbench import comparison as workbench
 
     pictures = {}
     with progress_bar("drawing") as progress:
@@ -129,12 +133,13 @@ def _write_report(found: "Comparison", scratch: Path) -> str | None:
             figure.savefig(file, dpi=compare_figures.DPI)
             pictures[part.name] = file.read_bytes()
             progress(0.8 * number / min(len(found.parts), compare_figures.MOST_DRAWN))
-        compare_page.write(found, pictures, scratch / "comparison.html")
+        missing, recording = None, RECORDING
         try:
-            compare_rerun.write(found, scratch / "comparison.rrd")
+            workbench.write(found, scratch / RECORDING)
         except MissingExtraError as error:
-            return str(error)
-    return None
+            missing, recording = str(error), ""
+        compare_page.write(found, pictures, scratch / "comparison.html", recording)
+    return missing
 
 
 def _json(told: dict[str, Any]) -> str:

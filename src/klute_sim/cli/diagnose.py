@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from klute_sim.diagnose.diagnosis import Diagnosis
 
 
+RECORDING = "recording.rrd"
+
+
 @click.command("diagnose")
 @click.argument("folder", metavar="FOLDER", type=GivenPath())
 @click.option("--example", is_flag=True, help="First write the example dataset that comes along into FOLDER (new).")
@@ -141,13 +144,16 @@ def write(found: "Diagnosis", scratch: Path, *, report: bool) -> None:
     if not report:
         return
     from klute_sim.errors import MissingExtraError
-    from klute_sim.report import diagnosis_figures, diagnosis_page, diagnosis_rerun
+    from klute_sim.report import diagnosis_figures, diagnosis_page
+    from klute_sim.report.workbench import diagnosis as workbench
 
-    diagnosis_page.write(found, scratch / "report.html")
+    recording = ""
     if found.final is not None:
         diagnosis_figures.save_all(found, scratch)
-        with suppress(MissingExtraError):  # said once, by the remark below the results
-            diagnosis_rerun.write(found, scratch / "recording.rrd")
+        with suppress(MissingExtraError):  # said where it is needed, by `klute-sim view`
+            workbench.write(found, scratch / RECORDING)
+            recording = RECORDING
+    diagnosis_page.write(found, scratch / "report.html", recording)
 
 
 def _print(found: "Diagnosis", place: "Path") -> None:

@@ -207,8 +207,9 @@ def _write(
     from klute_sim.cli.console import progress_bar
     from klute_sim.errors import MissingExtraError
     from klute_sim.recording import csv, parquet
-    from klute_sim.report import figure, rerun
+    from klute_sim.report import figure
     from klute_sim.report.outcomes import outcomes, summary
+    from klute_sim.report.workbench import gait as workbench
     from klute_sim.rigs.gait.build import build
 
     missing = None
@@ -222,7 +223,7 @@ def _write(
         progress(0.6)
         try:
             model = build(device, mass=options.mass, stature=options.stature, step=options.step)
-            rerun.write(recording, model, scratch / "recording.rrd")
+            workbench.write(recording, model, scratch / "recording.rrd")
         except MissingExtraError as error:
             missing = str(error)
         files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]

@@ -92,7 +92,7 @@ def command(
     that the same command goes on where it was, also with a larger --budget.
 
     Writes tuned.csv (for gait --controller), device.toml if the device was tuned, tuning.png (tracking against air),
-    tuning.json and a file per walk. Needs the extra 'tune'.
+    tried.csv (a row per walk), tuning.json and a file per walk. Needs the extra 'tune'.
 
     \b
     Examples:

@@ -15,14 +15,17 @@ from klute_sim.report.html import rendered
 TEMPLATE = "comparison.html"
 
 
-def write(found: Comparison, pictures: Mapping[str, bytes], path: Path) -> None:
-    """Write the page of ``found`` to ``path``, with ``pictures`` (part -> PNG) in it."""
-    path.write_text(render(found, pictures), "utf-8")
+def write(found: Comparison, pictures: Mapping[str, bytes], path: Path, recording: str = "") -> None:
+    """Write the page of ``found`` to ``path``, with ``pictures`` (part -> PNG) in it.
+
+    It links to the rerun ``recording`` beside it, if there is one.
+    """
+    path.write_text(render(found, pictures, recording), "utf-8")
 
 
-def render(found: Comparison, pictures: Mapping[str, bytes]) -> str:
+def render(found: Comparison, pictures: Mapping[str, bytes], recording: str = "") -> str:
     """The page; every name in the data is escaped."""
-    return rendered(TEMPLATE, **content(found, pictures))
+    return rendered(TEMPLATE, **content(found, pictures), recording=recording)
 
 
 def content(found: Comparison, pictures: Mapping[str, bytes]) -> dict[str, Any]:

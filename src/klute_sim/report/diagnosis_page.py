@@ -41,19 +41,22 @@ CAPTIONS = {
 }
 
 
-def write(diagnosis: Diagnosis, path: Path) -> None:
-    """Write the page of ``diagnosis`` to ``path``, with its pictures in it."""
+def write(diagnosis: Diagnosis, path: Path, recording: str = "") -> None:
+    """Write the page of ``diagnosis`` to ``path``, with its pictures in it.
+
+    It links to the rerun ``recording`` beside it, if there is one.
+    """
     images = {}
     for name, figure in pictures.figures(diagnosis):
         content = io.BytesIO()
         figure.savefig(content, format="png", dpi=pictures.DPI)
         images[name] = base64.b64encode(content.getvalue()).decode("ascii")
-    path.write_text(render(diagnosis, images), "utf-8")
+    path.write_text(render(diagnosis, images, recording), "utf-8")
 
 
-def render(diagnosis: Diagnosis, images: Mapping[str, str]) -> str:
+def render(diagnosis: Diagnosis, images: Mapping[str, str], recording: str = "") -> str:
     """The page with ``images`` (name -> PNG in base 64) in it; every name in the data is escaped."""
-    return rendered(TEMPLATE, **content(diagnosis), images=images, captions=CAPTIONS)
+    return rendered(TEMPLATE, **content(diagnosis), images=images, captions=CAPTIONS, recording=recording)
 
 
 def content(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """A search's folder: the question, every walk, and in the end what came of it."""
 
+import csv
+import io
 import json
 import math
 from collections.abc import Callable
@@ -12,6 +14,7 @@ from klute_sim.control.pressure import to_csv
 from klute_sim.recording.recording import Recording
 from klute_sim.report import table, tuning_figure
 from klute_sim.report.outcomes import AnkleOutcome, StrideOutcome, human_outcome, outcomes, summary
+from klute_sim.report.workbench.tuning import COLUMNS, TRIED
 from klute_sim.rigs.gait.rig import walk
 from klute_sim.sweep.software import software
 from klute_sim.sweep.store import Store, open_folder, write
@@ -54,7 +57,7 @@ def finished(store: Store, question: Question, tried: list[Tried], again: list[T
     start, found = again[0], best(again)
     walks = _walk(question, start.places), _walk(question, found.places)
     device, profile = question.tunable.made(found.places)
-    files = ["tuned.csv", "tuning.json", "tuning.png"]
+    files = [TRIED, "tuned.csv", "tuning.json", "tuning.png"]
     remarks = table.remarks(summary(walks[1], outcomes(walks[1])))
     with store.writing():
         if question.tunable.keys:
@@ -65,6 +68,7 @@ def finished(store: Store, question: Question, tried: list[Tried], again: list[T
             points, [_point(e) for e in front(tried)], _point(start), _point(found), walks, store.folder / "tuning.png"
         )
         write(store.folder / "tuned.csv", to_csv(profile))
+        write(store.folder / TRIED, tried_csv(tried))
         result = {
             "folder": str(store.folder),
             "files": sorted(files),
@@ -81,6 +85,17 @@ def finished(store: Store, question: Question, tried: list[Tried], again: list[T
         }
         write(store.folder / "tuning.json", json.dumps(result, indent=2, allow_nan=False) + "\n")
     return result
+
+
+def tried_csv(tried: list[Tried]) -> str:
+    """:data:`COLUMNS` of every walk; a walk that failed has no air, and no distance."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for number, each in enumerate(tried):
+        parts = ["", ""] if each.tracked is None else [each.tracking, each.tracked.air_g]
+        writer.writerow([number, each.generation, each.cost, *parts])
+    return out.getvalue()
 
 
 def _walk(question: Question, places: Point) -> Recording:

@@ -6,7 +6,7 @@ deterministic for a seed: going on means asking the same questions again, most o
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -72,6 +72,8 @@ class Tried:
     """None: it did not walk."""
     failure: str | None = None
     """Why it did not."""
+    generation: int = 0
+    """Round of the search that asked for it; 0: where it began."""
 
     @property
     def tracking(self) -> float:
@@ -130,7 +132,7 @@ def search(
         asked = [np.asarray(each, dtype=np.float64) for each in strategy.ask()]
         found = list(_walked(question, asked, store, runner, progress, len(tried)))
         strategy.tell(asked, [each.cost for each in found])
-        tried += found
+        tried += [replace(each, generation=tried[-1].generation + 1) for each in found]
     return tried
 
 

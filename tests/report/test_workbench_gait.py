@@ -11,10 +11,12 @@ import pytest
 
 from klute_sim.control import pressure
 from klute_sim.device.files import load
-from klute_sim.errors import InputError, KluteSimError, MissingExtraError
+from klute_sim.errors import MissingExtraError
+from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
-from klute_sim.report import rerun as writer
-from klute_sim.report import scene, view
+from klute_sim.report.workbench import gait as writer
+from klute_sim.report.workbench import scene
+from klute_sim.report.workbench.folders import recording_of
 from klute_sim.rigs.gait.assembly import GaitOptions
 from klute_sim.rigs.gait.build import build
 from klute_sim.rigs.gait.rig import walk
@@ -32,11 +34,19 @@ def rig() -> mujoco.MjModel:
 
 
 @pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    pytest.importorskip("rerun")
-    made = tmp_path_factory.mktemp("rerun") / "r.rrd"
-    writer.write(stride(), rig(), made)
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run's folder without its recording for rerun."""
+    made = tmp_path_factory.mktemp("run")
+    parquet.write(stride(), made / "recording.parquet")
+    (made / "device.toml").write_bytes(DEVICE.content)
     return made
+
+
+@pytest.fixture(scope="module")
+def file(folder: Path) -> Path:
+    pytest.importorskip("rerun")
+    with recording_of(folder) as made:
+        return made
 
 
 def read(file: Path, *, static: bool) -> dict[str, list[Any]]:
@@ -89,12 +99,38 @@ def column(batches: list[Any], ending: str) -> list[Any]:
     return values
 
 
-def test_every_channel_reads_back_equal(chunks: dict[str, list[Any]]) -> None:
-    for name, samples in stride().channels.items():
-        if name == "time":
-            continue
-        read = np.array(column(chunks[f"channels/{name}"], "Scalars:scalars"), dtype=np.float64).ravel()
-        assert np.array_equal(read, samples, equal_nan=True), name
+def scalars(chunks: dict[str, list[Any]], entity: str) -> np.ndarray:
+    return np.array(column(chunks[entity], "Scalars:scalars"), dtype=np.float64).ravel()
+
+
+def test_every_channel_reads_back_as_the_parquet_file_has_it(folder: Path, chunks: dict[str, list[Any]]) -> None:
+    kept = parquet.read(folder / "recording.parquet")
+    assert set(kept.channels) == set(stride().channels)
+    for name, samples in kept.channels.items():
+        if name != "time":
+            assert np.array_equal(scalars(chunks, f"channels/{name}"), samples, equal_nan=True), name
+
+
+def test_energies_are_what_the_powers_gave_and_add_up(chunks: dict[str, list[Any]]) -> None:
+    parts = {name: scalars(chunks, f"energy/{name}") for name in writer.ENERGIES}
+    step = np.diff(stride()["time"]).mean()
+    assert parts["gas"][-1] == pytest.approx(step * stride()["gas_power"][1:].sum())
+    assert abs(parts["delivered"]).max() > 1.0
+    given = sum(energy for name, energy in parts.items() if name != "delivered")
+    assert parts["delivered"] == pytest.approx(given, abs=1e-6)
+    assert parts["tendon"] == pytest.approx(stride()["tendon_energy"][0] - stride()["tendon_energy"], abs=1e-6)
+
+
+def test_the_work_loop_is_the_ankles_and_its_mark_walks_along_it(chunks: dict[str, list[Any]], file: Path) -> None:
+    marks = np.array(column(chunks[f"{writer.LOOP}/now"], "Points2D:positions"), dtype=np.float64).reshape(-1, 2)
+    angle, moment = stride()["ankle_angle"], stride()["ankle_moment"]
+    for place, value in ((marks[:, 0], angle), (-marks[:, 1], moment)):  # y is down
+        assert np.corrcoef(place, value)[0, 1] == pytest.approx(1.0, abs=1e-9)
+    drawn = read(file, static=True)[f"{writer.LOOP}/curve_001"]
+    (strips,) = [b for b in drawn if any(n.endswith("strips") for n in b.schema.names)]
+    (points,) = column([strips], "LineStrips2D:strips")[0]
+    for point in np.array(points)[:: len(points) // 20]:
+        assert np.linalg.norm(marks - point, axis=1).min() < 1e-3
 
 
 def test_every_sample_and_every_pose_has_its_own_time(chunks: dict[str, list[Any]]) -> None:
@@ -112,7 +148,7 @@ def test_there_is_one_layout(file: Path) -> None:
 
 
 def test_tracked_ground_reaction_is_not_sold_as_predicted() -> None:
-    (title,) = [title for title, _ in writer.PLOTS if "ground reaction" in title]
+    (title,) = [title for title, _ in writer.MOTION if "ground reaction" in title]
     assert "vertical: tracked, not predicted" in title
 
 
@@ -157,11 +193,18 @@ def test_shapes_sit_on_their_bodies_as_in_the_model(file: Path) -> None:
         assert place == pytest.approx(model.geom_pos[geom], abs=1e-6)
 
 
-def test_the_tendon_spans_its_sites(chunks: dict[str, list[Any]]) -> None:
-    strips = [strip[0] for strip in column(chunks["world/achilles"], "LineStrips3D:strips")]
-    for strip, data in zip(strips, moved(), strict=True):
-        ends = [data.site(f"prosthesis_achilles_{end}").xpos for end in ("origin", "insertion")]
-        assert np.array(strip) == pytest.approx(np.array(ends), abs=1e-6)
+def test_muscle_and_tendon_span_the_sites(chunks: dict[str, list[Any]]) -> None:
+    frames, _ = scene.postures(stride(), rig())
+    muscle, tendon = (
+        np.array([strip[0] for strip in column(chunks[f"world/{name}"], "LineStrips3D:strips")])
+        for name in ("muscle", "achilles")
+    )
+    ends = [[data.site(f"prosthesis_achilles_{end}").xpos for end in ("origin", "insertion")] for data in moved()]
+    assert muscle[:, 0] == pytest.approx(np.array(ends)[:, 0], abs=1e-6)
+    assert muscle[:, 1] == pytest.approx(tendon[:, 0], abs=1e-6)
+    assert tendon[:, 1] == pytest.approx(np.array(ends)[:, 1], abs=1e-6)
+    length = np.linalg.norm(muscle[:, 1] - muscle[:, 0], axis=1)
+    assert length == pytest.approx(stride()["muscle_length"][frames], abs=1e-6)
 
 
 def test_the_tendon_reddens_with_its_force(chunks: dict[str, list[Any]]) -> None:
@@ -191,9 +234,7 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(MissingExtraError, match=r"pip install '\.\[rerun\]'"):
         writer.write(stride(), rig(), tmp_path / "r.rrd")
-    assert not (tmp_path / "r.rrd").exists()
-    with pytest.raises(MissingExtraError, match="viewer"):
-        view.open_viewer(tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("without", ["cop_x", "reference_ankle_angle", "reference_ankle_angle_sd"])
@@ -207,45 +248,3 @@ def test_one_sample_is_one_pose() -> None:
     frames, positions = scene.postures(stride().select(slice(0, 1)), rig())
     assert frames.tolist() == [0]
     assert len(positions) == 1
-
-
-@pytest.mark.parametrize("web_port", [None, 5])
-def test_the_viewer_listens_on_the_loopback_address_only(web_port: int | None) -> None:
-    command = view.viewer_command("rerun", Path("r.rrd"), port=4, web_port=web_port)
-    assert command[command.index("--bind") + 1] == "127.0.0.1"
-    assert ("--serve-web" in command) == (web_port is not None)
-    assert command[-1] == "r.rrd"
-
-
-def test_no_usage_statistics_and_no_touch_on_the_users_settings(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    assert view.without_statistics({"HOME": "h", "FORCE_RERUN_ANALYTICS": "1"}) == {"HOME": "h", "CI": "1"}
-    assert view.web_address(4, 5).endswith("url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A4%2Fproxy&notebook=1")
-    (tmp_path / "recording.rrd").touch()
-    (tmp_path / "rerun").write_text(f"#!/bin/sh\necho CI=$CI $@ >> {tmp_path}/calls\n")
-    (tmp_path / "rerun").chmod(0o755)
-    monkeypatch.delenv("CI", raising=False)
-    monkeypatch.setattr(view, "viewer_program", lambda: str(tmp_path / "rerun"))
-    view.open_viewer(tmp_path)
-    (call,) = (tmp_path / "calls").read_text().splitlines()
-    assert call.startswith("CI=1 --bind 127.0.0.1")
-
-
-def test_a_folder_without_a_recording_says_what_to_do(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no run folder"):
-        view.recording_of(tmp_path / "none")
-    with pytest.raises(InputError, match=r"has no recording\.rrd"):
-        view.recording_of(tmp_path)
-    (tmp_path / "recording.parquet").touch()
-    with pytest.raises(InputError, match="run the gait again"):
-        view.recording_of(tmp_path)
-    (tmp_path / "recording.rrd").touch()
-    assert view.recording_of(tmp_path) == tmp_path / "recording.rrd"
-
-
-def test_a_failing_viewer_is_one_sentence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    (tmp_path / "recording.rrd").touch()
-    monkeypatch.setattr(view, "viewer_program", lambda: "false")
-    with pytest.raises(KluteSimError, match="ended with code 1"):
-        view.open_viewer(tmp_path)

@@ -1,4 +1,4 @@
-"""Opening a run in the rerun viewer, on this machine only."""
+"""Opening a folder in the rerun viewer, on this machine only."""
 
 import os
 import shutil
@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import quote
 
-from klute_sim.errors import InputError, KluteSimError, MissingExtraError
+from klute_sim.errors import KluteSimError, MissingExtraError
+from klute_sim.report.workbench.folders import recording_of
 
 LOOPBACK = "127.0.0.1"
 """The only address the viewer listens on; rerun's own default is every interface."""
@@ -46,23 +47,6 @@ def free_ports(count: int) -> list[int]:
             each.close()
 
 
-def recording_of(run: Path) -> Path:
-    """The .rrd file of a ``run`` folder (or the file itself); raises InputError if there is none."""
-    kinds = ("recording.rrd", "comparison.rrd")
-    file = next((run / name for name in kinds if (run / name).is_file()), run)
-    if file.is_file() and file.suffix == ".rrd":
-        return file
-    if not run.exists():
-        raise InputError(f"no run folder {run}")
-    made_by = {"recording.parquet": ("recording.rrd", "gait"), "comparison.json": ("comparison.rrd", "comparison")}
-    for content, (lacks, what) in made_by.items():
-        if (run / content).is_file():
-            raise InputError(
-                f"{run} has no {lacks}: it was made without the extra 'rerun'; install it and run the {what} again"
-            )
-    raise InputError(f"{run} is no run folder: it has no recording.rrd")
-
-
 def viewer_program() -> str:
     """Path of the rerun viewer, beside this Python or on the PATH; raises MissingExtraError without the extra."""
     beside = Path(sys.executable).parent
@@ -83,14 +67,14 @@ def open_viewer(run: Path, *, web: bool = False) -> None:
     viewer fails.
     """
     program = viewer_program()
-    recording = recording_of(run)
-    port, web_port = free_ports(2)
-    environment = without_statistics(os.environ)
-    if web:
-        environment["RUST_LOG"] = "warn"  # rerun would name its page, which reports
-        print(f"Open {web_address(port, web_port)} (Ctrl+C ends)", flush=True)
-    command = viewer_command(program, recording, port=port, web_port=web_port if web else None)
-    done = subprocess.run(command, env=environment, check=False)
-    if done.returncode != 0:
-        hint = "" if web else "; without a screen or graphics driver try --web"
-        raise KluteSimError(f"the rerun viewer ended with code {done.returncode} on {recording}{hint}")
+    with recording_of(run) as recording:
+        port, web_port = free_ports(2)
+        environment = without_statistics(os.environ)
+        if web:
+            environment["RUST_LOG"] = "warn"  # rerun would name its page, which reports
+            print(f"Open {web_address(port, web_port)} (Ctrl+C ends)", flush=True)
+        command = viewer_command(program, recording, port=port, web_port=web_port if web else None)
+        done = subprocess.run(command, env=environment, check=False)
+        if done.returncode != 0:
+            hint = "" if web else "; without a screen or graphics driver try --web or --picture"
+            raise KluteSimError(f"the rerun viewer ended with code {done.returncode} on {recording}{hint}")

@@ -1,0 +1,59 @@
+"""Make the pictures of docs/view.md again: the windows of a walk and of the example's diagnosis.
+
+    python scripts/view_pictures.py docs/pictures
+
+Needs the extra 'rerun'.
+"""
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+from klute_sim.cli import main as klute_sim
+
+COLOURS = 128
+"""Of a picture: enough for lines and maps, and a quarter of the size."""
+WIDE = 1200
+"""[pixels]"""
+ONLY = ["--only", "braid_hysteresis", "--only", "seal_friction"]
+"""Effects that are looked for, so that it does not take long."""
+SHOWN = {
+    "gait": (["gait", "--strides", "2"], ["--at", "1.65"]),
+    "diagnose": (["diagnose", "data", "--example", *ONLY], []),
+}
+"""Name of the picture -> the command that makes the folder, and options of the view."""
+
+
+def run(*arguments: str) -> None:
+    """One command; raises SystemExit if it fails."""
+    try:
+        klute_sim(arguments)
+    except SystemExit as left:
+        if left.code:
+            raise
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="where the pictures go")
+    folder = parser.parse_args().folder
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as home:
+        for name, (command, view) in SHOWN.items():
+            made, picture = Path(home) / name, folder / f"view-{name}.png"
+            own = [str(Path(home) / word) if word == "data" else word for word in command]
+            run(*own, "--out", str(made))
+            run("view", str(made), "--picture", str(picture), *view)
+            with Image.open(picture) as drawn:
+                small = drawn.convert("RGB").resize((WIDE, round(WIDE * drawn.height / drawn.width)))
+            few = small.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+            few.save(picture, optimize=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

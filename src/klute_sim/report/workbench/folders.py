@@ -1,0 +1,105 @@
+"""What kinds of folders there are to look at, and where the rerun recording of each is, or how it is made."""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+import pyarrow as pa
+
+from klute_sim.errors import InputError
+
+
+class Kind(NamedTuple):
+    """A kind of folder."""
+
+    name: str
+    mark: str
+    """The file by which it is known."""
+    recording: str
+    maker: str
+    """Module beside this one whose ``remake`` makes the recording of the folder's files; '' if only the command that
+    made the folder could."""
+    made_of: tuple[str, ...] = ()
+    """Files that the recording is older than when it has to be made anew."""
+    begun: str = ""
+    """The file by which one is known that is not finished."""
+
+
+KINDS = (
+    Kind("gait run", "recording.parquet", "recording.rrd", "gait", ("recording.parquet",)),
+    Kind("bench run", "protocol.toml", "recording.rrd", "bench", ("summary.json",)),
+    Kind("comparison", "comparison.json", "comparison.rrd", ""),
+    Kind("diagnosis", "verdict.json", "recording.rrd", ""),
+    Kind("sweep", "sweep.parquet", "sweep.rrd", "sweep", ("sweep.parquet",), "sweep.json"),
+    Kind("tuning", "tried.csv", "tuning.rrd", "tuning", ("tuning.json", "tried.csv"), "tune.json"),
+    Kind(
+        "training",
+        "learning_curve.csv",
+        "training.rrd",
+        "training",
+        ("learning_curve.csv", "summary.json"),
+        "config.toml",
+    ),
+)
+
+
+def kind_of(folder: Path) -> Kind:
+    """What ``folder`` is; raises InputError if it is nothing to look at."""
+    for kind in KINDS:
+        if (folder / kind.mark).is_file():
+            return kind
+    for kind in KINDS:
+        if kind.begun and (folder / kind.begun).is_file():
+            raise InputError(f"{folder} is a {kind.name} without {kind.mark}: let the command that began it finish")
+    names = ", ".join(f"{kind.name} ({kind.mark})" for kind in KINDS)
+    raise InputError(f"{folder} is no folder that can be viewed; those are: {names}")
+
+
+@contextmanager
+def recording_of(path: Path) -> Iterator[Path]:
+    """The .rrd file of the folder ``path`` (or ``path`` itself), made if it can be.
+
+    One that is missing, or older than what it is made of, is made: in the folder, or where that cannot be
+    written to, in a temporary one. Raises InputError if there is none to be had and MissingExtraError without rerun.
+    """
+    if path.is_file() and path.suffix == ".rrd":
+        yield path
+        return
+    if not path.is_dir():
+        raise InputError(f"{path} is no .rrd file" if path.exists() else f"no run folder {path}")
+    kind = kind_of(path)
+    file = path / kind.recording
+    if not kind.maker:
+        if not file.is_file():
+            raise InputError(
+                f"{path} has no {kind.recording}: the {kind.name} was made without the extra 'rerun', without its "
+                "report, or had nothing to show; install the extra and make it again"
+            )
+        yield file
+    elif _fresh(kind, file):
+        yield file
+    elif os.access(path, os.W_OK):
+        _make(kind, path, file)
+        yield file
+    else:
+        with tempfile.TemporaryDirectory() as scratch:
+            _make(kind, path, Path(scratch) / kind.recording)
+            yield Path(scratch) / kind.recording
+
+
+def _fresh(kind: Kind, file: Path) -> bool:
+    """Whether there is a ``file`` and nothing that it is made of is newer."""
+    sources = [file.with_name(name) for name in kind.made_of]
+    newest = max((each.stat().st_mtime_ns for each in sources if each.is_file()), default=0)
+    return file.is_file() and newest <= file.stat().st_mtime_ns
+
+
+def _make(kind: Kind, folder: Path, file: Path) -> None:
+    try:
+        import_module(f"klute_sim.report.workbench.{kind.maker}").remake(folder, file)
+    except (KeyError, TypeError, ValueError, OSError, pa.ArrowException) as error:
+        raise InputError(f"{folder} is a {kind.name} that cannot be shown: {type(error).__name__}: {error}") from None

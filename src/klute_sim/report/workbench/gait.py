@@ -1,0 +1,203 @@
+"""A walk for the rerun viewer: the rig in 3-D, every channel as a series, the ankle's work loop, energy and air."""
+
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from klute_sim.device.files import load
+from klute_sim.device.ledger import of_effect
+from klute_sim.effects import catalogue
+from klute_sim.recording import parquet
+from klute_sim.recording.recording import Recording, Samples
+from klute_sim.report.workbench import chart, scene, stream
+from klute_sim.report.workbench.stream import (
+    BLUE,
+    BROWN,
+    DARK_ORANGE,
+    GREEN,
+    ORANGE,
+    PALE_GREEN,
+    PALE_ORANGE,
+    RED,
+    VIOLET,
+    Colour,
+    Line,
+)
+from klute_sim.rigs.gait.build import build
+
+TIMELINE = "time"
+
+Series = tuple[str, str, Colour]
+"""Entity, name in the legend, colour."""
+THIN = (ORANGE, DARK_ORANGE, PALE_ORANGE, PALE_GREEN)
+"""What a series is compared with. The viewer draws in the order of the entities' names, which puts it on top."""
+
+
+def _against_human(channel: str) -> tuple[Series, ...]:
+    return (
+        (f"band/{channel}_low", "human - 1 sd", DARK_ORANGE),
+        (f"band/{channel}_high", "human + 1 sd", DARK_ORANGE),
+        (f"channels/reference_{channel}", "human", ORANGE),
+        (f"channels/{channel}", "prosthesis", BLUE),
+    )
+
+
+Plot = tuple[str, tuple[Series, ...]]
+"""Title, and what is in it."""
+POWERS = "device powers [W], given up"
+ENERGIES = {
+    "gas": ("gas", GREEN),
+    "friction": ("friction offset", VIOLET),
+    "damper": ("damper", BROWN),
+    "stop": ("length stops", PALE_ORANGE),
+    "bladder": ("bladders' store", PALE_GREEN),
+    "tendon": ("tendon's store", ORANGE),
+    "solver": ("time step", DARK_ORANGE),
+    "delivered": ("delivered", RED),
+}
+"""Element of the ledger -> its name and colour, as power and as energy."""
+
+MOTION: tuple[Plot, ...] = (
+    ("ankle angle [deg], dorsiflexion up", _against_human("ankle_angle")),
+    ("net ankle moment [N·m], plantarflexor up", _against_human("ankle_moment")),
+    ("net ankle power [W], generation up", _against_human("ankle_power")),
+    (
+        "gauge pressure [bar]",
+        (
+            ("channels/pressure_command", "commanded", PALE_GREEN),
+            ("channels/pressure", "delivered", GREEN),
+        ),
+    ),
+    (
+        "device forces [N]",
+        (
+            ("channels/muscle_force", "muscle", VIOLET),
+            ("channels/damper_force", "damper", BROWN),
+            ("channels/force", "tendon", RED),
+        ),
+    ),
+    (
+        "ground reaction [N], vertical: tracked, not predicted",
+        (
+            ("channels/reference_grf_vertical", "human, vertical", ORANGE),
+            ("channels/reference_grf_forward", "human, forward", PALE_ORANGE),
+            ("channels/grf_vertical", "vertical", BLUE),
+            ("channels/grf_forward", "forward", RED),
+        ),
+    ),
+)
+"""Beside the leg."""
+LEDGER: tuple[Plot, ...] = (
+    (POWERS, tuple((f"channels/{name}_power", *look) for name, look in ENERGIES.items())),
+    (
+        "device energies [J], given up since the start",
+        tuple((f"energy/{name}", *look) for name, look in ENERGIES.items()),
+    ),
+    (
+        "air [kg] (its gas assumed)",
+        (
+            ("channels/air_mass", "in the muscles", GREEN),
+            ("channels/air_drawn", "drawn since the start", BLUE),
+            ("channels/air_leaked", "leaked since the start", RED),
+        ),
+    ),
+    (
+        "lengths [m]",
+        (
+            ("channels/unit_length", "muscle, tendon and all", RED),
+            ("channels/muscle_length", "muscle", VIOLET),
+        ),
+    ),
+)
+"""Beside the work loop."""
+LOOP = "loop/moment_over_angle"
+
+
+def write(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
+    """Write a gait ``recording`` on the rig ``model`` to ``path`` (.rrd); raises MissingExtraError without rerun."""
+    rr = stream.sdk()
+    series = {f"channels/{name}": values for name, values in recording.channels.items() if name != "time"}
+    series |= bands(recording) | energies(recording)
+    shown = [line for _, plotted in (*MOTION, *ledger(recording)) for line in plotted]
+    looks = {entity: (name, colour) for entity, name, colour in shown}
+    with stream.recorded(path, "gait", recording.provenance, lambda: blueprint(recording)) as out:
+        scene.log_scene(out, recording, model, TIMELINE)
+        axis = rr.TimeColumn(TIMELINE, duration=recording["time"])
+        for entity, values in series.items():
+            out.send_columns(entity, indexes=[axis], columns=rr.Scalars.columns(scalars=values))
+            if entity in looks:
+                name, colour = looks[entity]
+                stream.look(out, Line(entity, name, colour, 1.0 if colour in THIN else 3.0, values))
+        chart.log(out, loop(recording), axis, (recording["ankle_angle"], recording["ankle_moment"]))
+
+
+def remake(folder: Path, path: Path) -> None:
+    """Write ``path`` from the files of a gait run's ``folder``; raises InputError for files that are damaged."""
+    recording = parquet.read(folder / "recording.parquet")
+    options = recording.provenance["options"]
+    model = build(
+        load(folder / "device.toml"), mass=options["mass_kg"], stature=options["stature_m"], step=options["step_s"]
+    )
+    write(recording, model, path)
+
+
+def bands(recording: Recording) -> dict[str, Samples]:
+    """Entity -> the reference less and plus its standard deviation, where it has one."""
+    found = {}
+    for name in ("ankle_angle", "ankle_moment", "ankle_power"):
+        if f"reference_{name}" in recording and f"reference_{name}_sd" in recording:
+            middle, deviation = recording[f"reference_{name}"], recording[f"reference_{name}_sd"]
+            found[f"band/{name}_low"], found[f"band/{name}_high"] = middle - deviation, middle + deviation
+    return found
+
+
+def energies(recording: Recording) -> dict[str, Samples]:
+    """Entity -> what an element of the ledger has given up since the start [J].
+
+    A power is that of the step that ends at its sample, so that energies are sums and not trapezia.
+    """
+    steps = np.diff(recording["time"], prepend=recording["time"][0])
+    names = (f"{name}_power" for name in ENERGIES)
+    return {f"energy/{n.removesuffix('_power')}": np.cumsum(recording[n] * steps) for n in names if n in recording}
+
+
+def ledger(recording: Recording) -> list[Plot]:
+    """:data:`LEDGER`, and among the powers a line for each effect that the device has."""
+    effects = [name for name in catalogue.effects() if of_effect(name) in recording]
+    colours = itertools.cycle((BLUE, PALE_ORANGE, DARK_ORANGE, PALE_GREEN))
+    lines = tuple((f"channels/{of_effect(name)}", name, next(colours)) for name in effects)
+    return [(title, (*series, *lines) if title == POWERS else series) for title, series in LEDGER]
+
+
+def loop(recording: Recording) -> chart.Chart:
+    """Net moment over angle of the ankle; counter-clockwise is net work done."""
+    curves = []
+    if "reference_ankle_angle" in recording and "reference_ankle_moment" in recording:
+        human = recording["reference_ankle_angle"], recording["reference_ankle_moment"]
+        curves.append(chart.Curve("human", ORANGE, *human, thin=True))
+    curves.append(chart.Curve("prosthesis", BLUE, recording["ankle_angle"], recording["ankle_moment"]))
+    return chart.Chart(LOOP, "dorsiflexion [deg]", "net plantarflexor moment [N·m]", tuple(curves))
+
+
+def blueprint(recording: Recording) -> Any:
+    """Layout: the leg seen from its side over the work loop on the left; motion and energy as tabs on the right."""
+    import rerun.blueprint as rrb
+
+    left = rrb.Vertical(
+        scene.view("leg (tendon: red at peak force; muscle: green at peak pressure)"),
+        chart.view(loop(recording), "work loop of the ankle (counter-clockwise: work done)"),
+        row_shares=[3, 2],
+    )
+    right = rrb.Tabs(_grid(MOTION, "motion and forces"), _grid(ledger(recording), "energy and air"))
+    return stream.whole(rrb.Horizontal(left, right, column_shares=[1, 2]), TIMELINE)
+
+
+def _grid(plots: Sequence[Plot], name: str) -> Any:
+    import rerun.blueprint as rrb
+
+    views = [stream.plot(title, [entity for entity, _, _ in plotted]) for title, plotted in plots]
+    return rrb.Grid(*views, grid_columns=2, name=name)

@@ -1,0 +1,136 @@
+"""Recordings for the rerun viewer, whatever is in them: series over a timeline, words, and panels folded away.
+
+rerun is an optional extra and is imported when it is used.
+"""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from klute_sim.errors import MissingExtraError
+from klute_sim.recording.recording import Samples
+
+Colour = tuple[int, int, int]
+
+GREY, WHITE = (150, 150, 150), (220, 220, 220)
+BLUE, ORANGE = (58, 141, 214), (255, 150, 40)
+DARK_ORANGE, PALE_ORANGE = (150, 90, 30), (255, 215, 170)
+GREEN, PALE_GREEN, RED = (44, 160, 44), (190, 240, 190), (224, 59, 60)
+VIOLET, BROWN, CYAN = (158, 113, 209), (170, 106, 90), (23, 190, 207)
+MANY: tuple[Colour, ...] = (
+    *(BLUE, ORANGE, GREEN, RED, VIOLET, BROWN, CYAN),
+    *((227, 119, 194), (188, 189, 34), (127, 127, 127)),
+)
+"""Told apart on black; for whatever has no colour of its own."""
+
+
+class Line(NamedTuple):
+    """A series in a plot. The viewer draws in the order of the entities' names."""
+
+    entity: str
+    name: str
+    """In the legend."""
+    colour: Colour
+    width: float
+    """Of the line, or of the dots [points]."""
+    value: Samples
+    """In the unit that it is shown in; NaN where there is none."""
+    dots: bool = False
+    """Not joined."""
+
+
+def sdk() -> Any:
+    """The package rerun; raises MissingExtraError without it."""
+    try:
+        import rerun
+    except ImportError:
+        raise MissingExtraError("a rerun recording", "rerun") from None
+    return rerun
+
+
+@contextmanager
+def recorded(path: Path, kind: str, identity: Any, layout: Callable[[], Any]) -> Iterator[Any]:
+    """A stream into ``path`` (.rrd), which appears whole or not at all.
+
+    ``kind`` names what is recorded: the viewer keeps a user's changes of a layout by that. The same ``identity`` (JSON
+    types) is the same recording. Raises MissingExtraError without rerun.
+    """
+    rr = sdk()
+    digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+    stream = rr.RecordingStream(f"klute-sim {kind}", recording_id=digest, send_properties=False)
+    fresh = path.with_name(f".{path.name}")
+    try:
+        stream.save(fresh, default_blueprint=layout())
+        yield stream
+        stream.flush()
+        stream.disconnect()
+        fresh.replace(path)
+    finally:
+        stream.disconnect()
+        fresh.unlink(missing_ok=True)
+
+
+def send(stream: Any, axis: Any, lines: Iterable[Line]) -> None:
+    """Send ``lines`` over ``axis`` (a rerun TimeColumn), each with how it looks."""
+    rr = sdk()
+    for line in lines:
+        stream.send_columns(line.entity, indexes=[axis], columns=rr.Scalars.columns(scalars=line.value))
+        look(stream, line)
+
+
+def look(stream: Any, line: Line) -> None:
+    """How the series of ``line`` looks."""
+    rr, colour = sdk(), np.array(line.colour)
+    style: Any = rr.SeriesLines(names=line.name, colors=colour, widths=line.width)
+    if line.dots:
+        style = rr.SeriesPoints(names=line.name, colors=colour, markers="circle", marker_sizes=line.width)
+    stream.log(line.entity, style, static=True)
+
+
+def tell(stream: Any, entity: str, text: str) -> None:
+    """Log a page of Markdown."""
+    rr = sdk()
+    stream.log(entity, rr.TextDocument(text, media_type="text/markdown"), static=True)
+
+
+def table(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A table in Markdown; what is a number is given four digits, and None a dash."""
+    lines = [headings, ["---"] * len(headings), *([_cell(cell) for cell in row] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def _cell(value: Any) -> str:
+    if value is None or (isinstance(value, float) and not np.isfinite(value)):
+        return "-"
+    return f"{value + 0.0:.4g}" if isinstance(value, float) else str(value).replace("|", "/").replace("\n", " ")
+
+
+def plot(name: str, entities: Sequence[str]) -> Any:
+    """A view of series over the timeline."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(origin="/", contents=[f"/{entity}" for entity in entities], name=name)
+
+
+def words(name: str, entity: str) -> Any:
+    """A view of what :func:`tell` logged."""
+    import rerun.blueprint as rrb
+
+    return rrb.TextDocumentView(origin=f"/{entity}", name=name)
+
+
+def whole(root: Any, timeline: str) -> Any:
+    """The layout of a window: ``root`` over ``timeline``, panels folded away."""
+    import rerun.blueprint as rrb
+
+    return rrb.Blueprint(
+        root,
+        rrb.TimePanel(state="collapsed", timeline=timeline),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+    )

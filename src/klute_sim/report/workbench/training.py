@@ -1,0 +1,82 @@
+"""A training for the rerun viewer: its learning curve, and the policy beside the hand-tuned profile."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from klute_sim.errors import InputError
+from klute_sim.learn.training import COLUMNS, CURVE
+from klute_sim.recording.recording import Samples
+from klute_sim.report.workbench import stream
+from klute_sim.report.workbench.stream import BLUE, GREEN, ORANGE, VIOLET, Line
+
+TIMELINE, SUMMARY = "steps", "summary"
+PLOTS = {
+    "return of an episode": ("curve/episode_return", "evaluated/policy", "evaluated/profile"),
+    "steps of an episode": ("curve/episode_steps",),
+    "minutes": ("curve/minutes",),
+}
+
+
+def remake(folder: Path, path: Path) -> None:
+    """Write ``path`` (.rrd) from the files of a training's ``folder``, finished or not.
+
+    Raises MissingExtraError without rerun and InputError where nothing has been learned yet.
+    """
+    rr = stream.sdk()
+    lines = list(csv.DictReader((folder / CURVE).read_text("utf-8").splitlines()))
+    curve = {name: np.array([float(line[name]) for line in lines]) for name in COLUMNS}
+    if not lines:
+        raise InputError(f"{folder} has no learning curve yet: no episode has ended")
+    told = folder / "summary.json"
+    summary = json.loads(told.read_text("utf-8")) if told.is_file() else None
+    with stream.recorded(path, "training", [folder.name, summary, lines], blueprint) as out:
+        stream.tell(out, SUMMARY, page(curve, summary))
+        axis = rr.TimeColumn(TIMELINE, sequence=curve["steps"].astype(np.int64))
+        stream.send(out, axis, series(curve, summary))
+
+
+def series(curve: dict[str, Samples], summary: dict[str, Any] | None) -> list[Line]:
+    """The learning curve's, and what policy and profile were worth in the end, if they were compared."""
+    found = [
+        Line("curve/episode_return", "policy, while it explores", BLUE, 2.0, curve["episode_return"]),
+        Line("curve/episode_steps", "steps of an episode", VIOLET, 2.0, curve["episode_steps"]),
+        Line("curve/minutes", "minutes of training", VIOLET, 2.0, curve["minutes"]),
+    ]
+    if summary is not None:
+        for name, label, colour in (
+            ("policy", "policy, evaluated", GREEN),
+            ("profile", "hand-tuned profile", ORANGE),
+        ):
+            worth = np.full(len(curve["steps"]), float(summary[name]["return"]))
+            found.append(Line(f"evaluated/{name}", label, colour, 1.0, worth))
+    return found
+
+
+def page(curve: dict[str, Samples], summary: dict[str, Any] | None) -> str:
+    """How far it came, and what an episode is like under policy and profile."""
+    if summary is None:
+        return (
+            f"# Training, not finished\n\n{int(curve['steps'][-1])} steps in {curve['minutes'][-1]:.1f} minutes so far."
+        )
+    title = f"# {summary['algorithm'].upper()}, seed {summary['seed']}"
+    went = f"{summary['steps']} steps in {summary['minutes']:.1f} minutes."
+    better = (
+        f"The policy is better in {summary['better_in']} of {summary['episodes']} episodes, by {summary['gain']:.2f} ± "
+        f"{summary['gain_standard_error']:.2f} on the average (standard error)."
+    )
+    rows = [[name.replace("_", " "), value, summary["profile"][name]] for name, value in summary["policy"].items()]
+    table = stream.table(["mean of an episode", "policy", "hand-tuned profile"], rows)
+    return f"{title}\n\n{went}\n\n{better}\n\n{table}"
+
+
+def blueprint() -> Any:
+    """Layout: the learning curve, episodes' length and the clock under it, the summary on the right."""
+    import rerun.blueprint as rrb
+
+    first, *rest = (stream.plot(name, entities) for name, entities in PLOTS.items())
+    curves = rrb.Vertical(first, rrb.Horizontal(*rest), row_shares=[2, 1])
+    return stream.whole(rrb.Horizontal(curves, stream.words("summary", SUMMARY), column_shares=[3, 2]), TIMELINE)
