@@ -41,3 +41,9 @@ def factor(unit: str, si: str) -> float | None:
     except Exception:  # pint's parser raises a dozen kinds for what is no unit
         return None
     return float(value) if base == wanted else None
+
+
+def between(unit: str, other: str) -> float | None:
+    """What a value in ``unit`` is multiplied by to be in ``other``; None where that is no unit of the same kind."""
+    one, whole = factor(unit, other), factor(other, other)
+    return None if one is None or whole is None else one / whole

@@ -1,7 +1,8 @@
 """From files to a reference: trials, strides of both legs, body mass, the mean stride with its deviations."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -83,22 +84,36 @@ def run(
 ) -> Imported:
     """Import ``files``; raises InputError in one sentence for what is wrong, missing or makes no reference."""
     findings = Findings()
-    read = []
-    for number, file in enumerate(files):
-        read.append(sources.read(file))
-        twin = next((source for source in read[:-1] if source.digest == read[-1].digest), None)
-        if twin is not None:
-            raise InputError(f"{file} is the same as {twin.where}; its strides would count twice")
-        findings.found.append(read[-1].describe())
-        progress(0.6 * (number + 1) / len(files))
+    read = read_all(files, options, findings, lambda fraction: progress(0.6 * fraction))
     legs: list[tuple[Limb, list[Stride]]] = []
-    groups = sources.trials(read, options.chosen.columns)
+    groups = sources.trials(read, options.chosen)
     for number, group in enumerate(groups):
         for leg in trial.legs(group, options, findings):
             legs.append((leg, strides.segment(leg, findings)))
         _compare_events(group, [leg for leg, _ in legs], findings)
         progress(0.6 + 0.4 * (number + 1) / len(groups))
     return _reference(legs, options, findings)
+
+
+def read_all(
+    files: Sequence[str | Path], options: ImportOptions, findings: Findings, progress: Callable[[float], None]
+) -> list[Source]:
+    """All ``files``, which are noted; raises InputError for one that cannot be read or is there twice."""
+    paths, clock, read = [Path(file) for file in files], options.chosen.clock, list[Source]()
+    called = Counter(path.name for path in paths)
+    folders = [path.absolute().parent.name if called[path.name] > 1 else "" for path in paths]
+    known = [(Path(folder) / path.name).as_posix() for folder, path in zip(folders, paths, strict=True)]
+    unknown = set(clock) - set(known)
+    if unknown:
+        raise InputError(f"[clock] names '{min(unknown)}', which is none of the files; there are {', '.join(known)}")
+    for number, (file, name, folder) in enumerate(zip(files, known, folders, strict=True)):
+        read.append(replace(sources.read(file, clock.get(name, 0.0)), folder=folder))
+        twin = next((source for source in read[:-1] if source.digest == read[-1].digest), None)
+        if twin is not None:
+            raise InputError(f"{file} is the same as {twin.where}; its strides would count twice")
+        findings.found.append(read[-1].describe())
+        progress((number + 1) / len(files))
+    return read
 
 
 def _reference(legs: Sequence[tuple[Limb, list[Stride]]], options: ImportOptions, findings: Findings) -> Imported:
