@@ -12,6 +12,7 @@ import walker as made
 from command import run
 from klute_sim.formats import storage
 from klute_sim.recording import parquet
+from klute_sim.report.table import remarks
 from klute_sim.rigs.gait import reference, reference_folder
 
 
@@ -71,7 +72,12 @@ def test_gait_takes_stride_time_mass_and_stature_from_the_folder(lab: Path) -> N
     options = parquet.read(lab / "walked" / "recording.parquet").provenance["options"]
     assert (options["mass_kg"], options["stature_m"]) == (70.0, 1.8)
     assert options["stride_time_s"] == pytest.approx(1.1, abs=1e-3)
-    assert json.loads(done.stdout)["grf_vertical_tracking_rms_bw"] < 0.1
+    told = json.loads(done.stdout)
+    assert told["grf_vertical_tracking_rms_bw"] < 0.1
+    assert (told["reference"], told["reference_speed_m_per_s"]) == ("me", pytest.approx(1.2, abs=1e-3))
+    (walker,) = [sentence for sentence in remarks(told) if sentence.startswith("Walker")]
+    assert walker.startswith("Walker: 70 kg, 1.8 m, ")
+    assert "on the gait 'me', whose owner went at 1.20 m/s" in walker
 
 
 def test_what_is_given_to_gait_goes_before_the_folder(lab: Path) -> None:
