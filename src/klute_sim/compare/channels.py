@@ -34,6 +34,11 @@ def measured(names: Iterable[str]) -> list[str]:
     return [name for name in names if name not in AXES and not name.startswith(REFERENCE)]
 
 
+def compared_with(name: str) -> str:
+    """The channel that the column ``name`` of a reference is held against; '' of any other column."""
+    return name.removeprefix(REFERENCE).removesuffix(DEVIATION) if name.startswith(REFERENCE) else ""
+
+
 def of_reference(names: Collection[str]) -> list[str]:
     """The channels that there is a human reference for among ``names``."""
     plain = [n.removeprefix(REFERENCE) for n in names if n.startswith(REFERENCE)]

@@ -93,6 +93,7 @@ def blueprint(found: Comparison) -> Any:
     import rerun.blueprint as rrb
 
     tabs = []
+    shown = [("curves", "{} [{}]"), *[("difference", "{}, difference [{}]")] * (not found.alone)]
     for number, part in enumerate(found.parts[:MOST_TRIALS], start=1):
         plots = []
         for channel in part.differences:
@@ -101,9 +102,9 @@ def blueprint(found: Comparison) -> Any:
                 rrb.TimeSeriesView(
                     origin=f"/part_{number}/{channel}/{inside}", name=title.format(words.spoken(channel), unit)
                 )
-                for inside, title in (("curves", "{} [{}]"), ("difference", "{}, difference [{}]"))
+                for inside, title in shown
             ]
-            plots.append(rrb.Vertical(*views, row_shares=[2, 1], name=words.spoken(channel)))
+            plots.append(rrb.Vertical(*views, row_shares=[2, 1][: len(views)], name=words.spoken(channel)))
         tabs.append(rrb.Grid(*plots, grid_columns=min(3, len(plots)), name=part.name or "comparison"))
     return rrb.Blueprint(
         rrb.Tabs(*tabs),
