@@ -24,6 +24,8 @@ MASS_DOUBT = 0.02
 """Difference between the mass listed and that of the impulse from which it is told."""
 EVENT_DOUBT = 0.03
 """Median difference [s] between the events listed and those found from which it is told."""
+SAME_EVENT, SAME_IMPULSE = 5e-3, 0.01
+"""Times [s] and, relatively, impulses of all contacts up to which two trials are one walk in two forms (assumed)."""
 PEAK_MOMENT = (0.6, 2.2)
 """Peak ankle moment [N.m/kg] of walking; the sources' means run from 1.32 to 1.63."""
 
@@ -89,10 +91,27 @@ def run(
     groups = sources.trials(read, options.chosen)
     for number, group in enumerate(groups):
         for leg in trial.legs(group, options, findings):
-            legs.append((leg, strides.segment(leg, findings)))
+            twin = next((other for other, _ in legs if _same_walk(leg, other)), None)
+            if twin is None:
+                legs.append((leg, strides.segment(leg, findings)))
+            else:
+                findings.suspect(
+                    f"{leg.trial}: the {leg.side} foot lands when it does in {twin.trial}, with the same impulse: the "
+                    "same walk in another form; its strides were left out, so as not to count twice"
+                )
         _compare_events(group, [leg for leg, _ in legs], findings)
         progress(0.6 + 0.4 * (number + 1) / len(groups))
     return _reference(legs, options, findings)
+
+
+def _same_walk(one: Limb, other: Limb) -> bool:
+    """Whether two trials tell of the same contacts of one foot."""
+    there = [(c.strike, c.lift) for c in other.contacts if c.begun and c.ended]
+    here = [(c.strike, c.lift) for c in one.contacts if c.begun and c.ended]
+    if one.side != other.side or not here or len(here) != len(there) or len(one.impulses) != len(other.impulses):
+        return False
+    apart = np.abs(np.subtract(here, there)).max()
+    return bool(apart < SAME_EVENT and np.allclose(one.impulses, other.impulses, rtol=SAME_IMPULSE))
 
 
 def read_all(
