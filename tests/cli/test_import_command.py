@@ -124,7 +124,7 @@ def test_folders_that_are_no_reference(text: str | None, says: str, tmp_path: Pa
 
 def test_what_was_exported_is_read_by_a_reader_that_is_not_ours(lab: Path) -> None:
     assert run("gait", "--strides", "3", "--step", "1", "--out", "run", cwd=lab).returncode == 0
-    every = [word for kind in ("mot", "sto", "trc", "csv", "parquet") for word in ("--format", kind)]
+    every = [word for kind in ("mot", "sto", "trc", "log", "csv", "parquet") for word in ("--format", kind)]
     done = run("export", "run", *every, "--out", "out", cwd=lab)
     assert done.returncode == 0, done.stderr
     recording = parquet.read(lab / "run" / "recording.parquet")
@@ -149,6 +149,19 @@ def test_what_was_exported_is_read_by_a_reader_that_is_not_ours(lab: Path) -> No
     assert np.array_equal(table.column("ankle_moment [N*m]").to_numpy(), recording["ankle_moment"])
     text = np.genfromtxt(lab / "out" / "recording.csv", delimiter=",", names=None, skip_header=1)
     assert np.array_equal(text[:, 0], recording["time"])
+    heading = (lab / "out" / "log.csv").read_text().splitlines()[0].split(",")
+    logged = np.genfromtxt(lab / "out" / "log.csv", delimiter=",", skip_header=1)
+    assert len(heading) == 6
+    for place, name in enumerate(heading):
+        assert np.array_equal(logged[:, place], recording[name.split(" [")[0]]), name
+    labels = (lab / "out" / "markers.trc").read_text().splitlines()[3].rstrip().split("\t")
+    places = np.genfromtxt(lab / "out" / "markers.trc", delimiter="\t", skip_header=5)
+    ankle, knee = (places[:, labels.index(name) :][:, :3] for name in ("R ANKLE", "R KNEE"))
+    assert np.array_equal(places[:, 1], recording["time"])
+    assert np.array_equal(ankle[:, 0], recording["ankle_x"])  # forward is x, and up is y
+    assert np.array_equal(ankle[:, 1], recording["ankle_z"])
+    lean = np.degrees(np.arctan2(*(knee - ankle)[:, :2].T))
+    assert np.abs(lean - recording["shank_angle"]).max() < 1e-9
 
 
 def test_an_exported_run_comes_back_by_angles_by_markers_and_by_its_own_recording(lab: Path) -> None:

@@ -263,6 +263,11 @@ def test_one_recording_alone_has_its_mean_and_band() -> None:
         compare([run("a", walk())], Options(names=("nobody",)))
 
 
+def test_where_a_stride_began_is_no_channel() -> None:
+    found = compare([run("a", walk(start="s")), run("b", walk(seed=2, start="s"))])
+    assert list(found.parts[0].differences) == ["ankle_angle"]
+
+
 def test_what_is_not_known_of_a_curve_is_none() -> None:
     nothing = of(np.full((2, 3), np.nan))
     assert set(extent(nothing, np.arange(3.0))) == {None}
