@@ -186,6 +186,29 @@ def test_what_no_plate_carried_is_cut_off(walked: Recording, tmp_path: Path) -> 
     assert any("a step was on no plate" in sentence for sentence in found.findings.suspicious)
 
 
+def test_the_command_makes_a_folder_that_stands_alone(walked: Recording, tmp_path: Path) -> None:
+    words = [str(path) for path in lab(tmp_path / "lab", walked, slow=5)]
+    (tmp_path / "mine.toml").write_bytes(load(DEVICE).content.replace(b"klute-1-1-4-pair", b"mine"))
+    spread = ("--uncertain", "muscle.c10_kpa=10 %", "--uncertain", "tendon.stiffness_1_n_per_mm=0.5")
+    done = run("import", *words, "--dataset", "--device", "mine.toml", *spread, "--out", "data", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for part in ("Found", "Mapped", "Derived: ", "Trials", "condition_1", "Use: 1 to fit", "klute-sim diagnose data"):
+        assert part in done.stdout
+    (tmp_path / "mine.toml").unlink()
+    found = datasets.read(tmp_path / "data")
+    assert found.device.name == "mine"
+    assert found.uncertain["tendon.stiffness_1_n_per_mm"] == 0.5
+    assert found.uncertain["muscle.c10_kpa"] == pytest.approx(0.1 * load(DEVICE).spec.numbers()["muscle.c10_kpa"])
+    assert found.remarks == ()
+    told = json.loads((tmp_path / "data" / "import.json").read_text())
+    (trial,) = told["trials"]
+    assert trial["of"] == [*FILES]
+    assert trial["strides"] == 1
+    assert trial["command_peak_bar"] == pytest.approx(walked["pressure_command"].max(), abs=0.01)
+    assert told["split"]["fit"] == ["walk_01_motion+walk_01_load+walk_01_log"]
+    assert told["found"][0]["sha256"]
+
+
 def _without(*names: str) -> Callable[[Path], list[Path]]:
     return lambda folder: [folder / name for name in FILES if name not in names]
 
