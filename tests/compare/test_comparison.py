@@ -183,6 +183,13 @@ def test_units_of_one_kind_are_brought_to_the_first_ones() -> None:
     assert only(human, label="human").width == pytest.approx(
         np.pi / 180.0 * only(compare([run("b", own)], Options(reference=True)), label="human").width
     )
+    mixed = Recording(
+        {n: s * scale[n] if n == "ankle_angle" else s for n, s in own.channels.items()},
+        {**own.units, "ankle_angle": "rad"},
+    )
+    assert only(compare([run("b", mixed)], Options(reference=True)), label="human").rms == pytest.approx(
+        only(human, label="human").rms
+    )
     warm, cold = (
         Recording.from_columns([("time [s]", np.arange(9.0)), (f"t [{u}]", np.arange(9.0))]) for u in ("degC", "K")
     )
@@ -212,7 +219,7 @@ def measured(begin: float = 0.2, unit: str = "N", stride: float = 1.25) -> Recor
 
 
 def test_a_measured_walk_gets_its_phase_from_the_ground_reaction() -> None:
-    found = compare([run("a", measured()), run("b", measured(0.5, "kN", 1.1))])
+    found = compare([run("a", measured(unit="kN")), run("b", measured(0.5, "N", 1.1))])
     assert found.over == "phase"
     assert [series.repeats for series in found.parts[0].series] == [4, 4]
     d = only(found)

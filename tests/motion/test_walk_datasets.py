@@ -21,7 +21,7 @@ from klute_sim.motion import clocks, dataset_folder, export, mapping, repeats
 from klute_sim.motion.dataset_folder import Gathered, Wanted
 from klute_sim.motion.options import ImportOptions
 from klute_sim.motion.walks import Walk
-from klute_sim.recording import csv
+from klute_sim.recording import csv, parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.gait import rig
 from klute_sim.rigs.gait.assembly import GaitOptions
@@ -207,6 +207,19 @@ def test_the_command_makes_a_folder_that_stands_alone(walked: Recording, tmp_pat
     assert trial["command_peak_bar"] == pytest.approx(walked["pressure_command"].max(), abs=0.01)
     assert told["split"]["fit"] == ["walk_01_motion+walk_01_load+walk_01_log"]
     assert told["found"][0]["sha256"]
+
+
+def test_gaps_of_the_pressure_centre_are_bridged_or_told(walked: Recording, tmp_path: Path) -> None:
+    for gap, told in ((0.1, None), (0.3, "the centre of pressure is not known for")):
+        hole = (walked["time"] > 0.3) & (walked["time"] < 0.3 + gap)
+        holed = {n: np.where(hole, np.nan, s) if n == "cop_x" else s for n, s in walked.channels.items()}
+        parquet.write(Recording(holed, walked.units, walked.provenance), tmp_path / "recording.parquet")
+        if told is None:
+            own = gathered([tmp_path / "recording.parquet"]).walks[0].channels["cop_x"]
+            assert own.value[hole] == pytest.approx(walked["cop_x"][hole], abs=5e-3)
+        else:
+            with pytest.raises(InputError, match=told):
+                gathered([tmp_path / "recording.parquet"])
 
 
 def _without(*names: str) -> Callable[[Path], list[Path]]:
