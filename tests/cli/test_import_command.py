@@ -12,6 +12,7 @@ import walker as made
 from command import run
 from klute_sim.formats import storage
 from klute_sim.recording import parquet
+from klute_sim.report.table import remarks
 from klute_sim.rigs.gait import reference, reference_folder
 
 
@@ -71,7 +72,12 @@ def test_gait_takes_stride_time_mass_and_stature_from_the_folder(lab: Path) -> N
     options = parquet.read(lab / "walked" / "recording.parquet").provenance["options"]
     assert (options["mass_kg"], options["stature_m"]) == (70.0, 1.8)
     assert options["stride_time_s"] == pytest.approx(1.1, abs=1e-3)
-    assert json.loads(done.stdout)["grf_vertical_tracking_rms_bw"] < 0.1
+    told = json.loads(done.stdout)
+    assert told["grf_vertical_tracking_rms_bw"] < 0.1
+    assert (told["reference"], told["reference_speed_m_per_s"]) == ("me", pytest.approx(1.2, abs=1e-3))
+    (walker,) = [sentence for sentence in remarks(told) if sentence.startswith("Walker")]
+    assert walker.startswith("Walker: 70 kg, 1.8 m, ")
+    assert "on the gait 'me', whose owner went at 1.20 m/s" in walker
 
 
 def test_what_is_given_to_gait_goes_before_the_folder(lab: Path) -> None:
@@ -118,7 +124,7 @@ def test_folders_that_are_no_reference(text: str | None, says: str, tmp_path: Pa
 
 def test_what_was_exported_is_read_by_a_reader_that_is_not_ours(lab: Path) -> None:
     assert run("gait", "--strides", "3", "--step", "1", "--out", "run", cwd=lab).returncode == 0
-    every = [word for kind in ("mot", "sto", "trc", "csv", "parquet") for word in ("--format", kind)]
+    every = [word for kind in ("mot", "sto", "trc", "log", "csv", "parquet") for word in ("--format", kind)]
     done = run("export", "run", *every, "--out", "out", cwd=lab)
     assert done.returncode == 0, done.stderr
     recording = parquet.read(lab / "run" / "recording.parquet")
@@ -143,6 +149,19 @@ def test_what_was_exported_is_read_by_a_reader_that_is_not_ours(lab: Path) -> No
     assert np.array_equal(table.column("ankle_moment [N*m]").to_numpy(), recording["ankle_moment"])
     text = np.genfromtxt(lab / "out" / "recording.csv", delimiter=",", names=None, skip_header=1)
     assert np.array_equal(text[:, 0], recording["time"])
+    heading = (lab / "out" / "log.csv").read_text().splitlines()[0].split(",")
+    logged = np.genfromtxt(lab / "out" / "log.csv", delimiter=",", skip_header=1)
+    assert len(heading) == 6
+    for place, name in enumerate(heading):
+        assert np.array_equal(logged[:, place], recording[name.split(" [")[0]]), name
+    labels = (lab / "out" / "markers.trc").read_text().splitlines()[3].rstrip().split("\t")
+    places = np.genfromtxt(lab / "out" / "markers.trc", delimiter="\t", skip_header=5)
+    ankle, knee = (places[:, labels.index(name) :][:, :3] for name in ("R ANKLE", "R KNEE"))
+    assert np.array_equal(places[:, 1], recording["time"])
+    assert np.array_equal(ankle[:, 0], recording["ankle_x"])  # forward is x, and up is y
+    assert np.array_equal(ankle[:, 1], recording["ankle_z"])
+    lean = np.degrees(np.arctan2(*(knee - ankle)[:, :2].T))
+    assert np.abs(lean - recording["shank_angle"]).max() < 1e-9
 
 
 def test_an_exported_run_comes_back_by_angles_by_markers_and_by_its_own_recording(lab: Path) -> None:

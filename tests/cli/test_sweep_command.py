@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +108,28 @@ def test_the_same_command_shows_the_table_and_walks_nothing(
     assert "Sweep folder: s  (sweep.csv, sweep.json, sweep.parquet)" in done.stdout
 
 
+def test_a_reference_that_has_changed_is_another_sweep(tmp_path: Path) -> None:
+    text = (resources.files("klute_sim.rigs.gait") / "normative_gait.csv").read_text("utf-8")
+    (tmp_path / "me.csv").write_text(text)
+    asked = ("sweep", "--reference", "me.csv", "--reference", "able-bodied", "--stature", "1.8", "--spring-foot", "6")
+    small = ("--strides", "1", "--step", "1", "--jobs", "1", "--out", "s")
+    done = run(*asked, *small, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)["rows"]
+    assert [(r["device"], r["reference"], r["stature [m]"], r["failure"]) for r in rows] == [
+        ("spring foot 6", "me.csv", 1.8, None),
+        ("spring foot 6", "able-bodied", 1.8, None),
+    ]
+    heading = "ankle_moment_peak [N*m/kg]"
+    assert rows[0][heading] == rows[1][heading]  # the same gait under two names
+    assert rows[0]["reference_sha256"] == rows[1]["reference_sha256"]
+    assert rows[0]["air_per_stride [g]"] == 0.0
+    (tmp_path / "me.csv").write_text(text + "\n")
+    done = run(*asked, *small, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "output folder s holds another sweep (other references)" in done.stderr
+
+
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
     code = (
@@ -140,6 +163,9 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
         (["--controller", "pid"], "no controller 'pid'; allowed: profile, off, constant:BAR"),
         (["--controller", "constant:x"], "needs a pressure in bar"),
         (["--mass", "60,-75"], "mass is -75; allowed: 20 to 250 kg"),
+        (["--stature", "3"], "stature is 3; allowed: 1"),
+        (["--reference", "nobody"], "reference nobody cannot be read: No such file or directory"),
+        (["--spring-foot", "x"], "'x' is not a number"),
         (["--mass", "60,,75"], "'' is not a number"),
         (["--mass", "own"], "'own' is not a number"),
         (["--speed", "fast"], "'fast' is not a number or 'own'"),
@@ -154,7 +180,7 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
         (["--out", "file"], "output folder file is a file"),
         (["--out", "file/s"], "output folder file/s cannot be written"),
         (["--out", "odd"], "sweep.json is no plan"),
-        (["--out", "other"], "output folder other holds another sweep (other devices, controllers, speeds"),
+        (["--out", "other"], "output folder other holds another sweep (other devices, controllers, references"),
     ],
 )
 def test_bad_input_is_one_sentence_and_leaves_nothing(arguments: list[str], says: str, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from klute_sim.compare import results, runs
 from klute_sim.compare.comparison import Comparison, Options, compare
+from klute_sim.compare.curve import extent, of
 from klute_sim.compare.runs import Run
 from klute_sim.errors import InputError
 from klute_sim.recording import csv, parquet
@@ -136,16 +137,16 @@ def test_walkers_of_different_mass_are_told() -> None:
 
 
 def test_channels_of_other_units_and_missing_ones_are_told_and_by_name_refused() -> None:
-    runs_ = [run("a", walk(force="N", torque="N*m", left="m")), run("b", walk(force="kN", right="m"))]
+    runs_ = [run("a", walk(force="N", torque="N*m", left="m")), run("b", walk(force="bar", right="m"))]
     found = compare(runs_)
     assert list(found.parts[0].differences) == ["ankle_angle"]
     assert found.remarks == (
-        "Channel 'force' is in 'N' in 'a' and in 'kN' in 'b': not compared.",
+        "Channel 'force' is in 'N' in 'a' and in 'bar' in 'b': not compared.",
         "'a' has channels that 'b' lacks: torque, left.",
         "'b' has channels that 'a' lacks: right.",
     )
     for name, says in {
-        "force": "channel 'force' is in 'N' in 'a' and in 'kN' in 'b'; allowed: the same unit",
+        "force": "channel 'force' is in 'N' in 'a' and in 'bar' in 'b'; allowed: units of one kind",
         "torque": "channel 'torque' is in 'a' alone",
         "right": "'a' has no channel 'right', and the others are compared with it",
         "nobody": "no channel 'nobody'; there are ankle_angle, force, torque, left, right",
@@ -153,24 +154,142 @@ def test_channels_of_other_units_and_missing_ones_are_told_and_by_name_refused()
         with pytest.raises(InputError, match=says):
             compare(runs_, Options(names=(name,)))
     with pytest.raises(
-        InputError, match=r"'force' of 'a' is in 'N' in recording a and in 'kN' in recording a; repeats"
+        InputError, match=r"'force' of 'a' is in 'N' in recording a and in 'bar' in recording a; repeats"
     ):
-        compare([run("a", walk(force="N")), run("a", walk(force="kN")), run("b", walk())])
+        compare([run("a", walk(force="N")), run("a", walk(force="bar")), run("b", walk())])
 
 
-def test_a_channel_is_compared_with_those_that_have_it_in_the_same_unit() -> None:
-    found = compare([run("a", walk(force="N")), run("b", walk(force="kN")), run("c", walk(force="N"))])
+def test_a_channel_is_compared_with_those_that_have_it_in_a_unit_of_the_same_kind() -> None:
+    found = compare([run("a", walk(force="N")), run("b", walk(force="degC")), run("c", walk(force="N"))])
     assert set(found.parts[0].differences["force"]) == {"c"}
     assert [("force" in series.curves) for series in found.parts[0].series] == [True, False, True]
+
+
+def test_units_of_one_kind_are_brought_to_the_first_ones() -> None:
+    own = with_reference(walk(force="N"))
+    scale = {"ankle_angle": np.pi / 180.0, "force": 1e-3, "reference_ankle_angle": np.pi / 180.0}
+    scale["reference_ankle_angle_sd"] = scale["reference_ankle_angle"]
+    unit = {n: {"deg": "rad", "N": "kN"}[own.units[n]] for n in scale}
+    other = Recording({n: s * scale.get(n, 1.0) for n, s in own.channels.items()}, {**own.units, **unit})
+    found = compare([run("a", own), run("b", other), run("b", own)], Options(to="b"))
+    assert found.parts[0].units == {"ankle_angle": "deg", "force": "N"}
+    for channel in ("ankle_angle", "force"):
+        assert only(found, channel, "a").rms == pytest.approx(0.0, abs=1e-12)
+        assert np.abs(found.parts[0].series[0].curves[channel].mean).max() > 0.5
+    assert "'force' of 'b' is in 'kN' and was brought to 'N'." in found.remarks
+    assert not any("reference" in remark for remark in found.remarks)
+    human = compare([run("b", other)], Options(reference=True))
+    assert human.parts[0].units["ankle_angle"] == "rad"
+    assert only(human, label="human").width == pytest.approx(
+        np.pi / 180.0 * only(compare([run("b", own)], Options(reference=True)), label="human").width
+    )
+    mixed = Recording(
+        {n: s * scale[n] if n == "ankle_angle" else s for n, s in own.channels.items()},
+        {**own.units, "ankle_angle": "rad"},
+    )
+    assert only(compare([run("b", mixed)], Options(reference=True)), label="human").rms == pytest.approx(
+        only(human, label="human").rms
+    )
+    warm, cold = (
+        Recording.from_columns([("time [s]", np.arange(9.0)), (f"t [{u}]", np.arange(9.0))]) for u in ("degC", "K")
+    )
+    with pytest.raises(InputError, match="no channel of 'a' is in another series in a unit of the same kind"):
+        compare([run("a", warm), run("b", cold)])
+
+
+def test_a_clock_in_milliseconds_is_one_in_seconds(tmp_path: Path) -> None:
+    for name, unit, step in (("a", "s", 0.5), ("b", "ms", 500.0)):
+        rows = "".join(f"{step * k},{k}\n" for k in range(9))
+        (tmp_path / f"{name}.csv").write_text(f"time [{unit}],force [N]\n{rows}")
+    found = compare(runs.read([str(tmp_path / "a.csv"), str(tmp_path / "b.csv")]))
+    assert found.parts[0].axis[-1] == 4.0
+    assert only(found, "force").rms == 0.0
+
+
+def measured(begin: float = 0.2, unit: str = "N", stride: float = 1.25) -> Recording:
+    """Four strides without a phase; the load of a foot is a half wave over 60 % of each."""
+    time = np.arange(0.0, begin + 4.0 * stride + 0.3, 0.01)
+    phase = ((time - begin) / stride) % 1.0
+    load = np.where((time >= begin) & (phase < 0.6), 800.0 * np.sin(np.pi * phase / 0.6), 0.0)
+    angle = 10.0 * np.sin(2.0 * np.pi * phase)
+    scale = {"N": 1.0, "kN": 1e-3, "V": 1.0}[unit]
+    return Recording.from_columns(
+        [("time [s]", time), (f"grf_vertical [{unit}]", scale * load), ("ankle_angle [deg]", angle)]
+    )
+
+
+def test_a_measured_walk_gets_its_phase_from_the_ground_reaction() -> None:
+    found = compare([run("a", measured(unit="kN")), run("b", measured(0.5, "N", 1.1))])
+    assert found.over == "phase"
+    assert [series.repeats for series in found.parts[0].series] == [4, 4]
+    d = only(found)
+    assert d.rms == pytest.approx(0.0, abs=0.2)
+    curve = found.parts[0].series[0].curves["ankle_angle"]
+    # 20 N are passed a little after the load begins to rise.
+    late = 0.6 / np.pi * np.arcsin(20.0 / 800.0)
+    assert curve.mean == pytest.approx(10.0 * np.sin(2.0 * np.pi * (np.linspace(0, 1, 101) + late)), abs=0.15)
+    told = [remark for remark in found.remarks if "no gait_phase" in remark]
+    assert told[0] == (
+        "'a' has no gait_phase: its 4 strides go from one rise of its grf_vertical above 20 N to the next."
+    )
+    in_time = compare([run("a", measured()), run("b", measured(0.5))], Options(over="time"))
+    assert in_time.over == "time"
+    assert not any("no gait_phase" in remark for remark in in_time.remarks)
+
+
+def test_a_load_that_tells_no_strides_is_compared_in_time() -> None:
+    both = [run("a", measured(unit="V")), run("b", measured(unit="V"))]
+    assert compare(both).over == "time"
+    assert compare([run("a", measured()), run("b", walk())]).over == "phase"
+    with pytest.raises(InputError, match=r"no column 'gait_phase \[%\]', and no 'grf_vertical' that shows a stride"):
+        compare(both, Options(over="phase"))
+
+
+def test_one_recording_alone_has_its_mean_and_band() -> None:
+    found = compare([run("a", walk(5, bump=3.0, force="N", x="m"))], Options(names=("ankle_angle", "force")))
+    assert found.alone
+    (part,) = found.parts
+    assert part.differences == {"ankle_angle": {}, "force": {}}
+    (series,) = part.series
+    assert series.repeats == 5
+    told = results.as_json(found)["parts"][0]["channels"][0]["curves"]
+    curve = series.curves["ankle_angle"]
+    assert told == [{"series": "a", **extent(curve, part.axis)._asdict()}]
+    assert told[0]["highest"] == curve.mean.max()
+    assert told[0]["highest_at"] == part.axis[curve.mean.argmax()]
+    assert told[0]["lowest"] == curve.mean.min()
+    assert told[0]["sd"] == pytest.approx(np.sqrt(np.mean(curve.sd**2)))
+    assert told[0]["sd_largest"] == curve.sd.max()
+    rows = results.numbers_csv(found).splitlines()
+    assert rows[0] == ",".join(results.ALONE)
+    assert rows[1].startswith("one,ankle_angle,deg,a,") or rows[1].startswith(",ankle_angle,deg,a,")
+    assert len(rows) == 3
+    pooled = compare([run("a", measured(unit="V")), run("a", measured(unit="V"))])
+    assert pooled.parts[0].series[0].repeats == 2
+    with pytest.raises(InputError, match="no channel 'nobody'; there are"):
+        compare([run("a", walk())], Options(names=("nobody",)))
+
+
+def test_where_a_stride_began_is_no_channel() -> None:
+    found = compare([run("a", walk(start="s")), run("b", walk(seed=2, start="s"))])
+    assert list(found.parts[0].differences) == ["ankle_angle"]
+
+
+def test_what_is_not_known_of_a_curve_is_none() -> None:
+    nothing = of(np.full((2, 3), np.nan))
+    assert set(extent(nothing, np.arange(3.0))) == {None}
+    assert extent(of(np.array([[1.0, 3.0, 2.0]])), np.arange(3.0)) == (1.0, 0.0, 3.0, 1.0, None, None, None)
 
 
 def test_nothing_in_common_is_refused() -> None:
     one = Recording.from_columns([("time [s]", np.arange(9.0)), ("force [N]", np.arange(9.0))])
     two = Recording.from_columns([("time [s]", np.arange(9.0)), ("pressure [bar]", np.arange(9.0))])
-    with pytest.raises(InputError, match="no channel of 'a' is in another series in the same unit; it has force"):
+    with pytest.raises(InputError, match="no channel of 'a' is in another series in a unit of the same kind; it has f"):
         compare([run("a", one), run("b", two)])
-    with pytest.raises(InputError, match="nothing to compare 'a' with"):
+    with pytest.raises(InputError, match="nothing to compare 'a' with, and a single recording has no band"):
         compare([run("a", one)])
+    with pytest.raises(InputError, match="nothing to compare 'a' with, and a single stride has no band"):
+        compare([run("a", walk(1))])
 
 
 def test_of_many_channels_the_main_ones_are_compared_and_all_on_demand() -> None:
@@ -272,7 +391,7 @@ def test_a_column_that_is_no_channel_is_left_out_and_told(tmp_path: Path) -> Non
     [
         ("a,b\n1,2\n", "no column is of the form"),
         ("force [N],x [m]\n1,2\n", "needs a channel 'time"),
-        ("time [ms],force [N]\n1,2\n3,4\n", "time is in 'ms'; allowed: s"),
+        ("time [mm],force [N]\n1,2\n3,4\n", "time is in 'mm'; allowed: s, ms, min"),
         ("time [s],force [N]\n1,2\n", "has 1 sample; at least 2"),
         ("time [s],force [N]\n", "has 0 samples; at least 2"),
         ("time [s],force [N]\n1,2\n,3\n", "a time is missing in row 2"),

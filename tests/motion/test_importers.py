@@ -311,7 +311,7 @@ def test_a_file_cut_in_two_trials_pools_the_strides_and_has_deviations(tmp_path:
     edited(paths_of(one)[2], lambda label, s: 0.9 * s if "moment" in label else s)
     edited(again[2], lambda label, s: 1.1 * s if "moment" in label else s)
     for path in again:
-        edited(path, lambda label, s: s + 0.001)
+        edited(path, lambda label, s: s + (0.02 if label == "time" else 0.001))
     found = importing.run(paths_of(one) + again, ImportOptions(mass=MASS))
     assert len(found.strides["right"]) == 6
     # three strides 10 % below the mean and three above it
@@ -456,3 +456,15 @@ def test_a_laboratory_with_other_axes(tmp_path: Path) -> None:
     assert any("forward is -y" in e["why"] and "up is +z" in e["why"] for e in found.findings.mapped)
     for column in ("shank_forward_deg", "ankle_plantarflexor_moment_nm_per_kg", "grf_forward_n_per_kg"):
         assert np.abs(found.table[column] - HUMAN(column, found.table[reference.PHASE] / 100)).max() < 1.0, column
+
+
+@pytest.mark.parametrize(("late", "strides"), [(0.0, 3), (0.02, 6)])
+def test_one_walk_in_two_forms_counts_once(late: float, strides: int, tmp_path: Path) -> None:
+    paths = opensim(tmp_path)
+    (tmp_path / "again").mkdir()
+    again = opensim(tmp_path / "again")
+    for path in again:
+        edited(path, lambda label, s: s + late if label == "time" else s + 1e-6)
+    found = importing.run([*paths, *again], RAW)
+    assert len(found.strides["right"]) == strides
+    assert bool(said(found, "suspicious", "the same walk in another form")) == (late == 0.0)

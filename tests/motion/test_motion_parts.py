@@ -7,9 +7,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from klute_sim.dataset import events
 from klute_sim.errors import InputError
 from klute_sim.formats.trc import Markers
-from klute_sim.motion import dynamics, events, filters, joints, mapping, markers, names, signs, trial
+from klute_sim.motion import dynamics, filters, joints, mapping, markers, names, signs, trial
 from klute_sim.motion.findings import Findings
 from klute_sim.motion.finish import Landed
 from klute_sim.motion.sagittal import Leg

@@ -13,6 +13,7 @@ from klute_sim.recording.recording import Recording
 from klute_sim.report import compare_figures, compare_page, compare_table
 from klute_sim.report import compare_words as words
 from klute_sim.report.style import STYLE
+from klute_sim.report.workbench import comparison as recording
 
 PHASE = np.tile(np.arange(50) * 2.0, 4)
 
@@ -137,3 +138,38 @@ def test_of_many_trials_and_channels_the_most_different_are_drawn() -> None:
 def test_a_page_links_to_a_recording_that_is_there() -> None:
     assert 'href="comparison.rrd"' in compare_page.render(found(0.0, 1.0), {}, "comparison.rrd")
     assert "rrd" not in compare_page.render(found(0.0, 1.0), {})
+
+
+def test_one_series_alone_is_shown_with_its_band_and_no_difference() -> None:
+    made = found(2.0, channels=3, rig="gait", options=Options(skip=0))
+    (table,) = compare_table.tables(made)
+    assert str(table.title) == "a (4 strides)"
+    assert [column.header for column in table.columns] == ["channel", *words.EXTENT]
+    assert list(table.columns[0].cells) == ["x0 [N·m]", "x1 [N·m]", "x2 [N·m]"]
+    assert "repeat almost exactly" in " ".join(compare_table.remarks(made))
+    ((part, figure),) = compare_figures.pictures(made)
+    visible = [axis for axis in figure.axes if axis.get_visible()]
+    assert [axis.get_title() for axis in visible] == ["x0 [N·m]", "x1 [N·m]", "x2 [N·m]"]
+    for axis, channel in zip(visible, part.differences, strict=True):
+        (line,), (band,) = axis.lines, axis.collections
+        assert np.array_equal(line.get_ydata(), part.series[0].curves[channel].mean)
+        assert isinstance(band, PolyCollection)
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend == ["a (4 strides)", "mean ±1 sd"]
+    page = compare_page.render(made, {"": b""})
+    assert "<title>a</title>" in page
+    assert "Means and bands" in page
+    assert "bias" not in page
+    assert page.count("<td>x1</td>") == 1
+
+
+def test_one_series_alone_in_rerun(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    made = found(2.0)
+    kinds = [line.entity for line in recording.lines(made.parts[0], 1, "phase")]
+    assert kinds == [f"part_1/x0/curves/series_0/{end}" for end in ("mean", "low", "high")]
+    title, _, heads = recording.page(made).splitlines()[:3]
+    assert title == "# a (4 strides)"
+    assert "largest sd" in heads
+    recording.write(made, tmp_path / "a.rrd")
+    assert (tmp_path / "a.rrd").stat().st_size > 1000

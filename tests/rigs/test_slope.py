@@ -112,6 +112,8 @@ def test_no_distance_is_given_where_nobody_was_measured() -> None:
         "without_source": [],
         "assumptions": {},
         "friction_offset_work_j_per_kg": 0.0,
+        **{"mass_kg": 75.0, "stature_m": 1.75, "speed_m_per_s": 1.2, "stride_time_s": 1.1},
+        **{"reference": "x", "reference_speed_m_per_s": None},
     }
     assert any("rises by 3 degrees" in said for said in remarks(summary))
     assert not any("rises" in said for said in remarks(summary | {"slope_deg": 0.0}))

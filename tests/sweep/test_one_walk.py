@@ -8,7 +8,7 @@ import pytest
 from klute_sim.control.pressure import off, tuned
 from klute_sim.device.files import load
 from klute_sim.errors import KluteSimError, SimulationError
-from klute_sim.rigs.gait import rig
+from klute_sim.rigs.gait import reference, rig
 from klute_sim.sweep.plan import Combination
 from klute_sim.sweep.walk import DISTANCES, HEADINGS, walk
 
@@ -88,8 +88,13 @@ def test_the_key_is_of_all_that_the_outcomes_depend_on_and_of_no_name() -> None:
         replace(DEFAULT, slope_deg=1.0),
         replace(DEFAULT, mass=math.nextafter(75.0, 76.0)),
         replace(DEFAULT, strides=2),
+        replace(DEFAULT, stature=1.8),
+        replace(DEFAULT, reference=replace(reference.default(), digest="other")),
+        replace(DEFAULT, reference=replace(reference.default(), stride_time=1.2)),
+        replace(DEFAULT, foot=6.0),
         replace(DEFAULT, step=5e-4),
         replace(DEFAULT, software={**DEFAULT.software, "code": "other"}),
     ]
-    assert len({DEFAULT.key, *(each.key for each in changed)}) == 9
-    assert replace(DEFAULT, device_word="other", controller_word="other").key == DEFAULT.key
+    assert len({DEFAULT.key, *(each.key for each in changed)}) == 13
+    renamed = replace(DEFAULT, device_word="other", controller_word="other", reference_word="other")
+    assert renamed.key == DEFAULT.key

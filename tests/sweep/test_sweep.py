@@ -3,6 +3,7 @@
 import errno
 import json
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -12,6 +13,7 @@ import pytest
 from klute_sim.control.pressure import Constant, off
 from klute_sim.device.files import load
 from klute_sim.errors import InputError, KluteSimError
+from klute_sim.rigs.gait.reference import default
 from klute_sim.sweep import store, table
 from klute_sim.sweep.plan import Combination, Plan
 from klute_sim.sweep.runner import Finished
@@ -61,6 +63,34 @@ def test_combinations_come_in_the_order_given_the_last_one_changing_first() -> N
     ]
     assert listed[8][1] == "low"
     assert listed[16][0] == "a"
+
+
+def test_walkers_bring_their_mass_and_stature_unless_told_otherwise() -> None:
+    big = replace(default(), mass=90.0, stature=1.9)
+    planned = plan(references={"big": big, "able-bodied": None, "csv": default()}, masses=(None,))
+    assert [(c.reference_word, c.mass, c.stature) for c in planned.combinations()] == [
+        ("big", 90.0, 1.9),
+        ("able-bodied", 75.0, 1.75),
+        ("csv", 75.0, 1.75),
+    ]
+    first, second, third = planned.combinations()
+    assert first.options().reference is big
+    assert second.options().reference.digest == third.options().reference.digest == default().digest
+    told = plan(references={"big": big}, masses=(60.0,), statures=(1.6, None))
+    assert [(c.mass, c.stature) for c in told.combinations()] == [(60.0, 1.6), (60.0, 1.9)]
+    assert told.describe()["references"]["big"]["mass_kg"] == 90.0
+    with pytest.raises(InputError, match="stature is 3; allowed"):
+        plan(statures=(3.0,))
+
+
+def test_passive_feet_come_after_the_devices_without_pressure() -> None:
+    planned = plan(controllers={"low": Constant(1e5)}, masses=(None,), feet={4.0: DEVICE, 6.0: DEVICE})
+    listed = [(c.device_word, c.controller_word, c.controller.describe(), c.foot) for c in planned.combinations()]
+    no = off().describe()
+    assert listed[1:] == [("spring foot 4", "off", no, 4.0), ("spring foot 6", "off", no, 6.0)]
+    assert listed[0][::3] == ("a", None)
+    with pytest.raises(InputError):
+        plan(feet={-1.0: DEVICE})
 
 
 def test_what_is_finished_is_not_walked_again_and_what_the_disk_lost_is(tmp_path: Path) -> None:

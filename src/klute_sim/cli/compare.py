@@ -22,7 +22,7 @@ RECORDING = "comparison.rrd"
     type=click.Choice(["phase", "time"]),
     default=None,
     help="Strides over the gait cycle [%], or whole recordings over their common time [s].  [default: phase if every "
-    "recording has gait_phase]",
+    "recording has gait_phase, or a grf_vertical that shows its strides]",
 )
 @click.option(
     "--channel",
@@ -68,6 +68,8 @@ def command(
 ) -> None:
     """Compare recordings, simulated or measured, channel by channel: how much they differ, and where.
 
+    One alone is shown as the mean over its strides with their band.
+
     A RUN is a folder that gait or bench made, or a recording: Parquet or CSV with columns 'name [unit]' and 'time [s]'.
     Runs with the same LABEL are repeats of each other. Strides are brought to 0 to 100 % of the gait cycle (column
     'gait_phase [%]'); mean and standard deviation are over strides, or over repeats in time. The first RUN is what the
@@ -81,6 +83,7 @@ def command(
       klute-sim compare runs/gait-001 runs/gait-002
       klute-sim compare profile=runs/gait-001 machine=runs/gait-002 --reference --to human
       klute-sim compare simulated=runs/gait-001 measured=a.csv measured=b.csv --channel ankle_angle
+      klute-sim compare me/strides_right.parquet
       klute-sim compare runs/bench-001 runs/bench-002
       klute-sim compare runs/gait-001 runs/gait-002 --over time --channel pressure --json
     """

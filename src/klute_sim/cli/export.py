@@ -7,7 +7,7 @@ import click
 
 from klute_sim.cli.given_path import GivenPath
 
-KINDS = ("mot", "sto", "trc", "csv", "parquet")
+KINDS = ("mot", "sto", "trc", "log", "csv", "parquet")
 
 
 @click.command("export")
@@ -35,8 +35,8 @@ def command(run: Path, kinds: tuple[str, ...], side: Any, out: Path | None) -> N
     """Write a run's motion and loads for other programs.
 
     RUN is a folder of klute-sim gait, or of klute-sim import (its mean stride). mot: joint angles and ground reaction;
-    sto: the ankle's moment; trc: virtual markers; all with OpenSim's names, axes and signs. csv and parquet: every
-    channel, with our own.
+    sto: the ankle's moment; trc: virtual markers; all with OpenSim's names, axes and signs. log: what the prosthesis
+    itself would have logged; csv and parquet: every channel, with our own names.
 
     \b
     Examples:

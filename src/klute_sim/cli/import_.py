@@ -9,14 +9,21 @@ import click
 from klute_sim.cli.given_path import GivenPath
 
 if TYPE_CHECKING:
+    from klute_sim.motion.dataset_folder import Wanted
     from klute_sim.motion.importing import Imported
+    from klute_sim.motion.options import ImportOptions
 
 
 @click.command("import")
 @click.argument("files", nargs=-1, required=True, metavar="FILES...", type=GivenPath())
 @click.option("--mass", type=float, default=None, metavar="KG", help="Body mass.  [default: from the ground reaction]")
 @click.option("--stature", type=float, default=None, metavar="M", help="Noted for klute-sim gait.")
-@click.option("--side", type=click.Choice(["right", "left"]), default=None, help="[default: the one with more strides]")
+@click.option(
+    "--side",
+    type=click.Choice(["right", "left"]),
+    default=None,
+    help="The leg to import; of a dataset the one with the prosthesis.  [default: the one with more strides]",
+)
 @click.option(
     "--map",
     "map_file",
@@ -28,13 +35,12 @@ if TYPE_CHECKING:
 @click.option(
     "--cutoff",
     type=float,
-    default=6.0,
-    show_default=True,
+    default=None,
     metavar="HZ",
-    help="Low-pass of angles and markers; 0: none.",
+    help="Low-pass of angles and markers; 0: none.  [default: 6]",
 )
 @click.option(
-    "--load-cutoff", type=float, default=20.0, show_default=True, metavar="HZ", help="Of ground reactions and moments."
+    "--load-cutoff", type=float, default=None, metavar="HZ", help="Of ground reactions and moments.  [default: 20]"
 )
 @click.option(
     "--threshold",
@@ -47,16 +53,36 @@ if TYPE_CHECKING:
 @click.option(
     "--ankle-zero",
     type=click.Choice(["foot-flat", "file"]),
-    default="foot-flat",
-    show_default=True,
-    help="Whether 0 degrees of the ankle is moved to where the foot is flat in mid-stance.",
+    default=None,
+    help="Whether 0 degrees of the ankle is moved to where the foot is flat in mid-stance.  [default: foot-flat; of a "
+    "dataset: file]",
+)
+@click.option(
+    "--dataset",
+    "as_dataset",
+    is_flag=True,
+    help="Make a dataset for klute-sim diagnose, of walks with a prosthesis and its own log (docs/import.md).",
+)
+@click.option("--device", default=None, metavar="NAME|FILE", help="Of a dataset: the prosthesis that was walked on.")
+@click.option(
+    "--uncertain",
+    multiple=True,
+    metavar="KEY=SPREAD",
+    help="Of a dataset: a number of the device known only so well, as 'muscle.c10_kpa=10 %'; may be repeated.",
+)
+@click.option(
+    "--repeats",
+    type=int,
+    default=None,
+    metavar="N",
+    help="Of a dataset: N trials on end are repeats.  [default: those with equal stride times and pressures]",
 )
 @click.option(
     "--out",
     type=GivenPath(),
     default=None,
     metavar="FOLDER",
-    help="New or empty folder for the reference.  [default: runs/import-NNN]",
+    help="New or empty folder for the reference or the dataset.  [default: runs/import-NNN]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
 def command(
@@ -65,20 +91,25 @@ def command(
     stature: float | None,
     side: Any,
     map_file: Path | None,
-    cutoff: float,
-    load_cutoff: float,
+    cutoff: float | None,
+    load_cutoff: float | None,
     threshold: float,
     ankle_zero: Any,
+    as_dataset: bool,
+    device: str | None,
+    uncertain: tuple[str, ...],
+    repeats: int | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Make a reference for klute-sim gait of a laboratory's own files.
+    """Make a reference for klute-sim gait of a laboratory's own files, or a dataset for klute-sim diagnose.
 
     FILES are one or more trials: C3D (extra 'c3d'), OpenSim's .mot, .sto and .trc, CSV, Parquet. A trial may be several
     files, side by side: angles, ground reaction, moments. Signs, axes, units and zeros are found out, and told with the
     reason; so is all that looks wrong.
 
-    Writes reference.csv, reference.toml, all strides (strides_right.parquet, strides_left.parquet) and import.json.
+    Writes reference.csv, reference.toml, all strides (strides_right.parquet, strides_left.parquet) and import.json;
+    with --dataset dataset.toml, the trials as CSV and import.json.
 
     \b
     Examples:
@@ -86,23 +117,41 @@ def command(
       klute-sim gait --reference my-subject
       klute-sim import ik.mot grf.mot id.sto --mass 70 --side left
       klute-sim import walk1.csv walk2.csv --map my-columns.toml --json
+      klute-sim import a.c3d a_log.csv b.c3d b_log.csv --dataset --device my.toml --side left --out my-walks
+      klute-sim diagnose my-walks
     """
-    from klute_sim.cli.console import progress_bar
-    from klute_sim.motion import folder as folders
-    from klute_sim.motion import importing, mapping
-    from klute_sim.motion.options import ImportOptions
-    from klute_sim.recording import run_folder
+    from klute_sim.errors import InputError
+    from klute_sim.motion import mapping
+    from klute_sim.motion.options import CUTOFF, LOAD_CUTOFF, ImportOptions
 
+    filters = {"--cutoff": cutoff, "--load-cutoff": load_cutoff, "--stature": stature}
+    alone = {"--device": device, "--uncertain": uncertain or None, "--repeats": repeats}
+    misplaced = [name for name, value in (filters if as_dataset else alone).items() if value is not None]
+    if misplaced:
+        what = "makes no sense with" if as_dataset else "goes with"
+        raise InputError(f"{misplaced[0]} {what} --dataset{': nothing is filtered' * ('cutoff' in misplaced[0])}")
     options = ImportOptions(
         mass=mass,
         stature=stature,
         side=side,
-        cutoff=cutoff,
-        load_cutoff=load_cutoff,
+        cutoff=CUTOFF if cutoff is None else cutoff,
+        load_cutoff=LOAD_CUTOFF if load_cutoff is None else load_cutoff,
         threshold=threshold,
-        ankle_zero=ankle_zero,
+        ankle_zero=ankle_zero or ("file" if as_dataset else "foot-flat"),
         chosen=mapping.read(map_file),
     )
+    if as_dataset:
+        _dataset(files, options, _wanted(device, uncertain, repeats), out, as_json=as_json)
+    else:
+        _reference(files, options, out, as_json=as_json)
+
+
+def _reference(files: tuple[Path, ...], options: "ImportOptions", out: Path | None, *, as_json: bool) -> None:
+    from klute_sim.cli.console import progress_bar
+    from klute_sim.motion import folder as folders
+    from klute_sim.motion import importing
+    from klute_sim.recording import run_folder
+
     with run_folder.new("import", out) as (folder, scratch):
         with progress_bar("importing") as progress:
             imported = importing.run(files, options, progress)
@@ -113,7 +162,63 @@ def command(
         _print(imported, result, folder)
 
 
+def _wanted(device: str | None, uncertain: tuple[str, ...], repeats: int | None) -> "Wanted":
+    from klute_sim.errors import InputError
+    from klute_sim.motion.dataset_folder import Wanted
+
+    if device is None:
+        raise InputError("a dataset needs --device: the preset or the device file of the prosthesis that was walked on")
+    spreads = {}
+    for word in uncertain:
+        key, equals, spread = word.partition("=")
+        if not equals:
+            raise InputError(f"--uncertain '{word}' is not of the form KEY=SPREAD, such as 'muscle.c10_kpa=10 %'")
+        spreads[key.strip()] = spread.strip()
+    return Wanted(device=device, uncertain=spreads, repeats=repeats)
+
+
+def _dataset(
+    files: tuple[Path, ...], options: "ImportOptions", wanted: "Wanted", out: Path | None, *, as_json: bool
+) -> None:
+    from rich.table import Table
+
+    from klute_sim.cli.console import console, progress_bar
+    from klute_sim.motion import dataset_folder
+    from klute_sim.recording import run_folder
+
+    with run_folder.new("import", out) as (folder, scratch):
+        with progress_bar("importing") as progress:
+            gathered = dataset_folder.gather(files, options, wanted, progress)
+        result = dataset_folder.write(gathered, scratch)
+    if as_json:
+        click.echo(json.dumps({**result, "run": str(folder)}, indent=2, allow_nan=False))
+        return
+    shown = console()
+    _found(result)
+    trials = Table("of", "group", "strides", "stride, s", "pressure to, bar", "measured", title="Trials")
+    for trial in result["trials"]:
+        trials.add_row(
+            *(", ".join(trial["of"]), trial["group"], str(trial["strides"]), f"{trial['stride_time_s']:.3f}"),
+            *(f"{trial['command_peak_bar']:.2f}", ", ".join(trial["measured"])),
+        )
+    shown.print(trials)
+    split = result["split"]
+    uses = ", ".join(f"{len(split[use])} to {use}" for use in ("fit", "select", "show"))
+    shown.print(f"Use: {uses}; {split['how']}.", soft_wrap=True)
+    shown.print(f"Dataset: {folder}; look into it with klute-sim diagnose {folder}", soft_wrap=True)
+
+
 def _print(imported: "Imported", result: dict[str, Any], folder: Path) -> None:
+    from klute_sim.cli.console import console
+
+    out = console()
+    _found(result)
+    out.print(_words(imported), soft_wrap=True)
+    out.print(f"Reference: {folder}; walk it with klute-sim gait --reference {folder}", soft_wrap=True)
+
+
+def _found(result: dict[str, Any]) -> None:
+    """What was found, mapped, derived, missing and suspicious."""
     from rich.table import Table
 
     from klute_sim.cli.console import console
@@ -134,8 +239,6 @@ def _print(imported: "Imported", result: dict[str, Any], folder: Path) -> None:
     for title in ("derived", "missing", "suspicious"):
         for sentence in result[title]:
             out.print(f"{title.capitalize()}: {sentence}", soft_wrap=True)
-    out.print(_words(imported), soft_wrap=True)
-    out.print(f"Reference: {folder}; walk it with klute-sim gait --reference {folder}", soft_wrap=True)
 
 
 def _words(imported: "Imported") -> str:

@@ -3,13 +3,14 @@
 import json
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from klute_sim.cli.given_path import GivenPath
 
 if TYPE_CHECKING:
+    from klute_sim.rigs.gait.reference import Reference
     from klute_sim.sweep.plan import Plan
     from klute_sim.sweep.runner import Runner
     from klute_sim.sweep.sweep import Swept
@@ -73,7 +74,36 @@ def _number(word: str, option: click.Parameter, wanted: str) -> float:
     help="Slopes of the ground, uphill positive; the limb's motion on them is assumed [degrees].  [default: 0]",
 )
 @click.option(
-    "--mass", "masses", callback=_numbers, multiple=True, metavar="KG,...", help="Body masses [kg].  [default: 75]"
+    "--reference",
+    "references",
+    multiple=True,
+    metavar="FILE|FOLDER",
+    help="Gait to walk on: a folder made by klute-sim import, or a CSV of docs/gait.md; may be given several times; "
+    "able-bodied: the package's own.  [default: able-bodied]",
+)
+@click.option(
+    "--mass",
+    "masses",
+    callback=_numbers,
+    multiple=True,
+    metavar="KG,...",
+    help="Body masses [kg].  [default: what the folder of --reference states, or 75]",
+)
+@click.option(
+    "--stature",
+    "statures",
+    callback=_numbers,
+    multiple=True,
+    metavar="M,...",
+    help="Statures [m].  [default: what the folder of --reference states, or 1.75]",
+)
+@click.option(
+    "--spring-foot",
+    "feet",
+    callback=_numbers,
+    multiple=True,
+    metavar="STIFFNESS,...",
+    help="Passive feet beside the devices named, without pressure [N·m/deg]; without any named, alone.",
 )
 @click.option("--strides", type=int, default=5, show_default=True, help="Strides of each walk.")
 @click.option("--step", "step_ms", type=float, default=0.5, show_default=True, metavar="MS", help="Time step [ms].")
@@ -103,7 +133,10 @@ def command(
     controllers: tuple[str, ...],
     speeds: list[float | None],
     slopes: list[float],
+    references: tuple[str, ...],
     masses: list[float],
+    statures: list[float],
+    feet: list[float],
     strides: int,
     step_ms: float,
     jobs: int | None,
@@ -112,7 +145,7 @@ def command(
     with_csv: bool,
     as_json: bool,
 ) -> None:
-    """Walk every combination of devices, controllers, speeds, slopes and masses; one row for each.
+    """Walk every combination of devices, controllers, walkers, speeds and slopes; one row for each.
 
     Each is walked as 'klute-sim gait' does, on all cores or on a cluster. What a combination cannot do is a row with
     the reason. Finished walks are on the disk at once: after an interrupt, the same command with the same --out goes on
@@ -125,6 +158,8 @@ def command(
     Examples:
       klute-sim sweep --mass 60,75,90 --speed own,1.0,1.4
       klute-sim sweep --slope -5,0,5 --controller profile --controller off
+      klute-sim sweep --reference anna --reference ben --reference able-bodied
+      klute-sim sweep --device klute-1-1-4-pair --spring-foot 4,6,8
       klute-sim sweep --device klute-1-1-4-pair --device my.toml --controller profile --controller off
       klute-sim sweep --controller constant:2 --controller mine.csv --out my-sweep --csv
       klute-sim sweep --mass 60,75,90 --ray local
@@ -132,8 +167,18 @@ def command(
     """
     from klute_sim.errors import InputError
     from klute_sim.sweep import local
+    from klute_sim.sweep.plan import Plan
 
-    plan = _plan(devices, controllers, speeds, slopes, masses, strides, step_ms)
+    plan = Plan(
+        **_walked_on(devices, controllers, feet),
+        references=_references(references),
+        speeds=speeds or [None],
+        slopes_deg=slopes or [0.0],
+        masses=masses or [None],
+        statures=statures or [None],
+        strides=strides,
+        step=1e-3 * step_ms,
+    )
     if address is None:
         with local.Processes(jobs or 0) as processes:
             swept, folder = _sweep(plan, processes.run, out, with_csv=with_csv)
@@ -147,30 +192,25 @@ def command(
     _report(swept, folder, as_json=as_json)
 
 
-def _plan(
-    devices: tuple[str, ...],
-    controllers: tuple[str, ...],
-    speeds: list[float | None],
-    slopes: list[float],
-    masses: list[float],
-    strides: int,
-    step_ms: float,
-) -> "Plan":
-    """What was asked for, everything once; raises InputError."""
+def _walked_on(devices: tuple[str, ...], controllers: tuple[str, ...], feet: list[float]) -> dict[str, Any]:
+    """Devices, controllers and passive feet, everything once; raises InputError."""
     from klute_sim.control import word
     from klute_sim.device.files import DEFAULT_PROSTHESIS, load
-    from klute_sim.rigs.gait.build import MODEL_MASS
-    from klute_sim.sweep.plan import Plan
 
-    return Plan(
-        devices={name: load(name) for name in devices or [DEFAULT_PROSTHESIS]},
-        controllers={name: word.parse(name) for name in controllers or ["profile"]},
-        speeds=speeds or [None],
-        slopes_deg=slopes or [0.0],
-        masses=masses or [MODEL_MASS],
-        strides=strides,
-        step=1e-3 * step_ms,
-    )
+    usual = load(DEFAULT_PROSTHESIS)
+    alone = feet and not devices and not controllers
+    return {
+        "devices": {} if alone else {name: load(name) for name in devices or [DEFAULT_PROSTHESIS]},
+        "controllers": {} if alone else {name: word.parse(name) for name in controllers or ["profile"]},
+        "feet": dict.fromkeys(feet, usual),
+    }
+
+
+def _references(words: tuple[str, ...]) -> "dict[str, Reference | None]":
+    from klute_sim.rigs.gait import reference
+    from klute_sim.sweep.plan import ABLE_BODIED
+
+    return {word: None if word == ABLE_BODIED else reference.load(word) for word in words or [ABLE_BODIED]}
 
 
 def _sweep(plan: "Plan", runner: "Runner", out: Path | None, *, with_csv: bool) -> tuple["Swept", Path]:

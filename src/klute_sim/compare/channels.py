@@ -6,8 +6,8 @@ from klute_sim.compare.resample import PHASE, STRIDE, TIME
 
 REFERENCE, DEVIATION = "reference_", "_sd"
 """Around the name of a channel: the human reference's, and its standard deviation."""
-AXES = frozenset({TIME, PHASE, STRIDE})
-"""What is compared along, not compared."""
+AXES = frozenset({TIME, PHASE, STRIDE, "start"})
+"""What is compared along, not compared; ``start`` is where a stride of ``klute-sim import`` began in its own file."""
 MAIN = (
     "ankle_angle", "ankle_moment", "ankle_power", "grf_vertical", "grf_forward", "cop_x",
     "length", "force", "load_cell", "pressure", "muscle_length", "body_load",
@@ -32,6 +32,11 @@ ALL = "all"
 def measured(names: Iterable[str]) -> list[str]:
     """Those of ``names`` that are channels of the recording's own: no axis, no reference."""
     return [name for name in names if name not in AXES and not name.startswith(REFERENCE)]
+
+
+def compared_with(name: str) -> str:
+    """The channel that the column ``name`` of a reference is held against; '' of any other column."""
+    return name.removeprefix(REFERENCE).removesuffix(DEVIATION) if name.startswith(REFERENCE) else ""
 
 
 def of_reference(names: Collection[str]) -> list[str]:

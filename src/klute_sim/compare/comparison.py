@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from klute_sim.compare import difference, matching, resample, source
+from klute_sim.compare import convert, difference, matching, resample, source, strikes
 from klute_sim.compare.curve import Curve
 from klute_sim.compare.difference import Difference
 from klute_sim.compare.remarks import Remarks
@@ -80,16 +80,27 @@ class Comparison:
     remarks: tuple[str, ...]
     """What the user should know, one sentence each."""
 
+    @property
+    def alone(self) -> bool:
+        """Whether there is one series, with nothing to compare it with."""
+        return len(self.parts[0].series) == 1
+
 
 def compare(runs: Sequence[Run], options: Options | None = None) -> Comparison:
-    """Compare ``runs``. Raises InputError where there is nothing to compare, or not what ``options`` ask for."""
+    """Compare ``runs``; one alone with several strides or repeats is shown with its band.
+
+    Raises InputError where there is nothing to compare, or not what ``options`` ask for.
+    """
     options = options or Options()
     _check(runs, options)
-    over = _over(runs, options)
     remarks = Remarks(remark for run in runs for remark in run.remarks)
+    runs = convert.alike(runs, remarks)
+    runs, over = _over(runs, options, remarks)
     _note_walkers(runs, options, remarks)
     parts = matching.parts(runs, remarks).items()
     found = tuple(_part(name, members, over, options, remarks) for name, members in parts)
+    if all(len(part.series) == 1 and part.series[0].repeats == 1 for part in found):
+        _refuse_alone(runs[0].label, over)
     return Comparison(over, tuple(runs), found, remarks.said)
 
 
@@ -99,21 +110,31 @@ def _check(runs: Sequence[Run], options: Options) -> None:
         raise InputError(f"'{HUMAN}' is the label of the reference; give the run another one, as in LABEL=RUN")
     if options.reference:
         labels.append(HUMAN)
-    if len(labels) < 2:
-        raise InputError(
-            f"there is nothing to compare '{labels[0]}' with; name a run with another label, or --reference for the "
-            "human reference of a walk"
-        )
     if options.to is not None and options.to not in labels:
         raise InputError(f"no series is called '{options.to}'; allowed: {', '.join(labels)}")
 
 
-def _over(runs: Sequence[Run], options: Options) -> Over:
-    recordings = [recording for run in runs for recording in run.parts.values()]
-    over = options.over or ("phase" if all(resample.PHASE in recording for recording in recordings) else "time")
+def _refuse_alone(label: str, over: Over) -> None:
+    what = "stride" if over == "phase" else "recording"
+    raise InputError(
+        f"there is nothing to compare '{label}' with, and a single {what} has no band of its own; name a run with "
+        "another label, a repeat with the same one, or --reference for the human reference of a walk"
+    )
+
+
+def _over(runs: Sequence[Run], options: Options, remarks: Remarks) -> tuple[Sequence[Run], Over]:
+    """Over what is compared; and ``runs``, over phase with one in every recording that can be given one."""
+    told = Remarks()
+    phased = runs if options.over == "time" else [strikes.phased(run, told) for run in runs]
+    all_have = all(resample.PHASE in recording for run in phased for recording in run.parts.values())
+    over = options.over or ("phase" if all_have else "time")
+    if over == "phase":
+        runs = phased
+        for remark in told.said:
+            remarks.add(remark)
     if over == "time" and (options.reference or options.skip is not None):
         raise InputError(f"{'--reference' if options.reference else '--skip'} is for strides; these are over time")
-    return over
+    return runs, over
 
 
 def _note_walkers(runs: Sequence[Run], options: Options, remarks: Remarks) -> None:

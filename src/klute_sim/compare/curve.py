@@ -1,6 +1,7 @@
 """A channel over phase or time: the mean of its repeats, and how they scatter."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,30 @@ class Curve:
     def unspread(self) -> bool:
         """Whether nothing is known of its spread."""
         return not np.isfinite(self.sd).any()
+
+
+class Extent(NamedTuple):
+    """How far a curve reaches and how wide its band is, in the channel's unit; places on the axis. None: not known."""
+
+    lowest: float | None
+    lowest_at: float | None
+    highest: float | None
+    highest_at: float | None
+    sd: float | None
+    """Root mean square over the axis."""
+    sd_largest: float | None
+    sd_at: float | None
+
+
+def extent(curve: Curve, axis: Samples) -> Extent:
+    """Of ``curve`` over ``axis``."""
+    ends: list[float | None] = []
+    for values, pick in ((curve.mean, np.nanargmin), (curve.mean, np.nanargmax), (curve.sd, np.nanargmax)):
+        known = np.isfinite(values).any()
+        place = int(pick(values)) if known else 0
+        ends += [float(values[place]), float(axis[place])] if known else [None, None]
+    spread = None if curve.unspread else float(np.sqrt(np.nanmean(curve.sd**2)))
+    return Extent(ends[0], ends[1], ends[2], ends[3], spread, ends[4], ends[5])
 
 
 def of(repeats: Samples) -> Curve:

@@ -56,15 +56,16 @@ def names(sources: Sequence[Source], asked: Sequence[str], remarks: Remarks) -> 
             _refuse(name, sources, there)
     for other in others:
         _note(first, other, wanted, remarks)
-    common = [name for name in wanted if any(_fits(name, first, other) for other in others)]
+    common = [n for n in wanted if (any(_fits(n, first, other) for other in others) if others else n in first.units)]
     if not common:
         raise InputError(
-            f"no channel of '{first.label}' is in another series in the same unit; it has "
+            f"no channel of '{first.label}' is in another series in a unit of the same kind; it has "
             f"{listed(channels.measured(first.units))}"
         )
     found = common if asked else channels.chosen(common)
     if len(found) < len(common):
-        remarks.add(f"{len(found)} of {len(common)} channels in common are compared; --channel all takes every one.")
+        which = "in common are compared" if others else "are shown"
+        remarks.add(f"{len(found)} of {len(common)} channels {which}; --channel all takes every one.")
     return found
 
 
@@ -80,10 +81,10 @@ def _refuse(name: str, sources: Sequence[Source], there: Sequence[str]) -> None:
         raise InputError(f"no channel '{name}'; there are {', '.join(there)}")
     if first not in has:
         raise InputError(f"'{first.label}' has no channel '{name}', and the others are compared with it")
-    if len(has) == 1:
+    if len(has) == 1 and len(sources) > 1:
         raise InputError(f"channel '{name}' is in '{first.label}' alone: there is nothing to compare it with")
-    if not any(_fits(name, first, other) for other in has[1:]):
-        raise InputError(f"channel '{name}' is in {_in_units(name, has)}; allowed: the same unit")
+    if len(has) > 1 and not any(_fits(name, first, other) for other in has[1:]):
+        raise InputError(f"channel '{name}' is in {_in_units(name, has)}; allowed: units of one kind")
 
 
 def _note(first: Source, other: Source, wanted: Sequence[str], remarks: Remarks) -> None:

@@ -54,7 +54,10 @@ def strides(recording: Recording, where: str) -> list[Stride]:
     Raises InputError, which names the recording as ``where``, without a phase [%] that rises in every stride.
     """
     if PHASE not in recording:
-        raise InputError(f"{where} has no column 'gait_phase [%]'; over phase, every sample needs one")
+        raise InputError(
+            f"{where} has no column 'gait_phase [%]', and no 'grf_vertical' that shows a stride; over phase, one of "
+            "these is needed"
+        )
     if recording.units[PHASE] != "%":
         raise InputError(f"{where}: gait_phase is in '{recording.units[PHASE]}'; allowed: %")
     phase = recording[PHASE]

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from klute_sim.compare.comparison import Comparison, Part, Series
+from klute_sim.compare.curve import Extent, extent
 from klute_sim.compare.difference import Difference
 
 FORMAT = "klute-sim-comparison/1"
@@ -28,6 +29,8 @@ COLUMNS = (
     "share_compared", "half_begin", "half_end", "band", "regions", "share_beyond",
 )  # fmt: skip
 """Of the table of numbers; ``bias``, ``rms`` and ``largest`` in ``unit``, places in % or s, shares [1]."""
+ALONE = ("part", "channel", "unit", "first", *Extent._fields)
+"""Of the table of one series alone, likewise."""
 
 
 def as_json(found: Comparison) -> dict[str, Any]:
@@ -45,10 +48,17 @@ def as_json(found: Comparison) -> dict[str, Any]:
 
 
 def numbers_csv(found: Comparison) -> str:
-    """A row for every channel of every other series, with :data:`COLUMNS`; what is not known is empty."""
+    """A row for every channel of every other series, with :data:`COLUMNS`; of one alone, with :data:`ALONE`.
+
+    What is not known is empty.
+    """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    writer.writerow(ALONE if found.alone else COLUMNS)
+    for part in found.parts if found.alone else ():
+        for channel, curve in part.series[0].curves.items():
+            reach = ["" if value is None else value for value in extent(curve, part.axis)]
+            writer.writerow([part.name, channel, part.units[channel], part.series[0].label, *reach])
     for part in found.parts:
         for channel, others in part.differences.items():
             for label, d in others.items():
@@ -119,6 +129,11 @@ def _part(part: Part) -> dict[str, Any]:
             {
                 "channel": channel,
                 "unit": part.units[channel],
+                "curves": [
+                    {"series": series.label, **extent(series.curves[channel], part.axis)._asdict()}
+                    for series in part.series
+                    if channel in series.curves
+                ],
                 "differences": [_difference(part, channel, label, d) for label, d in others.items()],
             }
             for channel, others in part.differences.items()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from klute_sim.dataset import text
+from klute_sim.dataset import quantity, text
 from klute_sim.errors import InputError
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording, split_heading
@@ -140,11 +140,22 @@ def _csv(content: bytes, path: Path) -> tuple[Recording, tuple[str, ...]]:
     return recording, (f"{path}: columns that are not of the form 'name [unit]' are left out: {names}.",)
 
 
+def _in_seconds(recording: Recording, path: Path) -> Recording:
+    unit = recording.units["time"]
+    factor = quantity.between(unit, "s")
+    if factor is None:
+        raise InputError(f"recording {path}: time is in '{unit}'; allowed: {quantity.EXAMPLES['s']}")
+    channels, units = dict(recording.channels), dict(recording.units)
+    channels["time"], units["time"] = factor * channels["time"], "s"
+    return Recording(channels, units, recording.provenance)
+
+
 def _checked(recording: Recording, path: Path) -> Recording:
     """``recording`` with a clock [s] that rises; raises InputError otherwise."""
     time = recording["time"]
     if recording.units["time"] != "s":
-        raise InputError(f"recording {path}: time is in '{recording.units['time']}'; allowed: s")
+        recording = _in_seconds(recording, path)
+        time = recording["time"]
     if len(time) < 2:
         raise InputError(f"recording {path} has {len(time)} sample{'s' * (len(time) != 1)}; at least 2 are needed")
     if not np.isfinite(time).all():

@@ -121,7 +121,7 @@ def _units(label: str, members: Members) -> dict[str, str]:
             if name in recording and recording.units[name] != unit:
                 raise InputError(
                     f"channel '{name}' of '{label}' is in '{unit}' in {where} and in '{recording.units[name]}' in "
-                    f"{other}; repeats need the same unit"
+                    f"{other}; repeats need units of one kind"
                 )
         if name not in channels.AXES and all(name in recording for _, recording in members):
             units[name] = unit

@@ -30,7 +30,8 @@ def _registry() -> Any:
 def factor(unit: str, si: str) -> float | None:
     """What a value in ``unit`` is multiplied by to be in ``si``; None where ``unit`` is no unit of that kind.
 
-    Compared are base units, so that a percentage is no angle although both are pure numbers.
+    Compared are base units, so that a percentage is no angle although both are pure numbers; a unit whose zero is
+    elsewhere, such as a temperature's, has no factor.
     """
     if _SHAPE.sub("", unit) or _TOWER.search(unit):
         return None
@@ -38,6 +39,14 @@ def factor(unit: str, si: str) -> float | None:
     try:
         value, base = registry.get_base_units(registry.parse_units(unit.replace("⋅", "*")))
         wanted = registry.get_base_units(registry.parse_units(si))[1]
+        if registry.Quantity(0.0, registry.parse_units(unit.replace("⋅", "*"))).to_base_units().magnitude != 0.0:
+            return None
     except Exception:  # pint's parser raises a dozen kinds for what is no unit
         return None
     return float(value) if base == wanted else None
+
+
+def between(unit: str, other: str) -> float | None:
+    """What a value in ``unit`` is multiplied by to be in ``other``; None where that is no unit of the same kind."""
+    one, whole = factor(unit, other), factor(other, other)
+    return None if one is None or whole is None else one / whole

@@ -72,8 +72,8 @@ def legs(trial: Sequence[Source], where: str, options: ImportOptions, findings: 
     plates = loads.of_plates(trial, None, findings) if not on else {}
     if plates:
         present = [side for side, of in found.items() if "knee_angle" in of]
-        clock, bend = _bend(found)
-        on = loads.assigned(plates, present, clock, bend, where, options, findings)
+        clock, apart = bend(found)
+        on = loads.assigned(plates, present, clock, apart, where, options, findings)
     result = []
     for side, of in found.items():
         if "knee_angle" not in of or "ankle_angle" not in of:
@@ -93,7 +93,7 @@ def _travelled(travel: Column | None) -> float | None:
     return abs(float(np.polyfit(travel.time, travel.values, 1)[0]))
 
 
-def _bend(found: Mapping[Side, Mapping[str, Column]]) -> tuple[Samples, Samples]:
+def bend(found: Mapping[Side, Mapping[str, Column]]) -> tuple[Samples, Samples]:
     """(time, how much more the right knee is flexed than the left one [deg]); nothing where there is one knee only."""
     knees = [found[side].get("knee_angle") for side in SIDES]
     if knees[0] is None or knees[1] is None:

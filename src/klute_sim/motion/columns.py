@@ -8,7 +8,8 @@ import numpy as np
 from klute_sim.dataset import quantity
 from klute_sim.errors import InputError
 from klute_sim.motion import names, signs
-from klute_sim.motion.mapping import BODY, Choice
+from klute_sim.motion.findings import Findings
+from klute_sim.motion.mapping import BODY, PROSTHESIS, Choice
 from klute_sim.motion.names import Side
 from klute_sim.motion.options import ImportOptions
 from klute_sim.motion.sources import STORAGE, Source
@@ -25,6 +26,10 @@ _UNIT = {
     names.POWER: "W",
     names.BELT: "m/s",
     names.TRAVEL: "m",
+    **dict.fromkeys(names.PLACES, "m"),
+    names.COMMAND: "bar",
+    names.PRESSURE: "bar",
+    names.LENGTH: "mm",
 }
 
 
@@ -37,7 +42,7 @@ class Column:
     label: str
     time: Samples
     values: Samples
-    """In degrees, N, N.m, W or m/s; the sign is the file's."""
+    """In degrees, N, N.m, W, m/s or m, pressures in bar and a muscle's length in mm; the sign is the file's."""
     unit: str
     """Of the file."""
     why_unit: str
@@ -56,7 +61,8 @@ def find(trial: Sequence[Source], channel: str, side: Side | None, options: Impo
 
     A column whose label names no side is taken for the side asked for (``--side``, or the right one).
     """
-    choice = options.chosen.channels.get((side or BODY, channel))
+    owner = PROSTHESIS if channel in names.PROSTHESIS else side or BODY
+    choice = options.chosen.channels.get((owner, channel))
     if choice is not None:
         for source in trial:
             if choice.column in source.labels:
@@ -97,8 +103,13 @@ def _unit(source: Source, label: str, channel: str, values: Samples, choice: Cho
             return by_size, f"{AGAINST} {stated}"
     if stated:
         return stated, "stated"
+    if channel in names.PROSTHESIS:
+        raise InputError(
+            f"{source.where}: column '{label}' has no unit; head it '{channel} [{_UNIT.get(channel, 'N')}]', or give "
+            "the unit in a file for --map, under [prosthesis]"
+        )
     by_size = _unit_of(channel, _sized(source, channel, values))
-    return by_size, "assumed" if channel in (names.BELT, names.TRAVEL) else "by its size"
+    return by_size, "assumed" if channel in (names.BELT, names.TRAVEL, *names.PLACES) else "by its size"
 
 
 def time(source: Source) -> Samples:
@@ -116,7 +127,7 @@ def time(source: Source) -> Samples:
     factor = quantity.factor(unit, "s")
     if factor is None:
         raise InputError(f"{source.where}: column '{label}' is in '{unit}'; allowed: {quantity.EXAMPLES['s']}")
-    return np.asarray(clock * factor, dtype=np.float64)
+    return np.asarray(clock * factor + source.shift, dtype=np.float64)
 
 
 def _sized(source: Source, channel: str, values: Samples) -> Samples:
@@ -152,10 +163,21 @@ def _converted(values: Samples, channel: str, unit: str, label: str, options: Im
     if wanted == "deg" and unit.lower() in ("deg", "degree", "degrees"):
         return values
     base = "rad" if wanted == "deg" else wanted
-    factor = quantity.factor(unit, base)
+    factor = quantity.between(unit, base)
     if factor is None:
         raise InputError(
             f"column '{label}' is in '{unit}', which is no unit of {channel}; write for example '{wanted}'"
         )
     scaled = np.asarray(values * factor, dtype=np.float64)
     return np.degrees(scaled) if wanted == "deg" else scaled
+
+
+def told(column: Column, side: str, findings: Findings) -> Samples:
+    """The values of a ``column`` whose sign nothing tells, as they are or as the user said; reported."""
+    choice = column.choice
+    sign, zero = (choice and choice.sign) or 1, (choice and choice.zero) or 0.0
+    findings.map(
+        **{"channel": column.channel, "side": side, "file": column.file, "column": column.label, "unit": column.unit},
+        **{"sign": sign, "zero": zero, "why": f"unit {column.why_unit}"},
+    )
+    return np.asarray(sign * column.values - zero, dtype=np.float64)

@@ -17,7 +17,7 @@ from klute_sim.formats.storage import Storage
 from klute_sim.formats.trc import Markers
 from klute_sim.motion.importing import COLUMNS
 from klute_sim.motion.limb import UNITS
-from klute_sim.motion.names import Side
+from klute_sim.motion.names import PROSTHESIS, Side
 from klute_sim.recording import csv, parquet
 from klute_sim.recording.recording import Recording, Samples
 from klute_sim.rigs.gait import reference, reference_folder
@@ -127,6 +127,15 @@ def _in_space(point: Samples, lateral: float) -> Samples:
     return np.stack([*point.T, np.full(len(point), lateral)], axis=1)
 
 
+def log(recording: Recording) -> Recording:
+    """What the prosthesis itself would have logged; raises InputError for a stride that nobody made with one."""
+    for name in PROSTHESIS:
+        if name not in recording:
+            raise InputError(f"a prosthesis' log needs the channel '{name}': only runs of klute-sim gait have it")
+    kept = ("time", *PROSTHESIS, "ankle_angle")
+    return Recording({n: recording[n] for n in kept}, {n: recording.units[n] for n in kept}, recording.provenance)
+
+
 def write(recording: Recording, side: Side, kinds: tuple[str, ...], folder: Path) -> list[str]:
     """Write ``recording`` into ``folder`` in all ``kinds``; the names of the files."""
     for kind in kinds:
@@ -143,6 +152,7 @@ WRITERS: Mapping[str, Mapping[str, Writer]] = {
     },
     "sto": {"moments.sto": lambda recording, side, path: storage.write(moments(recording, side), path)},
     "trc": {"markers.trc": lambda recording, side, path: trc.write(markers(recording, side), path)},
+    "log": {"log.csv": lambda recording, side, path: csv.write(log(recording), path)},
     "csv": {"recording.csv": lambda recording, side, path: csv.write(recording, path)},
     "parquet": {RECORDING: lambda recording, side, path: parquet.write(recording, path)},
 }

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from klute_sim.motion import events, filters, names, signs
+from klute_sim.dataset import events
+from klute_sim.dataset.events import Contact
+from klute_sim.motion import filters, names, signs
 from klute_sim.motion.columns import AGAINST, Column
-from klute_sim.motion.events import Contact
 from klute_sim.motion.findings import Findings
 from klute_sim.motion.loads import Loads, without_offset
 from klute_sim.motion.names import Side

@@ -1,7 +1,8 @@
 """From files to a reference: trials, strides of both legs, body mass, the mean stride with its deviations."""
 
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,8 @@ MASS_DOUBT = 0.02
 """Difference between the mass listed and that of the impulse from which it is told."""
 EVENT_DOUBT = 0.03
 """Median difference [s] between the events listed and those found from which it is told."""
+SAME_EVENT, SAME_IMPULSE = 5e-3, 0.01
+"""Times [s] and, relatively, impulses of all contacts up to which two trials are one walk in two forms (assumed)."""
 PEAK_MOMENT = (0.6, 2.2)
 """Peak ankle moment [N.m/kg] of walking; the sources' means run from 1.32 to 1.63."""
 
@@ -83,22 +86,53 @@ def run(
 ) -> Imported:
     """Import ``files``; raises InputError in one sentence for what is wrong, missing or makes no reference."""
     findings = Findings()
-    read = []
-    for number, file in enumerate(files):
-        read.append(sources.read(file))
+    read = read_all(files, options, findings, lambda fraction: progress(0.6 * fraction))
+    legs: list[tuple[Limb, list[Stride]]] = []
+    groups = sources.trials(read, options.chosen)
+    for number, group in enumerate(groups):
+        for leg in trial.legs(group, options, findings):
+            twin = next((other for other, _ in legs if _same_walk(leg, other)), None)
+            if twin is None:
+                legs.append((leg, strides.segment(leg, findings)))
+            else:
+                findings.suspect(
+                    f"{leg.trial}: the {leg.side} foot lands when it does in {twin.trial}, with the same impulse: the "
+                    "same walk in another form; its strides were left out, so as not to count twice"
+                )
+        _compare_events(group, [leg for leg, _ in legs], findings)
+        progress(0.6 + 0.4 * (number + 1) / len(groups))
+    return _reference(legs, options, findings)
+
+
+def _same_walk(one: Limb, other: Limb) -> bool:
+    """Whether two trials tell of the same contacts of one foot."""
+    there = [(c.strike, c.lift) for c in other.contacts if c.begun and c.ended]
+    here = [(c.strike, c.lift) for c in one.contacts if c.begun and c.ended]
+    if one.side != other.side or not here or len(here) != len(there) or len(one.impulses) != len(other.impulses):
+        return False
+    apart = np.abs(np.subtract(here, there)).max()
+    return bool(apart < SAME_EVENT and np.allclose(one.impulses, other.impulses, rtol=SAME_IMPULSE))
+
+
+def read_all(
+    files: Sequence[str | Path], options: ImportOptions, findings: Findings, progress: Callable[[float], None]
+) -> list[Source]:
+    """All ``files``, which are noted; raises InputError for one that cannot be read or is there twice."""
+    paths, clock, read = [Path(file) for file in files], options.chosen.clock, list[Source]()
+    called = Counter(path.name for path in paths)
+    folders = [path.absolute().parent.name if called[path.name] > 1 else "" for path in paths]
+    known = [(Path(folder) / path.name).as_posix() for folder, path in zip(folders, paths, strict=True)]
+    unknown = set(clock) - set(known)
+    if unknown:
+        raise InputError(f"[clock] names '{min(unknown)}', which is none of the files; there are {', '.join(known)}")
+    for number, (file, name, folder) in enumerate(zip(files, known, folders, strict=True)):
+        read.append(replace(sources.read(file, clock.get(name, 0.0)), folder=folder))
         twin = next((source for source in read[:-1] if source.digest == read[-1].digest), None)
         if twin is not None:
             raise InputError(f"{file} is the same as {twin.where}; its strides would count twice")
         findings.found.append(read[-1].describe())
-        progress(0.6 * (number + 1) / len(files))
-    legs: list[tuple[Limb, list[Stride]]] = []
-    groups = sources.trials(read, options.chosen.columns)
-    for number, group in enumerate(groups):
-        for leg in trial.legs(group, options, findings):
-            legs.append((leg, strides.segment(leg, findings)))
-        _compare_events(group, [leg for leg, _ in legs], findings)
-        progress(0.6 + 0.4 * (number + 1) / len(groups))
-    return _reference(legs, options, findings)
+        progress((number + 1) / len(files))
+    return read
 
 
 def _reference(legs: Sequence[tuple[Limb, list[Stride]]], options: ImportOptions, findings: Findings) -> Imported:

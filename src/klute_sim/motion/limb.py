@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from klute_sim.motion.events import Contact
+from klute_sim.dataset.events import Contact
 from klute_sim.motion.names import Side
 from klute_sim.recording.recording import Samples
 

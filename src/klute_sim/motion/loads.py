@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from klute_sim.dataset import events
 from klute_sim.errors import InputError
-from klute_sim.motion import columns, events, names
+from klute_sim.motion import columns, names
 from klute_sim.motion.findings import Findings
 from klute_sim.motion.markers import Frame
 from klute_sim.motion.names import SIDES, Side

@@ -11,6 +11,10 @@
     [axes]
     forward = "-y"                         # of the laboratory's axes
     up = "z"
+    [prosthesis]                           # its own log: pressure_command, pressure, force, muscle_length
+    pressure = { column = "P1", unit = "kPa" }
+    [clock]
+    "log.csv" = 0.35                       # seconds to add to the times in this file
 """
 
 import math
@@ -25,7 +29,7 @@ from klute_sim.formats import content
 from klute_sim.motion import names
 from klute_sim.motion.names import Side
 
-BODY = "body"
+BODY, PROSTHESIS = "body", "prosthesis"
 ROLES = ("hip", "knee", "ankle", "heel", "toe", "midfoot", "thigh", "shank", "asis", "psis", "sacrum")
 """What markers can be: joints and points of the foot, clusters of a segment, the pelvis."""
 AXES = tuple(f"{sign}{axis}" for sign in ("", "-") for axis in "xyz")
@@ -52,11 +56,12 @@ class Chosen:
     """(side, role) -> marker names."""
     axes: Mapping[str, str] = field(default_factory=dict)
     """``forward`` and ``up`` -> axis of the laboratory."""
+    clock: Mapping[str, float] = field(default_factory=dict)
+    """Name of a file -> what is added to its times [s]."""
 
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """All columns that are named."""
-        return tuple(choice.column for choice in self.channels.values())
+    def columns(self, *, prosthesis: bool) -> set[str]:
+        """All columns that are named: those of the prosthesis' own log, or the others."""
+        return {c.column for (owner, _), c in self.channels.items() if (owner == PROSTHESIS) == prosthesis}
 
 
 def read(path: Path | None) -> Chosen:
@@ -68,10 +73,11 @@ def read(path: Path | None) -> Chosen:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not valid TOML: {error}") from None
     sides = get_args(Side)
-    _known(keys, (*sides, BODY, "markers", "axes"), str(path))
+    _known(keys, (*sides, BODY, PROSTHESIS, "markers", "axes", "clock"), str(path))
     channels = {}
-    for owner in (*sides, BODY):
-        allowed = (names.TILT, names.BELT, names.TRAVEL) if owner == BODY else names.CHANNELS
+    owned = {BODY: (names.TILT, names.BELT, names.TRAVEL), PROSTHESIS: names.PROSTHESIS}
+    for owner in (*sides, BODY, PROSTHESIS):
+        allowed = owned.get(owner, names.CHANNELS)
         section = _table(keys.get(owner, {}), f"{path}: [{owner}]")
         _known(section, allowed, f"{path}: [{owner}]")
         for channel, value in section.items():
@@ -93,7 +99,11 @@ def read(path: Path | None) -> Chosen:
             raise InputError(f"{path}: axes.{key} = {value!r}; allowed: {', '.join(AXES)}")
     if axes and (len(axes) < 2 or axes["forward"][-1] == axes["up"][-1]):
         raise InputError(f"{path}: [axes] needs 'forward' and 'up', along two different axes")
-    return Chosen(channels, markers, axes)
+    clock = _table(keys.get("clock", {}), f"{path}: [clock]")
+    for file, value in clock.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError(f"{path}: clock.'{file}' = {value!r}; allowed is a number of seconds")
+    return Chosen(channels, markers, axes, clock)
 
 
 def _choice(value: Any, where: str) -> Choice:

@@ -4,7 +4,8 @@ Channels of one leg, with the signs of :mod:`klute_sim.recording`: ``hip_angle``
 ``ankle_angle`` (dorsiflexion positive), ``shank_angle``, ``thigh_angle`` (inclination, upper end forward positive),
 ``ankle_moment`` (plantarflexor positive), ``ankle_power`` (generation positive), ``grf_x`` to ``grf_z``,
 ``grf_vertical``, ``grf_forward``; and of the whole body ``pelvis_tilt`` (backward positive, as OpenSim's),
-``pelvis_tx`` (its way forward) and ``belt_speed``.
+``pelvis_tx`` (its way forward) and ``belt_speed``. Of a prosthesis: ``ankle_x``, ``ankle_z`` (where its ankle is,
+forward of the laboratory's origin and above the ground), ``cop_x``, and what its own log holds, :data:`PROSTHESIS`.
 """
 
 import re
@@ -17,12 +18,18 @@ ANGLES = ("hip_angle", "knee_angle", "ankle_angle", "shank_angle", "thigh_angle"
 MOMENT, POWER, BELT, TILT, TRAVEL = "ankle_moment", "ankle_power", "belt_speed", "pelvis_tilt", "pelvis_tx"
 VERTICAL, FORWARD = "grf_vertical", "grf_forward"
 AXES = ("grf_x", "grf_y", "grf_z")
-CHANNELS = (*ANGLES, MOMENT, POWER, BELT, TRAVEL, VERTICAL, FORWARD, *AXES)
+PLACES = ("ankle_x", "ankle_z", "cop_x")
+CHANNELS = (*ANGLES, MOMENT, POWER, BELT, TRAVEL, VERTICAL, FORWARD, *AXES, *PLACES)
+COMMAND, PRESSURE, FORCE, LENGTH = "pressure_command", "pressure", "force", "muscle_length"
+PROSTHESIS = (COMMAND, PRESSURE, FORCE, LENGTH)
+"""Channels of a prosthesis' own log: pressure asked for, in the muscle, tension of the unit, length of the muscle."""
 EVENTS = {"lhs", "rhs", "lto", "rto"}
 """Columns of a file of events: left and right heel strike and toe-off."""
 
 _TOKENS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _SIDE: dict[str, Side] = {"left": "left", "l": "left", "right": "right", "r": "right"}
+_COMMANDED = {"command", "commanded", "desired", "setpoint", "target"}
+_MEASURED = {"measured", "actual", "sensor"}
 _NOT_THIS = {"reference", "sd", "command", "beta", "adduction", "rotation", "velocity", "actuator", "passive", "stop"}
 _PLATE = re.compile(
     r"(?:(?P<before>\w+?)_)?ground_(?P<what>force|moment|torque)_(?:(?P<name>[A-Za-z0-9]+)_)?"
@@ -52,13 +59,31 @@ class PlateColumn(NamedTuple):
 
 def named(label: str) -> Named | None:
     """The channel in a column called ``label``, None for any other."""
+    if label in PLACES:  # others' columns of such names may be of another axis
+        return Named(label, None, 1)
     tokens = [token.lower() for token in _TOKENS.findall(label)]
     has = set(tokens)
+    own = _of_prosthesis(has)
+    if own:
+        return Named(own, None, 1)
     if has & _NOT_THIS or not tokens:
         return None
     side = next((_SIDE[token] for token in tokens if token in _SIDE), None)
     channel, sign = _channel(has)
     return Named(channel, side, sign) if channel else None
+
+
+def _of_prosthesis(has: set[str]) -> str:
+    """What a prosthesis' own log calls so; '' for anything else, such as a pressure's centre or a muscle's force."""
+    plain = has - _MEASURED
+    if "pressure" in has and plain & _COMMANDED and plain <= {"pressure", *_COMMANDED}:
+        return COMMAND
+    exact = {
+        PRESSURE: [{"pressure"}],
+        LENGTH: [{"muscle", "length"}],
+        FORCE: [{"force"}, {"tension"}, {"load", "cell"}],
+    }
+    return next((channel for channel, names in exact.items() if plain in names), "")
 
 
 def _channel(has: set[str]) -> tuple[str, int]:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+from klute_sim.dataset.channels import LOADED
 from klute_sim.errors import InputError
-from klute_sim.motion.events import THRESHOLD
 from klute_sim.motion.mapping import Chosen
 from klute_sim.motion.names import Side
 
@@ -26,7 +26,7 @@ class ImportOptions:
     """The leg that becomes the reference; None: the one with more strides, the right one of two equals."""
     cutoff: float = CUTOFF
     load_cutoff: float = LOAD_CUTOFF
-    threshold: float = THRESHOLD
+    threshold: float = LOADED
     """Vertical ground reaction [N] above which a foot is on the ground."""
     ankle_zero: Literal["foot-flat", "file"] = "foot-flat"
     """Whether 0 degrees of the ankle is moved to where the foot is flat in mid-stance."""

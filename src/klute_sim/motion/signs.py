@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from klute_sim.dataset.events import Contact
 from klute_sim.motion import names
-from klute_sim.motion.events import Contact
 from klute_sim.recording.recording import Samples
 
 RULES = {

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,9 +17,10 @@ from klute_sim.formats.c3d import Plate
 from klute_sim.formats.content import Content
 from klute_sim.formats.trc import Markers
 from klute_sim.motion import names
+from klute_sim.motion.mapping import Chosen
 from klute_sim.recording.recording import Samples, split_heading
 
-Role = Literal["angles", "markers", "loads", "moments", "events"]
+Role = Literal["angles", "markers", "loads", "moments", "events", "log"]
 LARGEST = 1e9
 """Of any number in a column, whatever its unit."""
 FARTHEST = 1e4
@@ -44,11 +45,15 @@ class Source:
     markers: Markers | None = None
     plates: tuple[Plate, ...] = ()
     software: str = ""
+    folder: str = ""
+    """Where several files are called the same, the folder that tells them apart."""
+    shift: float = 0.0
+    """What was added to the times of markers and plates [s], and is to be added to those in columns."""
 
     @property
     def name(self) -> str:
         """The file's name, with a question mark for what cannot be shown."""
-        return "".join(c if c.isprintable() else "?" for c in Path(self.where).name)
+        return "".join(c if c.isprintable() else "?" for c in (Path(self.folder) / Path(self.where).name).as_posix())
 
     def column(self, label: str) -> Samples:
         """The samples in the column ``label``; raises InputError for numbers that nothing in a laboratory has."""
@@ -65,14 +70,18 @@ class Source:
         """The label of the column that holds time."""
         return next((label for label in self.labels if _bare(label).lower() in ("time", "timestamp")), None)
 
-    def roles(self, chosen: Sequence[str] = ()) -> set[Role]:
-        """What the file brings to a trial; ``chosen`` labels were named by the user and count as angles."""
+    def roles(self, chosen: Chosen | None = None) -> set[Role]:
+        """What the file brings to a trial; labels ``chosen`` by the user count as angles, or as a prosthesis' log."""
         if self.labels and {_bare(label).lower() for label in self.labels} <= names.EVENTS:
             return {"events"}
-        found: set[Role] = {"angles"} if any(label in chosen for label in self.labels) else set()
+        chosen = chosen or Chosen()
+        found: set[Role] = {"angles"} if chosen.columns(prosthesis=False) & {*self.labels} else set()
+        found |= {"log"} if chosen.columns(prosthesis=True) & {*self.labels} else set()
         for label in self.labels:
             meant = names.named(_bare(label))
-            if meant is not None and meant.channel in names.ANGLES:
+            if meant is not None and meant.channel in names.PROSTHESIS:
+                found.add("log")
+            elif meant is not None and meant.channel in names.ANGLES:
                 found.add("angles")
             elif meant is not None and meant.channel == names.MOMENT:
                 found.add("moments")
@@ -108,9 +117,12 @@ def _bare(label: str) -> str:
     return label.split("[")[0].strip()
 
 
-def read(path: str | Path) -> Source:
-    """The file at ``path``; raises InputError for what cannot be read, and for a kind that is not known."""
-    found = _read(path)
+def read(path: str | Path, shift: float = 0.0) -> Source:
+    """The file at ``path`` with ``shift`` [s] added to its times.
+
+    Raises InputError for what cannot be read, and for a kind that is not known.
+    """
+    found = _shifted(_read(path), shift)
     for name, place in (found.markers.positions if found.markers else {}).items():
         if (np.abs(place) > FARTHEST).any():
             raise InputError(f"{path}: marker {name[:40]!r} is {np.nanmax(np.abs(place)):.3g} m away: a wrong unit?")
@@ -118,6 +130,12 @@ def read(path: str | Path) -> Source:
         if not name.isprintable():  # names are shown in terminals, which obey some characters
             raise InputError(f"{path}: the name {name[:40]!r} has characters that cannot be shown")
     return found
+
+
+def _shifted(source: Source, by: float) -> Source:
+    markers = source.markers and replace(source.markers, time=source.markers.time + by)
+    plates = tuple(replace(plate, time=plate.time + by) for plate in source.plates)
+    return replace(source, markers=markers, plates=plates, shift=by)
 
 
 def _read(path: str | Path) -> Source:
@@ -183,19 +201,27 @@ def _units(labels: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def trials(sources: Sequence[Source], chosen: Sequence[str] = ()) -> list[list[Source]]:
+def trials(sources: Sequence[Source], chosen: Chosen | None = None, *, prosthesis: bool = False) -> list[list[Source]]:
     """The files of each trial, in the order given: a new one begins where a file brings what the last already has.
 
+    With a ``prosthesis``, a file with its own log is that, whatever else is in it; without one, a log is of no use.
     Raises InputError for a file that brings nothing.
     """
+    lacking = "joint angle, ankle moment, ground reaction or marker"
+    if prosthesis:
+        lacking = "marker, joint angle, ankle moment, ground reaction, pressure, force or muscle length"
     found: list[list[Source]] = []
     have: set[Role] = set()
     for source in sources:
         roles = source.roles(chosen)
+        if not prosthesis:
+            roles -= {"log"}
+        elif "log" in roles:
+            roles = {"log"}
         if not roles:
             raise InputError(
-                f"{source.where} holds nothing of use: no joint angle, ankle moment, ground reaction or marker was "
-                "recognised; name its columns in a file for --map"
+                f"{source.where} holds nothing of use: no {lacking} was recognised; name its columns in a file for "
+                "--map"
             )
         if not found or roles & have:
             found.append([])

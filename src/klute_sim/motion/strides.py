@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from klute_sim.motion.events import Contact
+from klute_sim.dataset.events import Contact
 from klute_sim.motion.findings import Findings
 from klute_sim.motion.limb import UNITS, Limb
 from klute_sim.recording.recording import Recording, Samples

@@ -33,9 +33,9 @@ def pictures(found: Comparison) -> Iterator[tuple[Part, "Figure"]]:
     """The parts that are drawn, in their order, each with its picture."""
     import matplotlib
 
-    worst: dict[str, float] = {}
+    worst = {part.name: 0.0 for part in found.parts}
     for row in words.rows(found):
-        worst[row.part.name] = max(worst.get(row.part.name, 0.0), row.severity)
+        worst[row.part.name] = max(worst[row.part.name], row.severity)
     kept = sorted(worst, key=lambda name: worst[name], reverse=True)[:MOST_DRAWN]
     with matplotlib.rc_context(STYLE):
         for part in found.parts:
@@ -50,21 +50,24 @@ def draw(part: Part, over: str) -> "Figure":
     channels = _worst_channels(part)
     columns = 1 if len(channels) == 1 else 2
     rows = -(-len(channels) // columns)
-    figure = Figure(figsize=(5.6 * columns + 0.4, 0.9 + 3.1 * rows), layout="constrained")
-    axes = figure.subplots(2 * rows, columns, sharex=True, squeeze=False, height_ratios=[2.0, 1.0] * rows)
+    heights = [2.0] if len(part.series) == 1 else [2.0, 1.0]
+    each = len(heights)
+    figure = Figure(figsize=(5.6 * columns + 0.4, 0.9 + (1.1 + sum(heights)) * 0.76 * rows), layout="constrained")
+    axes = figure.subplots(each * rows, columns, sharex=True, squeeze=False, height_ratios=heights * rows)
     for number, channel in enumerate(channels):
         row, column = divmod(number, columns)
-        above, below = axes[2 * row, column], axes[2 * row + 1, column]
+        above, below = axes[each * row, column], axes[each * row + each - 1, column]
         _curves(above, part, channel)
-        _differences(below, part, channel)
+        if each > 1:
+            _differences(below, part, channel)
         below.set_xlabel(LABELS[over] if row == rows - 1 or number + columns >= len(channels) else "")
         below.tick_params(labelbottom=True)
         remark = words.SIGNS.get(channel, "") if over == "phase" else ""
         title = f"{words.spoken(channel)} [{words.unit(part.units[channel])}]"
         above.set_title(f"{title} ({remark})" if remark else title)
     for spare in range(len(channels), rows * columns):
-        for axis in (axes[2 * (spare // columns), spare % columns], axes[2 * (spare // columns) + 1, spare % columns]):
-            axis.set_visible(False)
+        for k in range(each):
+            axes[each * (spare // columns) + k, spare % columns].set_visible(False)
     axes[0, 0].set_xlim(part.axis[0], part.axis[-1])
     handles, labels = _key(part, over)
     figure.legend(handles, labels, loc="outside upper center", ncols=min(4, len(labels)), title=part.name or None)
@@ -75,7 +78,7 @@ def draw(part: Part, over: str) -> "Figure":
 def _worst_channels(part: Part) -> list[str]:
     """All channels, or those with the largest differences where they are too many; in their order."""
     worst = {
-        channel: max(words.Row(part, channel, label, d).severity for label, d in others.items())
+        channel: max((words.Row(part, channel, label, d).severity for label, d in others.items()), default=0.0)
         for channel, others in part.differences.items()
     }
     kept = sorted(worst, key=lambda name: worst[name], reverse=True)[:MOST_CHANNELS]

@@ -32,7 +32,8 @@ def content(found: Comparison, pictures: Mapping[str, bytes]) -> dict[str, Any]:
     """Everything on the page, in words."""
     labels = [series.label for series in found.parts[0].series]
     return {
-        "title": f"{', '.join(labels[1:])} against {labels[0]}",
+        "title": labels[0] if found.alone else f"{', '.join(labels[1:])} against {labels[0]}",
+        "alone": words.EXTENT if found.alone else (),
         "series": [_series(told) for told in as_json(found)["series"]],
         "remarks": found.remarks,
         "parts": [_part(part, found.over, pictures) for part in found.parts],
@@ -71,7 +72,11 @@ def _part(part: Part, over: str, pictures: Mapping[str, bytes]) -> dict[str, Any
         for label, d in own.items()
     ]
     image = base64.b64encode(pictures[part.name]).decode("ascii") if part.name in pictures else ""
-    return {"name": part.name, "rows": rows, "image": image}
+    alone = [
+        {"channel": words.spoken(name), "unit": words.unit(part.units[name]), "cells": cells}
+        for name, cells in (words.extents(part, over) if len(part.series) == 1 else ())
+    ]
+    return {"name": part.name, "rows": rows, "alone": alone, "image": image}
 
 
 def _row(row: words.Row, over: str) -> dict[str, str]:

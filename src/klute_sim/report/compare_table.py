@@ -15,8 +15,10 @@ MOST_ROWS = 40
 
 
 def tables(found: Comparison) -> Iterator[Table]:
-    """A table for every other series, a row in it for every channel."""
+    """A table for every other series, a row in it for every channel; or one of a series alone."""
     series, over = found.parts[0].series, found.over
+    if found.alone:
+        yield _alone(found)
     for other in series[1:]:
         rows = _largest([row for row in words.rows(found) if row.other == other.label])
         yield _table(rows, f"{words.named(other, over)} against {words.named(series[0], over)}", over)
@@ -60,8 +62,24 @@ def _table(rows: list[Row], title: str, over: str) -> Table:
     return result
 
 
+def _alone(found: Comparison) -> Table:
+    title = words.named(found.parts[0].series[0], found.over)
+    result = Table(title=Text(title), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    trials = any(part.name for part in found.parts)
+    for heading in [*["trial"] * trials, "channel"]:
+        result.add_column(heading)
+    for heading in words.EXTENT:
+        result.add_column(heading, justify="right", no_wrap=True)
+    for part in found.parts:
+        for channel, told in words.extents(part, found.over):
+            result.add_row(*[part.name] * trials, f"{words.spoken(channel)} [{words.unit(part.units[channel])}]", *told)
+    return result
+
+
 def remarks(found: Comparison) -> list[str]:
     """What a reader has to know beside the tables, one sentence each."""
+    if found.alone:
+        return [*words.rules(found), *found.remarks]
     count = sum(row.other == found.parts[0].series[1].label for row in words.rows(found))
     more = [f"Shown are the {MOST_ROWS} largest of {count} differences; comparison.csv has all."] * (count > MOST_ROWS)
     return [*more, *words.rules(found), *found.remarks]

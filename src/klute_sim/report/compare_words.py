@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.compare.comparison import Comparison, Part, Series
+from klute_sim.compare.curve import extent
 from klute_sim.compare.difference import ROUNDING, Band, Difference
 from klute_sim.compare.results import AXIS_UNITS
 
@@ -66,6 +67,19 @@ def rows(found: Comparison) -> Iterator[Row]:
         for channel, others in part.differences.items():
             for label, difference in others.items():
                 yield Row(part, channel, label, difference)
+
+
+EXTENT = ("lowest", "at", "highest", "at", "sd", "largest sd", "at")
+"""Headings of what is told of one series alone."""
+
+
+def extents(part: Part, over: str) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Every channel of the first series, with a cell for every heading of :data:`EXTENT`."""
+    for channel, own in part.series[0].curves.items():
+        found = extent(own, part.axis)
+        ends = ((found.lowest, found.lowest_at), (found.highest, found.highest_at))
+        cells = [cell for value, at in ends for cell in (number(value, ".4g"), place(at, over))]
+        yield channel, (*cells, number(found.sd), number(found.sd_largest), place(found.sd_at, over))
 
 
 def spoken(channel: str) -> str:
@@ -129,8 +143,15 @@ def beyond(difference: Difference, over: str) -> str:
 
 def rules(found: Comparison) -> list[str]:
     """How to read the numbers, one sentence each."""
-    differences = [row.difference for row in rows(found)]
     first = found.parts[0].series[0].label
+    if found.alone:
+        what = "strides" if found.over == "phase" else "recordings"
+        said = [f"Lowest and highest are those of the mean over the {what} of '{first}'; sd is between them, its rms."]
+        simulated = (
+            "Strides of a simulated walk repeat almost exactly: their band says nothing about people or devices."
+        )
+        return [*said, *[simulated] * _simulated(found)]
+    differences = [row.difference for row in rows(found)]
     said = [f"Differences are those of the means, the other's minus that of '{first}'."]
     if any(difference.rms_sd is not None for difference in differences):
         yardstick = found.parts[0].yardstick

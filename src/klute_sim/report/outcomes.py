@@ -335,6 +335,7 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "device": recording.provenance["device"]["name"],
         "controller": recording.provenance["controller"],
         "reference": recording.provenance["reference"]["name"],
+        "reference_speed_m_per_s": recording.provenance["reference"].get("speed_m_per_s"),
         "mass_kg": options["mass_kg"],
         "stature_m": options["stature_m"],
         "speed_m_per_s": options["speed_m_per_s"],

@@ -111,7 +111,12 @@ def _ledger_rows(outcome: GaitOutcome) -> dict[str, str]:
 
 def remarks(summary: dict[str, Any]) -> list[str]:
     """What a reader has to know beside the table, one sentence each."""
-    said = []
+    owner = summary["reference_speed_m_per_s"]
+    own = "" if owner is None else f", whose owner went at {owner:.2f} m/s (--speed scales the stride time)"
+    said = [
+        f"Walker: {summary['mass_kg']:.4g} kg, {summary['stature_m']:.4g} m, {summary['speed_m_per_s']:.2f} m/s in "
+        f"strides of {summary['stride_time_s']:.3f} s, on the gait '{summary['reference']}'{own}."
+    ]
     if summary["touches_in_swing"]:
         said.append("The foot touches the ground in swing: it trips, and the later strides mean little.")
     said.append(

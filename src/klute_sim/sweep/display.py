@@ -15,9 +15,11 @@ MOST_ROWS = 40
 INPUTS = {
     "device": "device",
     "controller": "controller",
+    "reference": "reference",
     "speed_asked [m/s]": "speed\nm/s",
     "slope [deg]": "slope\ndeg",
     "mass [kg]": "mass\nkg",
+    "stature [m]": "stature\nm",
 }
 """Heading -> title of what was asked for, which is shown where it differs."""
 OWN = "own"

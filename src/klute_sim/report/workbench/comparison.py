@@ -65,24 +65,38 @@ def lines(part: Part, number: int, over: str) -> Iterator[Line]:
 
 def page(found: Comparison) -> str:
     """Every number of the comparison, and how to read it."""
-    over, labels = found.over, [series.label for series in found.parts[0].series]
-    headings = ["trial", "channel", "series", "bias", "rms", "rms/sd", "largest", "at", "half of it"]
-    rows = [
-        [
-            row.part.name or "-",
-            f"{words.spoken(row.channel)} [{words.unit(row.part.units[row.channel])}]",
-            row.other,
-            words.bias(row.difference),
-            words.number(row.difference.rms),
-            words.number(row.difference.rms_sd),
-            words.number(row.difference.largest, "+.3g"),
-            words.place(row.difference.at, over),
-            words.half(row, over),
+    over, series = found.over, found.parts[0].series
+    if found.alone:
+        title, headings = words.named(series[0], over), ["trial", "channel", *words.EXTENT]
+        rows = [[_trial(part), _channel(part, channel), *told] for part in found.parts
+                for channel, told in words.extents(part, over)]  # fmt: skip
+    else:
+        title = f"{', '.join(each.label for each in series[1:])} against {series[0].label}"
+        headings = ["trial", "channel", "series", "bias", "rms", "rms/sd", "largest", "at", "half of it"]
+        rows = [
+            [
+                _trial(row.part),
+                _channel(row.part, row.channel),
+                row.other,
+                words.bias(row.difference),
+                words.number(row.difference.rms),
+                words.number(row.difference.rms_sd),
+                words.number(row.difference.largest, "+.3g"),
+                words.place(row.difference.at, over),
+                words.half(row, over),
+            ]
+            for row in words.rows(found)
         ]
-        for row in words.rows(found)
-    ]
     said = [f"- {remark}" for remark in remarks(found)]
-    return f"# {', '.join(labels[1:])} against {labels[0]}\n\n{stream.table(headings, rows)}\n" + "\n".join(said)
+    return f"# {title}\n\n{stream.table(headings, rows)}\n" + "\n".join(said)
+
+
+def _trial(part: Part) -> str:
+    return part.name or "-"
+
+
+def _channel(part: Part, channel: str) -> str:
+    return f"{words.spoken(channel)} [{words.unit(part.units[channel])}]"
 
 
 def blueprint(found: Comparison) -> Any:
@@ -90,6 +104,7 @@ def blueprint(found: Comparison) -> Any:
     import rerun.blueprint as rrb
 
     tabs: list[Any] = []
+    shown = [("curves", "{} [{}]"), *[("difference", "{}, difference [{}]")] * (not found.alone)]
     for number, part in enumerate(found.parts[:MOST_TRIALS], start=1):
         plots = []
         for channel in part.differences:
@@ -101,8 +116,8 @@ def blueprint(found: Comparison) -> Any:
                     name=title.format(words.spoken(channel), unit),
                     plot_legend=rrb.PlotLegend(visible=inside == "curves"),
                 )
-                for inside, title in (("curves", "{} [{}]"), ("difference", "{}, difference [{}]"))
+                for inside, title in shown
             ]
-            plots.append(rrb.Vertical(*views, row_shares=[3, 2], name=words.spoken(channel)))
+            plots.append(rrb.Vertical(*views, row_shares=[3, 2][: len(views)], name=words.spoken(channel)))
         tabs.append(rrb.Grid(*plots, grid_columns=min(3, len(plots)), name=part.name or "curves"))
     return stream.whole(rrb.Tabs(*tabs, stream.words("numbers", NUMBERS)), TIMELINES[found.over])

@@ -64,6 +64,8 @@ class Reference:
     """Of the walker [kg], where a reference folder states it."""
     stature: float | None = None
     """Of the walker [m], likewise."""
+    speed: float | None = None
+    """That the walker had [m/s], likewise; the rig's follows from angles, legs and stride time."""
 
     def __call__(self, column: str, phase: Samples, order: int = 0) -> Samples:
         """``column``, or its ``order``-th derivative by phase, at ``phase`` (0-1, periodic)."""
@@ -130,7 +132,7 @@ def load(path: str | Path, stride_time: float | None = None) -> Reference:
 
     Left out, that is what the folder states, or :data:`STRIDE_TIME`. Raises InputError with what is wrong, and where.
     """
-    stated = None
+    stated, folder = None, Path(path).absolute().name
     if Path(path).is_dir():
         path, stated = reference_folder.read(Path(path))
     if stride_time is None:
@@ -143,7 +145,9 @@ def load(path: str | Path, stride_time: float | None = None) -> Reference:
         reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
         raise InputError(f"reference {path} cannot be read: {reason}") from None
     found = parse(text, str(path), stride_time)
-    return found if stated is None else replace(found, mass=stated.mass, stature=stated.stature)
+    if stated is None:
+        return found
+    return replace(found, name=folder, mass=stated.mass, stature=stated.stature, speed=stated.speed)
 
 
 def parse(text: str, where: str, stride_time: float = STRIDE_TIME) -> Reference:

@@ -140,7 +140,10 @@ def _provenance(device: Device, controller: Controller, rig: Assembly, law: str)
             "valve": device.spec.valve is not None,
         },
         "controller": controller.describe(),
-        "reference": {"name": options.reference.name, "sha256": options.reference.digest},
+        "reference": {
+            **{"name": options.reference.name, "sha256": options.reference.digest},
+            **({} if options.reference.speed is None else {"speed_m_per_s": options.reference.speed}),
+        },
         "options": {
             "mass_kg": options.mass,
             "stature_m": options.stature,

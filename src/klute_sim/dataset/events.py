@@ -5,10 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from klute_sim.dataset.channels import LOADED
 from klute_sim.recording.recording import Samples
 
-THRESHOLD = 20.0
-"""Vertical ground reaction [N] above which a foot is on the ground (the usual choice)."""
 SHORTEST_CONTACT = 0.15
 """Shorter ones [s] are noise or a knock."""
 SHORTEST_GAP = 0.08
@@ -34,7 +33,7 @@ def offset(vertical: Samples) -> float:
     return float(np.median(free)) if len(free) > 0.05 * len(vertical) else 0.0
 
 
-def contacts(time: Samples, vertical: Samples, threshold: float = THRESHOLD) -> list[Contact]:
+def contacts(time: Samples, vertical: Samples, threshold: float = LOADED) -> list[Contact]:
     """Contacts in ``vertical`` [N] at ``time`` [s]; events are where straight lines between samples cross."""
     loaded = np.nan_to_num(vertical) > threshold
     edges = np.flatnonzero(np.diff(loaded.astype(int))) + 1
