@@ -43,7 +43,8 @@ def exactly(recording: Recording) -> tuple[Inputs, float]:
     x, z, lean = (si(recording, name) for name in ("ankle_x", "ankle_z", "shank_angle"))
     lever = np.nan_to_num(recording["cop_x"] - x)
     ground = -z * recording["grf_forward"] - lever * recording["grf_vertical"]
-    return Inputs(lean, twice(lean), twice(x), twice(z), ground, si(recording, "pressure_command")), step
+    command = si(recording, "pressure_command")
+    return Inputs(lean, twice(lean), twice(x), twice(z), ground, 0.0 * ground, command), step
 
 
 def sampled(recording: Recording, every: int) -> dict[str, Series]:
