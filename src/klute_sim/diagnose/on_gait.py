@@ -19,8 +19,8 @@ STEP = 5e-4
 """Time step [s]; together with one twice as long, a tenth of this is no more exact than an encoder."""
 BEFORE, AFTER = 0.06, 0.06
 """Around where the load comes or goes [s], what is not compared: it has spikes there, of a millisecond or so, that no
-laboratory samples (assumed; see the tests of the replay). The first is up to 45 ms before a foot is off the ground: when
-all but the last of its sole has left."""
+laboratory samples (assumed; see the tests of the replay). One is up to 45 ms before a foot is off the ground, when all
+but the last of its sole has left."""
 TAIL = 0.06
 """At the end of a trial [s], what is not compared: the ankle's acceleration is not known there."""
 STEADY = 30.0

@@ -10,8 +10,8 @@ from klute_sim.effects.effect import Effect, Form, Numbers, Parameter
 from klute_sim.laws.foot import Foot
 
 SETTLES = 1e-3
-"""Time in which a bent foot comes to rest [s] (assumed): far below what a walk shows, and long enough for MuJoCo to step
-over, however stiff the foot."""
+"""Time in which a foot that bends comes to rest [s] (assumed): far below what a walk shows, and long enough for MuJoCo
+to step over, however stiff the foot."""
 
 
 def rubbing(own: Numbers, foot: Foot) -> Foot:
@@ -188,7 +188,7 @@ KEEL = Effect(
     forms=(
         _form(
             "linear",
-            "angle of the foot = hinge + compliance M, M the moment that crosses the hinge",
+            "angle = hinge + compliance M, M the moment that crosses the hinge",
             yielding,
             _COMPLIANCE,
         ),
@@ -204,7 +204,7 @@ LOSS = Effect(
     forms=(
         _form(
             "viscous",
-            "angle of the foot = hinge + b, time db/dt = compliance M - b",
+            "angle = hinge + b, time db/dt = compliance M - b",
             creeping,
             _COMPLIANCE,
             Parameter(
@@ -218,7 +218,7 @@ LOSS = Effect(
         ),
         _form(
             "coulomb",
-            "angle of the foot = hinge + b, b follows compliance M by no more than compliance moment behind",
+            "angle = hinge + b, b follows compliance M, at most compliance moment behind",
             rubbed,
             _COMPLIANCE,
             Parameter(
@@ -235,8 +235,8 @@ LOSS = Effect(
 SOCKET = Effect(
     name="socket_pistoning",
     sentence=(
-        "The limb sinks into its socket under load. It shows where `ankle_x` and `ankle_z` were reckoned from the limb, "
-        "above the socket; markers on the prosthesis itself do not see it, and then this is to be left out."
+        "The limb sinks into its socket under load. It shows where `ankle_x` and `ankle_z` were reckoned from the "
+        "limb, above the socket; markers on the prosthesis itself do not see it, and then this is to be left out."
     ),
     kind="body",
     forms=(

@@ -8,9 +8,11 @@ from the ankle and ``a`` the ankle's acceleration::
     M_weight = m (c_x (g + a_z) - c_z a_x)         c turned by t + q
 
 with ``T r`` the device's tension times its arm. The base is prescribed, so its acceleration is an input and nothing
-acts back on it. Beyond the hinge the foot may bend (:func:`bend`): light as it is, it then turns by what the moment
-asks for, and the hinge does not notice. Springs, masses and sites are the MJCF's; stop and step are MuJoCo's own formulas (documentation,
-"Computation", solver parameters; the integrator *implicitfast*), for the one coordinate that is free.
+acts back on it. Beyond the hinge the foot may bend (:func:`bend`): it is light, so it turns by what the moment asks
+for, and the hinge does not notice.
+
+Springs, masses and sites are the MJCF's; stop and step are MuJoCo's own formulas (documentation, "Computation", solver
+parameters; the integrator *implicitfast*), for the one coordinate that is free.
 """
 
 import math
@@ -111,8 +113,8 @@ def _insertion(foot: Foot, angle: float) -> tuple[float, float]:
 def bend(foot: Foot, before: float, moment: float, step: float) -> float:
     """By how much the foot is bent [rad], dorsiflexion positive, a ``step`` [s] after it was by ``before``.
 
-    The ``moment`` [N.m], plantarflexor positive, is what crosses the hinge. A spring with a dashpot and Coulomb friction
-    beside it (backward Euler): friction takes off as much as it can of the way to where the spring would be.
+    The ``moment`` [N.m], plantarflexor positive, is what crosses the hinge. A spring with a dashpot and Coulomb
+    friction beside it (backward Euler): friction takes off as much as it can of the way to where the spring would be.
     """
     if foot.keel == 0.0:
         return 0.0
