@@ -18,6 +18,7 @@ from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.device_file import augmented
 from klute_sim.diagnose.diagnosis import Diagnosis, Options, diagnose
 from klute_sim.diagnose.experiment import Bench, Setting, moved, shown
+from klute_sim.diagnose.hypothesis import Hypothesis
 from klute_sim.diagnose.locate import _cuts, _region
 from klute_sim.diagnose.on_gait import AFTER, BEFORE, OnGait
 from klute_sim.diagnose.prepare import prepare
@@ -138,10 +139,25 @@ def test_a_trial_without_strides_is_refused(clean: datasets.Dataset) -> None:
         prepare(one, datasets.split(one))
 
 
-def test_uncertain_numbers_of_the_body_are_refused(clean: datasets.Dataset) -> None:
-    uncertain = {"muscle.c10_kpa": 1.0, "effects.ankle_friction.moment_n_m": 0.5}
-    with pytest.raises(InputError, match=r"'effects\.ankle_friction\.moment_n_m' is of the body and is not refitted"):
-        prepare(replace(clean, uncertain=uncertain), datasets.split(clean))
+def test_uncertain_numbers_of_the_body_move_the_foot(clean: datasets.Dataset) -> None:
+    """As much as those that a device file has; and a bench, which shows nothing of them, refuses them."""
+    text = gait_made.load(gait_made.DEVICE).content.decode() + "[effects.ankle_friction]\nmoment_n_m = {}\n"
+    rubs, rubs_more = (gait_made.read(text.format(moment).encode(), "one") for moment in (2.0, 3.0))
+    key = "effects.ankle_friction.moment_n_m"
+    having = [
+        replace(clean, device=device, trials=(replace(clean.trials[0], device=device),), uncertain={key: 0.5})
+        for device in (rubs, rubs_more)
+    ]
+    (one,), (other,) = (prepare(each, datasets.split(clean)) for each in having)
+    hypothesis = Hypothesis(rubs, ((key, 0.5),), ())
+    (setting,) = hypothesis.settings(np.array([2.0]), [one])
+    found, wanted = one.trace(setting), other.trace(Setting(rubs_more.parameters))
+    assert found.angle is not None
+    assert wanted.angle is not None
+    assert np.array_equal(found.angle, wanted.angle)
+    assert rms(found.angle - one.trace(Setting(rubs.parameters)).angle) > np.radians(0.05)
+    with pytest.raises(InputError, match=r"'effects\.ankle_friction\.moment_n_m' is of the body, and a bench shows"):
+        prepare(replace(having[0], rig="bench"), datasets.split(clean))
 
 
 def test_a_recording_of_ours_is_a_trial_and_lacks_nothing(tmp_path: Path) -> None:
