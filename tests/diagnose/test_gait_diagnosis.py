@@ -231,3 +231,28 @@ def test_a_hidden_friction_of_the_ankle_is_named_and_walks_again(tmp_path: Path)
     for gap in found.gap.values():
         assert gap.floor is not None
         assert gap.after < 1.1 * gap.floor
+
+
+def test_a_foot_that_bends_is_named_where_markers_are_on_it(tmp_path: Path) -> None:
+    """Two bodies in MuJoCo, one number in the replay."""
+    effects = "\n[effects.foot_stiffness]\ncompliance_deg_per_n_m = 0.01\n"
+    data = datasets.read(gait_made.dataset(tmp_path / "data", effects=effects, groups=("fit_1", "select_1")))
+    found = diagnose(data, Options(only=("foot_stiffness", "return_spring_error", "sensor_gain")))
+    assert found.verdict == "named"
+    assert named(found) == ["foot_stiffness"]
+    assert found.final is not None
+    assert found.final.values[-1] == pytest.approx(0.01, rel=0.03)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("limb", [True, False])
+def test_a_limb_that_sinks_into_its_socket_shows_above_the_socket_alone(tmp_path: Path, limb: bool) -> None:
+    """With the whole catalogue to choose from; with markers on the prosthesis nothing is missing."""
+    effects = "\n[effects.socket_pistoning]\ncompliance_mm_per_kn = 10.0\n"
+    data = datasets.read(gait_made.dataset(tmp_path / "data", effects=effects, limb=limb))
+    found = diagnose(data)
+    assert found.verdict == ("named" if limb else "nothing-missing")
+    assert named(found) == (["socket_pistoning"] if limb else [])
+    if limb:
+        assert found.final is not None
+        assert found.final.values[-1] == pytest.approx(10.0, rel=0.05)
