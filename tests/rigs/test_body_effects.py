@@ -38,8 +38,8 @@ def edited(effect: Effect, form: Form, share: float = 1.0) -> Foot:
 def moving(seconds: float = 0.6) -> Inputs:
     time = np.arange(0.0, seconds, STEP)
     wave = np.sin(2.0 * np.pi * 2.5 * time)
-    ground, sinking = -60.0 * (1.0 - np.cos(8.0 * time)), 1e5 * wave
-    return Inputs(0.3 * wave, -70.0 * wave, 5.0 * wave, 3.0 * wave, ground, sinking, 3e5 + 0 * time)
+    ground, load = -60.0 * (1.0 - np.cos(8.0 * time)), 500.0 * (1.0 + wave)
+    return Inputs(0.3 * wave, -70.0 * wave, 5.0 * wave, 3.0 * wave, ground, load, 100.0 * wave, 3e5 + 0 * time)
 
 
 @EVERY
@@ -72,8 +72,8 @@ def test_what_a_replay_does_mujoco_does(effect: Effect, form: Form) -> None:
     z = recording["carriage_z"] - 0.43 * (np.cos(thigh) + np.cos(lean))
     forward, up = recording["grf_forward"], recording["grf_vertical"]
     ground = -z * forward - np.nan_to_num(recording["cop_x"] - x) * up
-    sinking = (up * np.cos(lean) + forward * np.sin(lean)) * (up * np.sin(lean) - forward * np.cos(lean))
-    inputs = Inputs(lean, twice(lean), twice(x), twice(z), ground, sinking, 1e5 * recording["pressure_command"])
+    load = up * np.cos(lean) + forward * np.sin(lean), up * np.sin(lean) - forward * np.cos(lean)
+    inputs = Inputs(lean, twice(lean), twice(x), twice(z), ground, *load, 1e5 * recording["pressure_command"])
     late = recording["time"] > 0.3
     off, without = (
         np.degrees(replay(PLAIN.parameters, foot, inputs, STEP).angle)[late] - recording["ankle_angle"][late]
@@ -89,7 +89,7 @@ def test_signs() -> None:
 
     def held(foot: Foot) -> float:
         still = np.zeros(3000)
-        inputs = Inputs(still, still, still, still, still - 60.0, still + 1e5, still)
+        inputs = Inputs(still, still, still, still, still - 60.0, still + 800.0, still + 100.0, still)
         return float(replay(PLAIN.parameters, foot, inputs, STEP).angle[-1])
 
     forms = {f"{effect.name} {form.name}": edited(effect, form) for effect, form in FORMS}

@@ -51,7 +51,8 @@ def levered(own: Numbers, foot: Foot) -> Foot:
 
 def heavier(own: Numbers, foot: Foot) -> Foot:
     """A foot of ``own[0]`` times the mass, shaped alike."""
-    return foot._replace(mass=own[0] * foot.mass, inertia=own[0] * foot.inertia)
+    more = (own[0] - 1.0) * foot.mass
+    return foot._replace(mass=own[0] * foot.mass, inertia=own[0] * foot.inertia, carried=foot.carried + more)
 
 
 def yielding(own: Numbers, foot: Foot) -> Foot:
@@ -242,7 +243,7 @@ SOCKET = Effect(
     forms=(
         _form(
             "axial",
-            "the ankle is compliance F along the pylon from where a rigid shank has it, F the load along it",
+            "the ankle is compliance F up the pylon from where a rigid shank has it, F the socket's load",
             sunk,
             Parameter(
                 key="compliance_mm_per_kn",

@@ -66,6 +66,8 @@ class Foot(NamedTuple):
     """How far friction in it holds it back [rad]."""
     socket: float
     """Compliance of the socket along the pylon [m/N]."""
+    carried: float
+    """Mass of all below the socket [kg]."""
 
 
 class Base(NamedTuple):
@@ -120,6 +122,15 @@ def bend(foot: Foot, before: float, moment: float, step: float) -> float:
         return 0.0
     way = foot.keel * moment - before
     return before + (way - min(max(way, -foot.keel_held), foot.keel_held)) / (1.0 + foot.keel_time / step)
+
+
+def sinking(foot: Foot, base: Base, along: float) -> float:
+    """How far the limb sinks into its socket [m] under a ground reaction ``along`` the pylon [N].
+
+    What the socket gets is that less the weight and the acceleration of all below it.
+    """
+    up = (GRAVITY + base.upward) * math.cos(base.angle) + base.forward * math.sin(base.angle)
+    return foot.socket * (along - foot.carried * up)
 
 
 def weight(foot: Foot, angle: float, base: Base) -> float:

@@ -72,6 +72,7 @@ def read(model: mujoco.MjModel) -> Foot:
         keel_time=0.0 if keel < 0 else float(model.dof_damping[bent]) / keel_stiffness,
         keel_held=0.0 if keel < 0 else float(model.dof_frictionloss[bent]) / keel_stiffness,
         socket=0.0 if socket < 0 else 1.0 / float(model.jnt_stiffness[socket]),
+        carried=float(model.body_subtreemass[model.body(ANKLE + "pylon").id]),
     )
 
 

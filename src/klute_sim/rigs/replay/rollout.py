@@ -43,8 +43,9 @@ class Inputs(NamedTuple):
     """Acceleration of the ankle [m/s2]."""
     ground: Array
     """Moment of the ground reaction about the ankle [N.m], plantarflexing positive."""
-    sinking: Array
-    """What that gains for the socket's compliance [N.m per m/N]: the reaction along the pylon times that across it."""
+    along: Array
+    across: Array
+    """The ground reaction along the pylon, up it positive, and across it, the other way than it walks positive [N]."""
     command: Array
     """Pressure [Pa]."""
 
@@ -78,7 +79,7 @@ def run(
 ) -> None:
     """Fill ``out`` (samples, 5) in the order of :class:`Replay`; SI.
 
-    ``row`` is the device's parameters, ``inputs`` (samples, 6) those of :class:`Inputs` but the command. The first
+    ``row`` is the device's parameters, ``inputs`` (samples, 7) those of :class:`Inputs` but the command. The first
     of them are held for ``settling`` steps before that, with nothing accelerating.
     """
     parameters = unpack(row)
@@ -87,8 +88,9 @@ def run(
     for n in range(-settling, len(inputs)):
         k = max(n, 0)
         now = inputs[k]
-        ground = now[4] + foot.socket * now[5]
-        base = Base(now[0], now[1], now[2], now[3], ground) if n >= 0 else Base(now[0], 0.0, 0.0, 0.0, ground)
+        base = Base(now[0], now[1], now[2], now[3], now[4]) if n >= 0 else Base(now[0], 0.0, 0.0, 0.0, now[4])
+        ground = base.ground + _foot.sinking(foot, base, now[5]) * now[6]
+        base = Base(base.angle, base.turning, base.forward, base.upward, ground)
         whole = _foot.unit_length(foot, angle)
         after = advance(parameters, before, whole, earlier(command, n - late), step)
         pull = tension(parameters, after, whole, (after.length - before.length) / step)
