@@ -45,7 +45,7 @@ class Inputs(NamedTuple):
     """Moment of the ground reaction about the ankle [N.m], plantarflexing positive."""
     along: Array
     across: Array
-    """The ground reaction along the pylon, up it positive, and across it, the other way than it walks positive [N]."""
+    """The ground reaction along the pylon, up it positive, and across it, backward positive [N]."""
     command: Array
     """Pressure [Pa]."""
 
