@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from klute_sim.device import effects_file
 from klute_sim.device.files import Device
 from klute_sim.device.schema import DeviceSpec
 from klute_sim.device.step import Parameters
@@ -175,7 +174,7 @@ class Hypothesis:
                     for key, value in found.items()
                 }
                 spec = with_numbers(device.spec, corrected)
-                effects = catalogue.values(effects_file.active(spec.effects, "device") | active)
+                effects = catalogue.values(_having(spec, "device") | active)
                 made[device.digest] = spec.parameters()._replace(effects=effects), _body(spec, corrected)
             faulty = tuple(each for each in readings if each.channel not in experiment.checked)
             parameters, body = made[device.digest]
@@ -200,8 +199,19 @@ def with_numbers(spec: DeviceSpec, numbers: Mapping[str, float]) -> DeviceSpec:
     return spec.model_copy(update=changed)
 
 
+def _having(spec: DeviceSpec, kind: str) -> dict[tuple[str, str], dict[str, float]]:
+    """The effects of ``kind`` that the device itself has already; numbers that are fitted may be out of range."""
+    found = {}
+    for name, content in spec.effects.items():
+        if catalogue.effects()[name].kind != kind:
+            continue
+        form = catalogue.form_of(name, str(content["form"]) if "form" in content else None)[1]
+        found[name, form.name] = {p.key: float(content[p.key]) for p in form.parameters if p.key in content}
+    return found
+
+
 def _body(spec: DeviceSpec, corrected: Iterable[str]) -> list[Edit]:
     """The effects of the body that the device itself has, if one of their numbers is among the ``corrected`` keys."""
     changed = {key.split(".")[1] for key in corrected if key.startswith("effects.")}
-    there = effects_file.active({name: spec.effects[name] for name in spec.effects if name in changed}, "body")
-    return [Edit(*which, tuple(numbers.items())) for which, numbers in there.items()]
+    own = _having(spec, "body")
+    return [Edit(*which, tuple(numbers.items())) for which, numbers in own.items() if which[0] in changed]

@@ -22,7 +22,7 @@ COPY = "_bent"
 HINGE_SHARE = 0.3
 """Of the mass of a foot that bends, what stays with the hinge (assumed): MuJoCo gives no moment to what has no mass."""
 SUNK = 3e-3
-"""Time constant of a socket [s] (assumed): a fifth of what it takes 2 kg to swing on 100 N/mm."""
+"""Time constant of a socket [s] (assumed): a tenth of what it takes 2 kg to swing on 100 N/mm."""
 
 
 def read(model: mujoco.MjModel) -> Foot:
