@@ -83,7 +83,7 @@ def metrics(rows: Sequence[Row]) -> list[Metric]:
         _share("rival sets contain the truth", known, lambda r: hidden(r.truth) in sets(r.verdict), 0.98),
         _share("resolved by the experiment that was asked for", _second(known), lambda r: r.second == "right", 0.90),
         _quantile("seconds for a dataset, median", [row.verdict["s"] for row in rows], 0.5, 30.0, most=True),
-        *_of_walks(walked),
+        *(_of_walks(walked) if walked else ()),
     ]
 
 
