@@ -94,6 +94,30 @@ EFFECTS: Forms = {
     ("supply_droop", "tank"): {"inverse_volume_per_l": Parameter(0, 20, 4)},
 }
 
+BODY: Forms = {
+    ("ankle_friction", "coulomb"): {"moment_n_m": Parameter(0, 15, 2)},
+    ("ankle_friction", "viscous"): {"damping_n_m_s": Parameter(0, 10, 1)},
+    ("return_spring_error", "stiffness"): {"gain": Parameter(0.3, 3, 1.1, 1.0, True)},
+    ("return_spring_error", "rest"): {"shift_deg": Parameter(-15, 15, 1, 0.0, True)},
+    ("end_stop", "bumper"): {
+        "stiffness_n_m_per_deg": Parameter(0, 100, 4),
+        "begin_deg": Parameter(1, 25, 7, None),
+    },
+    ("moment_arm_error", "insertion"): {"gain": Parameter(0.7, 1.4, 1.05, 1.0, True)},
+    ("inertia_error", "mass"): {"gain": Parameter(0.4, 3, 1.4, 1.0, True)},
+    ("foot_stiffness", "linear"): {"compliance_deg_per_n_m": Parameter(0, 0.5, 0.05)},
+    ("foot_hysteresis", "viscous"): {
+        "compliance_deg_per_n_m": Parameter(0, 0.5, 0.05),
+        "time_constant_s": Parameter(0.002, 2, 0.03, None),
+    },
+    ("foot_hysteresis", "coulomb"): {
+        "compliance_deg_per_n_m": Parameter(0, 0.5, 0.05),
+        "moment_n_m": Parameter(0.1, 30, 3, None),
+    },
+    ("socket_pistoning", "axial"): {"compliance_mm_per_kn": Parameter(0, 60, 10)},
+}
+"""Of foot, ankle and socket: they show on walks."""
+
 NEEDS_VALVE = {"leak"}
 """Effects that a regulator makes up for: they are hidden in a device that is known to have a valve."""
 KNOWN_VALVE: dict[str, Any] = {
@@ -151,9 +175,17 @@ CHANNELS = {
 }
 
 
+ON_WALKS = {
+    "ankle_angle": Channel("deg", 0.1, 0.96, 1.0, 0.3, 0.3),
+    "force": Channel("N", 5.0, 0.96, 15.0, 4.0, 12.0),
+    "pressure": Channel("bar", 0.01, 0.96, 0.08, 0.02, 0.04),
+    "muscle_length": Channel("mm", 0.05, 0.997, 0.3, 0.08, 0.08),
+}
+
+
 def instrument_forms(channel: str) -> Forms:
     """Faults of the instrument on ``channel``; offsets, drifts and steps are in the channel's unit."""
-    _, _, gain, offset, drift, step = CHANNELS[channel]
+    _, _, gain, offset, drift, step = {**ON_WALKS, **CHANNELS}[channel]
     return {
         ("sensor_gain", "gain"): {"gain": Parameter(0.8, 1.2, gain, 1.0, True)},
         ("sensor_offset", "offset"): {"offset": Parameter(-10 * offset, 10 * offset, offset, 0.0, True)},

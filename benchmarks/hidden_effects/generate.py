@@ -21,7 +21,7 @@ import numpy as np
 from air import AIR_STEP
 from catalogue import CHANNELS, PRESET, UNCERTAIN, load_device, neutral_law, with_effects
 from inputs import Program, programs, still
-from plan import BLOCKS, DEFECTS, plan
+from plan import BLOCKS, DEFECTS, WALKS, plan
 from simulate import Hidden, Noise, coloured, in_steps, reported, wander
 from sizes import Scale
 
@@ -226,7 +226,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Write a block of datasets."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder that will hold the datasets")
-    parser.add_argument("--block", choices=tuple(BLOCKS), default="single")
+    parser.add_argument("--block", choices=[block for block in BLOCKS if block not in WALKS], default="single")
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--typical", action="store_true", help="every parameter at its typical value")

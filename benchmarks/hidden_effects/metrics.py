@@ -4,7 +4,8 @@ import statistics
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from catalogue import EFFECTS, instrument_forms
+from catalogue import BODY, EFFECTS, instrument_forms
+from plan import WALKS
 from scipy.stats import binomtest
 from score import BAD, TOLD, Truth, Verdict, first_right, hidden, kinds_confused, left, sets
 
@@ -50,6 +51,8 @@ class Interval(NamedTuple):
 
 def metrics(rows: Sequence[Row]) -> list[Metric]:
     """All that was aimed at, in the order of the table of targets."""
+    walked = [row for row in rows if row.truth["block"] in WALKS]
+    rows = [row for row in rows if row.truth["block"] not in WALKS]
     by = {block: [r for r in rows if r.truth["block"] == block] for block in {r.truth["block"] for r in rows}}
 
     def of(*blocks: str) -> list[Row]:
@@ -80,6 +83,24 @@ def metrics(rows: Sequence[Row]) -> list[Metric]:
         _share("rival sets contain the truth", known, lambda r: hidden(r.truth) in sets(r.verdict), 0.98),
         _share("resolved by the experiment that was asked for", _second(known), lambda r: r.second == "right", 0.90),
         _quantile("seconds for a dataset, median", [row.verdict["s"] for row in rows], 0.5, 30.0, most=True),
+        *(_of_walks(walked) if walked else ()),
+    ]
+
+
+def _of_walks(rows: Sequence[Row]) -> list[Metric]:
+    """The same questions, of the gait rig."""
+    there = [row for row in rows if hidden(row.truth) and row.truth["size"] >= WORTH]
+    clean, numbers = [row for row in rows if not hidden(row.truth)], list(intervals(rows))
+    errors = [each.error for each in numbers]
+    seconds = [row.verdict["s"] for row in rows]
+    return [
+        _share("walks: first name right, effect at least as large as the noise", there, _first, 0.90),
+        _share("walks: exact set, effect at least as large as the noise", there, _right, 0.85),
+        _share("walks: false alarms on clean data", clean, lambda r: r.outcome == "false-alarm", 0.0, most=True),
+        _share("walks: wrong name, at any size", rows, lambda r: r.outcome in BAD, 0.02, most=True),
+        _quantile("walks: error of a number, median", errors, 0.5, 0.05, most=True),
+        _coverage(numbers, "walks: 95 % intervals that cover the truth"),
+        _quantile("walks: seconds for a dataset, median", seconds, 0.5, 120.0, most=True),
     ]
 
 
@@ -119,8 +140,8 @@ def _quantile(name: str, values: Sequence[float], which: float, target: float, *
     return Metric(name, value, len(values), words, value <= target if most else value >= target)
 
 
-def _coverage(numbers: Sequence[Interval]) -> Metric:
-    name, words = "95 % intervals that cover the truth", "90 to 98 %"
+def _coverage(numbers: Sequence[Interval], name: str = "95 % intervals that cover the truth") -> Metric:
+    words = "90 to 98 %"
     if not numbers:
         return Metric(name, None, 0, words, None)
     count = sum(each.covered for each in numbers)
@@ -137,7 +158,7 @@ def intervals(rows: Iterable[Row]) -> Iterator[Interval]:
             found = next(e for e in row.verdict["effects"] if _same(e, true))
             if len(found["parameters"]) != len(true["parameters"]) or not _same_form(found, true):
                 continue
-            forms = instrument_forms(true["channel"]) if true.get("channel") else EFFECTS
+            forms = instrument_forms(true["channel"]) if true.get("channel") else EFFECTS | BODY
             own = forms[true["name"], true["form"]]
             values = zip(found["parameters"].items(), true["parameters"].items(), strict=True)
             for (_, told), (key, value) in values:  # a fault's numbers are called otherwise there
@@ -171,7 +192,7 @@ def power(rows: Iterable[Row]) -> dict[str, dict[float, str]]:
     found: dict[str, dict[float, str]] = {}
     for row in rows:
         for one in [*row.truth["effects"], *row.truth["instruments"]]:
-            if row.truth["block"] in ("single", "instrument"):
+            if row.truth["block"] in ("single", "instrument", "walk"):
                 name = f"{one['name']} of {one['channel']}" if one.get("channel") else f"{one['name']}, {one['form']}"
                 found.setdefault(name, {})[row.truth["size"]] = row.outcome
     return found
@@ -182,7 +203,7 @@ def confusion(rows: Iterable[Row]) -> dict[str, dict[str, int]]:
     found: dict[str, dict[str, int]] = {}
     for row in rows:
         true = hidden(row.truth)
-        if len(true) == 1 and row.truth["block"] in ("single", "instrument", "twin"):
+        if len(true) == 1 and row.truth["block"] in ("single", "instrument", "twin", "walk"):
             told = " or ".join(" and ".join(each) for each in sets(row.verdict))
             word = told if row.verdict["verdict"] in TOLD else row.verdict["verdict"]
             own = found.setdefault(true[0], {})

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from catalogue import CHANNELS, EFFECTS, KNOWN_VALVE, NEEDS_VALVE, OTHER_FORMS, Forms, Parameter, instrument_forms
+from catalogue import BODY, CHANNELS, EFFECTS, KNOWN_VALVE, NEEDS_VALVE, OTHER_FORMS, Forms, Parameter, instrument_forms
 from strangers import STRANGERS
 
 BLOCKS = {
@@ -17,6 +17,8 @@ BLOCKS = {
     "twin": 10,
     "repeats": 24,
     "defective": 10,
+    "walk": 54,
+    "walk_clean": 40,
 }
 """Name -> how many datasets of it tell enough."""
 HALVES = {"development": 101, "test": 303}
@@ -34,6 +36,19 @@ FAINT = (
     ("volume_coupling", "polytropic"),
 )
 """Effects that are hidden at half the noise in block ``repeats``."""
+WALKS = ("walk", "walk_clean")
+"""Blocks of the gait rig; the others are of the bench."""
+IN_WALKS: tuple[tuple[str, str, str | None], ...] = (
+    *((name, form, None) for name, form in BODY),
+    ("seal_friction", "coulomb", None),
+    ("pressure_lag", "first_order", None),
+    ("braid_hysteresis", "coulomb", None),
+    ("tendon_slack", "dead_length", None),
+    ("sensor_offset", "offset", "ankle_angle"),
+    ("sensor_gain", "gain", "force"),
+    ("sensor_lag", "first_order", "ankle_angle"),
+)
+"""What is hidden in walks: all of the body, some of the device and of instruments."""
 DEFECTS = ("dead_channel", "no_repeats", "no_excitation", "clock_backwards", "saturated_force")
 APART = ({"volume_coupling", "choked_valve"}, {"volume_coupling", "leak"})
 """Not hidden together: behind a valve no regulator makes up for what the motion does."""
@@ -108,8 +123,15 @@ def plan(block: str, count: int, seed: int, *, typical: bool = False) -> list[Sp
 def _content(block: str, i: int, rng: np.random.Generator | None) -> Spec:
     singles, others = list(EFFECTS), list(OTHER_FORMS)
     match block:
-        case "clean":
+        case "clean" | "walk_clean":
             return {}
+        case "walk":
+            turn, which = divmod(i, len(IN_WALKS))
+            name, form, channel = IN_WALKS[which]
+            wanted = SIZES[turn % len(SIZES)]
+            if channel:
+                return _fault((name, form), channel, rng, wanted)
+            return {"effects": [effect(EFFECTS | BODY, (name, form), rng, wanted)]}
         case "defective":
             return {"defect": DEFECTS[i % len(DEFECTS)]}
         case "single":

@@ -8,7 +8,7 @@ this code is not done again: interrupt it and start it again as you like. ``--sh
 every block, for several machines that share OUT. Thresholds are set on the development half; the test half is for
 numbers to be told. The truth is opened only after the verdict is on the disk. What an ambiguous verdict asks for is
 measured in a second round. ``--baselines`` puts two other methods beside it (:mod:`baselines`), kept alike; they need
-``pip install --group benchmark``.
+``pip install --group benchmark``, and know nothing of walks, which are left out then.
 """
 
 import argparse
@@ -25,10 +25,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import walks
 from generate import make
 from metrics import Row
 from page import page
-from plan import BLOCKS, HALVES, Spec, plan
+from plan import BLOCKS, HALVES, WALKS, Spec, plan
 from rich.console import Console
 from rich.progress import track
 from score import score
@@ -41,10 +42,13 @@ ROOT = HERE.parents[1]
 Verdict = dict[str, Any]
 
 
-def code() -> str:
-    """Digest of everything that decides a verdict."""
-    parts = ("laws", "effects", "device", "dataset", "diagnose")
+def code(*, walks: bool = False) -> str:
+    """Digest of everything that decides a verdict; of ``walks``, the replay too."""
+    parts = ("laws", "effects", "device", "dataset", "diagnose", *(("rigs/replay",) if walks else ()))
     files = sorted(file for part in parts for file in (ROOT / "src" / "klute_sim" / part).rglob("*.py"))
+    if walks:
+        rig = ROOT / "src" / "klute_sim" / "rigs" / "gait"
+        files += [rig / "build.py", rig / "body.py", ROOT / "models" / "ankle.xml"]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
@@ -89,17 +93,18 @@ class Run:
     def __init__(self, out: Path, threads: int, methods: dict[str, Callable[..., Verdict]]) -> None:
         """``methods`` are others that are done beside it, by their names."""
         self._out, self._threads, self._methods = out, threads, methods
-        self._own, self._beside = code(), code_of_baselines()
+        self._own, self._beside = {False: code(), True: code(walks=True)}, code_of_baselines()
         (out / "results").mkdir(parents=True, exist_ok=True)
 
     def done(self, spec: Spec) -> tuple[Row, dict[str, Row]]:
         """What was found in the dataset of ``spec``, by the program and by every other method."""
-        name = spec["name"]
+        name, of_walks = spec["name"], spec["block"] in WALKS
         dataset, truth_file = self._out / name, self._out / f"{name}.truth.json"
         if not truth_file.exists():
-            make(dataset, **{key: value for key, value in spec.items() if key != "name"}, truth=truth_file)
+            what = {key: value for key, value in spec.items() if key != "name"}
+            (walks.make if of_walks else make)(dataset, **what, truth=truth_file)
         deleted = tuple(e["name"] for e in spec["effects"]) if spec.get("deleted") else ()
-        verdict = kept(self._file(name, self._own), partial(verdict_of, dataset, deleted, self._threads))
+        verdict = kept(self._file(name, self._own[of_walks]), partial(verdict_of, dataset, deleted, self._threads))
         found = {
             method: kept(self._file(f"{name}_{method}", self._beside), partial(answer, dataset, deleted))
             for method, answer in self._methods.items()
@@ -108,7 +113,8 @@ class Run:
         second = None
         if verdict["verdict"] == "ambiguous" and verdict["next_experiment"]:
             again = kept(
-                self._file(f"{name}_second", self._own), partial(self._second, dataset, truth, verdict, deleted)
+                self._file(f"{name}_second", self._own[of_walks]),
+                partial(self._second, dataset, truth, verdict, deleted),
             )
             second = score(truth, again)
         own = Row(name, truth, verdict, score(truth, verdict), second)
@@ -158,7 +164,8 @@ def main() -> None:
         methods = other_methods() if chosen.baselines else {}
     except ModuleNotFoundError as error:
         parser.error(str(error))
-    specs = list(_specs(chosen.block or list(BLOCKS), chosen.count, HALVES[chosen.half], chosen.shard))
+    blocks = [block for block in chosen.block or BLOCKS if not (methods and block in WALKS)]
+    specs = list(_specs(blocks, chosen.count, HALVES[chosen.half], chosen.shard))
     notes = Console(stderr=True)
     run = Run(chosen.out, max(1, (os.cpu_count() or 1) // chosen.at_once), methods)
     with ThreadPoolExecutor(chosen.at_once) as pool:

@@ -65,23 +65,12 @@ class Scale:
 
     def sized(self, effect: Effect) -> dict[str, Any]:
         """``effect`` as large as is wanted of it, or as nearly as its parameters may be; with its size."""
-        key, wanted = (effect["name"], effect["form"]), effect["wanted"]
+        key = effect["name"], effect["form"]
         kind = "strangers" if key in STRANGERS else "instruments" if "channel" in effect else "effects"
         forms: Forms = instrument_forms(effect["channel"]) if kind == "instruments" else DEVICE | STRANGERS
         own = forms[key]
 
-        def of(scale: float) -> dict[str, Any]:
-            values = {
-                key: value if own[key].neutral is None else _scaled(own[key], value, scale)
-                for key, value in effect["parameters"].items()
-            }
-            return {**{key: value for key, value in effect.items() if key != "wanted"}, "parameters": values}
-
-        def measured(scale: float) -> float:
-            return self.size(Hidden(**{kind: [of(scale)]}))
-
-        scale, size = _sought(measured, wanted, lambda s: of(s) == of(1.3 * s))
-        return {**of(scale), "size": round(size, 3)}
+        return as_wanted(effect, own, lambda one: self.size(Hidden(**{kind: [one]})))
 
     def _left(self, target: Floats) -> Floats:
         """What is left of ``target`` when the numbers have followed, from where they were the last time."""
@@ -111,6 +100,20 @@ class Scale:
             for name in self._recorded
         ]
         return np.concatenate(rows)
+
+
+def as_wanted(effect: Effect, own: Mapping[str, Any], measured: Callable[[Mapping[str, Any]], float]) -> dict[str, Any]:
+    """``effect``, whose form has parameters ``own``, as large as is wanted of it, as ``measured``; with its size."""
+
+    def of(scale: float) -> dict[str, Any]:
+        values = {
+            key: value if own[key].neutral is None else _scaled(own[key], value, scale)
+            for key, value in effect["parameters"].items()
+        }
+        return {**{key: value for key, value in effect.items() if key != "wanted"}, "parameters": values}
+
+    scale, size = _sought(lambda s: measured(of(s)), effect["wanted"], lambda s: of(s) == of(1.3 * s))
+    return {**of(scale), "size": round(size, 3)}
 
 
 def _scaled(parameter: Any, value: float, scale: float) -> float:

@@ -31,6 +31,8 @@ KEY_UNITS: dict[str, tuple[str, float]] = {
     "_n_m": ("N·m", 1.0),
     "_n_m_s": ("N·m·s/rad", 1.0),
     "_n_m_per_deg": ("N·m/deg", 180.0 / math.pi),
+    "_deg_per_n_m": ("deg/(N·m)", math.pi / 180.0),
+    "_mm_per_kn": ("mm/kN", 1e-6),
     "_j": ("J", 1.0),
     "_pct": ("%", 0.01),
 }

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from klute_sim.control.pressure import Profile, tuned
 from klute_sim.dataset.write import write_trial
 from klute_sim.device.files import load, read
-from klute_sim.recording.recording import Recording
+from klute_sim.recording.recording import Recording, Samples
 from klute_sim.rigs.gait.assembly import GaitOptions
 from klute_sim.rigs.gait.build import Edit
 from klute_sim.rigs.gait.rig import walk
@@ -43,6 +43,16 @@ def walked(group: str, effects: str = "", edit: Edit | None = None, strides: int
     return walk(read(text.encode(), DEVICE), profile, GaitOptions(speed=speed, strides=strides, step=STEP, edit=edit))
 
 
+def reckoned(recording: Recording, channel: str) -> Samples:
+    """``channel``, the ankle's place as a rigid shank below the knee has it."""
+    thigh, shank = (np.radians(recording[name]) for name in ("thigh_angle", "shank_angle"))
+    if channel == "ankle_x":
+        return np.asarray(recording["carriage_x"] - 0.43 * (np.sin(thigh) + np.sin(shank)))
+    if channel == "ankle_z":
+        return np.asarray(recording["carriage_z"] - 0.43 * (np.cos(thigh) + np.cos(shank)))
+    return recording[channel]
+
+
 def dataset(
     folder: Path,
     *,
@@ -54,8 +64,9 @@ def dataset(
     seed: int = 0,
     uncertain: Mapping[str, str] | None = None,
     offset: Mapping[str, float] | None = None,
+    limb: bool = False,
 ) -> Path:
-    """Write it; ``offset`` is added to columns."""
+    """Write it; ``offset`` is added to columns. ``limb``: where the ankle is, is reckoned from the limb."""
     random = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
     lines = ['format = "klute-sim-dataset/1"', 'rig = "gait"', f'device = "{DEVICE}"', "", "[uncertain]"]
@@ -63,13 +74,14 @@ def dataset(
     lines += [f'"{key}" = "{value}"' for key, value in (told if uncertain is None else uncertain).items()]
     for group in groups:
         recording = walked(group, effects, edit, strides)
+        by_limb = partial(reckoned, recording)
         for repeat in range(repeats):
             files = []
             for part, interval, noises in (("motion", 5e-3, MOTION), ("load", 1e-3, LOAD)):
                 every = round(interval / STEP)
                 columns = {"time [s]": recording["time"][::every]}
                 for heading, noise in noises.items():
-                    values = recording[heading.split(" ")[0]][::every]
+                    values = (by_limb if limb else recording.__getitem__)(heading.split(" ")[0])[::every]
                     seen = values + random.normal(0.0, 1.0, len(values)) * noise
                     columns[heading] = seen + (offset or {}).get(heading, 0.0)
                 files.append(f"{group}_{repeat}_{part}.csv")

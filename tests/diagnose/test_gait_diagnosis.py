@@ -18,6 +18,7 @@ from klute_sim.diagnose import noise as noises
 from klute_sim.diagnose.device_file import augmented
 from klute_sim.diagnose.diagnosis import Diagnosis, Options, diagnose
 from klute_sim.diagnose.experiment import Bench, Setting, moved, shown
+from klute_sim.diagnose.hypothesis import Hypothesis
 from klute_sim.diagnose.locate import _cuts, _region
 from klute_sim.diagnose.on_gait import AFTER, BEFORE, OnGait
 from klute_sim.diagnose.prepare import prepare
@@ -138,10 +139,25 @@ def test_a_trial_without_strides_is_refused(clean: datasets.Dataset) -> None:
         prepare(one, datasets.split(one))
 
 
-def test_uncertain_numbers_of_the_body_are_refused(clean: datasets.Dataset) -> None:
-    uncertain = {"muscle.c10_kpa": 1.0, "effects.ankle_friction.moment_n_m": 0.5}
-    with pytest.raises(InputError, match=r"'effects\.ankle_friction\.moment_n_m' is of the body and is not refitted"):
-        prepare(replace(clean, uncertain=uncertain), datasets.split(clean))
+def test_uncertain_numbers_of_the_body_move_the_foot(clean: datasets.Dataset) -> None:
+    """As much as those that a device file has; and a bench, which shows nothing of them, refuses them."""
+    text = gait_made.load(gait_made.DEVICE).content.decode() + "[effects.ankle_friction]\nmoment_n_m = {}\n"
+    rubs, rubs_more = (gait_made.read(text.format(moment).encode(), "one") for moment in (2.0, 3.0))
+    key = "effects.ankle_friction.moment_n_m"
+    having = [
+        replace(clean, device=device, trials=(replace(clean.trials[0], device=device),), uncertain={key: 0.5})
+        for device in (rubs, rubs_more)
+    ]
+    (one,), (other,) = (prepare(each, datasets.split(clean)) for each in having)
+    hypothesis = Hypothesis(rubs, ((key, 0.5),), ())
+    (setting,) = hypothesis.settings(np.array([2.0]), [one])
+    found, wanted = one.trace(setting), other.trace(Setting(rubs_more.parameters))
+    assert found.angle is not None
+    assert wanted.angle is not None
+    assert np.array_equal(found.angle, wanted.angle)
+    assert rms(found.angle - one.trace(Setting(rubs.parameters)).angle) > np.radians(0.05)
+    with pytest.raises(InputError, match=r"'effects\.ankle_friction\.moment_n_m' is of the body, and a bench shows"):
+        prepare(replace(having[0], rig="bench"), datasets.split(clean))
 
 
 def test_a_recording_of_ours_is_a_trial_and_lacks_nothing(tmp_path: Path) -> None:
@@ -215,3 +231,28 @@ def test_a_hidden_friction_of_the_ankle_is_named_and_walks_again(tmp_path: Path)
     for gap in found.gap.values():
         assert gap.floor is not None
         assert gap.after < 1.1 * gap.floor
+
+
+def test_a_foot_that_bends_is_named_where_markers_are_on_it(tmp_path: Path) -> None:
+    """Two bodies in MuJoCo, one number in the replay."""
+    effects = "\n[effects.foot_stiffness]\ncompliance_deg_per_n_m = 0.01\n"
+    data = datasets.read(gait_made.dataset(tmp_path / "data", effects=effects, groups=("fit_1", "select_1")))
+    found = diagnose(data, Options(only=("foot_stiffness", "return_spring_error", "sensor_gain")))
+    assert found.verdict == "named"
+    assert named(found) == ["foot_stiffness"]
+    assert found.final is not None
+    assert found.final.values[-1] == pytest.approx(0.01, rel=0.03)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("limb", [True, False])
+def test_a_limb_that_sinks_into_its_socket_shows_above_the_socket_alone(tmp_path: Path, limb: bool) -> None:
+    """With the whole catalogue to choose from; with markers on the prosthesis nothing is missing."""
+    effects = "\n[effects.socket_pistoning]\ncompliance_mm_per_kn = 10.0\n"
+    data = datasets.read(gait_made.dataset(tmp_path / "data", effects=effects, limb=limb))
+    found = diagnose(data)
+    assert found.verdict == ("named" if limb else "nothing-missing")
+    assert named(found) == (["socket_pistoning"] if limb else [])
+    if limb:
+        assert found.final is not None
+        assert found.final.values[-1] == pytest.approx(10.0, rel=0.05)

@@ -139,6 +139,23 @@ def test_the_numbers_are_those_of_the_rows(tmp_path: Path) -> None:
     assert "braid_hysteresis, coulomb" in text
 
 
+def test_walks_are_counted_by_themselves() -> None:
+    friction = {"name": "ankle_friction", "form": "coulomb", "parameters": {"moment_n_m": 2.0}}
+    told = {**friction, "channel": None, "parameters": {"moment_n_m": {"value": 2.1, "low": 1.9, "high": 2.3}}}
+    bench = [Row("clean_0", truth(block="clean", size=0.0), verdict("nothing-missing"), "right")]
+    walks = [
+        Row("walk_0", truth((friction,), block="walk", size=2.0), verdict("named", told), "right"),
+        Row("walk_1", truth((friction,), block="walk", size=0.7), verdict("nothing-missing"), "absorbed"),
+        Row("walk_clean_0", truth(block="walk_clean", size=0.0), verdict("named", told), "false-alarm"),
+    ]
+    plain, found = ({one.name: one for one in metrics.metrics(rows)} for rows in (bench, bench + walks))
+    assert {name: found[name] for name in plain} == plain
+    assert found["walks: exact set, effect at least as large as the noise"].of == 1
+    assert found["walks: false alarms on clean data"].value == 1.0
+    assert found["walks: wrong name, at any size"].value == pytest.approx(1 / 3)
+    assert found["walks: 95 % intervals that cover the truth"].value == 1.0
+
+
 def test_effects_get_the_size_that_is_wanted() -> None:
     """By the definition: what is left after the device's numbers followed, over noise, in the worst channel."""
     base = catalogue.load_device()

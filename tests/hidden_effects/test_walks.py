@@ -10,70 +10,115 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "hidden_effects"))
 
+import catalogue as benchmark
+import plan
+import sizes
+import walk_models
 import walks
 
 from klute_sim.dataset import dataset as datasets
 from klute_sim.device.files import load
 from klute_sim.effects import catalogue
+from klute_sim.laws.foot import Foot
 from klute_sim.rigs.gait.body import read
 from klute_sim.rigs.gait.build import build
 from klute_sim.rigs.replay.foot import foot_of
 
-
-def test_every_hidden_effect_is_in_the_catalogue_with_these_numbers() -> None:
-    for hidden in walks.CATALOGUE:
-        effect, form = catalogue.form_of(hidden.name, hidden.form)
-        assert set(hidden.typical) == {p.key for p in form.parameters}
-        assert (effect.kind == "body") == (hidden.edit is not None)
-        assert (effect.kind == "instrument") == (hidden.channel is not None)
-        for p in form.parameters:
-            neutral, typical = hidden.typical[p.key]
-            assert neutral == (typical if p.neutral is None else p.neutral)
-            assert p.low <= neutral + walks.SIZES[1] * (typical - neutral) <= p.high
+DEVICE = load(walks.DEVICE)
+FOOT = foot_of(DEVICE)
+IDS = [f"{name}-{form}" for name, form in benchmark.BODY]
 
 
-@pytest.mark.parametrize("hidden", [h for h in walks.CATALOGUE if h.edit], ids=lambda h: f"{h.name}-{h.form}")
-def test_the_benchmarks_own_mjcf_means_the_same(hidden: walks.Hidden) -> None:
-    device = load(walks.DEVICE)
-    own = {key: typical for key, (_, typical) in hidden.typical.items()}
+def test_what_hides_is_all_of_the_body_with_the_catalogues_numbers() -> None:
+    every = [(e.name, form.name) for e in catalogue.effects().values() if e.kind == "body" for form in e.forms]
+    assert set(every) - set(benchmark.BODY) == {("ankle_friction", "both")}  # made of the other two
+    assert set(benchmark.BODY) == set(walk_models.EDITS)
+    for (name, form), own in benchmark.BODY.items():
+        there = catalogue.form_of(name, form)[1].parameters
+        assert {p.key: (p.neutral, p.low, p.high, p.typical) for p in there} == {
+            key: (p.neutral, p.low, p.high, p.typical) for key, p in own.items()
+        }
 
-    def edit(spec: mujoco.MjSpec) -> None:
-        assert hidden.edit is not None
-        hidden.edit(spec, own)
 
-    model = build(device, mass=75.0, stature=1.75, step=walks.STEP, edit=edit)
-    foot, wanted = read(model), catalogue.edited({(hidden.name, hidden.form): own}, foot_of(device))
-    if hidden.name == "end_stop":
+@pytest.mark.parametrize(("name", "form"), benchmark.BODY, ids=IDS)
+def test_the_benchmarks_own_mjcf_means_the_same(name: str, form: str) -> None:
+    own = {key: p.typical for key, p in benchmark.BODY[name, form].items()}
+    edit = walk_models.edit([{"name": name, "form": form, "parameters": own}])
+    model = build(DEVICE, mass=75.0, stature=1.75, step=walks.STEP, edit=edit)
+    wanted = catalogue.edited({(name, form): own}, FOOT)
+    if name == "end_stop":
         (bumper,) = (k for k in range(model.ntendon) if model.tendon(k).name == "rubber")
         assert model.tendon_stiffness[bumper] == pytest.approx(wanted.bumper)
         assert model.tendon_lengthspring[bumper, 1] == pytest.approx(wanted.bumper_at)
+    elif name == "socket_pistoning":
+        assert 1.0 / model.joint("stump").stiffness[0] == pytest.approx(wanted.socket)
+    elif name.startswith("foot_"):
+        bends_like(model, wanted)
     else:
-        assert foot == pytest.approx(wanted, rel=1e-9)
-        assert foot != pytest.approx(foot_of(device), rel=1e-3)
+        assert read(model) == pytest.approx(wanted, rel=1e-9)
+        assert read(model) != pytest.approx(FOOT, rel=1e-3)
 
 
-def test_a_plan_is_the_same_again_and_begins_with_the_shorter_one() -> None:
-    assert walks.plan(5, 2, 7) == walks.plan(5, 2, 7)
-    assert walks.plan(3, 0, 7) == walks.plan(5, 2, 7)[:3]
-    assert [one["hidden"] for one in walks.plan(0, 2, 7)] == [[], []]
-    names = {one["hidden"][0]["name"] for one in walks.plan(40, 0, 7)}
-    assert names == {hidden.name for hidden in walks.CATALOGUE}
+def bends_like(model: mujoco.MjModel, foot: Foot) -> None:
+    """A spring between foot and rocker, all that was the ankle's between rocker and pylon; mass is as it was."""
+    data, leaf, compliance = mujoco.MjData(model), model.joint("leaf"), foot.keel
+    ankle, hinge = model.joint("prosthesis_ankle"), model.tendon("hinge").id
+    assert 1.0 / leaf.stiffness[0] == pytest.approx(compliance)
+    assert leaf.frictionloss[0] == pytest.approx(foot.keel_held / compliance)
+    slow = float(leaf.damping[0]) * compliance
+    assert slow == pytest.approx(foot.keel_time if foot.keel_time > 2e-3 else walk_models.RING)
+    data.qpos[[ankle.qposadr[0], leaf.qposadr[0]]] = 0.2, -0.05
+    mujoco.mj_forward(model, data)
+    assert data.ten_length[hinge] == pytest.approx(0.15)
+    assert model.tendon_stiffness[hinge] == pytest.approx(FOOT.stiffness)
+    assert model.tendon_damping[hinge] == pytest.approx(FOOT.damping)
+    assert model.tendon_lengthspring[hinge] == pytest.approx([FOOT.rest, FOOT.rest])
+    assert model.tendon_range[hinge] == pytest.approx([FOOT.lowest, FOOT.highest])
+    assert model.tendon_solref_lim[hinge] == pytest.approx([FOOT.stop_time, 1.0])
+    assert not ankle.stiffness[0]
+    whole = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, whole)
+    assert whole[ankle.dofadr[0], ankle.dofadr[0]] == pytest.approx(FOOT.inertia)
 
 
 def test_a_dataset_is_read_and_its_truth_lies_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(walks, "GROUPS", {"fit_1": 1.2})
-    monkeypatch.setattr(walks, "STRIDES", 2)
-    fault = {"name": "sensor_offset", "form": "linear", "parameters": {"offset": 2.0}, "channel": "ankle_angle"}
-    for name, hidden in (("plain", []), ("faulty", [fault])):
-        walks.make(tmp_path / name, tmp_path / f"{name}.truth.json", [1, 2], hidden)
+    monkeypatch.setattr(walks, "STRIDES", 3)
+    monkeypatch.setattr(walks, "STEP", 1e-3)  # quickly
+    given = {"offset": 2.0}
+    fault = {"name": "sensor_offset", "form": "offset", "parameters": given, "channel": "ankle_angle", "wanted": 2.0}
+    for name, faults in (("plain", []), ("faulty", [fault])):
+        walks.make(tmp_path / name, 5, instruments=faults, truth=tmp_path / f"{name}.truth.json")
     plain, faulty = (datasets.read(tmp_path / name) for name in ("plain", "faulty"))
     assert plain.rig == "gait"
     assert [trial.group for trial in plain.trials] == ["fit_1", "fit_1"]
+    truth = json.loads((tmp_path / "faulty.truth.json").read_text("utf-8"))
+    offset = truth["instruments"][0]["parameters"]["offset"]
+    assert 2.0 * benchmark.ON_WALKS["ankle_angle"].noise < offset < 0.4  # the device's numbers follow a part of it
+    assert truth["size"] == pytest.approx(2.0, rel=0.1)
     one, other = (each.trials[0].measured["ankle_angle"].value for each in (plain, faulty))
-    assert other - one == pytest.approx(np.radians(2.0), abs=1e-6)
+    assert other - one == pytest.approx(np.radians(offset), abs=1e-6)
     assert len({len(trial.prescribed["cop_x"].time) for trial in plain.trials}) == 2  # repeats differ in pace
-    assert json.loads((tmp_path / "faulty.truth.json").read_text("utf-8"))["instruments"] == [fault]
     assert not list((tmp_path / "faulty").glob("*truth*"))
+
+
+def test_sizes_are_sought_as_on_the_bench() -> None:
+    own = benchmark.BODY["end_stop", "bumper"]
+    effect = {"name": "end_stop", "parameters": {"stiffness_n_m_per_deg": 4.0, "begin_deg": 6.0}, "wanted": 2.0}
+    found = sizes.as_wanted(effect, own, lambda one: 0.25 * one["parameters"]["stiffness_n_m_per_deg"])
+    assert found["parameters"] == {"stiffness_n_m_per_deg": pytest.approx(8.0), "begin_deg": 6.0}
+    assert found["size"] == pytest.approx(2.0)
+
+
+def test_a_plan_hides_everything_in_every_size() -> None:
+    specs = plan.plan("walk", plan.BLOCKS["walk"], 7)
+    every = [(e["name"], e["form"], e.get("channel"), e["wanted"]) for s in specs for e in contents(s)]
+    assert sorted(every, key=str) == sorted(((*one, size) for one in plan.IN_WALKS for size in plan.SIZES), key=str)
+    assert not any(contents(spec) for spec in plan.plan("walk_clean", 3, 7))
+
+
+def contents(spec: plan.Spec) -> list[dict[str, object]]:
+    return [*spec.get("effects", []), *spec.get("instruments", [])]
 
 
 def test_lags_are_those_of_the_catalogue() -> None:

@@ -38,7 +38,8 @@ def edited(effect: Effect, form: Form, share: float = 1.0) -> Foot:
 def moving(seconds: float = 0.6) -> Inputs:
     time = np.arange(0.0, seconds, STEP)
     wave = np.sin(2.0 * np.pi * 2.5 * time)
-    return Inputs(0.3 * wave, -70.0 * wave, 5.0 * wave, 3.0 * wave, -60.0 * (1.0 - np.cos(8.0 * time)), 3e5 + 0 * time)
+    ground, load = -60.0 * (1.0 - np.cos(8.0 * time)), 500.0 * (1.0 + wave)
+    return Inputs(0.3 * wave, -70.0 * wave, 5.0 * wave, 3.0 * wave, ground, load, 100.0 * wave, 3e5 + 0 * time)
 
 
 @EVERY
@@ -65,16 +66,21 @@ def test_what_a_replay_does_mujoco_does(effect: Effect, form: Form) -> None:
         inside = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / STEP**2
         return np.concatenate([inside[:1], inside, inside[-1:]])
 
-    x, z, lean = recording["ankle_x"], recording["ankle_z"], np.radians(recording["shank_angle"])
-    ground = -z * recording["grf_forward"] - np.nan_to_num(recording["cop_x"] - x) * recording["grf_vertical"]
-    command = 1e5 * recording["pressure_command"]
-    inputs = Inputs(lean, twice(lean), twice(x), twice(z), ground, command)
+    thigh, lean = np.radians(recording["thigh_angle"]), np.radians(recording["shank_angle"])
+    # Reckoned from the limb, for the socket's sake.
+    x = recording["carriage_x"] - 0.43 * (np.sin(thigh) + np.sin(lean))
+    z = recording["carriage_z"] - 0.43 * (np.cos(thigh) + np.cos(lean))
+    forward, up = recording["grf_forward"], recording["grf_vertical"]
+    ground = -z * forward - np.nan_to_num(recording["cop_x"] - x) * up
+    load = up * np.cos(lean) + forward * np.sin(lean), up * np.sin(lean) - forward * np.cos(lean)
+    inputs = Inputs(lean, twice(lean), twice(x), twice(z), ground, *load, 1e5 * recording["pressure_command"])
     late = recording["time"] > 0.3
     off, without = (
         np.degrees(replay(PLAIN.parameters, foot, inputs, STEP).angle)[late] - recording["ankle_angle"][late]
         for foot in (edited(effect, form), FOOT)
     )
-    assert np.sqrt(np.mean(off**2)) < 0.02
+    # Where friction holds a foot off the ground, within 0.15 degrees, is up to the last spikes of the load.
+    assert np.sqrt(np.mean(off**2)) < (0.08 if form.name == "coulomb" and effect.name == "foot_hysteresis" else 0.025)
     assert np.sqrt(np.mean(without**2)) > 3.0 * np.sqrt(np.mean(off**2))
 
 
@@ -83,9 +89,8 @@ def test_signs() -> None:
 
     def held(foot: Foot) -> float:
         still = np.zeros(3000)
-        return float(
-            replay(PLAIN.parameters, foot, Inputs(still, still, still, still, still - 60.0, still), STEP).angle[-1]
-        )
+        inputs = Inputs(still, still, still, still, still - 60.0, still + 800.0, still + 100.0, still)
+        return float(replay(PLAIN.parameters, foot, inputs, STEP).angle[-1])
 
     forms = {f"{effect.name} {form.name}": edited(effect, form) for effect, form in FORMS}
     plain = held(FOOT)
@@ -98,6 +103,11 @@ def test_signs() -> None:
     assert held(forms["ankle_friction viscous"]) == pytest.approx(plain, abs=1e-6)
     stuck = held(forms["ankle_friction coulomb"]) - plain  # somewhere within what friction holds
     assert 0.0 < abs(stuck) < 2.0 / FOOT.stiffness
+    # Bent by all that pushes the toe up, a socket that gives lets the load push less.
+    assert held(forms["foot_stiffness linear"]) - plain == pytest.approx(np.radians(0.05 * 60.0), rel=0.02)
+    assert held(forms["foot_hysteresis viscous"]) == pytest.approx(held(forms["foot_stiffness linear"]), abs=1e-6)
+    assert held(forms["foot_hysteresis coulomb"]) == pytest.approx(plain + np.radians(0.05 * 57.0), rel=0.02)
+    assert held(forms["socket_pistoning axial"]) < plain
     assert forms["inertia_error mass"].inertia == pytest.approx(1.4 * FOOT.inertia)
 
 
@@ -116,3 +126,22 @@ def test_no_effect_gives_energy(effect: Effect, form: Form) -> None:
         if k % 500 == 0:
             assert energy < before + 1e-3
             before = energy
+
+
+@pytest.mark.parametrize("form", ["linear", "viscous", "coulomb"])
+def test_a_bending_foot_gives_back_no_more_than_it_took(form: str) -> None:
+    """Loops of a moment that swings by 60 N.m once a second, against their closed forms."""
+    effect, own = next(each for each in FORMS if each[1].name == form and each[0].name.startswith("foot_"))
+    foot, compliance, amplitude, step = edited(effect, own), np.radians(0.05), 60.0, 1e-4
+    bent = work = 0.0
+    for k in range(30000):
+        moment = amplitude * np.sin(2.0 * np.pi * k * step)
+        after = law.bend(foot, bent, moment, step)
+        work += moment * (after - bent) if k >= 20000 else 0.0
+        bent = after
+    late = 2.0 * np.pi * foot.keel_time
+    lost = np.pi * amplitude**2 * late / (1.0 + late * late)
+    if form == "coulomb":
+        lost += 4.0 * 3.0 * (amplitude - 3.0)
+    assert work == pytest.approx(compliance * lost, abs=0.05)
+    assert work > (0.0 if form == "linear" else 0.5)

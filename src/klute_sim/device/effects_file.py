@@ -37,18 +37,19 @@ def check(name: str, content: Content) -> Form:
 
 def values(sections: Mapping[str, Content]) -> tuple[float, ...]:
     """The law's values for all sections of a file that are of the device itself."""
-    return catalogue.values(_active(sections, "device"))
+    return catalogue.values(active(sections, "device"))
 
 
 def edited(sections: Mapping[str, Content], foot: Foot) -> Foot:
     """``foot`` with all sections of a file that are of the body it is built into."""
-    return catalogue.edited(_active(sections, "body"), foot)
+    return catalogue.edited(active(sections, "body"), foot)
 
 
-def _active(sections: Mapping[str, Content], kind: str) -> dict[tuple[str, str], dict[str, float]]:
-    active = {}
+def active(sections: Mapping[str, Content], kind: str) -> dict[tuple[str, str], dict[str, float]]:
+    """(effect, form) -> numbers by key, of all sections of a file that are of ``kind``."""
+    found = {}
     for name, content in sections.items():
         form = check(name, content)
         if catalogue.effects()[name].kind == kind:
-            active[name, form.name] = {p.key: float(content[p.key]) for p in form.parameters if p.key in content}
-    return active
+            found[name, form.name] = {p.key: float(content[p.key]) for p in form.parameters if p.key in content}
+    return found

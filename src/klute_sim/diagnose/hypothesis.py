@@ -6,7 +6,7 @@ logarithms from its typical value.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -149,11 +149,11 @@ class Hypothesis:
         """What to simulate in each of ``experiments``."""
         values = self.values(steps)
         active: dict[tuple[str, str], dict[str, float]] = {}
-        readings, body = [], []
+        readings, added = [], []
         for number, term in enumerate(self.terms):
             own = [(u, v) for u, v in zip(self.unknowns, values, strict=True) if u.term == number]
             if term.entry.kind == "body":
-                body.append(Edit(term.effect, term.form, tuple((u.key, v) for u, v in own)))
+                added.append(Edit(term.effect, term.form, tuple((u.key, v) for u, v in own)))
             elif term.channel is None:
                 active[term.effect, term.form] = {u.key: v for u, v in own}
             else:
@@ -162,7 +162,7 @@ class Hypothesis:
                 readings.append(Reading(term.channel, term.effect, si))
         found = dict(zip((key for key, _ in self.uncertain), values, strict=False))
         nominal = self.device.spec.numbers()
-        made: dict[str, Parameters] = {}  # most trials have the same device
+        made: dict[str, tuple[Parameters, list[Edit]]] = {}  # most trials have the same device
         result = []
         for experiment in experiments:
             device = experiment.device
@@ -174,10 +174,11 @@ class Hypothesis:
                     for key, value in found.items()
                 }
                 spec = with_numbers(device.spec, corrected)
-                effects = catalogue.values(dict(_active(spec)) | active)
-                made[device.digest] = spec.parameters()._replace(effects=effects)
+                effects = catalogue.values(_having(spec, "device") | active)
+                made[device.digest] = spec.parameters()._replace(effects=effects), _body(spec, corrected)
             faulty = tuple(each for each in readings if each.channel not in experiment.checked)
-            result.append(Setting(made[device.digest], faulty, tuple(body)))
+            parameters, body = made[device.digest]
+            result.append(Setting(parameters, faulty, (*body, *added)))
         return result
 
 
@@ -198,12 +199,19 @@ def with_numbers(spec: DeviceSpec, numbers: Mapping[str, float]) -> DeviceSpec:
     return spec.model_copy(update=changed)
 
 
-def _active(spec: DeviceSpec) -> list[tuple[tuple[str, str], dict[str, float]]]:
-    """The effects that the device itself has already."""
-    found = []
+def _having(spec: DeviceSpec, kind: str) -> dict[tuple[str, str], dict[str, float]]:
+    """The effects of ``kind`` that the device itself has already; numbers that are fitted may be out of range."""
+    found = {}
     for name, content in spec.effects.items():
-        if catalogue.effects()[name].kind != "device":
+        if catalogue.effects()[name].kind != kind:
             continue
         form = catalogue.form_of(name, str(content["form"]) if "form" in content else None)[1]
-        found.append(((name, form.name), {p.key: float(content[p.key]) for p in form.parameters if p.key in content}))
+        found[name, form.name] = {p.key: float(content[p.key]) for p in form.parameters if p.key in content}
     return found
+
+
+def _body(spec: DeviceSpec, corrected: Iterable[str]) -> list[Edit]:
+    """The effects of the body that the device itself has, if one of their numbers is among the ``corrected`` keys."""
+    changed = {key.split(".")[1] for key in corrected if key.startswith("effects.")}
+    own = _having(spec, "body")
+    return [Edit(*which, tuple(numbers.items())) for which, numbers in own.items() if which[0] in changed]

@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from klute_sim.dataset.trial import Series, Trial, Use
+from klute_sim.device import effects_file
+from klute_sim.device.files import Device
 from klute_sim.diagnose.experiment import COARSE, PRESSURE, Array, Course, Experiment, Motion, Setting, compared
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
@@ -17,9 +19,10 @@ from klute_sim.rigs.replay.rollout import Inputs, replay
 
 STEP = 5e-4
 """Time step [s]; together with one twice as long, a tenth of this is no more exact than an encoder."""
-BEFORE, AFTER = 0.04, 0.06
+BEFORE, AFTER = 0.06, 0.06
 """Around where the load comes or goes [s], what is not compared: it has spikes there, of a millisecond or so, that no
-laboratory samples (assumed; see the tests of the replay)."""
+laboratory samples (assumed; see the tests of the replay). One is up to 45 ms before a foot is off the ground, when all
+but the last of its sole has left."""
 TAIL = 0.06
 """At the end of a trial [s], what is not compared: the ankle's acceleration is not known there."""
 STEADY = 30.0
@@ -36,6 +39,7 @@ class OnGait(Experiment):
     """A trial of several strides."""
 
     foot: Foot = field(kw_only=True)
+    """Without effects of the body."""
     inputs: Inputs = field(kw_only=True)
     """One of each per step; the command is :attr:`command`."""
     load: Array = field(kw_only=True)
@@ -77,7 +81,8 @@ class OnGait(Experiment):
 
     def trace(self, setting: Setting) -> Motion:
         """See :class:`Experiment`; at the beginning of each step."""
-        foot = catalogue.edited({(one.effect, one.form): dict(one.own) for one in setting.body}, self.foot)
+        given = effects_file.active(self.device.spec.effects, "body")
+        foot = catalogue.edited(given | {(one.effect, one.form): dict(one.own) for one in setting.body}, self.foot)
         found = replay(setting.parameters, foot, self.inputs._replace(command=self.command), self.step)
         time: Array = self.begin + self.step * np.arange(float(len(self.command)))
         return Motion(time, found.tension, found.pressure, found.length, found.angle, found.moment)
@@ -138,12 +143,18 @@ def on_gait(trial: Trial, use: Use) -> OnGait:
         command=inputs.command,
         measured=_away(compared(trial, ready.begin, ready.end, ready.end - TAIL), ready),
         checked=trial.checked,
-        foot=foot_of(trial.device),
+        foot=foot_of(_bare(trial.device)),
         inputs=inputs,
         load=np.interp(grid, ready.vertical.time, ready.vertical.value),
         strikes=strikes,
         usual=float(np.mean(np.diff(strikes))),
     )
+
+
+def _bare(device: Device) -> Device:
+    """Without effects of the body."""
+    kept = {name: own for name, own in device.spec.effects.items() if catalogue.effects()[name].kind != "body"}
+    return replace(device, spec=device.spec.model_copy(update={"effects": kept}))
 
 
 def _strides(ready: Prescribed, where: str) -> Array:

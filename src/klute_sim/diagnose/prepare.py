@@ -20,14 +20,12 @@ def prepare(dataset: Dataset, split: Split) -> list[Experiment]:
     """The trials of ``dataset``, in its order.
 
     Raises InputError for devices that are commanded by openings, trials that its rig cannot simulate, or numbers of the
-    body that are said to be uncertain: only the device's own are refitted.
+    body that are said to be uncertain where there is none.
     """
-    for key in dataset.uncertain:
+    for key in dataset.uncertain if dataset.rig == "bench" else ():
         section, _, name = key.partition(".")
         if section == "effects" and catalogue.effects()[name.partition(".")[0]].kind == "body":
-            raise InputError(
-                f"[uncertain] '{key}' is of the body and is not refitted; take it out, or out of the device"
-            )
+            raise InputError(f"[uncertain] '{key}' is of the body, and a bench shows nothing of that; take it out")
     for trial in dataset.trials:
         refuse_openings(trial.device, f"trial '{trial.name}'")
     uses: dict[str, Use] = dict.fromkeys(split.fit, "fit")

@@ -8,8 +8,11 @@ from the ankle and ``a`` the ankle's acceleration::
     M_weight = m (c_x (g + a_z) - c_z a_x)         c turned by t + q
 
 with ``T r`` the device's tension times its arm. The base is prescribed, so its acceleration is an input and nothing
-acts back on it. Springs, masses and sites are the MJCF's; stop and step are MuJoCo's own formulas (documentation,
-"Computation", solver parameters; the integrator *implicitfast*), for the one coordinate that is free.
+acts back on it. Beyond the hinge the foot may bend (:func:`bend`): it is light, so it turns by what the moment asks
+for, and the hinge does not notice.
+
+Springs, masses and sites are the MJCF's; stop and step are MuJoCo's own formulas (documentation, "Computation", solver
+parameters; the integrator *implicitfast*), for the one coordinate that is free.
 """
 
 import math
@@ -55,6 +58,16 @@ class Foot(NamedTuple):
     stop_most: float
     stop_width: float
     """Impedance of a stop where it begins, and beyond that width [rad]: MuJoCo's solimp."""
+    keel: float
+    """Compliance of the foot between hinge and sole [rad/(N.m)]; 0: rigid."""
+    keel_time: float
+    """Time constant with which it bends [s]."""
+    keel_held: float
+    """How far friction in it holds it back [rad]."""
+    socket: float
+    """Compliance of the socket along the pylon [m/N]."""
+    carried: float
+    """Mass of all below the socket [kg]."""
 
 
 class Base(NamedTuple):
@@ -97,6 +110,27 @@ def _insertion(foot: Foot, angle: float) -> tuple[float, float]:
     cosine, sine = math.cos(angle), math.sin(angle)
     x = foot.insertion_x * cosine + foot.insertion_z * sine
     return x, foot.insertion_z * cosine - foot.insertion_x * sine
+
+
+def bend(foot: Foot, before: float, moment: float, step: float) -> float:
+    """By how much the foot is bent [rad], dorsiflexion positive, a ``step`` [s] after it was by ``before``.
+
+    The ``moment`` [N.m], plantarflexor positive, is what crosses the hinge. A spring with a dashpot and Coulomb
+    friction beside it (backward Euler): friction takes off as much as it can of the way to where the spring would be.
+    """
+    if foot.keel == 0.0:
+        return 0.0
+    way = foot.keel * moment - before
+    return before + (way - min(max(way, -foot.keel_held), foot.keel_held)) / (1.0 + foot.keel_time / step)
+
+
+def sinking(foot: Foot, base: Base, along: float) -> float:
+    """How far the limb sinks into its socket [m] under a ground reaction ``along`` the pylon [N].
+
+    What the socket gets is that less the weight and the acceleration of all below it.
+    """
+    up = (GRAVITY + base.upward) * math.cos(base.angle) + base.forward * math.sin(base.angle)
+    return foot.socket * (along - foot.carried * up)
 
 
 def weight(foot: Foot, angle: float, base: Base) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.recording.recording import Recording
-from klute_sim.rigs.gait.body import ANKLE
+from klute_sim.rigs.gait.body import ANKLE, KEEL
 
 FRAME_RATE = 100.0
 """Poses per second; channels keep every sample."""
@@ -60,6 +60,10 @@ def postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArray[np.in
         ANKLE + "ankle": -np.radians(recording["ankle_angle"]),  # the hinge is plantarflexion positive
         ANKLE + "heel": recording["heel_compression"],
     }
+    bends = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, KEEL)
+    if bends >= 0 and "ankle_moment" in recording:  # as its spring does, without loss: near enough for a picture
+        joints[KEEL] = -recording["ankle_moment"] / model.jnt_stiffness[bends]
+        joints[ANKLE + "ankle"] = joints[ANKLE + "ankle"] - joints[KEEL]
     positions = np.zeros((len(frames), model.nq))
     for name, values in joints.items():
         positions[:, model.joint(name).qposadr[0]] = values[frames]

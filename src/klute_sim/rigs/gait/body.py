@@ -1,5 +1,7 @@
 """Foot and ankle of the MJCF as numbers, and numbers put into the MJCF."""
 
+import math
+
 import mujoco
 import numpy as np
 
@@ -11,11 +13,23 @@ STICKING = (0.002, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
 """solref and solimp of friction in MuJoCo: as hard as a step of 1 ms allows, because the soft default creeps."""
 
 
+BUMPER, FREE = "bumper", 1e3
+"""Name of a bumper's tendon, and an ankle angle that is never reached [rad]."""
+KEEL, SOCKET = ANKLE + "keel", ANKLE + "socket"
+"""Joints of a foot that bends, and of a limb that sinks into its socket; models without have neither."""
+COPY = "_bent"
+"""At the end of names of what is copied, until its original is gone."""
+HINGE_SHARE = 0.3
+"""Of the mass of a foot that bends, what stays with the hinge (assumed): MuJoCo gives no moment to what has no mass."""
+SUNK = 3e-3
+"""Time constant of a socket [s] (assumed): a tenth of what it takes 2 kg to swing on 100 N/mm."""
+
+
 def read(model: mujoco.MjModel) -> Foot:
     """Of a model with ``ankle.xml`` in it, under the prefix :data:`ANKLE`.
 
     The heel's spring is taken to be rigid: it gives 3 mm under 1 kN, and what that shifts is in a measured centre of
-    pressure already.
+    pressure already. What makes a socket come to rest is left out, too.
     """
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -30,6 +44,9 @@ def read(model: mujoco.MjModel) -> Foot:
     least, most, width = model.jnt_solimp[number][:3]
     lowest, highest = model.jnt_range[number]
     bumper = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, BUMPER)
+    keel, socket = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in (KEEL, SOCKET))
+    bent = int(model.jnt_dofadr[keel])
+    keel_stiffness = math.inf if keel < 0 else float(model.jnt_stiffness[keel])
     return Foot(
         inertia=float(whole[dof, dof]),
         mass=float(model.body_subtreemass[foot]),
@@ -51,17 +68,19 @@ def read(model: mujoco.MjModel) -> Foot:
         stop_least=float(least),
         stop_most=float(most),
         stop_width=float(width),
+        keel=1.0 / keel_stiffness,
+        keel_time=0.0 if keel < 0 else float(model.dof_damping[bent]) / keel_stiffness,
+        keel_held=0.0 if keel < 0 else float(model.dof_frictionloss[bent]) / keel_stiffness,
+        socket=0.0 if socket < 0 else 1.0 / float(model.jnt_stiffness[socket]),
+        carried=float(model.body_subtreemass[model.body(ANKLE + "pylon").id]),
     )
-
-
-BUMPER, FREE = "bumper", 1e3
-"""Name of a bumper's tendon, and an ankle angle that is never reached [rad]."""
 
 
 def into(spec: mujoco.MjSpec, was: Foot, foot: Foot) -> None:
     """Make the foot of ``spec``, which is what it ``was``, into ``foot``; what is equal is not touched.
 
-    A bumper is a fixed tendon whose spring is slack up to where it begins. Centre of mass, origin and stops stay.
+    A bumper is a fixed tendon whose spring is slack up to where it begins. A foot that bends is two bodies, with a
+    second hinge on the ankle's axis between them. Centre of mass, origin and stops stay.
     """
     joint = spec.joint(ANKLE + "ankle")
     if foot.stiffness != was.stiffness:
@@ -86,3 +105,29 @@ def into(spec: mujoco.MjSpec, was: Foot, foot: Foot) -> None:
         tendon.wrap_joint(ANKLE + "ankle", -1.0)
         tendon.stiffness = np.array([foot.bumper, 0.0, 0.0])
         tendon.springlength = np.array([-FREE, foot.bumper_at])
+    if foot.keel != was.keel:
+        _bend(spec, foot)
+    if foot.socket != was.socket:
+        stiffness = 1.0 / foot.socket
+        slide, along = mujoco.mjtJoint.mjJNT_SLIDE, (0, 0, 1)
+        socket = spec.body(ANKLE + "pylon").add_joint(name=SOCKET, type=slide, axis=along)
+        socket.stiffness, socket.damping = np.array([stiffness, 0.0, 0.0]), np.array([SUNK * stiffness, 0.0, 0.0])
+
+
+def _bend(spec: mujoco.MjSpec, foot: Foot) -> None:
+    """Let all of the foot but its lever turn about the ankle against a spring."""
+    hinge, stiffness = spec.body(ANKLE + "foot"), 1.0 / foot.keel
+    keel = hinge.add_body(name=KEEL, ipos=hinge.ipos, iquat=hinge.iquat, explicitinertial=True)
+    spec.copy_during_attach = True
+    keel.attach_frame(spec.frame(KEEL), "", COPY)
+    for own in (spec.body(ANKLE + "heel"), *(geom for geom in hinge.geoms if geom.frame == spec.frame(KEEL))):
+        spec.delete(own)
+    for body in (keel, *keel.bodies):
+        for own in (*keel.bodies, *body.joints, *body.geoms):
+            own.name = own.name.removesuffix(COPY)
+    for body, share in ((keel, 1.0 - HINGE_SHARE), (hinge, HINGE_SHARE)):
+        body.mass, body.inertia = share * hinge.mass, share * np.asarray(hinge.inertia)
+    joint = keel.add_joint(name=KEEL, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 1, 0))
+    joint.stiffness, joint.damping = np.array([stiffness, 0.0, 0.0]), np.array([foot.keel_time * stiffness, 0.0, 0.0])
+    joint.frictionloss = foot.keel_held * stiffness
+    joint.solref_friction, joint.solimp_friction = STICKING

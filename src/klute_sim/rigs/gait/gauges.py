@@ -2,7 +2,8 @@
 
 A sample belongs to the start of its step: positions and velocities before it, forces and moments as MuJoCo
 evaluated them there, and the device as its implicit step balanced it (pressure and muscle length at the
-step's end, which are those the tension belongs to).
+step's end, which are those the tension belongs to). Angle, velocity and power of the ankle are those of the foot
+against the pylon, as markers see them: where the foot bends, hinge and bending together.
 """
 
 import mujoco
@@ -12,7 +13,7 @@ from klute_sim.device.step import State
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben
 from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.rigs.gait.body import ANKLE
+from klute_sim.rigs.gait.body import ANKLE, KEEL
 from klute_sim.units import BAR
 
 CHANNELS = (
@@ -57,6 +58,8 @@ class Gauges:
         self._joint = model.joint(ANKLE + "ankle").id
         self._dof = int(model.joint(ANKLE + "ankle").dofadr[0])
         self._angle = int(model.joint(ANKLE + "ankle").qposadr[0])
+        keel = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, KEEL)
+        self._bent = None if keel < 0 else (int(model.jnt_qposadr[keel]), int(model.jnt_dofadr[keel]))
         self._heel = int(model.joint(ANKLE + "heel").qposadr[0])
         self._foot = model.body(ANKLE + "foot").id
         self._origin = model.site(ANKLE + "achilles_origin").id
@@ -76,10 +79,13 @@ class Gauges:
         actuator, parameters = self._actuator, self._actuator.parameters
         tension = actuator.tension(data)
 
-        rate = float(v[self._dof])  # plantarflexion positive, as the hinge
+        angle, rate = float(q[self._angle]), float(v[self._dof])  # plantarflexion positive, as the hinge
+        turned, turning = angle, rate
+        if self._bent is not None:
+            turned, turning = turned + float(q[self._bent[0]]), turning + float(v[self._bent[1]])
         by_actuator = float(data.qfrc_actuator[self._dof])
         by_passive = float(data.qfrc_passive[self._dof])
-        by_stop = self._stop_moment(data, float(q[self._angle]))
+        by_stop = self._stop_moment(data, angle)
         moment = by_actuator + by_passive + by_stop
         up, forward, cop = self._ground(data)
         ankle = data.xpos[self._foot]
@@ -90,14 +96,14 @@ class Gauges:
             float(q[2]) * degrees,
             float(q[3]) * degrees,
             float(q[2] + q[3]) * degrees,
-            -float(q[self._angle]) * degrees,
-            -rate * degrees,
+            -turned * degrees,
+            -turning * degrees,
             float(q[self._heel]),
             moment,
             by_actuator,
             by_passive,
             by_stop,
-            moment * rate,
+            moment * turning,
             by_actuator * rate,
             self._moment_arm(data),
             actuator.unit_length(data),

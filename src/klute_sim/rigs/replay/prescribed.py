@@ -1,9 +1,12 @@
 """Measured motion and load made ready to be replayed.
 
 The ground's moment about the ankle is ``-z F_x - (x_cop - x) F_z`` (plantarflexing positive, ``x`` and ``z`` the
-ankle's place over the ground) and is interpolated linearly between samples of the load. Accelerations are second
-derivatives of the motion after a zero-lag low-pass, as is usual for markers (Winter, Biomechanics and Motor Control of
-Human Movement, 4th ed. 2009, section 3.4); they only move 0.8 kg of foot.
+ankle's place over the ground) and is interpolated linearly between samples of the load. Where that place was reckoned
+from the limb, and the limb sinks into its socket by ``d``, the ankle is ``d (sin t, cos t)`` from there (``t`` the
+shank's lean), and the moment is ``d (F_z sin t - F_x cos t)`` more: the reaction across the pylon times ``d``.
+
+Accelerations are second derivatives of the motion after a zero-lag low-pass, as is usual for markers (Winter,
+Biomechanics and Motor Control of Human Movement, 4th ed. 2009, section 3.4); they only move 0.8 kg of foot.
 """
 
 from collections.abc import Mapping
@@ -33,6 +36,9 @@ class Prescribed(NamedTuple):
     z: CubicSpline
     ground: Series
     """Moment of the ground reaction about the ankle [N.m], plantarflexing positive."""
+    along: Series
+    across: Series
+    """See :class:`~klute_sim.rigs.replay.rollout.Inputs` [N]."""
     vertical: Series
     """Load [N]."""
     command: Series
@@ -49,6 +55,8 @@ class Prescribed(NamedTuple):
             forward=self.x(time, 2),
             upward=self.z(time, 2),
             ground=np.interp(time, self.ground.time, self.ground.value),
+            along=np.interp(time, self.along.time, self.along.value),
+            across=np.interp(time, self.across.time, self.across.value),
             command=np.interp(time, self.command.time, self.command.value),
         )
 
@@ -86,13 +94,16 @@ def prescribed(channels: Mapping[str, Series], where: str) -> Prescribed:
     known = np.isfinite(cop.value)
     place = np.interp(vertical.time, cop.time[known], cop.value[known])
     lever = np.where(vertical.value > LOADED, place - motion["ankle_x"](vertical.time), 0.0)
-    across = np.interp(vertical.time, forward.time, forward.value)
-    moment = -motion["ankle_z"](vertical.time) * across - lever * vertical.value
+    ahead = np.interp(vertical.time, forward.time, forward.value)
+    moment = -motion["ankle_z"](vertical.time) * ahead - lever * vertical.value
+    sine, cosine = np.sin(motion["shank_angle"](vertical.time)), np.cos(motion["shank_angle"](vertical.time))
     return Prescribed(
         angle=motion["shank_angle"],
         x=motion["ankle_x"],
         z=motion["ankle_z"],
         ground=Series(vertical.time, np.asarray(moment)),
+        along=Series(vertical.time, np.asarray(cosine * vertical.value + sine * ahead)),
+        across=Series(vertical.time, np.asarray(sine * vertical.value - cosine * ahead)),
         vertical=vertical,
         command=channels["pressure_command"],
         begin=float(max(series.time[0] for series in channels.values())),

@@ -43,6 +43,9 @@ class Inputs(NamedTuple):
     """Acceleration of the ankle [m/s2]."""
     ground: Array
     """Moment of the ground reaction about the ankle [N.m], plantarflexing positive."""
+    along: Array
+    across: Array
+    """The ground reaction along the pylon, up it positive, and across it, backward positive [N]."""
     command: Array
     """Pressure [Pa]."""
 
@@ -57,7 +60,7 @@ class Replay(NamedTuple):
     length: Array
     """Of the muscle [m]."""
     angle: Array
-    """Of the ankle, dorsiflexion positive [rad]."""
+    """Of the foot against the pylon, dorsiflexion positive [rad]: the hinge, and what the foot bends."""
     moment: Array
     """Of tendon, spring, damping, friction and stops about the ankle [N.m], plantarflexor positive."""
 
@@ -76,22 +79,25 @@ def run(
 ) -> None:
     """Fill ``out`` (samples, 5) in the order of :class:`Replay`; SI.
 
-    ``row`` is the device's parameters, ``inputs`` (samples, 5) those of :class:`~klute_sim.laws.foot.Base`. The first
+    ``row`` is the device's parameters, ``inputs`` (samples, 7) those of :class:`Inputs` but the command. The first
     of them are held for ``settling`` steps before that, with nothing accelerating.
     """
     parameters = unpack(row)
     late = parameters.effects[DEAD_TIME] / step
-    before, angle, rate = State(pressure, length, memory), 0.0, 0.0
+    before, angle, rate, bent = State(pressure, length, memory), 0.0, 0.0, 0.0
     for n in range(-settling, len(inputs)):
         k = max(n, 0)
         now = inputs[k]
         base = Base(now[0], now[1], now[2], now[3], now[4]) if n >= 0 else Base(now[0], 0.0, 0.0, 0.0, now[4])
+        ground = base.ground + _foot.sinking(foot, base, now[5]) * now[6]
+        base = Base(base.angle, base.turning, base.forward, base.upward, ground)
         whole = _foot.unit_length(foot, angle)
         after = advance(parameters, before, whole, earlier(command, n - late), step)
         pull = tension(parameters, after, whole, (after.length - before.length) / step)
         then = _foot.turn(foot, angle, rate, pull, base, step)
+        bent = _foot.bend(foot, bent, then.moment, step)
         out[k, 0], out[k, 1], out[k, 2] = pull, after.pressure, after.length
-        out[k, 3], out[k, 4] = -angle, then.moment
+        out[k, 3], out[k, 4] = bent - angle, then.moment
         before, angle, rate = after, then.angle, then.rate
 
 
@@ -133,7 +139,7 @@ def replay(parameters: Parameters, foot: Foot, inputs: Inputs, step: float, *, l
     table = np.column_stack([np.asarray(series, dtype=np.float64) for series in inputs])
     if not np.isfinite(table).all():
         raise InputError("what is prescribed must be finite everywhere")
-    motion, command = np.ascontiguousarray(table[:, :5]), np.ascontiguousarray(table[:, 5])
+    motion, command = np.ascontiguousarray(table[:, :-1]), np.ascontiguousarray(table[:, -1])
     out = np.empty((len(table), len(Replay._fields)))
     start = taut(parameters, _foot.unit_length(foot, 0.0), float(command[0]))
     settling = round(SETTLING / step)
