@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from klute_sim.cli import common
+
 if TYPE_CHECKING:
     from klute_sim.device.files import Device
     from klute_sim.reproduce.assumed import Outcomes
@@ -18,7 +20,7 @@ MOST = 3
 @click.command("assumptions")
 @click.argument("names", metavar="[NAME|FILE]...", nargs=-1)
 @click.option("--gait", is_flag=True, help="Say what each number changes in walking, too: a walk for each of them.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
+@common.as_json("tables")
 def command(names: tuple[str, ...], gait: bool, as_json: bool) -> None:
     """List every assumed number of devices: why it was assumed, and what it changes.
 

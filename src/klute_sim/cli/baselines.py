@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli import common
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -34,20 +34,12 @@ FIELD = (
 @click.option(
     "--only", multiple=True, metavar="NAME", help="One of the baselines; may be given several times.  [default: all]"
 )
-@click.option("--mass", type=float, default=75.0, show_default=True, metavar="KG", help="Body mass [kg].")
-@click.option("--strides", type=int, default=5, show_default=True, help="Strides of each walk.")
-@click.option("--step", "step_ms", type=float, default=0.5, show_default=True, metavar="MS", help="Time step [ms].")
-@click.option(
-    "--jobs", type=click.IntRange(0, 256), default=0, metavar="N", help="Processes.  [default: 0, one per core]"
-)
-@click.option(
-    "--out",
-    type=GivenPath(),
-    default=None,
-    metavar="FOLDER",
-    help="Folder for the walks; one that was begun there goes on.  [default: runs/baselines-NNN]",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the tables.")
+@common.MASS
+@common.strides("Strides of each walk")
+@common.STEP
+@common.jobs()
+@common.growing("baselines", "the walks")
+@common.as_json("the tables")
 def command(
     only: tuple[str, ...], mass: float, strides: int, step_ms: float, jobs: int, out: Path | None, as_json: bool
 ) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli import common
 
 if TYPE_CHECKING:
     from klute_sim.device.files import Device
@@ -26,15 +26,9 @@ DEVICE = "klute-3-4-pair"
     is_flag=True,
     help="In the MuJoCo tester, with a crosshead on a servo and a load cell; slower.  [default: the device alone]",
 )
-@click.option("--step", "step_ms", type=float, default=0.5, show_default=True, metavar="MS", help="Time step [ms].")
-@click.option(
-    "--out",
-    type=GivenPath(),
-    default=None,
-    metavar="FOLDER",
-    help="New or empty folder for the run.  [default: runs/bench-NNN]",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
+@common.STEP
+@common.out("bench", "the run")
+@common.as_json()
 def command(
     protocol_name: str | None,
     device_name: str | None,

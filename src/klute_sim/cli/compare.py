@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli import common
 
 if TYPE_CHECKING:
     from klute_sim.compare.comparison import Comparison
@@ -46,15 +46,9 @@ RECORDING = "comparison.rrd"
     metavar="N",
     help="Strides left out at the start of each recording.  [default: 1 of a simulated walk, 0 of a measured one]",
 )
-@click.option(
-    "--out",
-    type=GivenPath(),
-    default=None,
-    metavar="FOLDER",
-    help="New or empty folder for the results.  [default: runs/compare-NNN]",
-)
+@common.out("compare", "the results")
 @click.option("--no-report", is_flag=True, help="Write the numbers only: no page, picture, rerun recording.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
+@common.as_json()
 def command(
     runs: tuple[str, ...],
     over: Any,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from klute_sim.cli import common
 from klute_sim.cli.given_path import GivenPath
 from klute_sim.laws.hill_tables import HILL
 
@@ -52,14 +53,8 @@ def _number(name: str, metavar: str, text: str) -> Callable[[Callable[..., None]
 @_number("--moment-arm", "MM", "With --mass: of the tendon about the ankle [mm].  [default: 48, assumed]")
 @_number("--tendon-strain", "%", "Stretch at the design force over tendon plus muscle [%].  [default: 4, assumed]")
 @click.option("--name", default="klute-design", show_default=True, metavar="NAME", help="Name of the device.")
-@click.option(
-    "--out",
-    type=GivenPath(),
-    default=None,
-    metavar="FOLDER",
-    help="New or empty folder for the design.  [default: runs/design-NNN]",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the tables.")
+@common.out("design", "the design")
+@common.as_json("the tables")
 def command(out: Path | None, as_json: bool, name: str, **given: Any) -> None:
     """Size actuators, damper and tendon for a muscle or for a walker.
 

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from klute_sim.cli import common
+
 if TYPE_CHECKING:
     from klute_sim.device.files import Device
 
@@ -24,7 +26,7 @@ FORCES_AT = 5.0
     help="Gauge pressure of the force table [bar].  [default: 5, or the supply's if that is less]",
 )
 @click.option("--toml", "as_toml", is_flag=True, help="Print the device file itself, to start your own from.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of tables.")
+@common.as_json("tables")
 def command(name: str | None, pressure: float | None, as_toml: bool, as_json: bool) -> None:
     """List the devices that come with the package, or show one.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from klute_sim.cli import common
 from klute_sim.cli.given_path import GivenPath
 
 if TYPE_CHECKING:
@@ -23,24 +24,12 @@ RECORDING = "recording.rrd"
 @click.option("--device", "device_file", default=None, metavar="NAME|FILE", help="Instead of the dataset's device.")
 @click.option("--only", multiple=True, metavar="EFFECT", help="Look for this effect only; may be repeated.")
 @click.option("--exclude", multiple=True, metavar="EFFECT", help="Do not look for this effect; may be repeated.")
-@click.option(
-    "--catalogue",
-    type=GivenPath(),
-    default=None,
-    metavar="FILE",
-    help="Python file with effects of your own, EFFECTS = [...]. The file is run: use only what you trust.",
-)
-@click.option("--jobs", type=click.IntRange(0, 256), default=0, metavar="N", help="Threads.  [default: 0, all cores]")
+@common.CATALOGUE
+@common.jobs("Threads.  [default: 0, all cores]")
 @click.option(
     "--seed", type=click.IntRange(0), default=0, metavar="N", help="Of where fits are tried again from.  [default: 0]"
 )
-@click.option(
-    "--out",
-    type=GivenPath(),
-    default=None,
-    metavar="DIR",
-    help="New folder for the results.  [default: runs/diagnose-NNN]",
-)
+@common.out("diagnose", "the results")
 @click.option("--no-report", is_flag=True, help="Write verdict.json and device.toml only: no page, plots, recording.")
 @click.option("--json", "as_json", is_flag=True, help="Print the verdict as one JSON object instead of words.")
 def command(

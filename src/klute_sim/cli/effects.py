@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from klute_sim.cli import common
 from klute_sim.cli.given_path import GivenPath
 from klute_sim.report import effects_words as words
 
@@ -18,13 +19,7 @@ if TYPE_CHECKING:
 @click.option(
     "--json", "as_json", is_flag=True, help="Print JSON instead of tables: one object, or a list without NAME."
 )
-@click.option(
-    "--catalogue",
-    type=GivenPath(),
-    default=None,
-    metavar="FILE",
-    help="Python file with effects of your own (docs/effects.md). Its code is run.",
-)
+@common.CATALOGUE
 @click.option(
     "--confusable",
     is_flag=True,

@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from klute_sim.cli import common
 from klute_sim.cli.given_path import GivenPath
 
 KINDS = ("mot", "sto", "trc", "log", "csv", "parquet")
@@ -24,13 +25,7 @@ KINDS = ("mot", "sto", "trc", "log", "csv", "parquet")
 @click.option(
     "--side", type=click.Choice(["right", "left"]), default="right", show_default=True, help="Whose names the leg gets."
 )
-@click.option(
-    "--out",
-    type=GivenPath(),
-    default=None,
-    metavar="FOLDER",
-    help="New or empty folder for the files.  [default: runs/export-NNN]",
-)
+@common.out("export", "the files")
 def command(run: Path, kinds: tuple[str, ...], side: Any, out: Path | None) -> None:
     """Write a run's motion and loads for other programs.
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from klute_sim.cli import common
 from klute_sim.cli.given_path import GivenPath
 
 if TYPE_CHECKING:
@@ -17,13 +18,7 @@ if TYPE_CHECKING:
 
 
 @click.command("gait")
-@click.option(
-    "--device",
-    "device_name",
-    default=None,
-    metavar="NAME|FILE",
-    help="Preset or device file.  [default: klute-1-1-4-pair]",
-)
+@common.DEVICE
 @click.option(
     "--controller",
     "controller_word",
@@ -83,8 +78,8 @@ if TYPE_CHECKING:
     metavar="DEG",
     help="Of the ground, uphill positive; the limb's motion on it is assumed [degrees].",
 )
-@click.option("--strides", type=int, default=5, show_default=True, help="Strides to walk.")
-@click.option("--step", "step_ms", type=float, default=0.5, show_default=True, metavar="MS", help="Time step [ms].")
+@common.strides("Strides to walk")
+@common.STEP
 @click.option(
     "--law",
     type=click.Choice(["auto", "compiled", "python"]),
@@ -92,15 +87,9 @@ if TYPE_CHECKING:
     show_default=True,
     help="The device's law compiled, or as plain Python (the reference: same bits); auto: compiled if possible.",
 )
-@click.option(
-    "--out",
-    type=GivenPath(),
-    default=None,
-    metavar="FOLDER",
-    help="New or empty folder for the run.  [default: runs/gait-NNN]",
-)
+@common.out("gait", "the run")
 @click.option("--csv", "with_csv", is_flag=True, help="Write recording.csv, too.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
+@common.as_json()
 def command(
     device_name: str | None,
     controller_word: str | None,

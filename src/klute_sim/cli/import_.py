@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from klute_sim.cli import common
 from klute_sim.cli.given_path import GivenPath
 
 if TYPE_CHECKING:
@@ -77,14 +78,8 @@ if TYPE_CHECKING:
     metavar="N",
     help="Of a dataset: N trials on end are repeats.  [default: those with equal stride times and pressures]",
 )
-@click.option(
-    "--out",
-    type=GivenPath(),
-    default=None,
-    metavar="FOLDER",
-    help="New or empty folder for the reference or the dataset.  [default: runs/import-NNN]",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
+@common.out("import", "the reference or the dataset")
+@common.as_json()
 def command(
     files: tuple[Path, ...],
     mass: float | None,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from klute_sim.cli import common
 from klute_sim.cli.given_path import GivenPath
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ UNCERTAIN = {
     is_flag=True,
     help="Simulate the recordings, too, with noise, to try what comes afterwards. They are no measurements.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
+@common.as_json()
 def command(device_name: str, out: Path, repeats: int, only: tuple[str, ...], rehearse: bool, as_json: bool) -> None:
     """Plan what to record with DEVICE (preset or device file) on a tensile tester.
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from klute_sim.cli import common
 from klute_sim.cli.given_path import GivenPath
 
 if TYPE_CHECKING:
@@ -33,13 +34,7 @@ DEVICE = "klute-3-4-pair"
 )
 @click.option("--missing", is_flag=True, help="Print the missing numbers as such a file to fill in, and end.")
 @click.option("--items", "every", is_flag=True, help="Print every item, not only what does not agree.")
-@click.option(
-    "--out",
-    type=GivenPath(),
-    default=None,
-    metavar="FOLDER",
-    help="New or empty folder for page and figures.  [default: runs/reproduce-NNN]",
-)
+@common.out("reproduce", "page and figures")
 @click.option("--json", "as_json", is_flag=True, help="Print a list of items instead of the table.")
 def command(
     device_name: str, published_file: Path | None, missing: bool, every: bool, out: Path | None, as_json: bool

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli import common
 
 if TYPE_CHECKING:
     from klute_sim.rigs.gait.reference import Reference
@@ -105,11 +105,9 @@ def _number(word: str, option: click.Parameter, wanted: str) -> float:
     metavar="STIFFNESS,...",
     help="Passive feet beside the devices named, without pressure [N·m/deg]; without any named, alone.",
 )
-@click.option("--strides", type=int, default=5, show_default=True, help="Strides of each walk.")
-@click.option("--step", "step_ms", type=float, default=0.5, show_default=True, metavar="MS", help="Time step [ms].")
-@click.option(
-    "--jobs", type=click.IntRange(0, 256), default=None, metavar="N", help="Processes.  [default: 0, one per core]"
-)
+@common.strides("Strides of each walk")
+@common.STEP
+@common.jobs(default=None)
 @click.option(
     "--ray",
     "address",
@@ -119,15 +117,9 @@ def _number(word: str, option: click.Parameter, wanted: str) -> float:
     metavar="[ADDRESS|local]",
     help="Walk on a Ray cluster: the one at ADDRESS, the one that Ray finds, or a local one made for this.",
 )
-@click.option(
-    "--out",
-    type=GivenPath(),
-    default=None,
-    metavar="FOLDER",
-    help="Folder for the sweep; one that was begun there by the same command goes on.  [default: runs/sweep-NNN]",
-)
+@common.growing("sweep", "the sweep")
 @click.option("--csv", "with_csv", is_flag=True, help="Write sweep.csv, too.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
+@common.as_json()
 def command(
     devices: tuple[str, ...],
     controllers: tuple[str, ...],

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from klute_sim.cli import common
 from klute_sim.cli.given_path import GivenPath
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ MINUTES = 20.0
 )
 @click.option("--resume", is_flag=True, help="Go on with the training in --out, from its last checkpoint.")
 @click.option("--show-config", is_flag=True, help="Print the shipped configuration, to start from, and stop.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
+@common.as_json()
 def command(
     minutes: float | None,
     steps: int | None,

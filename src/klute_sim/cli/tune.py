@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from klute_sim.cli import common
 from klute_sim.cli.given_path import GivenPath
 
 if TYPE_CHECKING:
@@ -13,13 +14,7 @@ if TYPE_CHECKING:
 
 
 @click.command("tune")
-@click.option(
-    "--device",
-    "device_name",
-    default=None,
-    metavar="NAME|FILE",
-    help="Preset or device file.  [default: klute-1-1-4-pair]",
-)
+@common.DEVICE
 @click.option(
     "--profile",
     "profile_file",
@@ -48,7 +43,7 @@ if TYPE_CHECKING:
     metavar="PART=W",
     help="Of moment, angle, power [per sd²] or air [per g]; may be given several times.  [default: 1, 1, 1, 0.1]",
 )
-@click.option("--mass", type=float, default=75.0, show_default=True, metavar="KG", help="Body mass [kg].")
+@common.MASS
 @click.option(
     "--budget",
     type=click.IntRange(1, 1_000_000),
@@ -58,17 +53,9 @@ if TYPE_CHECKING:
     help="Walks to try, in whole rounds.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Of the search.")
-@click.option(
-    "--jobs", type=click.IntRange(0, 256), default=0, metavar="N", help="Processes.  [default: 0, one per core]"
-)
-@click.option(
-    "--out",
-    type=GivenPath(),
-    default=None,
-    metavar="FOLDER",
-    help="Folder for the search; one that was begun there by the same command goes on.  [default: runs/tune-NNN]",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of the table.")
+@common.jobs()
+@common.growing("tune", "the search")
+@common.as_json()
 def command(
     device_name: str | None,
     profile_file: Path | None,
