@@ -6,13 +6,16 @@ Needs the extra 'rerun'.
 """
 
 import argparse
+import hashlib
 import sys
 import tempfile
 from pathlib import Path
 
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from klute_sim.cli import main as klute_sim
+from klute_sim.report import workbench
 
 COLOURS = 128
 """Of a picture: enough for lines and maps, and a quarter of the size."""
@@ -25,6 +28,14 @@ SHOWN = {
     "diagnose": (["diagnose", "data", "--example", *ONLY], []),
 }
 """Name of the picture -> the command that makes the folder, and options of the view."""
+KEY = "workbench"
+"""Under which a picture carries the digest of the code that drew it."""
+
+
+def digest() -> str:
+    """Of the code that the pictures show."""
+    sources = sorted(Path(workbench.__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in sources)).hexdigest()
 
 
 def run(*arguments: str) -> None:
@@ -51,7 +62,9 @@ def main() -> int:
             with Image.open(picture) as drawn:
                 small = drawn.convert("RGB").resize((WIDE, round(WIDE * drawn.height / drawn.width)))
             few = small.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-            few.save(picture, optimize=True)
+            about = PngInfo()
+            about.add_text(KEY, digest())
+            few.save(picture, optimize=True, pnginfo=about)
     return 0
 
 

@@ -1,11 +1,13 @@
-"""The site: every page is in it, and nothing in it leads nowhere."""
+"""The site: every page is in it, nothing in it leads nowhere, and its pictures are of this program."""
 
+import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 
@@ -43,6 +45,26 @@ def test_a_page_that_leads_nowhere_is_refused(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "LC_ALL": "C"}, check=False)
     assert done.returncode != 0
     assert "there.md" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["gait", "diagnose"])
+def test_the_pictures_of_the_workbench_are_of_this_workbench(name: str) -> None:
+    spec = importlib.util.spec_from_file_location("view_pictures", ROOT / "scripts" / "view_pictures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    assert name in script.SHOWN
+    with Image.open(ROOT / "docs" / "pictures" / f"view-{name}.png") as picture:
+        drawn = picture.text[script.KEY]
+    assert drawn == script.digest(), "run `python scripts/view_pictures.py docs/pictures`, and look at them"
+
+
+def test_every_script_of_pictures_is_in_the_one_that_makes_all() -> None:
+    text = (ROOT / "scripts" / "pictures.py").read_text("utf-8")
+    told = {name for name in ("house.py", "view_pictures.py", "effect_pages.py") if f'"{name}"' in text}
+    drawing = {path.name for path in (ROOT / "scripts").glob("*.py") if "docs/" in path.read_text("utf-8")}
+    assert told == drawing - {"pictures.py"}
 
 
 @pytest.mark.long
