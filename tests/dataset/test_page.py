@@ -30,7 +30,7 @@ def test_the_example_is_a_dataset(tmp_path: Path) -> None:
 
 
 def test_the_example_file_reads_as_said(tmp_path: Path) -> None:
-    (text,) = blocks("csv")
+    (text,) = blocks("text")
     (tmp_path / "a.csv").write_text(text)
     found = table.read(tmp_path / "a.csv", channels.known("bench"))
     assert np.isnan(found.columns["force"]).tolist() == [False, True, False]
