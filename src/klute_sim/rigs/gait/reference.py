@@ -41,6 +41,10 @@ DEVIATIONS = ("ankle_dorsiflexion_sd_deg", "ankle_moment_sd_nm_per_kg", "ankle_p
 
 PELVIS = 30.0
 """Most that shank minus (knee minus hip) may vary over the cycle [deg]; the pelvis tilts by a few degrees."""
+LARGEST = 1e4
+"""No number of a gait cycle, in the units of a reference, is larger."""
+FINEST = 1e-3
+"""Rows are no closer [% of the cycle]."""
 CLOSURE = 0.15
 """Largest mismatch of a column's two ends, over its range, that is still taken for one periodic stride."""
 LOADED = 0.02
@@ -154,8 +158,8 @@ def parse(text: str, where: str, stride_time: float = STRIDE_TIME) -> Reference:
     """The reference that CSV ``text`` holds, walked at ``stride_time`` [s]; ``where`` names it in errors."""
     columns = _columns(text, where)
     phase = columns.pop(PHASE)
-    if phase[0] != 0.0 or phase[-1] != 100.0 or not np.all(np.diff(phase) > 0):
-        raise InputError(f"reference {where}: {PHASE} must rise strictly from 0 to 100")
+    if phase[0] != 0.0 or phase[-1] != 100.0 or not np.all(np.diff(phase) >= FINEST):
+        raise InputError(f"reference {where}: {PHASE} must rise from 0 to 100, by {FINEST:g} or more from row to row")
     splines, ranges = {}, {}
     for name, values in columns.items():
         splines[name] = _periodic(name, phase / 100.0, values, where)
@@ -207,8 +211,11 @@ def _columns(text: str, where: str) -> dict[str, Samples]:
                 value = float(cell)
             except ValueError:
                 value = np.nan
-            if not np.isfinite(value):
-                raise InputError(f"reference {where}: column '{name}', row {number}: '{cell}' is not a finite number")
+            if not abs(value) <= LARGEST:
+                raise InputError(
+                    f"reference {where}: column '{name}', row {number}: '{cell}' is not a number from -{LARGEST:g} to "
+                    f"{LARGEST:g}"
+                )
             columns[name][index] = value
     for name in DEVIATIONS:
         if name in columns and columns[name].min() < 0:
