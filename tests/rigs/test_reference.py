@@ -79,7 +79,7 @@ def without_column(text: str) -> str:
         (lambda t: t.replace("\n4,", "\nnan,", 1), "column 'gait_pct', row 4"),
         (lambda t: t.replace("\n4,", "\n1,", 1), "must rise from 0 to 100"),
         (lambda t: t.replace("\n100,", "\n99,", 1), "must rise from 0 to 100"),
-        (lambda t: t.replace("27.10", "", 1), "column 'hip_flexion_deg', row 3: '' is not a number from -10000 to 10000"),
+        (lambda t: t.replace("27.10", "", 1), "column 'hip_flexion_deg', row 3: '' is not a number from -10000"),
         (lambda t: t.replace("27.10", "1e308", 1), "row 3: '1e308' is not a number from -10000 to 10000"),
         (lambda t: t.replace("\n4,", "\n2.0000000001,", 1), "by 0.001 or more from row to row"),
         (lambda t: t.replace("27.10", "inf", 1), "row 3"),
