@@ -1,7 +1,6 @@
 """docs/effects: a page for every effect, which says what the catalogue says and what the laws do."""
 
 import csv
-import importlib.util
 import json
 import re
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import pytest
 
+import scripts
 from klute_sim.device.files import load
 from klute_sim.diagnose.propose import CHANGES
 from klute_sim.effects import catalogue
@@ -23,12 +23,7 @@ LARGEST = 60 * 1024
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("effect_pages", ROOT / "scripts" / "effect_pages.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return scripts.script("effect_pages")
 
 
 @pytest.fixture(scope="module")

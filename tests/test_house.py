@@ -1,32 +1,23 @@
 """The house: imports go down its floors, files stay small, style and types are clean."""
 
 import ast
-import importlib.util
 import json
 import re
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from PIL import Image
+
+from scripts import script
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "klute_sim"
 FILES = sorted(SOURCE.rglob("*.py"))
 
 
-def _script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("house", ROOT / "scripts" / "house.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-house = _script()
+house = script("house")
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda f: str(f.relative_to(SOURCE)))

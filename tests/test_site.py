@@ -1,6 +1,5 @@
 """The site: every page is in it, nothing in it leads nowhere, and its pictures are of this program."""
 
-import importlib.util
 import os
 import subprocess
 import sys
@@ -8,6 +7,8 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
+
+from scripts import script
 
 ROOT = Path(__file__).parents[1]
 
@@ -49,15 +50,11 @@ def test_a_page_that_leads_nowhere_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["gait", "diagnose"])
 def test_the_pictures_of_the_workbench_are_of_this_workbench(name: str) -> None:
-    spec = importlib.util.spec_from_file_location("view_pictures", ROOT / "scripts" / "view_pictures.py")
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-    assert name in script.SHOWN
+    view_pictures = script("view_pictures")
+    assert name in view_pictures.SHOWN
     with Image.open(ROOT / "docs" / "pictures" / f"view-{name}.png") as picture:
-        drawn = picture.text[script.KEY]
-    assert drawn == script.digest(), "run `python scripts/view_pictures.py docs/pictures`, and look at them"
+        drawn = picture.text[view_pictures.KEY]
+    assert drawn == view_pictures.digest(), "run `python scripts/view_pictures.py docs/pictures`, and look at them"
 
 
 def test_every_script_of_pictures_is_in_the_one_that_makes_all() -> None:

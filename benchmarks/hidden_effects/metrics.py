@@ -13,6 +13,10 @@ WORTH = 1.0
 """Size, over the noise, from which an effect ought to be found."""
 
 
+DECISIVE = 6.0
+"""Chi squared that a proposed experiment has to promise; the program says so beside it."""
+
+
 class Row(NamedTuple):
     """A dataset, what was answered, and what that is worth."""
 
@@ -73,7 +77,12 @@ def metrics(rows: Sequence[Row]) -> list[Metric]:
         _share("exact set, triples", of("triple"), _right, None),
         _share("false alarms on clean data", of("clean"), lambda r: r.outcome == "false-alarm", 0.0, most=True),
         _share("wrong name, at any size", judged, lambda r: r.outcome in BAD, 0.02, most=True),
-        _share("in no catalogue: flagged", of("outside"), lambda r: r.outcome in ("flagged", "absorbed"), 0.95),
+        _share(
+            "in no catalogue: flagged, or nothing left to flag",
+            of("outside"),
+            lambda r: r.outcome in ("flagged", "absorbed"),
+            0.95,
+        ),
         _share("instrument taken for physics or back", judged, _confused, 0.02, most=True),
         _quantile("error of a number, median", errors, 0.5, 0.03, most=True),
         _quantile("error of a number, 90th percentile", errors, 0.9, 0.15, most=True),
@@ -117,7 +126,8 @@ def _confused(row: Row) -> bool:
 
 
 def _second(rows: Iterable[Row]) -> list[Row]:
-    return [row for row in rows if row.second is not None]
+    """Where the program promised that the experiment would decide; of some rivals it says that none does."""
+    return [r for r in rows if r.second is not None and r.verdict["next_experiment"]["separation_chi2"] >= DECISIVE]
 
 
 def _share(

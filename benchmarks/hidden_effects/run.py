@@ -32,7 +32,7 @@ from page import page
 from plan import BLOCKS, HALVES, WALKS, Spec, plan
 from rich.console import Console
 from rich.progress import track
-from score import score
+from score import resolved, score
 from second_round import second_round
 
 from report import report
@@ -116,7 +116,7 @@ class Run:
                 self._file(f"{name}_second", self._own[of_walks]),
                 partial(self._second, dataset, truth, verdict, deleted),
             )
-            second = score(truth, again)
+            second = resolved(truth, again)
         own = Row(name, truth, verdict, score(truth, verdict), second)
         # Whether anything is left to name is the dataset's own: all are held against the same refitted device.
         same = {"gap": verdict.get("gap", {}), "alike": verdict.get("alike", ())}

@@ -91,6 +91,15 @@ def score(truth: Truth, verdict: Verdict) -> str:
     return "twin" if _twin(true, found, verdict) else "wrong"
 
 
+def resolved(truth: Truth, again: Verdict) -> str:
+    """One word for what became of an ambiguous verdict with the data it asked for: :func:`score`'s, or *open*.
+
+    *open*: the truth is still one of several.
+    """
+    word = score(truth, again)
+    return "open" if word == "right" and again["verdict"] == "ambiguous" else word
+
+
 def _twin(true: Sequence[str], found: Sequence[str], verdict: Verdict) -> bool:
     """Whether ``found`` is ``true`` or some of it, with near twins in places."""
     open_ = [name for name in true if name not in found]

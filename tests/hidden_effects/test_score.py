@@ -19,7 +19,7 @@ import second_round  # noqa: E402
 import sizes  # noqa: E402
 import strangers  # noqa: E402
 from metrics import Row  # noqa: E402
-from score import first_right, kinds_confused, score  # noqa: E402
+from score import first_right, kinds_confused, resolved, score  # noqa: E402
 from simulate import Hidden, Noise, reported  # noqa: E402
 
 from klute_sim.dataset.dataset import read  # noqa: E402
@@ -27,6 +27,8 @@ from klute_sim.dataset.dataset import read  # noqa: E402
 HYSTERESIS = {"name": "braid_hysteresis", "channel": None}
 DAMPING = {"name": "muscle_damping", "channel": None}
 GAIN = {"name": "sensor_gain", "channel": "force"}
+ASKED = {"next_experiment": {"separation_chi2": 50.0}}
+"""What an ambiguous verdict asks for."""
 MASS = {"name": "moving_mass", "form": "rigid", "parameters": {"mass_kg": 2.0}}
 
 
@@ -97,6 +99,13 @@ def test_a_fault_s_number_is_compared_whatever_it_is_called() -> None:
     assert one.covered
 
 
+def test_what_is_still_ambiguous_is_not_resolved() -> None:
+    both = verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],))
+    assert resolved(truth((HYSTERESIS,)), both) == "open"
+    assert resolved(truth((HYSTERESIS,)), verdict("named", HYSTERESIS)) == "right"
+    assert resolved(truth((HYSTERESIS,)), verdict("named", GAIN)) == "wrong"
+
+
 def test_the_numbers_are_those_of_the_rows(tmp_path: Path) -> None:
     slope = {"slope_n_per_bar": 10.0}
     true = {**HYSTERESIS, "form": "coulomb", "parameters": slope}
@@ -111,9 +120,24 @@ def test_the_numbers_are_those_of_the_rows(tmp_path: Path) -> None:
         Row(
             "twin_0",
             truth((true,), block="twin"),
-            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)),
+            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)) | ASKED,
             "right",
             "right",
+        ),
+        Row(
+            "twin_1",
+            truth((true,), block="twin"),
+            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)) | ASKED,
+            "right",
+            "open",
+        ),
+        Row(
+            "twin_2",
+            truth((true,), block="twin"),
+            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],))
+            | {"next_experiment": {"separation_chi2": 5.0}},
+            "right",
+            "open",
         ),
         Row("outside_0", truth(block="outside", strangers=[MASS]), verdict("named", GAIN), "wrong"),
     ]
@@ -127,10 +151,11 @@ def test_the_numbers_are_those_of_the_rows(tmp_path: Path) -> None:
     assert found["95 % intervals that cover the truth"].value == 0.5
     removed = found["gap above the floor removed on unseen trials, named, median"]
     assert removed.value == pytest.approx((0.9 + 1.0) / 2)
-    assert found["wrong name, at any size"].value == pytest.approx(1 / 6)
-    assert found["in no catalogue: flagged"].value == 0.0
+    assert found["wrong name, at any size"].value == pytest.approx(1 / 8)
+    assert found["in no catalogue: flagged, or nothing left to flag"].value == 0.0
     assert found["rival sets contain the truth"].value == 1.0
-    assert found["resolved by the experiment that was asked for"].of == 1
+    decided = found["resolved by the experiment that was asked for"]
+    assert (decided.value, decided.of) == (0.5, 2)  # of the third the program said that nothing separates it
     assert found["exact set, pairs"].value is None
     text = page.page(rows, {}, {"half": "test"})
     assert "| clean_1 |" in text
