@@ -1,7 +1,6 @@
 """scripts/env.py, as far as it can be tested without building an environment."""
 
 import ast
-import importlib.util
 import shutil
 import sys
 from pathlib import Path
@@ -9,18 +8,15 @@ from types import ModuleType
 
 import pytest
 
+from scripts import script
+
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "scripts" / "env.py"
 
 
 @pytest.fixture
 def env() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("env_script", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("env")
 
 
 @pytest.fixture
