@@ -1,6 +1,7 @@
 """Walks with a prosthesis as datasets: what was exported comes back, and what is missing or odd is said."""
 
 import json
+import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -336,6 +337,12 @@ def walk_of(stride: float, bar: float) -> Walk:
     time = np.arange(0.0, 5.0 * stride, 0.01)
     asked = clocks.Series(time, bar * (1.0 + np.sin(2.0 * np.pi * time / stride)))
     return Walk("x", ("x",), {"pressure_command": asked}, stride * np.arange(5.0))
+
+
+def test_no_name_of_a_file_gets_out_of_its_comment(tmp_path: Path) -> None:
+    wanted = Wanted(device="any", uncertain={})
+    text = dataset_folder._toml(wanted, "any", [("one", ["a.csv"], ["odd\nrig = 'bench'.c3d"])])
+    assert tomllib.loads(text)["rig"] == "gait"
 
 
 def test_repeats_have_one_speed_and_one_profile() -> None:

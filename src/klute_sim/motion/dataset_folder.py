@@ -167,7 +167,7 @@ def _toml(wanted: Wanted, device: str, trials: Sequence[tuple[str, Sequence[str]
     if wanted.uncertain:
         lines += ["", "[uncertain]", *(f"{quoted(key)} = {quoted(value)}" for key, value in wanted.uncertain.items())]
     for group, files, origin in trials:
-        lines += ["", f"# {', '.join(origin)}"] if origin else [""]
+        lines += ["", f"# {', '.join(map(quoted, origin))}"] if origin else [""]
         lines += ["[[trial]]", f"files = [{', '.join(map(quoted, files))}]", f"group = {quoted(group)}"]
     return "\n".join(lines) + "\n"
 

@@ -16,7 +16,7 @@ from klute_sim.motion.options import ImportOptions
 from klute_sim.motion.sources import Source
 
 ATMOSPHERE = (0.85, 1.1)
-"""Pressure [bar] above what was commanded that looks like an absolute one."""
+"""Pressure [bar] above what was commanded that looks like an absolute one (assumed)."""
 ANKLE = "ankle_angle"
 
 

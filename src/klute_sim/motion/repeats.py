@@ -11,7 +11,7 @@ PACE = 0.04
 ALIKE = 0.05
 """Root mean square of two profiles' difference, over the first one's peak, up to which they are one (assumed)."""
 LEAST = 0.05
-"""The same [bar], for profiles that hardly ask for anything."""
+"""The same [bar], for profiles that hardly ask for anything (assumed)."""
 PHASE = np.linspace(0.0, 1.0, 101)
 
 

@@ -26,9 +26,9 @@ from klute_sim.recording.recording import Samples
 LONGEST_SWING = 0.8
 """Longer without load [s] is a step that no plate saw (assumed; a swing takes some 0.4 s)."""
 AROUND = 0.3
-"""Kept before the first and after the last contact of a trial that is cut [s]: swing, where the load is 0."""
+"""Kept before the first and after the last contact of a trial that is cut [s]: swing, where the load is 0 (assumed)."""
 SWUNG = 0.1
-"""Without load before a foot strike that begins a stride, at least [s]."""
+"""Without load before a foot strike that begins a stride, at least [s] (assumed, as a diagnosis takes it)."""
 FEWEST = 2
 """Foot strikes after a swing, which a diagnosis needs to tell strides."""
 NEEDED = ("shank_angle", "ankle_x", "ankle_z", "grf_vertical", "grf_forward", names.COMMAND)
