@@ -226,6 +226,7 @@ def test_a_hidden_friction_of_the_ankle_is_named_and_walks_again(tmp_path: Path)
     assert named(found) == ["ankle_friction (coulomb)"]
     assert found.final is not None
     assert found.final.values[-1] == pytest.approx(2.0, rel=0.05)
+    assert found.intervals[-1][0] < 2.0 < found.intervals[-1][1]
     device = augmented(found.final, "data")
     assert foot_of(device).friction == pytest.approx(found.final.values[-1], rel=1e-12)
     for gap in found.gap.values():
@@ -242,6 +243,7 @@ def test_a_foot_that_bends_is_named_where_markers_are_on_it(tmp_path: Path) -> N
     assert named(found) == ["foot_stiffness"]
     assert found.final is not None
     assert found.final.values[-1] == pytest.approx(0.01, rel=0.03)
+    assert found.intervals[-1][0] < 0.01 < found.intervals[-1][1]
 
 
 @pytest.mark.long

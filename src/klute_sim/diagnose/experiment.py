@@ -147,6 +147,11 @@ class Experiment(ABC):
         """The same in fewer, longer steps."""
 
     @property
+    def otherwise(self) -> "tuple[Experiment, ...]":
+        """The same, prepared in other ways that are as good; none where nothing measured has to be prepared."""
+        return ()
+
+    @property
     @abstractmethod
     def course(self) -> Course:
         """What is prescribed beside the pressure, for pictures."""

@@ -1,4 +1,4 @@
-"""How sure the fitted numbers are, from what sets repeats apart."""
+"""How sure the fitted numbers are: from what sets repeats apart, and from what all of them have in common."""
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -10,6 +10,7 @@ from scipy.stats import t as student
 from klute_sim.diagnose.experiment import Array
 from klute_sim.diagnose.fit import Evidence, Fit
 from klute_sim.diagnose.noise import stacks
+from klute_sim.diagnose.systematic import otherwise, shared, unexplained
 
 LEVEL = 0.95
 """Of the intervals."""
@@ -44,6 +45,9 @@ def intervals(evidence: Evidence, found: Fit) -> list[tuple[float, float]]:
     another time (:func:`shifted`), which is right for slow noise that is as loud everywhere; or it is loud just where
     it was seen (:func:`in_place`). Either is a sum of squares that few repeats tell, so an interval is as wide as
     Student's t asks for, with the degrees of freedom of that sum.
+
+    What a rig leaves out of its trials (:mod:`klute_sim.diagnose.systematic`) comes on top, as independent errors do
+    (JCGM 100:2008, 5.1.2).
     """
     solver: Array = np.asarray(np.linalg.pinv(found.jacobian), float)
     groups = _groups(evidence, found, solver)
@@ -55,6 +59,8 @@ def intervals(evidence: Evidence, found: Fit) -> list[tuple[float, float]]:
         for k, own in enumerate(np.concatenate([each.of for each in squares], axis=1)):
             wide = student.ppf(0.5 + 0.5 * LEVEL, degrees(own, freedom, priors[k])) * np.sqrt(own.sum() + priors[k])
             reach[k] = max(reach[k], wide)
+    left_out = [*otherwise(evidence, found, solver), unexplained(shared(evidence, found, solver))]
+    reach = np.sqrt(reach**2 + sum((each**2 for each in left_out), np.zeros(len(solver))))
     ends = [
         (unknown.value(step - own), unknown.value(step + own))
         for unknown, step, own in zip(found.hypothesis.unknowns, found.steps, reach, strict=True)

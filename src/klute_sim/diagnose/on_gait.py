@@ -14,7 +14,7 @@ from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.laws.foot import Foot, arm
 from klute_sim.rigs.replay.foot import foot_of
-from klute_sim.rigs.replay.prescribed import Prescribed, prescribed
+from klute_sim.rigs.replay.prescribed import CUTOFF, Prescribed, prescribed
 from klute_sim.rigs.replay.rollout import Inputs, replay
 
 STEP = 5e-4
@@ -42,6 +42,8 @@ class OnGait(Experiment):
     """Without effects of the body."""
     inputs: Inputs = field(kw_only=True)
     """One of each per step; the command is :attr:`command`."""
+    smoother: Inputs = field(kw_only=True)
+    """The same of a motion that was smoothed with half the cutoff."""
     load: Array = field(kw_only=True)
     """Vertical [N], one per step."""
     strikes: Array = field(kw_only=True)
@@ -54,9 +56,14 @@ class OnGait(Experiment):
         """See :class:`Experiment`."""
         if self.step > STEP:
             return self
-        inputs = Inputs(*(series[::COARSE] for series in self.inputs))
+        inputs, smoother = (Inputs(*(s[::COARSE] for s in every)) for every in (self.inputs, self.smoother))
         few, load = self.command[::COARSE], self.load[::COARSE]
-        return replace(self, step=self.step * COARSE, inputs=inputs, command=few, load=load)
+        return replace(self, step=self.step * COARSE, inputs=inputs, smoother=smoother, command=few, load=load)
+
+    @cached_property
+    def otherwise(self) -> tuple[Experiment, ...]:
+        """See :class:`Experiment`."""
+        return (replace(self, inputs=self.smoother),)
 
     @property
     def course(self) -> Course:
@@ -130,6 +137,7 @@ class OnGait(Experiment):
 def on_gait(trial: Trial, use: Use) -> OnGait:
     """``trial`` made ready; raises InputError for one that cannot be replayed."""
     ready = prescribed(trial.prescribed, f"trial '{trial.name}'")
+    smoother = prescribed(trial.prescribed, f"trial '{trial.name}'", cutoff=0.5 * CUTOFF)
     grid: Array = ready.begin + STEP * np.arange(float(int((ready.end - ready.begin) / STEP + 1e-6)))
     inputs = ready.inputs(grid)
     strikes = _strides(ready, f"trial '{trial.name}'")
@@ -145,6 +153,7 @@ def on_gait(trial: Trial, use: Use) -> OnGait:
         checked=trial.checked,
         foot=foot_of(_bare(trial.device)),
         inputs=inputs,
+        smoother=smoother.inputs(grid),
         load=np.interp(grid, ready.vertical.time, ready.vertical.value),
         strikes=strikes,
         usual=float(np.mean(np.diff(strikes))),

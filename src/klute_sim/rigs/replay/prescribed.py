@@ -73,8 +73,10 @@ class Prescribed(NamedTuple):
         return np.asarray(self.vertical.time[1:][change == sign])
 
 
-def prescribed(channels: Mapping[str, Series], where: str) -> Prescribed:
+def prescribed(channels: Mapping[str, Series], where: str, *, cutoff: float = CUTOFF) -> Prescribed:
     """What ``channels`` (:data:`klute_sim.dataset.channels.PRESCRIBED` of a gait trial) prescribe.
+
+    Motion is low-passed at ``cutoff`` [Hz].
 
     Raises InputError for motion that is sampled too slowly, or a foot that never carries load; ``where`` names the
     trial.
@@ -87,7 +89,7 @@ def prescribed(channels: Mapping[str, Series], where: str) -> Prescribed:
                 f"{where}: '{name}' has {1.0 / series.interval:.0f} samples a second; a replay needs "
                 f"{1.0 / SLOWEST:.0f} or more, because the foot is moved by the ankle's acceleration"
             )
-        motion[name] = _smooth(series)
+        motion[name] = _smooth(series, cutoff)
     vertical, forward, cop = (channels[name] for name in ("grf_vertical", "grf_forward", "cop_x"))
     if not (vertical.value > LOADED).any():
         raise InputError(f"{where}: 'grf_vertical' is never above {LOADED:g} N: the foot has to stand on the ground")
@@ -111,11 +113,11 @@ def prescribed(channels: Mapping[str, Series], where: str) -> Prescribed:
     )
 
 
-def _smooth(series: Series) -> CubicSpline:
+def _smooth(series: Series, cutoff: float) -> CubicSpline:
     """Through the low-passed samples, on a clock of equal steps."""
     interval = series.interval
     clock = np.arange(series.time[0], series.time[-1] + 0.5 * interval, interval)
     even = np.interp(clock, series.time, series.value)
     # Rows of sections: a cutoff that is low against the sampling would make one long filter inexact.
-    filter_ = butter(2, CUTOFF * 2.0 * interval, output="sos")
+    filter_ = butter(2, cutoff * 2.0 * interval, output="sos")
     return CubicSpline(clock, sosfiltfilt(filter_, even, padlen=min(len(even) - 1, round(0.1 / interval))))

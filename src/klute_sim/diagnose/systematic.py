@@ -1,0 +1,103 @@
+"""What is wrong in the same way in every repeat, so that no difference between repeats tells of it.
+
+A walk is replayed from what was measured of it: its motion is smoothed before it is differentiated twice, its load is
+sampled, and the replay knows less of limb and foot than they are. That moves the fitted numbers alike in all repeats.
+Two things are known of it: what preparing and simulating the trials in another way would change, and what the fit
+leaves that all repeats share. A rig that prescribes exactly what was commanded has neither
+(:attr:`~klute_sim.diagnose.experiment.Experiment.otherwise` is empty there).
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import norm
+
+from klute_sim.diagnose.experiment import Array
+from klute_sim.diagnose.fit import Evidence, Fit
+from klute_sim.diagnose.noise import stacks
+
+LEVEL = 0.95
+"""Of half widths."""
+
+
+class Shared(NamedTuple):
+    """What the fit leaves in one group of repeats."""
+
+    follow: Sequence[Array]
+    """Per channel: (unknowns, samples) how the unknowns, in steps, follow what all repeats share [1/SI]."""
+    mean: Sequence[Array]
+    """Per channel: (samples) residual in the mean over the repeats [SI]."""
+    apart: Sequence[Array]
+    """Per channel: (repeats, samples) noise that one of them has [SI]."""
+
+
+def otherwise(evidence: Evidence, found: Fit, solver: Array) -> list[Array]:
+    """By how much, at most, the unknowns would be others [steps], (unknowns,) each, had something been done otherwise.
+
+    Each is a fit of one linear step (``solver``, the pseudoinverse of the fit's Jacobian): trials simulated in long
+    steps, then each way to prepare them. These are half widths of what may be wrong (assumed: what is left out is no
+    more than what the other choice changes).
+    """
+    variants = list(zip(*(e.otherwise for e in evidence.experiments), strict=True))
+    if not variants:
+        return []
+
+    def moved(other: Evidence, *, coarse: bool = False) -> Array:
+        (residuals,) = other.residuals(found.hypothesis, [found.steps], coarse=coarse)
+        change = evidence.weighted(residuals) - evidence.weighted(found.residuals)
+        return np.asarray(np.abs(solver[:, : len(change)] @ change))
+
+    return [moved(evidence, coarse=True), *(moved(evidence.on(experiments)) for experiments in variants)]
+
+
+def shared(evidence: Evidence, found: Fit, solver: Array) -> list[Shared]:
+    """Of the groups whose trials could have been prepared otherwise."""
+    follow: dict[tuple[str, str], list[Array]] = defaultdict(list)
+    begin = 0
+    for experiment, weights, residual in zip(evidence.experiments, evidence.weights, found.residuals, strict=True):
+        for channel in weights:
+            end = begin + len(residual[channel])
+            if experiment.otherwise:
+                weight = evidence.noise[channel].weight(experiment.measured[channel].interval)
+                follow[experiment.group, channel].append(solver[:, begin:end] * weight)
+            begin = end
+    parts: dict[str, list[tuple[Array, Array, Array]]] = defaultdict(list)
+    for channel in evidence.noise:
+        for stack in stacks(evidence.experiments, found.residuals, channel):
+            together = np.zeros((len(solver), stack.rows.shape[1]))
+            for columns in follow.get((stack.group, channel), ()):  # repeats last about as long as each other
+                width = min(columns.shape[1], together.shape[1])
+                together[:, :width] += columns[:, :width]
+            if together.any():
+                many, mean = len(stack.rows), stack.rows.mean(axis=0)
+                parts[stack.group].append((together, mean, (stack.rows - mean) * np.sqrt(many / (many - 1.0))))
+    return [Shared(*zip(*every, strict=True)) for every in parts.values()]
+
+
+def unexplained(groups: Sequence[Shared]) -> Array | float:
+    """Half width [steps], (unknowns,), for a misfit as large as what ``groups`` share, at any time in their trials.
+
+    In place it moves nothing: the fit has seen to that. It might have come elsewhere, on average over all times
+    (by Parseval's theorem, as in :func:`klute_sim.diagnose.interval.shifted`), and in the same sense in every group.
+    What noise alone leaves in the mean over repeats does not count. 0 without groups.
+    """
+    return float(norm.ppf(0.5 + 0.5 * LEVEL)) * sum((_moved(group) for group in groups), np.zeros(1))
+
+
+def _moved(group: Shared) -> Array:
+    """Root mean square over all shifts [steps]."""
+    repeats = min(len(rows) for rows in group.apart)
+    noise = [_square(group.follow, [rows[k] for rows in group.apart]) for k in range(repeats)]
+    return np.asarray(np.sqrt(np.maximum(0.0, _square(group.follow, group.mean) - np.mean(noise, axis=0) / repeats)))
+
+
+def _square(follow: Sequence[Array], rows: Sequence[Array]) -> Array:
+    """Mean over all shifts of the square of what ``rows`` do to the unknowns, channels shifted together."""
+    width = max(len(row) for row in rows)
+    total = np.zeros((len(follow[0]), width // 2 + 1), np.complex128)
+    for columns, row in zip(follow, rows, strict=True):
+        own = np.fft.rfft(columns) * np.fft.rfft(row).conj() / len(row)
+        total[:, : own.shape[1]] += own
+    return np.asarray((np.abs(total) ** 2 * np.where(np.arange(total.shape[1]) == 0, 1.0, 2.0)).sum(axis=1))
