@@ -16,6 +16,7 @@ from klute_sim.errors import InputError
 from klute_sim.learn.training import COLUMNS
 from klute_sim.recording import parquet
 from klute_sim.report.workbench import chart, contents, folders, sweep
+from klute_sim.report.workbench import training as training_view
 from klute_sim.report.workbench.contents import Contents
 
 pytest.importorskip("rerun")
@@ -93,6 +94,14 @@ def test_a_training_shows_its_curve_and_what_it_came_to(tmp_path: Path) -> None:
     going = shown(tmp_path / "going")
     assert "evaluated/profile" not in going.entities
     assert text(going, "summary").startswith("# Training, not finished\n\n500 steps in 0.5 minutes")
+
+
+def test_a_long_training_is_shown_whole() -> None:
+    """The viewer alone would show a thousand steps before and after the cursor."""
+    window = training_view.blueprint(8000).root_container
+    curves = window.contents[0].contents
+    for plot in (curves[0], *curves[1].contents):
+        assert plot.properties["TimeAxis"].view_range.as_arrow_array().to_pylist() == [{"start": 0, "end": 8000}]
 
 
 def tuning(folder: Path) -> None:

@@ -110,11 +110,18 @@ def _cell(value: Any) -> str:
     return f"{value + 0.0:.4g}" if isinstance(value, float) else str(value).replace("|", "/").replace("\n", " ")
 
 
-def plot(name: str, entities: Sequence[str]) -> Any:
-    """A view of series over the timeline."""
+def plot(name: str, entities: Sequence[str], span: tuple[int, int] | None = None) -> Any:
+    """A view of series over the timeline.
+
+    Of a timeline of whole numbers the viewer shows a thousand before and after the cursor, unless told the ``span``.
+    """
     import rerun.blueprint as rrb
 
-    return rrb.TimeSeriesView(origin="/", contents=[f"/{entity}" for entity in entities], name=name)
+    rr, axis = sdk(), None
+    if span is not None:
+        first, last = (rr.TimeRangeBoundary.absolute(seq=end) for end in span)
+        axis = rrb.TimeAxis(view_range=rr.TimeRange(first, last))
+    return rrb.TimeSeriesView(origin="/", contents=[f"/{entity}" for entity in entities], name=name, axis_x=axis)
 
 
 def words(name: str, entity: str) -> Any:

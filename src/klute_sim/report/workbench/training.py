@@ -2,6 +2,7 @@
 
 import csv
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,8 @@ def remake(folder: Path, path: Path) -> None:
         raise InputError(f"{folder} has no learning curve yet: no episode has ended")
     told = folder / "summary.json"
     summary = json.loads(told.read_text("utf-8")) if told.is_file() else None
-    with stream.recorded(path, "training", [folder.name, summary, lines], blueprint) as out:
+    layout = partial(blueprint, int(curve["steps"][-1]))
+    with stream.recorded(path, "training", [folder.name, summary, lines], layout) as out:
         stream.tell(out, SUMMARY, page(curve, summary))
         axis = rr.TimeColumn(TIMELINE, sequence=curve["steps"].astype(np.int64))
         stream.send(out, axis, series(curve, summary))
@@ -73,10 +75,10 @@ def page(curve: dict[str, Samples], summary: dict[str, Any] | None) -> str:
     return f"{title}\n\n{went}\n\n{better}\n\n{table}"
 
 
-def blueprint() -> Any:
-    """Layout: the learning curve, episodes' length and the clock under it, the summary on the right."""
+def blueprint(last: int) -> Any:
+    """Layout: the learning curve to its ``last`` step, episodes' length and the clock under it; right, the summary."""
     import rerun.blueprint as rrb
 
-    first, *rest = (stream.plot(name, entities) for name, entities in PLOTS.items())
+    first, *rest = (stream.plot(name, entities, (0, last)) for name, entities in PLOTS.items())
     curves = rrb.Vertical(first, rrb.Horizontal(*rest), row_shares=[2, 1])
     return stream.whole(rrb.Horizontal(curves, stream.words("summary", SUMMARY), column_shares=[3, 2]), TIMELINE)
