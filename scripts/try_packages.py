@@ -73,11 +73,15 @@ def tried(wheel: Path, source: Path, resolution: str, options: argparse.Namespac
         away, programs = Path(place) / "empty", Path(place) / "environment" / "bin"
         away.mkdir()
         ran(["uv", "venv", "--quiet", "--python", options.python, str(programs.parent)], away)
-        wanted = [f"{wheel}[{options.extras}]" if options.extras else str(wheel)]
-        if options.suite:
-            wanted += tomllib.loads((source / "pyproject.toml").read_text("utf-8"))["dependency-groups"]["dev"]
-        how = ["--quiet", "--resolution", RESOLUTIONS[resolution], "--python", str(programs / "python")]
-        ran(["uv", "pip", "install", *how, *wanted], away)
+        install = ["uv", "pip", "install", "--quiet", "--python", str(programs / "python")]
+        # What a wheel needs is not direct to uv, so what is to be old is taken from where the wheel has it from.
+        project = tomllib.loads((source / "pyproject.toml").read_text("utf-8"))
+        needed = list(project["project"]["dependencies"])
+        for extra in filter(None, options.extras.split(",")):
+            needed += project["project"]["optional-dependencies"][extra]
+        needed += project["dependency-groups"]["dev"] if options.suite else []
+        ran([*install, "--resolution", RESOLUTIONS[resolution], *needed], away)
+        ran([*install, f"{wheel}[{options.extras}]" if options.extras else str(wheel)], away)
         path = f"{programs}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
         print(f"{resolution}: Python", ran(["python", "-c", WHERE, *SHOWN], away, PATH=path).strip(), flush=True)
         for check in CHECKS:
