@@ -1,4 +1,4 @@
-"""The wheel carries everything the program needs, models and presets included, and runs away from the checkout."""
+"""A wheel made of the source distribution carries everything the program needs, and runs away from the checkout."""
 
 import json
 import os
@@ -7,14 +7,13 @@ import sys
 import zipfile
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+from scripts import script
 
 
 def test_the_wheel_runs_by_itself(tmp_path: Path) -> None:
-    build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path / "dist")]
-    done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    (wheel,) = (tmp_path / "dist").glob("klute_sim-*.whl")
+    source, wheel = script("try_packages").built(tmp_path)
+    for part in ("tests/conftest.py", "docs/conf.py", "examples", "scripts/env.py", "LICENSE", "requirements-dev.lock"):
+        assert (source / part).exists(), part
     site = tmp_path / "site"
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
