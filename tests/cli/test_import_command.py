@@ -47,7 +47,7 @@ def test_the_folder_says_whose_it_is_and_what_was_decided(lab: Path) -> None:
     knee = next(e for e in report["mapped"] if e["channel"] == "knee_angle" and e["side"] == "right")
     assert (knee["column"], knee["unit"], knee["sign"]) == ("knee_angle_r", "deg", 1)
     strides = parquet.read(lab / "me" / "strides_right.parquet")
-    assert len(strides) == 3 * 100
+    assert len(strides) == 3 * 101
     assert np.all(np.diff(strides["time"]) > 0.0)
     assert strides["knee_angle"].max() == pytest.approx(64.4, abs=1.0)
 

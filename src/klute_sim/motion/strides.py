@@ -179,20 +179,20 @@ def usual(strides: Sequence[Stride], where: str, findings: Findings) -> list[Str
 
 
 def recording(strides: Sequence[Stride], side: str) -> Recording:
-    """All ``strides`` one after the other, from 0 to 99 %, as in a recording of ``klute-sim gait``.
+    """All ``strides`` one after the other, each from 0 to 100 %: its end is its own, not the next one's beginning.
 
-    ``time`` runs on from stride to stride, whatever was between them; ``start`` is where each began in its own file.
+    ``time`` runs on from stride to stride, one sample after the last, whatever was between them; ``start`` is where each
+    began in its own file.
     """
-    inside = PHASE[:-1]
-    before = np.cumsum([0.0, *(stride.duration for stride in strides)])[:-1]
+    before = np.cumsum([0.0, *(stride.duration * (1.0 + PHASE[1]) for stride in strides)])[:-1]
     columns = [
-        ("time [s]", np.concatenate([t + inside * s.duration for t, s in zip(before, strides, strict=True)])),
-        ("gait_phase [%]", np.tile(100.0 * inside, len(strides))),
-        ("stride [1]", np.repeat(np.arange(1.0, len(strides) + 1.0), len(inside))),
-        ("start [s]", np.repeat([stride.start for stride in strides], len(inside))),
+        ("time [s]", np.concatenate([t + PHASE * s.duration for t, s in zip(before, strides, strict=True)])),
+        ("gait_phase [%]", np.tile(100.0 * PHASE, len(strides))),
+        ("stride [1]", np.repeat(np.arange(1.0, len(strides) + 1.0), len(PHASE))),
+        ("start [s]", np.repeat([stride.start for stride in strides], len(PHASE))),
     ]
     for name, unit in UNITS.items():
         if all(name in stride.channels for stride in strides):
-            columns.append((f"{name} [{unit}]", np.concatenate([stride.channels[name][:-1] for stride in strides])))
+            columns.append((f"{name} [{unit}]", np.concatenate([stride.channels[name] for stride in strides])))
     provenance = {"side": side, "trials": [stride.trial for stride in strides]}
     return Recording.from_columns(columns, provenance)
