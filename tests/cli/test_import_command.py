@@ -100,6 +100,17 @@ def test_what_is_given_to_gait_goes_before_the_folder(lab: Path) -> None:
     assert (options["mass_kg"], options["stature_m"], options["stride_time_s"]) == (80.0, 1.7, 1.2)
 
 
+def test_recordings_are_no_reference_before_they_are_imported(lab: Path) -> None:
+    (lab / "trial.c3d").write_bytes(b"\x02\x50\xff")
+    for file, says in (
+        ("trial.c3d", "import it first: klute-sim import trial.c3d --mass KG --out me, and give the folder"),
+        ("me/strides_right.parquet", "give the folder they are in: me"),
+    ):
+        done = run("gait", "--reference", file, cwd=lab)
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert says in done.stderr
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
