@@ -77,3 +77,6 @@ def test_names_are_not_cut_at_80_columns() -> None:
     trial |= {"command_peak_bar": 3.0, "measured": ["ankle_angle", "muscle_length"]}
     said = shown(import_table.trials({"trials": [trial, trial]}))
     assert all(name in said for name in ("a_long_name_of_a_trial.c3d", "condition_1", "muscle_length", "4", "1.100"))
+    other = {**trial, "of": ["ground_reaction.mot"], "measured": ["ankle_angle"]}
+    mixed = shown(import_table.trials({"trials": [{**trial, "of": ["ground_reaction.mot"]}, other]}))
+    assert all(name in mixed for name in ("ground_reaction.mot", "muscle_length", "ankle_angle,"))

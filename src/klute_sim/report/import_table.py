@@ -56,14 +56,14 @@ def mapped(result: Mapping[str, Any], *, whole: bool) -> Table:
 
 def trials(result: Mapping[str, Any]) -> Table:
     """Of a dataset; what all of them measured is no column."""
-    headings = ["of", "group", "strides", "stride, s", "pressure to, bar", "measured"]
+    headings = ["of", "group", "strides", "stride, s", "peak, bar", "measured"]
     rows: list[tuple[str, ...]] = [
         (", ".join(trial["of"]), trial["group"], str(trial["strides"]), f"{trial['stride_time_s']:.3f}",
          f"{trial['command_peak_bar']:.2f}", ", ".join(trial["measured"]))
         for trial in result["trials"]
     ]  # fmt: skip
-    alike = len(rows) > 1 and len({row[-1] for row in rows}) == 1
-    title = f"Trials, each with {rows[0][-1]} measured" if alike else "Trials"
+    alike = len({row[-1] for row in rows}) == 1
+    title = f"Trials; measured: {rows[0][-1]}" if alike else "Trials"
     if alike:
         headings, rows = headings[:-1], [row[:-1] for row in rows]
     return table(title, headings, rows, names=("of", "group", "measured"))
