@@ -47,7 +47,7 @@ def test_the_folder_says_whose_it_is_and_what_was_decided(lab: Path) -> None:
     knee = next(e for e in report["mapped"] if e["channel"] == "knee_angle" and e["side"] == "right")
     assert (knee["column"], knee["unit"], knee["sign"]) == ("knee_angle_r", "deg", 1)
     strides = parquet.read(lab / "me" / "strides_right.parquet")
-    assert len(strides) == 3 * 100
+    assert len(strides) == 3 * 101
     assert np.all(np.diff(strides["time"]) > 0.0)
     assert strides["knee_angle"].max() == pytest.approx(64.4, abs=1.0)
 
@@ -98,6 +98,17 @@ def test_what_is_given_to_gait_goes_before_the_folder(lab: Path) -> None:
     assert run("gait", "--reference", "me", *words, cwd=lab).returncode == 0
     options = parquet.read(lab / "other" / "recording.parquet").provenance["options"]
     assert (options["mass_kg"], options["stature_m"], options["stride_time_s"]) == (80.0, 1.7, 1.2)
+
+
+def test_recordings_are_no_reference_before_they_are_imported(lab: Path) -> None:
+    (lab / "trial.c3d").write_bytes(b"\x02\x50\xff")
+    for file, says in (
+        ("trial.c3d", "import it first: klute-sim import trial.c3d --mass KG --out me, and give the folder"),
+        ("me/strides_right.parquet", "give the folder they are in: me"),
+    ):
+        done = run("gait", "--reference", file, cwd=lab)
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert says in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -468,3 +468,29 @@ def test_one_walk_in_two_forms_counts_once(late: float, strides: int, tmp_path: 
     found = importing.run([*paths, *again], RAW)
     assert len(found.strides["right"]) == strides
     assert bool(said(found, "suspicious", "the same walk in another form")) == (late == 0.0)
+
+
+def test_plates_of_a_c3d_have_its_markers_axes_beside_angles_of_another_file(tmp_path: Path) -> None:
+    (c3d,) = captured(tmp_path)
+    angles, _, moments = opensim(tmp_path)
+    found = importing.run([c3d, angles, moments], ImportOptions(mass=MASS))
+    assert any(e["file"] == "ik.mot" and e["channel"] == "knee_angle" for e in found.findings.mapped)
+    off = found.table["grf_forward_n_per_kg"] - HUMAN("grf_forward_n_per_kg", found.table[reference.PHASE] / 100)
+    assert np.abs(off).max() < 0.3
+    alone = importing.run([c3d, angles], ImportOptions(mass=MASS))  # nobody's moment but the markers'
+    assert said(alone, "derived", "the angles in ik.mot come without a moment and were left out")
+    by_markers = importing.run([c3d], ImportOptions(mass=MASS))
+    assert alone.table["ankle_dorsiflexion_deg"] == pytest.approx(by_markers.table["ankle_dorsiflexion_deg"])
+
+
+def test_why_one_leg_has_no_whole_stride_and_that_the_other_has(tmp_path: Path) -> None:
+    paths = made.opensim(tmp_path, Walker(seconds=1.75))
+    edited(paths[1], lambda label, s: s + 9.0 if label.endswith("1_vy") else s)
+    with pytest.raises(InputError) as caught:
+        importing.run(paths, ImportOptions(mass=MASS, side="left"))
+    assert (
+        "1 stride of the left leg not whole and left out: the heel strike after that at 0.65 s is on no plate"
+        in str(caught.value)
+    )
+    assert "with nobody on it" not in str(caught.value)  # which is the right one's, and no reason
+    assert str(caught.value).endswith("; the right leg has one: --side right")

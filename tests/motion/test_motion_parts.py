@@ -7,10 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from klute_sim.compare import resample
 from klute_sim.dataset import events
 from klute_sim.errors import InputError
 from klute_sim.formats.trc import Markers
-from klute_sim.motion import dynamics, filters, joints, mapping, markers, names, signs, trial
+from klute_sim.motion import dynamics, filters, joints, mapping, markers, names, signs, strides, trial
 from klute_sim.motion.findings import Findings
 from klute_sim.motion.finish import Landed
 from klute_sim.motion.sagittal import Leg
@@ -258,3 +259,14 @@ def test_an_uneven_clock_is_made_even_and_one_that_rounds_is_kept() -> None:
     )
     with pytest.raises(InputError, match=r"x has a sample every 0\.5 s"):
         filters.even(np.array([0.0, 0.5]), "x")
+
+
+def test_a_stride_in_the_file_of_all_strides_ends_with_its_own_end() -> None:
+    phase = strides.PHASE
+    ramps = {"one": 5.0 * phase**3, "two": 50.0 + 4.0 * phase**3}
+    of = [strides.Stride(name, 0.3, 0.3 + 1.1, 0.6, {"knee_angle": ramp}) for name, ramp in ramps.items()]
+    recording = strides.recording(of, "right")
+    assert np.all(np.diff(recording["time"]) > 0.0)
+    found = resample.strides(recording, "strides_right.parquet")
+    for stride, ramp in zip(found, ramps.values(), strict=True):
+        assert resample.over_phase(recording, stride, "knee_angle") == pytest.approx(ramp, abs=1e-12)

@@ -6,6 +6,7 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
+from matplotlib.legend import Legend
 
 from klute_sim.compare.comparison import Comparison, Options, compare
 from klute_sim.compare.runs import Run
@@ -14,6 +15,7 @@ from klute_sim.report import compare_figures, compare_page, compare_table
 from klute_sim.report import compare_words as words
 from klute_sim.report.style import STYLE
 from klute_sim.report.workbench import comparison as recording
+from klute_sim.report.workbench import contents, picture
 
 PHASE = np.tile(np.arange(50) * 2.0, 4)
 
@@ -97,6 +99,20 @@ def test_rules_are_those_of_the_bands_there_are() -> None:
     assert "Beyond" not in single
 
 
+@pytest.mark.parametrize(
+    ("first", "other", "skip", "exact"),
+    [("gait", "gait", 1, True), ("gait", None, 1, False), (None, None, 1, False), ("gait", "one", 1, True)],
+)
+def test_that_bands_of_simulated_strides_alone_say_little(
+    first: str | None, other: str | None, skip: int, exact: bool
+) -> None:
+    own = walk(2.0, 1, rig="gait" if other == "gait" else None)
+    if other == "one":
+        own = own.select(np.arange(len(own)) >= 100)
+    runs = [Run("a", Path("a"), {"": walk(0.0, rig=first)}), Run("b", Path("b"), {"": own})]
+    assert ("repeat almost exactly" in " ".join(words.rules(compare(runs, Options(skip=skip))))) == exact
+
+
 def test_places_are_told_where_they_are() -> None:
     made = found(0.0, 2.0)
     (row,) = words.rows(made)
@@ -161,6 +177,13 @@ def test_one_series_alone_is_shown_with_its_band_and_no_difference() -> None:
     assert "Means and bands" in page
     assert "bias" not in page
     assert page.count("<td>x1</td>") == 1
+
+
+def test_one_legend_is_on_a_page_with_each_series_once(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    recording.write(found(0.0, 2.0, channels=2), tmp_path / "comparison.rrd")
+    panels = picture.window(contents.read(tmp_path / "comparison.rrd"), 50.0).findobj(Legend)
+    assert [[text.get_text() for text in panel.get_texts()] for panel in panels] == [["a (4 strides)", "b (4 strides)"]]
 
 
 def test_one_series_alone_in_rerun(tmp_path: Path) -> None:

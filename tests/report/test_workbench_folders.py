@@ -179,6 +179,7 @@ def test_a_folder_that_cannot_be_written_to_is_left_as_it_is(tmp_path: Path, mon
     ("files", "says"),
     [
         ({}, "no folder that can be viewed; those are: gait run"),
+        ({"reference.toml": "", "reference.csv": ""}, "is a reference, which has no view; .* 'klute-sim compare"),
         ({"comparison.json": "{}"}, r"has no comparison\.rrd: the comparison was made without"),
         ({"verdict.json": "{}"}, r"has no recording\.rrd: the diagnosis was made without"),
         ({"sweep.json": "{}"}, r"a sweep without sweep\.parquet: let the command"),

@@ -178,3 +178,10 @@ def test_what_is_no_recording_of_ours_is_one_sentence(tmp_path: Path) -> None:
     bare.disconnect()
     with pytest.raises(InputError, match="has no layout"):
         contents.read(tmp_path / "bare.rrd")
+
+
+def test_other_kinds_of_pictures_are_refused_and_leave_no_folder(tmp_path: Path) -> None:
+    for name in ("q.jpg", "q.PDF"):
+        with pytest.raises(InputError, match=r"pictures are drawn as PNG; give a file that ends in \.png, or a folder"):
+            picture.save(tmp_path / "none.rrd", tmp_path / name)
+    assert not list(tmp_path.iterdir())

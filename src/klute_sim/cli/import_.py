@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     help="Of a dataset: N trials on end are repeats.  [default: those with equal stride times and pressures]",
 )
 @common.out("import", "the reference or the dataset")
+@click.option("--verbose", is_flag=True, help="Show what was decided for every file by itself, as in import.json.")
 @common.as_json()
 def command(
     files: tuple[Path, ...],
@@ -95,6 +96,7 @@ def command(
     uncertain: tuple[str, ...],
     repeats: int | None,
     out: Path | None,
+    verbose: bool,
     as_json: bool,
 ) -> None:
     """Make a reference for klute-sim gait of a laboratory's own files, or a dataset for klute-sim diagnose.
@@ -136,12 +138,14 @@ def command(
         chosen=mapping.read(map_file),
     )
     if as_dataset:
-        _dataset(files, options, _wanted(device, uncertain, repeats), out, as_json=as_json)
+        _dataset(files, options, _wanted(device, uncertain, repeats), out, verbose=verbose, as_json=as_json)
     else:
-        _reference(files, options, out, as_json=as_json)
+        _reference(files, options, out, verbose=verbose, as_json=as_json)
 
 
-def _reference(files: tuple[Path, ...], options: "ImportOptions", out: Path | None, *, as_json: bool) -> None:
+def _reference(
+    files: tuple[Path, ...], options: "ImportOptions", out: Path | None, *, verbose: bool, as_json: bool
+) -> None:
     from klute_sim.cli.console import progress_bar
     from klute_sim.motion import folder as folders
     from klute_sim.motion import importing
@@ -154,7 +158,7 @@ def _reference(files: tuple[Path, ...], options: "ImportOptions", out: Path | No
     if as_json:
         click.echo(json.dumps({**result, "run": str(folder)}, indent=2, allow_nan=False))
     else:
-        _print(imported, result, folder)
+        _print(imported, result, folder, verbose=verbose)
 
 
 def _wanted(device: str | None, uncertain: tuple[str, ...], repeats: int | None) -> "Wanted":
@@ -173,13 +177,18 @@ def _wanted(device: str | None, uncertain: tuple[str, ...], repeats: int | None)
 
 
 def _dataset(
-    files: tuple[Path, ...], options: "ImportOptions", wanted: "Wanted", out: Path | None, *, as_json: bool
+    files: tuple[Path, ...],
+    options: "ImportOptions",
+    wanted: "Wanted",
+    out: Path | None,
+    *,
+    verbose: bool,
+    as_json: bool,
 ) -> None:
-    from rich.table import Table
-
     from klute_sim.cli.console import console, progress_bar
     from klute_sim.motion import dataset_folder
     from klute_sim.recording import run_folder
+    from klute_sim.report import import_table
 
     with run_folder.new("import", out) as (folder, scratch):
         with progress_bar("importing") as progress:
@@ -189,51 +198,36 @@ def _dataset(
         click.echo(json.dumps({**result, "run": str(folder)}, indent=2, allow_nan=False))
         return
     shown = console()
-    _found(result)
-    trials = Table("of", "group", "strides", "stride, s", "pressure to, bar", "measured", title="Trials")
-    for trial in result["trials"]:
-        trials.add_row(
-            *(", ".join(trial["of"]), trial["group"], str(trial["strides"]), f"{trial['stride_time_s']:.3f}"),
-            *(f"{trial['command_peak_bar']:.2f}", ", ".join(trial["measured"])),
-        )
-    shown.print(trials)
+    _found(result, verbose=verbose)
+    shown.print(import_table.trials(result))
     split = result["split"]
     uses = ", ".join(f"{len(split[use])} to {use}" for use in ("fit", "select", "show"))
     shown.print(f"Use: {uses}; {split['how']}.", soft_wrap=True)
     shown.print(f"Dataset: {folder}; look into it with klute-sim diagnose {folder}", soft_wrap=True)
 
 
-def _print(imported: "Imported", result: dict[str, Any], folder: Path) -> None:
+def _print(imported: "Imported", result: dict[str, Any], folder: Path, *, verbose: bool) -> None:
     from klute_sim.cli.console import console
 
     out = console()
-    _found(result)
     out.print(_words(imported), soft_wrap=True)
+    _found(result, verbose=verbose)
     out.print(f"Reference: {folder}; walk it with klute-sim gait --reference {folder}", soft_wrap=True)
 
 
-def _found(result: dict[str, Any]) -> None:
-    """What was found, mapped, derived, missing and suspicious."""
-    from rich.table import Table
-
+def _found(result: dict[str, Any], *, verbose: bool) -> None:
+    """What is suspicious and missing, and what was found, mapped and derived."""
     from klute_sim.cli.console import console
+    from klute_sim.report import import_table
 
     out = console()
-    files = Table("file", "kind", "seconds", "Hz", "holds", title="Found")
-    for entry in result["found"]:
-        rate = "-" if entry["rate_hz"] is None else f"{entry['rate_hz']:g}"
-        files.add_row(entry["file"], entry["kind"], f"{entry['seconds']:.2f}", rate, ", ".join(entry["holds"]))
-    out.print(files)
-    channels = Table("channel", "side", "from", "unit", "sign", "zero", "why", title="Mapped")
-    for entry in result["mapped"]:
-        channels.add_row(
-            *(entry["channel"], entry["side"], entry["column"], entry["unit"]),
-            *(f"{entry['sign']:+d}", f"{entry['zero']:g}", entry["why"]),
-        )
-    out.print(channels)
-    for title in ("derived", "missing", "suspicious"):
-        for sentence in result[title]:
+    for title in ("suspicious", "missing", "derived"):
+        for sentence in result[title] if verbose else import_table.sentences(result, title):
             out.print(f"{title.capitalize()}: {sentence}", soft_wrap=True)
+    out.print(import_table.found(result))
+    out.print(import_table.mapped(result, whole=verbose))
+    if not verbose:
+        out.print("Mapped file by file: --verbose, or import.json", soft_wrap=True)
 
 
 def _words(imported: "Imported") -> str:

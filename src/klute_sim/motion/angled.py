@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from klute_sim.motion import columns, filters, loads, names
+from klute_sim.motion import columns, filters, loads, markers, names
 from klute_sim.motion.columns import Column
 from klute_sim.motion.findings import Findings
 from klute_sim.motion.finish import landed, power, signed, zeroed
 from klute_sim.motion.limb import Limb
 from klute_sim.motion.loads import Loads
+from klute_sim.motion.markers import Frame
 from klute_sim.motion.names import SIDES, Side
 from klute_sim.motion.options import ImportOptions
 from klute_sim.motion.sources import Source
@@ -69,7 +70,7 @@ def legs(trial: Sequence[Source], where: str, options: ImportOptions, findings: 
                 why=f"unit {column.why_unit}{why}" if column.choice is None else "as given",
             )
     on = loads.of_sides(trial, options, findings)
-    plates = loads.of_plates(trial, None, findings) if not on else {}
+    plates = loads.of_plates(trial, _frame(trial, options, findings), findings) if not on else {}
     if plates:
         present = [side for side, of in found.items() if "knee_angle" in of]
         clock, apart = bend(found)
@@ -84,6 +85,15 @@ def legs(trial: Sequence[Source], where: str, options: ImportOptions, findings: 
         limb = _leg(side, of, body, on[side], where, options, findings)
         result += [limb] if limb else []
     return result
+
+
+def _frame(trial: Sequence[Source], options: ImportOptions, findings: Findings) -> Frame | None:
+    """The axes of force plates in a C3D, by its markers; None of others, whose axes are OpenSim's."""
+    for source in trial:
+        if source.plates and source.markers is not None:
+            roles = markers.named(source.markers, options.chosen, source.name)
+            return markers.frame(source.markers, roles, options.chosen, source.name, findings)
+    return None
 
 
 def _travelled(travel: Column | None) -> float | None:

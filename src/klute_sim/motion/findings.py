@@ -15,6 +15,8 @@ class Findings:
     derived: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
     suspicious: list[str] = field(default_factory=list)
+    left_out: dict[str, list[str]] = field(default_factory=dict)
+    """Side -> those of the suspicious ones that say why strides of that leg do not count."""
 
     def derive(self, sentence: str) -> None:
         """Note what no file holds and was computed; once, however many trials there are."""
@@ -27,6 +29,11 @@ class Findings:
     def suspect(self, sentence: str) -> None:
         """Note what a careful reader would ask about."""
         _once(self.suspicious, sentence)
+
+    def leave_out(self, side: str, sentence: str) -> None:
+        """Note why strides of the leg of ``side`` do not count."""
+        self.suspect(sentence)
+        _once(self.left_out.setdefault(side, []), sentence)
 
     def map(self, **entry: Any) -> None:
         """Note where a channel comes from."""

@@ -1,7 +1,7 @@
 """From files to a reference: trials, strides of both legs, body mass, the mean stride with its deviations."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -139,14 +139,12 @@ def _reference(legs: Sequence[tuple[Limb, list[Stride]]], options: ImportOptions
     found: dict[Side, list[Stride]] = {}
     for side in SIDES:
         whole = [stride for leg, of in legs if leg.side == side and not leg.lacking for stride in of]
-        kept = strides.usual(whole, f"the {side} leg", findings)
+        kept = strides.usual(whole, side, findings)
         if kept:
             found[side] = kept
     wanted = options.side or ("left" if len(found.get("left", ())) > len(found.get("right", ())) else "right")
     if wanted not in found:
-        reasons = findings.missing or findings.suspicious or ["no foot was seen from heel strike to heel strike"]
-        told = f" of the {wanted} leg" if options.side else ""
-        raise InputError(f"no whole stride{told} can be had from these files: {'; '.join(reasons[:3])}")
+        raise InputError(_no_stride(wanted, found, options, findings))
     if len(found) == 2 and options.side is None:
         findings.derive(f"Side: {wanted}, which has {len(found[wanted])} strides (--side)")
     by_impulse = _mass(legs, found, options, findings)
@@ -166,6 +164,19 @@ def _reference(legs: Sequence[tuple[Limb, list[Stride]]], options: ImportOptions
     imported = Imported(findings, options, found, wanted, mass, by_impulse, speed, table)
     reference.parse(imported.csv(), "made of these files", imported.stride_time)
     return imported
+
+
+def _no_stride(wanted: Side, found: Mapping[Side, Sequence[Stride]], options: ImportOptions, findings: Findings) -> str:
+    """Why there is no stride of ``wanted``, and whether the other leg would do."""
+    other: Side = "right" if wanted == "left" else "left"
+    sides = (wanted,) if options.side else SIDES
+    reasons = [said for said in findings.missing if len(sides) == 2 or f" {other} " not in said]
+    reasons += [said for side in sides for said in findings.left_out.get(side, [])]
+    reasons = reasons or ["no foot was seen from heel strike to heel strike"]
+    told = f" of the {wanted} leg" if options.side else ""
+    many = len(found.get(other, ()))
+    way_out = f"; the {other} leg has {'one' if many == 1 else many}: --side {other}" if many else ""
+    return f"no whole stride{told} can be had from these files: {'; '.join(reasons[:3])}{way_out}"
 
 
 def _speed(leg: Limb, of: Sequence[Stride]) -> float | None:

@@ -9,6 +9,7 @@ import numpy as np
 from klute_sim.dataset.events import Contact
 from klute_sim.motion.findings import Findings
 from klute_sim.motion.limb import UNITS, Limb
+from klute_sim.motion.names import Side
 from klute_sim.recording.recording import Recording, Samples
 
 PHASE = np.linspace(0.0, 1.0, 101)
@@ -77,17 +78,37 @@ def segment(limb: Limb, findings: Findings) -> list[Stride]:
     steady = [stride for stride in known if not _belt_changes(limb, stride)]
     if len(steady) < len(known):
         first = steady[0].start if steady else limb.time[-1]
-        findings.suspect(
+        findings.leave_out(
+            limb.side,
             f"{limb.trial}: the belt ramps up or changes its speed: {_strides(len(known) - len(steady))} of the "
-            f"{limb.side} leg left out; the first one kept begins at {first:.2f} s"
+            f"{limb.side} leg left out; the first one kept begins at {first:.2f} s",
         )
     if not whole and not known:
-        findings.suspect(f"{limb.trial}: the {limb.side} foot is never seen from heel strike to toe-off")
+        findings.leave_out(
+            limb.side, f"{limb.trial}: the {limb.side} foot is never seen from heel strike to toe-off on a plate"
+        )
     elif len(whole) - len(known) > (1 if known else 0):  # the last one of a record hardly ever is
-        findings.suspect(
-            f"{limb.trial}: {_strides(len(whole) - len(known))} of the {limb.side} leg not whole and left out"
+        begun = {stride.start for stride in known}
+        why = _why(limb, next(contact for contact in whole if contact.strike not in begun))
+        findings.leave_out(
+            limb.side,
+            f"{limb.trial}: {_strides(len(whole) - len(known))} of the {limb.side} leg not whole and left out: {why}",
         )
     return steady
+
+
+def _why(limb: Limb, contact: Contact) -> str:
+    """Why the stride that begins with ``contact`` is not whole."""
+    after = next((c.strike for c in limb.contacts if c.strike > contact.strike), None)
+    if after is None or after - contact.strike > LONGEST:
+        return (
+            f"the heel strike after that at {contact.strike:.2f} s is on no plate, and until the record ends at "
+            f"{limb.time[-1]:.2f} s the leg is not again as it was at the first"
+        )
+    inside = (limb.time >= contact.strike) & (limb.time <= after)
+    gap = next((name for name, samples in limb.channels.items() if not np.isfinite(samples[inside]).all()), None)
+    what = f"{gap.replace('_', ' ')} has gaps" if gap else "stride time and toe-off are not those of walking"
+    return f"from {contact.strike:.2f} to {after:.2f} s {what}"
 
 
 def _strides(count: int) -> str:
@@ -164,35 +185,36 @@ def _belt_changes(limb: Limb, stride: Stride) -> bool:
     return bool(abs(float(np.mean(limb.belt[inside])) - usual) > BELT * abs(usual))
 
 
-def usual(strides: Sequence[Stride], where: str, findings: Findings) -> list[Stride]:
+def usual(strides: Sequence[Stride], side: Side, findings: Findings) -> list[Stride]:
     """``strides`` without those whose time is far from the median's; these are noted."""
     if not strides:
         return []
     middle = float(np.median([stride.duration for stride in strides]))
     kept = [stride for stride in strides if abs(stride.duration - middle) <= UNUSUAL * middle]
     if len(kept) < len(strides):
-        findings.suspect(
-            f"{where}: {len(strides) - len(kept)} of {len(strides)} strides take over {100 * UNUSUAL:.0f} % longer "
-            f"or shorter than {middle:.2f} s and were left out"
+        findings.leave_out(
+            side,
+            f"the {side} leg: {len(strides) - len(kept)} of {len(strides)} strides take over {100 * UNUSUAL:.0f} % "
+            f"longer or shorter than {middle:.2f} s and were left out",
         )
     return kept
 
 
 def recording(strides: Sequence[Stride], side: str) -> Recording:
-    """All ``strides`` one after the other, from 0 to 99 %, as in a recording of ``klute-sim gait``.
+    """All ``strides`` one after the other, each from 0 to 100 %: its end is its own, not the next one's beginning.
 
-    ``time`` runs on from stride to stride, whatever was between them; ``start`` is where each began in its own file.
+    ``time`` runs on from stride to stride, one sample after the last, whatever was between them; ``start`` is where
+    each began in its own file.
     """
-    inside = PHASE[:-1]
-    before = np.cumsum([0.0, *(stride.duration for stride in strides)])[:-1]
+    before = np.cumsum([0.0, *(stride.duration * (1.0 + PHASE[1]) for stride in strides)])[:-1]
     columns = [
-        ("time [s]", np.concatenate([t + inside * s.duration for t, s in zip(before, strides, strict=True)])),
-        ("gait_phase [%]", np.tile(100.0 * inside, len(strides))),
-        ("stride [1]", np.repeat(np.arange(1.0, len(strides) + 1.0), len(inside))),
-        ("start [s]", np.repeat([stride.start for stride in strides], len(inside))),
+        ("time [s]", np.concatenate([t + PHASE * s.duration for t, s in zip(before, strides, strict=True)])),
+        ("gait_phase [%]", np.tile(100.0 * PHASE, len(strides))),
+        ("stride [1]", np.repeat(np.arange(1.0, len(strides) + 1.0), len(PHASE))),
+        ("start [s]", np.repeat([stride.start for stride in strides], len(PHASE))),
     ]
     for name, unit in UNITS.items():
         if all(name in stride.channels for stride in strides):
-            columns.append((f"{name} [{unit}]", np.concatenate([stride.channels[name][:-1] for stride in strides])))
+            columns.append((f"{name} [{unit}]", np.concatenate([stride.channels[name] for stride in strides])))
     provenance = {"side": side, "trials": [stride.trial for stride in strides]}
     return Recording.from_columns(columns, provenance)

@@ -21,9 +21,17 @@ def legs(trial: Sequence[Source], options: ImportOptions, findings: Findings) ->
     where = trial[0].name
     captured = next((source for source in trial if source.markers is not None), None)
     found = {side: {n: columns.find(trial, n, side, options) for n in NEEDED} for side in SIDES}
-    if any(all(of.values()) for of in found.values()):
+    angles = any(all(of.values()) for of in found.values())
+    moments = any(columns.find(trial, names.MOMENT, side, options) is not None for side in SIDES)
+    if angles and (moments or captured is None):
         return angled.legs(trial, where, options, findings)
     if captured is not None and captured.markers is not None:
+        if angles:
+            files = sorted({column.file for of in found.values() for column in of.values() if column is not None})
+            findings.derive(
+                f"{captured.name}: joint angles and the ankle's moment are from its markers; the angles in "
+                f"{', '.join(files)} come without a moment and were left out"
+            )
         return _by_markers(trial, captured, where, options, findings)
     findings.miss(f"{where}: neither knee and ankle angles of one leg nor markers were recognised")
     return []

@@ -150,7 +150,7 @@ def rules(found: Comparison) -> list[str]:
         simulated = (
             "Strides of a simulated walk repeat almost exactly: their band says nothing about people or devices."
         )
-        return [*said, *[simulated] * _simulated(found)]
+        return [*said, *[simulated] * _simulated(found, first)]
     differences = [row.difference for row in rows(found)]
     said = [f"Differences are those of the means, the other's minus that of '{first}'."]
     if any(difference.rms_sd is not None for difference in differences):
@@ -171,19 +171,33 @@ def rules(found: Comparison) -> list[str]:
     said.append("Half: the shortest stretch that holds half of the squared difference, if it is a short one.")
     if any(difference.share < 1.0 for difference in differences):
         said.append("Compared: the share of the axis where both have a value; all numbers are of that share.")
-    if _simulated(found) and any(difference.band == "means" for difference in differences):
+    exact = {row.other for row in rows(found) if _exact(found, row)}
+    if exact:
         said.append(
-            "Strides of a simulated walk repeat almost exactly: their band says nothing about people or devices, and "
-            "nearly every difference is beyond it."
+            "Strides of a simulated walk repeat almost exactly: a band of them alone"
+            f"{_those(found, exact)} says nothing about people or devices, and nearly every difference is beyond it."
         )
     return said
 
 
 def _whose(found: Comparison, band: Band) -> str:
-    others = {row.other for row in rows(found) if row.difference.band == band}
+    return _those(found, {row.other for row in rows(found) if row.difference.band == band})
+
+
+def _those(found: Comparison, others: set[str]) -> str:
     everyone = {row.other for row in rows(found)}
     return "" if others == everyone else f" ({', '.join(sorted(others))})"
 
 
-def _simulated(found: Comparison) -> bool:
-    return found.over == "phase" and any(r.provenance.get("rig") for run in found.runs for r in run.parts.values())
+def _exact(found: Comparison, row: Row) -> bool:
+    """Whether the band is made of the scatter of simulated strides alone."""
+    if row.difference.band not in ("means", "prediction"):
+        return False
+    pair = (series for series in row.part.series if series is row.part.series[0] or series.label == row.other)
+    return all(_simulated(found, series.label) for series in pair if series.repeats > 1)
+
+
+def _simulated(found: Comparison, label: str) -> bool:
+    """Whether all that is called ``label`` are strides of simulated walks."""
+    own = [recording for run in found.runs if run.label == label for recording in run.parts.values()]
+    return found.over == "phase" and all(recording.provenance.get("rig") for recording in own)

@@ -51,7 +51,7 @@ def _draw(recording: Recording, path: Path) -> None:
     trips = "\nthe foot touches the ground in swing: it trips" if outcomes(recording).trips else ""
     slope = "" if level(recording) else f"slope {options['slope_deg']:+g}° (nobody's gait measured there), "
     figure.suptitle(
-        f"{recording.provenance['device']['name']}, {mass:g} kg, {options['speed_m_per_s']:.2f} m/s, {slope}"
+        f"{recording.provenance['device']['name']}, {mass:.4g} kg, {options['speed_m_per_s']:.2f} m/s, {slope}"
         f"stride {len(strides)} of {len(strides)}; reference: {recording.provenance['reference']['name']}{trips}"
     )
     figure.savefig(path, dpi=130)

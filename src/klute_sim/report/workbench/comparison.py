@@ -49,18 +49,18 @@ def lines(part: Part, number: int, over: str) -> Iterator[Line]:
             curve = series.curves.get(channel)
             if curve is None:
                 continue
-            yield Line(f"{here}/curves/series_{k}/mean", words.named(series, over), colour, 2.5, curve.mean)
+            # A band has the name of its curve: legends show what is called alike once.
+            name = words.named(series, over)
+            yield Line(f"{here}/curves/series_{k}/mean", name, colour, 2.5, curve.mean)
             if not curve.unspread:
                 for side, sign in (("low", -1.0), ("high", 1.0)):
-                    name = f"{series.label} {'-' if sign < 0.0 else '+'} 1 sd"
                     yield Line(f"{here}/curves/series_{k}/{side}", name, colour, 0.7, curve.mean + sign * curve.sd)
             if series.label in others:
                 d = others[series.label]
                 yield Line(f"{here}/difference/series_{k}/mean", series.label, colour, 2.0, d.values)
                 if d.band != "none":
                     for side, sign in (("low", -1.0), ("high", 1.0)):
-                        name = f"{series.label}, 95 % of no difference"
-                        yield Line(f"{here}/difference/series_{k}/{side}", name, colour, 0.7, sign * d.width)
+                        yield Line(f"{here}/difference/series_{k}/{side}", series.label, colour, 0.7, sign * d.width)
 
 
 def page(found: Comparison) -> str:
@@ -107,14 +107,14 @@ def blueprint(found: Comparison) -> Any:
     shown = [("curves", "{} [{}]"), *[("difference", "{}, difference [{}]")] * (not found.alone)]
     for number, part in enumerate(found.parts[:MOST_TRIALS], start=1):
         plots = []
-        for channel in part.differences:
+        for place, channel in enumerate(part.differences):
             unit = words.unit(part.units[channel])
-            # Names of series are long: where there are two charts above each other, one legend is enough.
+            # Names of series are long, and the colours are the same in all charts: one legend is enough.
             views = [
                 rrb.TimeSeriesView(
                     origin=f"/part_{number}/{channel}/{inside}",
                     name=title.format(words.spoken(channel), unit),
-                    plot_legend=rrb.PlotLegend(visible=inside == "curves"),
+                    plot_legend=rrb.PlotLegend(visible=inside == "curves" and place == 0),
                 )
                 for inside, title in shown
             ]

@@ -53,8 +53,12 @@ def series(axis: "Axes", view: View, entities: dict[str, Entity], timeline: str,
     axis.tick_params(labelsize=SMALL, colors=LIGHT)
     for spine in axis.spines.values():
         spine.set_color(FAINT)
-    if view.legend and axis.get_legend_handles_labels()[0]:
-        axis.legend(fontsize=SMALL, frameon=True, facecolor=DARK, edgecolor=FAINT, labelcolor=LIGHT, framealpha=0.6)
+    # As the viewer does: what is called alike is there once.
+    handles, labels = axis.get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))
+    if view.legend and named:
+        axis.legend(named.values(), named.keys(), fontsize=SMALL, frameon=True, facecolor=DARK, edgecolor=FAINT,
+                    labelcolor=LIGHT, framealpha=0.6)  # fmt: skip
     axis.set_xlabel(f"{timeline.replace('_', ' ')}{' [s]' if timeline == 'time' else ''}", fontsize=SMALL, color=LIGHT)
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from klute_sim.errors import InputError
+from klute_sim.rigs.gait import reference_folder
 
 
 class Kind(NamedTuple):
@@ -55,6 +56,11 @@ def kind_of(folder: Path) -> Kind:
     for kind in KINDS:
         if kind.begun and (folder / kind.begun).is_file():
             raise InputError(f"{folder} is a {kind.name} without {kind.mark}: let the command that began it finish")
+    if (folder / reference_folder.FILE).is_file():
+        raise InputError(
+            f"{folder} is a reference, which has no view; its strides are shown by 'klute-sim compare {folder}', and a "
+            f"walk on it by 'klute-sim gait --reference {folder}'"
+        )
     names = ", ".join(f"{kind.name} ({kind.mark})" for kind in KINDS)
     raise InputError(f"{folder} is no folder that can be viewed; those are: {names}")
 

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 DPI = 110
 WHOLE, ONE = (16.0, 9.0), (6.4, 4.4)
 """Of the picture of a window, and of a view [inches]."""
+OTHER_PICTURES = {".jpg", ".jpeg", ".pdf", ".svg", ".svgz", ".eps", ".ps", ".gif", ".bmp", ".tif", ".tiff", ".webp"}
+"""Endings of files that are not drawn, and hardly meant as a folder's."""
 HIGHEST = 14.0
 """Of a page of words [inches]."""
 
@@ -29,8 +31,10 @@ def save(file: Path, out: Path, at: float | None = None) -> list[Path]:
     """Draw ``file`` (.rrd) with the cursor ``at`` a place on its timeline (None: in the middle); what was written.
 
     The window as it opens to ``out``, if that ends in .png; else every view to a picture of its own in the folder
-    ``out``. Raises InputError where nothing can be written.
+    ``out``. Raises InputError where nothing can be written, and for a picture of another kind than PNG.
     """
+    if out.suffix.lower() in OTHER_PICTURES:
+        raise InputError(f"{out}: pictures are drawn as PNG; give a file that ends in .png, or a folder")
     found = contents.read(file)
     place = middle(found) if at is None else at
     try:

@@ -47,6 +47,8 @@ FINEST = 1e-3
 """Rows are no closer [% of the cycle]."""
 CLOSURE = 0.15
 """Largest mismatch of a column's two ends, over its range, that is still taken for one periodic stride."""
+CAPTURED = {".c3d", ".parquet"}
+"""Endings of files that ``klute-sim import`` makes a reference of, and that are no text."""
 LOADED = 0.02
 """Vertical ground reaction, in body weights, above which the foot counts as loaded."""
 
@@ -145,8 +147,14 @@ def load(path: str | Path, stride_time: float | None = None) -> Reference:
         raise InputError(f"stride time is {stride_time:g}; allowed: 0.5 to 3 s")
     try:
         text = Path(path).read_text("utf-8-sig")  # spreadsheets put a mark in front
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
+    except OSError as error:
+        raise InputError(f"reference {path} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        reason = "not a UTF-8 text file"
+        if Path(path).suffix.lower() in CAPTURED:
+            reason += f"; import it first: klute-sim import {path} --mass KG --out me, and give the folder 'me'"
+        if Path(path).with_name(reference_folder.FILE).is_file():
+            reason = f"these are its strides; give the folder they are in: {Path(path).parent}"
         raise InputError(f"reference {path} cannot be read: {reason}") from None
     found = parse(text, str(path), stride_time)
     if stated is None:
