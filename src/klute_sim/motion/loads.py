@@ -107,7 +107,8 @@ def of_plates(trial: Sequence[Source], frame: Frame | None, findings: Findings) 
     for source in trial:
         name = source.name
         for number, plate in enumerate(source.plates, 1):
-            assert frame is not None, "a file with plates has markers, too"
+            if frame is None:
+                raise InputError(f"{source.where} has force plates, but no markers that say which way the walk went")
             key = f"plate {number}"
             force, point = frame.turn(plate.force), frame.turn(plate.pressure_centre)
             force, sign = _upwards(force, 1, key, name, findings)
