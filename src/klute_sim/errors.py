@@ -1,6 +1,8 @@
 """The base exception: whatever a user can do wrong ends in one sentence: what, where, what is allowed."""
 
+import difflib
 import re
+from collections.abc import Iterable
 
 LONGEST_WORD, LONGEST = 300, 1500
 """Letters of a word and of a whole message that are shown; a path is shorter, what a damaged file holds is not."""
@@ -28,6 +30,12 @@ def _printable(letter: str) -> str:
 def _shortened(text: str, longest: int) -> str:
     """``text`` without its middle where it is longer than ``longest``."""
     return text if len(text) <= longest else f"{text[: longest // 2]} ... {text[-longest // 4 :]}"
+
+
+def meant(name: str, known: Iterable[str], rest: str) -> str:
+    """``did you mean ...?`` with the ``known`` name that is most like ``name``, if one is, before the ``rest``."""
+    found = difflib.get_close_matches(name, list(known), 1)
+    return f"did you mean '{found[0]}'? {rest[:1].upper()}{rest[1:]}" if found else rest
 
 
 class InputError(KluteSimError):

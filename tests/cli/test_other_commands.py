@@ -77,7 +77,16 @@ def test_assumed_numbers_say_so() -> None:
         (["device", "klute-3-4", "--pressure", "6"], "allows 0 to 5 bar"),
         (["device", "klute-3-4", "--pressure", "nan"], "allows 0 to 5 bar"),
         (["device", "missing.toml"], "no device 'missing.toml'"),
-        (["walk"], "No such command 'walk'"),
+        (["walk"], "there is no command 'walk'; all are in klute-sim --help"),
+        (["diagnos"], "there is no command 'diagnos'; did you mean 'diagnose'? "),
+        (["--gait"], "No such option"),
+        (["gait", "--mass", "82 kg"], "'82 kg' is not a number; write it without a unit, kg is meant"),
+        (["gait", "--spring-foot", "stiff"], "'stiff' is not a number"),
+        (["gait", "--device", "klute-1-1-4"], "no [tendon] section; did you mean 'klute-1-1-4-pair'?"),
+        (["device", "klute-1-1-pair"], "no device 'klute-1-1-pair': did you mean 'klute-1-1-4-pair'? Give the path"),
+        (["gait", "--height", "1.8"], "there is no option --height; how tall somebody is goes with --stature"),
+        (["import", "a.csv", "--height", "1.8"], "goes with --stature"),
+        (["effects", "braid-hysteresis"], "there is no effect 'braid-hysteresis'; did you mean 'braid_hysteresis'? Th"),
         (["view", "no-such-run"], "no-such-run" if find_spec("rerun") else "'.[rerun]'"),
         (["device", ""], "name of the device is empty"),
         (["device", "--pressure", "3"], "--pressure goes with the name of a device"),
@@ -96,6 +105,19 @@ def test_bad_input_is_one_sentence(arguments: list[str], says: str) -> None:
     assert done.returncode == 2
     assert says in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_an_example_that_is_there_already_is_said_to_be(tmp_path: Path) -> None:
+    wrong = ("diagnose", "e", "--example", "--only", "nothing")  # written, and then refused
+    assert "there is no effect 'nothing'" in run(*wrong, cwd=tmp_path).stderr
+    assert "the example dataset is in e already: leave out --example" in run(*wrong, cwd=tmp_path).stderr
+    (tmp_path / "e" / "dataset.toml").write_text("mine")
+    assert "output folder e is not empty" in run(*wrong, cwd=tmp_path).stderr
+
+
+def test_names_of_devices_stand_apart_from_what_they_are() -> None:
+    lines = run("device").stdout.splitlines()
+    assert len({line.index("  ") > 0 and len(line) - len(line.split(None, 1)[1]) for line in lines}) == 1
 
 
 def test_names_with_brackets_are_printed_as_they_are(tmp_path: Path) -> None:

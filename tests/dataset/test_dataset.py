@@ -22,7 +22,7 @@ device = "klute-3-4-pair"
 [uncertain]
 "tendon.stiffness_2_n_per_mm" = "10 %"
 "muscle.c10_kpa" = 5.5
-"damper.bore_mm" = "0.5"
+"damper.bore_mm" = 0.5
 [[trial]]
 files = ["a.csv"]
 group = "iso"
@@ -142,6 +142,7 @@ def refused(folder: Path) -> str:
         ('"10 %"', '"ten %"', "'uncertain.tendon.stiffness_2_n_per_mm' = 'ten %' is refused; allowed is a standard"),
         ('"10 %"', '"-10 %"', "'-10 %' is refused; allowed is a standard deviation above 0"),
         ('"10 %"', '"nan %"', "'nan %' is refused"),
+        ('"10 %"', '"10"', "= '10' is refused; 10 % or 10 N/mm? Write \"10 %\", or 10 without quotes"),
         ('"10 %"', '"10 % %"', "'10 % %' is refused"),
         ('"10 %"', "0", "= 0 is refused; allowed is a standard deviation above 0, in per cent"),
         ('"10 %"', "true", "= True is refused; allowed is a standard deviation"),
@@ -153,8 +154,8 @@ def refused(folder: Path) -> str:
             "[uncertain] names 'damper.boar_mm', which is no number of the device",
         ),
         ('"damper.bore_mm"', '"damper.boar_mm"', "allowed: muscle.count, muscle.resting_length_mm, muscle.braid"),
-        ('"damper.bore_mm" = "0.5"', '"muscle.count" = 1', "[uncertain] 'muscle.count' is a count"),
-        ('"damper.bore_mm" = "0.5"', '"muscle.bladder" = 1', "[uncertain] names 'muscle.bladder', which is no number"),
+        ('"damper.bore_mm" = 0.5', '"muscle.count" = 1', "[uncertain] 'muscle.count' is a count"),
+        ('"damper.bore_mm" = 0.5', '"muscle.bladder" = 1', "[uncertain] names 'muscle.bladder', which is no number"),
         ('[uncertain]\n"', 'uncertain = 3\n[sources]\n"', "unknown key 'sources'"),
         ('group = "iso"', 'grupp = "iso"', "unknown key 'trial.1.grupp'; allowed here: files, group, use, device"),
         ('group = "iso"', "group = 7", "'trial.1.group' = 7 is refused; allowed: a name, as text"),
@@ -198,6 +199,11 @@ def refused(folder: Path) -> str:
         ('"muscle.count"', '"sources.x"', "trial 'b+b_pressure' names 'sources.x', which is no number"),
         ("[trial.device]", "device = 3\n[x]", "unknown key 'x'"),
         ("[uncertain]", "[uncertain", "is not valid TOML"),
+        (
+            '[[trial]]\nfiles = ["a',
+            '[trial]\nfiles = ["a',
+            "column 8); write [[trial]], with two brackets, for each trial",
+        ),
     ],
 )
 def test_bad_files_are_refused_with_key_value_and_what_is_allowed(
@@ -219,6 +225,18 @@ def test_a_file_without_trials_is_refused(tmp_path: Path) -> None:
     assert "is refused; allowed: a table of" in refused(make(tmp_path, "uncertain = 3\n" + TEXT.split("[unc")[0]))
 
 
+def test_a_misnamed_column_is_told_with_what_the_trial_lacks_by_it(tmp_path: Path) -> None:
+    make(tmp_path)
+    columns = {"time [s]": TIME, "length [mm]": 340 + TIME, "pressure_command [bar]": 3 + TIME, "kraft [N]": TIME}
+    write_trial(tmp_path / "b.csv", columns)
+    (remark,) = read(tmp_path).remarks
+    where = f"trial file {tmp_path / 'b.csv'}"
+    assert remark == f"{where}: ignored columns 'kraft [N]', so this trial has no force, which its repeats have"
+    make(tmp_path)
+    write_trial(tmp_path / "b.csv", {**columns, "force [N]": TIME})
+    assert read(tmp_path).remarks == (f"{where}: ignored columns 'kraft [N]'",)
+
+
 def test_a_percentage_of_zero_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(
         load("klute-3-4-pair").content.decode().replace("engagement_mm = 5.0", "engagement_mm = 0")
@@ -236,7 +254,11 @@ def test_a_percentage_of_a_negative_value_is_a_positive_deviation(tmp_path: Path
 
 def test_what_is_no_dataset_is_refused(tmp_path: Path) -> None:
     assert f"no dataset in {tmp_path}: a dataset is a folder with a file dataset.toml" in refused(tmp_path)
-    assert "no dataset in" in refused(tmp_path / "no")
+    assert f"there is no folder {tmp_path / 'no'}; a dataset is" in refused(tmp_path / "no")
+    (tmp_path / "a.CSV").touch()
+    assert "with a file dataset.toml in it; docs/datasets.md shows how to write one, and it names a.CSV" in refused(
+        tmp_path
+    )
     make(tmp_path)
     assert "is a file; give the folder that holds dataset.toml" in refused(tmp_path / "dataset.toml")
     (tmp_path / "dataset.toml").write_bytes(b"\xff\xfe")

@@ -20,7 +20,7 @@ def test_the_example_is_a_dataset(tmp_path: Path) -> None:
     (text,) = blocks("toml")
     (tmp_path / "dataset.toml").write_text(text)
     time = np.arange(10.0)
-    bench = {"time [s]": time, "length [mm]": time, "pressure_command [bar]": time, "force [N]": time}
+    bench = {"time [s]": time, "length [mm]": 340 + time, "pressure_command [bar]": time, "force [N]": time}
     for name in re.findall(r"\w+\.csv", blocks("")[0]):
         write_trial(tmp_path / name, {"time [s]": time, "pressure [bar]": time} if "pressure" in name else bench)
     found = read(tmp_path)

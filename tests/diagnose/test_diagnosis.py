@@ -65,8 +65,9 @@ def test_hidden_friction_is_named_with_its_size(friction: tuple[Diagnosis, dict[
     assert gap["before"] > 3.0 * gap["floor"]
     assert gap["after"] < 1.10 * gap["floor"]
     assert words.verdict(found) == "The simulated device lacks braid hysteresis (Coulomb)."
-    assert "that of muscle, damper or tendon lacks" in words.equation(found)
-    assert words.equation(found).endswith("that of supply shows no lack.")
+    assert words.equation(found).startswith("If the instruments are right, ")
+    told = " N rms of force are missing in muscle, damper or tendon; nothing is missing in the supply."
+    assert words.equation(found).endswith(told)
     assert verdict["split"]["show"] == ["show_1_a", "show_1_b"]
     assert 0.5 < sum(place["share"] for place in verdict["where"]) <= 1.01
     assert verdict["where"][0]["channel"] == "force"

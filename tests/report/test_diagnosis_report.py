@@ -143,9 +143,9 @@ def test_the_effect_is_told_with_its_law_and_interval(found: Diagnosis, plain: s
         assert part in text
     place = final.hypothesis.base
     rows = rows_of(plain, "effects")
-    low, high = (words.number(end) for end in found.intervals[place])
+    value, low, high = words.told_apart(final.values[place], *found.intervals[place])
     name = "slope slope_n_per_bar"
-    assert [name, words.number(final.values[place]), f"{low} to {high}", "N/bar", ""] in rows
+    assert [name, value, f"{low} to {high}", "N/bar", ""] in rows
     assert float(rows[1][1]) == pytest.approx(SLOPE, rel=0.15)
     assert all(p.source in text for p in term.law.parameters if p.source.startswith("assumed"))
 
@@ -175,8 +175,8 @@ def test_noise_split_steps_device_and_versions_are_there(found: Diagnosis, plain
     before, after = (f"{fit.steps[0]:+.2f}" for fit in (found.base, found.final))
     assert device[1:5] == ["kPa", "118.4", "11.8", words.number(found.base.values[0])]
     assert [device[5], device[7]] == [before, after]
-    for row, ends in zip(rows_of(plain, "device")[1:], found.intervals, strict=False):
-        assert row[8] == " to ".join(words.number(end) for end in ends)
+    for row, value, ends in zip(rows_of(plain, "device")[1:], found.final.values, found.intervals, strict=False):
+        assert [row[6], *row[8].split(" to ")] == list(words.told_apart(value, *ends))
     text = text_of(plain)
     assert f"{found.rollouts} simulations" in text
     assert all(f"{name} {version}" in text for name, version in versions().items())

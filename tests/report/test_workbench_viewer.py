@@ -9,6 +9,11 @@ from klute_sim.errors import KluteSimError, MissingExtraError
 from klute_sim.report.workbench import viewer
 
 
+@pytest.fixture(autouse=True)
+def screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
+
+
 def recording(folder: Path) -> Path:
     (folder / "r.rrd").touch()
     return folder / "r.rrd"
@@ -33,16 +38,30 @@ def test_no_usage_statistics_and_no_touch_on_the_users_settings(
 ) -> None:
     assert viewer.without_statistics({"HOME": "h", "FORCE_RERUN_ANALYTICS": "1"}) == {"HOME": "h", "CI": "1"}
     assert viewer.web_address(4, 5).endswith("url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A4%2Fproxy&notebook=1")
-    (tmp_path / "rerun").write_text(f"#!/bin/sh\necho CI=$CI $@ >> {tmp_path}/calls\n")
+    (tmp_path / "rerun").write_text(f"#!/bin/sh\necho CI=$CI LOG=$RUST_LOG $@ >> {tmp_path}/calls\n")
     (tmp_path / "rerun").chmod(0o755)
     monkeypatch.delenv("CI", raising=False)
     monkeypatch.setattr(viewer, "viewer_program", lambda: str(tmp_path / "rerun"))
     viewer.open_viewer(recording(tmp_path))
     (call,) = (tmp_path / "calls").read_text().splitlines()
-    assert call.startswith("CI=1 --bind 127.0.0.1")
+    assert call.startswith("CI=1 LOG=warn --bind 127.0.0.1")
 
 
 def test_a_failing_viewer_is_one_sentence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(viewer, "viewer_program", lambda: "false")
     with pytest.raises(KluteSimError, match="ended with code 1"):
         viewer.open_viewer(recording(tmp_path))
+
+
+def test_without_a_screen_the_viewer_is_not_tried(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    started: list[object] = []
+    monkeypatch.setattr(viewer, "viewer_program", lambda: "true")
+    monkeypatch.setattr(viewer.subprocess, "run", lambda *given, **how: started.append(given))
+    monkeypatch.setattr(viewer.sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(KluteSimError, match=r"no screen .* try --web or --picture"):
+        viewer.open_viewer(recording(tmp_path))
+    assert not started
+    assert viewer.has_screen("linux", {"WAYLAND_DISPLAY": "wayland-0"})
+    assert viewer.has_screen("darwin", {})

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import click
 
 from klute_sim import __version__
-from klute_sim.errors import KluteSimError
+from klute_sim.errors import InputError, KluteSimError, meant
 
 COMMANDS = {
     "gait": ("klute_sim.cli.gait", "Walk the prosthesis on measured human gait."),
@@ -48,6 +48,13 @@ class _Lazy(click.Group):
         module = __import__(COMMANDS[cmd_name][0], fromlist=["command"])
         command: click.Command = module.command
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] in COMMANDS or args[0].startswith("-"):
+            return super().resolve_command(ctx, args)
+        raise InputError(f"there is no command '{args[0]}'; {meant(args[0], COMMANDS, 'all are in klute-sim --help')}")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

@@ -7,6 +7,23 @@ import click
 
 from klute_sim.cli.given_path import GivenPath
 
+
+class Number(click.types.FloatParamType):
+    """A number; of what is none, the sentence says which unit is meant."""
+
+    def __init__(self, unit: str = "") -> None:
+        """In ``unit``; '' for a ratio."""
+        self.unit = unit
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number that ``value`` is."""
+        try:
+            return float(value)
+        except ValueError:
+            mend = f"; write it without a unit, {self.unit} is meant" if self.unit else ""
+            self.fail(f"'{value}' is not a number{mend}", param, ctx)
+
+
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 DEVICE = click.option(
@@ -17,9 +34,18 @@ DEVICE = click.option(
     help="Preset or device file.  [default: klute-1-1-4-pair]",
 )
 STEP = click.option(
-    "--step", "step_ms", type=float, default=0.5, show_default=True, metavar="MS", help="Time step [ms]."
+    "--step", "step_ms", type=Number("ms"), default=0.5, show_default=True, metavar="MS", help="Time step [ms]."
 )
-MASS = click.option("--mass", type=float, default=75.0, show_default=True, metavar="KG", help="Body mass [kg].")
+MASS = click.option("--mass", type=Number("kg"), default=75.0, show_default=True, metavar="KG", help="Body mass [kg].")
+
+
+def _no_height(context: click.Context, option: click.Parameter, given: str | None) -> None:
+    if given is not None:
+        raise click.UsageError("there is no option --height; how tall somebody is goes with --stature")
+
+
+NO_HEIGHT = click.option("--height", hidden=True, expose_value=False, callback=_no_height)
+"""For who looks for ``--stature`` under another name."""
 CATALOGUE = click.option(
     "--catalogue",
     type=GivenPath(),

@@ -2,25 +2,50 @@
 
 import os
 import sys
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
+from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress
+
+
+class _Console(Console):
+    """Breaks lines that are printed with ``soft_wrap`` between words on a terminal, which would break within them.
+
+    Elsewhere they stay whole, for what reads them; a word, such as a path, is never broken.
+    """
+
+    def print(self, *objects: Any, **how: Any) -> None:
+        """See :class:`rich.console.Console`."""
+        if how.get("soft_wrap") and self.is_terminal:
+            objects = tuple(_broken(one, self.width) if isinstance(one, str) else one for one in objects)
+        super().print(*objects, **how)
+
+
+def _broken(text: str, width: int) -> str:
+    lines = []
+    for line in text.split("\n"):
+        indent = line[: len(line) - len(line.lstrip())]
+        lines.append(
+            textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+        )
+    return "\n".join(lines)
 
 
 @cache
 def console() -> Console:
     """For results; wide enough for every stride where nobody's terminal sets the width."""
     width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 110
-    return Console(width=width, highlight=False, markup=False, emoji=False)  # names and paths are the user's own
+    return _Console(width=width, highlight=False, markup=False, emoji=False)  # names and paths are the user's own
 
 
 @cache
 def notes() -> Console:
     """For remarks that are no result."""
-    return Console(stderr=True, highlight=False, markup=False, emoji=False)
+    return _Console(stderr=True, highlight=False, markup=False, emoji=False)
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """``klute-sim design``."""
 
 import json
+import re
 import shlex
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
 
 
 def _number(name: str, metavar: str, text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    return click.option(name, type=float, default=None, metavar=metavar, help=text)
+    unit = re.search(r"\[(?!default)(.+?)\]", text)
+    return click.option(name, type=common.Number(unit[1] if unit else ""), default=None, metavar=metavar, help=text)
 
 
 @click.command("design")

@@ -20,7 +20,7 @@ FORCES_AT = 5.0
 @click.argument("name", metavar="[NAME|FILE]", required=False)
 @click.option(
     "--pressure",
-    type=float,
+    type=common.Number("bar"),
     default=None,
     metavar="BAR",
     help="Gauge pressure of the force table [bar].  [default: 5, or the supply's if that is less]",
@@ -52,8 +52,9 @@ def command(name: str | None, pressure: float | None, as_toml: bool, as_json: bo
         if as_json:
             click.echo(json.dumps([{"name": d.name, "description": d.spec.description} for d in presets], indent=2))
         else:
+            width = max(len(device.name) for device in presets)
             for device in presets:
-                click.echo(f"{device.name:18} {device.spec.description}")
+                click.echo(f"{device.name:{width}}  {device.spec.description}")
         return
     chosen = load(name)
     if as_toml:

@@ -96,11 +96,15 @@ def command(
 def _write_example(folder: Path) -> None:
     from importlib import resources
 
+    from klute_sim.errors import InputError
     from klute_sim.recording import run_folder
 
+    content = {f.name: f.read_bytes() for f in (resources.files("klute_sim.dataset") / "example").iterdir()}
+    if all((folder / name).is_file() and (folder / name).read_bytes() == own for name, own in content.items()):
+        raise InputError(f"the example dataset is in {folder} already: leave out --example")
     with run_folder.new("dataset", folder) as (_, scratch):
-        for file in (resources.files("klute_sim.dataset") / "example").iterdir():
-            (scratch / file.name).write_bytes(file.read_bytes())
+        for name, own in content.items():
+            (scratch / name).write_bytes(own)
 
 
 @contextmanager
@@ -158,12 +162,14 @@ def _print(found: "Diagnosis", place: "Path") -> None:
     for reason in filter(None, [*found.reasons, words.equation(found)]):
         out.print(f"  {reason}", soft_wrap=True)
     if found.found and found.final is not None:
-        effects = Table("effect", "parameter", "value", "95 % interval", title="What was added")
+        effects = Table("effect", "parameter", "value", "95 % interval", "unit", title="What was added")
         rows: list[Any] = list(zip(found.final.hypothesis.unknowns, found.final.values, found.intervals, strict=True))
         for number, term in enumerate(found.final.hypothesis.terms):
-            for unknown, value, (low, high) in rows:
+            for unknown, value, interval in rows:
                 if unknown.term == number:
-                    effects.add_row(str(term), unknown.key, f"{value:.4g}", f"{low:.4g} to {high:.4g}")
+                    told, low, high = words.told_apart(value, *interval)
+                    unit = words.unknown(unknown, term.channel)[1]
+                    effects.add_row(str(term), unknown.key, told, f"{low} to {high}", unit or "-")
         out.print(effects)
         if formula(found.final):
             out.print(f"Data-driven term: {formula(found.final)}", soft_wrap=True)

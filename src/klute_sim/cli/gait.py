@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--spring-foot",
-    type=float,
+    type=common.Number(),
     default=None,
     metavar="STIFFNESS",
     help="A passive foot in place of the device, as most people wear; those have 3 to 15 [N·m/deg].",
@@ -44,35 +44,36 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--stride-time",
-    type=float,
+    type=common.Number("s"),
     default=None,
     metavar="S",
     help="Stride time of --reference [s].  [default: what its folder states, or 1.1]",
 )
 @click.option(
     "--mass",
-    type=float,
+    type=common.Number("kg"),
     default=None,
     metavar="KG",
     help="Body mass [kg].  [default: what the folder of --reference states, or 75]",
 )
 @click.option(
     "--stature",
-    type=float,
+    type=common.Number("m"),
     default=None,
     metavar="M",
     help="Stature [m].  [default: what the folder of --reference states, or 1.75]",
 )
+@common.NO_HEIGHT
 @click.option(
     "--speed",
-    type=float,
+    type=common.Number("m/s"),
     default=None,
     metavar="M/S",
     help="Walking speed [m/s]; scales the stride time.  [default: what reference and legs imply]",
 )
 @click.option(
     "--slope",
-    type=float,
+    type=common.Number("degrees"),
     default=0.0,
     show_default=True,
     metavar="DEG",

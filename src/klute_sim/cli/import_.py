@@ -17,8 +17,15 @@ if TYPE_CHECKING:
 
 @click.command("import")
 @click.argument("files", nargs=-1, required=True, metavar="FILES...", type=GivenPath())
-@click.option("--mass", type=float, default=None, metavar="KG", help="Body mass.  [default: from the ground reaction]")
-@click.option("--stature", type=float, default=None, metavar="M", help="Noted for klute-sim gait.")
+@click.option(
+    "--mass",
+    type=common.Number("kg"),
+    default=None,
+    metavar="KG",
+    help="Body mass.  [default: from the ground reaction]",
+)
+@click.option("--stature", type=common.Number("m"), default=None, metavar="M", help="Noted for klute-sim gait.")
+@common.NO_HEIGHT
 @click.option(
     "--side",
     type=click.Choice(["right", "left"]),
@@ -35,17 +42,21 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--cutoff",
-    type=float,
+    type=common.Number("Hz"),
     default=None,
     metavar="HZ",
     help="Low-pass of angles and markers; 0: none.  [default: 6]",
 )
 @click.option(
-    "--load-cutoff", type=float, default=None, metavar="HZ", help="Of ground reactions and moments.  [default: 20]"
+    "--load-cutoff",
+    type=common.Number("Hz"),
+    default=None,
+    metavar="HZ",
+    help="Of ground reactions and moments.  [default: 20]",
 )
 @click.option(
     "--threshold",
-    type=float,
+    type=common.Number("N"),
     default=20.0,
     show_default=True,
     metavar="N",

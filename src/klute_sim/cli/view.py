@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from klute_sim.cli import common
 from klute_sim.cli.given_path import GivenPath
 
 
@@ -20,7 +21,7 @@ from klute_sim.cli.given_path import GivenPath
 )
 @click.option(
     "--at",
-    type=float,
+    type=common.Number(),
     default=None,
     metavar="PLACE",
     help="With --picture: where the cursor is on the timeline [s, or its own numbers].  [default: in the middle]",

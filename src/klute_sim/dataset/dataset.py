@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from klute_sim.dataset import format as file_format
+from klute_sim.dataset import plausible
 from klute_sim.dataset import split as splitting
 from klute_sim.dataset import trial as trials
 from klute_sim.dataset.channels import Rig
@@ -57,12 +58,13 @@ def read(folder: str | Path, device: Device | None = None) -> Dataset:
     ]
 
     digest = hashlib.sha256(hashlib.sha256(content).digest() + bytes.fromhex(device.digest))
-    remarks: dict[str, None] = {}  # in order, each once: trials may share a file
+    said: list[tuple[str, ...]] = []
+    units: dict[str, str] = {}
     found = []
     for entry, use, own in zip(file.trial, entries, devices, strict=True):
         files = tuple(folder / name for name in entry.files)
         channels = trials.read(files, file.rig)
-        remarks |= dict.fromkeys(channels.remarks)
+        said.append(channels.remarks)
         for each in channels.digests:
             digest.update(bytes.fromhex(each))
         found.append(
@@ -77,6 +79,9 @@ def read(folder: str | Path, device: Device | None = None) -> Dataset:
                 checked=_checked(entry.checked, channels.measured, f"{where}, trial '{use.name}'"),
             )
         )
+        plausible.refuse(found[-1], channels.units)
+        units = {**channels.units, **units}
+    doubt = plausible.doubt(found, units)
     return Dataset(
         folder=folder,
         rig=file.rig,
@@ -84,7 +89,7 @@ def read(folder: str | Path, device: Device | None = None) -> Dataset:
         uncertain=uncertain,
         trials=tuple(found),
         digest=digest.hexdigest(),
-        remarks=tuple(remarks),
+        remarks=(*_remarks(found, said), *filter(None, [doubt])),
     )
 
 
@@ -102,11 +107,28 @@ def _checked(named: Sequence[str], measured: Mapping[str, Series], where: str) -
     return frozenset(named)
 
 
+def _remarks(found: Sequence[Trial], said: Sequence[tuple[str, ...]]) -> list[str]:
+    """What was ``said`` of each trial's files, each once (trials may share a file), and what a trial lacks by that."""
+    result: dict[str, None] = {}
+    for trial, own in zip(found, said, strict=True):
+        lacks = {c: None for other in found if other.group == trial.group for c in other.measured} if own else {}
+        missing = [channel for channel in lacks if channel not in trial.measured]
+        result |= dict.fromkeys(own[:-1])
+        for last in own[-1:]:
+            more = f", so this trial has no {' and no '.join(missing)}, which its repeats have" if missing else ""
+            result[f"{last}{more}"] = None
+    return list(result)
+
+
 def _content(folder: Path) -> bytes:
     try:
         return (folder / FILE).read_bytes()
     except FileNotFoundError:
-        raise InputError(f"no dataset in {folder}: a dataset is a folder with a file {FILE} in it") from None
+        if not folder.exists():
+            raise InputError(f"there is no folder {folder}; a dataset is a folder with a file {FILE} in it") from None
+        files = sorted(file.name for file in folder.iterdir() if file.suffix.lower() in (".csv", ".parquet"))
+        mend = f"; docs/datasets.md shows how to write one, and it names {files[0]} and so on" if files else ""
+        raise InputError(f"no dataset in {folder}: a dataset is a folder with a file {FILE} in it{mend}") from None
     except NotADirectoryError:
         raise InputError(f"{folder} is a file; give the folder that holds {FILE}") from None
     except OSError as error:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from klute_sim import units
 from klute_sim.dataset.channels import Rig
 from klute_sim.dataset.trial import Use
 from klute_sim.errors import InputError
@@ -16,6 +17,7 @@ from klute_sim.errors import InputError
 FORMAT = "klute-sim-dataset/1"
 
 _PERCENT = re.compile(r"(?P<number>[^%]*)%")
+_SINGLE = re.compile(rb"^[ \t]*\[[ \t]*trial[ \t]*\]", re.MULTILINE)
 
 
 def _text(value: Any) -> Any:
@@ -32,13 +34,15 @@ def _number(value: Any) -> Any:
 
 
 def _spread(value: Any) -> Any:
-    number, _ = _amount(value)
+    number, is_percent = _amount(value)
     if number is None or number <= 0.0:
         raise PydanticCustomError(
             "spread",
             "allowed is a standard deviation above 0, in per cent of the device's value ('10 %') or in the unit of "
-            "the key (0.5 or '0.5')",
+            "the key (0.5)",
         )
+    if isinstance(value, str) and not is_percent:
+        raise PydanticCustomError("bare", "a forgotten per cent sign, or a number in the unit of the key?")
     return value
 
 
@@ -99,7 +103,8 @@ def parse(content: bytes, where: str) -> DatasetFile:
     except UnicodeDecodeError:
         raise InputError(f"{where} cannot be read: not a UTF-8 text file") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{where} is not valid TOML: {error}") from None
+        mend = "; write [[trial]], with two brackets, for each trial" if _SINGLE.search(content) else ""
+        raise InputError(f"{where} is not valid TOML: {error}{mend}") from None
     try:
         return DatasetFile.model_validate(keys)
     except ValidationError as error:
@@ -174,6 +179,9 @@ _ALLOWED: dict[str, str] = {
 def _allowed(place: tuple[int | str, ...], problem: ErrorDetails | None = None) -> str:
     if problem and problem["type"] in {"name", "number", "spread"}:
         return problem["msg"]
+    if problem and problem["type"] == "bare":
+        number, unit = problem["input"].strip(), units.split(str(place[-1]))[1]
+        return f'{number} % or {f"{number} {unit}".strip()}? Write "{number} %", or {number} without quotes'
     what = ".".join(part for part in place if isinstance(part, str))
     said = _ALLOWED.get(what, _ALLOWED["trial"])
     return f"allowed: {said}" if problem else said

@@ -28,6 +28,8 @@ class Table:
     """Name -> samples in SI, finite or NaN where the cell is empty; all of one length."""
     headings: Mapping[str, str]
     """Name -> heading as written."""
+    units: Mapping[str, str]
+    """Name -> unit as the heading has it."""
     ignored: tuple[str, ...]
     """Headings nobody asked for."""
     digest: str
@@ -78,7 +80,8 @@ def read(path: Path, wanted: Mapping[str, str]) -> Table:
             )
         columns[name] = samples * factor
     written = {name: headings[number] for name, number in places.items()}
-    return Table(where, columns, written, tuple(ignored), hashlib.sha256(content).hexdigest(), place)
+    units = {name: heading[heading.index("[") + 1 : -1].strip() for name, heading in written.items()}
+    return Table(where, columns, written, units, tuple(ignored), hashlib.sha256(content).hexdigest(), place)
 
 
 def _content(path: Path) -> bytes:

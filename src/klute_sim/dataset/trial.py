@@ -64,6 +64,8 @@ class Channels(NamedTuple):
     """SHA-256 of each file."""
     remarks: tuple[str, ...]
     """What the user should know, one sentence each."""
+    units: Mapping[str, str]
+    """Channel -> unit as its heading has it."""
 
 
 def read(files: Sequence[Path], rig: Rig) -> Channels:
@@ -88,7 +90,8 @@ def read(files: Sequence[Path], rig: Rig) -> Channels:
         digests.append(file.digest)
     prescribed, measured = _roles(rig, found, [str(path) for path in files])
     _check_overlap(found)
-    return Channels(prescribed, measured, tuple(digests), tuple(remarks))
+    units = {channel: column.file.units[column.name] for channel, column in found.items()}
+    return Channels(prescribed, measured, tuple(digests), tuple(remarks), units)
 
 
 class _Column(NamedTuple):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from klute_sim.device.schema import DeviceSpec, parse
 from klute_sim.device.step import Parameters
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, meant
 
 DEFAULT_PROSTHESIS = "klute-1-1-4-pair"
 
@@ -61,11 +61,11 @@ def load(name_or_path: str | Path) -> Device:
     try:
         content = Path(wanted).read_bytes()
     except FileNotFoundError:
-        known = ", ".join(preset_names())
-        raise InputError(
-            f"no device '{wanted}': give the path of a device file (klute-sim device NAME --toml prints one to start "
-            f"from), or one of {known}"
-        ) from None
+        every = (
+            "give the path of a device file (klute-sim device NAME --toml prints one to start from), or one of "
+            f"{', '.join(preset_names())}"
+        )
+        raise InputError(f"no device '{wanted}': {meant(wanted, preset_names(), every)}") from None
     except OSError as error:
         raise InputError(f"device file {wanted} cannot be read: {error.strerror}") from None
     return read(content, wanted)

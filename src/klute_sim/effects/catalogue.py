@@ -35,7 +35,7 @@ from klute_sim.effects import (
 )
 from klute_sim.effects import hooks as _hooks
 from klute_sim.effects.effect import HOOKS, Effect, Form
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, meant
 from klute_sim.laws import mckibben
 from klute_sim.laws.foot import Foot
 from klute_sim.laws.pneumatics import Supply
@@ -276,10 +276,11 @@ def form_of(effect: str, form: str | None) -> tuple[Effect, Form]:
     """An effect and its form (None: its usual one); raises InputError that lists what there is."""
     known = effects().get(effect)
     if known is None:
-        raise InputError(
-            f"there is no effect '{effect}'; there are: {', '.join(effects())} (of your own: name their file with "
-            f"--catalogue, or in the environment variable {VARIABLE})"
+        every = (
+            f"there are: {', '.join(effects())} (of your own: name their file with --catalogue, or in the environment "
+            f"variable {VARIABLE})"
         )
+        raise InputError(f"there is no effect '{effect}'; {meant(effect, effects(), every)}")
     found = known.forms[0] if form is None else known.form(form)
     if found is None:
         raise InputError(f"effect '{effect}' has no form '{form}'; it has: {', '.join(f.name for f in known.forms)}")

@@ -147,9 +147,9 @@ def _numbers(fit: Fit, term: Term, intervals: Sequence[tuple[float, float]] = ()
     for number, (unknown, value) in enumerate(zip(fit.hypothesis.unknowns, fit.values, strict=True)):
         if unknown.term == place:
             name, unit = words.unknown(unknown, term.channel)
-            row = {"name": name, "key": unknown.key, "unit": unit, "value": words.number(value), "note": ""}
+            row = {"name": name, "key": unknown.key, "unit": unit, "value": words.number(value)}
             if intervals:
-                row["low"], row["high"] = (words.number(end) for end in intervals[number])
+                row["value"], row["low"], row["high"] = words.told_apart(value, *intervals[number])
             row["note"] = _note(unknown.low, unknown.high, value)
             rows.append(row)
     return rows
@@ -265,8 +265,8 @@ def _base(d: Diagnosis) -> list[dict[str, str]]:
             if _note(unknown.low, unknown.high, fit.values[number]):
                 notes.append(f"{which} {AT_END}")
         row["note"] = ", ".join(notes)
-        if d.intervals:
-            row["low"], row["high"] = (words.number(end) for end in d.intervals[number])
+        if d.intervals and d.final is not None:
+            row["after"], row["low"], row["high"] = words.told_apart(d.final.values[number], *d.intervals[number])
         rows.append(row)
     return rows
 

@@ -16,6 +16,10 @@ from klute_sim.effects import catalogue
 
 DIGITS = 4
 """Significant ones."""
+MOST_DECIMALS = 9
+"""Where numbers have to be told apart."""
+QUANTITIES = {"N": "force", "bar": "pressure"}
+"""Unit that an equation's lack is shown in -> what it is of."""
 PROPER = {name.lower(): name for name in ("Bouc", "Coulomb", "Maxwell", "Stribeck", "Wen")}
 """Parts of identifiers that are people's names."""
 
@@ -27,6 +31,18 @@ def number(value: float, digits: int = DIGITS) -> str:
     if value != 0.0 and not 1e-4 <= abs(value) < 1e7:
         return f"{value:.{digits - 1}e}"
     return np.format_float_positional(value, precision=digits, unique=False, fractional=False, trim="-")
+
+
+def told_apart(value: float, low: float, high: float) -> tuple[str, str, str]:
+    """``value`` and both ends of its interval with as many decimals as tell them apart, and :data:`DIGITS` at least."""
+    every = (value, low, high)
+    most = max(map(abs, every))
+    between = [distance for distance in (abs(value - low), abs(high - value)) if distance > 0.0]
+    if not math.isfinite(sum(every)) or not between or not 1e-4 <= most < 1e7:
+        return number(value), number(low), number(high)
+    decimals = max(DIGITS - 1 - math.floor(math.log10(most)), -math.floor(math.log10(min(between))), 0)
+    shown, bottom, top = (f"{one:.{min(decimals, MOST_DECIMALS)}f}" for one in every)
+    return shown, bottom, top
 
 
 def spoken(identifier: str) -> str:
@@ -111,7 +127,7 @@ def verdict(diagnosis: Diagnosis) -> str:
 
 
 def equation(diagnosis: Diagnosis) -> str:
-    """Which of the device's equations lacks something, in one sentence.
+    """In which of the device's equations something is missing, in one sentence.
 
     '' if none does, if none could be checked, or if an instrument is at fault: they are believed here.
     """
@@ -121,10 +137,15 @@ def equation(diagnosis: Diagnosis) -> str:
     parts = []
     for each in lacking:
         unit, si = UNITS_OF_EQUATIONS[each.name]
-        parts.append(f"that of {each.name} lacks {number(each.lacks / si, 3)} {unit} rms")
-    others = [each.name for each in diagnosis.equations if each not in lacking]
-    fine = f"; that of {joined(others)} shows no lack" if others else ""
-    return f"Of the device's equations, if the instruments are right, {joined(parts)}{fine}."
+        parts.append(
+            f"{number(each.lacks / si, 3)} {unit} rms of {QUANTITIES[unit]} are missing in {_place(each.name)}"
+        )
+    parts += [f"nothing is missing in {_place(each.name)}" for each in diagnosis.equations if each not in lacking]
+    return f"If the instruments are right, {'; '.join(parts)}."
+
+
+def _place(equation: str) -> str:
+    return equation if equation.startswith("muscle") else f"the {equation}"
 
 
 def improvement(diagnosis: Diagnosis) -> str:

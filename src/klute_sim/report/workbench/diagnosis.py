@@ -96,11 +96,11 @@ def page(diagnosis: Diagnosis) -> str:
     if d.found and d.final is not None:
         said.append("## What was added")
         numbers = []
-        for unknown, value, (low, high) in zip(d.final.hypothesis.unknowns, d.final.values, d.intervals, strict=True):
+        for unknown, value, interval in zip(d.final.hypothesis.unknowns, d.final.values, d.intervals, strict=True):
             if unknown.term is not None:
                 term = d.final.hypothesis.terms[unknown.term]
                 name, unit = words.unknown(unknown, term.channel)
-                numbers.append([words.term(term), name, unit or "-", float(value), float(low), float(high)])
+                numbers.append([words.term(term), name, unit or "-", *words.told_apart(value, *interval)])
         said.append(stream.table(["effect", "parameter", "unit", "value", "95 % from", "to"], numbers))
     said.append("## Trials")
     uses = (("fit", "fitted"), ("select", "chosen by, not fitted"), ("show", "shown, never fitted"))

@@ -35,6 +35,11 @@ def without_statistics(environment: Mapping[str, str]) -> dict[str, str]:
     return {**quiet, "CI": "1"}
 
 
+def has_screen(platform: str, environment: Mapping[str, str]) -> bool:
+    """Whether a window can be opened, as far as ``environment`` tells: on Linux a display server has to be named."""
+    return platform != "linux" or any(map(environment.get, ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")))
+
+
 def free_ports(count: int) -> list[int]:
     """Different ports that nobody listens on."""
     sockets = [socket.socket() for _ in range(count)]
@@ -63,15 +68,17 @@ def viewer_program() -> str:
 def open_viewer(run: Path, *, web: bool = False) -> None:
     """Show ``run`` until the viewer is closed, without rerun's usage statistics.
 
-    Raises InputError for a folder without a recording, MissingExtraError without rerun and KluteSimError when the
-    viewer fails.
+    Raises InputError for a folder without a recording, MissingExtraError without rerun and KluteSimError without a
+    screen, or when the viewer fails.
     """
     program = viewer_program()
     with recording_of(run) as recording:
+        if not web and not has_screen(sys.platform, os.environ):
+            raise KluteSimError("there is no screen for the rerun viewer (DISPLAY is not set); try --web or --picture")
         port, web_port = free_ports(2)
-        environment = without_statistics(os.environ)
+        # Or rerun would name its page, which reports, and tell what it listens to.
+        environment = {**without_statistics(os.environ), "RUST_LOG": "warn"}
         if web:
-            environment["RUST_LOG"] = "warn"  # rerun would name its page, which reports
             print(f"Open {web_address(port, web_port)} (Ctrl+C ends)", flush=True)
         command = viewer_command(program, recording, port=port, web_port=web_port if web else None)
         done = subprocess.run(command, env=environment, check=False)

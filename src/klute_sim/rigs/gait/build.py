@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from klute_sim.device import effects_file
-from klute_sim.device.files import Device
+from klute_sim.device.files import Device, preset_names
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.plant import models
@@ -85,7 +85,11 @@ def _scale_limbs(spec: mujoco.MjSpec, scale: float, mass: float) -> None:
 def _origin(device: Device, spec: mujoco.MjSpec, scale: float) -> Samples:
     if device.spec.tendon is None or device.spec.mounting is None:
         missing = "[tendon]" if device.spec.tendon is None else "[mounting]"
-        raise InputError(f"device '{device.name}' cannot be built into an ankle: its file has no {missing} section")
+        pair = f"{device.name}-pair"
+        mend = f"; did you mean '{pair}'?" if pair in preset_names() else ""
+        raise InputError(
+            f"device '{device.name}' cannot be built into an ankle: its file has no {missing} section{mend}"
+        )
     ratio = device.spec.mounting.neutral_muscle_ratio
     length = ratio * device.parameters.muscle.resting_length + device.parameters.tendon.slack_length
     room = -float(spec.frame("socket_end").pos[2])
