@@ -285,7 +285,7 @@ def test_the_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("nowhere",), "no dataset in nowhere"),
+        (("nowhere",), "there is no folder nowhere"),
         (("{data}", "--only", "gremlins"), "there is no effect 'gremlins'; there are: "),
         (("{data}", "--device", "gremlin"), "no device 'gremlin'"),
         (("{data}", "--catalogue", "gremlins.py"), "does not exist"),

@@ -13,6 +13,8 @@ from klute_sim.recording.recording import Samples
 IMPOSSIBLE = 3.0
 """Times longer or shorter than the device at rest, or above what its supply gives, no trial is (assumed: a muscle
 shortens by a third, and usual units differ by more)."""
+ZEROED = 100.0
+"""The same of a muscle that is too short: its sensor may count from elsewhere, which is a fault to be named (assumed)."""
 UNLIKELY = 0.02
 """Share of what the supply gives below which all commands are doubted (assumed: bar for kPa is a hundredth)."""
 SPIKES = 5.0
@@ -31,16 +33,13 @@ def refuse(trial: Trial, units: Mapping[str, str]) -> None:
     """
     parameters = trial.device.parameters
     muscle, supply = parameters.muscle.resting_length, parameters.supply.pressure
-    for channel, rest, what in (
-        (
-            "length",
-            muscle + parameters.tendon.slack_length,
-            "this device, muscle and tendon together, is {} long at rest",
-        ),
-        ("muscle_length", muscle, "this device's muscle is {} long at rest"),
+    whole = muscle + parameters.tendon.slack_length
+    for channel, rest, shorter, what in (
+        ("length", whole, IMPOSSIBLE, "this device, muscle and tendon together, is {} long at rest"),
+        ("muscle_length", muscle, ZEROED, "this device's muscle is {} long at rest"),
     ):
         values = _values(trial, channel)
-        least, most = rest / IMPOSSIBLE, rest * IMPOSSIBLE
+        least, most = rest / shorter, rest * IMPOSSIBLE
         if values.size and (values.min() > most or values.max() < least):
             guess = _unit(float(np.median(values)), rest, (least, most), units[channel], "m")
             raise InputError(_sentence(trial, channel, values, units[channel], "m", what, rest, guess))
