@@ -14,7 +14,7 @@ IMPOSSIBLE = 3.0
 """Times longer or shorter than the device at rest, or above what its supply gives, no trial is (assumed: a muscle
 shortens by a third, and usual units differ by more)."""
 ZEROED = 100.0
-"""The same of a muscle that is too short: its sensor may count from elsewhere, which is a fault to be named (assumed)."""
+"""Times too short a muscle is read: its sensor may count from elsewhere, which is a fault to be named (assumed)."""
 UNLIKELY = 0.02
 """Share of what the supply gives below which all commands are doubted (assumed: bar for kPa is a hundredth)."""
 SPIKES = 5.0
