@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from metrics import WORTH, Metric, Row, confusion, intervals, metrics, power
-from score import hidden, sets
+from score import first_right, hidden, sets
 
 FINE = {"right", "absorbed"}
 LIMIT = 400
@@ -58,12 +58,20 @@ def _targets(every: Sequence[Metric]) -> list[str]:
 
 
 def _methods(rows: Sequence[Row], others: Mapping[str, Sequence[Row]]) -> list[str]:
-    every = {"klute-sim": rows, **others}
+    """By block, on the datasets that every method was given."""
+    common = set.intersection(*({row.name for row in own} for own in others.values()))
+    every = {
+        method: [row for row in own if row.name in common] for method, own in {"klute-sim": rows, **others}.items()
+    }
     words = list(dict.fromkeys(row.outcome for own in every.values() for row in own))
-    return _table(
-        ["method", "datasets", *words],
-        [[name, len(own), *(sum(r.outcome == w for r in own) or "" for w in words)] for name, own in every.items()],
-    )
+    table = []
+    for block in dict.fromkeys(row.truth["block"] for row in every["klute-sim"]):
+        for method, own in every.items():
+            here = [row for row in own if row.truth["block"] == block]
+            first = sum(bool(hidden(row.truth)) and first_right(row.truth, row.verdict) for row in here)
+            counts = (sum(row.outcome == word for row in here) for word in words)
+            table.append([block, method, len(here), first or "", *(count or "" for count in counts)])
+    return _table(["block", "method", "datasets", "first name right", *words], table)
 
 
 def _power(rows: Sequence[Row]) -> list[str]:

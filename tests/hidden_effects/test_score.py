@@ -162,6 +162,17 @@ def test_the_numbers_are_those_of_the_rows(tmp_path: Path) -> None:
     assert "| outside_0 | moving_mass |" in text
     assert "| single_2 |" not in text  # absorbed is nobody's fault
     assert "braid_hysteresis, coulomb" in text
+    assert "Beside other methods" not in text
+    # Another method is held against this one on what both were given.
+    others = {"plain_bic": [rows[0]._replace(outcome="false-alarm"), rows[2]]}
+    beside = page.page(rows, others, {}).split("## Beside other methods")[1].split("##")[0]
+    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in beside.strip().splitlines()]
+    told = {(line[0], line[1]): dict(zip(lines[0], line, strict=True)) for line in lines[2:]}
+    block = rows[2].truth["block"]
+    assert {key[0] for key in told} == {rows[0].truth["block"], block}
+    assert told["clean", "klute-sim"]["datasets"] == "1"
+    assert told["clean", "plain_bic"]["false-alarm"] == "1"
+    assert told[block, "klute-sim"] | {"method": ""} == told[block, "plain_bic"] | {"method": ""}
 
 
 def test_walks_are_counted_by_themselves() -> None:
