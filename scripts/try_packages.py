@@ -88,7 +88,7 @@ def tried(wheel: Path, source: Path, resolution: str, options: argparse.Namespac
             ran(list(check), away, PATH=path)
             print("  passed:", " ".join(check[:2]) if check[0] == "klute-sim" else "the environments", flush=True)
         if options.suite:
-            shutil.rmtree(source / "src")  # so that nothing but the wheel can be imported
+            shutil.rmtree(source / "src", ignore_errors=True)  # so that nothing but the wheel can be imported
             told = ran(["python", "-m", "pytest", "-q", *options.suite.split()], source, PATH=path)
             print("  passed:", told.strip().splitlines()[-1], flush=True)
 

@@ -173,7 +173,7 @@ def test_a_reference_that_asks_for_no_moment_is_refused(tmp_path: Path) -> None:
         (["--mass", "75", "--actuator", "big"], "there is no actuator 'big'; there are: klute-1-1-4"),
         (["--mass", "75", "--resting-length", "400"], "but the shank has room for"),
         (["--f0", "-3"], "F0 is -3; allowed: 0.01 to 100000 N"),
-        (["--f0", "lots"], "'lots' is not a number; write it without a unit, N is meant"),
+        (["--f0", "lots"], "'lots' is not a number; write the number alone, in N"),
         (["--mass", "75", "--name", ""], "--name is empty"),
         (["--f0", "9", "--bore", "1", "--eccentric-force", "1e5", "--eccentric-speed", "1"], "bore / 1000 to bore"),
     ],

@@ -80,7 +80,7 @@ def test_assumed_numbers_say_so() -> None:
         (["walk"], "there is no command 'walk'; all are in klute-sim --help"),
         (["diagnos"], "there is no command 'diagnos'; did you mean 'diagnose'? "),
         (["--gait"], "No such option"),
-        (["gait", "--mass", "82 kg"], "'82 kg' is not a number; write it without a unit, kg is meant"),
+        (["gait", "--mass", "82 kg"], "'82 kg' is not a number; write the number alone, in kg"),
         (["gait", "--spring-foot", "stiff"], "'stiff' is not a number"),
         (["gait", "--device", "klute-1-1-4"], "no [tendon] section; did you mean 'klute-1-1-4-pair'?"),
         (["device", "klute-1-1-pair"], "no device 'klute-1-1-pair': did you mean 'klute-1-1-4-pair'? Give the path"),

@@ -229,9 +229,10 @@ def test_a_misnamed_column_is_told_with_what_the_trial_lacks_by_it(tmp_path: Pat
     make(tmp_path)
     columns = {"time [s]": TIME, "length [mm]": 340 + TIME, "pressure_command [bar]": 3 + TIME, "kraft [N]": TIME}
     write_trial(tmp_path / "b.csv", columns)
-    (remark,) = read(tmp_path).remarks
+    remark, lacks = read(tmp_path).remarks
     where = f"trial file {tmp_path / 'b.csv'}"
-    assert remark == f"{where}: ignored columns 'kraft [N]', so this trial has no force, which its repeats have"
+    assert remark == f"{where}: ignored columns 'kraft [N]'"
+    assert lacks == "trial 'b+b_pressure' has no force, which its repeats have"
     make(tmp_path)
     write_trial(tmp_path / "b.csv", {**columns, "force [N]": TIME})
     assert read(tmp_path).remarks == (f"{where}: ignored columns 'kraft [N]'",)

@@ -40,7 +40,8 @@ def measured(folder: Path, **changed: tuple[str, np.ndarray]) -> Dataset:
         ("muscle_length", "mm", 0.18 + 0.01 * WAVE, "muscle is 250 mm long at rest: is it in m?"),
         ("length", "mm", 13.4 + 0.4 * WAVE, "length is 13.1 to 13.8 mm, and"),
         ("length", "mm", 13.4 + 0.4 * WAVE, ": is it in in?"),
-        ("muscle_length", "mm", 1e-5 * WAVE, ": its unit or its zero is another one"),
+        ("muscle_length", "mm", 7.0 + 0.4 * WAVE, ": is it in in?"),
+        ("length", "mm", 1e-5 * WAVE, ": its unit or its zero is another one"),
         ("length", "m", 340.0 + 10.0 * WAVE, "length is 333 to 350 m, and this device, muscle and tendon together, is"),
         ("length", "mm", 34.0 + WAVE, "is it in cm?"),
         ("pressure_command", "bar", 300.0 + 90.0 * WAVE, "supply gives no more than 5 bar: is it in kPa?"),
@@ -63,6 +64,9 @@ def test_what_cannot_be_the_devices_is_refused_with_the_likely_unit(
         ("muscle_length", "mm", np.full(40, 0.0)),  # dead, which is told elsewhere
         ("muscle_length", "mm", np.where(TIME == 0.2, 1e4, 180.0 + WAVE)),
         ("muscle_length", "mm", 10.0 * WAVE),  # zeroed where it rests, which a diagnosis can name
+        ("muscle_length", "mm", -18.0 + 12.0 * WAVE),
+        ("muscle_length", "mm", 1.2 + 0.8 * WAVE),
+        ("muscle_length", "mm", 800.0 + 9.0 * WAVE),  # a wire that is drawn from elsewhere
         ("length", "mm", 500.0 + 100.0 * WAVE),
         ("pressure", "bar", np.where(TIME == 0.2, 1e4, 3.0 + WAVE)),  # a loose contact
         ("pressure_command", "bar", 12.0 + WAVE),

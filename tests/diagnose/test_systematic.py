@@ -14,12 +14,14 @@ sys.path.insert(0, str(Path(__file__).parent))
 import gait_made
 
 from klute_sim.dataset import dataset as datasets
+from klute_sim.dataset.trial import Series
 from klute_sim.device.files import load
 from klute_sim.diagnose import interval
 from klute_sim.diagnose.experiment import Bench
-from klute_sim.diagnose.fit import Evidence, Fit
+from klute_sim.diagnose.fit import Evidence, Fit, fit
 from klute_sim.diagnose.hypothesis import Hypothesis
 from klute_sim.diagnose.noise import measure
+from klute_sim.diagnose.on_bench import OnBench
 from klute_sim.diagnose.on_gait import OnGait
 from klute_sim.diagnose.prepare import prepare
 from klute_sim.diagnose.systematic import Shared, otherwise, shared, unexplained
@@ -58,7 +60,20 @@ def test_noise_alone_shares_nothing_on_average() -> None:
 
 
 def test_a_bench_has_nothing_prepared() -> None:
+    """So intervals there are as they were without this."""
+    device, rest, time = load("klute-3-4-pair"), np.zeros(3), 0.01 * np.arange(40)
+    rows = {"force": Series(time, np.sin(time))}
+    trials = [OnBench(f"{k}", "g", "fit", device, 0.0, 0.01, rest, rows, unit_length=rest) for k in range(2)]
+    residuals = [{"force": np.sin(time) + k * np.cos(9.0 * time)} for k in range(2)]
+    evidence = Evidence(Bench(1), trials, measure(trials, residuals))
+    hypothesis = Hypothesis(device, (("tendon.stiffness_1_n_per_mm", 6.0),), ())
+    vector = np.append(evidence.weighted(residuals), 0.0)
+    found = Fit(hypothesis, np.zeros(1), vector, np.ones((len(vector), 1)), True, residuals)
+    solver = np.linalg.pinv(found.jacobian)
+    assert otherwise(evidence, found, solver) == []
+    assert shared(evidence, found, solver) == []
     assert unexplained([]) == 0.0
+    evidence.bench.close()
 
 
 @pytest.fixture(scope="module")
@@ -90,17 +105,41 @@ def test_a_walk_is_prepared_otherwise_by_half_the_cutoff(clean: datasets.Dataset
     assert other.command is one.command
 
 
+def half_width(walk: OnGait, later: float) -> float:
+    """Of one number that follows the stride, from two repeats, the second of which begins ``later`` strides later."""
+    bench, hypothesis = Bench(1), Hypothesis(walk.device, (("tendon.stiffness_1_n_per_mm", 6.0),), ())
+    trials, residuals, follow = [], [], []
+    for number, begin in enumerate((0.0, later)):
+        time = walk.begin + walk.strikes[0] + walk.usual * np.arange(begin, begin + 2.0, 0.005)
+        trials.append(replace(walk, name=str(number), group="g", measured={"force": Series(time, np.zeros(len(time)))}))
+        phase = 2.0 * np.pi * trials[-1].stride(time - walk.begin)
+        residuals.append({"force": np.cos(phase) + 0.1 * np.sin(20.0 * phase + 2.0 * number)})
+        follow.append({"force": np.sin(phase)})
+    evidence = Evidence(bench, trials, measure(trials, residuals))
+    jacobian = np.append(evidence.weighted(follow), 1.0)[:, np.newaxis]
+    found = Fit(hypothesis, np.zeros(1), np.zeros(len(jacobian)), jacobian, True, residuals)
+    bench.close()
+    return float(unexplained(shared(evidence, found, np.linalg.pinv(jacobian)))[0])
+
+
+def test_repeats_share_as_much_wherever_they_begin(clean: datasets.Dataset) -> None:
+    walk = next(e for e in prepare(clean, datasets.split(clean)) if isinstance(e, OnGait))
+    together = half_width(walk, 0.0)
+    assert together > 0.5
+    for later in (0.25, 0.5):  # what is not in both is not known to be shared
+        assert half_width(walk, later) == pytest.approx((1.0 - 0.5 * later) * together, rel=0.1)
+
+
 def test_intervals_of_walks_hold_what_could_have_been_done_otherwise(clean: datasets.Dataset) -> None:
     trials = [e for e in prepare(clean, datasets.split(clean)) if isinstance(e, OnGait) and e.use == "fit"]
     bench = Bench(1)
     evidence, found, solver = fitted(trials, bench)
     steps, smoothed = otherwise(evidence, found, solver)
     assert (steps > 0.0).all()
-    # The whole of what refitting to the smoother motion would change, which a second fit there confirms.
+    # What a second fit, to the smoother motion, has otherwise.
     smoother = evidence.on([e.otherwise[0] for e in trials])
-    (other,) = smoother.residuals(found.hypothesis, [found.steps])
-    change = smoother.weighted(other) - evidence.weighted(found.residuals)
-    assert smoothed == pytest.approx(np.abs(solver[:, : len(change)] @ change))
+    one, other = (fit(each, found.hypothesis, fine=True).steps for each in (evidence, smoother))
+    assert smoothed == pytest.approx(np.abs(other - one), rel=0.1)
     bare = evidence.on([replace(e, smoother=e.inputs) for e in trials])
     assert otherwise(bare, found, solver)[1] == pytest.approx(np.zeros(1), abs=1e-12)
     common = unexplained(shared(evidence, found, solver))

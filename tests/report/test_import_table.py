@@ -53,6 +53,7 @@ def test_rows_that_are_alike_are_one_and_trivial_columns_are_none() -> None:
     assert said.count("knee centre") == 1
     assert "5.7 to 6.7 mm" in " ".join(said.split())
     assert "R THIGH 1\u20133" in said
+    assert import_table.shortened("C7, T10, S 01, S 02, Fz1, Fz2, Fz3") == "C7, T10, S 01, S 02, Fz1\u20133"
     assert "sign" not in said
     assert "zero" not in said
     turned = shown(import_table.mapped(result(mapped=[*entries, entry("a.c3d", channel="x", sign=-1)]), whole=False))

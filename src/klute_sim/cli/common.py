@@ -9,10 +9,10 @@ from klute_sim.cli.given_path import GivenPath
 
 
 class Number(click.types.FloatParamType):
-    """A number; of what is none, the sentence says which unit is meant."""
+    """A number; what is not one is refused with the unit that is meant."""
 
     def __init__(self, unit: str = "") -> None:
-        """In ``unit``; '' for a ratio."""
+        """In ``unit``; '' where there is none."""
         self.unit = unit
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
@@ -20,7 +20,7 @@ class Number(click.types.FloatParamType):
         try:
             return float(value)
         except ValueError:
-            mend = f"; write it without a unit, {self.unit} is meant" if self.unit else ""
+            mend = f"; write the number alone, in {self.unit}" if self.unit else ""
             self.fail(f"'{value}' is not a number{mend}", param, ctx)
 
 

@@ -13,7 +13,7 @@ from rich.progress import Progress
 
 
 class _Console(Console):
-    """Breaks lines that are printed with ``soft_wrap`` between words on a terminal, which would break within them.
+    """On a terminal, breaks lines printed with ``soft_wrap`` between words; the terminal would break them inside words.
 
     Elsewhere they stay whole, for what reads them; a word, such as a path, is never broken.
     """

@@ -199,4 +199,4 @@ def _print_one(shown: dict[str, Any]) -> None:
         out.print(table)
         if form["device_file"]:
             out.print("In a device file:\n")
-            out.print(form["device_file"], soft_wrap=True)
+            click.echo(form["device_file"])  # to be copied as it is

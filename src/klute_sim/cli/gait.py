@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--spring-foot",
-    type=common.Number(),
+    type=common.Number("N·m/deg"),
     default=None,
     metavar="STIFFNESS",
     help="A passive foot in place of the device, as most people wear; those have 3 to 15 [N·m/deg].",

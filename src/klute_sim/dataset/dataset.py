@@ -113,10 +113,9 @@ def _remarks(found: Sequence[Trial], said: Sequence[tuple[str, ...]]) -> list[st
     for trial, own in zip(found, said, strict=True):
         lacks = {c: None for other in found if other.group == trial.group for c in other.measured} if own else {}
         missing = [channel for channel in lacks if channel not in trial.measured]
-        result |= dict.fromkeys(own[:-1])
-        for last in own[-1:]:
-            more = f", so this trial has no {' and no '.join(missing)}, which its repeats have" if missing else ""
-            result[f"{last}{more}"] = None
+        result |= dict.fromkeys(own)
+        if missing:
+            result[f"trial '{trial.name}' has no {' and no '.join(missing)}, which its repeats have"] = None
     return list(result)
 
 
@@ -126,7 +125,7 @@ def _content(folder: Path) -> bytes:
     except FileNotFoundError:
         if not folder.exists():
             raise InputError(f"there is no folder {folder}; a dataset is a folder with a file {FILE} in it") from None
-        files = sorted(file.name for file in folder.iterdir() if file.suffix.lower() in (".csv", ".parquet"))
+        files = sorted(file.name for file in folder.glob("*") if file.suffix.lower() in (".csv", ".parquet"))
         mend = f"; docs/datasets.md shows how to write one, and it names {files[0]} and so on" if files else ""
         raise InputError(f"no dataset in {folder}: a dataset is a folder with a file {FILE} in it{mend}") from None
     except NotADirectoryError:

@@ -13,8 +13,8 @@ from klute_sim.recording.recording import Samples
 IMPOSSIBLE = 3.0
 """Times longer or shorter than the device at rest, or above what its supply gives, no trial is (assumed: a muscle
 shortens by a third, and usual units differ by more)."""
-ZEROED = 100.0
-"""Times too short a muscle is read: its sensor may count from elsewhere, which is a fault to be named (assumed)."""
+MUSCLE = 0.4, 1.3
+"""Shortest and longest that a muscle may be, over its length at rest, in the unit that is guessed (assumed)."""
 UNLIKELY = 0.02
 """Share of what the supply gives below which all commands are doubted (assumed: bar for kPa is a hundredth)."""
 SPIKES = 5.0
@@ -29,19 +29,24 @@ USUAL = {"m": ("mm", "cm", "m", "in"), "Pa": ("bar", "kPa", "MPa", "psi", "Pa")}
 def refuse(trial: Trial, units: Mapping[str, str]) -> None:
     """Raise InputError where no sample of a length, or too many of a pressure, can be of the device of ``trial``.
 
-    ``units``: channel -> unit in its heading. Channels that always show the same are for others to judge.
+    ``units``: channel -> unit in its heading. Channels that always show the same are for others to judge. A muscle's
+    sensor may count from anywhere, which a diagnosis can name: it is refused where another unit explains all samples.
     """
     parameters = trial.device.parameters
     muscle, supply = parameters.muscle.resting_length, parameters.supply.pressure
     whole = muscle + parameters.tendon.slack_length
-    for channel, rest, shorter, what in (
-        ("length", whole, IMPOSSIBLE, "this device, muscle and tendon together, is {} long at rest"),
-        ("muscle_length", muscle, ZEROED, "this device's muscle is {} long at rest"),
+    for channel, rest, what in (
+        ("length", whole, "this device, muscle and tendon together, is {} long at rest"),
+        ("muscle_length", muscle, "this device's muscle is {} long at rest"),
     ):
         values = _values(trial, channel)
-        least, most = rest / shorter, rest * IMPOSSIBLE
+        least, most = rest / IMPOSSIBLE, rest * IMPOSSIBLE
         if values.size and (values.min() > most or values.max() < least):
             guess = _unit(float(np.median(values)), rest, (least, most), units[channel], "m")
+            if channel == "muscle_length":
+                times = (quantity.between(guess, units[channel]) or math.nan) / rest if guess else math.nan
+                if not MUSCLE[0] < times * values.min() <= times * values.max() < MUSCLE[1]:
+                    continue
             raise InputError(_sentence(trial, channel, values, units[channel], "m", what, rest, guess))
     for channel in ("pressure_command", "pressure"):
         values = _values(trial, channel)
@@ -84,7 +89,7 @@ def _unit(value: float, usual: float, between: tuple[float, float], written: str
     All in SI but the unit; it can be if the value is then ``between`` these.
     """
     found = {unit: value * (quantity.between(unit, written) or math.nan) for unit in USUAL[si]}
-    near = {unit: one for unit, one in found.items() if between[0] <= one <= between[1] and one != value}
+    near = {unit: one for unit, one in found.items() if between[0] <= one <= between[1]}
     return min(near, key=lambda unit: abs(math.log(near[unit] / usual)), default="")
 
 

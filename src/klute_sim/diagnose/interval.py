@@ -10,10 +10,8 @@ from scipy.stats import t as student
 from klute_sim.diagnose.experiment import Array
 from klute_sim.diagnose.fit import Evidence, Fit
 from klute_sim.diagnose.noise import stacks
-from klute_sim.diagnose.systematic import otherwise, shared, unexplained
+from klute_sim.diagnose.systematic import LEVEL, otherwise, shared, unexplained
 
-LEVEL = 0.95
-"""Of the intervals."""
 BLOCK = 0.5
 """Time [s] within which noise that is loud in places may be correlated (assumed)."""
 

@@ -19,7 +19,7 @@ from klute_sim.diagnose.fit import Evidence, Fit
 from klute_sim.diagnose.noise import stacks
 
 LEVEL = 0.95
-"""Of half widths."""
+"""Of the intervals."""
 
 
 class Shared(NamedTuple):
@@ -54,34 +54,38 @@ def otherwise(evidence: Evidence, found: Fit, solver: Array) -> list[Array]:
 
 def shared(evidence: Evidence, found: Fit, solver: Array) -> list[Shared]:
     """Of the groups whose trials could have been prepared otherwise."""
-    follow: dict[tuple[str, str], list[Array]] = defaultdict(list)
+    follow: dict[tuple[str, str], list[tuple[Array, Array]]] = defaultdict(list)
     begin = 0
     for experiment, weights, residual in zip(evidence.experiments, evidence.weights, found.residuals, strict=True):
         for channel in weights:
             end = begin + len(residual[channel])
             if experiment.otherwise:
-                weight = evidence.noise[channel].weight(experiment.measured[channel].interval)
-                follow[experiment.group, channel].append(solver[:, begin:end] * weight)
+                series = experiment.measured[channel]
+                columns = solver[:, begin:end] * evidence.noise[channel].weight(series.interval)
+                follow[experiment.group, channel].append((experiment.clock(series.time - experiment.begin), columns))
             begin = end
     parts: dict[str, list[tuple[Array, Array, Array]]] = defaultdict(list)
     for channel in evidence.noise:
         for stack in stacks(evidence.experiments, found.residuals, channel):
             together = np.zeros((len(solver), stack.rows.shape[1]))
-            for columns in follow.get((stack.group, channel), ()):  # repeats last about as long as each other
-                width = min(columns.shape[1], together.shape[1])
-                together[:, :width] += columns[:, :width]
+            for clock, columns in follow.get((stack.group, channel), ()):
+                # Repeats need not begin together, nor be sampled as often: what they share is at one place of the walk.
+                inside = (clock >= stack.clock[0]) & (clock <= stack.clock[-1])
+                near = np.rint(np.interp(clock[inside], stack.clock, np.arange(float(len(stack.clock)))))
+                place = near.astype(np.intp)
+                together += np.array([np.bincount(place, row, len(stack.clock)) for row in columns[:, inside]])
             if together.any():
                 many, mean = len(stack.rows), stack.rows.mean(axis=0)
                 parts[stack.group].append((together, mean, (stack.rows - mean) * np.sqrt(many / (many - 1.0))))
     return [Shared(*zip(*every, strict=True)) for every in parts.values()]
 
 
-def unexplained(groups: Sequence[Shared]) -> Array | float:
+def unexplained(groups: Sequence[Shared]) -> Array:
     """Half width [steps], (unknowns,), for a misfit as large as what ``groups`` share, at any time in their trials.
 
     In place it moves nothing: the fit has seen to that. It might have come elsewhere, on average over all times
     (by Parseval's theorem, as in :func:`klute_sim.diagnose.interval.shifted`), and in the same sense in every group.
-    What noise alone leaves in the mean over repeats does not count. 0 without groups.
+    What noise alone leaves in the mean over repeats does not count. (1,) with 0 without groups.
     """
     return float(norm.ppf(0.5 + 0.5 * LEVEL)) * sum((_moved(group) for group in groups), np.zeros(1))
 

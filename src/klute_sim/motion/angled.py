@@ -88,7 +88,7 @@ def legs(trial: Sequence[Source], where: str, options: ImportOptions, findings: 
 
 
 def _frame(trial: Sequence[Source], options: ImportOptions, findings: Findings) -> Frame | None:
-    """The axes of force plates in a C3D, by its markers; None of others, whose axes are OpenSim's."""
+    """The axes of force plates in a C3D, by its markers; None where no file has both."""
     for source in trial:
         if source.plates and source.markers is not None:
             roles = markers.named(source.markers, options.chosen, source.name)

@@ -108,7 +108,7 @@ def _why(limb: Limb, contact: Contact) -> str:
     inside = (limb.time >= contact.strike) & (limb.time <= after)
     gap = next((name for name, samples in limb.channels.items() if not np.isfinite(samples[inside]).all()), None)
     what = f"{gap.replace('_', ' ')} has gaps" if gap else "stride time and toe-off are not those of walking"
-    return f"from {contact.strike:.2f} to {after:.2f} s {what}"
+    return f"{what} between {contact.strike:.2f} and {after:.2f} s"
 
 
 def _strides(count: int) -> str:

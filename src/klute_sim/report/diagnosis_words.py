@@ -34,14 +34,18 @@ def number(value: float, digits: int = DIGITS) -> str:
 
 
 def told_apart(value: float, low: float, high: float) -> tuple[str, str, str]:
-    """``value`` and both ends of its interval with as many decimals as tell them apart, and :data:`DIGITS` at least."""
+    """``value`` and both ends of its interval, all with the decimals that tell the nearest two of them apart.
+
+    The largest has :data:`DIGITS` digits or more; there are no more than :data:`MOST_DECIMALS` decimals.
+    """
     every = (value, low, high)
     most = max(map(abs, every))
     between = [distance for distance in (abs(value - low), abs(high - value)) if distance > 0.0]
     if not math.isfinite(sum(every)) or not between or not 1e-4 <= most < 1e7:
         return number(value), number(low), number(high)
     decimals = max(DIGITS - 1 - math.floor(math.log10(most)), -math.floor(math.log10(min(between))), 0)
-    shown, bottom, top = (f"{one:.{min(decimals, MOST_DECIMALS)}f}" for one in every)
+    decimals = min(decimals, MOST_DECIMALS)
+    shown, bottom, top = (f"{round(one, decimals) + 0.0:.{decimals}f}" for one in every)
     return shown, bottom, top
 
 

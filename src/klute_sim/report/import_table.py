@@ -5,7 +5,7 @@ All of it, entry by entry, is in import.json.
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any
 
 from rich import box
@@ -13,7 +13,7 @@ from rich.table import Table
 
 MOST_FILES = 3
 """Named before the rest are counted."""
-MEASURED = re.compile(r"(?<![\w.-])-?(?:\d+\.\d+|\d+(?= (?:degrees|%|ms|s|mm|N)(?!\w)))")
+MEASURED = re.compile(r"(?<![\w.-])-?(?:\d+\.\d+(?:e[-+]\d+)?|\d+(?= (?:degrees|%|ms|s|mm|N)(?!\w)))")
 """Numbers that may differ between files of which one sentence is told: decimal fractions, or with a unit."""
 
 
@@ -82,15 +82,16 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], na
 
 
 def shortened(names: str) -> str:
-    """``S 1, S 2, S 3, T`` -> ``S 1–3, T``."""
-    split = [re.fullmatch(r"(.*?)\s*(\d*)", name) for name in names.split(", ")]
-    told = []
-    for stem, group in groupby((one.groups() for one in split if one), key=lambda parts: parts[0]):
-        numbers = [number for _, number in group]
-        first, count = int(numbers[0] or 0), len(numbers)
-        if count > 2 and all(numbers) and [int(n) for n in numbers] == [*range(first, first + count)]:
-            numbers = [f"{first}–{first + count - 1}"]
-        told += [f"{stem} {number}".rstrip() for number in numbers]
+    """``S 1, S 2, S 3, T`` -> ``S 1–3, T``; all that is no run of three or more stays as it is written."""
+    told: list[str] = []
+    for stem, group in groupby(names.split(", "), key=lambda name: name.rstrip("0123456789").rstrip()):
+        run = list(group)
+        numbers = [name.removeprefix(stem).strip() for name in run]
+        if len(run) > 2 and all(numbers) and all(int(b) == int(a) + 1 for a, b in pairwise(numbers)):
+            run = [
+                f"{stem} {numbers[0]}–{numbers[-1]}" if " " in run[0].removeprefix(stem) else f"{run[0]}–{numbers[-1]}"
+            ]
+        told += run
     return ", ".join(told)
 
 
