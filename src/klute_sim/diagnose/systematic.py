@@ -20,6 +20,8 @@ from klute_sim.diagnose.noise import stacks
 
 LEVEL = 0.95
 """Of the intervals."""
+SHIFT = 0.25
+"""Of a trial, by which a misfit is shifted: a stride of four, or more (assumed)."""
 
 
 class Shared(NamedTuple):
@@ -81,11 +83,11 @@ def shared(evidence: Evidence, found: Fit, solver: Array) -> list[Shared]:
 
 
 def unexplained(groups: Sequence[Shared]) -> Array:
-    """Half width [steps], (unknowns,), for a misfit as large as what ``groups`` share, at any time in their trials.
+    """Half width [steps], (unknowns,), for a misfit as large as what ``groups`` share, at other times in their trials.
 
-    In place it moves nothing: the fit has seen to that. It might have come elsewhere, on average over all times
-    (by Parseval's theorem, as in :func:`klute_sim.diagnose.interval.shifted`), and in the same sense in every group.
-    What noise alone leaves in the mean over repeats does not count. (1,) with 0 without groups.
+    In place it moves nothing: the fit has seen to that. It might have come sooner or later, by up to :data:`SHIFT`, on
+    average over all of these, and in the same sense in every group. What noise alone leaves in the mean over repeats
+    does not count. (1,) with 0 without groups.
     """
     return float(norm.ppf(0.5 + 0.5 * LEVEL)) * sum((_moved(group) for group in groups), np.zeros(1))
 
@@ -98,10 +100,18 @@ def _moved(group: Shared) -> Array:
 
 
 def _square(follow: Sequence[Array], rows: Sequence[Array]) -> Array:
-    """Mean over all shifts of the square of what ``rows`` do to the unknowns, channels shifted together."""
+    """Mean over shifts of the square of what ``rows`` do to the unknowns, channels shifted together.
+
+    Of a shifted row only what meets the trial counts, and stands for all of it: strides are periodic, and begun anew at
+    the other end they would cancel. Spectra of twice the duration have the same frequencies, however often a channel
+    was sampled.
+    """
     width = max(len(row) for row in rows)
-    total = np.zeros((len(follow[0]), width // 2 + 1), np.complex128)
+    total = np.zeros((len(follow[0]), width + 1), np.complex128)
     for columns, row in zip(follow, rows, strict=True):
-        own = np.fft.rfft(columns) * np.fft.rfft(row).conj() / len(row)
-        total[:, : own.shape[1]] += own
-    return np.asarray((np.abs(total) ** 2 * np.where(np.arange(total.shape[1]) == 0, 1.0, 2.0)).sum(axis=1))
+        size = 2 * len(row)
+        total[:, : len(row) + 1] += np.fft.rfft(columns, size) * np.fft.rfft(row, size).conj() / size
+    most = int(SHIFT * width)
+    shift = np.arange(-most, most + 1)
+    moved = 2.0 * width * np.fft.irfft(total, 2 * width)[:, shift] * width / (width - np.abs(shift))
+    return np.asarray((moved**2).mean(axis=1))
