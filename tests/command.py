@@ -24,7 +24,7 @@ def run(*arguments: str, cwd: Path | None = None, **environment: str) -> subproc
 
     With a catalogue it is one: the law is made once in a process, of the effects that there are by then.
     """
-    if "--catalogue" in arguments:
+    if "--catalogue" in arguments or "KLUTE_SIM_CATALOGUE" in environment:
         return apart(*arguments, cwd=cwd, **environment)
     out, err, handler = io.StringIO(), io.StringIO(), signal.getsignal(signal.SIGTERM)
     code: object = 0
