@@ -110,3 +110,12 @@ def test_nothing_is_imported_from_the_working_folder(tmp_path: Path, monkeypatch
     (tmp_path / "ezc3d.py").write_text("raise SystemExit('from the working folder')")
     monkeypatch.chdir(tmp_path)
     assert len(c3d.read(path).plates) == 1
+
+
+def test_a_file_that_keeps_the_library_busy_for_ever_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = made(tmp_path / "a.c3d")
+    monkeypatch.setattr(c3d, "PATIENCE", 0.0)
+    with pytest.raises(InputError, match=r"a\.c3d cannot be read as C3D within 0 s: it is damaged$"):
+        c3d.read(file)

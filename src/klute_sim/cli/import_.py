@@ -1,6 +1,7 @@
 """``klute-sim import``."""
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -178,12 +179,14 @@ def _wanted(device: str | None, uncertain: tuple[str, ...], repeats: int | None)
 
     if device is None:
         raise InputError("a dataset needs --device: the preset or the device file of the prosthesis that was walked on")
-    spreads = {}
+    spreads: dict[str, str | float] = {}
     for word in uncertain:
         key, equals, spread = word.partition("=")
         if not equals:
             raise InputError(f"--uncertain '{word}' is not of the form KEY=SPREAD, such as 'muscle.c10_kpa=10 %'")
         spreads[key.strip()] = spread.strip()
+        with suppress(ValueError):  # a number by itself has the unit of the key
+            spreads[key.strip()] = float(spread)
     return Wanted(device=device, uncertain=spreads, repeats=repeats)
 
 

@@ -28,8 +28,9 @@ BLOCK = 512
 """Bytes of a block of the format."""
 MAGIC = 0x50
 MOST_SAMPLES = 200_000_000
-LONGEST = 300.0
-"""Time [s] the library may take."""
+PATIENCE, RATE = 15.0, 1e6
+"""Time [s] the library may take to start, and bytes that it has to read in each second more: damage can keep it busy
+for ever (assumed; it reads tens of megabytes in a second)."""
 LARGEST_FORCE = 1e6
 """[N]"""
 FORCE_UNITS = {"N": 1.0, "kN": 1e3}
@@ -63,19 +64,19 @@ def read(path: str | Path) -> Capture:
     _check_header(file)
     if find_spec("ezc3d") is None:
         raise MissingExtraError("reading C3D", "c3d")
-    with np.load(io.BytesIO(_read_apart(path)), allow_pickle=False) as arrays:
+    with np.load(io.BytesIO(_read_apart(path, PATIENCE + len(file.data) / RATE)), allow_pickle=False) as arrays:
         return _capture(json.loads(str(arrays["about"])), arrays, file.where)
 
 
-def _read_apart(path: str | Path) -> bytes:
-    """What :mod:`klute_sim.formats.c3d_apart` finds in the file."""
+def _read_apart(path: str | Path, longest: float) -> bytes:
+    """What :mod:`klute_sim.formats.c3d_apart` finds in the file, in ``longest`` [s] at most."""
     # -P: nothing is imported from the working folder
     command = [sys.executable, "-P", "-m", "klute_sim.formats.c3d_apart", str(Path(path).absolute())]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:
-        done = subprocess.run(command, capture_output=True, env=environment, timeout=LONGEST, check=False)
+        done = subprocess.run(command, capture_output=True, env=environment, timeout=longest, check=False)
     except subprocess.TimeoutExpired:
-        raise InputError(f"{path} cannot be read as C3D within {LONGEST:g} s: it is damaged") from None
+        raise InputError(f"{path} cannot be read as C3D within {longest:.0f} s: it is damaged") from None
     if done.returncode == 0:
         return done.stdout
     lines = done.stderr.decode("utf-8", "replace").strip().splitlines()

@@ -45,8 +45,8 @@ class Wanted:
 
     device: str
     """That was walked on: a preset or a file."""
-    uncertain: Mapping[str, str]
-    """``section.key`` of the device -> standard deviation, as in dataset.toml."""
+    uncertain: Mapping[str, str | float]
+    """``section.key`` of the device -> standard deviation, as in dataset.toml: per cent, or a number in its unit."""
     repeats: int | None = None
     """So many trials on end are repeats; None: found out."""
 
@@ -165,7 +165,8 @@ def _toml(wanted: Wanted, device: str, trials: Sequence[tuple[str, Sequence[str]
 
     lines = [f'format = "{file_format.FORMAT}"', 'rig = "gait"', f"device = {quoted(device)}"]
     if wanted.uncertain:
-        lines += ["", "[uncertain]", *(f"{quoted(key)} = {quoted(value)}" for key, value in wanted.uncertain.items())]
+        lines += ["", "[uncertain]"]
+        lines += [f"{quoted(k)} = {quoted(v) if isinstance(v, str) else repr(v)}" for k, v in wanted.uncertain.items()]
     for group, files, origin in trials:
         lines += ["", f"# {', '.join(map(quoted, origin))}"] if origin else [""]
         lines += ["[[trial]]", f"files = [{', '.join(map(quoted, files))}]", f"group = {quoted(group)}"]
