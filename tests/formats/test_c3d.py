@@ -1,5 +1,7 @@
 """C3D through its library: a capture by hand, and files that are none."""
 
+import os
+import signal
 import struct
 import subprocess
 import sys
@@ -110,6 +112,15 @@ def test_nothing_is_imported_from_the_working_folder(tmp_path: Path, monkeypatch
     (tmp_path / "ezc3d.py").write_text("raise SystemExit('from the working folder')")
     monkeypatch.chdir(tmp_path)
     assert len(c3d.read(path).plates) == 1
+
+
+@pytest.mark.skipif(not hasattr(signal, "alarm"), reason="this system cannot end a process like that")
+def test_a_library_that_nobody_waits_for_any_more_ends(tmp_path: Path) -> None:
+    (tmp_path / "ezc3d.py").write_text("while True:\n    pass\n")
+    path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    command = [sys.executable, "-P", "-m", "klute_sim.formats.c3d_apart", "walk.c3d", "1"]
+    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, timeout=30, check=False)
+    assert done.returncode == -signal.SIGALRM
 
 
 def test_a_file_that_keeps_the_library_busy_for_ever_is_refused(

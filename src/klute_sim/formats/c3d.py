@@ -71,7 +71,14 @@ def read(path: str | Path) -> Capture:
 def _read_apart(path: str | Path, longest: float) -> bytes:
     """What :mod:`klute_sim.formats.c3d_apart` finds in the file, in ``longest`` [s] at most."""
     # -P: nothing is imported from the working folder
-    command = [sys.executable, "-P", "-m", "klute_sim.formats.c3d_apart", str(Path(path).absolute())]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "klute_sim.formats.c3d_apart",
+        str(Path(path).absolute()),
+        f"{longest + 2:.0f}",
+    ]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:
         done = subprocess.run(command, capture_output=True, env=environment, timeout=longest, check=False)

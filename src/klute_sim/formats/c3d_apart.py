@@ -1,12 +1,14 @@
-"""Reads one C3D file in a process of its own: ``python -m klute_sim.formats.c3d_apart FILE``.
+"""Reads one C3D file in a process of its own: ``python -m klute_sim.formats.c3d_apart FILE SECONDS``.
 
 The library is C++, and some damaged files crash it (a changed byte is enough): then this process ends, not the user's.
+Others keep it busy for ever: then this process ends after so many seconds, even if nobody waits for it any more.
 What was read goes to standard output as NumPy's ``.npz``, without pickles.
 """
 
 import io
 import json
 import os
+import signal
 import sys
 import warnings
 from typing import Any
@@ -41,6 +43,8 @@ def _text(parameter: Any) -> str:
 
 def main() -> None:
     """Read the file named on the command line; a reason on standard error and exit code 1 where that fails."""
+    if hasattr(signal, "alarm"):  # Windows has none
+        signal.alarm(int(sys.argv[2]))
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever the library prints does not belong to the result
     warnings.simplefilter("ignore")
