@@ -20,6 +20,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 RESOLUTIONS = {"floor": "lowest-direct", "newest": "highest"}
+BIN = "Scripts" if os.name == "nt" else "bin"
 SHOWN = ("mujoco", "numpy", "scipy", "gymnasium", "numba", "pyarrow", "pydantic")
 """Packages whose versions are told."""
 WHERE = """
@@ -70,7 +71,7 @@ def built(folder: Path) -> tuple[Path, Path]:
 def tried(wheel: Path, source: Path, resolution: str, options: argparse.Namespace) -> None:
     """Install ``wheel`` and run everything; raises TryingError at the first that fails."""
     with tempfile.TemporaryDirectory() as place:
-        away, programs = Path(place) / "empty", Path(place) / "environment" / "bin"
+        away, programs = Path(place) / "empty", Path(place) / "environment" / BIN
         away.mkdir()
         ran(["uv", "venv", "--quiet", "--python", options.python, str(programs.parent)], away)
         install = ["uv", "pip", "install", "--quiet", "--python", str(programs / "python")]

@@ -61,7 +61,7 @@ class Text:
         try:
             table = pyarrow.csv.read_csv(
                 pa.py_buffer(self.body),
-                # In several threads a busy machine now and then fails "for an unknown reason" (pyarrow 26).
+                # In several threads it was once seen to fail "for an unknown reason" on a busy machine (pyarrow 26).
                 read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=False),
                 parse_options=pyarrow.csv.ParseOptions(delimiter=self.delimiter),
                 convert_options=pyarrow.csv.ConvertOptions(

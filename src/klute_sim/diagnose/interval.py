@@ -152,9 +152,8 @@ def _groups(evidence: Evidence, found: Fit, solver: Array) -> list[list[list[Par
 
 def _apart(evidence: Evidence, found: Fit) -> dict[tuple[str, str], Array]:
     """(group, channel) -> what sets its repeats apart, in the size that the noise of one of them has."""
-    apart = {}
-    for channel in evidence.noise:
-        for stack in stacks(evidence.experiments, found.residuals, channel):
-            many = len(stack.rows)
-            apart[stack.group, channel] = (stack.rows - stack.rows.mean(axis=0)) * np.sqrt(many / (many - 1.0))
-    return apart
+    return {
+        (stack.group, channel): stack.apart
+        for channel in evidence.noise
+        for stack in stacks(evidence.experiments, found.residuals, channel)
+    }

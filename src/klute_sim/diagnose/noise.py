@@ -96,6 +96,12 @@ class Stack(NamedTuple):
         """Usual time between samples [s]."""
         return float(np.median(np.diff(self.clock)))
 
+    @property
+    def apart(self) -> Array:
+        """(repeats, samples) what sets them apart, in the size that the noise of one of them has; of two or more."""
+        many = len(self.rows)
+        return np.asarray((self.rows - self.rows.mean(axis=0)) * np.sqrt(many / (many - 1.0)))
+
 
 def stacks(experiments: Sequence[Experiment], residuals: Residuals, channel: str, *, least: int = 2) -> Iterator[Stack]:
     """Every group in which ``channel`` was recorded ``least`` times or more, as long as all of its repeats last."""

@@ -77,8 +77,7 @@ def shared(evidence: Evidence, found: Fit, solver: Array) -> list[Shared]:
                 place = near.astype(np.intp)
                 together += np.array([np.bincount(place, row, len(stack.clock)) for row in columns[:, inside]])
             if together.any():
-                many, mean = len(stack.rows), stack.rows.mean(axis=0)
-                parts[stack.group].append((together, mean, (stack.rows - mean) * np.sqrt(many / (many - 1.0))))
+                parts[stack.group].append((together, stack.rows.mean(axis=0), stack.apart))
     return [Shared(*zip(*every, strict=True)) for every in parts.values()]
 
 

@@ -30,7 +30,7 @@ MAGIC = 0x50
 MOST_SAMPLES = 200_000_000
 PATIENCE, RATE = 15.0, 1e6
 """Time [s] the library may take to start, and bytes that it has to read in each second more: damage can keep it busy
-for ever (assumed; it reads tens of megabytes in a second)."""
+for ever (both assumed)."""
 LARGEST_FORCE = 1e6
 """[N]"""
 FORCE_UNITS = {"N": 1.0, "kN": 1e3}
