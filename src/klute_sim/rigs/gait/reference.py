@@ -42,9 +42,9 @@ DEVIATIONS = ("ankle_dorsiflexion_sd_deg", "ankle_moment_sd_nm_per_kg", "ankle_p
 PELVIS = 30.0
 """Most that shank minus (knee minus hip) may vary over the cycle [deg]; the pelvis tilts by a few degrees."""
 LARGEST = 1e4
-"""No number of a gait cycle, in the units of a reference, is larger."""
+"""No number of a gait cycle, in the units of a reference, is larger (assumed)."""
 FINEST = 1e-3
-"""Rows are no closer [% of the cycle]."""
+"""Rows are no closer [% of the cycle] (assumed)."""
 CLOSURE = 0.15
 """Largest mismatch of a column's two ends, over its range, that is still taken for one periodic stride."""
 CAPTURED = {".c3d", ".parquet"}
