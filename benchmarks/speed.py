@@ -26,24 +26,24 @@ from rich.progress import track
 from rich.table import Table
 
 import klute_sim  # noqa: F401  (registers the environments)
-from klute_sim.device.files import DEFAULT_PROSTHESIS, load, read
-from klute_sim.device.rollout import rollout
-from klute_sim.device.schema import SAID_BY
-from klute_sim.device.step import Parameters
+from klute_sim.device.files import DEFAULT_DEVICE, load_device, parse_device
+from klute_sim.device.rollout import simulate_rollouts
+from klute_sim.device.schema import SECTION_OF_EFFECT
+from klute_sim.device.step import DeviceParameters
 from klute_sim.effects import catalogue
 from klute_sim.plant import models, router
-from klute_sim.provenance import versions
+from klute_sim.provenance import collect_versions
 from klute_sim.rigs import bench
-from klute_sim.rigs.gait.assembly import DRIVES, GaitOptions, assemble, start
-from klute_sim.rigs.gait.body import ANKLE
+from klute_sim.rigs.gait.assembly import DRIVE_ACTUATORS, GaitOptions, build_gait_rig, reset_gait_rig
+from klute_sim.rigs.gait.body import PROSTHESIS_PREFIX
 
-DEVICE = load(DEFAULT_PROSTHESIS)
-VALVE = load("klute-1-1-4-pair-valve")
-NAME = "klute_sim/AnkleGait-v1"
-CHUNK = 20
+DEVICE = load_device(DEFAULT_DEVICE)
+VALVE_DEVICE = load_device("klute-1-1-4-pair-valve")
+ENVIRONMENT_ID = "klute_sim/AnkleGait-v1"
+STEPS_PER_CALL = 20
 
 
-class Ratio(NamedTuple):
+class SpeedRatio(NamedTuple):
     """One line of the table."""
 
     what: str
@@ -53,7 +53,7 @@ class Ratio(NamedTuple):
     met: bool
 
 
-def with_muscle(spec: mujoco.MjSpec, actuator: str) -> mujoco.MjModel:
+def compile_with_muscle(spec: mujoco.MjSpec, actuator: str) -> mujoco.MjModel:
     """``spec`` with MuJoCo's built-in muscle in the device's place."""
     muscle = spec.actuator(actuator)
     muscle.dyntype = mujoco.mjtDyn.mjDYN_MUSCLE
@@ -67,69 +67,69 @@ def with_muscle(spec: mujoco.MjSpec, actuator: str) -> mujoco.MjModel:
     return spec.compile()
 
 
-def ankle_steps(model: mujoco.MjModel, most: float, count: int) -> None:
+def step_ankle(model: mujoco.MjModel, max_command: float, n_steps: int) -> None:
     """``count`` steps of the ankle on the ground under a command that swings between 0.1 and 0.9 of ``most``."""
     data = mujoco.MjData(model)
-    for k in range(count // CHUNK):
-        data.ctrl[0] = most * (0.5 + 0.4 * np.sin(0.1 * k))
-        mujoco.mj_step(model, data, CHUNK)
+    for k in range(n_steps // STEPS_PER_CALL):
+        data.ctrl[0] = max_command * (0.5 + 0.4 * np.sin(0.1 * k))
+        mujoco.mj_step(model, data, STEPS_PER_CALL)
 
 
-def _on(threads: int, work: Callable[[], None]) -> None:
+def _run_on_threads(n_threads: int, task: Callable[[], None]) -> None:
     """Do ``work`` once on each of ``threads`` threads."""
-    if threads == 1:
-        work()
+    if n_threads == 1:
+        task()
         return
-    with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(work) for _ in range(threads)]:
+    with ThreadPoolExecutor(n_threads) as pool:
+        for done in [pool.submit(task) for _ in range(n_threads)]:
             done.result()
 
 
-def wall(work: Callable[[], Any]) -> float:
+def measure_wall_time(task: Callable[[], Any]) -> float:
     """Seconds that ``work`` takes."""
     begin = time.perf_counter()
-    work()
+    task()
     return time.perf_counter() - begin
 
 
-def cpu(work: Callable[[], Any]) -> float:
+def measure_cpu_time(task: Callable[[], Any]) -> float:
     """CPU seconds that ``work`` takes."""
     begin = time.process_time()
-    work()
+    task()
     return time.process_time() - begin
 
 
-def interleaved(rounds: int, clock: Callable[..., float], *works: Callable[[], Any]) -> list[float]:
+def measure_interleaved(n_rounds: int, clock: Callable[..., float], *tasks: Callable[[], Any]) -> list[float]:
     """Median over ``rounds`` of each work's time over the first one's in the same round."""
-    for work in works:
+    for work in tasks:
         work()
-    measured = [[clock(work) for work in works] for _ in range(rounds)]
-    return [statistics.median(row[k] / row[0] for row in measured) for k in range(len(works))]
+    measured = [[clock(work) for work in tasks] for _ in range(n_rounds)]
+    return [statistics.median(row[k] / row[0] for row in measured) for k in range(len(tasks))]
 
 
-def with_every_effect() -> Parameters:
+def add_all_effects() -> DeviceParameters:
     """The device behind a valve with the usual form of every effect that may be beside one, at typical size."""
     sections = "".join(
         f"[effects.{effect.name}]\n" + "".join(f"{p.key} = {float(p.typical)}\n" for p in effect.forms[0].parameters)
-        for effect in catalogue.effects().values()
-        if effect.kind == "device" and not effect.instead_of and effect.name not in SAID_BY
+        for effect in catalogue.get_effects().values()
+        if effect.kind == "device" and not effect.replaces_switch and effect.name not in SECTION_OF_EFFECT
     )
-    return read(VALVE.content + sections.encode(), "with every effect").parameters
+    return parse_device(VALVE_DEVICE.content + sections.encode(), "with every effect").parameters
 
 
-def step_ratios(rounds: int) -> list[Ratio]:
+def measure_step_ratios(n_rounds: int) -> list[SpeedRatio]:
     """The device against the built-in muscle in the same ankle."""
-    device = models.equip(models.spec("ankle"), {"muscle_tendon": DEVICE.parameters})
-    valve = models.equip(models.spec("ankle"), {"muscle_tendon": VALVE.parameters})
-    everything = models.equip(models.spec("ankle"), {"muscle_tendon": with_every_effect()})
-    muscle = with_muscle(models.spec("ankle"), "muscle_tendon")
+    device = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": DEVICE.parameters})
+    valve = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": VALVE_DEVICE.parameters})
+    everything = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": add_all_effects()})
+    muscle = compile_with_muscle(models.load_spec("ankle"), "muscle_tendon")
 
     def theirs(count: int, threads: int = 1) -> None:
-        _on(threads, lambda: ankle_steps(muscle, 1.0, count // threads))
+        _run_on_threads(threads, lambda: step_ankle(muscle, 1.0, count // threads))
 
     def ours(name: str, count: int, threads: int = 1, model: mujoco.MjModel = device) -> None:
-        with router.installed(name):
-            _on(threads, lambda: ankle_steps(model, 5.0, count // threads))
+        with router.device_callbacks(name):
+            _run_on_threads(threads, lambda: step_ankle(model, 5.0, count // threads))
 
     # Long enough that to start two threads, and to be given a second core, takes nothing measurable.
     many, few = 40_000, 4_000
@@ -141,50 +141,52 @@ def step_ratios(rounds: int) -> list[Ratio]:
         lambda: ours("compiled", many, model=valve),
         lambda: ours("compiled", many, model=everything),
     ]
-    _, one, two, muscles, behind, whole = interleaved(rounds, wall, *works)
-    _, python = interleaved(rounds, wall, lambda: theirs(few), lambda: ours("python", few))
+    _, one, two, muscles, behind, whole = measure_interleaved(n_rounds, measure_wall_time, *works)
+    _, python = measure_interleaved(n_rounds, measure_wall_time, lambda: theirs(few), lambda: ours("python", few))
     against = "built-in muscle, one thread"
     return [
-        Ratio("step of the ankle, compiled law", against, one, "<= 1.15", one <= 1.15),
-        Ratio("same number of steps on two threads", against, two, "<= 0.65", two <= 0.65),
-        Ratio("  (built-in muscle on two threads)", against, muscles, "", True),
-        Ratio("step of the ankle, behind a valve", against, behind, "", True),
-        Ratio("  and with every effect at once", against, whole, "<= 1.6", whole <= 1.6),
-        Ratio("step of the ankle, Python law", against, python, "", True),
+        SpeedRatio("step of the ankle, compiled law", against, one, "<= 1.15", one <= 1.15),
+        SpeedRatio("same number of steps on two threads", against, two, "<= 0.65", two <= 0.65),
+        SpeedRatio("  (built-in muscle on two threads)", against, muscles, "", True),
+        SpeedRatio("step of the ankle, behind a valve", against, behind, "", True),
+        SpeedRatio("  and with every effect at once", against, whole, "<= 1.6", whole <= 1.6),
+        SpeedRatio("step of the ankle, Python law", against, python, "", True),
     ]
 
 
-def gait_ratio(rounds: int) -> Ratio:
+def measure_gait_ratio(n_rounds: int) -> SpeedRatio:
     """Speed of the gait rig against the same rig with the built-in muscle."""
-    rig = assemble(DEVICE, GaitOptions(), 0.01)
-    spec = models.spec("gait_rig")
+    rig = build_gait_rig(DEVICE, GaitOptions(), 0.01)
+    spec = models.load_spec("gait_rig")
     spec.option.timestep = rig.model.opt.timestep
-    muscle = with_muscle(spec, ANKLE + "muscle_tendon")
+    muscle = compile_with_muscle(spec, PROSTHESIS_PREFIX + "muscle_tendon")
     # The same bodies: the builder scales them to the subject and moves the tendon's origin.
     for name in ("body_mass", "body_inertia", "body_pos", "body_ipos", "geom_pos", "geom_size", "site_pos"):
         getattr(muscle, name)[:] = getattr(rig.model, name)
 
     def walk(model: mujoco.MjModel, most: float) -> None:
         begun, data = mujoco.MjData(rig.model), mujoco.MjData(model)
-        start(rig, begun, 1e5)
+        reset_gait_rig(rig, begun, 1e5)
         data.qpos[:], data.qvel[:] = begun.qpos, begun.qvel
-        data.act[: len(DRIVES)] = begun.act[: len(DRIVES)]
-        for k in range(3 * rig.per_stride):
-            data.ctrl[: len(DRIVES)] = rig.slopes[k % rig.per_stride]
+        data.act[: len(DRIVE_ACTUATORS)] = begun.act[: len(DRIVE_ACTUATORS)]
+        for k in range(3 * rig.commands_per_stride):
+            data.ctrl[: len(DRIVE_ACTUATORS)] = rig.command_rates[k % rig.commands_per_stride]
             data.ctrl[-1] = 0.3 * most
             mujoco.mj_step(model, data, 20)
 
     def ours() -> None:
-        with router.installed("compiled"):
+        with router.device_callbacks("compiled"):
             walk(rig.model, 5.0)
 
-    slower = interleaved(rounds, wall, lambda: walk(muscle, 1.0), ours)[1]
-    return Ratio("gait rig: steps per second", "same rig, built-in muscle", 1 / slower, ">= 0.85", 1 / slower >= 0.85)
+    slower = measure_interleaved(n_rounds, measure_wall_time, lambda: walk(muscle, 1.0), ours)[1]
+    return SpeedRatio(
+        "gait rig: steps per second", "same rig, built-in muscle", 1 / slower, ">= 0.85", 1 / slower >= 0.85
+    )
 
 
-def environment_ratios(rounds: int) -> tuple[list[Ratio], dict[str, float]]:
+def measure_environment_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[str, float]]:
     """Environment steps against Walker2d and against themselves in a batch."""
-    ours, walker = gymnasium.make(NAME), gymnasium.make("Walker2d-v5")
+    ours, walker = gymnasium.make(ENVIRONMENT_ID), gymnasium.make("Walker2d-v5")
     hold, noise = np.array([-0.6], dtype=np.float32), np.zeros(6, dtype=np.float32)
 
     def steps(env: gymnasium.Env[Any, Any], action: Any, count: int) -> None:
@@ -195,59 +197,63 @@ def environment_ratios(rounds: int) -> tuple[list[Ratio], dict[str, float]]:
                 env.reset()
 
     count = 550
-    ratio = interleaved(rounds, cpu, lambda: steps(walker, noise, count), lambda: steps(ours, hold, count))[1]
-    each = statistics.median(cpu(lambda: steps(ours, hold, count)) for _ in range(rounds)) / count
+    ratio = measure_interleaved(
+        n_rounds, measure_cpu_time, lambda: steps(walker, noise, count), lambda: steps(ours, hold, count)
+    )[1]
+    each = statistics.median(measure_cpu_time(lambda: steps(ours, hold, count)) for _ in range(n_rounds)) / count
 
     many = 16
-    turn = gymnasium.make_vec(NAME, many, "sync")
-    batches = [gymnasium.make_vec(NAME, many, "vector_entry_point", threads=n) for n in (1, 2)]
+    turn = gymnasium.make_vec(ENVIRONMENT_ID, many, "sync")
+    batches = [gymnasium.make_vec(ENVIRONMENT_ID, many, "vector_entry_point", threads=n) for n in (1, 2)]
 
     def vector(env: gymnasium.vector.VectorEnv[Any, Any, Any]) -> None:
         env.reset(seed=0)
         for _ in range(100):
             env.step(np.tile(hold, (many, 1)))
 
-    _, one, two = interleaved(
-        rounds, wall, lambda: vector(turn), lambda: vector(batches[0]), lambda: vector(batches[1])
+    _, one, two = measure_interleaved(
+        n_rounds, measure_wall_time, lambda: vector(turn), lambda: vector(batches[0]), lambda: vector(batches[1])
     )
     rate = 1.0 / each
     found = [
-        Ratio("environment: steps per CPU second, thousands", "1", rate / 1e3, ">= 3", rate >= 3000),
-        Ratio("environment step, CPU time", "Walker2d-v5 (4 steps of 2 ms; ours 20 of 0.5 ms)", ratio, "", True),
-        Ratio("16 environments as a batch, one thread: speed", "in turn", 1 / one, "", True),
-        Ratio("16 environments as a batch, two threads: speed", "in turn", 1 / two, ">= 1.7", 1 / two >= 1.7),
-        Ratio("  of which two threads against one", "one thread", one / two, "", True),
+        SpeedRatio("environment: steps per CPU second, thousands", "1", rate / 1e3, ">= 3", rate >= 3000),
+        SpeedRatio("environment step, CPU time", "Walker2d-v5 (4 steps of 2 ms; ours 20 of 0.5 ms)", ratio, "", True),
+        SpeedRatio("16 environments as a batch, one thread: speed", "in turn", 1 / one, "", True),
+        SpeedRatio("16 environments as a batch, two threads: speed", "in turn", 1 / two, ">= 1.7", 1 / two >= 1.7),
+        SpeedRatio("  of which two threads against one", "one thread", one / two, "", True),
     ]
     return found, {"environment_steps_per_cpu_second": rate}
 
 
-def rollout_ratios(rounds: int) -> list[Ratio]:
+def measure_rollout_ratios(n_rounds: int) -> list[SpeedRatio]:
     """The device alone against the bench in MuJoCo."""
     count, step = 4000, 5e-4
     time_ = np.arange(count) * step
     rest, slack = DEVICE.parameters.muscle.resting_length, DEVICE.parameters.tendon.slack_length
     length = slack + 0.93 * rest + 0.008 * np.sin(6.0 * np.pi * time_)
     command = np.where(2.0 * time_ % 1.0 < 0.5, 4e5, 1e5)
-    spec = models.spec("bench")
+    spec = models.load_spec("bench")
     spec.option.timestep = step
-    model = models.equip(spec, {"muscle_tendon": DEVICE.parameters})
+    model = models.attach_devices(spec, {"muscle_tendon": DEVICE.parameters})
     data = mujoco.MjData(model)
 
     def bare() -> None:
-        with router.installed("compiled"):
+        with router.device_callbacks("compiled"):
             for k in range(count):
                 data.qpos[0], data.ctrl[0] = length[k], command[k] / 1e5
                 mujoco.mj_step(model, data)
 
-    alone = lambda: rollout(DEVICE.parameters, length, command, step)  # noqa: E731
-    _, rig, loop = interleaved(rounds, wall, alone, lambda: bench.pull(DEVICE, length, command, step), bare)
+    alone = lambda: simulate_rollouts(DEVICE.parameters, length, command, step)  # noqa: E731
+    _, rig, loop = measure_interleaved(
+        n_rounds, measure_wall_time, alone, lambda: bench.simulate_tester(DEVICE, length, command, step), bare
+    )
     return [
-        Ratio("device alone: speed", "the bench rig in MuJoCo", rig, ">= 20", rig >= 20),
-        Ratio("device alone: speed", "a bare loop of mj_step on the bench model", loop, "", True),
+        SpeedRatio("device alone: speed", "the bench rig in MuJoCo", rig, ">= 20", rig >= 20),
+        SpeedRatio("device alone: speed", "a bare loop of mj_step on the bench model", loop, "", True),
     ]
 
 
-MEMORY = """
+MEMORY_SCRIPT = """
 import os, sys
 import gymnasium
 import klute_sim
@@ -264,20 +270,20 @@ print(resident() - base)
 """
 
 
-def memory() -> dict[str, float]:
+def measure_memory() -> dict[str, float]:
     """Resident memory [MiB] that environments add to a process that has imported Gymnasium and klute-sim (Linux)."""
     if not sys.platform.startswith("linux"):
         return {}
     makes = {
-        "one environment, compiled law": f"env = gymnasium.make({NAME!r})",
-        "one environment, Python law": f"env = gymnasium.make({NAME!r}, law='python')",
+        "one environment, compiled law": f"env = gymnasium.make({ENVIRONMENT_ID!r})",
+        "one environment, Python law": f"env = gymnasium.make({ENVIRONMENT_ID!r}, law='python')",
         "Walker2d-v5": "env = gymnasium.make('Walker2d-v5')",
-        "batch of 16": f"env = gymnasium.make_vec({NAME!r}, 16, 'vector_entry_point')",
-        "batch of 1024": f"env = gymnasium.make_vec({NAME!r}, 1024, 'vector_entry_point')",
+        "batch of 16": f"env = gymnasium.make_vec({ENVIRONMENT_ID!r}, 16, 'vector_entry_point')",
+        "batch of 1024": f"env = gymnasium.make_vec({ENVIRONMENT_ID!r}, 1024, 'vector_entry_point')",
     }
     found = {}
     for what, make in makes.items():
-        command = [sys.executable, "-c", MEMORY.format(make=make)]
+        command = [sys.executable, "-c", MEMORY_SCRIPT.format(make=make)]
         found[what] = float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     return found
 
@@ -290,13 +296,13 @@ def main() -> None:
     chosen = parser.parse_args()
     rounds = 3 if chosen.quick else 31
     notes = Console(stderr=True)
-    found: list[Ratio] = []
+    found: list[SpeedRatio] = []
     figures: dict[str, float] = {}
     parts: list[Callable[[], Any]] = [
-        lambda: step_ratios(rounds),
-        lambda: [gait_ratio(max(3, rounds // 2))],
-        lambda: environment_ratios(max(3, rounds // 3)),
-        lambda: rollout_ratios(rounds),
+        lambda: measure_step_ratios(rounds),
+        lambda: [measure_gait_ratio(max(3, rounds // 2))],
+        lambda: measure_environment_ratios(max(3, rounds // 3)),
+        lambda: measure_rollout_ratios(rounds),
     ]
     for part in track(parts, "measuring", console=notes, transient=True, disable=not notes.is_terminal):
         result = part()
@@ -304,10 +310,12 @@ def main() -> None:
             result, more = result
             figures |= more
         found += result
-    kept = memory()
+    kept = measure_memory()
     if chosen.json:
         print(
-            json.dumps({"ratios": [r._asdict() for r in found], "memory_mib": kept, **figures, **versions()}, indent=2)
+            json.dumps(
+                {"ratios": [r._asdict() for r in found], "memory_mib": kept, **figures, **collect_versions()}, indent=2
+            )
         )
         return
     out = Console(width=118, highlight=False)

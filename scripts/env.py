@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 
-def refusal(major: int, minor: int) -> str:
+def unsupported_python_message(major: int, minor: int) -> str:
     """Return why this version of Python will not do, or an empty string."""
     if (major, minor) >= (3, 11):
         return ""
@@ -29,22 +29,22 @@ def refusal(major: int, minor: int) -> str:
 
 
 # The whole file keeps to the syntax of Python 3.6, so that an old Python can get to this sentence.
-if refusal(*sys.version_info[:2]):
-    sys.stderr.write(refusal(*sys.version_info[:2]) + "\n")
+if unsupported_python_message(*sys.version_info[:2]):
+    sys.stderr.write(unsupported_python_message(*sys.version_info[:2]) + "\n")
     sys.exit(2)
 
 ROOT = Path(__file__).resolve().parent.parent
-LOCK = "requirements-dev.lock"
-FOLDERS = {"locked": ".venv", "newest": ".venv-newest", "floor": ".venv-floor"}
-WINDOWS = os.name == "nt"
-SCRIPTS = "Scripts" if WINDOWS else "bin"
+LOCK_FILE = "requirements-dev.lock"
+ENVIRONMENT_FOLDERS = {"locked": ".venv", "newest": ".venv-newest", "floor": ".venv-floor"}
+IS_WINDOWS = os.name == "nt"
+SCRIPTS_FOLDER = "Scripts" if IS_WINDOWS else "bin"
 
 
-class EnvironmentMakingError(Exception):
+class EnvironmentSetupError(Exception):
     """The environment cannot be made; the message is one sentence on what to do."""
 
 
-def project(root: Path) -> dict[str, Any]:
+def read_project(root: Path) -> dict[str, Any]:
     """Return the tables of pyproject.toml that an installation depends on."""
     import tomllib  # new in Python 3.11
 
@@ -52,58 +52,58 @@ def project(root: Path) -> dict[str, Any]:
     return {name: content.get(name, {}) for name in ("build-system", "project", "dependency-groups")}
 
 
-def stamp_text(root: Path, resolution: str) -> str:
+def compute_stamp(root: Path, resolution: str) -> str:
     """Return a hash of all that decides what is in the environment."""
-    lock = (root / LOCK).read_text(encoding="utf-8") if resolution == "locked" else ""
-    inputs = [resolution, sys.version_info[:2], str(root), project(root), lock]
+    lock = (root / LOCK_FILE).read_text(encoding="utf-8") if resolution == "locked" else ""
+    inputs = [resolution, sys.version_info[:2], str(root), read_project(root), lock]
     return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()
 
 
-def step(sentence: str, command: list[str], advice: str) -> None:
+def run_setup_step(description: str, command: list[str], advice: str) -> None:
     """Say what is done and do it, keeping the output of this script's own steps off stdout."""
-    print(f"env: {sentence}", file=sys.stderr, flush=True)
+    print(f"env: {description}", file=sys.stderr, flush=True)
     if subprocess.run(command, cwd=ROOT, stdout=sys.stderr, check=False).returncode:
-        raise EnvironmentMakingError(advice)
+        raise EnvironmentSetupError(advice)
 
 
-def make(folder: Path, resolution: str) -> None:
+def create_environment(folder: Path, resolution: str) -> None:
     """Make the environment from nothing."""
     uv = shutil.which("uv")
     if resolution == "floor" and not uv:
-        raise EnvironmentMakingError("--resolution floor needs uv: pip install uv, and try again.")
+        raise EnvironmentSetupError("--resolution floor needs uv: pip install uv, and try again.")
     if not uv and not (importlib.util.find_spec("venv") and importlib.util.find_spec("ensurepip")):
-        raise EnvironmentMakingError("this Python lacks venv: install python3-venv, or uv, and try again.")
+        raise EnvironmentSetupError("this Python lacks venv: install python3-venv, or uv, and try again.")
     if folder.exists():
         shutil.rmtree(folder)
-    python = str(folder / SCRIPTS / "python")
+    python = str(folder / SCRIPTS_FOLDER / "python")
     # Not sys.executable itself, which may lie in the folder just deleted.
     base = getattr(sys, "_base_executable", sys.executable)
     maker = [uv, "venv", "--quiet", "--python", base] if uv else [base, "-m", "venv"]
     installer = [uv, "pip", "install", "--python", python] if uv else [python, "-m", "pip", "install"]
     tool = "uv" if uv else "pip"
     again = "see the message above, check the network connection and the disk, and try again."
-    step(f"making {folder.name} with {tool}", [*maker, str(folder)], again)
+    run_setup_step(f"making {folder.name} with {tool}", [*maker, str(folder)], again)
     if resolution == "locked":
-        installs = [["-r", LOCK], ["--no-deps", "-e", "."]]
+        installs = [["-r", LOCK_FILE], ["--no-deps", "-e", "."]]
     else:
         lowest = ["--resolution", "lowest-direct"] if resolution == "floor" else []
         # The group is spelt out because pip before 25.1 cannot read one.
-        installs = [[*lowest, "-e", ".[all]", *project(ROOT)["dependency-groups"]["dev"]]]
+        installs = [[*lowest, "-e", ".[all]", *read_project(ROOT)["dependency-groups"]["dev"]]]
     for what in installs:
-        name = f"the packages of {LOCK}" if LOCK in what else "klute-sim"
-        step(f"installing {name}", [*installer, "--quiet", *what], again)
+        name = f"the packages of {LOCK_FILE}" if LOCK_FILE in what else "klute-sim"
+        run_setup_step(f"installing {name}", [*installer, "--quiet", *what], again)
 
 
-def run(command: list[str], folder: Path) -> int:
+def run_in_environment(command: list[str], folder: Path) -> int:
     """Run a command inside the environment and return its exit code."""
     variables = {name: value for name, value in os.environ.items() if name != "PYTHONHOME"}
     variables["VIRTUAL_ENV"] = str(folder)
-    variables["PATH"] = os.pathsep.join([str(folder / SCRIPTS), os.environ.get("PATH", os.defpath)])
+    variables["PATH"] = os.pathsep.join([str(folder / SCRIPTS_FOLDER), os.environ.get("PATH", os.defpath)])
     program = shutil.which(command[0], path=variables["PATH"])
     if program is None:
         print(f"env: there is no command {command[0]!r} in {folder.name}.", file=sys.stderr)
         return 127
-    if not WINDOWS:
+    if not IS_WINDOWS:
         os.execve(program, [program, *command[1:]], variables)  # signals then reach the command alone
     process = subprocess.Popen([program, *command[1:]], env=variables)
     while True:
@@ -117,26 +117,26 @@ def main(arguments: list[str]) -> int:
     """Make the environment if need be and run the command in it."""
     layout = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=layout)
-    parser.add_argument("--resolution", choices=FOLDERS, default="locked", help="which versions to install")
+    parser.add_argument("--resolution", choices=ENVIRONMENT_FOLDERS, default="locked", help="which versions to install")
     parser.add_argument("command", nargs=argparse.REMAINDER, help="what to run in the environment")
     options = parser.parse_args(arguments)
-    folder = ROOT / FOLDERS[options.resolution]
+    folder = ROOT / ENVIRONMENT_FOLDERS[options.resolution]
     stamp = folder / "klute-sim-stamp"
     try:
-        wanted = stamp_text(ROOT, options.resolution)
-        python = folder / SCRIPTS / ("python.exe" if WINDOWS else "python")
+        wanted = compute_stamp(ROOT, options.resolution)
+        python = folder / SCRIPTS_FOLDER / ("python.exe" if IS_WINDOWS else "python")
         if not (python.exists() and stamp.is_file() and stamp.read_text(encoding="utf-8") == wanted):
-            make(folder, options.resolution)
+            create_environment(folder, options.resolution)
             stamp.write_text(wanted, encoding="utf-8")
-    except (EnvironmentMakingError, OSError, ValueError) as problem:
+    except (EnvironmentSetupError, OSError, ValueError) as problem:
         print(f"env: the environment is not ready: {problem}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130
     if options.command:
-        return run(options.command, folder)
-    activate = str(folder / SCRIPTS / "activate")
-    print("To activate it:", activate if WINDOWS else f"source {shlex.quote(activate)}")
+        return run_in_environment(options.command, folder)
+    activate = str(folder / SCRIPTS_FOLDER / "activate")
+    print("To activate it:", activate if IS_WINDOWS else f"source {shlex.quote(activate)}")
     return 0
 
 

@@ -13,20 +13,20 @@ from pathlib import Path
 from typing import Any
 
 SOURCE = Path(__file__).parents[1] / "src" / "klute_sim"
-FLOORS = {
+LAYERS = {
     **{"laws": 1, "effects": 2, "device": 3, "plant": 4, "recording": 4, "dataset": 5, "formats": 5, "control": 5},
     **{"rigs": 6, "compare": 6, "diagnose": 7, "envs": 7, "design": 7, "motion": 7, "reproduce": 8, "learn": 8},
     **{"report": 9, "sweep": 10, "tuning": 11, "baselines": 11, "cli": 12},
 }
 """Package -> floor. Imports go down, never up or across."""
-EVERYBODYS = {"errors", "units", "provenance", "registration", ""}
+COMMON_MODULES = {"errors", "units", "provenance", "registration", ""}
 """Modules beside the packages, which all may import."""
-KEY = "house"
+METADATA_KEY = "house"
 """Under which the picture carries what it shows."""
-Graph = dict[str, list[str]]
+ImportGraph = dict[str, list[str]]
 
 
-def imported(file: Path) -> set[str]:
+def find_imports(file: Path) -> set[str]:
     """Packages and modules of klute_sim that ``file`` imports from."""
     found = set()
     for node in ast.walk(ast.parse(file.read_text("utf-8"))):
@@ -36,26 +36,26 @@ def imported(file: Path) -> set[str]:
         for name in names:
             if name and name.split(".")[0] == "klute_sim":
                 found.add(([*name.split("."), ""])[1])
-    return found - EVERYBODYS
+    return found - COMMON_MODULES
 
 
-def house() -> Graph:
+def build_import_graph() -> ImportGraph:
     """Package -> those it imports from, without what follows from others."""
     direct = {
-        name: set().union(*(imported(file) for file in (SOURCE / name).rglob("*.py"))) - {name} for name in FLOORS
+        name: set().union(*(find_imports(file) for file in (SOURCE / name).rglob("*.py"))) - {name} for name in LAYERS
     }
     reach: dict[str, set[str]] = {}
-    for name in sorted(FLOORS, key=FLOORS.__getitem__):  # from the ground up: what is below is known
+    for name in sorted(LAYERS, key=LAYERS.__getitem__):  # from the ground up: what is below is known
         reach[name] = direct[name].union(*(reach[below] for below in direct[name]))
     return {
         name: sorted(below - set().union(*(reach[other] for other in below))) for name, below in sorted(direct.items())
     }
 
 
-def places(graph: Graph) -> dict[str, tuple[float, float]]:
+def compute_positions(graph: ImportGraph) -> dict[str, tuple[float, float]]:
     """Package -> where its box is: its floor, and on it where its arrows are short."""
     order: dict[int, list[str]] = {}
-    for name, floor in FLOORS.items():
+    for name, floor in LAYERS.items():
         order.setdefault(floor, []).append(name)
     found: dict[str, tuple[float, float]] = {}
 
@@ -66,7 +66,7 @@ def places(graph: Graph) -> dict[str, tuple[float, float]]:
 
     for floor in order:
         spread(floor)
-    near = {name: set(graph[name]) | {other for other, below in graph.items() if name in below} for name in FLOORS}
+    near = {name: set(graph[name]) | {other for other, below in graph.items() if name in below} for name in LAYERS}
     for _ in range(20):
         for floor in sorted(order):
             order[floor].sort(key=lambda name: sum(found[each][0] for each in near[name]) / max(len(near[name]), 1))
@@ -74,23 +74,23 @@ def places(graph: Graph) -> dict[str, tuple[float, float]]:
     return found
 
 
-def draw(file: Path) -> None:
+def draw_architecture(file: Path) -> None:
     """Draw the house into ``file``, a PNG."""
     from matplotlib import pyplot as plt
 
-    graph = house()
-    where = places(graph)
+    graph = build_import_graph()
+    where = compute_positions(graph)
     figure, axes = plt.subplots(figsize=(9.0, 8.0), layout="constrained")
     style: dict[str, Any] = {"boxstyle": "round,pad=0.35", "edgecolor": "0.35"}
     boxes = {}
     for name, (x, y) in where.items():
-        shade = plt.get_cmap("YlGnBu")(0.05 + 0.35 * (y - 1) / max(FLOORS.values()))
+        shade = plt.get_cmap("YlGnBu")(0.05 + 0.35 * (y - 1) / max(LAYERS.values()))
         boxes[name] = axes.text(
             *(x, y, name), ha="center", va="center", fontsize=11, zorder=3, bbox={**style, "facecolor": shade}
         )
     for name, below in graph.items():
         for other in below:
-            bend = 0.0 if FLOORS[name] - FLOORS[other] == 1 else 0.12
+            bend = 0.0 if LAYERS[name] - LAYERS[other] == 1 else 0.12
             axes.annotate(
                 *("", where[other]),
                 xytext=where[name],
@@ -100,16 +100,16 @@ def draw(file: Path) -> None:
                     **{"patchA": boxes[name].get_bbox_patch(), "patchB": boxes[other].get_bbox_patch()},
                 },
             )
-    axes.set(xlim=(-0.02, 1.02), ylim=(0.4, max(FLOORS.values()) + 0.6), yticks=sorted(set(FLOORS.values())))
+    axes.set(xlim=(-0.02, 1.02), ylim=(0.4, max(LAYERS.values()) + 0.6), yticks=sorted(set(LAYERS.values())))
     axes.set_ylabel("floor")
     axes.set_xticks([])
     axes.spines[:].set_visible(False)
     axes.grid(axis="y", color="0.92")
     axes.tick_params(length=0)
     file.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(file, dpi=80, metadata={KEY: json.dumps(graph)})
+    figure.savefig(file, dpi=80, metadata={METADATA_KEY: json.dumps(graph)})
     plt.close(figure)
 
 
 if __name__ == "__main__":
-    draw(Path(sys.argv[1]))
+    draw_architecture(Path(sys.argv[1]))

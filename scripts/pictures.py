@@ -9,21 +9,21 @@ import subprocess
 import sys
 from pathlib import Path
 
-HERE = Path(__file__).parent
-DOCS = HERE.parent / "docs"
-SCRIPTS = {
-    "house.py": DOCS / "pictures" / "house.png",
-    "view_pictures.py": DOCS / "pictures",
-    "effect_pages.py": DOCS / "effects",
+SCRIPTS_FOLDER = Path(__file__).parent
+DOCS_FOLDER = SCRIPTS_FOLDER.parent / "docs"
+SCRIPT_OUTPUTS = {
+    "house.py": DOCS_FOLDER / "pictures" / "house.png",
+    "view_pictures.py": DOCS_FOLDER / "pictures",
+    "effect_pages.py": DOCS_FOLDER / "effects",
 }
 """Script -> what it writes."""
 
 
 def main() -> int:
     """Run them all; the first that fails ends it."""
-    for script, place in SCRIPTS.items():
+    for script, place in SCRIPT_OUTPUTS.items():
         print(script, flush=True)
-        code = subprocess.run([sys.executable, str(HERE / script), str(place)], check=False).returncode
+        code = subprocess.run([sys.executable, str(SCRIPTS_FOLDER / script), str(place)], check=False).returncode
         if code:
             return code
     return 0

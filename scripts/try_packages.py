@@ -20,60 +20,60 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 RESOLUTIONS = {"floor": "lowest-direct", "newest": "highest"}
-BIN = "Scripts" if os.name == "nt" else "bin"
-SHOWN = ("mujoco", "numpy", "scipy", "gymnasium", "numba", "pyarrow", "pydantic")
+SCRIPTS_FOLDER = "Scripts" if os.name == "nt" else "bin"
+REPORTED_PACKAGES = ("mujoco", "numpy", "scipy", "gymnasium", "numba", "pyarrow", "pydantic")
 """Packages whose versions are told."""
-WHERE = """
+VERSION_SCRIPT = """
 import importlib.metadata as of, sys, klute_sim
 assert klute_sim.__file__.startswith(sys.prefix), klute_sim.__file__
 print(".".join(map(str, sys.version_info[:3])), *(f"{n} {of.version(n)}" for n in sys.argv[1:]), sep=", ")
 """
-ENVIRONMENTS = """
+ENVIRONMENT_SCRIPT = """
 import gymnasium, klute_sim
 from gymnasium.utils.env_checker import check_env
 for name in ("AnkleGait-v1", "AnkleBench-v0"):
     check_env(gymnasium.make(f"klute_sim/{name}").unwrapped, skip_render_check=True)
 """
-CHECKS = (
+COMMAND_CHECKS = (
     ("klute-sim", "gait", "--strides", "1", "--json"),
     ("klute-sim", "bench", "isometric", "--json"),
     ("klute-sim", "diagnose", "example-dataset", "--example", "--no-report", "--out", "found", "--json"),
-    ("python", "-c", ENVIRONMENTS),
+    ("python", "-c", ENVIRONMENT_SCRIPT),
 )
 
 
-class TryingError(Exception):
+class PackageCheckError(Exception):
     """Something failed; the message is what it printed."""
 
 
-def ran(command: list[str], where: Path, **variables: str) -> str:
+def run_command(command: list[str], cwd: Path, **variables: str) -> str:
     """What ``command`` prints, run in ``where``; raises TryingError if it fails."""
     kept = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
-    done = subprocess.run(command, cwd=where, env=kept | variables, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=cwd, env=kept | variables, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise TryingError(f"{' '.join(command)}\n{done.stdout[-3000:]}{done.stderr[-3000:]}")
+        raise PackageCheckError(f"{' '.join(command)}\n{done.stdout[-3000:]}{done.stderr[-3000:]}")
     return done.stdout
 
 
-def built(folder: Path) -> tuple[Path, Path]:
+def build_packages(folder: Path) -> tuple[Path, Path]:
     """The unpacked source distribution, and the wheel that was made of it."""
     build = [sys.executable, "-m", "hatchling", "build", "--directory"]
-    ran([*build, str(folder), "--target", "sdist"], ROOT)
+    run_command([*build, str(folder), "--target", "sdist"], ROOT)
     (packed,) = folder.glob("*.tar.gz")
     with tarfile.open(packed) as archive:
         archive.extractall(folder, filter="data")
     source = folder / packed.name.removesuffix(".tar.gz")
-    ran([*build, str(folder), "--target", "wheel"], source)
+    run_command([*build, str(folder), "--target", "wheel"], source)
     (wheel,) = folder.glob("*.whl")
     return source, wheel
 
 
-def tried(wheel: Path, source: Path, resolution: str, options: argparse.Namespace) -> None:
+def check_wheel(wheel: Path, source: Path, resolution: str, options: argparse.Namespace) -> None:
     """Install ``wheel`` and run everything; raises TryingError at the first that fails."""
     with tempfile.TemporaryDirectory() as place:
-        away, programs = Path(place) / "empty", Path(place) / "environment" / BIN
+        away, programs = Path(place) / "empty", Path(place) / "environment" / SCRIPTS_FOLDER
         away.mkdir()
-        ran(["uv", "venv", "--quiet", "--python", options.python, str(programs.parent)], away)
+        run_command(["uv", "venv", "--quiet", "--python", options.python, str(programs.parent)], away)
         install = ["uv", "pip", "install", "--quiet", "--python", str(programs / "python")]
         # What a wheel needs is not direct to uv, so what is to be old is taken from where the wheel has it from.
         project = tomllib.loads((source / "pyproject.toml").read_text("utf-8"))
@@ -81,16 +81,20 @@ def tried(wheel: Path, source: Path, resolution: str, options: argparse.Namespac
         for extra in filter(None, options.extras.split(",")):
             needed += project["project"]["optional-dependencies"][extra]
         needed += project["dependency-groups"]["dev"] if options.suite else []
-        ran([*install, "--resolution", RESOLUTIONS[resolution], *needed], away)
-        ran([*install, f"{wheel}[{options.extras}]" if options.extras else str(wheel)], away)
+        run_command([*install, "--resolution", RESOLUTIONS[resolution], *needed], away)
+        run_command([*install, f"{wheel}[{options.extras}]" if options.extras else str(wheel)], away)
         path = f"{programs}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
-        print(f"{resolution}: Python", ran(["python", "-c", WHERE, *SHOWN], away, PATH=path).strip(), flush=True)
-        for check in CHECKS:
-            ran(list(check), away, PATH=path)
+        print(
+            f"{resolution}: Python",
+            run_command(["python", "-c", VERSION_SCRIPT, *REPORTED_PACKAGES], away, PATH=path).strip(),
+            flush=True,
+        )
+        for check in COMMAND_CHECKS:
+            run_command(list(check), away, PATH=path)
             print("  passed:", " ".join(check[:2]) if check[0] == "klute-sim" else "the environments", flush=True)
         if options.suite:
             shutil.rmtree(source / "src", ignore_errors=True)  # so that nothing but the wheel can be imported
-            told = ran(["python", "-m", "pytest", "-q", *options.suite.split()], source, PATH=path)
+            told = run_command(["python", "-m", "pytest", "-q", *options.suite.split()], source, PATH=path)
             print("  passed:", told.strip().splitlines()[-1], flush=True)
 
 
@@ -110,10 +114,10 @@ def main(arguments: list[str]) -> int:
         return 1
     with tempfile.TemporaryDirectory() as place:
         try:
-            source, wheel = built(Path(place))
+            source, wheel = build_packages(Path(place))
             for resolution in options.resolution or RESOLUTIONS:
-                tried(wheel, source, resolution, options)
-        except TryingError as problem:
+                check_wheel(wheel, source, resolution, options)
+        except PackageCheckError as problem:
             print(f"failed: {problem}", file=sys.stderr)
             return 1
     return 0

@@ -17,28 +17,28 @@ from PIL.PngImagePlugin import PngInfo
 from klute_sim.cli import main as klute_sim
 from klute_sim.report import workbench
 
-COLOURS = 128
+MAX_COLOURS = 128
 """Of a picture: enough for lines and maps, and a quarter of the size."""
-WIDE = 1200
+WIDTH_PIXELS = 1200
 """[pixels]"""
-ONLY = ["--only", "braid_hysteresis", "--only", "seal_friction"]
+EFFECT_OPTIONS = ["--only", "braid_hysteresis", "--only", "seal_friction"]
 """Effects that are looked for, so that it does not take long."""
-SHOWN = {
+VIEWS = {
     "gait": (["gait", "--strides", "2"], ["--at", "1.65"]),
-    "diagnose": (["diagnose", "data", "--example", *ONLY], []),
+    "diagnose": (["diagnose", "data", "--example", *EFFECT_OPTIONS], []),
 }
 """Name of the picture -> the command that makes the folder, and options of the view."""
-KEY = "workbench"
+DIGEST_KEY = "workbench"
 """Under which a picture carries the digest of the code that drew it."""
 
 
-def digest() -> str:
+def compute_digest() -> str:
     """Of the code that the pictures show."""
     sources = sorted(Path(workbench.__file__).parent.glob("*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in sources)).hexdigest()
 
 
-def run(*arguments: str) -> None:
+def run_cli(*arguments: str) -> None:
     """One command; raises SystemExit if it fails."""
     try:
         klute_sim(arguments)
@@ -54,16 +54,16 @@ def main() -> int:
     folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as home:
-        for name, (command, view) in SHOWN.items():
+        for name, (command, view) in VIEWS.items():
             made, picture = Path(home) / name, folder / f"view-{name}.png"
             own = [str(Path(home) / word) if word == "data" else word for word in command]
-            run(*own, "--out", str(made))
-            run("view", str(made), "--picture", str(picture), *view)
+            run_cli(*own, "--out", str(made))
+            run_cli("view", str(made), "--picture", str(picture), *view)
             with Image.open(picture) as drawn:
-                small = drawn.convert("RGB").resize((WIDE, round(WIDE * drawn.height / drawn.width)))
-            few = small.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+                small = drawn.convert("RGB").resize((WIDTH_PIXELS, round(WIDTH_PIXELS * drawn.height / drawn.width)))
+            few = small.quantize(MAX_COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
             about = PngInfo()
-            about.add_text(KEY, digest())
+            about.add_text(DIGEST_KEY, compute_digest())
             few.save(picture, optimize=True, pnginfo=about)
     return 0
 

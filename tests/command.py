@@ -14,7 +14,7 @@ from pathlib import Path
 from unittest import mock
 
 from klute_sim.cli import main
-from klute_sim.cli.console import console, notes
+from klute_sim.cli.console import stderr_console, stdout_console
 
 COLUMNS = "130"
 
@@ -36,8 +36,8 @@ def run(*arguments: str, cwd: Path | None = None, **environment: str) -> subproc
         warnings.catch_warnings(),
     ):
         warnings.resetwarnings()
-        console.cache_clear()
-        notes.cache_clear()
+        stdout_console.cache_clear()
+        stderr_console.cache_clear()
         try:
             main(arguments)
         except SystemExit as left:

@@ -15,7 +15,7 @@ from klute_sim.control.policy import Policy
 from klute_sim.control.pressure import load_profile
 from klute_sim.dataset import dataset
 from klute_sim.device import files
-from klute_sim.device.rollout import rollout
+from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.formats import trc
 from klute_sim.learn import config
 from klute_sim.motion import importing, mapping
@@ -42,7 +42,7 @@ class Kind:
 
 
 def _device(folder: Path) -> list[Path]:
-    text = files.load("klute-1-1-4-pair-valve").content.decode()
+    text = files.load_device("klute-1-1-4-pair-valve").content.decode()
     text += '\n[effects.braid_hysteresis]\nform = "coulomb"\nslope_n_per_bar = 8.0\n'
     return [_written(folder / "device.toml", text.encode())]
 
@@ -53,9 +53,9 @@ def _written(path: Path, content: bytes) -> Path:
 
 
 def _simulate(paths: Paths) -> None:
-    device = files.load(paths[0])
-    length = np.full(STEPS, 0.95 * files.load("klute-1-1-4-pair").parameters.muscle.resting_length)
-    rollout(device.parameters, length + 0.05, np.full(STEPS, 1e5), 5e-4)
+    device = files.load_device(paths[0])
+    length = np.full(STEPS, 0.95 * files.load_device("klute-1-1-4-pair").parameters.muscle.resting_length)
+    simulate_rollouts(device.parameters, length + 0.05, np.full(STEPS, 1e5), 5e-4)
 
 
 DATASET = """format = "klute-sim-dataset/1"
@@ -93,7 +93,7 @@ def _dataset(folder: Path) -> list[Path]:
 
 
 def _split(paths: Paths) -> object:
-    return dataset.split(dataset.read(paths[0].parent))
+    return dataset.split_dataset(dataset.load_dataset(paths[0].parent))
 
 
 def _recording(folder: Path, ending: str) -> list[Path]:
@@ -114,7 +114,7 @@ def _recording(folder: Path, ending: str) -> list[Path]:
 
 
 def _compared(paths: Paths) -> object:
-    return compare(runs.read([f"one={paths[0]}", f"other={paths[0]}"]))
+    return compare(runs.read_runs([f"one={paths[0]}", f"other={paths[0]}"]))
 
 
 def _reference(folder: Path) -> list[Path]:
@@ -146,7 +146,7 @@ def _c3d(folder: Path) -> list[Path]:
 
 
 def _imported(paths: Paths) -> object:
-    return importing.run(paths, ImportOptions(mass=70.0))
+    return importing.import_reference(paths, ImportOptions(mass=70.0))
 
 
 MAPPING = """[right]
@@ -183,7 +183,7 @@ def _shipped(name: str) -> bytes:
 
 
 def _protocol(paths: Paths) -> object:
-    return protocols.read(protocols.content(str(paths[0])), str(paths[0]))
+    return protocols.parse_protocol(protocols.read_protocol_bytes(str(paths[0])), str(paths[0]))
 
 
 KINDS = {
@@ -191,7 +191,7 @@ KINDS = {
     for kind in (
         Kind("device", _device, _simulate),
         Kind("dataset", _dataset, _split),
-        Kind("reference", _reference, lambda paths: reference.load(paths[0].parent)),
+        Kind("reference", _reference, lambda paths: reference.load_reference(paths[0].parent)),
         Kind("recording", partial(_recording, ending="parquet"), _compared, text=False),
         Kind("table", partial(_recording, ending="csv"), _compared),
         Kind("opensim", _opensim, _imported),
@@ -199,7 +199,9 @@ KINDS = {
         Kind("treadmill", _table, _imported),
         Kind("c3d", _c3d, _imported, text=False),
         Kind("mapping", partial(_copied, "names.toml", MAPPING.encode), _each(mapping.read)),
-        Kind("protocol", partial(_copied, "p.toml", lambda: protocols.content("workloop-phased")), _protocol),
+        Kind(
+            "protocol", partial(_copied, "p.toml", lambda: protocols.read_protocol_bytes("workloop-phased")), _protocol
+        ),
         Kind(
             "profile",
             partial(_copied, "p.csv", lambda: _shipped("tuned_profile.csv")),
@@ -208,13 +210,13 @@ KINDS = {
         Kind(
             "machine",
             partial(_copied, "m.toml", lambda: _shipped("machine.toml")),
-            _each(machine.load),
+            _each(machine.load_state_machine),
         ),
-        Kind("policy", _policy, _each(learned.load), text=False),
+        Kind("policy", _policy, _each(learned.load_policy_controller), text=False),
         Kind(
             "training",
             partial(_copied, "t.toml", lambda: (Path(config.__file__).parent / "default.toml").read_bytes()),
-            _each(config.load),
+            _each(config.load_config),
         ),
     )
 }

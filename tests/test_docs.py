@@ -70,7 +70,7 @@ def test_the_documented_table_of_device_keys_is_complete() -> None:
 
     page = (ROOT / "docs" / "devices.md").read_text("utf-8")
     sections = (schema.MuscleSection, schema.DamperSection, schema.TendonSection, schema.SupplySection)
-    for section in (*sections, schema.MountingSection, schema.Publication):
+    for section in (*sections, schema.MountingSection, schema.PublishedMeasurement):
         for key in section.model_fields:
             assert f"`{key}`" in page, key
 
@@ -79,7 +79,7 @@ def test_the_documented_reference_columns_are_complete() -> None:
     from klute_sim.rigs.gait import reference
 
     page = (ROOT / "docs" / "gait.md").read_text("utf-8")
-    for column in (reference.PHASE, *reference.REQUIRED, *reference.DEVIATIONS):
+    for column in (reference.PHASE_COLUMN, *reference.REQUIRED_COLUMNS, *reference.DEVIATION_COLUMNS):
         assert f"`{column}`" in page, column
 
 
@@ -90,5 +90,5 @@ def test_the_documented_channels_are_complete() -> None:
 
     page = (ROOT / "docs" / "recordings.md").read_text("utf-8")
     named = [*(name for name, *_ in (*rig.REFERENCE_CHANNELS, *rig.REFERENCE_DEVIATIONS))]
-    for channel in (*gauges.CHANNELS, *bench.CHANNELS, *ledger.HEADINGS, *named):
+    for channel in (*gauges.MEASURED_COLUMNS, *bench.CHANNELS, *ledger.COLUMN_HEADINGS, *named):
         assert f"`{channel.split(' ')[0]}`" in page, channel

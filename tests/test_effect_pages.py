@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 import scripts
-from klute_sim.device.files import load
-from klute_sim.diagnose.propose import CHANGES
+from klute_sim.device.files import load_device
+from klute_sim.diagnose.propose import RIG_CHANGES
 from klute_sim.effects import catalogue
 
 ROOT = Path(__file__).parents[1]
@@ -34,7 +34,7 @@ def data() -> dict[str, Any]:
 
 def test_every_effect_has_its_page_and_none_is_left_over() -> None:
     pages = {page.stem for page in FOLDER.glob("*.md")} - {"README"}
-    assert pages == set(catalogue.effects()), AGAIN
+    assert pages == set(catalogue.get_effects()), AGAIN
 
 
 def test_the_numbers_are_of_these_laws(script: ModuleType, data: dict[str, Any]) -> None:
@@ -48,35 +48,35 @@ def test_the_pages_are_what_would_be_written(script: ModuleType, data: dict[str,
 
 def test_every_form_has_a_picture_that_is_small() -> None:
     pictures = {path.name: path.stat().st_size for path in (FOLDER / "pictures").iterdir()}
-    matrices = {f"matrix_{k}.png" for k in range(len(CHANGES))}
-    drawn = [effect for effect in catalogue.effects().values() if effect.kind != "body"]
+    matrices = {f"matrix_{k}.png" for k in range(len(RIG_CHANGES))}
+    drawn = [effect for effect in catalogue.get_effects().values() if effect.kind != "body"]
     forms = {f"{effect.name}_{form.name}.png" for effect in drawn for form in effect.forms}
     assert set(pictures) == forms | matrices, AGAIN
     assert max(pictures[name] for name in forms) < LARGEST
 
 
 def test_the_matrices_hold_every_effect_on_every_rig(data: dict[str, Any]) -> None:
-    own = load(data["device"]).spec.muscle
-    told = [e for e in catalogue.named().values() if e.kind != "body"]
-    whole = [e for e in told if not (e.instead_of and getattr(own, e.instead_of))]
-    for number, change in enumerate(CHANGES):
+    own = load_device(data["device"]).spec.muscle
+    told = [e for e in catalogue.get_named_effects().values() if e.kind != "body"]
+    whole = [e for e in told if not (e.replaces_switch and getattr(own, e.replaces_switch))]
+    for number, change in enumerate(RIG_CHANGES):
         with (FOLDER / f"matrix_{number}.csv").open(encoding="utf-8") as file:
             (words, *names), *lines = csv.reader(file)
-        assert words == change.words
+        assert words == change.description
         assert [line[0] for line in lines] == names
         assert [line[k + 1] for k, line in enumerate(lines)] == ["1.000"] * len(names)
         assert {name.split()[0] for name in names} == {effect.name for effect in whole}, AGAIN
 
 
 def test_each_class_has_the_change_that_splits_it(data: dict[str, Any]) -> None:
-    changes = {change.words for change in CHANGES[1:]}
+    changes = {change.description for change in RIG_CHANGES[1:]}
     assert data["classes"]
     for group in data["classes"]:
         assert group["size"] == len(group["effects"]) >= 2
         assert group["cosine"] >= 0.95
         assert (group["split_by"] in changes) == (group["cosine_then"] < 0.95)
     # What the base model has is compared on another device.
-    rows = [row for row in data["effects"] if not catalogue.effects()[row["effect"]].instead_of]
+    rows = [row for row in data["effects"] if not catalogue.get_effects()[row["effect"]].replaces_switch]
     grouped = {name for group in data["classes"] for name in group["effects"]}
     assert {pair["effect"] for row in rows for pair in row["alike"]} == grouped
 

@@ -11,7 +11,7 @@ from klute_sim.rigs.gait import reference
 
 Array = NDArray[np.float64]
 
-HUMAN = reference.default()
+HUMAN = reference.load_default_reference()
 MASS = 70.0
 PERIOD = 1.1
 THIGH, SHANK = 0.43, 0.43

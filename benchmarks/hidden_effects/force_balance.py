@@ -19,27 +19,27 @@ from scipy.signal import lfilter
 
 from klute_sim.dataset.dataset import Dataset
 from klute_sim.dataset.trial import Series
-from klute_sim.device.step import NO_MEMORY, Parameters, muscle_side
+from klute_sim.device.step import ZERO_INTERNAL_STATE, DeviceParameters, compute_muscle_damper_force
 from klute_sim.diagnose.experiment import Array, Experiment
 from klute_sim.diagnose.hypothesis import Hypothesis
 from klute_sim.laws import damper, mckibben, tendon
 from klute_sim.units import BAR
 
-SLACK = 30.0
+MIN_TAUT_FORCE = 30.0
 """Force [N] below which the tendon may be slack and tells no length."""
-STOP = 3e-4
+STOP_CLEARANCE = 3e-4
 """Distance from the muscle's resting length [m] below which the stop may carry part of the force."""
-SLOW = 1e-3
+SIGN_SPEED = 1e-3
 """Speed [m/s] over which the sign of a velocity turns round."""
-RELAXATION = 1.0
+RELAXATION_TIME = 1.0
 """Time constant [s] of a relaxing bladder: the typical one, because a linear regression cannot find it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
+class BalanceSignals:
     """What is known at the samples of the force, as ``parameters`` see it [SI]."""
 
-    parameters: Parameters
+    parameters: DeviceParameters
     time: Array
     """Since the beginning of the trial."""
     unit_length: Array
@@ -51,7 +51,7 @@ class Signals:
     @cached_property
     def stretch(self) -> Array:
         """Of the tendon [m], by its law."""
-        return np.array([tendon.stretch_under(self.parameters.tendon, max(0.0, f)) for f in self.force.tolist()])
+        return np.array([tendon.stretch_at_tension(self.parameters.tendon, max(0.0, f)) for f in self.force.tolist()])
 
     @cached_property
     def length(self) -> Array:
@@ -61,7 +61,7 @@ class Signals:
         return self.unit_length - self.parameters.tendon.slack_length - self.stretch
 
     @cached_property
-    def rate(self) -> Array:
+    def velocity(self) -> Array:
         """Of the muscle's length [m/s].
 
         By central differences: a wider window of Savitzky and Golay blurs the corners by more force than it saves in
@@ -69,22 +69,25 @@ class Signals:
         """
         return np.gradient(self.length, self.time)
 
-    def law(self, pressure: float = 0.0, length: float = 0.0) -> Array:
+    def model_force(self, pressure_offset: float = 0.0, length_offset: float = 0.0) -> Array:
         """Force [N] of muscle and damper, with so much added to pressure [Pa] and length [m]."""
         rows = zip(
-            (self.pressure + pressure).tolist(), (self.length + length).tolist(), self.rate.tolist(), strict=True
+            (self.pressure + pressure_offset).tolist(),
+            (self.length + length_offset).tolist(),
+            self.velocity.tolist(),
+            strict=True,
         )
-        return np.array([muscle_side(self.parameters, NO_MEMORY, *row) for row in rows])
+        return np.array([compute_muscle_damper_force(self.parameters, ZERO_INTERNAL_STATE, *row) for row in rows])
 
     @cached_property
-    def usable(self) -> np.ndarray:
+    def is_usable(self) -> np.ndarray:
         """Where neither a slack tendon nor a stop is in the balance."""
-        return (self.force > SLACK) & (self.length < self.parameters.muscle.resting_length - STOP)
+        return (self.force > MIN_TAUT_FORCE) & (self.length < self.parameters.muscle.resting_length - STOP_CLEARANCE)
 
     @cached_property
-    def bars(self) -> Array:
+    def total_pressure_bar(self) -> Array:
         """Pressure of all muscles together [bar]."""
-        return self.parameters.muscle.actuators * self.pressure / BAR
+        return self.parameters.muscle.n_actuators * self.pressure / BAR
 
     @cached_property
     def contraction(self) -> Array:
@@ -92,52 +95,54 @@ class Signals:
         return 1.0 - self.length / self.parameters.muscle.resting_length
 
     @cached_property
-    def per_bar(self) -> Array:
+    def force_per_bar(self) -> Array:
         """Slope of the law with pressure [N/bar]."""
-        return (self.law(pressure=1e3) - self.law(pressure=-1e3)) / 2e3 * BAR
+        return (self.model_force(pressure_offset=1e3) - self.model_force(pressure_offset=-1e3)) / 2e3 * BAR
 
     @cached_property
-    def per_mm(self) -> Array:
+    def force_per_mm(self) -> Array:
         """Slope of the law with muscle length [N/mm]."""
-        return (self.law(length=1e-5) - self.law(length=-1e-5)) / 2e-2
+        return (self.model_force(length_offset=1e-5) - self.model_force(length_offset=-1e-5)) / 2e-2
 
     @cached_property
-    def gas(self) -> Array:
+    def gas_force(self) -> Array:
         """Gas tension [N]."""
         rows = zip(self.pressure.tolist(), self.length.tolist(), strict=True)
         return np.array([mckibben.gas_force(self.parameters.muscle, *row) for row in rows])
 
     @cached_property
-    def damping(self) -> Array:
+    def damper_force(self) -> Array:
         """Damper tension [N]."""
-        return np.array([damper.force(self.parameters.damper, v) for v in self.rate.tolist()])
+        return np.array([damper.force(self.parameters.damper, v) for v in self.velocity.tolist()])
 
     @cached_property
-    def given(self) -> Array:
+    def compliant_stretch_mm(self) -> Array:
         """Millimetres that the tendon would give if it pulled as much again, by its slope."""
-        more = np.array([tendon.stretch_under(self.parameters.tendon, max(0.0, f) + 1.0) for f in self.force.tolist()])
+        more = np.array(
+            [tendon.stretch_at_tension(self.parameters.tendon, max(0.0, f) + 1.0) for f in self.force.tolist()]
+        )
         return 1e3 * (more - self.stretch) * self.force
 
     @cached_property
-    def unrelaxed(self) -> Array:
+    def unrelaxed_length_mm(self) -> Array:
         """Muscle length less the length that the bladder has relaxed to [mm]."""
-        keep = float(np.exp(-np.median(np.diff(self.time)) / RELAXATION))
+        keep = float(np.exp(-np.median(np.diff(self.time)) / RELAXATION_TIME))
         first = self.length[0]
         relaxed, _ = lfilter([1.0 - keep], [1.0, -keep], self.length, zi=[keep * first])
         return 1e3 * (self.length - relaxed)
 
-    def coned(self) -> Array:
+    def cone_force_per_mm(self) -> Array:
         """Gas tension lost per millimetre of conical tip [N/mm]: ``n P 2 (4/3) L / (4 pi N^2)``."""
-        turns = self.parameters.muscle.turns
-        return self.bars * BAR * 2.0 * (4.0 / 3.0 * 1e-3) * self.length / (4.0 * np.pi * turns * turns)
+        turns = self.parameters.muscle.braid_turns
+        return self.total_pressure_bar * BAR * 2.0 * (4.0 / 3.0 * 1e-3) * self.length / (4.0 * np.pi * turns * turns)
 
 
-def sign(rate: Array) -> Array:
+def smooth_sign(velocity: Array) -> Array:
     """Direction of motion, smooth around rest."""
-    return rate / np.hypot(rate, SLOW)
+    return velocity / np.hypot(velocity, SIGN_SPEED)
 
 
-class Meaning(NamedTuple):
+class CandidateEffect(NamedTuple):
     """An effect that asks for a term's force."""
 
     name: str
@@ -145,17 +150,19 @@ class Meaning(NamedTuple):
     channel: str | None = None
 
 
-class Term(NamedTuple):
+class BalanceTerm(NamedTuple):
     """A function of the signals, with a coefficient to be found."""
 
     formula: str
-    size: float
+    typical_size: float
     """Of the coefficient, typically, in the unit of the effect's parameter."""
-    force: Callable[[Signals], Array]
+    evaluate_force: Callable[[BalanceSignals], Array]
     """[N] per unit of the coefficient."""
-    meanings: tuple[Meaning, ...]
+    candidates: tuple[CandidateEffect, ...]
 
-    def possible(self, measured: bool, exclude: Sequence[str], positive: bool) -> list[Meaning]:
+    def possible_effects(
+        self, length_measured: bool, exclude: Sequence[str], is_positive: bool
+    ) -> list[CandidateEffect]:
         """Effects that may be meant.
 
         A fault of an instrument may have either sign, an effect on the device only a ``positive`` coefficient. The
@@ -163,105 +170,131 @@ class Term(NamedTuple):
         """
         return [
             m
-            for m in self.meanings
+            for m in self.candidates
             if m.name not in exclude
-            and (positive or m.channel is not None)
-            and (measured or m.channel != "muscle_length")
-            and not (measured and m.name.startswith("tendon_"))
+            and (is_positive or m.channel is not None)
+            and (length_measured or m.channel != "muscle_length")
+            and not (length_measured and m.name.startswith("tendon_"))
         ]
 
 
-TERMS = (
-    Term("n p sign(v)", 8.0, lambda s: s.bars * sign(s.rate), (Meaning("braid_hysteresis", "coulomb"),)),
+BALANCE_TERMS = (
+    BalanceTerm(
+        "n p sign(v)",
+        8.0,
+        lambda s: s.total_pressure_bar * smooth_sign(s.velocity),
+        (CandidateEffect("braid_hysteresis", "coulomb"),),
+    ),
     # Below its transition speed an orifice is linear, so a small one of the two cannot be told from the other.
-    Term(
+    BalanceTerm(
         "n v",
         150.0,
-        lambda s: s.parameters.muscle.actuators * s.rate,
-        (Meaning("muscle_damping", "viscous"), Meaning("laminar_orifice", "smooth")),
+        lambda s: s.parameters.muscle.n_actuators * s.velocity,
+        (CandidateEffect("muscle_damping", "viscous"), CandidateEffect("laminar_orifice", "smooth")),
     ),
-    Term("n p v", 40.0, lambda s: s.bars * s.rate, (Meaning("muscle_damping", "pressure"),)),
-    Term("sign(v)", 15.0, lambda s: sign(s.rate), (Meaning("seal_friction", "coulomb"),)),
-    Term("c |v| v", 1.0, lambda s: s.damping, (Meaning("discharge_loss", "constant"),)),
-    Term(
+    BalanceTerm(
+        "n p v", 40.0, lambda s: s.total_pressure_bar * s.velocity, (CandidateEffect("muscle_damping", "pressure"),)
+    ),
+    BalanceTerm("sign(v)", 15.0, lambda s: smooth_sign(s.velocity), (CandidateEffect("seal_friction", "coulomb"),)),
+    BalanceTerm("c |v| v", 1.0, lambda s: s.damper_force, (CandidateEffect("discharge_loss", "constant"),)),
+    BalanceTerm(
         "-dF/dp",
         0.5,
-        lambda s: -s.per_bar,
-        (Meaning("threshold_pressure", "constant"), Meaning("sensor_offset", "linear", "pressure")),
+        lambda s: -s.force_per_bar,
+        (CandidateEffect("threshold_pressure", "constant"), CandidateEffect("sensor_offset", "linear", "pressure")),
     ),
-    Term(
+    BalanceTerm(
         "-(1 - L/L0) dF/dp",
         10.0,
-        lambda s: -s.contraction * s.per_bar,
-        (Meaning("threshold_pressure", "rising"),),
+        lambda s: -s.contraction * s.force_per_bar,
+        (CandidateEffect("threshold_pressure", "rising"),),
     ),
-    Term("-n p L", 8.0, lambda s: -s.coned(), (Meaning("end_taper", "cone"),)),
-    Term("-(1 - L/L0) F_gas", 1.0, lambda s: -s.contraction * s.gas, (Meaning("end_taper", "strain"),)),
-    Term(
+    BalanceTerm("-n p L", 8.0, lambda s: -s.cone_force_per_mm(), (CandidateEffect("end_taper", "cone"),)),
+    BalanceTerm(
+        "-(1 - L/L0) F_gas", 1.0, lambda s: -s.contraction * s.gas_force, (CandidateEffect("end_taper", "strain"),)
+    ),
+    BalanceTerm(
         "n (L - relaxed L)",
         3.0,
-        lambda s: s.parameters.muscle.actuators * s.unrelaxed,
-        (Meaning("bladder_relaxation", "maxwell"),),
+        lambda s: s.parameters.muscle.n_actuators * s.unrelaxed_length_mm,
+        (CandidateEffect("bladder_relaxation", "maxwell"),),
     ),
-    Term(
+    BalanceTerm(
         "F/k sign(dx/dt) dF/dL",
         0.06,
-        lambda s: s.given * sign(np.gradient(s.stretch, s.time)) * s.per_mm,
-        (Meaning("tendon_hysteresis", "slip"),),
+        lambda s: s.compliant_stretch_mm * smooth_sign(np.gradient(s.stretch, s.time)) * s.force_per_mm,
+        (CandidateEffect("tendon_hysteresis", "slip"),),
     ),
-    Term(
+    BalanceTerm(
         "-dF/dL",
         1.5,
-        lambda s: -s.per_mm,
-        (Meaning("tendon_slack", "dead_length"), Meaning("sensor_offset", "linear", "muscle_length")),
+        lambda s: -s.force_per_mm,
+        (CandidateEffect("tendon_slack", "dead_length"), CandidateEffect("sensor_offset", "linear", "muscle_length")),
     ),
-    Term("-L dF/dL", 0.005, lambda s: -1e3 * s.length * s.per_mm, (Meaning("sensor_gain", "linear", "muscle_length"),)),
-    Term("-t dF/dL", 0.1, lambda s: -s.time * s.per_mm, (Meaning("sensor_drift", "linear", "muscle_length"),)),
+    BalanceTerm(
+        "-L dF/dL",
+        0.005,
+        lambda s: -1e3 * s.length * s.force_per_mm,
+        (CandidateEffect("sensor_gain", "linear", "muscle_length"),),
+    ),
+    BalanceTerm(
+        "-t dF/dL",
+        0.1,
+        lambda s: -s.time * s.force_per_mm,
+        (CandidateEffect("sensor_drift", "linear", "muscle_length"),),
+    ),
     # By the law, because the force shown is in what is to be explained.
-    Term("F_law", 0.05, lambda s: s.law(), (Meaning("sensor_gain", "linear", "force"),)),
-    Term("1", 15.0, lambda s: np.ones_like(s.force), (Meaning("sensor_offset", "linear", "force"),)),
-    Term("t", 4.0, lambda s: s.time, (Meaning("sensor_drift", "linear", "force"),)),
-    Term("-p dF/dp", 0.05, lambda s: -s.pressure / BAR * s.per_bar, (Meaning("sensor_gain", "linear", "pressure"),)),
-    Term("-t dF/dp", 0.02, lambda s: -s.time * s.per_bar, (Meaning("sensor_drift", "linear", "pressure"),)),
+    BalanceTerm("F_law", 0.05, lambda s: s.model_force(), (CandidateEffect("sensor_gain", "linear", "force"),)),
+    BalanceTerm("1", 15.0, lambda s: np.ones_like(s.force), (CandidateEffect("sensor_offset", "linear", "force"),)),
+    BalanceTerm("t", 4.0, lambda s: s.time, (CandidateEffect("sensor_drift", "linear", "force"),)),
+    BalanceTerm(
+        "-p dF/dp",
+        0.05,
+        lambda s: -s.pressure / BAR * s.force_per_bar,
+        (CandidateEffect("sensor_gain", "linear", "pressure"),),
+    ),
+    BalanceTerm(
+        "-t dF/dp", 0.02, lambda s: -s.time * s.force_per_bar, (CandidateEffect("sensor_drift", "linear", "pressure"),)
+    ),
 )
 """Sizes are those of the catalogue; of an instrument's fault, what its sheet might allow."""
 
 
-class Balance(NamedTuple):
+class ForceBalance(NamedTuple):
     """The balance of one trial, where it can be made up."""
 
     experiment: Experiment
     """Its one channel is ``lacking``, called force."""
-    lacking: Array
+    missing_force: Array
     """[N]"""
-    base: Array
+    base_columns: Array
     """(samples, uncertain numbers of the device) [N] per standard deviation."""
-    terms: Array
+    term_columns: Array
     """(samples, :data:`TERMS`) [N] per typical size."""
 
 
-def balance(dataset: Dataset, experiment: Experiment) -> Balance:
+def compute_balance(dataset: Dataset, experiment: Experiment) -> ForceBalance:
     """Make up the balance of a trial that has force and pressure."""
-    hypothesis = Hypothesis(dataset.device, tuple(dataset.uncertain.items()), ())
-    rows = [hypothesis.start(), *np.eye(hypothesis.base)]
-    devices = [hypothesis.settings(row, [experiment])[0].parameters for row in rows]
-    nominal, *moved = (_signals(device, experiment) for device in devices)
-    lacking = nominal.force - nominal.law()
-    base = [lacking - (each.force - each.law()) for each in moved]
-    terms = [term.size * term.force(nominal) for term in TERMS]
-    use = nominal.usable
-    time = experiment.begin + nominal.time[use]
+    hypothesis = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), ())
+    rows = [hypothesis.initial_point(), *np.eye(hypothesis.n_device_parameters)]
+    devices = [hypothesis.build_setups(row, [experiment])[0].parameters for row in rows]
+    nominal, *moved = (_extract_signals(device, experiment) for device in devices)
+    lacking = nominal.force - nominal.model_force()
+    base = [lacking - (each.force - each.model_force()) for each in moved]
+    terms = [term.typical_size * term.evaluate_force(nominal) for term in BALANCE_TERMS]
+    use = nominal.is_usable
+    time = experiment.start_time + nominal.time[use]
     alone = replace(experiment, measured={"force": Series(time, lacking[use])})
-    return Balance(alone, lacking[use], np.array(base).T[use], np.array(terms).T[use])
+    return ForceBalance(alone, lacking[use], np.array(base).T[use], np.array(terms).T[use])
 
 
-def _signals(parameters: Parameters, experiment: Experiment) -> Signals:
+def _extract_signals(parameters: DeviceParameters, experiment: Experiment) -> BalanceSignals:
     force = experiment.measured["force"]
-    clock = experiment.begin + experiment.step * np.arange(1, len(experiment.command) + 1)
+    clock = experiment.start_time + experiment.dt * np.arange(1, len(experiment.command) + 1)
     pressure, length = experiment.measured["pressure"], experiment.measured.get("muscle_length")
-    return Signals(
+    return BalanceSignals(
         parameters,
-        force.time - experiment.begin,
+        force.time - experiment.start_time,
         np.interp(force.time, clock, experiment.unit_length),
         force.value,
         np.interp(force.time, pressure.time, pressure.value),

@@ -19,24 +19,24 @@ from typing import Any
 
 import numpy as np
 from air import AIR_STEP
-from catalogue import CHANNELS, PRESET, UNCERTAIN, load_device, neutral_law, with_effects
-from inputs import Program, programs, still
-from plan import BLOCKS, DEFECTS, WALKS, plan
-from simulate import Hidden, Noise, coloured, in_steps, reported, wander
-from sizes import Scale
+from catalogue import BENCH_CHANNELS, PRESET_FILE, RELATIVE_UNCERTAINTIES, add_effects, build_neutral_law, load_device
+from inputs import InputProgram, generate_programs, hold_still
+from plan import BLOCK_SIZES, DEFECTS, GAIT_BLOCKS, plan_datasets
+from simulate import Hidden, Noise, draw_coloured_noise, draw_wander, quantise, simulate_measurements
+from sizes import EffectSizer
 
 Effects = Sequence[Mapping[str, Any]]
-EVERY = 5  # trace samples per logged sample
-DECIMALS = {"time": 3, "length": 4, "pressure_command": 5, "force": 3, "pressure": 5, "muscle_length": 4}
-UNITS = {"time": "s", "length": "mm", "pressure_command": "bar"} | {
-    name: channel.unit for name, channel in CHANNELS.items()
+DECIMATION_FACTOR = 5  # trace samples per logged sample
+COLUMN_DECIMALS = {"time": 3, "length": 4, "pressure_command": 5, "force": 3, "pressure": 5, "muscle_length": 4}
+COLUMN_UNITS = {"time": "s", "length": "mm", "pressure_command": "bar"} | {
+    name: channel.unit for name, channel in BENCH_CHANNELS.items()
 }
 
 
-def true_base(rng: np.random.Generator, device: Mapping[str, float]) -> dict[str, float]:
+def draw_true_base(rng: np.random.Generator, device: Mapping[str, float]) -> dict[str, float]:
     """The device as it really is: uncertain keys drawn around nominal, no further than two standard deviations."""
     true = dict(device)
-    for key, share in UNCERTAIN.items():
+    for key, share in RELATIVE_UNCERTAINTIES.items():
         z = rng.normal()
         while abs(z) > 2.0:
             z = rng.normal()
@@ -44,7 +44,7 @@ def true_base(rng: np.random.Generator, device: Mapping[str, float]) -> dict[str
     return true
 
 
-def make(
+def make_dataset(
     folder: Path,
     seed: int,
     *,
@@ -59,7 +59,7 @@ def make(
     defect: str | None = None,
     muscle_length: bool | None = None,
     truth: Path | None = None,
-    device_file: Path = PRESET,
+    device_file: Path = PRESET_FILE,
 ) -> dict[str, Any]:
     """Write the dataset ``folder`` and its truth file; return the truth.
 
@@ -74,40 +74,42 @@ def make(
     noise = noise or Noise()
     child = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
     device = load_device(device_file)
-    base = true_base(child[0], device)
-    bench = programs(child[1])
+    base = draw_true_base(child[0], device)
+    bench = generate_programs(child[1])
     drawn = child[2].random() < 1 / 3
     needed = any(fault["channel"] == "muscle_length" for fault in instruments)
     recorded = ["force", "pressure"]
     if needed or (drawn if muscle_length is None else muscle_length):
         recorded.append("muscle_length")
     if defect == "no_excitation":
-        bench = [still(program) for program in bench]
+        bench = [hold_still(program) for program in bench]
 
-    plain = with_effects(*neutral_law(base), known)
+    plain = add_effects(*build_neutral_law(base), known)
     hidden = Hidden(effects, instruments, strangers)
     size = 0.0
     if any("wanted" in each for every in hidden for each in every):
-        scale = Scale(base, device, bench, recorded, noise, known)
-        hidden = Hidden(*([scale.sized(each) for each in every] for every in hidden))
-        size = scale.size(hidden)
+        scale = EffectSizer(base, device, bench, recorded, noise, known)
+        hidden = Hidden(*([scale.scale_effect(each) for each in every] for every in hidden))
+        size = scale.measure_size(hidden)
     tables: dict[str, dict[str, np.ndarray]] = {}
     trials, seen = [], {name: [] for name in recorded}
     for program in bench:
         for repeat in "a" if defect == "no_repeats" else ascii_lowercase[:repeats]:
-            slow = wander(child[3], round(program.duration / AIR_STEP) + 1, noise.wander)
-            told = reported(program, plain, hidden, slow)
-            shown = {name: in_steps(name, values, hidden.instruments) for name, values in told.items()}
+            slow = draw_wander(child[3], round(program.duration / AIR_STEP) + 1, noise.wander)
+            told = simulate_measurements(program, plain, hidden, slow)
+            shown = {name: quantise(name, values, hidden.instruments) for name, values in told.items()}
             if repeat == "a" and any(hidden):
-                without = reported(program, plain, Hidden(), slow)
+                without = simulate_measurements(program, plain, Hidden(), slow)
                 for name in recorded:
-                    seen[name].append((shown[name] - without[name])[::EVERY])
-            tables[f"{program.name}_{repeat}.csv"] = log(child[3], program, told, noise, recorded, hidden.instruments)
+                    seen[name].append((shown[name] - without[name])[::DECIMATION_FACTOR])
+            tables[f"{program.name}_{repeat}.csv"] = record_trial(
+                child[3], program, told, noise, recorded, hidden.instruments
+            )
             trials.append((f"{program.name}_{repeat}.csv", program.name, program.use))
     if defect is not None:
-        _spoil(tables, defect)
+        _apply_defect(tables, defect)
 
-    floor = {name: getattr(noise, name) or CHANNELS[name].noise for name in recorded}
+    floor = {name: getattr(noise, name) or BENCH_CHANNELS[name].noise for name in recorded}
     raw = {name: _rms(np.concatenate(d)) / floor[name] if d else 0.0 for name, d in seen.items()}
     worst = max(raw, key=lambda name: raw[name])
     sealed = {
@@ -118,8 +120,8 @@ def make(
         "repeats": repeats,
         **({"known": list(known)} if known else {}),
         "defect": defect,
-        "base": {key: base[key] for key in UNCERTAIN},
-        "nominal": {key: device[key] for key in UNCERTAIN},
+        "base": {key: base[key] for key in RELATIVE_UNCERTAINTIES},
+        "nominal": {key: device[key] for key in RELATIVE_UNCERTAINTIES},
         "size": size,
         "raw_size": raw[worst],
         "most_affected": worst if raw[worst] > 0.0 else None,
@@ -127,7 +129,7 @@ def make(
         "noise": noise._asdict(),
         "groups": {program.name: program.use for program in bench},
     }
-    _write(Path(folder), truth or Path(f"{folder}.truth.json"), tables, trials, device_file, known, sealed)
+    _write_dataset(Path(folder), truth or Path(f"{folder}.truth.json"), tables, trials, device_file, known, sealed)
     return sealed
 
 
@@ -135,29 +137,29 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def log(
+def record_trial(
     rng: np.random.Generator,
-    program: Program,
-    reported: Mapping[str, np.ndarray],
+    program: InputProgram,
+    signals: Mapping[str, np.ndarray],
     noise: Noise,
-    recorded: list[str],
+    recorded_channels: list[str],
     instruments: Effects,
 ) -> dict[str, np.ndarray]:
     """The columns of one trial: inputs as they were logged, and what was ``reported`` with its noise, as displayed."""
     n = len(program.command)
     table = {
         "time": np.arange(n) / 200.0,
-        "length": program.length[::EVERY] * 1e3 + rng.normal(0.0, noise.logged_length, n),
+        "length": program.length[::DECIMATION_FACTOR] * 1e3 + rng.normal(0.0, noise.logged_length, n),
         "pressure_command": program.command / 1e5 + rng.normal(0.0, noise.logged_command, n),
     }
-    for name in CHANNELS:  # drawn for all, so that a channel left out changes no other
-        values = reported[name][::EVERY] + coloured(rng, n, getattr(noise, name))
-        if name in recorded:
-            table[name] = in_steps(name, values, instruments)
+    for name in BENCH_CHANNELS:  # drawn for all, so that a channel left out changes no other
+        values = signals[name][::DECIMATION_FACTOR] + draw_coloured_noise(rng, n, getattr(noise, name))
+        if name in recorded_channels:
+            table[name] = quantise(name, values, instruments)
     return table
 
 
-def _spoil(tables: dict[str, dict[str, np.ndarray]], defect: str) -> None:
+def _apply_defect(tables: dict[str, dict[str, np.ndarray]], defect: str) -> None:
     """Damage the recorded data in place."""
     if defect == "dead_channel":
         for table in tables.values():
@@ -172,20 +174,20 @@ def _spoil(tables: dict[str, dict[str, np.ndarray]], defect: str) -> None:
             np.minimum(table["force"], limit, out=table["force"])
 
 
-def _write(
+def _write_dataset(
     folder: Path,
     truth: Path,
     tables: Mapping[str, Mapping[str, np.ndarray]],
     trials: Sequence[tuple[str, str, str]],
     device_file: Path,
     known: Effects,
-    sealed: Mapping[str, Any],
+    ground_truth: Mapping[str, Any],
 ) -> None:
     """Data first, under another name until it is whole; the truth last, as the sign that all is there."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     device = "device.toml" if known else device_file.stem
     lines = ['format = "klute-sim-dataset/1"', 'rig = "bench"', f'device = "{device}"', "", "[uncertain]"]
-    lines += [f'"{key}" = "{share * 100:g} %"' for key, share in UNCERTAIN.items()]
+    lines += [f'"{key}" = "{share * 100:g} %"' for key, share in RELATIVE_UNCERTAINTIES.items()]
     for file, group, use in trials:
         lines += ["", "[[trial]]", f'files = ["{file}"]', f'group = "{group}"', f'use = "{use}"']
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".part-") as temporary:
@@ -193,27 +195,27 @@ def _write(
         part.mkdir()
         (part / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
         if known:
-            (part / device).write_text(device_file.read_text("utf-8") + _sections(known), "utf-8")
+            (part / device).write_text(device_file.read_text("utf-8") + _format_effect_sections(known), "utf-8")
         for file, table in tables.items():
-            (part / file).write_text(table_text(table), "utf-8")
+            (part / file).write_text(format_table(table), "utf-8")
         if folder.exists():
             shutil.rmtree(folder)
         part.rename(folder)
     truth.parent.mkdir(parents=True, exist_ok=True)
     partial = truth.with_name(f".part-{truth.name}")
-    partial.write_text(json.dumps(sealed, indent=1) + "\n", "utf-8")
+    partial.write_text(json.dumps(ground_truth, indent=1) + "\n", "utf-8")
     partial.rename(truth)
 
 
-def table_text(table: Mapping[str, np.ndarray]) -> str:
+def format_table(table: Mapping[str, np.ndarray]) -> str:
     """A trial file with the columns of ``table``."""
-    header = ",".join(f"{name} [{UNITS[name]}]" for name in table)
-    columns = [[f"{value:.{DECIMALS[name]}f}" for value in values] for name, values in table.items()]
+    header = ",".join(f"{name} [{COLUMN_UNITS[name]}]" for name in table)
+    columns = [[f"{value:.{COLUMN_DECIMALS[name]}f}" for value in values] for name, values in table.items()]
     rows = [",".join(row) for row in zip(*columns, strict=True)]
     return "\n".join([header, *rows]) + "\n"
 
 
-def _sections(known: Effects) -> str:
+def _format_effect_sections(known: Effects) -> str:
     """``known`` effects in the format of device files."""
     lines = []
     for effect in known:
@@ -226,14 +228,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Write a block of datasets."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder that will hold the datasets")
-    parser.add_argument("--block", choices=[block for block in BLOCKS if block not in WALKS], default="single")
+    parser.add_argument(
+        "--block", choices=[block for block in BLOCK_SIZES if block not in GAIT_BLOCKS], default="single"
+    )
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--typical", action="store_true", help="every parameter at its typical value")
     parser.add_argument("--truth", type=Path, help="truth file (needs --count 1), or else a folder for them")
-    parser.add_argument("--device", type=Path, default=PRESET, help="device file of the nominal device")
+    parser.add_argument("--device", type=Path, default=PRESET_FILE, help="device file of the nominal device")
     options = parser.parse_args(arguments)
-    specs = plan(options.block, options.count, options.seed, typical=options.typical)
+    specs = plan_datasets(options.block, options.count, options.seed, typical=options.typical)
     if options.truth is not None and options.truth.suffix == ".json" and len(specs) != 1:
         parser.error("--truth FILE.json needs --count 1; give a folder for several")
     began = time.perf_counter()
@@ -245,7 +249,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if truth.exists() and folder.exists():
             word = "is there"
         else:
-            sealed = make(folder, **spec, truth=truth, device_file=options.device)
+            sealed = make_dataset(folder, **spec, truth=truth, device_file=options.device)
             word = f"raw size {sealed['raw_size']:.2f} on {sealed['most_affected']}"
         print(f"{i}/{len(specs)} {name}: {word} ({time.perf_counter() - began:.0f} s)", file=sys.stderr, flush=True)
 

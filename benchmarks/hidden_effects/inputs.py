@@ -12,16 +12,16 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from truth import TRACE_STEP
 
-SAMPLE = 5e-3  # s: 200 Hz, of the log and of the command
-REST = 0.3  # s
-FASTEST = 0.3  # m/s
-SLACK, MUSCLE = 0.100, 0.250  # m: the nominal unit's, to place the motion
-SHORT, LONG = SLACK + 0.86 * MUSCLE, SLACK + 1.012 * MUSCLE
+SAMPLE_INTERVAL = 5e-3  # s: 200 Hz, of the log and of the command
+REST_DURATION = 0.3  # s
+MAX_SPEED = 0.3  # m/s
+SLACK_LENGTH, RESTING_LENGTH = 0.100, 0.250  # m: the nominal unit's, to place the motion
+MIN_UNIT_LENGTH, MAX_UNIT_LENGTH = SLACK_LENGTH + 0.86 * RESTING_LENGTH, SLACK_LENGTH + 1.012 * RESTING_LENGTH
 BAR = 1e5
 Floats = np.ndarray
 
 
-class Program(NamedTuple):
+class InputProgram(NamedTuple):
     """One prescribed input."""
 
     name: str
@@ -32,13 +32,13 @@ class Program(NamedTuple):
     command: Floats
     """Pressure command on the sample grid [Pa]."""
 
-    def pieces(self) -> Floats:
+    def spline_coefficients(self) -> Floats:
         """Cubic pieces of the length, as the integrator wants them."""
         t = np.arange(len(self.length)) * TRACE_STEP
         return np.ascontiguousarray(CubicSpline(t, self.length, bc_type="clamped").c)
 
 
-def _move(start: float, end: float, speed: float, acceleration: float) -> Floats:
+def _trapezoidal_move(start: float, end: float, speed: float, acceleration: float) -> Floats:
     """Trapezoidal velocity from rest to rest, on the trace grid, without the starting point."""
     way = abs(end - start)
     speed = min(speed, np.sqrt(way * acceleration))
@@ -50,61 +50,75 @@ def _move(start: float, end: float, speed: float, acceleration: float) -> Floats
     return start + np.sign(end - start) * gone
 
 
-def ramps(rng: np.random.Generator, n: int, release: bool) -> Floats:
+def generate_ramps(rng: np.random.Generator, n_samples: int, quick_release: bool) -> Floats:
     """Moves between random lengths at speeds from 10 to 300 mm/s, with rests; ``release`` adds quick ones."""
-    here = rng.uniform(SHORT + 0.010, LONG - 0.008)
-    parts, count, speeds = [np.full(round(REST / TRACE_STEP), here)], 0, rng.permutation([0.02, 0.05, 0.1, 0.2, 0.3])
-    while sum(map(len, parts)) < n:
+    here = rng.uniform(MIN_UNIT_LENGTH + 0.010, MAX_UNIT_LENGTH - 0.008)
+    parts, count, speeds = (
+        [np.full(round(REST_DURATION / TRACE_STEP), here)],
+        0,
+        rng.permutation([0.02, 0.05, 0.1, 0.2, 0.3]),
+    )
+    while sum(map(len, parts)) < n_samples:
         # Far enough to reach the speed: always towards the other half of the range.
-        upward = here < 0.5 * (SHORT + LONG)
-        there = rng.uniform(LONG - 0.012, LONG) if upward else rng.uniform(SHORT, SHORT + 0.015)
+        upward = here < 0.5 * (MIN_UNIT_LENGTH + MAX_UNIT_LENGTH)
+        there = (
+            rng.uniform(MAX_UNIT_LENGTH - 0.012, MAX_UNIT_LENGTH)
+            if upward
+            else rng.uniform(MIN_UNIT_LENGTH, MIN_UNIT_LENGTH + 0.015)
+        )
         if count % 3 == 2:
             there = 0.5 * (here + there)
-        quick = release and count % 2 == 1 and not upward
-        speed = FASTEST if quick else speeds[count % 5] * rng.uniform(0.8, 1.0)
-        parts.append(_move(here, there, speed, 12.0 if quick else rng.uniform(2.0, 5.0)))
+        quick = quick_release and count % 2 == 1 and not upward
+        speed = MAX_SPEED if quick else speeds[count % 5] * rng.uniform(0.8, 1.0)
+        parts.append(_trapezoidal_move(here, there, speed, 12.0 if quick else rng.uniform(2.0, 5.0)))
         parts.append(np.full(int(rng.uniform(0.03, 0.25) / TRACE_STEP), there))
         here, count = there, count + 1
-    return np.concatenate(parts)[:n]
+    return np.concatenate(parts)[:n_samples]
 
 
-def sines(rng: np.random.Generator, n: int, low: float, high: float, count: int) -> Floats:
+def generate_sines(rng: np.random.Generator, n_samples: int, low_hz: float, high_hz: float, n_sines: int) -> Floats:
     """Several sines between two frequencies [Hz], begun softly, as large and fast as the limits allow."""
-    t = np.arange(n) * TRACE_STEP
-    frequency = np.exp(np.linspace(np.log(low), np.log(high), count)) * rng.uniform(0.9, 1.1, count)
-    phase, amplitude = rng.uniform(0, 2 * np.pi, count), 1.0 / frequency ** rng.uniform(0.3, 0.8)
+    t = np.arange(n_samples) * TRACE_STEP
+    frequency = np.exp(np.linspace(np.log(low_hz), np.log(high_hz), n_sines)) * rng.uniform(0.9, 1.1, n_sines)
+    phase, amplitude = rng.uniform(0, 2 * np.pi, n_sines), 1.0 / frequency ** rng.uniform(0.3, 0.8)
     wave = (amplitude[:, None] * np.sin(2 * np.pi * frequency[:, None] * t + phase[:, None])).sum(axis=0)
-    begun = np.clip((t - REST) / 0.4, 0.0, 1.0)
+    begun = np.clip((t - REST_DURATION) / 0.4, 0.0, 1.0)
     wave *= begun**3 * (10 - 15 * begun + 6 * begun**2)  # no jump in acceleration
-    middle = rng.uniform(0.5, 0.65) * (LONG - SHORT) + SHORT
-    top, bottom = (LONG - middle) / max(wave.max(), 1e-9), (middle - SHORT) / max(-wave.min(), 1e-9)
+    middle = rng.uniform(0.5, 0.65) * (MAX_UNIT_LENGTH - MIN_UNIT_LENGTH) + MIN_UNIT_LENGTH
+    top, bottom = (
+        (MAX_UNIT_LENGTH - middle) / max(wave.max(), 1e-9),
+        (middle - MIN_UNIT_LENGTH) / max(-wave.min(), 1e-9),
+    )
     fastest = np.abs(np.gradient(wave, TRACE_STEP)).max()
-    return middle + wave * min(top, bottom, rng.uniform(0.2, FASTEST) / fastest)
+    return middle + wave * min(top, bottom, rng.uniform(0.2, MAX_SPEED) / fastest)
 
 
-def cycles(rng: np.random.Generator, n: int) -> Floats:
+def generate_cycles(rng: np.random.Generator, n_samples: int) -> Floats:
     """Stretch-shorten cycles, each at its own speed, about one length."""
-    low, high = rng.uniform(SHORT, SHORT + 0.012), rng.uniform(LONG - 0.01, LONG)
-    parts, speeds = [np.full(round(REST / TRACE_STEP), low)], rng.permutation([0.03, 0.08, 0.15, 0.25])
+    low, high = (
+        rng.uniform(MIN_UNIT_LENGTH, MIN_UNIT_LENGTH + 0.012),
+        rng.uniform(MAX_UNIT_LENGTH - 0.01, MAX_UNIT_LENGTH),
+    )
+    parts, speeds = [np.full(round(REST_DURATION / TRACE_STEP), low)], rng.permutation([0.03, 0.08, 0.15, 0.25])
     for i in range(1000):
         speed = speeds[i % 4] * rng.uniform(0.8, 1.1)
-        parts += [_move(low, high, speed, 4.0), _move(high, low, speed, 4.0)]
-        if sum(map(len, parts)) >= n:
+        parts += [_trapezoidal_move(low, high, speed, 4.0), _trapezoidal_move(high, low, speed, 4.0)]
+        if sum(map(len, parts)) >= n_samples:
             break
-    return np.concatenate(parts)[:n]
+    return np.concatenate(parts)[:n_samples]
 
 
-def command(rng: np.random.Generator, length: Floats, low_hz: float, high_hz: float) -> Floats:
+def generate_command(rng: np.random.Generator, length: Floats, low_hz: float, high_hz: float) -> Floats:
     """Pressure command: held levels, ramps and sines, joined by steps."""
     n = (len(length) - 1) // 5 + 1
     start = rng.uniform(2.0, 4.0)
     levels = [rng.uniform(0.4, 1.6), rng.uniform(4.0, 5.0), rng.uniform(2.0, 3.2), rng.uniform(2.5, 4.5)]
-    order, parts, here, k = rng.permutation(4), [np.full(round(REST / SAMPLE), start)], start, 0
+    order, parts, here, k = rng.permutation(4), [np.full(round(REST_DURATION / SAMPLE_INTERVAL), start)], start, 0
     while sum(map(len, parts)) < n:
         level = levels[order[k % 4]]
-        m = int(rng.uniform(0.3, 0.8) / SAMPLE)
+        m = int(rng.uniform(0.3, 0.8) / SAMPLE_INTERVAL)
         kind = ("step", "sine", "step", "ramp")[k % 4]
-        t = np.arange(m) * SAMPLE
+        t = np.arange(m) * SAMPLE_INTERVAL
         if kind == "step":
             part = np.full(m, level)
         elif kind == "ramp":
@@ -116,32 +130,32 @@ def command(rng: np.random.Generator, length: Floats, low_hz: float, high_hz: fl
         here, k = part[-1], k + 1
     out = np.concatenate(parts)[:n]
     # Once, a nearly empty muscle is pulled against its stop: at the longest moment after the start.
-    late = np.arange(n) * SAMPLE > 0.8
+    late = np.arange(n) * SAMPLE_INTERVAL > 0.8
     peak = int(np.argmax(np.where(late, length[::5][:n], 0.0)))
-    half = int(rng.uniform(0.08, 0.15) / SAMPLE)
-    out[max(peak - half, round(REST / SAMPLE)) : peak + half] = rng.uniform(0.05, 0.5)
+    half = int(rng.uniform(0.08, 0.15) / SAMPLE_INTERVAL)
+    out[max(peak - half, round(REST_DURATION / SAMPLE_INTERVAL)) : peak + half] = rng.uniform(0.05, 0.5)
     return np.clip(out, 0.0, 5.0) * BAR
 
 
-def programs(rng: np.random.Generator) -> list[Program]:
+def generate_programs(rng: np.random.Generator) -> list[InputProgram]:
     """Three inputs to fit on, one to select with and one to show, the last two of another spectrum."""
     out = []
     for name, use in (("fit_1", "fit"), ("fit_2", "fit"), ("fit_3", "fit"), ("select_1", "select"), ("show_1", "show")):
-        duration = round(float(rng.uniform(3.5, 6.0)) / SAMPLE) * SAMPLE
+        duration = round(float(rng.uniform(3.5, 6.0)) / SAMPLE_INTERVAL) * SAMPLE_INTERVAL
         n = round(duration / TRACE_STEP) + 1
         if name == "fit_2":
-            length = sines(rng, n, 0.5, 4.0, 5)
+            length = generate_sines(rng, n, 0.5, 4.0, 5)
         elif use == "select":
-            length = sines(rng, n, 0.9, 6.0, 4)
+            length = generate_sines(rng, n, 0.9, 6.0, 4)
         elif use == "show":
-            length = cycles(rng, n)
+            length = generate_cycles(rng, n)
         else:
-            length = ramps(rng, n, release=name == "fit_3")
+            length = generate_ramps(rng, n, quick_release=name == "fit_3")
         band = {"fit": (0.5, 2.0), "select": (1.5, 4.0), "show": (1.0, 3.0)}[use]
-        out.append(Program(name, use, duration, length, command(rng, length, *band)))
+        out.append(InputProgram(name, use, duration, length, generate_command(rng, length, *band)))
     return out
 
 
-def still(program: Program) -> Program:
+def hold_still(program: InputProgram) -> InputProgram:
     """The same program with nothing moving: too little to learn from."""
-    return program._replace(length=np.full_like(program.length, 0.5 * (SHORT + LONG)))
+    return program._replace(length=np.full_like(program.length, 0.5 * (MIN_UNIT_LENGTH + MAX_UNIT_LENGTH)))

@@ -8,50 +8,50 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from compiled import compiled
+from compiled import cached_njit
 
 SIGN_SPEED = 1e-3  # m/s: width of the smooth sign
-TENDON_SLIP = 0.3e-3  # m: reach of the tendon's slider
-CLOSING = 1e-6  # m: over which a tendon with Maxwell memory takes up its load (its law jumps there)
+TENDON_SLIDER_REACH = 0.3e-3  # m: reach of the tendon's slider
+TENDON_CLOSING_STRETCH = 1e-6  # m: over which a tendon with Maxwell memory takes up its load (its law jumps there)
 FADE_PRESSURE = 2e5  # Pa: below it the friction offset fades to nothing
 FILM_TIME = 1e-4  # s: a lubricating film does not follow the speed at once, or several speeds could balance
-WARM_TIME = 20.0  # s: in which warm oil cools (assumed)
-NUDGE = 1e-5  # of the stretch: half the difference that turns the thick wall's energy into a force
-LAYERS = 8  # of the thick wall, for Simpson's rule
+COOLING_TIME = 20.0  # s: in which warm oil cools (assumed)
+STRETCH_DIFFERENCE = 1e-5  # of the stretch: half the difference that turns the thick wall's energy into a force
+N_WALL_LAYERS = 8  # of the thick wall, for Simpson's rule
 
 # Places in the memory: positions of sliders and branches [m] unless said otherwise.
-SLIP = 0  # three braid sliders
-RELAXED = 3  # bladder branch
-TENDON_SLIDER = 4
-TENDON_RELAXED = 5
-DAHL = 6  # [1]
-BOUC = 7  # hysteretic stretch
-WORST = 8  # greatest energy density of the bladder [J/m3]
-FILM = 9  # share of the break-away peak that the film has not taken off [1]
-PISTON = 10  # slider behind the damper's piston
-BRISTLE = 11
-WARMTH = 12  # logarithm of what the warm oil has lost of its viscosity [1]
-PLAY = 13  # sliders of the braid's many elements
-PLAYS = 8
-CREEP = PLAY + PLAYS  # relaxed branches, each slower than the one before
-CREEPS = 5
-PRESSURE = CREEP + CREEPS  # of the air, see air.py: gauge [Pa]
-DISTURBANCE = PRESSURE + 1  # [Pa]
-DRAWN = PRESSURE + 2  # [kg]
-N_MEMORY = PRESSURE + 3
+SLIP_INDEX = 0  # three braid sliders
+RELAXED_INDEX = 3  # bladder branch
+TENDON_SLIDER_INDEX = 4
+TENDON_RELAXED_INDEX = 5
+DAHL_INDEX = 6  # [1]
+BOUC_INDEX = 7  # hysteretic stretch
+MAX_ENERGY_INDEX = 8  # greatest energy density of the bladder [J/m3]
+FILM_INDEX = 9  # share of the break-away peak that the film has not taken off [1]
+PISTON_INDEX = 10  # slider behind the damper's piston
+BRISTLE_INDEX = 11
+WARMTH_INDEX = 12  # logarithm of what the warm oil has lost of its viscosity [1]
+PLAY_INDEX = 13  # sliders of the braid's many elements
+N_PLAY_SLIDERS = 8
+CREEP_INDEX = PLAY_INDEX + N_PLAY_SLIDERS  # relaxed branches, each slower than the one before
+N_CREEP_BRANCHES = 5
+PRESSURE_INDEX = CREEP_INDEX + N_CREEP_BRANCHES  # of the air, see air.py: gauge [Pa]
+DISTURBANCE_INDEX = PRESSURE_INDEX + 1  # [Pa]
+DRAWN_MASS_INDEX = PRESSURE_INDEX + 2  # [kg]
+N_INTERNAL_STATES = PRESSURE_INDEX + 3
 
 
 class Law(NamedTuple):
     """Everything the force balance needs; the second half is neutral for a device without hidden effects."""
 
-    count: float
-    rest: float
-    braid: float
+    n_muscles: float
+    resting_length: float
+    braid_length: float
     turns: float
     bladder_gain: float  # wall volume / resting length: times dW/d(lambda) it is the bladder's tension
-    hoop: float  # L0^2 / (2 pi N R0)^2
-    outer: float  # radii of the bladder at rest
-    inner: float
+    hoop_factor: float  # L0^2 / (2 pi N R0)^2
+    outer_radius: float  # radii of the bladder at rest
+    inner_radius: float
     c10: float
     c01: float
     friction_slope: float
@@ -107,33 +107,33 @@ class Law(NamedTuple):
     toe: float
 
 
-@compiled
+@cached_njit
 def smooth_sign(v: float) -> float:
     """The sign of ``v``, smooth over 1 mm/s."""
     return v / math.sqrt(v * v + SIGN_SPEED * SIGN_SPEED)
 
 
-@compiled
-def felt_pressure(pressure: float, L: float, law: Law) -> float:
+@cached_njit
+def effective_pressure(pressure: float, L: float, law: Law) -> float:
     """What is left of the pressure for the muscle once the bladder has met the braid."""
-    threshold = law.threshold + law.threshold_rise * (1.0 - L / law.rest)
+    threshold = law.threshold + law.threshold_rise * (1.0 - L / law.resting_length)
     return max(pressure - threshold, 0.0) if threshold != 0.0 else pressure
 
 
-@compiled
-def thin_bladder(L: float, law: Law) -> float:
+@cached_njit
+def thin_bladder_tension(L: float, law: Law) -> float:
     """Tension of one bladder whose wall all follows the braid: ``Vb dW/dL``."""
-    stretch = L / law.rest
+    stretch = L / law.resting_length
     a = stretch * stretch  # squares of the axial, hoop and radial stretches are a, u, 1/(a u)
-    u = 1.0 + law.hoop * (1.0 - a)
-    da, du = 2.0 * stretch, -2.0 * law.hoop * stretch
+    u = 1.0 + law.hoop_factor * (1.0 - a)
+    da, du = 2.0 * stretch, -2.0 * law.hoop_factor * stretch
     d_volume = da * u + a * du
     d_i1 = da + du - d_volume / (a * u) ** 2
     d_i2 = -da / (a * a) - du / (u * u) + d_volume
     return law.bladder_gain * (law.c10 * d_i1 + law.c01 * d_i2)
 
 
-@compiled
+@cached_njit
 def rubber_energy(axial: float, hoop: float, law: Law) -> float:
     """Energy density [J/m3] of rubber at two squared stretches; the third follows, because it keeps its volume."""
     radial = 1.0 / (axial * hoop)
@@ -141,14 +141,14 @@ def rubber_energy(axial: float, hoop: float, law: Law) -> float:
     return law.c10 * first + law.c01 * (1.0 / axial + 1.0 / hoop + 1.0 / radial - 3.0)
 
 
-@compiled
-def depth_of(L: float, law: Law) -> float:
+@cached_njit
+def bladder_energy_density(L: float, law: Law) -> float:
     """Energy density [J/m3] of the thin bladder."""
-    axial = (L / law.rest) ** 2
-    return rubber_energy(axial, 1.0 + law.hoop * (1.0 - axial), law)
+    axial = (L / law.resting_length) ** 2
+    return rubber_energy(axial, 1.0 + law.hoop_factor * (1.0 - axial), law)
 
 
-@compiled
+@cached_njit
 def wall_energy(stretch: float, law: Law) -> float:
     """Energy per resting length [J/m] of a wall whose outside follows the braid, layer by layer (Simpson's rule).
 
@@ -156,75 +156,87 @@ def wall_energy(stretch: float, law: Law) -> float:
     from the outside's by its old difference, divided by the stretch.
     """
     axial = stretch * stretch
-    outside = law.outer * law.outer * (1.0 + law.hoop * (1.0 - axial))
-    step, total = (law.outer - law.inner) / LAYERS, 0.0
-    for i in range(LAYERS + 1):
-        radius = law.inner + i * step
-        hoop = (outside - (law.outer * law.outer - radius * radius) / stretch) / (radius * radius)
-        weight = 1.0 if i in (0, LAYERS) else 4.0 if i % 2 == 1 else 2.0
+    outside = law.outer_radius * law.outer_radius * (1.0 + law.hoop_factor * (1.0 - axial))
+    step, total = (law.outer_radius - law.inner_radius) / N_WALL_LAYERS, 0.0
+    for i in range(N_WALL_LAYERS + 1):
+        radius = law.inner_radius + i * step
+        hoop = (outside - (law.outer_radius * law.outer_radius - radius * radius) / stretch) / (radius * radius)
+        weight = 1.0 if i in (0, N_WALL_LAYERS) else 4.0 if i % 2 == 1 else 2.0
         total += weight * 2.0 * math.pi * radius * rubber_energy(axial, max(hoop, 1e-3), law)
     return total * step / 3.0
 
 
-@compiled
-def muscle_static(felt: float, L: float, law: Law) -> float:
+@cached_njit
+def static_muscle_tension(pressure: float, L: float, law: Law) -> float:
     """Gas, bladder and friction offset (eq. 3.3) of all actuators at rest."""
-    stretch = L / law.rest
-    gas = felt * (3.0 * L * L - 2.0 * law.tip * L - law.braid * law.braid) / (4.0 * math.pi * law.turns * law.turns)
+    stretch = L / law.resting_length
+    gas = (
+        pressure
+        * (3.0 * L * L - 2.0 * law.tip * L - law.braid_length * law.braid_length)
+        / (4.0 * math.pi * law.turns * law.turns)
+    )
     gas *= 1.0 - law.taper * (1.0 - stretch)
     if law.bulge != 0.0:
         gas *= 1.0 - law.bulge * (1.0 - stretch) ** 2
     if law.thread_strain != 0.0:
         # All threads together carry P dV/dB, in proportion to P B L; they are longer by that times their own length.
-        gain = 1.0 / (1.0 - law.thread_strain * felt * stretch)
-        gas -= felt * law.braid * law.braid * (gain * gain - 1.0) / (4.0 * math.pi * law.turns * law.turns)
-    bladder = thin_bladder(L, law)
+        gain = 1.0 / (1.0 - law.thread_strain * pressure * stretch)
+        gas -= (
+            pressure
+            * law.braid_length
+            * law.braid_length
+            * (gain * gain - 1.0)
+            / (4.0 * math.pi * law.turns * law.turns)
+        )
+    bladder = thin_bladder_tension(L, law)
     if law.thick != 0.0:
-        slope = (wall_energy(stretch + NUDGE, law) - wall_energy(stretch - NUDGE, law)) / (2.0 * NUDGE)
+        slope = (wall_energy(stretch + STRETCH_DIFFERENCE, law) - wall_energy(stretch - STRETCH_DIFFERENCE, law)) / (
+            2.0 * STRETCH_DIFFERENCE
+        )
         bladder += law.thick * (slope - bladder)
-    friction = (law.friction_slope * felt + law.friction_offset) * min(1.0, felt / FADE_PRESSURE)
-    return law.count * (gas + bladder - friction)
+    friction = (law.friction_slope * pressure + law.friction_offset) * min(1.0, pressure / FADE_PRESSURE)
+    return law.n_muscles * (gas + bladder - friction)
 
 
-@compiled
-def orifice(v: float, law: Law) -> float:
+@cached_njit
+def orifice_tension(v: float, law: Law) -> float:
     """Tension of the damper's orifices."""
     return (law.damping_out if v > 0.0 else law.damping_in) * v * math.sqrt(v * v + law.transition * law.transition)
 
 
-@compiled
-def moving(felt: float, v: float, law: Law) -> float:
+@cached_njit
+def rate_dependent_tension(pressure: float, v: float, law: Law) -> float:
     """Tension that depends on the velocity alone: damper, seal, and the muscle's own losses."""
-    total = orifice(v, law)
+    total = orifice_tension(v, law)
     sign = smooth_sign(v)
     total += law.seal * sign
-    per_muscle = law.coulomb_slope * felt * sign + (law.viscous + law.viscous_pressure * felt) * v
+    per_muscle = law.coulomb_slope * pressure * sign + (law.viscous + law.viscous_pressure * pressure) * v
     if law.power != 0.0:
         per_muscle += law.power * v * math.sqrt(abs(v))
-    return total + law.count * per_muscle
+    return total + law.n_muscles * per_muscle
 
 
-@compiled
-def haunted(v: float, x: float, old: np.ndarray, new: np.ndarray, law: Law) -> float:
+@cached_njit
+def stateful_damping_tension(v: float, x: float, old: np.ndarray, new: np.ndarray, law: Law) -> float:
     """What memories take from or add to the tension of :func:`moving`.
 
     The film is that of before (``old``): friction that falls with the speed of the same moment has no one balance.
     """
     total = 0.0
     if law.dead_stroke != 0.0:
-        engaged = (x - new[PISTON]) / (0.5 * law.dead_stroke)
-        total -= orifice(v, law) * 0.5 * (1.0 - (engaged if v > 0.0 else -engaged))
+        engaged = (x - new[PISTON_INDEX]) / (0.5 * law.dead_stroke)
+        total -= orifice_tension(v, law) * 0.5 * (1.0 - (engaged if v > 0.0 else -engaged))
     if law.stribeck != 0.0:
-        total += law.stribeck * smooth_sign(v) * (1.0 + law.stribeck_rise * old[FILM])
+        total += law.stribeck * smooth_sign(v) * (1.0 + law.stribeck_rise * old[FILM_INDEX])
     if law.lugre != 0.0:
-        total += law.lugre * new[BRISTLE] / law.lugre_reach
+        total += law.lugre * new[BRISTLE_INDEX] / law.lugre_reach
     if law.warm != 0.0:
-        total += law.warm * v * math.exp(-new[WARMTH])
+        total += law.warm * v * math.exp(-new[WARMTH_INDEX])
     return total
 
 
-@compiled
-def tendon_elastic(stretch: float, law: Law) -> float:
+@cached_njit
+def elastic_tendon_tension(stretch: float, law: Law) -> float:
     """Two offset springs (Frisén 1969); never pushes."""
     if stretch <= 0.0:
         return 0.0
@@ -234,32 +246,34 @@ def tendon_elastic(stretch: float, law: Law) -> float:
     return force * math.tanh(stretch / law.toe) if law.toe != 0.0 else force
 
 
-@compiled
-def tendon(stretch: float, memory: np.ndarray, law: Law) -> float:
+@cached_njit
+def tendon_tension(stretch: float, state: np.ndarray, law: Law) -> float:
     """Tendon force with its losses; ``stretch`` is already less the dead length."""
     if stretch <= 0.0:
         return 0.0
-    force = tendon_elastic(stretch, law)
-    force *= 1.0 + law.tendon_loss * (stretch - memory[TENDON_SLIDER]) / TENDON_SLIP
+    force = elastic_tendon_tension(stretch, law)
+    force *= 1.0 + law.tendon_loss * (stretch - state[TENDON_SLIDER_INDEX]) / TENDON_SLIDER_REACH
     if law.tendon_stiffness != 0.0:
-        force += law.tendon_stiffness * (stretch - memory[TENDON_RELAXED]) * min(1.0, stretch / CLOSING)
+        force += (
+            law.tendon_stiffness * (stretch - state[TENDON_RELAXED_INDEX]) * min(1.0, stretch / TENDON_CLOSING_STRETCH)
+        )
     return max(0.0, force)
 
 
-@compiled
-def play_of(i: int, law: Law) -> float:
+@cached_njit
+def play_slider_reach(i: int, law: Law) -> float:
     """Stretch at which the ``i``-th of the braid's many elements slips: even steps about their mean."""
-    return law.play_reach * 2.0 * (i + 1.0) / (PLAYS + 1.0)
+    return law.play_reach * 2.0 * (i + 1.0) / (N_PLAY_SLIDERS + 1.0)
 
 
-@compiled
+@cached_njit
 def creep_time(i: int) -> float:
     """Time constants of the creep [s]: five to a factor, over nearly three decades."""
     return 0.02 * 5.0**i
 
 
-@compiled
-def remember(
+@cached_njit
+def update_internal_state(
     old: np.ndarray,
     base: np.ndarray,
     new: np.ndarray,
@@ -267,96 +281,108 @@ def remember(
     v: float,
     x: float,
     stretch: float,
-    felt: float,
+    pressure: float,
     law: Law,
 ) -> None:
     """Memories at the end of a stage: sliders dragged from ``old``, the others implicit over ``gh`` from ``base``."""
     if law.slip_slope != 0.0:
-        stiffness = law.count * law.slip_stiffness / 3.0
+        stiffness = law.n_muscles * law.slip_stiffness / 3.0
         for i in range(3):
-            reach = law.count * law.slip_slope * felt * (1.0 + i) / 6.0 / stiffness
-            new[SLIP + i] = min(max(old[SLIP + i], x - reach), x + reach)
+            reach = law.n_muscles * law.slip_slope * pressure * (1.0 + i) / 6.0 / stiffness
+            new[SLIP_INDEX + i] = min(max(old[SLIP_INDEX + i], x - reach), x + reach)
     share = gh / law.relax_time
-    new[RELAXED] = (base[RELAXED] + share * x) / (1.0 + share)
-    new[TENDON_SLIDER] = min(max(old[TENDON_SLIDER], stretch - TENDON_SLIP), stretch + TENDON_SLIP)
+    new[RELAXED_INDEX] = (base[RELAXED_INDEX] + share * x) / (1.0 + share)
+    new[TENDON_SLIDER_INDEX] = min(
+        max(old[TENDON_SLIDER_INDEX], stretch - TENDON_SLIDER_REACH), stretch + TENDON_SLIDER_REACH
+    )
     share = gh / law.tendon_time
     # A slack tendon relaxes to slack.
-    new[TENDON_RELAXED] = (base[TENDON_RELAXED] + share * max(0.0, stretch)) / (1.0 + share)
+    new[TENDON_RELAXED_INDEX] = (base[TENDON_RELAXED_INDEX] + share * max(0.0, stretch)) / (1.0 + share)
     if law.dahl_slope != 0.0:
-        new[DAHL] = (base[DAHL] + gh * v / law.dahl_reach) / (1.0 + gh * abs(v) / law.dahl_reach)
+        new[DAHL_INDEX] = (base[DAHL_INDEX] + gh * v / law.dahl_reach) / (1.0 + gh * abs(v) / law.dahl_reach)
     if law.bouc_slope != 0.0:
-        reach = law.bouc_slope * felt / law.bouc_stiffness
-        new[BOUC] = (base[BOUC] + gh * v) / (1.0 + gh * abs(v) / reach) if reach > 0.0 else 0.0
+        reach = law.bouc_slope * pressure / law.bouc_stiffness
+        new[BOUC_INDEX] = (base[BOUC_INDEX] + gh * v) / (1.0 + gh * abs(v) / reach) if reach > 0.0 else 0.0
     if law.softening != 0.0:
-        new[WORST] = max(old[WORST], depth_of(x + law.rest, law))
+        new[MAX_ENERGY_INDEX] = max(old[MAX_ENERGY_INDEX], bladder_energy_density(x + law.resting_length, law))
     if law.stribeck != 0.0:
         share, ratio = gh / FILM_TIME, v / law.stribeck_speed
-        new[FILM] = (base[FILM] + share * math.exp(-ratio * ratio)) / (1.0 + share)
+        new[FILM_INDEX] = (base[FILM_INDEX] + share * math.exp(-ratio * ratio)) / (1.0 + share)
     if law.dead_stroke != 0.0:
         half = 0.5 * law.dead_stroke
-        new[PISTON] = min(max(old[PISTON], x - half), x + half)
+        new[PISTON_INDEX] = min(max(old[PISTON_INDEX], x - half), x + half)
     if law.lugre != 0.0:
         ratio = v / law.lugre_speed
         reach = law.lugre_reach * (1.0 + law.lugre_rise * math.exp(-ratio * ratio))
-        new[BRISTLE] = (base[BRISTLE] + gh * v) / (1.0 + gh * abs(v) / reach)
+        new[BRISTLE_INDEX] = (base[BRISTLE_INDEX] + gh * v) / (1.0 + gh * abs(v) / reach)
     if law.warm != 0.0:
-        new[WARMTH] = (base[WARMTH] + gh * law.warm_gain * orifice(v, law) * v) / (1.0 + gh / WARM_TIME)
+        new[WARMTH_INDEX] = (base[WARMTH_INDEX] + gh * law.warm_gain * orifice_tension(v, law) * v) / (
+            1.0 + gh / COOLING_TIME
+        )
     if law.play_slope != 0.0:
-        for i in range(PLAYS):
-            reach = play_of(i, law)
-            new[PLAY + i] = min(max(old[PLAY + i], x - reach), x + reach)
+        for i in range(N_PLAY_SLIDERS):
+            reach = play_slider_reach(i, law)
+            new[PLAY_INDEX + i] = min(max(old[PLAY_INDEX + i], x - reach), x + reach)
     if law.creep != 0.0:
-        for i in range(CREEPS):
+        for i in range(N_CREEP_BRANCHES):
             share = gh / creep_time(i)
-            new[CREEP + i] = (base[CREEP + i] + share * x) / (1.0 + share)
+            new[CREEP_INDEX + i] = (base[CREEP_INDEX + i] + share * x) / (1.0 + share)
 
 
-@compiled
-def remembered(memory: np.ndarray, x: float, felt: float, law: Law) -> float:
+@cached_njit
+def internal_state_tension(state: np.ndarray, x: float, pressure: float, law: Law) -> float:
     """Muscle tension held in the memories."""
-    total = law.relax_stiffness * (x - memory[RELAXED]) + law.dahl_slope * felt * memory[DAHL]
+    total = law.relax_stiffness * (x - state[RELAXED_INDEX]) + law.dahl_slope * pressure * state[DAHL_INDEX]
     if law.slip_slope != 0.0:
         for i in range(3):
-            total += law.slip_stiffness / 3.0 * (x - memory[SLIP + i])
+            total += law.slip_stiffness / 3.0 * (x - state[SLIP_INDEX + i])
     if law.bouc_slope != 0.0:
-        total += law.bouc_stiffness * memory[BOUC]
+        total += law.bouc_stiffness * state[BOUC_INDEX]
     if law.softening != 0.0:
-        over = max(0.0, memory[WORST] - depth_of(x + law.rest, law))
-        total -= law.softening * math.tanh(over / law.softening_energy) * thin_bladder(x + law.rest, law)
+        over = max(0.0, state[MAX_ENERGY_INDEX] - bladder_energy_density(x + law.resting_length, law))
+        total -= (
+            law.softening * math.tanh(over / law.softening_energy) * thin_bladder_tension(x + law.resting_length, law)
+        )
     if law.play_slope != 0.0:
-        for i in range(PLAYS):
-            total += law.play_slope * felt / PLAYS * (x - memory[PLAY + i]) / play_of(i, law)
+        for i in range(N_PLAY_SLIDERS):
+            total += (
+                law.play_slope * pressure / N_PLAY_SLIDERS * (x - state[PLAY_INDEX + i]) / play_slider_reach(i, law)
+            )
     if law.creep != 0.0:
-        for i in range(CREEPS):
-            total += law.creep * (x - memory[CREEP + i])
-    return law.count * total
+        for i in range(N_CREEP_BRANCHES):
+            total += law.creep * (x - state[CREEP_INDEX + i])
+    return law.n_muscles * total
 
 
-@compiled
-def begin(memory: np.ndarray, x: float, stretch: float, law: Law) -> None:
+@cached_njit
+def set_rest_state(state: np.ndarray, x: float, stretch: float, law: Law) -> None:
     """Memories of a device that has rested long: nothing is stretched, no film, the oil is cold."""
-    for i in range(N_MEMORY):
-        memory[i] = 0.0
-    memory[SLIP] = memory[SLIP + 1] = memory[SLIP + 2] = memory[RELAXED] = memory[PISTON] = x
-    for i in range(PLAY, CREEP + CREEPS):
-        memory[i] = x
-    memory[TENDON_SLIDER], memory[TENDON_RELAXED] = stretch, max(0.0, stretch)
-    memory[WORST], memory[FILM] = depth_of(x + law.rest, law), 1.0
+    for i in range(N_INTERNAL_STATES):
+        state[i] = 0.0
+    state[SLIP_INDEX] = state[SLIP_INDEX + 1] = state[SLIP_INDEX + 2] = state[RELAXED_INDEX] = state[PISTON_INDEX] = x
+    for i in range(PLAY_INDEX, CREEP_INDEX + N_CREEP_BRANCHES):
+        state[i] = x
+    state[TENDON_SLIDER_INDEX], state[TENDON_RELAXED_INDEX] = stretch, max(0.0, stretch)
+    state[MAX_ENERGY_INDEX], state[FILM_INDEX] = bladder_energy_density(x + law.resting_length, law), 1.0
 
 
-@compiled
-def distance(a: np.ndarray, b: np.ndarray) -> float:
+@cached_njit
+def state_distance(a: np.ndarray, b: np.ndarray) -> float:
     """Largest difference of two memories as a length.
 
     A tenth of a slider's; of dimensionless numbers, pascals and kilograms, what moves the tendon about as far.
     """
     worst = 0.0
-    for i in range(DAHL):
+    for i in range(DAHL_INDEX):
         worst = max(worst, abs(a[i] - b[i]))
-    worst = max(0.1 * worst, 1e-4 * abs(a[DAHL] - b[DAHL]))
-    for i in range(PLAY, CREEP + CREEPS):
+    worst = max(0.1 * worst, 1e-4 * abs(a[DAHL_INDEX] - b[DAHL_INDEX]))
+    for i in range(PLAY_INDEX, CREEP_INDEX + N_CREEP_BRANCHES):
         worst = max(worst, 0.1 * abs(a[i] - b[i]))
-    worst = max(worst, 0.1 * abs(a[BOUC] - b[BOUC]), 0.1 * abs(a[BRISTLE] - b[BRISTLE]))
-    worst = max(worst, 1e-5 * abs(a[FILM] - b[FILM]), 1e-4 * abs(a[WARMTH] - b[WARMTH]))
-    worst = max(worst, 1e-9 * abs(a[PRESSURE] - b[PRESSURE]), 1e-9 * abs(a[DISTURBANCE] - b[DISTURBANCE]))
-    return max(worst, 0.3 * abs(a[DRAWN] - b[DRAWN]))
+    worst = max(worst, 0.1 * abs(a[BOUC_INDEX] - b[BOUC_INDEX]), 0.1 * abs(a[BRISTLE_INDEX] - b[BRISTLE_INDEX]))
+    worst = max(worst, 1e-5 * abs(a[FILM_INDEX] - b[FILM_INDEX]), 1e-4 * abs(a[WARMTH_INDEX] - b[WARMTH_INDEX]))
+    worst = max(
+        worst,
+        1e-9 * abs(a[PRESSURE_INDEX] - b[PRESSURE_INDEX]),
+        1e-9 * abs(a[DISTURBANCE_INDEX] - b[DISTURBANCE_INDEX]),
+    )
+    return max(worst, 0.3 * abs(a[DRAWN_MASS_INDEX] - b[DRAWN_MASS_INDEX]))

@@ -3,10 +3,20 @@
 from typing import Any
 
 import numpy as np
-from catalogue import BODY, CHANNELS, EFFECTS, KNOWN_VALVE, NEEDS_VALVE, OTHER_FORMS, Forms, Parameter, instrument_forms
-from strangers import STRANGERS
+from catalogue import (
+    BENCH_CHANNELS,
+    BODY_EFFECTS,
+    EFFECTS,
+    KNOWN_VALVE,
+    OTHER_FORMS,
+    VALVE_EFFECTS,
+    Forms,
+    HiddenParameter,
+    instrument_forms,
+)
+from strangers import OUT_OF_CATALOGUE_FORMS
 
-BLOCKS = {
+BLOCK_SIZES = {
     "clean": 120,
     "single": 3 * len(EFFECTS),
     "instrument": 24,
@@ -21,13 +31,13 @@ BLOCKS = {
     "walk_clean": 40,
 }
 """Name -> how many datasets of it tell enough."""
-HALVES = {"development": 101, "test": 303}
+HALF_SEEDS = {"development": 101, "test": 303}
 """Seeds: thresholds are set on the one half, and frozen before the other is looked at."""
-SIZES = (2.0, 8.0, 0.7)
+TARGET_SIZES = (2.0, 8.0, 0.7)
 """Of single effects, over the noise."""
-REPEATS = (1, 2, 3, 4)
+REPEAT_COUNTS = (1, 2, 3, 4)
 """Of every trial, in block ``repeats``."""
-FAINT = (
+FAINT_EFFECTS = (
     ("braid_hysteresis", "coulomb"),
     ("muscle_damping", "viscous"),
     ("end_taper", "strain"),
@@ -36,10 +46,10 @@ FAINT = (
     ("volume_coupling", "polytropic"),
 )
 """Effects that are hidden at half the noise in block ``repeats``."""
-WALKS = ("walk", "walk_clean")
+GAIT_BLOCKS = ("walk", "walk_clean")
 """Blocks of the gait rig; the others are of the bench."""
-IN_WALKS: tuple[tuple[str, str, str | None], ...] = (
-    *((name, form, None) for name, form in BODY),
+GAIT_CASES: tuple[tuple[str, str, str | None], ...] = (
+    *((name, form, None) for name, form in BODY_EFFECTS),
     ("seal_friction", "coulomb", None),
     ("pressure_lag", "first_order", None),
     ("braid_hysteresis", "coulomb", None),
@@ -50,9 +60,9 @@ IN_WALKS: tuple[tuple[str, str, str | None], ...] = (
 )
 """What is hidden in walks: all of the body, some of the device and of instruments."""
 DEFECTS = ("dead_channel", "no_repeats", "no_excitation", "clock_backwards", "saturated_force")
-APART = ({"volume_coupling", "choked_valve"}, {"volume_coupling", "leak"})
+EXCLUSIVE_PAIRS = ({"volume_coupling", "choked_valve"}, {"volume_coupling", "leak"})
 """Not hidden together: behind a valve no regulator makes up for what the motion does."""
-TWINS = (
+TWIN_CASES = (
     ("regulator_error", "offset", None),
     ("sensor_offset", "offset", "pressure"),
     ("regulator_error", "gain", None),
@@ -65,21 +75,21 @@ TWINS = (
     ("sensor_gain", "gain", "force"),
 )
 """Effects that have a near twin on this rig."""
-Spec = dict[str, Any]
+DatasetSpec = dict[str, Any]
 
 
-def draw(parameter: Parameter, scale: float, sign: float = 1.0) -> float:
+def draw_value(parameter: HiddenParameter, scale: float, sign: float = 1.0) -> float:
     """The value whose distance from neutral is ``scale`` times the typical one, kept within the range."""
     if parameter.neutral == np.inf:  # a frequency: slower is more
         value = parameter.typical / scale
     else:
         neutral = parameter.neutral or 0.0
-        value = neutral + (sign if parameter.signed else 1.0) * scale * (parameter.typical - neutral)
+        value = neutral + (sign if parameter.is_signed else 1.0) * scale * (parameter.typical - neutral)
     return float(f"{min(max(value, parameter.low), parameter.high):.6g}")
 
 
-def effect(
-    forms: Forms, key: tuple[str, str], rng: np.random.Generator | None, wanted: float | None = None
+def draw_effect(
+    forms: Forms, key: tuple[str, str], rng: np.random.Generator | None, target_size: float | None = None
 ) -> dict[str, Any]:
     """One effect at its typical size, or at 0.7 to 3 times that where ``rng`` is given.
 
@@ -90,29 +100,29 @@ def effect(
         return 1.0 if rng is None else float(np.exp(rng.uniform(np.log(0.7), np.log(3.0))))
 
     sign = 1.0 if rng is None else float(rng.choice([-1.0, 1.0]))
-    parameters = {name: draw(parameter, scale(), sign) for name, parameter in forms[key].items()}
+    parameters = {name: draw_value(parameter, scale(), sign) for name, parameter in forms[key].items()}
     found = {"name": key[0], "form": key[1], "parameters": parameters}
-    return found if wanted is None or rng is None else found | {"wanted": wanted}
+    return found if target_size is None or rng is None else found | {"wanted": target_size}
 
 
-def hidden(*effects: dict[str, Any]) -> Spec:
+def make_spec(*effects: dict[str, Any]) -> DatasetSpec:
     """A dataset with ``effects``, in a device with a known valve where one of them needs it."""
     names = {each["name"] for each in effects}
-    spec: Spec = {"effects": list(effects)}
-    return spec | {"known": [KNOWN_VALVE]} if names & NEEDS_VALVE and "choked_valve" not in names else spec
+    spec: DatasetSpec = {"effects": list(effects)}
+    return spec | {"known": [KNOWN_VALVE]} if names & VALVE_EFFECTS and "choked_valve" not in names else spec
 
 
-def plan(block: str, count: int, seed: int, *, typical: bool = False) -> list[Spec]:
+def plan_datasets(block: str, count: int, seed: int, *, typical: bool = False) -> list[DatasetSpec]:
     """Specifications of ``count`` datasets: arguments of ``generate.make``, and a name.
 
     Dataset ``i`` depends on the block, the seed and ``i`` only, so a longer plan begins with the shorter one.
     ``typical`` puts every parameter at its typical value.
     """
-    if block not in BLOCKS:
-        raise ValueError(f"block {block!r} is none of {', '.join(BLOCKS)}")
-    specs, number = [], list(BLOCKS).index(block)
+    if block not in BLOCK_SIZES:
+        raise ValueError(f"block {block!r} is none of {', '.join(BLOCK_SIZES)}")
+    specs, number = [], list(BLOCK_SIZES).index(block)
     contents = (
-        _content(block, i, None if typical else np.random.default_rng([seed, number, i, 1])) for i in range(count)
+        _block_content(block, i, None if typical else np.random.default_rng([seed, number, i, 1])) for i in range(count)
     )
     for i, content in enumerate(contents):
         own = int(np.random.SeedSequence([seed, number, i]).generate_state(1)[0])
@@ -120,63 +130,65 @@ def plan(block: str, count: int, seed: int, *, typical: bool = False) -> list[Sp
     return specs
 
 
-def _content(block: str, i: int, rng: np.random.Generator | None) -> Spec:
+def _block_content(block: str, index: int, rng: np.random.Generator | None) -> DatasetSpec:
     singles, others = list(EFFECTS), list(OTHER_FORMS)
     match block:
         case "clean" | "walk_clean":
             return {}
         case "walk":
-            turn, which = divmod(i, len(IN_WALKS))
-            name, form, channel = IN_WALKS[which]
-            wanted = SIZES[turn % len(SIZES)]
+            turn, which = divmod(index, len(GAIT_CASES))
+            name, form, channel = GAIT_CASES[which]
+            wanted = TARGET_SIZES[turn % len(TARGET_SIZES)]
             if channel:
-                return _fault((name, form), channel, rng, wanted)
-            return {"effects": [effect(EFFECTS | BODY, (name, form), rng, wanted)]}
+                return _draw_fault((name, form), channel, rng, wanted)
+            return {"effects": [draw_effect(EFFECTS | BODY_EFFECTS, (name, form), rng, wanted)]}
         case "defective":
-            return {"defect": DEFECTS[i % len(DEFECTS)]}
+            return {"defect": DEFECTS[index % len(DEFECTS)]}
         case "single":
-            turn, which = divmod(i, len(singles))
-            return hidden(effect(EFFECTS, singles[which], rng, SIZES[turn % len(SIZES)]))
+            turn, which = divmod(index, len(singles))
+            return make_spec(draw_effect(EFFECTS, singles[which], rng, TARGET_SIZES[turn % len(TARGET_SIZES)]))
         case "wrong_form":
-            turn, which = divmod(i, len(others))
-            return hidden(effect(OTHER_FORMS, others[which], rng, (8.0, 2.0)[turn % 2]))
+            turn, which = divmod(index, len(others))
+            return make_spec(draw_effect(OTHER_FORMS, others[which], rng, (8.0, 2.0)[turn % 2]))
         case "instrument":
             # Neighbours in the order differ in both fault and channel, so that a short plan sees some of each.
-            names, channels = list(instrument_forms("force")), list(CHANNELS)
-            turn, which = divmod(i, len(names))
-            return _fault(names[which], channels[(i + turn) % len(channels)], rng, (8.0, 2.0)[(i + turn // 3) % 2])
+            names, channels = list(instrument_forms("force")), list(BENCH_CHANNELS)
+            turn, which = divmod(index, len(names))
+            return _draw_fault(
+                names[which], channels[(index + turn) % len(channels)], rng, (8.0, 2.0)[(index + turn // 3) % 2]
+            )
         case "twin":
-            name, form, channel = TWINS[i % len(TWINS)]
+            name, form, channel = TWIN_CASES[index % len(TWIN_CASES)]
             if channel:
-                return _fault((name, form), channel, rng, 2.0)
-            return hidden(effect(EFFECTS, (name, form), rng, 2.0))
+                return _draw_fault((name, form), channel, rng, 2.0)
+            return make_spec(draw_effect(EFFECTS, (name, form), rng, 2.0))
         case "repeats":
-            turn, which = divmod(i, len(FAINT))
-            found = hidden(effect(EFFECTS, FAINT[which], rng, 0.5))
-            return found | {"repeats": REPEATS[turn % len(REPEATS)], "muscle_length": False}
+            turn, which = divmod(index, len(FAINT_EFFECTS))
+            found = make_spec(draw_effect(EFFECTS, FAINT_EFFECTS[which], rng, 0.5))
+            return found | {"repeats": REPEAT_COUNTS[turn % len(REPEAT_COUNTS)], "muscle_length": False}
         case "outside":
-            turn, which = divmod(i, 6)
+            turn, which = divmod(index, 6)
             if which == 0:
-                key = list(STRANGERS)[turn % len(STRANGERS)]
-                return {"strangers": [effect(STRANGERS, key, rng, 8.0)]}
+                key = list(OUT_OF_CATALOGUE_FORMS)[turn % len(OUT_OF_CATALOGUE_FORMS)]
+                return {"strangers": [draw_effect(OUT_OF_CATALOGUE_FORMS, key, rng, 8.0)]}
             known = singles[(5 * turn + which - 1) % len(singles)]
-            return hidden(effect(EFFECTS, known, rng, 8.0)) | {"deleted": True}
+            return make_spec(draw_effect(EFFECTS, known, rng, 8.0)) | {"deleted": True}
         case _:
-            return _several(2 if block == "pair" else 3, i, rng)
+            return _draw_combination(2 if block == "pair" else 3, index, rng)
 
 
-def _fault(key: tuple[str, str], channel: str, rng: np.random.Generator | None, wanted: float) -> Spec:
-    return {"instruments": [{**effect(instrument_forms(channel), key, rng, wanted), "channel": channel}]}
+def _draw_fault(key: tuple[str, str], channel: str, rng: np.random.Generator | None, target_size: float) -> DatasetSpec:
+    return {"instruments": [{**draw_effect(instrument_forms(channel), key, rng, target_size), "channel": channel}]}
 
 
-def _several(count: int, i: int, rng: np.random.Generator | None) -> Spec:
+def _draw_combination(count: int, index: int, rng: np.random.Generator | None) -> DatasetSpec:
     """Effects of different names that can be in one device, each 2 to 8 times the noise when alone."""
-    generator, keys = rng or np.random.default_rng(i), list(EFFECTS)
+    generator, keys = rng or np.random.default_rng(index), list(EFFECTS)
     chosen: list[tuple[str, str]] = []
     while len(chosen) < count:
         key = keys[generator.integers(len(keys))]
         names = {name for name, _ in chosen}
-        if key[0] not in names and not any({key[0], name} in APART for name in names):
+        if key[0] not in names and not any({key[0], name} in EXCLUSIVE_PAIRS for name in names):
             chosen.append(key)
     sizes = np.exp(generator.uniform(np.log(2.0), np.log(8.0), count))
-    return hidden(*(effect(EFFECTS, key, rng, float(size)) for key, size in zip(chosen, sizes, strict=True)))
+    return make_spec(*(draw_effect(EFFECTS, key, rng, float(size)) for key, size in zip(chosen, sizes, strict=True)))

@@ -26,43 +26,45 @@ from pathlib import Path
 from typing import Any
 
 import walks
-from generate import make
-from metrics import Row
-from page import page
-from plan import BLOCKS, HALVES, WALKS, Spec, plan
+from generate import make_dataset
+from metrics import DatasetResult
+from page import render_page
+from plan import BLOCK_SIZES, GAIT_BLOCKS, HALF_SEEDS, DatasetSpec, plan_datasets
 from rich.console import Console
 from rich.progress import track
-from score import resolved, score
-from second_round import second_round
+from score import score_follow_up, score_verdict
+from second_round import make_follow_up
 
-from report import report
+from report import print_report
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 Verdict = dict[str, Any]
 
 
-def code(*, walks: bool = False) -> str:
+def compute_code_digest(*, include_gait: bool = False) -> str:
     """Digest of everything that decides a verdict; of ``walks``, the replay too."""
-    parts = ("laws", "effects", "device", "dataset", "diagnose", *(("rigs/replay",) if walks else ()))
+    parts = ("laws", "effects", "device", "dataset", "diagnose", *(("rigs/replay",) if include_gait else ()))
     files = sorted(file for part in parts for file in (ROOT / "src" / "klute_sim" / part).rglob("*.py"))
-    if walks:
+    if include_gait:
         rig = ROOT / "src" / "klute_sim" / "rigs" / "gait"
         files += [rig / "build.py", rig / "body.py", ROOT / "models" / "ankle.xml"]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
-def code_of_baselines() -> str:
+def compute_baselines_digest() -> str:
     """Digest of everything that decides what the other methods say."""
     files = (HERE / "baselines.py", HERE / "force_balance.py")
-    return hashlib.sha256(b"".join([code().encode(), *(file.read_bytes() for file in files)])).hexdigest()[:12]
+    return hashlib.sha256(
+        b"".join([compute_code_digest().encode(), *(file.read_bytes() for file in files)])
+    ).hexdigest()[:12]
 
 
-def verdict_of(dataset: Path, exclude: tuple[str, ...], threads: int) -> Verdict:
+def run_diagnosis(dataset: Path, exclude: tuple[str, ...], n_jobs: int) -> Verdict:
     """Run ``klute-sim diagnose`` on ``dataset`` as a user would."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "klute_sim", "diagnose", str(dataset), "--json", "--no-report"]
-        command += ["--jobs", str(threads), "--out", str(Path(folder) / "found")]
+        command += ["--jobs", str(n_jobs), "--out", str(Path(folder) / "found")]
         for name in exclude:
             command += ["--exclude", name]
         begin = time.perf_counter()
@@ -77,83 +79,94 @@ def verdict_of(dataset: Path, exclude: tuple[str, ...], threads: int) -> Verdict
     return found | {"s": seconds}
 
 
-def kept(file: Path, answer: Callable[[], Verdict]) -> Verdict:
+def load_or_compute(path: Path, compute: Callable[[], Verdict]) -> Verdict:
     """What ``file`` holds; what ``answer`` says is put there first if it is not there."""
-    if not file.exists():
-        fresh = file.with_suffix(".unfinished")
-        fresh.write_text(json.dumps(answer(), indent=1), "utf-8")
-        fresh.rename(file)
-    found: Verdict = json.loads(file.read_text("utf-8"))
+    if not path.exists():
+        fresh = path.with_suffix(".unfinished")
+        fresh.write_text(json.dumps(compute(), indent=1), "utf-8")
+        fresh.rename(path)
+    found: Verdict = json.loads(path.read_text("utf-8"))
     return found
 
 
-class Run:
+class BenchmarkRun:
     """One folder of datasets and results, with the code as it is."""
 
-    def __init__(self, out: Path, threads: int, methods: dict[str, Callable[..., Verdict]]) -> None:
+    def __init__(self, folder: Path, n_jobs: int, methods: dict[str, Callable[..., Verdict]]) -> None:
         """``methods`` are others that are done beside it, by their names."""
-        self._out, self._threads, self._methods = out, threads, methods
-        self._own, self._beside = {False: code(), True: code(walks=True)}, code_of_baselines()
-        (out / "results").mkdir(parents=True, exist_ok=True)
+        self._folder, self._n_jobs, self._methods = folder, n_jobs, methods
+        self._code_digests, self._baselines_digest = (
+            {False: compute_code_digest(), True: compute_code_digest(include_gait=True)},
+            compute_baselines_digest(),
+        )
+        (folder / "results").mkdir(parents=True, exist_ok=True)
 
-    def done(self, spec: Spec) -> tuple[Row, dict[str, Row]]:
+    def process_dataset(self, spec: DatasetSpec) -> tuple[DatasetResult, dict[str, DatasetResult]]:
         """What was found in the dataset of ``spec``, by the program and by every other method."""
-        name, of_walks = spec["name"], spec["block"] in WALKS
-        dataset, truth_file = self._out / name, self._out / f"{name}.truth.json"
+        name, of_walks = spec["name"], spec["block"] in GAIT_BLOCKS
+        dataset, truth_file = self._folder / name, self._folder / f"{name}.truth.json"
         if not truth_file.exists():
             what = {key: value for key, value in spec.items() if key != "name"}
-            (walks.make if of_walks else make)(dataset, **what, truth=truth_file)
+            (walks.make_dataset if of_walks else make_dataset)(dataset, **what, truth=truth_file)
         deleted = tuple(e["name"] for e in spec["effects"]) if spec.get("deleted") else ()
-        verdict = kept(self._file(name, self._own[of_walks]), partial(verdict_of, dataset, deleted, self._threads))
+        verdict = load_or_compute(
+            self._result_path(name, self._code_digests[of_walks]),
+            partial(run_diagnosis, dataset, deleted, self._n_jobs),
+        )
         found = {
-            method: kept(self._file(f"{name}_{method}", self._beside), partial(answer, dataset, deleted))
+            method: load_or_compute(
+                self._result_path(f"{name}_{method}", self._baselines_digest), partial(answer, dataset, deleted)
+            )
             for method, answer in self._methods.items()
         }
         truth = json.loads(truth_file.read_text("utf-8"))
         second = None
         if verdict["verdict"] == "ambiguous" and verdict["next_experiment"]:
-            again = kept(
-                self._file(f"{name}_second", self._own[of_walks]),
-                partial(self._second, dataset, truth, verdict, deleted),
+            again = load_or_compute(
+                self._result_path(f"{name}_second", self._code_digests[of_walks]),
+                partial(self._run_follow_up, dataset, truth, verdict, deleted),
             )
-            second = resolved(truth, again)
-        own = Row(name, truth, verdict, score(truth, verdict), second)
+            second = score_follow_up(truth, again)
+        own = DatasetResult(name, truth, verdict, score_verdict(truth, verdict), second)
         # Whether anything is left to name is the dataset's own: all are held against the same refitted device.
         same = {"gap": verdict.get("gap", {}), "alike": verdict.get("alike", ())}
         return own, {
-            method: Row(name, truth, other, score(truth, {**other, **same})) for method, other in found.items()
+            method: DatasetResult(name, truth, other, score_verdict(truth, {**other, **same}))
+            for method, other in found.items()
         }
 
-    def _file(self, name: str, digest: str) -> Path:
-        return self._out / "results" / f"{name}_{digest}.json"
+    def _result_path(self, name: str, digest: str) -> Path:
+        return self._folder / "results" / f"{name}_{digest}.json"
 
-    def _second(self, dataset: Path, truth: dict[str, Any], verdict: Verdict, deleted: tuple[str, ...]) -> Verdict:
+    def _run_follow_up(
+        self, dataset: Path, truth: dict[str, Any], verdict: Verdict, excluded: tuple[str, ...]
+    ) -> Verdict:
         with tempfile.TemporaryDirectory() as folder:
-            second_round(dataset, truth, verdict["next_experiment"], Path(folder) / "again")
-            return verdict_of(Path(folder) / "again", deleted, self._threads)
+            make_follow_up(dataset, truth, verdict["next_experiment"], Path(folder) / "again")
+            return run_diagnosis(Path(folder) / "again", excluded, self._n_jobs)
 
 
-def other_methods() -> dict[str, Callable[..., Verdict]]:
+def load_baselines() -> dict[str, Callable[..., Verdict]]:
     """Name -> method; raises ModuleNotFoundError, with what to install, if one cannot run."""
     import baselines  # the project's own benchmark does without what these need
 
-    baselines.need_pysindy()
-    return {"plain_bic": baselines.plain_bic, "sindy": baselines.sindy}
+    baselines.require_pysindy()
+    return {"plain_bic": baselines.select_by_bic, "sindy": baselines.regress_sparsely}
 
 
-def _specs(blocks: list[str], count: int | None, seed: int, shard: str) -> Iterator[Spec]:
+def _iter_specs(blocks: list[str], count: int | None, seed: int, shard: str) -> Iterator[DatasetSpec]:
     part, parts = (int(x) for x in shard.split("/"))
     for block in blocks:
-        yield from plan(block, BLOCKS[block] if count is None else count, seed)[part - 1 :: parts]
+        yield from plan_datasets(block, BLOCK_SIZES[block] if count is None else count, seed)[part - 1 :: parts]
 
 
 def main() -> None:
     """Make, diagnose, score, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder of datasets and results")
-    parser.add_argument("--block", choices=tuple(BLOCKS), action="append", help="may be repeated  [default: all]")
+    parser.add_argument("--block", choices=tuple(BLOCK_SIZES), action="append", help="may be repeated  [default: all]")
     parser.add_argument("--count", type=int, help="datasets of every block  [default: as many as tell enough]")
-    parser.add_argument("--half", choices=tuple(HALVES), default="development", help="[default: development]")
+    parser.add_argument("--half", choices=tuple(HALF_SEEDS), default="development", help="[default: development]")
     parser.add_argument("--shard", default="1/1", metavar="I/N", help="do the I-th of N parts  [default: 1/1]")
     parser.add_argument("--at-once", type=int, default=1, metavar="N", help="datasets at once  [default: 1]")
     parser.add_argument("--baselines", action="store_true", help="do other methods, too")
@@ -161,22 +174,24 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     chosen = parser.parse_args()
     try:
-        methods = other_methods() if chosen.baselines else {}
+        methods = load_baselines() if chosen.baselines else {}
     except ModuleNotFoundError as error:
         parser.error(str(error))
-    blocks = [block for block in chosen.block or BLOCKS if not (methods and block in WALKS)]
-    specs = list(_specs(blocks, chosen.count, HALVES[chosen.half], chosen.shard))
+    blocks = [block for block in chosen.block or BLOCK_SIZES if not (methods and block in GAIT_BLOCKS)]
+    specs = list(_iter_specs(blocks, chosen.count, HALF_SEEDS[chosen.half], chosen.shard))
     notes = Console(stderr=True)
-    run = Run(chosen.out, max(1, (os.cpu_count() or 1) // chosen.at_once), methods)
+    run = BenchmarkRun(chosen.out, max(1, (os.cpu_count() or 1) // chosen.at_once), methods)
     with ThreadPoolExecutor(chosen.at_once) as pool:
-        going = track(pool.map(run.done, specs), "diagnosing", len(specs), console=notes, disable=not notes.is_terminal)
+        going = track(
+            pool.map(run.process_dataset, specs), "diagnosing", len(specs), console=notes, disable=not notes.is_terminal
+        )
         done = list(going)
     rows = [row for row, _ in done]
     others = {method: [each[method] for _, each in done] for method in methods}
     if chosen.page:
-        head = {"half": chosen.half, "code": code(), "datasets": len(rows), "at once": chosen.at_once}
-        chosen.page.write_text(page(rows, others, head), "utf-8")
-    report(rows, others, as_json=chosen.json)
+        head = {"half": chosen.half, "code": compute_code_digest(), "datasets": len(rows), "at once": chosen.at_once}
+        chosen.page.write_text(render_page(rows, others, head), "utf-8")
+    print_report(rows, others, as_json=chosen.json)
 
 
 if __name__ == "__main__":

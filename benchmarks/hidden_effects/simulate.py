@@ -4,24 +4,24 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from air import AIR_STEP, Air, moves, pressure_trace
-from catalogue import CHANNELS, instrument_forms, with_effects
-from inputs import SAMPLE, Program
+from air import AIR_STEP, AirSupply, is_coupled_to_motion, simulate_pressure
+from catalogue import BENCH_CHANNELS, add_effects, instrument_forms
+from inputs import SAMPLE_INTERVAL, InputProgram
 from law import Law
 from scipy.signal import lfilter
-from strangers import moved, seen
-from truth import TRACE_STEP, Inputs, integrate
+from strangers import apply_to_channels, apply_to_motion
+from truth import TRACE_STEP, DeviceInputs, integrate_device
 
-TOLERANCE = 1e-9  # m per step: see the accuracy test
+LENGTH_TOLERANCE = 1e-9  # m per step: see the accuracy test
 Floats = np.ndarray
 
 
 class Noise(NamedTuple):
     """Rms of what the instruments and the world add, in the units of the columns."""
 
-    force: float = CHANNELS["force"].noise
-    pressure: float = CHANNELS["pressure"].noise
-    muscle_length: float = CHANNELS["muscle_length"].noise
+    force: float = BENCH_CHANNELS["force"].noise
+    pressure: float = BENCH_CHANNELS["pressure"].noise
+    muscle_length: float = BENCH_CHANNELS["muscle_length"].noise
     wander: float = 0.004
     """Slow wander of the true pressure [bar]; stays below 0.01 bar."""
     logged_length: float = 0.01
@@ -39,40 +39,46 @@ class Hidden(NamedTuple):
     """Of no kind that a catalogue has."""
 
 
-def wander(rng: np.random.Generator, n: int, rms_bar: float) -> Floats:
+def draw_wander(rng: np.random.Generator, n_samples: int, rms_bar: float) -> Floats:
     """A slow disturbance of the true pressure on the air grid [Pa]: three sines of 0.1 to 0.8 Hz."""
-    t = np.arange(n) * AIR_STEP
+    t = np.arange(n_samples) * AIR_STEP
     frequency, phase = np.exp(rng.uniform(np.log(0.1), np.log(0.8), 3)), rng.uniform(0, 2 * np.pi, 3)
     return rms_bar * 1e5 * np.sqrt(2 / 3) * np.sin(2 * np.pi * frequency[:, None] * t + phase[:, None]).sum(axis=0)
 
 
-def trace(
-    program: Program, law: Law, air: Air, disturbance: Floats | float = 0.0, tolerance: float = TOLERANCE
+def simulate_trace(
+    program: InputProgram,
+    law: Law,
+    air: AirSupply,
+    disturbance: Floats | float = 0.0,
+    tolerance: float = LENGTH_TOLERANCE,
 ) -> dict[str, Floats]:
     """True channels on the trace grid, in the units of the columns."""
     every = round(TRACE_STEP / AIR_STEP)
     n = (len(program.length) - 1) * every + 1
-    if moves(air):
+    if is_coupled_to_motion(air):
         # Air that is shut in may be thinned below the room's pressure: no floor.
         given = np.broadcast_to(np.asarray(disturbance, float), n).copy()
     else:
-        given = np.maximum(pressure_trace(program.command, SAMPLE, n, air) + disturbance, 0.0)
-    inputs = Inputs(program.pieces(), given, program.command, SAMPLE)
-    force, length, pressure, _ = integrate(inputs, law, air, tolerance)
-    if not moves(air):
+        given = np.maximum(simulate_pressure(program.command, SAMPLE_INTERVAL, n, air) + disturbance, 0.0)
+    inputs = DeviceInputs(program.spline_coefficients(), given, program.command, SAMPLE_INTERVAL)
+    force, length, pressure, _ = integrate_device(inputs, law, air, tolerance)
+    if not is_coupled_to_motion(air):
         pressure = given[::every]
     return {"force": force, "pressure": pressure / 1e5, "muscle_length": length * 1e3}
 
 
-def reported(
-    program: Program, plain: tuple[Law, Air], hidden: Hidden, disturbance: Floats | float = 0.0
+def simulate_measurements(
+    program: InputProgram, base_device: tuple[Law, AirSupply], hidden: Hidden, disturbance: Floats | float = 0.0
 ) -> dict[str, Floats]:
     """Channels of the ``plain`` device with what is ``hidden``, as instruments report them (see :func:`read`)."""
-    true = trace(moved(program, hidden.strangers), *with_effects(*plain, hidden.effects), disturbance)
-    return read(seen(true, program, hidden.strangers), hidden.instruments)
+    true = simulate_trace(
+        apply_to_motion(program, hidden.strangers), *add_effects(*base_device, hidden.effects), disturbance
+    )
+    return apply_faults(apply_to_channels(true, program, hidden.strangers), hidden.instruments)
 
 
-def read(channels: Mapping[str, Floats], faults: Sequence[Mapping[str, Any]]) -> dict[str, Floats]:
+def apply_faults(channels: Mapping[str, Floats], faults: Sequence[Mapping[str, Any]]) -> dict[str, Floats]:
     """The channels as faulty instruments report them, still on the trace grid, without noise and not yet rounded."""
     out = {name: values.copy() for name, values in channels.items()}
     for fault in faults:
@@ -89,14 +95,14 @@ def read(channels: Mapping[str, Floats], faults: Sequence[Mapping[str, Any]]) ->
             case "sensor_drift":
                 values = values + p["drift_per_s"] * t
             case "sensor_lag":
-                values = _lag(values, p["time_constant_s"])
+                values = _apply_lag(values, p["time_constant_s"])
             case "clock_skew":
                 values = np.interp(t - p["shift_s"], t, values)
         out[channel] = values
     return out
 
 
-def in_steps(channel: str, values: Floats, faults: Sequence[Mapping[str, Any]]) -> Floats:
+def quantise(channel: str, values: Floats, faults: Sequence[Mapping[str, Any]]) -> Floats:
     """``values`` of ``channel`` as a display with coarse steps shows them; noise has to be in them already."""
     for fault in faults:
         if fault["name"] == "quantisation" and fault["channel"] == channel and fault["parameters"]["step"] > 0.0:
@@ -105,7 +111,7 @@ def in_steps(channel: str, values: Floats, faults: Sequence[Mapping[str, Any]]) 
     return values
 
 
-def _lag(values: Floats, time_constant: float) -> Floats:
+def _apply_lag(values: Floats, time_constant: float) -> Floats:
     """First-order lag, exact for a signal that is linear between samples; at rest before the start."""
     if time_constant <= 0.0:
         return values
@@ -115,9 +121,9 @@ def _lag(values: Floats, time_constant: float) -> Floats:
     return lfilter([new, old], [1.0, -decay], values, zi=[values[0] * (1.0 - new)])[0]
 
 
-def coloured(rng: np.random.Generator, n: int, rms: float) -> Floats:
+def draw_coloured_noise(rng: np.random.Generator, n_samples: int, rms: float) -> Floats:
     """AR(1) noise at the sample rate with a correlation time of 10 to 30 ms."""
-    keep = np.exp(-SAMPLE / rng.uniform(0.010, 0.030))
-    white = rng.normal(0.0, rms * np.sqrt(1.0 - keep**2), n)
+    keep = np.exp(-SAMPLE_INTERVAL / rng.uniform(0.010, 0.030))
+    white = rng.normal(0.0, rms * np.sqrt(1.0 - keep**2), n_samples)
     start = rng.normal(0.0, rms)
     return lfilter([1.0], [1.0, -keep], white, zi=[keep * start])[0]

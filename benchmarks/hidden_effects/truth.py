@@ -17,34 +17,45 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from air import AIR_STEP, LATE, Air, air_stage, beyond_the_tank, close, moves, on_grid, source, target_at
-from compiled import compiled
+from air import (
+    AIR_STEP,
+    CLOSING_TOLERANCE,
+    AirSupply,
+    close_muscle,
+    excess_over_tank,
+    interpolate_on_grid,
+    is_coupled_to_motion,
+    solve_air_stage,
+    source_pressure,
+    target_pressure,
+)
+from compiled import cached_njit
 from law import (
-    DISTURBANCE,
+    DISTURBANCE_INDEX,
     FILM_TIME,
-    N_MEMORY,
-    PRESSURE,
+    N_INTERNAL_STATES,
+    PRESSURE_INDEX,
     Law,
-    begin,
-    distance,
-    felt_pressure,
-    haunted,
-    moving,
-    muscle_static,
-    remember,
-    remembered,
-    tendon,
+    effective_pressure,
+    internal_state_tension,
+    rate_dependent_tension,
+    set_rest_state,
+    state_distance,
+    stateful_damping_tension,
+    static_muscle_tension,
+    tendon_tension,
+    update_internal_state,
 )
 
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)  # makes the two-stage SDIRK of order 2 L-stable
 TRACE_STEP = 1e-3  # s: grid of the output and of the prescribed length
-SHORTEST = 1e-8  # s: a step this short is taken whatever its error (an impact on a stop)
+MIN_TIME_STEP = 1e-8  # s: a step this short is taken whatever its error (an impact on a stop)
 
 
-class Inputs(NamedTuple):
+class DeviceInputs(NamedTuple):
     """What a device is put through."""
 
-    pieces: np.ndarray
+    length_spline: np.ndarray
     """Of the unit's length: see :func:`unit_length`."""
     pressure: np.ndarray
     """On the air grid; where the air is integrated with the motion, what is added to its pressure."""
@@ -52,10 +63,10 @@ class Inputs(NamedTuple):
     command_step: float
 
 
-class Told(NamedTuple):
+class BoundaryConditions(NamedTuple):
     """What is given from outside at one moment."""
 
-    unit: float
+    unit_length: float
     """Length of the whole unit."""
     pressure: float
     """Of the air; or what is added to it, where the air is integrated with the motion."""
@@ -63,47 +74,52 @@ class Told(NamedTuple):
     """What the supply is told to reach; unused where the pressure is given."""
 
 
-@compiled
-def surplus(
+@cached_njit
+def force_residual(
     v: float,
     L: float,
-    told: Told,
+    boundary: BoundaryConditions,
     gh: float,
     old: np.ndarray,
     base: np.ndarray,
     new: np.ndarray,
     law: Law,
-    air: Air,
+    air: AirSupply,
 ) -> float:
     """Muscle side less tendon side if the stage moves from ``L`` at ``v`` for ``gh``; memories end in ``new``."""
     L = L + gh * v
-    pressure = told.pressure
-    if moves(air):
-        pressure += air_stage(v, L, told.target, gh, old, base, new, law, air)
-    felt = felt_pressure(pressure, L, law)
-    x = L - law.rest
-    stretch = told.unit - L - law.slack - law.tendon_slack
-    remember(old, base, new, gh, v, x, stretch, felt, law)
-    held = muscle_static(felt, L, law) + remembered(new, x, felt, law)
-    return held + moving(felt, v, law) + haunted(v, x, old, new, law) - tendon(stretch, new, law)
+    pressure = boundary.pressure
+    if is_coupled_to_motion(air):
+        pressure += solve_air_stage(v, L, boundary.target, gh, old, base, new, law, air)
+    felt = effective_pressure(pressure, L, law)
+    x = L - law.resting_length
+    stretch = boundary.unit_length - L - law.slack - law.tendon_slack
+    update_internal_state(old, base, new, gh, v, x, stretch, felt, law)
+    held = static_muscle_tension(felt, L, law) + internal_state_tension(new, x, felt, law)
+    return (
+        held
+        + rate_dependent_tension(felt, v, law)
+        + stateful_damping_tension(v, x, old, new, law)
+        - tendon_tension(stretch, new, law)
+    )
 
 
-@compiled
+@cached_njit
 def solve_stage(
     guess: float,
     L: float,
-    told: Told,
+    boundary: BoundaryConditions,
     gh: float,
     old: np.ndarray,
     base: np.ndarray,
     new: np.ndarray,
     law: Law,
-    air: Air,
+    air: AirSupply,
 ) -> float:
     """Velocity of a stage, within the stops; memories in ``new``."""
-    low, high = (law.braid / math.sqrt(3.0) - L) / gh, (law.rest - L) / gh
+    low, high = (law.braid_length / math.sqrt(3.0) - L) / gh, (law.resting_length - L) / gh
     a = min(max(guess, low), high)
-    fa = surplus(a, L, told, gh, old, base, new, law, air)
+    fa = force_residual(a, L, boundary, gh, old, base, new, law, air)
     width = 1e-4 + 0.01 * abs(a)
     b, fb = a, fa
     while fa * fb > 0.0:  # walk towards the root until it is passed, or a stop is reached
@@ -111,7 +127,7 @@ def solve_stage(
         b = min(a + width, high) if fa < 0.0 else max(a - width, low)
         if a == b:
             return b  # the stop takes the rest of the force
-        fb = surplus(b, L, told, gh, old, base, new, law, air)
+        fb = force_residual(b, L, boundary, gh, old, base, new, law, air)
         width *= 4.0
     tolerance = 1e-14 / gh  # of the velocity; 1e-14 m of length
     c, fc = a, fa
@@ -120,7 +136,7 @@ def solve_stage(
         if fb == 0.0 or fa == 0.0:
             break
         m = a + t * (b - a)
-        fm = surplus(m, L, told, gh, old, base, new, law, air)
+        fm = force_residual(m, L, boundary, gh, old, base, new, law, air)
         if (fm > 0.0) == (fa > 0.0):
             c, fc = a, fa
         else:
@@ -138,59 +154,63 @@ def solve_stage(
             t = 0.5
         t = min(max(t, limit), 1.0 - limit)
     best = a if abs(fa) < abs(fb) else b
-    surplus(best, L, told, gh, old, base, new, law, air)
+    force_residual(best, L, boundary, gh, old, base, new, law, air)
     return best
 
 
-@compiled
-def unit_length(t: float, pieces: np.ndarray) -> float:
+@cached_njit
+def evaluate_length_spline(t: float, length_spline: np.ndarray) -> float:
     """Prescribed length of the unit: cubic pieces on the trace grid, highest power first."""
-    i = min(max(int(t / TRACE_STEP), 0), pieces.shape[1] - 1)
+    i = min(max(int(t / TRACE_STEP), 0), length_spline.shape[1] - 1)
     s = t - i * TRACE_STEP
-    return ((pieces[0, i] * s + pieces[1, i]) * s + pieces[2, i]) * s + pieces[3, i]
+    return ((length_spline[0, i] * s + length_spline[1, i]) * s + length_spline[2, i]) * s + length_spline[3, i]
 
 
-@compiled
-def told_at(t: float, inputs: Inputs, air: Air) -> Told:
+@cached_njit
+def boundary_conditions_at(t: float, inputs: DeviceInputs, air: AirSupply) -> BoundaryConditions:
     """What is given at ``t``."""
-    target = target_at(t, inputs.command, inputs.command_step, air) if moves(air) else 0.0
-    return Told(unit_length(t, inputs.pieces), on_grid(t, inputs.pressure, AIR_STEP), target)
+    target = target_pressure(t, inputs.command, inputs.command_step, air) if is_coupled_to_motion(air) else 0.0
+    return BoundaryConditions(
+        evaluate_length_spline(t, inputs.length_spline), interpolate_on_grid(t, inputs.pressure, AIR_STEP), target
+    )
 
 
-@compiled
-def advance(
+@cached_njit
+def step_sdirk(
     t: float,
     h: float,
     L: float,
     v: float,
-    memory: np.ndarray,
-    out: np.ndarray,
-    work: np.ndarray,
-    inputs: Inputs,
+    state: np.ndarray,
+    new_state: np.ndarray,
+    workspace: np.ndarray,
+    inputs: DeviceInputs,
     law: Law,
-    air: Air,
+    air: AirSupply,
 ) -> tuple[float, float]:
     """One SDIRK step: length and velocity at its end, memories in ``out``."""
     gh = GAMMA * h
-    middle, base = work[0], work[1]
-    v1 = solve_stage(v, L, told_at(t + gh, inputs, air), gh, memory, memory, middle, law, air)
-    for i in range(N_MEMORY):
-        base[i] = memory[i] + (1.0 - GAMMA) / GAMMA * (middle[i] - memory[i])
+    middle, base = workspace[0], workspace[1]
+    v1 = solve_stage(v, L, boundary_conditions_at(t + gh, inputs, air), gh, state, state, middle, law, air)
+    for i in range(N_INTERNAL_STATES):
+        base[i] = state[i] + (1.0 - GAMMA) / GAMMA * (middle[i] - state[i])
     start = L + (1.0 - GAMMA) * h * v1
-    v2 = solve_stage(v1, start, told_at(t + h, inputs, air), gh, middle, base, out, law, air)
+    v2 = solve_stage(v1, start, boundary_conditions_at(t + h, inputs, air), gh, middle, base, new_state, law, air)
     return start + gh * v2, v2
 
 
-@compiled
-def rest_length(unit: float, pressure: float, law: Law) -> float:
+@cached_njit
+def solve_rest_length(unit: float, pressure: float, law: Law) -> float:
     """Muscle length at rest with empty memories, found by halving between the stops."""
-    low, high = law.braid / math.sqrt(3.0), law.rest
-    none = np.zeros(N_MEMORY)
+    low, high = law.braid_length / math.sqrt(3.0), law.resting_length
+    none = np.zeros(N_INTERNAL_STATES)
     for _ in range(100):
         middle = 0.5 * (low + high)
         stretch = unit - middle - law.slack - law.tendon_slack
-        begin(none, middle - law.rest, stretch, law)  # with all memories at rest
-        pull = muscle_static(felt_pressure(pressure, middle, law), middle, law) - tendon(stretch, none, law)
+        set_rest_state(none, middle - law.resting_length, stretch, law)  # with all memories at rest
+        pull = static_muscle_tension(effective_pressure(pressure, middle, law), middle, law) - tendon_tension(
+            stretch, none, law
+        )
         if pull > 0.0:
             high = middle
         else:
@@ -198,23 +218,30 @@ def rest_length(unit: float, pressure: float, law: Law) -> float:
     return high
 
 
-@compiled
-def integrate(inputs: Inputs, law: Law, air: Air, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+@cached_njit
+def integrate_device(
+    inputs: DeviceInputs, law: Law, air: AirSupply, tolerance: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
     """Tendon force, muscle length and pressure on the trace grid, and how many steps were taken.
 
     ``tolerance`` is the allowed length error of one step, in metres. Steps end on the trace grid, so that corners of
     the command, which lie on it, are never inside a step.
     """
-    n = inputs.pieces.shape[1] + 1
+    n = inputs.length_spline.shape[1] + 1
     force, length, pressure = np.empty(n), np.empty(n), np.empty(n)
-    memory, whole, half, final = np.zeros(N_MEMORY), np.zeros(N_MEMORY), np.zeros(N_MEMORY), np.zeros(N_MEMORY)
-    work = np.zeros((2, N_MEMORY))
-    told, together = told_at(0.0, inputs, air), moves(air)
-    filled = min(told.target, source(0.0, air))
-    L = rest_length(told.unit, told.pressure + (filled if together else 0.0), law)
-    begin(memory, L - law.rest, told.unit - L - law.slack - law.tendon_slack, law)
+    memory, whole, half, final = (
+        np.zeros(N_INTERNAL_STATES),
+        np.zeros(N_INTERNAL_STATES),
+        np.zeros(N_INTERNAL_STATES),
+        np.zeros(N_INTERNAL_STATES),
+    )
+    work = np.zeros((2, N_INTERNAL_STATES))
+    told, together = boundary_conditions_at(0.0, inputs, air), is_coupled_to_motion(air)
+    filled = min(told.target, source_pressure(0.0, air))
+    L = solve_rest_length(told.unit, told.pressure + (filled if together else 0.0), law)
+    set_rest_state(memory, L - law.resting_length, told.unit - L - law.slack - law.tendon_slack, law)
     if together:
-        memory[PRESSURE] = filled
+        memory[PRESSURE_INDEX] = filled
     longest = 0.5 * FILM_TIME if law.stribeck != 0.0 else TRACE_STEP  # the film is looked up a stage late
     v, h, steps = 0.0, 1e-5, 0
     for k in range(n):
@@ -224,24 +251,24 @@ def integrate(inputs: Inputs, law: Law, air: Air, tolerance: float) -> tuple[np.
                 step = end - t
                 if step > h:  # two equal steps rather than a long one and a sliver
                     step = min(h, 0.5 * step) if step < 2.0 * h else h
-                once, _ = advance(t, step, L, v, memory, whole, work, inputs, law, air)
-                passed = beyond_the_tank(memory, air) < 0.0 and beyond_the_tank(whole, air) > LATE
-                close(whole, air)
-                part, v1 = advance(t, 0.5 * step, L, v, memory, half, work, inputs, law, air)
-                close(half, air)
-                twice, v2 = advance(t + 0.5 * step, 0.5 * step, part, v1, half, final, work, inputs, law, air)
-                close(final, air)
-                error = max(abs(once - twice), distance(whole, final)) / 3.0
+                once, _ = step_sdirk(t, step, L, v, memory, whole, work, inputs, law, air)
+                passed = excess_over_tank(memory, air) < 0.0 and excess_over_tank(whole, air) > CLOSING_TOLERANCE
+                close_muscle(whole, air)
+                part, v1 = step_sdirk(t, 0.5 * step, L, v, memory, half, work, inputs, law, air)
+                close_muscle(half, air)
+                twice, v2 = step_sdirk(t + 0.5 * step, 0.5 * step, part, v1, half, final, work, inputs, law, air)
+                close_muscle(final, air)
+                error = max(abs(once - twice), state_distance(whole, final)) / 3.0
                 error = max(error, 8.0 * tolerance) if passed else error
                 scale = min(4.0, max(0.2, 0.85 * (tolerance / max(error, 1e-300)) ** (1.0 / 3.0)))
-                if error <= tolerance or step <= SHORTEST:
+                if error <= tolerance or step <= MIN_TIME_STEP:
                     t, L, v = t + step, twice, v2
                     memory[:] = final
                     steps += 1
-                h = min(max(step * scale, SHORTEST), longest)
-        told = told_at(k * TRACE_STEP, inputs, air)
+                h = min(max(step * scale, MIN_TIME_STEP), longest)
+        told = boundary_conditions_at(k * TRACE_STEP, inputs, air)
         length[k], pressure[k] = L, told.pressure
         if together:
-            pressure[k] += memory[PRESSURE] + memory[DISTURBANCE]
-        force[k] = tendon(told.unit - L - law.slack - law.tendon_slack, memory, law)
+            pressure[k] += memory[PRESSURE_INDEX] + memory[DISTURBANCE_INDEX]
+        force[k] = tendon_tension(told.unit - L - law.slack - law.tendon_slack, memory, law)
     return force, length, pressure, steps

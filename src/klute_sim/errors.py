@@ -4,7 +4,7 @@ import difflib
 import re
 from collections.abc import Iterable
 
-LONGEST_WORD, LONGEST = 300, 1500
+MAX_WORD_LENGTH, MAX_MESSAGE_LENGTH = 300, 1500
 """Letters of a word and of a whole message that are shown; a path is shorter, what a damaged file holds is not."""
 
 
@@ -19,23 +19,23 @@ class KluteSimError(Exception):
         text = "".join(
             c if c.isprintable() else " " if c.isspace() else "\N{REPLACEMENT CHARACTER}" for c in super().__str__()
         )
-        text = re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: _shortened(word[0], LONGEST_WORD), text)
-        return _shortened(text.strip(), LONGEST)
+        text = re.sub(rf"\S{{{MAX_WORD_LENGTH},}}", lambda word: _truncate_middle(word[0], MAX_WORD_LENGTH), text)
+        return _truncate_middle(text.strip(), MAX_MESSAGE_LENGTH)
 
 
 def _printable(letter: str) -> str:
     return letter if letter.isprintable() else " " if letter.isspace() else "\N{REPLACEMENT CHARACTER}"
 
 
-def _shortened(text: str, longest: int) -> str:
+def _truncate_middle(text: str, max_length: int) -> str:
     """``text`` without its middle where it is longer than ``longest``."""
-    return text if len(text) <= longest else f"{text[: longest // 2]} ... {text[-longest // 4 :]}"
+    return text if len(text) <= max_length else f"{text[: max_length // 2]} ... {text[-max_length // 4 :]}"
 
 
-def meant(name: str, known: Iterable[str], rest: str) -> str:
+def suggest(name: str, candidates: Iterable[str], hint: str) -> str:
     """``did you mean ...?`` with the ``known`` name that is most like ``name``, if one is, before the ``rest``."""
-    found = difflib.get_close_matches(name, list(known), 1)
-    return f"did you mean '{found[0]}'? {rest[:1].upper()}{rest[1:]}" if found else rest
+    found = difflib.get_close_matches(name, list(candidates), 1)
+    return f"did you mean '{found[0]}'? {hint[:1].upper()}{hint[1:]}" if found else hint
 
 
 class InputError(KluteSimError):
@@ -45,9 +45,11 @@ class InputError(KluteSimError):
 class MissingExtraError(KluteSimError):
     """An optional dependency is needed for what was asked and is not installed."""
 
-    def __init__(self, what: str, extra: str) -> None:
+    def __init__(self, feature: str, extra: str) -> None:
         """``what`` was asked for; ``extra`` would bring it."""
-        super().__init__(f"{what} needs the optional extra '{extra}': pip install '.[{extra}]' in the project's folder")
+        super().__init__(
+            f"{feature} needs the optional extra '{extra}': pip install '.[{extra}]' in the project's folder"
+        )
 
 
 class SimulationError(KluteSimError):

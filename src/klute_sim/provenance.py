@@ -9,7 +9,7 @@ import scipy
 from klute_sim import __version__
 
 
-def versions() -> dict[str, str]:
+def collect_versions() -> dict[str, str]:
     """Name -> version of everything that can change a number."""
     return {
         "klute-sim": __version__,

@@ -21,7 +21,7 @@ ENVIRONMENTS = {
 """Name -> where it is."""
 
 
-def register() -> None:
+def register_environments() -> None:
     """Tell Gymnasium of our environments, now or as soon as it is imported."""
     if "gymnasium" in sys.modules:
         import gymnasium
@@ -29,27 +29,27 @@ def register() -> None:
         for name, places in ENVIRONMENTS.items():
             if name not in gymnasium.registry:
                 gymnasium.register(name, places["entry_point"], vector_entry_point=places.get("vector_entry_point"))
-    elif not any(isinstance(finder, _Watch) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _Watch())
+    elif not any(isinstance(finder, _GymnasiumImportHook) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _GymnasiumImportHook())
 
 
-class _Watch(importlib.abc.MetaPathFinder):
+class _GymnasiumImportHook(importlib.abc.MetaPathFinder):
     """Waits until Gymnasium has been imported; finds nothing itself."""
 
     def __init__(self) -> None:
-        self._asking = False
+        self._finding_spec = False
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: types.ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
         """What the others find; Gymnasium's loader then ends with our registration."""
-        if fullname != "gymnasium" or self._asking:
+        if fullname != "gymnasium" or self._finding_spec:
             return None
-        self._asking = True
+        self._finding_spec = True
         try:
             found = importlib.util.find_spec(fullname)
         finally:
-            self._asking = False
+            self._finding_spec = False
         if found is not None and found.loader is not None:
             execute = found.loader.exec_module
 
@@ -57,7 +57,7 @@ class _Watch(importlib.abc.MetaPathFinder):
                 execute(module)
                 if self in sys.meta_path:  # the module may be loaded again, or twice
                     sys.meta_path.remove(self)
-                register()
+                register_environments()
 
             found.loader.exec_module = exec_module  # type: ignore[method-assign]
         return found

@@ -39,17 +39,17 @@ KEY_UNITS: dict[str, tuple[str, float]] = {
 """Suffix of a key -> the unit as one writes it, and the factor that turns a value into SI."""
 
 
-def split(key: str) -> tuple[str, str]:
+def split_unit(key: str) -> tuple[str, str]:
     """``key`` without its unit, and the unit as one writes it; '' if it has none."""
-    suffix = _suffix(key)
+    suffix = _find_unit_suffix(key)
     return (key.removesuffix(suffix), KEY_UNITS[suffix][0]) if suffix else (key, "")
 
 
 def to_si(key: str, value: float) -> float:
     """``value`` of ``key`` in SI, by the unit at the end of the key (longest suffix wins)."""
-    suffix = _suffix(key)
+    suffix = _find_unit_suffix(key)
     return value * KEY_UNITS[suffix][1] if suffix else value
 
 
-def _suffix(key: str) -> str:
+def _find_unit_suffix(key: str) -> str:
     return next((end for end in sorted(KEY_UNITS, key=len, reverse=True) if key.endswith(end)), "")

@@ -11,7 +11,7 @@ import pytest
 
 import command
 from klute_sim.dataset import trial
-from klute_sim.device.files import load
+from klute_sim.device.files import load_device
 from klute_sim.recording import parquet
 from klute_sim.rigs.bench import protocols
 
@@ -61,7 +61,7 @@ def test_the_run_folder_holds_what_is_promised(made: tuple[Path, dict[str, objec
     assert {file.name for file in home.iterdir()} == wanted == set(shown["files"])  # type: ignore[call-overload]
     assert json.loads((home / "summary.json").read_text()) == shown
     assert (home / "protocol.toml").read_text() == SMALL
-    assert (home / "device.toml").read_bytes() == load("klute-3-4").content
+    assert (home / "device.toml").read_bytes() == load_device("klute-3-4").content
     assert (home / "figure.png").read_bytes().startswith(b"\x89PNG")
     assert (shown["device"], shown["protocol"], shown["mujoco"]) == ("klute-3-4", "small", False)
     assert "protocol.dwell_s" in shown["assumptions"]  # type: ignore[operator]
@@ -85,7 +85,7 @@ def test_results_and_recordings_say_the_same(made: tuple[Path, dict[str, object]
 def test_every_recording_is_a_trial_of_a_dataset(made: tuple[Path, dict[str, object]]) -> None:
     folder, shown = made
     for file in (folder / str(shown["run"])).glob("*.parquet"):
-        found = trial.read([file], "bench")
+        found = trial.read_trial([file], "bench")
         assert set(found.prescribed) == {"length", "pressure_command"}
         assert set(found.measured) == {"force", "pressure", "muscle_length"}
 
@@ -115,7 +115,7 @@ def test_a_file_that_is_none_or_something_else_is_recognised(tmp_path: Path) -> 
     (tmp_path / "empty.toml").touch()
     (tmp_path / "huge.toml").write_text("#" * 1_000_001)
     (tmp_path / "mine.toml").write_text(SMALL, "utf-8")
-    (tmp_path / "device.toml").write_bytes(load("klute-3-4").content)
+    (tmp_path / "device.toml").write_bytes(load_device("klute-3-4").content)
     for arguments, says in (
         (["empty.toml"], "protocol file empty.toml: key 'kind' is missing; allowed: isometric, isokinetic"),
         (["huge.toml"], "protocol file huge.toml has 1000001 bytes; allowed: up to 1000000"),
@@ -155,10 +155,10 @@ def test_the_slope_of_a_creep_has_its_unit(tmp_path: Path) -> None:
 def test_protocols_are_listed_and_printed(tmp_path: Path) -> None:
     listed = run(cwd=tmp_path).stdout
     assert listed == run("--list", cwd=tmp_path).stdout
-    assert all(name in listed for name in protocols.names())
-    assert {row["name"] for row in json.loads(run("--json", cwd=tmp_path).stdout)} == set(protocols.names())
+    assert all(name in listed for name in protocols.list_protocols())
+    assert {row["name"] for row in json.loads(run("--json", cwd=tmp_path).stdout)} == set(protocols.list_protocols())
     printed = run("workloop", "--toml", cwd=tmp_path).stdout
-    assert printed.encode() == protocols.content("workloop")
+    assert printed.encode() == protocols.read_protocol_bytes("workloop")
     assert tomllib.loads(printed)["velocities_mm_per_s"] == [1, 50, 100, 200]
     assert not (tmp_path / "runs").exists()
 

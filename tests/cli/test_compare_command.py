@@ -13,13 +13,13 @@ import pytest
 
 from command import apart, run
 from klute_sim.control import word
-from klute_sim.device.files import DEFAULT_PROSTHESIS, load
+from klute_sim.device.files import DEFAULT_DEVICE, load_device
 from klute_sim.recording import csv as text
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
-from klute_sim.report.workbench.folders import recording_of
+from klute_sim.report.workbench.folders import ensure_recording
 from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.rig import walk
+from klute_sim.rigs.gait.rig import simulate_gait
 
 NUMBERS = {"bands.parquet", "comparison.csv", "comparison.json"}
 REPORT = {"comparison.html", "comparison.png"}
@@ -30,7 +30,9 @@ def walks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two strides with the tuned profile, two without pressure, and the first as a measurement without provenance."""
     folder = tmp_path_factory.mktemp("walks")
     for name, controller in (("profile", "profile"), ("off", "off")):
-        made = walk(load(DEFAULT_PROSTHESIS), word.parse(controller), GaitOptions(strides=2, step=1e-3))
+        made = simulate_gait(
+            load_device(DEFAULT_DEVICE), word.parse_controller(controller), GaitOptions(strides=2, dt=1e-3)
+        )
         (folder / name).mkdir()
         parquet.write(made, folder / name / "recording.parquet")
     made = parquet.read(folder / "profile" / "recording.parquet")
@@ -179,7 +181,7 @@ def test_the_rerun_recording_holds_the_curves(compared: tuple[Path, dict[str, An
     assert high - low == pytest.approx(2.0 * sd)
     assert "part_1/pressure/difference/series_1/mean" in chunks
     assert len(list(rr.chunk.RrdReader(file).blueprints())) == 1
-    with recording_of(file.parent) as found:
+    with ensure_recording(file.parent) as found:
         assert found == file
     assert 'href="comparison.rrd"' in (file.parent / "comparison.html").read_text()
 

@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 
 from command import run
-from klute_sim.device.files import load, read
+from klute_sim.device.files import load_device, parse_device
 from klute_sim.effects import catalogue
-from klute_sim.effects.effect import HOOKS, Parameter
+from klute_sim.effects.effect import HOOKS, EffectParameter
 from klute_sim.report import effects_words as words
 from klute_sim.units import KEY_UNITS
 
 ROOT = Path(__file__).parents[2]
 USERS = ROOT / "tests" / "effects" / "users.py"
 PAGE = (ROOT / "docs" / "effects.md").read_text("utf-8")
-EFFECTS = catalogue.effects()
+EFFECTS = catalogue.get_effects()
 HEAVY = ("gymnasium", "matplotlib", "mujoco", "numba", "numpy", "pint", "pyarrow", "pydantic", "rich", "scipy")
 
 
@@ -46,15 +46,15 @@ def test_all_are_listed_with_their_forms() -> None:
         row = next(line for line in table.splitlines() if f" {effect.name} " in line)
         assert effect.kind in row
         assert effect.forms[0].name in row
-        assert (one["kind"], one["sentence"], one["supply"]) == (effect.kind, effect.sentence, effect.supply)
-        assert (one["instead_of"] or "") == effect.instead_of
+        assert (one["kind"], one["sentence"], one["supply"]) == (effect.kind, effect.description, effect.acts_in_supply)
+        assert (one["instead_of"] or "") == effect.replaces_switch
         assert [form["name"] for form in one["forms"]] == [form.name for form in effect.forms]
     assert run("effects", "sensor_drift", "--json").stdout.startswith("{")
 
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_form_is_shown_whole(name: str) -> None:
-    effect, shown = EFFECTS[name], words.describe(EFFECTS[name])
+    effect, shown = EFFECTS[name], words.describe_effect(EFFECTS[name])
     json.dumps(shown, allow_nan=False)
     for form, told in zip(effect.forms, shown["forms"], strict=True):
         assert told["equation"] == form.equation
@@ -66,29 +66,31 @@ def test_every_form_is_shown_whole(name: str) -> None:
                 parameter.neutral,
                 parameter.source,
             )
-            assert row["low"] == (parameter.low if math.isfinite(parameter.low) else None)
-            assert row["high"] == (parameter.high if math.isfinite(parameter.high) else None)
+            assert row["low"] == (parameter.lower if math.isfinite(parameter.lower) else None)
+            assert row["high"] == (parameter.upper if math.isfinite(parameter.upper) else None)
             assert row["assumed"] == row["source"].startswith("assumed")
 
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_the_snippet_is_a_device_files_section_of_typical_size(name: str) -> None:
-    effect, plain = EFFECTS[name], load("klute-3-4-pair")
+    effect, plain = EFFECTS[name], load_device("klute-3-4-pair")
     for form in effect.forms:
-        snippet = words.snippet(effect, form)
+        snippet = words.format_device_toml(effect, form)
         if effect.kind == "instrument":
             assert snippet is None
             continue
-        switch = f"[muscle]\n{effect.instead_of} = false" if effect.instead_of else "[muscle]"
+        switch = f"[muscle]\n{effect.replaces_switch} = false" if effect.replaces_switch else "[muscle]"
         text = plain.content.decode().replace("[muscle]", switch)
-        device = read(f"{text}\n{snippet}\n".encode(), "with it")
-        assert (f"needs {effect.instead_of} = false" in str(snippet)) == bool(effect.instead_of)
+        device = parse_device(f"{text}\n{snippet}\n".encode(), "with it")
+        assert (f"needs {effect.replaces_switch} = false" in str(snippet)) == bool(effect.replaces_switch)
         typical = {parameter.key: parameter.typical for parameter in form.parameters}
         if effect.kind == "body":
             assert device.parameters.effects == plain.parameters.effects
-            assert device.spec.numbers().items() >= {f"effects.{name}.{k}": v for k, v in typical.items()}.items()
+            assert (
+                device.spec.collect_values().items() >= {f"effects.{name}.{k}": v for k, v in typical.items()}.items()
+            )
             continue
-        assert device.parameters.effects == catalogue.values({(name, form.name): typical})
+        assert device.parameters.effects == catalogue.pack_effects({(name, form.name): typical})
 
 
 def test_what_is_printed_of_one() -> None:
@@ -104,7 +106,7 @@ def test_what_is_printed_of_one() -> None:
     assert "channel's unit" in offset
     delay = run("effects", "pressure_delay").stdout
     assert "in its gas supply, which may do work" in delay
-    assert words.WHOLE_SERIES in delay
+    assert words.COMMAND_DESCRIPTION in delay
 
 
 @pytest.mark.parametrize(
@@ -120,13 +122,13 @@ def test_what_is_printed_of_one() -> None:
 )
 def test_units_are_those_of_the_keys(effect: str, key: str, unit: str) -> None:
     parameter = next(p for form in EFFECTS[effect].forms for p in form.parameters if p.key == key)
-    assert words.unit(EFFECTS[effect], parameter) == unit
+    assert words.get_parameter_unit(EFFECTS[effect], parameter) == unit
 
 
 def test_every_hook_has_words() -> None:
-    assert set(words.PLACES) == set(HOOKS)
-    unbounded = Parameter(key="x_mm", neutral=0.0, low=0.0, high=math.inf, typical=1.0, source="assumed")
-    assert words.unit(EFFECTS["tendon_slack"], unbounded) == "mm"
+    assert set(words.HOOK_DESCRIPTIONS) == set(HOOKS)
+    unbounded = EffectParameter(key="x_mm", neutral=0.0, lower=0.0, upper=math.inf, typical=1.0, source="assumed")
+    assert words.get_parameter_unit(EFFECTS["tendon_slack"], unbounded) == "mm"
 
 
 @pytest.mark.long
@@ -200,7 +202,7 @@ def test_the_page_names_every_hook_and_unit() -> None:
 
 def test_the_pages_section_is_the_printed_one() -> None:
     effect = EFFECTS["braid_hysteresis"]
-    assert f"```toml\n{words.snippet(effect, effect.forms[0])}\n```" in PAGE
+    assert f"```toml\n{words.format_device_toml(effect, effect.forms[0])}\n```" in PAGE
 
 
 def test_a_slip_in_a_law_of_ones_own_is_told_at_once(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from command import apart, run
-from klute_sim.device.files import load
+from klute_sim.device.files import load_device
 from klute_sim.recording import parquet
 
 PROMISED = {
@@ -40,7 +40,7 @@ def test_json_has_what_is_promised_and_the_run_folder_is_there(default: tuple[Pa
         wanted.add("recording.rrd")
     assert {file.name for file in made.iterdir()} == wanted == set(summary["files"])  # type: ignore[call-overload]
     assert json.loads((made / "summary.json").read_text()) == summary
-    assert (made / "device.toml").read_text() == load("klute-1-1-4-pair").content.decode()
+    assert (made / "device.toml").read_text() == load_device("klute-1-1-4-pair").content.decode()
     assert (made / "report.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -52,7 +52,7 @@ def test_the_recording_holds_the_numbers_of_the_summary(default: tuple[Path, dic
     peaks = [last.select(last["stride"] == k)["ankle_moment"].max() / 75 for k in (2, 3, 4, 5)]
     assert np.mean(peaks) == pytest.approx(summary["ankle_moment_peak_nm_per_kg"], rel=1e-12)
     assert recording.units["ankle_moment"] == "N*m"
-    assert recording.provenance["device"]["sha256"] == load("klute-1-1-4-pair").digest
+    assert recording.provenance["device"]["sha256"] == load_device("klute-1-1-4-pair").digest
 
 
 @pytest.mark.long
@@ -132,7 +132,7 @@ def test_tripping_is_said(tmp_path: Path) -> None:
     ],
 )
 def test_bad_input_is_one_sentence_and_leaves_nothing(arguments: list[str], says: str, tmp_path: Path) -> None:
-    text = load("klute-1-1-4-pair").content.decode().replace("count = 2", "count = 2\nweight = 3")
+    text = load_device("klute-1-1-4-pair").content.decode().replace("count = 2", "count = 2\nweight = 3")
     (tmp_path / "bad.toml").write_text(text)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "x").touch()

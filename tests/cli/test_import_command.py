@@ -12,7 +12,7 @@ import walker as made
 from command import run
 from klute_sim.formats import storage
 from klute_sim.recording import parquet
-from klute_sim.report.table import remarks
+from klute_sim.report.table import collect_remarks
 from klute_sim.rigs.gait import reference, reference_folder
 
 
@@ -75,7 +75,7 @@ def test_gait_takes_stride_time_mass_and_stature_from_the_folder(lab: Path) -> N
     told = json.loads(done.stdout)
     assert told["grf_vertical_tracking_rms_bw"] < 0.1
     assert (told["reference"], told["reference_speed_m_per_s"]) == ("me", pytest.approx(1.2, abs=1e-3))
-    (walker,) = [sentence for sentence in remarks(told) if sentence.startswith("Walker")]
+    (walker,) = [sentence for sentence in collect_remarks(told) if sentence.startswith("Walker")]
     assert walker.startswith("Walker: 70 kg, 1.8 m, ")
     assert "on the gait 'me', whose owner went at 1.20 m/s" in walker
 
@@ -201,7 +201,7 @@ def test_an_exported_run_comes_back_by_angles_by_markers_and_by_its_own_recordin
         )
         done = run("import", *files, *words, cwd=lab)
         assert done.returncode == 0, done.stderr
-        back = reference.load(lab / f"back-{number}")
+        back = reference.load_reference(lab / f"back-{number}")
         # its heel strike is the prosthesis' first contact, a little after the reference's
         late = second["gait_phase"][np.argmax(second["grf_vertical"] > 20.0)] / 100.0
         phase = second["gait_phase"] / 100.0 - late
@@ -221,7 +221,7 @@ def test_the_mean_stride_of_an_import_is_exported(lab: Path) -> None:
     assert run("export", "me", "--side", "left", "--out", "stride", cwd=lab).returncode == 0
     angles = storage.read(lab / "stride" / "angles.mot")
     assert angles.time[-1] == pytest.approx(1.1, abs=1e-3)
-    human = reference.load(lab / "me")
+    human = reference.load_reference(lab / "me")
     assert angles.columns["knee_angle_l"] == pytest.approx(human("knee_flexion_deg", np.linspace(0, 1, 101)))
     forces = storage.read(lab / "stride" / "ground_reaction.mot")
     assert forces.columns["ground_force_vy"].max() == pytest.approx(70 * 11.1, rel=0.03)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from command import run
-from klute_sim.device.files import load
+from klute_sim.device.files import load_device
 
 HEAVY = ("gymnasium", "matplotlib", "mujoco", "numba", "numpy", "rerun", "scipy")
 
@@ -43,10 +43,10 @@ def test_the_bare_command_is_its_help() -> None:
 
 def test_a_presets_file_is_there_to_start_from(tmp_path: Path) -> None:
     text = run("device", "klute-1-1-4-pair", "--toml").stdout
-    assert text == load("klute-1-1-4-pair").content.decode()
+    assert text == load_device("klute-1-1-4-pair").content.decode()
     mine = tmp_path / "mine.toml"
     mine.write_text(text, "utf-8")
-    assert load(mine).parameters == load("klute-1-1-4-pair").parameters
+    assert load_device(mine).parameters == load_device("klute-1-1-4-pair").parameters
 
 
 def test_devices_are_listed() -> None:
@@ -121,7 +121,7 @@ def test_names_of_devices_stand_apart_from_what_they_are() -> None:
 
 
 def test_names_with_brackets_are_printed_as_they_are(tmp_path: Path) -> None:
-    text = load("klute-3-4").content.decode().replace('name = "klute-3-4"', 'name = "x[/b]"')
+    text = load_device("klute-3-4").content.decode().replace('name = "klute-3-4"', 'name = "x[/b]"')
     (tmp_path / "b.toml").write_text(text.replace('"dissertation Table 3.1"', '"see [klute1999]"', 1))
     done = run("device", str(tmp_path / "b.toml"))
     assert done.returncode == 0, done.stderr

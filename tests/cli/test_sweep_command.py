@@ -14,11 +14,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from command import run
-from klute_sim.control.word import parse
-from klute_sim.device.files import load
-from klute_sim.report.outcomes import outcomes
+from klute_sim.control.word import parse_controller
+from klute_sim.device.files import load_device
+from klute_sim.report.outcomes import compute_gait_metrics
 from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.rig import walk
+from klute_sim.rigs.gait.rig import simulate_gait
 
 ASKED = (
     *("--device", "klute-3-4", "--device", "klute-1-1-4-pair"),
@@ -45,9 +45,9 @@ def test_the_table_holds_the_outcomes_of_single_walks_bit_for_bit(swept: tuple[P
     asked = [(r["controller"], r["speed_asked [m/s]"], r["slope [deg]"]) for r in rows]
     assert asked == [(c, v, s) for c in ("constant:2", "profile") for v in (1.1, None) for s in (-4.0, 0.0)]
     for row, (controller, speed, slope) in zip(rows, asked, strict=True):
-        options = GaitOptions(mass=60.0, speed=speed, slope=math.radians(slope), strides=1, step=1e-3)
-        recording = walk(load("klute-1-1-4-pair"), parse(controller), options)
-        outcome = outcomes(recording)
+        options = GaitOptions(mass=60.0, speed=speed, slope=math.radians(slope), strides=1, dt=1e-3)
+        recording = simulate_gait(load_device("klute-1-1-4-pair"), parse_controller(controller), options)
+        outcome = compute_gait_metrics(recording)
         (stride,) = outcome.strides
         human = speed is None and slope == 0.0
         assert row["speed [m/s]"] == recording.provenance["options"]["speed_m_per_s"]
@@ -68,7 +68,7 @@ def test_the_table_holds_the_outcomes_of_single_walks_bit_for_bit(swept: tuple[P
         assert row["grf_vertical_tracking_rms [1]"] == stride.grf_vertical_tracking_rms_bw
         assert row["air_per_stride [g]"] == stride.air_g
         assert row["short_of_supply [%]"] == stride.short_of_supply_pct
-        assert row["trips"] is outcome.trips
+        assert row["trips"] is outcome.has_swing_contact
         assert row["failure"] is None
 
 
@@ -87,7 +87,7 @@ def test_the_csv_reads_back_and_the_folder_says_what_was_asked_for(swept: tuple[
     assert [float(r["toe_off [%]"]) for r in read[8:]] == [r["toe_off [%]"] for r in found["rows"][8:]]
     assert read[0]["moment_distance [sd]"] == ""
     plan = json.loads((folder / "s" / "sweep.json").read_text())
-    assert plan["devices"]["klute-1-1-4-pair"]["file"] == load("klute-1-1-4-pair").content.decode()
+    assert plan["devices"]["klute-1-1-4-pair"]["file"] == load_device("klute-1-1-4-pair").content.decode()
     assert plan["controllers"]["constant:2"] == {"kind": "constant", "pressure_bar": 2.0}
     assert {file.name for file in (folder / "s").iterdir()} == {"sweep.parquet", "sweep.csv", "sweep.json", "walks"}
 
@@ -97,7 +97,7 @@ def test_the_same_command_shows_the_table_and_walks_nothing(
 ) -> None:
     from klute_sim.sweep import local
 
-    monkeypatch.setattr(local.Processes, "run", lambda *_, **__: pytest.fail("something was walked"))
+    monkeypatch.setattr(local.LocalRunner, "run", lambda *_, **__: pytest.fail("something was walked"))
     done = run("sweep", *ASKED, cwd=swept[0], COLUMNS="220")
     assert done.returncode == 0, done.stderr
     assert done.stderr == "16 walks were there from before.\n"

@@ -7,7 +7,7 @@ import pytest
 
 from command import run
 from klute_sim.control.pressure import load_profile
-from klute_sim.device.files import load
+from klute_sim.device.files import load_device
 
 pytest.importorskip("cma")
 
@@ -23,8 +23,8 @@ def test_a_few_walks_make_it_better_and_more_of_them_go_on(tmp_path: Path) -> No
     knobs = found["knobs"]
     pressures = [knob["tuned"] for name, knob in knobs.items() if name.startswith("pressure at")]
     assert sorted(load_profile(tmp_path / "t" / "tuned.csv").pressure_bar) == pytest.approx(sorted(pressures), abs=1e-4)
-    device = load(tmp_path / "t" / "device.toml")
-    tuned = device.spec.numbers()["tendon.stiffness_1_n_per_mm"]
+    device = load_device(tmp_path / "t" / "device.toml")
+    tuned = device.spec.collect_values()["tendon.stiffness_1_n_per_mm"]
     assert tuned == pytest.approx(knobs["tendon.stiffness_1_n_per_mm"]["tuned"], rel=1e-4)
     assert device.spec.sources["tendon.stiffness_1_n_per_mm"].startswith("assumed: found by klute-sim tune")
     rows = {row["name"]: row for row in found["table"]}

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from klute_sim.dataset import override
-from klute_sim.dataset.dataset import read, split
+from klute_sim.dataset.dataset import load_dataset, split_dataset
 from klute_sim.dataset.write import write_trial
 from klute_sim.device import files as device_files
-from klute_sim.device.files import load, preset_names
+from klute_sim.device.files import list_presets, load_device
 from klute_sim.errors import InputError
 
 TEXT = """\
@@ -51,9 +51,9 @@ def make(folder: Path, text: str = TEXT) -> Path:
 
 
 def test_a_folder_is_read_as_its_file_says(tmp_path: Path) -> None:
-    found = read(make(tmp_path))
+    found = load_dataset(make(tmp_path))
     assert (found.folder, found.rig, found.device.name) == (tmp_path, "bench", "klute-3-4-pair")
-    assert found.uncertain == pytest.approx(
+    assert found.uncertainties == pytest.approx(
         {"tendon.stiffness_2_n_per_mm": 14.0, "muscle.c10_kpa": 5.5, "damper.bore_mm": 0.5}
     )
     assert [t.name for t in found.trials] == ["a", "b+b_pressure", "c"]
@@ -62,25 +62,25 @@ def test_a_folder_is_read_as_its_file_says(tmp_path: Path) -> None:
     assert found.trials[1].files == (tmp_path / "b.csv", tmp_path / "b_pressure.csv")
     assert set(found.trials[1].measured) == {"force", "pressure"}
     assert found.remarks == ()
-    assert split(found)[:3] == (("a", "b+b_pressure"), (), ("c",))
+    assert split_dataset(found)[:3] == (("a", "b+b_pressure"), (), ("c",))
 
 
 def test_a_trials_device_has_its_changes_and_is_a_device_file(tmp_path: Path) -> None:
-    found = read(make(tmp_path))
+    found = load_dataset(make(tmp_path))
     plain, changed = found.trials[0].device, found.trials[1].device
     assert plain is found.device
     assert changed.parameters.muscle.resting_length == pytest.approx(0.18)
-    assert changed.parameters.muscle.actuators == 3
+    assert changed.parameters.muscle.n_actuators == 3
     assert changed.parameters.tendon == plain.parameters.tendon
-    again = device_files.read(changed.content, "x")
+    again = device_files.parse_device(changed.content, "x")
     assert again.spec == changed.spec
     assert again.spec.sources["muscle.count"] == f"{tmp_path / 'dataset.toml'}, trial 'b+b_pressure'"
     assert again.spec.sources["muscle.c10_kpa"] == plain.spec.sources["muscle.c10_kpa"]
 
 
-@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("name", list_presets())
 def test_devices_are_emitted_as_they_were_read(name: str) -> None:
-    keys = tomllib.loads(load(name).content.decode())
+    keys = tomllib.loads(load_device(name).content.decode())
     assert tomllib.loads(override.to_toml(keys)) == keys
 
 
@@ -94,20 +94,20 @@ def test_any_text_is_emitted_as_it_was_read() -> None:
 
 
 def test_a_device_file_lies_relative_to_the_folder(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_bytes(load("klute-3-4").content)
+    (tmp_path / "mine.toml").write_bytes(load_device("klute-3-4").content)
     text = TEXT.replace("klute-3-4-pair", "mine.toml").split("[uncertain]")[0] + '[[trial]]\nfiles = ["a.csv"]\n'
-    assert read(make(tmp_path, text)).device.name == "klute-3-4"
+    assert load_dataset(make(tmp_path, text)).device.name == "klute-3-4"
 
 
 def test_the_digest_follows_every_file(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_bytes(load("klute-3-4-pair").content)
+    (tmp_path / "mine.toml").write_bytes(load_device("klute-3-4-pair").content)
     make(tmp_path, TEXT.replace("klute-3-4-pair", "mine.toml"))
-    seen = {read(tmp_path).digest}
-    assert read(tmp_path).digest in seen
+    seen = {load_dataset(tmp_path).digest}
+    assert load_dataset(tmp_path).digest in seen
     for name in ("dataset.toml", "mine.toml", "a.csv", "b.csv", "b_pressure.csv", "c.csv"):
         with (tmp_path / name).open("a") as file:
             file.write("\n")
-        seen.add(read(tmp_path).digest)
+        seen.add(load_dataset(tmp_path).digest)
     assert len(seen) == 7
 
 
@@ -117,12 +117,12 @@ def test_remarks_of_a_shared_file_are_told_once(tmp_path: Path) -> None:
     )
     make(tmp_path, text)
     write_trial(tmp_path / "x.csv", {"time [s]": TIME, "pressure [bar]": TIME, "odd [1]": TIME})
-    assert read(tmp_path).remarks == (f"trial file {tmp_path / 'x.csv'}: ignored columns 'odd [1]'",)
+    assert load_dataset(tmp_path).remarks == (f"trial file {tmp_path / 'x.csv'}: ignored columns 'odd [1]'",)
 
 
 def refused(folder: Path) -> str:
     with pytest.raises(InputError) as caught:
-        read(folder)
+        load_dataset(folder)
     sentence = str(caught.value)
     assert "\n" not in sentence
     return sentence
@@ -229,18 +229,18 @@ def test_a_misnamed_column_is_told_with_what_the_trial_lacks_by_it(tmp_path: Pat
     make(tmp_path)
     columns = {"time [s]": TIME, "length [mm]": 340 + TIME, "pressure_command [bar]": 3 + TIME, "kraft [N]": TIME}
     write_trial(tmp_path / "b.csv", columns)
-    remark, lacks = read(tmp_path).remarks
+    remark, lacks = load_dataset(tmp_path).remarks
     where = f"trial file {tmp_path / 'b.csv'}"
     assert remark == f"{where}: ignored columns 'kraft [N]'"
     assert lacks == "trial 'b+b_pressure' has no force, which its repeats have"
     make(tmp_path)
     write_trial(tmp_path / "b.csv", {**columns, "force [N]": TIME})
-    assert read(tmp_path).remarks == (f"{where}: ignored columns 'kraft [N]'",)
+    assert load_dataset(tmp_path).remarks == (f"{where}: ignored columns 'kraft [N]'",)
 
 
 def test_a_percentage_of_zero_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(
-        load("klute-3-4-pair").content.decode().replace("engagement_mm = 5.0", "engagement_mm = 0")
+        load_device("klute-3-4-pair").content.decode().replace("engagement_mm = 5.0", "engagement_mm = 0")
     )
     text = TEXT.replace("klute-3-4-pair", "mine.toml").replace("stiffness_2_n_per_mm", "engagement_mm")
     assert "'tendon.engagement_mm' = '10 %', but the device's value is 0; give a standard" in refused(
@@ -250,7 +250,7 @@ def test_a_percentage_of_zero_is_refused(tmp_path: Path) -> None:
 
 def test_a_percentage_of_a_negative_value_is_a_positive_deviation(tmp_path: Path) -> None:
     text = TEXT.replace("tendon.stiffness_2_n_per_mm", "muscle.friction_offset_n")
-    assert read(make(tmp_path, text)).uncertain["muscle.friction_offset_n"] == pytest.approx(3.82)
+    assert load_dataset(make(tmp_path, text)).uncertainties["muscle.friction_offset_n"] == pytest.approx(3.82)
 
 
 def test_what_is_no_dataset_is_refused(tmp_path: Path) -> None:
@@ -294,7 +294,7 @@ def test_random_damage_is_refused_or_harmless(tmp_path: Path, name: str) -> None
     for _ in range(200):
         (tmp_path / name).write_bytes(damaged(content, draw))
         try:
-            read(tmp_path)
+            load_dataset(tmp_path)
         except InputError as error:
             sentences.append(str(error))
     assert 20 < len(sentences) < 180
@@ -308,6 +308,6 @@ def test_a_million_rows_take_seconds(tmp_path: Path) -> None:
     columns = {"time [s]": np.arange(10**6) * 1e-3, "length [mm]": 340 + values, "pressure_command [bar]": values}
     write_trial(tmp_path / "a.csv", columns | {"force [N]": values, "note [1]": values})
     start = time.perf_counter()
-    found = read(tmp_path)
+    found = load_dataset(tmp_path)
     assert time.perf_counter() - start < 8.0  # 1 s on two idle cores
     assert np.array_equal(found.trials[0].measured["force"].value, values)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from klute_sim.dataset.dataset import Dataset, read
+from klute_sim.dataset.dataset import Dataset, load_dataset
 from klute_sim.dataset.write import write_trial
 from klute_sim.errors import InputError
 
@@ -29,7 +29,7 @@ def measured(folder: Path, **changed: tuple[str, np.ndarray]) -> Dataset:
     write_trial(folder / "a.csv", columns)
     head = 'format = "klute-sim-dataset/1"\nrig = "bench"\ndevice = "klute-3-4-pair"\n'
     (folder / "dataset.toml").write_text(head + '[[trial]]\nfiles = ["a.csv"]\n', "utf-8")
-    return read(folder)
+    return load_dataset(folder)
 
 
 @pytest.mark.parametrize(

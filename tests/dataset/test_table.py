@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from klute_sim.dataset import channels, quantity, table
 from klute_sim.errors import InputError
 
-BENCH = channels.known("bench")
+BENCH = channels.get_column_units("bench")
 
 
 def read(folder: Path, content: bytes | str, name: str = "a.csv") -> table.Table:
     path = folder / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return table.read(path, BENCH)
+    return table.read_trial_file(path, BENCH)
 
 
 def refused(folder: Path, content: bytes | str, name: str = "a.csv") -> str:
@@ -57,7 +57,7 @@ def refused(folder: Path, content: bytes | str, name: str = "a.csv") -> str:
     ],
 )
 def test_units_become_si(unit: str, si: str, value: float) -> None:
-    assert quantity.factor(unit, si) == pytest.approx(value, rel=1e-12)
+    assert quantity.get_si_factor(unit, si) == pytest.approx(value, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -83,20 +83,20 @@ def test_units_become_si(unit: str, si: str, value: float) -> None:
     ],
 )
 def test_other_units_are_none(unit: str, si: str) -> None:
-    assert quantity.factor(unit, si) is None
+    assert quantity.get_si_factor(unit, si) is None
 
 
-@given(st.text(max_size=12), st.sampled_from(sorted(quantity.EXAMPLES)))
+@given(st.text(max_size=12), st.sampled_from(sorted(quantity.EXAMPLE_UNITS)))
 def test_any_text_is_a_unit_or_none(unit: str, si: str) -> None:
-    factor = quantity.factor(unit, si)
+    factor = quantity.get_si_factor(unit, si)
     assert factor is None or (isinstance(factor, float) and factor > 0)
 
 
 def test_every_channel_has_an_example_and_the_examples_hold() -> None:
     for rig in channels.RIGS:
-        assert set(channels.known(rig).values()) <= set(quantity.EXAMPLES)
-    for si, units in quantity.EXAMPLES.items():
-        assert all(quantity.factor(unit, si) for unit in units.split(", "))
+        assert set(channels.get_column_units(rig).values()) <= set(quantity.EXAMPLE_UNITS)
+    for si, units in quantity.EXAMPLE_UNITS.items():
+        assert all(quantity.get_si_factor(unit, si) for unit in units.split(", "))
 
 
 def test_known_columns_come_in_si_and_others_are_listed(tmp_path: Path) -> None:
@@ -138,7 +138,7 @@ def test_an_empty_cell_is_missing(tmp_path: Path, cell: str) -> None:
 
 def test_a_place_is_the_line_an_editor_shows(tmp_path: Path) -> None:
     found = read(tmp_path, "\n\ntime [s],force [N]\r\n1,2\n\n3,4\n")
-    assert [found.place(0), found.place(1)] == ["line 4", "line 6"]
+    assert [found.locate_row(0), found.locate_row(1)] == ["line 4", "line 6"]
 
 
 HEAD = "time [s],force [N]\n"
@@ -188,9 +188,9 @@ def test_commas_are_not_blamed_for_a_cell_too_many(tmp_path: Path) -> None:
 
 def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a\.csv does not exist; files are named relative to the folder"):
-        table.read(tmp_path / "a.csv", BENCH)
+        table.read_trial_file(tmp_path / "a.csv", BENCH)
     with pytest.raises(InputError, match="cannot be read: Is a directory"):
-        table.read(tmp_path, BENCH)
+        table.read_trial_file(tmp_path, BENCH)
 
 
 def parquet(folder: Path, columns: dict[str, object]) -> bytes:
@@ -205,7 +205,7 @@ def test_parquet_is_known_by_its_content(tmp_path: Path, name: str) -> None:
     assert found.columns["time"].tolist() == [1, 2]
     assert found.columns["force"] == pytest.approx([1500, np.nan], nan_ok=True)
     assert found.ignored == ("note",)
-    assert found.place(1) == "row 2"
+    assert found.locate_row(1) == "row 2"
 
 
 def test_bad_parquet_is_refused(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from klute_sim.dataset import channels, trial
 from klute_sim.dataset.channels import Rig
 from klute_sim.dataset.write import write_trial
-from klute_sim.device.files import load
+from klute_sim.device.files import load_device
 from klute_sim.errors import InputError
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
@@ -43,11 +43,11 @@ def with_at(row: int, value: float, base: np.ndarray = TIME) -> np.ndarray:
     return changed
 
 
-def read(folder: Path, *files: Mapping[str, np.ndarray], rig: Rig = "bench") -> trial.Channels:
+def read(folder: Path, *files: Mapping[str, np.ndarray], rig: Rig = "bench") -> trial.TrialChannels:
     paths = [folder / f"{name}.csv" for name in "abc"[: len(files)]]
     for path, content in zip(paths, files, strict=True):
         write_trial(path, content)
-    return trial.read(paths, rig)
+    return trial.read_trial(paths, rig)
 
 
 def refused(folder: Path, *files: Mapping[str, np.ndarray], rig: Rig = "bench") -> str:
@@ -128,7 +128,7 @@ def test_unknown_columns_are_remarked(tmp_path: Path) -> None:
 
 def test_gait_prescribes_motion_and_load(tmp_path: Path) -> None:
     found = read(tmp_path, {"time [s]": TIME, **GAIT}, rig="gait")
-    assert set(found.prescribed) == set(channels.PRESCRIBED["gait"])
+    assert set(found.prescribed) == set(channels.PRESCRIBED_CHANNELS["gait"])
     assert set(found.measured) == {"ankle_moment"}
     assert found.prescribed["shank_angle"].value == pytest.approx(np.radians(TIME))
     assert found.prescribed["ankle_z"].value == pytest.approx(0.1)
@@ -162,23 +162,25 @@ def test_there_is_no_centre_of_pressure_without_a_load(tmp_path: Path) -> None:
 
 
 def test_our_rigs_record_what_trials_need() -> None:
-    for rig, headings in (("bench", bench.CHANNELS), ("gait", gauges.CHANNELS)):
+    for rig, headings in (("bench", bench.CHANNELS), ("gait", gauges.MEASURED_COLUMNS)):
         recorded = {heading.split(" ")[0] for heading in headings}
-        assert set(channels.MEASURED[rig]) <= recorded
+        assert set(channels.MEASURED_CHANNELS[rig]) <= recorded
         # Bench and gait record these two themselves, beside what their gauges read.
-        assert set(channels.PRESCRIBED[rig]) - recorded <= {"length", "pressure_command"}
-    assert "unit_length [m]" in gauges.CHANNELS
+        assert set(channels.PRESCRIBED_CHANNELS[rig]) - recorded <= {"length", "pressure_command"}
+    assert "unit_length [m]" in gauges.MEASURED_COLUMNS
 
 
 def pulled() -> Recording:
     time = np.arange(200) * 5e-4
-    return bench.pull(load("klute-3-4-pair"), 0.335 + 0.005 * np.sin(20 * time), np.full(200, 4e5), 5e-4)
+    return bench.simulate_tester(
+        load_device("klute-3-4-pair"), 0.335 + 0.005 * np.sin(20 * time), np.full(200, 4e5), 5e-4
+    )
 
 
 def test_a_bench_recording_is_a_trial(tmp_path: Path) -> None:
     recording = pulled()
     parquet.write(recording, tmp_path / "recording.parquet")
-    found = trial.read([tmp_path / "recording.parquet"], "bench")
+    found = trial.read_trial([tmp_path / "recording.parquet"], "bench")
     assert found.prescribed["length"].value == pytest.approx(1e-3 * recording["length"])
     assert found.prescribed["pressure_command"].value == pytest.approx(4e5)
     assert set(found.measured) == {"force", "pressure", "muscle_length"}
@@ -189,8 +191,8 @@ def test_a_bench_recording_is_a_trial(tmp_path: Path) -> None:
 
 def test_a_unit_length_is_a_bench_trials_length(tmp_path: Path) -> None:
     recording = pulled()
-    renamed = [("unit_length [m]" if n == "length" else recording.heading(n), s * (1e-3 if n == "length" else 1))
+    renamed = [("unit_length [m]" if n == "length" else recording.format_heading(n), s * (1e-3 if n == "length" else 1))
                for n, s in recording.channels.items()]  # fmt: skip
     parquet.write(Recording.from_columns(renamed), tmp_path / "recording.parquet")
-    found = trial.read([tmp_path / "recording.parquet"], "bench")
+    found = trial.read_trial([tmp_path / "recording.parquet"], "bench")
     assert found.prescribed["length"].value == pytest.approx(1e-3 * recording["length"])

@@ -16,7 +16,7 @@ from klute_sim.errors import InputError
 def test_numbers_read_back_to_the_same_bits(tmp_path_factory: pytest.TempPathFactory, values: list[float]) -> None:
     path = tmp_path_factory.mktemp("x") / "a.csv"
     write_trial(path, {"time [s]": np.arange(len(values)), "force [N]": np.array(values)})
-    back = table.read(path, channels.known("bench")).columns["force"]
+    back = table.read_trial_file(path, channels.get_column_units("bench")).columns["force"]
     assert np.array_equal(back, np.array(values), equal_nan=True)
 
 

@@ -5,47 +5,55 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from klute_sim.control.pressure import Constant, PressureController, off, tuned
-from klute_sim.design.choices import Assumptions, Choices
-from klute_sim.design.demand import Demand, over_stride, posture
-from klute_sim.design.sensitivity import Effect, left_out, outcome, sensitivity, variations
-from klute_sim.design.sizing import design
-from klute_sim.design.target import Target, Walker
+from klute_sim.control.pressure import ConstantPressure, PressureController, create_off_controller, load_default_profile
+from klute_sim.design.choices import DesignAssumptions, DesignChoices
+from klute_sim.design.demand import StrideDemand, compute_stride_demand, compute_stride_geometry
+from klute_sim.design.sensitivity import (
+    SensitivityResult,
+    analyse_sensitivity,
+    compute_design_metrics,
+    iter_variations,
+    list_excluded_assumptions,
+)
+from klute_sim.design.sizing import design_device
+from klute_sim.design.target import MuscleTarget, WalkerTarget
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben
 from klute_sim.laws import tendon as tendon_law
-from klute_sim.laws.hill import Hill
+from klute_sim.laws.hill import HillCurve
 
-WALKER = Walker(mass=75.0)
-FOUND = design(WALKER)
+WALKER = WalkerTarget(mass=75.0)
+FOUND = design_device(WALKER)
 PARAMETERS = FOUND.device.parameters
 MUSCLE, TENDON = PARAMETERS.muscle, PARAMETERS.tendon
-FIELDS = {field.name for field in fields(Assumptions)}
+FIELDS = {field.name for field in fields(DesignAssumptions)}
 
 
-def asked(**changes: float) -> Demand:
+def asked(**changes: float) -> StrideDemand:
     return under(replace(WALKER, **changes))
 
 
-def under(walker: Walker, profile: PressureController | None = None, neutral_ratio: float = 0.975) -> Demand:
-    lies = posture(PARAMETERS, neutral_ratio, 0.048, walker)
-    return over_stride(PARAMETERS, walker, lies, tuned() if profile is None else profile)
+def under(
+    walker: WalkerTarget, profile: PressureController | None = None, neutral_ratio: float = 0.975
+) -> StrideDemand:
+    lies = compute_stride_geometry(PARAMETERS, neutral_ratio, 0.048, walker)
+    return compute_stride_demand(PARAMETERS, walker, lies, load_default_profile() if profile is None else profile)
 
 
 def test_the_tendon_carries_the_references_plantarflexor_moment() -> None:
     own = asked()
     moment = 75.0 * WALKER.reference("ankle_plantarflexor_moment_nm_per_kg", own.phase)
-    assert own.tendon * 0.048 == pytest.approx(np.maximum(moment, 0.0))
-    assert own.tendon.max() == pytest.approx(WALKER.peak()[0] / 0.048, rel=1e-3)
-    assert asked(mass=150.0).tendon == pytest.approx(2.0 * own.tendon)
-    assert asked(moment_scale=1.2).tendon == pytest.approx(1.2 * own.tendon)
+    assert own.tendon_force * 0.048 == pytest.approx(np.maximum(moment, 0.0))
+    assert own.tendon_force.max() == pytest.approx(WALKER.compute_peak_moment()[0] / 0.048, rel=1e-3)
+    assert asked(mass=150.0).tendon_force == pytest.approx(2.0 * own.tendon_force)
+    assert asked(moment_scale=1.2).tendon_force == pytest.approx(1.2 * own.tendon_force)
 
 
 def test_muscle_and_tendon_fill_the_unit_that_the_ankle_moves() -> None:
     own = asked()
     assert not own.at_stop.any()
-    stretch = np.array([tendon_law.stretch_under(TENDON, float(force)) for force in own.tendon])
-    unit = own.ratio * MUSCLE.resting_length + stretch + TENDON.slack_length
+    stretch = np.array([tendon_law.stretch_at_tension(TENDON, float(force)) for force in own.tendon_force])
+    unit = own.length_ratio * MUSCLE.resting_length + stretch + TENDON.slack_length
     neutral = 0.975 * MUSCLE.resting_length + TENDON.slack_length
     angle = np.radians(WALKER.reference("ankle_dorsiflexion_deg", own.phase))
     assert unit - neutral == pytest.approx(0.048 * angle, abs=1e-12)
@@ -53,28 +61,28 @@ def test_muscle_and_tendon_fill_the_unit_that_the_ankle_moves() -> None:
 
 def test_the_needed_pressure_carries_tendon_and_damper() -> None:
     own = asked()
-    for at in np.flatnonzero(own.loaded)[::5]:
-        length = float(own.ratio[at]) * MUSCLE.resting_length
-        pull = mckibben.force(MUSCLE, float(own.needed_pressure[at]), length)
-        braked = damper_law.force(PARAMETERS.damper, float(own.rate[at]))
-        assert pull + braked == pytest.approx(own.tendon[at], abs=0.1)
-    assert (own.needed_pressure[own.tendon == 0.0] == 0.0).all()
+    for at in np.flatnonzero(own.is_loaded)[::5]:
+        length = float(own.length_ratio[at]) * MUSCLE.resting_length
+        pull = mckibben.force(MUSCLE, float(own.required_pressure[at]), length)
+        braked = damper_law.force(PARAMETERS.damper, float(own.muscle_velocity[at]))
+        assert pull + braked == pytest.approx(own.tendon_force[at], abs=0.1)
+    assert (own.required_pressure[own.tendon_force == 0.0] == 0.0).all()
 
 
 def test_rates_are_those_of_the_lengths_and_of_the_strides_time() -> None:
     own = asked()
-    length = own.ratio * MUSCLE.resting_length
+    length = own.length_ratio * MUSCLE.resting_length
     step = WALKER.reference.stride_time / len(own.phase)
-    travelled = length[0] + np.cumsum(own.rate) * step
+    travelled = length[0] + np.cumsum(own.muscle_velocity) * step
     assert travelled == pytest.approx(length, abs=1e-3)
     hurried = replace(WALKER.reference, stride_time=0.55)
     twice = under(replace(WALKER, reference=hurried))
-    assert twice.rate == pytest.approx(2.0 * own.rate)
+    assert twice.muscle_velocity == pytest.approx(2.0 * own.muscle_velocity)
 
 
 def test_the_peak_share_is_the_moment_held_at_rest() -> None:
     own = asked()
-    at = int(own.tendon.argmax())
+    at = int(own.tendon_force.argmax())
     unit = (
         0.975 * MUSCLE.resting_length
         + TENDON.slack_length
@@ -85,157 +93,167 @@ def test_the_peak_share_is_the_moment_held_at_rest() -> None:
     pull = np.array([mckibben.force(MUSCLE, 5e5, float(x)) for x in lengths])
     tendon = np.array([tendon_law.force(TENDON, unit - float(x) - TENDON.slack_length) for x in lengths])
     held = float(tendon[np.argmin(np.abs(pull - tendon))])
-    assert own.peak_share == pytest.approx(held / own.tendon[at], rel=1e-3)
+    assert own.peak_moment_fraction == pytest.approx(held / own.tendon_force[at], rel=1e-3)
 
 
 def test_a_pair_of_3_4_in_is_too_weak_and_says_so() -> None:
-    weak = design(WALKER, Choices(actuator="klute-3-4", count=2)).demand
+    weak = design_device(WALKER, DesignChoices(actuator="klute-3-4", count=2)).demand
     assert weak is not None
-    assert weak.peak_share < 0.9
-    assert np.nanmin(weak.margin) < 1.0
+    assert weak.peak_moment_fraction < 0.9
+    assert np.nanmin(weak.force_margin) < 1.0
     assert FOUND.demand is not None
-    assert np.nanmin(FOUND.demand.margin) > 1.0
+    assert np.nanmin(FOUND.demand.force_margin) > 1.0
 
 
 def test_strength_is_compared_where_there_is_load() -> None:
     own = asked()
-    assert np.isnan(own.margin[~own.loaded]).all()
-    at = int(own.tendon.argmax())
-    assert own.margin[at] == pytest.approx(own.strongest[at] / (own.tendon[at] - own.damping[at]))
+    assert np.isnan(own.force_margin[~own.is_loaded]).all()
+    at = int(own.tendon_force.argmax())
+    assert own.force_margin[at] == pytest.approx(
+        own.max_isometric_force[at] / (own.tendon_force[at] - own.damping_force[at])
+    )
 
 
 def test_a_muscle_mounted_long_meets_its_stop() -> None:
     long = under(WALKER, neutral_ratio=1.0)
     assert long.at_stop.any()
-    assert long.ratio.max() == 1.0
+    assert long.length_ratio.max() == 1.0
 
 
 def test_constant_pressure_takes_the_air_of_the_volume_alone() -> None:
-    own = under(WALKER, Constant(4e5))
-    volumes = np.array([mckibben.volume(MUSCLE, float(r) * MUSCLE.resting_length) for r in own.ratio])
+    own = under(WALKER, ConstantPressure(4e5))
+    volumes = np.array([mckibben.volume(MUSCLE, float(r) * MUSCLE.resting_length) for r in own.length_ratio])
     grown = np.maximum(np.diff(np.append(volumes, volumes[0])), 0.0).sum()
-    assert own.air == pytest.approx((4e5 + 101_325.0) * grown / (287.05 * 293.15))
-    assert under(WALKER, off()).air < own.air
-    assert under(WALKER, Constant(9e5)).commanded == pytest.approx(own.strongest)
+    assert own.air_mass == pytest.approx((4e5 + 101_325.0) * grown / (287.05 * 293.15))
+    assert under(WALKER, create_off_controller()).air_mass < own.air_mass
+    assert under(WALKER, ConstantPressure(9e5)).commanded_isometric_force == pytest.approx(own.max_isometric_force)
 
 
 @pytest.fixture(scope="module")
-def effects() -> list[Effect]:
-    return sensitivity(FOUND)
+def effects() -> list[SensitivityResult]:
+    return analyse_sensitivity(FOUND)
 
 
-def by_name(effects: list[Effect], name: str) -> list[Effect]:
+def by_name(effects: list[SensitivityResult], name: str) -> list[SensitivityResult]:
     return [e for e in effects if e.variation.name == name]
 
 
-def test_every_assumption_of_the_file_is_varied(effects: list[Effect]) -> None:
+def test_every_assumption_of_the_file_is_varied(effects: list[SensitivityResult]) -> None:
     names = {e.variation.name for e in effects}
     assert len(effects) >= 2 * len(names) - 1
     assert {"cylinder pressure", "tendon strain", "second spring/first", "engagement/slack length"} <= names
     assert {"tendon slack length", "L/L0 at neutral ankle", "eccentric damping", "Vmax", "moment arm"} <= names
-    assert {e.variation.field for e in effects if e.variation.field} | set(left_out(FOUND)) == FIELDS
-    base = outcome(FOUND)
-    idle = [(e.variation.name, e.value) for e in effects if e.outcome is None or e.outcome == base]
+    assert {e.variation.assumption for e in effects if e.variation.assumption} | set(
+        list_excluded_assumptions(FOUND)
+    ) == FIELDS
+    base = compute_design_metrics(FOUND)
+    idle = [(e.variation.name, e.value) for e in effects if e.metrics is None or e.metrics == base]
     # A travel of up to 12 % would not make this row longer than it is.
     assert idle == [("ankle's travel/L0", pytest.approx(0.12))]
 
 
 def test_a_muscle_says_what_of_its_file_no_outcome_depends_on() -> None:
-    found = design(Target(), Choices(actuator="klute-3-4", count=2))
-    varied = {v.field for v in variations(found)}
-    assert varied.isdisjoint(left_out(found))
+    found = design_device(MuscleTarget(), DesignChoices(actuator="klute-3-4", count=2))
+    varied = {v.assumption for v in iter_variations(found)}
+    assert varied.isdisjoint(list_excluded_assumptions(found))
     # Neither is used: no ankle moves the tendon.
-    assert FIELDS - varied - set(left_out(found)) == {"moment_arm", "excursion_share"}
+    assert FIELDS - varied - set(list_excluded_assumptions(found)) == {"moment_arm", "excursion_share"}
 
 
-def test_a_travel_that_is_allowed_less_makes_the_actuators_longer(effects: list[Effect]) -> None:
+def test_a_travel_that_is_allowed_less_makes_the_actuators_longer(effects: list[SensitivityResult]) -> None:
     shorter_travel = by_name(effects, "ankle's travel/L0")[0]
-    made = design(WALKER, Choices(assumptions=Assumptions(excursion_share=shorter_travel.value)))
-    assert made.option.resting_length > FOUND.option.resting_length
-    assert shorter_travel.outcome == outcome(made)
+    made = design_device(WALKER, DesignChoices(assumptions=DesignAssumptions(excursion_fraction=shorter_travel.value)))
+    assert made.selected.resting_length > FOUND.selected.resting_length
+    assert shorter_travel.metrics == compute_design_metrics(made)
 
 
-def test_the_real_orifice_loads_the_cylinder(effects: list[Effect]) -> None:
+def test_the_real_orifice_loads_the_cylinder(effects: list[SensitivityResult]) -> None:
     _, real = by_name(effects, "Cd as made")
-    assert real.outcome is not None
-    assert outcome(FOUND).cylinder_pressure == pytest.approx(4.7e6, rel=0.005)
-    assert real.outcome.cylinder_pressure == pytest.approx(4.7e6 / 0.61**2, rel=0.005)
+    assert real.metrics is not None
+    assert compute_design_metrics(FOUND).cylinder_pressure == pytest.approx(4.7e6, rel=0.005)
+    assert real.metrics.cylinder_pressure == pytest.approx(4.7e6 / 0.61**2, rel=0.005)
 
 
-def test_effects_go_the_way_they_must(effects: list[Effect]) -> None:
+def test_effects_go_the_way_they_must(effects: list[SensitivityResult]) -> None:
     def outcomes(name: str) -> list[tuple[float, float]]:
         return [
-            (e.outcome.orifice_concentric, e.outcome.peak_share or 0.0) for e in by_name(effects, name) if e.outcome
+            (e.metrics.orifice_concentric, e.metrics.peak_moment_fraction or 0.0)
+            for e in by_name(effects, name)
+            if e.metrics
         ]
 
     low, high = outcomes("cylinder pressure")
-    assert low[0] > outcome(FOUND).orifice_concentric > high[0]
+    assert low[0] > compute_design_metrics(FOUND).orifice_concentric > high[0]
     low, high = outcomes("moment arm")
-    assert low[1] < FOUND.demand.peak_share < high[1]  # type: ignore[union-attr]
+    assert low[1] < FOUND.demand.peak_moment_fraction < high[1]  # type: ignore[union-attr]
     (scaled,) = outcomes("moment/reference")
     assert scaled[1] < 1.0
     mild, real = by_name(effects, "Cd as made")
-    assert mild.outcome is not None
-    assert real.outcome is not None
+    assert mild.metrics is not None
+    assert real.metrics is not None
     # The real orifice brakes 1/0.61^2 as much: too much, and that is worse than the square law alone.
-    assert real.outcome.misfit_concentric > outcome(FOUND).misfit_concentric
-    assert real.outcome.orifice_concentric == outcome(FOUND).orifice_concentric
+    assert real.metrics.rms_error_concentric > compute_design_metrics(FOUND).rms_error_concentric
+    assert real.metrics.orifice_concentric == compute_design_metrics(FOUND).orifice_concentric
 
 
-def test_a_variation_is_the_design_with_that_value(effects: list[Effect]) -> None:
+def test_a_variation_is_the_design_with_that_value(effects: list[SensitivityResult]) -> None:
     effect = by_name(effects, "tendon strain")[1]
-    made = design(WALKER, Choices(assumptions=Assumptions(tendon_strain=effect.value)))
-    assert effect.outcome == outcome(made)
+    made = design_device(WALKER, DesignChoices(assumptions=DesignAssumptions(tendon_strain=effect.value)))
+    assert effect.metrics == compute_design_metrics(made)
 
 
 def test_a_variation_keeps_the_length_that_the_rule_gave() -> None:
-    found = design(WALKER, Choices(actuator="klute-3-4"))
-    longer_arm = next(e for e in sensitivity(found) if e.variation.name == "moment arm" and e.value > 0.048)
-    own = found.option
-    fixed = Choices(actuator="klute-3-4", count=own.count, resting_length=own.resting_length)
-    made = design(WALKER, replace(fixed, assumptions=Assumptions(moment_arm=longer_arm.value)))
-    assert longer_arm.outcome is not None
-    assert longer_arm.outcome.air == outcome(made).air
+    found = design_device(WALKER, DesignChoices(actuator="klute-3-4"))
+    longer_arm = next(e for e in analyse_sensitivity(found) if e.variation.name == "moment arm" and e.value > 0.048)
+    own = found.selected
+    fixed = DesignChoices(actuator="klute-3-4", count=own.count, resting_length=own.resting_length)
+    made = design_device(WALKER, replace(fixed, assumptions=DesignAssumptions(moment_arm=longer_arm.value)))
+    assert longer_arm.metrics is not None
+    assert longer_arm.metrics.air_mass == compute_design_metrics(made).air_mass
 
 
 def test_the_rule_is_asked_again_but_the_actuators_stay() -> None:
-    near = design(Walker(mass=85.0))
-    stronger = next(e for e in sensitivity(near) if e.variation.name == "moment/reference")
-    assert outcome(near).would_take == "2 x 1-1/4 in"
-    assert stronger.outcome is not None
-    assert stronger.outcome.would_take == "3 x 1-1/4 in"
-    assert stronger.outcome.orifice_concentric == near.damper.concentric.orifice
+    near = design_device(WalkerTarget(mass=85.0))
+    stronger = next(e for e in analyse_sensitivity(near) if e.variation.name == "moment/reference")
+    assert compute_design_metrics(near).recommended_actuators == "2 x 1-1/4 in"
+    assert stronger.metrics is not None
+    assert stronger.metrics.recommended_actuators == "3 x 1-1/4 in"
+    assert stronger.metrics.orifice_concentric == near.damper.concentric.orifice_diameter
 
 
 def test_what_was_given_is_not_varied() -> None:
-    choices = Choices(actuator="klute-3-4", count=2, bore=0.02, eccentric_force=400.0, eccentric_speed=0.15)
-    names = {v.name for v in variations(design(Target(peak_velocity=0.3), choices))}
+    choices = DesignChoices(actuator="klute-3-4", count=2, bore=0.02, eccentric_force=400.0, eccentric_speed=0.15)
+    names = {v.name for v in iter_variations(design_device(MuscleTarget(peak_velocity=0.3), choices))}
     assert names == {"L/L0 at which F0 counts", "Cd as made", "a/F0 = b/Vmax"}
 
 
 def test_a_given_assumption_is_not_varied_even_at_its_default() -> None:
-    def fields_of(choices: Choices) -> set[str | None]:
-        return {v.field for v in variations(design(WALKER, choices))}
+    def fields_of(choices: DesignChoices) -> set[str | None]:
+        return {v.assumption for v in iter_variations(design_device(WALKER, choices))}
 
-    by_rule = fields_of(Choices())
-    other = Assumptions(moment_arm=0.040, cylinder_pressure=10e6)
-    assert by_rule - fields_of(Choices(assumptions=other)) == {"moment_arm", "cylinder_pressure"}
-    assert by_rule - fields_of(Choices(named=frozenset({"moment_arm"}))) == {"moment_arm"}
-    assert "pressure_rate" not in left_out(design(WALKER, Choices(named=frozenset({"pressure_rate"}))))
+    by_rule = fields_of(DesignChoices())
+    other = DesignAssumptions(moment_arm=0.040, cylinder_pressure=10e6)
+    assert by_rule - fields_of(DesignChoices(assumptions=other)) == {"moment_arm", "cylinder_pressure"}
+    assert by_rule - fields_of(DesignChoices(explicit_fields=frozenset({"moment_arm"}))) == {"moment_arm"}
+    assert "pressure_rate" not in list_excluded_assumptions(
+        design_device(WALKER, DesignChoices(explicit_fields=frozenset({"pressure_rate"})))
+    )
 
 
 def test_the_half_of_hills_shape_that_was_not_given_is_varied() -> None:
-    def shapes(hill: Hill, *named: str) -> list[tuple[str, Hill]]:
-        found = design(Target(hill=hill), Choices(actuator="klute-3-4", count=2, named=frozenset(named)))
+    def shapes(hill: HillCurve, *named: str) -> list[tuple[str, HillCurve]]:
+        found = design_device(
+            MuscleTarget(hill=hill), DesignChoices(actuator="klute-3-4", count=2, explicit_fields=frozenset(named))
+        )
         return [
             (v.name, target.hill)
-            for v in variations(found)
+            for v in iter_variations(found)
             if ("F0" in v.name and "at which" not in v.name) or "b/Vmax" in v.name
-            for target in [v.changed(v.values[0])[0]]
-            if isinstance(target, Target)
+            for target in [v.build_inputs(v.values[0])[0]]
+            if isinstance(target, MuscleTarget)
         ]
 
-    assert shapes(Hill(0.28, 0.28, 1.4)) == [("a/F0 = b/Vmax", Hill(0.12, 0.12, 1.4))]
-    assert shapes(Hill(0.28, 0.28), "a") == [("b/Vmax", Hill(0.28, 0.12))]
-    assert shapes(Hill(0.3, 0.28)) == [("b/Vmax", Hill(0.3, 0.12))]
-    assert shapes(Hill(0.28, 0.28), "a", "b") == []
+    assert shapes(HillCurve(0.28, 0.28, 1.4)) == [("a/F0 = b/Vmax", HillCurve(0.12, 0.12, 1.4))]
+    assert shapes(HillCurve(0.28, 0.28), "a") == [("b/Vmax", HillCurve(0.28, 0.12))]
+    assert shapes(HillCurve(0.3, 0.28)) == [("b/Vmax", HillCurve(0.3, 0.12))]
+    assert shapes(HillCurve(0.28, 0.28), "a", "b") == []

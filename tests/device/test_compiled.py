@@ -11,43 +11,43 @@ import numba
 import pytest
 
 from klute_sim.device import compiled, step
-from klute_sim.device.files import load, preset_names
-from klute_sim.device.step import State
-from klute_sim.device.vector import SIZE, pack, unpack
+from klute_sim.device.files import list_presets, load_device
+from klute_sim.device.step import DeviceState
+from klute_sim.device.vector import ROW_SIZE, pack_parameters, unpack_parameters
 from klute_sim.laws import mckibben
 from klute_sim.plant import models
 
 
 @pytest.mark.parametrize("name", ["klute-1-1-4-pair", "klute-3-4-pair", "klute-1-2"])
 def test_compiled_steps_are_bit_identical(name: str) -> None:
-    fast = types.SimpleNamespace(**compiled.device_law())
-    parameters = load(name).parameters
+    fast = types.SimpleNamespace(**compiled.compile_device_functions())
+    parameters = load_device(name).parameters
     pick = random.Random(7)
     rest = parameters.muscle.resting_length
-    slow_state = fast_state = State(0.0, rest)
+    slow_state = fast_state = DeviceState(0.0, rest)
     for _ in range(2000):
-        length = parameters.tendon.slack_length + pick.uniform(0.75, 1.0 if parameters.tendon.rigid else 1.06) * rest
+        length = parameters.tendon.slack_length + pick.uniform(0.75, 1.0 if parameters.tendon.is_rigid else 1.06) * rest
         command, h = pick.uniform(-1e5, 7e5), pick.choice([1e-4, 5e-4, 5e-3])
-        slow_state = step.advance(parameters, slow_state, length, command, h)
-        fast_state = State(*fast.advance(parameters, fast_state, length, command, h))
+        slow_state = step.advance_state(parameters, slow_state, length, command, h)
+        fast_state = DeviceState(*fast.advance(parameters, fast_state, length, command, h))
         assert [x.hex() for x in fast_state[:2]] == [x.hex() for x in slow_state[:2]]
         rate = pick.uniform(-0.5, 0.5)
         pulls = [m.tension(parameters, slow_state, length, rate) for m in (step, fast)]
         assert pulls[0].hex() == pulls[1].hex()
 
 
-@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("name", list_presets())
 def test_a_row_is_the_device(name: str) -> None:
-    parameters = load(name).parameters
-    assert unpack(pack(parameters)) == parameters
-    assert len(pack(parameters)) == SIZE
+    parameters = load_device(name).parameters
+    assert unpack_parameters(pack_parameters(parameters)) == parameters
+    assert len(pack_parameters(parameters)) == ROW_SIZE
 
 
 def test_every_field_of_a_row_has_its_place() -> None:
-    row = [float(k) for k in range(SIZE)]
-    flat = [value for part in unpack(row) for value in part]
+    row = [float(k) for k in range(ROW_SIZE)]
+    flat = [value for part in unpack_parameters(row) for value in part]
     assert flat == [*row[1:17], True, *row[18:]]
-    assert list(compiled.device_law()["unpack"](tuple(row))) == list(unpack(tuple(row)))
+    assert list(compiled.compile_device_functions()["unpack"](tuple(row))) == list(unpack_parameters(tuple(row)))
 
 
 ALONE = (
@@ -62,7 +62,7 @@ def test_what_was_compiled_is_named_after_its_sources(tmp_path: Path) -> None:
     package = tmp_path / "klute_sim"
     source = Path(step.__file__).parents[1]
     shutil.copytree(source, package, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copytree(models.folder(), package / "models", dirs_exist_ok=True)
+    shutil.copytree(models.get_models_folder(), package / "models", dirs_exist_ok=True)
 
     def tension() -> float:
         command = [sys.executable, "-c", ALONE]
@@ -85,14 +85,14 @@ def test_every_source_that_is_compiled_is_in_the_name(tmp_path: Path, monkeypatc
     package = tmp_path / "klute_sim"
     shutil.copytree(Path(step.__file__).parents[1], package, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(step, "__file__", str(package / "device" / "step.py"))
-    seen = {compiled._digest.__wrapped__("")}
+    seen = {compiled._hash_sources.__wrapped__("")}
     sources = ("units.py", "laws/damper.py", "effects/tendon.py", "device/rollout.py", "plant/memory.py")
     for count, name in enumerate(sources, start=2):
         with (package / name).open("a", encoding="utf-8") as file:
             file.write("\n")
-        seen.add(compiled._digest.__wrapped__(""))
+        seen.add(compiled._hash_sources.__wrapped__(""))
         assert len(seen) == count
-    assert compiled._digest.__wrapped__("constants") not in seen
+    assert compiled._hash_sources.__wrapped__("constants") not in seen
 
 
 def test_without_a_place_to_keep_it_compiles_all_the_same() -> None:
@@ -101,9 +101,9 @@ def test_without_a_place_to_keep_it_compiles_all_the_same() -> None:
             raise OSError(28, "No space left on device")
         return numba.njit(signature, **options)
 
-    lock_length = compiled.copy_of(mckibben).lock_length
-    muscle = load("klute-3-4").parameters.muscle
-    assert compiled.ready(wrap, lock_length, signature_for(muscle))(muscle) == mckibben.lock_length(muscle)
+    lock_length = compiled.compile_module(mckibben).lock_length
+    muscle = load_device("klute-3-4").parameters.muscle
+    assert compiled.compile_cached(wrap, lock_length, signature_for(muscle))(muscle) == mckibben.lock_length(muscle)
 
 
 def signature_for(muscle: mckibben.Muscle) -> object:

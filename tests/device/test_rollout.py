@@ -6,59 +6,59 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from klute_sim.device import step as unit
-from klute_sim.device.files import load, preset_names
-from klute_sim.device.rollout import Trace, rollout
-from klute_sim.device.step import Parameters, State
+from klute_sim.device.files import list_presets, load_device
+from klute_sim.device.rollout import RolloutTrace, simulate_rollouts
+from klute_sim.device.step import DeviceParameters, DeviceState
 from klute_sim.errors import InputError
 from klute_sim.laws import charging, mckibben
-from klute_sim.laws.pneumatics import ATMOSPHERE
+from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE
 
-PAIR = load("klute-3-4-pair").parameters
+PAIR = load_device("klute-3-4-pair").parameters
 
 
 def test_rollouts_are_the_devices_steps_under_either_law() -> None:
     length = 0.335 + 0.01 * np.sin(np.arange(500) / 30)
     command = np.where(np.arange(500) % 100 < 50, 4e5, 0.5e5)
-    state, wanted = unit.taut(PAIR, length[0], command[0]), []
+    state, wanted = unit.compute_taut_state(PAIR, length[0], command[0]), []
     for x, c in zip(length.tolist(), command.tolist(), strict=True):
-        after = unit.advance(PAIR, state, x, c, 5e-4)
-        wanted.append((unit.tension(PAIR, after, x, (after.length - state.length) / 5e-4), *after[:2]))
+        after = unit.advance_state(PAIR, state, x, c, 5e-4)
+        wanted.append((unit.compute_tension(PAIR, after, x, (after.length - state.length) / 5e-4), *after[:2]))
         state = after
     for law in ("compiled", "python"):
-        assert np.array_equal(np.stack(rollout(PAIR, length, command, 5e-4, law=law), axis=1), wanted)
+        assert np.array_equal(np.stack(simulate_rollouts(PAIR, length, command, 5e-4, backend=law), axis=1), wanted)
 
 
 def test_a_rigid_device_is_stepped_too() -> None:
-    tied = load("klute-1-2").parameters
-    assert tied.tendon.rigid
+    tied = load_device("klute-1-2").parameters
+    assert tied.tendon.is_rigid
     length = tied.muscle.resting_length * (0.9 + 0.05 * np.sin(np.arange(300) / 20))
-    state, wanted = unit.taut(tied, float(length[0]), 3e5), []
+    state, wanted = unit.compute_taut_state(tied, float(length[0]), 3e5), []
     for x in length.tolist():
-        after = unit.advance(tied, state, x, 3e5, 5e-4)
-        wanted.append(unit.tension(tied, after, x, (after.length - state.length) / 5e-4))
+        after = unit.advance_state(tied, state, x, 3e5, 5e-4)
+        wanted.append(unit.compute_tension(tied, after, x, (after.length - state.length) / 5e-4))
         state = after
     for law in ("compiled", "python"):
-        assert np.array_equal(rollout(tied, length, np.full(300, 3e5), 5e-4, law=law).tension, wanted)
+        assert np.array_equal(simulate_rollouts(tied, length, np.full(300, 3e5), 5e-4, backend=law).tension, wanted)
     assert len(set(wanted)) > 250
 
 
 def test_threads_change_no_bit_and_every_rollout_is_its_own() -> None:
-    devices = [load(name).parameters for name in ("klute-3-4-pair", "klute-1-1-4-pair")] * 4
+    devices = [load_device(name).parameters for name in ("klute-3-4-pair", "klute-1-1-4-pair")] * 4
     length = 0.33 + 0.002 * np.arange(8)[:, None] + 0.005 * np.sin(np.arange(400) / 20)
-    traces = [rollout(devices, length, np.full(400, 3e5), 5e-4, threads=n) for n in (1, 2, 5)]
+    traces = [simulate_rollouts(devices, length, np.full(400, 3e5), 5e-4, n_jobs=n) for n in (1, 2, 5)]
     for other in traces[1:]:
         assert all(np.array_equal(a, b) for a, b in zip(traces[0], other, strict=True))
-    one = rollout(devices[3], length[3], np.full(400, 3e5), 5e-4)
+    one = simulate_rollouts(devices[3], length[3], np.full(400, 3e5), 5e-4)
     assert one.tension.shape == (400,)
     assert all(np.array_equal(a[3], b) for a, b in zip(traces[0], one, strict=True))
     assert len(np.unique(traces[0].tension[:, -1])) == 8
 
 
 def test_where_it_starts_can_be_said() -> None:
-    begin = State(2e5, 0.23)
-    trace = rollout(PAIR, [0.34], [2e5], 1e-4, start=begin)
-    assert trace.length[0] == pytest.approx(unit.advance(PAIR, begin, 0.34, 2e5, 1e-4).length)
-    both = rollout(PAIR, [[0.34], [0.34]], [2e5], 1e-4, start=[begin, State(3e5, 0.22)])
+    begin = DeviceState(2e5, 0.23)
+    trace = simulate_rollouts(PAIR, [0.34], [2e5], 1e-4, initial_state=begin)
+    assert trace.length[0] == pytest.approx(unit.advance_state(PAIR, begin, 0.34, 2e5, 1e-4).length)
+    both = simulate_rollouts(PAIR, [[0.34], [0.34]], [2e5], 1e-4, initial_state=[begin, DeviceState(3e5, 0.22)])
     assert both.pressure[:, 0].tolist() == [2e5, 2.99e5]
 
 
@@ -79,42 +79,46 @@ def test_where_it_starts_can_be_said() -> None:
 )
 def test_bad_input_is_refused_in_one_sentence(arguments: tuple, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        rollout(*arguments)
+        simulate_rollouts(*arguments)
     with pytest.raises(InputError, match="threads is -1"):
-        rollout(PAIR, [0.34], [1e5], 1e-3, threads=-1)
+        simulate_rollouts(PAIR, [0.34], [1e5], 1e-3, n_jobs=-1)
     with pytest.raises(InputError, match="3 states to start from for 1 rollouts"):
-        rollout(PAIR, [0.34], [1e5], 1e-3, start=[State(0.0, 0.2)] * 3)
+        simulate_rollouts(PAIR, [0.34], [1e5], 1e-3, initial_state=[DeviceState(0.0, 0.2)] * 3)
 
 
-def some_device(random: np.random.Generator) -> Parameters:
+def some_device(random: np.random.Generator) -> DeviceParameters:
     """A device nobody built but somebody might: every parameter from a wide range, parts left out at times."""
-    device = load(str(random.choice(preset_names()))).parameters
+    device = load_device(str(random.choice(list_presets()))).parameters
     longer = random.uniform(0.2, 3.0)
     muscle = device.muscle._replace(
-        actuators=float(random.integers(1, 5)),
+        n_actuators=float(random.integers(1, 5)),
         resting_length=longer * device.muscle.resting_length,
         braid_length=longer * device.muscle.resting_length * random.uniform(1.01, 1.7),
-        turns=longer * device.muscle.turns * random.uniform(0.7, 1.4),
+        braid_turns=longer * device.muscle.braid_turns * random.uniform(0.7, 1.4),
         c10=device.muscle.c10 * random.choice([0.0, 1.0, 5.0]),
         friction_slope=device.muscle.friction_slope * random.choice([0.0, 1.0, 3.0]),
         friction_offset=device.muscle.friction_offset * random.choice([0.0, 1.0, -1.0]),
     )
     coefficients = random.choice([0.0, *10.0 ** np.arange(0, 13)], 2)
     tendon = device.tendon
-    if not tendon.rigid:
+    if not tendon.is_rigid:
         stiffness = 10.0 ** random.uniform(3, 7, 2) * random.choice([0.0, 1.0], 2)
         tendon = tendon._replace(
             slack_length=random.uniform(0.0, 0.3),
             stiffness_1=stiffness[0] + 1e3,
             stiffness_2=stiffness[1],
-            engagement=random.uniform(0.0, 0.02),
+            engagement_stretch=random.uniform(0.0, 0.02),
         )
-    supply = device.supply._replace(pressure=random.uniform(0.5e5, 10e5), rate=10.0 ** random.uniform(4, 9))
-    damper = device.damper._replace(concentric=float(coefficients[0]), eccentric=float(coefficients[1]))
-    return Parameters(muscle, damper, tendon, supply)
+    supply = device.supply._replace(
+        max_pressure=random.uniform(0.5e5, 10e5), max_pressure_rate=10.0 ** random.uniform(4, 9)
+    )
+    damper = device.damper._replace(
+        concentric_coefficient=float(coefficients[0]), eccentric_coefficient=float(coefficients[1])
+    )
+    return DeviceParameters(muscle, damper, tendon, supply)
 
 
-def torture(seed: int, rollouts: int, samples: int) -> tuple[list[Parameters], Trace]:
+def torture(seed: int, rollouts: int, samples: int) -> tuple[list[DeviceParameters], RolloutTrace]:
     """Random devices under lengths and commands that jump."""
     random = np.random.default_rng(seed)
     devices = [some_device(random) for _ in range(rollouts)]
@@ -123,24 +127,24 @@ def torture(seed: int, rollouts: int, samples: int) -> tuple[list[Parameters], T
     drift = np.cumsum(random.normal(0.0, 1e-3, (rollouts, samples)), axis=1)
     jumps = random.uniform(-1.0, 1.5, (rollouts, samples)) * (random.random((rollouts, samples)) < 0.01)
     length = np.abs(slack + rest * (0.9 + drift + np.where(jumps != 0.0, jumps, 0.0)))
-    pressure = np.array([d.supply.pressure for d in devices])[:, None]
+    pressure = np.array([d.supply.max_pressure for d in devices])[:, None]
     command = pressure * random.uniform(-3.0, 4.0, (rollouts, samples // 20 + 1)).repeat(20, axis=1)[:, :samples]
     command[random.random(command.shape) < 1e-3] *= 1e12
-    return devices, rollout(devices, length, command, float(10.0 ** random.uniform(-4, np.log10(5e-3))))
+    return devices, simulate_rollouts(devices, length, command, float(10.0 ** random.uniform(-4, np.log10(5e-3))))
 
 
-def check(devices: list[Parameters], trace: Trace) -> None:
+def check(devices: list[DeviceParameters], trace: RolloutTrace) -> None:
     for i, device in enumerate(devices):
         assert np.isfinite(trace.tension[i]).all()
-        if charging.plain(device.supply):
+        if charging.is_ideal(device.supply):
             assert trace.pressure[i].min() >= 0.0
-            assert trace.pressure[i].max() <= device.supply.pressure
+            assert trace.pressure[i].max() <= device.supply.max_pressure
         else:  # the muscle's own motion squeezes and thins its air
-            assert trace.pressure[i].min() > -ATMOSPHERE
-            assert trace.pressure[i].max() < 100.0 * (device.supply.pressure + ATMOSPHERE)
+            assert trace.pressure[i].min() > -ATMOSPHERIC_PRESSURE
+            assert trace.pressure[i].max() < 100.0 * (device.supply.max_pressure + ATMOSPHERIC_PRESSURE)
         assert trace.length[i].max() <= device.muscle.resting_length
         assert trace.length[i].min() >= mckibben.lock_length(device.muscle)
-        if not device.tendon.rigid:
+        if not device.tendon.is_rigid:
             assert trace.tension[i].min() >= 0.0
 
 
@@ -155,18 +159,25 @@ def test_ten_million_steps_of_anything(seed: int) -> None:
 def test_every_step_of_any_device_balances_to_the_tolerance(seed: int, step: float) -> None:
     random = np.random.default_rng(seed)
     device = some_device(random)
-    if device.tendon.rigid:
+    if device.tendon.is_rigid:
         return
     low, high = mckibben.lock_length(device.muscle), device.muscle.resting_length
     for _ in range(20):
-        begin, pressure = random.uniform(low, high), random.uniform(0.0, device.supply.pressure)
+        begin, pressure = random.uniform(low, high), random.uniform(0.0, device.supply.max_pressure)
         length = device.tendon.slack_length + random.uniform(0.8 * low, 1.05 * high)
-        found = unit.balance(device, charging.still(pressure), State(pressure, begin), length, step)
-        imbalance = unit._imbalance(device, charging.still(pressure), State(pressure, begin), length, step, found)
+        found = unit.solve_length(
+            device, charging.constant_pressure(pressure), DeviceState(pressure, begin), length, step
+        )
+        imbalance = unit._compute_force_residual(
+            device, charging.constant_pressure(pressure), DeviceState(pressure, begin), length, step, found
+        )
         if low < found < high:
-            at, beside = State(pressure, begin), [np.nextafter(found, to) for to in (0, 1)]
-            nearby = [unit._imbalance(device, charging.still(pressure), at, length, step, each) for each in beside]
-            pull = unit.tension(device, State(pressure, found), length, 0.0)
+            at, beside = DeviceState(pressure, begin), [np.nextafter(found, to) for to in (0, 1)]
+            nearby = [
+                unit._compute_force_residual(device, charging.constant_pressure(pressure), at, length, step, each)
+                for each in beside
+            ]
+            pull = unit.compute_tension(device, DeviceState(pressure, found), length, 0.0)
             # Solved, or the zero is between this length and the next number beside it.
             assert abs(imbalance) <= 1e-10 * (1.0 + pull) or nearby[0] * nearby[1] <= 0.0
         else:

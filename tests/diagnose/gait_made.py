@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from klute_sim.control.pressure import Profile, tuned
+from klute_sim.control.pressure import PressureProfile, load_default_profile
 from klute_sim.dataset.write import write_trial
-from klute_sim.device.files import load, read
-from klute_sim.recording.recording import Recording, Samples
+from klute_sim.device.files import load_device, parse_device
+from klute_sim.recording.recording import Array, Recording
 from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.build import Edit
-from klute_sim.rigs.gait.rig import walk
+from klute_sim.rigs.gait.build import ModelEdit
+from klute_sim.rigs.gait.rig import simulate_gait
 
 DEVICE = "klute-1-1-4-pair"
 STEP = 2.5e-4
@@ -33,17 +33,21 @@ WALKS = {
 
 
 @lru_cache(maxsize=16)
-def walked(group: str, effects: str = "", edit: Edit | None = None, strides: int = 4) -> Recording:
+def walked(group: str, effects: str = "", edit: ModelEdit | None = None, strides: int = 4) -> Recording:
     """``effects`` are sections of a device file."""
     speed, share = WALKS[group]
-    text = load(DEVICE).content.decode() + effects
-    profile = tuned()
+    text = load_device(DEVICE).content.decode() + effects
+    profile = load_default_profile()
     profile = replace(profile, pressure_bar=tuple(share * bar for bar in profile.pressure_bar))
-    assert isinstance(profile, Profile)
-    return walk(read(text.encode(), DEVICE), profile, GaitOptions(speed=speed, strides=strides, step=STEP, edit=edit))
+    assert isinstance(profile, PressureProfile)
+    return simulate_gait(
+        parse_device(text.encode(), DEVICE),
+        profile,
+        GaitOptions(speed=speed, strides=strides, dt=STEP, model_edit=edit),
+    )
 
 
-def reckoned(recording: Recording, channel: str) -> Samples:
+def reckoned(recording: Recording, channel: str) -> Array:
     """``channel``, the ankle's place as a rigid shank below the knee has it."""
     thigh, shank = (np.radians(recording[name]) for name in ("thigh_angle", "shank_angle"))
     if channel == "ankle_x":
@@ -57,7 +61,7 @@ def dataset(
     folder: Path,
     *,
     effects: str = "",
-    edit: Edit | None = None,
+    edit: ModelEdit | None = None,
     groups: Sequence[str] = tuple(WALKS),
     repeats: int = 2,
     strides: int = 4,

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from klute_sim.dataset.write import write_trial
-from klute_sim.device.files import load
-from klute_sim.device.rollout import rollout
-from klute_sim.device.step import Parameters, settled
+from klute_sim.device.files import load_device
+from klute_sim.device.rollout import simulate_rollouts
+from klute_sim.device.step import DeviceParameters, compute_equilibrium_state
 from klute_sim.effects import catalogue
 
 INTERVAL, FINE = 0.005, 25
@@ -44,7 +44,7 @@ def dataset(
     folder: Path,
     effects: Mapping[tuple[str, str], Mapping[str, float]] | None = None,
     *,
-    base: Parameters | None = None,
+    base: DeviceParameters | None = None,
     groups: tuple[str, ...] = ("fit_1", "fit_2", "select_1", "show_1"),
     repeats: int = 2,
     seconds: float = 3.0,
@@ -56,16 +56,16 @@ def dataset(
     """Write it; ``distort`` (channel -> function of time and value) are faults of instruments."""
     random = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
-    parameters = (base or load(device).parameters)._replace(effects=catalogue.values(effects or {}))
+    parameters = (base or load_device(device).parameters)._replace(effects=catalogue.pack_effects(effects or {}))
     lines = ['format = "klute-sim-dataset/1"', 'rig = "bench"', f'device = "{device}"', "", "[uncertain]"]
     lines += ['"tendon.stiffness_1_n_per_mm" = "10 %"', '"muscle.friction_slope_n_per_bar" = "10 %"']
     for number, group in enumerate(groups):
         length, command = inputs(number, seconds)
         time = np.arange(len(length)) * INTERVAL
         fine = np.arange(1, (len(time) - 1) * FINE + 1) * INTERVAL / FINE
-        start = settled(parameters, float(length[0]), float(command[0]))
+        start = compute_equilibrium_state(parameters, float(length[0]), float(command[0]))
         inputs_ = np.interp(fine, time, length), np.interp(fine, time, command)
-        trace = rollout(parameters, *inputs_, INTERVAL / FINE, start=start)
+        trace = simulate_rollouts(parameters, *inputs_, INTERVAL / FINE, initial_state=start)
         for repeat in range(repeats):
             shown = {"force": trace.tension[FINE - 1 :: FINE], "pressure": trace.pressure[FINE - 1 :: FINE] / 1e5}
             if muscle_length:

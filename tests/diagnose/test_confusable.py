@@ -3,71 +3,78 @@
 import numpy as np
 import pytest
 
-from klute_sim.device.files import load
-from klute_sim.diagnose.confusable import ALIKE, Confusion, confusions, twins
-from klute_sim.diagnose.experiment import Bench
-from klute_sim.diagnose.hypothesis import Term
-from klute_sim.diagnose.signature import signature
+from klute_sim.device.files import load_device
+from klute_sim.diagnose.confusable import (
+    INDISTINGUISHABLE_COSINE,
+    RigIdentifiability,
+    compute_identifiability,
+    find_indistinguishable_pairs,
+)
+from klute_sim.diagnose.experiment import Simulator
+from klute_sim.diagnose.hypothesis import EffectTerm
+from klute_sim.diagnose.signature import simulate_effect_response
 
 
 @pytest.fixture(scope="module")
-def found() -> list[Confusion]:
-    bench = Bench(2)
-    result = confusions(load("klute-3-4-pair"), bench)
+def found() -> list[RigIdentifiability]:
+    bench = Simulator(2)
+    result = compute_identifiability(load_device("klute-3-4-pair"), bench)
     bench.close()
     return result
 
 
-def of(found: Confusion, *names: str) -> list[int]:
+def of(found: RigIdentifiability, *names: str) -> list[int]:
     return [k for name in names for k, s in enumerate(found.signatures) if str(s.term).startswith(name)]
 
 
-def test_cosines_are_those_of_unit_vectors(found: list[Confusion]) -> None:
+def test_cosines_are_those_of_unit_vectors(found: list[RigIdentifiability]) -> None:
     for one in found:
-        cosines = one.cosines()
+        cosines = one.cosine_matrix()
         assert np.diag(cosines) == pytest.approx(1.0)
         assert np.array_equal(cosines, cosines.T)
         assert cosines.max() <= 1.0 + 1e-12
-        assert all(0.0 < s.kept <= 1.0 + 1e-12 for s in one.signatures)
+        assert all(0.0 < s.orthogonal_fraction <= 1.0 + 1e-12 for s in one.signatures)
 
 
-def test_what_the_device_s_numbers_imitate_is_projected_off(found: list[Confusion]) -> None:
-    kept = {str(s.term): s.kept for s in found[0].signatures}
+def test_what_the_device_s_numbers_imitate_is_projected_off(found: list[RigIdentifiability]) -> None:
+    kept = {str(s.term): s.orthogonal_fraction for s in found[0].signatures}
     for name in ("end_taper (cone)", "tendon_slack", "sensor_gain of force"):
         assert kept[name] < 0.2, name
     for name in ("pressure_lag", "pressure_delay", "sensor_gain of pressure"):
         assert kept[name] > 0.9, name
 
 
-def test_a_wrong_gauge_looks_like_a_wrong_regulator_until_there_is_a_second_one(found: list[Confusion]) -> None:
-    alike = twins(found)
-    (twin,) = alike[Term("regulator_error", "gain")]
-    assert twin.terms == (Term("regulator_error", "gain"), Term("sensor_gain", "linear", "pressure"))
+def test_a_wrong_gauge_looks_like_a_wrong_regulator_until_there_is_a_second_one(
+    found: list[RigIdentifiability],
+) -> None:
+    alike = find_indistinguishable_pairs(found)
+    (twin,) = alike[EffectTerm("regulator_error", "gain")]
+    assert twin.terms == (EffectTerm("regulator_error", "gain"), EffectTerm("sensor_gain", "linear", "pressure"))
     assert twin.cosine > 0.98
-    assert twin.split_by is not None
-    assert "gauge" in twin.split_by.words
-    assert twin.after < 0.8
-    (late,) = alike[Term("sensor_lag", "linear", "force")]
-    assert late.terms[1] == Term("clock_skew", "linear", "force")
-    assert late.split_by is None
-    assert late.after > ALIKE
+    assert twin.separated_by is not None
+    assert "gauge" in twin.separated_by.description
+    assert twin.remaining_cosine < 0.8
+    (late,) = alike[EffectTerm("sensor_lag", "linear", "force")]
+    assert late.terms[1] == EffectTerm("clock_skew", "linear", "force")
+    assert late.separated_by is None
+    assert late.remaining_cosine > INDISTINGUISHABLE_COSINE
     assert all(
         t.terms[1].effect != term.effect or t.terms[1].channel != term.channel for term in alike for t in alike[term]
     )
 
 
 def test_what_a_device_does_not_have_has_no_signature() -> None:
-    bench = Bench(2)
-    bare = confusions(load("klute-3-4"), bench)
+    bench = Simulator(2)
+    bare = compute_identifiability(load_device("klute-3-4"), bench)
     bench.close()
     assert of(bare[0], "end_taper", "braid_hysteresis")
     assert not of(bare[0], "tendon_", "laminar_orifice", "discharge_loss")
 
 
 def test_a_signature_is_the_difference_that_the_effect_makes() -> None:
-    bench = Bench(2)
-    found = signature(load("klute-3-4-pair"), Term("regulator_error", "offset"), bench)
+    bench = Simulator(2)
+    found = simulate_effect_response(load_device("klute-3-4-pair"), EffectTerm("regulator_error", "offset"), bench)
     bench.close()
-    pressure = next(s for s in found.shown if s.channel == "pressure")
-    apart = (pressure.having - pressure.without)[pressure.without < 4.5e5]
+    pressure = next(s for s in found.channels if s.channel == "pressure")
+    apart = (pressure.with_effect - pressure.without_effect)[pressure.without_effect < 4.5e5]
     assert np.median(apart) == pytest.approx(0.1e5, rel=1e-6)

@@ -12,28 +12,28 @@ import pytest
 from made import dataset as made
 
 from command import run
-from klute_sim.cli.diagnose import write as write_results
+from klute_sim.cli.diagnose import write_results as write_results
 from klute_sim.dataset import dataset as datasets
-from klute_sim.device.files import load
-from klute_sim.diagnose.device_file import augmented
-from klute_sim.diagnose.diagnosis import Diagnosis, Options, diagnose
-from klute_sim.diagnose.experiment import Bench
+from klute_sim.device.files import load_device
+from klute_sim.diagnose.device_file import augment_device
+from klute_sim.diagnose.diagnosis import Diagnosis, DiagnosisOptions, diagnose
+from klute_sim.diagnose.experiment import Simulator
 from klute_sim.diagnose.hypothesis import Hypothesis
-from klute_sim.diagnose.prepare import prepare
-from klute_sim.diagnose.verdict import as_json
+from klute_sim.diagnose.prepare import prepare_experiments
+from klute_sim.diagnose.verdict import verdict_to_dict
 from klute_sim.report import diagnosis_words as words
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "hidden_effects"))
-from generate import make
-from score import score
+from generate import make_dataset
+from score import score_verdict
 
 QUIET: dict[str, Any] = {"muscle_length": False}
 
 
 def hidden(folder: Path, seed: int, **what: Any) -> tuple[datasets.Dataset, dict[str, Any]]:
     """A dataset of the generator and its truth."""
-    truth = make(folder, seed, **{**QUIET, **what})
-    return datasets.read(folder), truth
+    truth = make_dataset(folder, seed, **{**QUIET, **what})
+    return datasets.load_dataset(folder), truth
 
 
 def effect(name: str, form: str, **parameters: float) -> dict[str, Any]:
@@ -53,8 +53,8 @@ def friction(tmp_path_factory: pytest.TempPathFactory) -> tuple[Diagnosis, dict[
 
 def test_hidden_friction_is_named_with_its_size(friction: tuple[Diagnosis, dict[str, Any]]) -> None:
     found, truth = friction
-    verdict = as_json(found)
-    assert score(truth, verdict) == "right"
+    verdict = verdict_to_dict(found)
+    assert score_verdict(truth, verdict) == "right"
     assert verdict["verdict"] == "named"
     (only,) = verdict["effects"]
     assert only["form"] == "coulomb"
@@ -64,10 +64,10 @@ def test_hidden_friction_is_named_with_its_size(friction: tuple[Diagnosis, dict[
     gap = verdict["gap"]["force"]
     assert gap["before"] > 3.0 * gap["floor"]
     assert gap["after"] < 1.10 * gap["floor"]
-    assert words.verdict(found) == "The simulated device lacks braid hysteresis (Coulomb)."
-    assert words.equation(found).startswith("If the instruments are right, ")
+    assert words.describe_verdict(found) == "The simulated device lacks braid hysteresis (Coulomb)."
+    assert words.describe_equation_residuals(found).startswith("If the instruments are right, ")
     told = " N rms of force are missing in muscle, damper or tendon; nothing is missing in the supply."
-    assert words.equation(found).endswith(told)
+    assert words.describe_equation_residuals(found).endswith(told)
     assert verdict["split"]["show"] == ["show_1_a", "show_1_b"]
     assert 0.5 < sum(place["share"] for place in verdict["where"]) <= 1.01
     assert verdict["where"][0]["channel"] == "force"
@@ -78,36 +78,36 @@ def test_the_device_file_is_the_fit_and_with_it_nothing_is_missing(
     friction: tuple[Diagnosis, dict[str, Any]], tmp_path: Path
 ) -> None:
     found, _ = friction
-    assert found.final is not None
+    assert found.final_fit is not None
     file = tmp_path / "device.toml"
-    file.write_bytes(augmented(found.final, "test").content)
-    device = load(str(file))
+    file.write_bytes(augment_device(found.final_fit, "test").content)
+    device = load_device(str(file))
     assert device.spec.effects["braid_hysteresis"]["form"] == "coulomb"
     assert device.spec.sources["effects.braid_hysteresis.slope_n_per_bar"] == "fitted by klute-sim diagnose to test"
-    data = datasets.read(found.dataset.folder, device)
-    bench, own, theirs = Bench(2), found.experiments, prepare(data, datasets.split(data))
-    (fitted,) = bench.simulate([found.final.hypothesis.settings(found.final.steps, own)], own)
-    (written,) = bench.simulate([Hypothesis(device, (), ()).settings(np.zeros(0), theirs)], theirs)
+    data = datasets.load_dataset(found.dataset.folder, device)
+    bench, own, theirs = Simulator(2), found.experiments, prepare_experiments(data, datasets.split_dataset(data))
+    (fitted,) = bench.simulate([found.final_fit.hypothesis.build_setups(found.final_fit.x, own)], own)
+    (written,) = bench.simulate([Hypothesis(device, (), ()).build_setups(np.zeros(0), theirs)], theirs)
     bench.close()
     for a, b in zip(fitted, written, strict=True):
         for channel in a:
             assert np.abs(a[channel] - b[channel]).max() < 1e-9 * np.abs(a[channel]).max()
     again = diagnose(data)
     assert again.verdict == "nothing-missing", again.reasons
-    assert as_json(again)["effects"] == []
+    assert verdict_to_dict(again)["effects"] == []
 
 
 @pytest.fixture(scope="module")
 def struck(friction: tuple[Diagnosis, dict[str, Any]]) -> Diagnosis:
     """The same data, asked by someone who knows of no friction."""
     # A few of the others are enough here; all of them are the benchmark's business.
-    return diagnose(friction[0].dataset, Options(only=("muscle_damping", "end_taper", "sensor_gain")))
+    return diagnose(friction[0].dataset, DiagnosisOptions(only=("muscle_damping", "end_taper", "sensor_gain")))
 
 
 @pytest.mark.long
 def test_without_the_true_effect_in_the_catalogue_it_says_so(struck: Diagnosis) -> None:
     assert struck.verdict == "unexplained"
-    assert all(each.get("proxy", each.get("data_driven")) for each in as_json(struck)["effects"])
+    assert all(each.get("proxy", each.get("data_driven")) for each in verdict_to_dict(struck)["effects"])
     assert any("standard errors" in reason for reason in struck.reasons)
     assert any("data-driven term" in reason for reason in struck.reasons)
 
@@ -116,21 +116,21 @@ def test_without_the_true_effect_in_the_catalogue_it_says_so(struck: Diagnosis) 
 def test_a_data_driven_term_stands_in_for_it(struck: Diagnosis) -> None:
     """Found in data of laws that are not ours: friction of two muscles, 6 N/bar each, at 5 bar."""
     pytest.importorskip("pysindy")
-    (only,) = as_json(struck)["effects"]
+    (only,) = verdict_to_dict(struck)["effects"]
     assert only["data_driven"]
     assert only["parameters"].keys() == {"pressure_friction_n"}
     assert only["parameters"]["pressure_friction_n"]["value"] == pytest.approx(60.0, rel=0.03)
-    gap = struck.gap["force"]
-    assert gap.floor is not None
-    assert gap.after**2 - gap.floor**2 < 0.02 * (gap.refitted**2 - gap.floor**2)
+    gap = struck.channel_rms["force"]
+    assert gap.noise_floor is not None
+    assert gap.with_effects**2 - gap.noise_floor**2 < 0.02 * (gap.refitted**2 - gap.noise_floor**2)
 
 
 def test_clean_data_miss_nothing(tmp_path: Path) -> None:
     data, _ = hidden(tmp_path / "clean", 21, block="clean")
     found = diagnose(data)
     assert found.verdict == "nothing-missing", found.reasons
-    assert found.gap["force"].after < 1.1 * found.gap["force"].floor
-    assert as_json(found)["device_file"] is None
+    assert found.channel_rms["force"].with_effects < 1.1 * found.channel_rms["force"].noise_floor
+    assert verdict_to_dict(found)["device_file"] is None
 
 
 @pytest.mark.long
@@ -139,8 +139,8 @@ def test_a_wrong_load_cell_is_no_physics(tmp_path: Path) -> None:
         tmp_path / "instrument", 31, instruments=[{**effect("sensor_gain", "gain", gain=1.06), "channel": "pressure"}]
     )
     found = diagnose(data)
-    assert score(truth, as_json(found)) == "right"
-    entries = {(each["kind"], each["channel"]) for each in as_json(found)["effects"]}
+    assert score_verdict(truth, verdict_to_dict(found)) == "right"
+    entries = {(each["kind"], each["channel"]) for each in verdict_to_dict(found)["effects"]}
     assert ("instrument", "pressure") in entries or found.verdict == "ambiguous"
 
 
@@ -153,28 +153,28 @@ def test_a_wrong_load_cell_is_no_physics(tmp_path: Path) -> None:
 )
 def test_data_that_cannot_answer_are_told_why(defect: str, words: str, tmp_path: Path) -> None:
     data, _ = hidden(tmp_path / defect, 41, defect=defect, block="defective")
-    found = diagnose(data, Options(only=("muscle_damping",)))
+    found = diagnose(data, DiagnosisOptions(only=("muscle_damping",)))
     assert any(words in reason for reason in found.reasons), found.reasons
 
 
 @pytest.mark.long
 def test_without_repeats_only_what_stands_out_is_named(tmp_path: Path) -> None:
     """Noise is only supposed then: nothing can be declared complete, and no floor is known."""
-    options = Options(only=("braid_hysteresis", "muscle_damping", "sensor_gain"))
-    plain = diagnose(datasets.read(made(tmp_path / "plain", repeats=1)), options)
+    options = DiagnosisOptions(only=("braid_hysteresis", "muscle_damping", "sensor_gain"))
+    plain = diagnose(datasets.load_dataset(made(tmp_path / "plain", repeats=1)), options)
     assert plain.verdict == "insufficient-data"
-    assert as_json(plain)["effects"] == []
+    assert verdict_to_dict(plain)["effects"] == []
     effects = {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}
-    found = diagnose(datasets.read(made(tmp_path / "friction", effects, repeats=1)), options)
+    found = diagnose(datasets.load_dataset(made(tmp_path / "friction", effects, repeats=1)), options)
     assert found.verdict == "insufficient-data"
-    assert "braid hysteresis (Coulomb) would explain what stands out" in words.verdict(found)
-    (only,) = as_json(found)["effects"]
+    assert "braid hysteresis (Coulomb) would explain what stands out" in words.describe_verdict(found)
+    (only,) = verdict_to_dict(found)["effects"]
     assert only["name"] == "braid_hysteresis"
     assert only["proxy"]
     slope = only["parameters"]["slope_n_per_bar"]
     assert slope["value"] == pytest.approx(6.0, rel=0.1)
     assert slope["low"] < 6.0 < slope["high"]
-    assert as_json(found)["gap"]["force"]["floor"] is None
+    assert verdict_to_dict(found)["gap"]["force"]["floor"] is None
     for one in (plain, found):
         assert any("Record every input at least twice" in reason for reason in one.reasons)
     write_results(found, tmp_path, report=True)
@@ -190,10 +190,10 @@ def test_a_wrong_repeat_is_told_and_left_out(tmp_path: Path) -> None:
     column = [name.split(" ")[0] for name in head.split(",")].index("force")
     still = [",".join([*cells[:column], "346.0", *cells[column + 1 :]]) for cells in (row.split(",") for row in rows)]
     file.write_text("\n".join([head, *still]) + "\n", "utf-8")
-    found = diagnose(datasets.read(folder), Options(only=("braid_hysteresis", "muscle_damping")))
+    found = diagnose(datasets.load_dataset(folder), DiagnosisOptions(only=("braid_hysteresis", "muscle_damping")))
     assert found.verdict == "named", found.reasons
     assert any("it always shows 346 N in fit_2_1" in reason for reason in found.reasons), found.reasons
-    assert found.noise["force"].deviation < 5.0
+    assert found.noise["force"].std < 5.0
 
 
 def test_when_nothing_is_left_it_says_so(tmp_path: Path) -> None:
@@ -209,7 +209,7 @@ def test_when_nothing_is_left_it_says_so(tmp_path: Path) -> None:
             cells[columns.index(channel)] = str(size * (1.0 + 0.5 * np.sin(0.3 * k)))
         spoiled.append(",".join(cells))
     file.write_text("\n".join([head, *spoiled]) + "\n", "utf-8")
-    found = diagnose(datasets.read(folder), Options(only=("muscle_damping",)))
+    found = diagnose(datasets.load_dataset(folder), DiagnosisOptions(only=("muscle_damping",)))
     assert found.verdict == "insufficient-data"
     assert any(reason.startswith("No usable channel is left") for reason in found.reasons), found.reasons
     assert any("another trial's file?" in reason for reason in found.reasons), found.reasons
@@ -222,7 +222,7 @@ def test_a_channel_that_was_never_repeated_is_told(tmp_path: Path) -> None:
         column = [name.split(" ")[0] for name in head.split(",")].index("force")
         less = [",".join(c for k, c in enumerate(row.split(",")) if k != column) for row in (head, *rows)]
         file.write_text("\n".join(less) + "\n", "utf-8")
-    found = diagnose(datasets.read(folder), Options(only=("seal_friction",)))
+    found = diagnose(datasets.load_dataset(folder), DiagnosisOptions(only=("seal_friction",)))
     assert found.verdict == "insufficient-data"
     assert any("'force' was never recorded twice" in reason for reason in found.reasons), found.reasons
 
@@ -230,30 +230,30 @@ def test_a_channel_that_was_never_repeated_is_told(tmp_path: Path) -> None:
 def test_an_effect_that_the_device_has_can_be_uncertain(tmp_path: Path) -> None:
     """The file that a diagnosis wrote comes back, its effect now one of the uncertain numbers."""
     folder = made(tmp_path / "seal", {("seal_friction", "coulomb"): {"force_n": 30.0}}, seconds=2.0)
-    text = load("klute-3-4-pair").content.decode() + "\n[effects.seal_friction]\nforce_n = 20.0\n"
+    text = load_device("klute-3-4-pair").content.decode() + "\n[effects.seal_friction]\nforce_n = 20.0\n"
     (folder / "with_seal.toml").write_text(text, "utf-8")
     toml = (folder / "dataset.toml").read_text("utf-8").replace('"klute-3-4-pair"', '"with_seal.toml"')
     toml = toml.replace("[uncertain]\n", '[uncertain]\n"effects.seal_friction.force_n" = "50 %"\n')
     (folder / "dataset.toml").write_text(toml, "utf-8")
-    found = diagnose(datasets.read(folder), Options(only=("muscle_damping",)))
+    found = diagnose(datasets.load_dataset(folder), DiagnosisOptions(only=("muscle_damping",)))
     assert found.verdict == "nothing-missing", found.reasons
-    assert found.final is not None
-    values = dict(zip([u.key for u in found.final.hypothesis.unknowns], found.final.values, strict=True))
+    assert found.final_fit is not None
+    values = dict(zip([u.key for u in found.final_fit.hypothesis.parameters], found.final_fit.values, strict=True))
     assert values["effects.seal_friction.force_n"] == pytest.approx(30.0, rel=0.05)
 
 
 @pytest.mark.long
 def test_the_dissertations_own_ladder(tmp_path: Path) -> None:
     """A geometric model, and data of the device with its bladder and its friction: both are found."""
-    text = load("klute-3-4-pair").content.decode()
+    text = load_device("klute-3-4-pair").content.decode()
     geometric = text.replace("[muscle]\n", "[muscle]\nbladder = false\nfriction = false\n", 1)
     assert "bladder = false" in geometric
     folder = made(tmp_path / "ladder")
     (folder / "geometric.toml").write_text(geometric, "utf-8")
     toml = (folder / "dataset.toml").read_text("utf-8").replace('"klute-3-4-pair"', '"geometric.toml"')
     (folder / "dataset.toml").write_text(toml.replace('"muscle.friction_slope_n_per_bar" = "10 %"\n', ""), "utf-8")
-    found = diagnose(datasets.read(folder))
-    entries = {each["name"]: each["parameters"] for each in as_json(found)["effects"]}
+    found = diagnose(datasets.load_dataset(folder))
+    entries = {each["name"]: each["parameters"] for each in verdict_to_dict(found)["effects"]}
     assert found.verdict == "named", found.reasons
     assert set(entries) == {"bladder", "friction_offset"}  # the larger one first, whichever it is in these data
     assert entries["bladder"]["c10_kpa"]["value"] == pytest.approx(118.4, rel=0.03)
@@ -274,7 +274,7 @@ def test_the_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     }
     assert verdict["schema"] == "klute-sim-verdict/1"
     assert verdict["effects"][0]["parameters"]["coefficient_n_s_per_m"]["value"] == pytest.approx(400.0, rel=0.05)
-    device = load(str(tmp_path / "found" / "device.toml"))
+    device = load_device(str(tmp_path / "found" / "device.toml"))
     assert device.spec.effects["muscle_damping"]["form"] == "viscous"
     told = run("diagnose", str(folder), "--out", str(tmp_path / "again"), "--no-report", *only)
     assert "The simulated device lacks muscle damping (viscous)." in told.stdout

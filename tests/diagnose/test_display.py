@@ -10,26 +10,28 @@ from hypothesis import strategies as st
 
 from klute_sim.dataset import dataset as datasets
 from klute_sim.dataset.trial import Series
-from klute_sim.device.files import load
-from klute_sim.diagnose.diagnosis import Options, diagnose
-from klute_sim.diagnose.display import Display, displayed
+from klute_sim.device.files import load_device
+from klute_sim.diagnose.diagnosis import DiagnosisOptions, diagnose
+from klute_sim.diagnose.display import Quantizer, detect_quantizers
 from klute_sim.diagnose.experiment import Experiment
-from klute_sim.diagnose.on_bench import OnBench
-from klute_sim.diagnose.verdict import as_json
+from klute_sim.diagnose.on_bench import BenchExperiment
+from klute_sim.diagnose.verdict import verdict_to_dict
 from klute_sim.report import diagnosis_words as words
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "hidden_effects"))
-from generate import make
-from score import score
+from generate import make_dataset
+from score import score_verdict
 
 RANDOM = np.random.default_rng(4)
 TRUE = 200.0 + 150.0 * np.sin(np.arange(3000) / 300.0)
 
 
 def repeats(values: list[np.ndarray]) -> list[Experiment]:
-    device, time, nothing = load("klute-3-4-pair"), np.arange(len(values[0])) * 0.005, np.zeros(3)
+    device, time, nothing = load_device("klute-3-4-pair"), np.arange(len(values[0])) * 0.005, np.zeros(3)
     return [
-        OnBench(f"{k}", "g", "fit", device, 0.0, 0.005, nothing, {"force": Series(time, v)}, unit_length=nothing)
+        BenchExperiment(
+            f"{k}", "g", "fit", device, 0.0, 0.005, nothing, {"force": Series(time, v)}, unit_length=nothing
+        )
         for k, v in enumerate(values)
     ]
 
@@ -43,9 +45,9 @@ def rounded(value: np.ndarray, step: float, zero: float = 0.0) -> np.ndarray:
 def test_step_and_noise_are_read_off_the_data(step: float, zero: float) -> None:
     noisy = [rounded(TRUE + RANDOM.normal(0.0, 1.5, len(TRUE)), step, zero).round(3) for _ in range(2)]
     every = repeats(noisy)
-    found = displayed(every, every)[1]["force"]
-    assert abs(found.step - step) < found.error < 0.01 * step
-    offset = (found.zero - zero) / step
+    found = detect_quantizers(every, every)[1]["force"]
+    assert abs(found.resolution - step) < found.resolution_error < 0.01 * step
+    offset = (found.offset - zero) / step
     assert abs(offset - round(offset)) < 0.01
     if 0.1 < 1.5 / step < 0.5:
         assert found.dither == pytest.approx(1.5 / step, rel=0.15)
@@ -56,7 +58,7 @@ def test_figures_are_no_display(step: float) -> None:
     """Decimals, and steps that are lost in the noise, are not worth a word."""
     noisy = [TRUE + RANDOM.normal(0.0, 3.0, len(TRUE)) for _ in range(2)]
     every = repeats([rounded(v, step) if step else v for v in noisy])
-    assert displayed(every, every)[1] == {}
+    assert detect_quantizers(every, every)[1] == {}
 
 
 @pytest.mark.parametrize("dither", [0.1, 0.2, 0.4])
@@ -64,24 +66,24 @@ def test_a_display_shows_the_mean_of_what_noise_lets_it_show(dither: float) -> N
     step, zero = 12.0, 1.0
     value = np.linspace(-20.0, 20.0, 41)
     drawn = rounded(value + RANDOM.normal(0.0, dither * step, (20_000, 41)), step, zero).mean(axis=0)
-    assert Display(step, 0.0, zero, dither).shows(value) == pytest.approx(drawn, abs=0.02 * step)
+    assert Quantizer(step, 0.0, zero, dither).quantize(value) == pytest.approx(drawn, abs=0.02 * step)
 
 
 @pytest.mark.long
 def test_a_quantised_force_is_named_and_leaves_no_more_than_noise(tmp_path: Path) -> None:
     fault = {"name": "quantisation", "form": "linear", "channel": "force", "parameters": {"step": 17.0}}
-    truth = make(tmp_path / "d", 5, instruments=[fault], muscle_length=False)
-    dataset = datasets.read(tmp_path / "d")
-    found = diagnose(dataset, Options(only=("muscle_damping", "end_taper")))
-    verdict = as_json(found)
-    assert score(truth, verdict) == "right"
+    truth = make_dataset(tmp_path / "d", 5, instruments=[fault], muscle_length=False)
+    dataset = datasets.load_dataset(tmp_path / "d")
+    found = diagnose(dataset, DiagnosisOptions(only=("muscle_damping", "end_taper")))
+    verdict = verdict_to_dict(found)
+    assert score_verdict(truth, verdict) == "right"
     (step,) = verdict["effects"][0]["parameters"].values()
     assert step["low"] < 17.0 < step["high"]
     assert step["high"] - step["low"] < 0.01
-    assert words.verdict(found) == "An instrument is at fault: quantisation of force."
+    assert words.describe_verdict(found) == "An instrument is at fault: quantisation of force."
     assert any("17 N" in reason for reason in found.reasons)
-    gap = found.gap["force"]
-    assert gap.floor is not None
-    assert gap.after < 1.1 * gap.floor
-    quiet = diagnose(dataset, Options(only=("muscle_damping",), exclude=("quantisation",)))
+    gap = found.channel_rms["force"]
+    assert gap.noise_floor is not None
+    assert gap.with_effects < 1.1 * gap.noise_floor
+    quiet = diagnose(dataset, DiagnosisOptions(only=("muscle_damping",), exclude=("quantisation",)))
     assert quiet.verdict == "nothing-missing"

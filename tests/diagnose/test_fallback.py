@@ -12,176 +12,186 @@ import pytest
 from made import dataset as made
 
 from klute_sim.cli.diagnose import _print
-from klute_sim.cli.diagnose import write as write_results
+from klute_sim.cli.diagnose import write_results as write_results
 from klute_sim.dataset import dataset as datasets
-from klute_sim.device.files import load, read
+from klute_sim.device.files import load_device, parse_device
 from klute_sim.diagnose import noise as noises
-from klute_sim.diagnose.diagnosis import Diagnosis, Options, base_fit, diagnose
-from klute_sim.diagnose.equations import Equation, equations
-from klute_sim.diagnose.experiment import Bench
-from klute_sim.diagnose.fallback import fallback, formula, supports
+from klute_sim.diagnose.diagnosis import Diagnosis, DiagnosisOptions, diagnose, fit_base_device
+from klute_sim.diagnose.equations import EquationResidual, compute_equation_residuals
+from klute_sim.diagnose.experiment import Simulator
+from klute_sim.diagnose.fallback import find_supports, fit_discrepancy_term, format_formula
 from klute_sim.diagnose.fit import Fit
-from klute_sim.diagnose.hypothesis import Hypothesis, Term
-from klute_sim.diagnose.prepare import prepare
-from klute_sim.diagnose.screen import check_names, terms
-from klute_sim.diagnose.search import Search
-from klute_sim.diagnose.store import Store
-from klute_sim.diagnose.verdict import as_json
+from klute_sim.diagnose.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnose.prepare import prepare_experiments
+from klute_sim.diagnose.screen import check_effect_names, list_candidate_terms
+from klute_sim.diagnose.search import ForwardSelection
+from klute_sim.diagnose.store import FitCache
+from klute_sim.diagnose.verdict import verdict_to_dict
 from klute_sim.effects import catalogue, unknown
 from klute_sim.errors import InputError
 from klute_sim.report import diagnosis_page as page
 from klute_sim.report import diagnosis_words as words
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "hidden_effects"))
-from generate import make
+from generate import make_dataset
 
 FORCE = ("unknown_force", "sparse")
 HIDDEN = {FORCE: {"begin_n": -120.0, "pressure_friction_n": 60.0}}
 """No effect of the catalogue does both."""
-LACKING = [Equation("muscle, damper or tendon", 30.0, 1000.0, 3.0)]
+LACKING = [EquationResidual("muscle, damper or tendon", 30.0, 1000.0, 3.0)]
 
 
-def searched(folder: Path, hidden: dict[tuple[str, str], dict[str, float]]) -> Iterator[tuple[Search, Fit]]:
+def searched(folder: Path, hidden: dict[tuple[str, str], dict[str, float]]) -> Iterator[tuple[ForwardSelection, Fit]]:
     """A search that knows no effect, and the fit it begins with."""
-    data = datasets.read(made(folder, hidden, groups=("fit_1", "fit_2", "select_1"), seconds=2.0))
+    data = datasets.load_dataset(made(folder, hidden, groups=("fit_1", "fit_2", "select_1"), seconds=2.0))
     # What one test has fitted, the next need not.
-    every, bench, store = prepare(data, datasets.split(data)), Bench(2), Store(str(folder))
-    base, evidence = base_fit(data, [e for e in every if e.use == "fit"], bench, store)
+    every, bench, store = prepare_experiments(data, datasets.split_dataset(data)), Simulator(2), FitCache(str(folder))
+    base, evidence = fit_base_device(data, [e for e in every if e.use == "fit"], bench, store)
     kept = [e for e in every if e.use == "select"]
-    selection = [evidence.on([e for e in kept if e.group == group]) for group in noises.groups(kept)]
-    yield Search(evidence, selection, []), base
+    selection = [
+        evidence.with_experiments([e for e in kept if e.group == group]) for group in noises.group_repeats(kept)
+    ]
+    yield ForwardSelection(evidence, selection, []), base
     bench.close()
-    store.forget()
+    store.clear()
 
 
 @pytest.fixture(scope="module")
-def lacking(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Search, Fit]]:
+def lacking(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ForwardSelection, Fit]]:
     yield from searched(tmp_path_factory.mktemp("lacking") / "d", HIDDEN)
 
 
 @pytest.fixture(scope="module")
-def clean(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Search, Fit]]:
+def clean(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ForwardSelection, Fit]]:
     yield from searched(tmp_path_factory.mktemp("clean") / "d", {})
 
 
 def own(found: Fit) -> dict[str, float]:
     """The fitted numbers of what was added."""
-    rows = zip(found.hypothesis.unknowns, found.values, strict=True)
-    return {u.key: value for u, value in rows if u.term is not None}
+    rows = zip(found.hypothesis.parameters, found.values, strict=True)
+    return {u.key: value for u, value in rows if u.term_index is not None}
 
 
-def test_functions_and_coefficients_that_are_there_are_found(lacking: tuple[Search, Fit]) -> None:
+def test_functions_and_coefficients_that_are_there_are_found(lacking: tuple[ForwardSelection, Fit]) -> None:
     pytest.importorskip("pysindy")
     search, base = lacking
-    found = fallback(search, base, base, equations(search.evidence, base))
-    assert found.fit is not None, found.why
+    found = fit_discrepancy_term(search, base, base, compute_equation_residuals(search.data, base))
+    assert found.fit is not None, found.reason
     assert own(found.fit) == pytest.approx(HIDDEN[FORCE], rel=0.05)
-    assert "A data-driven term at the equation of muscle, damper or tendon stands in" in found.why
-    assert not search.lacks(found.fit)
-    assert search.lacks(base)
+    assert "A data-driven term at the equation of muscle, damper or tendon stands in" in found.reason
+    assert not search.has_misfit(found.fit)
+    assert search.has_misfit(base)
 
 
 @pytest.mark.long
 def test_a_supply_that_lags_is_found_in_its_own_equation(tmp_path: Path) -> None:
     pytest.importorskip("pysindy")
     for search, base in searched(tmp_path / "d", {("pressure_lag", "first_order"): {"time_constant_s": 0.05}}):
-        found = fallback(search, base, base, equations(search.evidence, base))
-        assert "at the equation of supply" in found.why
+        found = fit_discrepancy_term(search, base, base, compute_equation_residuals(search.data, base))
+        assert "at the equation of supply" in found.reason
         assert found.fit is not None
         assert own(found.fit) == pytest.approx({"lag_s": 0.05}, rel=0.03)
 
 
-def test_regression_goes_from_many_functions_to_few(lacking: tuple[Search, Fit]) -> None:
+def test_regression_goes_from_many_functions_to_few(lacking: tuple[ForwardSelection, Fit]) -> None:
     pytest.importorskip("pysindy")
     search, base = lacking
-    found = supports(search.evidence, base, unknown.FORCE)
-    assert [len(each.term.keys) for each in found] == [1, 2, 3, 4]
+    found = find_supports(search.data, base, unknown.UNKNOWN_FORCE)
+    assert [len(each.term.parameter_keys) for each in found] == [1, 2, 3, 4]
     for fewer, more in pairwise(found):
-        assert set(fewer.term.keys) < set(more.term.keys)
-    assert set(found[1].term.keys) == set(HIDDEN[FORCE])
-    assert max(found, key=lambda each: each.promise) is found[1]
+        assert set(fewer.term.parameter_keys) < set(more.term.parameter_keys)
+    assert set(found[1].term.parameter_keys) == set(HIDDEN[FORCE])
+    assert max(found, key=lambda each: each.predicted_bic_gain) is found[1]
     # Three functions are few enough to be all there.
-    assert len(supports(search.evidence, base, unknown.TENDON)[-1].term.keys) <= 3
+    assert len(find_supports(search.data, base, unknown.UNKNOWN_TENDON_FORCE)[-1].term.parameter_keys) <= 3
 
 
-def test_clean_data_get_no_term(clean: tuple[Search, Fit]) -> None:
+def test_clean_data_get_no_term(clean: tuple[ForwardSelection, Fit]) -> None:
     pytest.importorskip("pysindy")
     search, base = clean
-    nothing = fallback(search, base, base, equations(search.evidence, base))
+    nothing = fit_discrepancy_term(search, base, base, compute_equation_residuals(search.data, base))
     assert nothing.fit is None
-    assert "it is not known which equation lacks something" in nothing.why
-    assert fallback(search, base, base, LACKING).fit is None  # nor if an equation were suspected
+    assert "it is not known which equation lacks something" in nothing.reason
+    assert fit_discrepancy_term(search, base, base, LACKING).fit is None  # nor if an equation were suspected
 
 
-def test_what_other_trials_lose_from_is_not_kept(lacking: tuple[Search, Fit], clean: tuple[Search, Fit]) -> None:
+def test_what_other_trials_lose_from_is_not_kept(
+    lacking: tuple[ForwardSelection, Fit], clean: tuple[ForwardSelection, Fit]
+) -> None:
     pytest.importorskip("pysindy")
     search, base = lacking
-    elsewhere = replace(search, selection=clean[0].selection, steps=[])
-    found = fallback(elsewhere, base, base, LACKING)
+    elsewhere = replace(search, validation_data=clean[0].validation_data, history=[])
+    found = fit_discrepancy_term(elsewhere, base, base, LACKING)
     assert found.fit is None
-    assert "tried and not kept: unknown_force fits, but trials that were not fitted get worse" in found.why
+    assert "tried and not kept: unknown_force fits, but trials that were not fitted get worse" in found.reason
 
 
-def test_without_the_extra_that_is_said(lacking: tuple[Search, Fit], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_extra_that_is_said(lacking: tuple[ForwardSelection, Fit], monkeypatch: pytest.MonkeyPatch) -> None:
     for module in ("pysindy", "pysindy.optimizers"):
         monkeypatch.setitem(sys.modules, module, None)
-    found = fallback(*lacking, lacking[1], LACKING)
+    found = fit_discrepancy_term(*lacking, lacking[1], LACKING)
     assert found.fit is None
-    assert found.why.startswith("No data-driven term was looked for: a data-driven term needs the optional extra 'spar")
-    assert found.why.count(". ") == 0
+    assert found.reason.startswith(
+        "No data-driven term was looked for: a data-driven term needs the optional extra 'spar"
+    )
+    assert found.reason.count(". ") == 0
 
 
-def test_what_is_excluded_or_there_already_is_not_looked_for(lacking: tuple[Search, Fit]) -> None:
-    assert "not known which equation" in fallback(*lacking, lacking[1], LACKING, ("unknown_force",)).why
+def test_what_is_excluded_or_there_already_is_not_looked_for(lacking: tuple[ForwardSelection, Fit]) -> None:
+    assert "not known which equation" in fit_discrepancy_term(*lacking, lacking[1], LACKING, ("unknown_force",)).reason
 
 
-def test_no_diagnosis_takes_it_for_a_name(lacking: tuple[Search, Fit]) -> None:
-    device = load("klute-3-4-pair")
-    assert not {term.effect for term in terms(lacking[0].evidence, device)} - set(catalogue.named())
+def test_no_diagnosis_takes_it_for_a_name(lacking: tuple[ForwardSelection, Fit]) -> None:
+    device = load_device("klute-3-4-pair")
+    assert not {term.effect for term in list_candidate_terms(lacking[0].data, device)} - set(
+        catalogue.get_named_effects()
+    )
     with pytest.raises(InputError, match="'unknown_force' is no effect to look for: it is data-driven"):
-        check_names(device, ("unknown_force",), ())
-    check_names(device, (), ("unknown_force",))
+        check_effect_names(device, ("unknown_force",), ())
+    check_effect_names(device, (), ("unknown_force",))
 
 
 def test_a_formula_reads_in_units() -> None:
     values = {"pressure_n": -12.34, "pressure_friction_n": 60.0, "speed_squared_n": 0.0}
-    assert unknown.formula(unknown.FORCE, values) == (
+    assert unknown.format_equation(unknown.UNKNOWN_FORCE, values) == (
         "F += - 12.3 N p + 60 N p d; p = P/(5 bar); d = v/sqrt(v^2 + (1 mm/s)^2)"
     )
     values = {"offset_bar": -0.1, "command_bar": 0.2, "dead_band_bar": 0.05, "lag_s": 0.02, "falling_lag_s": -0.01}
-    assert unknown.formula(unknown.PRESSURE, values) == (
+    assert unknown.format_equation(unknown.UNKNOWN_PRESSURE, values) == (
         "target = command - 0.1 bar + 0.2 bar c; dead band = 0.05 bar; dP/dt = (target - P)/tau, "
         "tau = 0.02 s - 0.01 s f; c = command/(5 bar); f = 1 while P falls"
     )
 
 
 def test_a_device_file_may_leave_out_what_is_neutral() -> None:
-    text = load("klute-3-4-pair").content.decode() + "\n[effects.unknown_force]\npressure_friction_n = 60.0\n"
-    device = read(text.encode(), "test")
-    place = catalogue.slot(*FORCE)
-    given = device.parameters.effects[place.at : place.at + 1 + len(place.form.parameters)]
+    text = load_device("klute-3-4-pair").content.decode() + "\n[effects.unknown_force]\npressure_friction_n = 60.0\n"
+    device = parse_device(text.encode(), "test")
+    place = catalogue.find_slot(*FORCE)
+    given = device.parameters.effects[place.switch_index : place.switch_index + 1 + len(place.form.parameters)]
     assert [k for k, value in enumerate(given) if value] == [0, 10]
     with pytest.raises(InputError, match=r"pressure_friction_n = -1.0 is refused; allowed: 0 to 1000"):
-        read(text.replace("friction_n = 60.0", "friction_n = -1.0").encode(), "test")
+        parse_device(text.replace("friction_n = 60.0", "friction_n = -1.0").encode(), "test")
 
 
 def test_the_functions_are_what_the_formula_says() -> None:
     """At 2.5 bar, an eighth shorter, 100 mm/s: every function by hand."""
-    muscle = load("klute-3-4-pair").parameters.muscle
+    muscle = load_device("klute-3-4-pair").parameters.muscle
     arguments = ((), 7.0, muscle, 2.5e5, 0.875 * muscle.resting_length, 0.1)
     p, b, e, d, s = 0.5, 2.5 / 3.0, 0.5, 1.0, np.sqrt(0.5)
     wanted = [p, p * p, b, b * e, e, e * e, p * e, p * e * e, d, p * d, e * d, s, p * s, s * s]
     for row, value in zip(np.eye(len(wanted)), wanted, strict=True):
-        assert unknown.pulled(row, *arguments) - 7.0 == pytest.approx(value, rel=1e-3)
+        assert unknown.sparse_force(row, *arguments) - 7.0 == pytest.approx(value, rel=1e-3)
     for row, value in zip(np.eye(3), [0.2, 0.04, 2.0 / 3.0], strict=True):
-        assert unknown.tied(row, (), 7.0, 2e-3) - 7.0 == pytest.approx(value)
-        assert unknown.tied(row, (), 0.0, -2e-3) == 0.0
+        assert unknown.sparse_tendon_force(row, (), 7.0, 2e-3) - 7.0 == pytest.approx(value)
+        assert unknown.sparse_tendon_force(row, (), 0.0, -2e-3) == 0.0
     rest = [0.0] * 6
-    assert unknown.held([0.1e5, *rest], (), 3e5, 1e5, 1e-3) == pytest.approx(3.1e5)
-    assert unknown.held([0.0, 0.0, 0.0, 0.1e5, 0.0, 0.0, 0.0], (), 3e5, 2.95e5, 1e-3) == pytest.approx(2.95e5)
-    assert unknown.held([0.0, 0.0, 0.0, 0.1e5, 0.0, 0.0, 0.0], (), 3e5, 1e5, 1e-3) == pytest.approx(2.9e5)
-    assert unknown.held([*[0.0] * 4, 0.01, 0.0, 0.0], (), 3e5, 1e5, 0.01) == pytest.approx(2e5)
-    assert unknown.held([*[0.0] * 4, 0.0, 0.0, 0.01], (), 3e5, 1e5, 0.01) == 3e5
+    assert unknown.sparse_pressure([0.1e5, *rest], (), 3e5, 1e5, 1e-3) == pytest.approx(3.1e5)
+    assert unknown.sparse_pressure([0.0, 0.0, 0.0, 0.1e5, 0.0, 0.0, 0.0], (), 3e5, 2.95e5, 1e-3) == pytest.approx(
+        2.95e5
+    )
+    assert unknown.sparse_pressure([0.0, 0.0, 0.0, 0.1e5, 0.0, 0.0, 0.0], (), 3e5, 1e5, 1e-3) == pytest.approx(2.9e5)
+    assert unknown.sparse_pressure([*[0.0] * 4, 0.01, 0.0, 0.0], (), 3e5, 1e5, 0.01) == pytest.approx(2e5)
+    assert unknown.sparse_pressure([*[0.0] * 4, 0.0, 0.0, 0.01], (), 3e5, 1e5, 0.01) == 3e5
 
 
 @pytest.fixture(scope="module")
@@ -191,11 +201,11 @@ def unnamed(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
     folder = made(
         tmp_path_factory.mktemp("unnamed") / "d", {("braid_hysteresis", "coulomb"): {"slope_n_per_bar": 6.0}}, seed=5
     )
-    return diagnose(datasets.read(folder), Options(only=("end_taper", "threshold_pressure")))
+    return diagnose(datasets.load_dataset(folder), DiagnosisOptions(only=("end_taper", "threshold_pressure")))
 
 
 def test_the_verdict_stays_unexplained_and_the_gap_closes(unnamed: Diagnosis) -> None:
-    verdict = as_json(unnamed)
+    verdict = verdict_to_dict(unnamed)
     assert verdict["verdict"] == "unexplained"
     *proxies, term = verdict["effects"]
     assert all(each["proxy"] and "data_driven" not in each for each in proxies)
@@ -208,7 +218,7 @@ def test_the_verdict_stays_unexplained_and_the_gap_closes(unnamed: Diagnosis) ->
     assert friction["low"] < friction["value"] < friction["high"]
     assert f"{friction['value']:.3g} N p d" in term["formula"]
     gap = verdict["gap"]["force"]
-    assert unnamed.shown_on == "show"
+    assert unnamed.evaluated_on == "show"
     left = (gap["after"] ** 2 - gap["floor"] ** 2) / (gap["before"] ** 2 - gap["floor"] ** 2)
     assert left < 0.05
     assert verdict["alternatives"] == []
@@ -217,13 +227,13 @@ def test_the_verdict_stays_unexplained_and_the_gap_closes(unnamed: Diagnosis) ->
 
 def test_the_device_file_is_the_fit_with_the_term_in_it(unnamed: Diagnosis, tmp_path: Path) -> None:
     write_results(unnamed, tmp_path, report=False)
-    device = load(str(tmp_path / "device.toml"))
-    assert unnamed.final is not None
-    assert device.spec.effects["unknown_force"].keys() == {"form", *unnamed.found[-1].keys}
-    data = datasets.read(unnamed.dataset.folder, device)
-    bench, ours, theirs = Bench(2), unnamed.experiments, prepare(data, datasets.split(data))
-    (fitted,) = bench.simulate([unnamed.final.hypothesis.settings(unnamed.final.steps, ours)], ours)
-    (written,) = bench.simulate([Hypothesis(device, (), ()).settings(np.zeros(0), theirs)], theirs)
+    device = load_device(str(tmp_path / "device.toml"))
+    assert unnamed.final_fit is not None
+    assert device.spec.effects["unknown_force"].keys() == {"form", *unnamed.added_terms[-1].parameter_keys}
+    data = datasets.load_dataset(unnamed.dataset.folder, device)
+    bench, ours, theirs = Simulator(2), unnamed.experiments, prepare_experiments(data, datasets.split_dataset(data))
+    (fitted,) = bench.simulate([unnamed.final_fit.hypothesis.build_setups(unnamed.final_fit.x, ours)], ours)
+    (written,) = bench.simulate([Hypothesis(device, (), ()).build_setups(np.zeros(0), theirs)], theirs)
     bench.close()
     for a, b in zip(fitted, written, strict=True):
         for channel in a:
@@ -231,10 +241,10 @@ def test_the_device_file_is_the_fit_with_the_term_in_it(unnamed: Diagnosis, tmp_
 
 
 def test_page_and_terminal_say_that_it_is_no_name(unnamed: Diagnosis, capsys: pytest.CaptureFixture[str]) -> None:
-    assert unnamed.final is not None
-    said, line = words.verdict(unnamed), formula(unnamed.final)
+    assert unnamed.final_fit is not None
+    said, line = words.describe_verdict(unnamed), format_formula(unnamed.final_fit)
     assert "a data-driven term, which names nothing, stands in for it" in said
-    html = page.render(unnamed, {})
+    html = page.render_page(unnamed, {})
     assert line in html
     assert "unknown force (data-driven)" in html
     assert "unknown force (a proxy)" not in html
@@ -259,16 +269,16 @@ def test_most_of_what_has_no_name_goes(name: str, tmp_path: Path) -> None:
     pytest.importorskip("pysindy")
     seed, form, parameters, least = STRUCK[name]
     truth: list[dict[str, Any]] = [{"name": name, "form": form, "parameters": parameters}]
-    make(tmp_path / "d", seed, muscle_length=False, effects=truth)
-    found = diagnose(datasets.read(tmp_path / "d"), Options(exclude=(name,)))
+    make_dataset(tmp_path / "d", seed, muscle_length=False, effects=truth)
+    found = diagnose(datasets.load_dataset(tmp_path / "d"), DiagnosisOptions(exclude=(name,)))
     assert found.verdict == "unexplained", found.reasons
-    assert found.found[-1].entry.data_driven
-    gap = found.gap["force"]
-    assert gap.floor is not None
-    assert 1.0 - (gap.after**2 - gap.floor**2) / (gap.refitted**2 - gap.floor**2) > least
+    assert found.added_terms[-1].effect_definition.data_driven
+    gap = found.channel_rms["force"]
+    assert gap.noise_floor is not None
+    assert 1.0 - (gap.with_effects**2 - gap.noise_floor**2) / (gap.refitted**2 - gap.noise_floor**2) > least
 
 
 def test_a_term_of_some_functions_has_only_those_unknowns() -> None:
-    term = Term(*FORCE, None, ("pressure_n", "speed_n"))
-    hypothesis = Hypothesis(load("klute-3-4-pair"), (), (), (term,))
-    assert [u.key for u in hypothesis.unknowns] == ["pressure_n", "speed_n"]
+    term = EffectTerm(*FORCE, None, ("pressure_n", "speed_n"))
+    hypothesis = Hypothesis(load_device("klute-3-4-pair"), (), (), (term,))
+    assert [u.key for u in hypothesis.parameters] == ["pressure_n", "speed_n"]

@@ -8,13 +8,20 @@ from made import coloured
 from scipy.ndimage import gaussian_filter1d
 
 from klute_sim.dataset.trial import Series
-from klute_sim.device.files import load
-from klute_sim.diagnose.experiment import Bench
-from klute_sim.diagnose.fit import Evidence, Fit
+from klute_sim.device.files import load_device
+from klute_sim.diagnose.experiment import Simulator
+from klute_sim.diagnose.fit import Fit, WeightedData
 from klute_sim.diagnose.hypothesis import Hypothesis
-from klute_sim.diagnose.interval import BLOCK, Part, degrees, in_place, intervals, shifted
-from klute_sim.diagnose.noise import measure
-from klute_sim.diagnose.on_bench import OnBench
+from klute_sim.diagnose.interval import (
+    NOISE_BLOCK_TIME,
+    ChannelInfluence,
+    combine_degrees_of_freedom,
+    compute_confidence_intervals,
+    estimate_block_variances,
+    estimate_spectral_variances,
+)
+from klute_sim.diagnose.noise import estimate_noise_from_repeats
+from klute_sim.diagnose.on_bench import BenchExperiment
 
 SAMPLES, STEP, TRUE = 800, 0.005, 70.0
 TIME = np.arange(SAMPLES) * STEP
@@ -37,18 +44,18 @@ def in_one_place(random: np.random.Generator, where: np.ndarray) -> np.ndarray:
 
 def covered(noise: Callable[[np.random.Generator, np.ndarray], np.ndarray], draws: int) -> float:
     """Share of intervals that hold the truth, of a number that shows in three trials of two repeats each."""
-    device, random, bench, nothing = load("klute-3-4-pair"), np.random.default_rng(5), Bench(1), np.zeros(3)
+    device, random, bench, nothing = load_device("klute-3-4-pair"), np.random.default_rng(5), Simulator(1), np.zeros(3)
     hypothesis = Hypothesis(device, (("tendon.stiffness_1_n_per_mm", 40.0),), (("force", 3.0),))
     shape = gaussian_filter1d(random.normal(size=(3, SAMPLES)), 40.0, axis=1)
     shape = 30.0 * shape / shape.std()
     where = np.exp(-0.5 * ((TIME - 2.0) / 0.05) ** 2)
     shape += 300.0 * where if noise is in_one_place else 0.0
-    (unknown,) = hypothesis.unknowns
+    (unknown,) = hypothesis.parameters
     held = 0
     for _ in range(draws):
         rows = [noise(random, where) for _ in range(6)]
         experiments = [
-            OnBench(
+            BenchExperiment(
                 f"{k}",
                 f"g{k // 2}",
                 "fit",
@@ -62,12 +69,14 @@ def covered(noise: Callable[[np.random.Generator, np.ndarray], np.ndarray], draw
             for k, row in enumerate(rows)
         ]
         residuals = [{"force": row} for row in rows]
-        evidence = Evidence(bench, experiments, measure(experiments, residuals))
-        vector = np.append(evidence.weighted(residuals), 0.0)
-        columns = -evidence.weighted([{"force": shape[k // 2]} for k in range(6)])
+        evidence = WeightedData(bench, experiments, estimate_noise_from_repeats(experiments, residuals))
+        vector = np.append(evidence.weight_residuals(residuals), 0.0)
+        columns = -evidence.weight_residuals([{"force": shape[k // 2]} for k in range(6)])
         jacobian = np.append(columns, 1.0)[:, np.newaxis]
-        steps = np.array([unknown.steps(TRUE)]) - np.linalg.pinv(jacobian) @ vector
-        ((low, high),) = intervals(evidence, Fit(hypothesis, steps, vector, jacobian, True, residuals))
+        steps = np.array([unknown.normalize(TRUE)]) - np.linalg.pinv(jacobian) @ vector
+        ((low, high),) = compute_confidence_intervals(
+            evidence, Fit(hypothesis, steps, vector, jacobian, True, residuals)
+        )
         held += low <= TRUE <= high
     bench.close()
     return held / draws
@@ -85,34 +94,36 @@ def test_noise_that_is_shifted_is_the_mean_over_all_shifts() -> None:
     random = np.random.default_rng(1)
     drawn = gaussian_filter1d(random.normal(size=(2, 4, 60)), 2.0, axis=-1, mode="wrap")
     follow, noise = drawn[:, :3], drawn[:, 3]
-    found = shifted([[Part(f, n[np.newaxis], STEP) for f, n in zip(follow, noise, strict=True)]])
+    found = estimate_spectral_variances(
+        [[ChannelInfluence(f, n[np.newaxis], STEP) for f, n in zip(follow, noise, strict=True)]]
+    )
     each = [sum(f @ np.roll(n, k) for f, n in zip(follow, noise, strict=True)) for k in range(60)]
-    assert found.of.sum(axis=1) == pytest.approx(np.mean(np.square(each), axis=0), rel=1e-6)
-    slower = Part(follow[1][:, ::2], noise[1][np.newaxis, ::2], 2.0 * STEP)
-    both = shifted([[Part(follow[0], noise[0][np.newaxis], STEP), slower]])
+    assert found.components.sum(axis=1) == pytest.approx(np.mean(np.square(each), axis=0), rel=1e-6)
+    slower = ChannelInfluence(follow[1][:, ::2], noise[1][np.newaxis, ::2], 2.0 * STEP)
+    both = estimate_spectral_variances([[ChannelInfluence(follow[0], noise[0][np.newaxis], STEP), slower]])
     each = [follow[0] @ np.roll(noise[0], k) + 0.5 * follow[1] @ np.roll(noise[1], k) for k in range(60)]
-    assert both.of.sum(axis=1) == pytest.approx(np.mean(np.square(each), axis=0), rel=1e-3)
+    assert both.components.sum(axis=1) == pytest.approx(np.mean(np.square(each), axis=0), rel=1e-3)
 
 
 def test_noise_in_place_is_the_square_of_what_each_block_did() -> None:
-    random, samples = np.random.default_rng(2), round(4 * BLOCK / STEP)
+    random, samples = np.random.default_rng(2), round(4 * NOISE_BLOCK_TIME / STEP)
     follow, noise = random.normal(size=(2, samples)), random.normal(size=(2, samples))
-    found = in_place([[Part(follow, noise, STEP)]])
+    found = estimate_block_variances([[ChannelInfluence(follow, noise, STEP)]])
     products = (follow[:, np.newaxis] * noise).reshape(2, 2, 4, -1).sum(axis=-1) ** 2
-    assert found.of == pytest.approx(products.mean(axis=1))
-    assert found.freedom == pytest.approx(np.ones(4))
+    assert found.components == pytest.approx(products.mean(axis=1))
+    assert found.degrees_of_freedom == pytest.approx(np.ones(4))
     # Two trials of a group are met by the same noise: twice the square, known no better.
-    twice = in_place([[Part(follow, noise, STEP)]] * 2)
-    assert twice.of == pytest.approx(2.0 * found.of)
-    assert len(twice.freedom) == 4
+    twice = estimate_block_variances([[ChannelInfluence(follow, noise, STEP)]] * 2)
+    assert twice.components == pytest.approx(2.0 * found.components)
+    assert len(twice.degrees_of_freedom) == 4
 
 
 @pytest.mark.parametrize(("parts", "freedom"), [(1, 1.0), (1, 5.0), (6, 1.0), (30, 2.0)])
 def test_degrees_of_freedom_are_those_of_the_parts(parts: int, freedom: float) -> None:
     random = np.random.default_rng(0)
     drawn = random.chisquare(freedom, (4000, parts)) / freedom
-    found = [degrees(each, np.full(parts, freedom)) for each in drawn]
+    found = [combine_degrees_of_freedom(each, np.full(parts, freedom)) for each in drawn]
     assert np.mean(found) == pytest.approx(parts * freedom, rel=0.25)
     assert min(found) >= freedom
-    assert degrees(drawn[0], np.full(parts, freedom), exact=1e6) > 1e6
-    assert degrees(np.zeros(3), np.ones(3)) == np.inf
+    assert combine_degrees_of_freedom(drawn[0], np.full(parts, freedom), exact_variance=1e6) > 1e6
+    assert combine_degrees_of_freedom(np.zeros(3), np.ones(3)) == np.inf

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from klute_sim.diagnose.quiet import STRICT, WINDOWS, noise, quieter
+from klute_sim.diagnose.quiet import CONFIDENCE_SIGMAS, WINDOW_SIZES, denoise, estimate_white_noise
 
 TIME = np.arange(1200) * 0.005
 
@@ -27,24 +27,24 @@ def test_no_sample_is_moved_by_more_than_its_own_noise(
 ) -> None:
     value = ramps(speed) + np.sin(2 * np.pi * frequency * TIME)
     value = value + np.random.default_rng(seed).normal(0.0, deviation, len(value))
-    assert np.abs(quieter(TIME, value) - value).max() <= STRICT * noise(value) + 1e-9
+    assert np.abs(denoise(TIME, value) - value).max() <= CONFIDENCE_SIGMAS * estimate_white_noise(value) + 1e-9
 
 
 def test_noise_is_told_from_motion() -> None:
     random = np.random.default_rng(0)
     for deviation in (0.003, 0.01, 0.1):
         value = ramps(80.0) + random.normal(0.0, deviation, len(TIME))
-        assert noise(value) == pytest.approx(deviation, rel=0.1)
+        assert estimate_white_noise(value) == pytest.approx(deviation, rel=0.1)
 
 
 @pytest.mark.parametrize("speed", [0.0, 20.0, 300.0])
 def test_holds_and_ramps_get_quiet_and_corners_stay(speed: float) -> None:
     true = ramps(speed)
     value = true + np.random.default_rng(1).normal(0.0, 0.01, len(TIME))
-    found = quieter(TIME, value)
+    found = denoise(TIME, value)
     steady = np.abs(TIME - 2.5) > 0.6  # nearer to the corners windows are narrower
     assert np.std((found - true)[steady]) < 0.6 * 0.01
-    assert np.abs(found - true).max() < 3.0 * STRICT * 0.01
+    assert np.abs(found - true).max() < 3.0 * CONFIDENCE_SIGMAS * 0.01
     # It trembles less: reversals are what friction remembers.
     tremble, before = (np.diff(each - true)[steady[1:]] for each in (found, value))
     assert np.std(tremble) < 0.45 * np.std(before)
@@ -52,9 +52,9 @@ def test_holds_and_ramps_get_quiet_and_corners_stay(speed: float) -> None:
 
 def test_what_has_no_noise_or_no_even_samples_stays_as_it_is() -> None:
     held = np.round(ramps(30.0), 1)  # a coarse display of what mostly rests
-    assert np.array_equal(quieter(TIME, held), held)
+    assert np.array_equal(denoise(TIME, held), held)
     value = ramps(30.0) + np.random.default_rng(2).normal(0.0, 0.01, len(TIME))
     uneven = TIME + np.where(np.arange(len(TIME)) % 2, 0.002, 0.0)
-    assert quieter(uneven, value) is value
-    short = value[: 2 * WINDOWS[-1] - 1]
-    assert quieter(TIME[: len(short)], short) is short
+    assert denoise(uneven, value) is value
+    short = value[: 2 * WINDOW_SIZES[-1] - 1]
+    assert denoise(TIME[: len(short)], short) is short

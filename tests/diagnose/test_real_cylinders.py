@@ -12,7 +12,7 @@ from scipy.signal import find_peaks
 
 from klute_sim.dataset import dataset as datasets
 from klute_sim.dataset.write import write_trial
-from klute_sim.diagnose.diagnosis import Diagnosis, Options, diagnose
+from klute_sim.diagnose.diagnosis import Diagnosis, DiagnosisOptions, diagnose
 
 Array = NDArray[np.float64]
 
@@ -124,18 +124,18 @@ def friction(found: Diagnosis, at: list[float]) -> float:
     That of the named seal, and what a data-driven term beside it makes of it: a dry friction and a negative slope with
     speed are a friction that falls with speed, in two parts.
     """
-    assert found.final is not None
-    hypothesis = found.final.hypothesis
-    unknowns = list(zip(hypothesis.unknowns, found.final.values, strict=True))
+    assert found.final_fit is not None
+    hypothesis = found.final_fit.hypothesis
+    unknowns = list(zip(hypothesis.parameters, found.final_fit.values, strict=True))
     forces = np.zeros(len(at))
     for number, term in enumerate(hypothesis.terms):
-        fitted = {unknown.key: value for unknown, value in unknowns if unknown.term == number}
-        form = term.law
-        own = tuple(parameter.si(fitted.get(parameter.key, parameter.neutral)) for parameter in form.parameters)
+        fitted = {unknown.key: value for unknown, value in unknowns if unknown.term_index == number}
+        form = term.form_definition
+        own = tuple(parameter.to_si(fitted.get(parameter.key, parameter.neutral)) for parameter in form.parameters)
         for k, rate in enumerate(at):
             if term.effect == "seal_friction":
-                memory = (0.0,) * form.memory
-                if form.memory:  # what its speed has taken off the peak
+                memory = (0.0,) * form.n_states
+                if form.n_states:  # what its speed has taken off the peak
                     memory = (1.0 - float(np.exp(-((rate / own[2]) ** 2))), abs(rate), 0.0)
                 forces[k] += form.laws["damper_force"](own, memory, 0.0, rate)
             elif term.effect == "unknown_force":
@@ -164,8 +164,8 @@ def test_the_cylinders_differ_between_the_directions_as_their_readme_says() -> N
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_the_seals_of_measured_cylinders_rub(file: Path, tmp_path: Path) -> None:
-    found = diagnose(datasets.read(imported(file, tmp_path / "data")), Options(exclude=NO_SUCH_PART))
-    effects = {term.effect for term in found.found}
+    found = diagnose(datasets.load_dataset(imported(file, tmp_path / "data")), DiagnosisOptions(exclude=NO_SUCH_PART))
+    effects = {term.effect for term in found.added_terms}
     measured = log(file)
     half = half_difference(measured, measured.rest)
     assert "seal_friction" in effects
@@ -174,4 +174,4 @@ def test_the_seals_of_measured_cylinders_rub(file: Path, tmp_path: Path) -> None
     assert effects <= {"seal_friction", "sensor_offset", "sensor_lag", "unknown_force"}
     assert (found.verdict == "named") == (file.stem in NAMED)
     assert found.verdict in ("named", "unexplained")
-    assert found.gap["force"].after < 0.25 * found.gap["force"].before
+    assert found.channel_rms["force"].with_effects < 0.25 * found.channel_rms["force"].nominal

@@ -10,8 +10,8 @@ import pytest
 
 from klute_sim.dataset import dataset as datasets
 from klute_sim.dataset.write import write_trial
-from klute_sim.diagnose.diagnosis import Options, diagnose
-from klute_sim.diagnose.verdict import as_json
+from klute_sim.diagnose.diagnosis import DiagnosisOptions, diagnose
+from klute_sim.diagnose.verdict import verdict_to_dict
 
 DATA = Path(os.environ.get("KLUTE_SIM_DATA", "nowhere")) / "mckibben_isometric_10mm" / "isometric.csv"
 USES = {"8.3": "fit", "18.2": "fit", "28.1": "fit", "23.3": "select", "13.2": "show", "38.2": "show"}
@@ -92,15 +92,15 @@ found, which stands in for what the law lacks at low pressure."""
 @pytest.mark.long
 @pytest.mark.skipif(not DATA.exists(), reason="KLUTE_SIM_DATA does not hold these measurements")
 def test_ten_millimetre_muscles_lack_what_is_known_of_short_muscles(tmp_path: Path) -> None:
-    found = diagnose(datasets.read(imported(tmp_path / "data")), Options(exclude=SLACK_READS))
-    verdict = as_json(found)
-    gap = found.gap["force"]
-    assert found.shown_on == "show"
+    found = diagnose(datasets.load_dataset(imported(tmp_path / "data")), DiagnosisOptions(exclude=SLACK_READS))
+    verdict = verdict_to_dict(found)
+    gap = found.channel_rms["force"]
+    assert found.evaluated_on == "show"
     # Of 81 N as drawn, 47 are left with other numbers in the same law, and 26 with the effects.
-    assert gap.refitted < 0.65 * gap.before
-    assert gap.after < 0.6 * gap.refitted
-    assert gap.floor is not None
-    assert gap.after > 5.0 * gap.floor
+    assert gap.refitted < 0.65 * gap.nominal
+    assert gap.with_effects < 0.6 * gap.refitted
+    assert gap.noise_floor is not None
+    assert gap.with_effects > 5.0 * gap.noise_floor
     # Known of such muscles: they are weaker when short, and pull nothing before the bladder meets the braid.
     named = {each["name"]: each["parameters"] for each in verdict["effects"] if not each.get("data_driven")}
     assert set(named) == {"end_taper", "threshold_pressure"}

@@ -172,8 +172,10 @@ def test_most_of_the_foots_loops_are_no_tendons_hysteresis() -> None:
 @pytest.mark.parametrize("which", ["DESR_N_CAM1", "DESR_N_CAM2"])
 def test_one_loop_is_too_little_to_name_a_hysteresis(which: str, tmp_path: Path) -> None:
     """Two straight springs miss the loop by more than it loses, and without a repeat nobody knows what is noise."""
-    found = diagnose(datasets.read(imported(loop(next(s for s in settings() if s["set"] == which)), tmp_path / "data")))
+    found = diagnose(
+        datasets.load_dataset(imported(loop(next(s for s in settings() if s["set"] == which)), tmp_path / "data"))
+    )
     assert found.verdict == "insufficient-data"
     assert any("No trial is repeated" in reason for reason in found.reasons)
-    assert found.found == ()
-    assert 50.0 < found.gap["force"].after < 150.0
+    assert found.added_terms == ()
+    assert 50.0 < found.channel_rms["force"].with_effects < 150.0

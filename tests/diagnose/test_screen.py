@@ -7,14 +7,19 @@ import numpy as np
 import pytest
 
 from klute_sim.dataset import dataset as datasets
-from klute_sim.diagnose.diagnosis import base_fit
-from klute_sim.diagnose.experiment import Bench
-from klute_sim.diagnose.loudness import heard
-from klute_sim.diagnose.prepare import prepare
-from klute_sim.diagnose.screen import FAR, FROM_AFAR, screen, terms
+from klute_sim.diagnose.diagnosis import fit_base_device
+from klute_sim.diagnose.experiment import Simulator
+from klute_sim.diagnose.loudness import add_noise_scales
+from klute_sim.diagnose.prepare import prepare_experiments
+from klute_sim.diagnose.screen import (
+    MAX_PRIOR_CANDIDATES,
+    PRIOR_DEVIATION_SIGMAS,
+    list_candidate_terms,
+    screen_candidates,
+)
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "hidden_effects"))
-from generate import make
+from generate import make_dataset
 
 RISING = {"name": "threshold_pressure", "form": "rising", "parameters": {"pressure_bar": 0.1136, "rise_bar": 1.604}}
 THICK = {"name": "thick_wall_bladder", "form": "mooney_rivlin", "parameters": {"share": 0.5}}
@@ -24,15 +29,15 @@ THICK = {"name": "thick_wall_bladder", "form": "mooney_rivlin", "parameters": {"
 def test_what_the_numbers_imitate_far_from_what_was_believed_is_promised(
     tmp_path: Path, effect: dict, seed: int
 ) -> None:
-    make(tmp_path / "d", seed, effects=[effect], muscle_length=False)
-    data, bench = datasets.read(tmp_path / "d"), Bench(2)
-    every = [e for e in prepare(data, datasets.split(data)) if e.use == "fit"]
-    base, evidence = base_fit(data, heard(every, every, bench), bench)
-    assert np.abs(base.steps).max() > FAR  # the device's numbers had to go far
-    found = screen(evidence, base, terms(evidence, data.device))
-    leaders = [one.term.effect for one in found[:FROM_AFAR]]
+    make_dataset(tmp_path / "d", seed, effects=[effect], muscle_length=False)
+    data, bench = datasets.load_dataset(tmp_path / "d"), Simulator(2)
+    every = [e for e in prepare_experiments(data, datasets.split_dataset(data)) if e.use == "fit"]
+    base, evidence = fit_base_device(data, add_noise_scales(every, every, bench), bench)
+    assert np.abs(base.x).max() > PRIOR_DEVIATION_SIGMAS  # the device's numbers had to go far
+    found = screen_candidates(evidence, base, list_candidate_terms(evidence, data.device))
+    leaders = [one.term.effect for one in found[:MAX_PRIOR_CANDIDATES]]
     assert effect["name"] in leaders
     first = next(one for one in found if one.term.effect == effect["name"])
-    assert first.gain > 0.3 * base.cost
-    assert len(first.origin) == len(first.follow) == len(base.steps)
+    assert first.predicted_gain > 0.3 * base.chi2
+    assert len(first.x0) == len(first.nuisance_shift) == len(base.x)
     bench.close()

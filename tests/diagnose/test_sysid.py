@@ -16,16 +16,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from klute_sim.dataset.dataset import read, split
+from klute_sim.dataset.dataset import load_dataset, split_dataset
 from klute_sim.dataset.trial import Series
-from klute_sim.device.files import load
-from klute_sim.device.step import Parameters, settled
+from klute_sim.device.files import load_device
+from klute_sim.device.step import DeviceParameters, compute_equilibrium_state
 from klute_sim.diagnose import on_bench
-from klute_sim.diagnose.experiment import Bench, Experiment
-from klute_sim.diagnose.fit import Evidence, fit
-from klute_sim.diagnose.hypothesis import Hypothesis, with_numbers
-from klute_sim.diagnose.noise import Alike, Noise
-from klute_sim.diagnose.prepare import prepare
+from klute_sim.diagnose.experiment import Experiment, Simulator
+from klute_sim.diagnose.fit import WeightedData, fit_hypothesis
+from klute_sim.diagnose.hypothesis import Hypothesis, replace_values
+from klute_sim.diagnose.noise import Autocorrelation, Noise
+from klute_sim.diagnose.prepare import prepare_experiments
 from klute_sim.plant import models, router
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.units import BAR
@@ -33,11 +33,13 @@ from klute_sim.units import BAR
 sysid = pytest.importorskip("mujoco.sysid")
 if not hasattr(sysid, "optimize"):  # without the packages of its extra it can be imported, and is empty
     pytest.skip("mujoco.sysid is empty without the packages of mujoco[sysid]", allow_module_level=True)
-if router.choose() != "compiled":  # Python callbacks let nothing be compiled meanwhile, and sysid compiles for each try
+if (
+    router.choose_backend() != "compiled"
+):  # Python callbacks let nothing be compiled meanwhile, and sysid compiles for each try
     pytest.skip("mujoco.sysid needs the compiled law", allow_module_level=True)
 
-DEVICE = load("klute-3-4-pair")
-NOMINAL = DEVICE.spec.numbers()
+DEVICE = load_device("klute-3-4-pair")
+NOMINAL = DEVICE.spec.collect_values()
 TRUTH = {"tendon.stiffness_1_n_per_mm": 65.4, "muscle.friction_slope_n_per_bar": 25.1}
 REACH = 0.5
 """How far a number may be off, as a share of it; as a standard deviation, so wide that the prior says nothing."""
@@ -45,13 +47,13 @@ INERTIA = 1e12
 """Of the crosshead [kg]: the device pulls it aside by a nanometre."""
 
 
-def device_with(numbers: dict[str, float]) -> Parameters:
-    return with_numbers(DEVICE.spec, numbers).parameters()
+def device_with(numbers: dict[str, float]) -> DeviceParameters:
+    return replace_values(DEVICE.spec, numbers).to_parameters()
 
 
 def bench_with_a_drive(step: float) -> mujoco.MjSpec:
     """The bench whose crosshead is driven by a control, its acceleration [m/s2], and whose load cell is a sensor."""
-    spec = models.spec("bench")
+    spec = models.load_spec("bench")
     spec.option.timestep = step
     spec.joint("crosshead").armature = INERTIA
     drive = spec.add_actuator(name="drive", target="crosshead", trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -74,19 +76,19 @@ def accelerations(way: np.ndarray, step: float) -> np.ndarray:
 def at_rest(model: mujoco.MjModel, length: float, command: float) -> np.ndarray:
     """Initial state of a rollout: the device of ``model`` settled at ``length`` [m] under ``command`` [Pa]."""
     data, actuator = mujoco.MjData(model), DeviceActuator(model, "muscle_tendon")
-    actuator.set_state(data, settled(actuator.parameters, length, command))
+    actuator.set_state(data, compute_equilibrium_state(actuator.parameters, length, command))
     return np.asarray(sysid.create_initial_state(model, np.array([length]), np.zeros(1), data.act))
 
 
 def refitted_by_sysid(trial: Experiment, optimizer: str) -> dict[str, float]:
-    spec, length, command = bench_with_a_drive(trial.step), trial.unit_length, trial.command
+    spec, length, command = bench_with_a_drive(trial.dt), trial.unit_length, trial.command
 
     def build(numbers: Any, spec: mujoco.MjSpec) -> mujoco.MjModel:
         device = device_with({key: float(numbers[key].value[0]) for key in TRUTH})
-        return models.equip(spec.copy(), {"muscle_tendon": device})
+        return models.attach_devices(spec.copy(), {"muscle_tendon": device})
 
-    plain = models.equip(spec.copy(), {"muscle_tendon": DEVICE.parameters})
-    controls = np.column_stack([command / BAR, accelerations(length, trial.step)])
+    plain = models.attach_devices(spec.copy(), {"muscle_tendon": DEVICE.parameters})
+    controls = np.column_stack([command / BAR, accelerations(length, trial.dt)])
     controls = np.vstack([controls, controls[-1]])  # its rollouts leave the last one out
     force = trial.measured["force"]
     measured = sysid.ModelSequences(
@@ -94,12 +96,12 @@ def refitted_by_sysid(trial: Experiment, optimizer: str) -> dict[str, float]:
         spec,
         trial.name,
         at_rest(plain, length[0], command[0]),
-        sysid.TimeSeries.from_control_names(trial.step * np.arange(len(controls)), controls, plain),
-        sysid.TimeSeries.from_names(force.time - trial.begin, -force.value[:, None], plain),
+        sysid.TimeSeries.from_control_names(trial.dt * np.arange(len(controls)), controls, plain),
+        sysid.TimeSeries.from_names(force.time - trial.start_time, -force.value[:, None], plain),
     )
     residual = sysid.build_residual_fn(models_sequences=[measured], build_model=build)
     numbers = [sysid.Parameter(k, NOMINAL[k], (1 - REACH) * NOMINAL[k], (1 + REACH) * NOMINAL[k]) for k in TRUTH]
-    with router.installed():
+    with router.device_callbacks():
         found, _ = sysid.optimize(
             sysid.ParameterDict({each.name: each for each in numbers}), residual, optimizer, gtol=1e-14
         )
@@ -110,16 +112,20 @@ def refitted_by_sysid(trial: Experiment, optimizer: str) -> dict[str, float]:
 def test_it_finds_the_same_numbers_on_mujocos_bench(
     tmp_path: Path, optimizer: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(on_bench, "COARSE", 1)  # MuJoCo's steps have the error of their length, so ours may, too
-    dataset = read(made.dataset(tmp_path, base=device_with(TRUTH), groups=("fit_1",), repeats=1))
-    (trial,) = prepare(dataset, split(dataset))
+    monkeypatch.setattr(
+        on_bench, "COARSE_STEP_FACTOR", 1
+    )  # MuJoCo's steps have the error of their length, so ours may, too
+    dataset = load_dataset(made.dataset(tmp_path, base=device_with(TRUTH), groups=("fit_1",), repeats=1))
+    (trial,) = prepare_experiments(dataset, split_dataset(dataset))
     # The last sample is at the end of the rollout, which rounding may put before or after it: nobody gets it.
     force = trial.measured["force"]
     trial = replace(trial, measured={"force": Series(force.time[:-1], force.value[:-1])})
-    evidence = Evidence(Bench(), [trial], {"force": Noise(made.NOISE["force"], (Alike(1e-9, 1.0, 1),))})
+    evidence = WeightedData(
+        Simulator(), [trial], {"force": Noise(made.NOISE["force"], (Autocorrelation(1e-9, 1.0, 1),))}
+    )
     free = Hypothesis(DEVICE, tuple((key, REACH * NOMINAL[key]) for key in TRUTH), ())
-    ours = fit(evidence, free, fine=True)
-    evidence.bench.close()
+    ours = fit_hypothesis(evidence, free, fine=True)
+    evidence.simulator.close()
     theirs = refitted_by_sysid(trial, optimizer)
     for key, value in zip(TRUTH, ours.values, strict=True):
         assert abs(NOMINAL[key] / TRUTH[key] - 1.0) > 0.05  # there is something to find

@@ -1,7 +1,7 @@
 """A user's own effect: the muscle is a little stronger when warm, and warms up while it works."""
 
-from klute_sim.effects.effect import Effect, Form, Parameter
-from klute_sim.effects.smooth import followed
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
+from klute_sim.effects.smooth import step_follower
 
 
 def warm(own, memory, force, muscle, pressure, length, rate):
@@ -9,24 +9,26 @@ def warm(own, memory, force, muscle, pressure, length, rate):
 
 
 def warming(own, memory, muscle, pressure, length, stretch, step):
-    return (followed(memory[0], pressure / 1e5, own[1], step),)
+    return (step_follower(memory[0], pressure / 1e5, own[1], step),)
 
 
 EFFECTS = [
     Effect(
         name="warming",
-        sentence="The muscle gets stronger as it warms up under pressure.",
+        description="The muscle gets stronger as it warms up under pressure.",
         kind="device",
         forms=(
-            Form(
+            EffectForm(
                 name="first_order",
                 equation="F (1 + a s), ds/dt = (P / 1 bar - s)/tau",
                 parameters=(
-                    Parameter(key="gain", neutral=0.0, low=0.0, high=0.5, typical=0.02, source="assumed"),
-                    Parameter(key="time_constant_s", neutral=None, low=0.1, high=9.0, typical=1.0, source="assumed"),
+                    EffectParameter(key="gain", neutral=0.0, lower=0.0, upper=0.5, typical=0.02, source="assumed"),
+                    EffectParameter(
+                        key="time_constant_s", neutral=None, lower=0.1, upper=9.0, typical=1.0, source="assumed"
+                    ),
                 ),
                 laws={"muscle_force": warm, "remember": warming},
-                memory=1,
+                n_states=1,
             ),
         ),
     )

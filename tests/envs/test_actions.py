@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from klute_sim.control.pressure import Profile, tuned
-from klute_sim.device.files import Device, load, read
-from klute_sim.envs.actions import ACTIONS
+from klute_sim.control.pressure import PressureProfile, load_default_profile
+from klute_sim.device.files import Device, load_device, parse_device
+from klute_sim.envs.actions import ACTION_KINDS
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
 from klute_sim.errors import InputError
 from klute_sim.units import BAR
 
 
 def opening_device() -> Device:
-    text = load("klute-1-1-4-pair-valve").content.decode()
+    text = load_device("klute-1-1-4-pair-valve").content.decode()
     text = text.replace('takes = "pressure"\ngain_per_bar = 5.0\n', 'takes = "opening"\n')
-    return read(text.replace('"valve.gain_per_bar" =', "#").encode(), "opens")
+    return parse_device(text.replace('"valve.gain_per_bar" =', "#").encode(), "opens")
 
 
 def phase(observed: np.ndarray) -> float:
@@ -23,7 +23,7 @@ def phase(observed: np.ndarray) -> float:
 
 def test_the_documented_table_is_what_there_is() -> None:
     text = AnkleGaitEnv.__doc__ or ""
-    for name, meaning in ACTIONS.items():
+    for name, meaning in ACTION_KINDS.items():
         assert f"| ``{name}`` | {meaning} |" in text
 
 
@@ -34,7 +34,7 @@ def test_a_residual_changes_the_profile_at_the_estimated_phase() -> None:
     clipped = 0
     for _ in range(219):
         chosen = random.uniform(-1, 1)
-        wanted = tuned().pressure(phase(observed)) / BAR + 1.5 * np.float32(chosen)
+        wanted = load_default_profile().pressure_at(phase(observed)) / BAR + 1.5 * np.float32(chosen)
         clipped += wanted < 0.0
         observed, _, terminated, _, info = env.step(np.array([chosen], dtype=np.float32))
         assert not terminated
@@ -51,7 +51,7 @@ def test_a_residual_of_nothing_costs_no_smoothness_and_walks_like_the_profile() 
 
 
 def test_another_profile_is_the_base_of_another_walk() -> None:
-    flat = Profile("flat", (0.0, 50.0), (2.0, 2.0))
+    flat = PressureProfile("flat", (0.0, 50.0), (2.0, 2.0))
     env = AnkleGaitEnv(action="residual", profile=flat)
     env.reset(seed=1)
     for value, bar in ((0.0, 2.0), (1.0, 3.0), (-0.5, 1.5)):

@@ -13,16 +13,16 @@ from gymnasium.utils.env_checker import check_env
 
 import klute_sim  # noqa: F401  (registers)
 from klute_sim.control import pressure
-from klute_sim.device.files import load, read
-from klute_sim.device.ledger import Book
+from klute_sim.device.files import load_device, parse_device
+from klute_sim.device.ledger import EnergyRecorder
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
 from klute_sim.envs.instruments import OBSERVATIONS
-from klute_sim.envs.reward import WEIGHTS
+from klute_sim.envs.reward import DEFAULT_WEIGHTS
 from klute_sim.errors import InputError
 from klute_sim.plant import router
-from klute_sim.report.outcomes import outcomes
+from klute_sim.report.outcomes import compute_gait_metrics
 from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.rig import walk
+from klute_sim.rigs.gait.rig import simulate_gait
 from klute_sim.units import BAR
 
 NAME = "klute_sim/AnkleGait-v1"
@@ -34,10 +34,10 @@ def action(pressure_bar: float) -> np.ndarray:
 
 def follow(env: AnkleGaitEnv, controller: pressure.PressureController) -> list[tuple]:
     """An episode under a controller of gait phase."""
-    seen, count = [], env._rig.per_stride
+    seen, count = [], env._gait_rig.commands_per_stride
     env.reset(seed=3)
-    for k in range(count * env._rig.options.strides):
-        seen.append(env.step(action(controller.pressure((k % count) / count) / BAR)))
+    for k in range(count * env._gait_rig.options.strides):
+        seen.append(env.step(action(controller.pressure_at((k % count) / count) / BAR)))
         if seen[-1][2]:
             break
     return seen
@@ -45,7 +45,7 @@ def follow(env: AnkleGaitEnv, controller: pressure.PressureController) -> list[t
 
 @pytest.fixture(scope="module")
 def episode() -> list[tuple]:
-    return follow(AnkleGaitEnv(reset_noise=0.0), pressure.tuned())
+    return follow(AnkleGaitEnv(reset_noise=0.0), pressure.load_default_profile())
 
 
 def test_gymnasiums_checker_says_nothing() -> None:
@@ -74,20 +74,22 @@ def test_the_documented_tables_are_the_spaces() -> None:
     text = AnkleGaitEnv.__doc__ or ""
     for number, (name, unit, low, high, noise) in enumerate(OBSERVATIONS):
         assert f"| {number} | {name} | {unit} | {low:g} | {high:g} | {noise:g} |" in text
-    for name, weight in WEIGHTS.items():
+    for name, weight in DEFAULT_WEIGHTS.items():
         (row,) = [line for line in text.splitlines() if f"``reward_{name}``" in line]
         assert f"{weight:g} " in row
 
 
 def test_an_episode_is_the_walk_of_the_gait_rig(episode: list[tuple]) -> None:
-    walked = outcomes(walk(load("klute-1-1-4-pair"), pressure.tuned(), GaitOptions(strides=5)))
+    walked = compute_gait_metrics(
+        simulate_gait(load_device("klute-1-1-4-pair"), pressure.load_default_profile(), GaitOptions(strides=5))
+    )
     moment = np.array([info["ankle_moment_nm_per_kg"] for *_, info in episode]).reshape(5, 110)
     # Commands are held for 10 ms and the moment is read every 10 ms.
     assert moment[2].max() == pytest.approx(walked.strides[2].ankle_moment_peak_nm_per_kg, rel=0.03)
     air = sum(info["air_g"] for *_, info in episode[220:330])
     assert air == pytest.approx(walked.strides[2].air_g, rel=0.05)
     # Energy read once per interval, of commands that are held, is nearly that of every step of the gait rig.
-    last = walk(load("klute-1-1-4-pair"), pressure.tuned(), GaitOptions(strides=5))
+    last = simulate_gait(load_device("klute-1-1-4-pair"), pressure.load_default_profile(), GaitOptions(strides=5))
     last = last.select(last["stride"] == 3)
     gas = last["gas_power"].sum() * 5e-4
     lines = {"gas": "gas", "friction": "friction", "damper": "damper", "delivered": "delivered"}
@@ -135,12 +137,15 @@ def test_the_phase_estimate_knows_the_strides(episode: list[tuple]) -> None:
 def test_the_reward_is_the_sum_of_its_terms_and_likes_a_human_ankle(episode: list[tuple]) -> None:
     for _, reward, _, _, info in episode[::17]:
         assert reward == pytest.approx(sum(value for name, value in info.items() if name.startswith("reward_")))
-        assert info["reward_moment"] <= WEIGHTS["moment"]
+        assert info["reward_moment"] <= DEFAULT_WEIGHTS["moment"]
         assert info["reward_air"] <= 0.0
         assert info["reward_smoothness"] <= 0.0
     returns = {
         name: sum(reward for _, reward, *_ in follow(AnkleGaitEnv(reset_noise=0.0), controller))
-        for name, controller in (("off", pressure.off()), ("constant", pressure.Constant(3e5)))
+        for name, controller in (
+            ("off", pressure.create_off_controller()),
+            ("constant", pressure.ConstantPressure(3e5)),
+        )
     }
     assert sum(reward for _, reward, *_ in episode) > 1.2 * returns["off"] > 1.2 * returns["constant"]
 
@@ -208,9 +213,9 @@ def test_bad_input_is_refused_in_one_sentence() -> None:
 
 @pytest.mark.parametrize("law", ["compiled", "python"])
 def test_a_device_that_fails_ends_the_episode(law: str) -> None:
-    env = AnkleGaitEnv(law=law, strides=1)
+    env = AnkleGaitEnv(backend=law, strides=1)
     env.reset(seed=0)
-    env.data.act[env._rig.actuator.act] = np.nan
+    env.data.act[env._gait_rig.actuator.act_address] = np.nan
     observed, reward, terminated, truncated, _ = env.step(action(1.0))
     assert terminated
     assert not truncated
@@ -230,7 +235,7 @@ def test_a_walk_that_leaves_its_path_ends_the_episode() -> None:
 def test_both_laws_give_the_same_bits() -> None:
     seen = []
     for law in ("compiled", "python"):
-        env = AnkleGaitEnv(law=law, strides=1)
+        env = AnkleGaitEnv(backend=law, strides=1)
         env.reset(seed=4)
         seen.append(np.array([env.step(action(k % 7 * 0.8))[0] for k in range(110)]))
     assert np.array_equal(*seen)
@@ -294,9 +299,9 @@ def test_it_renders_the_leg() -> None:
 
 
 def test_a_device_that_takes_openings_is_acted_on_with_openings() -> None:
-    text = load("klute-1-1-4-pair-valve").content.decode()
+    text = load_device("klute-1-1-4-pair-valve").content.decode()
     text = text.replace('takes = "pressure"\ngain_per_bar = 5.0\n', 'takes = "opening"\n')
-    device = read(text.replace('"valve.gain_per_bar" =', "#").encode(), "opens")
+    device = parse_device(text.replace('"valve.gain_per_bar" =', "#").encode(), "opens")
     env = AnkleGaitEnv(device=device, reset_noise=0.0)
     env.reset(seed=0)
     pressures = []
@@ -306,7 +311,7 @@ def test_a_device_that_takes_openings_is_acted_on_with_openings() -> None:
             assert info["valve_command"] == opening
             assert "pressure_command_bar" not in info
             assert (info["air_g"] > 0.0) == (opening > 0.0)
-        pressures.append(float(env.data.act[env._rig.actuator.act]))
+        pressures.append(float(env.data.act[env._gait_rig.actuator.act_address]))
     assert pressures[0] > 1.5
     assert pressures[1] == pytest.approx(pressures[0], rel=0.3)  # closed: only motion and cooling move it
     assert pressures[2] < 0.8 * pressures[1]
@@ -317,35 +322,35 @@ def test_the_books_of_an_environment_are_those_of_the_ledger() -> None:
     more = (
         b"\n[effects.muscle_damping]\ncoefficient_n_s_per_m = 150.0\n[effects.tendon_hysteresis]\nloss_fraction = 0.1\n"
     )
-    text = load("klute-1-1-4-pair-valve").content.replace(b"= 0.001", b"= 0.02")
-    device = read(text + more, "everything")
+    text = load_device("klute-1-1-4-pair-valve").content.replace(b"= 0.001", b"= 0.02")
+    device = parse_device(text + more, "everything")
     env = AnkleGaitEnv(device=device, reset_noise=0.0)
     env.reset(seed=0)
-    actuator, book = env._rig.actuator, Book(device.parameters, 60 * 20 + 1)
-    book.note(0, actuator.state(env.data), actuator.unit_length(env.data), 0.0)
-    told, step = [], router.step
+    actuator, book = env._gait_rig.actuator, EnergyRecorder(device.parameters, 60 * 20 + 1)
+    book.record_sample(0, actuator.get_state(env.data), actuator.unit_length(env.data), 0.0)
+    told, step = [], router.step_model
 
     def noted(model: mujoco.MjModel, data: mujoco.MjData, count: int) -> None:
         for _ in range(count):
-            before = actuator.state(data)
+            before = actuator.get_state(data)
             step(model, data, 1)
-            after = actuator.reached(model, data, before)
+            after = actuator.state_after_step(model, data, before)
             noted.sample += 1
-            book.note(noted.sample, after, actuator.unit_length(data), (after.length - before.length) / 5e-4)
+            book.record_sample(noted.sample, after, actuator.unit_length(data), (after.length - before.length) / 5e-4)
 
     noted.sample = 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(router, "step", noted)
+        patch.setattr(router, "step_model", noted)
         for k in range(60):
             told.append(env.step(action(1.5 + 1.5 * np.sin(k / 8)))[4])
-    ledger = book.ledger(5e-4)
+    ledger = book.to_energy_balance(5e-4)
     gas = 5e-4 * np.abs(ledger.gas_power).sum()
     parts = {**{name: getattr(ledger, f"{name}_power") for name in ("gas", "friction", "damper", "bladder", "tendon")}}
-    parts |= {f"effect_{name}": power for name, power in ledger.shares.items()}
-    assert set(ledger.shares) == {"muscle_damping", "tendon_hysteresis"}
+    parts |= {f"effect_{name}": power for name, power in ledger.effect_powers.items()}
+    assert set(ledger.effect_powers) == {"muscle_damping", "tendon_hysteresis"}
     for name, power in {**parts, "delivered": ledger.delivered_power}.items():
         assert sum(info[f"work_{name}_j"] for info in told) == pytest.approx(5e-4 * power.sum(), abs=0.02 * gas), name
-    for name in ledger.shares:
+    for name in ledger.effect_powers:
         assert abs(5e-4 * parts[f"effect_{name}"].sum()) > 0.0
         own = sum(info[f"work_effect_{name}_j"] for info in told)
         assert own == pytest.approx(5e-4 * parts[f"effect_{name}"].sum(), rel=0.2), name

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
-from klute_sim.envs.instruments import MEASURED, OBSERVATIONS
+from klute_sim.envs.instruments import N_MEASURED, OBSERVATIONS
 from klute_sim.errors import InputError
 
-TYPICAL = np.array([row[4] for row in OBSERVATIONS[:MEASURED]])
+TYPICAL = np.array([row[4] for row in OBSERVATIONS[:N_MEASURED]])
 
 
 def walk(count: int = 330, **options: object) -> np.ndarray:
@@ -30,7 +30,7 @@ def test_noise_has_the_size_that_is_documented(perfect: np.ndarray) -> None:
     apart = [noisy.reset(seed=5)[0] - base.reset(seed=5)[0]]
     for _ in range(329):  # pressures do not depend on the senses: the same walk
         apart.append(noisy.step(np.full(1, -0.7))[0] - base.step(np.full(1, -0.7))[0])
-    noise = np.array(apart)[:, :MEASURED]
+    noise = np.array(apart)[:, :N_MEASURED]
     assert noise.std(axis=0) == pytest.approx(2.0 * TYPICAL, rel=0.15)
     assert np.abs(noise.mean(axis=0)).max() < 0.5
     assert np.abs(np.corrcoef(noise[1:, 0], noise[:-1, 0])[0, 1]) < 0.2
@@ -46,7 +46,7 @@ def test_delay_is_by_whole_intervals() -> None:
     for env in (prompt, late):
         own = [env.reset(seed=5)[0]]
         own += [env.step(np.full(1, -0.7))[0] for _ in range(200)]
-        seen.append(np.array(own)[:, :MEASURED])
+        seen.append(np.array(own)[:, :N_MEASURED])
     assert np.array_equal(seen[1][3:], seen[0][:-3])
     assert np.array_equal(seen[1][:3], np.repeat(seen[0][:1], 3, axis=0))
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from klute_sim.device.files import load, read
-from klute_sim.device.vector import unpack
+from klute_sim.device.files import load_device, parse_device
+from klute_sim.device.vector import unpack_parameters
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
-from klute_sim.envs.randomise import GRID, Randomise
+from klute_sim.envs.randomise import GRID_SIZE, RandomisationRanges
 from klute_sim.errors import InputError
 
 NAME = "klute_sim/AnkleGait-v1"
@@ -57,11 +57,11 @@ def test_what_was_drawn_is_told_and_walked() -> None:
         assert float(env.model.body_mass.sum()) == pytest.approx(info["mass_kg"])
         lean = np.arctan2(-env.model.opt.gravity[0], -env.model.opt.gravity[2])
         assert np.degrees(lean) == pytest.approx(info["slope_deg"], abs=1e-9)
-        parameters = unpack(env.model.actuator_user[env._rig.actuator.id].tolist())
+        parameters = unpack_parameters(env.model.actuator_user[env._gait_rig.actuator.id].tolist())
         assert parameters.muscle.c10 == pytest.approx(1e3 * info["muscle.c10_kpa"])
-        assert parameters.supply.pressure == pytest.approx(1e5 * info["supply.pressure_bar"])
-        assert env._rig.plan.speed == pytest.approx(info["speed_m_per_s"], rel=0.01)
-        assert env._rig.options.mass == info["mass_kg"]
+        assert parameters.supply.max_pressure == pytest.approx(1e5 * info["supply.pressure_bar"])
+        assert env._gait_rig.trajectory.speed == pytest.approx(info["speed_m_per_s"], rel=0.01)
+        assert env._gait_rig.options.mass == info["mass_kg"]
         assert 106.57 < info["muscle.c10_kpa"] / 118.4 * 118.4 < 130.25
     assert len(masses) > 4
     assert all(60.0 <= mass <= 90.0 for mass in masses)
@@ -77,7 +77,7 @@ def test_a_drawn_walk_is_that_of_a_rig_made_for_it() -> None:
     mujoco.mj_copyState(made.model, drawn.data, made.data, int(mujoco.mjtState.mjSTATE_INTEGRATION))
     made.data.ctrl[:] = drawn.data.ctrl
     mujoco.mj_forward(made.model, made.data)
-    made._task.begin(made._one, made._readings(), [made.np_random])
+    made._task.reset(made._single_mask, made._read_states(), [made.np_random])
     for k in range(150):
         one, other = (env.step(np.full(1, 0.5 * np.sin(k / 8) - 0.5)) for env in (drawn, made))
         assert one[0] == pytest.approx(other[0], abs=1e-4)
@@ -85,10 +85,10 @@ def test_a_drawn_walk_is_that_of_a_rig_made_for_it() -> None:
 
 
 def test_a_drawn_device_is_that_device() -> None:
-    text = load("klute-1-1-4-pair").content.decode()
+    text = load_device("klute-1-1-4-pair").content.decode()
     drawn = AnkleGaitEnv(randomise={"device": {"muscle.c10_kpa": 0.3}})
     c10 = drawn.reset(seed=4)[1]["muscle.c10_kpa"]
-    made = AnkleGaitEnv(device=read(text.replace("c10_kpa = 118.4", f"c10_kpa = {c10!r}").encode(), "made"))
+    made = AnkleGaitEnv(device=parse_device(text.replace("c10_kpa = 118.4", f"c10_kpa = {c10!r}").encode(), "made"))
     made.reset(seed=4)
     made.np_random.bit_generator.state = drawn.np_random.bit_generator.state
     usual = AnkleGaitEnv()
@@ -97,7 +97,7 @@ def test_a_drawn_device_is_that_device() -> None:
     for env in (made, usual):
         mujoco.mj_copyState(env.model, drawn.data, env.data, state)
         mujoco.mj_forward(env.model, env.data)
-        env._task.begin(env._one, env._readings(), [env.np_random])
+        env._task.reset(env._single_mask, env._read_states(), [env.np_random])
     apart = 0.0
     for k in range(100):
         action = np.full(1, 0.5 * np.sin(k / 8) - 0.5)
@@ -139,19 +139,19 @@ def test_a_drawn_dead_time_is_by_how_much_commands_are_late() -> None:
     env = AnkleGaitEnv(randomise={"effects": {"pressure_delay": {"delay_s": (0.0, 0.03)}}})
     for seed in range(4):
         delay = env.reset(seed=seed)[1]["effects.pressure_delay.delay_s"]
-        begin = env.data.act[env._rig.actuator.act]
+        begin = env.data.act[env._gait_rig.actuator.act_address]
         for _ in range(4):
             env.step(np.ones(1))
         rise = 50.0 * (0.04 - round(delay / 5e-4) * 5e-4)  # the regulator gives 50 bar/s
-        assert env.data.act[env._rig.actuator.act] - begin == pytest.approx(rise, abs=1e-6)
+        assert env.data.act[env._gait_rig.actuator.act_address] - begin == pytest.approx(rise, abs=1e-6)
 
 
 def test_rigs_are_put_together_once() -> None:
     env = AnkleGaitEnv(randomise={"mass_share": 0.1}, strides=1)
     for seed in range(60):
         env.reset(seed=seed)
-    assert len(env._task.casting.rigs) == GRID + 1
-    assert len({id(rig.model) for rig in env._task.casting.rigs}) == 1
+    assert len(env._task.randomiser.gait_rigs) == GRID_SIZE + 1
+    assert len({id(rig.model) for rig in env._task.randomiser.gait_rigs}) == 1
 
 
 def test_a_device_drawn_for_an_episode_is_gone_in_the_next() -> None:
@@ -197,5 +197,5 @@ def test_ranges_that_cannot_be_are_refused(randomise: dict[str, object], words: 
 
 
 def test_ranges_may_be_given_as_a_mapping_or_an_object() -> None:
-    told = [AnkleGaitEnv(randomise=each).reset(seed=1)[1] for each in (EVERYTHING, Randomise(**EVERYTHING))]
+    told = [AnkleGaitEnv(randomise=each).reset(seed=1)[1] for each in (EVERYTHING, RandomisationRanges(**EVERYTHING))]
     assert told[0] == told[1]

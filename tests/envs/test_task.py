@@ -5,11 +5,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from klute_sim.device.files import load, read
+from klute_sim.device.files import load_device, parse_device
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben, pneumatics
-from klute_sim.rigs.gait.assembly import OFF_PATH, start
+from klute_sim.rigs.gait.assembly import MAX_PATH_DEVIATION, reset_gait_rig
 
 
 def fresh(**options: object) -> AnkleGaitEnv:
@@ -43,13 +43,13 @@ def test_the_net_moment_holds_the_end_stop_with_its_sign(side: str) -> None:
     stop = limit_moment(env, dof, ankle.id)
     assert -sign * stop > 10.0
     wanted = env.data.qfrc_actuator[dof] + env.data.qfrc_passive[dof] + stop
-    assert env._task._net_moment(env._readings())[0] == pytest.approx(wanted, rel=1e-9)
+    assert env._task._net_moment(env._read_states())[0] == pytest.approx(wanted, rel=1e-9)
 
 
 def air_now(env: AnkleGaitEnv) -> float:
     """Air in the muscles [kg]."""
-    p = env._rig.actuator.parameters
-    state = env._rig.actuator.state(env.data)
+    p = env._gait_rig.actuator.parameters
+    state = env._gait_rig.actuator.get_state(env.data)
     return pneumatics.air_mass(state.pressure, mckibben.volume(p.muscle, state.length), p.supply.temperature)
 
 
@@ -71,8 +71,10 @@ def test_filling_draws_air_and_venting_draws_none() -> None:
 
 def test_a_change_of_action_costs_from_the_first_step_on() -> None:
     env = fresh()
-    begin = 2.0 * env.data.act[env._rig.actuator.act] / 5.0 - 1.0
-    assert env.data.ctrl[env._rig.actuator.ctrl] == pytest.approx(env.data.act[env._rig.actuator.act])
+    begin = 2.0 * env.data.act[env._gait_rig.actuator.act_address] / 5.0 - 1.0
+    assert env.data.ctrl[env._gait_rig.actuator.ctrl_address] == pytest.approx(
+        env.data.act[env._gait_rig.actuator.act_address]
+    )
     terms = [env.step(act(value))[4]["reward_smoothness"] for value in (0.5, 0.5, -0.5)]
     assert terms == pytest.approx([-0.05 * (0.5 - begin) ** 2, 0.0, -0.05], abs=1e-6)
 
@@ -99,44 +101,44 @@ def test_an_ankle_offset_is_dorsiflexion_where_positive(offset: float) -> None:
     env = fresh()
     angles = []
     for each in (0.0, offset):
-        start(env._rig, env.data, 1e5, each)
+        reset_gait_rig(env._gait_rig, env.data, 1e5, each)
         angles.append(float(-env.data.qpos[env.model.joint("prosthesis_ankle").qposadr[0]]))
     assert angles[1] - angles[0] == pytest.approx(offset, abs=1e-6)
 
 
 def test_the_path_that_must_not_be_left_is_the_one_of_now() -> None:
     env = fresh()
-    rig, count = env._rig, env._rig.per_stride
-    highest, lowest = int(rig.height.argmax()), int(rig.height.argmin())
-    rise = rig.height[highest] - rig.height[lowest]
+    rig, count = env._gait_rig, env._gait_rig.commands_per_stride
+    highest, lowest = int(rig.carriage_height.argmax()), int(rig.carriage_height.argmin())
+    rise = rig.carriage_height[highest] - rig.carriage_height[lowest]
     assert rise > 0.02
-    above = rig.height[lowest] + OFF_PATH + 0.5 * rise
-    commands, walks = np.array([lowest, highest, lowest + count, highest + 3 * count]), env._task._walks
+    above = rig.carriage_height[lowest] + MAX_PATH_DEVIATION + 0.5 * rise
+    commands, walks = np.array([lowest, highest, lowest + count, highest + 3 * count]), env._task._stride_tables
     first = np.zeros(4, dtype=np.int64)
-    assert walks.off_path(np.full(4, above), first, commands).tolist() == [True, False, True, False]
-    assert walks.off_path(np.array([np.nan]), first[:1], commands[:1]).tolist() == [True]
+    assert walks.is_off_path(np.full(4, above), first, commands).tolist() == [True, False, True, False]
+    assert walks.is_off_path(np.array([np.nan]), first[:1], commands[:1]).tolist() == [True]
 
 
 def test_the_reference_power_of_a_slower_walker_is_slower() -> None:
     peaks = []
     for speed in (0.9, None):
         env = fresh(speed=speed)
-        reference = env._rig.options.reference
-        slower = reference.stride_time / env._rig.plan.stride_time
-        peaks.append(env._task._walks.human[0, :, 2].max())
-        assert peaks[-1] == pytest.approx(slower * reference("ankle_power_w_per_kg", env._rig.phase).max())
+        reference = env._gait_rig.options.reference
+        slower = reference.stride_time / env._gait_rig.trajectory.stride_time
+        peaks.append(env._task._stride_tables.reference_ankle[0, :, 2].max())
+        assert peaks[-1] == pytest.approx(slower * reference("ankle_power_w_per_kg", env._gait_rig.phase).max())
     assert peaks[0] < 0.85 * peaks[1]
 
 
 @pytest.mark.parametrize(("most", "error"), [(-0.4, 12.0), (1.0, 50.0)])
 def test_the_phase_estimate_stays_one_under_any_policy(most: float, error: float) -> None:
     env = fresh(reset_noise=0.0)
-    usual, random = env._rig.plan.stride_time, np.random.default_rng(3)
+    usual, random = env._gait_rig.trajectory.stride_time, np.random.default_rng(3)
     errors = []
     for _ in range(550):
         observed, _, terminated, _, info = env.step(random.uniform(-1, most, 1).astype(np.float32))
         assert not terminated
-        assert 0.6 * usual <= env._task._senses._period[0] <= 1.6 * usual
+        assert 0.6 * usual <= env._task._sensors._stride_time[0] <= 1.6 * usual
         estimate = np.arctan2(observed[6], observed[7]) / (2 * np.pi) * 100
         errors.append((estimate - info["gait_pct"] + 50) % 100 - 50)
         assert np.hypot(observed[6], observed[7]) == pytest.approx(1.0, abs=1e-6)
@@ -162,22 +164,24 @@ def test_options_that_cannot_be_are_refused(options: dict[str, object], words: s
 
 
 def test_a_dead_time_delays_the_command_by_steps() -> None:
-    text = load("klute-1-1-4-pair").content + b"\n[effects.pressure_delay]\ndelay_s = 0.0125\n"
-    late, prompt = fresh(device=read(text, "late"), strides=1), fresh(strides=1)
+    text = load_device("klute-1-1-4-pair").content + b"\n[effects.pressure_delay]\ndelay_s = 0.0125\n"
+    late, prompt = fresh(device=parse_device(text, "late"), strides=1), fresh(strides=1)
     reached = []
     for env in (late, prompt):
         for value in (-0.6, -0.6, 0.5):
             env.step(act(value))
-        reached.append(env.data.act[env._rig.actuator.act])
+        reached.append(env.data.act[env._gait_rig.actuator.act_address])
     # 50 bar/s: the prompt one rises by half a bar in the interval, the late one has not been told yet.
     assert reached[0] == pytest.approx(1.0, abs=1e-6)
     assert reached[1] == pytest.approx(1.5, abs=1e-6)
-    assert [steps for steps, _ in late._task.due(np.array([3.0]), late._one)] == [5, 15]
-    assert [steps for steps, _ in prompt._task.due(np.array([3.0]), prompt._one)] == [20]
+    assert [steps for steps, _ in late._task.schedule_commands(np.array([3.0]), late._single_mask)] == [5, 15]
+    assert [steps for steps, _ in prompt._task.schedule_commands(np.array([3.0]), prompt._single_mask)] == [20]
 
 
 def test_with_a_dead_time_the_batch_is_still_the_single_environment() -> None:
-    device = read(load("klute-1-1-4-pair").content + b"\n[effects.pressure_delay]\ndelay_s = 0.027\n", "late")
+    device = parse_device(
+        load_device("klute-1-1-4-pair").content + b"\n[effects.pressure_delay]\ndelay_s = 0.027\n", "late"
+    )
     single = fresh(device=device, strides=1)
     batch = gymnasium.make_vec("klute_sim/AnkleGait-v1", 2, "vector_entry_point", device=device, strides=1)
     single.reset(seed=4)
@@ -186,9 +190,9 @@ def test_with_a_dead_time_the_batch_is_still_the_single_environment() -> None:
         value = np.sin(k / 5)
         one, many = single.step(act(value))[0], batch.step(np.full((2, 1), value, dtype=np.float32))[0]
         assert np.array_equal(one, many[0])
-    seen = single.data.act[single._rig.actuator.act]
+    seen = single.data.act[single._gait_rig.actuator.act_address]
     plain = fresh(strides=1)
     plain.reset(seed=4)
     for k in range(60):
         plain.step(act(np.sin(k / 5)))
-    assert seen != pytest.approx(plain.data.act[plain._rig.actuator.act], abs=1e-3)
+    assert seen != pytest.approx(plain.data.act[plain._gait_rig.actuator.act_address], abs=1e-3)

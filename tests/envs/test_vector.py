@@ -6,7 +6,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 import klute_sim  # noqa: F401  (registers)
-from klute_sim.device.files import load
+from klute_sim.device.files import load_device
 from klute_sim.errors import InputError
 
 NAME = "klute_sim/AnkleGait-v1"
@@ -112,6 +112,8 @@ def test_a_simulation_without_a_finite_state_ends_its_episode_alone() -> None:
 
 
 def test_another_device_walks_too() -> None:
-    batch = gymnasium.make_vec(NAME, 2, "vector_entry_point", device=load("klute-3-4-pair"), mass=50.0, stature=1.9)
+    batch = gymnasium.make_vec(
+        NAME, 2, "vector_entry_point", device=load_device("klute-3-4-pair"), mass=50.0, stature=1.9
+    )
     batch.reset(seed=0)
     assert np.isfinite(batch.step(np.zeros((2, 1), dtype=np.float32))[0]).all()

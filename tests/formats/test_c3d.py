@@ -49,7 +49,7 @@ def test_a_capture_by_hand(tmp_path: Path) -> None:
     assert plate.time[-1] == pytest.approx(0.499)
     assert plate.force[0] == pytest.approx([50.0, 0.0, 800.0])
     # -My/Fz = -100 mm, and 50 N at 40 mm below the surface move it by 50 * -40 / 800 = -2.5 mm
-    assert plate.pressure_centre[0] == pytest.approx([0.300 - 0.100 - 0.0025, 0.200, 0.0], abs=1e-6)
+    assert plate.cop[0] == pytest.approx([0.300 - 0.100 - 0.0025, 0.200, 0.0], abs=1e-6)
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
@@ -127,6 +127,6 @@ def test_a_file_that_keeps_the_library_busy_for_ever_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = made(tmp_path / "a.c3d")
-    monkeypatch.setattr(c3d, "PATIENCE", 0.0)
+    monkeypatch.setattr(c3d, "STARTUP_TIMEOUT", 0.0)
     with pytest.raises(InputError, match=r"a\.c3d cannot be read as C3D within 0 s: it is damaged$"):
         c3d.read(file)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from klute_sim.errors import InputError
 from klute_sim.formats import storage
-from klute_sim.formats.content import Content
+from klute_sim.formats.content import FileContent
 from klute_sim.formats.storage import Storage
 
 TEXT = """Coordinates
@@ -36,7 +36,7 @@ def independent(path: Path) -> tuple[dict[str, str], list[str], np.ndarray]:
 
 
 def test_a_file_by_hand() -> None:
-    found = storage.parse(Content("x.mot", TEXT.encode()))
+    found = storage.parse(FileContent("x.mot", TEXT.encode()))
     assert (found.name, found.in_degrees, list(found.columns)) == (
         "Coordinates",
         True,
@@ -92,7 +92,7 @@ def test_round_trips_are_exact(
 def test_what_is_wrong_is_said_with_its_place(old: str, new: str, says: str) -> None:
     assert old in TEXT
     with pytest.raises(InputError) as caught:
-        storage.parse(Content("x.mot", TEXT.replace(old, new, 1).encode()))
+        storage.parse(FileContent("x.mot", TEXT.replace(old, new, 1).encode()))
     assert says in str(caught.value)
     assert "x.mot" in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -112,6 +112,6 @@ def test_files_that_are_too_large_empty_or_not_there(tmp_path: Path, monkeypatch
     with pytest.raises(InputError, match="is empty"):
         storage.read(tmp_path / "empty.mot")
     (tmp_path / "x.mot").write_text(TEXT)
-    monkeypatch.setattr("klute_sim.formats.content.MOST_BYTES", 100)
+    monkeypatch.setattr("klute_sim.formats.content.MAX_BYTES", 100)
     with pytest.raises(InputError, match="allowed are"):
         storage.read(tmp_path / "x.mot")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from klute_sim.errors import InputError
 from klute_sim.formats import trc
-from klute_sim.formats.content import Content
+from klute_sim.formats.content import FileContent
 from klute_sim.formats.trc import Markers
 
 TEXT = (
@@ -25,7 +25,7 @@ TEXT = (
 
 
 def test_a_file_by_hand() -> None:
-    found = trc.parse(Content("x.trc", TEXT.encode()))
+    found = trc.parse(FileContent("x.trc", TEXT.encode()))
     assert found.time.tolist() == [0.0, 0.017]
     assert found.positions["R.Heel"][0] == pytest.approx([0.1, -0.0505, 0.0])
     assert found.positions["R Toe"][0] == pytest.approx([0.001, 0.002, 0.003])
@@ -75,7 +75,7 @@ def test_round_trips_are_exact(
 def test_what_is_wrong_is_said_with_its_place(old: str, new: str, says: str) -> None:
     assert old in TEXT
     with pytest.raises(InputError) as caught:
-        trc.parse(Content("x.trc", TEXT.replace(old, new, 1).encode()))
+        trc.parse(FileContent("x.trc", TEXT.replace(old, new, 1).encode()))
     assert says in str(caught.value)
     assert "x.trc" in str(caught.value)
 

@@ -21,14 +21,14 @@ import inputs  # noqa: E402
 import plan  # noqa: E402
 import simulate  # noqa: E402
 
-from klute_sim.device.files import load  # noqa: E402
-from klute_sim.device.rollout import rollout  # noqa: E402
-from klute_sim.device.step import Parameters, settled  # noqa: E402
+from klute_sim.device.files import load_device  # noqa: E402
+from klute_sim.device.rollout import simulate_rollouts  # noqa: E402
+from klute_sim.device.step import DeviceParameters, compute_equilibrium_state  # noqa: E402
 from klute_sim.effects import catalogue as own  # noqa: E402
 from klute_sim.effects import instrument  # noqa: E402
 
-LAW, AIR = catalogue.neutral_law(catalogue.load_device())
-PROGRAM = inputs.programs(np.random.default_rng(7))[2]
+LAW, AIR = catalogue.build_neutral_law(catalogue.load_device())
+PROGRAM = inputs.generate_programs(np.random.default_rng(7))[2]
 STEP = 5e-5  # s
 FINE_STEP = 1e-5  # s: for a tank, whose pressure the package looks up a step late
 FINE_TOLERANCE = 1e-10  # m: for a tank, because air that is closed in a moment later may go another way
@@ -39,19 +39,19 @@ depend on how a memory of no time is taken for one of little."""
 
 
 def typical(*keys: tuple[str, str]) -> list[dict]:
-    return [plan.effect(catalogue.EFFECTS, key, None) for key in keys]
+    return [plan.draw_effect(catalogue.EFFECTS, key, None) for key in keys]
 
 
 def stepped(effects: list[dict], step: float) -> dict[str, np.ndarray]:
     """The package's device on the trace grid, without the start."""
-    values = own.values({(e["name"], e["form"]): e["parameters"] for e in effects})
-    device: Parameters = load("klute-3-4-pair").parameters._replace(effects=values)
+    values = own.pack_effects({(e["name"], e["form"]): e["parameters"] for e in effects})
+    device: DeviceParameters = load_device("klute-3-4-pair").parameters._replace(effects=values)
     every = round(1e-3 / step)
     time = np.arange(1, (len(PROGRAM.length) - 1) * every + 1) * step
-    length = PPoly(PROGRAM.pieces(), np.arange(len(PROGRAM.length)) * 1e-3)(time)
-    command = np.interp(time, np.arange(len(PROGRAM.command)) * inputs.SAMPLE, PROGRAM.command)
-    start = settled(device, float(PROGRAM.length[0]), float(PROGRAM.command[0]))
-    found = rollout(device, length, command, step, start=start)
+    length = PPoly(PROGRAM.spline_coefficients(), np.arange(len(PROGRAM.length)) * 1e-3)(time)
+    command = np.interp(time, np.arange(len(PROGRAM.command)) * inputs.SAMPLE_INTERVAL, PROGRAM.command)
+    start = compute_equilibrium_state(device, float(PROGRAM.length[0]), float(PROGRAM.command[0]))
+    found = simulate_rollouts(device, length, command, step, initial_state=start)
     series = {"force": found.tension, "pressure": found.pressure / 1e5, "muscle_length": found.length * 1e3}
     return {name: values[every - 1 :: every] for name, values in series.items()}
 
@@ -59,8 +59,8 @@ def stepped(effects: list[dict], step: float) -> dict[str, np.ndarray]:
 def apart(effects: list[dict]) -> dict[str, float]:
     """Rms of what they differ by in the second half of the trial, by channel."""
     tank = any(e["name"] == "supply_droop" for e in effects)
-    step, tolerance = (FINE_STEP, FINE_TOLERANCE) if tank else (STEP, simulate.TOLERANCE)
-    made = simulate.trace(PROGRAM, *catalogue.with_effects(LAW, AIR, effects), tolerance=tolerance)
+    step, tolerance = (FINE_STEP, FINE_TOLERANCE) if tank else (STEP, simulate.LENGTH_TOLERANCE)
+    made = simulate.simulate_trace(PROGRAM, *catalogue.add_effects(LAW, AIR, effects), tolerance=tolerance)
     coarse, fine = stepped(effects, 2.0 * step), stepped(effects, step)
     late = len(PROGRAM.length) // 2
     gap = {name: (made[name][1:] - (2.0 * fine[name] - coarse[name]))[late:] for name in CHANNELS}
@@ -79,7 +79,7 @@ def marked(cases: Iterable[Any], marks: Mapping[Any, pytest.MarkDecorator]) -> l
 
 @pytest.mark.parametrize("key", marked(catalogue.EFFECTS, {}))
 def test_every_form_is_the_packages(key: tuple[str, str]) -> None:
-    known = [catalogue.KNOWN_VALVE] if key[0] in catalogue.NEEDS_VALVE else []
+    known = [catalogue.KNOWN_VALVE] if key[0] in catalogue.VALVE_EFFECTS else []
     limits = STICK_SLIP if key == ("seal_friction", "stribeck") else CHANNELS
     for name, gap in apart([*known, *typical(key)]).items():
         assert gap < limits[name], (name, gap)
@@ -129,19 +129,19 @@ def test_several_at_once_are_the_packages(name: str) -> None:
 def test_names_and_parameters_are_those_of_the_packages_catalogue() -> None:
     left_out = {"bladder", "friction_offset"}  # for devices that are without what the preset has
     left_out |= {"unknown_force", "unknown_tendon_force", "unknown_pressure"}  # what a diagnosis falls back on
-    device = {k: e for k, e in own.effects().items() if e.kind == "device" and k not in left_out}
+    device = {k: e for k, e in own.get_effects().items() if e.kind == "device" and k not in left_out}
     theirs = {(k, form.name): form for k, effect in device.items() for form in effect.forms}
     assert set(theirs) == set(catalogue.EFFECTS)
     for key, form in theirs.items():
-        listed = {p.key: (p.low, p.high, p.typical, p.neutral) for p in form.parameters}
+        listed = {p.key: (p.lower, p.upper, p.typical, p.neutral) for p in form.parameters}
         assert {name: p[:4] for name, p in catalogue.EFFECTS[key].items()} == listed
     assert not set(catalogue.OTHER_FORMS) & set(theirs)
-    faults = {k for k, effect in own.effects().items() if effect.kind == "instrument"}
+    faults = {k for k, effect in own.get_effects().items() if effect.kind == "instrument"}
     assert {name for name, _ in catalogue.instrument_forms("force")} == faults
 
 
 def test_coarse_steps_are_the_packages() -> None:
     force = np.linspace(-3.0, 40.0, 1001)
     fault = {"name": "quantisation", "form": "linear", "channel": "force", "parameters": {"step": 1.7}}
-    made = simulate.in_steps("force", force, [fault])
-    np.testing.assert_allclose(made, instrument.rounded((1.7,), force, force), atol=1e-12)
+    made = simulate.quantise("force", force, [fault])
+    np.testing.assert_allclose(made, instrument.quantize((1.7,), force, force), atol=1e-12)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from klute_sim.dataset.dataset import read, split
-from klute_sim.diagnose.prepare import prepare
+from klute_sim.dataset.dataset import load_dataset, split_dataset
+from klute_sim.diagnose.prepare import prepare_experiments
 from klute_sim.effects import catalogue as public
 
 HOME = Path(__file__).parents[2] / "benchmarks" / "hidden_effects"
@@ -23,7 +23,7 @@ import generate  # noqa: E402
 import run  # noqa: E402
 import score  # noqa: E402
 import simulate  # noqa: E402
-from metrics import Row  # noqa: E402
+from metrics import DatasetResult  # noqa: E402
 
 import report  # noqa: E402
 
@@ -75,21 +75,23 @@ def test_a_terms_coefficient_is_the_effects_parameter(
     tmp_path: Path, formula: str, true: float, hidden: list[Any], faults: list[Any]
 ) -> None:
     folder = tmp_path / "silent"
-    generate.make(folder, 5, effects=hidden, instruments=faults, noise=SILENT)
-    dataset = read(folder)
-    trials = [e for e in prepare(dataset, split(dataset)) if e.use == "fit" and e.name.endswith("_a")]
-    found = [force_balance.balance(dataset, trial) for trial in trials]
+    generate.make_dataset(folder, 5, effects=hidden, instruments=faults, noise=SILENT)
+    dataset = load_dataset(folder)
+    trials = [
+        e for e in prepare_experiments(dataset, split_dataset(dataset)) if e.use == "fit" and e.name.endswith("_a")
+    ]
+    found = [force_balance.compute_balance(dataset, trial) for trial in trials]
     lacking, base, terms = (np.concatenate([getattr(b, name) for b in found]) for name in ("lacking", "base", "terms"))
-    (number,) = (i for i, term in enumerate(force_balance.TERMS) if term.formula == formula)
+    (number,) = (i for i, term in enumerate(force_balance.BALANCE_TERMS) if term.formula == formula)
     fitted = np.linalg.lstsq(np.column_stack([base, terms[:, number]]), lacking, rcond=None)[0]
-    assert fitted[-1] * force_balance.TERMS[number].size == pytest.approx(true, rel=0.25)
+    assert fitted[-1] * force_balance.BALANCE_TERMS[number].typical_size == pytest.approx(true, rel=0.25)
 
 
 def test_every_meaning_of_a_term_is_an_effect_of_the_catalogue() -> None:
-    for term in force_balance.TERMS:
-        for meaning in term.meanings:
-            public.form_of(meaning.name, meaning.form)
-            assert (public.effects()[meaning.name].kind == "instrument") == (meaning.channel is not None)
+    for term in force_balance.BALANCE_TERMS:
+        for meaning in term.candidates:
+            public.find_form(meaning.name, meaning.form)
+            assert (public.get_effects()[meaning.name].kind == "instrument") == (meaning.channel is not None)
 
 
 @pytest.mark.parametrize(
@@ -106,36 +108,36 @@ def test_every_meaning_of_a_term_is_an_effect_of_the_catalogue() -> None:
 def test_a_term_means_only_what_is_possible(
     formula: str, measured: bool, exclude: tuple[str, ...], positive: bool, names: list[str]
 ) -> None:
-    (term,) = (term for term in force_balance.TERMS if term.formula == formula)
-    assert [meaning.name for meaning in term.possible(measured, exclude, positive)] == names
+    (term,) = (term for term in force_balance.BALANCE_TERMS if term.formula == formula)
+    assert [meaning.name for meaning in term.possible_effects(measured, exclude, positive)] == names
 
 
 @pytest.mark.long
 def test_the_sparse_regression_names_what_is_there_and_says_what_it_cannot_tell_apart(tmp_path: Path) -> None:
     pytest.importorskip("pysindy")
     hidden = effect("muscle_damping", "viscous", coefficient_n_s_per_m=600.0)
-    truth = generate.make(tmp_path / "thick", 2, effects=hidden)
-    found = baselines.sindy(tmp_path / "thick")
+    truth = generate.make_dataset(tmp_path / "thick", 2, effects=hidden)
+    found = baselines.regress_sparsely(tmp_path / "thick")
     assert found["verdict"] == "ambiguous"
-    assert score.named(found) == ["muscle_damping"]
+    assert score.list_named_effects(found) == ["muscle_damping"]
     assert found["alternatives"] == [["laminar_orifice"]]
     assert found["terms"]["n v"] == pytest.approx(600.0, rel=0.1)
-    assert score.score(truth, found) == "right"
+    assert score.score_verdict(truth, found) == "right"
     assert found["gap"]["force"]["after"] < 0.5 * found["gap"]["force"]["before"]
     assert json.loads(json.dumps(found)) == found
-    less = baselines.sindy(tmp_path / "thick", ["muscle_damping"])
-    assert score.named(less) == ["laminar_orifice"]
+    less = baselines.regress_sparsely(tmp_path / "thick", ["muscle_damping"])
+    assert score.list_named_effects(less) == ["laminar_orifice"]
 
-    generate.make(tmp_path / "clean", 2)
-    assert baselines.sindy(tmp_path / "clean")["verdict"] == "nothing-missing"
+    generate.make_dataset(tmp_path / "clean", 2)
+    assert baselines.regress_sparsely(tmp_path / "clean")["verdict"] == "nothing-missing"
 
 
 @pytest.mark.long
 def test_plain_bic_names_a_strong_effect(tmp_path: Path) -> None:
     hidden = effect("braid_hysteresis", "coulomb", slope_n_per_bar=12.0)
-    generate.make(tmp_path / "rough", 3, effects=hidden)
-    few = [name for name in public.effects() if name not in ("braid_hysteresis", "seal_friction")]
-    found = baselines.plain_bic(without_most(tmp_path / "rough"), few)
+    generate.make_dataset(tmp_path / "rough", 3, effects=hidden)
+    few = [name for name in public.get_effects() if name not in ("braid_hysteresis", "seal_friction")]
+    found = baselines.select_by_bic(without_most(tmp_path / "rough"), few)
     assert found["verdict"] == "named"
     (braid,) = (each for each in found["effects"] if each["name"] == "braid_hysteresis")
     if braid["form"] == "coulomb":
@@ -146,7 +148,7 @@ def test_plain_bic_names_a_strong_effect(tmp_path: Path) -> None:
 
 
 def test_data_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
-    found = baselines.plain_bic(tmp_path / "nowhere")
+    found = baselines.select_by_bic(tmp_path / "nowhere")
     assert found["verdict"] == "insufficient-data"
     assert "nowhere" in found["said"]
 
@@ -154,20 +156,20 @@ def test_data_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
 def test_how_to_get_pysindy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ModuleNotFoundError, match=r"^PySINDy is not installed: install it with 'pip install"):
-        run.other_methods()
+        run.load_baselines()
 
 
 def test_what_is_done_is_kept(tmp_path: Path) -> None:
     answers = iter([{"verdict": "named"}])
     for _ in range(2):
-        assert run.kept(tmp_path / "a.json", lambda: next(answers)) == {"verdict": "named"}
+        assert run.load_or_compute(tmp_path / "a.json", lambda: next(answers)) == {"verdict": "named"}
 
 
 def test_methods_are_told_of_side_by_side(capsys: pytest.CaptureFixture[str]) -> None:
     truth = {"effects": effect("seal_friction", "coulomb", force_n=15.0), "instruments": [], "strangers": []}
     truth |= {"block": "single", "size": 3.0}
 
-    def row(verdict: str, after: float, outcome: str) -> Row:
+    def row(verdict: str, after: float, outcome: str) -> DatasetResult:
         gap = {
             "force": {"before": 11.0, "after": after, "floor": 3.0},
             "pressure": {"before": 1, "after": 1, "floor": 1},
@@ -177,18 +179,18 @@ def test_methods_are_told_of_side_by_side(capsys: pytest.CaptureFixture[str]) ->
             for e in truth["effects"]
         ]
         found = {"verdict": verdict, "effects": told, "alternatives": [], "gap": gap, "s": 2.0}
-        return Row("one", truth, found, outcome)
+        return DatasetResult("one", truth, found, outcome)
 
     rows = [row("named", 3.0, "right"), row("named", 5.0, "right"), row("nothing-missing", 11.0, "missed")]
     others = {"sindy": [row("named", 7.0, "wrong")] * 3}
-    report.report(rows, others, as_json=True)
+    report.print_report(rows, others, as_json=True)
     told = json.loads(capsys.readouterr().out)
     methods = told["methods"]
     assert methods["klute-sim"] == {"outcomes": {"right": 2, "missed": 1}, "median_s": 2.0, "gap_removed": 0.75}
     assert methods["sindy"] == {"outcomes": {"wrong": 3}, "median_s": 2.0, "gap_removed": 0.5}
     assert methods["refit only"] == {"names": 0, "gap_over_floor": pytest.approx(11 / 3)}
     assert told["rows"][0]["sindy"]["outcome"] == "wrong"
-    report.report(rows, others, as_json=False)
+    report.print_report(rows, others, as_json=False)
     text = capsys.readouterr().out
     assert "0.75" in text
     assert "gap left / floor" in " ".join(text.split())

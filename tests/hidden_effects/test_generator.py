@@ -27,23 +27,23 @@ import simulate  # noqa: E402
 import truth  # noqa: E402
 
 FORMS = {**catalogue.EFFECTS, **catalogue.OTHER_FORMS}
-LAW, AIR = catalogue.neutral_law(catalogue.load_device())
-PROGRAM = inputs.programs(np.random.default_rng(7))[2]
+LAW, AIR = catalogue.build_neutral_law(catalogue.load_device())
+PROGRAM = inputs.generate_programs(np.random.default_rng(7))[2]
 
 
-def device_with(effects: list[dict], known: bool) -> tuple[laws.Law, air.Air]:
+def device_with(effects: list[dict], known: bool) -> tuple[laws.Law, air.AirSupply]:
     """The device with ``effects``, and with the known valve."""
-    return catalogue.with_effects(LAW, AIR, [*([catalogue.KNOWN_VALVE] if known else []), *effects])
+    return catalogue.add_effects(LAW, AIR, [*([catalogue.KNOWN_VALVE] if known else []), *effects])
 
 
 @pytest.fixture(scope="module")
 def behind_valve() -> dict[str, np.ndarray]:
-    return simulate.trace(PROGRAM, *device_with([], known=True))
+    return simulate.simulate_trace(PROGRAM, *device_with([], known=True))
 
 
 @pytest.fixture(scope="module")
 def plain() -> dict[str, np.ndarray]:
-    return simulate.trace(PROGRAM, LAW, AIR)
+    return simulate.simulate_trace(PROGRAM, LAW, AIR)
 
 
 def rms(values: np.ndarray) -> float:
@@ -62,25 +62,27 @@ def test_static_force_is_the_published_one(ratio: float, geometric: float, bladd
     """The 3/4 in actuator at 5 bar; the preset's are the same braid and bladder, only longer."""
     hard = LAW._replace(friction_slope=0.0, friction_offset=0.0)
     for law, force in ((hard._replace(bladder_gain=0.0), geometric), (hard, bladder), (LAW, total)):
-        assert laws.muscle_static(5e5, ratio * law.rest, law) / law.count == pytest.approx(force, abs=1.0)
+        assert laws.static_muscle_tension(5e5, ratio * law.resting_length, law) / law.n_muscles == pytest.approx(
+            force, abs=1.0
+        )
 
 
 def test_the_damper_meets_its_design_points() -> None:
-    assert laws.moving(5e5, -0.3, LAW) == pytest.approx(-1472.0, rel=2e-3)
-    assert laws.moving(5e5, 0.15, LAW) == pytest.approx(400.0, rel=2e-3)
+    assert laws.rate_dependent_tension(5e5, -0.3, LAW) == pytest.approx(-1472.0, rel=2e-3)
+    assert laws.rate_dependent_tension(5e5, 0.15, LAW) == pytest.approx(400.0, rel=2e-3)
 
 
 @pytest.mark.parametrize("key", FORMS, ids="/".join)
 def test_every_effect_shows_at_its_typical_size_and_is_nothing_at_neutral(
     key: tuple[str, str], plain: dict[str, np.ndarray], behind_valve: dict[str, np.ndarray]
 ) -> None:
-    effect, known = plan.effect(FORMS, key, None), key[0] in catalogue.NEEDS_VALVE
+    effect, known = plan.draw_effect(FORMS, key, None), key[0] in catalogue.VALVE_EFFECTS
     plain = behind_valve if known else plain
-    shown = simulate.trace(PROGRAM, *device_with([effect], known))
+    shown = simulate.simulate_trace(PROGRAM, *device_with([effect], known))
     assert np.isfinite(shown["force"]).all()
     assert rms(shown["force"] - plain["force"]) > 1.0
     neutral = {n: p.typical if p.neutral is None else p.neutral for n, p in FORMS[key].items()}
-    without = simulate.trace(PROGRAM, *device_with([{**effect, "parameters": neutral}], known))
+    without = simulate.simulate_trace(PROGRAM, *device_with([{**effect, "parameters": neutral}], known))
     for channel, values in plain.items():
         np.testing.assert_array_equal(without[channel], values)
 
@@ -97,80 +99,89 @@ def test_every_effect_shows_at_its_typical_size_and_is_nothing_at_neutral(
 )
 def test_ten_times_tighter_is_the_same(names: list[tuple[str, str]]) -> None:
     """With effects that are hard to integrate, several at once."""
-    device = catalogue.with_effects(LAW, AIR, [plan.effect(FORMS, key, None) for key in names])
-    usual, tighter = (simulate.trace(PROGRAM, *device, tolerance=t) for t in (1e-9, 1e-10))
+    device = catalogue.add_effects(LAW, AIR, [plan.draw_effect(FORMS, key, None) for key in names])
+    usual, tighter = (simulate.simulate_trace(PROGRAM, *device, tolerance=t) for t in (1e-9, 1e-10))
     assert rms(usual["force"] - tighter["force"]) < 0.02
 
 
 def test_scipys_radau_agrees(plain: dict[str, np.ndarray]) -> None:
     """An unrelated integrator, on a device whose law is smooth at rest (the v|v| law is not Lipschitz there)."""
     law = LAW._replace(transition=0.04, viscous=300.0, relax_stiffness=3e3, relax_time=0.3)
-    pieces, end = PROGRAM.pieces(), 1.5
+    pieces, end = PROGRAM.spline_coefficients(), 1.5
     n = (len(PROGRAM.length) - 1) * 20 + 1
-    pressure = np.maximum(air.pressure_trace(PROGRAM.command, inputs.SAMPLE, n, AIR), 2.0e5)
-    given = truth.Inputs(pieces, pressure, PROGRAM.command, inputs.SAMPLE)
-    _, length, _, _ = truth.integrate(given, law, AIR, 1e-9)
+    pressure = np.maximum(air.simulate_pressure(PROGRAM.command, inputs.SAMPLE_INTERVAL, n, AIR), 2.0e5)
+    given = truth.DeviceInputs(pieces, pressure, PROGRAM.command, inputs.SAMPLE_INTERVAL)
+    _, length, _, _ = truth.integrate_device(given, law, AIR, 1e-9)
 
     def rate(t: float, state: np.ndarray) -> list[float]:
         L, s = state
-        p = air.on_grid(t, pressure, air.AIR_STEP)
-        pull = laws.tendon_elastic(truth.unit_length(t, pieces) - L - law.slack, law)
-        held = laws.muscle_static(p, L, law) + law.count * law.relax_stiffness * (L - law.rest - s) - pull
-        v = brentq(lambda u: held + laws.moving(p, u, law), -2.0, 2.0, xtol=1e-12)
-        return [v, (L - law.rest - s) / law.relax_time]
+        p = air.interpolate_on_grid(t, pressure, air.AIR_STEP)
+        pull = laws.elastic_tendon_tension(truth.evaluate_length_spline(t, pieces) - L - law.slack, law)
+        held = (
+            laws.static_muscle_tension(p, L, law)
+            + law.n_muscles * law.relax_stiffness * (L - law.resting_length - s)
+            - pull
+        )
+        v = brentq(lambda u: held + laws.rate_dependent_tension(p, u, law), -2.0, 2.0, xtol=1e-12)
+        return [v, (L - law.resting_length - s) / law.relax_time]
 
-    start = [length[0], length[0] - law.rest]
+    start = [length[0], length[0] - law.resting_length]
     at = np.arange(0.0, end, 0.01)
     found = solve_ivp(rate, (0.0, end), start, "Radau", at, rtol=1e-7, atol=1e-9, max_step=0.005)
-    assert length.max() < law.rest
+    assert length.max() < law.resting_length
     np.testing.assert_allclose(found.y[0], length[::10][: len(at)], atol=2e-6)
 
 
 def test_pressure_follows_its_laws() -> None:
     command = np.r_[np.full(20, 2e5), np.full(181, 4e5)]  # a step that ends at 0.1 s
     t = np.arange(20001) * air.AIR_STEP
-    plain = air.pressure_trace(command, 5e-3, len(t), AIR)
-    assert np.diff(plain).max() <= AIR.rate * air.AIR_STEP * (1 + 1e-9)
+    plain = air.simulate_pressure(command, 5e-3, len(t), AIR)
+    assert np.diff(plain).max() <= AIR.max_rate * air.AIR_STEP * (1 + 1e-9)
     np.testing.assert_allclose(plain[t > 0.12], 4e5)
-    lagged = air.pressure_trace(command, 5e-3, len(t), AIR._replace(lag=0.05))
+    lagged = air.simulate_pressure(command, 5e-3, len(t), AIR._replace(lag_time=0.05))
     late = t > 0.1
     start = lagged[np.flatnonzero(late)[0]]
     decay = np.exp(-(t[late] - t[late][0]) / 0.05)
     np.testing.assert_allclose(lagged[late], 4e5 + (start - 4e5) * decay, rtol=1e-9)
-    delayed = air.pressure_trace(command, 5e-3, len(t), AIR._replace(delay=0.04))
+    delayed = air.simulate_pressure(command, 5e-3, len(t), AIR._replace(dead_time=0.04))
     np.testing.assert_allclose(delayed[800:], plain[:-800], atol=1e-3)
 
 
-@pytest.mark.parametrize("channel", catalogue.CHANNELS)
+@pytest.mark.parametrize("channel", catalogue.BENCH_CHANNELS)
 def test_instruments_touch_their_channel_only(channel: str, plain: dict[str, np.ndarray]) -> None:
     forms = catalogue.instrument_forms(channel)
     for key in forms:
-        fault = {**plan.effect(forms, key, None), "channel": channel}
-        read = simulate.read(plain, [fault])
+        fault = {**plan.draw_effect(forms, key, None), "channel": channel}
+        read = simulate.apply_faults(plain, [fault])
         for name, values in plain.items():
-            shown = simulate.in_steps(name, read[name], [fault])
+            shown = simulate.quantise(name, read[name], [fault])
             assert np.array_equal(shown, values) == (name != channel)
         fault["parameters"] = {name: parameter.neutral for name, parameter in forms[key].items()}
-        read = simulate.read(plain, [fault])
-        np.testing.assert_array_equal(simulate.in_steps(channel, read[channel], [fault]), plain[channel])
+        read = simulate.apply_faults(plain, [fault])
+        np.testing.assert_array_equal(simulate.quantise(channel, read[channel], [fault]), plain[channel])
 
 
 def test_noise_is_coloured() -> None:
-    noise = simulate.coloured(np.random.default_rng(0), 200_000, 3.0)
+    noise = simulate.draw_coloured_noise(np.random.default_rng(0), 200_000, 3.0)
     assert rms(noise) == pytest.approx(3.0, rel=0.05)
-    assert 0.010 < -inputs.SAMPLE / math.log(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.031
+    assert 0.010 < -inputs.SAMPLE_INTERVAL / math.log(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.031
 
 
 def test_inputs_are_what_a_bench_can_do() -> None:
     for seed in range(20):
-        for program in inputs.programs(np.random.default_rng(seed)):
+        for program in inputs.generate_programs(np.random.default_rng(seed)):
             v = np.gradient(program.length, truth.TRACE_STEP)
             assert 3.0 <= program.duration <= 6.0
             assert np.abs(v).max() < 0.31
             assert np.abs(np.gradient(v, truth.TRACE_STEP)).max() < 30.0
             assert v.max() > 0.02
             assert v.min() < -0.02
-            assert inputs.SHORT - 1e-9 <= program.length.min() <= program.length.max() <= inputs.LONG + 1e-9
+            assert (
+                inputs.MIN_UNIT_LENGTH - 1e-9
+                <= program.length.min()
+                <= program.length.max()
+                <= inputs.MAX_UNIT_LENGTH + 1e-9
+            )
             assert np.ptp(program.length[:300]) == 0.0
             assert np.ptp(program.command[:60]) == 0.0
             assert program.command.min() < 2e5
@@ -180,10 +191,10 @@ def test_inputs_are_what_a_bench_can_do() -> None:
 
 
 def test_the_same_seed_writes_the_same_bytes_in_the_documented_format(tmp_path: Path) -> None:
-    effects = [plan.effect(FORMS, ("pressure_lag", "first_order"), None)]
-    first = generate.make(tmp_path / "a", 1, effects=effects, muscle_length=True)
-    generate.make(tmp_path / "b", 1, effects=effects, muscle_length=True)
-    generate.make(tmp_path / "c", 2, effects=effects, muscle_length=True)
+    effects = [plan.draw_effect(FORMS, ("pressure_lag", "first_order"), None)]
+    first = generate.make_dataset(tmp_path / "a", 1, effects=effects, muscle_length=True)
+    generate.make_dataset(tmp_path / "b", 1, effects=effects, muscle_length=True)
+    generate.make_dataset(tmp_path / "c", 2, effects=effects, muscle_length=True)
     assert files(tmp_path / "a") == files(tmp_path / "b")
     assert not set(files(tmp_path / "a").values()) & {
         v for k, v in files(tmp_path / "c").items() if k != "dataset.toml"
@@ -191,7 +202,7 @@ def test_the_same_seed_writes_the_same_bytes_in_the_documented_format(tmp_path: 
     assert first == json.loads((tmp_path / "a.truth.json").read_text("utf-8"))
     assert first["effects"] == effects
     assert first["raw_size"] > 1.0
-    for key, share in catalogue.UNCERTAIN.items():
+    for key, share in catalogue.RELATIVE_UNCERTAINTIES.items():
         assert abs(first["base"][key] / first["nominal"][key] - 1.0) <= 2.0 * share
 
     document = tomllib.loads((tmp_path / "a" / "dataset.toml").read_text("utf-8"))
@@ -221,9 +232,9 @@ def test_the_same_seed_writes_the_same_bytes_in_the_documented_format(tmp_path: 
 
 
 def test_a_leak_is_hidden_in_a_device_that_is_known_to_have_a_valve(tmp_path: Path) -> None:
-    (spec,) = (s for s in plan.plan("single", 60, 1, typical=True)[:31] if s["effects"][0]["name"] == "leak")
+    (spec,) = (s for s in plan.plan_datasets("single", 60, 1, typical=True)[:31] if s["effects"][0]["name"] == "leak")
     spec.pop("name")
-    sealed = generate.make(tmp_path / "leak", **spec)
+    sealed = generate.make_dataset(tmp_path / "leak", **spec)
     assert [e["name"] for e in sealed["effects"]] == ["leak"]
     assert sealed["known"] == [catalogue.KNOWN_VALVE]
     device = tomllib.loads((tmp_path / "leak" / "device.toml").read_text("utf-8"))
@@ -234,7 +245,7 @@ def test_a_leak_is_hidden_in_a_device_that_is_known_to_have_a_valve(tmp_path: Pa
 
 def test_coarse_steps_come_after_the_noise(tmp_path: Path) -> None:
     fault = {"name": "quantisation", "form": "linear", "channel": "force", "parameters": {"step": 12.0}}
-    sealed = generate.make(tmp_path / "steps", 5, instruments=[fault])
+    sealed = generate.make_dataset(tmp_path / "steps", 5, instruments=[fault])
     assert 0.7 < sealed["raw_size"] < 1.6  # evenly spread over a step of four times the noise: 4 / sqrt(12)
     with (tmp_path / "steps" / "fit_1_a.csv").open(encoding="utf-8") as stream:
         force = np.array([row["force [N]"] for row in csv.DictReader(stream)], float)
@@ -244,8 +255,8 @@ def test_coarse_steps_come_after_the_noise(tmp_path: Path) -> None:
 
 def test_machine_code_is_kept_under_a_name_that_says_what_it_is_made_of() -> None:
     users = {file.name for file in HOME.glob("*.py") if "@compiled" in file.read_text("utf-8")}
-    assert users <= set(compiled.SOURCES)
-    assert laws.moving.py_func.__qualname__.endswith(compiled.DIGEST)
+    assert users <= set(compiled.COMPILED_SOURCES)
+    assert laws.rate_dependent_tension.py_func.__qualname__.endswith(compiled.SOURCES_DIGEST)
 
 
 @pytest.mark.long
@@ -258,7 +269,7 @@ def test_defects_spoil_what_they_say(tmp_path: Path) -> None:
         return out
 
     for defect in plan.DEFECTS:
-        generate.make(tmp_path / defect, 3, defect=defect, block="defective")
+        generate.make_dataset(tmp_path / defect, 3, defect=defect, block="defective")
     assert all(np.ptp(force) == 0.0 for force in column("dead_channel", "force [N]"))
     assert len(column("no_repeats", "time [s]")) == 5
     assert all(np.ptp(length) < 0.2 for length in column("no_excitation", "length [mm]"))
@@ -268,15 +279,19 @@ def test_defects_spoil_what_they_say(tmp_path: Path) -> None:
 
 
 def test_plans_cover_the_catalogue_and_only_grow() -> None:
-    for block in plan.BLOCKS:
-        assert plan.plan(block, 9, 1)[:4] == plan.plan(block, 4, 1)
-        assert plan.plan(block, 9, 1) != plan.plan(block, 9, 2)
-    singles = plan.plan("single", len(catalogue.EFFECTS), 1)
+    for block in plan.BLOCK_SIZES:
+        assert plan.plan_datasets(block, 9, 1)[:4] == plan.plan_datasets(block, 4, 1)
+        assert plan.plan_datasets(block, 9, 1) != plan.plan_datasets(block, 9, 2)
+    singles = plan.plan_datasets("single", len(catalogue.EFFECTS), 1)
     assert {(e["name"], e["form"]) for s in singles for e in s["effects"]} == set(catalogue.EFFECTS)
-    for spec in plan.plan("pair", 50, 1) + plan.plan("wrong_form", 20, 1) + plan.plan("single", 60, 1):
-        catalogue.with_effects(LAW, AIR, spec["effects"])  # refuses what is out of range
-    assert all(len({e["name"] for e in spec["effects"]}) == 2 for spec in plan.plan("pair", 50, 1))
-    faults = [s["instruments"][0] for s in plan.plan("instrument", 18, 1)]
+    for spec in (
+        plan.plan_datasets("pair", 50, 1)
+        + plan.plan_datasets("wrong_form", 20, 1)
+        + plan.plan_datasets("single", 60, 1)
+    ):
+        catalogue.add_effects(LAW, AIR, spec["effects"])  # refuses what is out of range
+    assert all(len({e["name"] for e in spec["effects"]}) == 2 for spec in plan.plan_datasets("pair", 50, 1))
+    faults = [s["instruments"][0] for s in plan.plan_datasets("instrument", 18, 1)]
     assert len({(fault["name"], fault["channel"]) for fault in faults}) == 18
     assert len(catalogue.OTHER_FORMS) >= 6
 

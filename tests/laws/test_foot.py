@@ -4,19 +4,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from klute_sim.device.files import load
+from klute_sim.device.files import load_device
 from klute_sim.laws import foot as law
-from klute_sim.laws.foot import Base, Foot
+from klute_sim.laws.foot import Foot, FootInputs
 from klute_sim.plant import models
-from klute_sim.rigs.replay.foot import foot_of
+from klute_sim.rigs.replay.foot import build_device_foot
 
-FOOT = foot_of(load("klute-1-1-4-pair"))
-STILL = Base(0.0, 0.0, 0.0, 0.0, 0.0)
+FOOT = build_device_foot(load_device("klute-1-1-4-pair"))
+STILL = FootInputs(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def on_a_moving_base() -> mujoco.MjModel:
     """ankle.xml, its pylon free in the plane, its heel rigid; the actuator gives no force without a device."""
-    spec = models.spec("ankle")
+    spec = models.load_spec("ankle")
     for name, kind, axis in (
         ("x", mujoco.mjtJoint.mjJNT_SLIDE, (1, 0, 0)),
         ("z", mujoco.mjtJoint.mjJNT_SLIDE, (0, 0, 1)),
@@ -37,7 +37,7 @@ def test_the_foot_is_the_models() -> None:
         mujoco.mj_forward(model, data)
         there = FOOT._replace(origin_z=float(model.site("achilles_origin").pos[2]))
         assert law.unit_length(there, angle) == pytest.approx(data.ten_length[0], abs=1e-12)
-        assert law.arm(there, angle) == pytest.approx(-data.ten_J.reshape(-1)[-1], abs=1e-12)
+        assert law.moment_arm(there, angle) == pytest.approx(-data.ten_J.reshape(-1)[-1], abs=1e-12)
 
 
 def test_moments_are_those_of_mujocos_inverse_dynamics() -> None:
@@ -49,9 +49,9 @@ def test_moments_are_those_of_mujocos_inverse_dynamics() -> None:
         data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
         mujoco.mj_inverse(model, data)
         # About the ankle a turning base adds no Coriolis moment: the axis itself is what is prescribed.
-        base = Base(q[2], a[2], a[0], a[1], 0.0)
-        spring = -FOOT.stiffness * (q[3] - FOOT.rest) - FOOT.damping * v[3]
-        needed = FOOT.inertia * (a[2] + a[3]) - law.weight(FOOT, q[3], base) - spring
+        base = FootInputs(q[2], a[2], a[0], a[1], 0.0)
+        spring = -FOOT.spring_stiffness * (q[3] - FOOT.spring_rest_angle) - FOOT.ankle_damping * v[3]
+        needed = FOOT.inertia * (a[2] + a[3]) - law.gravity_and_inertia_moment(FOOT, q[3], base) - spring
         assert needed == pytest.approx(data.qfrc_inverse[joint], rel=1e-9, abs=1e-9)
 
 
@@ -60,7 +60,7 @@ def test_moments_are_those_of_mujocos_inverse_dynamics() -> None:
 )
 def test_the_end_stop_is_mujocos(angle: float, rate: float) -> None:
     """The spring, which pushes away from both stops, is overcome."""
-    spec = models.spec("ankle")
+    spec = models.load_spec("ankle")
     spec.delete(spec.joint("heel"))
     spec.delete(spec.geom("floor"))
     model = spec.compile()
@@ -68,37 +68,37 @@ def test_the_end_stop_is_mujocos(angle: float, rate: float) -> None:
     data.qpos[0], data.qvel[0], data.qfrc_applied[0] = angle, rate, 100.0 * np.sign(angle)
     mujoco.mj_forward(model, data)
     free = float(data.qacc_smooth[0])
-    pushed = law.stop(FOOT, angle, rate, free)
+    pushed = law.end_stop_moment(FOOT, angle, rate, free)
     assert (pushed == 0.0) == ((angle, rate) in ((-0.46, 40.0), (0.4499, 1.0)))  # off it, or off and away
     assert free + pushed / FOOT.inertia == pytest.approx(float(data.qacc[0]), rel=1e-6)
 
 
 def test_friction_holds_up_to_its_moment_and_never_drives() -> None:
     """A foot that hangs, its spring off: it stays where its weight is less than friction, and swings down elsewhere."""
-    loose = FOOT._replace(stiffness=0.0, damping=0.0, friction=0.05, lowest=-2.0, highest=2.0)
+    loose = FOOT._replace(spring_stiffness=0.0, ankle_damping=0.0, ankle_friction=0.05, min_angle=-2.0, max_angle=2.0)
     angles, rates, step = [0.9], [0.0], 1e-4
     for _ in range(40000):
-        turned = law.turn(loose, angles[-1], rates[-1], 0.0, STILL, step)
+        turned = law.step_ankle(loose, angles[-1], rates[-1], 0.0, STILL, step)
         if turned.rate != 0.0:
             assert (turned.moment * turned.rate) < 0.0
-        assert abs(turned.moment) <= loose.friction * (1 + 1e-9)
+        assert abs(turned.moment) <= loose.ankle_friction * (1 + 1e-9)
         angles.append(turned.angle)
         rates.append(turned.rate)
     assert rates[-1] == 0.0
     assert max(np.abs(rates)) > 0.3
-    assert abs(law.weight(loose, angles[-1], STILL)) <= 0.05
-    still = law.turn(loose, angles[-1], 0.0, 0.0, STILL, step)
-    assert still.moment == pytest.approx(-law.weight(loose, angles[-1], STILL), rel=1e-9)
+    assert abs(law.gravity_and_inertia_moment(loose, angles[-1], STILL)) <= 0.05
+    still = law.step_ankle(loose, angles[-1], 0.0, 0.0, STILL, step)
+    assert still.moment == pytest.approx(-law.gravity_and_inertia_moment(loose, angles[-1], STILL), rel=1e-9)
 
 
 def test_a_foot_swings_with_its_own_frequency() -> None:
-    spring = FOOT._replace(damping=0.0, rest=0.0, mass=0.0)
+    spring = FOOT._replace(ankle_damping=0.0, spring_rest_angle=0.0, mass=0.0)
     angle, rate, step, crossings = 0.1, 0.0, 1e-5, []
     for k in range(20000):
-        after = law.turn(spring, angle, rate, 0.0, STILL, step)
+        after = law.step_ankle(spring, angle, rate, 0.0, STILL, step)
         if after.angle * angle < 0.0:
             crossings.append(k * step)
         angle, rate = after.angle, after.rate
     period = 2.0 * np.mean(np.diff(crossings))
-    assert period == pytest.approx(2.0 * np.pi * np.sqrt(FOOT.inertia / FOOT.stiffness), rel=1e-4)
+    assert period == pytest.approx(2.0 * np.pi * np.sqrt(FOOT.inertia / FOOT.spring_stiffness), rel=1e-4)
     assert isinstance(spring, Foot)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from klute_sim.device.files import load
+from klute_sim.device.files import load_device
 from klute_sim.laws import mckibben
 
 CHECK = {  # 5 bar: ratio -> geometric, with bladder, with bladder and friction [N]
@@ -34,8 +34,8 @@ CHECK = {  # 5 bar: ratio -> geometric, with bladder, with bladder and friction 
     },
 }
 ROWS = [(name, ratio, *forces) for name, table in CHECK.items() for ratio, forces in table.items()]
-MUSCLE = load("klute-3-4").parameters.muscle
-BIG = load("klute-1-1-4").parameters.muscle
+MUSCLE = load_device("klute-3-4").parameters.muscle
+BIG = load_device("klute-1-1-4").parameters.muscle
 
 ratios = st.floats(0.62, 1.0)
 pressures = st.floats(0.0, 6e5)
@@ -43,7 +43,7 @@ pressures = st.floats(0.0, 6e5)
 
 @pytest.mark.parametrize(("name", "ratio", "geometric", "bladder", "friction"), ROWS)
 def test_table_of_check_numbers(name: str, ratio: float, geometric: float, bladder: float, friction: float) -> None:
-    muscle = load(name).parameters.muscle
+    muscle = load_device(name).parameters.muscle
     length = ratio * muscle.resting_length
     gas = mckibben.gas_force(muscle, 5e5, length)
     rubber = mckibben.bladder_force(muscle, length)
@@ -59,11 +59,11 @@ def test_measured_point_is_near_the_model() -> None:
 
 
 def test_a_longer_muscle_of_the_same_braid_is_as_strong() -> None:
-    pair = load("klute-3-4-pair").parameters.muscle
+    pair = load_device("klute-3-4-pair").parameters.muscle
     for ratio in (0.7, 0.85, 0.96, 1.0):
         twice = 2 * mckibben.force(MUSCLE, 5e5, ratio * MUSCLE.resting_length)
         assert mckibben.force(pair, 5e5, ratio * pair.resting_length) == pytest.approx(twice, rel=1e-5)
-    assert pair.turns == pytest.approx(2.072, abs=5e-4)
+    assert pair.braid_turns == pytest.approx(2.072, abs=5e-4)
     assert pair.braid_length == pytest.approx(0.2633, abs=5e-5)
 
 
@@ -72,7 +72,7 @@ def test_gas_force_is_minus_the_slope_of_volume(ratio: float) -> None:
     length, d = ratio * BIG.resting_length, 1e-6
     slope = (mckibben.volume(BIG, length + d) - mckibben.volume(BIG, length - d)) / (2 * d)
     assert mckibben.gas_force(BIG, 5e5, length) == pytest.approx(-5e5 * slope, rel=1e-6, abs=1e-3)
-    pair = BIG._replace(actuators=2.0)
+    pair = BIG._replace(n_actuators=2.0)
     assert mckibben.volume(pair, length) == 2 * mckibben.volume(BIG, length)
     assert mckibben.force(pair, 3e5, length) == pytest.approx(2 * mckibben.force(BIG, 3e5, length))
     assert mckibben.bladder_energy(pair, length) == pytest.approx(2 * mckibben.bladder_energy(BIG, length))
@@ -133,7 +133,7 @@ def test_printed_friction_makes_energy_over_a_pressure_cycle() -> None:
 def test_capability_of_the_pairs() -> None:
     pair = {"klute-3-4": (1988, 1472, 1053), "klute-1-1-4": (3890, 2707, 1831)}
     for name, wanted in pair.items():
-        muscle = load(name).parameters.muscle
+        muscle = load_device(name).parameters.muscle
         for ratio, force in zip((1.0, 0.96, 0.9), wanted, strict=True):
             assert 2 * mckibben.force(muscle, 5e5, ratio * muscle.resting_length) == pytest.approx(force, abs=1.0)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from klute_sim.laws import valve
-from klute_sim.laws.pneumatics import AIR_CONSTANT, ATMOSPHERE
+from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT, ATMOSPHERIC_PRESSURE
 from klute_sim.laws.valve import Restriction
 
 VALVE = Restriction(1e-8, 0.4)  # 1 dm3/(s bar)
@@ -18,34 +18,36 @@ PRESSURES = st.floats(5e4, 1e6)
 
 def test_one_decimetre_per_second_and_bar() -> None:
     # By its definition: at 1 bar absolute upstream, 1 dm3/s of reference air.
-    assert valve.flow(VALVE, 1e5, 1e3, 293.15) == pytest.approx(1e-3 * 1.185)
+    assert valve.mass_flow(VALVE, 1e5, 1e3, 293.15) == pytest.approx(1e-3 * 1.185)
 
 
 @given(PRESSURES, PRESSURES, st.floats(0.0, 0.9))
 def test_flow_goes_down_and_turns_round(first: float, second: float, critical: float) -> None:
     restriction = Restriction(1e-8, critical)
-    there, back = valve.flow(restriction, first, second, 300.0), valve.flow(restriction, second, first, 300.0)
+    there, back = valve.mass_flow(restriction, first, second, 300.0), valve.mass_flow(restriction, second, first, 300.0)
     assert there == -back
     assert there * (first - second) >= 0.0
-    assert abs(there) <= valve.sonic_flow(restriction, max(first, second), 300.0)
+    assert abs(there) <= valve.sonic_mass_flow(restriction, max(first, second), 300.0)
 
 
 @given(PRESSURES, st.floats(0.0, 0.9), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
 def test_flow_never_falls_when_the_outside_does(first: float, critical: float, one: float, other: float) -> None:
     restriction = Restriction(1e-8, critical)
     low, high = sorted((one, other))
-    assert valve.flow(restriction, first, low * first, 300.0) >= valve.flow(restriction, first, high * first, 300.0)
+    assert valve.mass_flow(restriction, first, low * first, 300.0) >= valve.mass_flow(
+        restriction, first, high * first, 300.0
+    )
 
 
 @pytest.mark.parametrize("critical", [0.0, 0.3, 0.528, 0.9])
 def test_sonic_and_subsonic_flow_join(critical: float) -> None:
-    assert valve.flow_share(critical, critical) == 1.0
-    assert valve.flow_share(critical + 1e-9, critical) == pytest.approx(1.0, abs=1e-12)
-    near = [valve.flow_share(critical + (1.0 - critical) * k, critical) for k in (1e-4, 1e-3)]
+    assert valve.flow_function(critical, critical) == 1.0
+    assert valve.flow_function(critical + 1e-9, critical) == pytest.approx(1.0, abs=1e-12)
+    near = [valve.flow_function(critical + (1.0 - critical) * k, critical) for k in (1e-4, 1e-3)]
     assert near == pytest.approx([1.0 - 0.5e-8, 1.0 - 0.5e-6], abs=1e-9)
-    edge = valve.LAMINAR
-    assert valve.flow_share(edge - 1e-12, critical) == pytest.approx(valve.flow_share(edge + 1e-12, critical))
-    assert valve.flow_share(1.0, critical) == 0.0
+    edge = valve.LAMINAR_PRESSURE_RATIO
+    assert valve.flow_function(edge - 1e-12, critical) == pytest.approx(valve.flow_function(edge + 1e-12, critical))
+    assert valve.flow_function(1.0, critical) == 0.0
 
 
 def test_an_ideal_nozzle_is_nearly_the_ellipse() -> None:
@@ -57,7 +59,7 @@ def test_an_ideal_nozzle_is_nearly_the_ellipse() -> None:
 
     most = nozzle(0.5283)
     for ratio in (0.6, 0.75, 0.9, 0.97):
-        assert valve.flow_share(ratio, 0.5283) == pytest.approx(nozzle(ratio) / most, rel=0.011)
+        assert valve.flow_function(ratio, 0.5283) == pytest.approx(nozzle(ratio) / most, rel=0.011)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.2, 1.4])
@@ -66,43 +68,43 @@ def test_filling_and_venting_take_as_long_as_an_integrator_says(exponent: float,
     volume = 2e-4
 
     def filling(_: float, state: np.ndarray) -> list[float]:
-        inflow = valve.flow(VALVE, 8e5, state[0], temperature)
-        return [exponent * AIR_CONSTANT * temperature * inflow / volume]
+        inflow = valve.mass_flow(VALVE, 8e5, state[0], temperature)
+        return [exponent * AIR_GAS_CONSTANT * temperature * inflow / volume]
 
     fill = valve.filling_time(VALVE, exponent, temperature, volume, 8e5, 1e5, 3e5)
     assert solve_ivp(filling, (0.0, fill), [1e5], rtol=1e-10, atol=1e-3).y[0, -1] == pytest.approx(3e5, rel=1e-6)
 
     def venting(_: float, state: np.ndarray) -> list[float]:
         pressure, mass = state  # p ~ m^n, and p V = m R T
-        outflow = valve.flow(VALVE, pressure, ATMOSPHERE, pressure * volume / (mass * AIR_CONSTANT))
+        outflow = valve.mass_flow(VALVE, pressure, ATMOSPHERIC_PRESSURE, pressure * volume / (mass * AIR_GAS_CONSTANT))
         return [-exponent * pressure / mass * outflow, -outflow]
 
-    low = ATMOSPHERE / 0.4
+    low = ATMOSPHERIC_PRESSURE / 0.4
     vent = valve.venting_time(VALVE, exponent, temperature, volume, 6e5, low)
-    start = [6e5, 6e5 * volume / (AIR_CONSTANT * temperature)]
+    start = [6e5, 6e5 * volume / (AIR_GAS_CONSTANT * temperature)]
     assert solve_ivp(venting, (0.0, vent), start, rtol=1e-10, atol=1e-9).y[0, -1] == pytest.approx(low, rel=1e-6)
     # A 250 mm pair of some 200 cm3 fills to 5 bar in about 0.2 s through 1 dm3/(s bar), if it keeps its temperature.
     if exponent == 1.0:
-        assert valve.filling_time(VALVE, 1.0, temperature, volume, 1.5e6, ATMOSPHERE, 6e5) < 0.2
+        assert valve.filling_time(VALVE, 1.0, temperature, volume, 1.5e6, ATMOSPHERIC_PRESSURE, 6e5) < 0.2
 
 
 def test_hot_air_is_thin() -> None:
     # C rho0 p sqrt(T0/T): 1e-8 1.185 6e5 sqrt(293.15/333.15)
-    assert valve.flow(VALVE, 6e5, 1e5, 333.15) == pytest.approx(6.6697e-3, rel=1e-4)
+    assert valve.mass_flow(VALVE, 6e5, 1e5, 333.15) == pytest.approx(6.6697e-3, rel=1e-4)
 
 
 def test_at_nearly_equal_pressures_flow_is_a_line() -> None:
-    flows = [valve.flow(VALVE, 5e5, 5e5 * (1.0 - x), 293.15) for x in (1e-4, 2e-4, 4e-4)]
+    flows = [valve.mass_flow(VALVE, 5e5, 5e5 * (1.0 - x), 293.15) for x in (1e-4, 2e-4, 4e-4)]
     assert flows[1] == pytest.approx(2.0 * flows[0], rel=1e-9)
     assert flows[2] == pytest.approx(4.0 * flows[0], rel=1e-9)
 
 
 def test_tubes_and_restrictions_in_series() -> None:
     # 1 m of 4 mm: 0.029 1.6e-5/sqrt(1/0.004^1.25 + 510) and 474 C/d^2
-    tube = valve.tube(1.0, 0.004)
+    tube = valve.tube_restriction(1.0, 0.004)
     assert tube == pytest.approx((1.1963e-8, 0.35440), rel=1e-3)
-    both = valve.in_series(Restriction(1e-8, 0.4), Restriction(2e-8, 0.2))
+    both = valve.combine_in_series(Restriction(1e-8, 0.4), Restriction(2e-8, 0.2))
     # 1/C^3 = 1e24 (1 + 1/8); b = 1 - C^2 (0.6/1e-16 + 0.8/4e-16)
     assert both == pytest.approx((0.96150e-8, 1.0 - 0.92448 * 0.8), rel=1e-4)
-    wide = valve.in_series(Restriction(1e-8, 0.4), Restriction(1e-4, 0.1))
+    wide = valve.combine_in_series(Restriction(1e-8, 0.4), Restriction(1e-4, 0.1))
     assert wide == pytest.approx((1e-8, 0.4), rel=1e-6)

@@ -22,7 +22,7 @@ def policy(activation: str = "tanh", squashed: bool = False) -> Policy:
 def test_the_network_is_the_one_of_the_textbook(activation: str, squashed: bool) -> None:
     own, observation = policy(activation, squashed), np.linspace(-2.0, 3.0, 8, dtype=np.float32)
     function = {"tanh": np.tanh, "relu": lambda x: max(x, 0.0)}[activation]
-    value = [o / s for o, s in zip(observation, own.scale, strict=True)]
+    value = [o / s for o, s in zip(observation, own.observation_scale, strict=True)]
     for number, (weights, biases) in enumerate(own.layers):
         value = [
             sum(w * v for w, v in zip(row, value, strict=True)) + b for row, b in zip(weights, biases, strict=True)
@@ -40,7 +40,7 @@ def test_a_file_holds_the_policy_and_how_it_was_made(tmp_path: Path) -> None:
     found = load_policy(tmp_path / "policy.npz")
     observations = np.random.default_rng(1).normal(size=(20, 8))
     assert np.array_equal(found(observations), own(observations))
-    assert found.made["seed"] == 3
+    assert found.metadata["seed"] == 3
     with np.load(tmp_path / "policy.npz", allow_pickle=False) as file:
         assert json.loads(str(file["made"]))["activation"] == "tanh"
 
@@ -64,6 +64,6 @@ def test_layers_that_do_not_fit_are_refused() -> None:
     own = policy()
     for layers in ([], own.layers[1:], [(own.layers[0][0] * np.nan, own.layers[0][1])]):
         with pytest.raises(InputError):
-            Policy(own.scale, layers, "tanh", False, {})
+            Policy(own.observation_scale, layers, "tanh", False, {})
     with pytest.raises(InputError, match="activation is 'sine'"):
-        Policy(own.scale, own.layers, "sine", False, {})
+        Policy(own.observation_scale, own.layers, "sine", False, {})

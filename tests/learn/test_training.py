@@ -16,7 +16,7 @@ from command import run
 from klute_sim.control.policy import load_policy
 from klute_sim.errors import InputError
 from klute_sim.learn import config, training
-from klute_sim.learn.evaluate import compared, episodes
+from klute_sim.learn.evaluate import compare_with_profile, run_episodes
 
 SMALL = b"""
 algorithm = "ppo"
@@ -43,7 +43,7 @@ def small(folder: Path, algorithm: str = "ppo") -> Path:
 
 
 def test_the_shipped_configuration_is_one() -> None:
-    found, content = config.load(None)
+    found, content = config.load_config(None)
     assert found.environment["action"] == "residual"
     assert run("train", "--show-config").stdout == content.decode()
 
@@ -61,7 +61,7 @@ def test_the_shipped_configuration_is_one() -> None:
 )
 def test_a_configuration_that_cannot_be_is_refused(text: bytes, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        config.parse(text, "own.toml")
+        config.parse_config(text, "own.toml")
 
 
 def test_without_the_extra_there_is_a_sentence_and_no_folder(tmp_path: Path) -> None:
@@ -97,10 +97,10 @@ def test_what_cannot_be_asked_for_is_refused(arguments: tuple[str, ...], words: 
 
 def test_the_evaluation_is_of_the_same_draws_and_knows_the_profile() -> None:
     options = {"action": "residual", "strides": 1, "step": 1e-3, "randomise": {"mass_share": 0.2}, "sensor_noise": 1.0}
-    still = compared(lambda observed: np.zeros((len(observed), 1), dtype=np.float32), options, 4, 0)
+    still = compare_with_profile(lambda observed: np.zeros((len(observed), 1), dtype=np.float32), options, 4, 0)
     assert still["policy"] == still["profile"]
     assert still["gain"] == still["better_in"] == 0
-    worse = compared(lambda observed: np.ones((len(observed), 1), dtype=np.float32), options, 4, 0)
+    worse = compare_with_profile(lambda observed: np.ones((len(observed), 1), dtype=np.float32), options, 4, 0)
     assert worse["profile"] == still["profile"]
     assert worse["gain"] < -5.0
     assert worse["policy"]["return"] - worse["profile"]["return"] == pytest.approx(worse["gain"])
@@ -110,7 +110,7 @@ def test_the_evaluation_is_of_the_same_draws_and_knows_the_profile() -> None:
 
 def test_an_episode_s_sums_end_with_it() -> None:
     options = {"action": "residual", "strides": 1, "step": 1e-3, "randomise": {"speed_m_per_s": (0.9, 1.5)}}
-    found = episodes(lambda observed: np.zeros((len(observed), 1), dtype=np.float32), options, 3, 0)
+    found = run_episodes(lambda observed: np.zeros((len(observed), 1), dtype=np.float32), options, 3, 0)
     for place in range(3):
         env = gymnasium.make("klute_sim/AnkleGait-v1", **options)
         env.reset(seed=10**12 + place)
@@ -150,16 +150,16 @@ def test_a_training_can_be_resumed_and_its_policy_is_the_network(algorithm: str,
     set_random_seed(0)
     model = getattr(stable_baselines3, algorithm.upper()).load(folder / "checkpoint.zip", device="cpu")
     policy = load_policy(folder / "policy.npz")
-    kept = training.resume(folder).policy()
+    kept = training.resume_training(folder).export_policy()
     for (weights, biases), (own, its) in zip(policy.layers, kept.layers, strict=True):
         assert np.array_equal(weights, own)
         assert np.array_equal(biases, its)
-    assert policy.made["steps"] == told["steps"]
-    assert policy.made["config"]["algorithm"] == algorithm
+    assert policy.metadata["steps"] == told["steps"]
+    assert policy.metadata["config"]["algorithm"] == algorithm
     space = gymnasium.make("klute_sim/AnkleGait-v1").observation_space
     space.seed(0)
     observations = np.array([space.sample() for _ in range(200)]) * 0.2
-    theirs, _ = model.predict(observations / policy.scale, deterministic=True)
+    theirs, _ = model.predict(observations / policy.observation_scale, deterministic=True)
     assert np.abs(policy(observations) - theirs).max() < 1e-5
     assert np.abs(theirs).max() > 0.0
 
@@ -173,7 +173,7 @@ def test_a_run_of_so_many_steps_can_be_repeated(tmp_path: Path) -> None:
         seen.append(load_policy(tmp_path / name / "policy.npz").layers[-1][0])
     assert np.array_equal(seen[0], seen[1])
     assert not np.array_equal(seen[0], seen[2])
-    first = [training.resume(tmp_path / name).model.seed for name in "abc"]
+    first = [training.resume_training(tmp_path / name).model.seed for name in "abc"]
     assert first == [1, 1, 2]
 
 

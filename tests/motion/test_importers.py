@@ -14,14 +14,14 @@ from klute_sim.errors import InputError
 from klute_sim.formats import storage, trc
 from klute_sim.formats.storage import Storage
 from klute_sim.motion import importing, mapping, sources, trial
-from klute_sim.motion.findings import Findings
-from klute_sim.motion.importing import Imported
-from klute_sim.motion.limb import Limb
+from klute_sim.motion.findings import ImportLog
+from klute_sim.motion.importing import ImportedReference
+from klute_sim.motion.limb import LegChannels
 from klute_sim.motion.options import ImportOptions
 from klute_sim.rigs.gait import reference
 from walker import HUMAN, LATER, MASS, PERIOD, Walker
 
-RAW = ImportOptions(mass=MASS, cutoff=0.0, load_cutoff=0.0, ankle_zero="file")
+RAW = ImportOptions(mass=MASS, motion_cutoff=0.0, load_cutoff=0.0, ankle_zero="file")
 """No filters and no moved zero, so that numbers can be followed by hand."""
 
 ROW_30 = {
@@ -67,9 +67,9 @@ def captured(folder: Path) -> list[Path]:
     return [made.c3d(folder, Walker())]
 
 
-def limbs(files: list[Path], options: ImportOptions, findings: Findings | None = None) -> dict[str, Limb]:
+def limbs(files: list[Path], options: ImportOptions, findings: ImportLog | None = None) -> dict[str, LegChannels]:
     group = [sources.read(file) for file in files]
-    return {limb.side: limb for limb in trial.legs(group, options, findings or Findings())}
+    return {limb.side: limb for limb in trial.extract_legs(group, options, findings or ImportLog())}
 
 
 @pytest.mark.parametrize("files", [opensim, older_knee, treadmill, table_in_parquet, markers, captured])
@@ -100,18 +100,18 @@ def test_one_instant_by_hand(files: Callable[[Path], list[Path]], tmp_path: Path
 def test_the_walker_comes_back_as_the_reference_it_was_made_of(
     files: Callable[[Path], list[Path]], tmp_path: Path
 ) -> None:
-    found = importing.run(files(tmp_path), ImportOptions(mass=MASS))
-    phase = found.table[reference.PHASE] / 100.0
+    found = importing.import_reference(files(tmp_path), ImportOptions(mass=MASS))
+    phase = found.table[reference.PHASE_COLUMN] / 100.0
     # heel strike is where 20 N are passed, 0.3 % later than the reference's; the filters do the rest
     tolerances = {"deg": 1.2, "kg": 0.3}
-    for column in reference.REQUIRED:
+    for column in reference.REQUIRED_COLUMNS:
         if column == "hip_flexion_deg" and files in (markers, captured):
             continue
         off = np.abs(found.table[column] - HUMAN(column, phase)).max()
         assert off < tolerances[column.split("_")[-1]], column
     assert found.stride_time == pytest.approx(PERIOD, abs=1e-3)
     assert found.toe_off == pytest.approx(63.0, abs=0.6)
-    assert found.mass_by_impulse == pytest.approx(69.5, abs=0.3)  # the reference's own loads carry 0.993 body weights
+    assert found.impulse_mass == pytest.approx(69.5, abs=0.3)  # the reference's own loads carry 0.993 body weights
 
 
 def edited(path: Path, change: Callable[[str, np.ndarray], np.ndarray | None], degrees: bool | None = None) -> None:
@@ -161,34 +161,34 @@ def test_signs_units_and_zeros_are_found_and_told(
     spoil: Callable[[list[Path]], None], told: str, tmp_path: Path
 ) -> None:
     paths = opensim(tmp_path)
-    plain = importing.run(paths, ImportOptions(mass=MASS))
+    plain = importing.import_reference(paths, ImportOptions(mass=MASS))
     spoil(paths)
-    found = importing.run(paths, ImportOptions(mass=MASS))
-    for column in reference.REQUIRED:
+    found = importing.import_reference(paths, ImportOptions(mass=MASS))
+    for column in reference.REQUIRED_COLUMNS:
         assert found.table[column] == pytest.approx(plain.table[column], abs=1e-6), column
-    assert any(told in entry["why"] for entry in found.findings.mapped)
+    assert any(told in entry["why"] for entry in found.log.channels)
 
 
 def test_another_neutral_ankle_is_moved_to_where_the_foot_is_flat_or_left(tmp_path: Path) -> None:
     paths = opensim(tmp_path)
-    plain = importing.run(paths, ImportOptions(mass=MASS))
+    plain = importing.import_reference(paths, ImportOptions(mass=MASS))
     edited(paths[0], lambda label, s: s - 12.0 if "ankle" in label else s)
-    moved = importing.run(paths, ImportOptions(mass=MASS))
+    moved = importing.import_reference(paths, ImportOptions(mass=MASS))
     column = "ankle_dorsiflexion_deg"
     assert moved.table[column] == pytest.approx(plain.table[column])
     assert said(moved, "suspicious", "the right foot is pitched by 11.") or said(moved, "suspicious", "pitched by 12.")
-    left = importing.run(paths, ImportOptions(mass=MASS, ankle_zero="file"))
+    left = importing.import_reference(paths, ImportOptions(mass=MASS, ankle_zero="file"))
     assert left.table[column].mean() == pytest.approx(plain.table[column].mean() - 12.0, abs=0.6)
 
 
 def test_what_is_given_goes_before_what_is_found(tmp_path: Path) -> None:
     paths = opensim(tmp_path)
     (tmp_path / "map.toml").write_text('[right]\nknee_angle = { column = "knee_angle_r", sign = -1 }\n')
-    options = replace(RAW, chosen=mapping.read(tmp_path / "map.toml"))
-    findings = Findings()
+    options = replace(RAW, mapping=mapping.read(tmp_path / "map.toml"))
+    findings = ImportLog()
     right = limbs(paths, options, findings)["right"]
     assert np.interp(0.43, right.time, right.channels["knee_angle"]) == pytest.approx(-ROW_30["knee_angle"], abs=0.01)
-    assert any(e["channel"] == "knee_angle" and "as given" in e["why"] for e in findings.mapped)
+    assert any(e["channel"] == "knee_angle" and "as given" in e["why"] for e in findings.channels)
 
 
 def test_a_pelvis_that_tilts_the_other_way_is_told_by_its_owner_alone(tmp_path: Path) -> None:
@@ -196,10 +196,10 @@ def test_a_pelvis_that_tilts_the_other_way_is_told_by_its_owner_alone(tmp_path: 
     plain = limbs(paths, RAW)["right"].channels["shank_angle"]
     edited(paths[0], lambda label, s: -s if "tilt" in label else s)
     (tmp_path / "map.toml").write_text('[body]\npelvis_tilt = { column = "pelvis_tilt", sign = -1 }\n')
-    findings = Findings()
-    mended = limbs(paths, replace(RAW, chosen=mapping.read(tmp_path / "map.toml")), findings)["right"]
+    findings = ImportLog()
+    mended = limbs(paths, replace(RAW, mapping=mapping.read(tmp_path / "map.toml")), findings)["right"]
     assert mended.channels["shank_angle"] == pytest.approx(plain)
-    assert any(e["channel"] == "pelvis_tilt" and e["sign"] == -1 for e in findings.mapped)
+    assert any(e["channel"] == "pelvis_tilt" and e["sign"] == -1 for e in findings.channels)
 
 
 def test_columns_with_names_nobody_knows_are_mapped(tmp_path: Path) -> None:
@@ -209,7 +209,7 @@ def test_columns_with_names_nobody_knows_are_mapped(tmp_path: Path) -> None:
     names = dict(zip(heading.split(","), strange, strict=True))
     path.write_text(",".join(strange) + "\n" + rest)
     with pytest.raises(InputError, match="holds nothing of use"):
-        importing.run([path], RAW)
+        importing.import_reference([path], RAW)
     wanted = {
         "hip_angle": "HipFlexionAngle",
         "knee_angle": "KneeFlexionAngle",
@@ -220,48 +220,48 @@ def test_columns_with_names_nobody_knows_are_mapped(tmp_path: Path) -> None:
     }
     lines = ["[right]", *(f'{channel} = "{names["Right" + name]}"' for channel, name in wanted.items())]
     (tmp_path / "map.toml").write_text("\n".join(lines))
-    found = importing.run([path], ImportOptions(mass=MASS, chosen=mapping.read(tmp_path / "map.toml")))
+    found = importing.import_reference([path], ImportOptions(mass=MASS, mapping=mapping.read(tmp_path / "map.toml")))
     assert list(found.strides) == ["right"]
-    assert found.mass_by_impulse == pytest.approx(69.5, abs=0.3)  # of one foot, twice
+    assert found.impulse_mass == pytest.approx(69.5, abs=0.3)  # of one foot, twice
     assert found.table["knee_flexion_deg"][30] == pytest.approx(8.84, abs=0.5)
 
 
-def said(found: Imported, kind: str, part: str) -> bool:
-    return any(part in sentence for sentence in getattr(found.findings, kind))
+def said(found: ImportedReference, kind: str, part: str) -> bool:
+    return any(part in sentence for sentence in getattr(found.log, kind))
 
 
 def test_the_mass_is_taken_from_the_impulse_and_a_contradiction_is_told(tmp_path: Path) -> None:
     paths = opensim(tmp_path)
-    assert importing.run(paths, ImportOptions()).mass == pytest.approx(69.5, abs=0.3)
-    assert not said(importing.run(paths, ImportOptions(mass=70.0)), "suspicious", "contradicts")
-    wrong = importing.run(paths, ImportOptions(mass=60.0))
+    assert importing.import_reference(paths, ImportOptions()).mass == pytest.approx(69.5, abs=0.3)
+    assert not said(importing.import_reference(paths, ImportOptions(mass=70.0)), "suspicious", "contradicts")
+    wrong = importing.import_reference(paths, ImportOptions(mass=60.0))
     assert said(wrong, "suspicious", "60 kg, contradicts the impulse of the ground reaction, which carries 69.")
     assert wrong.mass == 60.0
     assert wrong.table["grf_vertical_n_per_kg"].max() == pytest.approx(70 / 60 * 11.1, abs=0.3)
 
 
 def test_a_belt_that_starts_is_left_out(tmp_path: Path) -> None:
-    found = importing.run(treadmill(tmp_path), ImportOptions(mass=MASS))
+    found = importing.import_reference(treadmill(tmp_path), ImportOptions(mass=MASS))
     assert said(found, "suspicious", "the belt ramps up or changes its speed: 1 stride of the right leg left out")
     assert min(stride.start for stride in found.strides["right"]) > 1.1
-    assert found.speed == pytest.approx(1.2, rel=0.02)
+    assert found.walking_speed == pytest.approx(1.2, rel=0.02)
     assert said(found, "suspicious", "is -1.5708 rad (-90 degrees) in standing")
     assert said(found, "suspicious", "are the same for 100 % of the time: one centre of pressure for both feet")
 
 
 def test_a_clipped_hip_is_told(tmp_path: Path) -> None:
     paths = opensim(tmp_path)
-    assert not said(importing.run(paths, RAW), "suspicious", "clipped")
+    assert not said(importing.import_reference(paths, RAW), "suspicious", "clipped")
     edited(paths[0], lambda label, s: np.maximum(s, 0.0) if "hip" in label else s)
-    assert said(importing.run(paths, RAW), "suspicious", "stands at 0.0 degrees for")
+    assert said(importing.import_reference(paths, RAW), "suspicious", "stands at 0.0 degrees for")
 
 
 def test_a_plate_with_an_offset_is_told_and_mended(tmp_path: Path) -> None:
     paths = opensim(tmp_path)
     edited(paths[1], lambda label, s: s + 12.0 if label.endswith("1_vy") else s)
-    found = importing.run(paths, RAW)
+    found = importing.import_reference(paths, RAW)
     assert said(found, "suspicious", "plate 1 reads 12.0 N with nobody on it")
-    assert found.mass_by_impulse == pytest.approx(69.5, abs=0.3)
+    assert found.impulse_mass == pytest.approx(69.5, abs=0.3)
 
 
 def test_listed_events_are_compared(tmp_path: Path) -> None:
@@ -272,7 +272,7 @@ def test_listed_events_are_compared(tmp_path: Path) -> None:
     ):
         strikes = LATER["right"] + PERIOD * np.arange(3) + late + 0.003
         (tmp_path / "events.csv").write_text("rhs\n" + "\n".join(map(str, strikes)) + "\n")
-        found = importing.run([*paths, tmp_path / "events.csv"], RAW)
+        found = importing.import_reference([*paths, tmp_path / "events.csv"], RAW)
         assert said(found, kind, part)
         assert not said(found, "suspicious" if kind == "derived" else "derived", "events.csv")
 
@@ -280,7 +280,7 @@ def test_listed_events_are_compared(tmp_path: Path) -> None:
 def test_a_stride_whose_second_heel_strike_is_on_no_plate_ends_by_its_posture(tmp_path: Path) -> None:
     paths = made.opensim(tmp_path, Walker(seconds=1.75))
     edited(paths[1], lambda label, s: np.where(np.arange(len(s)) < 95, s, 0.0) if "force" in label else s)
-    found = importing.run(paths, ImportOptions(mass=MASS, side="right"))
+    found = importing.import_reference(paths, ImportOptions(mass=MASS, side="right"))
     (stride,) = found.strides["right"]
     assert stride.duration == pytest.approx(PERIOD, abs=0.011)
     assert said(found, "derived", "posture is that of the first heel strike again")
@@ -288,11 +288,11 @@ def test_a_stride_whose_second_heel_strike_is_on_no_plate_ends_by_its_posture(tm
 
 def test_the_end_of_one_stride_and_the_beginning_of_the_next_make_one(tmp_path: Path) -> None:
     paths = opensim(tmp_path)
-    whole = importing.run(paths, ImportOptions(mass=MASS))
+    whole = importing.import_reference(paths, ImportOptions(mass=MASS))
     old = storage.read(paths[0])
     part = slice(50, 50 + round(100 * PERIOD) - 2)
     storage.write(Storage({label: s[part] for label, s in old.columns.items()}, True), paths[0])
-    found = importing.run(paths, ImportOptions(mass=MASS, side="right"))
+    found = importing.import_reference(paths, ImportOptions(mass=MASS, side="right"))
     assert said(found, "suspicious", "put together from the end of one and the beginning of the next")
     assert found.table["knee_flexion_deg"] == pytest.approx(whole.table["knee_flexion_deg"], abs=2.5)
 
@@ -307,20 +307,22 @@ def test_a_file_cut_in_two_trials_pools_the_strides_and_has_deviations(tmp_path:
     two.mkdir()
     again = opensim(two)
     with pytest.raises(InputError, match="its strides would count twice"):
-        importing.run(opensim(one) + again, ImportOptions(mass=MASS))
+        importing.import_reference(opensim(one) + again, ImportOptions(mass=MASS))
     edited(paths_of(one)[2], lambda label, s: 0.9 * s if "moment" in label else s)
     edited(again[2], lambda label, s: 1.1 * s if "moment" in label else s)
     for path in again:
         edited(path, lambda label, s: s + (0.02 if label == "time" else 0.001))
-    found = importing.run(paths_of(one) + again, ImportOptions(mass=MASS))
+    found = importing.import_reference(paths_of(one) + again, ImportOptions(mass=MASS))
     assert len(found.strides["right"]) == 6
     # three strides 10 % below the mean and three above it
     peak = found.table["ankle_plantarflexor_moment_nm_per_kg"][48]
     assert found.table["ankle_moment_sd_nm_per_kg"][48] == pytest.approx(0.1 * peak * np.sqrt(6 / 5), rel=2e-3)
-    assert set(reference.DEVIATIONS) <= set(found.table)
-    short = importing.run(made.opensim(tmp_path, Walker(seconds=2.6)), ImportOptions(mass=MASS, side="right"))
+    assert set(reference.DEVIATION_COLUMNS) <= set(found.table)
+    short = importing.import_reference(
+        made.opensim(tmp_path, Walker(seconds=2.6)), ImportOptions(mass=MASS, side="right")
+    )
     assert len(short.strides["right"]) == 2
-    assert not set(reference.DEVIATIONS) & set(short.table)
+    assert not set(reference.DEVIATION_COLUMNS) & set(short.table)
     assert said(short, "missing", "3 or more are needed")
 
 
@@ -368,7 +370,7 @@ def emptied(file: int, part: str) -> Callable[[list[Path]], list[Path]]:
 )
 def test_what_is_missing_is_one_sentence(spoil: Callable[[list[Path]], list[Path]], says: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
-        importing.run(spoil(opensim(tmp_path)), ImportOptions(mass=MASS))
+        importing.import_reference(spoil(opensim(tmp_path)), ImportOptions(mass=MASS))
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -380,10 +382,10 @@ def test_markers_that_are_missing_are_named(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"no markers for knee; name them in a file for --map, under \[markers.right\]"
     ):
-        importing.run(paths, RAW)
+        importing.import_reference(paths, RAW)
     trc.write(trc.Markers(old.time, {n.replace("KNEE", "GENU"): p for n, p in old.positions.items()}), paths[0])
     (tmp_path / "map.toml").write_text('[markers.right]\nknee = ["R_GENU"]\n[markers.left]\nknee = ["L_GENU"]\n')
-    found = importing.run(paths, replace(RAW, chosen=mapping.read(tmp_path / "map.toml")))
+    found = importing.import_reference(paths, replace(RAW, mapping=mapping.read(tmp_path / "map.toml")))
     assert found.table["knee_flexion_deg"][30] == pytest.approx(8.84, abs=0.5)
 
 
@@ -407,7 +409,7 @@ def test_markers_that_are_missing_are_named(tmp_path: Path) -> None:
 def test_bad_maps_are_one_sentence(text: str, says: str, tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text(text)
     with pytest.raises(InputError) as caught:
-        importing.run(opensim(tmp_path), replace(RAW, chosen=mapping.read(tmp_path / "map.toml")))
+        importing.import_reference(opensim(tmp_path), replace(RAW, mapping=mapping.read(tmp_path / "map.toml")))
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -417,20 +419,20 @@ def test_numbers_that_are_no_measurement_are_refused(tmp_path: Path) -> None:
     force = paths[1]
     edited(force, lambda label, s: s * 1e300 if label.endswith("1_vx") else s)
     with pytest.raises(InputError, match="column 'ground_force_1_vx' holds"):
-        importing.run(paths, RAW)
+        importing.import_reference(paths, RAW)
     opensim(tmp_path)
     old = trc.read(paths[0])
     far = {name: place * (1e6 if "R_TOE" in name else 1.0) for name, place in old.positions.items()}
     trc.write(trc.Markers(old.time, far), paths[0])
     with pytest.raises(InputError, match=r"marker 'R_TOE' is .* m away: a wrong unit\?"):
-        importing.run(paths, RAW)
+        importing.import_reference(paths, RAW)
 
 
 def test_names_that_would_steer_a_terminal_are_refused(tmp_path: Path) -> None:
     path = made.treadmill(tmp_path, Walker())
     path.write_text(path.read_text().replace("LeftCOP_x", "Left\x1b[2JCOP_x", 1))
     with pytest.raises(InputError, match="characters that cannot be shown") as caught:
-        importing.run([path], RAW)
+        importing.import_reference([path], RAW)
     assert str(caught.value).isprintable()
 
 
@@ -452,10 +454,12 @@ def test_a_laboratory_with_other_axes(tmp_path: Path) -> None:
                 force.columns[f"ground_force_{plate}_{kind}{axis}"] = old[:, number]  # type: ignore[index]
     storage.write(force, paths[1])
     trc.write(made.markers(Walker(), turn), paths[0])
-    found = importing.run(paths, ImportOptions(mass=MASS))
-    assert any("forward is -y" in e["why"] and "up is +z" in e["why"] for e in found.findings.mapped)
+    found = importing.import_reference(paths, ImportOptions(mass=MASS))
+    assert any("forward is -y" in e["why"] and "up is +z" in e["why"] for e in found.log.channels)
     for column in ("shank_forward_deg", "ankle_plantarflexor_moment_nm_per_kg", "grf_forward_n_per_kg"):
-        assert np.abs(found.table[column] - HUMAN(column, found.table[reference.PHASE] / 100)).max() < 1.0, column
+        assert np.abs(found.table[column] - HUMAN(column, found.table[reference.PHASE_COLUMN] / 100)).max() < 1.0, (
+            column
+        )
 
 
 @pytest.mark.parametrize(("late", "strides"), [(0.0, 3), (0.02, 6)])
@@ -465,7 +469,7 @@ def test_one_walk_in_two_forms_counts_once(late: float, strides: int, tmp_path: 
     again = opensim(tmp_path / "again")
     for path in again:
         edited(path, lambda label, s: s + late if label == "time" else s + 1e-6)
-    found = importing.run([*paths, *again], RAW)
+    found = importing.import_reference([*paths, *again], RAW)
     assert len(found.strides["right"]) == strides
     assert bool(said(found, "suspicious", "the same walk in another form")) == (late == 0.0)
 
@@ -473,13 +477,13 @@ def test_one_walk_in_two_forms_counts_once(late: float, strides: int, tmp_path: 
 def test_plates_of_a_c3d_have_its_markers_axes_beside_angles_of_another_file(tmp_path: Path) -> None:
     (c3d,) = captured(tmp_path)
     angles, _, moments = opensim(tmp_path)
-    found = importing.run([c3d, angles, moments], ImportOptions(mass=MASS))
-    assert any(e["file"] == "ik.mot" and e["channel"] == "knee_angle" for e in found.findings.mapped)
-    off = found.table["grf_forward_n_per_kg"] - HUMAN("grf_forward_n_per_kg", found.table[reference.PHASE] / 100)
+    found = importing.import_reference([c3d, angles, moments], ImportOptions(mass=MASS))
+    assert any(e["file"] == "ik.mot" and e["channel"] == "knee_angle" for e in found.log.channels)
+    off = found.table["grf_forward_n_per_kg"] - HUMAN("grf_forward_n_per_kg", found.table[reference.PHASE_COLUMN] / 100)
     assert np.abs(off).max() < 0.3
-    alone = importing.run([c3d, angles], ImportOptions(mass=MASS))  # nobody's moment but the markers'
+    alone = importing.import_reference([c3d, angles], ImportOptions(mass=MASS))  # nobody's moment but the markers'
     assert said(alone, "derived", "the angles in ik.mot come without a moment and were left out")
-    by_markers = importing.run([c3d], ImportOptions(mass=MASS))
+    by_markers = importing.import_reference([c3d], ImportOptions(mass=MASS))
     assert alone.table["ankle_dorsiflexion_deg"] == pytest.approx(by_markers.table["ankle_dorsiflexion_deg"])
 
 
@@ -487,7 +491,7 @@ def test_why_one_leg_has_no_whole_stride_and_that_the_other_has(tmp_path: Path) 
     paths = made.opensim(tmp_path, Walker(seconds=1.75))
     edited(paths[1], lambda label, s: s + 9.0 if label.endswith("1_vy") else s)
     with pytest.raises(InputError) as caught:
-        importing.run(paths, ImportOptions(mass=MASS, side="left"))
+        importing.import_reference(paths, ImportOptions(mass=MASS, side="left"))
     assert (
         "1 stride of the left leg not whole and left out: the heel strike after that at 0.65 s is on no plate"
         in str(caught.value)

@@ -12,9 +12,9 @@ from klute_sim.dataset import events
 from klute_sim.errors import InputError
 from klute_sim.formats.trc import Markers
 from klute_sim.motion import dynamics, filters, joints, mapping, markers, names, signs, strides, trial
-from klute_sim.motion.findings import Findings
-from klute_sim.motion.finish import Landed
-from klute_sim.motion.sagittal import Leg
+from klute_sim.motion.findings import ImportLog
+from klute_sim.motion.finish import ResampledLoads
+from klute_sim.motion.sagittal import LegLandmarks
 
 Array = NDArray[np.float64]
 CLUSTER = np.array([[0.05, 0.1, 0.0], [0.0, 0.25, 0.04], [-0.04, 0.15, -0.05], [0.06, 0.2, 0.05]])
@@ -34,7 +34,7 @@ def test_the_centre_of_a_ball_joint_is_found_exactly() -> None:
     angle = np.linspace(0, 3, 60)
     axes = np.stack([0.3 * np.sin(angle), 0.2 * np.cos(2 * angle), 0.8 * np.sin(2 * angle)], axis=1)
     upper, lower, place = bodies(axes)
-    found, residual = joints.functional(upper, lower, hinge=False)
+    found, residual = joints.fit_joint_centre(upper, lower, hinge=False)
     assert found == pytest.approx(place, abs=1e-9)
     assert residual == pytest.approx(0.0, abs=1e-9)
 
@@ -43,7 +43,7 @@ def test_of_a_hinge_a_point_of_the_axis_near_the_clusters_is_found() -> None:
     axes = np.zeros((60, 3))
     axes[:, 2] = np.linspace(0.0, 1.2, 60)
     upper, lower, place = bodies(axes)
-    found, residual = joints.functional(upper, lower, hinge=True)
+    found, residual = joints.fit_joint_centre(upper, lower, hinge=True)
     sway = Rotation.from_rotvec(np.stack([0.1 * np.sin(np.arange(60) / 9)] * 3, axis=1))
     inside = sway.inv().apply(found - place)
     assert inside[:, :2] == pytest.approx(np.zeros((60, 2)), abs=1e-6)
@@ -55,7 +55,7 @@ def test_markers_that_were_not_seen_leave_a_gap_only() -> None:
     angle = np.linspace(0, 3, 60)
     upper, lower, place = bodies(np.stack([0.3 * np.sin(angle), 0.2 * angle, 0.8 * np.sin(2 * angle)], axis=1))
     lower[7, 1] = np.nan
-    found, _ = joints.functional(upper, lower, hinge=False)
+    found, _ = joints.fit_joint_centre(upper, lower, hinge=False)
     assert np.isnan(found[7]).all()
     assert np.delete(found, 7, axis=0) == pytest.approx(np.delete(place, 7, axis=0), abs=1e-9)
 
@@ -65,11 +65,11 @@ def test_hip_centres_by_hand() -> None:
     right, left = np.array([[0.0, 1.0, 0.12]]), np.array([[0.0, 1.0, -0.12]])
     back = np.array([[-0.15, 1.0, 0.0]])
     wanted = [-0.24 * 0.15 - 0.0099, 1.0 - 0.30 * 0.24 - 0.0109, 0.33 * 0.24 + 0.0073]
-    assert joints.hip_from_pelvis(right, left, back, "right")[0] == pytest.approx(wanted)
-    assert joints.hip_from_pelvis(right, left, back, "left")[0] == pytest.approx([*wanted[:2], -wanted[2]])
+    assert joints.estimate_hip_centre(right, left, back, "right")[0] == pytest.approx(wanted)
+    assert joints.estimate_hip_centre(right, left, back, "left")[0] == pytest.approx([*wanted[:2], -wanted[2]])
 
 
-def leg(turning: float = 0.0, pull: float = 0.0) -> Leg:
+def leg(turning: float = 0.0, pull: float = 0.0) -> LegLandmarks:
     """Knee 0.4 m above and 0.1 m ahead of the ankle, foot 0.16 m long; about the ankle it turns, and all accelerate."""
     time = np.arange(200) / 1000.0
     pitch = 0.5 * turning * (time - 0.1) ** 2
@@ -80,7 +80,7 @@ def leg(turning: float = 0.0, pull: float = 0.0) -> Leg:
         x, y = ahead * np.cos(turned) + up * np.sin(turned), up * np.cos(turned) - ahead * np.sin(turned)
         return ankle + np.stack([x, y, np.zeros(200)], axis=1)
 
-    return Leg(time, at(0.2, 0.8), at(0.1, 0.4), ankle, at(-0.05, -0.06, pitch), at(0.15, -0.06, pitch))
+    return LegLandmarks(time, at(0.2, 0.8), at(0.1, 0.4), ankle, at(-0.05, -0.06, pitch), at(0.15, -0.06, pitch))
 
 
 def test_inclinations_by_hand() -> None:
@@ -96,7 +96,7 @@ def test_the_ankles_moment_of_a_foot_at_rest_by_hand() -> None:
     """800 N up and 50 N forward, 0.12 m ahead of and 0.08 m below the ankle: 96 + 4 N.m, less the foot's weight."""
     still = leg()
     point = np.stack([still.ankle[:, 0] + 0.12, np.zeros(200)], axis=1)
-    moment = dynamics.ankle_moment(still, np.full(200, 50.0), np.full(200, 800.0), point, 70.0)
+    moment = dynamics.compute_ankle_moment(still, np.full(200, 50.0), np.full(200, 800.0), point, 70.0)
     assert moment[100] == pytest.approx(100.0 - 0.0145 * 70 * 9.81 * 0.5 * 0.15)
 
 
@@ -104,11 +104,11 @@ def test_the_ankles_moment_of_a_foot_that_turns_and_is_pulled() -> None:
     """In the air: what turns it, the centre's path about the ankle, and the pull on a centre 0.03 m below it."""
     mass, reach = 0.0145 * 70, np.hypot(0.15, 0.06)
     nothing = np.zeros(200)
-    turned = dynamics.ankle_moment(leg(turning=20.0), nothing, nothing, np.zeros((200, 2)), 70.0)
+    turned = dynamics.compute_ankle_moment(leg(turning=20.0), nothing, nothing, np.zeros((200, 2)), 70.0)
     weight = mass * 9.81 * 0.075
     inertia = mass * ((0.475 * reach) ** 2 + (0.5 * reach) ** 2)
     assert turned[100] == pytest.approx(inertia * 20.0 - weight, rel=1e-3)
-    pulled = dynamics.ankle_moment(leg(pull=5.0), nothing, nothing, np.zeros((200, 2)), 70.0)
+    pulled = dynamics.compute_ankle_moment(leg(pull=5.0), nothing, nothing, np.zeros((200, 2)), 70.0)
     assert pulled[100] == pytest.approx(mass * -0.03 * 5.0 - weight, rel=1e-6)
 
 
@@ -119,9 +119,9 @@ def test_speed_is_the_hips_over_what_the_foot_stands_on() -> None:
     hip[:, 0] += 0.9 * time
     heel[:, 0] -= 0.3 * time
     nothing = np.zeros(200)
-    foot = Landed([events.Contact(0.02, 0.18, True, True)], nothing, nothing, None, ())
-    assert trial._speed(replace(still, hip=hip, heel=heel), foot) == pytest.approx(1.2)
-    assert trial._speed(still, Landed([], nothing, nothing, None, ())) is None
+    foot = ResampledLoads([events.Contact(0.02, 0.18, True, True)], nothing, nothing, None, ())
+    assert trial._estimate_walking_speed(replace(still, hip=hip, heel=heel), foot) == pytest.approx(1.2)
+    assert trial._estimate_walking_speed(still, ResampledLoads([], nothing, nothing, None, ())) is None
 
 
 def test_both_passes_together_have_the_cut_off_and_no_lag() -> None:
@@ -139,8 +139,8 @@ def test_short_gaps_are_bridged_and_long_ones_stay() -> None:
     line = 3.0 * time
     short, long = line.copy(), line.copy()
     short[40:50], long[40:70] = np.nan, np.nan
-    assert filters.bridged(short, time) == pytest.approx(line)
-    assert np.isnan(filters.bridged(long, time)[40:70]).all()
+    assert filters.fill_gaps(short, time) == pytest.approx(line)
+    assert np.isnan(filters.fill_gaps(long, time)[40:70]).all()
     assert np.isnan(filters.low_pass(long, 100.0, 6.0)).sum() == 30
     edge = line.copy()
     edge[:5] = np.nan
@@ -150,17 +150,17 @@ def test_short_gaps_are_bridged_and_long_ones_stay() -> None:
 def test_events_are_where_the_line_crosses() -> None:
     time = np.arange(0.0, 1.01, 0.01)
     load = np.where((time > 0.195) & (time < 0.805), 500.0, 0.0)
-    (contact,) = events.contacts(time, load)
+    (contact,) = events.find_contacts(time, load)
     # between 0 N at 0.19 s and 500 N at 0.20 s, 20 N are passed after 0.4 ms
-    assert contact.strike == pytest.approx(0.19 + 0.01 * 20 / 500)
-    assert contact.lift == pytest.approx(0.81 - 0.01 * 20 / 500)
-    assert (contact.begun, contact.ended) == (True, True)
+    assert contact.foot_strike == pytest.approx(0.19 + 0.01 * 20 / 500)
+    assert contact.toe_off == pytest.approx(0.81 - 0.01 * 20 / 500)
+    assert (contact.has_foot_strike, contact.has_toe_off) == (True, True)
     load[30:33] = 0.0  # a dip of 30 ms
     load[95:] = 500.0  # a knock at the end, too short
-    assert len(events.contacts(time, load)) == 1
-    begun = events.contacts(time, np.where(time < 0.5, 500.0, 0.0))[0]
-    assert (begun.begun, begun.ended) == (False, True)
-    assert events.contacts(time, np.zeros(101)) == []
+    assert len(events.find_contacts(time, load)) == 1
+    begun = events.find_contacts(time, np.where(time < 0.5, 500.0, 0.0))[0]
+    assert (begun.has_foot_strike, begun.has_toe_off) == (False, True)
+    assert events.find_contacts(time, np.zeros(101)) == []
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_events_are_where_the_line_crosses() -> None:
     ],
 )
 def test_names_that_are_known(label: str, channel: str, side: str | None, sign: int) -> None:
-    assert names.named(label) == (channel, side, sign)
+    assert names.parse_channel_label(label) == (channel, side, sign)
 
 
 OTHERS = """hip_adduction_r knee_angle_r_beta reference_ankle_angle reference_ankle_angle_sd ankle_velocity
@@ -189,7 +189,7 @@ pelvis_tilt_moment hip_flexion_r_moment actuator_moment LeftKneeFlexionMoment su
 
 @pytest.mark.parametrize("label", OTHERS.split())
 def test_names_that_are_something_else(label: str) -> None:
-    assert names.named(label) is None
+    assert names.parse_channel_label(label) is None
 
 
 @pytest.mark.parametrize(
@@ -205,23 +205,29 @@ def test_names_that_are_something_else(label: str) -> None:
     ],
 )
 def test_names_of_plates(label: str, wanted: tuple[str, str, int] | None) -> None:
-    assert names.plate_column(label) == wanted
+    assert names.parse_plate_label(label) == wanted
 
 
 def test_markers_of_common_sets_are_known() -> None:
     some = ["RKNE", "LANK", "RHEE", "LTOE", "RASI", "LPSI", "R.Knee.Lat", "L HEEL", "R SHANK 3", "Right Ankle", "hip_l"]
     some += ["V.Sacral", "subject:RTIB", "L.Toe.Tip", "R FOOT LAT", "HEAD", "RELB", "LSHO", "R.Acromium", "R.Elbow"]
-    found = markers.named(Markers(np.arange(2.0), {n: np.zeros((2, 3)) for n in some}), mapping.Chosen(), "x")
-    assert found.of("right", "knee") == ("RKNE", "R.Knee.Lat")
-    assert found.of("left", "ankle") == ("LANK",)
-    assert found.of("right", "ankle") == ("Right Ankle",)
-    assert found.of("left", "heel") == ("L HEEL",)
-    assert found.of("right", "heel") == ("RHEE",)
-    assert found.of("left", "toe") == ("LTOE", "L.Toe.Tip")
-    assert found.of("right", "toe") == ("R FOOT LAT",)
-    assert found.of("right", "shank") == ("R SHANK 3", "subject:RTIB")
-    assert found.of("left", "hip") == ("hip_l",)
-    assert (found.of("right", "asis"), found.of("left", "psis"), found.sacrum) == (("RASI",), ("LPSI",), ("V.Sacral",))
+    found = markers.identify_markers(
+        Markers(np.arange(2.0), {n: np.zeros((2, 3)) for n in some}), mapping.ImportMapping(), "x"
+    )
+    assert found.select("right", "knee") == ("RKNE", "R.Knee.Lat")
+    assert found.select("left", "ankle") == ("LANK",)
+    assert found.select("right", "ankle") == ("Right Ankle",)
+    assert found.select("left", "heel") == ("L HEEL",)
+    assert found.select("right", "heel") == ("RHEE",)
+    assert found.select("left", "toe") == ("LTOE", "L.Toe.Tip")
+    assert found.select("right", "toe") == ("R FOOT LAT",)
+    assert found.select("right", "shank") == ("R SHANK 3", "subject:RTIB")
+    assert found.select("left", "hip") == ("hip_l",)
+    assert (found.select("right", "asis"), found.select("left", "psis"), found.sacrum) == (
+        ("RASI",),
+        ("LPSI",),
+        ("V.Sacral",),
+    )
     everything = {name for role in found.roles.values() for name in role} | set(found.sacrum)
     assert not everything & {"HEAD", "RELB", "LSHO", "R.Acromium", "R.Elbow"}
 
@@ -233,40 +239,42 @@ def test_swapped_sides_are_told() -> None:
         for side, z in (("R", -0.1), ("L", 0.1))
         for name, (x, y) in place.items()
     }
-    found, findings = Markers(np.arange(3.0), positions), Findings()
-    roles = markers.named(found, mapping.Chosen(), "x")
-    assert markers.frame(found, roles, mapping.Chosen(), "x", findings).words.startswith("forward is +x")
-    assert "names swapped" in findings.suspicious[0]
+    found, findings = Markers(np.arange(3.0), positions), ImportLog()
+    roles = markers.identify_markers(found, mapping.ImportMapping(), "x")
+    assert markers.find_walking_frame(found, roles, mapping.ImportMapping(), "x", findings).description.startswith(
+        "forward is +x"
+    )
+    assert "names swapped" in findings.warnings[0]
 
 
 def test_a_swing_is_not_clipped_and_a_plateau_is() -> None:
     wave = 20.0 * np.sin(np.linspace(0, 20, 2000))
-    assert signs.clipped(wave) is None
-    bound = signs.clipped(np.maximum(wave, -12.0))
+    assert signs.detect_clipping(wave) is None
+    bound = signs.detect_clipping(np.maximum(wave, -12.0))
     assert bound is not None
     assert bound[0] == -12.0
 
 
 def test_an_uneven_clock_is_made_even_and_one_that_rounds_is_kept() -> None:
     time = np.array([0.0, 0.0101, 0.0199, 0.03])
-    clock = filters.even(time, "x")
+    clock = filters.make_uniform_time(time, "x")
     assert clock == pytest.approx([0.0, 0.01, 0.02, 0.03])
     pair = np.stack([time, 2.0 * time], axis=1)
-    assert filters.onto(clock, time, pair) is pair
+    assert filters.resample_uniform(clock, time, pair) is pair
     uneven = np.array([0.0, 0.01, 0.027, 0.03])
-    assert filters.onto(clock, uneven, np.stack([uneven, -uneven], axis=1)) == pytest.approx(
+    assert filters.resample_uniform(clock, uneven, np.stack([uneven, -uneven], axis=1)) == pytest.approx(
         np.stack([clock, -clock]).T
     )
     with pytest.raises(InputError, match=r"x has a sample every 0\.5 s"):
-        filters.even(np.array([0.0, 0.5]), "x")
+        filters.make_uniform_time(np.array([0.0, 0.5]), "x")
 
 
 def test_a_stride_in_the_file_of_all_strides_ends_with_its_own_end() -> None:
-    phase = strides.PHASE
+    phase = strides.PHASE_GRID
     ramps = {"one": 5.0 * phase**3, "two": 50.0 + 4.0 * phase**3}
     of = [strides.Stride(name, 0.3, 0.3 + 1.1, 0.6, {"knee_angle": ramp}) for name, ramp in ramps.items()]
-    recording = strides.recording(of, "right")
+    recording = strides.to_recording(of, "right")
     assert np.all(np.diff(recording["time"]) > 0.0)
-    found = resample.strides(recording, "strides_right.parquet")
+    found = resample.find_strides(recording, "strides_right.parquet")
     for stride, ramp in zip(found, ramps.values(), strict=True):
-        assert resample.over_phase(recording, stride, "knee_angle") == pytest.approx(ramp, abs=1e-12)
+        assert resample.resample_phase(recording, stride, "knee_angle") == pytest.approx(ramp, abs=1e-12)

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from klute_sim.control.pressure import off
-from klute_sim.device.files import load
+from klute_sim.control.pressure import create_off_controller
+from klute_sim.device.files import load_device
 from klute_sim.formats import storage, trc
 from klute_sim.motion import export
 from klute_sim.recording.recording import Recording
@@ -18,11 +18,11 @@ opensim = pytest.importorskip("opensim")
 
 @pytest.fixture(scope="module")
 def walked() -> Recording:
-    return rig.walk(load("klute-1-1-4-pair"), off(), GaitOptions(strides=1, step=1e-3))
+    return rig.simulate_gait(load_device("klute-1-1-4-pair"), create_off_controller(), GaitOptions(strides=1, dt=1e-3))
 
 
 def test_opensim_reads_what_is_exported_to_the_last_bit(walked: Recording, tmp_path: Path) -> None:
-    export.write(walked, "left", ("mot", "sto", "trc"), tmp_path)
+    export.write_files(walked, "left", ("mot", "sto", "trc"), tmp_path)
     for file, columns in {
         "angles.mot": {
             "ankle_angle_l": walked["ankle_angle"],
@@ -47,7 +47,7 @@ def test_opensim_reads_what_is_exported_to_the_last_bit(walked: Recording, tmp_p
 
 
 def test_what_opensim_writes_is_read(walked: Recording, tmp_path: Path) -> None:
-    export.write(walked, "right", ("mot", "trc"), tmp_path)
+    export.write_files(walked, "right", ("mot", "trc"), tmp_path)
     opensim.STOFileAdapter.write(opensim.TimeSeriesTable(str(tmp_path / "angles.mot")), str(tmp_path / "its.sto"))
     found = storage.read(tmp_path / "its.sto")
     assert found.in_degrees

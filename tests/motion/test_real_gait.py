@@ -8,9 +8,9 @@ import pytest
 
 from klute_sim.errors import InputError
 from klute_sim.motion import importing, sources, trial
-from klute_sim.motion.findings import Findings
-from klute_sim.motion.importing import Imported
-from klute_sim.motion.limb import Limb
+from klute_sim.motion.findings import ImportLog
+from klute_sim.motion.importing import ImportedReference
+from klute_sim.motion.limb import LegChannels
 from klute_sim.motion.options import ImportOptions
 
 DATA = Path(os.environ.get("KLUTE_SIM_DATA", "nowhere"))
@@ -30,13 +30,13 @@ def opensim(number: int) -> list[Path]:
     return [HORST / f"S01_000{number}_{name}" for name in ("IK.mot", "Gait_forces.sto", "ID.sto")]
 
 
-def limbs(files: list[Path], mass: float) -> dict[str, Limb]:
-    found = trial.legs([sources.read(file) for file in files], ImportOptions(mass=mass), Findings())
+def limbs(files: list[Path], mass: float) -> dict[str, LegChannels]:
+    found = trial.extract_legs([sources.read(file) for file in files], ImportOptions(mass=mass), ImportLog())
     return {limb.side: limb for limb in found}
 
 
-def said(found: Imported, *parts: str) -> bool:
-    return any(all(part in sentence for part in parts) for sentence in found.findings.suspicious)
+def said(found: ImportedReference, *parts: str) -> bool:
+    return any(all(part in sentence for part in parts) for sentence in found.log.warnings)
 
 
 @pytest.mark.parametrize("number", [2, 3])
@@ -64,31 +64,31 @@ def test_the_capture_and_opensims_files_of_one_trial_agree(number: int) -> None:
 
 
 def test_the_mass_listed_contradicts_the_plates() -> None:
-    found = importing.run([*captured(2), *captured(3)], ImportOptions(mass=68.9))
-    assert found.mass_by_impulse == pytest.approx(82.0, abs=0.7)
+    found = importing.import_reference([*captured(2), *captured(3)], ImportOptions(mass=68.9))
+    assert found.impulse_mass == pytest.approx(82.0, abs=0.7)
     assert said(found, "The mass given, 68.9 kg, contradicts the impulse of the ground reaction, which carries 8")
     assert said(found, "S01_0002_Gait.c3d: plate 1 reads -5.0 N with nobody on it")
     assert len(found.strides["right"]) == 2
     assert found.stride_time == pytest.approx(1.06, abs=0.01)
-    assert found.speed == pytest.approx(1.4, abs=0.05)
-    by_model = importing.run([*opensim(2), *opensim(3)], ImportOptions(mass=68.9))
-    assert by_model.mass_by_impulse == pytest.approx(found.mass_by_impulse, rel=0.01)
-    assert by_model.speed == pytest.approx(found.speed, rel=0.03)
+    assert found.walking_speed == pytest.approx(1.4, abs=0.05)
+    by_model = importing.import_reference([*opensim(2), *opensim(3)], ImportOptions(mass=68.9))
+    assert by_model.impulse_mass == pytest.approx(found.impulse_mass, rel=0.01)
+    assert by_model.walking_speed == pytest.approx(found.walking_speed, rel=0.03)
     assert said(by_model, "'hip_flexion_r' stands at -29.7 degrees", "clipped by a model's bound")
 
 
 def test_the_treadmills_traps_are_named() -> None:
     files = [MOORE / "UnpertPre_data.csv", MOORE / "UnpertPre__event.csv"]
-    found = importing.run(files, ImportOptions(mass=79.4, stature=1.832))
+    found = importing.import_reference(files, ImportOptions(mass=79.4, stature=1.832))
     assert said(found, "the belt ramps up")
     assert said(found, "'LeftCOP_x' and 'RightCOP_x' are the same for 36 % of the time")
     assert said(found, "is -1.5708 rad (-90 degrees) in standing")
     assert said(found, "The mass given, 79.4 kg, contradicts", "82.0 kg")
     assert {side: len(of) for side, of in found.strides.items()} == {"right": 42, "left": 42}
-    assert found.speed == pytest.approx(0.80, abs=0.01)
+    assert found.walking_speed == pytest.approx(0.80, abs=0.01)
     assert found.stride_time == pytest.approx(1.340, abs=0.005)
-    assert found.findings.missing == []
-    listed = [sentence for sentence in found.findings.derived if sentence.startswith("Check of the events")]
+    assert found.log.missing == []
+    listed = [sentence for sentence in found.log.derived if sentence.startswith("Check of the events")]
     assert len(listed) == 4
     # one instant by hand: line 3000 of the file, 29.978614 s, in radians with the foot at right angles at -pi/2
     right = limbs(files, 79.4)["right"]
@@ -101,7 +101,7 @@ def test_the_treadmills_traps_are_named() -> None:
 
 def test_the_same_person_twice_walks_alike() -> None:
     options = ImportOptions(mass=79.4, side="right")
-    one, two = (importing.run([MOORE / f"Unpert{w}_data.csv"], options) for w in ("Pre", "Post"))
+    one, two = (importing.import_reference([MOORE / f"Unpert{w}_data.csv"], options) for w in ("Pre", "Post"))
     for column, near in (("ankle_dorsiflexion_deg", 3.0), ("knee_flexion_deg", 3.0), ("grf_vertical_n_per_kg", 0.5)):
         assert np.sqrt(np.mean((one.table[column] - two.table[column]) ** 2)) < near, column
 
@@ -109,15 +109,15 @@ def test_the_same_person_twice_walks_alike() -> None:
 def test_opensims_example_by_markers_and_by_angles() -> None:
     """72.6 kg on a treadmill: the record of angles is shorter than a stride, the markers' is longer."""
     forces = OPENSIM / "subject01_walk1_grf.mot"
-    by_markers = importing.run([OPENSIM / "subject01_walk1.trc", forces], ImportOptions())
+    by_markers = importing.import_reference([OPENSIM / "subject01_walk1.trc", forces], ImportOptions())
     assert by_markers.mass == pytest.approx(72.6, abs=0.5)
     assert by_markers.stride_time == pytest.approx(1.235, abs=0.005)
     files = [OPENSIM / "subject01_walk1_ik.mot", forces, OPENSIM / "inverse_dynamics.sto"]
-    by_angles = importing.run(files, ImportOptions())
+    by_angles = importing.import_reference(files, ImportOptions())
     assert said(by_angles, "one was put together from the end of one and the beginning of the next")
-    assert any(e["channel"] == "knee_angle" and e["sign"] == -1 for e in by_angles.findings.mapped)
+    assert any(e["channel"] == "knee_angle" and e["sign"] == -1 for e in by_angles.log.channels)
     for column, near in (("hip_flexion_deg", 6.0), ("shank_forward_deg", 7.0), ("ankle_dorsiflexion_deg", 7.0)):
         off = by_markers.table[column] - by_angles.table[column]
         assert np.sqrt(np.mean(off**2)) < near, column
     with pytest.raises(InputError, match="no ground reaction"):
-        importing.run(files[::2], ImportOptions())
+        importing.import_reference(files[::2], ImportOptions())

@@ -11,24 +11,24 @@ import pytest
 
 import walker as made
 from command import run
-from klute_sim.control.pressure import tuned
+from klute_sim.control.pressure import load_default_profile
 from klute_sim.dataset import dataset as datasets
 from klute_sim.dataset.trial import Series
-from klute_sim.device.files import load, read
-from klute_sim.diagnose.on_gait import on_gait
+from klute_sim.device.files import load_device, parse_device
+from klute_sim.diagnose.on_gait import prepare_gait_trial
 from klute_sim.errors import InputError
 from klute_sim.formats import storage, trc
 from klute_sim.motion import clocks, dataset_folder, export, mapping, repeats
-from klute_sim.motion.dataset_folder import Gathered, Wanted
+from klute_sim.motion.dataset_folder import DatasetOptions, ImportedDataset
 from klute_sim.motion.options import ImportOptions
-from klute_sim.motion.walks import Walk
+from klute_sim.motion.walks import ProsthesisTrial
 from klute_sim.recording import csv, parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.gait import rig
 from klute_sim.rigs.gait.assembly import GaitOptions
 
 DEVICE = "klute-1-1-4-pair"
-RAW = ImportOptions(cutoff=0.0, load_cutoff=0.0, ankle_zero="file")
+RAW = ImportOptions(motion_cutoff=0.0, load_cutoff=0.0, ankle_zero="file")
 FILES = ("markers.trc", "ground_reaction.mot", "log.csv")
 KINDS = ("mot", "sto", "trc", "log", "parquet")
 SI = {"deg": np.pi / 180.0, "bar": 1e5, "m": 1.0, "N": 1.0, "N*m": 1.0}
@@ -38,28 +38,28 @@ def lab(folder: Path, recording: Recording, *, slow: int = 1, noise: float = 0.0
     """What is exported of ``recording``; markers at every ``slow`` th sample, the log at every other, ``noise``."""
     random = np.random.default_rng(len(recording))
     folder.mkdir(parents=True, exist_ok=True)
-    export.write(recording, "right", KINDS, folder)
+    export.write_files(recording, "right", KINDS, folder)
     if slow > 1:
         markers = trc.read(folder / "markers.trc")
         positions = {
             n: p[::slow] + 3e-4 * noise * random.normal(size=p[::slow].shape) for n, p in markers.positions.items()
         }
         trc.write(trc.Markers(markers.time[::slow], positions), folder / "markers.trc")
-        own = export.log(recording).select(slice(None, None, 2))
+        own = export.to_prosthesis_log(recording).select(slice(None, None, 2))
         scale = {"pressure": 0.01, "force": 5.0, "muscle_length": 5e-5, "ankle_angle": 0.1}
         seen = {n: s + noise * scale.get(n, 0.0) * random.normal(size=len(s)) for n, s in own.channels.items()}
         csv.write(Recording(seen, own.units), folder / "log.csv")
     return [folder / name for name in FILES]
 
 
-def gathered(files: list[Path], options: ImportOptions = RAW, **more: object) -> Gathered:
-    return dataset_folder.gather(files, options, Wanted(device=DEVICE, uncertain={}, **more))  # type: ignore[arg-type]
+def gathered(files: list[Path], options: ImportOptions = RAW, **more: object) -> ImportedDataset:
+    return dataset_folder.import_dataset(files, options, DatasetOptions(device=DEVICE, uncertainties={}, **more))  # type: ignore[arg-type]
 
 
-def written(found: Gathered, folder: Path) -> datasets.Dataset:
+def written(found: ImportedDataset, folder: Path) -> datasets.Dataset:
     folder.mkdir()
-    dataset_folder.write(found, folder)
-    return datasets.read(folder)
+    dataset_folder.write_dataset(found, folder)
+    return datasets.load_dataset(folder)
 
 
 def with_log(folder: Path, change: Callable[[str], str]) -> list[Path]:
@@ -71,7 +71,7 @@ def with_log(folder: Path, change: Callable[[str], str]) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def walked() -> Recording:
-    return rig.walk(load(DEVICE), tuned(), GaitOptions(strides=3, step=1e-3))
+    return rig.simulate_gait(load_device(DEVICE), load_default_profile(), GaitOptions(strides=3, dt=1e-3))
 
 
 @pytest.mark.parametrize("files", [FILES, ("recording.parquet",)])
@@ -89,19 +89,19 @@ def test_what_was_exported_comes_back(files: tuple[str, ...], walked: Recording,
         assert series.value[inside] == pytest.approx(wanted[inside], rel=1e-9, abs=1e-9), name
         if name == "cop_x":
             assert np.array_equal(inside, np.interp(series.time, walked["time"], walked["grf_vertical"]) > 20.0)
-    assert len(on_gait(trial, "fit").strikes) == 2
+    assert len(prepare_gait_trial(trial, "fit").foot_strikes) == 2
 
 
 def test_every_file_keeps_its_own_clock(walked: Recording, tmp_path: Path) -> None:
     found = gathered(lab(tmp_path / "lab", walked, slow=5))
     (trial,) = written(found, tmp_path / "data").trials
     own = {**trial.prescribed, **trial.measured}
-    rates = {name: round(1.0 / series.interval) for name, series in own.items()}
+    rates = {name: round(1.0 / series.sampling_interval) for name, series in own.items()}
     assert rates["shank_angle"] == rates["ankle_z"] == 200
     assert rates["grf_vertical"] == rates["cop_x"] == 1000
     assert rates["pressure_command"] == rates["force"] == rates["ankle_angle"] == 500
     assert {file.name for file in trial.files} == {"walk_01_motion.csv", "walk_01_load.csv", "walk_01_log.csv"}
-    assert any("less than 10 ms apart" in sentence for sentence in found.findings.derived)
+    assert any("less than 10 ms apart" in sentence for sentence in found.log.derived)
 
 
 def test_files_of_one_name_are_told_apart_by_their_folder(walked: Recording, tmp_path: Path) -> None:
@@ -109,39 +109,39 @@ def test_files_of_one_name_are_told_apart_by_their_folder(walked: Recording, tmp
         {n: s + (n == "time") for n, s in walked.channels.items()}, walked.units, walked.provenance
     )  # which is another file, and the same walk
     found = gathered([*lab(tmp_path / "one", walked), *lab(tmp_path / "two", later)])
-    assert [walk.files[0] for walk in found.walks] == ["one/markers.trc", "two/markers.trc"]
+    assert [walk.files[0] for walk in found.trials] == ["one/markers.trc", "two/markers.trc"]
     assert found.groups == ("condition_1", "condition_1")
-    assert not any("Repeats" in sentence for sentence in found.findings.missing)
+    assert not any("Repeats" in sentence for sentence in found.log.missing)
     apart = gathered([*lab(tmp_path / "one", walked), *lab(tmp_path / "two", later)], repeats=1)
     assert apart.groups == ("condition_1", "condition_2")
-    assert any(sentence.startswith("Repeats: no walk is a second one") for sentence in apart.findings.missing)
+    assert any(sentence.startswith("Repeats: no walk is a second one") for sentence in apart.log.missing)
 
 
 def test_clocks_that_differ_are_told_and_mended(walked: Recording, tmp_path: Path) -> None:
     files = lab(tmp_path / "lab", walked)
-    own = export.log(walked)
+    own = export.to_prosthesis_log(walked)
     late = {n: s - 0.05 if n == "time" else s for n, s in own.channels.items()}
     csv.write(Recording(late, own.units), tmp_path / "lab" / "log.csv")
-    (doubt,) = [s for s in gathered(files).findings.suspicious if "clock" in s]
+    (doubt,) = [s for s in gathered(files).log.warnings if "clock" in s]
     assert "are most alike 50 ms apart" in doubt
     assert "'\"log.csv\" = 0.05'" in doubt
     (tmp_path / "map.toml").write_text('[clock]\n"log.csv" = 0.05\n')
-    mended = gathered(files, replace(RAW, chosen=mapping.read(tmp_path / "map.toml")))
-    assert any("less than 10 ms apart" in sentence for sentence in mended.findings.derived)
-    assert mended.walks[0].channels["force"].time == pytest.approx(walked["time"], abs=1e-9)
+    mended = gathered(files, replace(RAW, mapping=mapping.read(tmp_path / "map.toml")))
+    assert any("less than 10 ms apart" in sentence for sentence in mended.log.derived)
+    assert mended.trials[0].channels["force"].time == pytest.approx(walked["time"], abs=1e-9)
     (tmp_path / "map.toml").write_text('[clock]\n"other.csv" = 0.05\n')
     with pytest.raises(InputError, match=r"\[clock\] names 'other.csv', which is none of the files"):
-        gathered(files, replace(RAW, chosen=mapping.read(tmp_path / "map.toml")))
+        gathered(files, replace(RAW, mapping=mapping.read(tmp_path / "map.toml")))
 
 
 def test_two_clocks_are_held_against_each_other() -> None:
     time = np.arange(0.0, 4.0, 0.01)
-    wave = clocks.Series(time, np.sin(5.0 * time) + 0.3 * np.sin(11.0 * time))
-    found = clocks.lag(clocks.Series(time - 0.12, wave.value), wave)
+    wave = clocks.Signal(time, np.sin(5.0 * time) + 0.3 * np.sin(11.0 * time))
+    found = clocks.estimate_lag(clocks.Signal(time - 0.12, wave.value), wave)
     assert found is not None
-    assert found[0] == pytest.approx(0.12, abs=clocks.STEP)
+    assert found[0] == pytest.approx(0.12, abs=clocks.LAG_STEP)
     assert found[1] > 0.999
-    assert clocks.lag(clocks.Series(time[:150], wave.value[:150]), wave) is None
+    assert clocks.estimate_lag(clocks.Signal(time[:150], wave.value[:150]), wave) is None
 
 
 def test_columns_are_named_and_turned_by_the_user(walked: Recording, tmp_path: Path) -> None:
@@ -155,7 +155,7 @@ def test_columns_are_named_and_turned_by_the_user(walked: Recording, tmp_path: P
         '[prosthesis]\npressure_command = { column = "u", unit = "bar" }\n'
         'pressure = { column = "P1", unit = "kPa" }\nforce = { column = "F", unit = "N", sign = -1 }\n'
     )
-    own = gathered(files, replace(RAW, chosen=mapping.read(tmp_path / "map.toml"))).walks[0].channels
+    own = gathered(files, replace(RAW, mapping=mapping.read(tmp_path / "map.toml"))).trials[0].channels
     assert own["pressure"].value == pytest.approx(walked["pressure"], abs=1e-9)
     assert own["force"].value == pytest.approx(walked["force"], abs=1e-9)
     assert own["muscle_length"].value == pytest.approx(1e3 * walked["muscle_length"], abs=1e-9)
@@ -163,43 +163,45 @@ def test_columns_are_named_and_turned_by_the_user(walked: Recording, tmp_path: P
 
 def test_what_looks_wrong_is_told(walked: Recording, tmp_path: Path) -> None:
     lab(tmp_path / "lab", walked)
-    own = export.log(walked)
+    own = export.to_prosthesis_log(walked)
     odd = {**own.channels, "pressure": own["pressure"] + 1.013, "force": -own["force"]}
     csv.write(Recording(odd, own.units), tmp_path / "lab" / "log.csv")
-    told = gathered([tmp_path / "lab" / name for name in FILES]).findings.suspicious
+    told = gathered([tmp_path / "lab" / name for name in FILES]).log.warnings
     assert any("1.01 bar above what was commanded: is it absolute?" in sentence for sentence in told)
     assert any("the force is mostly negative" in sentence for sentence in told)
 
 
 def test_what_no_plate_carried_is_cut_off(walked: Recording, tmp_path: Path) -> None:
-    longer = rig.walk(load(DEVICE), tuned(), GaitOptions(strides=5, step=1e-3))
+    longer = rig.simulate_gait(load_device(DEVICE), load_default_profile(), GaitOptions(strides=5, dt=1e-3))
     files = lab(tmp_path / "lab", longer)
     force = storage.read(files[1])
     seen = ~((force.time > 0.9) & (force.time < 2.0))  # the second step was beside the plates
     columns = {n: s if n == "time" else s * seen for n, s in force.columns.items()}
     storage.write(storage.Storage(columns, False), files[1])
     found = gathered(files)
-    (walk,) = found.walks
-    assert len(walk.strikes) == 3
+    (walk,) = found.trials
+    assert len(walk.foot_strikes) == 3
     begin = walk.channels["shank_angle"].time[0]
-    assert begin == pytest.approx(walk.strikes[0] - 0.3, abs=2e-3)
+    assert begin == pytest.approx(walk.foot_strikes[0] - 0.3, abs=2e-3)
     assert begin == walk.channels["force"].time[0]
-    assert any("a step was on no plate" in sentence for sentence in found.findings.suspicious)
+    assert any("a step was on no plate" in sentence for sentence in found.log.warnings)
 
 
 def test_the_command_makes_a_folder_that_stands_alone(walked: Recording, tmp_path: Path) -> None:
     words = [str(path) for path in lab(tmp_path / "lab", walked, slow=5)]
-    (tmp_path / "mine.toml").write_bytes(load(DEVICE).content.replace(b"klute-1-1-4-pair", b"mine"))
+    (tmp_path / "mine.toml").write_bytes(load_device(DEVICE).content.replace(b"klute-1-1-4-pair", b"mine"))
     spread = ("--uncertain", "muscle.c10_kpa=10 %", "--uncertain", "tendon.stiffness_1_n_per_mm=0.5")
     done = run("import", *words, "--dataset", "--device", "mine.toml", *spread, "--out", "data", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for part in ("Found", "Mapped", "Derived: ", "Trials", "condition_1", "Use: 1 to fit", "klute-sim diagnose data"):
         assert part in done.stdout
     (tmp_path / "mine.toml").unlink()
-    found = datasets.read(tmp_path / "data")
+    found = datasets.load_dataset(tmp_path / "data")
     assert found.device.name == "mine"
-    assert found.uncertain["tendon.stiffness_1_n_per_mm"] == 0.5
-    assert found.uncertain["muscle.c10_kpa"] == pytest.approx(0.1 * load(DEVICE).spec.numbers()["muscle.c10_kpa"])
+    assert found.uncertainties["tendon.stiffness_1_n_per_mm"] == 0.5
+    assert found.uncertainties["muscle.c10_kpa"] == pytest.approx(
+        0.1 * load_device(DEVICE).spec.collect_values()["muscle.c10_kpa"]
+    )
     assert found.remarks == ()
     told = json.loads((tmp_path / "data" / "import.json").read_text())
     (trial,) = told["trials"]
@@ -216,7 +218,7 @@ def test_gaps_of_the_pressure_centre_are_bridged_or_told(walked: Recording, tmp_
         holed = {n: np.where(hole, np.nan, s) if n == "cop_x" else s for n, s in walked.channels.items()}
         parquet.write(Recording(holed, walked.units, walked.provenance), tmp_path / "recording.parquet")
         if told is None:
-            own = gathered([tmp_path / "recording.parquet"]).walks[0].channels["cop_x"]
+            own = gathered([tmp_path / "recording.parquet"]).trials[0].channels["cop_x"]
             assert own.value[hole] == pytest.approx(walked["cop_x"][hole], abs=5e-3)
         else:
             with pytest.raises(InputError, match=told):
@@ -319,7 +321,7 @@ def test_a_capture_with_plates_and_a_log(tmp_path: Path) -> None:
     angle = walker.of("ankle_dorsiflexion_deg", "left")
     rows = [f"{1e3 * t:.1f},1.5,{a:.6f}" for t, a in zip(walker.time, angle, strict=True)]
     (tmp_path / "log.csv").write_text("\n".join(["time [ms],PressureSetpoint [bar],AnkleAngle [deg]", *rows]) + "\n")
-    own = gathered([path, tmp_path / "log.csv"], replace(RAW, side="left")).walks[0].channels
+    own = gathered([path, tmp_path / "log.csv"], replace(RAW, side="left")).trials[0].channels
     ankle = walker.points("left")["ANKLE"]
     for place, name in enumerate(("ankle_x", "ankle_z")):
         there = np.interp(own[name].time, walker.time, ankle[:, place])
@@ -333,23 +335,23 @@ def test_a_capture_with_plates_and_a_log(tmp_path: Path) -> None:
     assert np.all(own["pressure_command"].value == 1.5)
 
 
-def walk_of(stride: float, bar: float) -> Walk:
+def walk_of(stride: float, bar: float) -> ProsthesisTrial:
     time = np.arange(0.0, 5.0 * stride, 0.01)
-    asked = clocks.Series(time, bar * (1.0 + np.sin(2.0 * np.pi * time / stride)))
-    return Walk("x", ("x",), {"pressure_command": asked}, stride * np.arange(5.0))
+    asked = clocks.Signal(time, bar * (1.0 + np.sin(2.0 * np.pi * time / stride)))
+    return ProsthesisTrial("x", ("x",), {"pressure_command": asked}, stride * np.arange(5.0))
 
 
 def test_no_name_of_a_file_gets_out_of_its_comment(tmp_path: Path) -> None:
-    wanted = Wanted(device="any", uncertain={})
-    text = dataset_folder._toml(wanted, "any", [("one", ["a.csv"], ["odd\nrig = 'bench'.c3d"])])
+    wanted = DatasetOptions(device="any", uncertainties={})
+    text = dataset_folder._format_toml(wanted, "any", [("one", ["a.csv"], ["odd\nrig = 'bench'.c3d"])])
     assert tomllib.loads(text)["rig"] == "gait"
 
 
 def test_repeats_have_one_speed_and_one_profile() -> None:
     walks = [walk_of(1.1, 2.0), walk_of(1.13, 2.0), walk_of(1.2, 2.0), walk_of(1.1, 1.5), walk_of(1.1, 2.05)]
-    assert repeats.groups(walks) == [1, 1, 2, 3, 1]
-    assert repeats.groups(walks, 2) == [1, 1, 2, 2, 3]
-    assert repeats.groups([walk_of(1.1, 0.0), walk_of(1.1, 0.0)]) == [1, 1]
+    assert repeats.group_repeats(walks) == [1, 1, 2, 3, 1]
+    assert repeats.group_repeats(walks, 2) == [1, 1, 2, 2, 3]
+    assert repeats.group_repeats([walk_of(1.1, 0.0), walk_of(1.1, 0.0)]) == [1, 1]
 
 
 @pytest.mark.long
@@ -358,14 +360,14 @@ def test_a_hidden_effect_goes_through_a_laboratory_and_is_named(
 ) -> None:
     """Simulated, exported, seen by noisy instruments, imported, diagnosed."""
     monkeypatch.setenv("KLUTE_SIM_CACHE", str(tmp_path / "cache"))
-    text = load(DEVICE).content.decode() + '\n[effects.seal_friction]\nform = "coulomb"\nforce_n = 40.0\n'
-    hidden, words = read(text.encode(), "hidden"), list[str]()
+    text = load_device(DEVICE).content.decode() + '\n[effects.seal_friction]\nform = "coulomb"\nforce_n = 40.0\n'
+    hidden, words = parse_device(text.encode(), "hidden"), list[str]()
     for name, speed in (("a1", 1.2), ("a2", 1.21), ("b1", 1.0), ("b2", 1.01)):
-        recording = rig.walk(hidden, tuned(), GaitOptions(speed=speed, strides=4))
+        recording = rig.simulate_gait(hidden, load_default_profile(), GaitOptions(speed=speed, strides=4))
         words += [str(path) for path in lab(tmp_path / name, recording, slow=10, noise=1.0)]
     done = run("import", *words, "--dataset", "--device", DEVICE, "--out", "data", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    groups = [trial.group for trial in datasets.read(tmp_path / "data").trials]
+    groups = [trial.group for trial in datasets.load_dataset(tmp_path / "data").trials]
     assert groups == ["condition_1", "condition_1", "condition_2", "condition_2"]
     looked = ("--only", "seal_friction", "--only", "pressure_lag", "--only", "sensor_gain")
     done = run("diagnose", "data", *looked, "--no-report", "--json", "--out", "found", cwd=tmp_path)

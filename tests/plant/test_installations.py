@@ -12,13 +12,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from klute_sim.device.files import load
+from klute_sim.device.files import load_device
 from klute_sim.errors import InputError, KluteSimWarning, SimulationError
 from klute_sim.plant import batch, layout, models, router
 from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.rigs.gait.assembly import DRIVES, Assembly, GaitOptions, assemble, start
+from klute_sim.rigs.gait.assembly import DRIVE_ACTUATORS, GaitOptions, GaitRig, build_gait_rig, reset_gait_rig
 
-DEVICE = load("klute-1-1-4-pair")
+DEVICE = load_device("klute-1-1-4-pair")
 BOTH = pytest.mark.parametrize("law", ["compiled", "python"])
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -29,26 +29,26 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def ankle() -> tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator]:
-    model = models.equip(models.spec("ankle"), {"muscle_tendon": DEVICE.parameters})
+    model = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": DEVICE.parameters})
     return model, mujoco.MjData(model), DeviceActuator(model, "muscle_tendon")
 
 
-def walked(rig: Assembly, law: str, steps: int) -> np.ndarray:
+def walked(rig: GaitRig, law: str, steps: int) -> np.ndarray:
     """Every state of a walk with a pressure that jumps."""
     data, states = mujoco.MjData(rig.model), []
-    start(rig, data, 1e5)
-    with router.installed(law) as in_force:
+    reset_gait_rig(rig, data, 1e5)
+    with router.device_callbacks(law) as in_force:
         assert in_force == law
         for k in range(steps):
-            data.ctrl[: len(DRIVES)] = rig.slopes[k % rig.per_stride]
-            data.ctrl[rig.actuator.ctrl] = (k // 300) % 6
-            router.step(rig.model, data)
+            data.ctrl[: len(DRIVE_ACTUATORS)] = rig.command_rates[k % rig.commands_per_stride]
+            data.ctrl[rig.actuator.ctrl_address] = (k // 300) % 6
+            router.step_model(rig.model, data)
             states.append(np.concatenate([data.qpos, data.qvel, data.act, data.sensordata]))
     return np.array(states)
 
 
 def test_ten_thousand_gait_steps_are_the_same_alone_in_threads_and_in_a_batch() -> None:
-    rig, steps = assemble(DEVICE, GaitOptions(), 5e-4), 10_000
+    rig, steps = build_gait_rig(DEVICE, GaitOptions(), 5e-4), 10_000
     reference = walked(rig, "python", steps)
     assert np.isfinite(reference).all()
     assert np.array_equal(walked(rig, "compiled", steps), reference)
@@ -62,59 +62,59 @@ def test_ten_thousand_gait_steps_are_the_same_alone_in_threads_and_in_a_batch() 
     assert len(found) == 2
     assert all(np.array_equal(each, reference) for each in found)
 
-    simulations = batch.simulations(rig.model, 2, threads=2)
+    simulations = batch.create_batch(rig.model, 2, n_threads=2)
     data = mujoco.MjData(rig.model)
-    start(rig, data, 1e5)
+    reset_gait_rig(rig, data, 1e5)
     for row in simulations.state:
         mujoco.mj_getState(rig.model, data, row, STATE)
     bound = [simulations.bind(name) for name in ("qpos", "qvel", "act", "sensordata")]
     ctrl = simulations.bind("ctrl")
     for k in range(steps):
-        ctrl[:, : len(DRIVES)] = rig.slopes[k % rig.per_stride]
-        ctrl[:, rig.actuator.ctrl] = (k // 300) % 6
-        batch.step(simulations)
+        ctrl[:, : len(DRIVE_ACTUATORS)] = rig.command_rates[k % rig.commands_per_stride]
+        ctrl[:, rig.actuator.ctrl_address] = (k // 300) % 6
+        batch.step_batch(simulations)
         now = np.concatenate(bound, axis=1)
         assert np.array_equal(now[0], reference[k])
         assert np.array_equal(now[1], reference[k])
 
 
 def test_a_batch_carries_different_devices_as_models_of_their_own_would() -> None:
-    strong, light = DEVICE.parameters, load("klute-3-4-pair").parameters
+    strong, light = DEVICE.parameters, load_device("klute-3-4-pair").parameters
     model, *_ = ankle()
-    simulations = batch.simulations(model, 2, threads=2)
-    batch.give(simulations, "muscle_tendon", [strong, light])
+    simulations = batch.create_batch(model, 2, n_threads=2)
+    batch.set_parameters(simulations, "muscle_tendon", [strong, light])
     simulations.bind("ctrl")[:] = 3.0
-    batch.step(simulations, count=200)
+    batch.step_batch(simulations, n_steps=200)
     for i, parameters in enumerate((strong, light)):
-        own = models.equip(models.spec("ankle"), {"muscle_tendon": parameters})
+        own = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": parameters})
         data = mujoco.MjData(own)
         data.ctrl[:] = 3.0
-        with router.installed():
-            router.step(own, data, 200)
+        with router.device_callbacks():
+            router.step_model(own, data, 200)
         assert np.array_equal(data.act, simulations.bind("act")[i])
     assert not np.array_equal(*simulations.bind("act"))
 
 
 def test_what_a_batch_cannot_do_is_refused() -> None:
     model, *_ = ankle()
-    simulations = batch.simulations(model, 2)
+    simulations = batch.create_batch(model, 2)
     with pytest.raises(InputError, match="1 devices for 2 simulations"):
-        batch.give(simulations, "muscle_tendon", [DEVICE.parameters])
+        batch.set_parameters(simulations, "muscle_tendon", [DEVICE.parameters])
     with pytest.raises(InputError, match="without a tendon"):
-        batch.give(simulations, "muscle_tendon", [load("klute-3-4").parameters] * 2)
+        batch.set_parameters(simulations, "muscle_tendon", [load_device("klute-3-4").parameters] * 2)
     mujoco.set_mjcb_act_bias(lambda m, d, i: 0.0)
     try:
         with pytest.warns(KluteSimWarning), pytest.raises(InputError, match="Python callbacks"):
-            batch.step(simulations)
+            batch.step_batch(simulations)
     finally:
         mujoco.set_mjcb_act_bias(None)
 
 
 def test_models_compile_while_the_compiled_law_is_in() -> None:
-    with router.installed("compiled"):
+    with router.device_callbacks("compiled"):
         model, data, actuator = ankle()
         data.ctrl[:] = 4.0
-        router.step(model, data, 300)
+        router.step_model(model, data, 300)
     assert actuator.tension(data) > 500.0
 
 
@@ -135,7 +135,7 @@ def test_a_law_in_the_process_changes_no_other_model(law: str) -> None:
         return [*data.qpos, *data.act]
 
     alone = run()
-    with router.installed(law):
+    with router.device_callbacks(law):
         assert run() == alone
 
 
@@ -144,17 +144,17 @@ def test_a_model_travels_with_its_device(law: str) -> None:
     model, data, actuator = ankle()
     data.ctrl[:] = 4.0
     copies = [pickle.loads(pickle.dumps((model, data, actuator))) for _ in range(2)]
-    with router.installed(law):
+    with router.device_callbacks(law):
         for each, state, device in [(model, data, actuator), *copies]:
-            router.step(each, state, 300)
+            router.step_model(each, state, 300)
             assert device.tension(state) == actuator.tension(data) > 500.0
 
 
 def _tension_elsewhere(law: str) -> float:
     model, data, actuator = ankle()
     data.ctrl[:] = 4.0
-    with router.installed(law):
-        router.step(model, data, 300)
+    with router.device_callbacks(law):
+        router.step_model(model, data, 300)
     return actuator.tension(data)
 
 
@@ -165,7 +165,7 @@ def test_a_forked_child_has_the_law_even_if_another_thread_was_inside(law: str) 
     inside, leave = threading.Event(), threading.Event()
 
     def stay() -> None:
-        with router.installed(law):
+        with router.device_callbacks(law):
             inside.set()
             leave.wait()
 
@@ -182,10 +182,10 @@ def test_a_forked_child_has_the_law_even_if_another_thread_was_inside(law: str) 
 
 
 def _step_on(model: mujoco.MjModel, data: mujoco.MjData, actuator: DeviceActuator) -> float:
-    router.step(model, data, 100)
-    with router.installed():
-        router.step(model, data, 100)
-    router.step(model, data, 100)
+    router.step_model(model, data, 100)
+    with router.device_callbacks():
+        router.step_model(model, data, 100)
+    router.step_model(model, data, 100)
     return actuator.tension(data)
 
 
@@ -193,7 +193,7 @@ def _step_on(model: mujoco.MjModel, data: mujoco.MjData, actuator: DeviceActuato
 def test_a_thread_that_forks_stays_inside_in_the_child() -> None:
     made = ankle()
     made[1].ctrl[:] = 4.0
-    with router.installed("compiled"):
+    with router.device_callbacks("compiled"):
         with multiprocessing.get_context("fork").Pool(1) as pool:
             there = pool.apply(_step_on, made)
         assert there == _step_on(*made) > 500.0
@@ -219,27 +219,27 @@ def test_a_fresh_process_gives_the_same_bits() -> None:
 @pytest.mark.parametrize("what", ["command", "inf", "pressure"])
 def test_a_state_that_is_not_finite_is_named_at_the_step(law: str, what: str) -> None:
     model, data, actuator = ankle()
-    with router.installed(law):
-        router.step(model, data, 10)
+    with router.device_callbacks(law):
+        router.step_model(model, data, 10)
         before = data.qpos.copy()
         if what in ("command", "inf"):
             data.ctrl[:] = np.inf if what == "inf" else np.nan
         else:
             data.act[0] = np.nan
         with pytest.raises(SimulationError, match=r"actuator 'muscle_tendon' has no finite state at t = 0\.0050 s: .*"):
-            router.step(model, data)
+            router.step_model(model, data)
         if law == "python":
             assert np.array_equal(data.qpos, before)  # not taken
         else:
             assert actuator.tension(data) == 0.0
         for _ in range(3):
             with pytest.raises(SimulationError):
-                router.step(model, data)
+                router.step_model(model, data)
         assert np.isfinite(data.qpos).all()
         assert np.isfinite(data.qvel).all()
         # mended, it goes on
         data.ctrl[:], data.act[:] = 1.0, [0.5, -0.001]
-        router.step(model, data, 10)
+        router.step_model(model, data, 10)
     assert np.isfinite(data.act).all()
 
 
@@ -247,9 +247,9 @@ def test_who_steps_with_mujoco_itself_is_told_on_the_way_out() -> None:
     model, data, _ = ankle()
     data.ctrl[:] = np.nan
     told = r"'muscle_tendon'.*pressure command nan bar"
-    with pytest.raises(SimulationError, match=told), router.installed("compiled"):
+    with pytest.raises(SimulationError, match=told), router.device_callbacks("compiled"):
         mujoco.mj_step(model, data, 5)
-    with router.installed("compiled"):  # told once
+    with router.device_callbacks("compiled"):  # told once
         pass
 
 
@@ -257,11 +257,11 @@ def test_a_fault_is_told_to_the_one_who_stepped_it() -> None:
     model, data, _ = ankle()
     healthy = mujoco.MjData(model)
     data.ctrl[:] = np.nan
-    with router.installed("compiled"):
+    with router.device_callbacks("compiled"):
         mujoco.mj_step(model, data)
-        router.step(model, healthy)
+        router.step_model(model, healthy)
         with pytest.raises(SimulationError):
-            router.step(model, data)
+            router.step_model(model, data)
 
 
 def test_a_fault_in_another_thread_is_told_there() -> None:
@@ -271,16 +271,16 @@ def test_a_fault_in_another_thread_is_told_there() -> None:
 
     def fail() -> None:
         try:
-            with router.installed("compiled"):
+            with router.device_callbacks("compiled"):
                 mujoco.mj_step(model, data)
         except SimulationError as error:
             told.append(str(error))
 
-    with router.installed("compiled"):
+    with router.device_callbacks("compiled"):
         thread = threading.Thread(target=fail)
         thread.start()
         thread.join()
-        router.step(model, mujoco.MjData(model))
+        router.step_model(model, mujoco.MjData(model))
     assert len(told) == 1
     assert "'muscle_tendon' has no finite state" in told[0]
 
@@ -288,7 +288,7 @@ def test_a_fault_in_another_thread_is_told_there() -> None:
 def test_a_step_outside_gives_no_force_and_no_error() -> None:
     model, data, actuator = ankle()
     data.ctrl[:] = np.nan
-    router.step(model, data)
+    router.step_model(model, data)
     assert actuator.tension(data) == 0.0
 
 
@@ -297,36 +297,36 @@ def test_an_error_of_ones_own_is_not_hidden() -> None:
     data.ctrl[:] = np.nan
 
     def step_and_fail() -> None:
-        with router.installed("compiled"):
+        with router.device_callbacks("compiled"):
             mujoco.mj_step(model, data)
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
         step_and_fail()
-    with router.installed("compiled"):  # and what happened in there is not told to somebody else
+    with router.device_callbacks("compiled"):  # and what happened in there is not told to somebody else
         pass
 
 
 def test_the_loader_refuses_a_model_without_its_device() -> None:
     with pytest.raises(InputError, match="'muscle_tendon' is made for a device and has none"):
-        models.equip(models.spec("ankle"), {})
+        models.attach_devices(models.load_spec("ankle"), {})
     with pytest.raises(InputError, match="no actuator 'achilles'; it has: muscle_tendon"):
-        models.equip(models.spec("ankle"), {"achilles": DEVICE.parameters})
+        models.attach_devices(models.load_spec("ankle"), {"achilles": DEVICE.parameters})
     with pytest.raises(InputError, match="'muscle_tendon' carries no device"):
-        DeviceActuator(models.spec("ankle").compile(), "muscle_tendon")
+        DeviceActuator(models.load_spec("ankle").compile(), "muscle_tendon")
 
 
 def test_offsets_that_do_not_hold_are_found_out() -> None:
-    right = layout.layout()
-    layout._check(right)
+    right = layout.get_layout()
+    layout._check_layout(right)
     for part in ("model", "data"):
         for name in getattr(right, part):
-            other = layout.Layout(dict(right.model), dict(right.data))
+            other = layout.StructLayout(dict(right.model), dict(right.data))
             found_out = []
             for shift in (8, -8):  # an empty array begins where its neighbour does, so one side may look right
                 getattr(other, part)[name] = getattr(right, part)[name] + shift
                 with suppress(layout.UnknownLayoutError):
-                    layout._check(other)
+                    layout._check_layout(other)
                     continue
                 found_out.append(shift)
             assert found_out, name
@@ -365,7 +365,10 @@ def test_where_it_cannot_be_compiled_python_runs_and_says_so_once(hidden: str, r
 
 
 def test_a_law_nobody_knows_is_refused() -> None:
-    with pytest.raises(InputError, match="law is 'fast'; allowed: auto, compiled, python"), router.installed("fast"):
+    with (
+        pytest.raises(InputError, match="law is 'fast'; allowed: auto, compiled, python"),
+        router.device_callbacks("fast"),
+    ):
         pass
 
 
@@ -376,14 +379,14 @@ def test_mujocos_own_rollouts_and_derivatives_see_the_law() -> None:
     first = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
     mujoco.mj_getState(model, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     commands = np.linspace(0.0, 5.0, 200)[None, :, None] * np.ones((4, 1, 1))
-    with router.installed("compiled"):
+    with router.device_callbacks("compiled"):
         states, _ = rollout.rollout(
             model, [mujoco.MjData(model) for _ in range(2)], np.tile(first, (4, 1)), commands, chunk_size=1
         )
     for command in commands[0]:
         data.ctrl[:] = command
-        with router.installed("python"):
-            router.step(model, data)
+        with router.device_callbacks("python"):
+            router.step_model(model, data)
     mujoco.mj_getState(model, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     assert all(np.array_equal(each, first) for each in states[:, -1])
 
@@ -391,7 +394,7 @@ def test_mujocos_own_rollouts_and_derivatives_see_the_law() -> None:
     found = []
     for law in ("compiled", "python"):
         by_state, by_command = np.zeros((size, size)), np.zeros((size, model.nu))
-        with router.installed(law):
+        with router.device_callbacks(law):
             mujoco.mjd_transitionFD(model, data, 1e-6, True, by_state, by_command, None, None)
         found.append((by_state, by_command))
     assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))

@@ -6,49 +6,51 @@ import mujoco
 import numpy as np
 import pytest
 
-from klute_sim.device.files import load
-from klute_sim.device.rollout import rollout
-from klute_sim.device.step import Parameters, taut
+from klute_sim.device.files import load_device
+from klute_sim.device.rollout import simulate_rollouts
+from klute_sim.device.step import DeviceParameters, compute_taut_state
 from klute_sim.plant import models, router
 from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.plant.coupling import SHOWN_DAMPING
+from klute_sim.plant.coupling import DAMPING_INDEX
 
-BASE = load("klute-1-1-4-pair").parameters
+BASE = load_device("klute-1-1-4-pair").parameters
 NEUTRAL = 0.3574
 """Distance of the Achilles' sites at a neutral ankle [m]."""
 
 
-def damped(coefficient: float) -> Parameters:
-    return BASE._replace(damper=BASE.damper._replace(concentric=coefficient, eccentric=coefficient))
+def damped(coefficient: float) -> DeviceParameters:
+    return BASE._replace(
+        damper=BASE.damper._replace(concentric_coefficient=coefficient, eccentric_coefficient=coefficient)
+    )
 
 
-def tied(coefficient: float, ratio: float = 1.0) -> Parameters:
+def tied(coefficient: float, ratio: float = 1.0) -> DeviceParameters:
     """A muscle on a rigid tie, as long as the shank."""
     muscle = BASE.muscle
     longer = NEUTRAL / 0.93 / muscle.resting_length
     muscle = muscle._replace(
         resting_length=longer * muscle.resting_length,
         braid_length=longer * muscle.braid_length,
-        turns=longer * muscle.turns,
+        braid_turns=longer * muscle.braid_turns,
     )
-    tie = BASE.tendon._replace(rigid=True, slack_length=0.0)
-    damper = BASE.damper._replace(concentric=coefficient, eccentric=ratio * coefficient)
+    tie = BASE.tendon._replace(is_rigid=True, slack_length=0.0)
+    damper = BASE.damper._replace(concentric_coefficient=coefficient, eccentric_coefficient=ratio * coefficient)
     return BASE._replace(muscle=muscle, tendon=tie, damper=damper)
 
 
 def in_the_air(
-    parameters: Parameters, step: float, integrator: str = "implicitfast"
+    parameters: DeviceParameters, step: float, integrator: str = "implicitfast"
 ) -> tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator]:
     """The ankle without floor, weight or heel spring: the device is the only stiff thing."""
-    spec = models.spec("ankle")
+    spec = models.load_spec("ankle")
     spec.option.timestep = step
     spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
-    model = models.equip(spec, {"muscle_tendon": parameters})
+    model = models.attach_devices(spec, {"muscle_tendon": parameters})
     model.opt.gravity[:], model.geom_contype[:] = 0.0, 0
     model.jnt_stiffness[model.joint("heel").id] = 0.0
     data, actuator = mujoco.MjData(model), DeviceActuator(model, "muscle_tendon")
     mujoco.mj_forward(model, data)
-    actuator.set_state(data, taut(parameters, actuator.unit_length(data), 0.0))
+    actuator.set_state(data, compute_taut_state(parameters, actuator.unit_length(data), 0.0))
     return model, data, actuator
 
 
@@ -57,10 +59,10 @@ def in_the_air(
 def test_no_orifice_and_no_step_shakes_the_ankle(coefficient: float, step: float) -> None:
     model, data, actuator = in_the_air(damped(coefficient), step)
     angles = []
-    with router.installed():
+    with router.device_callbacks():
         for k in range(round(1.5 / step)):
-            actuator.command(data, [0.0, 3e5, 0.0, 5e5, 1e5, 4e5][int(4 * k * step)])
-            router.step(model, data)
+            actuator.set_command(data, [0.0, 3e5, 0.0, 5e5, 1e5, 4e5][int(4 * k * step)])
+            router.step_model(model, data)
             angles.append(float(data.qpos[0]))
     assert np.abs(angles).max() < 0.45
     last = np.diff(angles[-round(0.05 / step) :])
@@ -75,11 +77,11 @@ def test_a_nearly_closed_orifice_on_a_rigid_tie_stops_the_ankle(coefficient: flo
         model, data, actuator = in_the_air(tied(coefficient), step)
         if hidden:
             model.tendon_dampingpoly[:] = 0.0
-            model.actuator_user[actuator.id, SHOWN_DAMPING] = 0.0
+            model.actuator_user[actuator.id, DAMPING_INDEX] = 0.0
             actuator = DeviceActuator(model, "muscle_tendon")
         data.qvel[0] = 20.0
         moved = 0.0
-        with router.installed():
+        with router.device_callbacks():
             for _ in range(round(0.03 / step)):
                 mujoco.mj_step(model, data)
                 moved = max(moved, abs(float(data.qpos[0])))
@@ -99,13 +101,13 @@ def test_shown_damping_changes_nothing_but_how_the_step_is_solved() -> None:
         model, data, actuator = in_the_air(tied(3e3, ratio=0.3), 1e-5)
         if not shown:
             model.tendon_dampingpoly[:] = 0.0
-            model.actuator_user[actuator.id, SHOWN_DAMPING] = 0.0
+            model.actuator_user[actuator.id, DAMPING_INDEX] = 0.0
             actuator = DeviceActuator(model, "muscle_tendon")
-        actuator.command(data, 3e5)
+        actuator.set_command(data, 3e5)
         seen = []
-        with router.installed():
+        with router.device_callbacks():
             for _ in range(3000):
-                router.step(model, data)
+                router.step_model(model, data)
                 seen.append(actuator.tension(data))
         tensions.append(seen)
         moment = float(data.qfrc_actuator[0] + data.qfrc_passive[0])
@@ -117,10 +119,10 @@ def test_shown_damping_changes_nothing_but_how_the_step_is_solved() -> None:
 def test_order_of_convergence_in_the_ankle_is_one() -> None:
     def angle(step: float) -> float:
         model, data, actuator = in_the_air(BASE, step)
-        with router.installed():
+        with router.device_callbacks():
             for k in range(round(0.1 / step)):
-                actuator.command(data, 2e5 + 1.5e5 * np.sin(20 * k * step))
-                router.step(model, data)
+                actuator.set_command(data, 2e5 + 1.5e5 * np.sin(20 * k * step))
+                router.step_model(model, data)
         return float(data.qpos[0])
 
     errors = [abs(angle(h) - angle(h / 2)) for h in (1e-3, 5e-4, 2.5e-4, 1.25e-4)]
@@ -130,21 +132,21 @@ def test_order_of_convergence_in_the_ankle_is_one() -> None:
 
 def test_the_device_alone_repeats_what_it_did_in_mujoco() -> None:
     model, data, actuator = in_the_air(BASE, 5e-4)
-    begin = actuator.state(data)
+    begin = actuator.get_state(data)
     lengths, commands, seen = [], [], []
-    with router.installed():
+    with router.device_callbacks():
         for k in range(2000):
             commands.append(3e5 * (k // 300 % 2))
-            actuator.command(data, commands[-1])
-            router.step(model, data)
+            actuator.set_command(data, commands[-1])
+            router.step_model(model, data)
             lengths.append(actuator.unit_length(data))
-            seen.append((actuator.tension(data), *actuator.state(data)[:2]))
-    trace = rollout(BASE, lengths, commands, 5e-4, start=begin)
+            seen.append((actuator.tension(data), *actuator.get_state(data)[:2]))
+    trace = simulate_rollouts(BASE, lengths, commands, 5e-4, initial_state=begin)
     assert np.max(trace.tension) > 500.0
     assert np.abs(np.array(seen) - np.stack(trace, axis=1)).max(axis=0) == pytest.approx([0, 0, 0], abs=1e-6)
 
 
 def test_a_rigid_device_starts_where_it_is() -> None:
     model, data, actuator = in_the_air(tied(3e4), 5e-4)
-    assert actuator.state(data)[:2] == pytest.approx((0.0, NEUTRAL), abs=1e-4)
+    assert actuator.get_state(data)[:2] == pytest.approx((0.0, NEUTRAL), abs=1e-4)
     assert model.tendon_dampingpoly[0, 0] == 3e4

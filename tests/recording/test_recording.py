@@ -24,7 +24,7 @@ def example() -> Recording:
 
 def test_headings_split_and_join() -> None:
     assert split_heading("ankle_moment [N*m]") == ("ankle_moment", "N*m")
-    assert example().heading("ankle_moment") == "ankle_moment [N*m]"
+    assert example().format_heading("ankle_moment") == "ankle_moment [N*m]"
 
 
 @given(st.text(max_size=20))

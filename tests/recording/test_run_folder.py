@@ -18,7 +18,10 @@ def test_default_folders_are_numbered_and_two_runs_at_a_time_get_two(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with run_folder.new("gait", None) as (one, scratch), run_folder.new("gait", None) as (two, other):
+    with (
+        run_folder.create_run_folder("gait", None) as (one, scratch),
+        run_folder.create_run_folder("gait", None) as (two, other),
+    ):
         fill(scratch)
         fill(other)
     assert [one, two] == [Path("runs/gait-001"), Path("runs/gait-002")]
@@ -35,7 +38,7 @@ def test_a_finished_run_takes_its_place_even_an_empty_one(
     if name == "link":
         (tmp_path / "elsewhere").mkdir()
         (tmp_path / name).symlink_to("elsewhere")
-    with run_folder.new("gait", name) as (folder, scratch):
+    with run_folder.create_run_folder("gait", name) as (folder, scratch):
         fill(scratch)
         assert not (folder / "a").exists()
     assert [file.name for file in (tmp_path / name).iterdir()] == ["a"]
@@ -55,7 +58,7 @@ def test_a_failed_run_leaves_nothing(failure: BaseException, there: bool, tmp_pa
         fill(scratch)
         raise failure
 
-    with pytest.raises(expected), run_folder.new("gait", folder) as (_, scratch):
+    with pytest.raises(expected), run_folder.create_run_folder("gait", folder) as (_, scratch):
         fail(scratch)
     assert [p for p in tmp_path.rglob("*") if not p.is_dir()] == []
     assert folder.exists() == there
@@ -76,7 +79,7 @@ def test_places_that_cannot_take_a_run_are_refused_before_it_starts(tmp_path: Pa
         "x" * 300: "cannot be written",
         "y/" + "x" * 300: "cannot be written",
     }.items():
-        with pytest.raises(InputError, match=says), run_folder.new("gait", tmp_path / name):
+        with pytest.raises(InputError, match=says), run_folder.create_run_folder("gait", tmp_path / name):
             pytest.fail("it should not have started")
         assert sorted(tmp_path.rglob("*")) == before
 
@@ -84,5 +87,8 @@ def test_places_that_cannot_take_a_run_are_refused_before_it_starts(tmp_path: Pa
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs a user whom permissions hold back")
 def test_a_place_without_permission_is_refused(tmp_path: Path) -> None:
     (tmp_path / "locked").mkdir(mode=0o555)
-    with pytest.raises(InputError, match="Permission denied"), run_folder.new("gait", tmp_path / "locked" / "r"):
+    with (
+        pytest.raises(InputError, match="Permission denied"),
+        run_folder.create_run_folder("gait", tmp_path / "locked" / "r"),
+    ):
         pytest.fail("it should not have started")

@@ -14,4 +14,4 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
 
 @pytest.fixture(scope="session")
 def plain(found: Diagnosis) -> str:
-    return page.render(found, {})
+    return page.render_page(found, {})

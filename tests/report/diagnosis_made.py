@@ -11,11 +11,11 @@ import numpy as np
 from klute_sim.dataset import dataset
 from klute_sim.dataset.split import Split
 from klute_sim.dataset.write import write_trial
-from klute_sim.device.files import load
-from klute_sim.device.rollout import rollout
-from klute_sim.device.step import settled
-from klute_sim.diagnose.diagnosis import Diagnosis, Options, diagnose
-from klute_sim.diagnose.doubt import Rival
+from klute_sim.device.files import load_device
+from klute_sim.device.rollout import simulate_rollouts
+from klute_sim.device.step import compute_equilibrium_state
+from klute_sim.diagnose.diagnosis import Diagnosis, DiagnosisOptions, diagnose
+from klute_sim.diagnose.doubt import EquivalentModel
 from klute_sim.effects import catalogue
 from klute_sim.units import BAR
 
@@ -27,15 +27,17 @@ EVIL = "<script>alert(1)</script>$^$"
 
 def trial(path: Path, group: int, seed: int) -> None:
     """A ramp and a step with hidden hysteresis, seen by a noisy load cell and a noisy gauge."""
-    device = load("klute-3-4-pair").parameters
+    device = load_device("klute-3-4-pair").parameters
     samples = np.arange(int(RATE * TIME) + 1) / RATE
     grid = np.arange(FINE * (len(samples) - 1) + 1) / (RATE * FINE)
     moved = 0.335 + 0.008 * np.sin(2.0 * np.pi * (1.0 + group) * np.maximum(0.0, samples - 0.2))
     stepped = BAR * np.interp(samples, [0.0, 0.7, 0.8], [2.5 + 0.5 * group, 2.5 + 0.5 * group, 4.0])
     length, command = np.interp(grid, samples, moved), np.interp(grid, samples, stepped)
-    effects = catalogue.values({("braid_hysteresis", "coulomb"): {"slope_n_per_bar": SLOPE}})
+    effects = catalogue.pack_effects({("braid_hysteresis", "coulomb"): {"slope_n_per_bar": SLOPE}})
     hidden = device._replace(effects=effects)
-    found = rollout(hidden, length, command, grid[1], start=settled(hidden, length[0], command[0]))
+    found = simulate_rollouts(
+        hidden, length, command, grid[1], initial_state=compute_equilibrium_state(hidden, length[0], command[0])
+    )
     random, every = np.random.default_rng(seed), slice(None, None, FINE)
     count = len(grid[every])
     columns = {
@@ -58,7 +60,7 @@ def diagnosed(folder: Path) -> Diagnosis:
             use = ("fit", "show")[group]
             text += f'[[trial]]\nfiles = ["g{group}_{repeat}.csv"]\ngroup = "g{group}"\nuse = "{use}"\n'
     (folder / "dataset.toml").write_text(text)
-    return diagnose(dataset.read(folder), Options(only=("braid_hysteresis", "sensor_offset")))
+    return diagnose(dataset.load_dataset(folder), DiagnosisOptions(only=("braid_hysteresis", "sensor_offset")))
 
 
 def text_of(html: str) -> str:
@@ -82,15 +84,22 @@ def axes_of(figure: Any) -> list[Any]:
 
 def clean(found: Diagnosis) -> Diagnosis:
     """``found`` as it would be if no effect had been accepted."""
-    assert found.base is not None
-    step = replace(found.steps[0], added=None, why="nothing promises enough")
-    intervals = found.intervals[: found.base.hypothesis.base]
-    return replace(found, final=found.base, found=(), intervals=intervals, steps=[step], reasons=["It fits."])
+    assert found.base_fit is not None
+    step = replace(found.selection_history[0], added_term=None, reason="nothing promises enough")
+    intervals = found.confidence_intervals[: found.base_fit.hypothesis.n_device_parameters]
+    return replace(
+        found,
+        final_fit=found.base_fit,
+        added_terms=(),
+        confidence_intervals=intervals,
+        selection_history=[step],
+        reasons=["It fits."],
+    )
 
 
 def rivalled(found: Diagnosis) -> Diagnosis:
-    other = next(f for f in found.steps[0].refits if f.hypothesis.terms[-1] != found.found[0])
-    return replace(found, verdict="ambiguous", rivals=[Rival(other, found.found[0], 2.25)])
+    other = next(f for f in found.selection_history[0].refits if f.hypothesis.terms[-1] != found.added_terms[0])
+    return replace(found, verdict="ambiguous", equivalent_models=[EquivalentModel(other, found.added_terms[0], 2.25)])
 
 
 def bare(found: Diagnosis) -> Diagnosis:
@@ -107,12 +116,16 @@ def evil(found: Diagnosis) -> Diagnosis:
     """``found`` with a name that attacks everywhere a name comes from the data."""
     data = found.dataset
     trials = tuple(replace(t, name=f"{EVIL}{k}", group=EVIL, device=data.device) for k, t in enumerate(data.trials))
-    uncertain = dict(data.uncertain)
+    uncertain = dict(data.uncertainties)
     return replace(
         found,
-        dataset=replace(data, trials=trials, folder=Path(EVIL), remarks=(f"file {EVIL} is odd",), uncertain=uncertain),
+        dataset=replace(
+            data, trials=trials, folder=Path(EVIL), remarks=(f"file {EVIL} is odd",), uncertainties=uncertain
+        ),
         split=Split((trials[0].name, trials[1].name), (), (trials[2].name, trials[3].name), f"drawn: {EVIL}"),
         reasons=[EVIL],
         experiments=[replace(e, name=t.name, group=EVIL) for e, t in zip(found.experiments, trials, strict=True)],
-        steps=[replace(step, gains={EVIL: 0.1}, why=EVIL) for step in found.steps],
+        selection_history=[
+            replace(step, validation_gains={EVIL: 0.1}, reason=EVIL) for step in found.selection_history
+        ],
     )

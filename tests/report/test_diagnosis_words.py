@@ -21,7 +21,7 @@ from klute_sim.report import diagnosis_words as words
     ],
 )
 def test_a_value_and_its_interval_have_digits_enough(numbers: tuple[float, ...], told: tuple[str, ...]) -> None:
-    assert words.told_apart(*numbers) == told
+    assert words.format_interval(*numbers) == told
 
 
 def test_units_are_those_of_the_keys() -> None:
@@ -34,11 +34,11 @@ def test_units_are_those_of_the_keys() -> None:
     [(12.0956, "12.1"), (0.010694, "0.01069"), (118.4, "118.4"), (0.0, "0"), (829501.3, "829500"), (2e-7, "2.000e-07")],
 )
 def test_numbers_keep_four_digits(value: float, shown: str) -> None:
-    assert words.number(value) == shown
+    assert words.format_number(value) == shown
 
 
 def test_identifiers_in_sentences_are_spoken() -> None:
-    assert words.sentence("braid_hysteresis (maxwell_slip) fits 'muscle_length'") == (
+    assert words.format_sentence("braid_hysteresis (maxwell_slip) fits 'muscle_length'") == (
         "Braid hysteresis (Maxwell slip) fits 'muscle length'"
     )
-    assert words.sentence("group 'my_sensor_gain_2' gets worse") == "Group 'my_sensor_gain_2' gets worse"
+    assert words.format_sentence("group 'my_sensor_gain_2' gets worse") == "Group 'my_sensor_gain_2' gets worse"

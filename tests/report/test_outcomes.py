@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from klute_sim.recording.recording import Recording, Samples
+from klute_sim.recording.recording import Array, Recording
 from klute_sim.report import figure
-from klute_sim.report.outcomes import GaitOutcome, human_outcome, outcomes, summary
-from klute_sim.report.table import remarks, table
+from klute_sim.report.outcomes import GaitMetrics, compute_gait_metrics, compute_reference_metrics, summarize_gait_run
+from klute_sim.report.table import build_table, collect_remarks
 
 MASS, STEP, COUNT = 80.0, 1e-3, 1000
 WEIGHT = MASS * 9.81
@@ -18,7 +18,7 @@ PHASE = 100.0 * np.arange(COUNT) / COUNT
 CIRCLE = 0.35
 
 
-def channels() -> dict[str, Samples]:
+def channels() -> dict[str, Array]:
     """One stride that is its own reference; stance from 0 to 60 %, rolling over a known circle."""
     stance = PHASE <= 60
     load = np.where(stance, WEIGHT * (1.0 + 0.1 * np.sin(4 * np.pi * PHASE / 60)), 0.0)
@@ -71,7 +71,7 @@ def channels() -> dict[str, Samples]:
     return {"time": np.arange(COUNT) * STEP, **made}
 
 
-def recording(strides: int = 1, **changed: Samples) -> Recording:
+def recording(strides: int = 1, **changed: Array) -> Recording:
     one = {**channels(), **changed}
     whole = {name: np.tile(values, strides) for name, values in one.items()}
     whole["time"] = np.arange(strides * COUNT) * STEP
@@ -90,15 +90,15 @@ def recording(strides: int = 1, **changed: Samples) -> Recording:
     return Recording(whole, dict.fromkeys(whole, "1"), provenance)
 
 
-def one(**changed: Samples) -> GaitOutcome:
-    return outcomes(recording(**changed))
+def one(**changed: Array) -> GaitMetrics:
+    return compute_gait_metrics(recording(**changed))
 
 
 def test_a_stride_equal_to_its_reference_is_at_distance_zero_and_equal_in_outcome() -> None:
     stride = one().strides[0]
     for distance in (stride.angle_distance_sd, stride.moment_distance_sd, stride.power_distance_sd):
         assert distance.stance_rms == distance.swing_rms == distance.largest == 0.0
-    human = human_outcome(recording())
+    human = compute_reference_metrics(recording())
     assert human.ankle_work_net_j_per_kg == stride.ankle_work_net_j_per_kg
     assert human.grf_vertical_peaks_bw == stride.grf_vertical_peaks_bw
 
@@ -193,38 +193,38 @@ def test_ledger_residual_finds_a_missing_line() -> None:
 
 
 def test_mean_leaves_the_first_stride_out_unless_it_is_the_only_one() -> None:
-    assert len(one().settled) == 1
-    outcome = outcomes(recording(strides=3))
-    assert len(outcome.settled) == 2
-    assert summary(recording(strides=3), outcome)["mean_over_strides"] == [2, 3]
+    assert len(one().steady_strides) == 1
+    outcome = compute_gait_metrics(recording(strides=3))
+    assert len(outcome.steady_strides) == 2
+    assert summarize_gait_run(recording(strides=3), outcome)["mean_over_strides"] == [2, 3]
     assert outcome.mean(lambda s: None) is None
 
 
 def test_assumptions_are_told() -> None:
-    told = summary(recording(), outcomes(recording()))
+    told = summarize_gait_run(recording(), compute_gait_metrics(recording()))
     assert {"damper.bore_mm", "air", "friction below 2 bar", "length stops", "prosthesis"} == set(told["assumptions"])
     assert all(text.startswith("assumed") for text in told["assumptions"].values())
     told["friction_offset_work_j_per_kg"] = -0.1
-    said = " ".join(remarks(told))
+    said = " ".join(collect_remarks(told))
     assert "tracked, not predicted" in said
     assert "5 assumptions" in said
     assert "below 2 bar, where 100 % of the stride is" in said
     assert "no source" not in said
-    without = " ".join(remarks({**told, "without_source": ["muscle.count", "tendon.engagement_mm"]}))
+    without = " ".join(collect_remarks({**told, "without_source": ["muscle.count", "tendon.engagement_mm"]}))
     assert "2 of the device's numbers have no source" in without
 
 
 def test_friction_is_only_blamed_where_it_is() -> None:
-    told = {**summary(recording(), outcomes(recording())), "friction_offset_work_j_per_kg": -0.1}
-    assert "below 2 bar" in " ".join(remarks(told))
+    told = {**summarize_gait_run(recording(), compute_gait_metrics(recording())), "friction_offset_work_j_per_kg": -0.1}
+    assert "below 2 bar" in " ".join(collect_remarks(told))
     for quiet in ({"friction_offset_work_j_per_kg": 0.0}, {"below_friction_fit_pct": 0.0}):
-        assert "below 2 bar" not in " ".join(remarks({**told, **quiet}))
+        assert "below 2 bar" not in " ".join(collect_remarks({**told, **quiet}))
 
 
 def test_a_load_that_was_not_followed_is_said() -> None:
-    told = summary(recording(), outcomes(recording()))
+    told = summarize_gait_run(recording(), compute_gait_metrics(recording()))
     for error, wanted in ((0.09, False), (0.3, True)):
-        said = " ".join(remarks({**told, "grf_vertical_tracking_rms_bw": error}))
+        said = " ".join(collect_remarks({**told, "grf_vertical_tracking_rms_bw": error}))
         assert ("The load was not followed here (rms 0.30 body weights)" in said) == wanted
 
 
@@ -232,11 +232,11 @@ def test_table_and_figure_take_any_number_of_strides(tmp_path: Path) -> None:
     for strides in (1, 7):
         run = recording(strides=strides)
         for width, most in ((40, 1), (80, 2), (110, 5), (200, 5)):
-            shown = table(run, outcomes(run), width)
+            shown = build_table(run, compute_gait_metrics(run), width)
             assert len(shown.columns) == 4 + min(strides, most)
             printed = Console(width=width, file=io.StringIO())
             printed.print(shown)
             if width >= 60:
                 assert "…" not in printed.file.getvalue()  # type: ignore[attr-defined]
-        figure.draw(run, tmp_path / f"{strides}.png")
+        figure.save_figure(run, tmp_path / f"{strides}.png")
         assert (tmp_path / f"{strides}.png").stat().st_size > 10_000

@@ -13,34 +13,34 @@ import pytest
 
 from command import run
 from klute_sim.errors import InputError
-from klute_sim.learn.training import COLUMNS
+from klute_sim.learn.training import LEARNING_CURVE_COLUMNS
 from klute_sim.recording import parquet
 from klute_sim.report.workbench import chart, contents, folders, sweep
 from klute_sim.report.workbench import training as training_view
-from klute_sim.report.workbench.contents import Contents
+from klute_sim.report.workbench.contents import RrdContents
 
 pytest.importorskip("rerun")
 
 
-def shown(folder: Path) -> Contents:
-    with folders.recording_of(folder) as file:
-        return contents.read(file)
+def shown(folder: Path) -> RrdContents:
+    with folders.ensure_recording(folder) as file:
+        return contents.read_rrd(file)
 
 
-def values(found: Contents, entity: str) -> np.ndarray:
+def values(found: RrdContents, entity: str) -> np.ndarray:
     return np.array([row[0] for row in found.entities[entity].rows["scalars"]])
 
 
-def text(found: Contents, entity: str) -> str:
+def text(found: RrdContents, entity: str) -> str:
     return str(found.entities[entity].static["text"][0])
 
 
-def names(found: Contents) -> list[str]:
-    return [view.name for view in contents.views(found.root)]
+def names(found: RrdContents) -> list[str]:
+    return [view.name for view in contents.iter_views(found.root)]
 
 
-def every_view_has_something(found: Contents) -> bool:
-    return all(view.of(found.entities) for view in contents.views(found.root))
+def every_view_has_something(found: RrdContents) -> bool:
+    return all(view.select_entities(found.entities) for view in contents.iter_views(found.root))
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def test_a_bench_run_shows_its_trials_and_readings(bench: Path) -> None:
     here = f"trial_{len(told):03d}"
     assert np.array_equal(values(found, f"{here}/pressure"), kept["pressure"])
     assert np.array_equal(values(found, f"{here}/channels/delivered_power"), kept["delivered_power"])
-    assert found.entities[f"{here}/pressure"].time("time") == pytest.approx(kept["time"], abs=2e-9)
+    assert found.entities[f"{here}/pressure"].get_times("time") == pytest.approx(kept["time"], abs=2e-9)
     line = next(line for line in text(found, "readings").splitlines() if told[0]["name"] in line)
     assert f"{told[0]['readings']['force_n']:.4g}" in line
     curves = [path for path in found.entities if path.startswith("every/curve_")]
@@ -75,7 +75,7 @@ def training(folder: Path, *, finished: bool) -> dict[str, Any]:
     folder.mkdir()
     rows = [[0.1 * k, 100 * k, 4, 50.0 + k, 90.0] for k in range(1, 6)]
     with (folder / "learning_curve.csv").open("w", newline="") as file:
-        csv.writer(file).writerows([COLUMNS, *rows])
+        csv.writer(file).writerows([LEARNING_CURVE_COLUMNS, *rows])
     summary = {"algorithm": "ppo", "seed": 3, "steps": 500, "minutes": 0.5, "better_in": 2, "episodes": 3}
     summary |= {"gain": 1.5, "gain_standard_error": 0.2, "policy": {"return": 61.0}, "profile": {"return": 59.5}}
     if finished:
@@ -87,7 +87,7 @@ def test_a_training_shows_its_curve_and_what_it_came_to(tmp_path: Path) -> None:
     training(tmp_path / "done", finished=True)
     found = shown(tmp_path / "done")
     assert values(found, "curve/episode_return").tolist() == [51.0, 52.0, 53.0, 54.0, 55.0]
-    assert found.entities["curve/episode_return"].time("steps").tolist() == [100, 200, 300, 400, 500]
+    assert found.entities["curve/episode_return"].get_times("steps").tolist() == [100, 200, 300, 400, 500]
     assert set(values(found, "evaluated/profile")) == {59.5}
     assert "| return | 61 | 59.5 |" in text(found, "summary")
     training(tmp_path / "going", finished=False)
@@ -98,7 +98,7 @@ def test_a_training_shows_its_curve_and_what_it_came_to(tmp_path: Path) -> None:
 
 def test_a_long_training_is_shown_whole() -> None:
     """The viewer alone would show a thousand steps before and after the cursor."""
-    window = training_view.blueprint(8000).root_container
+    window = training_view.build_blueprint(8000).root_container
     curves = window.contents[0].contents
     for plot in (curves[0], *curves[1].contents):
         assert plot.properties["TimeAxis"].view_range.as_arrow_array().to_pylist() == [{"start": 0, "end": 8000}]
@@ -123,7 +123,7 @@ def test_a_tuning_shows_the_objective_and_leaves_out_what_did_not_walk(tmp_path:
     found = shown(tmp_path / "t")
     assert values(found, "objective/each") == pytest.approx([2.0, np.nan, 3.0, 1.0], nan_ok=True)
     assert values(found, "objective/least").tolist() == [2.0, 2.0, 2.0, 1.0]
-    assert found.entities["objective/each"].time("generation").tolist() == [0, 1, 1, 2]
+    assert found.entities["objective/each"].get_times("generation").tolist() == [0, 1, 1, 2]
     told = text(found, "result")
     assert told.startswith("# The objective fell by 50 % in 4 walks (seed 7)\n\n1 of them")
     assert "| timing [%] | 0 | -1.5 |" in told
@@ -134,7 +134,7 @@ def row(controller: str, mass: float, power: float | None) -> dict[str, Any]:
     return {
         **{"device": "d", "device_sha256": "0", "controller": controller, "speed_asked [m/s]": None},
         **{"slope [deg]": 0.0, "mass [kg]": mass, "strides [1]": 2, "step [s]": 1e-3, "speed [m/s]": 1.2},
-        **dict.fromkeys(sweep.OUTCOMES, power),
+        **dict.fromkeys(sweep.CHARTED_METRICS, power),
         "failure": "it fell" if power is None else None,
     }
 
@@ -142,12 +142,14 @@ def row(controller: str, mass: float, power: float | None) -> dict[str, Any]:
 def test_a_sweep_shows_each_outcome_over_what_was_varied(tmp_path: Path) -> None:
     rows = [row("profile", 90.0, 2.0), row("profile", 60.0, 3.0), row("off", 60.0, 1.0), row("off", 90.0, None)]
     pq.write_table(pa.Table.from_pylist(rows), tmp_path / "sweep.parquet")
-    drawn = sweep.charts(rows)
+    drawn = sweep.build_charts(rows)
     assert list(drawn) == ["mass [kg]"]
-    assert len(drawn["mass [kg]"]) == len(sweep.OUTCOMES)
-    profile = next(curve for curve in drawn["mass [kg]"][0].curves if curve.name == "profile" and not curve.dots)
+    assert len(drawn["mass [kg]"]) == len(sweep.CHARTED_METRICS)
+    profile = next(
+        curve for curve in drawn["mass [kg]"][0].curves if curve.name == "profile" and not curve.markers_only
+    )
     assert (profile.x.tolist(), profile.y.tolist()) == ([60.0, 90.0], [3.0, 2.0])
-    assert list(sweep.charts(rows[1:3])) == ["row of the table"]
+    assert list(sweep.build_charts(rows[1:3])) == ["row of the table"]
     found = shown(tmp_path)
     assert names(found)[-1] == "table"
     assert "| 4 | off | 90 | 1.2 | - | - |" in text(found, "table")
@@ -193,7 +195,7 @@ def test_a_folder_that_cannot_be_written_to_is_left_as_it_is(tmp_path: Path, mon
 def test_what_cannot_be_shown_is_one_sentence(files: dict[str, str], says: str, tmp_path: Path) -> None:
     for name, content in files.items():
         (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=says), folders.recording_of(tmp_path):
+    with pytest.raises(InputError, match=says), folders.ensure_recording(tmp_path):
         pass
     assert {file.name for file in tmp_path.iterdir()} == set(files)
 
@@ -201,13 +203,13 @@ def test_what_cannot_be_shown_is_one_sentence(files: dict[str, str], says: str, 
 def test_what_is_no_folder_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "a.txt").touch()
     for name, says in (("none", "no run folder"), ("a.txt", r"is no \.rrd file")):
-        with pytest.raises(InputError, match=says), folders.recording_of(tmp_path / name):
+        with pytest.raises(InputError, match=says), folders.ensure_recording(tmp_path / name):
             pass
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-17.3, 4.2), (3.21e-5, 3.29e-5), (1e6, 5e6)])
 def test_ticks_are_round_few_and_inside(low: float, high: float) -> None:
-    found = chart.ticks(low, high)
+    found = chart.compute_ticks(low, high)
     assert 3 <= len(found) <= 7
     assert low <= found[0] < found[-1] <= high
-    assert len({chart.number(value, found) for value in found}) == len(found) or high < 1e-4
+    assert len({chart.format_tick(value, found) for value in found}) == len(found) or high < 1e-4

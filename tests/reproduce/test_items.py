@@ -8,7 +8,7 @@ import pytest
 
 from klute_sim.errors import InputError
 from klute_sim.reproduce import printed
-from klute_sim.reproduce.item import Found, Item, judge
+from klute_sim.reproduce.item import Finding, PublishedItem, assess
 
 TABLES = ("2.1", "2.2", "2.3", "2.4", "3.1", "4.1", "5.1", "5.2", "8.1", "8.2")
 FIGURES = (
@@ -35,43 +35,43 @@ def numbers(title: str, word: str) -> set[str]:
     return found
 
 
-def item(published: float | str | None, within: float = 0.01, against: str = "") -> Item:
-    return Item("row.name", "Row", "quantity", "N", published, within, against, "", False, False)
+def item(published: float | str | None, within: float = 0.01, against: str = "") -> PublishedItem:
+    return PublishedItem("row.name", "Row", "quantity", "N", published, within, against, "", False, False)
 
 
 def test_no_table_or_figure_is_missing() -> None:
-    titles = [row.title for row in printed.rows().values()]
+    titles = [row.title for row in printed.load_tables().values()]
     assert set().union(*(numbers(title, "Table") for title in titles)) >= set(TABLES)
     assert set().union(*(numbers(title, "Fig") for title in titles)) >= set(FIGURES)
-    assert all(row.items for row in printed.rows().values())
-    names = [each.id for each in printed.items()]
+    assert all(row.items for row in printed.load_tables().values())
+    names = [each.id for each in printed.list_items()]
     assert len(names) == len(set(names)) >= 60
-    assert all(each.quantity and each.within > 0.0 for each in printed.items())
+    assert all(each.quantity and each.tolerance > 0.0 for each in printed.list_items())
 
 
 @pytest.mark.parametrize(
     ("published", "found", "against", "verdict"),
     [
-        (100.0, Found(100.9), "", "agrees"),
-        (100.0, Found(101.1), "", "contradicts-source"),
-        (-100.0, Found(-98.9), "", "contradicts-source"),
-        (100.0, Found(101.1), "it says so elsewhere", "source-contradicts-itself"),
-        (100.0, Found(100.9), "it says so elsewhere", "agrees"),
-        (0.0, Found(0.009), "", "agrees"),
-        (0.0, Found(0.011), "", "contradicts-source"),
-        (100.0, Found(float("nan")), "", "contradicts-source"),
-        (100.0, Found(), "", "not-printed"),
-        (None, Found(100.0), "", "not-printed"),
-        ("rises", Found(1.0, True), "", "agrees"),
-        ("rises", Found(1.0, False), "", "contradicts-source"),
-        ("rises", Found(None, False), "it falls there", "source-contradicts-itself"),
-        ("rises", Found(), "", "not-printed"),
+        (100.0, Finding(100.9), "", "agrees"),
+        (100.0, Finding(101.1), "", "contradicts-source"),
+        (-100.0, Finding(-98.9), "", "contradicts-source"),
+        (100.0, Finding(101.1), "it says so elsewhere", "source-contradicts-itself"),
+        (100.0, Finding(100.9), "it says so elsewhere", "agrees"),
+        (0.0, Finding(0.009), "", "agrees"),
+        (0.0, Finding(0.011), "", "contradicts-source"),
+        (100.0, Finding(float("nan")), "", "contradicts-source"),
+        (100.0, Finding(), "", "not-printed"),
+        (None, Finding(100.0), "", "not-printed"),
+        ("rises", Finding(1.0, True), "", "agrees"),
+        ("rises", Finding(1.0, False), "", "contradicts-source"),
+        ("rises", Finding(None, False), "it falls there", "source-contradicts-itself"),
+        ("rises", Finding(), "", "not-printed"),
     ],
 )
 def test_a_verdict_follows_from_the_two_numbers(
-    published: float | str | None, found: Found, against: str, verdict: str
+    published: float | str | None, found: Finding, against: str, verdict: str
 ) -> None:
-    outcome = judge(item(published, against=against), found)
+    outcome = assess(item(published, against=against), found)
     assert outcome.verdict == verdict
     assert (against in outcome.note) == (verdict == "source-contradicts-itself" or not against)
 
@@ -79,45 +79,45 @@ def test_a_verdict_follows_from_the_two_numbers(
 @pytest.mark.parametrize(
     ("published", "found", "implied", "verdict"),
     [
-        (1.0, Found(0.84), 0.84, "source-contradicts-itself"),
-        (1.0, Found(1.30), 0.84, "contradicts-source"),
-        (1.0, Found(1.001), 0.84, "agrees"),
-        ("holds", Found(None, False), False, "source-contradicts-itself"),
-        ("holds", Found(None, False), True, "contradicts-source"),
-        ("holds", Found(None, True), False, "source-contradicts-itself"),
-        ("holds", Found(None, True), True, "agrees"),
+        (1.0, Finding(0.84), 0.84, "source-contradicts-itself"),
+        (1.0, Finding(1.30), 0.84, "contradicts-source"),
+        (1.0, Finding(1.001), 0.84, "agrees"),
+        ("holds", Finding(None, False), False, "source-contradicts-itself"),
+        ("holds", Finding(None, False), True, "contradicts-source"),
+        ("holds", Finding(None, True), False, "source-contradicts-itself"),
+        ("holds", Finding(None, True), True, "agrees"),
     ],
 )
 def test_the_source_contradicts_itself_only_by_its_own_numbers(
-    published: float | str, found: Found, implied: float | bool, verdict: str
+    published: float | str, found: Finding, implied: float | bool, verdict: str
 ) -> None:
-    assert judge(item(published, against="elsewhere"), found, implied).verdict == verdict
+    assert assess(item(published, against="elsewhere"), found, implied).verdict == verdict
 
 
 def test_the_difference_is_relative_to_what_is_printed() -> None:
-    assert judge(item(-200.0), Found(-190.0)).difference == pytest.approx(0.05)
-    assert judge(item(0.0), Found(0.02)).difference == pytest.approx(0.02)
-    assert judge(item("rises"), Found(1.0, True)).difference is None
-    assert judge(item(None), Found(1.0)).difference is None
+    assert assess(item(-200.0), Finding(-190.0)).difference == pytest.approx(0.05)
+    assert assess(item(0.0), Finding(0.02)).difference == pytest.approx(0.02)
+    assert assess(item("rises"), Finding(1.0, True)).difference is None
+    assert assess(item(None), Finding(1.0)).difference is None
 
 
 def test_a_user_fills_in_what_is_missing(tmp_path: Path) -> None:
-    template = printed.template()
+    template = printed.render_template()
     assert tomllib.loads(template) == {}
-    names = [each.id for each in printed.missing()]
+    names = [each.id for each in printed.list_missing_items()]
     filled = re.sub(r'^# ("[^"]+" =)', r"\1 1.5", template, flags=re.MULTILINE)
     file = tmp_path / "numbers.toml"
     file.write_text(filled, "utf-8")
-    given = printed.supplied(file)
+    given = printed.load_supplied_values(file)
     assert given == dict.fromkeys(names, 1.5)
-    with_them = {each.id: each for each in printed.items(given)}
+    with_them = {each.id: each for each in printed.list_items(given)}
     one = with_them["table-8.1.p5-v100"]
     assert one.published == 1.5
     assert "supplied by the user" in one.note
     assert "within 10 %" in one.note
-    assert judge(one, Found(1.6)).verdict == "agrees"
-    assert judge(one, Found(1.7)).verdict == "contradicts-source"
-    assert printed.items()[0] == printed.items(given)[0]
+    assert assess(one, Finding(1.6)).verdict == "agrees"
+    assert assess(one, Finding(1.7)).verdict == "contradicts-source"
+    assert printed.list_items()[0] == printed.list_items(given)[0]
 
 
 @pytest.mark.parametrize(
@@ -136,6 +136,6 @@ def test_a_wrong_file_is_refused_in_a_sentence(tmp_path: Path, content: str, say
     file = tmp_path / "numbers.toml"
     file.write_text(content, "utf-8")
     with pytest.raises(InputError, match=says):
-        printed.supplied(file)
+        printed.load_supplied_values(file)
     with pytest.raises(InputError, match="cannot be read"):
-        printed.supplied(tmp_path / "none.toml")
+        printed.load_supplied_values(tmp_path / "none.toml")

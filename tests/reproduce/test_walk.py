@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from klute_sim.device.files import load
+from klute_sim.device.files import load_device
 from klute_sim.errors import InputError
 from klute_sim.reproduce import chapter2, chapter3, chapter4, chapter7, chapter8, chapter56, moving, printed
-from klute_sim.reproduce.item import judge
-from klute_sim.reproduce.walk import Reproduction, walk
+from klute_sim.reproduce.item import assess
+from klute_sim.reproduce.walk import Reproduction, run_reproduction
 
-PAIR = load("klute-3-4-pair")
+PAIR = load_device("klute-3-4-pair")
 EXPERIMENTS = (
     *(".r2", "fig-2.6.cat", "fig-2.7.", "table-2.1.rat", "fig-3.3.ratio", "fig-3.5.fit", "fig-3.7.ripple"),
     "figs-6.3-6.4.repeats",
@@ -19,20 +19,20 @@ EXPERIMENTS = (
 
 @pytest.fixture(scope="module")
 def found() -> Reproduction:
-    return walk(PAIR)
+    return run_reproduction(PAIR)
 
 
 def test_every_printed_item_is_compared(found: Reproduction) -> None:
-    assert [o.item.id for o in found.outcomes] == [item.id for item in printed.items()]
-    compared = [o for o in found.outcomes if o.verdict != "not-printed"]
+    assert [o.item.id for o in found.assessments] == [item.id for item in printed.list_items()]
+    compared = [o for o in found.assessments if o.verdict != "not-printed"]
     assert len(compared) >= 60
-    worth = [o for o in compared if not o.item.input]
+    worth = [o for o in compared if not o.item.is_input]
     assert len(worth) >= 60  # besides what is taken over as it is
-    left = {o.item.id for o in found.outcomes if o.item.published is not None} - {o.item.id for o in compared}
+    left = {o.item.id for o in found.assessments if o.item.published is not None} - {o.item.id for o in compared}
     assert left == {name for name in left if any(part in name for part in EXPERIMENTS)}
-    lost = [o for o in found.outcomes if o.item.published is None]
+    lost = [o for o in found.assessments if o.item.published is None]
     assert all(o.verdict == "not-printed" for o in lost)
-    assert len([o for o in lost if o.found.value is not None]) >= 60  # computed from what is assumed
+    assert len([o for o in lost if o.finding.value is not None]) >= 60  # computed from what is assumed
 
 
 def test_nothing_is_computed_that_nobody_asked_for(found: Reproduction) -> None:
@@ -41,66 +41,66 @@ def test_nothing_is_computed_that_nobody_asked_for(found: Reproduction) -> None:
         *(chapter.compute(PAIR) for chapter in (chapter4, chapter56, chapter7)),
     ]
     computed = set().union(*(chapter.findings for chapter in chapters))
-    asked = {o.item.id for o in found.outcomes}
+    asked = {o.item.id for o in found.assessments}
     assert computed <= asked
     assert {name for name in asked - computed if not name.startswith(("table-8", "timing", "figs-8"))} == set()
 
 
 def test_the_verdicts_on_what_was_measured(found: Reproduction) -> None:
-    by = {o.item.id: o for o in found.outcomes}
-    assert [o.item.id for o in found.outcomes if o.item.measured] == [
+    by = {o.item.id: o for o in found.assessments}
+    assert [o.item.id for o in found.assessments if o.item.is_measured] == [
         "fig-3.4.geometric",
         "fig-3.4.bladder",
         "fig-3.9.slow",
         "fig-3.9.fast",
         "fig-3.9.loss",
     ]
-    assert by["fig-3.9.slow"].found.value == pytest.approx(736.0, abs=1.0)
+    assert by["fig-3.9.slow"].finding.value == pytest.approx(736.0, abs=1.0)
     assert by["fig-3.9.slow"].verdict == "agrees"
-    assert by["fig-3.9.fast"].found.value == pytest.approx(736.0, abs=1.0)  # the law has no velocity in the muscle
+    assert by["fig-3.9.fast"].finding.value == pytest.approx(736.0, abs=1.0)  # the law has no velocity in the muscle
     assert by["fig-3.9.fast"].verdict == by["fig-3.9.loss"].verdict == "contradicts-source"
     # It holds for the model, and the same source's Fig. 3.9 says that it does not for the actuator.
-    assert by["fig-3.7.velocity"].found.holds
+    assert by["fig-3.7.velocity"].finding.holds
     assert by["fig-3.7.velocity"].verdict == "source-contradicts-itself"
-    wrong = {o.item.id for o in found.outcomes if o.verdict == "contradicts-source"}
+    wrong = {o.item.id for o in found.assessments if o.verdict == "contradicts-source"}
     assert wrong == {"fig-3.9.fast", "fig-3.9.loss", "fig-4.12.near"}
-    assert all(not item["note"].startswith(" ") for item in found.as_json())
+    assert all(not item["note"].startswith(" ") for item in found.to_records())
 
 
 def test_the_claims_about_the_unit_and_its_work_hold(found: Reproduction) -> None:
-    by = {o.item.id: o for o in found.outcomes}
+    by = {o.item.id: o for o in found.assessments}
     for name in ("pressure", "shortening", "lengthening", "length"):
         assert by[f"figs-7.4-7.5.{name}"].verdict == "agrees", name
     assert by["fig-7.6.lengths"].verdict == by["timing.timing"].verdict == by["figs-8.1-8.4.square"].verdict == "agrees"
     for table, sign in (("table-8.1", 1.0), ("table-8.2", -1.0)):
-        work = [o.found.value for o in found.outcomes if o.item.id.startswith(f"{table}.p")]
+        work = [o.finding.value for o in found.assessments if o.item.id.startswith(f"{table}.p")]
         assert len(work) == 16
         assert all(value is not None and sign * value > 0.0 for value in work)
         assert by[f"{table}.grows"].verdict == by[f"{table}.velocity"].verdict == "agrees"
 
 
 def test_pictures_are_there_and_finite(found: Reproduction) -> None:
-    numbers = [picture.number for picture in found.pictures]
+    numbers = [picture.number for picture in found.figures]
     assert len(numbers) == len(set(numbers)) >= 22
-    for picture in found.pictures:
+    for picture in found.figures:
         values = [line.y for line in picture.lines] + ([picture.surface.z] if picture.surface else [])
         assert values
         assert all(np.isfinite(value).all() for value in values), picture.number
 
 
 def test_a_supplied_number_is_compared(found: Reproduction) -> None:
-    computed = next(o for o in found.outcomes if o.item.id == "table-8.1.p5-v100").found
+    computed = next(o for o in found.assessments if o.item.id == "table-8.1.p5-v100").finding
     assert computed.value is not None
     for given, verdict in ((1.05 * computed.value, "agrees"), (1.2 * computed.value, "contradicts-source")):
-        supplied = printed.items({"table-8.1.p5-v100": given})
+        supplied = printed.list_items({"table-8.1.p5-v100": given})
         item = next(item for item in supplied if item.id == "table-8.1.p5-v100")
-        assert judge(item, computed).verdict == verdict
+        assert assess(item, computed).verdict == verdict
 
 
 @pytest.mark.parametrize("name", ["klute-3-4", "klute-1-1-4"])
 def test_a_bare_muscle_is_no_unit(name: str) -> None:
     with pytest.raises(InputError, match=r"has no (damper|tendon), which chapter"):
-        walk(load(name))
+        run_reproduction(load_device(name))
 
 
 def test_chapter_8_is_the_bench_s_own_protocol() -> None:

@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-from klute_sim.device.files import load
-from klute_sim.device.ledger import LINES, SOLVER
+from klute_sim.device.files import load_device
+from klute_sim.device.ledger import POWER_TERMS, SOLVER_TERM
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
 from klute_sim.rigs import bench
 
-PAIR = load("klute-3-4-pair")
-BARE = load("klute-3-4")
+PAIR = load_device("klute-3-4-pair")
+BARE = load_device("klute-3-4")
 STEP = 5e-4
 
 
 def test_isometric_bare_muscle_reads_the_law() -> None:
     length = np.full(400, 0.96 * 0.181)
-    recording = bench.pull(BARE, length, np.full(400, 5e5), STEP)
+    recording = bench.simulate_tester(BARE, length, np.full(400, 5e5), STEP)
     assert recording["force"][-1] == pytest.approx(736, abs=1)  # the crosshead gives way a little
     reached = 1e-3 * recording["length"][-1]
     assert recording["force"][-1] == pytest.approx(mckibben.force(BARE.parameters.muscle, 5e5, reached), rel=1e-9)
@@ -25,7 +25,7 @@ def test_isometric_bare_muscle_reads_the_law() -> None:
 def test_pressure_is_clipped_to_the_supply_and_limited_in_rate() -> None:
     command = np.full(400, 9e5)
     command[:100] = 1e5
-    recording = bench.pull(PAIR, np.full(400, 0.34), command, STEP)
+    recording = bench.simulate_tester(PAIR, np.full(400, 0.34), command, STEP)
     pressure = recording["pressure"]
     assert pressure[99] == pytest.approx(1.0)
     assert np.diff(pressure).max() == pytest.approx(100 * STEP)
@@ -35,7 +35,7 @@ def test_pressure_is_clipped_to_the_supply_and_limited_in_rate() -> None:
 
 def test_muscle_and_damper_carry_what_the_tendon_carries() -> None:
     time = np.arange(2000) * STEP
-    recording = bench.pull(PAIR, 0.335 + 0.01 * np.sin(2 * np.pi * 2 * time), np.full(2000, 4e5), STEP)
+    recording = bench.simulate_tester(PAIR, 0.335 + 0.01 * np.sin(2 * np.pi * 2 * time), np.full(2000, 4e5), STEP)
     assert recording["muscle_length"].max() < 1e3 * PAIR.parameters.muscle.resting_length
     balance = recording["muscle_force"] + recording["damper_force"] - recording["force"]
     assert np.abs(balance).max() < 1e-6
@@ -44,11 +44,11 @@ def test_muscle_and_damper_carry_what_the_tendon_carries() -> None:
 def test_energy_closes_over_a_cycle() -> None:
     step = 2e-4
     time = np.arange(round(1.0 / step)) * step
-    recording = bench.pull(
+    recording = bench.simulate_tester(
         PAIR, 0.335 + 0.01 * np.sin(2 * np.pi * 2 * time), (3 + np.sin(2 * np.pi * 2 * time)) * 1e5, step
     )
     last = recording.select(recording["time"] >= 0.5)
-    given = sum(last[line][1:].sum() * step for line in LINES if line != SOLVER)
+    given = sum(last[line][1:].sum() * step for line in POWER_TERMS if line != SOLVER_TERM)
     delivered = last["delivered_power"][1:].sum() * step
     assert abs(given - delivered) < 1e-4 * np.abs(last["delivered_power"]).sum() * step
     assert delivered == pytest.approx(-np.trapezoid(last["force"], 1e-3 * last["length"]), rel=1e-9)
@@ -65,16 +65,16 @@ def test_energy_closes_over_a_cycle() -> None:
 )
 def test_impossible_series_are_refused(length: np.ndarray, command: np.ndarray, says: str) -> None:
     with pytest.raises(InputError, match=says):
-        bench.pull(BARE, length, command, STEP)
+        bench.simulate_tester(BARE, length, command, STEP)
 
 
 def test_a_step_of_nothing_is_refused() -> None:
     for step in (0.0, -1e-3, float("nan")):
         with pytest.raises(InputError, match="step is"):
-            bench.pull(BARE, np.full(10, 0.18), np.full(10, 1e5), step)
+            bench.simulate_tester(BARE, np.full(10, 0.18), np.full(10, 1e5), step)
 
 
 def test_the_bench_covers_the_muscle_and_not_less() -> None:
     lock = mckibben.lock_length(BARE.parameters.muscle)
-    recording = bench.pull(BARE, np.linspace(lock, 0.181, 500), np.full(500, 5e5), STEP)
+    recording = bench.simulate_tester(BARE, np.linspace(lock, 0.181, 500), np.full(500, 5e5), STEP)
     assert recording["force"][-1] > recording["force"][0]

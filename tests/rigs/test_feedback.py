@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from klute_sim.control.feedback import Sensed
-from klute_sim.control.machine import StateMachine, parse, shipped
-from klute_sim.control.pressure import Constant
-from klute_sim.device.files import load, read
+from klute_sim.control.feedback import SensorReadings
+from klute_sim.control.machine import StateMachine, load_default_state_machine, parse_state_machine
+from klute_sim.control.pressure import ConstantPressure
+from klute_sim.device.files import load_device, parse_device
 from klute_sim.errors import InputError
-from klute_sim.report.outcomes import outcomes
+from klute_sim.report.outcomes import compute_gait_metrics
 from klute_sim.rigs.gait.assembly import GaitOptions
 from klute_sim.rigs.gait.reference import GRAVITY
-from klute_sim.rigs.gait.rig import walk
+from klute_sim.rigs.gait.rig import simulate_gait
 
-DEVICE = load("klute-1-1-4-pair")
+DEVICE = load_device("klute-1-1-4-pair")
 PRESSURES = {"loading_bar": 1.1, "rollover_bar": 1.8, "rollover_end_bar": 3.2, "push_off_bar": 4.4, "swing_bar": 0.9}
-SHORT = GaitOptions(strides=2, step=1e-3)
+SHORT = GaitOptions(strides=2, dt=1e-3)
 
 
 class Listener:
@@ -27,13 +27,13 @@ class Listener:
     interval = 0.01
 
     def __init__(self) -> None:
-        self.told: list[Sensed] = []
+        self.told: list[SensorReadings] = []
 
-    def begin(self) -> None:
+    def reset(self) -> None:
         self.told.clear()
 
-    def command(self, sensed: Sensed) -> float:
-        self.told.append(sensed)
+    def command(self, readings: SensorReadings) -> float:
+        self.told.append(readings)
         return 1e5
 
     def describe(self) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def machine(**changed: float) -> StateMachine:
 
 def test_a_controller_that_hears_and_asks_for_a_constant_walks_like_the_constant() -> None:
     listener = Listener()
-    heard, constant = walk(DEVICE, listener, SHORT), walk(DEVICE, Constant(1e5), SHORT)
+    heard, constant = simulate_gait(DEVICE, listener, SHORT), simulate_gait(DEVICE, ConstantPressure(1e5), SHORT)
     for name in heard.channels:
         assert np.array_equal(heard[name], constant[name], equal_nan=True), name
     every = 10
@@ -67,8 +67,8 @@ def test_a_controller_that_hears_and_asks_for_a_constant_walks_like_the_constant
 
 def test_an_inertial_sensor_tells_inclination_to_gravity() -> None:
     level, uphill = Listener(), Listener()
-    walk(DEVICE, level, GaitOptions(strides=1, step=1e-3))
-    walk(DEVICE, uphill, GaitOptions(strides=1, step=1e-3, slope=math.radians(3.0)))
+    simulate_gait(DEVICE, level, GaitOptions(strides=1, dt=1e-3))
+    simulate_gait(DEVICE, uphill, GaitOptions(strides=1, dt=1e-3, slope=math.radians(3.0)))
     count = min(len(level.told), len(uphill.told))
     apart = [
         math.degrees(a.shank_angle - b.shank_angle)
@@ -78,8 +78,8 @@ def test_an_inertial_sensor_tells_inclination_to_gravity() -> None:
 
 
 def test_dead_time_holds_back_what_a_controller_asks_for() -> None:
-    late = read(DEVICE.content + b"\n[effects.pressure_delay]\ndelay_s = 0.0305\n", "late")
-    now, later = (walk(device, machine(), SHORT) for device in (DEVICE, late))
+    late = parse_device(DEVICE.content + b"\n[effects.pressure_delay]\ndelay_s = 0.0305\n", "late")
+    now, later = (simulate_gait(device, machine(), SHORT) for device in (DEVICE, late))
     first = int(np.flatnonzero(now["pressure"] > now["pressure"][0] + 0.2)[0])
     second = int(np.flatnonzero(later["pressure"] > later["pressure"][0] + 0.2)[0])
     assert (second - first) * 1e-3 == pytest.approx(0.0305, abs=0.012)
@@ -87,16 +87,16 @@ def test_dead_time_holds_back_what_a_controller_asks_for() -> None:
 
 def test_the_interval_has_to_be_a_whole_number_of_steps() -> None:
     with pytest.raises(InputError, match=r"step is 0\.3 ms; allowed: what divides the controller's 10 ms evenly"):
-        walk(DEVICE, machine(), GaitOptions(strides=1, step=3e-4))
+        simulate_gait(DEVICE, machine(), GaitOptions(strides=1, dt=3e-4))
 
 
-def sensed(load: float, lean: float) -> Sensed:
-    return Sensed(0.0, 0.0, math.radians(lean), 0.0, load, 0.0, 0.0)
+def sensed(load: float, lean: float) -> SensorReadings:
+    return SensorReadings(0.0, 0.0, math.radians(lean), 0.0, load, 0.0, 0.0)
 
 
 def test_a_stride_goes_round_the_states() -> None:
     one = machine(lean_deg=12.0)
-    one.begin()
+    one.reset()
     path = [(0.0, -20.0), (0.6, -18.0), (0.8, 1.0), (0.7, 6.0), (0.9, 11.9), (1.1, 13.0), (0.4, 40.0), (0.02, 50.0)]
     asked, states = [], []
     for load_, lean in [*path, (0.0, -10.0), (0.3, -20.0)]:
@@ -110,21 +110,21 @@ def test_a_stride_goes_round_the_states() -> None:
 
 def test_a_stumble_ends_in_swing_and_a_bounce_does_not() -> None:
     stumbles = machine()
-    stumbles.begin()
+    stumbles.reset()
     for load_, lean in ((0.8, 5.0), (0.01, 6.0)):
         stumbles.command(sensed(load_, lean))
     assert stumbles.state == "swing"
     bounces = machine()
-    bounces.begin()
+    bounces.reset()
     for load_, lean in ((0.8, -15.0), (0.01, -14.0)):
         bounces.command(sensed(load_, lean))
     assert bounces.state == "loading"
 
 
 def test_the_machine_walks_and_pushes_off_by_its_own_sensors() -> None:
-    found = outcomes(walk(DEVICE, machine(lean_deg=14.0), GaitOptions(strides=3, step=1e-3)))
-    off = outcomes(walk(DEVICE, Constant(0.0), SHORT))
-    assert not found.trips
+    found = compute_gait_metrics(simulate_gait(DEVICE, machine(lean_deg=14.0), GaitOptions(strides=3, dt=1e-3)))
+    off = compute_gait_metrics(simulate_gait(DEVICE, ConstantPressure(0.0), SHORT))
+    assert not found.has_swing_contact
     assert found.strides[-1].ankle_work_net_j_per_kg > off.strides[-1].ankle_work_net_j_per_kg + 0.1
     assert found.strides[-1].ankle_power_peak_w_per_kg > 2.0
 
@@ -144,10 +144,10 @@ def test_a_machine_that_cannot_go_round_is_refused(changed: dict[str, float], sa
 
 
 def test_the_shipped_machine_is_read_from_its_file_and_says_what_it_is() -> None:
-    told = shipped().describe()
+    told = load_default_state_machine().describe()
     assert told["kind"] == "machine"
     text = "\n".join(f"{name} = {value}" for name, value in told.items() if name != "kind")
-    assert parse(text, "again").describe() == told
+    assert parse_state_machine(text, "again").describe() == told
 
 
 @pytest.mark.parametrize(
@@ -162,4 +162,4 @@ def test_the_shipped_machine_is_read_from_its_file_and_says_what_it_is() -> None
 )
 def test_a_file_that_is_no_machine_is_refused(text: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
-        parse(text, "mine.toml")
+        parse_state_machine(text, "mine.toml")

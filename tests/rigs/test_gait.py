@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 
 from klute_sim.control import pressure
-from klute_sim.device.files import load, read
+from klute_sim.device.files import load_device, parse_device
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.laws import tendon as tendon_law
 from klute_sim.recording.recording import Recording
-from klute_sim.report.outcomes import GaitOutcome, outcomes
+from klute_sim.report.outcomes import GaitMetrics, compute_gait_metrics
 from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.rig import walk
+from klute_sim.rigs.gait.rig import simulate_gait
 
-DEVICE = load("klute-1-1-4-pair")
+DEVICE = load_device("klute-1-1-4-pair")
 TEXT = DEVICE.content.decode()
 WEIGHT = 75 * 9.81
 
 
 @cache
-def default() -> tuple[Recording, GaitOutcome]:
-    recording = walk(DEVICE, pressure.tuned())
-    return recording, outcomes(recording)
+def default() -> tuple[Recording, GaitMetrics]:
+    recording = simulate_gait(DEVICE, pressure.load_default_profile())
+    return recording, compute_gait_metrics(recording)
 
 
 def settled(recording: Recording) -> Recording:
@@ -36,7 +36,7 @@ def test_strides_repeat_from_the_third_on() -> None:
 
 
 def test_contact_begins_and_ends_where_it_should() -> None:
-    for stride in default()[1].settled:
+    for stride in default()[1].steady_strides:
         assert stride.first_contact_pct is not None
         assert stride.toe_off_pct is not None
         assert 0 <= stride.first_contact_pct <= 3
@@ -47,7 +47,7 @@ def test_contact_begins_and_ends_where_it_should() -> None:
 
 def test_ground_reaction_is_human_in_shape() -> None:
     recording, outcome = default()
-    for stride in outcome.settled:
+    for stride in outcome.steady_strides:
         assert all(0.85 <= hump <= 1.35 for hump in stride.grf_vertical_peaks_bw)
         assert stride.grf_vertical_max_bw < 1.5
         assert -0.26 <= stride.grf_forward_min_bw <= -0.1
@@ -61,14 +61,14 @@ def test_ground_reaction_is_human_in_shape() -> None:
 
 
 def test_ankle_moves_like_a_human_one() -> None:
-    for stride in default()[1].settled:
+    for stride in default()[1].steady_strides:
         assert 18 <= stride.ankle_range_deg <= 35
         assert stride.angle_distance_sd.largest is not None
         assert stride.angle_distance_sd.largest < 1.5
 
 
 def test_ankle_pushes_like_a_human_one() -> None:
-    for stride in default()[1].settled:
+    for stride in default()[1].steady_strides:
         assert 1.2 <= stride.ankle_moment_peak_nm_per_kg <= 1.8
         assert 40 <= stride.ankle_moment_peak_pct <= 55
         assert stride.moment_distance_sd.stance_rms is not None
@@ -84,8 +84,8 @@ def test_rolls_over_near_a_fifth_of_stature() -> None:
 
 
 def test_off_is_a_passive_ankle() -> None:
-    recording = walk(DEVICE, pressure.off(), GaitOptions(strides=3))
-    outcome = outcomes(recording)
+    recording = simulate_gait(DEVICE, pressure.create_off_controller(), GaitOptions(strides=3))
+    outcome = compute_gait_metrics(recording)
     work = outcome.mean(lambda s: s.ankle_work_net_j_per_kg)
     assert work is not None
     assert work <= 0.0
@@ -94,7 +94,9 @@ def test_off_is_a_passive_ankle() -> None:
 
 
 def test_half_the_step_changes_the_peak_moment_by_less_than_one_percent() -> None:
-    fine = outcomes(walk(DEVICE, pressure.tuned(), GaitOptions(strides=3, step=2.5e-4)))
+    fine = compute_gait_metrics(
+        simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=3, dt=2.5e-4))
+    )
     coarse = default()[1].strides[2].ankle_moment_peak_nm_per_kg
     assert fine.strides[2].ankle_moment_peak_nm_per_kg == pytest.approx(coarse, rel=0.01)
 
@@ -144,9 +146,13 @@ def test_muscle_and_damper_carry_the_tendon_and_pressure_was_delivered() -> None
 
 
 def test_ledger_accounts_for_the_work_on_the_ankle_within_a_thousandth() -> None:
-    for controller in (pressure.tuned(), pressure.off(), pressure.Constant(1e5)):
-        recording = walk(DEVICE, controller, GaitOptions(strides=2))
-        assert abs(outcomes(recording).strides[-1].ledger_residual_pct) < 0.1
+    for controller in (
+        pressure.load_default_profile(),
+        pressure.create_off_controller(),
+        pressure.ConstantPressure(1e5),
+    ):
+        recording = simulate_gait(DEVICE, controller, GaitOptions(strides=2))
+        assert abs(compute_gait_metrics(recording).strides[-1].ledger_residual_pct) < 0.1
     last = default()[0].select(default()[0]["stride"] == 5)
     step = default()[0]["time"][1]
     work = last["delivered_power"].sum() * step
@@ -163,23 +169,23 @@ def test_servos_follow_the_reference_within_a_degree() -> None:
     from klute_sim.rigs.gait import motion, reference
 
     phase = recording["gait_phase"] / 100
-    for channel, angle in (("thigh_angle", motion.thigh_angle), ("knee_angle", motion.knee_angle)):
-        error = recording[channel] - np.degrees(angle(reference.default(), phase))
+    for channel, angle in (("thigh_angle", motion.compute_thigh_angle), ("knee_angle", motion.compute_knee_angle)):
+        error = recording[channel] - np.degrees(angle(reference.load_default_reference(), phase))
         assert np.abs(error).max() < 2.0, channel
         assert np.sqrt(np.mean(error**2)) < 1.0, channel
 
 
 def test_same_inputs_same_bits() -> None:
-    one, two = (walk(DEVICE, pressure.tuned(), GaitOptions(strides=1)) for _ in range(2))
+    one, two = (simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1)) for _ in range(2))
     for name in one.channels:
         assert np.array_equal(one[name], two[name], equal_nan=True), name
 
 
 def test_mass_and_speed_change_what_they_should() -> None:
-    heavy = walk(DEVICE, pressure.tuned(), GaitOptions(strides=2, mass=90))
+    heavy = simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=2, mass=90))
     last = heavy.select(heavy["stride"] == 2)
     assert last["grf_vertical"].mean() == pytest.approx(90 / 75 * settled(default()[0])["grf_vertical"].mean(), rel=0.1)
-    slow = walk(DEVICE, pressure.tuned(), GaitOptions(strides=1, speed=0.8))
+    slow = simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1, speed=0.8))
     walked = slow["carriage_x"][-1] - slow["carriage_x"][0]
     assert walked / slow["time"][-1] == pytest.approx(0.8, rel=0.03)
     assert slow.provenance["options"]["speed_m_per_s"] == pytest.approx(0.8, rel=1e-3)
@@ -204,24 +210,26 @@ def test_options_nobody_has_are_refused(name: str, value: float) -> None:
 
 def test_a_device_that_does_not_fit_the_ankle_is_refused() -> None:
     with pytest.raises(InputError, match=r"no \[tendon\] section"):
-        walk(load("klute-3-4"), pressure.off())
+        simulate_gait(load_device("klute-3-4"), pressure.create_off_controller())
     text = TEXT.replace("resting_length_mm = 264.0", "resting_length_mm = 364.0")
     with pytest.raises(InputError, match="room for 430 mm"):
-        walk(read(text.encode(), "x"), pressure.off())
+        simulate_gait(parse_device(text.encode(), "x"), pressure.create_off_controller())
     text = TEXT[: TEXT.index("[mounting]")] + TEXT[TEXT.index("[sources]") :]
     with pytest.raises(InputError, match=r"no \[mounting\] section"):
-        walk(read(text.replace('"mounting.neutral', "#").encode(), "x"), pressure.off())
+        simulate_gait(
+            parse_device(text.replace('"mounting.neutral', "#").encode(), "x"), pressure.create_off_controller()
+        )
 
 
 def test_a_run_that_leaves_its_path_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("klute_sim.rigs.gait.assembly.OFF_PATH", 1e-4)
+    monkeypatch.setattr("klute_sim.rigs.gait.assembly.MAX_PATH_DEVIATION", 1e-4)
     with pytest.raises(SimulationError, match=r"left its path at t = .* % of stride 1"):
-        walk(DEVICE, pressure.tuned(), GaitOptions(strides=1))
+        simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1))
 
 
 def test_progress_runs_to_the_end() -> None:
     told: list[float] = []
-    walk(DEVICE, pressure.off(), GaitOptions(strides=1), told.append)
+    simulate_gait(DEVICE, pressure.create_off_controller(), GaitOptions(strides=1), told.append)
     assert told == sorted(told)
     assert told[-1] == 1.0
     assert len(told) > 5

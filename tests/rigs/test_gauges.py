@@ -5,36 +5,36 @@ import numpy as np
 import pytest
 
 from klute_sim.control import pressure
-from klute_sim.device.files import load
+from klute_sim.device.files import load_device
 from klute_sim.plant import router
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.rigs.gait import reference
 from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.body import ANKLE
-from klute_sim.rigs.gait.build import build
-from klute_sim.rigs.gait.gauges import CHANNELS, Gauges
-from klute_sim.rigs.gait.rig import walk
+from klute_sim.rigs.gait.body import PROSTHESIS_PREFIX
+from klute_sim.rigs.gait.build import build_gait_model
+from klute_sim.rigs.gait.gauges import MEASURED_COLUMNS, GaitMeasurements
+from klute_sim.rigs.gait.rig import simulate_gait
 
-DEVICE = load("klute-1-1-4-pair")
+DEVICE = load_device("klute-1-1-4-pair")
 
 
 def read(height: float, ankle: float, rate: float) -> tuple[mujoco.MjModel, mujoco.MjData, dict[str, float]]:
     """One step, leg straight, the hip at ``height`` [m] the ankle hinge at ``ankle`` [rad], ``rate`` [rad/s]."""
-    model = build(DEVICE, mass=75, stature=1.75, step=5e-4)
+    model = build_gait_model(DEVICE, mass=75, stature=1.75, dt=5e-4)
     data = mujoco.MjData(model)
-    actuator = DeviceActuator(model, ANKLE + "muscle_tendon")
-    gauges = Gauges(model, actuator)
+    actuator = DeviceActuator(model, PROSTHESIS_PREFIX + "muscle_tendon")
+    gauges = GaitMeasurements(model, actuator)
     data.qpos[1] = height
-    data.qpos[model.joint(ANKLE + "ankle").qposadr[0]] = ankle
+    data.qpos[model.joint(PROSTHESIS_PREFIX + "ankle").qposadr[0]] = ankle
     data.act[:4] = data.qpos[:4]  # the servos hold the leg where it is
-    data.qvel[model.joint(ANKLE + "ankle").dofadr[0]] = rate
-    actuator.command(data, 3e5)
-    q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.state(data)
-    with router.installed():
+    data.qvel[model.joint(PROSTHESIS_PREFIX + "ankle").dofadr[0]] = rate
+    actuator.set_command(data, 3e5)
+    q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.get_state(data)
+    with router.device_callbacks():
         mujoco.mj_step(model, data)
-        after = actuator.reached(model, data, before)
-        row = gauges.read(data, q, v, after, (after.length - before.length) / model.opt.timestep)
-    return model, data, dict(zip((heading.split(" ")[0] for heading in CHANNELS), row, strict=True))
+        after = actuator.state_after_step(model, data, before)
+        row = gauges.measure(data, q, v, after, (after.length - before.length) / model.opt.timestep)
+    return model, data, dict(zip((heading.split(" ")[0] for heading in MEASURED_COLUMNS), row, strict=True))
 
 
 @pytest.mark.parametrize("angle", [0.47, -0.47])
@@ -42,7 +42,7 @@ def test_the_stop_pushes_back_and_is_part_of_the_net_moment(angle: float) -> Non
     # In the air the stop is the only constraint on the ankle; the return spring alone would stop anything slower.
     rate = 300.0 * np.sign(angle)
     model, data, sample = read(2.0, angle, rate)
-    dof = model.joint(ANKLE + "ankle").dofadr[0]
+    dof = model.joint(PROSTHESIS_PREFIX + "ankle").dofadr[0]
     assert sample["grf_vertical"] == 0.0
     assert np.isnan(sample["cop_x"])
     assert sample["stop_moment"] == pytest.approx(data.qfrc_constraint[dof], rel=1e-9)
@@ -54,7 +54,7 @@ def test_the_stop_pushes_back_and_is_part_of_the_net_moment(angle: float) -> Non
 
 def test_ground_reaction_is_the_sum_of_mujocos_contacts() -> None:
     _, data, sample = read(0.86 + 0.066, 0.06, 0.7)  # toe down: the forefoot spheres carry unequal loads
-    model = build(DEVICE, mass=75, stature=1.75, step=5e-4)
+    model = build_gait_model(DEVICE, mass=75, stature=1.75, dt=5e-4)
     total, moment, wrench = np.zeros(3), 0.0, np.zeros(6)
     loads, depths = [], []
     for i in range(data.ncon):
@@ -74,16 +74,16 @@ def test_ground_reaction_is_the_sum_of_mujocos_contacts() -> None:
 
 
 def test_reference_channels_belong_to_the_walker() -> None:
-    recording = walk(DEVICE, pressure.off(), GaitOptions(strides=1, mass=90, speed=1.0))
-    human, phase = reference.default(), recording["gait_phase"] / 100
+    recording = simulate_gait(DEVICE, pressure.create_off_controller(), GaitOptions(strides=1, mass=90, speed=1.0))
+    human, phase = reference.load_default_reference(), recording["gait_phase"] / 100
     moment = human("ankle_plantarflexor_moment_nm_per_kg", phase)
     assert recording["reference_ankle_moment"] == pytest.approx(90 * moment)
     assert recording["reference_grf_vertical"] == pytest.approx(90 * human("grf_vertical_n_per_kg", phase))
-    deviation = human.deviation("ankle_moment_sd_nm_per_kg", phase)
+    deviation = human.standard_deviation("ankle_moment_sd_nm_per_kg", phase)
     assert recording["reference_ankle_moment_sd"] == pytest.approx(90 * deviation)
     assert recording["reference_ankle_angle"] == pytest.approx(human("ankle_dorsiflexion_deg", phase))
     # the same moment over the same angle in a longer stride
-    slower = reference.STRIDE_TIME / recording.provenance["options"]["stride_time_s"]
+    slower = reference.DEFAULT_STRIDE_TIME / recording.provenance["options"]["stride_time_s"]
     assert slower < 0.9
     power = human("ankle_power_w_per_kg", phase)
     assert recording["reference_ankle_power"] == pytest.approx(90 * slower * power)

@@ -14,9 +14,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from klute_sim.device.files import load, read
+from klute_sim.device.files import load_device, parse_device
 from klute_sim.rigs.bench import protocols
-from klute_sim.rigs.bench.run import run
+from klute_sim.rigs.bench.run import run_protocol
 
 DATA = Path(os.environ.get("KLUTE_SIM_DATA", "nowhere")) / "pam_leg_bode" / "OpenLoopBodeData.txt"
 SLOW = 1.0
@@ -67,11 +67,11 @@ def measured() -> Measured:
 def simulated(numbers: dict[str, float], frequency: Array) -> Complex:
     """Pressure over command on the bench, of a bare muscle with these effects in its supply."""
     sections = "".join(SECTIONS[name].format(value) for name, value in numbers.items())
-    device = read(load("klute-3-4").content + sections.encode(), "measured")
-    protocol, found = protocols.load("frequency"), []
+    device = parse_device(load_device("klute-3-4").content + sections.encode(), "measured")
+    protocol, found = protocols.load_protocol("frequency"), []
     for part, step, cycles in zip((frequency < SLOW, frequency >= SLOW), STEPS, SETTLING, strict=True):
         changes = {"frequencies_hz": frequency[part].tolist(), "settling_cycles": cycles, "cycles": 1}
-        found += run(device, protocol.model_copy(update=changes), step=step).trials
+        found += run_protocol(device, protocol.model_copy(update=changes), dt=step).trials
     assert all(trial.readings["pressure_coherence"] > 0.999 for trial in found)
     return np.array(
         [t.readings["pressure_gain"] * np.exp(1j * np.radians(t.readings["pressure_phase_deg"])) for t in found]

@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from klute_sim.control import pressure
-from klute_sim.control.pressure import Constant, Profile
+from klute_sim.control.pressure import ConstantPressure, PressureProfile
 from klute_sim.errors import InputError
 
 
 def test_tuned_profile_stays_in_the_supply_and_needs_less_than_its_rate() -> None:
     phase = np.arange(0, 1, 5e-4)
-    command = np.array([pressure.tuned().pressure(p) for p in phase])
+    command = np.array([pressure.load_default_profile().pressure_at(p) for p in phase])
     assert command.min() >= 0.0
     assert command.max() <= 5e5
     assert np.abs(np.gradient(command, phase * 1.1)).max() < 50e5
@@ -28,20 +28,20 @@ def test_profile_is_periodic_passes_its_knots_and_never_overshoots(
     knots: list[tuple[float, float]], phase: float
 ) -> None:
     knots = sorted(knots)
-    profile = Profile("x", tuple(k[0] for k in knots), tuple(k[1] for k in knots))
+    profile = PressureProfile("x", tuple(k[0] for k in knots), tuple(k[1] for k in knots))
     low, high = min(profile.pressure_bar), max(profile.pressure_bar)
-    assert low * 1e5 - 1e-6 <= profile.pressure(phase) <= high * 1e5 + 1e-6
-    assert profile.pressure(phase % 1.0) == pytest.approx(profile.pressure(phase % 1.0 + 1.0), rel=1e-6, abs=1e-3)
+    assert low * 1e5 - 1e-6 <= profile.pressure_at(phase) <= high * 1e5 + 1e-6
+    assert profile.pressure_at(phase % 1.0) == pytest.approx(profile.pressure_at(phase % 1.0 + 1.0), rel=1e-6, abs=1e-3)
     for where, value in knots:
-        assert profile.pressure(where / 100) == pytest.approx(1e5 * value, abs=1e-3)
+        assert profile.pressure_at(where / 100) == pytest.approx(1e5 * value, abs=1e-3)
 
 
 def test_constant_and_off() -> None:
-    assert Constant(2e5).pressure(0.3) == 2e5
-    assert pressure.off().pressure(0.9) == 0.0
+    assert ConstantPressure(2e5).pressure_at(0.3) == 2e5
+    assert pressure.create_off_controller().pressure_at(0.9) == 0.0
     for bad in (-1.0, float("nan"), float("inf")):
         with pytest.raises(InputError, match="0 bar or more"):
-            Constant(bad)
+            ConstantPressure(bad)
 
 
 @pytest.mark.parametrize(

@@ -6,21 +6,23 @@ from functools import cache
 import numpy as np
 import pytest
 
-from klute_sim.control.pressure import off, tuned
-from klute_sim.device.files import load
+from klute_sim.control.pressure import create_off_controller, load_default_profile
+from klute_sim.device.files import load_device
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
-from klute_sim.report.outcomes import human_outcome, outcomes
+from klute_sim.report.outcomes import compute_gait_metrics, compute_reference_metrics
 from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.rig import walk
+from klute_sim.rigs.gait.rig import simulate_gait
 from klute_sim.rigs.gait.spring_foot import SpringFoot
 
 
 @cache
 def walked(per_degree: float, *, powered: bool = False) -> Recording:
     foot = SpringFoot(stiffness=math.degrees(per_degree))
-    options = GaitOptions(strides=2, step=1e-3, foot=foot)
-    return walk(load("klute-1-1-4-pair"), tuned() if powered else off(), options)
+    options = GaitOptions(strides=2, dt=1e-3, spring_foot=foot)
+    return simulate_gait(
+        load_device("klute-1-1-4-pair"), load_default_profile() if powered else create_off_controller(), options
+    )
 
 
 def test_its_moment_is_the_springs_and_the_dampings() -> None:
@@ -40,7 +42,7 @@ def test_pressure_does_nothing_to_it() -> None:
 def test_its_quasi_stiffness_is_its_stiffness_and_it_returns_less_than_it_took() -> None:
     previous = 0.0
     for per_degree in (3.0, 6.0, 12.0):
-        stride = outcomes(walked(per_degree)).strides[-1]
+        stride = compute_gait_metrics(walked(per_degree)).strides[-1]
         assert stride.quasi_stiffness_nm_per_kg_deg == pytest.approx(per_degree / 75.0, rel=0.05)
         assert stride.energy_return is not None
         assert previous < stride.energy_return < 1.0  # a stiffer one turns slower, so less is damped
@@ -49,7 +51,7 @@ def test_its_quasi_stiffness_is_its_stiffness_and_it_returns_less_than_it_took()
 
 
 def test_a_human_ankle_gives_more_than_it_takes() -> None:
-    human = human_outcome(walked(6.0))
+    human = compute_reference_metrics(walked(6.0))
     assert human.energy_return is not None
     assert human.energy_return > 2.0
     assert human.quasi_stiffness_nm_per_kg_deg == pytest.approx(0.080, abs=0.01)

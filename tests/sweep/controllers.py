@@ -15,7 +15,7 @@ class Deadly:
     folder: str
     times: int
 
-    def pressure(self, phase: float) -> float:
+    def pressure_at(self, phase: float) -> float:
         asked = len(list(Path(self.folder).iterdir()))
         if phase == 0.0 and asked < self.times:
             (Path(self.folder) / str(asked)).touch()
@@ -32,7 +32,7 @@ class Beating:
 
     file: str
 
-    def pressure(self, phase: float) -> float:
+    def pressure_at(self, phase: float) -> float:
         for beat in range(1200):
             Path(self.file).write_text(str(beat))
             time.sleep(0.05)

@@ -11,35 +11,37 @@ from pathlib import Path
 import pytest
 from controllers import Deadly
 
-from klute_sim.control.pressure import Constant, PressureController, off
-from klute_sim.device.files import load
+from klute_sim.control.pressure import ConstantPressure, PressureController, create_off_controller
+from klute_sim.device.files import load_device
 from klute_sim.sweep import local
-from klute_sim.sweep.plan import Combination, Plan
-from klute_sim.sweep.runner import TRIES
-from klute_sim.sweep.walk import Walked
+from klute_sim.sweep.plan import GaitCase, SweepPlan
+from klute_sim.sweep.runner import MAX_ATTEMPTS
+from klute_sim.sweep.walk import CaseResult
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 
 
-def walked(combinations: Iterable[Combination]) -> dict[str, Walked | None]:
+def walked(combinations: Iterable[GaitCase]) -> dict[str, CaseResult | None]:
     """What becomes of ``combinations`` in two processes, by their controller's word."""
-    told = dict[str, Walked | None]()
+    told = dict[str, CaseResult | None]()
 
-    def finished(combination: Combination, result: Walked | None) -> None:
-        assert combination.controller_word not in told
-        told[combination.controller_word] = result
+    def finished(combination: GaitCase, result: CaseResult | None) -> None:
+        assert combination.controller_name not in told
+        told[combination.controller_name] = result
 
-    with local.Processes(2) as processes:
+    with local.LocalRunner(2) as processes:
         processes.run(combinations, finished)
     return told
 
 
-def plan(**controllers: PressureController) -> Plan:
-    return Plan(devices={"a": load("klute-1-1-4-pair")}, controllers=controllers, strides=1, step=1e-3)
+def plan(**controllers: PressureController) -> SweepPlan:
+    return SweepPlan(devices={"a": load_device("klute-1-1-4-pair")}, controllers=controllers, strides=1, dt=1e-3)
 
 
 def test_a_killed_process_costs_its_own_walk_alone_and_that_is_tried_again(tmp_path: Path) -> None:
-    told = walked(plan(off=off(), deadly=Deadly(str(tmp_path), 2), low=Constant(1e5)).combinations())
+    told = walked(
+        plan(off=create_off_controller(), deadly=Deadly(str(tmp_path), 2), low=ConstantPressure(1e5)).iter_cases()
+    )
     assert len(list(tmp_path.iterdir())) == 2
     assert set(told) == {"off", "deadly", "low"}
     assert told["deadly"] == told["off"]
@@ -51,8 +53,8 @@ def test_a_killed_process_costs_its_own_walk_alone_and_that_is_tried_again(tmp_p
 
 @pytest.mark.long
 def test_a_walk_whose_process_is_killed_every_time_is_given_up(tmp_path: Path) -> None:
-    told = walked(plan(deadly=Deadly(str(tmp_path), 99), off=off()).combinations())
-    assert len(list(tmp_path.iterdir())) == TRIES == 3
+    told = walked(plan(deadly=Deadly(str(tmp_path), 99), off=create_off_controller()).iter_cases())
+    assert len(list(tmp_path.iterdir())) == MAX_ATTEMPTS == 3
     assert told["deadly"] is None
     assert told["off"] is not None
 
@@ -60,7 +62,7 @@ def test_a_walk_whose_process_is_killed_every_time_is_given_up(tmp_path: Path) -
 def test_a_process_begun_while_interrupts_are_held_never_hears_of_them() -> None:
     asks = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
-    with local._interrupts_held():
+    with local._block_interrupts():
         held = subprocess.run([sys.executable, "-c", asks], capture_output=True, text=True, check=True)
     assert held.stdout == "True\n"
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before

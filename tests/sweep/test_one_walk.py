@@ -5,31 +5,31 @@ from dataclasses import replace
 
 import pytest
 
-from klute_sim.control.pressure import off, tuned
-from klute_sim.device.files import load
+from klute_sim.control.pressure import create_off_controller, load_default_profile
+from klute_sim.device.files import load_device
 from klute_sim.errors import KluteSimError, SimulationError
 from klute_sim.rigs.gait import reference, rig
-from klute_sim.sweep.plan import Combination
-from klute_sim.sweep.walk import DISTANCES, HEADINGS, walk
+from klute_sim.sweep.plan import GaitCase
+from klute_sim.sweep.walk import METRIC_COLUMNS, REFERENCE_DISTANCES, evaluate_case
 
-DEFAULT = Combination(
-    device_word="mine",
-    device=load("klute-1-1-4-pair"),
-    controller_word="profile",
-    controller=tuned(),
+DEFAULT = GaitCase(
+    device_name="mine",
+    device=load_device("klute-1-1-4-pair"),
+    controller_name="profile",
+    controller=load_default_profile(),
     speed=None,
     slope_deg=0.0,
     mass=75.0,
     strides=1,
-    step=1e-3,
+    dt=1e-3,
 )
 
 
 def test_a_walk_has_every_outcome_in_the_order_of_the_table() -> None:
-    walked = walk(DEFAULT)
+    walked = evaluate_case(DEFAULT)
     assert walked.failure is None
-    assert tuple(walked.outcomes) == HEADINGS
-    assert None not in walked.outcomes.values()
+    assert tuple(walked.metrics) == METRIC_COLUMNS
+    assert None not in walked.metrics.values()
 
 
 @pytest.mark.parametrize(
@@ -40,14 +40,14 @@ def test_a_walk_has_every_outcome_in_the_order_of_the_table() -> None:
 def test_humans_are_there_to_compare_with_on_the_level_at_their_own_speed(
     change: dict[str, float], compared: bool
 ) -> None:
-    found = walk(replace(DEFAULT, **change)).outcomes
-    assert [found[heading] is not None for heading in DISTANCES] == [compared] * 3
+    found = evaluate_case(replace(DEFAULT, **change)).metrics
+    assert [found[heading] is not None for heading in REFERENCE_DISTANCES] == [compared] * 3
     assert found["ankle_power_peak [W/kg]"] is not None
 
 
 def test_a_device_that_does_not_fit_is_a_reason() -> None:
-    walked = walk(replace(DEFAULT, device=load("klute-3-4")))
-    assert not walked.outcomes
+    walked = evaluate_case(replace(DEFAULT, device=load_device("klute-3-4")))
+    assert not walked.metrics
     assert walked.failure.endswith("its file has no [tendon] section; did you mean 'klute-3-4-pair'?")
 
 
@@ -62,39 +62,39 @@ def test_what_goes_wrong_in_a_walk_is_a_reason(error: Exception, reason: str, mo
     def fails(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(rig, "walk", fails)
-    assert walk(DEFAULT).failure == reason
+    monkeypatch.setattr(rig, "simulate_gait", fails)
+    assert evaluate_case(DEFAULT).failure == reason
 
 
 def test_too_little_memory_says_nothing_about_the_combination(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(rig, "walk", fails)
+    monkeypatch.setattr(rig, "simulate_gait", fails)
     with pytest.raises(MemoryError):
-        walk(DEFAULT)
+        evaluate_case(DEFAULT)
 
 
 def test_other_software_than_planned_is_refused() -> None:
     with pytest.raises(KluteSimError, match="other mujoco"):
-        walk(replace(DEFAULT, software={**DEFAULT.software, "mujoco": "0.1"}))
+        evaluate_case(replace(DEFAULT, software={**DEFAULT.software, "mujoco": "0.1"}))
 
 
 def test_the_key_is_of_all_that_the_outcomes_depend_on_and_of_no_name() -> None:
     changed = [
-        replace(DEFAULT, device=load("klute-1-1-4-pair-valve")),
-        replace(DEFAULT, controller=off()),
+        replace(DEFAULT, device=load_device("klute-1-1-4-pair-valve")),
+        replace(DEFAULT, controller=create_off_controller()),
         replace(DEFAULT, speed=1.0),
         replace(DEFAULT, slope_deg=1.0),
         replace(DEFAULT, mass=math.nextafter(75.0, 76.0)),
         replace(DEFAULT, strides=2),
         replace(DEFAULT, stature=1.8),
-        replace(DEFAULT, reference=replace(reference.default(), digest="other")),
-        replace(DEFAULT, reference=replace(reference.default(), stride_time=1.2)),
-        replace(DEFAULT, foot=6.0),
-        replace(DEFAULT, step=5e-4),
+        replace(DEFAULT, reference=replace(reference.load_default_reference(), digest="other")),
+        replace(DEFAULT, reference=replace(reference.load_default_reference(), stride_time=1.2)),
+        replace(DEFAULT, foot_stiffness=6.0),
+        replace(DEFAULT, dt=5e-4),
         replace(DEFAULT, software={**DEFAULT.software, "code": "other"}),
     ]
     assert len({DEFAULT.key, *(each.key for each in changed)}) == 13
-    renamed = replace(DEFAULT, device_word="other", controller_word="other", reference_word="other")
+    renamed = replace(DEFAULT, device_name="other", controller_name="other", reference_name="other")
     assert renamed.key == DEFAULT.key

@@ -6,9 +6,9 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 
 from klute_sim.control import learned, word
-from klute_sim.control.pressure import Profile, parse_profile
+from klute_sim.control.pressure import PressureProfile, parse_profile
 from klute_sim.control.word import Controller
-from klute_sim.device.files import DEFAULT_PROSTHESIS, Device, load, read
+from klute_sim.device.files import DEFAULT_DEVICE, Device, load_device, parse_device
 from klute_sim.errors import InputError
 
 
@@ -17,50 +17,52 @@ class Baseline:
     """A device under a controller, or a passive foot."""
 
     name: str
-    what: str
+    description: str
     """In one sentence."""
-    made: str
+    origin: str
     """How: what was chosen by whom, or the command that made it."""
     device: Device
     controller: Controller
-    foot: float | None
+    foot_stiffness: float | None
     """Stiffness of a passive foot in place of the device [N.m/deg]."""
 
 
-def baselines(only: tuple[str, ...] = ()) -> list[Baseline]:
+def load_baselines(only: tuple[str, ...] = ()) -> list[Baseline]:
     """All, or ``only`` those, in the order of the file; raises InputError for a name that there is not."""
-    text = (_folder() / "baselines.toml").read_text("utf-8")
+    text = (_get_data_folder() / "baselines.toml").read_text("utf-8")
     found = tomllib.loads(text)["baseline"]
     names = [entry["name"] for entry in found]
     for name in only:
         if name not in names:
             raise InputError(f"there is no baseline '{name}'; there are: {', '.join(names)}")
-    return [_baseline(entry) for entry in found if not only or entry["name"] in only]
+    return [_parse_baseline(entry) for entry in found if not only or entry["name"] in only]
 
 
-def _baseline(entry: dict[str, str | float]) -> Baseline:
-    foot, device = entry.get("foot_nm_per_deg"), str(entry.get("device", DEFAULT_PROSTHESIS))
+def _parse_baseline(entry: dict[str, str | float]) -> Baseline:
+    foot, device = entry.get("foot_nm_per_deg"), str(entry.get("device", DEFAULT_DEVICE))
     return Baseline(
         name=str(entry["name"]),
-        what=str(entry["what"]),
-        made=str(entry["made"]),
-        device=read((_folder() / device).read_bytes(), device) if device.endswith(".toml") else load(device),
-        controller=_controller(str(entry["controller"])),
-        foot=None if foot is None else float(foot),
+        description=str(entry["what"]),
+        origin=str(entry["made"]),
+        device=parse_device((_get_data_folder() / device).read_bytes(), device)
+        if device.endswith(".toml")
+        else load_device(device),
+        controller=_load_controller(str(entry["controller"])),
+        foot_stiffness=None if foot is None else float(foot),
     )
 
 
-def _controller(text: str) -> Controller:
+def _load_controller(text: str) -> Controller:
     """A file that lies beside the list, or what the command line calls it."""
     if text.endswith(".npz"):
-        with resources.as_file(_folder() / text) as path:
-            return learned.load(path)
-    return _profile(text) if text.endswith(".csv") else word.parse(text)
+        with resources.as_file(_get_data_folder() / text) as path:
+            return learned.load_policy_controller(path)
+    return _load_profile(text) if text.endswith(".csv") else word.parse_controller(text)
 
 
-def _profile(name: str) -> Profile:
-    return parse_profile((_folder() / name).read_text("utf-8"), name)
+def _load_profile(name: str) -> PressureProfile:
+    return parse_profile((_get_data_folder() / name).read_text("utf-8"), name)
 
 
-def _folder() -> Traversable:
+def _get_data_folder() -> Traversable:
     return resources.files("klute_sim.baselines")

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import click
 
 from klute_sim import __version__
-from klute_sim.errors import InputError, KluteSimError, meant
+from klute_sim.errors import InputError, KluteSimError, suggest
 
 COMMANDS = {
     "gait": ("klute_sim.cli.gait", "Walk the prosthesis on measured human gait."),
@@ -36,7 +36,7 @@ COMMANDS = {
 """Name -> (module that defines it as ``command``, one line of help)."""
 
 
-class _Lazy(click.Group):
+class _LazyGroup(click.Group):
     """Imports a command's module only when that command is asked for."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -54,14 +54,16 @@ class _Lazy(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if ctx.resilient_parsing or args[0] in COMMANDS or args[0].startswith("-"):
             return super().resolve_command(ctx, args)
-        raise InputError(f"there is no command '{args[0]}'; {meant(args[0], COMMANDS, 'all are in klute-sim --help')}")
+        raise InputError(
+            f"there is no command '{args[0]}'; {suggest(args[0], COMMANDS, 'all are in klute-sim --help')}"
+        )
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
 
 
-@click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
 @click.version_option(__version__, prog_name="klute-sim")
 @click.pass_context
 def group(context: click.Context) -> None:
@@ -80,33 +82,33 @@ def group(context: click.Context) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: anything the user can do wrong ends in one sentence on stderr and exit code 2."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that what was begun is cleaned up
-    warnings.showwarning = _note  # type: ignore[assignment]
+    warnings.showwarning = _show_warning  # type: ignore[assignment]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without our symbols still gets the numbers
     try:
         code = group.main(args=arguments, prog_name="klute-sim", standalone_mode=False)
     except click.ClickException as error:
-        _fail(error.format_message().replace("\n", " "), 2)
+        _exit_with_error(error.format_message().replace("\n", " "), 2)
     except KluteSimError as error:
-        _fail(str(error), 2)
+        _exit_with_error(str(error), 2)
     except (KeyboardInterrupt, click.Abort):
-        _fail("interrupted; no file was left half-written", 130)
+        _exit_with_error("interrupted; no file was left half-written", 130)
     except MemoryError:
-        _fail("there is not enough memory for this; take fewer strides or a longer step", 2)
+        _exit_with_error("there is not enough memory for this; take fewer strides or a longer step", 2)
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output has gone; Python would complain while closing stdout
         sys.exit(0)
     except OSError as error:
-        _fail(f"a file or the output cannot be read or written: {error.strerror}", 2)
+        _exit_with_error(f"a file or the output cannot be read or written: {error.strerror}", 2)
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def _note(message: Warning | str, *_: object) -> None:
+def _show_warning(message: Warning | str, *_: object) -> None:
     """A warning as one sentence, without the place in our source that gave it."""
     click.echo(f"klute-sim: {message}", err=True)
 
 
-def _fail(sentence: str, code: int) -> None:
-    click.echo(f"klute-sim: {sentence}", err=True)
-    sys.exit(code)
+def _exit_with_error(message: str, exit_code: int) -> None:
+    click.echo(f"klute-sim: {message}", err=True)
+    sys.exit(exit_code)

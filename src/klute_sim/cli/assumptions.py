@@ -9,18 +9,18 @@ from klute_sim.cli import common
 
 if TYPE_CHECKING:
     from klute_sim.device.files import Device
-    from klute_sim.reproduce.assumed import Outcomes
+    from klute_sim.reproduce.assumed import MetricsFunction
 
-LEAST = 0.005
+MIN_RELATIVE_CHANGE = 0.005
 """Relative change that is worth a word."""
-MOST = 3
+MAX_CHANGES_SHOWN = 3
 """Changes told in the table, the largest."""
 
 
 @click.command("assumptions")
 @click.argument("names", metavar="[NAME|FILE]...", nargs=-1)
 @click.option("--gait", is_flag=True, help="Say what each number changes in walking, too: a walk for each of them.")
-@common.as_json("tables")
+@common.json_option("tables")
 def command(names: tuple[str, ...], gait: bool, as_json: bool) -> None:
     """List every assumed number of devices: why it was assumed, and what it changes.
 
@@ -37,22 +37,28 @@ def command(names: tuple[str, ...], gait: bool, as_json: bool) -> None:
       klute-sim assumptions my-device.toml --json
     """
     from klute_sim.cli.console import progress_bar
-    from klute_sim.device.files import load, preset_names
-    from klute_sim.reproduce.assumed import changes, on_bench
+    from klute_sim.device.files import list_presets, load_device
+    from klute_sim.reproduce.assumed import make_bench_metrics, perturb_assumptions
 
-    devices = [load(name) for name in names or preset_names()]
+    devices = [load_device(name) for name in names or list_presets()]
     found: dict[str, Any] = {}
     with progress_bar("trying") as told:
         for number, device in enumerate(devices):
-            rig = on_bench(device)
-            outcomes = _both(rig, _walk) if gait and device.spec.mounting else rig
+            rig = make_bench_metrics(device)
+            outcomes = _merge_outputs(rig, _compute_gait_outputs) if gait and device.spec.mounting else rig
 
             def share(part: float, number: int = number) -> None:
                 told((number + part) / len(devices))
 
-            rows = changes(device, outcomes, share)
+            rows = perturb_assumptions(device, outcomes, share)
             found[device.name] = [
-                {"key": r.key, "value": r.value, "why": r.why, "tried_with": r.moved, "changes": r.changes}
+                {
+                    "key": r.key,
+                    "value": r.value,
+                    "why": r.reason,
+                    "tried_with": r.perturbed_value,
+                    "changes": r.relative_changes,
+                }
                 for r in rows
             ]
     if as_json:
@@ -61,17 +67,17 @@ def command(names: tuple[str, ...], gait: bool, as_json: bool) -> None:
         _print(found, gait=gait)
 
 
-def _both(one: "Outcomes", other: "Outcomes") -> "Outcomes":
-    return lambda device: {**one(device), **other(device)}
+def _merge_outputs(first: "MetricsFunction", second: "MetricsFunction") -> "MetricsFunction":
+    return lambda device: {**first(device), **second(device)}
 
 
-def _walk(device: "Device") -> dict[str, float]:
-    from klute_sim.control.pressure import tuned
-    from klute_sim.report.outcomes import outcomes
+def _compute_gait_outputs(device: "Device") -> dict[str, float]:
+    from klute_sim.control.pressure import load_default_profile
+    from klute_sim.report.outcomes import compute_gait_metrics
     from klute_sim.rigs.gait.assembly import GaitOptions
-    from klute_sim.rigs.gait.rig import walk
+    from klute_sim.rigs.gait.rig import simulate_gait
 
-    result = outcomes(walk(device, tuned(), GaitOptions(strides=3)))
+    result = compute_gait_metrics(simulate_gait(device, load_default_profile(), GaitOptions(strides=3)))
     return {
         "walking: peak net moment": result.mean(lambda s: s.ankle_moment_peak_nm_per_kg) or 0.0,
         "walking: peak net power": result.mean(lambda s: s.ankle_power_peak_w_per_kg) or 0.0,
@@ -80,27 +86,31 @@ def _walk(device: "Device") -> dict[str, float]:
     }
 
 
-def _print(found: dict[str, Any], *, gait: bool) -> None:
+def _print(results: dict[str, Any], *, gait: bool) -> None:
     from rich.table import Table
 
-    from klute_sim.cli.console import console
+    from klute_sim.cli.console import stdout_console
 
-    out = console()
-    for name, rows in found.items():
+    out = stdout_console()
+    for name, rows in results.items():
         if not rows:
             out.print(f"{name}: no number is marked as assumed (klute-sim device says which have a source).\n")
             continue
         table = Table("number", "value", "why", "tried", "what that changes", title=name)
         for row in rows:
             changed = sorted(row["changes"].items(), key=lambda pair: -abs(pair[1]))
-            told = [f"{what} {100.0 * by:+.1f} %" for what, by in changed[:MOST] if abs(by) >= LEAST]
+            told = [
+                f"{what} {100.0 * by:+.1f} %"
+                for what, by in changed[:MAX_CHANGES_SHOWN]
+                if abs(by) >= MIN_RELATIVE_CHANGE
+            ]
             nothing = "nothing here" if gait or not row["key"].startswith("mounting") else "nothing on a bench (--gait)"
             table.add_row(
                 row["key"], f"{row['value']:g}", row["why"], f"{row['tried_with']:g}", "; ".join(told) or nothing
             )
         out.print(table)
     out.print(
-        f"Up to {MOST} changes are shown, from {100 * LEAST:g} % on; --json has all. Numbers without any source: "
+        f"Up to {MAX_CHANGES_SHOWN} changes are shown, from {100 * MIN_RELATIVE_CHANGE:g} % on; --json has all. Numbers without any source: "
         "klute-sim device NAME.",
         soft_wrap=True,
     )

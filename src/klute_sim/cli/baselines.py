@@ -11,7 +11,7 @@ from klute_sim.cli import common
 if TYPE_CHECKING:
     from rich.table import Table
 
-COLUMNS = (
+CONDITION_COLUMNS = (
     ("moment\nsd", "moment_distance [sd]", ".2f"),
     ("angle\nsd", "angle_distance [sd]", ".2f"),
     ("power\nsd", "power_distance [sd]", ".2f"),
@@ -20,7 +20,7 @@ COLUMNS = (
     ("air\ng/stride", "air_per_stride [g]", ".2f"),
 )
 """Title, heading and format of what is shown in every condition; the files have more."""
-FIELD = (
+LEVEL_COLUMNS = (
     ("quasi-stiffness\nN·m/kg/deg", "quasi_stiffness [N*m/kg/deg]", ".3f"),
     ("energy\nreturn", "energy_return [1]", ".2f"),
     ("roll-over\nradius m", "rollover_radius [m]", ".2f"),
@@ -34,12 +34,12 @@ FIELD = (
 @click.option(
     "--only", multiple=True, metavar="NAME", help="One of the baselines; may be given several times.  [default: all]"
 )
-@common.MASS
-@common.strides("Strides of each walk")
-@common.STEP
-@common.jobs()
-@common.growing("baselines", "the walks")
-@common.as_json("the tables")
+@common.MASS_OPTION
+@common.strides_option("Strides of each walk")
+@common.TIME_STEP_OPTION
+@common.jobs_option()
+@common.resumable_out_option("baselines", "the walks")
+@common.json_option("the tables")
 def command(
     only: tuple[str, ...], mass: float, strides: int, step_ms: float, jobs: int, out: Path | None, as_json: bool
 ) -> None:
@@ -57,55 +57,59 @@ def command(
       klute-sim baselines --only hand-tuned --only machine --mass 90
     """
     from klute_sim.baselines import table
-    from klute_sim.baselines.library import baselines
-    from klute_sim.cli.console import console, progress_bar
-    from klute_sim.report.table import FOLLOWED
-    from klute_sim.sweep.local import Processes
-    from klute_sim.sweep.store import open_folder, write
-    from klute_sim.sweep.sweep import walks
+    from klute_sim.baselines.library import load_baselines
+    from klute_sim.cli.console import progress_bar, stdout_console
+    from klute_sim.report.table import MAX_GRF_TRACKING_RMS_BW
+    from klute_sim.sweep.local import LocalRunner
+    from klute_sim.sweep.store import open_store, write_atomically
+    from klute_sim.sweep.sweep import run_cases
 
-    planned = table.entries(baselines(only), mass, strides, 1e-3 * step_ms)
-    store = open_folder(out, table.described(planned), "baselines")
-    with progress_bar("walking") as progress, Processes(jobs) as processes:
-        walked, _ = walks([each.combination for each in planned], store, processes.run, progress)
+    planned = table.plan_runs(load_baselines(only), mass, strides, 1e-3 * step_ms)
+    store = open_store(out, table.describe_runs(planned), "baselines")
+    with progress_bar("walking") as progress, LocalRunner(jobs) as processes:
+        walked, _ = run_cases([each.case for each in planned], store, processes.run, progress)
     found = [
-        table.Entry(each.baseline, each.condition, each.combination, result)
+        table.BaselineRun(each.baseline, each.condition, each.case, result)
         for each, result in zip(planned, walked, strict=True)
     ]
-    rows = table.rows(found)
+    rows = table.build_rows(found)
     text = json.dumps({"folder": str(store.folder), "rows": rows}, indent=2, allow_nan=False)
-    with store.writing():
-        write(store.folder / "table.json", text + "\n")
+    with store.translate_write_errors():
+        write_atomically(store.folder / "table.json", text + "\n")
     if as_json:
         click.echo(text)
         return
-    out_ = console()
+    out_ = stdout_console()
     for condition in dict.fromkeys(row["condition"] for row in rows):
         own = [row for row in rows if row["condition"] == condition]
-        out_.print(_table(_title(own[0]), own, COLUMNS if condition == "level" else COLUMNS[3:]))
+        out_.print(
+            _build_table(
+                _format_title(own[0]), own, CONDITION_COLUMNS if condition == "level" else CONDITION_COLUMNS[3:]
+            )
+        )
     level = [row for row in rows if row["condition"] == "level"]
-    out_.print(_table("on the level: what a wearer would notice", level, FIELD))
+    out_.print(_build_table("on the level: what a wearer would notice", level, LEVEL_COLUMNS))
     out_.print(
-        f"A tank of {1e3 * table.TANK_VOLUME:g} l at {table.TANK_PRESSURE / 1e5:g} bar, used down to "
-        f"{table.TANK_LEFT / 1e5:g} bar, is assumed. On slopes and at other speeds the limb's motion is assumed.",
+        f"A tank of {1e3 * table.TANK_VOLUME_M3:g} l at {table.TANK_PRESSURE_PA / 1e5:g} bar, used down to "
+        f"{table.MIN_TANK_PRESSURE_PA / 1e5:g} bar, is assumed. On slopes and at other speeds the limb's motion is assumed.",
         soft_wrap=True,
     )
     if any(row["remark"] for row in rows):
         out_.print(
-            f"Where the load was not followed (rms above {FOLLOWED:g} body weights), the ankle did not carry what the "
+            f"Where the load was not followed (rms above {MAX_GRF_TRACKING_RMS_BW:g} body weights), the ankle did not carry what the "
             "reference's does: its moments and powers are not those of walking.",
             soft_wrap=True,
         )
     out_.print(f"Folder: {store.folder}", soft_wrap=True)
 
 
-def _title(row: dict[str, Any]) -> str:
+def _format_title(row: dict[str, Any]) -> str:
     if row["slope [deg]"]:
         return f"{abs(row['slope [deg]']):g} degrees {row['condition']}"
     return "level, the reference's speed" if row["speed_asked [m/s]"] is None else f"{row['speed_asked [m/s]']:.2f} m/s"
 
 
-def _table(title: str, rows: list[dict[str, Any]], columns: tuple[tuple[str, str, str], ...]) -> "Table":
+def _build_table(title: str, rows: list[dict[str, Any]], columns: tuple[tuple[str, str, str], ...]) -> "Table":
     from rich import box
     from rich.table import Table
     from rich.text import Text

@@ -10,9 +10,9 @@ from klute_sim.cli import common
 
 if TYPE_CHECKING:
     from klute_sim.device.files import Device
-    from klute_sim.rigs.bench.run import Result
+    from klute_sim.rigs.bench.run import BenchResult
 
-DEVICE = "klute-3-4-pair"
+DEFAULT_DEVICE = "klute-3-4-pair"
 """Tested where none is named: the muscle-tendon unit of chapters 7 and 8."""
 
 
@@ -26,9 +26,9 @@ DEVICE = "klute-3-4-pair"
     is_flag=True,
     help="In the MuJoCo tester, with a crosshead on a servo and a load cell; slower.  [default: the device alone]",
 )
-@common.STEP
-@common.out("bench", "the run")
-@common.as_json()
+@common.TIME_STEP_OPTION
+@common.out_option("bench", "the run")
+@common.json_option()
 def command(
     protocol_name: str | None,
     device_name: str | None,
@@ -61,12 +61,12 @@ def command(
     if protocol_name is None or as_list:
         if protocol_name is not None or as_toml:
             raise InputError(f"{'--toml needs' if as_toml else '--list goes without'} a protocol")
-        _list(as_json=as_json)
+        _list_protocols(as_json=as_json)
         return
     from klute_sim.rigs.bench import protocols
 
-    content = protocols.content(protocol_name)
-    protocol = protocols.read(content, protocol_name)
+    content = protocols.read_protocol_bytes(protocol_name)
+    protocol = protocols.parse_protocol(content, protocol_name)
     if as_toml:
         if as_json:
             raise InputError("--toml and --json do not go together")
@@ -74,36 +74,36 @@ def command(
         return
     from klute_sim.cli.console import progress_bar
     from klute_sim.recording import run_folder
-    from klute_sim.rigs.bench.run import run
+    from klute_sim.rigs.bench.run import run_protocol
 
-    device = _device(DEVICE if device_name is None else device_name)
-    with run_folder.new("bench", out) as (folder, scratch):
+    device = _load_device(DEFAULT_DEVICE if device_name is None else device_name)
+    with run_folder.create_run_folder("bench", out) as (folder, scratch):
         with progress_bar("testing") as progress:
-            result = run(device, protocol, mujoco=mujoco, step=1e-3 * step_ms, told=progress)
+            result = run_protocol(device, protocol, use_mujoco=mujoco, dt=1e-3 * step_ms, progress=progress)
         shown = _write(result, content, folder, scratch)
     _report(result, shown, as_json=as_json)
 
 
-def _device(name: str) -> "Device":
+def _load_device(name: str) -> "Device":
     """The preset or device file of that ``name``; raises InputError, also for what is a protocol."""
-    from klute_sim.device.files import load, preset_names
+    from klute_sim.device.files import list_presets, load_device
     from klute_sim.errors import InputError
     from klute_sim.rigs.bench import protocols
 
     swapped = f"'{name}' is a protocol where a device is expected: klute-sim bench PROTOCOL DEVICE"
-    if name in protocols.names():
+    if name in protocols.list_protocols():
         raise InputError(swapped)
     path = Path(name)
-    file = name not in preset_names() and path.exists() and not path.is_dir()
-    if file and protocols.is_protocol(protocols.small(name, "device")):
+    file = name not in list_presets() and path.exists() and not path.is_dir()
+    if file and protocols.is_protocol(protocols.read_small_file(name, "device")):
         raise InputError(swapped)
-    return load(name)
+    return load_device(name)
 
 
-def _list(*, as_json: bool) -> None:
+def _list_protocols(*, as_json: bool) -> None:
     from klute_sim.rigs.bench import protocols
 
-    known = {name: protocols.load(name) for name in protocols.names()}
+    known = {name: protocols.load_protocol(name) for name in protocols.list_protocols()}
     if as_json:
         rows = [{"name": name, "kind": p.kind, "description": p.description} for name, p in known.items()]
         click.echo(json.dumps(rows, indent=2))
@@ -112,43 +112,43 @@ def _list(*, as_json: bool) -> None:
         click.echo(f"{name:16} {protocol.description}")
 
 
-def _write(result: "Result", content: bytes, folder: Path, scratch: Path) -> dict[str, Any]:
+def _write(result: "BenchResult", content: bytes, folder: Path, scratch: Path) -> dict[str, Any]:
     """Fill ``scratch``; the summary."""
     from klute_sim.cli.console import progress_bar
     from klute_sim.recording import parquet
     from klute_sim.report import bench_figure
-    from klute_sim.report.bench import results_csv, summary
+    from klute_sim.report.bench import format_results_csv, summarize_bench_run
 
     with progress_bar("writing") as progress:
         (scratch / "device.toml").write_bytes(result.device.content)
         (scratch / "protocol.toml").write_bytes(content)
-        (scratch / "results.csv").write_text(results_csv(result), "utf-8")
+        (scratch / "results.csv").write_text(format_results_csv(result), "utf-8")
         for number, trial in enumerate(result.trials):
             parquet.write(trial.recording, scratch / f"{trial.name}.parquet")
             progress(0.7 * number / len(result.trials))
-        bench_figure.draw(result, scratch / "figure.png")
+        bench_figure.save_figure(result, scratch / "figure.png")
         files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
-        shown = {**summary(result), "run": str(folder), "files": files}
-        (scratch / "summary.json").write_text(_json(shown) + "\n", "utf-8")
+        shown = {**summarize_bench_run(result), "run": str(folder), "files": files}
+        (scratch / "summary.json").write_text(_to_json(shown) + "\n", "utf-8")
     return shown
 
 
-def _json(shown: dict[str, Any]) -> str:
-    return json.dumps(shown, indent=2, allow_nan=False)
+def _to_json(summary: dict[str, Any]) -> str:
+    return json.dumps(summary, indent=2, allow_nan=False)
 
 
-def _report(result: "Result", shown: dict[str, Any], *, as_json: bool) -> None:
-    from klute_sim.cli.console import console
-    from klute_sim.report.bench import table
+def _report(result: "BenchResult", summary: dict[str, Any], *, as_json: bool) -> None:
+    from klute_sim.cli.console import stdout_console
+    from klute_sim.report.bench import build_table
 
     if as_json:
-        click.echo(_json(shown))
+        click.echo(_to_json(summary))
         return
-    out = console()
-    out.print(table(result))
-    for remark in shown["remarks"]:
+    out = stdout_console()
+    out.print(build_table(result))
+    for remark in summary["remarks"]:
         out.print(remark, soft_wrap=True)
     out.print(
-        f"Run folder: {shown['run']}  (figure.png, results.csv, summary.json, {len(result.trials)} Parquet files)",
+        f"Run folder: {summary['run']}  (figure.png, results.csv, summary.json, {len(result.trials)} Parquet files)",
         soft_wrap=True,
     )

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from klute_sim.compare.comparison import Comparison
 
 
-RECORDING = "comparison.rrd"
+RECORDING_FILE = "comparison.rrd"
 
 
 @click.command("compare")
@@ -46,9 +46,9 @@ RECORDING = "comparison.rrd"
     metavar="N",
     help="Strides left out at the start of each recording.  [default: 1 of a simulated walk, 0 of a measured one]",
 )
-@common.out("compare", "the results")
+@common.out_option("compare", "the results")
 @click.option("--no-report", is_flag=True, help="Write the numbers only: no page, picture, rerun recording.")
-@common.as_json()
+@common.json_option()
 def command(
     runs: tuple[str, ...],
     over: Any,
@@ -81,43 +81,45 @@ def command(
       klute-sim compare runs/bench-001 runs/bench-002
       klute-sim compare runs/gait-001 runs/gait-002 --over time --channel pressure --json
     """
-    from klute_sim.cli.console import console, notes
+    from klute_sim.cli.console import stderr_console, stdout_console
     from klute_sim.compare import runs as given
-    from klute_sim.compare.comparison import Options, compare
+    from klute_sim.compare.comparison import ComparisonOptions, compare
     from klute_sim.recording import run_folder
-    from klute_sim.report.compare_table import remarks, tables
+    from klute_sim.report.compare_table import build_tables, collect_remarks
 
-    options = Options(over=over, names=channels, reference=reference, to=to, skip=skip)
-    with run_folder.new("compare", out) as (folder, scratch):
-        found = compare(given.read(runs), options)
+    options = ComparisonOptions(
+        domain=over, channels=channels, include_reference=reference, baseline=to, skip_strides=skip
+    )
+    with run_folder.create_run_folder("compare", out) as (folder, scratch):
+        found = compare(given.read_runs(runs), options)
         told, missing = _write(found, folder, scratch, report=not no_report)
     if as_json:
-        click.echo(_json(told))
+        click.echo(_to_json(told))
     else:
-        shown = console()
-        for table in tables(found):
+        shown = stdout_console()
+        for table in build_tables(found):
             shown.print(table)
-        for remark in remarks(found):
+        for remark in collect_remarks(found):
             shown.print(remark, soft_wrap=True)
         shown.print(f"Run folder: {folder}  ({', '.join(told['files'])})", soft_wrap=True)
     if missing:
-        notes().print(f"No comparison.rrd: {missing}.", soft_wrap=True)
+        stderr_console().print(f"No comparison.rrd: {missing}.", soft_wrap=True)
 
 
-def _write(found: "Comparison", folder: Path, scratch: Path, *, report: bool) -> tuple[dict[str, Any], str | None]:
+def _write(comparison: "Comparison", folder: Path, scratch: Path, *, report: bool) -> tuple[dict[str, Any], str | None]:
     """Fill ``scratch``; what is in comparison.json, and what an optional extra would have added."""
     from klute_sim.compare import results
 
-    (scratch / "comparison.csv").write_text(results.numbers_csv(found), "utf-8")
-    results.write_bands(found, scratch / "bands.parquet")
-    missing = _write_report(found, scratch) if report else None
+    (scratch / "comparison.csv").write_text(results.format_csv(comparison), "utf-8")
+    results.write_curves(comparison, scratch / "bands.parquet")
+    missing = _write_report(comparison, scratch) if report else None
     files = [*sorted(file.name for file in scratch.iterdir()), "comparison.json"]
-    told = {**results.as_json(found), "run": str(folder), "files": files}
-    (scratch / "comparison.json").write_text(_json(told) + "\n", "utf-8")
+    told = {**results.as_json(comparison), "run": str(folder), "files": files}
+    (scratch / "comparison.json").write_text(_to_json(told) + "\n", "utf-8")
     return told, missing
 
 
-def _write_report(found: "Comparison", scratch: Path) -> str | None:
+def _write_report(comparison: "Comparison", scratch: Path) -> str | None:
     from klute_sim.cli.console import progress_bar
     from klute_sim.errors import MissingExtraError
     from klute_sim.report import compare_figures, compare_page
@@ -125,19 +127,19 @@ def _write_report(found: "Comparison", scratch: Path) -> str | None:
 
     pictures = {}
     with progress_bar("drawing") as progress:
-        for number, (part, figure) in enumerate(compare_figures.pictures(found), start=1):
+        for number, (part, figure) in enumerate(compare_figures.build_figures(comparison), start=1):
             file = scratch / f"{part.name or 'comparison'}.png"
             figure.savefig(file, dpi=compare_figures.DPI)
             pictures[part.name] = file.read_bytes()
-            progress(0.8 * number / min(len(found.parts), compare_figures.MOST_DRAWN))
-        missing, recording = None, RECORDING
+            progress(0.8 * number / min(len(comparison.parts), compare_figures.MAX_FIGURES))
+        missing, recording = None, RECORDING_FILE
         try:
-            workbench.write(found, scratch / RECORDING)
+            workbench.write_recording(comparison, scratch / RECORDING_FILE)
         except MissingExtraError as error:
             missing, recording = str(error), ""
-        compare_page.write(found, pictures, scratch / "comparison.html", recording)
+        compare_page.write_page(comparison, pictures, scratch / "comparison.html", recording)
     return missing
 
 
-def _json(told: dict[str, Any]) -> str:
-    return json.dumps(told, indent=2, allow_nan=False)
+def _to_json(summary: dict[str, Any]) -> str:
+    return json.dumps(summary, indent=2, allow_nan=False)

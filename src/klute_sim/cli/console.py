@@ -18,14 +18,14 @@ class _Console(Console):
     Elsewhere they stay whole, for what reads them; a word, such as a path, is never broken.
     """
 
-    def print(self, *objects: Any, **how: Any) -> None:
+    def print(self, *objects: Any, **options: Any) -> None:
         """See :class:`rich.console.Console`."""
-        if how.get("soft_wrap") and self.is_terminal:
-            objects = tuple(_broken(one, self.width) if isinstance(one, str) else one for one in objects)
-        super().print(*objects, **how)
+        if options.get("soft_wrap") and self.is_terminal:
+            objects = tuple(_wrap_lines(one, self.width) if isinstance(one, str) else one for one in objects)
+        super().print(*objects, **options)
 
 
-def _broken(text: str, width: int) -> str:
+def _wrap_lines(text: str, width: int) -> str:
     lines = []
     for line in text.split("\n"):
         indent = line[: len(line) - len(line.lstrip())]
@@ -36,21 +36,21 @@ def _broken(text: str, width: int) -> str:
 
 
 @cache
-def console() -> Console:
+def stdout_console() -> Console:
     """For results; wide enough for every stride where nobody's terminal sets the width."""
     width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 110
     return _Console(width=width, highlight=False, markup=False, emoji=False)  # names and paths are the user's own
 
 
 @cache
-def notes() -> Console:
+def stderr_console() -> Console:
     """For remarks that are no result."""
     return _Console(stderr=True, highlight=False, markup=False, emoji=False)
 
 
 @contextmanager
-def progress_bar(doing: str) -> Iterator[Callable[[float], None]]:
+def progress_bar(description: str) -> Iterator[Callable[[float], None]]:
     """A bar on stderr, where that is a terminal, told the finished fraction; gone when done."""
-    with Progress(console=notes(), transient=True, disable=not notes().is_terminal) as progress:
-        task = progress.add_task(doing, total=1.0)
+    with Progress(console=stderr_console(), transient=True, disable=not stderr_console().is_terminal) as progress:
+        task = progress.add_task(description, total=1.0)
         yield lambda fraction: progress.update(task, completed=fraction)

@@ -9,27 +9,27 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli.given_path import NonEmptyPath
 
 if TYPE_CHECKING:
     from klute_sim.diagnose.diagnosis import Diagnosis
 
 
-RECORDING = "recording.rrd"
+RECORDING_FILE = "recording.rrd"
 
 
 @click.command("diagnose")
-@click.argument("folder", metavar="FOLDER", type=GivenPath())
+@click.argument("folder", metavar="FOLDER", type=NonEmptyPath())
 @click.option("--example", is_flag=True, help="First write the example dataset that comes along into FOLDER (new).")
 @click.option("--device", "device_file", default=None, metavar="NAME|FILE", help="Instead of the dataset's device.")
 @click.option("--only", multiple=True, metavar="EFFECT", help="Look for this effect only; may be repeated.")
 @click.option("--exclude", multiple=True, metavar="EFFECT", help="Do not look for this effect; may be repeated.")
-@common.CATALOGUE
-@common.jobs("Threads.  [default: 0, all cores]")
+@common.CATALOGUE_OPTION
+@common.jobs_option("Threads.  [default: 0, all cores]")
 @click.option(
     "--seed", type=click.IntRange(0), default=0, metavar="N", help="Of where fits are tried again from.  [default: 0]"
 )
-@common.out("diagnose", "the results")
+@common.out_option("diagnose", "the results")
 @click.option("--no-report", is_flag=True, help="Write verdict.json and device.toml only: no page, plots, recording.")
 @click.option("--json", "as_json", is_flag=True, help="Print the verdict as one JSON object instead of words.")
 def command(
@@ -59,34 +59,36 @@ def command(
       klute-sim diagnose my-dataset --only braid_hysteresis --only seal_friction --json
       klute-sim diagnose my-dataset --catalogue my_effects.py
     """
-    from klute_sim.cli.console import notes
+    from klute_sim.cli.console import stderr_console
 
     if catalogue is not None:
         from klute_sim.effects import catalogue as known
 
-        known.use(catalogue)
-        notes().print(f"{catalogue} was run for its effects.")
+        known.use_catalogue(catalogue)
+        stderr_console().print(f"{catalogue} was run for its effects.")
 
     from klute_sim.dataset import dataset
-    from klute_sim.device.files import load
-    from klute_sim.diagnose.diagnosis import Options, diagnose
-    from klute_sim.diagnose.verdict import as_json as verdict_of
+    from klute_sim.device.files import load_device
+    from klute_sim.diagnose.diagnosis import DiagnosisOptions, diagnose
+    from klute_sim.diagnose.verdict import verdict_to_dict as verdict_of
     from klute_sim.recording import run_folder
 
     if example:
         _write_example(folder)
-    options = Options(only=only, exclude=exclude, jobs=jobs, seed=seed)
-    measured = dataset.read(folder, load(device_file) if device_file is not None else None)
+    options = DiagnosisOptions(only=only, exclude=exclude, n_jobs=jobs, seed=seed)
+    measured = dataset.load_dataset(folder, load_device(device_file) if device_file is not None else None)
     for remark in measured.remarks:
-        notes().print(f"{remark}.", soft_wrap=True)
-    with run_folder.new("diagnose", out) as (place, scratch):
+        stderr_console().print(f"{remark}.", soft_wrap=True)
+    with run_folder.create_run_folder("diagnose", out) as (place, scratch):
         try:
-            with _telling() as told:
+            with _show_status() as told:
                 found = diagnose(measured, options, told)
         except KeyboardInterrupt:
-            notes().print("What has been fitted is kept: the same command goes on where it was.", soft_wrap=True)
+            stderr_console().print(
+                "What has been fitted is kept: the same command goes on where it was.", soft_wrap=True
+            )
             raise
-        write(found, scratch, report=not no_report)
+        write_results(found, scratch, report=not no_report)
     if as_json:
         click.echo(json.dumps(verdict_of(found), indent=2))
     else:
@@ -102,38 +104,38 @@ def _write_example(folder: Path) -> None:
     content = {f.name: f.read_bytes() for f in (resources.files("klute_sim.dataset") / "example").iterdir()}
     if all((folder / name).is_file() and (folder / name).read_bytes() == own for name, own in content.items()):
         raise InputError(f"the example dataset is in {folder} already: leave out --example")
-    with run_folder.new("dataset", folder) as (_, scratch):
+    with run_folder.create_run_folder("dataset", folder) as (_, scratch):
         for name, own in content.items():
             (scratch / name).write_bytes(own)
 
 
 @contextmanager
-def _telling() -> "Iterator[Callable[[str], None]]":
+def _show_status() -> "Iterator[Callable[[str], None]]":
     """Says on a terminal what is being done."""
-    from klute_sim.cli.console import notes
+    from klute_sim.cli.console import stderr_console
 
-    if not notes().is_terminal:
+    if not stderr_console().is_terminal:
         yield lambda sentence: None
         return
-    with notes().status("reading") as status:
+    with stderr_console().status("reading") as status:
         yield status.update
 
 
-def write(found: "Diagnosis", scratch: Path, *, report: bool) -> None:
+def write_results(diagnosis: "Diagnosis", scratch: Path, *, report: bool) -> None:
     """All results of ``found`` into the folder ``scratch``; page, plots and recording with ``report``."""
-    from klute_sim.diagnose.device_file import augmented
-    from klute_sim.diagnose.verdict import DEVICE_FILE, as_json
+    from klute_sim.diagnose.device_file import augment_device
+    from klute_sim.diagnose.verdict import DEVICE_FILE_NAME, verdict_to_dict
     from klute_sim.errors import InputError
 
-    if found.found and found.final is not None:
+    if diagnosis.added_terms and diagnosis.final_fit is not None:
         try:
-            device = augmented(found.final, found.dataset.folder.resolve().name)
+            device = augment_device(diagnosis.final_fit, diagnosis.dataset.folder.resolve().name)
         except InputError as error:
-            found.reasons.append(f"The device as fitted cannot be one, and no file of it was written: {error}.")
-            found.device_written = False
+            diagnosis.reasons.append(f"The device as fitted cannot be one, and no file of it was written: {error}.")
+            diagnosis.device_is_representable = False
         else:
-            (scratch / DEVICE_FILE).write_bytes(device.content)
-    (scratch / "verdict.json").write_text(json.dumps(as_json(found), indent=2) + "\n", "utf-8")
+            (scratch / DEVICE_FILE_NAME).write_bytes(device.content)
+    (scratch / "verdict.json").write_text(json.dumps(verdict_to_dict(diagnosis), indent=2) + "\n", "utf-8")
     if not report:
         return
     from klute_sim.errors import MissingExtraError
@@ -141,52 +143,59 @@ def write(found: "Diagnosis", scratch: Path, *, report: bool) -> None:
     from klute_sim.report.workbench import diagnosis as workbench
 
     recording = ""
-    if found.final is not None:
-        diagnosis_figures.save_all(found, scratch)
+    if diagnosis.final_fit is not None:
+        diagnosis_figures.save_figures(diagnosis, scratch)
         with suppress(MissingExtraError):  # said where it is needed, by `klute-sim view`
-            workbench.write(found, scratch / RECORDING)
-            recording = RECORDING
-    diagnosis_page.write(found, scratch / "report.html", recording)
+            workbench.write_recording(diagnosis, scratch / RECORDING_FILE)
+            recording = RECORDING_FILE
+    diagnosis_page.write_page(diagnosis, scratch / "report.html", recording)
 
 
-def _print(found: "Diagnosis", place: "Path") -> None:
+def _print(diagnosis: "Diagnosis", folder: "Path") -> None:
     from rich.table import Table
 
-    from klute_sim.cli.console import console
-    from klute_sim.diagnose.experiment import UNITS
-    from klute_sim.diagnose.fallback import formula
+    from klute_sim.cli.console import stdout_console
+    from klute_sim.diagnose.experiment import CHANNEL_UNITS
+    from klute_sim.diagnose.fallback import format_formula
     from klute_sim.report import diagnosis_words as words
 
-    out = console()
-    out.print(words.verdict(found), style="bold", soft_wrap=True)
-    for reason in filter(None, [*found.reasons, words.equation(found)]):
+    out = stdout_console()
+    out.print(words.describe_verdict(diagnosis), style="bold", soft_wrap=True)
+    for reason in filter(None, [*diagnosis.reasons, words.describe_equation_residuals(diagnosis)]):
         out.print(f"  {reason}", soft_wrap=True)
-    if found.found and found.final is not None:
+    if diagnosis.added_terms and diagnosis.final_fit is not None:
         effects = Table("effect", "parameter", "value", "95 % interval", "unit", title="What was added")
-        rows: list[Any] = list(zip(found.final.hypothesis.unknowns, found.final.values, found.intervals, strict=True))
-        for number, term in enumerate(found.final.hypothesis.terms):
+        rows: list[Any] = list(
+            zip(
+                diagnosis.final_fit.hypothesis.parameters,
+                diagnosis.final_fit.values,
+                diagnosis.confidence_intervals,
+                strict=True,
+            )
+        )
+        for number, term in enumerate(diagnosis.final_fit.hypothesis.terms):
             for unknown, value, interval in rows:
                 if unknown.term == number:
-                    told, low, high = words.told_apart(value, *interval)
-                    unit = words.unknown(unknown, term.channel)[1]
+                    told, low, high = words.format_interval(value, *interval)
+                    unit = words.format_parameter_name(unknown, term.channel)[1]
                     effects.add_row(str(term), unknown.key, told, f"{low} to {high}", unit or "-")
         out.print(effects)
-        if formula(found.final):
-            out.print(f"Data-driven term: {formula(found.final)}", soft_wrap=True)
-    if found.gap:
-        on = "trials that no fit saw" if found.shown_on == "show" else "fitted trials: none was kept back"
+        if format_formula(diagnosis.final_fit):
+            out.print(f"Data-driven term: {format_formula(diagnosis.final_fit)}", soft_wrap=True)
+    if diagnosis.channel_rms:
+        on = "trials that no fit saw" if diagnosis.evaluated_on == "show" else "fitted trials: none was kept back"
         gaps = Table(
             "channel", "unit", "nominal", "refitted", "with effects", "repeats differ by", title=f"Gap on {on}"
         )
-        for channel, gap in found.gap.items():
-            unit, size = UNITS[channel]
-            shown = [f"{value / size:.3g}" for value in (gap.before, gap.refitted, gap.after)]
-            floor = "not repeated" if gap.floor is None else f"{gap.floor / size:.3g}"
-            gaps.add_row(channel, unit, *shown[:2], shown[2] if found.found else "-", floor)
+        for channel, gap in diagnosis.channel_rms.items():
+            unit, size = CHANNEL_UNITS[channel]
+            shown = [f"{value / size:.3g}" for value in (gap.nominal, gap.refitted, gap.with_effects)]
+            floor = "not repeated" if gap.noise_floor is None else f"{gap.noise_floor / size:.3g}"
+            gaps.add_row(channel, unit, *shown[:2], shown[2] if diagnosis.added_terms else "-", floor)
         out.print(gaps)
-    if found.next_experiment:
-        out.print(f"Next: {found.next_experiment['sentence']}", soft_wrap=True)
-    split = found.split
-    counts = f"{len(split.fit)} fitted, {len(split.select)} to choose by, {len(split.show)} kept back to show"
-    out.print(f"Trials: {counts}; {split.how}.", soft_wrap=True)
-    out.print(f"Results: {place}", soft_wrap=True)
+    if diagnosis.next_experiment:
+        out.print(f"Next: {diagnosis.next_experiment['sentence']}", soft_wrap=True)
+    split = diagnosis.split
+    counts = f"{len(split.fit)} fitted, {len(split.validation)} to choose by, {len(split.test)} kept back to show"
+    out.print(f"Trials: {counts}; {split.description}.", soft_wrap=True)
+    out.print(f"Results: {folder}", soft_wrap=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli.given_path import NonEmptyPath
 from klute_sim.report import effects_words as words
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @click.option(
     "--json", "as_json", is_flag=True, help="Print JSON instead of tables: one object, or a list without NAME."
 )
-@common.CATALOGUE
+@common.CATALOGUE_OPTION
 @click.option(
     "--confusable",
     is_flag=True,
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 @click.option(
     "--device",
     "device_name",
-    default=words.DEVICE,
+    default=words.SIGNATURE_DEVICE,
     show_default=True,
     metavar="NAME|FILE",
     help="Device of --confusable and of the pictures.",
 )
 @click.option(
     "--out",
-    type=GivenPath(),
+    type=NonEmptyPath(),
     default=None,
     metavar="FOLDER",
     help="New or empty folder for pictures and data: of NAME what it changes, of --confusable who looks like whom.",
@@ -67,64 +67,64 @@ def command(
     from klute_sim.errors import InputError
 
     if catalogue is not None:
-        use(catalogue)
+        load_catalogue(catalogue)
     if out is not None and name is None and not confusable:
         raise InputError("--out goes with NAME or --confusable")
-    chosen = known.form_of(name, None)[0] if name else None
+    chosen = known.find_form(name, None)[0] if name else None
     if confusable:
-        _confusable(device_name, chosen, out, as_json=as_json)
+        _analyze_identifiability(device_name, chosen, out, as_json=as_json)
         return
     if out is not None and chosen is not None:
-        _signatures(device_name, chosen, out)
+        _draw_signatures(device_name, chosen, out)
     if name is None:
-        shown = [words.describe(effect) for effect in known.effects().values()]
+        shown = [words.describe_effect(effect) for effect in known.get_effects().values()]
         if as_json:
-            _json(shown)
+            _print_json(shown)
         else:
-            _print_all(shown)
+            _print_effects(shown)
         return
-    one = words.describe(known.form_of(name, None)[0])
+    one = words.describe_effect(known.find_form(name, None)[0])
     if as_json:
-        _json(one)
+        _print_json(one)
     else:
-        _print_one(one)
+        _print_effect(one)
 
 
-def _confusable(device_name: str, chosen: "Effect | None", out: Path | None, *, as_json: bool) -> None:
+def _analyze_identifiability(device_name: str, effect: "Effect | None", out: Path | None, *, as_json: bool) -> None:
     from contextlib import nullcontext
 
-    from klute_sim.cli.console import console, progress_bar
-    from klute_sim.device.files import load
-    from klute_sim.diagnose.confusable import bare, confusions, rows
-    from klute_sim.diagnose.experiment import Bench
+    from klute_sim.cli.console import progress_bar, stdout_console
+    from klute_sim.device.files import load_device
+    from klute_sim.diagnose.confusable import compute_identifiability, remove_base_effect, to_json_rows
+    from klute_sim.diagnose.experiment import Simulator
     from klute_sim.recording import run_folder
     from klute_sim.report import effects_figures
 
-    device, bench = load(device_name), Bench()
-    if chosen is not None:
-        device = bare(device, chosen)
-    folder = run_folder.new("effects", out) if out is not None else nullcontext((None, None))
+    device, bench = load_device(device_name), Simulator()
+    if effect is not None:
+        device = remove_base_effect(device, effect)
+    folder = run_folder.create_run_folder("effects", out) if out is not None else nullcontext((None, None))
     with folder as (place, scratch):
         with progress_bar("simulating") as told:
-            found = confusions(device, bench, told)
-        every = rows(found)
+            found = compute_identifiability(device, bench, told)
+        every = to_json_rows(found)
         if scratch is not None:
             (scratch / "confusable.json").write_text(json.dumps(every, indent=2, allow_nan=False) + "\n", "utf-8")
             effects_figures.write_matrices(found, scratch)
     bench.close()
-    shown = [row for row in every if chosen is None or row["effect"] == chosen.name]
+    shown = [row for row in every if effect is None or row["effect"] == effect.name]
     if as_json:
-        _json(shown)
+        _print_json(shown)
         return
-    _print_confusable(shown)
+    _print_identifiability(shown)
     if place is not None:
-        console().print(f"Matrix and table: {place}", soft_wrap=True)
+        stdout_console().print(f"Matrix and table: {place}", soft_wrap=True)
 
 
-def _print_confusable(rows: list[dict[str, Any]]) -> None:
+def _print_identifiability(rows: list[dict[str, Any]]) -> None:
     from rich.table import Table
 
-    from klute_sim.cli.console import console
+    from klute_sim.cli.console import stdout_console
 
     table = Table("effect", "typical size over noise", "left after refitting", "looks like", "split by")
     for row in rows:
@@ -132,70 +132,71 @@ def _print_confusable(rows: list[dict[str, Any]]) -> None:
         likes = "\n".join(f"{t['effect']} ({t['cosine']:.2f})" for t in row["alike"])
         likes = likes or f"nothing; closest: {row['closest']} ({row['closest_cosine']:.2f})"
         split = "\n".join(
-            f"{t['split_by']} ({t['cosine_then']:.2f})" if t["split_by"] else words.NO_SPLIT for t in row["alike"]
+            f"{t['split_by']} ({t['cosine_then']:.2f})" if t["split_by"] else words.NO_DISTINGUISHING_CHANGE
+            for t in row["alike"]
         )
         table.add_row(name, f"{row['size']:.0f}", f"{100.0 * row['kept']:.0f} %", likes, split or "-")
-    console().print(table)
+    stdout_console().print(table)
 
 
-def _signatures(device_name: str, effect: "Effect", out: Path) -> None:
+def _draw_signatures(device_name: str, effect: "Effect", out: Path) -> None:
     """A picture of every form of ``effect`` (of an instrument: on the force)."""
-    from klute_sim.cli.console import notes
-    from klute_sim.device.files import load
-    from klute_sim.diagnose.experiment import Bench
-    from klute_sim.diagnose.signature import signatures
+    from klute_sim.cli.console import stderr_console
+    from klute_sim.device.files import load_device
+    from klute_sim.diagnose.experiment import Simulator
+    from klute_sim.diagnose.signature import simulate_effect_responses
     from klute_sim.recording import run_folder
     from klute_sim.report import effects_figures
 
-    device, bench = load(device_name), Bench()
-    with run_folder.new("effects", out) as (place, scratch):
-        for found in signatures(device, effect, bench):
-            effects_figures.draw(found, scratch)
+    device, bench = load_device(device_name), Simulator()
+    with run_folder.create_run_folder("effects", out) as (place, scratch):
+        for found in simulate_effect_responses(device, effect, bench):
+            effects_figures.save_signature_figure(found, scratch)
     bench.close()
-    notes().print(f"Pictures: {place}", soft_wrap=True)
+    stderr_console().print(f"Pictures: {place}", soft_wrap=True)
 
 
-def use(catalogue: Path) -> None:
+def load_catalogue(path: Path) -> None:
     """Let the effects of the file ``catalogue`` in, and say on stderr that its code is run."""
-    from klute_sim.cli.console import notes
+    from klute_sim.cli.console import stderr_console
     from klute_sim.effects import catalogue as known
 
-    if catalogue.is_file():
-        notes().print(f"The code in {catalogue} is run.", soft_wrap=True)
-    known.use(catalogue)
+    if path.is_file():
+        stderr_console().print(f"The code in {path} is run.", soft_wrap=True)
+    known.use_catalogue(path)
 
 
-def _json(shown: Any) -> None:
-    click.echo(json.dumps(shown, indent=2, allow_nan=False))
+def _print_json(content: Any) -> None:
+    click.echo(json.dumps(content, indent=2, allow_nan=False))
 
 
-def _print_all(shown: list[dict[str, Any]]) -> None:
+def _print_effects(effects: list[dict[str, Any]]) -> None:
     from rich.table import Table
 
-    from klute_sim.cli.console import console
+    from klute_sim.cli.console import stdout_console
 
     table = Table("effect", "kind", "forms", "what it is")
-    for effect in shown:
+    for effect in effects:
         forms = ", ".join(form["name"] for form in effect["forms"])
         table.add_row(effect["name"], effect["kind"], forms, effect["sentence"])
-    console().print(table)
+    stdout_console().print(table)
 
 
-def _print_one(shown: dict[str, Any]) -> None:
+def _print_effect(effect: dict[str, Any]) -> None:
     from rich.table import Table
 
-    from klute_sim.cli.console import console
+    from klute_sim.cli.console import stdout_console
 
-    out = console()
-    out.print(f"{shown['name']}: {shown['sentence']}", soft_wrap=True)
-    out.print(words.kind(shown), soft_wrap=True)
-    for number, form in enumerate(shown["forms"]):
-        usual = words.usual(number, shown["forms"])
+    out = stdout_console()
+    out.print(f"{effect['name']}: {effect['sentence']}", soft_wrap=True)
+    out.print(words.describe_kind(effect), soft_wrap=True)
+    for number, form in enumerate(effect["forms"]):
+        usual = words.format_default_note(number, effect["forms"])
         out.print(f"\nForm {form['name']}{usual}: {form['equation']}", soft_wrap=True)
-        out.print(words.acts(form), soft_wrap=True)
-        table = Table(*words.PARAMETER_HEAD)
+        out.print(words.describe_hooks(form), soft_wrap=True)
+        table = Table(*words.PARAMETER_HEADINGS)
         for row in form["parameters"]:
-            table.add_row(*words.cells(row), style="yellow" if row["assumed"] else None)
+            table.add_row(*words.format_parameter_cells(row), style="yellow" if row["assumed"] else None)
         out.print(table)
         if form["device_file"]:
             out.print("In a device file:\n")

@@ -6,17 +6,17 @@ from typing import Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli.given_path import NonEmptyPath
 
-KINDS = ("mot", "sto", "trc", "log", "csv", "parquet")
+FILE_FORMATS = ("mot", "sto", "trc", "log", "csv", "parquet")
 
 
 @click.command("export")
-@click.argument("run", metavar="RUN", type=GivenPath())
+@click.argument("run", metavar="RUN", type=NonEmptyPath())
 @click.option(
     "--format",
     "kinds",
-    type=click.Choice(KINDS),
+    type=click.Choice(FILE_FORMATS),
     multiple=True,
     default=("mot", "sto"),
     show_default=True,
@@ -25,7 +25,7 @@ KINDS = ("mot", "sto", "trc", "log", "csv", "parquet")
 @click.option(
     "--side", type=click.Choice(["right", "left"]), default="right", show_default=True, help="Whose names the leg gets."
 )
-@common.out("export", "the files")
+@common.out_option("export", "the files")
 def command(run: Path, kinds: tuple[str, ...], side: Any, out: Path | None) -> None:
     """Write a run's motion and loads for other programs.
 
@@ -38,11 +38,11 @@ def command(run: Path, kinds: tuple[str, ...], side: Any, out: Path | None) -> N
       klute-sim export runs/gait-001
       klute-sim export runs/gait-001 --format trc --format mot --out for-opensim
     """
-    from klute_sim.cli.console import console
+    from klute_sim.cli.console import stdout_console
     from klute_sim.motion import export
     from klute_sim.recording import run_folder
 
-    recording = export.read(run)
-    with run_folder.new("export", out) as (folder, scratch):
-        files = export.write(recording, side, tuple(dict.fromkeys(kinds)), scratch)
-    console().print(f"Exported: {folder}  ({', '.join(files)})", soft_wrap=True)
+    recording = export.read_gait(run)
+    with run_folder.create_run_folder("export", out) as (folder, scratch):
+        files = export.write_files(recording, side, tuple(dict.fromkeys(kinds)), scratch)
+    stdout_console().print(f"Exported: {folder}  ({', '.join(files)})", soft_wrap=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli.given_path import NonEmptyPath
 
 if TYPE_CHECKING:
     from klute_sim.control.word import Controller
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @click.command("gait")
-@common.DEVICE
+@common.DEVICE_OPTION
 @click.option(
     "--controller",
     "controller_word",
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--spring-foot",
-    type=common.Number("N·m/deg"),
+    type=common.NumberWithUnit("N·m/deg"),
     default=None,
     metavar="STIFFNESS",
     help="A passive foot in place of the device, as most people wear; those have 3 to 15 [N·m/deg].",
@@ -37,50 +37,50 @@ if TYPE_CHECKING:
 @click.option(
     "--reference",
     "reference_file",
-    type=GivenPath(),
+    type=NonEmptyPath(),
     default=None,
     metavar="FILE|FOLDER",
     help="Gait cycle: a folder made by klute-sim import, or a CSV of docs/gait.md.  [default: able-bodied adults]",
 )
 @click.option(
     "--stride-time",
-    type=common.Number("s"),
+    type=common.NumberWithUnit("s"),
     default=None,
     metavar="S",
     help="Stride time of --reference [s].  [default: what its folder states, or 1.1]",
 )
 @click.option(
     "--mass",
-    type=common.Number("kg"),
+    type=common.NumberWithUnit("kg"),
     default=None,
     metavar="KG",
     help="Body mass [kg].  [default: what the folder of --reference states, or 75]",
 )
 @click.option(
     "--stature",
-    type=common.Number("m"),
+    type=common.NumberWithUnit("m"),
     default=None,
     metavar="M",
     help="Stature [m].  [default: what the folder of --reference states, or 1.75]",
 )
-@common.NO_HEIGHT
+@common.REJECT_HEIGHT_OPTION
 @click.option(
     "--speed",
-    type=common.Number("m/s"),
+    type=common.NumberWithUnit("m/s"),
     default=None,
     metavar="M/S",
     help="Walking speed [m/s]; scales the stride time.  [default: what reference and legs imply]",
 )
 @click.option(
     "--slope",
-    type=common.Number("degrees"),
+    type=common.NumberWithUnit("degrees"),
     default=0.0,
     show_default=True,
     metavar="DEG",
     help="Of the ground, uphill positive; the limb's motion on it is assumed [degrees].",
 )
-@common.strides("Strides to walk")
-@common.STEP
+@common.strides_option("Strides to walk")
+@common.TIME_STEP_OPTION
 @click.option(
     "--law",
     type=click.Choice(["auto", "compiled", "python"]),
@@ -88,9 +88,9 @@ if TYPE_CHECKING:
     show_default=True,
     help="The device's law compiled, or as plain Python (the reference: same bits); auto: compiled if possible.",
 )
-@common.out("gait", "the run")
+@common.out_option("gait", "the run")
 @click.option("--csv", "with_csv", is_flag=True, help="Write recording.csv, too.")
-@common.as_json()
+@common.json_option()
 def command(
     device_name: str | None,
     controller_word: str | None,
@@ -125,69 +125,73 @@ def command(
       klute-sim gait --device my-device.toml --mass 82 --stature 1.80 --speed 1.3
       klute-sim gait --json | python -m json.tool
     """
-    from klute_sim.cli.console import notes
+    from klute_sim.cli.console import stderr_console
     from klute_sim.control import word
-    from klute_sim.device.files import DEFAULT_PROSTHESIS, load
+    from klute_sim.device.files import DEFAULT_DEVICE, load_device
     from klute_sim.errors import InputError
     from klute_sim.recording import run_folder
     from klute_sim.rigs.gait import reference
     from klute_sim.rigs.gait.assembly import GaitOptions
     from klute_sim.rigs.gait.spring_foot import SpringFoot
 
-    device = load(DEFAULT_PROSTHESIS if device_name is None else device_name)
-    chosen = word.parse(controller_word if controller_word is not None else "off" if spring_foot else "profile")
+    device = load_device(DEFAULT_DEVICE if device_name is None else device_name)
+    chosen = word.parse_controller(
+        controller_word if controller_word is not None else "off" if spring_foot else "profile"
+    )
     if spring_foot is not None and controller_word not in (None, "off"):
         raise InputError("a spring foot takes no pressure: --spring-foot goes with --controller off, or without one")
     foot = None if spring_foot is None else SpringFoot(stiffness=math.degrees(spring_foot))
-    beyond = _beyond_supply(device, chosen)
+    beyond = _check_supply_pressure(device, chosen)
     if stride_time is not None and reference_file is None:
         raise InputError("--stride-time goes with --reference")
-    human = reference.default()
+    human = reference.load_default_reference()
     if reference_file is not None:
-        human = reference.load(reference_file, stride_time)
+        human = reference.load_reference(reference_file, stride_time)
     options = GaitOptions(
-        mass=_first(mass, human.mass, GaitOptions.mass),
-        stature=_first(stature, human.stature, GaitOptions.stature),
+        mass=_first_not_none(mass, human.mass, GaitOptions.mass),
+        stature=_first_not_none(stature, human.stature, GaitOptions.stature),
         speed=speed,
         slope=math.radians(slope),
         strides=strides,
-        step=1e-3 * step_ms,
+        dt=1e-3 * step_ms,
         reference=human,
-        foot=foot,
+        spring_foot=foot,
     )
-    with run_folder.new("gait", out) as (folder, scratch):
-        recording = _walk(device, chosen, options, law)
+    with run_folder.create_run_folder("gait", out) as (folder, scratch):
+        recording = _simulate(device, chosen, options, law)
         result, missing = _write(recording, device, options, folder, scratch, with_csv=with_csv)
     _report(recording, result, missing, as_json=as_json)
     if beyond:
-        notes().print(beyond, soft_wrap=True)
+        stderr_console().print(beyond, soft_wrap=True)
 
 
-def _first(*values: float | None) -> float:
+def _first_not_none(*values: float | None) -> float:
     """The first that is one."""
     return next(value for value in values if value is not None)
 
 
-def _beyond_supply(device: "Device", controller: "Controller") -> str:
+def _check_supply_pressure(device: "Device", controller: "Controller") -> str:
     """What to say of a profile that asks for more than the supply has; raises InputError for a constant that does."""
-    from klute_sim.control.pressure import Constant, Profile
+    from klute_sim.control.pressure import ConstantPressure, PressureProfile
     from klute_sim.errors import InputError
     from klute_sim.units import BAR
 
-    most = device.parameters.supply.pressure / BAR
-    if isinstance(controller, Constant) and controller.gauge / BAR > most:
-        raise InputError(f"pressure is {controller.gauge / BAR:g} bar; the supply of '{device.name}' has {most:g} bar")
-    if isinstance(controller, Profile) and max(controller.pressure_bar) > most:
+    most = device.parameters.supply.max_pressure / BAR
+    if isinstance(controller, ConstantPressure) and controller.gauge_pressure / BAR > most:
+        raise InputError(
+            f"pressure is {controller.gauge_pressure / BAR:g} bar; the supply of '{device.name}' has {most:g} bar"
+        )
+    if isinstance(controller, PressureProfile) and max(controller.pressure_bar) > most:
         return f"The profile asks for up to {max(controller.pressure_bar):g} bar; the supply has {most:g} bar."
     return ""
 
 
-def _walk(device: "Device", controller: "Controller", options: "GaitOptions", law: str) -> "Recording":
+def _simulate(device: "Device", controller: "Controller", options: "GaitOptions", backend: str) -> "Recording":
     from klute_sim.cli.console import progress_bar
-    from klute_sim.rigs.gait.rig import walk
+    from klute_sim.rigs.gait.rig import simulate_gait
 
     with progress_bar("walking") as progress:
-        return walk(device, controller, options, progress, law)
+        return simulate_gait(device, controller, options, progress, backend)
 
 
 def _write(
@@ -198,9 +202,9 @@ def _write(
     from klute_sim.errors import MissingExtraError
     from klute_sim.recording import csv, parquet
     from klute_sim.report import figure
-    from klute_sim.report.outcomes import outcomes, summary
+    from klute_sim.report.outcomes import compute_gait_metrics, summarize_gait_run
     from klute_sim.report.workbench import gait as workbench
-    from klute_sim.rigs.gait.build import build
+    from klute_sim.rigs.gait.build import build_gait_model
 
     missing = None
     with progress_bar("writing") as progress:
@@ -209,35 +213,35 @@ def _write(
         if with_csv:
             csv.write(recording, scratch / "recording.csv")
         progress(0.2)
-        figure.draw(recording, scratch / "report.png")
+        figure.save_figure(recording, scratch / "report.png")
         progress(0.6)
         try:
-            model = build(device, mass=options.mass, stature=options.stature, step=options.step)
-            workbench.write(recording, model, scratch / "recording.rrd")
+            model = build_gait_model(device, mass=options.mass, stature=options.stature, dt=options.dt)
+            workbench.write_recording(recording, model, scratch / "recording.rrd")
         except MissingExtraError as error:
             missing = str(error)
         files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
-        result = {**summary(recording, outcomes(recording)), "run": str(folder), "files": files}
-        (scratch / "summary.json").write_text(_json(result) + "\n", "utf-8")
+        result = {**summarize_gait_run(recording, compute_gait_metrics(recording)), "run": str(folder), "files": files}
+        (scratch / "summary.json").write_text(_to_json(result) + "\n", "utf-8")
     return result, missing
 
 
-def _json(result: dict[str, Any]) -> str:
+def _to_json(result: dict[str, Any]) -> str:
     return json.dumps(result, indent=2, allow_nan=False)
 
 
 def _report(recording: "Recording", result: dict[str, Any], missing: str | None, *, as_json: bool) -> None:
-    from klute_sim.cli.console import console, notes
-    from klute_sim.report.outcomes import outcomes
-    from klute_sim.report.table import remarks, table
+    from klute_sim.cli.console import stderr_console, stdout_console
+    from klute_sim.report.outcomes import compute_gait_metrics
+    from klute_sim.report.table import build_table, collect_remarks
 
     if as_json:
-        click.echo(_json(result))
+        click.echo(_to_json(result))
     else:
-        out = console()
-        out.print(table(recording, outcomes(recording), out.width))
-        for remark in remarks(result):
+        out = stdout_console()
+        out.print(build_table(recording, compute_gait_metrics(recording), out.width))
+        for remark in collect_remarks(result):
             out.print(remark, soft_wrap=True)
         out.print(f"Run folder: {result['run']}  ({', '.join(result['files'])})", soft_wrap=True)
     if missing:
-        notes().print(f"No recording.rrd: {missing}.", soft_wrap=True)
+        stderr_console().print(f"No recording.rrd: {missing}.", soft_wrap=True)

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 
-class GivenPath(click.Path):
+class NonEmptyPath(click.Path):
     """A path; the empty one is refused instead of meaning the current folder."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:

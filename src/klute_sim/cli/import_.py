@@ -8,25 +8,25 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli.given_path import NonEmptyPath
 
 if TYPE_CHECKING:
-    from klute_sim.motion.dataset_folder import Wanted
-    from klute_sim.motion.importing import Imported
+    from klute_sim.motion.dataset_folder import DatasetOptions
+    from klute_sim.motion.importing import ImportedReference
     from klute_sim.motion.options import ImportOptions
 
 
 @click.command("import")
-@click.argument("files", nargs=-1, required=True, metavar="FILES...", type=GivenPath())
+@click.argument("files", nargs=-1, required=True, metavar="FILES...", type=NonEmptyPath())
 @click.option(
     "--mass",
-    type=common.Number("kg"),
+    type=common.NumberWithUnit("kg"),
     default=None,
     metavar="KG",
     help="Body mass.  [default: from the ground reaction]",
 )
-@click.option("--stature", type=common.Number("m"), default=None, metavar="M", help="Noted for klute-sim gait.")
-@common.NO_HEIGHT
+@click.option("--stature", type=common.NumberWithUnit("m"), default=None, metavar="M", help="Noted for klute-sim gait.")
+@common.REJECT_HEIGHT_OPTION
 @click.option(
     "--side",
     type=click.Choice(["right", "left"]),
@@ -36,28 +36,28 @@ if TYPE_CHECKING:
 @click.option(
     "--map",
     "map_file",
-    type=GivenPath(),
+    type=NonEmptyPath(),
     default=None,
     metavar="FILE",
     help="TOML: columns, units, signs, zeros, markers and axes that are not as their names say (docs/import.md).",
 )
 @click.option(
     "--cutoff",
-    type=common.Number("Hz"),
+    type=common.NumberWithUnit("Hz"),
     default=None,
     metavar="HZ",
     help="Low-pass of angles and markers; 0: none.  [default: 6]",
 )
 @click.option(
     "--load-cutoff",
-    type=common.Number("Hz"),
+    type=common.NumberWithUnit("Hz"),
     default=None,
     metavar="HZ",
     help="Of ground reactions and moments.  [default: 20]",
 )
 @click.option(
     "--threshold",
-    type=common.Number("N"),
+    type=common.NumberWithUnit("N"),
     default=20.0,
     show_default=True,
     metavar="N",
@@ -90,9 +90,9 @@ if TYPE_CHECKING:
     metavar="N",
     help="Of a dataset: N trials on end are repeats.  [default: those with equal stride times and pressures]",
 )
-@common.out("import", "the reference or the dataset")
+@common.out_option("import", "the reference or the dataset")
 @click.option("--verbose", is_flag=True, help="Show what was decided for every file by itself, as in import.json.")
-@common.as_json()
+@common.json_option()
 def command(
     files: tuple[Path, ...],
     mass: float | None,
@@ -131,7 +131,7 @@ def command(
     """
     from klute_sim.errors import InputError
     from klute_sim.motion import mapping
-    from klute_sim.motion.options import CUTOFF, LOAD_CUTOFF, ImportOptions
+    from klute_sim.motion.options import LOAD_CUTOFF_HZ, MOTION_CUTOFF_HZ, ImportOptions
 
     filters = {"--cutoff": cutoff, "--load-cutoff": load_cutoff, "--stature": stature}
     alone = {"--device": device, "--uncertain": uncertain or None, "--repeats": repeats}
@@ -143,19 +143,21 @@ def command(
         mass=mass,
         stature=stature,
         side=side,
-        cutoff=CUTOFF if cutoff is None else cutoff,
-        load_cutoff=LOAD_CUTOFF if load_cutoff is None else load_cutoff,
-        threshold=threshold,
+        motion_cutoff=MOTION_CUTOFF_HZ if cutoff is None else cutoff,
+        load_cutoff=LOAD_CUTOFF_HZ if load_cutoff is None else load_cutoff,
+        contact_threshold=threshold,
         ankle_zero=ankle_zero or ("file" if as_dataset else "foot-flat"),
-        chosen=mapping.read(map_file),
+        mapping=mapping.read(map_file),
     )
     if as_dataset:
-        _dataset(files, options, _wanted(device, uncertain, repeats), out, verbose=verbose, as_json=as_json)
+        _import_dataset(
+            files, options, _parse_dataset_options(device, uncertain, repeats), out, verbose=verbose, as_json=as_json
+        )
     else:
-        _reference(files, options, out, verbose=verbose, as_json=as_json)
+        _import_reference(files, options, out, verbose=verbose, as_json=as_json)
 
 
-def _reference(
+def _import_reference(
     files: tuple[Path, ...], options: "ImportOptions", out: Path | None, *, verbose: bool, as_json: bool
 ) -> None:
     from klute_sim.cli.console import progress_bar
@@ -163,19 +165,19 @@ def _reference(
     from klute_sim.motion import importing
     from klute_sim.recording import run_folder
 
-    with run_folder.new("import", out) as (folder, scratch):
+    with run_folder.create_run_folder("import", out) as (folder, scratch):
         with progress_bar("importing") as progress:
-            imported = importing.run(files, options, progress)
-        result = folders.write(imported, scratch)
+            imported = importing.import_reference(files, options, progress)
+        result = folders.write_reference(imported, scratch)
     if as_json:
         click.echo(json.dumps({**result, "run": str(folder)}, indent=2, allow_nan=False))
     else:
-        _print(imported, result, folder, verbose=verbose)
+        _print_reference(imported, result, folder, verbose=verbose)
 
 
-def _wanted(device: str | None, uncertain: tuple[str, ...], repeats: int | None) -> "Wanted":
+def _parse_dataset_options(device: str | None, uncertain: tuple[str, ...], repeats: int | None) -> "DatasetOptions":
     from klute_sim.errors import InputError
-    from klute_sim.motion.dataset_folder import Wanted
+    from klute_sim.motion.dataset_folder import DatasetOptions
 
     if device is None:
         raise InputError("a dataset needs --device: the preset or the device file of the prosthesis that was walked on")
@@ -187,69 +189,69 @@ def _wanted(device: str | None, uncertain: tuple[str, ...], repeats: int | None)
         spreads[key.strip()] = spread.strip()
         with suppress(ValueError):  # a number by itself has the unit of the key
             spreads[key.strip()] = float(spread)
-    return Wanted(device=device, uncertain=spreads, repeats=repeats)
+    return DatasetOptions(device=device, uncertainties=spreads, trials_per_group=repeats)
 
 
-def _dataset(
+def _import_dataset(
     files: tuple[Path, ...],
     options: "ImportOptions",
-    wanted: "Wanted",
+    dataset_options: "DatasetOptions",
     out: Path | None,
     *,
     verbose: bool,
     as_json: bool,
 ) -> None:
-    from klute_sim.cli.console import console, progress_bar
+    from klute_sim.cli.console import progress_bar, stdout_console
     from klute_sim.motion import dataset_folder
     from klute_sim.recording import run_folder
     from klute_sim.report import import_table
 
-    with run_folder.new("import", out) as (folder, scratch):
+    with run_folder.create_run_folder("import", out) as (folder, scratch):
         with progress_bar("importing") as progress:
-            gathered = dataset_folder.gather(files, options, wanted, progress)
-        result = dataset_folder.write(gathered, scratch)
+            gathered = dataset_folder.import_dataset(files, options, dataset_options, progress)
+        result = dataset_folder.write_dataset(gathered, scratch)
     if as_json:
         click.echo(json.dumps({**result, "run": str(folder)}, indent=2, allow_nan=False))
         return
-    shown = console()
-    _found(result, verbose=verbose)
-    shown.print(import_table.trials(result))
+    shown = stdout_console()
+    _print_findings(result, verbose=verbose)
+    shown.print(import_table.build_trials_table(result))
     split = result["split"]
     uses = ", ".join(f"{len(split[use])} to {use}" for use in ("fit", "select", "show"))
     shown.print(f"Use: {uses}; {split['how']}.", soft_wrap=True)
     shown.print(f"Dataset: {folder}; look into it with klute-sim diagnose {folder}", soft_wrap=True)
 
 
-def _print(imported: "Imported", result: dict[str, Any], folder: Path, *, verbose: bool) -> None:
-    from klute_sim.cli.console import console
+def _print_reference(imported: "ImportedReference", result: dict[str, Any], folder: Path, *, verbose: bool) -> None:
+    from klute_sim.cli.console import stdout_console
 
-    out = console()
-    out.print(_words(imported), soft_wrap=True)
-    _found(result, verbose=verbose)
+    out = stdout_console()
+    out.print(_summarize_strides(imported), soft_wrap=True)
+    _print_findings(result, verbose=verbose)
     out.print(f"Reference: {folder}; walk it with klute-sim gait --reference {folder}", soft_wrap=True)
 
 
-def _found(result: dict[str, Any], *, verbose: bool) -> None:
+def _print_findings(result: dict[str, Any], *, verbose: bool) -> None:
     """What is suspicious and missing, and what was found, mapped and derived."""
-    from klute_sim.cli.console import console
+    from klute_sim.cli.console import stdout_console
     from klute_sim.report import import_table
 
-    out = console()
+    out = stdout_console()
     for title in ("suspicious", "missing", "derived"):
-        for sentence in result[title] if verbose else import_table.sentences(result, title):
+        for sentence in result[title] if verbose else import_table.collect_sentences(result, title):
             out.print(f"{title.capitalize()}: {sentence}", soft_wrap=True)
-    out.print(import_table.found(result))
-    out.print(import_table.mapped(result, whole=verbose))
+    out.print(import_table.build_files_table(result))
+    out.print(import_table.build_channels_table(result, all_files=verbose))
     if not verbose:
         out.print("Mapped file by file: --verbose, or import.json", soft_wrap=True)
 
 
-def _words(imported: "Imported") -> str:
-    from klute_sim.motion.folder import described
+def _summarize_strides(imported: "ImportedReference") -> str:
+    from klute_sim.motion.folder import describe_filters
 
     count = len(imported.strides[imported.side])
-    speed = "" if imported.speed is None else f", {imported.speed:.2f} m/s"
-    filters = described(imported)
+    speed = "" if imported.walking_speed is None else f", {imported.walking_speed:.2f} m/s"
+    filters = describe_filters(imported)
     return (
         f"{count} stride{'' if count == 1 else 's'} of the {imported.side} leg: {imported.stride_time:.3f} s{speed}, "
         f"toe-off at {imported.toe_off:.1f} %, {imported.mass:.1f} kg. Filters: angles {filters['angles']}; "

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli.given_path import NonEmptyPath
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
     from klute_sim.dataset.trial import Use
     from klute_sim.device.files import Device
-    from klute_sim.diagnose.protocols import Program, Protocol
+    from klute_sim.diagnose.protocols import IdentificationProtocol, Program
 
-FEWEST, MOST = 2, 26
+MIN_REPEATS, MAX_REPEATS = 2, 26
 """Repeats: one is none, and they are lettered."""
-FORCE_NOISE, PRESSURE_NOISE = 3.0, 0.01
+FORCE_NOISE_N, PRESSURE_NOISE_BAR = 3.0, 0.01
 """Standard deviations of a rehearsal's noise [N, bar]."""
-STEP = 2.5e-4
+TIME_STEP = 2.5e-4
 """Of a rehearsal's simulation [s]; a whole part of the commands' sample."""
-UNCERTAIN = {
+DEFAULT_UNCERTAINTIES = {
     "muscle.c10_kpa": "10 %",
     "muscle.friction_slope_n_per_bar": "10 %",
     "tendon.slack_length_mm": "1 %",
@@ -40,11 +40,11 @@ UNCERTAIN = {
 
 @click.command("measure")
 @click.argument("device_name", metavar="DEVICE")
-@click.option("--out", type=GivenPath(), required=True, metavar="FOLDER", help="New or empty folder for the plan.")
+@click.option("--out", type=NonEmptyPath(), required=True, metavar="FOLDER", help="New or empty folder for the plan.")
 @click.option(
     "--repeats",
     type=int,
-    default=FEWEST,
+    default=MIN_REPEATS,
     show_default=True,
     metavar="N",
     help="How often each protocol is recorded; only repeats tell noise from misfit.",
@@ -60,7 +60,7 @@ UNCERTAIN = {
     is_flag=True,
     help="Simulate the recordings, too, with noise, to try what comes afterwards. They are no measurements.",
 )
-@common.as_json()
+@common.json_option()
 def command(device_name: str, out: Path, repeats: int, only: tuple[str, ...], rehearse: bool, as_json: bool) -> None:
     """Plan what to record with DEVICE (preset or device file) on a tensile tester.
 
@@ -74,24 +74,24 @@ def command(device_name: str, out: Path, repeats: int, only: tuple[str, ...], re
       klute-sim measure my-device.toml --out short --only steps --only ramps --repeats 3
       klute-sim measure klute-3-4-pair --out tried --rehearse
     """
-    from klute_sim.device.files import load, refuse_openings
+    from klute_sim.device.files import check_takes_pressure, load_device
     from klute_sim.diagnose.protocols import PROTOCOLS
     from klute_sim.errors import InputError
     from klute_sim.recording import run_folder
 
-    if not FEWEST <= repeats <= MOST:
+    if not MIN_REPEATS <= repeats <= MAX_REPEATS:
         raise InputError(
-            f"--repeats is {repeats}; allowed: {FEWEST} to {MOST} (noise shows only where a protocol is repeated)"
+            f"--repeats is {repeats}; allowed: {MIN_REPEATS} to {MAX_REPEATS} (noise shows only where a protocol is repeated)"
         )
     for name in only:
         if name not in PROTOCOLS:
             raise InputError(f"there is no protocol '{name}'; there are: {', '.join(PROTOCOLS)}")
-    device = load(device_name)
-    refuse_openings(device, "the plan")
+    device = load_device(device_name)
+    check_takes_pressure(device, "the plan")
     chosen = [protocol for name, protocol in PROTOCOLS.items() if not only or name in only]
-    programs = [rounded(protocol.program(device)) for protocol in chosen]
-    with run_folder.new("measure", out) as (folder, scratch):
-        _write(device, chosen, programs, repeats, scratch, rehearse=rehearse)
+    programs = [round_program(protocol.build_program(device)) for protocol in chosen]
+    with run_folder.create_run_folder("measure", out) as (folder, scratch):
+        _write_plan(device, chosen, programs, repeats, scratch, simulate=rehearse)
         files = sorted(file.name for file in scratch.iterdir())
     shown = {
         "folder": str(folder),
@@ -100,35 +100,35 @@ def command(device_name: str, out: Path, repeats: int, only: tuple[str, ...], re
         "protocols": [
             {
                 "name": protocol.name,
-                "sentence": protocol.sentence,
-                "shows": list(protocol.shows),
+                "sentence": protocol.description,
+                "shows": list(protocol.revealed_effects),
                 "use": use,
                 "duration_s": float(program.time[-1]),
                 "command": f"{protocol.name}.csv",
-                "record": recorded(protocol, repeats),
+                "record": list_recording_files(protocol, repeats),
             }
-            for protocol, program, use in zip(chosen, programs, uses(chosen), strict=True)
+            for protocol, program, use in zip(chosen, programs, assign_uses(chosen), strict=True)
         ],
         "files": files,
     }
     if as_json:
         click.echo(json.dumps(shown, indent=2, allow_nan=False))
     else:
-        _print(shown)
+        _print_plan(shown)
 
 
-def uses(chosen: "Sequence[Protocol]") -> "list[Use | None]":
+def assign_uses(protocols: "Sequence[IdentificationProtocol]") -> "list[Use | None]":
     """What the trials of each protocol are for; where none would be left to fit, the program is to decide."""
-    given = [protocol.use for protocol in chosen]
+    given = [protocol.use for protocol in protocols]
     return list(given) if "fit" in given else [None] * len(given)
 
 
-def recorded(protocol: "Protocol", repeats: int) -> list[str]:
+def list_recording_files(protocol: "IdentificationProtocol", n_repeats: int) -> list[str]:
     """Names of the files that will hold the repeats of ``protocol``."""
-    return [f"{protocol.name}_{letter}.csv" for letter in string.ascii_lowercase[:repeats]]
+    return [f"{protocol.name}_{letter}.csv" for letter in string.ascii_lowercase[:n_repeats]]
 
 
-def rounded(program: "Program") -> "Program":
+def round_program(program: "Program") -> "Program":
     """``program`` as its CSV file says it: to 0.1 um and 10 Pa, never longer or higher than it was."""
     import numpy as np
 
@@ -136,7 +136,7 @@ def rounded(program: "Program") -> "Program":
     return type(program)(np.round(program.time, 6), length, np.floor(0.1 * program.command + 1e-3) * 10.0)
 
 
-def commands(program: "Program") -> "dict[str, NDArray[np.float64]]":
+def command_columns(program: "Program") -> "dict[str, NDArray[np.float64]]":
     """The columns of a command file."""
     import numpy as np
 
@@ -147,63 +147,74 @@ def commands(program: "Program") -> "dict[str, NDArray[np.float64]]":
     }
 
 
-def rehearsed(device: "Device", program: "Program", seed: Sequence[int]) -> "dict[str, NDArray[np.float64]]":
+def simulate_recording(device: "Device", program: "Program", seed: Sequence[int]) -> "dict[str, NDArray[np.float64]]":
     """What a recording of ``program`` might hold: ``device`` simulated, with noise. No measurement."""
     import numpy as np
 
-    from klute_sim.device.rollout import rollout
-    from klute_sim.device.step import settled, tension
+    from klute_sim.device.rollout import simulate_rollouts
+    from klute_sim.device.step import compute_equilibrium_state, compute_tension
     from klute_sim.units import BAR
 
     time, length, command = program
-    fine = STEP * np.arange(1, round(time[-1] / STEP) + 1)
-    start = settled(device.parameters, float(length[0]), float(command[0]))
-    found = rollout(
-        device.parameters, np.interp(fine, time, length), np.interp(fine, time, command), STEP, start=start, threads=1
+    fine = TIME_STEP * np.arange(1, round(time[-1] / TIME_STEP) + 1)
+    start = compute_equilibrium_state(device.parameters, float(length[0]), float(command[0]))
+    found = simulate_rollouts(
+        device.parameters,
+        np.interp(fine, time, length),
+        np.interp(fine, time, command),
+        TIME_STEP,
+        initial_state=start,
+        n_jobs=1,
     )
-    first = tension(device.parameters, start, float(length[0]), 0.0)
+    first = compute_tension(device.parameters, start, float(length[0]), 0.0)
     force = np.interp(time, [0.0, *fine], [first, *found.tension])
     pressure = np.interp(time, [0.0, *fine], [start.pressure, *found.pressure]) / BAR
     rng = np.random.default_rng(seed)
     return {
-        **commands(program),
-        "force [N]": np.round(force + rng.normal(0.0, FORCE_NOISE, len(time)), 3),
-        "pressure [bar]": np.round(pressure + rng.normal(0.0, PRESSURE_NOISE, len(time)), 5),
+        **command_columns(program),
+        "force [N]": np.round(force + rng.normal(0.0, FORCE_NOISE_N, len(time)), 3),
+        "pressure [bar]": np.round(pressure + rng.normal(0.0, PRESSURE_NOISE_BAR, len(time)), 5),
     }
 
 
-def _write(
+def _write_plan(
     device: "Device",
-    chosen: "Sequence[Protocol]",
+    protocols: "Sequence[IdentificationProtocol]",
     programs: "Sequence[Program]",
-    repeats: int,
-    scratch: Path,
+    n_repeats: int,
+    folder: Path,
     *,
-    rehearse: bool,
+    simulate: bool,
 ) -> None:
     from klute_sim.dataset.write import write_trial
 
-    for number, (protocol, program) in enumerate(zip(chosen, programs, strict=True)):
-        write_trial(scratch / f"{protocol.name}.csv", commands(program))
-        if rehearse:
-            for repeat, file in enumerate(recorded(protocol, repeats)):
-                write_trial(scratch / file, rehearsed(device, program, (number, repeat)))
-    (scratch / "device.toml").write_bytes(device.content)
-    (scratch / "dataset.toml").write_text(dataset_toml(device, chosen, repeats, simulated=rehearse), "utf-8")
-    (scratch / "README.txt").write_text(readme(device, chosen, programs, repeats, simulated=rehearse), "utf-8")
+    for number, (protocol, program) in enumerate(zip(protocols, programs, strict=True)):
+        write_trial(folder / f"{protocol.name}.csv", command_columns(program))
+        if simulate:
+            for repeat, file in enumerate(list_recording_files(protocol, n_repeats)):
+                write_trial(folder / file, simulate_recording(device, program, (number, repeat)))
+    (folder / "device.toml").write_bytes(device.content)
+    (folder / "dataset.toml").write_text(format_dataset_toml(device, protocols, n_repeats, simulated=simulate), "utf-8")
+    (folder / "README.txt").write_text(
+        format_readme(device, protocols, programs, n_repeats, simulated=simulate), "utf-8"
+    )
 
 
-def dataset_toml(device: "Device", chosen: "Sequence[Protocol]", repeats: int, *, simulated: bool) -> str:
+def format_dataset_toml(
+    device: "Device", protocols: "Sequence[IdentificationProtocol]", n_repeats: int, *, simulated: bool
+) -> str:
     """The dataset's file, with the trials that will be recorded."""
-    from klute_sim.dataset.format import FORMAT
+    from klute_sim.dataset.format import FORMAT_NAME
 
-    numbers, muscle = device.spec.numbers(), device.spec.muscle
+    numbers, muscle = device.spec.collect_values(), device.spec.muscle
     off = {"muscle.c10_kpa": not muscle.bladder, "muscle.friction_slope_n_per_bar": not muscle.friction}
-    doubted = {key: deviation for key, deviation in UNCERTAIN.items() if numbers.get(key) and not off.get(key)}
-    lines = [SIMULATED, ""] if simulated else []
+    doubted = {
+        key: deviation for key, deviation in DEFAULT_UNCERTAINTIES.items() if numbers.get(key) and not off.get(key)
+    }
+    lines = [SIMULATED_NOTE, ""] if simulated else []
     lines += [
         "# Paths are relative to this folder. Delete the trials that you did not record.",
-        f'format = "{FORMAT}"',
+        f'format = "{FORMAT_NAME}"',
         'rig = "bench"',
         'device = "device.toml"',
         "",
@@ -212,17 +223,17 @@ def dataset_toml(device: "Device", chosen: "Sequence[Protocol]", repeats: int, *
         "[uncertain]",
         *(f'"{key}" = "{deviation}"' for key, deviation in doubted.items()),
     ]
-    for protocol, use in zip(chosen, uses(chosen), strict=True):
-        lines += ["", f"# {protocol.sentence}"]
-        for file in recorded(protocol, repeats):
+    for protocol, use in zip(protocols, assign_uses(protocols), strict=True):
+        lines += ["", f"# {protocol.description}"]
+        for file in list_recording_files(protocol, n_repeats):
             lines += ["[[trial]]", f'files = ["{file}"]', f'group = "{protocol.name}"']
             lines += [f'use = "{use}"'] if use else []
     return "\n".join(lines) + "\n"
 
 
-SIMULATED = "# simulated, not measured: klute-sim measure --rehearse made the recordings from device.toml"
+SIMULATED_NOTE = "# simulated, not measured: klute-sim measure --rehearse made the recordings from device.toml"
 
-README = """\
+README_TEMPLATE = """\
 {mark}What to record with '{device}' on a tensile tester
 {line}
 
@@ -269,39 +280,39 @@ Give a trial from another rig a group of its own, and say under [trial.device] w
 
 Then, in this folder: klute-sim diagnose .
 """
-BARE = """
+BARE_MUSCLE_NOTE = """
 6. This device has no tendon: the clamps hold the muscle itself. When it is short and its pressure is low, it pushes
    (negative force). The clamps have to take that, and the muscle must not buckle; if it does, empty the cells of force
    in those rows (not the rows: length and pressure are still needed).
 """
 
 
-def readme(
+def format_readme(
     device: "Device",
-    chosen: "Sequence[Protocol]",
+    protocols: "Sequence[IdentificationProtocol]",
     programs: "Sequence[Program]",
-    repeats: int,
+    n_repeats: int,
     *,
     simulated: bool,
 ) -> str:
     """What to do, in plain words."""
     import numpy as np
 
-    from klute_sim.diagnose.protocols import SAMPLE
+    from klute_sim.diagnose.protocols import SAMPLE_INTERVAL
 
-    rigid = device.parameters.tendon.rigid
+    rigid = device.parameters.tendon.is_rigid
     told = []
-    for protocol, program in zip(chosen, programs, strict=True):
-        files = recorded(protocol, repeats)
-        named = ", ".join(files) if repeats <= 3 else f"{files[0]} to {files[-1]}"
-        told.append(f"   {protocol.name}.csv ({program.time[-1]:.1f} s) -> {named}\n      {protocol.sentence}")
-        if protocol.shows:
-            shows = f"Shows best: {', '.join(protocol.shows)}."
+    for protocol, program in zip(protocols, programs, strict=True):
+        files = list_recording_files(protocol, n_repeats)
+        named = ", ".join(files) if n_repeats <= 3 else f"{files[0]} to {files[-1]}"
+        told.append(f"   {protocol.name}.csv ({program.time[-1]:.1f} s) -> {named}\n      {protocol.description}")
+        if protocol.revealed_effects:
+            shows = f"Shows best: {', '.join(protocol.revealed_effects)}."
             told += textwrap.wrap(shows, 115, initial_indent=" " * 6, subsequent_indent=" " * 6)
     length, pressure = ([p[k] for p in programs] for k in (1, 2))
     title = f"What to record with '{device.name}' on a tensile tester"
-    return README.format(
-        mark=f"{SIMULATED.removeprefix('# ')}\n\n" if simulated else "",
+    return README_TEMPLATE.format(
+        mark=f"{SIMULATED_NOTE.removeprefix('# ')}\n\n" if simulated else "",
         device=device.name,
         line="=" * len(title),
         length="of the muscle, clamp to clamp" if rigid else "of the whole unit, muscle and tendon",
@@ -309,24 +320,24 @@ def readme(
         long=1e3 * max(x.max() for x in length),
         least=1e-5 * min(p.min() for p in pressure),
         most=1e-5 * max(p.max() for p in pressure),
-        speed=max(np.abs(np.diff(x)).max() for x in length) / SAMPLE,
-        acceleration=max(np.abs(np.diff(x, 2)).max() for x in length) / SAMPLE**2,
-        repeats=repeats,
+        speed=max(np.abs(np.diff(x)).max() for x in length) / SAMPLE_INTERVAL,
+        acceleration=max(np.abs(np.diff(x, 2)).max() for x in length) / SAMPLE_INTERVAL**2,
+        repeats=n_repeats,
         protocols="\n".join(told),
-        bare=BARE if rigid else "",
+        bare=BARE_MUSCLE_NOTE if rigid else "",
     )
 
 
-def _print(shown: dict[str, Any]) -> None:
+def _print_plan(plan: dict[str, Any]) -> None:
     from rich.table import Table
 
-    from klute_sim.cli.console import console
+    from klute_sim.cli.console import stdout_console
 
     table = Table("protocol", "seconds", "use", "what it is for")
-    for row in shown["protocols"]:
+    for row in plan["protocols"]:
         table.add_row(row["name"], f"{row['duration_s']:.1f}", row["use"] or "drawn later", row["sentence"])
-    out = console()
+    out = stdout_console()
     out.print(table)
-    if shown["simulated"]:
+    if plan["simulated"]:
         out.print("The recordings are simulated, not measured.")
-    out.print(f"Plan: {shown['folder']}; begin with README.txt there.", soft_wrap=True)
+    out.print(f"Plan: {plan['folder']}; begin with README.txt there.", soft_wrap=True)

@@ -11,34 +11,38 @@ from klute_sim.cli import common
 
 if TYPE_CHECKING:
     from klute_sim.rigs.gait.reference import Reference
-    from klute_sim.sweep.plan import Plan
+    from klute_sim.sweep.plan import SweepPlan
     from klute_sim.sweep.runner import Runner
-    from klute_sim.sweep.sweep import Swept
+    from klute_sim.sweep.sweep import SweepResult
 
-OWN = "own"
+REFERENCE_SPEED = "own"
 """The word for the speed that reference and legs imply."""
 
 
-def _numbers(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> list[float]:
+def _parse_numbers(context: click.Context, option: click.Parameter, values: tuple[str, ...]) -> list[float]:
     """Each number once, in the order given; a callback of options."""
-    return list(dict.fromkeys(_number(word, option, "a number") for word in _words(given)))
+    return list(dict.fromkeys(_parse_number(word, option, "a number") for word in _split_values(values)))
 
 
-def _speeds(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> list[float | None]:
+def _parse_speeds(context: click.Context, option: click.Parameter, values: tuple[str, ...]) -> list[float | None]:
     """Likewise; None for the walker's own."""
-    own = f"a number or {OWN!r}"
-    return list(dict.fromkeys(None if word == OWN else _number(word, option, own) for word in _words(given)))
+    own = f"a number or {REFERENCE_SPEED!r}"
+    return list(
+        dict.fromkeys(
+            None if word == REFERENCE_SPEED else _parse_number(word, option, own) for word in _split_values(values)
+        )
+    )
 
 
-def _words(given: tuple[str, ...]) -> list[str]:
-    return [word.strip() for text in given for word in text.split(",")]
+def _split_values(values: tuple[str, ...]) -> list[str]:
+    return [word.strip() for text in values for word in text.split(",")]
 
 
-def _number(word: str, option: click.Parameter, wanted: str) -> float:
+def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     try:
-        return float(word)
+        return float(text)
     except ValueError:
-        raise click.BadParameter(f"'{word}' is not {wanted}", param=option) from None
+        raise click.BadParameter(f"'{text}' is not {expected}", param=option) from None
 
 
 @click.command("sweep")
@@ -60,7 +64,7 @@ def _number(word: str, option: click.Parameter, wanted: str) -> float:
 @click.option(
     "--speed",
     "speeds",
-    callback=_speeds,
+    callback=_parse_speeds,
     multiple=True,
     metavar="M/S,...",
     help="Walking speeds [m/s]; own: what reference and legs imply.  [default: own]",
@@ -68,7 +72,7 @@ def _number(word: str, option: click.Parameter, wanted: str) -> float:
 @click.option(
     "--slope",
     "slopes",
-    callback=_numbers,
+    callback=_parse_numbers,
     multiple=True,
     metavar="DEG,...",
     help="Slopes of the ground, uphill positive; the limb's motion on them is assumed [degrees].  [default: 0]",
@@ -84,7 +88,7 @@ def _number(word: str, option: click.Parameter, wanted: str) -> float:
 @click.option(
     "--mass",
     "masses",
-    callback=_numbers,
+    callback=_parse_numbers,
     multiple=True,
     metavar="KG,...",
     help="Body masses [kg].  [default: what the folder of --reference states, or 75]",
@@ -92,7 +96,7 @@ def _number(word: str, option: click.Parameter, wanted: str) -> float:
 @click.option(
     "--stature",
     "statures",
-    callback=_numbers,
+    callback=_parse_numbers,
     multiple=True,
     metavar="M,...",
     help="Statures [m].  [default: what the folder of --reference states, or 1.75]",
@@ -100,14 +104,14 @@ def _number(word: str, option: click.Parameter, wanted: str) -> float:
 @click.option(
     "--spring-foot",
     "feet",
-    callback=_numbers,
+    callback=_parse_numbers,
     multiple=True,
     metavar="STIFFNESS,...",
     help="Passive feet beside the devices named, without pressure [N·m/deg]; without any named, alone.",
 )
-@common.strides("Strides of each walk")
-@common.STEP
-@common.jobs(default=None)
+@common.strides_option("Strides of each walk")
+@common.TIME_STEP_OPTION
+@common.jobs_option(default=None)
 @click.option(
     "--ray",
     "address",
@@ -117,9 +121,9 @@ def _number(word: str, option: click.Parameter, wanted: str) -> float:
     metavar="[ADDRESS|local]",
     help="Walk on a Ray cluster: the one at ADDRESS, the one that Ray finds, or a local one made for this.",
 )
-@common.growing("sweep", "the sweep")
+@common.resumable_out_option("sweep", "the sweep")
 @click.option("--csv", "with_csv", is_flag=True, help="Write sweep.csv, too.")
-@common.as_json()
+@common.json_option()
 def command(
     devices: tuple[str, ...],
     controllers: tuple[str, ...],
@@ -159,89 +163,96 @@ def command(
     """
     from klute_sim.errors import InputError
     from klute_sim.sweep import local
-    from klute_sim.sweep.plan import Plan
+    from klute_sim.sweep.plan import SweepPlan
 
-    plan = Plan(
-        **_walked_on(devices, controllers, feet),
-        references=_references(references),
+    plan = SweepPlan(
+        **_load_devices_and_controllers(devices, controllers, feet),
+        references=_load_references(references),
         speeds=speeds or [None],
         slopes_deg=slopes or [0.0],
         masses=masses or [None],
         statures=statures or [None],
         strides=strides,
-        step=1e-3 * step_ms,
+        dt=1e-3 * step_ms,
     )
     if address is None:
-        with local.Processes(jobs or 0) as processes:
-            swept, folder = _sweep(plan, processes.run, out, with_csv=with_csv)
+        with local.LocalRunner(jobs or 0) as processes:
+            swept, folder = _run_and_write(plan, processes.run, out, with_csv=with_csv)
     elif jobs is not None:
         raise InputError("--jobs goes without --ray: a cluster has as many as it has")
     else:
         from klute_sim.sweep import cluster
 
-        with cluster.connected(address) as ray:
-            swept, folder = _sweep(plan, partial(cluster.run, ray=ray), out, with_csv=with_csv)
+        with cluster.connect(address) as ray:
+            swept, folder = _run_and_write(plan, partial(cluster.run_on_cluster, ray=ray), out, with_csv=with_csv)
     _report(swept, folder, as_json=as_json)
 
 
-def _walked_on(devices: tuple[str, ...], controllers: tuple[str, ...], feet: list[float]) -> dict[str, Any]:
+def _load_devices_and_controllers(
+    devices: tuple[str, ...], controllers: tuple[str, ...], feet: list[float]
+) -> dict[str, Any]:
     """Devices, controllers and passive feet, everything once; raises InputError."""
     from klute_sim.control import word
-    from klute_sim.device.files import DEFAULT_PROSTHESIS, load
+    from klute_sim.device.files import DEFAULT_DEVICE, load_device
 
-    usual = load(DEFAULT_PROSTHESIS)
+    usual = load_device(DEFAULT_DEVICE)
     alone = feet and not devices and not controllers
     return {
-        "devices": {} if alone else {name: load(name) for name in devices or [DEFAULT_PROSTHESIS]},
-        "controllers": {} if alone else {name: word.parse(name) for name in controllers or ["profile"]},
+        "devices": {} if alone else {name: load_device(name) for name in devices or [DEFAULT_DEVICE]},
+        "controllers": {} if alone else {name: word.parse_controller(name) for name in controllers or ["profile"]},
         "feet": dict.fromkeys(feet, usual),
     }
 
 
-def _references(words: tuple[str, ...]) -> "dict[str, Reference | None]":
+def _load_references(names: tuple[str, ...]) -> "dict[str, Reference | None]":
     from klute_sim.rigs.gait import reference
-    from klute_sim.sweep.plan import ABLE_BODIED
+    from klute_sim.sweep.plan import ABLE_BODIED_REFERENCE
 
-    return {word: None if word == ABLE_BODIED else reference.load(word) for word in words or [ABLE_BODIED]}
+    return {
+        word: None if word == ABLE_BODIED_REFERENCE else reference.load_reference(word)
+        for word in names or [ABLE_BODIED_REFERENCE]
+    }
 
 
-def _sweep(plan: "Plan", runner: "Runner", out: Path | None, *, with_csv: bool) -> tuple["Swept", Path]:
+def _run_and_write(
+    plan: "SweepPlan", runner: "Runner", out: Path | None, *, with_csv: bool
+) -> tuple["SweepResult", Path]:
     """Walk and write; what came of it, and the folder."""
-    from klute_sim.cli.console import notes, progress_bar
+    from klute_sim.cli.console import progress_bar, stderr_console
     from klute_sim.sweep import table
-    from klute_sim.sweep.store import open_folder
-    from klute_sim.sweep.sweep import sweep
+    from klute_sim.sweep.store import open_store
+    from klute_sim.sweep.sweep import run_sweep
 
-    store = open_folder(out, plan.describe(), "sweep")
+    store = open_store(out, plan.describe(), "sweep")
     try:
         with progress_bar("walking") as progress:
-            swept = sweep(plan, store, runner, progress)
+            swept = run_sweep(plan, store, runner, progress)
     except KeyboardInterrupt:
-        notes().print(
+        stderr_console().print(
             f"What has been walked is kept: the same command with --out {store.folder} goes on where it was.",
             soft_wrap=True,
         )
         raise
-    with store.writing():
+    with store.translate_write_errors():
         table.write_parquet(swept.rows, plan, store.folder / "sweep.parquet")
         if with_csv:
             table.write_csv(swept.rows, store.folder / "sweep.csv")
     return swept, store.folder
 
 
-def _report(swept: "Swept", folder: Path, *, as_json: bool) -> None:
-    from klute_sim.cli.console import console, notes
+def _report(result: "SweepResult", folder: Path, *, as_json: bool) -> None:
+    from klute_sim.cli.console import stderr_console, stdout_console
     from klute_sim.sweep import display
 
-    if swept.kept:
-        notes().print(f"{swept.kept} walks were there from before.")
+    if result.n_resumed:
+        stderr_console().print(f"{result.n_resumed} walks were there from before.")
     if as_json:
-        found = {"folder": str(folder), "kept": swept.kept, "failed": swept.failed, "rows": swept.rows}
+        found = {"folder": str(folder), "kept": result.n_resumed, "failed": result.n_failed, "rows": result.rows}
         click.echo(json.dumps(found, indent=2, allow_nan=False))
         return
-    out = console()
-    out.print(display.display(swept.rows))
-    for remark in display.remarks(swept.rows, swept.failed):
+    out = stdout_console()
+    out.print(display.format_table(result.rows))
+    for remark in display.collect_remarks(result.rows, result.n_failed):
         out.print(remark, soft_wrap=True)
     files = sorted(file.name for file in folder.glob("sweep.*"))
     out.print(f"Sweep folder: {folder}  ({', '.join(files)})", soft_wrap=True)

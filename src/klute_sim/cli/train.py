@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli.given_path import NonEmptyPath
 
 if TYPE_CHECKING:
     from klute_sim.learn.training import Training
 
-MINUTES = 20.0
+DEFAULT_TRAINING_MINUTES = 20.0
 
 
 @click.command("train")
@@ -34,21 +34,21 @@ MINUTES = 20.0
 @click.option(
     "--config",
     "config_file",
-    type=GivenPath(),
+    type=NonEmptyPath(),
     default=None,
     metavar="FILE",
     help="TOML: algorithm, environment, what is randomised.  [default: the shipped one]",
 )
 @click.option(
     "--out",
-    type=GivenPath(),
+    type=NonEmptyPath(),
     default=None,
     metavar="FOLDER",
     help="New or empty folder for the training, or the one to resume.  [default: runs/train-NNN]",
 )
 @click.option("--resume", is_flag=True, help="Go on with the training in --out, from its last checkpoint.")
 @click.option("--show-config", is_flag=True, help="Print the shipped configuration, to start from, and stop.")
-@common.as_json()
+@common.json_option()
 def command(
     minutes: float | None,
     steps: int | None,
@@ -78,7 +78,7 @@ def command(
     from klute_sim.learn import config, training
 
     if show_config:
-        click.echo(config.default().decode(), nl=False)
+        click.echo(config.read_default_config().decode(), nl=False)
         return
     if minutes is not None and steps is not None:
         raise InputError("--minutes and --steps exclude each other")
@@ -87,74 +87,74 @@ def command(
             raise InputError("--resume needs --out FOLDER, the training to go on with")
         if seed is not None or config_file is not None:
             raise InputError("--resume keeps seed and configuration: leave --seed and --config out")
-        run = training.resume(out)
+        run = training.resume_training(out)
     else:
-        run = _begin(config_file, 0 if seed is None else seed, out)
-    limit = MINUTES if minutes is None and steps is None else minutes
+        run = _start_training(config_file, 0 if seed is None else seed, out)
+    limit = DEFAULT_TRAINING_MINUTES if minutes is None and steps is None else minutes
     try:
         with progress_bar("training") as told:
             run.run(limit, steps, told)
     except KeyboardInterrupt:
-        _interrupted(run)
+        _print_resume_hint(run)
         raise
-    _finish(run, as_json=as_json)
+    _evaluate_and_write(run, as_json=as_json)
 
 
-def _begin(config_file: Path | None, seed: int, out: Path | None) -> "Training":
+def _start_training(config_file: Path | None, seed: int, out: Path | None) -> "Training":
     from klute_sim.errors import KluteSimError
     from klute_sim.learn import config, training
     from klute_sim.recording import run_folder
 
-    chosen, content = config.load(config_file)
-    folder = run_folder.lasting("train", out)
+    chosen, content = config.load_config(config_file)
+    folder = run_folder.create_persistent_folder("train", out)
     try:
-        return training.begin(folder, chosen, content, seed)
+        return training.start_training(folder, chosen, content, seed)
     except KluteSimError:
         folder.rmdir()
         raise
 
 
-def _interrupted(run: "Training") -> None:
-    from klute_sim.cli.console import notes
+def _print_resume_hint(training: "Training") -> None:
+    from klute_sim.cli.console import stderr_console
 
-    kept = f"Kept after {run.progress.steps} steps in {run.folder}; go on with"
-    notes().print(f"{kept}: klute-sim train --resume --out {run.folder}", soft_wrap=True)
+    kept = f"Kept after {training.progress.steps} steps in {training.folder}; go on with"
+    stderr_console().print(f"{kept}: klute-sim train --resume --out {training.folder}", soft_wrap=True)
 
 
-def _finish(run: "Training", *, as_json: bool) -> None:
-    from klute_sim.cli.console import console, progress_bar
-    from klute_sim.learn.evaluate import compared
+def _evaluate_and_write(training: "Training", *, as_json: bool) -> None:
+    from klute_sim.cli.console import progress_bar, stdout_console
+    from klute_sim.learn.evaluate import compare_with_profile
     from klute_sim.report import training_figure
 
-    policy, config, progress = run.policy(), run.config, run.progress
+    policy, config, progress = training.export_policy(), training.config, training.progress
     with progress_bar("comparing"):
-        found = compared(policy, config.environment, config.evaluation_episodes, progress.seed)
+        found = compare_with_profile(policy, config.environment, config.evaluation_episodes, progress.seed)
     result: dict[str, Any] = {
         "algorithm": config.algorithm,
         "seed": progress.seed,
         "minutes": progress.minutes,
         "steps": progress.steps,
         **found,
-        "folder": str(run.folder),
+        "folder": str(training.folder),
     }
-    policy.save(run.folder / "policy.npz")
-    training_figure.draw(progress.rows, result, run.folder / "learning_curve.png")
-    (run.folder / "summary.json").write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", "utf-8")
+    policy.save(training.folder / "policy.npz")
+    training_figure.save_figure(progress.learning_curve, result, training.folder / "learning_curve.png")
+    (training.folder / "summary.json").write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", "utf-8")
     if as_json:
         click.echo(json.dumps(result, indent=2, allow_nan=False))
         return
-    out = console()
-    out.print(_table(result))
+    out = stdout_console()
+    out.print(_build_table(result))
     out.print(
         f"The policy is better in {result['better_in']} of {result['episodes']} episodes, by "
         f"{result['gain']:.2f} ± {result['gain_standard_error']:.2f} on the average (standard error).",
         soft_wrap=True,
     )
-    files = ", ".join(sorted(file.name for file in run.folder.iterdir()))
-    out.print(f"Folder: {run.folder}  ({files})", soft_wrap=True)
+    files = ", ".join(sorted(file.name for file in training.folder.iterdir()))
+    out.print(f"Folder: {training.folder}  ({files})", soft_wrap=True)
 
 
-def _table(result: dict[str, Any]) -> Any:
+def _build_table(result: dict[str, Any]) -> Any:
     from rich import box
     from rich.table import Table
 

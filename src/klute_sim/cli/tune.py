@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli.given_path import NonEmptyPath
 
 if TYPE_CHECKING:
-    from klute_sim.tuning.search import Question
+    from klute_sim.tuning.search import TuningProblem
 
 
 @click.command("tune")
-@common.DEVICE
+@common.DEVICE_OPTION
 @click.option(
     "--profile",
     "profile_file",
-    type=GivenPath(),
+    type=NonEmptyPath(),
     default=None,
     metavar="FILE",
     help="CSV with columns gait_pct,pressure_bar to begin from.  [default: the hand-tuned one]",
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     metavar="PART=W",
     help="Of moment, angle, power [per sd²] or air [per g]; may be given several times.  [default: 1, 1, 1, 0.1]",
 )
-@common.MASS
+@common.MASS_OPTION
 @click.option(
     "--budget",
     type=click.IntRange(1, 1_000_000),
@@ -53,9 +53,9 @@ if TYPE_CHECKING:
     help="Walks to try, in whole rounds.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Of the search.")
-@common.jobs()
-@common.growing("tune", "the search")
-@common.as_json()
+@common.jobs_option()
+@common.resumable_out_option("tune", "the search")
+@common.json_option()
 def command(
     device_name: str | None,
     profile_file: Path | None,
@@ -89,15 +89,15 @@ def command(
       klute-sim gait --controller human/tuned.csv --device human/device.toml
     """
     from klute_sim.control import pressure as control
-    from klute_sim.device.files import DEFAULT_PROSTHESIS, load
+    from klute_sim.device.files import DEFAULT_DEVICE, load_device
     from klute_sim.errors import InputError
-    from klute_sim.tuning.knobs import DEVICE, Tunable
-    from klute_sim.tuning.objective import HUMAN, Goals, named
-    from klute_sim.tuning.search import Question
+    from klute_sim.tuning.knobs import DEFAULT_DEVICE_KEYS, DesignSpace
+    from klute_sim.tuning.objective import HUMAN_GOALS, Goals, make_weights
+    from klute_sim.tuning.search import TuningProblem
 
-    device = load(DEFAULT_PROSTHESIS if device_name is None else device_name)
-    profile = control.load_profile(profile_file) if profile_file else control.tuned()
-    turned = tuple(dict.fromkeys([*(DEVICE if with_device else ()), *keys]))
+    device = load_device(DEFAULT_DEVICE if device_name is None else device_name)
+    profile = control.load_profile(profile_file) if profile_file else control.load_default_profile()
+    turned = tuple(dict.fromkeys([*(DEFAULT_DEVICE_KEYS if with_device else ()), *keys]))
     parts = {}
     for text in weights:
         name, _, value = text.partition("=")
@@ -105,46 +105,46 @@ def command(
             parts[name] = float(value)
         except ValueError:
             raise InputError(f"--weight is '{text}'; allowed: a part and a number, as in air=0.5") from None
-    question = Question(
-        tunable=Tunable(device, profile, turned),
+    question = TuningProblem(
+        space=DesignSpace(device, profile, turned),
         mass=mass,
-        weights=named(parts),
-        goals=HUMAN if goal_human else Goals(),
+        weights=make_weights(parts),
+        goals=HUMAN_GOALS if goal_human else Goals(),
         seed=seed,
     )
     result = _tune(question, budget, jobs, out)
     _report(result, as_json=as_json)
 
 
-def _tune(question: "Question", budget: int, jobs: int, out: Path | None) -> dict[str, Any]:
+def _tune(problem: "TuningProblem", budget: int, n_jobs: int, out: Path | None) -> dict[str, Any]:
     from klute_sim.cli.console import progress_bar
-    from klute_sim.sweep.local import Processes
+    from klute_sim.sweep.local import LocalRunner
     from klute_sim.tuning import folder
-    from klute_sim.tuning.search import AGAIN, MOST_AGAIN, again, cma, search
+    from klute_sim.tuning.search import MAX_REEVALUATIONS, REEVALUATED_FRACTION, import_cma, optimize, reevaluate
 
-    cma()  # before a folder is made for what cannot be done
-    store = folder.opened(out, question)
-    expected = budget + min(AGAIN * budget, MOST_AGAIN)
-    with progress_bar("tuning") as progress, Processes(jobs) as processes:
+    import_cma()  # before a folder is made for what cannot be done
+    store = folder.open_tuning_store(out, problem)
+    expected = budget + min(REEVALUATED_FRACTION * budget, MAX_REEVALUATIONS)
+    with progress_bar("tuning") as progress, LocalRunner(n_jobs) as processes:
 
         def told(done: int) -> None:
             progress(min(1.0, done / expected))
 
-        tried = search(question, budget, store, processes.run, told)
-        finely = again(question, tried, store, processes.run, told)
-    return folder.finished(store, question, tried, finely)
+        tried = optimize(problem, budget, store, processes.run, told)
+        finely = reevaluate(problem, tried, store, processes.run, told)
+    return folder.write_results(store, problem, tried, finely)
 
 
 def _report(result: dict[str, Any], *, as_json: bool) -> None:
     from rich import box
     from rich.table import Table
 
-    from klute_sim.cli.console import console
+    from klute_sim.cli.console import stdout_console
 
     if as_json:
         click.echo(json.dumps(result, indent=2, allow_nan=False))
         return
-    out = console()
+    out = stdout_console()
     table = Table(box=box.SIMPLE_HEAD)
     for name in ("", "before", "tuned", "human"):
         table.add_column(name, justify="left" if not name else "right")

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import GivenPath
+from klute_sim.cli.given_path import NonEmptyPath
 
 
 @click.command("view")
@@ -13,7 +13,7 @@ from klute_sim.cli.given_path import GivenPath
 @click.option("--web", is_flag=True, help="Serve the viewer to a browser on this machine instead of a window.")
 @click.option(
     "--picture",
-    type=GivenPath(),
+    type=NonEmptyPath(),
     default=None,
     metavar="FILE.png|FOLDER",
     help="Draw the window as it opens to FILE.png, or every view to a picture of its own in FOLDER; no screen, no "
@@ -21,7 +21,7 @@ from klute_sim.cli.given_path import GivenPath
 )
 @click.option(
     "--at",
-    type=common.Number(),
+    type=common.NumberWithUnit(),
     default=None,
     metavar="PLACE",
     help="With --picture: where the cursor is on the timeline [s, or its own numbers].  [default: in the middle]",
@@ -58,8 +58,8 @@ def command(path: Path, web: bool, picture: Path | None, at: float | None) -> No
     if web:
         raise InputError("--web and --picture exclude each other")
     from klute_sim.report.workbench import picture as drawing
-    from klute_sim.report.workbench.folders import recording_of
+    from klute_sim.report.workbench.folders import ensure_recording
 
-    with recording_of(path) as recording:
-        for file in drawing.save(recording, picture, at):
+    with ensure_recording(path) as recording:
+        for file in drawing.save_pictures(recording, picture, at):
             click.echo(file)

@@ -5,59 +5,59 @@ from dataclasses import dataclass
 from typing import Literal
 
 from klute_sim.compare import convert, difference, matching, resample, source, strikes
-from klute_sim.compare.curve import Curve
+from klute_sim.compare.curve import MeanCurve
 from klute_sim.compare.difference import Difference
 from klute_sim.compare.remarks import Remarks
-from klute_sim.compare.runs import Run
-from klute_sim.compare.source import HUMAN, Members, Source
+from klute_sim.compare.runs import ComparedRun
+from klute_sim.compare.source import REFERENCE_LABEL, NamedRecordings, SeriesSource
 from klute_sim.errors import InputError
-from klute_sim.recording.recording import Samples
+from klute_sim.recording.recording import Array
 
-Over = Literal["phase", "time"]
+Domain = Literal["phase", "time"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class ComparisonOptions:
     """What to compare, and how."""
 
-    over: Over | None = None
+    domain: Domain | None = None
     """None: over phase if every recording has one, else over time."""
-    names: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ()
     """Channels; none: the main ones; ``("all",)``: every one."""
-    reference: bool = False
+    include_reference: bool = False
     """Put the first run's human reference beside, as a series of its own."""
-    to: str | None = None
+    baseline: str | None = None
     """Label of the series that the others are compared with; None: the first run's."""
-    skip: int | None = None
+    skip_strides: int | None = None
     """Strides left out at the start of every recording; None: one of a simulated walk of several strides, none of a
     measured one."""
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class ComparisonSeries:
     """One line in the pictures: the mean over the repeats of one label."""
 
     label: str
-    curves: Mapping[str, Curve]
+    curves: Mapping[str, MeanCurve]
     """By channel."""
-    repeats: int
+    n_repeats: int
     """Strides over phase, recordings over time; 0 of the human reference: not known."""
 
     @property
-    def reference(self) -> bool:
+    def is_reference(self) -> bool:
         """Whether it is the human reference."""
-        return self.repeats == 0
+        return self.n_repeats == 0
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ComparisonPart:
     """One trial of bench runs; walks and single recordings have one part."""
 
     name: str
     """Of the trial; '' where there is one part alone."""
-    axis: Samples
+    axis: Array
     """Phase [%] or time [s] of every point."""
-    series: tuple[Series, ...]
+    series: tuple[ComparisonSeries, ...]
     """The first is the one that the others are compared with."""
     units: Mapping[str, str]
     """Of every compared channel."""
@@ -65,79 +65,85 @@ class Part:
     """Channel -> label of another series -> how it differs from the first."""
 
     @property
-    def yardstick(self) -> Series:
+    def normalization_series(self) -> ComparisonSeries:
         """The series in whose standard deviations every rms is told: the reference if it is there, else the first."""
-        return _yardstick(self.series)
+        return _find_normalization_series(self.series)
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """Everything that was compared."""
 
-    over: Over
-    runs: tuple[Run, ...]
-    parts: tuple[Part, ...]
+    domain: Domain
+    runs: tuple[ComparedRun, ...]
+    parts: tuple[ComparisonPart, ...]
     remarks: tuple[str, ...]
     """What the user should know, one sentence each."""
 
     @property
-    def alone(self) -> bool:
+    def is_single(self) -> bool:
         """Whether there is one series, with nothing to compare it with."""
         return len(self.parts[0].series) == 1
 
 
-def compare(runs: Sequence[Run], options: Options | None = None) -> Comparison:
+def compare(runs: Sequence[ComparedRun], options: ComparisonOptions | None = None) -> Comparison:
     """Compare ``runs``; one alone with several strides or repeats is shown with its band.
 
     Raises InputError where there is nothing to compare, or not what ``options`` ask for.
     """
-    options = options or Options()
-    _check(runs, options)
+    options = options or ComparisonOptions()
+    _check_labels(runs, options)
     remarks = Remarks(remark for run in runs for remark in run.remarks)
-    runs = convert.alike(runs, remarks)
-    runs, over = _over(runs, options, remarks)
-    _note_walkers(runs, options, remarks)
-    parts = matching.parts(runs, remarks).items()
-    found = tuple(_part(name, members, over, options, remarks) for name, members in parts)
-    if all(len(part.series) == 1 and part.series[0].repeats == 1 for part in found):
-        _refuse_alone(runs[0].label, over)
-    return Comparison(over, tuple(runs), found, remarks.said)
+    runs = convert.unify_units(runs, remarks)
+    runs, over = _select_domain(runs, options, remarks)
+    _note_walker_differences(runs, options, remarks)
+    parts = matching.match_parts(runs, remarks).items()
+    found = tuple(_compare_part(name, members, over, options, remarks) for name, members in parts)
+    if all(len(part.series) == 1 and part.series[0].n_repeats == 1 for part in found):
+        _raise_nothing_to_compare(runs[0].label, over)
+    return Comparison(over, tuple(runs), found, remarks.sentences)
 
 
-def _check(runs: Sequence[Run], options: Options) -> None:
+def _check_labels(runs: Sequence[ComparedRun], options: ComparisonOptions) -> None:
     labels = list(dict.fromkeys(run.label for run in runs))
-    if options.reference and HUMAN in labels:
-        raise InputError(f"'{HUMAN}' is the label of the reference; give the run another one, as in LABEL=RUN")
-    if options.reference:
-        labels.append(HUMAN)
-    if options.to is not None and options.to not in labels:
-        raise InputError(f"no series is called '{options.to}'; allowed: {', '.join(labels)}")
+    if options.include_reference and REFERENCE_LABEL in labels:
+        raise InputError(
+            f"'{REFERENCE_LABEL}' is the label of the reference; give the run another one, as in LABEL=RUN"
+        )
+    if options.include_reference:
+        labels.append(REFERENCE_LABEL)
+    if options.baseline is not None and options.baseline not in labels:
+        raise InputError(f"no series is called '{options.baseline}'; allowed: {', '.join(labels)}")
 
 
-def _refuse_alone(label: str, over: Over) -> None:
-    what = "stride" if over == "phase" else "recording"
+def _raise_nothing_to_compare(label: str, domain: Domain) -> None:
+    what = "stride" if domain == "phase" else "recording"
     raise InputError(
         f"there is nothing to compare '{label}' with, and a single {what} has no band of its own; name a run with "
         "another label, a repeat with the same one, or --reference for the human reference of a walk"
     )
 
 
-def _over(runs: Sequence[Run], options: Options, remarks: Remarks) -> tuple[Sequence[Run], Over]:
+def _select_domain(
+    runs: Sequence[ComparedRun], options: ComparisonOptions, remarks: Remarks
+) -> tuple[Sequence[ComparedRun], Domain]:
     """Over what is compared; and ``runs``, over phase with one in every recording that can be given one."""
     told = Remarks()
-    phased = runs if options.over == "time" else [strikes.phased(run, told) for run in runs]
-    all_have = all(resample.PHASE in recording for run in phased for recording in run.parts.values())
-    over = options.over or ("phase" if all_have else "time")
+    phased = runs if options.domain == "time" else [strikes.add_gait_phase(run, told) for run in runs]
+    all_have = all(resample.PHASE_CHANNEL in recording for run in phased for recording in run.parts.values())
+    over = options.domain or ("phase" if all_have else "time")
     if over == "phase":
         runs = phased
-        for remark in told.said:
+        for remark in told.sentences:
             remarks.add(remark)
-    if over == "time" and (options.reference or options.skip is not None):
-        raise InputError(f"{'--reference' if options.reference else '--skip'} is for strides; these are over time")
+    if over == "time" and (options.include_reference or options.skip_strides is not None):
+        raise InputError(
+            f"{'--reference' if options.include_reference else '--skip'} is for strides; these are over time"
+        )
     return runs, over
 
 
-def _note_walkers(runs: Sequence[Run], options: Options, remarks: Remarks) -> None:
+def _note_walker_differences(runs: Sequence[ComparedRun], options: ComparisonOptions, remarks: Remarks) -> None:
     """Say what makes walks differ beside what is walked on: nothing here is divided by body mass."""
     recordings = [recording for run in runs for recording in run.parts.values()]
     walks = [r.provenance.get("options") or {} for r in recordings if r.provenance.get("rig") == "gait"]
@@ -146,28 +152,32 @@ def _note_walkers(runs: Sequence[Run], options: Options, remarks: Remarks) -> No
         if len(values) > 1:
             remarks.add(f"The walkers differ in {what} ({', '.join(values)} {unit}); nothing here is scaled by it.")
     references = {str(r.provenance.get("reference")) for r in recordings}
-    if options.reference and len(references) > 1:
+    if options.include_reference and len(references) > 1:
         remarks.add(f"The runs have different references: the one shown is that of '{runs[0].label}'.")
 
 
-def _part(name: str, members: Mapping[str, Members], over: Over, options: Options, remarks: Remarks) -> Part:
-    if over == "phase":
+def _compare_part(
+    name: str, recordings: Mapping[str, NamedRecordings], domain: Domain, options: ComparisonOptions, remarks: Remarks
+) -> ComparisonPart:
+    if domain == "phase":
         axis = resample.PHASE_GRID
-        sources = [source.over_phase(label, own, options.skip, remarks) for label, own in members.items()]
+        sources = [
+            source.make_phase_source(label, own, options.skip_strides, remarks) for label, own in recordings.items()
+        ]
     else:
-        axis = resample.common_time([one for own in members.values() for one in own])
-        sources = [source.over_time(label, own, axis) for label, own in members.items()]
-    if options.reference:
-        sources.append(source.human(sources[0], members[sources[0].label], remarks))
-    to = options.to or sources[0].label
+        axis = resample.make_common_time([one for own in recordings.values() for one in own])
+        sources = [source.make_time_source(label, own, axis) for label, own in recordings.items()]
+    if options.include_reference:
+        sources.append(source.make_reference_source(sources[0], recordings[sources[0].label], remarks))
+    to = options.baseline or sources[0].label
     sources.sort(key=lambda one: one.label != to)  # which keeps the order of the others
-    names = matching.names(sources, options.names, remarks)
+    names = matching.select_channels(sources, options.channels, remarks)
     units = {channel: sources[0].units[channel] for channel in names}
-    series = tuple(_made(one, units) for one in sources)
-    deviations = {name: own.sd for name, own in _yardstick(series).curves.items()}
+    series = tuple(_make_series(one, units) for one in sources)
+    deviations = {name: own.sd for name, own in _find_normalization_series(series).curves.items()}
     differences = {
         channel: {
-            other.label: difference.between(
+            other.label: difference.compute_difference(
                 series[0].curves[channel], other.curves[channel], axis, deviations.get(channel)
             )
             for other in series[1:]
@@ -175,14 +185,16 @@ def _part(name: str, members: Mapping[str, Members], over: Over, options: Option
         }
         for channel in names
     }
-    return Part(name, axis, series, units, differences)
+    return ComparisonPart(name, axis, series, units, differences)
 
 
-def _made(one: Source, units: Mapping[str, str]) -> Series:
+def _make_series(series_source: SeriesSource, units: Mapping[str, str]) -> ComparisonSeries:
     """The curves of those channels that ``one`` has in the same unit."""
-    curves = {name: one.curve(name) for name, unit in units.items() if one.units.get(name) == unit}
-    return Series(one.label, curves, one.repeats)
+    curves = {
+        name: series_source.get_curve(name) for name, unit in units.items() if series_source.units.get(name) == unit
+    }
+    return ComparisonSeries(series_source.label, curves, series_source.n_repeats)
 
 
-def _yardstick(series: Sequence[Series]) -> Series:
-    return next((one for one in series if one.reference), series[0])
+def _find_normalization_series(series: Sequence[ComparisonSeries]) -> ComparisonSeries:
+    return next((one for one in series if one.is_reference), series[0])

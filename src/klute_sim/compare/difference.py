@@ -19,21 +19,21 @@ from typing import Literal
 import numpy as np
 from scipy.special import stdtrit
 
-from klute_sim.compare.curve import Curve
-from klute_sim.recording.recording import Samples
+from klute_sim.compare.curve import MeanCurve
+from klute_sim.recording.recording import Array
 
-Band = Literal["means", "prediction", "reference", "none"]
+BandKind = Literal["means", "prediction", "reference", "none"]
 """What the interval is made of: both curves' repeats; one curve's, the other being single; people's spread; nothing."""
 
-QUANTILE = 0.975
+T_QUANTILE = 0.975
 """Of Student's t: two-sided 95 %."""
-FEWEST = 2
+MIN_REGION_POINTS = 2
 """Points in a row that make a stretch beyond the band."""
-ROUNDING = 1e-9
+ROUNDING_TOLERANCE = 1e-9
 """Of the range of both curves: differences and deviations below it are rounding, whatever the band."""
-CONSTANT = 1e-12
+CONSTANT_TOLERANCE = 1e-12
 """Of its largest value: a curve that varies by less is constant."""
-HALF = 0.5
+HALF_FRACTION = 0.5
 """Share of the squared difference that the shortest stretch is looked for."""
 
 
@@ -43,10 +43,10 @@ class Region:
 
     begin: float
     end: float
-    largest: float
+    max_difference: float
     """Difference of largest size in it, with its sign."""
-    at: float
-    share: float
+    max_position: float
+    fraction: float
     """Of the squared difference over the whole axis [1]."""
 
 
@@ -54,12 +54,12 @@ class Region:
 class Difference:
     """The other curve minus the first, in the channel's unit; None where there is nothing to tell it from."""
 
-    values: Samples
+    values: Array
     """One per point; NaN where one of the curves has none."""
-    width: Samples
+    half_width: Array
     """Half width of the 95 % interval around no difference; NaN where there is no band."""
-    band: Band
-    share: float
+    band: BandKind
+    compared_fraction: float
     """Share of the axis where both curves have a value [1]: everything else is of that share alone."""
     bias: float | None
     """Mean difference."""
@@ -69,110 +69,116 @@ class Difference:
     """``rms`` over the root mean square of a standard deviation [1]; None where that is unknown or zero."""
     correlation: float | None
     """Pearson's [1]; None if one of the curves is constant."""
-    largest: float | None
+    max_difference: float | None
     """Difference of largest size, with its sign."""
-    at: float | None
+    max_position: float | None
     """Where that is; None where there is no difference, but for rounding."""
-    half: tuple[float, float] | None
+    half_interval: tuple[float, float] | None
     """The shortest stretch with half of the squared difference; None likewise."""
     regions: tuple[Region, ...]
     """Stretches beyond the band."""
 
 
-def between(first: Curve, other: Curve, axis: Samples, sd: Samples | None) -> Difference:
+def compute_difference(first: MeanCurve, other: MeanCurve, axis: Array, sd: Array | None) -> Difference:
     """The difference ``other`` minus ``first`` along ``axis`` (rising, evenly spaced).
 
     ``sd`` is the standard deviation that :attr:`Difference.rms_sd` is measured in; None: not known.
     """
     values = other.mean - first.mean
     there = np.isfinite(values)
-    width, band = _half_width(first, other)
+    width, band = _compute_half_width(first, other)
     found = Difference(
-        values=values, width=np.where(there, width, np.nan), band=band, share=float(np.mean(there)),
-        bias=None, rms=None, rms_sd=None, correlation=None, largest=None, at=None, half=None, regions=(),
+        values=values, half_width=np.where(there, width, np.nan), band=band, compared_fraction=float(np.mean(there)),
+        bias=None, rms=None, rms_sd=None, correlation=None, max_difference=None, max_position=None, half_interval=None, regions=(),
     )  # fmt: skip
     if not there.any():
         return found
     d, worst = values[there], int(np.nanargmax(np.abs(values)))
-    rms, least = _rms(d), ROUNDING * _range(first, other)
+    rms, least = _compute_rms(d), ROUNDING_TOLERANCE * _compute_range(first, other)
     return Difference(
         values=values,
-        width=found.width,
+        half_width=found.half_width,
         band=band,
-        share=found.share,
+        compared_fraction=found.compared_fraction,
         bias=float(np.mean(d)) + 0.0,  # no negative zero
         rms=rms,
-        rms_sd=None if sd is None else _in_deviations(rms, sd[there], least),
-        correlation=correlation(first.mean[there], other.mean[there]),
-        largest=float(values[worst]) + 0.0,
-        at=float(axis[worst]) if rms > least else None,
-        half=half_of_it(values, axis) if rms > least else None,
-        regions=_regions(values, np.maximum(found.width, least), axis),
+        rms_sd=None if sd is None else _normalize_rms(rms, sd[there], least),
+        correlation=compute_correlation(first.mean[there], other.mean[there]),
+        max_difference=float(values[worst]) + 0.0,
+        max_position=float(axis[worst]) if rms > least else None,
+        half_interval=find_half_interval(values, axis) if rms > least else None,
+        regions=_find_regions(values, np.maximum(found.half_width, least), axis),
     )
 
 
-def correlation(x: Samples, y: Samples) -> float | None:
+def compute_correlation(x: Array, y: Array) -> float | None:
     """Pearson's correlation of ``x`` and ``y`` [1]; None if one of them is constant. Equal ones give exactly 1."""
-    if any(np.ptp(z) <= CONSTANT * np.max(np.abs(z)) for z in (x, y)):
+    if any(np.ptp(z) <= CONSTANT_TOLERANCE * np.max(np.abs(z)) for z in (x, y)):
         return None
     x, y = x - np.mean(x), y - np.mean(y)
     x, y = x / np.max(np.abs(x)), y / np.max(np.abs(y))  # so that squares neither overflow nor vanish
     return float(np.clip(np.sum(x * y) / np.sqrt(np.sum(x * x) * np.sum(y * y)), -1.0, 1.0))
 
 
-def half_of_it(values: Samples, axis: Samples) -> tuple[float, float] | None:
+def find_half_interval(values: Array, axis: Array) -> tuple[float, float] | None:
     """Ends of the shortest stretch of ``axis`` with half of the squared ``values``; None if these are all zero.
 
     NaN counts as zero. If several are the shortest, it is the first.
     """
-    squares = np.nan_to_num(_squares(values))
+    squares = np.nan_to_num(_scale_squares(values))
     running = np.concatenate([[0.0], np.cumsum(squares)])
     if running[-1] == 0.0:
         return None
-    ends = np.searchsorted(running, running[:-1] + HALF * running[-1], side="left")
+    ends = np.searchsorted(running, running[:-1] + HALF_FRACTION * running[-1], side="left")
     lengths = np.where(ends < len(running), ends - np.arange(len(ends)), len(ends) + 1)
     begin = int(np.argmin(lengths))
     return float(axis[begin]), float(axis[ends[begin] - 1])
 
 
-def _half_width(first: Curve, other: Curve) -> tuple[Samples, Band]:
+def _compute_half_width(first: MeanCurve, other: MeanCurve) -> tuple[Array, BandKind]:
     """Half width of the 95 % interval of the difference at every point, and what it is made of."""
-    if first.reference or other.reference:
-        people, own = (first, other) if first.reference else (other, first)
-        error = np.zeros_like(people.sd) if own.reference else np.where(own.count > 1, own.sd**2 / own.count, 0.0)
-        freedom = np.where(error > 0.0, np.maximum(own.count - 1.0, 1.0), np.inf)
-        width = _interval(people.sd**2, np.full(people.sd.shape, np.inf), error, freedom)
-        return width, _named(width, "reference")
-    one, two = first.count > 1, other.count > 1
-    freedom1, freedom2 = (np.asarray(curve.count - 1.0, dtype=np.float64) for curve in (first, other))
+    if first.is_reference or other.is_reference:
+        people, own = (first, other) if first.is_reference else (other, first)
+        error = (
+            np.zeros_like(people.sd)
+            if own.is_reference
+            else np.where(own.n_repeats > 1, own.sd**2 / own.n_repeats, 0.0)
+        )
+        freedom = np.where(error > 0.0, np.maximum(own.n_repeats - 1.0, 1.0), np.inf)
+        width = _compute_welch_half_width(people.sd**2, np.full(people.sd.shape, np.inf), error, freedom)
+        return width, _select_band(width, "reference")
+    one, two = first.n_repeats > 1, other.n_repeats > 1
+    freedom1, freedom2 = (np.asarray(curve.n_repeats - 1.0, dtype=np.float64) for curve in (first, other))
     with np.errstate(invalid="ignore", divide="ignore"):
-        both = _interval(first.sd**2 / first.count, freedom1, other.sd**2 / other.count, freedom2)
-        sd, count = np.where(one, first.sd, other.sd), np.where(one, first.count, other.count)
-        alone = stdtrit(count - 1.0, QUANTILE) * sd * np.sqrt(1.0 + 1.0 / count)
+        both = _compute_welch_half_width(
+            first.sd**2 / first.n_repeats, freedom1, other.sd**2 / other.n_repeats, freedom2
+        )
+        sd, count = np.where(one, first.sd, other.sd), np.where(one, first.n_repeats, other.n_repeats)
+        alone = stdtrit(count - 1.0, T_QUANTILE) * sd * np.sqrt(1.0 + 1.0 / count)
     width = np.where(one & two, both, np.where(one | two, alone, np.nan))
-    return width, _named(width, "means" if (one & two).any() else "prediction")
+    return width, _select_band(width, "means" if (one & two).any() else "prediction")
 
 
-def _interval(v1: Samples, freedom1: Samples, v2: Samples, freedom2: Samples) -> Samples:
+def _compute_welch_half_width(v1: Array, dof1: Array, v2: Array, dof2: Array) -> Array:
     """Half width t·√(v1 + v2) with the degrees of freedom of Welch and Satterthwaite; zero where nothing scatters."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         total = v1 + v2
         # As shares of the total, because squares of tiny variances are zero.
-        freedom = 1.0 / ((v1 / total) ** 2 / freedom1 + (v2 / total) ** 2 / freedom2)
-        return np.asarray(np.where(total == 0.0, 0.0, stdtrit(freedom, QUANTILE) * np.sqrt(total)))
+        freedom = 1.0 / ((v1 / total) ** 2 / dof1 + (v2 / total) ** 2 / dof2)
+        return np.asarray(np.where(total == 0.0, 0.0, stdtrit(freedom, T_QUANTILE) * np.sqrt(total)))
 
 
-def _named(width: Samples, band: Band) -> Band:
-    return band if np.isfinite(width).any() else "none"
+def _select_band(half_width: Array, band: BandKind) -> BandKind:
+    return band if np.isfinite(half_width).any() else "none"
 
 
-def _regions(values: Samples, width: Samples, axis: Samples) -> tuple[Region, ...]:
-    beyond = np.abs(values) > width  # never where one of them is NaN
+def _find_regions(values: Array, half_width: Array, axis: Array) -> tuple[Region, ...]:
+    beyond = np.abs(values) > half_width  # never where one of them is NaN
     edges = np.flatnonzero(np.diff(np.concatenate([[False], beyond, [False]]).astype(np.int8)))
-    squares = np.nan_to_num(_squares(values))
+    squares = np.nan_to_num(_scale_squares(values))
     found = []
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        if end - begin < FEWEST:
+        if end - begin < MIN_REGION_POINTS:
             continue
         worst = begin + int(np.argmax(np.abs(values[begin:end])))
         share = float(squares[begin:end].sum() / squares.sum())
@@ -180,23 +186,23 @@ def _regions(values: Samples, width: Samples, axis: Samples) -> tuple[Region, ..
     return tuple(found)
 
 
-def _squares(values: Samples) -> Samples:
+def _scale_squares(values: Array) -> Array:
     """Squares of ``values`` over that of the largest, which neither overflow nor vanish; NaN stays."""
     high = float(np.max(np.nan_to_num(np.abs(values))))
     return np.asarray((values / high) ** 2) if high > 0.0 else np.abs(values)
 
 
-def _rms(values: Samples) -> float:
+def _compute_rms(values: Array) -> float:
     high = float(np.max(np.abs(values)))
     return high * float(np.sqrt(np.mean((values / high) ** 2))) if high > 0.0 else 0.0
 
 
-def _in_deviations(rms: float, sd: Samples, least: float) -> float | None:
+def _normalize_rms(rms: float, sd: Array, tolerance: float) -> float | None:
     known = sd[np.isfinite(sd)]
-    deviation = _rms(known) if len(known) else 0.0
-    return rms / deviation if deviation > least else None
+    deviation = _compute_rms(known) if len(known) else 0.0
+    return rms / deviation if deviation > tolerance else None
 
 
-def _range(first: Curve, other: Curve) -> float:
+def _compute_range(first: MeanCurve, other: MeanCurve) -> float:
     both = np.concatenate([first.mean, other.mean])
     return float(np.nanmax(both) - np.nanmin(both))

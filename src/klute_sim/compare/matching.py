@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 
 from klute_sim.compare import channels
-from klute_sim.compare.remarks import Remarks, listed
-from klute_sim.compare.runs import Run
-from klute_sim.compare.source import Members, Source
+from klute_sim.compare.remarks import Remarks, format_names
+from klute_sim.compare.runs import ComparedRun
+from klute_sim.compare.source import NamedRecordings, SeriesSource
 from klute_sim.errors import InputError
 
 
-def parts(runs: Sequence[Run], remarks: Remarks) -> dict[str, dict[str, Members]]:
+def match_parts(runs: Sequence[ComparedRun], remarks: Remarks) -> dict[str, dict[str, NamedRecordings]]:
     """Trial -> label -> recordings, of the trials that every label has; '' where every run is one recording."""
     labels = list(dict.fromkeys(run.label for run in runs))
     if all(len(run.parts) == 1 for run in runs):
@@ -23,12 +23,14 @@ def parts(runs: Sequence[Run], remarks: Remarks) -> dict[str, dict[str, Members]
         several = next(run for run in runs if len(run.parts) > 1)
         trials = list(several.parts)
         raise InputError(
-            f"no trial is in all runs: {several.path} has {listed(trials)}; allowed are runs of the same protocol, or "
+            f"no trial is in all runs: {several.path} has {format_names(trials)}; allowed are runs of the same protocol, or "
             f"the file of one trial, such as {several.path / trials[0]}.parquet"
         )
     for label, own in names.items():
         if own - set(common):
-            remarks.add(f"Trials of '{label}' that not all have are left out: {listed(sorted(own - set(common)))}.")
+            remarks.add(
+                f"Trials of '{label}' that not all have are left out: {format_names(sorted(own - set(common)))}."
+            )
     return {
         part: {
             label: [
@@ -42,65 +44,67 @@ def parts(runs: Sequence[Run], remarks: Remarks) -> dict[str, dict[str, Members]
     }
 
 
-def names(sources: Sequence[Source], asked: Sequence[str], remarks: Remarks) -> list[str]:
+def select_channels(sources: Sequence[SeriesSource], requested: Sequence[str], remarks: Remarks) -> list[str]:
     """The channels to compare with those of the first of ``sources``.
 
     ``asked`` empty: the main ones; ``["all"]``: every one; else these, and what is not there is refused.
     """
     first, others = sources[0], sources[1:]
     there = list(dict.fromkeys(name for source in sources for name in source.units))
-    by_name = bool(asked) and list(asked) != [channels.ALL]
-    wanted = list(dict.fromkeys(asked)) if by_name else channels.measured(there)
+    by_name = bool(requested) and list(requested) != [channels.ALL_CHANNELS]
+    wanted = list(dict.fromkeys(requested)) if by_name else channels.select_measured(there)
     if by_name:
         for name in wanted:
-            _refuse(name, sources, there)
+            _check_channel(name, sources, there)
     for other in others:
-        _note(first, other, wanted, remarks)
-    common = [n for n in wanted if (any(_fits(n, first, other) for other in others) if others else n in first.units)]
+        _note_incomparable(first, other, wanted, remarks)
+    common = [
+        n for n in wanted if (any(_is_comparable(n, first, other) for other in others) if others else n in first.units)
+    ]
     if not common:
         raise InputError(
             f"no channel of '{first.label}' is in another series in a unit of the same kind; it has "
-            f"{listed(channels.measured(first.units))}"
+            f"{format_names(channels.select_measured(first.units))}"
         )
-    found = common if asked else channels.chosen(common)
+    found = common if requested else channels.select_defaults(common)
     if len(found) < len(common):
         which = "in common are compared" if others else "are shown"
         remarks.add(f"{len(found)} of {len(common)} channels {which}; --channel all takes every one.")
     return found
 
 
-def _fits(name: str, first: Source, other: Source) -> bool:
+def _is_comparable(name: str, first: SeriesSource, other: SeriesSource) -> bool:
     return name in first.units and first.units[name] == other.units.get(name)
 
 
-def _refuse(name: str, sources: Sequence[Source], there: Sequence[str]) -> None:
+def _check_channel(name: str, sources: Sequence[SeriesSource], available: Sequence[str]) -> None:
     """Raise InputError where channel ``name`` cannot be compared at all."""
     first = sources[0]
     has = [source for source in sources if name in source.units]
     if not has:
-        raise InputError(f"no channel '{name}'; there are {', '.join(there)}")
+        raise InputError(f"no channel '{name}'; there are {', '.join(available)}")
     if first not in has:
         raise InputError(f"'{first.label}' has no channel '{name}', and the others are compared with it")
     if len(has) == 1 and len(sources) > 1:
         raise InputError(f"channel '{name}' is in '{first.label}' alone: there is nothing to compare it with")
-    if len(has) > 1 and not any(_fits(name, first, other) for other in has[1:]):
-        raise InputError(f"channel '{name}' is in {_in_units(name, has)}; allowed: units of one kind")
+    if len(has) > 1 and not any(_is_comparable(name, first, other) for other in has[1:]):
+        raise InputError(f"channel '{name}' is in {_format_units(name, has)}; allowed: units of one kind")
 
 
-def _note(first: Source, other: Source, wanted: Sequence[str], remarks: Remarks) -> None:
+def _note_incomparable(first: SeriesSource, other: SeriesSource, requested: Sequence[str], remarks: Remarks) -> None:
     """Say which of the ``wanted`` channels cannot be compared between these two."""
-    for name in wanted:
-        if name in first.units and name in other.units and not _fits(name, first, other):
-            remarks.add(f"Channel '{name}' is in {_in_units(name, [first, other])}: not compared.")
+    for name in requested:
+        if name in first.units and name in other.units and not _is_comparable(name, first, other):
+            remarks.add(f"Channel '{name}' is in {_format_units(name, [first, other])}: not compared.")
     for one, lacks in ((first, other), (other, first)):
-        missing = [name for name in wanted if name in one.units and name not in lacks.units]
-        if lacks.reference:
-            missing = channels.chosen(missing)  # nobody expects a reference for most of a device's
+        missing = [name for name in requested if name in one.units and name not in lacks.units]
+        if lacks.is_reference:
+            missing = channels.select_defaults(missing)  # nobody expects a reference for most of a device's
             if missing:
-                remarks.add(f"There is no human reference for: {listed(missing)}.")
-        elif missing and not one.reference:
-            remarks.add(f"'{one.label}' has channels that '{lacks.label}' lacks: {listed(missing)}.")
+                remarks.add(f"There is no human reference for: {format_names(missing)}.")
+        elif missing and not one.is_reference:
+            remarks.add(f"'{one.label}' has channels that '{lacks.label}' lacks: {format_names(missing)}.")
 
 
-def _in_units(name: str, sources: Sequence[Source]) -> str:
+def _format_units(name: str, sources: Sequence[SeriesSource]) -> str:
     return " and in ".join(f"'{source.units[name]}' in '{source.label}'" for source in sources)

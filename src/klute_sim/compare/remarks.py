@@ -2,28 +2,28 @@
 
 from collections.abc import Iterable, Sequence
 
-MOST_NAMES = 8
+MAX_LISTED_NAMES = 8
 """Names listed before the rest are counted."""
 
 
 class Remarks:
     """Sentences in the order in which they were first said."""
 
-    def __init__(self, said: Iterable[str] = ()) -> None:
+    def __init__(self, sentences: Iterable[str] = ()) -> None:
         """Begin with what was ``said``."""
-        self._said = dict.fromkeys(said)
+        self._sentences = dict.fromkeys(sentences)
 
     def add(self, sentence: str) -> None:
         """Say ``sentence``, if it was not said."""
-        self._said[sentence] = None
+        self._sentences[sentence] = None
 
     @property
-    def said(self) -> tuple[str, ...]:
+    def sentences(self) -> tuple[str, ...]:
         """All of them."""
-        return tuple(self._said)
+        return tuple(self._sentences)
 
 
-def listed(names: Sequence[str]) -> str:
+def format_names(names: Sequence[str]) -> str:
     """``names`` with commas, the last of many counted."""
-    rest = len(names) - MOST_NAMES
-    return ", ".join(names[:MOST_NAMES]) + (f" and {rest} more" if rest > 0 else "")
+    rest = len(names) - MAX_LISTED_NAMES
+    return ", ".join(names[:MAX_LISTED_NAMES]) + (f" and {rest} more" if rest > 0 else "")

@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple, Protocol
 
 
-class Sensed(NamedTuple):
+class SensorReadings(NamedTuple):
     """What the instruments of a prosthesis tell, SI."""
 
     ankle_angle: float
@@ -27,10 +27,10 @@ class FeedbackController(Protocol):
 
     interval: float
 
-    def begin(self) -> None:
+    def reset(self) -> None:
         """A walk begins, at heel strike."""
 
-    def command(self, sensed: Sensed) -> float:
+    def command(self, readings: SensorReadings) -> float:
         """Gauge pressure [Pa] to ask for until the next call."""
 
     def describe(self) -> dict[str, Any]:

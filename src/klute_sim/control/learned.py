@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from klute_sim.control.feedback import Sensed
+from klute_sim.control.feedback import SensorReadings
 from klute_sim.control.policy import Policy, load_policy
-from klute_sim.control.pressure import Profile, tuned
+from klute_sim.control.pressure import PressureProfile, load_default_profile
 from klute_sim.errors import InputError
 from klute_sim.units import BAR
 
-OBSERVED = 8
+N_OBSERVATIONS = 8
 """Numbers that ``klute_sim/AnkleGait-v1`` shows a policy."""
 
 
-class Learned:
+class PolicyController:
     """A ``policy`` that was trained in ``klute_sim/AnkleGait-v1`` with action ``residual``.
 
     It sees what the environment showed it, as late as there, from sensors without noise.
@@ -27,62 +27,69 @@ class Learned:
     interval = 0.01
     """Between commands [s], as in the environment."""
 
-    def __init__(self, policy: Policy, base: Profile, residual: float, late: int = 0) -> None:
+    def __init__(
+        self, policy: Policy, base_profile: PressureProfile, max_residual: float, delay_intervals: int = 0
+    ) -> None:
         """Changes of at most ``residual`` [Pa] of ``base``; sensors are ``late`` by whole intervals.
 
         Raises InputError for a policy of something else.
         """
-        if len(policy.scale) != OBSERVED or len(policy.layers[-1][1]) != 1:
+        if len(policy.observation_scale) != N_OBSERVATIONS or len(policy.layers[-1][1]) != 1:
             raise InputError(
-                f"the policy has {len(policy.scale)} inputs and {len(policy.layers[-1][1])} outputs; allowed: "
-                f"{OBSERVED} and 1, as in klute_sim/AnkleGait-v1"
+                f"the policy has {len(policy.observation_scale)} inputs and {len(policy.layers[-1][1])} outputs; allowed: "
+                f"{N_OBSERVATIONS} and 1, as in klute_sim/AnkleGait-v1"
             )
-        self._policy, self._base, self._residual, self._late = policy, base, residual, late
-        self._read: deque[list[float]] = deque(maxlen=1 + late)
+        self._policy, self._base_profile, self._max_residual, self._delay_intervals = (
+            policy,
+            base_profile,
+            max_residual,
+            delay_intervals,
+        )
+        self._observations: deque[list[float]] = deque(maxlen=1 + delay_intervals)
 
-    def begin(self) -> None:
+    def reset(self) -> None:
         """See :class:`~klute_sim.control.feedback.FeedbackController`."""
-        self._read.clear()
+        self._observations.clear()
 
-    def command(self, sensed: Sensed) -> float:
+    def command(self, readings: SensorReadings) -> float:
         """See :class:`~klute_sim.control.feedback.FeedbackController`."""
-        self._read.append([*sensed[:5], sensed.pressure / BAR])
-        turn = 2.0 * math.pi * sensed.phase
-        action = float(self._policy([*self._read[0], math.sin(turn), math.cos(turn)])[0])
-        return max(0.0, self._base.pressure(sensed.phase) + self._residual * action)
+        self._observations.append([*readings[:5], readings.pressure / BAR])
+        turn = 2.0 * math.pi * readings.phase
+        action = float(self._policy([*self._observations[0], math.sin(turn), math.cos(turn)])[0])
+        return max(0.0, self._base_profile.pressure_at(readings.phase) + self._max_residual * action)
 
     def describe(self) -> dict[str, Any]:
         """See :class:`~klute_sim.control.feedback.FeedbackController`."""
-        numbers = [self._policy.scale, *(array for layer in self._policy.layers for array in layer)]
+        numbers = [self._policy.observation_scale, *(array for layer in self._policy.layers for array in layer)]
         digest = hashlib.sha256(b"".join(np.ascontiguousarray(each).tobytes() for each in numbers)).hexdigest()
         return {
             "kind": "policy",
             "sha256": digest,
-            "base": self._base.describe(),
-            "residual_bar": self._residual / BAR,
-            "late_intervals": self._late,
-            "made": dict(self._policy.made),
+            "base": self._base_profile.describe(),
+            "residual_bar": self._max_residual / BAR,
+            "late_intervals": self._delay_intervals,
+            "made": dict(self._policy.metadata),
         }
 
 
-def load(path: str | Path) -> Learned:
+def load_policy_controller(path: str | Path) -> PolicyController:
     """The policy in a file that ``klute-sim train`` wrote, with the base and bounds it was trained with.
 
     Raises InputError if it is none, or acts on something else than a profile.
     """
-    return learned(load_policy(path), str(path))
+    return build_policy_controller(load_policy(path), str(path))
 
 
-def learned(policy: Policy, where: str) -> Learned:
+def build_policy_controller(policy: Policy, source: str) -> PolicyController:
     """``policy`` with the base and bounds that it was trained with; ``where`` names it in errors."""
     try:
-        environment = policy.made["config"]["environment"]
+        environment = policy.metadata["config"]["environment"]
         action = environment.get("action", "pressure")
         residual, late = float(environment.get("residual_bar", 1.0)), int(environment.get("sensor_delay", 0))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
-        raise InputError(f"policy {where} does not say how it was trained") from None
+        raise InputError(f"policy {source} does not say how it was trained") from None
     if not (0.0 <= residual <= 20.0 and 0 <= late <= 100):  # also refuses NaN
-        raise InputError(f"policy {where} changes {residual:g} bar, {late} intervals late; allowed: 0 to 20, 0 to 100")
+        raise InputError(f"policy {source} changes {residual:g} bar, {late} intervals late; allowed: 0 to 20, 0 to 100")
     if action != "residual":
-        raise InputError(f"policy {where} commands '{action}'; allowed: residual, a bounded change of a profile")
-    return Learned(policy, tuned(), residual * BAR, late)
+        raise InputError(f"policy {source} commands '{action}'; allowed: residual, a bounded change of a profile")
+    return PolicyController(policy, load_default_profile(), residual * BAR, late)

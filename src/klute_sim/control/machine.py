@@ -10,11 +10,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from klute_sim.control.feedback import Sensed
+from klute_sim.control.feedback import SensorReadings
 from klute_sim.errors import InputError
 from klute_sim.units import BAR
 
-STATES = ("loading", "rollover", "push_off", "swing")
+STATE_NAMES = ("loading", "rollover", "push_off", "swing")
 
 
 @dataclass(kw_only=True)
@@ -64,20 +64,20 @@ class StateMachine:
         if not 1e-3 <= self.interval <= 0.1:
             raise InputError(f"interval of the state machine is {self.interval:g}; allowed: 0.001 to 0.1 s")
 
-    def begin(self) -> None:
+    def reset(self) -> None:
         """See :class:`~klute_sim.control.feedback.FeedbackController`."""
         self.state = "loading"
 
-    def command(self, sensed: Sensed) -> float:
+    def command(self, readings: SensorReadings) -> float:
         """See :class:`~klute_sim.control.feedback.FeedbackController`."""
-        lean = 57.29577951308232 * sensed.shank_angle
-        self.state = self._next(sensed.load, lean)
+        lean = 57.29577951308232 * readings.shank_angle
+        self.state = self._select_next_state(readings.load, lean)
         if self.state != "rollover":
             return BAR * float(getattr(self, f"{self.state}_bar"))
         way = min(max((lean - self.upright_deg) / (self.lean_deg - self.upright_deg), 0.0), 1.0)
         return BAR * (self.rollover_bar + way * (self.rollover_end_bar - self.rollover_bar))
 
-    def _next(self, load: float, lean: float) -> str:
+    def _select_next_state(self, load: float, lean: float) -> str:
         """The state after the present one, or the present one.
 
         A stance that is broken off early, by a stumble, ends in swing, too; only in loading, as the heel bounces, a
@@ -98,38 +98,38 @@ class StateMachine:
         return {"kind": "machine"} | {each.name: getattr(self, each.name) for each in fields(self) if each.init}
 
 
-def shipped() -> StateMachine:
+def load_default_state_machine() -> StateMachine:
     """The package's own."""
     file = resources.files("klute_sim.control") / "machine.toml"
-    return parse(file.read_text("utf-8"), "machine.toml")
+    return parse_state_machine(file.read_text("utf-8"), "machine.toml")
 
 
-def load(path: str | Path) -> StateMachine:
+def load_state_machine(path: str | Path) -> StateMachine:
     """The state machine in a TOML file of :class:`StateMachine`'s numbers; raises InputError."""
     try:
         text = Path(path).read_text("utf-8-sig")  # some editors put a mark in front
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
         raise InputError(f"state machine {path} cannot be read: {reason}") from None
-    return parse(text, str(path))
+    return parse_state_machine(text, str(path))
 
 
-def parse(text: str, where: str) -> StateMachine:
+def parse_state_machine(text: str, source: str) -> StateMachine:
     """The state machine that TOML ``text`` holds; ``where`` names it in errors."""
     try:
         numbers = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"state machine {where} is no TOML file: {error}") from None
+        raise InputError(f"state machine {source} is no TOML file: {error}") from None
     own = {each.name: each for each in fields(StateMachine) if each.init}
     for name, value in numbers.items():
         if name not in own:
-            raise InputError(f"state machine {where}: there is no '{name}'; there are: {', '.join(own)}")
+            raise InputError(f"state machine {source}: there is no '{name}'; there are: {', '.join(own)}")
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"state machine {where}: '{name}' is {value!r}; allowed: a number")
+            raise InputError(f"state machine {source}: '{name}' is {value!r}; allowed: a number")
     for name, each in own.items():
         if each.default is MISSING and name not in numbers:
-            raise InputError(f"state machine {where}: '{name}' is missing")
+            raise InputError(f"state machine {source}: '{name}' is missing")
     try:
         return StateMachine(**numbers)
     except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+        raise InputError(f"{source}: {error}") from None

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from klute_sim.errors import InputError
 
-Weights = NDArray[np.float32]
+Float32Array = NDArray[np.float32]
 
 ACTIVATIONS = ("tanh", "relu")
 
@@ -22,24 +22,26 @@ ACTIVATIONS = ("tanh", "relu")
 class Policy:
     """Observations in, the action that it thinks best out."""
 
-    scale: Weights
+    observation_scale: Float32Array
     """(observations,) by which each observation is divided first."""
-    layers: Sequence[tuple[Weights, Weights]]
+    layers: Sequence[tuple[Float32Array, Float32Array]]
     """Weights (outputs, inputs) and biases (outputs,) of each layer, the last one without activation."""
     activation: str
     """Between layers, one of :data:`ACTIVATIONS`."""
-    squashed: bool
+    tanh_output: bool
     """Whether actions are the last layer's hyperbolic tangent; otherwise they are clipped to -1 ... 1."""
-    made: Mapping[str, Any]
+    metadata: Mapping[str, Any]
     """How it was made (JSON types)."""
 
     def __post_init__(self) -> None:
         """Raise InputError for layers that do not fit together."""
         if self.activation not in ACTIVATIONS:
             raise InputError(f"the policy's activation is '{self.activation}'; allowed: {', '.join(ACTIVATIONS)}")
-        if self.scale.ndim != 1 or any(weights.ndim != 2 or biases.ndim != 1 for weights, biases in self.layers):
+        if self.observation_scale.ndim != 1 or any(
+            weights.ndim != 2 or biases.ndim != 1 for weights, biases in self.layers
+        ):
             raise InputError("the policy's scale and biases are no rows, or its weights no tables, of numbers")
-        inputs = len(self.scale)
+        inputs = len(self.observation_scale)
         for number, (weights, biases) in enumerate(self.layers, start=1):
             if (
                 weights.shape != (len(biases), inputs)
@@ -51,29 +53,31 @@ class Policy:
                     f"allowed: finite numbers for {inputs} inputs"
                 )
             inputs = len(biases)
-        if not self.layers or not (np.isfinite(self.scale).all() and np.all(self.scale > 0.0)):
+        if not self.layers or not (np.isfinite(self.observation_scale).all() and np.all(self.observation_scale > 0.0)):
             raise InputError("the policy needs at least one layer and scales above 0")
 
-    def __call__(self, observation: ArrayLike) -> Weights:
+    def __call__(self, observation: ArrayLike) -> Float32Array:
         """Actions in -1 ... 1 for observations (observations,) or (n, observations)."""
-        value = np.asarray(observation, dtype=np.float32) / self.scale
+        value = np.asarray(observation, dtype=np.float32) / self.observation_scale
         for weights, biases in self.layers[:-1]:
             value = value @ weights.T + biases
             value = np.tanh(value) if self.activation == "tanh" else np.maximum(value, 0.0)
         weights, biases = self.layers[-1]
         value = value @ weights.T + biases
-        return np.asarray(np.tanh(value) if self.squashed else np.clip(value, -1.0, 1.0), dtype=np.float32)
+        return np.asarray(np.tanh(value) if self.tanh_output else np.clip(value, -1.0, 1.0), dtype=np.float32)
 
     def save(self, path: str | Path) -> None:
         """Write it to ``path`` (.npz): arrays, and a JSON text under ``made``."""
-        arrays: dict[str, Any] = {"scale": self.scale, "made": np.array(self._text())}
+        arrays: dict[str, Any] = {"scale": self.observation_scale, "made": np.array(self._format_metadata())}
         for number, (weights, biases) in enumerate(self.layers):
             arrays[f"weights_{number}"], arrays[f"biases_{number}"] = weights, biases
         with Path(path).open("wb") as file:
             np.savez(file, **arrays)
 
-    def _text(self) -> str:
-        return json.dumps({"activation": self.activation, "squashed": self.squashed, **self.made}, allow_nan=False)
+    def _format_metadata(self) -> str:
+        return json.dumps(
+            {"activation": self.activation, "squashed": self.tanh_output, **self.metadata}, allow_nan=False
+        )
 
 
 def load_policy(path: str | Path) -> Policy:

@@ -20,14 +20,14 @@ from scipy.interpolate import PchipInterpolator
 from klute_sim.errors import InputError
 from klute_sim.units import BAR
 
-COLUMNS = ("gait_pct", "pressure_bar")
+PROFILE_COLUMNS = ("gait_pct", "pressure_bar")
 
 
 @runtime_checkable
 class PressureController(Protocol):
     """Anything that commands pressure over the gait cycle."""
 
-    def pressure(self, phase: float) -> float:
+    def pressure_at(self, phase: float) -> float:
         """Commanded gauge pressure [Pa] at ``phase`` of the cycle (0-1)."""
 
     def describe(self) -> dict[str, Any]:
@@ -35,28 +35,28 @@ class PressureController(Protocol):
 
 
 @dataclass(frozen=True)
-class Constant:
+class ConstantPressure:
     """The same pressure all the time; 0 is *off*."""
 
-    gauge: float
+    gauge_pressure: float
     """Gauge pressure [Pa]."""
 
     def __post_init__(self) -> None:
         """Raise InputError for a pressure that is negative or not finite."""
-        if not (math.isfinite(self.gauge) and self.gauge >= 0.0):
-            raise InputError(f"pressure is {self.gauge / BAR:g} bar; allowed: 0 bar or more")
+        if not (math.isfinite(self.gauge_pressure) and self.gauge_pressure >= 0.0):
+            raise InputError(f"pressure is {self.gauge_pressure / BAR:g} bar; allowed: 0 bar or more")
 
-    def pressure(self, phase: float) -> float:
+    def pressure_at(self, phase: float) -> float:
         """See :class:`PressureController`."""
-        return self.gauge
+        return self.gauge_pressure
 
     def describe(self) -> dict[str, Any]:
         """See :class:`PressureController`."""
-        return {"kind": "constant", "pressure_bar": self.gauge / BAR}
+        return {"kind": "constant", "pressure_bar": self.gauge_pressure / BAR}
 
 
 @dataclass(frozen=True)
-class Profile:
+class PressureProfile:
     """A periodic spline through knots of pressure over phase.
 
     Piecewise cubic and monotone between knots (Fritsch-Carlson), so that it never overshoots what was set.
@@ -72,7 +72,9 @@ class Profile:
         """Raise InputError for knots that are no periodic profile of pressures."""
         phase, pressure = np.array(self.gait_pct), np.array(self.pressure_bar)
         if len(phase) < 2 or len(phase) != len(pressure):
-            raise InputError(f"pressure profile {self.name}: needs at least two rows of {' and '.join(COLUMNS)}")
+            raise InputError(
+                f"pressure profile {self.name}: needs at least two rows of {' and '.join(PROFILE_COLUMNS)}"
+            )
         if not (np.all(np.isfinite(phase)) and np.all(np.diff(phase) > 0) and phase[0] >= 0 and phase[-1] < 100):
             raise InputError(
                 f"pressure profile {self.name}: gait_pct must rise, from 0 or more to less than 100; at 100 the "
@@ -82,18 +84,18 @@ class Profile:
             raise InputError(f"pressure profile {self.name}: pressure_bar must be 0 or more everywhere")
 
     @cached_property
-    def _curve(self) -> PchipInterpolator:
+    def _interpolator(self) -> PchipInterpolator:
         phase, pressure = np.array(self.gait_pct) / 100.0, np.array(self.pressure_bar) * BAR
         # Three cycles, so that the middle one has its neighbours on both sides: periodic slopes.
         return PchipInterpolator(np.concatenate([phase - 1.0, phase, phase + 1.0]), np.tile(pressure, 3))
 
-    def pressure(self, phase: float) -> float:
+    def pressure_at(self, phase: float) -> float:
         """See :class:`PressureController`."""
-        return float(self._curve(phase % 1.0))
+        return float(self._interpolator(phase % 1.0))
 
-    def pressures(self, phase: NDArray[np.float64]) -> NDArray[np.float64]:
+    def pressures_at(self, phase: NDArray[np.float64]) -> NDArray[np.float64]:
         """Commanded gauge pressure [Pa] at many phases of the cycle (0-1)."""
-        return np.asarray(self._curve(phase % 1.0), dtype=np.float64)
+        return np.asarray(self._interpolator(phase % 1.0), dtype=np.float64)
 
     def describe(self) -> dict[str, Any]:
         """See :class:`PressureController`."""
@@ -101,18 +103,18 @@ class Profile:
         return {"kind": "profile", "name": self.name, **knots}
 
 
-def off() -> Constant:
+def create_off_controller() -> ConstantPressure:
     """No pressure at any time."""
-    return Constant(0.0)
+    return ConstantPressure(0.0)
 
 
-def tuned() -> Profile:
+def load_default_profile() -> PressureProfile:
     """The shipped profile, tuned by hand for the default prosthesis, 75 kg and the package's reference."""
     file = resources.files("klute_sim.control") / "tuned_profile.csv"
     return parse_profile(file.read_text("utf-8"), "tuned_profile.csv")
 
 
-def load_profile(path: str | Path) -> Profile:
+def load_profile(path: str | Path) -> PressureProfile:
     """The profile in a CSV file with columns gait_pct and pressure_bar; raises InputError."""
     try:
         text = Path(path).read_text("utf-8-sig")  # spreadsheets put a mark in front
@@ -122,25 +124,25 @@ def load_profile(path: str | Path) -> Profile:
     return parse_profile(text, str(path))
 
 
-def parse_profile(text: str, where: str) -> Profile:
+def parse_profile(text: str, source: str) -> PressureProfile:
     """The profile that CSV ``text`` holds; ``where`` names it in errors."""
     try:
         rows = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text)), start=1) if row]
     except csv.Error as error:
-        raise InputError(f"pressure profile {where} is no CSV file: {error}") from None
-    if not rows or tuple(cell.strip() for cell in rows[0][1]) != COLUMNS:
-        raise InputError(f"pressure profile {where}: the heading must be '{','.join(COLUMNS)}'")
+        raise InputError(f"pressure profile {source} is no CSV file: {error}") from None
+    if not rows or tuple(cell.strip() for cell in rows[0][1]) != PROFILE_COLUMNS:
+        raise InputError(f"pressure profile {source}: the heading must be '{','.join(PROFILE_COLUMNS)}'")
     knots = []
     for number, row in rows[1:]:
         try:
             phase, pressure = (float(cell) for cell in row)
         except ValueError:
-            raise InputError(f"pressure profile {where}: row {number} is not two numbers") from None
+            raise InputError(f"pressure profile {source}: row {number} is not two numbers") from None
         knots.append((phase, pressure))
-    return Profile(Path(where).name, tuple(k[0] for k in knots), tuple(k[1] for k in knots))
+    return PressureProfile(Path(source).name, tuple(k[0] for k in knots), tuple(k[1] for k in knots))
 
 
-def to_csv(profile: Profile) -> str:
+def profile_to_csv(profile: PressureProfile) -> str:
     """``profile`` as the CSV file that ``klute-sim gait --controller`` takes."""
     rows = [f"{phase:g},{bar:g}" for phase, bar in zip(profile.gait_pct, profile.pressure_bar, strict=True)]
-    return "\n".join([",".join(COLUMNS), *rows]) + "\n"
+    return "\n".join([",".join(PROFILE_COLUMNS), *rows]) + "\n"

@@ -11,14 +11,14 @@ from klute_sim.dataset import split as splitting
 from klute_sim.dataset import trial as trials
 from klute_sim.dataset.channels import Rig
 from klute_sim.dataset.format import DatasetFile
-from klute_sim.dataset.override import overridden
-from klute_sim.dataset.split import Member, Split
+from klute_sim.dataset.override import apply_changes
+from klute_sim.dataset.split import Split, SplitEntry
 from klute_sim.dataset.trial import Series, Trial
 from klute_sim.device import files as device_files
 from klute_sim.device.files import Device
 from klute_sim.errors import InputError
 
-FILE = "dataset.toml"
+DATASET_FILE_NAME = "dataset.toml"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -29,7 +29,7 @@ class Dataset:
     rig: Rig
     device: Device
     """Its numbers are nominal values; a trial may have others."""
-    uncertain: Mapping[str, float]
+    uncertainties: Mapping[str, float]
     """``section.key`` of the device -> standard deviation in the key's own unit."""
     trials: tuple[Trial, ...]
     digest: str
@@ -38,22 +38,22 @@ class Dataset:
     """What the user should know about the files, one sentence each."""
 
 
-def read(folder: str | Path, device: Device | None = None) -> Dataset:
+def load_dataset(folder: str | Path, device: Device | None = None) -> Dataset:
     """Read the dataset in ``folder``; raises InputError with one sentence when anything is wrong with it.
 
     ``device`` takes the place of the one that the dataset names.
     """
     folder = Path(folder)
-    content = _content(folder)
-    where = str(folder / FILE)
-    file = file_format.parse(content, where)
-    device = device or _device(file.device, folder)
-    uncertain = file_format.standard_deviations(file.uncertain, device.spec.numbers(), where)
-    names = _names(file, where)
-    entries = [Member(name, entry.group or name, entry.use) for name, entry in zip(names, file.trial, strict=True)]
-    splitting.assign(entries, where)  # refuses what cannot be split before large files are read
+    content = _read_content(folder)
+    where = str(folder / DATASET_FILE_NAME)
+    file = file_format.parse_dataset_file(content, where)
+    device = device or _load_device(file.device, folder)
+    uncertain = file_format.compute_standard_deviations(file.uncertain, device.spec.collect_values(), where)
+    names = _name_trials(file, where)
+    entries = [SplitEntry(name, entry.group or name, entry.use) for name, entry in zip(names, file.trial, strict=True)]
+    splitting.assign_uses(entries, where)  # refuses what cannot be split before large files are read
     devices = [
-        overridden(device, entry.device, f"{where}, trial '{name}'")
+        apply_changes(device, entry.device, f"{where}, trial '{name}'")
         for name, entry in zip(names, file.trial, strict=True)
     ]
 
@@ -63,7 +63,7 @@ def read(folder: str | Path, device: Device | None = None) -> Dataset:
     found = []
     for entry, use, own in zip(file.trial, entries, devices, strict=True):
         files = tuple(folder / name for name in entry.files)
-        channels = trials.read(files, file.rig)
+        channels = trials.read_trial(files, file.rig)
         said.append(channels.remarks)
         for each in channels.digests:
             digest.update(bytes.fromhex(each))
@@ -76,42 +76,44 @@ def read(folder: str | Path, device: Device | None = None) -> Dataset:
                 files=files,
                 prescribed=channels.prescribed,
                 measured=channels.measured,
-                checked=_checked(entry.checked, channels.measured, f"{where}, trial '{use.name}'"),
+                trusted=_validate_trusted(entry.checked, channels.measured, f"{where}, trial '{use.name}'"),
             )
         )
-        plausible.refuse(found[-1], channels.units)
+        plausible.check_plausibility(found[-1], channels.units)
         units = {**channels.units, **units}
-    doubt = plausible.doubt(found, units)
+    doubt = plausible.describe_implausible_commands(found, units)
     return Dataset(
         folder=folder,
         rig=file.rig,
         device=device,
-        uncertain=uncertain,
+        uncertainties=uncertain,
         trials=tuple(found),
         digest=digest.hexdigest(),
-        remarks=(*_remarks(found, said), *filter(None, [doubt])),
+        remarks=(*_collect_remarks(found, said), *filter(None, [doubt])),
     )
 
 
-def split(dataset: Dataset) -> Split:
+def split_dataset(dataset: Dataset) -> Split:
     """Which trials to fit, to select by and to show; the same dataset is always split the same way."""
-    return splitting.assign((Member(t.name, t.group, t.use) for t in dataset.trials), str(dataset.folder / FILE))
+    return splitting.assign_uses(
+        (SplitEntry(t.name, t.group, t.use) for t in dataset.trials), str(dataset.folder / DATASET_FILE_NAME)
+    )
 
 
-def _checked(named: Sequence[str], measured: Mapping[str, Series], where: str) -> frozenset[str]:
-    for channel in named:
+def _validate_trusted(names: Sequence[str], measured: Mapping[str, Series], where: str) -> frozenset[str]:
+    for channel in names:
         if channel not in measured:
             raise InputError(
                 f"{where}: 'checked' names '{channel}', which it did not measure; allowed: {', '.join(measured)}"
             )
-    return frozenset(named)
+    return frozenset(names)
 
 
-def _remarks(found: Sequence[Trial], said: Sequence[tuple[str, ...]]) -> list[str]:
+def _collect_remarks(all_trials: Sequence[Trial], file_remarks: Sequence[tuple[str, ...]]) -> list[str]:
     """What was ``said`` of each trial's files, each once (trials may share a file), and what a trial lacks by that."""
     result: dict[str, None] = {}
-    for trial, own in zip(found, said, strict=True):
-        lacks = {c: None for other in found if other.group == trial.group for c in other.measured} if own else {}
+    for trial, own in zip(all_trials, file_remarks, strict=True):
+        lacks = {c: None for other in all_trials if other.group == trial.group for c in other.measured} if own else {}
         missing = [channel for channel in lacks if channel not in trial.measured]
         result |= dict.fromkeys(own)
         if missing:
@@ -119,26 +121,30 @@ def _remarks(found: Sequence[Trial], said: Sequence[tuple[str, ...]]) -> list[st
     return list(result)
 
 
-def _content(folder: Path) -> bytes:
+def _read_content(folder: Path) -> bytes:
     try:
-        return (folder / FILE).read_bytes()
+        return (folder / DATASET_FILE_NAME).read_bytes()
     except FileNotFoundError:
         if not folder.exists():
-            raise InputError(f"there is no folder {folder}; a dataset is a folder with a file {FILE} in it") from None
+            raise InputError(
+                f"there is no folder {folder}; a dataset is a folder with a file {DATASET_FILE_NAME} in it"
+            ) from None
         files = sorted(file.name for file in folder.glob("*") if file.suffix.lower() in (".csv", ".parquet"))
         mend = f"; docs/datasets.md shows how to write one, and it names {files[0]} and so on" if files else ""
-        raise InputError(f"no dataset in {folder}: a dataset is a folder with a file {FILE} in it{mend}") from None
+        raise InputError(
+            f"no dataset in {folder}: a dataset is a folder with a file {DATASET_FILE_NAME} in it{mend}"
+        ) from None
     except NotADirectoryError:
-        raise InputError(f"{folder} is a file; give the folder that holds {FILE}") from None
+        raise InputError(f"{folder} is a file; give the folder that holds {DATASET_FILE_NAME}") from None
     except OSError as error:
-        raise InputError(f"{folder / FILE} cannot be read: {error.strerror}") from None
+        raise InputError(f"{folder / DATASET_FILE_NAME} cannot be read: {error.strerror}") from None
 
 
-def _device(wanted: str, folder: Path) -> Device:
-    return device_files.load(wanted if wanted in device_files.preset_names() else folder / wanted)
+def _load_device(name: str, folder: Path) -> Device:
+    return device_files.load_device(name if name in device_files.list_presets() else folder / name)
 
 
-def _names(file: DatasetFile, where: str) -> list[str]:
+def _name_trials(file: DatasetFile, where: str) -> list[str]:
     names: list[str] = []
     for number, entry in enumerate(file.trial, 1):
         name = "+".join(PurePath(path).with_suffix("").as_posix() for path in entry.files)

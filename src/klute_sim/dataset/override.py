@@ -6,13 +6,13 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
-from klute_sim.dataset.format import refuse_unknown_key
+from klute_sim.dataset.format import check_known_key
 from klute_sim.device.files import Device
-from klute_sim.device.schema import parse
+from klute_sim.device.schema import parse_device_spec
 from klute_sim.errors import InputError
 
 
-def overridden(device: Device, changes: Mapping[str, float], where: str) -> Device:
+def apply_changes(device: Device, changes: Mapping[str, float], where: str) -> Device:
     """``device`` with ``changes`` (``section.key`` -> value in the key's unit), checked as a device file is.
 
     The content is a device file that holds the changed numbers and names ``where`` as their source; without changes
@@ -22,55 +22,57 @@ def overridden(device: Device, changes: Mapping[str, float], where: str) -> Devi
         return device
     keys = tomllib.loads(device.content.decode("utf-8-sig"))
     for key, value in changes.items():
-        refuse_unknown_key(key, device.spec.numbers(), where)
-        put(keys, key, value, where)
+        check_known_key(key, device.spec.collect_values(), where)
+        set_value(keys, key, value, where)
     try:
-        spec = parse(keys, device.name)
+        spec = parse_device_spec(keys, device.name)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     return Device(spec, to_toml(keys).encode())
 
 
-def put(keys: dict[str, Any], key: str, value: float, source: str) -> None:
+def set_value(content: dict[str, Any], key: str, value: float, source: str) -> None:
     """Give number ``key`` (``section.key``) of a device file's ``keys`` a new ``value``; ``source`` says where from."""
     section, _, name = key.rpartition(".")
-    table = keys
+    table = content
     for part in section.split("."):
         table = table[part]
     table[name] = value
-    keys.setdefault("sources", {})[key] = source
+    content.setdefault("sources", {})[key] = source
 
 
-def to_toml(keys: Mapping[str, Any]) -> str:
+def to_toml(content: Mapping[str, Any]) -> str:
     """The ``keys`` of a device file as TOML: single values, then tables, then lists of tables."""
-    return "\n".join(_lines(keys, "")) + "\n"
+    return "\n".join(_format_lines(content, "")) + "\n"
 
 
-def _lines(keys: Mapping[str, Any], above: str) -> list[str]:
-    lines = _pairs({key: value for key, value in keys.items() if not isinstance(value, dict | list)})
-    for title, section in keys.items():
+def _format_lines(content: Mapping[str, Any], prefix: str) -> list[str]:
+    lines = _format_pairs({key: value for key, value in content.items() if not isinstance(value, dict | list)})
+    for title, section in content.items():
         if isinstance(section, dict):
             # A table that holds nothing but tables needs no header of its own.
             header = (
                 []
                 if section and all(isinstance(value, dict) for value in section.values())
-                else ["", f"[{above}{title}]"]
+                else ["", f"[{prefix}{title}]"]
             )
-            lines += [*header, *_lines(section, f"{above}{title}.")]
+            lines += [*header, *_format_lines(section, f"{prefix}{title}.")]
         elif isinstance(section, list):
             for item in section:
-                lines += ["", f"[[{above}{title}]]", *_pairs(item)]
+                lines += ["", f"[[{prefix}{title}]]", *_format_pairs(item)]
     return lines
 
 
-def _pairs(values: Mapping[str, Any]) -> list[str]:
-    return [f"{_key(key)} = {_text(v) if isinstance(v, str) else json.dumps(v)}" for key, v in values.items()]
+def _format_pairs(values: Mapping[str, Any]) -> list[str]:
+    return [
+        f"{_format_key(key)} = {_format_text(v) if isinstance(v, str) else json.dumps(v)}" for key, v in values.items()
+    ]
 
 
-def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _text(key)
+def _format_key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _format_text(key)
 
 
-def _text(value: str) -> str:
+def _format_text(value: str) -> str:
     # JSON's strings are TOML's, but for the one control character that JSON leaves as it is.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from klute_sim.dataset import quantity, text
 from klute_sim.errors import InputError
-from klute_sim.recording.recording import Samples
+from klute_sim.recording.recording import Array
 
 _HEADING = re.compile(r"(?P<name>\w+)\s*\[(?P<unit>[^\[\]]*)\]")
 _WITHOUT_UNIT = re.compile(r"(?P<name>\w+)\s*([(\[{/,:].*)?")
@@ -24,7 +24,7 @@ class Table:
 
     where: str
     """The file, as errors say it."""
-    columns: Mapping[str, Samples]
+    columns: Mapping[str, Array]
     """Name -> samples in SI, finite or NaN where the cell is empty; all of one length."""
     headings: Mapping[str, str]
     """Name -> heading as written."""
@@ -34,31 +34,31 @@ class Table:
     """Headings nobody asked for."""
     digest: str
     """SHA-256 of the file."""
-    place: Callable[[int], str]
+    locate_row: Callable[[int], str]
     """Row, counted from 0 -> where it is in the file, such as ``line 17``."""
 
 
-def read(path: Path, wanted: Mapping[str, str]) -> Table:
+def read_trial_file(path: Path, column_units: Mapping[str, str]) -> Table:
     """Read the columns ``wanted`` (name -> SI unit) as far as the file at ``path`` has them.
 
     Raises InputError when it cannot be read, when a wanted column has no unit or one of another dimension, occurs
     twice, or holds anything but finite numbers and empty cells.
     """
     where = str(path)
-    content = _content(path)
-    found: tuple[Sequence[str], Callable[[Sequence[int]], list[Samples]], Callable[[int], str]]
+    content = _read_content(path)
+    found: tuple[Sequence[str], Callable[[Sequence[int]], list[Array]], Callable[[int], str]]
     if content.startswith(b"PAR1") or path.suffix.lower() in {".parquet", ".pq"}:
-        found = _parquet(content, where)
+        found = _open_parquet(content, where)
     else:
-        file = text.parse(content, where)
-        found = file.headings, file.columns, file.place
+        file = text.parse_delimited_text(content, where)
+        found = file.headings, file.read_columns, file.locate_row
     headings, fetch, place = found
 
     places: dict[str, int] = {}
     factors: list[float] = []
     ignored: list[str] = []
     for number, heading in enumerate(headings):
-        name = _name(heading, wanted, where)
+        name = _match_column(heading, column_units, where)
         if name is None:
             ignored.append(heading)
             continue
@@ -68,7 +68,7 @@ def read(path: Path, wanted: Mapping[str, str]) -> Table:
                 "one out"
             )
         places[name] = number
-        factors.append(_factor(heading, wanted[name], where))
+        factors.append(_require_si_factor(heading, column_units[name], where))
 
     columns = {}
     for (name, number), factor, samples in zip(places.items(), factors, fetch([*places.values()]), strict=True):
@@ -84,7 +84,7 @@ def read(path: Path, wanted: Mapping[str, str]) -> Table:
     return Table(where, columns, written, units, tuple(ignored), hashlib.sha256(content).hexdigest(), place)
 
 
-def _content(path: Path) -> bytes:
+def _read_content(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except FileNotFoundError:
@@ -95,14 +95,14 @@ def _content(path: Path) -> bytes:
         raise InputError(f"trial file {path} cannot be read: {error.strerror}") from None
 
 
-def _name(heading: str, wanted: Mapping[str, str], where: str) -> str | None:
+def _match_column(heading: str, column_units: Mapping[str, str], where: str) -> str | None:
     """The wanted column that ``heading`` is, None for any other; capitals do not matter."""
     match = _HEADING.fullmatch(heading) or _WITHOUT_UNIT.fullmatch(heading)
     name = match["name"].lower() if match else ""
-    if match is None or name not in wanted:
+    if match is None or name not in column_units:
         return None
     if match.re is _WITHOUT_UNIT:
-        example = quantity.EXAMPLES[wanted[name]].split(",")[0]
+        example = quantity.EXAMPLE_UNITS[column_units[name]].split(",")[0]
         raise InputError(
             f"trial file {where}: column '{heading}' has no unit in square brackets; write for example "
             f"'{name} [{example}]'"
@@ -110,20 +110,20 @@ def _name(heading: str, wanted: Mapping[str, str], where: str) -> str | None:
     return name
 
 
-def _factor(heading: str, si: str, where: str) -> float:
+def _require_si_factor(heading: str, si_unit: str, where: str) -> float:
     match = _HEADING.fullmatch(heading)
-    factor = quantity.factor(match["unit"].strip(), si) if match else None
+    factor = quantity.get_si_factor(match["unit"].strip(), si_unit) if match else None
     if factor is None:
         raise InputError(
             f"trial file {where}: column '{heading}' has a unit that does not fit; allowed are "
-            f"{quantity.EXAMPLES[si]} and other units of that kind"
+            f"{quantity.EXAMPLE_UNITS[si_unit]} and other units of that kind"
         )
     return factor
 
 
-def _parquet(
+def _open_parquet(
     content: bytes, where: str
-) -> tuple[list[str], Callable[[Sequence[int]], list[Samples]], Callable[[int], str]]:
+) -> tuple[list[str], Callable[[Sequence[int]], list[Array]], Callable[[int], str]]:
     """Headings, how to fetch columns and how to name a row."""
     if not content:
         raise InputError(f"trial file {where} is empty")
@@ -133,7 +133,7 @@ def _parquet(
     except (pa.ArrowException, OSError, ValueError) as error:
         raise InputError(f"trial file {where} is no Parquet file: {str(error).splitlines()[0]}") from None
 
-    def fetch(places: Sequence[int]) -> list[Samples]:
+    def fetch(places: Sequence[int]) -> list[Array]:
         columns = []
         for place in places:
             kind = file.schema_arrow.field(place).type

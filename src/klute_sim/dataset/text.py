@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 from klute_sim.errors import InputError
-from klute_sim.recording.recording import Samples
+from klute_sim.recording.recording import Array
 
 BOM = b"\xef\xbb\xbf"
 DELIMITERS = ",;\t"
@@ -24,12 +24,12 @@ _ANY_DELIMITER = re.compile(r"[,;\s\"]")
 _FIRST_LINE = re.compile(rb"[^\r\n]*(\r\n|\n|\r)?")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?nan", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?[\d.]*,\d+([eE][+-]?\d+)?")
-_MISSING = [" " * width for width in range(33)]
+_MISSING_VALUES = [" " * width for width in range(33)]
 """Empty cells, also where a program pads its columns with blanks."""
 
 
 @dataclass(frozen=True)
-class Text:
+class DelimitedText:
     """A text file with a heading line."""
 
     where: str
@@ -41,23 +41,23 @@ class Text:
     first_line: int
     """Number of the body's first line."""
 
-    def lines(self) -> Iterator[tuple[int, str]]:
+    def iterate_lines(self) -> Iterator[tuple[int, str]]:
         """The rows, with the number of each line as an editor shows it; empty lines are no rows."""
         for number, line in enumerate(self.body.splitlines(), self.first_line):
             if line:
                 yield number, line.decode("utf-8", errors="replace")
 
-    def place(self, row: int) -> str:
+    def locate_row(self, row: int) -> str:
         """``line N`` of the ``row``-th row, counted from 0."""
-        return next(f"line {number}" for k, (number, _) in enumerate(self.lines()) if k == row)
+        return next(f"line {number}" for k, (number, _) in enumerate(self.iterate_lines()) if k == row)
 
-    def columns(self, wanted: Sequence[int]) -> list[Samples]:
+    def read_columns(self, indices: Sequence[int]) -> list[Array]:
         """The columns at the places ``wanted``; an empty cell is NaN."""
-        self._refuse_open_quotes()
+        self._check_quotes()
         if not self.body.strip():
-            return [np.empty(0) for _ in wanted]
+            return [np.empty(0) for _ in indices]
         names = [str(place) for place in range(len(self.headings))]
-        keep = [names[place] for place in wanted]
+        keep = [names[place] for place in indices]
         try:
             table = pyarrow.csv.read_csv(
                 pa.py_buffer(self.body),
@@ -67,42 +67,42 @@ class Text:
                 convert_options=pyarrow.csv.ConvertOptions(
                     include_columns=keep,
                     column_types=dict.fromkeys(keep, pa.float64()),
-                    null_values=_MISSING,
+                    null_values=_MISSING_VALUES,
                     check_utf8=False,
                 ),
             )
         except (pa.ArrowException, OSError, ValueError) as error:
             reason = str(error).splitlines()[0]
-            raise InputError(f"trial file {self.where}: {self._trouble(wanted) or reason}") from None
+            raise InputError(f"trial file {self.where}: {self._find_error(indices) or reason}") from None
         return [table.column(name).to_numpy() for name in keep]
 
-    def _refuse_open_quotes(self) -> None:
+    def _check_quotes(self) -> None:
         # A quote that is never closed swallows the rest of the file as one cell, and nobody would know.
         if b'"' not in self.body:
             return
-        for number, line in self.lines():
+        for number, line in self.iterate_lines():
             if line.count('"') % 2:
                 raise InputError(
                     f"trial file {self.where}: line {number} opens a quote and does not close it; every row must "
                     "be one line"
                 )
 
-    def _trouble(self, wanted: Sequence[int]) -> str | None:
+    def _find_error(self, indices: Sequence[int]) -> str | None:
         """The first thing wrong with a row, as the end of a sentence."""
         expected = len(self.headings)
-        for number, line in self.lines():
+        for number, line in self.iterate_lines():
             cells = next(csv.reader([line], delimiter=self.delimiter), [])
             if len(cells) != expected:
                 mend = "; write decimal points, not commas" if len(cells) > expected and self.delimiter == "," else ""
-                return f"line {number} has {_count(len(cells))}, but the heading has {_count(expected)}{mend}"
-            for place in wanted:
-                said = _refusal(cells[place].strip())
+                return f"line {number} has {_format_cell_count(len(cells))}, but the heading has {_format_cell_count(expected)}{mend}"
+            for place in indices:
+                said = _describe_cell_error(cells[place].strip())
                 if said:
                     return f"column '{self.headings[place]}', line {number}: {said}"
         return None
 
 
-def parse(content: bytes, where: str) -> Text:
+def parse_delimited_text(content: bytes, where: str) -> DelimitedText:
     """Find heading line and delimiter of ``content``; raises InputError where there is no such thing."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError(f"trial file {where} is UTF-16 text; save it as UTF-8")
@@ -111,8 +111,8 @@ def parse(content: bytes, where: str) -> Text:
     content = content.removeprefix(BOM)
     if not content.strip():
         raise InputError(f"trial file {where} is empty")
-    blank = _matched(_LEADING_BLANK_LINES, content, 0)
-    line = _matched(_FIRST_LINE, content, len(blank))
+    blank = _match_bytes(_LEADING_BLANK_LINES, content, 0)
+    line = _match_bytes(_FIRST_LINE, content, len(blank))
     try:
         text = line.decode("utf-8").strip("\r\n")
     except UnicodeDecodeError:
@@ -125,15 +125,15 @@ def parse(content: bytes, where: str) -> Text:
     if all(_NUMBER.fullmatch(number) for number in _ANY_DELIMITER.split(text) if number):
         raise InputError(f"trial file {where} has no heading: the first line must name the columns, such as 'time [s]'")
     first_line = len(blank.splitlines()) + 2
-    return Text(where, tuple(headings), delimiter, content[len(blank) + len(line) :], first_line)
+    return DelimitedText(where, tuple(headings), delimiter, content[len(blank) + len(line) :], first_line)
 
 
-def _matched(pattern: re.Pattern[bytes], content: bytes, start: int) -> bytes:
+def _match_bytes(pattern: re.Pattern[bytes], content: bytes, start: int) -> bytes:
     match = pattern.match(content, start)
     return match[0] if match else b""
 
 
-def _refusal(cell: str) -> str | None:
+def _describe_cell_error(cell: str) -> str | None:
     if not cell:
         return None
     if _DECIMAL_COMMA.fullmatch(cell):
@@ -145,5 +145,5 @@ def _refusal(cell: str) -> str | None:
     return None
 
 
-def _count(cells: int) -> str:
-    return f"{cells} cell" if cells == 1 else f"{cells} cells"
+def _format_cell_count(n_cells: int) -> str:
+    return f"{n_cells} cell" if n_cells == 1 else f"{n_cells} cells"

@@ -3,56 +3,56 @@
 import math
 from dataclasses import dataclass
 
-from klute_sim.design.choices import Choices
-from klute_sim.design.limits import check
-from klute_sim.design.target import Target
+from klute_sim.design.choices import DesignChoices
+from klute_sim.design.limits import check_range
+from klute_sim.design.target import MuscleTarget
 from klute_sim.errors import InputError
 from klute_sim.laws import damper as law
 from klute_sim.laws import hill
 from klute_sim.laws.damper import Damper
-from klute_sim.laws.pneumatics import ATMOSPHERE
+from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE
 
-DESIGN_DISCHARGE = 1.0
+DESIGN_DISCHARGE_COEFFICIENT = 1.0
 """Cd that orifices are sized with: the source's design."""
 
 
 @dataclass(frozen=True)
-class DesignPoint:
+class DamperDesignPoint:
     """What one orifice is sized for, and what the oil then does."""
 
     speed: float
     """Of the piston [m/s]."""
-    damping: float
+    design_force: float
     """Fd that it is sized to give [N]."""
-    orifice: float
+    orifice_diameter: float
     """Diameter by (4.6) [m], rounded as in the file."""
     bore: float
     """[m]"""
-    density: float
+    oil_density: float
     """Of the oil [kg/m3]."""
-    discharge: float
+    discharge_coefficient: float
     """Cd that the orifice has as made [1]."""
 
     @property
-    def coefficient(self) -> float:
+    def damping_coefficient(self) -> float:
         """Force over speed squared [N s2/m2] as made: with the orifice's own discharge."""
-        return law.coefficient(self.bore, self.orifice, self.density, self.discharge)
+        return law.orifice_coefficient(self.bore, self.orifice_diameter, self.oil_density, self.discharge_coefficient)
 
     @property
-    def braking(self) -> float:
+    def as_built_force(self) -> float:
         """Force at the speed as made [N]: ``damping``, up to the orifice's rounding, if Cd is as designed."""
-        return self.coefficient * self.speed * self.speed
+        return self.damping_coefficient * self.speed * self.speed
 
     @property
     def pressure(self) -> float:
         """Gauge pressure [Pa] on the loaded side as made: braking over the piston, the other side at atmosphere."""
-        return 4.0 * self.braking / (math.pi * self.bore * self.bore)
+        return 4.0 * self.as_built_force / (math.pi * self.bore * self.bore)
 
     @property
-    def oil_speed(self) -> float:
+    def jet_speed(self) -> float:
         """Of the jet where it is narrowest [m/s]: continuity, the jet's area Cd times the orifice's."""
-        ratio = self.bore / self.orifice
-        return self.speed * ratio * ratio / self.discharge
+        ratio = self.bore / self.orifice_diameter
+        return self.speed * ratio * ratio / self.discharge_coefficient
 
     @property
     def cavitation_number(self) -> float:
@@ -62,17 +62,19 @@ class DesignPoint:
         the narrowest place of the jet at the pressure behind the orifice. Below 1, the oil there is a small share of
         the drop away from boiling.
         """
-        return ATMOSPHERE / self.pressure
+        return ATMOSPHERIC_PRESSURE / self.pressure
 
     @property
-    def refill_passage(self) -> float:
+    def min_refill_diameter(self) -> float:
         """Least diameter [m] of the passage through which the unloaded side fills from a reservoir at atmosphere.
 
         (4.6) with the whole atmosphere as the drop: a narrower one leaves a vacuum behind the piston. Flow-control
         valves let oil in freely (assumed to be wider than this).
         """
         area = 0.25 * math.pi * self.bore * self.bore
-        return law.orifice_for(ATMOSPHERE * area, self.speed, self.bore, self.density, self.discharge)
+        return law.required_orifice(
+            ATMOSPHERIC_PRESSURE * area, self.speed, self.bore, self.oil_density, self.discharge_coefficient
+        )
 
 
 @dataclass(frozen=True)
@@ -81,54 +83,54 @@ class DamperDesign:
 
     bore: float
     """[m]"""
-    needed_bore: float
+    required_bore: float
     """By (4.2) [m]."""
-    concentric: DesignPoint
-    eccentric: DesignPoint
+    concentric: DamperDesignPoint
+    eccentric: DamperDesignPoint
 
-    def law(self) -> Damper:
+    def to_damper(self) -> Damper:
         """The damper as built: with the discharge that its orifices have."""
-        return Damper(self.concentric.coefficient, self.eccentric.coefficient)
+        return Damper(self.concentric.damping_coefficient, self.eccentric.damping_coefficient)
 
     @property
-    def pressure(self) -> float:
+    def max_pressure(self) -> float:
         """Larger gauge pressure [Pa] of the two design points, as made."""
         return max(self.concentric.pressure, self.eccentric.pressure)
 
 
-def concentric_damping(target: Target, force: float) -> float:
+def concentric_damping_force(target: MuscleTarget, isometric_force: float) -> float:
     """Fd [N] at Vmax by (4.1), with F0 = ``force`` [N]; the muscle's own force there is 0 or what (2.4) leaves."""
     left = max(0.0, hill.concentric_force(target.hill, 1.0, 1.0))
-    return law.desired_force(force, force * left)
+    return law.desired_force(isometric_force, isometric_force * left)
 
 
-def size(target: Target, force: float, choices: Choices) -> DamperDesign:
+def size_damper(target: MuscleTarget, isometric_force: float, choices: DesignChoices) -> DamperDesign:
     """The damper for actuators of F0 = ``force`` [N]: concentric at Vmax, eccentric at the fastest lengthening."""
     assumed = choices.assumptions
-    fast = target.velocity
-    slow = assumed.eccentric_speed_share * fast if choices.eccentric_speed is None else choices.eccentric_speed
-    shortening = concentric_damping(target, force)
+    fast = target.design_peak_velocity
+    slow = assumed.eccentric_speed_fraction * fast if choices.eccentric_speed is None else choices.eccentric_speed
+    shortening = concentric_damping_force(target, isometric_force)
     # (4.1) the other way: the muscle is to pull with s F0, the actuator with F0.
-    lengthening = -law.desired_force(force, target.hill.saturation * force)
+    lengthening = -law.desired_force(isometric_force, target.hill.saturation * isometric_force)
     if choices.eccentric_force is not None:
         lengthening = choices.eccentric_force
-    needed = law.bore_for(max(shortening, lengthening), assumed.cylinder_pressure)
-    bore = _up(needed) if choices.bore is None else choices.bore
-    check("bore", bore, 1.0, 200.0, "mm", 1e-3)
+    needed = law.required_bore(max(shortening, lengthening), assumed.cylinder_pressure)
+    bore = _round_bore_up(needed) if choices.bore is None else choices.bore
+    check_range("bore", bore, 1.0, 200.0, "mm", 1e-3)
 
-    def point(damping: float, speed: float) -> DesignPoint:
-        exact = law.orifice_for(damping, speed, bore, choices.oil_density, DESIGN_DISCHARGE)
+    def point(damping: float, speed: float) -> DamperDesignPoint:
+        exact = law.required_orifice(damping, speed, bore, choices.oil_density, DESIGN_DISCHARGE_COEFFICIENT)
         orifice = round(exact, 6)
         if orifice > bore or orifice < 1e-3 * bore:
             raise InputError(
                 f"the damper needs an orifice of {1e3 * exact:.3g} mm in a bore of {1e3 * bore:.3g} mm for "
                 f"{damping:.3g} N at {1e3 * speed:.3g} mm/s; allowed: bore / 1000 to bore"
             )
-        return DesignPoint(speed, damping, orifice, bore, choices.oil_density, assumed.discharge)
+        return DamperDesignPoint(speed, damping, orifice, bore, choices.oil_density, assumed.discharge_coefficient)
 
     return DamperDesign(bore, needed, point(shortening, fast), point(lengthening, slow))
 
 
-def _up(bore: float) -> float:
+def _round_bore_up(bore: float) -> float:
     """Rounded up to 0.01 mm, so that the designed force stays within the allowed pressure."""
     return math.ceil(1e5 * bore - 1e-9) / 1e5

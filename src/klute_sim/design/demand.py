@@ -10,100 +10,106 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.control.pressure import PressureController
-from klute_sim.design.actuator import pressure_for
-from klute_sim.design.target import MOMENT, Walker
-from klute_sim.device.step import Parameters, settled
+from klute_sim.design.actuator import pressure_for_force
+from klute_sim.design.target import MOMENT_COLUMN, WalkerTarget
+from klute_sim.device.step import DeviceParameters, compute_equilibrium_state
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben, pneumatics
 from klute_sim.laws import tendon as tendon_law
-from klute_sim.recording.recording import Samples
+from klute_sim.recording.recording import Array
 
-SAMPLES = 200
+SAMPLES_PER_STRIDE = 200
 """Phases of the stride that are looked at."""
-LOADED = 0.05
+MIN_LOADED_FORCE_FRACTION = 0.05
 """Tendon force over its peak above which strength is compared with demand."""
 
 
-class Posture(NamedTuple):
+class StrideGeometry(NamedTuple):
     """How muscle and tendon lie over one stride, whatever the pressure; arrays over phase."""
 
-    phase: Samples
+    phase: Array
     """0-1."""
-    tendon: Samples
+    tendon_force: Array
     """Tension that the moment asks for [N]."""
-    unit: Samples
+    unit_length: Array
     """Length of muscle and tendon together [m]."""
-    free: Samples
+    free_muscle_length: Array
     """Length that is left to the muscle [m]; above L0 the stop carries."""
 
 
 @dataclass(frozen=True)
-class Demand:
+class StrideDemand:
     """One stride; arrays over phase."""
 
-    phase: Samples
+    phase: Array
     """0-1."""
-    tendon: Samples
+    tendon_force: Array
     """Tension that the moment asks for [N]."""
-    ratio: Samples
+    length_ratio: Array
     """Muscle length over L0 under that tension, not above 1."""
-    rate: Samples
+    muscle_velocity: Array
     """Of the muscle's length [m/s], negative while shortening."""
-    damping: Samples
+    damping_force: Array
     """What the damper adds to the tension [N]; negative while shortening."""
-    strongest: Samples
+    max_isometric_force: Array
     """Isometric force at the supply's pressure [N]."""
-    commanded: Samples
+    commanded_isometric_force: Array
     """Isometric force at the profile's pressure [N]."""
-    needed_pressure: Samples
+    required_pressure: Array
     """Gauge pressure [Pa] at which muscle and damper carry the tension; NaN beyond 20 bar, 0 where there is none."""
     at_stop: np.ndarray
     """Where the muscle would be longer than L0: the stop carries, too."""
-    peak_share: float
+    peak_moment_fraction: float
     """Ankle moment that the device holds at rest at the supply's pressure, over the peak, at the peak's phase [1]."""
-    air: float
+    air_mass: float
     """Taken from the supply in a stride under the profile [kg]; isothermal, no dead volume (assumed)."""
 
     @property
-    def loaded(self) -> np.ndarray:
+    def is_loaded(self) -> np.ndarray:
         """Where the tendon carries more than :data:`LOADED` of its peak."""
-        return np.asarray(self.tendon > LOADED * self.tendon.max())
+        return np.asarray(self.tendon_force > MIN_LOADED_FORCE_FRACTION * self.tendon_force.max())
 
     @property
-    def margin(self) -> Samples:
+    def force_margin(self) -> Array:
         """Isometric force at the supply's pressure over what tension and damper ask for [1]; NaN where unloaded."""
-        asked = self.tendon - self.damping
-        return np.where(self.loaded & (asked > 0.0), self.strongest / np.where(asked > 0.0, asked, 1.0), np.nan)
+        asked = self.tendon_force - self.damping_force
+        return np.where(
+            self.is_loaded & (asked > 0.0), self.max_isometric_force / np.where(asked > 0.0, asked, 1.0), np.nan
+        )
 
 
-def posture(parameters: Parameters, neutral_ratio: float, arm: float, walker: Walker) -> Posture:
+def compute_stride_geometry(
+    parameters: DeviceParameters, neutral_ratio: float, moment_arm: float, walker: WalkerTarget
+) -> StrideGeometry:
     """The stride of ``walker`` with the device mounted at ``neutral_ratio`` [L0] with a moment ``arm`` [m]."""
     tendon = parameters.tendon
-    phase = np.arange(SAMPLES) / SAMPLES
+    phase = np.arange(SAMPLES_PER_STRIDE) / SAMPLES_PER_STRIDE
     angle = np.radians(walker.reference("ankle_dorsiflexion_deg", phase))
-    moment = walker.mass * walker.moment_scale * walker.reference(MOMENT, phase)
-    pull = np.maximum(moment, 0.0) / arm
-    unit = neutral_ratio * parameters.muscle.resting_length + tendon.slack_length + arm * angle
-    stretch = np.array([tendon_law.stretch_under(tendon, float(force)) for force in pull])
-    return Posture(phase, pull, unit, unit - tendon.slack_length - stretch)
+    moment = walker.mass * walker.moment_scale * walker.reference(MOMENT_COLUMN, phase)
+    pull = np.maximum(moment, 0.0) / moment_arm
+    unit = neutral_ratio * parameters.muscle.resting_length + tendon.slack_length + moment_arm * angle
+    stretch = np.array([tendon_law.stretch_at_tension(tendon, float(force)) for force in pull])
+    return StrideGeometry(phase, pull, unit, unit - tendon.slack_length - stretch)
 
 
-def over_stride(parameters: Parameters, walker: Walker, lies: Posture, profile: PressureController) -> Demand:
+def compute_stride_demand(
+    parameters: DeviceParameters, walker: WalkerTarget, geometry: StrideGeometry, profile: PressureController
+) -> StrideDemand:
     """The demand of ``walker`` on the device that ``lies`` so, under ``profile``."""
     muscle, tendon, supply = parameters.muscle, parameters.tendon, parameters.supply
-    phase, pull, unit, free = lies
+    phase, pull, unit, free = geometry
     rest = muscle.resting_length
     length = np.minimum(free, rest)
-    step = walker.reference.stride_time / SAMPLES
+    step = walker.reference.stride_time / SAMPLES_PER_STRIDE
     rate = (np.roll(length, -1) - np.roll(length, 1)) / (2.0 * step)
     damping = np.array([damper_law.force(parameters.damper, float(v)) for v in rate])
-    pressure = np.array([min(profile.pressure(float(p)), supply.pressure) for p in phase])
+    pressure = np.array([min(profile.pressure_at(float(p)), supply.max_pressure) for p in phase])
 
-    def isometric(gauge: Samples) -> Samples:
+    def isometric(gauge: Array) -> Array:
         return np.array([mckibben.force(muscle, float(p), float(x)) for p, x in zip(gauge, length, strict=True)])
 
     needed = [
-        pressure_for(muscle, float(force - braked), float(x)) if force > 0.0 else 0.0
+        pressure_for_force(muscle, float(force - braked), float(x)) if force > 0.0 else 0.0
         for force, braked, x in zip(pull, damping, length, strict=True)
     ]
     mass = [
@@ -111,17 +117,21 @@ def over_stride(parameters: Parameters, walker: Walker, lies: Posture, profile: 
         for p, x in zip(pressure, length, strict=True)
     ]
     at = int(pull.argmax())
-    held = unit[at] - settled(parameters, float(unit[at]), supply.pressure).length - tendon.slack_length
-    return Demand(
+    held = (
+        unit[at]
+        - compute_equilibrium_state(parameters, float(unit[at]), supply.max_pressure).length
+        - tendon.slack_length
+    )
+    return StrideDemand(
         phase=phase,
-        tendon=pull,
-        ratio=length / rest,
-        rate=rate,
-        damping=damping,
-        strongest=isometric(np.full(SAMPLES, supply.pressure)),
-        commanded=isometric(pressure),
-        needed_pressure=np.array(needed),
+        tendon_force=pull,
+        length_ratio=length / rest,
+        muscle_velocity=rate,
+        damping_force=damping,
+        max_isometric_force=isometric(np.full(SAMPLES_PER_STRIDE, supply.max_pressure)),
+        commanded_isometric_force=isometric(pressure),
+        required_pressure=np.array(needed),
         at_stop=np.asarray(free > rest),
-        peak_share=tendon_law.force(tendon, float(held)) / float(pull[at]),
-        air=float(np.maximum(np.diff(np.append(mass, mass[0])), 0.0).sum()),
+        peak_moment_fraction=tendon_law.force(tendon, float(held)) / float(pull[at]),
+        air_mass=float(np.maximum(np.diff(np.append(mass, mass[0])), 0.0).sum()),
     )

@@ -5,46 +5,48 @@ from dataclasses import dataclass
 import numpy as np
 
 from klute_sim.laws import hill, mckibben
-from klute_sim.laws.hill import Contractile, Span
+from klute_sim.laws.hill import ClosedInterval, ContractileElement
 from klute_sim.laws.mckibben import Muscle
-from klute_sim.recording.recording import Samples
+from klute_sim.recording.recording import Array
 
-RATIOS = (0.65, 1.0)
+FIT_LENGTH_RATIO_RANGE = (0.65, 1.0)
 """L/L0 over which the parabola is fitted: the source's Fig. 3.6."""
-ROUNDING = 0.005
+SATURATION_TOLERANCE = 0.005
 """How far the saturation may be from the single value that (2.5) prints."""
 
 
 @dataclass(frozen=True)
-class Bound:
+class EnvelopeBound:
     """One line of (2.5)."""
 
     name: str
     low: float
     high: float
-    found: float | None
+    value: float | None
     """None: what was fitted has no such constant."""
     tolerance: float = 0.0
 
     @property
-    def met(self) -> bool:
+    def is_met(self) -> bool:
         """Whether what was found is inside."""
-        span = Span(self.low - self.tolerance, self.high + self.tolerance)
-        return self.found is not None and hill.in_span(span, self.found)
+        span = ClosedInterval(self.low - self.tolerance, self.high + self.tolerance)
+        return self.value is not None and hill.is_in_interval(span, self.value)
 
 
-def parabola(muscle: Muscle, pressure: float, ratios: tuple[float, float] = RATIOS) -> Contractile:
+def fit_parabola(
+    muscle: Muscle, pressure: float, length_ratio_range: tuple[float, float] = FIT_LENGTH_RATIO_RANGE
+) -> ContractileElement:
     """Least-squares fit of (2.3) to the isometric force at gauge ``pressure`` [Pa], over that at L0, by L/L0.
 
     The constants depend on the span of L/L0, ``ratios``, and so does the sign of k7. The curve is convex: k5 > 0.
     """
-    ratio = np.linspace(*ratios, 201)
+    ratio = np.linspace(*length_ratio_range, 201)
     force = np.array([mckibben.force(muscle, pressure, float(x) * muscle.resting_length) for x in ratio])
     k5, k6, k7 = np.polyfit(ratio, force / mckibben.force(muscle, pressure, muscle.resting_length), 2)
-    return Contractile(float(k5), float(k6), float(k7))
+    return ContractileElement(float(k5), float(k6), float(k7))
 
 
-def hyperbola(velocity: Samples, force: Samples) -> float | None:
+def fit_hyperbola(velocity: Array, force: Array) -> float | None:
     """a/F0 = b/Vmax of the hyperbola (2.4) through (0, 1) and (1, 0) nearest to ``force`` [F0] over V/Vmax.
 
     None where none is near: a curve that is straight, or bends the other way, has no finite best constant.
@@ -55,14 +57,16 @@ def hyperbola(velocity: Samples, force: Samples) -> float | None:
     return float(shape[best]) if best < len(shape) - 1 else None
 
 
-def envelope(isometric: Contractile, shape: float | None, saturation: float) -> list[Bound]:
+def compare_with_envelope(
+    isometric: ContractileElement, hyperbola_shape: float | None, saturation: float
+) -> list[EnvelopeBound]:
     """(2.5) against a parabola, the shape of the concentric branch and the eccentric force over F0."""
-    box = hill.ENVELOPE
+    box = hill.DESIGN_ENVELOPE
     return [
-        Bound("k5", *box.k5, isometric.k5),
-        Bound("k6", *box.k6, isometric.k6),
-        Bound("k7", *box.k7, isometric.k7),
-        Bound("a/F0", *box.a, shape),
-        Bound("b/Vmax", *box.b, shape),
-        Bound("saturation", *box.saturation, saturation, ROUNDING),
+        EnvelopeBound("k5", *box.k5, isometric.k5),
+        EnvelopeBound("k6", *box.k6, isometric.k6),
+        EnvelopeBound("k7", *box.k7, isometric.k7),
+        EnvelopeBound("a/F0", *box.a, hyperbola_shape),
+        EnvelopeBound("b/Vmax", *box.b, hyperbola_shape),
+        EnvelopeBound("saturation", *box.saturation, saturation, SATURATION_TOLERANCE),
     ]

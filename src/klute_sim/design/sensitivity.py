@@ -3,17 +3,24 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-from klute_sim.design.choices import MPA, ROWS, Choices
-from klute_sim.design.sizing import Design, design
-from klute_sim.design.target import Target, Walker
+from klute_sim.design.choices import ACTUATOR_LABELS, PA_PER_MPA, DesignChoices
+from klute_sim.design.sizing import Design, design_device
+from klute_sim.design.target import MuscleTarget, WalkerTarget
 from klute_sim.errors import InputError
-from klute_sim.laws.hill_tables import GENERIC_HILL
+from klute_sim.laws.hill_tables import GENERIC_HILL_CURVE
 
-SHAPE = {"a": "a/F0", "b": "b/Vmax"}
+HILL_SHAPE_LABELS = {"a": "a/F0", "b": "b/Vmax"}
 """Constants of Hill's equation (2.4), and what they are called."""
-NOT_IN_A_DESIGN = ("pressure_rate",)
+SIMULATION_ONLY_ASSUMPTIONS = ("pressure_rate",)
 """Assumptions that only a simulation of the device uses: klute-sim gait shows what they change."""
-OF_THE_STRIDE = ("neutral_ratio", "slack_length", "tendon_strain", "second_spring", "engagement_share", "temperature")
+STRIDE_ASSUMPTIONS = (
+    "neutral_ratio",
+    "slack_length",
+    "tendon_strain",
+    "second_spring",
+    "engagement_share",
+    "temperature",
+)
 """Assumptions that are in every device file, but count only in a stride."""
 
 
@@ -23,24 +30,24 @@ class Variation:
 
     name: str
     unit: str
-    factor: float
+    si_factor: float
     """SI per unit."""
-    base: float
+    nominal: float
     """[SI]"""
     values: tuple[float, ...]
     """Instead of ``base`` [SI]."""
-    why: str
+    reason: str
     """Where the number, and how far it is changed, are from."""
-    changed: Callable[[float], tuple[Target | Walker, Choices]]
+    build_inputs: Callable[[float], tuple[MuscleTarget | WalkerTarget, DesignChoices]]
     """The inputs of a design with that value."""
-    field: str | None = None
+    assumption: str | None = None
     """Of the assumptions; None: another number."""
-    changes_length: bool = False
+    affects_length: bool = False
     """Whether the resting length follows from it, and is found anew."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class DesignMetrics:
     """What is looked at; None where it is not defined."""
 
     orifice_concentric: float
@@ -49,63 +56,63 @@ class Outcome:
     """[m]"""
     cylinder_pressure: float
     """Gauge pressure in the damper as made, the larger of its two design points' [Pa]."""
-    peak_share: float | None
+    peak_moment_fraction: float | None
     """See :class:`klute_sim.design.demand.Demand`."""
-    misfit_concentric: float
+    rms_error_concentric: float
     """Of the fixed orifices [F0]."""
-    misfit_eccentric: float
+    rms_error_eccentric: float
     """Of the fixed orifices [F0]."""
-    air: float | None
+    air_mass: float | None
     """Per stride [kg]."""
-    would_take: str | None
+    recommended_actuators: str | None
     """Actuators that the rule would take for the force, or None: no force was asked for."""
 
 
 @dataclass(frozen=True)
-class Effect:
+class SensitivityResult:
     """One row: an assumption at another value."""
 
     variation: Variation
     value: float
     """[SI]"""
-    outcome: Outcome | None
+    metrics: DesignMetrics | None
     """None: no device can be made so."""
 
 
-def outcome(found: Design) -> Outcome:
+def compute_design_metrics(design: Design) -> DesignMetrics:
     """The outcomes of a design."""
-    fixed, demand = found.misfit()["fixed"], found.demand
-    return Outcome(
-        orifice_concentric=found.damper.concentric.orifice,
-        orifice_eccentric=found.damper.eccentric.orifice,
-        cylinder_pressure=found.damper.pressure,
-        peak_share=demand.peak_share if demand else None,
-        misfit_concentric=fixed.concentric,
-        misfit_eccentric=fixed.eccentric,
-        air=demand.air if demand else None,
-        would_take=_by_rule(found.target, found.choices),
+    fixed, demand = design.compute_force_velocity_errors()["fixed"], design.demand
+    return DesignMetrics(
+        orifice_concentric=design.damper.concentric.orifice_diameter,
+        orifice_eccentric=design.damper.eccentric.orifice_diameter,
+        cylinder_pressure=design.damper.max_pressure,
+        peak_moment_fraction=demand.peak_moment_fraction if demand else None,
+        rms_error_concentric=fixed.concentric,
+        rms_error_eccentric=fixed.eccentric,
+        air_mass=demand.air_mass if demand else None,
+        recommended_actuators=_recommend_actuators(design.target, design.choices),
     )
 
 
-def _by_rule(target: Target | Walker, choices: Choices) -> str | None:
+def _recommend_actuators(target: MuscleTarget | WalkerTarget, choices: DesignChoices) -> str | None:
     """The actuators that the rule takes where nobody chose."""
-    if isinstance(target, Target) and target.isometric_force is None:
+    if isinstance(target, MuscleTarget) and target.isometric_force is None:
         return None
-    option = design(target, replace(choices, actuator=None, count=None)).option
-    return f"{option.count} x {ROWS[option.actuator]}"
+    option = design_device(target, replace(choices, actuator=None, count=None)).selected
+    return f"{option.count} x {ACTUATOR_LABELS[option.actuator]}"
 
 
-def variations(found: Design) -> Iterator[Variation]:
+def iter_variations(design: Design) -> Iterator[Variation]:
     """What was assumed in ``found`` and not given by its user; :func:`left_out` has the rest."""
-    target, choices, assumed = found.target, found.choices, found.choices.assumptions
+    target, choices, assumed = design.target, design.choices, design.choices.assumptions
 
     def number(
         field: str, name: str, unit: str, factor: float, values: tuple[float, ...], why: str, *, length: bool = False
     ) -> Iterator[Variation]:
-        def changed(value: float) -> tuple[Target | Walker, Choices]:
+        def changed(value: float) -> tuple[MuscleTarget | WalkerTarget, DesignChoices]:
             return target, replace(choices, assumptions=replace(assumed, **{field: value}))
 
-        if field not in choices.given:
+        if field not in choices.fixed_fields:
             yield Variation(name, unit, factor, getattr(assumed, field), values, why, changed, field, length)
 
     def around(field: str, share: float) -> tuple[float, ...]:
@@ -126,7 +133,7 @@ def variations(found: Design) -> Iterator[Variation]:
             "the tests' 150 of 300 mm/s; a fifth either way",
         )
     if choices.eccentric_force is None:
-        base = found.damper.eccentric.damping
+        base = design.damper.eccentric.design_force
         yield Variation(
             "eccentric damping",
             "N",
@@ -139,11 +146,11 @@ def variations(found: Design) -> Iterator[Variation]:
     if choices.bore is None:
         pressure = around("cylinder_pressure", 0.2)
         yield from number(
-            "cylinder_pressure", "cylinder pressure", "MPa", MPA, pressure, "Table 4.1 is missing; a fifth"
+            "cylinder_pressure", "cylinder pressure", "MPa", PA_PER_MPA, pressure, "Table 4.1 is missing; a fifth"
         )
     yield from number("discharge", "Cd as made", "1", 1.0, (0.8, 0.61), "chapter 4: as low as 0.61")
-    yield from _of_the_muscle(found)
-    if not isinstance(target, Walker):
+    yield from _iter_muscle_variations(design)
+    if not isinstance(target, WalkerTarget):
         return
     yield from number(
         "neutral_ratio", "L/L0 at neutral ankle", "1", 1.0, (neutral - 0.01, neutral + 0.01), "the stop is near"
@@ -157,11 +164,11 @@ def variations(found: Design) -> Iterator[Variation]:
     for field, name in (("second_spring", "second spring/first"), ("engagement_share", "engagement/slack length")):
         yield from number(field, name, "1", 1.0, around(field, 0.5), "Figs 6.3, 6.4: no values")
     yield from number("temperature", "gas temperature", "degC", 1.0, (0.0, 40.0), "room temperature")
-    if _length_is_free(found):
+    if _is_length_free(design):
         share = around("excursion_share", 0.2)
         why = "Fig. 3.8: 0.094; a fifth either way, L0 by rule"
         yield from number("excursion_share", "ankle's travel/L0", "1", 1.0, share, why, length=True)
-        base = found.option.resting_length
+        base = design.selected.resting_length
         yield Variation(
             "resting length L0",
             "mm",
@@ -182,26 +189,26 @@ def variations(found: Design) -> Iterator[Variation]:
     )
 
 
-def left_out(found: Design) -> dict[str, str]:
+def list_excluded_assumptions(design: Design) -> dict[str, str]:
     """Fields of the assumptions that ``found`` uses, that nobody gave and that are not varied -> why."""
-    why = dict.fromkeys(NOT_IN_A_DESIGN, "no size and no outcome of a design depends on it")
-    if not isinstance(found.target, Walker):
-        why |= dict.fromkeys(OF_THE_STRIDE, "without a walker no outcome depends on it")
-    return {field: reason for field, reason in why.items() if field not in found.choices.given}
+    why = dict.fromkeys(SIMULATION_ONLY_ASSUMPTIONS, "no size and no outcome of a design depends on it")
+    if not isinstance(design.target, WalkerTarget):
+        why |= dict.fromkeys(STRIDE_ASSUMPTIONS, "without a walker no outcome depends on it")
+    return {field: reason for field, reason in why.items() if field not in design.choices.fixed_fields}
 
 
-def _length_is_free(found: Design) -> bool:
-    return found.choices.resting_length is None and found.muscle.resting_length is None
+def _is_length_free(design: Design) -> bool:
+    return design.choices.resting_length is None and design.muscle.resting_length is None
 
 
-def _of_the_muscle(found: Design) -> Iterator[Variation]:
-    target, choices, muscle = found.target, found.choices, found.muscle
+def _iter_muscle_variations(design: Design) -> Iterator[Variation]:
+    target, choices, muscle = design.target, design.choices, design.muscle
 
-    def with_muscle(changed: Target) -> tuple[Target | Walker, Choices]:
-        return (replace(target, muscle=changed) if isinstance(target, Walker) else changed), choices
+    def with_muscle(changed: MuscleTarget) -> tuple[MuscleTarget | WalkerTarget, DesignChoices]:
+        return (replace(target, muscle=changed) if isinstance(target, WalkerTarget) else changed), choices
 
     if muscle.peak_velocity is None:
-        base = muscle.velocity
+        base = muscle.design_peak_velocity
         yield Variation(
             "Vmax",
             "mm/s",
@@ -212,11 +219,13 @@ def _of_the_muscle(found: Design) -> Iterator[Variation]:
             lambda value: with_muscle(replace(muscle, peak_velocity=value)),
         )
     free = [
-        key for key in SHAPE if getattr(muscle.hill, key) == getattr(GENERIC_HILL, key) and key not in choices.given
+        key
+        for key in HILL_SHAPE_LABELS
+        if getattr(muscle.hill, key) == getattr(GENERIC_HILL_CURVE, key) and key not in choices.fixed_fields
     ]
     if free:
         yield Variation(
-            " = ".join(SHAPE[key] for key in free),
+            " = ".join(HILL_SHAPE_LABELS[key] for key in free),
             "1",
             1.0,
             getattr(muscle.hill, free[0]),
@@ -226,26 +235,31 @@ def _of_the_muscle(found: Design) -> Iterator[Variation]:
         )
 
 
-def sensitivity(found: Design, progress: Callable[[float], None] = lambda fraction: None) -> list[Effect]:
+def analyse_sensitivity(
+    design: Design, progress: Callable[[float], None] = lambda fraction: None
+) -> list[SensitivityResult]:
     """Every variation of ``found``, redesigned by rule; actuators, count and length are kept.
 
     Only where the length itself follows from the number varied, it is found anew.
     """
-    tried = [(variation, value) for variation in variations(found) for value in variation.values]
+    tried = [(variation, value) for variation in iter_variations(design) for value in variation.values]
     effects = []
     for number, (variation, value) in enumerate(tried):
         progress(number / len(tried))
-        effects.append(Effect(variation, value, _redesigned(found, variation, value)))
+        effects.append(SensitivityResult(variation, value, _redesign(design, variation, value)))
     progress(1.0)
     return effects
 
 
-def _redesigned(found: Design, variation: Variation, value: float) -> Outcome | None:
-    target, choices = variation.changed(value)
-    kept = replace(choices, actuator=found.option.actuator, count=found.option.count)
-    if choices.resting_length is None and not variation.changes_length:
-        kept = replace(kept, resting_length=found.option.resting_length)
+def _redesign(design: Design, variation: Variation, value: float) -> DesignMetrics | None:
+    target, choices = variation.build_inputs(value)
+    kept = replace(choices, actuator=design.selected.actuator, count=design.selected.count)
+    if choices.resting_length is None and not variation.affects_length:
+        kept = replace(kept, resting_length=design.selected.resting_length)
     try:
-        return replace(outcome(design(target, kept)), would_take=_by_rule(target, choices))
+        return replace(
+            compute_design_metrics(design_device(target, kept)),
+            recommended_actuators=_recommend_actuators(target, choices),
+        )
     except InputError:
         return None

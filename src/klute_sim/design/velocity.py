@@ -11,36 +11,36 @@ from klute_sim.laws import damper as damper_law
 from klute_sim.laws import hill as hill_law
 from klute_sim.laws import mckibben
 from klute_sim.laws.damper import Damper
-from klute_sim.laws.hill import Hill
+from klute_sim.laws.hill import HillCurve
 from klute_sim.laws.mckibben import Muscle
-from klute_sim.recording.recording import Samples
+from klute_sim.recording.recording import Array
 
 
 @dataclass(frozen=True)
-class Curves:
+class ForceVelocityCurves:
     """Forces [N] over velocity [m/s]."""
 
-    velocity: Samples
+    velocity: Array
     """Shortening positive."""
-    hill: Samples
+    muscle: Array
     """The muscle that is emulated: (2.4), or its inversion; not below 0."""
-    alone: Samples
+    actuator_only: Array
     """The actuator, whose model does not depend on velocity (measured: -6 % at 300 mm/s)."""
-    ideal: Samples
+    ideal_damper: Array
     """With a damper that gives (4.1) at every velocity; it only has to brake, because both have the same F0."""
-    fixed: Samples
+    fixed_orifices: Array
     """With one fixed orifice per direction."""
     isometric: float
     """F0 [N]."""
 
     @property
-    def damping(self) -> Samples:
+    def damping(self) -> Array:
         """What the ideal damper takes [N], eq. (4.1): positive while shortening, negative while lengthening."""
-        return self.alone - self.ideal
+        return self.actuator_only - self.ideal_damper
 
 
 @dataclass(frozen=True)
-class Misfit:
+class ForceVelocityError:
     """Distance to the muscle, rms over velocity, over F0 [1]."""
 
     concentric: float
@@ -49,40 +49,42 @@ class Misfit:
     """Over the velocities of 0 and below."""
 
 
-def curves(
+def compute_force_velocity(
     muscle: Muscle,
     damper: Damper,
-    hill: Hill,
+    hill: HillCurve,
     peak_velocity: float,
-    velocities: Samples,
+    velocities: Array,
     pressure: float,
-    ratio: float,
-) -> Curves:
+    length_ratio: float,
+) -> ForceVelocityCurves:
     """The four curves at ``velocities`` [m/s], gauge ``pressure`` [Pa] and ``ratio`` = L/L0.
 
     F0 is the actuator's own isometric force there (as in Fig. 3.9), ``peak_velocity`` is the muscle's Vmax [m/s].
     """
     velocity = np.asarray(velocities, dtype=np.float64)
-    isometric = mckibben.force(muscle, pressure, ratio * muscle.resting_length)
+    isometric = mckibben.force(muscle, pressure, length_ratio * muscle.resting_length)
     wanted = [max(0.0, hill_law.force_velocity(hill, 1.0, float(v) / peak_velocity)) for v in velocity]
     target = isometric * np.array(wanted)
     alone = np.full(velocity.shape, isometric)
     desired = np.array([damper_law.desired_force(isometric, float(wished)) for wished in target])
     braked = np.array([damper_law.force(damper, -float(v)) for v in velocity])
-    return Curves(velocity, target, alone, alone - desired, alone + braked, isometric)
+    return ForceVelocityCurves(velocity, target, alone, alone - desired, alone + braked, isometric)
 
 
-def misfit(curves: Curves, forces: Samples) -> Misfit:
+def compute_rms_error(curves: ForceVelocityCurves, forces: Array) -> ForceVelocityError:
     """How far ``forces`` [N], one of the curves, are from the muscle's; NaN where a side has no velocity."""
-    distance = (forces - curves.hill) / curves.isometric
+    distance = (forces - curves.muscle) / curves.isometric
     sides = (distance[curves.velocity >= 0.0], distance[curves.velocity <= 0.0])
-    return Misfit(*(float(np.sqrt(np.mean(side * side))) if len(side) else float("nan") for side in sides))
+    return ForceVelocityError(*(float(np.sqrt(np.mean(side * side))) if len(side) else float("nan") for side in sides))
 
 
-def needed_orifice(curves: Curves, bore: float, density: float, discharge: float) -> Samples:
+def required_orifice(
+    curves: ForceVelocityCurves, bore: float, oil_density: float, discharge_coefficient: float
+) -> Array:
     """Orifice [m] that would give the ideal damping at each velocity (Fig. 4.3); NaN where none is wanted."""
     found = [
-        damper_law.orifice_for(abs(float(force)), abs(float(v)), bore, density, discharge)
+        damper_law.required_orifice(abs(float(force)), abs(float(v)), bore, oil_density, discharge_coefficient)
         if force != 0.0 and v != 0.0
         else float("nan")
         for v, force in zip(curves.velocity, curves.damping, strict=True)
@@ -90,6 +92,8 @@ def needed_orifice(curves: Curves, bore: float, density: float, discharge: float
     return np.array(found)
 
 
-def grid(slowest: float, fastest: float) -> Samples:
+def velocity_grid(max_lengthening_speed: float, max_shortening_speed: float) -> Array:
     """Velocities [m/s] from ``-slowest`` (lengthening) to ``fastest`` (shortening), 0 among them."""
-    return np.concatenate([np.linspace(-slowest, 0.0, 201)[:-1], np.linspace(0.0, fastest, 401)])
+    return np.concatenate(
+        [np.linspace(-max_lengthening_speed, 0.0, 201)[:-1], np.linspace(0.0, max_shortening_speed, 401)]
+    )

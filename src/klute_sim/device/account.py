@@ -11,23 +11,31 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from klute_sim.device.installation import choose
-from klute_sim.device.instant import stages
-from klute_sim.device.ledger import Ledger, ledger
-from klute_sim.device.rollout import earlier, obstacle
-from klute_sim.device.snapshot import FIELDS, tell
-from klute_sim.device.step import DEAD_TIME, MEMORY, Parameters, State, advance, supplied, taut
-from klute_sim.device.vector import pack, unpack
+from klute_sim.device.installation import select_backend
+from klute_sim.device.instant import accumulate_effects
+from klute_sim.device.ledger import EnergyBalance, compute_energy_balance
+from klute_sim.device.rollout import find_numba_incompatibility, interpolate_samples
+from klute_sim.device.snapshot import N_OUTPUTS, fill_outputs
+from klute_sim.device.step import (
+    DEAD_TIME_INDEX,
+    N_INTERNAL_STATES,
+    DeviceParameters,
+    DeviceState,
+    advance_state,
+    apply_supply_effects,
+    compute_taut_state,
+)
+from klute_sim.device.vector import pack_parameters, unpack_parameters
 from klute_sim.errors import SimulationError
 from klute_sim.laws import charging
 
 Array = NDArray[np.float64]
 
-STATES = 3
+N_STATE_COLUMNS = 3
 """Columns before those of a snapshot: gauge pressure [Pa], muscle length [m], its rate [m/s]."""
 
 
-class Account(NamedTuple):
+class RolloutRecord(NamedTuple):
     """One entry per sample; SI."""
 
     tension: Array
@@ -36,19 +44,19 @@ class Account(NamedTuple):
     """Gauge pressure [Pa]."""
     length: Array
     """Muscle length [m]."""
-    rate: Array
+    velocity: Array
     """Of the muscle's length in this step [m/s]."""
-    ledger: Ledger
+    energy_balance: EnergyBalance
 
 
-def run(
+def integrate(
     rows: Sequence[Sequence[float]],
     pressure: float,
     length: float,
-    memory: tuple[float, ...],
+    internal_state: tuple[float, ...],
     unit_length: Sequence[float],
     command: Sequence[float],
-    step: float,
+    dt: float,
     out: Array,
 ) -> None:
     """Fill ``out`` (samples, :data:`STATES` + :data:`FIELDS` + 2 for each effect) after each ``step``; SI.
@@ -56,42 +64,42 @@ def run(
     ``rows`` are the parameters of :func:`klute_sim.device.instant.stages`; ``pressure``, ``length`` and ``memory`` are
     where the device begins.
     """
-    parameters = unpack(rows[-1])
-    late = parameters.effects[DEAD_TIME] / step
-    before = State(pressure, length, memory)
+    parameters = unpack_parameters(rows[-1])
+    late = parameters.effects[DEAD_TIME_INDEX] / dt
+    before = DeviceState(pressure, length, internal_state)
     for k in range(len(unit_length)):
-        after = advance(parameters, before, unit_length[k], earlier(command, k - late), step)
-        rate = (after.length - before.length) / step
+        after = advance_state(parameters, before, unit_length[k], interpolate_samples(command, k - late), dt)
+        rate = (after.length - before.length) / dt
         out[k, 0], out[k, 1], out[k, 2] = after.pressure, after.length, rate
-        tell(rows, after, unit_length[k], rate, out[k, STATES:])
+        fill_outputs(rows, after, unit_length[k], rate, out[k, N_STATE_COLUMNS:])
         before = after
 
 
 @cache
-def _compiled() -> Callable[..., None]:
+def _compile_integrate() -> Callable[..., None]:
     import numba
 
     from klute_sim.device import account, compiled, rollout, snapshot
 
-    law = compiled.device_law()
-    early = compiled.copy_of(rollout, **law).earlier
-    copy = compiled.copy_of(account, **law, tell=snapshot.compiled_functions().tell, earlier=early)
+    law = compiled.compile_device_functions()
+    early = compiled.compile_module(rollout, **law).earlier
+    copy = compiled.compile_module(account, **law, tell=snapshot.compile_functions().tell, earlier=early)
     number = numba.float64
-    memory, series = numba.types.UniTuple(number, MEMORY), number[::1]
+    memory, series = numba.types.UniTuple(number, N_INTERNAL_STATES), number[::1]
     signature = numba.void(number[:, ::1], number, number, memory, series, series, number, number[:, ::1])
-    ready: Callable[..., None] = compiled.ready(partial(numba.njit, nogil=True), copy.run, signature)
+    ready: Callable[..., None] = compiled.compile_cached(partial(numba.njit, nogil=True), copy.run, signature)
     return ready
 
 
-def account(
-    parameters: Parameters,
+def record_rollout(
+    parameters: DeviceParameters,
     unit_length: ArrayLike,
     command: ArrayLike,
-    step: float,
+    dt: float,
     *,
-    start: State | None = None,
-    law: str = "auto",
-) -> Account:
+    initial_state: DeviceState | None = None,
+    backend: str = "auto",
+) -> RolloutRecord:
     """Let the device follow lengths [m] and pressure commands [Pa], one sample per ``step`` [s] each.
 
     ``start`` is where it begins (left out: the tendon just taut at the first length and command).
@@ -99,21 +107,28 @@ def account(
     Raises SimulationError if a result is not finite.
     """
     lengths, commands = (np.array(x, dtype=np.float64, order="C") for x in (unit_length, command))
-    begin = taut(parameters, float(lengths[0]), float(commands[0])) if start is None else start
-    names, devices = stages(parameters)
-    out = np.empty((len(lengths), STATES + FIELDS + 2 * len(names)))
-    rows: Any = np.array([pack(device) for device in devices])
+    begin = (
+        compute_taut_state(parameters, float(lengths[0]), float(commands[0]))
+        if initial_state is None
+        else initial_state
+    )
+    names, devices = accumulate_effects(parameters)
+    out = np.empty((len(lengths), N_STATE_COLUMNS + N_OUTPUTS + 2 * len(names)))
+    rows: Any = np.array([pack_parameters(device) for device in devices])
     series: Any = (lengths, commands)
-    compiled = choose(law, obstacle) == "compiled"
+    compiled = select_backend(backend, find_numba_incompatibility) == "compiled"
     if not compiled:
         series, rows = (x.tolist() for x in series), rows.tolist()
-    function: Callable[..., None] = _compiled() if compiled else run
-    function(rows, float(begin.pressure), float(begin.length), begin.memory, *series, float(step), out)
+    function: Callable[..., None] = _compile_integrate() if compiled else integrate
+    function(rows, float(begin.pressure), float(begin.length), begin.internal_state, *series, float(dt), out)
     if not np.isfinite(out).all():
         first = int(np.argwhere(~np.isfinite(out))[0][0])
-        raise SimulationError(f"the device has no finite state at t = {first * step:.4f} s")
-    pressure, length, rate = (np.ascontiguousarray(column) for column in out[:, :STATES].T)
-    instants, own = out[:, STATES : STATES + FIELDS], out[:, STATES + FIELDS :].reshape(len(out), len(names), 2)
-    counts = not charging.plain(supplied(parameters, begin.memory))
-    told = ledger(instants, own, names, length, lengths, step, counts=counts)
-    return Account(np.ascontiguousarray(instants[:, 0]), pressure, length, rate, told)
+        raise SimulationError(f"the device has no finite state at t = {first * dt:.4f} s")
+    pressure, length, rate = (np.ascontiguousarray(column) for column in out[:, :N_STATE_COLUMNS].T)
+    instants, own = (
+        out[:, N_STATE_COLUMNS : N_STATE_COLUMNS + N_OUTPUTS],
+        out[:, N_STATE_COLUMNS + N_OUTPUTS :].reshape(len(out), len(names), 2),
+    )
+    counts = not charging.is_ideal(apply_supply_effects(parameters, begin.internal_state))
+    told = compute_energy_balance(instants, own, names, length, lengths, dt, supply_meters_air=counts)
+    return RolloutRecord(np.ascontiguousarray(instants[:, 0]), pressure, length, rate, told)

@@ -8,11 +8,11 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
-from klute_sim.device.schema import DeviceSpec, parse
-from klute_sim.device.step import Parameters
-from klute_sim.errors import InputError, meant
+from klute_sim.device.schema import DeviceSpec, parse_device_spec
+from klute_sim.device.step import DeviceParameters
+from klute_sim.errors import InputError, suggest
 
-DEFAULT_PROSTHESIS = "klute-1-1-4-pair"
+DEFAULT_DEVICE = "klute-1-1-4-pair"
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ class Device:
         return self.spec.name
 
     @cached_property
-    def parameters(self) -> Parameters:
+    def parameters(self) -> DeviceParameters:
         """What the law needs, SI."""
-        return self.spec.parameters()
+        return self.spec.to_parameters()
 
     @property
     def digest(self) -> str:
@@ -39,16 +39,16 @@ class Device:
         return hashlib.sha256(self.content).hexdigest()
 
 
-def _preset_folder() -> Traversable:
+def _get_preset_folder() -> Traversable:
     return resources.files("klute_sim.device") / "presets"
 
 
-def preset_names() -> list[str]:
+def list_presets() -> list[str]:
     """Names of the devices that come with the package."""
-    return sorted(f.name.removesuffix(".toml") for f in _preset_folder().iterdir() if f.name.endswith(".toml"))
+    return sorted(f.name.removesuffix(".toml") for f in _get_preset_folder().iterdir() if f.name.endswith(".toml"))
 
 
-def load(name_or_path: str | Path) -> Device:
+def load_device(name_or_path: str | Path) -> Device:
     """The preset of that name, or the device file at that path.
 
     Raises InputError when there is neither, or when the file is not TOML or not a device.
@@ -56,36 +56,36 @@ def load(name_or_path: str | Path) -> Device:
     wanted = str(name_or_path)
     if wanted in ("", "."):  # a shell variable that is not set
         raise InputError("the name of the device is empty: give the path of a device file, or a preset")
-    if wanted in preset_names():
-        return read((_preset_folder() / f"{wanted}.toml").read_bytes(), wanted)
+    if wanted in list_presets():
+        return parse_device((_get_preset_folder() / f"{wanted}.toml").read_bytes(), wanted)
     try:
         content = Path(wanted).read_bytes()
     except FileNotFoundError:
         every = (
             "give the path of a device file (klute-sim device NAME --toml prints one to start from), or one of "
-            f"{', '.join(preset_names())}"
+            f"{', '.join(list_presets())}"
         )
-        raise InputError(f"no device '{wanted}': {meant(wanted, preset_names(), every)}") from None
+        raise InputError(f"no device '{wanted}': {suggest(wanted, list_presets(), every)}") from None
     except OSError as error:
         raise InputError(f"device file {wanted} cannot be read: {error.strerror}") from None
-    return read(content, wanted)
+    return parse_device(content, wanted)
 
 
-def read(content: bytes, where: str) -> Device:
+def parse_device(content: bytes, source: str) -> Device:
     """The device that ``content`` (TOML, UTF-8) describes; ``where`` names its place in errors."""
     try:
         keys = tomllib.loads(content.decode("utf-8-sig"))  # some editors put a mark in front
     except UnicodeDecodeError:
-        raise InputError(f"device file {where} cannot be read: not a UTF-8 text file") from None
+        raise InputError(f"device file {source} cannot be read: not a UTF-8 text file") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"device file {where} is not valid TOML: {error}") from None
-    return Device(parse(keys, where), content)
+        raise InputError(f"device file {source} is not valid TOML: {error}") from None
+    return Device(parse_device_spec(keys, source), content)
 
 
-def refuse_openings(device: Device, what: str) -> None:
+def check_takes_pressure(device: Device, commander: str) -> None:
     """Raise InputError if the device takes openings of its valve, where ``what`` commands pressures."""
-    if device.parameters.supply.opens != 0.0:
+    if device.parameters.supply.command_is_opening != 0.0:
         raise InputError(
-            f"{what} commands pressures, and '{device.name}' takes openings of its valve; "
+            f"{commander} commands pressures, and '{device.name}' takes openings of its valve; "
             "allowed: a device file with takes = 'pressure' in [valve]"
         )

@@ -16,15 +16,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from klute_sim.device.instant import Instant, added, instant, stages
-from klute_sim.device.step import NO_MEMORY, Parameters, State, supplied
+from klute_sim.device.instant import DeviceOutputs, accumulate_effects, compute_effect_forces, compute_outputs
+from klute_sim.device.step import ZERO_INTERNAL_STATE, DeviceParameters, DeviceState, apply_supply_effects
 from klute_sim.laws import charging
 from klute_sim.units import BAR
 
 Array = NDArray[np.float64]
 
 
-class Ledger(NamedTuple):
+class EnergyBalance(NamedTuple):
     """One entry per sample; the first knows of no step and is 0 in all powers."""
 
     gas_power: Array
@@ -57,63 +57,64 @@ class Ledger(NamedTuple):
     """Air lost through a leak since the first sample [kg]; the rest of what came and is not there was let out."""
     supply_pressure: Array
     """What the supply, or the tank behind it, still has [bar], gauge."""
-    shares: Mapping[str, Array]
+    effect_powers: Mapping[str, Array]
     """The share of each effect in ``effects_power`` [W], by name."""
 
-    def columns(self) -> list[tuple[str, Array]]:
+    def to_columns(self) -> list[tuple[str, Array]]:
         """Recording columns ``name [unit]``, each with its samples."""
-        own = [(of_effect(name) + " [W]", power) for name, power in self.shares.items()]
-        return [*zip(HEADINGS, self[:-1], strict=True), *own]
+        own = [(format_effect_channel(name) + " [W]", power) for name, power in self.effect_powers.items()]
+        return [*zip(COLUMN_HEADINGS, self[:-1], strict=True), *own]
 
 
-_UNITS = {"power": "W", "energy": "J", "mass": "kg", "drawn": "kg", "leaked": "kg", "pressure": "bar"}
-HEADINGS = tuple(f"{name} [{_UNITS[name.rsplit('_')[-1]]}]" for name in Ledger._fields[:-1])
+_UNIT_OF_QUANTITY = {"power": "W", "energy": "J", "mass": "kg", "drawn": "kg", "leaked": "kg", "pressure": "bar"}
+COLUMN_HEADINGS = tuple(f"{name} [{_UNIT_OF_QUANTITY[name.rsplit('_')[-1]]}]" for name in EnergyBalance._fields[:-1])
 """Columns of every recording; each effect has one of its own besides, :func:`of_effect`."""
-LINES = tuple(name for name in Ledger._fields if name.endswith("_power") and name != "delivered_power")
+POWER_TERMS = tuple(name for name in EnergyBalance._fields if name.endswith("_power") and name != "delivered_power")
 """Powers that sum to ``delivered_power``."""
-SOLVER = "solver_power"
+SOLVER_TERM = "solver_power"
 """The one of them that is no physics."""
 
 
-def of_effect(name: str) -> str:
+def format_effect_channel(name: str) -> str:
     """The channel with the share of an effect, which may be called like one of the lines."""
     return f"effect_{name}_power"
 
 
-def ledger(
-    instants: Array,
-    own: Array,
-    effects: Sequence[str],
+def compute_energy_balance(
+    outputs: Array,
+    effect_forces: Array,
+    effect_names: Sequence[str],
     length: Array,
     unit_length: Array,
-    step: float,
+    dt: float,
     *,
-    counts: bool,
-) -> Ledger:
+    supply_meters_air: bool,
+) -> EnergyBalance:
     """The ledger of a series of samples, one every ``step`` [s].
 
     ``instants`` (samples, fields of :class:`Instant`); ``own`` (samples, effects, 2) is what each of ``effects`` adds
     to the muscle side and to the tendon side [N]; muscle ``length`` and ``unit_length`` [m]. Unless the supply
     ``counts`` its air, what is drawn is what the muscle gains.
     """
-    at: Any = Instant(*np.ascontiguousarray(instants.T))  # of arrays instead of numbers
+    at: Any = DeviceOutputs(*np.ascontiguousarray(outputs.T))  # of arrays instead of numbers
     muscle_moved, moved = np.diff(length, prepend=length[0]), np.diff(unit_length, prepend=unit_length[0])
     stretched = moved - muscle_moved
 
     def given(force: Array, way: Array) -> Array:
         before = np.concatenate([force[:1], force[:-1]])
-        return np.asarray(-0.5 * (before + force) * way / step)
+        return np.asarray(-0.5 * (before + force) * way / dt)
 
     def from_store(energy: Array) -> Array:
-        return np.asarray(-np.diff(energy, prepend=energy[0]) / step)
+        return np.asarray(-np.diff(energy, prepend=energy[0]) / dt)
 
     bladder, tendon = from_store(at.bladder_energy), from_store(at.tendon_energy)
     gained = np.cumsum(np.maximum(np.diff(at.air_mass, prepend=at.air_mass[0]), 0.0))
-    stop = at.tension - (at.gas + at.friction + at.bladder + at.damper + own[:, :, 0].sum(axis=1))
+    stop = at.tension - (at.gas + at.friction + at.bladder + at.damper + effect_forces[:, :, 0].sum(axis=1))
     shares = {
-        name: given(own[:, k, 0], muscle_moved) + given(own[:, k, 1], stretched) for k, name in enumerate(effects)
+        name: given(effect_forces[:, k, 0], muscle_moved) + given(effect_forces[:, k, 1], stretched)
+        for k, name in enumerate(effect_names)
     }
-    return Ledger(
+    return EnergyBalance(
         gas_power=given(at.gas, muscle_moved),
         friction_power=given(at.friction, muscle_moved),
         damper_power=given(at.damper, muscle_moved),
@@ -126,32 +127,42 @@ def ledger(
         bladder_energy=at.bladder_energy,
         tendon_energy=at.tendon_energy,
         air_mass=at.air_mass,
-        air_drawn=at.air_drawn - at.air_drawn[0] if counts else gained,
+        air_drawn=at.air_drawn - at.air_drawn[0] if supply_meters_air else gained,
         air_leaked=at.air_leaked - at.air_leaked[0],
         supply_pressure=at.supply_pressure / BAR,
-        shares=shares,
+        effect_powers=shares,
     )
 
 
-class Book:
+class EnergyRecorder:
     """What a ledger is made from, written down sample by sample."""
 
-    def __init__(self, parameters: Parameters, samples: int) -> None:
+    def __init__(self, parameters: DeviceParameters, n_samples: int) -> None:
         """With room for that many ``samples`` of a device."""
-        self._names, self._stages = stages(parameters)
-        self._instants = np.empty((samples, len(Instant._fields)))
-        self._own = np.empty((samples, len(self._names), 2))
-        self._lengths = np.empty((2, samples))
-        self._counts = not charging.plain(supplied(parameters, NO_MEMORY))
+        self._effect_names, self._cumulative_parameters = accumulate_effects(parameters)
+        self._outputs = np.empty((n_samples, len(DeviceOutputs._fields)))
+        self._effect_forces = np.empty((n_samples, len(self._effect_names), 2))
+        self._lengths = np.empty((2, n_samples))
+        self._supply_meters_air = not charging.is_ideal(apply_supply_effects(parameters, ZERO_INTERNAL_STATE))
 
-    def note(self, sample: int, state: State, unit_length: float, rate: float) -> None:
+    def record_sample(self, index: int, state: DeviceState, unit_length: float, velocity: float) -> None:
         """The device in ``state`` at ``unit_length`` [m], with its muscle moving at ``rate`` [m/s]."""
-        self._instants[sample] = instant(self._stages[-1], state, unit_length, rate)
-        for k, fewer in enumerate(self._stages[:-1]):
-            self._own[sample, k] = added(self._stages[k + 1], fewer, state, unit_length, rate)
-        self._lengths[:, sample] = state.length, unit_length
+        self._outputs[index] = compute_outputs(self._cumulative_parameters[-1], state, unit_length, velocity)
+        for k, fewer in enumerate(self._cumulative_parameters[:-1]):
+            self._effect_forces[index, k] = compute_effect_forces(
+                self._cumulative_parameters[k + 1], fewer, state, unit_length, velocity
+            )
+        self._lengths[:, index] = state.length, unit_length
 
-    def ledger(self, step: float) -> Ledger:
+    def to_energy_balance(self, dt: float) -> EnergyBalance:
         """The ledger, when every sample is noted; one every ``step`` [s]."""
         length, unit_length = self._lengths
-        return ledger(self._instants, self._own, self._names, length, unit_length, step, counts=self._counts)
+        return compute_energy_balance(
+            self._outputs,
+            self._effect_forces,
+            self._effect_names,
+            length,
+            unit_length,
+            dt,
+            supply_meters_air=self._supply_meters_air,
+        )

@@ -13,18 +13,26 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from klute_sim.device.installation import choose
-from klute_sim.device.step import DEAD_TIME, MEMORY, Parameters, State, advance, taut, tension
-from klute_sim.device.vector import pack, unpack
+from klute_sim.device.installation import select_backend
+from klute_sim.device.step import (
+    DEAD_TIME_INDEX,
+    N_INTERNAL_STATES,
+    DeviceParameters,
+    DeviceState,
+    advance_state,
+    compute_taut_state,
+    compute_tension,
+)
+from klute_sim.device.vector import pack_parameters, unpack_parameters
 from klute_sim.errors import InputError, SimulationError
 
-LONGEST_STEP = 0.01
+MAX_TIME_STEP = 0.01
 """[s]"""
 
 Array = NDArray[np.float64]
 
 
-class Trace(NamedTuple):
+class RolloutTrace(NamedTuple):
     """What the device did: one entry per sample, or (rollouts, samples)."""
 
     tension: Array
@@ -35,44 +43,44 @@ class Trace(NamedTuple):
     """Muscle length [m]."""
 
 
-def run(
+def integrate(
     row: Sequence[float],
     pressure: float,
     length: float,
-    memory: tuple[float, ...],
+    internal_state: tuple[float, ...],
     unit_length: Sequence[float],
     command: Sequence[float],
-    step: float,
+    dt: float,
     out: Array,
 ) -> None:
     """Fill ``out`` (samples, 3) with tension, pressure and muscle length after each ``step``; SI.
 
     ``row`` is the device's parameters; ``pressure``, ``length`` and ``memory`` are where it begins.
     """
-    parameters = unpack(row)
-    late = parameters.effects[DEAD_TIME] / step
-    before = State(pressure, length, memory)
+    parameters = unpack_parameters(row)
+    late = parameters.effects[DEAD_TIME_INDEX] / dt
+    before = DeviceState(pressure, length, internal_state)
     for k in range(len(unit_length)):
-        after = advance(parameters, before, unit_length[k], earlier(command, k - late), step)
-        rate = (after.length - before.length) / step
-        out[k, 0] = tension(parameters, after, unit_length[k], rate)
+        after = advance_state(parameters, before, unit_length[k], interpolate_samples(command, k - late), dt)
+        rate = (after.length - before.length) / dt
+        out[k, 0] = compute_tension(parameters, after, unit_length[k], rate)
         out[k, 1], out[k, 2] = after.pressure, after.length
         before = after
 
 
-def earlier(series: Sequence[float], place: float) -> float:
+def interpolate_samples(samples: Sequence[float], index: float) -> float:
     """``series`` between its samples at ``place``, counted in samples; its first value before it begins."""
-    if place <= 0.0:
-        return series[0]
-    k = int(place)
-    share = place - k
+    if index <= 0.0:
+        return samples[0]
+    k = int(index)
+    share = index - k
     if share == 0.0:
-        return series[k]
-    return series[k] + share * (series[k + 1] - series[k])
+        return samples[k]
+    return samples[k] + share * (samples[k + 1] - samples[k])
 
 
 @cache
-def obstacle() -> str:
+def find_numba_incompatibility() -> str:
     """Why there is no compiled law here, or ''."""
     try:
         import numba  # noqa: F401
@@ -82,31 +90,31 @@ def obstacle() -> str:
 
 
 @cache
-def _compiled() -> Callable[..., None]:
+def _compile_integrate() -> Callable[..., None]:
     import numba
 
     from klute_sim.device import compiled, rollout
 
-    copy = compiled.copy_of(rollout, **compiled.device_law())
+    copy = compiled.compile_module(rollout, **compiled.compile_device_functions())
     # The lock of Python's is free while it runs, so threads run at once.
     wrap = partial(numba.njit, nogil=True)
     number = numba.float64
-    memory, series = numba.types.UniTuple(number, MEMORY), number[::1]
+    memory, series = numba.types.UniTuple(number, N_INTERNAL_STATES), number[::1]
     signature = numba.void(series, number, number, memory, series, series, number, number[:, ::1])
-    ready: Callable[..., None] = compiled.ready(wrap, copy.run, signature)
+    ready: Callable[..., None] = compiled.compile_cached(wrap, copy.run, signature)
     return ready
 
 
-def rollout(
-    parameters: Parameters | Sequence[Parameters],
+def simulate_rollouts(
+    parameters: DeviceParameters | Sequence[DeviceParameters],
     unit_length: ArrayLike,
     command: ArrayLike,
-    step: float,
+    dt: float,
     *,
-    start: State | Sequence[State] | None = None,
-    threads: int = 0,
-    law: str = "auto",
-) -> Trace:
+    initial_state: DeviceState | Sequence[DeviceState] | None = None,
+    n_jobs: int = 0,
+    backend: str = "auto",
+) -> RolloutTrace:
     """Let devices follow prescribed lengths [m] and pressure commands [Pa], one sample per ``step`` [s].
 
     ``parameters`` is one device or one per rollout; lengths and commands are (samples,) for all or (rollouts,
@@ -116,13 +124,13 @@ def rollout(
     Raises InputError for shapes that do not fit, what is not finite, or a step beyond :data:`LONGEST_STEP`;
     SimulationError if a result is not finite.
     """
-    if threads < 0:
-        raise InputError(f"threads is {threads}; allowed: 0 (all cores) or more")
-    single = isinstance(parameters, Parameters)
-    devices: list[Parameters] = [parameters] if isinstance(parameters, Parameters) else list(parameters)
+    if n_jobs < 0:
+        raise InputError(f"threads is {n_jobs}; allowed: 0 (all cores) or more")
+    single = isinstance(parameters, DeviceParameters)
+    devices: list[DeviceParameters] = [parameters] if isinstance(parameters, DeviceParameters) else list(parameters)
     lengths, commands = np.asarray(unit_length, dtype=np.float64), np.asarray(command, dtype=np.float64)
-    if not 0.0 < step <= LONGEST_STEP:
-        raise InputError(f"step is {step:g}; allowed: above 0, up to {LONGEST_STEP:g} s")
+    if not 0.0 < dt <= MAX_TIME_STEP:
+        raise InputError(f"step is {dt:g}; allowed: above 0, up to {MAX_TIME_STEP:g} s")
     if not (np.isfinite(lengths).all() and np.isfinite(commands).all()):
         raise InputError("lengths and commands must be finite everywhere")
     try:
@@ -138,22 +146,26 @@ def rollout(
     count, _ = shape
     devices = devices * count if len(devices) == 1 else devices
     lengths, commands = (np.array(np.broadcast_to(x, shape), order="C") for x in (lengths, commands))
-    starts = [taut(d, float(x[0]), float(c[0])) for d, x, c in zip(devices, lengths, commands, strict=True)]
-    if start is not None:
-        starts = [start] * count if isinstance(start, State) else list(start)
+    starts = [
+        compute_taut_state(d, float(x[0]), float(c[0])) for d, x, c in zip(devices, lengths, commands, strict=True)
+    ]
+    if initial_state is not None:
+        starts = [initial_state] * count if isinstance(initial_state, DeviceState) else list(initial_state)
     if len(starts) != count:
         raise InputError(f"{len(starts)} states to start from for {count} rollouts")
 
     out = np.empty((*shape, 3))
-    compiled = choose(law, obstacle) == "compiled"
-    function: Callable[..., None] = _compiled() if compiled else run
+    compiled = select_backend(backend, find_numba_incompatibility) == "compiled"
+    function: Callable[..., None] = _compile_integrate() if compiled else integrate
 
     def one(i: int) -> None:
-        row: Any = np.array(pack(devices[i])) if compiled else pack(devices[i])
+        row: Any = np.array(pack_parameters(devices[i])) if compiled else pack_parameters(devices[i])
         x, c = (lengths[i], commands[i]) if compiled else (lengths[i].tolist(), commands[i].tolist())
-        function(row, float(starts[i].pressure), float(starts[i].length), starts[i].memory, x, c, float(step), out[i])
+        function(
+            row, float(starts[i].pressure), float(starts[i].length), starts[i].internal_state, x, c, float(dt), out[i]
+        )
 
-    workers = min(threads or os.cpu_count() or 1, count)
+    workers = min(n_jobs or os.cpu_count() or 1, count)
     if workers == 1 or not compiled:
         for i in range(count):
             one(i)
@@ -162,6 +174,6 @@ def rollout(
             list(pool.map(one, range(count)))
     if not np.isfinite(out).all():
         i, k = (int(index) for index in np.argwhere(~np.isfinite(out))[0][:2])
-        raise SimulationError(f"rollout {i} has no finite state at t = {k * step:.4f} s")
+        raise SimulationError(f"rollout {i} has no finite state at t = {k * dt:.4f} s")
     found = out[0] if single else out
-    return Trace(*(np.ascontiguousarray(found[..., k]) for k in range(3)))
+    return RolloutTrace(*(np.ascontiguousarray(found[..., k]) for k in range(3)))

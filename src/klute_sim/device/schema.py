@@ -11,8 +11,8 @@ from pydantic import Field, FiniteFloat, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from klute_sim.device import effects_file, supply_sections
-from klute_sim.device.section import NotNegative, Positive, Section
-from klute_sim.device.step import Parameters
+from klute_sim.device.section import DeviceFileSection, NonNegative, Positive
+from klute_sim.device.step import DeviceParameters
 from klute_sim.device.supply_sections import (
     ChamberSection,
     LeakSection,
@@ -28,14 +28,14 @@ from klute_sim.laws.damper import Damper
 from klute_sim.laws.mckibben import Muscle
 from klute_sim.laws.tendon import Tendon
 
-RADIUS_AGREEMENT = 0.05
+MAX_RADIUS_MISMATCH = 0.05
 """How far the radius that braid and turns imply may be from the bladder's (Table 3.1: up to 2.6 %)."""
 
-CLOSED = 1000
+MAX_BORE_TO_ORIFICE_RATIO = 1000
 """Bore over orifice beyond which an orifice is none: the muscle creeps micrometres in a stride."""
 
 
-class MuscleSection(Section):
+class MuscleSection(DeviceFileSection):
     """``count`` equal McKibben actuators side by side."""
 
     count: Annotated[int, Field(ge=1, le=100)] = 1
@@ -50,8 +50,8 @@ class MuscleSection(Section):
     """R0, outer."""
     bladder_thickness_mm: Positive
     """t0."""
-    c10_kpa: NotNegative
-    c01_kpa: NotNegative
+    c10_kpa: NonNegative
+    c01_kpa: NonNegative
     friction_slope_n_per_bar: FiniteFloat
     """m, per actuator."""
     friction_offset_n: FiniteFloat
@@ -62,7 +62,7 @@ class MuscleSection(Section):
     """False leaves the friction offset out."""
 
     @model_validator(mode="after")
-    def _bladder_fits_braid(self) -> Self:
+    def _check_bladder_fits_braid(self) -> Self:
         if self.bladder_thickness_mm >= self.bladder_radius_mm:
             raise PydanticCustomError(
                 "wall",
@@ -71,7 +71,7 @@ class MuscleSection(Section):
             )
         ratio = self.braid_length_ratio
         braid_radius = 1e3 * math.sqrt(ratio * ratio - 1.0) / (2.0 * math.pi * self.turns_per_m)
-        if abs(braid_radius / self.bladder_radius_mm - 1.0) > RADIUS_AGREEMENT:
+        if abs(braid_radius / self.bladder_radius_mm - 1.0) > MAX_RADIUS_MISMATCH:
             raise PydanticCustomError(
                 "radius",
                 "bladder_radius_mm is {r} but braid_length_ratio and turns_per_m imply a radius of "
@@ -80,24 +80,24 @@ class MuscleSection(Section):
             )
         return self
 
-    def parameters(self) -> Muscle:
+    def to_parameters(self) -> Muscle:
         """The law's parameters, SI."""
-        length = self.si("resting_length_mm")
+        length = self.get_si("resting_length_mm")
         return Muscle(
-            actuators=float(self.count),
+            n_actuators=float(self.count),
             resting_length=length,
             braid_length=self.braid_length_ratio * length,
-            turns=self.turns_per_m * length,
-            bladder_radius=self.si("bladder_radius_mm"),
-            bladder_thickness=self.si("bladder_thickness_mm"),
-            c10=self.si("c10_kpa") if self.bladder else 0.0,
-            c01=self.si("c01_kpa") if self.bladder else 0.0,
-            friction_slope=self.si("friction_slope_n_per_bar") if self.friction else 0.0,
-            friction_offset=self.si("friction_offset_n") if self.friction else 0.0,
+            braid_turns=self.turns_per_m * length,
+            bladder_radius=self.get_si("bladder_radius_mm"),
+            bladder_thickness=self.get_si("bladder_thickness_mm"),
+            c10=self.get_si("c10_kpa") if self.bladder else 0.0,
+            c01=self.get_si("c01_kpa") if self.bladder else 0.0,
+            friction_slope=self.get_si("friction_slope_n_per_bar") if self.friction else 0.0,
+            friction_offset=self.get_si("friction_offset_n") if self.friction else 0.0,
         )
 
 
-class DamperSection(Section):
+class DamperSection(DeviceFileSection):
     """An orifice damper in parallel with the muscle, discharge coefficient 1 as in the design."""
 
     bore_mm: Positive
@@ -108,26 +108,35 @@ class DamperSection(Section):
     oil_density_kg_m3: Positive
 
     @model_validator(mode="after")
-    def _orifice_fits_bore(self) -> Self:
+    def _check_orifice_fits_bore(self) -> Self:
         for key in ("orifice_concentric_mm", "orifice_eccentric_mm"):
-            if not self.bore_mm / CLOSED <= getattr(self, key) <= self.bore_mm:
+            if not self.bore_mm / MAX_BORE_TO_ORIFICE_RATIO <= getattr(self, key) <= self.bore_mm:
                 raise PydanticCustomError(
                     "orifice",
                     "{key} is {value} but must be between bore_mm / {closed} and bore_mm, {bore}",
-                    {"key": key, "value": getattr(self, key), "bore": self.bore_mm, "closed": CLOSED},
+                    {
+                        "key": key,
+                        "value": getattr(self, key),
+                        "bore": self.bore_mm,
+                        "closed": MAX_BORE_TO_ORIFICE_RATIO,
+                    },
                 )
         return self
 
-    def parameters(self) -> Damper:
+    def to_parameters(self) -> Damper:
         """The law's parameters, SI."""
-        bore, density = self.si("bore_mm"), self.si("oil_density_kg_m3")
+        bore, density = self.get_si("bore_mm"), self.get_si("oil_density_kg_m3")
         return Damper(
-            concentric=damper_law.coefficient(bore, self.si("orifice_concentric_mm"), density, 1.0),
-            eccentric=damper_law.coefficient(bore, self.si("orifice_eccentric_mm"), density, 1.0),
+            concentric_coefficient=damper_law.orifice_coefficient(
+                bore, self.get_si("orifice_concentric_mm"), density, 1.0
+            ),
+            eccentric_coefficient=damper_law.orifice_coefficient(
+                bore, self.get_si("orifice_eccentric_mm"), density, 1.0
+            ),
         )
 
 
-class TendonSection(Section):
+class TendonSection(DeviceFileSection):
     """Two offset parallel springs in series with muscle and damper."""
 
     slack_length_mm: Annotated[FiniteFloat, Field(ge=0, le=2000)]
@@ -135,37 +144,37 @@ class TendonSection(Section):
     stiffness_2_n_per_mm: Annotated[FiniteFloat, Field(ge=0, le=1e5)]
     engagement_mm: Annotated[FiniteFloat, Field(ge=0, le=200)]
 
-    def parameters(self) -> Tendon:
+    def to_parameters(self) -> Tendon:
         """The law's parameters, SI."""
         return Tendon(
-            slack_length=self.si("slack_length_mm"),
-            stiffness_1=self.si("stiffness_1_n_per_mm"),
-            stiffness_2=self.si("stiffness_2_n_per_mm"),
-            engagement=self.si("engagement_mm"),
-            rigid=False,
+            slack_length=self.get_si("slack_length_mm"),
+            stiffness_1=self.get_si("stiffness_1_n_per_mm"),
+            stiffness_2=self.get_si("stiffness_2_n_per_mm"),
+            engagement_stretch=self.get_si("engagement_mm"),
+            is_rigid=False,
         )
 
 
-class MountingSection(Section):
+class MountingSection(DeviceFileSection):
     """How the device is cut to length when it is built into an ankle."""
 
     neutral_muscle_ratio: Annotated[FiniteFloat, Field(gt=0.6, le=1.0)]
     """Muscle length over L0 with the ankle at neutral and the tendon just taut."""
 
 
-class Publication(Section):
+class PublishedMeasurement(DeviceFileSection):
     """A published measurement of this device, to lay beside the model."""
 
     muscle_ratio: Annotated[FiniteFloat, Field(gt=0, le=1.0)]
     """lambda_1 at which it was taken."""
-    pressure_bar: NotNegative
+    pressure_bar: NonNegative
     force_n: FiniteFloat
     note: str
 
 
-AIR = ("supply", "valve", "line", "chamber", "tank", "leak")
+PNEUMATIC_SECTIONS = ("supply", "valve", "line", "chamber", "tank", "leak")
 """Sections on air."""
-SAID_BY = {
+SECTION_OF_EFFECT = {
     "pressure_lag": "valve",
     "choked_valve": "valve",
     "volume_coupling": "valve",
@@ -175,7 +184,7 @@ SAID_BY = {
 """Effects that say of a regulator what a section says already."""
 
 
-class DeviceSpec(Section):
+class DeviceSpec(DeviceFileSection):
     """One device file."""
 
     name: Annotated[str, Field(min_length=1)]
@@ -198,35 +207,35 @@ class DeviceSpec(Section):
     """Left out: the device cannot be built into an ankle."""
     effects: dict[str, dict[str, FiniteFloat | str]] = Field(default_factory=dict)
     """What the dissertation's model leaves out: effect -> ``form`` (left out: the usual one) and its parameters."""
-    published: list[Publication] = Field(default_factory=list)
+    published: list[PublishedMeasurement] = Field(default_factory=list)
     sources: dict[str, str] = Field(default_factory=dict)
     """``section.key`` -> where the number is from; begins with 'assumed' if nobody printed it."""
 
     @model_validator(mode="after")
-    def _air_comes_through_a_valve(self) -> Self:
+    def _check_pneumatic_sections(self) -> Self:
         for title in ("line", "chamber"):
             if getattr(self, title) is not None and self.valve is None:
                 raise PydanticCustomError(
                     "valve", "[{title}] needs a [valve]: an ideal regulator has no use for it", {"title": title}
                 )
         for effect in self.effects:
-            obstacle = self.obstacle(effect)
+            obstacle = self.find_incompatibility(effect)
             if obstacle:
                 raise PydanticCustomError("effect", "{why}", {"why": obstacle})
         return self
 
     @model_validator(mode="after")
-    def _effects_are_known(self) -> Self:
+    def _check_effects(self) -> Self:
         for name, content in self.effects.items():
             try:
-                effects_file.check(name, content)
+                effects_file.check_effect(name, content)
             except InputError as error:
                 raise PydanticCustomError("effect", "{why}", {"why": str(error)}) from None
         return self
 
     @model_validator(mode="after")
-    def _sources_name_keys(self) -> Self:
-        known = self.numbers()
+    def _check_sources(self) -> Self:
+        known = self.collect_values()
         for key in self.sources:
             if key not in known:
                 raise PydanticCustomError(
@@ -234,25 +243,25 @@ class DeviceSpec(Section):
                 )
         return self
 
-    def may_lack(self, effect: Effect) -> bool:
+    def can_add_effect(self, effect: Effect) -> bool:
         """Whether ``effect`` is one that this device is without and could have."""
-        there = effect.instead_of and getattr(self.muscle, effect.instead_of)
-        return effect.name not in self.effects and not there and not self.obstacle(effect.name)
+        there = effect.replaces_switch and getattr(self.muscle, effect.replaces_switch)
+        return effect.name not in self.effects and not there and not self.find_incompatibility(effect.name)
 
-    def obstacle(self, effect: str) -> str:
+    def find_incompatibility(self, effect_name: str) -> str:
         """Why this device cannot have ``effect`` beside what its sections say, or ''."""
-        title = SAID_BY.get(effect, "")
+        title = SECTION_OF_EFFECT.get(effect_name, "")
         if title and getattr(self, title) is not None:
-            return f"[effects.{effect}] and [{title}] say the same twice; leave one out"
+            return f"[effects.{effect_name}] and [{title}] say the same twice; leave one out"
         opened = self.valve is not None and self.valve.takes == "opening"
-        if effect in ("regulator_error", "unknown_pressure") and opened:
-            return f"[effects.{effect}] needs commands that are pressures; this [valve] takes openings"
+        if effect_name in ("regulator_error", "unknown_pressure") and opened:
+            return f"[effects.{effect_name}] needs commands that are pressures; this [valve] takes openings"
         return ""
 
-    def numbers(self) -> dict[str, float]:
+    def collect_values(self) -> dict[str, float]:
         """Every number of the device, ``section.key`` -> value as written in the file."""
         found: dict[str, float] = {}
-        for title in ("muscle", "damper", "tendon", *AIR, "mounting"):
+        for title in ("muscle", "damper", "tendon", *PNEUMATIC_SECTIONS, "mounting"):
             section = getattr(self, title)
             if section is not None:
                 values = section.model_dump(exclude_none=True)
@@ -261,49 +270,49 @@ class DeviceSpec(Section):
             found.update({f"effects.{effect}.{k}": v for k, v in content.items() if not isinstance(v, str)})
         return found
 
-    def assumed(self) -> dict[str, str]:
+    def collect_assumptions(self) -> dict[str, str]:
         """The numbers nobody printed, ``section.key`` -> why."""
         return {k: v for k, v in self.sources.items() if v.startswith("assumed")}
 
-    def without_source(self) -> list[str]:
+    def list_unsourced_keys(self) -> list[str]:
         """The numbers that the file gives no source for, ``section.key``."""
-        return [key for key in self.numbers() if key not in self.sources]
+        return [key for key in self.collect_values() if key not in self.sources]
 
-    def parameters(self) -> Parameters:
+    def to_parameters(self) -> DeviceParameters:
         """The law's parameters, SI, with neutral stand-ins for what is left out."""
-        return Parameters(
-            muscle=self.muscle.parameters(),
-            damper=self.damper.parameters() if self.damper else Damper(0.0, 0.0),
-            tendon=self.tendon.parameters() if self.tendon else Tendon(0.0, 0.0, 0.0, 0.0, rigid=True),
-            supply=supply_sections.parameters(*(getattr(self, title) for title in AIR)),
-            effects=effects_file.values(self.effects),
+        return DeviceParameters(
+            muscle=self.muscle.to_parameters(),
+            damper=self.damper.to_parameters() if self.damper else Damper(0.0, 0.0),
+            tendon=self.tendon.to_parameters() if self.tendon else Tendon(0.0, 0.0, 0.0, 0.0, is_rigid=True),
+            supply=supply_sections.build_supply(*(getattr(self, title) for title in PNEUMATIC_SECTIONS)),
+            effects=effects_file.pack_effects(self.effects),
         )
 
 
-def parse(content: dict[str, Any], where: str) -> DeviceSpec:
+def parse_device_spec(content: dict[str, Any], source: str) -> DeviceSpec:
     """Check the ``content`` of a device file found at ``where``; raises InputError with one sentence."""
     try:
         return DeviceSpec.model_validate(content)
     except ValidationError as error:
-        raise InputError(_sentence(error, where)) from None
+        raise InputError(_format_error(error, source)) from None
 
 
-MOST_PROBLEMS = 4
+MAX_REPORTED_PROBLEMS = 4
 """Problems of one file that are told at once."""
 
 
-def _sentence(error: ValidationError, where: str) -> str:
+def _format_error(error: ValidationError, source: str) -> str:
     # An unknown key is often the misspelt one that is also missing.
     problems = sorted(error.errors(include_url=False), key=lambda problem: problem["type"] != "extra_forbidden")
-    told = "; ".join(_problem(problem) for problem in problems[:MOST_PROBLEMS])
-    more = f" (and {len(problems) - MOST_PROBLEMS} more)" if len(problems) > MOST_PROBLEMS else ""
-    return f"device file {where}: {told}{more}"
+    told = "; ".join(_format_problem(problem) for problem in problems[:MAX_REPORTED_PROBLEMS])
+    more = f" (and {len(problems) - MAX_REPORTED_PROBLEMS} more)" if len(problems) > MAX_REPORTED_PROBLEMS else ""
+    return f"device file {source}: {told}{more}"
 
 
-def _problem(problem: ErrorDetails) -> str:
+def _format_problem(problem: ErrorDetails) -> str:
     key = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
-        return f"unknown key '{key}'; allowed here: {', '.join(_keys_beside(problem['loc']))}"
+        return f"unknown key '{key}'; allowed here: {', '.join(_list_allowed_keys(problem['loc']))}"
     if problem["type"] == "missing":
         return f"key '{key}' is missing"
     if problem["type"] in {"wall", "radius", "orifice", "source", "effect", "valve"}:
@@ -311,8 +320,8 @@ def _problem(problem: ErrorDetails) -> str:
     return f"{key} = {problem['input']!r} is refused: {problem['msg'][0].lower()}{problem['msg'][1:]}"
 
 
-def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
-    sections: dict[str, type[Section]] = {
+def _list_allowed_keys(location: tuple[int | str, ...]) -> list[str]:
+    sections: dict[str, type[DeviceFileSection]] = {
         "muscle": MuscleSection,
         "damper": DamperSection,
         "tendon": TendonSection,
@@ -323,7 +332,7 @@ def _keys_beside(location: tuple[int | str, ...]) -> list[str]:
         "tank": TankSection,
         "leak": LeakSection,
         "mounting": MountingSection,
-        "published": Publication,
+        "published": PublishedMeasurement,
     }
     owner = sections.get(str(location[0]), DeviceSpec) if len(location) > 1 else DeviceSpec
     return list(owner.model_fields)

@@ -7,14 +7,14 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 from klute_sim.units import to_si
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
-NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 
 
-class Section(BaseModel):
+class DeviceFileSection(BaseModel):
     """Base of all sections."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
-    def si(self, key: str) -> float:
+    def get_si(self, key: str) -> float:
         """Value of ``key`` in SI."""
         return to_si(key, float(getattr(self, key)))

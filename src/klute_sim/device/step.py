@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from klute_sim.effects import catalogue
-from klute_sim.effects.smooth import LONG
+from klute_sim.effects.smooth import EQUILIBRIUM_TIME_STEP
 from klute_sim.laws import charging, mckibben
 from klute_sim.laws import damper as _damper
 from klute_sim.laws import tendon as _tendon
-from klute_sim.laws.charging import Charge, Gas
+from klute_sim.laws.charging import AirCharge, GasState
 from klute_sim.laws.damper import Damper
 from klute_sim.laws.mckibben import Muscle
 from klute_sim.laws.pneumatics import Supply
@@ -25,21 +25,21 @@ from klute_sim.laws.tendon import Tendon
 
 FORCE_TOLERANCE = 1e-10
 """Residual of the balance at which a step counts as solved, relative to 1 N + tendon tension."""
-MOST_ITERATIONS = 200
+MAX_ITERATIONS = 200
 
 
-hooks: Any = catalogue.assembled()
+effect_chain: Any = catalogue.chain_device_effects()
 """Where effects act: :mod:`klute_sim.effects.effect`."""
-VALUES, EFFECTS_MEMORY = catalogue.sizes()
-MEMORY = EFFECTS_MEMORY + charging.REMEMBERED
+N_EFFECT_VALUES, N_EFFECT_STATES = catalogue.count_values_and_states()
+N_INTERNAL_STATES = N_EFFECT_STATES + charging.N_GAS_STATES
 """Numbers that a device remembers beside its states: those of its effects, then those of its supply."""
-NO_EFFECTS = (0.0,) * VALUES
-NO_MEMORY = (0.0,) * MEMORY
-DEAD_TIME = catalogue.slot("pressure_delay", "dead_time").at + 1
+NO_EFFECTS = (0.0,) * N_EFFECT_VALUES
+ZERO_INTERNAL_STATE = (0.0,) * N_INTERNAL_STATES
+DEAD_TIME_INDEX = catalogue.find_slot("pressure_delay", "dead_time").switch_index + 1
 """Where the dead time is among the values of the effects."""
 
 
-class Parameters(NamedTuple):
+class DeviceParameters(NamedTuple):
     """Everything the law needs; SI, no names, no files."""
 
     muscle: Muscle
@@ -50,61 +50,63 @@ class Parameters(NamedTuple):
     """Of :func:`klute_sim.effects.catalogue.values`; the first is how many are active."""
 
 
-class State(NamedTuple):
+class DeviceState(NamedTuple):
     """What the device remembers from step to step."""
 
     pressure: float
     """Gauge pressure in the muscle [Pa]."""
     length: float
     """Muscle length [m]."""
-    memory: tuple[float, ...] = NO_MEMORY
+    internal_state: tuple[float, ...] = ZERO_INTERNAL_STATE
     """What the effects remember, then the supply."""
 
 
-def remembers(parameters: Parameters) -> bool:
+def has_internal_state(parameters: DeviceParameters) -> bool:
     """Whether an active effect of the device, or its supply, remembers anything."""
-    acting = (slot for slot in catalogue.device_slots() if parameters.effects[slot.at] != 0.0)
-    return not charging.plain(supplied(parameters, NO_MEMORY)) or any(slot.form.memory for slot in acting)
-
-
-def supplied(parameters: Parameters, memory: tuple[float, ...]) -> Supply:
-    """The supply as its effects leave it."""
-    if parameters.effects[0] == 0.0:
-        return parameters.supply
-    found: Supply = hooks.supply(parameters.effects, memory, parameters.supply)
-    return found
-
-
-def gas(state: State) -> Gas:
-    """What the supply remembers."""
-    own = state.memory[EFFECTS_MEMORY:]
-    return Gas(own[0], own[1], own[2], own[3], own[4], own[5])
-
-
-def with_gas(memory: tuple[float, ...], own: Gas) -> tuple[float, ...]:
-    """``memory`` with what the supply remembers replaced."""
-    kept = memory[:EFFECTS_MEMORY]
-    return kept + (  # noqa: RUF005, numba unpacks no tuples
-        own.surplus,
-        own.drawn,
-        own.phase,
-        own.disturbance,
-        own.leaked,
-        own.duty,
+    acting = (slot for slot in catalogue.get_device_slots() if parameters.effects[slot.switch_index] != 0.0)
+    return not charging.is_ideal(apply_supply_effects(parameters, ZERO_INTERNAL_STATE)) or any(
+        slot.form.n_states for slot in acting
     )
 
 
-def dead_time(parameters: Parameters) -> float:
+def apply_supply_effects(parameters: DeviceParameters, internal_state: tuple[float, ...]) -> Supply:
+    """The supply as its effects leave it."""
+    if parameters.effects[0] == 0.0:
+        return parameters.supply
+    found: Supply = effect_chain.supply(parameters.effects, internal_state, parameters.supply)
+    return found
+
+
+def get_gas_state(state: DeviceState) -> GasState:
+    """What the supply remembers."""
+    own = state.internal_state[N_EFFECT_STATES:]
+    return GasState(own[0], own[1], own[2], own[3], own[4], own[5])
+
+
+def replace_gas_state(internal_state: tuple[float, ...], gas_state: GasState) -> tuple[float, ...]:
+    """``memory`` with what the supply remembers replaced."""
+    kept = internal_state[:N_EFFECT_STATES]
+    return kept + (  # noqa: RUF005, numba unpacks no tuples
+        gas_state.surplus_mass,
+        gas_state.drawn_mass,
+        gas_state.pwm_phase,
+        gas_state.pressure_disturbance,
+        gas_state.leaked_mass,
+        gas_state.pwm_duty,
+    )
+
+
+def get_dead_time(parameters: DeviceParameters) -> float:
     """By how much commands act late [s]; the rig that gives them has to see to it."""
-    return float(parameters.effects[DEAD_TIME])
+    return float(parameters.effects[DEAD_TIME_INDEX])
 
 
-def rest(parameters: Parameters) -> State:
+def compute_rest_state(parameters: DeviceParameters) -> DeviceState:
     """The unpressurised device, its muscle at resting length."""
-    return State(0.0, parameters.muscle.resting_length, NO_MEMORY)
+    return DeviceState(0.0, parameters.muscle.resting_length, ZERO_INTERNAL_STATE)
 
 
-def taut(parameters: Parameters, unit_length: float, pressure: float) -> State:
+def compute_taut_state(parameters: DeviceParameters, unit_length: float, pressure: float) -> DeviceState:
     """The device with its tendon just taut at muscle-tendon length ``unit_length`` [m], as far as the muscle allows.
 
     ``pressure`` [Pa] is clipped to what the supply has; a muscle whose supply takes openings is vented. Whatever is
@@ -112,64 +114,78 @@ def taut(parameters: Parameters, unit_length: float, pressure: float) -> State:
     """
     shortest, longest = mckibben.lock_length(parameters.muscle), parameters.muscle.resting_length
     length = min(max(unit_length - parameters.tendon.slack_length, shortest), longest)
-    supply = supplied(parameters, NO_MEMORY)
-    pressure = min(max(pressure, 0.0), charging.upstream(supply, 0.0)) if supply.opens == 0.0 else 0.0
-    return State(pressure, length, _rested(parameters, pressure, length, unit_length))
+    supply = apply_supply_effects(parameters, ZERO_INTERNAL_STATE)
+    pressure = (
+        min(max(pressure, 0.0), charging.supply_pressure(supply, 0.0)) if supply.command_is_opening == 0.0 else 0.0
+    )
+    return DeviceState(pressure, length, _compute_steady_internal_state(parameters, pressure, length, unit_length))
 
 
-def _rested(parameters: Parameters, pressure: float, length: float, unit_length: float) -> tuple[float, ...]:
+def _compute_steady_internal_state(
+    parameters: DeviceParameters, pressure: float, length: float, unit_length: float
+) -> tuple[float, ...]:
     """What is remembered after a long time here: sliders have let go, followers have arrived."""
-    memory = remembered(parameters, NO_MEMORY, pressure, length, unit_length, LONG)
-    supply, muscle = supplied(parameters, memory), parameters.muscle
-    if charging.plain(supply):
+    memory = step_internal_state(parameters, ZERO_INTERNAL_STATE, pressure, length, unit_length, EQUILIBRIUM_TIME_STEP)
+    supply, muscle = apply_supply_effects(parameters, memory), parameters.muscle
+    if charging.is_ideal(supply):
         return memory
     volume, most = mckibben.volume(muscle, length), mckibben.volume(muscle, muscle.resting_length)
-    return with_gas(memory, charging.rested(supply, pressure, volume, most))
+    return replace_gas_state(memory, charging.equilibrium_gas(supply, pressure, volume, most))
 
 
-def settled(parameters: Parameters, unit_length: float, command: float) -> State:
+def compute_equilibrium_state(parameters: DeviceParameters, unit_length: float, command: float) -> DeviceState:
     """The device at rest at muscle-tendon length ``unit_length`` [m] under pressure ``command`` [Pa].
 
     Whatever is remembered has come to rest there, too.
     """
-    state = taut(parameters, unit_length, command)
-    pressure = charged(parameters, state, command, LONG).pressure
+    state = compute_taut_state(parameters, unit_length, command)
+    pressure = step_pressure(parameters, state, command, EQUILIBRIUM_TIME_STEP).pressure
     # Remembering nothing, a step this long ends in what is remembered at its end.
-    length = balance(parameters, charging.still(pressure), State(pressure, state.length), unit_length, LONG)
-    return State(pressure, length, _rested(parameters, pressure, length, unit_length))
+    length = solve_length(
+        parameters,
+        charging.constant_pressure(pressure),
+        DeviceState(pressure, state.length),
+        unit_length,
+        EQUILIBRIUM_TIME_STEP,
+    )
+    return DeviceState(pressure, length, _compute_steady_internal_state(parameters, pressure, length, unit_length))
 
 
-def muscle_side(
-    parameters: Parameters, memory: tuple[float, ...], pressure: float, length: float, rate: float
+def compute_muscle_damper_force(
+    parameters: DeviceParameters, internal_state: tuple[float, ...], pressure: float, length: float, velocity: float
 ) -> float:
     """Force [N] of muscle and damper together at ``length`` [m] moving at ``rate`` = dl/dt [m/s]."""
-    pull, damping = mckibben.force(parameters.muscle, pressure, length), _damper.force(parameters.damper, rate)
+    pull, damping = mckibben.force(parameters.muscle, pressure, length), _damper.force(parameters.damper, velocity)
     effects = parameters.effects
     if effects[0] != 0.0:
         muscle = parameters.muscle
-        acting = hooks.acting_pressure(effects, memory, pressure, muscle, length)
-        pull = hooks.muscle_force(effects, memory, mckibben.force(muscle, acting, length), muscle, acting, length, rate)
-        damping = hooks.damper_force(effects, memory, damping, rate)
+        acting = effect_chain.acting_pressure(effects, internal_state, pressure, muscle, length)
+        pull = effect_chain.muscle_force(
+            effects, internal_state, mckibben.force(muscle, acting, length), muscle, acting, length, velocity
+        )
+        damping = effect_chain.damper_force(effects, internal_state, damping, velocity)
     return pull + damping
 
 
-def tendon_side(parameters: Parameters, memory: tuple[float, ...], length: float, unit_length: float) -> float:
+def compute_tendon_force(
+    parameters: DeviceParameters, internal_state: tuple[float, ...], length: float, unit_length: float
+) -> float:
     """Tension [N] of a tendon that is no rigid tie, with the muscle at ``length`` [m]."""
     effects, stretch = parameters.effects, unit_length - length - parameters.tendon.slack_length
     if effects[0] == 0.0:
         return _tendon.force(parameters.tendon, stretch)
-    stretch = hooks.tendon_stretch(effects, memory, stretch)
-    pull: float = hooks.tendon_force(effects, memory, _tendon.force(parameters.tendon, stretch), stretch)
+    stretch = effect_chain.tendon_stretch(effects, internal_state, stretch)
+    pull: float = effect_chain.tendon_force(effects, internal_state, _tendon.force(parameters.tendon, stretch), stretch)
     return max(0.0, pull)
 
 
-def remembered(
-    parameters: Parameters,
-    memory: tuple[float, ...],
+def step_internal_state(
+    parameters: DeviceParameters,
+    internal_state: tuple[float, ...],
     pressure: float,
     length: float,
     unit_length: float,
-    step: float,
+    dt: float,
 ) -> tuple[float, ...]:
     """What the effects remember after a ``step`` [s] that ended at this pressure [Pa] and these lengths [m].
 
@@ -177,31 +193,37 @@ def remembered(
     """
     effects = parameters.effects
     if effects[0] == 0.0:
-        return memory
-    acting = hooks.acting_pressure(effects, memory, pressure, parameters.muscle, length)
-    stretch = hooks.tendon_stretch(effects, memory, unit_length - length - parameters.tendon.slack_length)
-    found: tuple[float, ...] = hooks.remember(effects, memory, parameters.muscle, acting, length, stretch, step)
-    return found + memory[EFFECTS_MEMORY:]
+        return internal_state
+    acting = effect_chain.acting_pressure(effects, internal_state, pressure, parameters.muscle, length)
+    stretch = effect_chain.tendon_stretch(
+        effects, internal_state, unit_length - length - parameters.tendon.slack_length
+    )
+    found: tuple[float, ...] = effect_chain.remember(
+        effects, internal_state, parameters.muscle, acting, length, stretch, dt
+    )
+    return found + internal_state[N_EFFECT_STATES:]
 
 
-def pressure_at(parameters: Parameters, air: Charge, length: float) -> float:
+def compute_pressure(parameters: DeviceParameters, air: AirCharge, length: float) -> float:
     """Gauge pressure [Pa] of the muscle's ``air`` at muscle ``length`` [m]."""
-    if air.kept == 0.0:
+    if air.disturbance_fraction == 0.0:
         return air.pressure
-    return charging.felt(air, mckibben.volume(parameters.muscle, length))
+    return charging.pressure_after_motion(air, mckibben.volume(parameters.muscle, length))
 
 
-def _imbalance(
-    parameters: Parameters, air: Charge, start: State, unit_length: float, step: float, length: float
+def _compute_force_residual(
+    parameters: DeviceParameters, air: AirCharge, state: DeviceState, unit_length: float, dt: float, length: float
 ) -> float:
     """Muscle side minus tendon side [N] if the muscle went from ``start`` to ``length`` in ``step``."""
-    pressure = pressure_at(parameters, air, length)
-    memory = remembered(parameters, start.memory, pressure, length, unit_length, step)
-    pull = tendon_side(parameters, memory, length, unit_length)
-    return muscle_side(parameters, memory, pressure, length, (length - start.length) / step) - pull
+    pressure = compute_pressure(parameters, air, length)
+    memory = step_internal_state(parameters, state.internal_state, pressure, length, unit_length, dt)
+    pull = compute_tendon_force(parameters, memory, length, unit_length)
+    return compute_muscle_damper_force(parameters, memory, pressure, length, (length - state.length) / dt) - pull
 
 
-def balance(parameters: Parameters, air: Charge, start: State, unit_length: float, step: float) -> float:
+def solve_length(
+    parameters: DeviceParameters, air: AirCharge, state: DeviceState, unit_length: float, dt: float
+) -> float:
     """Muscle length [m] that balances the junction after ``step`` [s] with this ``air`` in it, from state ``start``.
 
     ``unit_length`` [m] is the whole muscle-tendon unit. The root is found with Chandrupatla's bracketed
@@ -210,30 +232,30 @@ def balance(parameters: Parameters, air: Charge, start: State, unit_length: floa
     """
     low = mckibben.lock_length(parameters.muscle)
     high = parameters.muscle.resting_length
-    if parameters.tendon.rigid:
+    if parameters.tendon.is_rigid:
         return min(max(unit_length - parameters.tendon.slack_length, low), high)
 
     # The muscle has hardly moved since the last step: a narrow bracket around where it was is mostly enough.
-    reach = 0.4 * step
-    near_low, near_high = max(low, start.length - reach), min(high, start.length + reach)
-    f_low = _imbalance(parameters, air, start, unit_length, step, near_low)
-    f_high = _imbalance(parameters, air, start, unit_length, step, near_high)
+    reach = 0.4 * dt
+    near_low, near_high = max(low, state.length - reach), min(high, state.length + reach)
+    f_low = _compute_force_residual(parameters, air, state, unit_length, dt, near_low)
+    f_high = _compute_force_residual(parameters, air, state, unit_length, dt, near_high)
     if f_low < 0.0 and f_high > 0.0:
         low, high = near_low, near_high
     else:
-        f_high = _imbalance(parameters, air, start, unit_length, step, high)
+        f_high = _compute_force_residual(parameters, air, state, unit_length, dt, high)
         if not f_high > 0.0:
             return high if f_high == f_high else f_high
-        f_low = _imbalance(parameters, air, start, unit_length, step, low)
+        f_low = _compute_force_residual(parameters, air, state, unit_length, dt, low)
         if not f_low < 0.0:
             return low if f_low == f_low else f_low
 
     a, b, f_a, f_b = high, low, f_high, f_low
     c, f_c = a, f_a
     t = 0.5
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         x = a + t * (b - a)
-        f_x = _imbalance(parameters, air, start, unit_length, step, x)
+        f_x = _compute_force_residual(parameters, air, state, unit_length, dt, x)
         if (f_x > 0.0) == (f_a > 0.0):
             c, f_c = a, f_a
         else:
@@ -255,49 +277,57 @@ def balance(parameters: Parameters, air: Charge, start: State, unit_length: floa
     return best
 
 
-def charged(parameters: Parameters, state: State, command: float, step: float) -> Charge:
+def step_pressure(parameters: DeviceParameters, state: DeviceState, command: float, dt: float) -> AirCharge:
     """The muscle's air a ``step`` [s] after ``state`` under ``command`` (a pressure [Pa] or an opening [1]).
 
     What the muscle's own motion does to it in this step is still to come: :func:`pressure_at`.
     """
-    supply, effects, muscle = supplied(parameters, state.memory), parameters.effects, parameters.muscle
+    supply, effects, muscle = (
+        apply_supply_effects(parameters, state.internal_state),
+        parameters.effects,
+        parameters.muscle,
+    )
     target = command
-    if supply.opens == 0.0:
+    if supply.command_is_opening == 0.0:
         if effects[0] != 0.0:
-            target = hooks.pressure_target(effects, state.memory, target)
-        target = min(max(target, 0.0), supply.pressure)
+            target = effect_chain.pressure_target(effects, state.internal_state, target)
+        target = min(max(target, 0.0), supply.max_pressure)
         if effects[0] != 0.0:
             # What the muscle's own motion does to its air is no part of what the regulator is late with.
-            own = state.pressure - gas(state).disturbance
-            target = hooks.pressure_reached(effects, state.memory, target, own, step)
-    if charging.plain(supply):
-        return charging.regulated(supply, state.pressure, target, step)
+            own = state.pressure - get_gas_state(state).pressure_disturbance
+            target = effect_chain.pressure_reached(effects, state.internal_state, target, own, dt)
+    if charging.is_ideal(supply):
+        return charging.charge_ideal(supply, state.pressure, target, dt)
     volume, most = mckibben.volume(muscle, state.length), mckibben.volume(muscle, muscle.resting_length)
-    return charging.charge(supply, gas(state), state.pressure, target, volume, most, step)
+    return charging.charge(supply, get_gas_state(state), state.pressure, target, volume, most, dt)
 
 
-def advance(parameters: Parameters, state: State, unit_length: float, command: float, step: float) -> State:
+def advance_state(
+    parameters: DeviceParameters, state: DeviceState, unit_length: float, command: float, dt: float
+) -> DeviceState:
     """State one ``step`` [s] later, at muscle-tendon length ``unit_length`` [m] under ``command``.
 
     The command is a gauge pressure [Pa], or the opening of its valve [1] if that is what the supply takes.
     """
-    air = charged(parameters, state, command, step)
-    length = balance(parameters, air, state, unit_length, step)
-    pressure = pressure_at(parameters, air, length)
-    memory = remembered(parameters, state.memory, pressure, length, unit_length, step)
-    supply, muscle = supplied(parameters, memory), parameters.muscle
-    if not charging.plain(supply):
+    air = step_pressure(parameters, state, command, dt)
+    length = solve_length(parameters, air, state, unit_length, dt)
+    pressure = compute_pressure(parameters, air, length)
+    memory = step_internal_state(parameters, state.internal_state, pressure, length, unit_length, dt)
+    supply, muscle = apply_supply_effects(parameters, memory), parameters.muscle
+    if not charging.is_ideal(supply):
         volume, most = mckibben.volume(muscle, length), mckibben.volume(muscle, muscle.resting_length)
-        memory = with_gas(memory, charging.booked(supply, gas(state), air, pressure, volume, most))
-    return State(pressure, length, memory)
+        memory = replace_gas_state(
+            memory, charging.update_gas(supply, get_gas_state(state), air, pressure, volume, most)
+        )
+    return DeviceState(pressure, length, memory)
 
 
-def tension(parameters: Parameters, state: State, unit_length: float, rate: float) -> float:
+def compute_tension(parameters: DeviceParameters, state: DeviceState, unit_length: float, velocity: float) -> float:
     """Tension [N] the unit delivers at ``unit_length`` [m] with its muscle moving at ``rate`` = dl/dt [m/s].
 
     With a tendon this is the tendon's force and never negative. A rigid tie passes on what muscle and
     damper do, either way: a clamped muscle pushes when its bladder does.
     """
-    if parameters.tendon.rigid:
-        return muscle_side(parameters, state.memory, state.pressure, state.length, rate)
-    return tendon_side(parameters, state.memory, state.length, unit_length)
+    if parameters.tendon.is_rigid:
+        return compute_muscle_damper_force(parameters, state.internal_state, state.pressure, state.length, velocity)
+    return compute_tendon_force(parameters, state.internal_state, state.length, unit_length)

@@ -6,15 +6,15 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, FiniteFloat, model_validator
 from pydantic_core import PydanticCustomError
 
-from klute_sim.device.section import NotNegative, Positive, Section
+from klute_sim.device.section import DeviceFileSection, NonNegative, Positive
 from klute_sim.laws import valve as valve_law
 from klute_sim.laws.pneumatics import ZERO_CELSIUS, Supply
 from klute_sim.laws.valve import Restriction
 
-Ratio = Annotated[FiniteFloat, Field(ge=0.0, lt=0.99)]
+CriticalRatio = Annotated[FiniteFloat, Field(ge=0.0, lt=0.99)]
 
 
-class SupplySection(Section):
+class SupplySection(DeviceFileSection):
     """What the pressure regulator can do."""
 
     pressure_bar: Annotated[FiniteFloat, Field(gt=0, le=20)]
@@ -24,15 +24,15 @@ class SupplySection(Section):
     gas_temperature_c: Annotated[FiniteFloat, Field(ge=-60, le=200)]
 
 
-class ValveSection(Section):
+class ValveSection(DeviceFileSection):
     """A valve with a limited flow (ISO 6358) between supply and muscle, and between muscle and room."""
 
     fill_dm3_per_s_bar: Annotated[FiniteFloat, Field(ge=1e-4, le=1e3)]
     """Sonic conductance C towards the muscle, fully open."""
-    fill_critical_ratio: Ratio
+    fill_critical_ratio: CriticalRatio
     """Critical pressure ratio b."""
     exhaust_dm3_per_s_bar: Annotated[FiniteFloat, Field(ge=1e-4, le=1e3)]
-    exhaust_critical_ratio: Ratio
+    exhaust_critical_ratio: CriticalRatio
     takes: Literal["pressure", "opening"] = "pressure"
     """What a command is: a pressure, which the valve's own loop follows, or an opening, -1 (exhaust) to 1 (fill)."""
     gain_per_bar: Annotated[FiniteFloat, Field(gt=0, le=1e4)] | None = None
@@ -41,11 +41,11 @@ class ValveSection(Section):
     """Whether the valve opens in proportion, or in pulses as wide as the opening."""
     period_s: Annotated[FiniteFloat, Field(ge=1e-3, le=1.0)] | None = None
     """Of the pulses; only, and always, of an on-off valve."""
-    shortest_pulse_s: NotNegative | None = None
+    shortest_pulse_s: NonNegative | None = None
     """That the valve can still make; likewise."""
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Self:
+    def _check_options(self) -> Self:
         if self.takes == "pressure" and self.gain_per_bar is None:
             raise PydanticCustomError("valve", "takes = 'pressure' (also when left out) needs gain_per_bar")
         if self.takes == "opening" and self.gain_per_bar is not None:
@@ -60,22 +60,22 @@ class ValveSection(Section):
         return self
 
 
-class LineSection(Section):
+class LineSection(DeviceFileSection):
     """The tube between valve and muscle: it throttles, and it has to be filled, too."""
 
     length_m: Annotated[FiniteFloat, Field(gt=0, le=100)]
     inner_diameter_mm: Annotated[FiniteFloat, Field(ge=0.5, le=50)]
 
-    def restriction(self) -> Restriction:
+    def to_restriction(self) -> Restriction:
         """Its flow."""
-        return valve_law.tube(self.length_m, self.si("inner_diameter_mm"))
+        return valve_law.tube_restriction(self.length_m, self.get_si("inner_diameter_mm"))
 
-    def volume(self) -> float:
+    def compute_volume(self) -> float:
         """Its volume [m3]."""
-        return 0.25 * math.pi * self.si("inner_diameter_mm") ** 2 * self.length_m
+        return 0.25 * math.pi * self.get_si("inner_diameter_mm") ** 2 * self.length_m
 
 
-class ChamberSection(Section):
+class ChamberSection(DeviceFileSection):
     """The air in the muscle."""
 
     dead_volume_cm3: Annotated[FiniteFloat, Field(ge=0, le=1e4)]
@@ -86,7 +86,7 @@ class ChamberSection(Section):
     """Time in which the air takes the walls' temperature all the same; 0: never."""
 
 
-class TankSection(Section):
+class TankSection(DeviceFileSection):
     """A tank that is not refilled."""
 
     volume_l: Annotated[FiniteFloat, Field(ge=1e-3, le=1e4)]
@@ -94,13 +94,13 @@ class TankSection(Section):
     """When full, gauge."""
 
 
-class LeakSection(Section):
+class LeakSection(DeviceFileSection):
     """A leak of the muscle into the room."""
 
     conductance_dm3_per_s_bar: Annotated[FiniteFloat, Field(ge=0, le=10)]
 
 
-def parameters(
+def build_supply(
     supply: SupplySection,
     valve: ValveSection | None,
     line: LineSection | None,
@@ -110,34 +110,34 @@ def parameters(
 ) -> Supply:
     """The law's parameters, SI."""
     found = Supply(
-        pressure=supply.si("pressure_bar"),
-        rate=supply.si("rate_bar_per_s"),
+        max_pressure=supply.get_si("pressure_bar"),
+        max_pressure_rate=supply.get_si("rate_bar_per_s"),
         temperature=supply.gas_temperature_c + ZERO_CELSIUS,
     )
     if tank is not None:
-        found = found._replace(tank=tank.si("volume_l"), tank_pressure=tank.si("pressure_bar"))
+        found = found._replace(tank_volume=tank.get_si("volume_l"), tank_pressure=tank.get_si("pressure_bar"))
     if leak is not None:
-        found = found._replace(leak=leak.si("conductance_dm3_per_s_bar"))
+        found = found._replace(leak_conductance=leak.get_si("conductance_dm3_per_s_bar"))
     if valve is None:
         return found
-    fill = Restriction(valve.si("fill_dm3_per_s_bar"), valve.fill_critical_ratio)
-    exhaust = Restriction(valve.si("exhaust_dm3_per_s_bar"), valve.exhaust_critical_ratio)
+    fill = Restriction(valve.get_si("fill_dm3_per_s_bar"), valve.fill_critical_ratio)
+    exhaust = Restriction(valve.get_si("exhaust_dm3_per_s_bar"), valve.exhaust_critical_ratio)
     if line is not None:
-        fill, exhaust = (valve_law.in_series(way, line.restriction()) for way in (fill, exhaust))
-        found = found._replace(dead_volume=line.volume())
+        fill, exhaust = (valve_law.combine_in_series(way, line.to_restriction()) for way in (fill, exhaust))
+        found = found._replace(dead_volume=line.compute_volume())
     if chamber is not None:
         found = found._replace(
-            dead_volume=found.dead_volume + chamber.si("dead_volume_cm3"),
-            exponent=chamber.exponent,
-            warming=chamber.warming_s,
+            dead_volume=found.dead_volume + chamber.get_si("dead_volume_cm3"),
+            polytropic_exponent=chamber.exponent,
+            thermal_time_constant=chamber.warming_s,
         )
     return found._replace(
-        fill=fill.conductance,
-        fill_ratio=fill.critical_ratio,
-        exhaust=exhaust.conductance,
-        exhaust_ratio=exhaust.critical_ratio,
-        gain=valve.si("gain_per_bar") if valve.gain_per_bar is not None else 0.0,
-        opens=float(valve.takes == "opening"),
-        period=valve.period_s or 0.0,
-        shortest=valve.shortest_pulse_s or 0.0,
+        fill_conductance=fill.conductance,
+        fill_critical_ratio=fill.critical_ratio,
+        exhaust_conductance=exhaust.conductance,
+        exhaust_critical_ratio=exhaust.critical_ratio,
+        valve_gain=valve.get_si("gain_per_bar") if valve.gain_per_bar is not None else 0.0,
+        command_is_opening=float(valve.takes == "opening"),
+        pwm_period=valve.period_s or 0.0,
+        min_pulse=valve.shortest_pulse_s or 0.0,
     )

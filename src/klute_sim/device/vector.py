@@ -6,30 +6,30 @@ parameters of their own need nothing else. The row is SI; its first number says 
 
 from collections.abc import Sequence
 
-from klute_sim.device.step import VALUES, Parameters
+from klute_sim.device.step import N_EFFECT_VALUES, DeviceParameters
 from klute_sim.effects import catalogue
 from klute_sim.laws.damper import Damper
 from klute_sim.laws.mckibben import Muscle
 from klute_sim.laws.pneumatics import Supply
 from klute_sim.laws.tendon import Tendon
 
-SIGNATURE = 2000e6 + catalogue.layout()
+LAYOUT_ID = 2000e6 + catalogue.layout_checksum()
 """First number of a row. A row of another layout, or with other effects, gets another signature."""
-EFFECTS = 1 + len(Muscle._fields) + len(Damper._fields) + len(Tendon._fields) + len(Supply._fields)
+EFFECTS_OFFSET = 1 + len(Muscle._fields) + len(Damper._fields) + len(Tendon._fields) + len(Supply._fields)
 """Where the effects begin in a row."""
-SIZE = EFFECTS + VALUES
+ROW_SIZE = EFFECTS_OFFSET + N_EFFECT_VALUES
 """Numbers in a row."""
 
 
-def pack(parameters: Parameters) -> tuple[float, ...]:
+def pack_parameters(parameters: DeviceParameters) -> tuple[float, ...]:
     """The row of ``parameters``: the signature, then every field in its order."""
-    return (SIGNATURE, *(float(value) for part in parameters for value in part))
+    return (LAYOUT_ID, *(float(value) for part in parameters for value in part))
 
 
-def unpack(row: Sequence[float]) -> Parameters:
+def unpack_parameters(row: Sequence[float]) -> DeviceParameters:
     """The parameters of a ``row``, which must begin with :data:`SIGNATURE`; the inverse of :func:`pack`."""
     # Spelled out, because a compiler has to follow it.
-    return Parameters(
+    return DeviceParameters(
         Muscle(row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10]),
         Damper(row[11], row[12]),
         Tendon(row[13], row[14], row[15], row[16], row[17] != 0.0),
@@ -53,5 +53,5 @@ def unpack(row: Sequence[float]) -> Parameters:
             row[34],
             row[35],
         ),
-        row[EFFECTS:SIZE],
+        row[EFFECTS_OFFSET:ROW_SIZE],
     )

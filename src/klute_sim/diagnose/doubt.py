@@ -4,95 +4,105 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnose.fit import Evidence, Fit, fit
-from klute_sim.diagnose.hypothesis import Term
-from klute_sim.diagnose.screen import screen
-from klute_sim.diagnose.search import Search, drop, shortlist
+from klute_sim.diagnose.fit import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnose.hypothesis import EffectTerm
+from klute_sim.diagnose.screen import screen_candidates
+from klute_sim.diagnose.search import ForwardSelection, refit_without_term, select_shortlist
 
-MOST = 5
+MAX_REPLACEMENTS = 5
 """Candidates that are tried in a term's place."""
-AWAY = 3.0
-SAME = 1.0
+RESTART_SIGMAS = 3.0
+CHI2_TOLERANCE = 1.0
 """Difference of chi squared by which two fits are the same."""
 
 
-class Rival(NamedTuple):
+class EquivalentModel(NamedTuple):
     """Another set of effects that the data cannot tell from the one that was found."""
 
     fit: Fit
-    replaces: Term
-    difference: float
+    replaces: EffectTerm
+    bic_difference: float
     """Of BIC; positive: a little worse than what was found."""
 
 
-def fewer(search: Search, found: Fit) -> Fit | None:
+def find_smaller_model(search: ForwardSelection, best_fit: Fit) -> Fit | None:
     """A set with one term less that does as well as ``found``: one of its terms, and another in place of the rest.
 
     Two proxies that were taken one after the other are found out by that. None if there is no such set, or if
     ``found`` has less than three terms: with two, every single one has been tried before.
     """
-    evidence, terms = search.evidence, found.hypothesis.terms
+    evidence, terms = search.data, best_fit.hypothesis.terms
     if len(terms) < 3:
         return None
-    most = found.criterion(evidence.effective) + search.decisive
+    most = best_fit.bic(evidence.n_effective) + search.bic_threshold
     sets = []
     for kept in terms:
-        less = found
+        less = best_fit
         for term in terms:
             if term != kept:
-                less = drop(evidence, less, term)
-        for refit in _others(search, less, found, most):
-            if refit.criterion(evidence.effective) <= most and not search.objection(
-                less, refit, search.gains(less, refit)
+                less = refit_without_term(evidence, less, term)
+        for refit in _refit_replacements(search, less, best_fit, most):
+            if refit.bic(evidence.n_effective) <= most and not search.rejection_reason(
+                less, refit, search.compute_validation_gains(less, refit)
             ):
                 sets.append(refit)
-    return min(sets, key=lambda one: one.criterion(evidence.effective), default=None)
+    return min(sets, key=lambda one: one.bic(evidence.n_effective), default=None)
 
 
-def _others(search: Search, less: Fit, found: Fit, goal: float) -> list[Fit]:
+def _refit_replacements(search: ForwardSelection, reduced_fit: Fit, best_fit: Fit, bic_goal: float) -> list[Fit]:
     """``less`` with one more term each, refitted, of those that promise half of what ``found`` has over it."""
-    taken = {(t.effect, t.channel) for t in less.hypothesis.terms}
-    open_ = [t for t in search.candidates if (t.effect, t.channel) not in taken]
-    promising = [c for c in screen(search.evidence, less, open_) if c.gain > 0.5 * (less.cost - found.cost)]
-    return search.refit(less, shortlist(promising)[:MOST], goal) if promising else []
+    taken = {(t.effect, t.channel) for t in reduced_fit.hypothesis.terms}
+    open_ = [t for t in search.candidate_terms if (t.effect, t.channel) not in taken]
+    promising = [
+        c
+        for c in screen_candidates(search.data, reduced_fit, open_)
+        if c.predicted_gain > 0.5 * (reduced_fit.chi2 - best_fit.chi2)
+    ]
+    return (
+        search.refit_candidates(reduced_fit, select_shortlist(promising)[:MAX_REPLACEMENTS], bic_goal)
+        if promising
+        else []
+    )
 
 
-def rivals(search: Search, found: Fit) -> list[Rival]:
+def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[EquivalentModel]:
     """Sets with one of the terms of ``found`` exchanged that are within a decisive difference of BIC, or better.
 
     Only those that would have been accepted themselves: trials that were not fitted must gain from them, too.
     """
-    evidence, best = search.evidence, found.criterion(search.evidence.effective)
+    evidence, best = search.data, best_fit.bic(search.data.n_effective)
     result = []
-    for term in found.hypothesis.terms:
-        known = next((s for s in search.steps if s.added == term and s.refits[0].hypothesis == found.hypothesis), None)
-        if known is not None and search.repeated:  # else it has been weighed anew since
-            less, refits = known.before, known.refits
+    for term in best_fit.hypothesis.terms:
+        known = next(
+            (s for s in search.history if s.added_term == term and s.refits[0].hypothesis == best_fit.hypothesis), None
+        )
+        if known is not None and search.has_repeats:  # else it has been weighed anew since
+            less, refits = known.initial_fit, known.refits
         else:
-            less = drop(evidence, found, term)
-            refits = tuple(_others(search, less, found, best))
+            less = refit_without_term(evidence, best_fit, term)
+            refits = tuple(_refit_replacements(search, less, best_fit, best))
         for refit in refits:
-            other, difference = refit.hypothesis.terms[-1], refit.criterion(evidence.effective) - best
-            if (other.effect, other.channel) == (term.effect, term.channel) or difference > search.decisive:
+            other, difference = refit.hypothesis.terms[-1], refit.bic(evidence.n_effective) - best
+            if (other.effect, other.channel) == (term.effect, term.channel) or difference > search.bic_threshold:
                 continue
-            if not search.objection(less, refit, search.gains(less, refit)):
-                result.append(Rival(refit, term, difference))
-    return sorted(result, key=lambda rival: rival.difference)
+            if not search.rejection_reason(less, refit, search.compute_validation_gains(less, refit)):
+                result.append(EquivalentModel(refit, term, difference))
+    return sorted(result, key=lambda rival: rival.bic_difference)
 
 
-def certified(evidence: Evidence, found: Fit, random: np.random.Generator) -> tuple[Fit, bool]:
+def check_convergence(data: WeightedData, best_fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:
     """``found`` finished finely, or a better fit near it, and whether fits from elsewhere come back to it.
 
     Elsewhere is :data:`AWAY` standard errors or more from where it is, in every unknown, as far as bounds allow.
     """
-    if not len(found.steps):
-        return found, found.converged
-    found = fit(evidence, found.hypothesis, found.steps, fine=True)
+    if not len(best_fit.x):
+        return best_fit, best_fit.converged
+    best_fit = fit_hypothesis(data, best_fit.hypothesis, best_fit.x, fine=True)
     # Of unknowns that the data hardly hold, rounding may leave a variance below zero.
-    errors = np.sqrt(np.maximum(0.0, np.diag(np.linalg.pinv(found.jacobian.T @ found.jacobian))))
-    away = random.choice([-1.0, 1.0], len(errors)) * np.maximum(AWAY * errors, 0.02)
-    again = fit(evidence, found.hypothesis, found.steps + away)
-    sure = found.converged and again.converged and abs(again.cost - found.cost) < SAME
-    if again.cost < found.cost - SAME:
-        found = fit(evidence, found.hypothesis, again.steps, fine=True)
-    return found, sure
+    errors = np.sqrt(np.maximum(0.0, np.diag(np.linalg.pinv(best_fit.jacobian.T @ best_fit.jacobian))))
+    away = rng.choice([-1.0, 1.0], len(errors)) * np.maximum(RESTART_SIGMAS * errors, 0.02)
+    again = fit_hypothesis(data, best_fit.hypothesis, best_fit.x + away)
+    sure = best_fit.converged and again.converged and abs(again.chi2 - best_fit.chi2) < CHI2_TOLERANCE
+    if again.chi2 < best_fit.chi2 - CHI2_TOLERANCE:
+        best_fit = fit_hypothesis(data, best_fit.hypothesis, again.x, fine=True)
+    return best_fit, sure

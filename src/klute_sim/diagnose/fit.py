@@ -8,52 +8,52 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import least_squares
 
-from klute_sim.diagnose.experiment import Array, Bench, Experiment
+from klute_sim.diagnose.experiment import Array, Experiment, Simulator
 from klute_sim.diagnose.hypothesis import Hypothesis
 from klute_sim.diagnose.noise import Noise, Residuals
-from klute_sim.diagnose.store import Store
+from klute_sim.diagnose.store import FitCache
 
-DIFFERENCE = 1e-3
+FINITE_DIFFERENCE_STEP = 1e-3
 """Of an unknown, in steps of its own size, to take derivatives with."""
-MOST_ROUNDS = 25
-TOLERANCE, FINE = 1e-5, 1e-7
+DEFAULT_MAX_NFEV = 25
+COST_TOLERANCE, FINE_COST_TOLERANCE = 1e-5, 1e-7
 """Relative change of cost at which a fit has converged: one that is compared with others, and one that is kept."""
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class WeightedData:
     """Measured trials and what weighs their residuals."""
 
-    bench: Bench
+    simulator: Simulator
     experiments: Sequence[Experiment]
     noise: Mapping[str, Noise]
-    store: Store | None = None
+    cache: FitCache | None = None
     """Where finished fits are kept."""
 
     @property
-    def effective(self) -> float:
+    def n_effective(self) -> float:
         """Independent samples in all."""
         return sum(
-            len(series.time) / self.noise[channel].correlation(series.interval)
+            len(series.time) / self.noise[channel].correlation_time(series.sampling_interval)
             for e in self.experiments
             for channel, series in e.measured.items()
             if channel in self.noise
         )
 
-    def residuals(
-        self, hypothesis: Hypothesis, rows: Sequence[Array], *, coarse: bool = False
+    def compute_residuals(
+        self, hypothesis: Hypothesis, points: Sequence[Array], *, coarse: bool = False
     ) -> list[list[dict[str, Array]]]:
         """Measured minus simulated [SI] for each of ``rows`` of unknowns, in each experiment; ``coarse``: quickly."""
-        settings = [hypothesis.settings(row, self.experiments) for row in rows]
+        settings = [hypothesis.build_setups(row, self.experiments) for row in points]
         return [
             [
                 {channel: series.value - shown[channel] for channel, series in e.measured.items()}
                 for e, shown in zip(self.experiments, found, strict=True)
             ]
-            for found in self.bench.simulate(settings, self.experiments, coarse=coarse)
+            for found in self.simulator.simulate(settings, self.experiments, coarse=coarse)
         ]
 
-    def weighted(self, residuals: Residuals) -> Array:
+    def weight_residuals(self, residuals: Residuals) -> Array:
         """One vector whose square is chi squared, counting only independent samples."""
         parts = [
             weight * found[channel]
@@ -67,16 +67,16 @@ class Evidence:
         """Per experiment: weighed channel -> what its residuals are multiplied by [1/SI], one or one per sample."""
         return [
             {
-                c: self.noise[c].weight(series.interval) / e.loud.get(c, 1.0)
+                c: self.noise[c].weight(series.sampling_interval) / e.noise_scale.get(c, 1.0)
                 for c, series in e.measured.items()
                 if c in self.noise
             }
             for e in self.experiments
         ]
 
-    def on(self, experiments: Sequence[Experiment]) -> "Evidence":
+    def with_experiments(self, experiments: Sequence[Experiment]) -> "WeightedData":
         """Other trials, weighed alike."""
-        return Evidence(self.bench, experiments, self.noise, self.store)
+        return WeightedData(self.simulator, experiments, self.noise, self.cache)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +84,9 @@ class Fit:
     """A hypothesis with its unknowns found."""
 
     hypothesis: Hypothesis
-    steps: Array
+    x: Array
     """The unknowns, in steps of their sizes."""
-    vector: Array
+    weighted_residuals: Array
     """Weighted residuals, those of the priors last."""
     jacobian: Array
     """Of :attr:`vector` by the unknowns."""
@@ -95,34 +95,34 @@ class Fit:
     """[SI]"""
 
     @property
-    def cost(self) -> float:
+    def chi2(self) -> float:
         """Chi squared, priors included."""
-        return float(self.vector @ self.vector)
+        return float(self.weighted_residuals @ self.weighted_residuals)
 
     @property
     def values(self) -> list[float]:
         """The unknowns in their own units."""
-        return self.hypothesis.values(self.steps)
+        return self.hypothesis.values(self.x)
 
-    def criterion(self, effective: float) -> float:
+    def bic(self, n_effective: float) -> float:
         """BIC with the effective number of samples; differences of it decide."""
-        return self.cost + (len(self.steps) - self.hypothesis.base) * float(np.log(effective))
+        return self.chi2 + (len(self.x) - self.hypothesis.n_device_parameters) * float(np.log(n_effective))
 
 
-FLAT = 1e-15
+GRADIENT_TOLERANCE = 1e-15
 """Gradient of chi squared, per step, that is none: of an effect that changes nothing where its fit begins. The solver
 would divide by it."""
-SLACK = 0.5
+MAX_CHI2_RISE = 0.5
 """Rise of chi squared that a fit by long steps may end with, where it began as well as anywhere."""
 
 
-def fit(
-    evidence: Evidence,
+def fit_hypothesis(
+    data: WeightedData,
     hypothesis: Hypothesis,
-    start: Array | None = None,
-    slope: Array | None = None,
+    x0: Array | None = None,
+    jac: Array | None = None,
     *,
-    rounds: int = MOST_ROUNDS,
+    max_nfev: int = DEFAULT_MAX_NFEV,
     fine: bool = False,
 ) -> Fit:
     """Fit ``hypothesis`` from ``start`` (in steps; None: nominal and neutral) by bounded least squares.
@@ -131,100 +131,106 @@ def fit(
     simulations are coarse, with what is wrong with them at the ``start`` taken off; the result's residuals never are. A
     ``fine`` fit goes the last steps, and takes its derivatives, with the short steps of these.
     """
-    given = [e.name for e in evidence.experiments]
-    question = repr((hypothesis, sorted(evidence.noise.items()), given, rounds, fine))
-    begin = hypothesis.start() if start is None else start
-    question += hashlib.sha256(begin.tobytes() + (b"" if slope is None else slope.tobytes())).hexdigest()
-    kept = evidence.store.get(question) if evidence.store else None
+    given = [e.name for e in data.experiments]
+    question = repr((hypothesis, sorted(data.noise.items()), given, max_nfev, fine))
+    begin = hypothesis.initial_point() if x0 is None else x0
+    question += hashlib.sha256(begin.tobytes() + (b"" if jac is None else jac.tobytes())).hexdigest()
+    kept = data.cache.get(question) if data.cache else None
     if kept is not None:
-        residuals = evidence.residuals(hypothesis, [kept["steps"]])[0]
+        residuals = data.compute_residuals(hypothesis, [kept["steps"]])[0]
         return Fit(hypothesis, kept["steps"], kept["vector"], kept["jacobian"], bool(kept["converged"]), residuals)
-    done = _fit(evidence, hypothesis, begin, slope, rounds, coarse=True)
+    done = _solve(data, hypothesis, begin, jac, max_nfev, coarse=True)
     if fine and len(begin):
-        done = _fit(evidence, hypothesis, done.steps, None, rounds, coarse=False)
-    if evidence.store:
+        done = _solve(data, hypothesis, done.x, None, max_nfev, coarse=False)
+    if data.cache:
         whether = np.array(done.converged)
-        evidence.store.put(question, steps=done.steps, vector=done.vector, jacobian=done.jacobian, converged=whether)
+        data.cache.put(
+            question, steps=done.x, vector=done.weighted_residuals, jacobian=done.jacobian, converged=whether
+        )
     return done
 
 
-def _fit(
-    evidence: Evidence, hypothesis: Hypothesis, begin: Array, slope: Array | None, rounds: int, *, coarse: bool
+def _solve(
+    data: WeightedData, hypothesis: Hypothesis, x0: Array, jac: Array | None, max_nfev: int, *, coarse: bool
 ) -> Fit:
     low, high = hypothesis.bounds()
     # Not at a bound: the first step would be no longer than the distance from it.
     margin = np.minimum(0.01, 0.25 * (high - low))
-    inside = np.clip(begin, low + margin, high - margin)
-    problem = _Problem(evidence, hypothesis, inside, coarse=coarse)
-    first = problem.finely(inside)
+    inside = np.clip(x0, low + margin, high - margin)
+    problem = _LeastSquaresProblem(data, hypothesis, inside, coarse=coarse)
+    first = problem.evaluate_fine(inside)
     if not len(inside):
         return Fit(hypothesis, inside, first[0], np.empty((len(first[0]), 0)), True, first[1])
-    known = [] if slope is None else [slope]
+    known = [] if jac is None else [jac]
 
     def slope_at(row: Array) -> Array:
         return known.pop() if known else problem.jacobian(row)
 
     result = least_squares(
-        problem.vector,
+        problem.evaluate,
         inside,
         slope_at,
         bounds=(low, high),
-        ftol=TOLERANCE if coarse else FINE,
+        ftol=COST_TOLERANCE if coarse else FINE_COST_TOLERANCE,
         xtol=1e-6,
-        gtol=FLAT,
-        max_nfev=rounds,
+        gtol=GRADIENT_TOLERANCE,
+        max_nfev=max_nfev,
     )
-    last, found = problem.finely(result.x), np.asarray(result.jac)
+    last, found = problem.evaluate_fine(result.x), np.asarray(result.jac)
     if (
-        coarse and last[0] @ last[0] > first[0] @ first[0] + SLACK
+        coarse and last[0] @ last[0] > first[0] @ first[0] + MAX_CHI2_RISE
     ):  # what long steps get wrong has changed too much on the way
-        return _fit(evidence, hypothesis, begin, slope, rounds, coarse=False)
-    found[len(last[0]) - hypothesis.base :] = np.eye(hypothesis.base, len(hypothesis.unknowns))
+        return _solve(data, hypothesis, x0, jac, max_nfev, coarse=False)
+    found[len(last[0]) - hypothesis.n_device_parameters :] = np.eye(
+        hypothesis.n_device_parameters, len(hypothesis.parameters)
+    )
     return Fit(hypothesis, result.x, last[0], found, result.status > 0, last[1])
 
 
-def linear(evidence: Evidence, hypothesis: Hypothesis, row: Array) -> tuple[Array, Array]:
+def linearize(data: WeightedData, hypothesis: Hypothesis, x: Array) -> tuple[Array, Array]:
     """Weighted residuals at ``row`` of unknowns, and their derivatives, these by long steps."""
-    problem = _Problem(evidence, hypothesis, row, coarse=True)
-    return problem.finely(row)[0], problem.jacobian(row)
+    problem = _LeastSquaresProblem(data, hypothesis, x, coarse=True)
+    return problem.evaluate_fine(x)[0], problem.jacobian(x)
 
 
-class _Problem:
+class _LeastSquaresProblem:
     """The vector whose square is least, and its derivatives, by few long steps or many short ones.
 
     What long steps get wrong is known where a fit begins, and taken off everywhere: it hardly changes on the way.
     """
 
-    def __init__(self, evidence: Evidence, hypothesis: Hypothesis, begin: Array, *, coarse: bool) -> None:
-        self._evidence, self._hypothesis, self._coarse = evidence, hypothesis, coarse
-        self._high = hypothesis.bounds()[1]
-        self._fine: dict[bytes, tuple[Array, Residuals]] = {}
-        self._wrong: Array | float = 0.0
+    def __init__(self, data: WeightedData, hypothesis: Hypothesis, x0: Array, *, coarse: bool) -> None:
+        self._data, self._hypothesis, self._coarse = data, hypothesis, coarse
+        self._upper = hypothesis.bounds()[1]
+        self._fine_cache: dict[bytes, tuple[Array, Residuals]] = {}
+        self._coarse_error: Array | float = 0.0
         if coarse:
-            self._wrong = self._simulated([begin])[0] - self.finely(begin)[0]
+            self._coarse_error = self._evaluate_points([x0])[0] - self.evaluate_fine(x0)[0]
 
-    def finely(self, row: Array) -> tuple[Array, Residuals]:
+    def evaluate_fine(self, x: Array) -> tuple[Array, Residuals]:
         """The vector at ``row`` by short steps, and the residuals [SI] in it."""
-        key = row.tobytes()
-        if key not in self._fine:
-            residuals = self._evidence.residuals(self._hypothesis, [row])[0]
-            self._fine[key] = self._joined(row, residuals), residuals
-        return self._fine[key]
+        key = x.tobytes()
+        if key not in self._fine_cache:
+            residuals = self._data.compute_residuals(self._hypothesis, [x])[0]
+            self._fine_cache[key] = self._assemble(x, residuals), residuals
+        return self._fine_cache[key]
 
-    def vector(self, row: Array) -> Array:
+    def evaluate(self, x: Array) -> Array:
         """Weighted residuals at ``row``, those of the priors last."""
-        return self._simulated([row])[0] - self._wrong if self._coarse else self.finely(row)[0]
+        return self._evaluate_points([x])[0] - self._coarse_error if self._coarse else self.evaluate_fine(x)[0]
 
-    def jacobian(self, row: Array) -> Array:
+    def jacobian(self, x: Array) -> Array:
         """Of :meth:`vector`: into the bounds, one unknown at a time, all at once on the bench."""
-        signs = np.where(row + DIFFERENCE > self._high, -1.0, 1.0)
-        moved = [row + DIFFERENCE * sign * unit for sign, unit in zip(signs, np.eye(len(row)), strict=True)]
-        here, *vectors = self._simulated([row, *moved])
-        return np.stack([(v - here) / (DIFFERENCE * s) for v, s in zip(vectors, signs, strict=True)], axis=1)
+        signs = np.where(x + FINITE_DIFFERENCE_STEP > self._upper, -1.0, 1.0)
+        moved = [x + FINITE_DIFFERENCE_STEP * sign * unit for sign, unit in zip(signs, np.eye(len(x)), strict=True)]
+        here, *vectors = self._evaluate_points([x, *moved])
+        return np.stack(
+            [(v - here) / (FINITE_DIFFERENCE_STEP * s) for v, s in zip(vectors, signs, strict=True)], axis=1
+        )
 
-    def _simulated(self, rows: Sequence[Array]) -> list[Array]:
-        found = self._evidence.residuals(self._hypothesis, rows, coarse=self._coarse)
-        return [self._joined(row, each) for row, each in zip(rows, found, strict=True)]
+    def _evaluate_points(self, points: Sequence[Array]) -> list[Array]:
+        found = self._data.compute_residuals(self._hypothesis, points, coarse=self._coarse)
+        return [self._assemble(row, each) for row, each in zip(points, found, strict=True)]
 
-    def _joined(self, row: Array, residuals: Residuals) -> Array:
-        return np.concatenate([self._evidence.weighted(residuals), row[: self._hypothesis.base]])
+    def _assemble(self, x: Array, residuals: Residuals) -> Array:
+        return np.concatenate([self._data.weight_residuals(residuals), x[: self._hypothesis.n_device_parameters]])

@@ -8,35 +8,40 @@ import numpy as np
 from scipy.stats import t as student
 
 from klute_sim.diagnose.experiment import Array
-from klute_sim.diagnose.fit import Evidence, Fit
-from klute_sim.diagnose.noise import stacks
-from klute_sim.diagnose.systematic import LEVEL, otherwise, shared, unexplained
+from klute_sim.diagnose.fit import Fit, WeightedData
+from klute_sim.diagnose.noise import align_repeats
+from klute_sim.diagnose.systematic import (
+    CONFIDENCE_LEVEL,
+    collect_shared_misfits,
+    estimate_misfit_error,
+    estimate_preparation_errors,
+)
 
-BLOCK = 0.5
+NOISE_BLOCK_TIME = 0.5
 """Time [s] within which noise that is loud in places may be correlated (assumed)."""
 
 
-class Part(NamedTuple):
+class ChannelInfluence(NamedTuple):
     """A channel of a trial."""
 
-    follow: Array
+    sensitivity: Array
     """(unknowns, samples) how the unknowns, in steps, follow its residuals [1/SI]."""
     noise: Array
     """(repeats, samples) noise that it might have had [SI], of which all but one are independent."""
-    interval: float
+    sampling_interval: float
     """Between samples [s]."""
 
 
-class Squares(NamedTuple):
+class VarianceComponents(NamedTuple):
     """What the noise of a group of repeats does to the unknowns, in parts that are independent of each other."""
 
-    of: Array
+    components: Array
     """(unknowns, parts) [steps^2]"""
-    freedom: Array
+    degrees_of_freedom: Array
     """(parts) degrees of freedom with which each is known."""
 
 
-def intervals(evidence: Evidence, found: Fit) -> list[tuple[float, float]]:
+def compute_confidence_intervals(data: WeightedData, fit: Fit) -> list[tuple[float, float]]:
     """95 % interval of every unknown in its own unit, the wider one of two.
 
     The unknowns follow noise along the fit's derivatives, and noise is what sets repeats apart. It might have come at
@@ -47,69 +52,76 @@ def intervals(evidence: Evidence, found: Fit) -> list[tuple[float, float]]:
     What a rig leaves out of its trials (:mod:`klute_sim.diagnose.systematic`) comes on top, as independent errors do
     (JCGM 100:2008, 5.1.2).
     """
-    solver: Array = np.asarray(np.linalg.pinv(found.jacobian), float)
-    groups = _groups(evidence, found, solver)
-    priors = (solver[:, solver.shape[1] - found.hypothesis.base :] ** 2).sum(axis=1)
+    solver: Array = np.asarray(np.linalg.pinv(fit.jacobian), float)
+    groups = _group_influences(data, fit, solver)
+    priors = (solver[:, solver.shape[1] - fit.hypothesis.n_device_parameters :] ** 2).sum(axis=1)
     reach = np.zeros(len(solver))
-    for view in (shifted, in_place):
+    for view in (estimate_spectral_variances, estimate_block_variances):
         squares = [view(trials) for trials in groups]
-        freedom = np.concatenate([each.freedom for each in squares])
-        for k, own in enumerate(np.concatenate([each.of for each in squares], axis=1)):
-            wide = student.ppf(0.5 + 0.5 * LEVEL, degrees(own, freedom, priors[k])) * np.sqrt(own.sum() + priors[k])
+        freedom = np.concatenate([each.degrees_of_freedom for each in squares])
+        for k, own in enumerate(np.concatenate([each.components for each in squares], axis=1)):
+            wide = student.ppf(
+                0.5 + 0.5 * CONFIDENCE_LEVEL, combine_degrees_of_freedom(own, freedom, priors[k])
+            ) * np.sqrt(own.sum() + priors[k])
             reach[k] = max(reach[k], wide)
-    left_out = [*otherwise(evidence, found, solver), unexplained(shared(evidence, found, solver))]
+    left_out = [
+        *estimate_preparation_errors(data, fit, solver),
+        estimate_misfit_error(collect_shared_misfits(data, fit, solver)),
+    ]
     reach = np.sqrt(reach**2 + sum((each**2 for each in left_out), np.zeros(len(solver))))
     ends = [
-        (unknown.value(step - own), unknown.value(step + own))
-        for unknown, step, own in zip(found.hypothesis.unknowns, found.steps, reach, strict=True)
+        (unknown.denormalize(step - own), unknown.denormalize(step + own))
+        for unknown, step, own in zip(fit.hypothesis.parameters, fit.x, reach, strict=True)
     ]
     return [(min(each), max(each)) for each in ends]
 
 
-def degrees(squares: Array, freedom: Array, exact: float = 0.0) -> float:
+def combine_degrees_of_freedom(variances: Array, degrees_of_freedom: Array, exact_variance: float = 0.0) -> float:
     """Degrees of freedom of a sum of ``squares``, each known with its own ``freedom``, and one that is ``exact``.
 
     After Welch (1947), Biometrika 34, 28-35: an estimated square, squared, is too large in the mean by
     (freedom + 2)/freedom, which the two that are added and taken off again make good.
     """
-    estimated = float((squares * squares / (freedom + 2.0)).sum())
+    estimated = float((variances * variances / (degrees_of_freedom + 2.0)).sum())
     if estimated == 0.0:
         return np.inf
-    return max(float(freedom.min()), float(squares.sum() + exact) ** 2 / estimated - 2.0)
+    return max(float(degrees_of_freedom.min()), float(variances.sum() + exact_variance) ** 2 / estimated - 2.0)
 
 
-def shifted(trials: Sequence[Sequence[Part]]) -> Squares:
+def estimate_spectral_variances(trials: Sequence[Sequence[ChannelInfluence]]) -> VarianceComponents:
     """Squares by frequency, in the mean over all times at which the noise might have begun, around the trial.
 
     By Parseval's theorem that is a product of spectra. All channels of a trial are shifted together: they see the
     same disturbances.
     """
 
-    def spectra(part: Part, row: Array) -> Array:
-        return np.asarray(np.fft.rfft(part.follow) * np.fft.rfft(row).conj() / len(row))
+    def spectra(part: ChannelInfluence, row: Array) -> Array:
+        return np.asarray(np.fft.rfft(part.sensitivity) * np.fft.rfft(row).conj() / len(row))
 
     def squares(spectrum: Array) -> Array:
         # One side of the spectrum stands for both, but for the mean. (And for the highest frequency of an even number
         # of samples, where noise that is sampled often enough has next to nothing: it is counted double.)
         return np.asarray(np.abs(spectrum) ** 2 * np.where(np.arange(spectrum.shape[1]) == 0, 1.0, 2.0))
 
-    of, repeats = _joined(trials, spectra, squares)
-    return Squares(of, repeats * np.where(np.arange(of.shape[1]) == 0, 1.0, 2.0))
+    of, repeats = _combine_channels(trials, spectra, squares)
+    return VarianceComponents(of, repeats * np.where(np.arange(of.shape[1]) == 0, 1.0, 2.0))
 
 
-def in_place(trials: Sequence[Sequence[Part]]) -> Squares:
+def estimate_block_variances(trials: Sequence[Sequence[ChannelInfluence]]) -> VarianceComponents:
     """Squares by blocks of :data:`BLOCK`, each of which is known from what was seen in that very block."""
 
-    def blocks(part: Part, row: Array) -> Array:
-        count = max(1, round(len(row) * part.interval / BLOCK))
-        return np.stack([each.sum(axis=1) for each in np.array_split(part.follow * row, count, axis=1)], axis=1)
+    def blocks(part: ChannelInfluence, row: Array) -> Array:
+        count = max(1, round(len(row) * part.sampling_interval / NOISE_BLOCK_TIME))
+        return np.stack([each.sum(axis=1) for each in np.array_split(part.sensitivity * row, count, axis=1)], axis=1)
 
-    of, repeats = _joined(trials, blocks, np.square)
-    return Squares(of, np.full(of.shape[1], float(repeats)))
+    of, repeats = _combine_channels(trials, blocks, np.square)
+    return VarianceComponents(of, np.full(of.shape[1], float(repeats)))
 
 
-def _joined(
-    trials: Sequence[Sequence[Part]], split: Callable[[Part, Array], Array], square: Callable[[Array], Array]
+def _combine_channels(
+    trials: Sequence[Sequence[ChannelInfluence]],
+    transform: Callable[[ChannelInfluence, Array], Array],
+    square: Callable[[Array], Array],
 ) -> tuple[Array, int]:
     """Squares of a group, and how many rows of noise they are known from.
 
@@ -117,43 +129,45 @@ def _joined(
     noise, so what it does to them is known together.
     """
     repeats = min(len(part.noise) for trial in trials for part in trial)
-    rows = [[_sum([split(part, part.noise[k]) for part in trial]) for k in range(repeats)] for trial in trials]
-    return _sum([np.mean([square(row) for row in trial], axis=0) for trial in rows]), max(1, repeats - 1)
+    rows = [
+        [_sum_padded([transform(part, part.noise[k]) for part in trial]) for k in range(repeats)] for trial in trials
+    ]
+    return _sum_padded([np.mean([square(row) for row in trial], axis=0) for trial in rows]), max(1, repeats - 1)
 
 
-def _sum(every: Sequence[Array]) -> Array:
+def _sum_padded(arrays: Sequence[Array]) -> Array:
     """What was sampled less often, or for less long, has nothing in the last columns."""
-    total = np.zeros((every[0].shape[0], max(each.shape[1] for each in every)), every[0].dtype)
-    for each in every:
+    total = np.zeros((arrays[0].shape[0], max(each.shape[1] for each in arrays)), arrays[0].dtype)
+    for each in arrays:
         total[:, : each.shape[1]] += each
     return total
 
 
-def _groups(evidence: Evidence, found: Fit, solver: Array) -> list[list[list[Part]]]:
+def _group_influences(data: WeightedData, fit: Fit, pseudoinverse: Array) -> list[list[list[ChannelInfluence]]]:
     """Groups of trials of channels."""
-    apart = _apart(evidence, found)
-    groups: dict[str, list[list[Part]]] = defaultdict(list)
+    apart = _collect_deviations(data, fit)
+    groups: dict[str, list[list[ChannelInfluence]]] = defaultdict(list)
     begin = 0
-    for experiment, weights, residual in zip(evidence.experiments, evidence.weights, found.residuals, strict=True):
+    for experiment, weights, residual in zip(data.experiments, data.weights, fit.residuals, strict=True):
         trial = []
         for channel in weights:
-            left = residual[channel] / experiment.loud.get(channel, 1.0)
+            left = residual[channel] / experiment.noise_scale.get(channel, 1.0)
             # What was not repeated itself borrows from another group, or else takes what the fit leaves.
             others = (own for (_, of), own in apart.items() if of == channel)
             pool = apart.get((experiment.group, channel), next(others, left[np.newaxis]))
-            interval = experiment.measured[channel].interval
-            columns = solver[:, begin : begin + len(left)] * evidence.noise[channel].weight(interval)
-            trial.append(Part(columns, np.array([np.resize(row, len(left)) for row in pool]), interval))
+            interval = experiment.measured[channel].sampling_interval
+            columns = pseudoinverse[:, begin : begin + len(left)] * data.noise[channel].weight(interval)
+            trial.append(ChannelInfluence(columns, np.array([np.resize(row, len(left)) for row in pool]), interval))
             begin += len(left)
         if trial:
             groups[experiment.group].append(trial)
     return list(groups.values())
 
 
-def _apart(evidence: Evidence, found: Fit) -> dict[tuple[str, str], Array]:
+def _collect_deviations(data: WeightedData, fit: Fit) -> dict[tuple[str, str], Array]:
     """(group, channel) -> what sets its repeats apart, in the size that the noise of one of them has."""
     return {
-        (stack.group, channel): stack.apart
-        for channel in evidence.noise
-        for stack in stacks(evidence.experiments, found.residuals, channel)
+        (stack.group, channel): stack.deviations
+        for channel in data.noise
+        for stack in align_repeats(data.experiments, fit.residuals, channel)
     }

@@ -15,55 +15,66 @@ import numpy as np
 from scipy.optimize import nnls
 
 from klute_sim.diagnose import noise as noises
-from klute_sim.diagnose.experiment import COARSE, Array, Bench, Experiment, Setting
+from klute_sim.diagnose.experiment import COARSE_STEP_FACTOR, Array, Experiment, SimulationSetup, Simulator
 
-LEAST = 0.05
+MIN_VARIANCE_FRACTION = 0.05
 """Of the mean variance, that is left wherever noise is least (assumed)."""
-ROUNDS = 3
+N_REWEIGHTINGS = 3
 """Of weighing what sets repeats apart by the variance found so far."""
 
 
-def heard(experiments: Sequence[Experiment], fitted: Sequence[Experiment], bench: Bench) -> list[Experiment]:
+def add_noise_scales(
+    experiments: Sequence[Experiment], fit_experiments: Sequence[Experiment], simulator: Simulator
+) -> list[Experiment]:
     """``experiments`` with the loudness of their noise, as repeats of ``fitted`` ones have it on average 1 (rms).
 
     Nothing changes without repeats. In a channel that one of the inputs never moves noise is taken to be equally loud
     everywhere, but for the moments of the pressure.
     """
-    seen = _sensitivities(experiments, bench)
+    seen = _compute_sensitivities(experiments, simulator)
     known = {e.name: row for e, row in zip(experiments, seen, strict=True)}
-    residuals = [{c: series.value - known[e.name][c][0] for c, series in e.measured.items()} for e in fitted]
-    shares = {c: _shares(fitted, residuals, known, c) for c in noises.channels(fitted)}
+    residuals = [{c: series.value - known[e.name][c][0] for c, series in e.measured.items()} for e in fit_experiments]
+    shares = {
+        c: _fit_variance_model(fit_experiments, residuals, known, c) for c in noises.list_channels(fit_experiments)
+    }
     result = []
     for e, row in zip(experiments, seen, strict=True):
         loud = {}
         for channel in e.measured:
             share = shares.get(channel)
             if share is not None and len(e.measured[channel].time):
-                own = np.maximum(LEAST, row[channel][1:3].T @ share.of_inputs[1:] + share.of_inputs[0])
-                loud[channel] = np.sqrt(own + row[channel][3] / share.variance)
-        result.append(replace(e, loud=loud))
+                own = np.maximum(
+                    MIN_VARIANCE_FRACTION, row[channel][1:3].T @ share.coefficients[1:] + share.coefficients[0]
+                )
+                loud[channel] = np.sqrt(own + row[channel][3] / share.mean_variance)
+        result.append(replace(e, noise_scale=loud))
     return result
 
 
-class _Shares(NamedTuple):
+class _VarianceModel(NamedTuple):
     """What the noise of a channel is made of."""
 
-    of_inputs: Array
+    coefficients: Array
     """A, B and C over the mean variance."""
-    variance: float
+    mean_variance: float
     """Mean [SI]."""
 
 
-def _sensitivities(experiments: Sequence[Experiment], bench: Bench) -> list[dict[str, Array]]:
+def _compute_sensitivities(experiments: Sequence[Experiment], simulator: Simulator) -> list[dict[str, Array]]:
     """Per experiment: channel -> (4, samples): as simulated, and the squares of what it changes when the pressure
     command, what else is prescribed, or (by a step) the moment at which the command comes is moved [SI].
     """
-    moved = [experiments, *zip(*(e.swayed(_later) for e in experiments), strict=True)]
-    shown = [bench.simulate([[Setting(e.device.parameters) for e in each]], each)[0] for each in moved]
+    moved = [experiments, *zip(*(e.perturb_inputs(_delay_command) for e in experiments), strict=True)]
+    shown = [simulator.simulate([[SimulationSetup(e.device.parameters) for e in each]], each)[0] for each in moved]
     return [
         {
             c: np.stack(
-                [here[c], (more[c] - here[c]) ** 2, (shorter[c] - here[c]) ** 2, ((late[c] - here[c]) / COARSE) ** 2]
+                [
+                    here[c],
+                    (more[c] - here[c]) ** 2,
+                    (shorter[c] - here[c]) ** 2,
+                    ((late[c] - here[c]) / COARSE_STEP_FACTOR) ** 2,
+                ]
             )
             for c in here
         }
@@ -71,26 +82,32 @@ def _sensitivities(experiments: Sequence[Experiment], bench: Bench) -> list[dict
     ]
 
 
-def _later(command: Array) -> Array:
+def _delay_command(command: Array) -> Array:
     """``command`` so many steps later that both step lengths see all of them."""
-    return np.concatenate([np.repeat(command[:1], COARSE), command[:-COARSE]])
+    return np.concatenate([np.repeat(command[:1], COARSE_STEP_FACTOR), command[:-COARSE_STEP_FACTOR]])
 
 
-def _shares(
-    fitted: Sequence[Experiment], residuals: noises.Residuals, known: Mapping[str, dict[str, Array]], channel: str
-) -> _Shares | None:
+def _fit_variance_model(
+    fit_experiments: Sequence[Experiment],
+    residuals: noises.Residuals,
+    sensitivities: Mapping[str, dict[str, Array]],
+    channel: str,
+) -> _VarianceModel | None:
     """Of ``channel``; None where nothing was repeated."""
     rows, apart = [], []
-    first = {e.group: e for e in reversed(fitted) if channel in e.measured}
-    for stack in noises.stacks(fitted, residuals, channel):
+    first = {e.group: e for e in reversed(fit_experiments) if channel in e.measured}
+    for stack in noises.align_repeats(fit_experiments, residuals, channel):
         e = first[stack.group]
-        clock = e.clock(e.measured[channel].time - e.begin)
+        clock = e.align_time(e.measured[channel].time - e.start_time)
         rows.append(
             np.stack(
-                [np.ones(len(stack.clock)), *(np.interp(stack.clock, clock, s) for s in known[e.name][channel][1:3])]
+                [
+                    np.ones(len(stack.time)),
+                    *(np.interp(stack.time, clock, s) for s in sensitivities[e.name][channel][1:3]),
+                ]
             )
         )
-        apart.append(((stack.rows - stack.rows.mean(axis=0)) ** 2).sum(axis=0) / (len(stack.rows) - 1))
+        apart.append(((stack.residuals - stack.residuals.mean(axis=0)) ** 2).sum(axis=0) / (len(stack.residuals) - 1))
     if not rows:
         return None
     columns, squares = np.concatenate(rows, axis=1).T, np.concatenate(apart)
@@ -98,9 +115,9 @@ def _shares(
     if not whole > 0.0:
         return None
     if not mean.all():
-        return _Shares(np.array([1.0, 0.0, 0.0]), whole)
+        return _VarianceModel(np.array([1.0, 0.0, 0.0]), whole)
     variance, found = np.full(len(squares), whole), np.zeros(3)
-    for _ in range(ROUNDS):
+    for _ in range(N_REWEIGHTINGS):
         found = nnls(columns / mean / variance[:, np.newaxis], squares / variance)[0] / mean
-        variance = np.maximum(columns @ found, LEAST * whole)
-    return _Shares(np.asarray(found / (columns @ found).mean()), whole)
+        variance = np.maximum(columns @ found, MIN_VARIANCE_FRACTION * whole)
+    return _VarianceModel(np.asarray(found / (columns @ found).mean()), whole)

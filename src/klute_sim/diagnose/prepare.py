@@ -6,30 +6,33 @@ from klute_sim.dataset.channels import Rig
 from klute_sim.dataset.dataset import Dataset
 from klute_sim.dataset.split import Split
 from klute_sim.dataset.trial import Trial, Use
-from klute_sim.device.files import refuse_openings
+from klute_sim.device.files import check_takes_pressure
 from klute_sim.diagnose.experiment import Experiment
-from klute_sim.diagnose.on_bench import on_bench
-from klute_sim.diagnose.on_gait import on_gait
+from klute_sim.diagnose.on_bench import prepare_bench_trial
+from klute_sim.diagnose.on_gait import prepare_gait_trial
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 
-ON: Mapping[Rig, Callable[[Trial, Use], Experiment]] = {"bench": on_bench, "gait": on_gait}
+TRIAL_PREPARERS: Mapping[Rig, Callable[[Trial, Use], Experiment]] = {
+    "bench": prepare_bench_trial,
+    "gait": prepare_gait_trial,
+}
 
 
-def prepare(dataset: Dataset, split: Split) -> list[Experiment]:
+def prepare_experiments(dataset: Dataset, split: Split) -> list[Experiment]:
     """The trials of ``dataset``, in its order.
 
     Raises InputError for devices that are commanded by openings, trials that its rig cannot simulate, or numbers of the
     body that are said to be uncertain where there is none.
     """
-    for key in dataset.uncertain if dataset.rig == "bench" else ():
+    for key in dataset.uncertainties if dataset.rig == "bench" else ():
         section, _, name = key.partition(".")
-        if section == "effects" and catalogue.effects()[name.partition(".")[0]].kind == "body":
+        if section == "effects" and catalogue.get_effects()[name.partition(".")[0]].kind == "body":
             raise InputError(f"[uncertain] '{key}' is of the body, and a bench shows nothing of that; take it out")
     for trial in dataset.trials:
-        refuse_openings(trial.device, f"trial '{trial.name}'")
+        check_takes_pressure(trial.device, f"trial '{trial.name}'")
     uses: dict[str, Use] = dict.fromkeys(split.fit, "fit")
-    uses |= dict.fromkeys(split.select, "select")
-    uses |= dict.fromkeys(split.show, "show")
-    found = [ON[dataset.rig](trial, uses[trial.name]) for trial in dataset.trials]
-    return [e.beside([other for other in found if other.group == e.group]) for e in found]
+    uses |= dict.fromkeys(split.validation, "select")
+    uses |= dict.fromkeys(split.test, "show")
+    found = [TRIAL_PREPARERS[dataset.rig](trial, uses[trial.name]) for trial in dataset.trials]
+    return [e.with_repeats([other for other in found if other.group == e.group]) for e in found]

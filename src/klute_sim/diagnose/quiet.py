@@ -14,15 +14,15 @@ from scipy.signal import savgol_filter
 
 Array = NDArray[np.float64]
 
-WINDOWS = (5, 9, 17, 33)
+WINDOW_SIZES = (5, 9, 17, 33)
 """Samples, all odd; parabolas are fitted in them (Savitzky and Golay, 1964)."""
-STRICT = 2.0
+CONFIDENCE_SIGMAS = 2.0
 """Half width of a confidence interval in standard deviations. A sample is moved by at most as much of its own noise."""
-UNEVEN = 0.01
+MAX_INTERVAL_VARIATION = 0.01
 """Of the sampling interval, by which it may vary."""
 
 
-def noise(value: Array) -> float:
+def estimate_white_noise(value: Array) -> float:
     """Standard deviation of white noise in ``value`` (n), in its unit: from third differences, most of which are noise.
 
     Robust: what moves fast, now and then, does not count. 0 for what was recorded without, or too coarsely to tell.
@@ -31,27 +31,27 @@ def noise(value: Array) -> float:
     return 0.0 if len(third) < 3 else float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))
 
 
-def quieter(time: Array, value: Array) -> Array:
+def denoise(time: Array, value: Array) -> Array:
     """``value`` (n), in its unit, sampled at ``time`` [s] (n); no sample is moved by more than :data:`STRICT` noises.
 
     What is not sampled evenly, or is too short, comes back as it is.
     """
-    deviation, steps = noise(value), np.diff(time)
-    if deviation == 0.0 or len(value) < 2 * WINDOWS[-1] or np.ptp(steps) > UNEVEN * steps.mean():
+    deviation, steps = estimate_white_noise(value), np.diff(time)
+    if deviation == 0.0 or len(value) < 2 * WINDOW_SIZES[-1] or np.ptp(steps) > MAX_INTERVAL_VARIATION * steps.mean():
         return value
     found = value
-    least, most = value - STRICT * deviation, value + STRICT * deviation
+    least, most = value - CONFIDENCE_SIGMAS * deviation, value + CONFIDENCE_SIGMAS * deviation
     low, high = least, most
     agreed = np.ones(len(value), dtype=bool)
-    for window in WINDOWS:
+    for window in WINDOW_SIZES:
         mean = savgol_filter(value, window, 2, mode="interp")
-        half = STRICT * deviation * np.sqrt(_gain(window))
+        half = CONFIDENCE_SIGMAS * deviation * np.sqrt(_smoothing_variance_ratio(window))
         low, high = np.maximum(low, mean - half), np.minimum(high, mean + half)
         agreed &= low <= high
         found = np.where(agreed, mean, found)
     return np.clip(found, least, most)
 
 
-def _gain(window: int) -> float:
+def _smoothing_variance_ratio(window: int) -> float:
     """Variance of a parabola's middle over that of a sample: ``3 (3 n^2 - 7) / (4 n (n^2 - 4))``."""
     return 3.0 * (3.0 * window**2 - 7.0) / (4.0 * window * (window**2 - 4.0))

@@ -13,14 +13,14 @@ import numpy as np
 from klute_sim.diagnose.experiment import Array
 from klute_sim.effects import catalogue
 
-FOLDER = "KLUTE_SIM_CACHE"
+CACHE_VARIABLE = "KLUTE_SIM_CACHE"
 """Environment variable that names another place to keep them."""
 
 
-def place() -> Path:
+def find_cache_folder() -> Path:
     """Where finished fits are kept, as the system has it."""
-    if os.environ.get(FOLDER):
-        return Path(os.environ[FOLDER])
+    if os.environ.get(CACHE_VARIABLE):
+        return Path(os.environ[CACHE_VARIABLE])
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA", str(Path.home()))) / "klute-sim" / "cache"
     if sys.platform == "darwin":
@@ -29,32 +29,34 @@ def place() -> Path:
 
 
 @cache
-def _code() -> bytes:
+def _hash_code() -> bytes:
     """Digest of all code that a fit depends on."""
     folder = Path(__file__).parents[1]
     parts = ("laws", "effects", "device", "dataset", "diagnose")
     files = sorted(file for part in parts for file in (folder / part).rglob("*.py"))
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files) + catalogue.source()).digest()
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files) + catalogue.read_user_source()).digest()
 
 
-class Store:
+class FitCache:
     """Of one dataset. What cannot be kept (a full disk) is only not kept."""
 
-    def __init__(self, dataset: str) -> None:
+    def __init__(self, dataset_digest: str) -> None:
         """``dataset`` is its digest."""
-        self._folder = place() / "diagnose" / hashlib.sha256(_code() + dataset.encode()).hexdigest()[:24]
+        self._folder = (
+            find_cache_folder() / "diagnose" / hashlib.sha256(_hash_code() + dataset_digest.encode()).hexdigest()[:24]
+        )
 
-    def get(self, question: str) -> dict[str, Array] | None:
+    def get(self, key: str) -> dict[str, Array] | None:
         """The arrays that were put for ``question``."""
         try:
-            with np.load(self._file(question), allow_pickle=False) as kept:
+            with np.load(self._path_of(key), allow_pickle=False) as kept:
                 return {name: kept[name] for name in kept.files}
         except (OSError, ValueError, EOFError):
             return None
 
-    def put(self, question: str, **arrays: Array) -> None:
+    def put(self, key: str, **arrays: Array) -> None:
         """Keep ``arrays``; whole or not at all."""
-        file = self._file(question)
+        file = self._path_of(key)
         fresh = file.with_suffix(f".{os.getpid()}.tmp")
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -65,9 +67,9 @@ class Store:
             with contextlib.suppress(OSError):
                 fresh.unlink(missing_ok=True)
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Remove what was kept: it has been used."""
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _file(self, question: str) -> Path:
-        return self._folder / f"{hashlib.sha256(question.encode()).hexdigest()[:32]}.npz"
+    def _path_of(self, key: str) -> Path:
+        return self._folder / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.npz"

@@ -4,93 +4,102 @@ from typing import Any
 
 import numpy as np
 
-from klute_sim.diagnose.confusable import ALIKE
+from klute_sim.diagnose.confusable import INDISTINGUISHABLE_COSINE
 from klute_sim.diagnose.diagnosis import Diagnosis
-from klute_sim.diagnose.experiment import UNITS
-from klute_sim.diagnose.fallback import formula
+from klute_sim.diagnose.experiment import CHANNEL_UNITS
+from klute_sim.diagnose.fallback import format_formula
 from klute_sim.diagnose.fit import Fit
-from klute_sim.diagnose.hypothesis import Term
+from klute_sim.diagnose.hypothesis import EffectTerm
 from klute_sim.effects import instrument
 
-SCHEMA = "klute-sim-verdict/1"
-DEVICE_FILE = "device.toml"
+VERDICT_SCHEMA = "klute-sim-verdict/1"
+DEVICE_FILE_NAME = "device.toml"
 
 
-def alternatives(diagnosis: Diagnosis) -> list[list[str]]:
+def list_alternatives(diagnosis: Diagnosis) -> list[list[str]]:
     """Names of the sets that explain the data as well."""
-    own = len(diagnosis.found)
-    sets = [[_name(term) for term in rival.fit.hypothesis.terms[-own:]] for rival in diagnosis.rivals]
+    own = len(diagnosis.added_terms)
+    sets = [[_format_term(term) for term in rival.fit.hypothesis.terms[-own:]] for rival in diagnosis.equivalent_models]
     return [list(each) for each in dict.fromkeys(tuple(sorted(names)) for names in sets)]
 
 
-def alike(diagnosis: Diagnosis) -> list[list[str]]:
+def list_indistinguishable_pairs(diagnosis: Diagnosis) -> list[list[str]]:
     """Pairs of effects that these data hardly tell apart: what the device's numbers leave of them looks the same.
 
     Their traces in the fitted trials, with the device's uncertain numbers projected off, have a cosine beyond
     :data:`klute_sim.diagnose.confusable.ALIKE`, in some form of each.
     """
-    if not diagnosis.steps:
+    if not diagnosis.selection_history:
         return []
-    every = diagnosis.steps[0].candidates
-    cosines = np.abs(np.array([one.signature for one in every]) @ np.array([one.signature for one in every]).T)
-    names = [_name(one.term) for one in every]
-    pairs = {tuple(sorted((names[i], names[k]))) for i, k in np.argwhere(cosines > ALIKE) if names[i] != names[k]}
+    every = diagnosis.selection_history[0].candidates
+    cosines = np.abs(np.array([one.direction for one in every]) @ np.array([one.direction for one in every]).T)
+    names = [_format_term(one.term) for one in every]
+    pairs = {
+        tuple(sorted((names[i], names[k])))
+        for i, k in np.argwhere(cosines > INDISTINGUISHABLE_COSINE)
+        if names[i] != names[k]
+    }
     return [list(pair) for pair in sorted(pairs)]
 
 
-def _name(term: Term) -> str:
+def _format_term(term: EffectTerm) -> str:
     return f"{term.effect}@{term.channel}" if term.channel else term.effect
 
 
-def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
+def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     """The object of ``verdict.json``; values in the units of their keys, the gap in the channel's."""
     split = diagnosis.split
     return {
-        "schema": SCHEMA,
+        "schema": VERDICT_SCHEMA,
         "verdict": diagnosis.verdict,
         "reasons": list(diagnosis.reasons),
-        "effects": _effects(diagnosis, diagnosis.final) if diagnosis.final else [],
-        "alternatives": alternatives(diagnosis),
-        "alike": alike(diagnosis),
-        "split": {"fit": list(split.fit), "select": list(split.select), "show": list(split.show)},
+        "effects": _list_effect_entries(diagnosis, diagnosis.final_fit) if diagnosis.final_fit else [],
+        "alternatives": list_alternatives(diagnosis),
+        "alike": list_indistinguishable_pairs(diagnosis),
+        "split": {"fit": list(split.fit), "select": list(split.validation), "show": list(split.test)},
         "where": [
-            {"channel": place.channel, "share": round(place.share, 3), "region": place.region}
-            for place in diagnosis.where
+            {"channel": place.channel, "share": round(place.fraction, 3), "region": place.region}
+            for place in diagnosis.misfit_regions
         ],
         "gap": {
             channel: {
-                "unit": UNITS[channel][0],
-                "before": gap.refitted / UNITS[channel][1],
-                "after": gap.after / UNITS[channel][1],
-                "floor": None if gap.floor is None else gap.floor / UNITS[channel][1],
+                "unit": CHANNEL_UNITS[channel][0],
+                "before": gap.refitted / CHANNEL_UNITS[channel][1],
+                "after": gap.with_effects / CHANNEL_UNITS[channel][1],
+                "floor": None if gap.noise_floor is None else gap.noise_floor / CHANNEL_UNITS[channel][1],
             }
-            for channel, gap in diagnosis.gap.items()
+            for channel, gap in diagnosis.channel_rms.items()
         },
         "next_experiment": diagnosis.next_experiment,
-        "device_file": DEVICE_FILE if diagnosis.found and diagnosis.device_written else None,
+        "device_file": DEVICE_FILE_NAME if diagnosis.added_terms and diagnosis.device_is_representable else None,
     }
 
 
-def _effects(diagnosis: Diagnosis, final: Fit) -> list[dict[str, Any]]:
-    terms, found = final.hypothesis.terms, []
+def _list_effect_entries(diagnosis: Diagnosis, final_fit: Fit) -> list[dict[str, Any]]:
+    terms, found = final_fit.hypothesis.terms, []
     for number, term in enumerate(terms):
-        rows = zip(final.hypothesis.unknowns, final.values, diagnosis.intervals, strict=True)
+        rows = zip(final_fit.hypothesis.parameters, final_fit.values, diagnosis.confidence_intervals, strict=True)
         entry: dict[str, Any] = {
             "name": term.effect,
             "form": term.form,
-            "kind": term.entry.kind,
+            "kind": term.effect_definition.kind,
             "channel": term.channel,
             "parameters": {
-                u.key: {"value": value, "low": low, "high": high} for u, value, (low, high) in rows if u.term == number
+                u.key: {"value": value, "low": low, "high": high}
+                for u, value, (low, high) in rows
+                if u.term_index == number
             },
         }
-        if term.entry.data_driven:
-            entry |= {"data_driven": True, "formula": formula(final)}
+        if term.effect_definition.data_driven:
+            entry |= {"data_driven": True, "formula": format_formula(final_fit)}
         elif diagnosis.verdict in ("unexplained", "insufficient-data"):
             entry["proxy"] = True
         found.append(entry)
-    for channel, display in diagnosis.displays.items():
-        step, error = display.step / UNITS[channel][1], display.error / UNITS[channel][1]
+    for channel, display in diagnosis.quantizers.items():
+        step, error = (
+            display.resolution / CHANNEL_UNITS[channel][1],
+            display.resolution_error / CHANNEL_UNITS[channel][1],
+        )
         own = instrument.QUANTISATION
         found.append(
             {

@@ -34,97 +34,97 @@ from klute_sim.effects import (
     unknown,
 )
 from klute_sim.effects import hooks as _hooks
-from klute_sim.effects.effect import HOOKS, Effect, Form
-from klute_sim.errors import InputError, meant
+from klute_sim.effects.effect import HOOKS, Effect, EffectForm
+from klute_sim.errors import InputError, suggest
 from klute_sim.laws import mckibben
 from klute_sim.laws.foot import Foot
 from klute_sim.laws.pneumatics import Supply
 
-VARIABLE = "KLUTE_SIM_CATALOGUE"
+CATALOGUE_VARIABLE = "KLUTE_SIM_CATALOGUE"
 
-BUILT_IN = (
+BUILT_IN_EFFECTS = (
     # Where two act at one hook, the earlier acts first.
-    threshold_pressure.EFFECT,
-    end_taper.EFFECT,
-    braid_extensibility.EFFECT,
-    ladder.BLADDER,
-    bladder_wall.THICK,
-    bladder_wall.SOFTENING,
-    ladder.FRICTION,
-    braid_hysteresis.EFFECT,
-    muscle_damping.EFFECT,
-    bladder_relaxation.EFFECT,
-    air.DROOP,
-    air.CHOKED,
-    air.COUPLING,
+    threshold_pressure.THRESHOLD_PRESSURE,
+    end_taper.END_TAPER,
+    braid_extensibility.BRAID_EXTENSIBILITY,
+    ladder.BLADDER_RUBBER,
+    bladder_wall.THICK_WALL_BLADDER,
+    bladder_wall.BLADDER_SOFTENING,
+    ladder.FRICTION_OFFSET,
+    braid_hysteresis.BRAID_HYSTERESIS,
+    muscle_damping.MUSCLE_DAMPING,
+    bladder_relaxation.BLADDER_RELAXATION,
+    air.SUPPLY_DROOP,
+    air.CHOKED_VALVE,
+    air.VOLUME_COUPLING,
     air.LEAK,
-    supply.ERROR,
-    supply.LAG,
-    supply.DELAY,
-    damper.DISCHARGE,
-    damper.LAMINAR,
-    damper.AIR,
-    damper.SEAL,
-    tendon.SLACK,
-    tendon.STIFFENING,
-    tendon.HYSTERESIS,
+    supply.REGULATOR_ERROR,
+    supply.PRESSURE_LAG,
+    supply.PRESSURE_DELAY,
+    damper.DISCHARGE_LOSS,
+    damper.LAMINAR_ORIFICE,
+    damper.TRAPPED_AIR,
+    damper.SEAL_FRICTION,
+    tendon.TENDON_SLACK,
+    tendon.TENDON_STIFFENING,
+    tendon.TENDON_HYSTERESIS,
     # Last, and outside of the equations they are terms of.
-    unknown.FORCE,
-    unknown.TENDON,
-    unknown.PRESSURE,
-    body.FRICTION,
-    body.SPRING,
-    body.STOP,
-    body.ARM,
-    body.INERTIA,
-    body.KEEL,
-    body.LOSS,
-    body.SOCKET,
-    instrument.GAIN,
-    instrument.OFFSET,
-    instrument.DRIFT,
-    instrument.LAG,
-    instrument.SKEW,
+    unknown.UNKNOWN_FORCE,
+    unknown.UNKNOWN_TENDON_FORCE,
+    unknown.UNKNOWN_PRESSURE,
+    body.ANKLE_FRICTION,
+    body.RETURN_SPRING_ERROR,
+    body.END_STOP,
+    body.MOMENT_ARM_ERROR,
+    body.INERTIA_ERROR,
+    body.FOOT_STIFFNESS,
+    body.FOOT_HYSTERESIS,
+    body.SOCKET_PISTONING,
+    instrument.SENSOR_GAIN,
+    instrument.SENSOR_OFFSET,
+    instrument.SENSOR_DRIFT,
+    instrument.SENSOR_LAG,
+    instrument.CLOCK_SKEW,
     instrument.QUANTISATION,
 )
 
 
 @cache
-def effects() -> dict[str, Effect]:
+def get_effects() -> dict[str, Effect]:
     """Name -> effect; raises InputError if the user's file is not one."""
-    found = {effect.name: effect for effect in BUILT_IN}
-    for effect in getattr(users(), "EFFECTS", []):
-        _check(effect, found)
+    found = {effect.name: effect for effect in BUILT_IN_EFFECTS}
+    for effect in getattr(load_user_module(), "EFFECTS", []):
+        _check_effect(effect, found)
         found[effect.name] = effect
     return found
 
 
-def named() -> dict[str, Effect]:
+def get_named_effects() -> dict[str, Effect]:
     """Those of :func:`effects` that are names: not the data-driven ones."""
-    return {name: effect for name, effect in effects().items() if not effect.data_driven}
+    return {name: effect for name, effect in get_effects().items() if not effect.data_driven}
 
 
-def use(file: str | Path) -> None:
+def use_catalogue(path: str | Path) -> None:
     """Add the effects of ``file`` from here on, in this process and those it starts.
 
     Raises InputError when the package has been used already: a law that runs is not changed.
     """
-    wanted = str(Path(file).resolve())
-    if effects.cache_info().currsize and os.environ.get(VARIABLE) != wanted:
+    wanted = str(Path(path).resolve())
+    if get_effects.cache_info().currsize and os.environ.get(CATALOGUE_VARIABLE) != wanted:
         raise InputError("the catalogue is in use already: name your effects before anything is simulated")
-    os.environ[VARIABLE] = wanted
-    effects()
+    os.environ[CATALOGUE_VARIABLE] = wanted
+    get_effects()
 
 
 @cache
-def users() -> types.ModuleType | None:
+def load_user_module() -> types.ModuleType | None:
     """The user's file, run; None if there is none."""
-    named = os.environ.get(VARIABLE, "")
+    named = os.environ.get(CATALOGUE_VARIABLE, "")
     if not named:
         return None
     file = Path(named)
     if not file.is_file():
-        raise InputError(f"catalogue {named} does not exist (from --catalogue or {VARIABLE})")
+        raise InputError(f"catalogue {named} does not exist (from --catalogue or {CATALOGUE_VARIABLE})")
     spec = importlib.util.spec_from_file_location("klute_sim_users_effects", file)
     if spec is None or spec.loader is None:
         raise InputError(f"catalogue {named} is no Python file; allowed: one that ends with .py")
@@ -139,8 +139,8 @@ def users() -> types.ModuleType | None:
     return module
 
 
-def _check(effect: Any, known: Mapping[str, Effect]) -> None:
-    where = f"catalogue {os.environ.get(VARIABLE)}"
+def _check_effect(effect: Any, known: Mapping[str, Effect]) -> None:
+    where = f"catalogue {os.environ.get(CATALOGUE_VARIABLE)}"
     if not isinstance(effect, Effect):
         raise InputError(f"{where}: EFFECTS holds {effect!r}; allowed: klute_sim.effects.effect.Effect")
     if effect.name in known:
@@ -150,18 +150,18 @@ def _check(effect: Any, known: Mapping[str, Effect]) -> None:
         for hook in form.laws:
             if hook not in HOOKS:
                 raise InputError(f"{here}: there is no hook '{hook}'; allowed: {', '.join(HOOKS)}")
-        if bool(form.memory) != ("remember" in form.laws):
+        if bool(form.n_states) != ("remember" in form.laws):
             raise InputError(f"{here}: memory and a law at 'remember' go together")
         if not form.parameters or form.parameters[0].neutral is None:
             raise InputError(f"{here}: its first parameter must have a neutral value")
         for hook, law in form.laws.items():
-            _try(law, hook, form, f"{here}: its law at '{hook}'")
+            _check_law(law, hook, form, f"{here}: its law at '{hook}'")
 
 
-def _try(law: Callable[..., Any], hook: str, form: Form, where: str) -> None:
+def _check_law(law: Callable[..., Any], hook: str, form: EffectForm, where: str) -> None:
     """Call ``law`` once with numbers as they occur, so that a slip in it is told before anything is compiled."""
-    own = tuple(parameter.si(parameter.typical) for parameter in form.parameters)
-    memory = (0.0,) * form.memory
+    own = tuple(parameter.to_si(parameter.typical) for parameter in form.parameters)
+    memory = (0.0,) * form.n_states
     muscle = mckibben.Muscle(1.0, 0.2, 0.21, 1.3, 0.01, 0.002, 1e5, 1e4, 1e-4, 0.0)
     pressure, length, rate, force, stretch, step = 2e5, 0.19, 0.01, 300.0, 1e-3, 1e-3
     series = np.linspace(0.0, 1.0, 20)
@@ -184,8 +184,8 @@ def _try(law: Callable[..., Any], hook: str, form: Form, where: str) -> None:
     except Exception as error:
         raise InputError(f"{where} fails: {type(error).__name__}: {error}") from None
     if hook == "remember":
-        good = isinstance(found, tuple) and len(found) == form.memory
-        wanted = f"a tuple of {form.memory} (as many as it remembers)"
+        good = isinstance(found, tuple) and len(found) == form.n_states
+        wanted = f"a tuple of {form.n_states} (as many as it remembers)"
     elif hook == "supply":
         good, wanted = isinstance(found, Supply), "a klute_sim.laws.pneumatics.Supply"
     elif hook == "foot":
@@ -199,89 +199,90 @@ def _try(law: Callable[..., Any], hook: str, form: Form, where: str) -> None:
 
 
 @cache
-def device_slots() -> tuple[_hooks.Slot, ...]:
+def get_device_slots() -> tuple[_hooks.EffectSlot, ...]:
     """Places of all forms of effects on the device."""
-    forms = [(e.name, form) for e in effects().values() if e.kind == "device" for form in e.forms]
-    return tuple(_hooks.slots(forms))
+    forms = [(e.name, form) for e in get_effects().values() if e.kind == "device" for form in e.forms]
+    return tuple(_hooks.allocate_slots(forms))
 
 
 @cache
-def sizes() -> tuple[int, int]:
+def count_values_and_states() -> tuple[int, int]:
     """How many values a device has, and how many numbers it remembers."""
-    last = device_slots()[-1]
-    return last.at + 1 + len(last.form.parameters), last.memory + last.form.memory
+    last = get_device_slots()[-1]
+    return last.switch_index + 1 + len(last.form.parameters), last.state_start + last.form.n_states
 
 
 @cache
-def layout() -> int:
+def layout_checksum() -> int:
     """A number that another order of effects, forms or parameters would not have."""
     text = ";".join(
-        f"{slot.effect} {slot.form.name} {[p.key for p in slot.form.parameters]}" for slot in device_slots()
+        f"{slot.effect} {slot.form.name} {[p.key for p in slot.form.parameters]}" for slot in get_device_slots()
     )
     return zlib.crc32(text.encode()) % 1_000_000
 
 
-def source() -> bytes:
+def read_user_source() -> bytes:
     """The user's file as it is on the disk; empty if there is none."""
-    module = users()
+    module = load_user_module()
     return Path(str(module.__file__)).read_bytes() if module is not None else b""
 
 
-def slot(effect: str, form: str) -> _hooks.Slot:
+def find_slot(effect: str, form: str) -> _hooks.EffectSlot:
     """The place of a device effect's form; raises InputError if there is none."""
-    for each in device_slots():
+    for each in get_device_slots():
         if (each.effect, each.form.name) == (effect, form):
             return each
     raise InputError(f"there is no effect '{effect}' on the device with form '{form}'")
 
 
-def edited(active: Mapping[tuple[str, str], Mapping[str, float]], foot: Foot) -> Foot:
+def apply_body_effects(active_forms: Mapping[tuple[str, str], Mapping[str, float]], foot: Foot) -> Foot:
     """``foot`` with these forms of effects of the body, in the order of the catalogue; the others are passed over.
 
     (effect, form) -> parameters by key, in the keys' units.
     """
-    for effect in effects().values():
+    for effect in get_effects().values():
         for form in effect.forms if effect.kind == "body" else ():
-            numbers = active.get((effect.name, form.name))
+            numbers = active_forms.get((effect.name, form.name))
             if numbers is not None:
-                foot = form.laws["foot"](tuple(p.si(numbers[p.key]) for p in form.parameters), foot)
+                foot = form.laws["foot"](tuple(p.to_si(numbers[p.key]) for p in form.parameters), foot)
     return foot
 
 
-def values(active: Mapping[tuple[str, str], Mapping[str, float]]) -> tuple[float, ...]:
+def pack_effects(active_forms: Mapping[tuple[str, str], Mapping[str, float]]) -> tuple[float, ...]:
     """The values for these forms, (effect, form) -> parameters by key, in the keys' units; none: all neutral.
 
     A parameter that is left out is neutral, too.
     """
-    found = [0.0] * sizes()[0]
-    for (effect, form), parameters in active.items():
-        place = slot(effect, form)
+    found = [0.0] * count_values_and_states()[0]
+    for (effect, form), parameters in active_forms.items():
+        place = find_slot(effect, form)
         found[0] += 1.0
-        found[place.at] = 1.0
+        found[place.switch_index] = 1.0
         for k, parameter in enumerate(place.form.parameters):
             value = parameters.get(parameter.key, parameter.neutral)
             assert value is not None, f"{effect} needs {parameter.key}"
-            found[place.at + 1 + k] = parameter.si(value)
+            found[place.switch_index + 1 + k] = parameter.to_si(value)
     return tuple(found)
 
 
-def assembled(
-    law_of: Callable[[Any], Any] = lambda law: law, made: Callable[[Any], Any] = lambda function: function
+def chain_device_effects(
+    compile_law: Callable[[Any], Any] = lambda law: law,
+    compile_function: Callable[[Any], Any] = lambda function: function,
 ) -> types.ModuleType:
     """The hooks of all device effects (:func:`klute_sim.effects.hooks.assemble`)."""
-    return _hooks.assemble(device_slots(), law_of, made)
+    return _hooks.chain_hooks(get_device_slots(), compile_law, compile_function)
 
 
-def form_of(effect: str, form: str | None) -> tuple[Effect, Form]:
+def find_form(effect: str, form: str | None) -> tuple[Effect, EffectForm]:
     """An effect and its form (None: its usual one); raises InputError that lists what there is."""
-    known = effects().get(effect)
+    known = get_effects().get(effect)
     if known is None:
         every = (
-            f"there are: {', '.join(effects())} (of your own: name their file with --catalogue, or in the environment "
-            f"variable {VARIABLE})"
+            f"there are: {', '.join(get_effects())} (of your own: name their file with --catalogue, or in the environment "
+            f"variable {CATALOGUE_VARIABLE})"
         )
-        raise InputError(f"there is no effect '{effect}'; {meant(effect, effects(), every)}")
-    found = known.forms[0] if form is None else known.form(form)
+        raise InputError(f"there is no effect '{effect}'; {suggest(effect, get_effects(), every)}")
+    found = known.forms[0] if form is None else known.find_form(form)
     if found is None:
         raise InputError(f"effect '{effect}' has no form '{form}'; it has: {', '.join(f.name for f in known.forms)}")
     return known, found

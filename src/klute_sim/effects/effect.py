@@ -35,7 +35,7 @@ from typing import Any, Literal
 
 from klute_sim.units import to_si
 
-Numbers = Sequence[float]
+FloatSequence = Sequence[float]
 """Parameters or memory of a form."""
 
 HOOKS = (
@@ -54,35 +54,35 @@ HOOKS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Parameter:
+class EffectParameter:
     """One number of a form, in the unit that its key ends with."""
 
     key: str
     neutral: float | None
     """The value without effect; None: a shape, which has none of its own."""
-    low: float
-    high: float
+    lower: float
+    upper: float
     typical: float
     """Of a size one meets in practice."""
     source: str
     """Where range and typical size are from; begins with 'assumed' if nobody printed them."""
 
-    def si(self, value: float) -> float:
+    def to_si(self, value: float) -> float:
         """``value`` in SI."""
         return to_si(self.key, value)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Form:
+class EffectForm:
     """One functional form of an effect."""
 
     name: str
     equation: str
     """The law in a line."""
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[EffectParameter, ...]
     laws: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
     """Hook -> law; none for what acts on a whole series (a dead time)."""
-    memory: int = 0
+    n_states: int = 0
     """Numbers it remembers from step to step."""
 
 
@@ -91,13 +91,13 @@ class Effect:
     """A named effect."""
 
     name: str
-    sentence: str
+    description: str
     kind: Literal["device", "body", "instrument"]
-    forms: tuple[Form, ...]
+    forms: tuple[EffectForm, ...]
     """The usual one first."""
-    instead_of: str = ""
+    replaces_switch: str = ""
     """A switch of the device file's ``[muscle]`` that must be off, because the device has the effect otherwise."""
-    supply: bool = False
+    acts_in_supply: bool = False
     """Whether it acts in the gas supply, which may do work; the others, at constant pressure, may not.
 
     The dissertation's own friction offset can create some while the pressure changes, as its source has it.
@@ -107,6 +107,6 @@ class Effect:
     """Whether it is only a combination of functions fitted to data, which names nothing: no diagnosis proposes it as a
     name, nothing keeps it from giving energy, and a device file may leave out numbers that are neutral."""
 
-    def form(self, name: str) -> Form | None:
+    def find_form(self, name: str) -> EffectForm | None:
         """The form of that name."""
         return next((form for form in self.forms if form.name == name), None)

@@ -8,34 +8,34 @@ import types
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from klute_sim.effects.effect import HOOKS, Form
+from klute_sim.effects.effect import HOOKS, EffectForm
 
 
-class Slot(NamedTuple):
+class EffectSlot(NamedTuple):
     """Where a form keeps its numbers."""
 
     effect: str
-    form: Form
-    at: int
+    form: EffectForm
+    switch_index: int
     """Of its switch among the values; its parameters follow."""
-    memory: int
+    state_start: int
     """Where its memory begins."""
 
 
-def slots(forms: Sequence[tuple[str, Form]]) -> list[Slot]:
+def allocate_slots(forms: Sequence[tuple[str, EffectForm]]) -> list[EffectSlot]:
     """Places for ``forms`` (effect's name, form), one behind the other."""
     found, at, memory = [], 1, 0
     for effect, form in forms:
-        found.append(Slot(effect, form, at, memory))
+        found.append(EffectSlot(effect, form, at, memory))
         at += 1 + len(form.parameters)
-        memory += form.memory
+        memory += form.n_states
     return found
 
 
-def assemble(
-    places: Sequence[Slot],
-    law_of: Callable[[Any], Any] = lambda law: law,
-    made: Callable[[Any], Any] = lambda function: function,
+def chain_hooks(
+    slots: Sequence[EffectSlot],
+    compile_law: Callable[[Any], Any] = lambda law: law,
+    compile_function: Callable[[Any], Any] = lambda function: function,
 ) -> types.ModuleType:
     """A module with one function per hook: ``hook(values, memory, value, ...)``.
 
@@ -46,30 +46,30 @@ def assemble(
     for hook in HOOKS:
         if hook in ("remember", "reading", "foot"):
             continue
-        function = made(_untouched)
-        for place in places:
+        function = compile_function(_identity)
+        for place in slots:
             if hook in place.form.laws:
-                function = made(_then(function, law_of(place.form.laws[hook]), place))
+                function = compile_function(_chain_law(function, compile_law(place.form.laws[hook]), place))
         setattr(module, hook, function)
-    function = made(_nothing)
-    for place in places:
-        if place.form.memory:
-            function = made(_and(function, law_of(place.form.laws["remember"]), place))
+    function = compile_function(_empty_state)
+    for place in slots:
+        if place.form.n_states:
+            function = compile_function(_chain_state(function, compile_law(place.form.laws["remember"]), place))
     module.remember = function  # type: ignore[attr-defined]
     return module
 
 
-def _untouched(values: Any, memory: Any, value: float, *context: Any) -> float:
+def _identity(values: Any, state: Any, value: float, *context: Any) -> float:
     return value
 
 
-def _then(before: Any, law: Any, place: Slot) -> Any:
+def _chain_law(previous: Any, law: Any, slot: EffectSlot) -> Any:
     # Plain numbers, so that a compiler takes them for constants.
-    at, begin, end = place.at, place.at + 1, place.at + 1 + len(place.form.parameters)
-    first, last = place.memory, place.memory + place.form.memory
+    at, begin, end = slot.switch_index, slot.switch_index + 1, slot.switch_index + 1 + len(slot.form.parameters)
+    first, last = slot.state_start, slot.state_start + slot.form.n_states
 
     def chained(values: Any, memory: Any, value: float, *context: Any) -> Any:
-        value = before(values, memory, value, *context)
+        value = previous(values, memory, value, *context)
         if values[at] != 0.0:
             return law(values[begin:end], memory[first:last], value, *context)
         return value
@@ -77,16 +77,16 @@ def _then(before: Any, law: Any, place: Slot) -> Any:
     return chained
 
 
-def _nothing(values: Any, memory: Any, *context: Any) -> Any:
+def _empty_state(values: Any, state: Any, *context: Any) -> Any:
     return ()
 
 
-def _and(before: Any, law: Any, place: Slot) -> Any:
-    at, begin, end = place.at, place.at + 1, place.at + 1 + len(place.form.parameters)
-    first, last = place.memory, place.memory + place.form.memory
+def _chain_state(previous: Any, law: Any, slot: EffectSlot) -> Any:
+    at, begin, end = slot.switch_index, slot.switch_index + 1, slot.switch_index + 1 + len(slot.form.parameters)
+    first, last = slot.state_start, slot.state_start + slot.form.n_states
 
     def remembered(values: Any, memory: Any, *context: Any) -> Any:
-        others = before(values, memory, *context)
+        others = previous(values, memory, *context)
         if values[at] != 0.0:
             return others + law(values[begin:end], memory[first:last], *context)
         return others + memory[first:last]

@@ -7,15 +7,15 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from klute_sim.control.pressure import Profile
-from klute_sim.device.step import Parameters, dead_time
+from klute_sim.control.pressure import PressureProfile
+from klute_sim.device.step import DeviceParameters, get_dead_time
 from klute_sim.errors import InputError
 from klute_sim.units import BAR
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-ACTIONS: Mapping[str, str] = MappingProxyType(
+ACTION_KINDS: Mapping[str, str] = MappingProxyType(
     {
         "pressure": "gauge pressure, from none (-1) to all that the supply has (1)",
         "valve": "opening of the valve, from exhaust (-1) to fill (1)",
@@ -25,77 +25,82 @@ ACTIONS: Mapping[str, str] = MappingProxyType(
 """Kinds of actions."""
 
 
-def kind_for(asked: str | None, opens: bool, device: str) -> str:
+def select_action_kind(requested: str | None, command_is_opening: bool, device_name: str) -> str:
     """The kind of action for a device that ``opens`` its valve, or takes pressures; None: the one that fits.
 
     Raises InputError for one that does not fit.
     """
-    if asked is None:
-        return "valve" if opens else "pressure"
-    if asked not in ACTIONS:
-        raise InputError(f"action is '{asked}'; allowed: {', '.join(ACTIONS)}")
-    if opens and asked != "valve":
-        raise InputError(f"action is '{asked}', and '{device}' takes openings of its valve; allowed: valve")
-    if asked == "valve" and not opens:
-        raise InputError(f"action is 'valve', and '{device}' takes pressures; allowed: pressure, residual")
-    return asked
+    if requested is None:
+        return "valve" if command_is_opening else "pressure"
+    if requested not in ACTION_KINDS:
+        raise InputError(f"action is '{requested}'; allowed: {', '.join(ACTION_KINDS)}")
+    if command_is_opening and requested != "valve":
+        raise InputError(f"action is '{requested}', and '{device_name}' takes openings of its valve; allowed: valve")
+    if requested == "valve" and not command_is_opening:
+        raise InputError(f"action is 'valve', and '{device_name}' takes pressures; allowed: pressure, residual")
+    return requested
 
 
-class Actions:
+class ActionDecoder:
     """Of ``count`` devices."""
 
     def __init__(
         self,
         kind: str,
-        parameters: Parameters,
-        profile: Profile,
+        parameters: DeviceParameters,
+        profile: PressureProfile,
         residual_bar: float,
-        count: int,
-        each: int,
-        step: float,
+        n_devices: int,
+        steps_per_action: int,
+        dt: float,
     ) -> None:
         """Given every ``each`` steps of ``step`` [s]; ``parameters`` are the usual device's."""
         self.kind = kind
-        self._profile, self._residual, self._each, self._step = profile, residual_bar, each, step
-        self._most = parameters.supply.pressure / BAR
-        self._late = np.zeros(count, dtype=np.int64)
-        self._told = np.zeros((count, 2))
-        for place in range(count):
-            self.give(place, parameters)
+        self._profile, self._residual_bar, self._steps_per_action, self._dt = (
+            profile,
+            residual_bar,
+            steps_per_action,
+            dt,
+        )
+        self._max_pressure_bar = parameters.supply.max_pressure / BAR
+        self._delay_steps = np.zeros(n_devices, dtype=np.int64)
+        self._command_history = np.zeros((n_devices, 2))
+        for place in range(n_devices):
+            self.set_parameters(place, parameters)
 
-    def give(self, place: int, parameters: Parameters) -> None:
+    def set_parameters(self, index: int, parameters: DeviceParameters) -> None:
         """Device ``place`` hears its commands as late as these ``parameters`` have it."""
-        self._late[place] = round(dead_time(parameters) / self._step)
-        missing = 2 + int(self._late[place]) // self._each - self._told.shape[1]
+        self._delay_steps[index] = round(get_dead_time(parameters) / self._dt)
+        missing = 2 + int(self._delay_steps[index]) // self._steps_per_action - self._command_history.shape[1]
         if missing > 0:
-            self._told = np.pad(self._told, ((0, 0), (missing, 0)), "edge")
+            self._command_history = np.pad(self._command_history, ((0, 0), (missing, 0)), "edge")
 
-    def asked(self, action: Array, phase: Array) -> Array:
+    def decode(self, action: Array, phase: Array) -> Array:
         """(n,) gauge pressure [bar], or opening [1], that ``action`` in [-1, 1] asks for at the estimated ``phase``."""
         if self.kind == "valve":
             return action
         if self.kind == "pressure":
-            return np.asarray(0.5 * (action + 1.0) * self._most)
-        base = self._profile.pressures(phase) / BAR
-        return np.asarray(np.clip(base + self._residual * action, 0.0, self._most))
+            return np.asarray(0.5 * (action + 1.0) * self._max_pressure_bar)
+        base = self._profile.pressures_at(phase) / BAR
+        return np.asarray(np.clip(base + self._residual_bar * action, 0.0, self._max_pressure_bar))
 
-    def begin(self, which: Mask, pressure: Array) -> Array:
+    def reset(self, mask: Mask, pressure: Array) -> Array:
         """Forget what was told before; the action (n,) that changes nothing at this gauge ``pressure`` (n,) [bar]."""
-        self._told[which] = 0.0 if self.kind == "valve" else pressure[which, None]
+        self._command_history[mask] = 0.0 if self.kind == "valve" else pressure[mask, None]
         if self.kind == "pressure":
-            return np.asarray(2.0 * pressure / self._most - 1.0)
+            return np.asarray(2.0 * pressure / self._max_pressure_bar - 1.0)
         return np.zeros(len(pressure))
 
-    def due(self, command: Array, which: Mask) -> list[tuple[int, Array]]:
+    def schedule_commands(self, command: Array, mask: Mask) -> list[tuple[int, Array]]:
         """What reaches the devices in the next interval, if ``which`` are now told ``command``: steps, (n,) commands.
 
         One piece, or more where a dead time of one of them ends within the interval.
         """
-        if not self._late.any():
-            return [(self._each, command)]
-        self._told[which] = np.column_stack([self._told[which, 1:], command[which]])
-        whole, part = np.divmod(self._late, self._each)
+        if not self._delay_steps.any():
+            return [(self._steps_per_action, command)]
+        self._command_history[mask] = np.column_stack([self._command_history[mask, 1:], command[mask]])
+        whole, part = np.divmod(self._delay_steps, self._steps_per_action)
         places = np.arange(len(part))
-        newer, older = self._told[places, -1 - whole], self._told[places, -2 - whole]
-        edges = np.unique([0, *part[which], self._each]).tolist()
+        newer, older = self._command_history[places, -1 - whole], self._command_history[places, -2 - whole]
+        edges = np.unique([0, *part[mask], self._steps_per_action]).tolist()
         return [(end - begin, np.where(begin < part, older, newer)) for begin, end in pairwise(edges)]

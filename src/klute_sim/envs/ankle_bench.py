@@ -9,34 +9,34 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from klute_sim.control.pressure import tuned
-from klute_sim.device.files import DEFAULT_PROSTHESIS, Device
-from klute_sim.device.step import taut, tension
-from klute_sim.envs.actions import Actions, kind_for
-from klute_sim.envs.ankle_gait import action_space, checked
+from klute_sim.control.pressure import load_default_profile
+from klute_sim.device.files import DEFAULT_DEVICE, Device
+from klute_sim.device.step import compute_taut_state, compute_tension
+from klute_sim.envs.actions import ActionDecoder, select_action_kind
+from klute_sim.envs.ankle_gait import make_action_space, validate_action
 from klute_sim.envs.bench_task import (
-    CLOSE,
-    EASY_AIR,
+    AIR_MASS_OFFSET_G,
+    BENCH_TASKS,
+    FORCE_ERROR_SCALE,
     OBSERVATIONS,
-    SMOOTHNESS,
-    TASKS,
-    WORTH,
-    Course,
-    Courses,
+    SMOOTHNESS_WEIGHT,
+    WORK_REWARD_WEIGHT,
+    BenchTrajectory,
+    TrajectoryGenerator,
 )
-from klute_sim.envs.books import Books, DeviceStates
-from klute_sim.envs.options import device_of
+from klute_sim.envs.books import DeviceStates, EnergyAccounting
+from klute_sim.envs.options import resolve_device
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import router
 from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.rigs.bench.build import build, servo_commands, stand
+from klute_sim.rigs.bench.build import build_tester, compute_servo_commands, place_crosshead
 from klute_sim.units import BAR
 
 Observation = NDArray[np.float32]
-INTERVAL = 0.01
+CONTROL_INTERVAL = 0.01
 """Between two actions [s]."""
-MOST_SECONDS = 600.0
-NOW, ONE = np.zeros(1), np.ones(1, dtype=np.bool_)
+MAX_DURATION = 600.0
+ZERO_PHASE, SINGLE_MASK = np.zeros(1), np.ones(1, dtype=np.bool_)
 
 
 class AnkleBenchEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.utils.EzPickle):
@@ -93,17 +93,17 @@ class AnkleBenchEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.u
     * v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": round(1.0 / INTERVAL)}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": [], "render_fps": round(1.0 / CONTROL_INTERVAL)}  # noqa: RUF012
 
     def __init__(
         self,
         *,
         task: str = "force",
-        device: Device | str | Path = DEFAULT_PROSTHESIS,
-        seconds: float = 5.0,
-        cycle: float = 1.0,
-        step: float = 5e-4,
-        law: str = "auto",
+        device: Device | str | Path = DEFAULT_DEVICE,
+        duration: float = 5.0,
+        cycle_duration: float = 1.0,
+        time_step: float = 5e-4,
+        backend: str = "auto",
         render_mode: None = None,
     ) -> None:
         """A ``task`` for a ``device`` (preset, file or Device), ``seconds`` long; a ``cycle`` [s] and ``step`` [s].
@@ -111,131 +111,148 @@ class AnkleBenchEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.u
         ``law`` is one of :data:`klute_sim.device.installation.LAWS`. Raises InputError for what cannot be.
         """
         gymnasium.utils.EzPickle.__init__(**locals())
-        if task not in TASKS:
-            raise InputError(f"task is '{task}'; allowed: {', '.join(TASKS)}")
-        self._each = _whole("step", INTERVAL, step, "what divides 10 ms evenly")
-        self._cycle = _whole("cycle", cycle, INTERVAL, "a whole number of 10 ms, 100 ms or more", least=10)
-        if not cycle <= seconds <= MOST_SECONDS:
-            raise InputError(f"seconds is {seconds:g}; allowed: a cycle ({cycle:g}) to {MOST_SECONDS:g}")
-        self._length, own = round(seconds / INTERVAL), device_of(device)
-        self.model = build(own, step)
+        if task not in BENCH_TASKS:
+            raise InputError(f"task is '{task}'; allowed: {', '.join(BENCH_TASKS)}")
+        self._steps_per_action = _count_intervals("step", CONTROL_INTERVAL, time_step, "what divides 10 ms evenly")
+        self._actions_per_cycle = _count_intervals(
+            "cycle", cycle_duration, CONTROL_INTERVAL, "a whole number of 10 ms, 100 ms or more", min_count=10
+        )
+        if not cycle_duration <= duration <= MAX_DURATION:
+            raise InputError(f"seconds is {duration:g}; allowed: a cycle ({cycle_duration:g}) to {MAX_DURATION:g}")
+        self._actions_per_episode, own = round(duration / CONTROL_INTERVAL), resolve_device(device)
+        self.model = build_tester(own, time_step)
         """The MuJoCo model of the tester, with the device in it."""
         self.data = mujoco.MjData(self.model)
         """The simulation."""
         self.render_mode = render_mode
-        self.action_space = action_space()
+        self.action_space = make_action_space()
         low, high = (np.array([row[k] for row in OBSERVATIONS], dtype=np.float32) for k in (2, 3))
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
-        self._task, self._law = task, router.choose(law)
-        self._courses = Courses(own, task, self._length, INTERVAL, step, cycle)
+        self._task, self._backend = task, router.choose_backend(backend)
+        self._trajectory_generator = TrajectoryGenerator(
+            own, task, self._actions_per_episode, CONTROL_INTERVAL, time_step, cycle_duration
+        )
         self._actuator = DeviceActuator(self.model, "muscle_tendon")
         parameters = self._actuator.parameters
-        kind = kind_for(None, parameters.supply.opens != 0.0, own.name)
-        self._actions = Actions(kind, parameters, tuned(), 1.0, 1, self._each, step)
-        self._books = Books(parameters, 1, self._law)
-        self._servo = int(self.model.actuator_ctrladr[self.model.actuator("servo").id])
-        self._cell = int(self.model.sensor("load_cell").adr[0])
-        self._steps, self._action, self._spent = 0, NOW, {"work": 0.0, "air": 0.0}
+        kind = select_action_kind(None, parameters.supply.command_is_opening != 0.0, own.name)
+        self._action_decoder = ActionDecoder(
+            kind, parameters, load_default_profile(), 1.0, 1, self._steps_per_action, time_step
+        )
+        self._energy = EnergyAccounting(parameters, 1, self._backend)
+        self._servo_ctrl_index = int(self.model.actuator_ctrladr[self.model.actuator("servo").id])
+        self._load_cell_index = int(self.model.sensor("load_cell").adr[0])
+        self._action_count, self._previous_action, self._cycle_totals = 0, ZERO_PHASE, {"work": 0.0, "air": 0.0}
 
     @property
     def dt(self) -> float:
         """Time between two actions [s]."""
-        return INTERVAL
+        return CONTROL_INTERVAL
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """A new course; there are no ``options``."""
         super().reset(seed=seed)
-        self._course: Course = self._courses.draw(self.np_random)
-        self._told = servo_commands(self._course.length, self.model.opt.timestep)
-        parameters, length = self._actuator.parameters, self._course.length
-        begin = taut(parameters, float(length[0]), self.np_random.uniform(0.0, 0.25 * parameters.supply.pressure))
+        self._trajectory: BenchTrajectory = self._trajectory_generator.sample(self.np_random)
+        self._servo_commands = compute_servo_commands(self._trajectory.unit_length, self.model.opt.timestep)
+        parameters, length = self._actuator.parameters, self._trajectory.unit_length
+        begin = compute_taut_state(
+            parameters, float(length[0]), self.np_random.uniform(0.0, 0.25 * parameters.supply.max_pressure)
+        )
         mujoco.mj_resetData(self.model, self.data)
         self._actuator.set_state(self.data, begin)
-        load = tension(parameters, begin, float(length[0]), 0.0)
-        stand(self.data, float(length[0]), float(length[1] - length[0]) / self.model.opt.timestep, load)
-        self.data.ctrl[self._servo] = self._told[0]
-        self._actuator.command(self.data, 0.0 if parameters.supply.opens != 0.0 else begin.pressure)
-        with router.installed(self._law):
+        load = compute_tension(parameters, begin, float(length[0]), 0.0)
+        place_crosshead(self.data, float(length[0]), float(length[1] - length[0]) / self.model.opt.timestep, load)
+        self.data.ctrl[self._servo_ctrl_index] = self._servo_commands[0]
+        self._actuator.set_command(self.data, 0.0 if parameters.supply.command_is_opening != 0.0 else begin.pressure)
+        with router.device_callbacks(self._backend):
             mujoco.mj_forward(self.model, self.data)
-        self._steps, self._spent = 0, {"work": 0.0, "air": 0.0}
-        self._action = self._actions.begin(ONE, np.array([begin.pressure / BAR]))
-        self._books.begin(ONE, self._device())
+        self._action_count, self._cycle_totals = 0, {"work": 0.0, "air": 0.0}
+        self._previous_action = self._action_decoder.reset(SINGLE_MASK, np.array([begin.pressure / BAR]))
+        self._energy.reset(SINGLE_MASK, self._device_states())
         return self._observe(), {}
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for one interval; raises InputError if it is no number."""
-        chosen = np.clip(checked(action, (1,)), -1.0, 1.0)
-        command, k = self._actions.asked(chosen, NOW), self._steps * self._each
-        with router.installed(self._law):
+        chosen = np.clip(validate_action(action, (1,)), -1.0, 1.0)
+        command, k = self._action_decoder.decode(chosen, ZERO_PHASE), self._action_count * self._steps_per_action
+        with router.device_callbacks(self._backend):
             try:
-                for steps, asked in self._actions.due(command, ONE):
-                    self.data.ctrl[self._actuator.ctrl] = asked[0]
-                    for target in self._told[k : k + steps]:
-                        self.data.ctrl[self._servo] = target
-                        router.step(self.model, self.data)
+                for steps, asked in self._action_decoder.schedule_commands(command, SINGLE_MASK):
+                    self.data.ctrl[self._actuator.ctrl_address] = asked[0]
+                    for target in self._servo_commands[k : k + steps]:
+                        self.data.ctrl[self._servo_ctrl_index] = target
+                        router.step_model(self.model, self.data)
                     k += steps
             except SimulationError:
-                self.data.act[self._actuator.act] = np.nan  # under either law, a failed device ends the episode
-        self._steps += 1
-        books = {name: float(value[0]) for name, value in self._books.turn(ONE, self._device()).items()}
-        change, self._action = float(chosen[0] - self._action[0]), chosen
-        terms = {"reward_smoothness": SMOOTHNESS * change * change}
-        opens = self._actuator.parameters.supply.opens != 0.0
-        told = {"force_n": self._force(), "valve_command" if opens else "pressure_command_bar": float(command[0])}
+                self.data.act[self._actuator.act_address] = np.nan  # under either law, a failed device ends the episode
+        self._action_count += 1
+        books = {
+            name: float(value[0]) for name, value in self._energy.update(SINGLE_MASK, self._device_states()).items()
+        }
+        change, self._previous_action = float(chosen[0] - self._previous_action[0]), chosen
+        terms = {"reward_smoothness": SMOOTHNESS_WEIGHT * change * change}
+        opens = self._actuator.parameters.supply.command_is_opening != 0.0
+        told = {
+            "force_n": self._measured_force(),
+            "valve_command" if opens else "pressure_command_bar": float(command[0]),
+        }
         if self._task == "force":
-            apart = (self._force() - self._course.wanted[self._steps]) / (CLOSE * self._courses.strongest)
+            apart = (self._measured_force() - self._trajectory.target_force[self._action_count]) / (
+                FORCE_ERROR_SCALE * self._trajectory_generator.max_force
+            )
             terms["reward_force"] = float(np.exp(-0.5 * apart * apart))
         else:
-            terms["reward_work"] = self._worth(books, told)
+            terms["reward_work"] = self._cycle_reward(books, told)
         finite = bool(np.isfinite(self.data.qpos).all() and np.isfinite(self.data.act).all())
         if not finite:
             terms = dict.fromkeys(terms, 0.0)
-        truncated = finite and self._steps >= self._length
+        truncated = finite and self._action_count >= self._actions_per_episode
         return self._observe(), sum(terms.values()), not finite, truncated, {**terms, **told, **books}
 
-    def _worth(self, books: dict[str, float], told: dict[str, float]) -> float:
+    def _cycle_reward(self, energy: dict[str, float], info: dict[str, float]) -> float:
         """What the cycle that ends now is worth, which is ``told``; 0 within a cycle."""
-        self._spent["work"] += books["work_delivered_j"]
-        self._spent["air"] += books["air_g"]
-        if self._steps % self._cycle:
+        self._cycle_totals["work"] += energy["work_delivered_j"]
+        self._cycle_totals["air"] += energy["air_g"]
+        if self._action_count % self._actions_per_cycle:
             return 0.0
-        work, air = self._spent["work"], self._spent["air"]
-        told["cycle_work_j"], told["cycle_air_g"] = work, air
-        self._spent = {"work": 0.0, "air": 0.0}
-        return WORTH * work / (air + EASY_AIR)
+        work, air = self._cycle_totals["work"], self._cycle_totals["air"]
+        info["cycle_work_j"], info["cycle_air_g"] = work, air
+        self._cycle_totals = {"work": 0.0, "air": 0.0}
+        return WORK_REWARD_WEIGHT * work / (air + AIR_MASS_OFFSET_G)
 
-    def _force(self) -> float:
-        return -float(self.data.sensordata[self._cell])  # the sensor tells what the unit does to the cell, along x
+    def _measured_force(self) -> float:
+        return -float(
+            self.data.sensordata[self._load_cell_index]
+        )  # the sensor tells what the unit does to the cell, along x
 
     def _observe(self) -> Observation:
         sensed = np.array(
             [
-                100.0 * (self._actuator.unit_length(self.data) - self._courses.middle),
+                100.0 * (self._actuator.unit_length(self.data) - self._trajectory_generator.mean_length),
                 self._actuator.unit_rate(self.data),
-                1e-3 * self._force(),
-                float(self.data.act[self._actuator.act]),
-                1e-3 * float(self._course.wanted[self._steps]),
+                1e-3 * self._measured_force(),
+                float(self.data.act[self._actuator.act_address]),
+                1e-3 * float(self._trajectory.target_force[self._action_count]),
             ]
         )
         low, high = ([row[k] for row in OBSERVATIONS] for k in (2, 3))
         return np.asarray(np.clip(np.nan_to_num(sensed), low, high), dtype=np.float32)
 
-    def _device(self) -> DeviceStates:
-        data, first = self.data, self._actuator.act
+    def _device_states(self) -> DeviceStates:
+        data, first = self.data, self._actuator.act_address
         return DeviceStates(
             pressure=data.act[None, first] * BAR,
-            length=self._actuator.parameters.muscle.resting_length + data.act[None, first + 1],
-            rate=data.act_dot[None, first + 1],
-            unit_length=data.actuator_length[None, self._actuator.out],
-            remembered=data.act[None, first + 2 : first + self._actuator.states],
+            muscle_length=self._actuator.parameters.muscle.resting_length + data.act[None, first + 1],
+            muscle_velocity=data.act_dot[None, first + 1],
+            unit_length=data.actuator_length[None, self._actuator.out_address],
+            internal_state=data.act[None, first + 2 : first + self._actuator.n_states],
         )
 
 
-def _whole(name: str, whole: float, part: float, allowed: str, least: int = 1) -> int:
+def _count_intervals(name: str, total: float, interval: float, allowed: str, min_count: int = 1) -> int:
     """How many times ``part`` goes into ``whole`` [s]; raises InputError if that is no whole number."""
-    count = round(whole / part) if part > 0.0 and np.isfinite(whole / part) else 0
-    if count < least or abs(count * part - whole) > 1e-9:
-        raise InputError(f"{name} is {1e3 * (part if name == 'step' else whole):g} ms; allowed: {allowed}")
+    count = round(total / interval) if interval > 0.0 and np.isfinite(total / interval) else 0
+    if count < min_count or abs(count * interval - total) > 1e-9:
+        raise InputError(f"{name} is {1e3 * (interval if name == 'step' else total):g} ms; allowed: {allowed}")
     return count

@@ -12,28 +12,28 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from klute_sim.control.pressure import Profile
-from klute_sim.device.files import DEFAULT_PROSTHESIS, Device
+from klute_sim.control.pressure import PressureProfile
+from klute_sim.device.files import DEFAULT_DEVICE, Device
 from klute_sim.envs.instruments import OBSERVATIONS
-from klute_sim.envs.options import TaskOptions, device_of
-from klute_sim.envs.randomise import Randomise
-from klute_sim.envs.task import INTERVAL, Readings, Task
+from klute_sim.envs.options import TaskOptions, resolve_device
+from klute_sim.envs.randomise import RandomisationRanges
+from klute_sim.envs.task import CONTROL_INTERVAL, GaitTask, SimulationStates
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import router
-from klute_sim.rigs.gait.assembly import DRIVES, Assembly, GaitOptions, start
+from klute_sim.rigs.gait.assembly import DRIVE_ACTUATORS, GaitOptions, GaitRig, reset_gait_rig
 from klute_sim.units import BAR
 
 Observation = NDArray[np.float32]
-MOST_PIXELS = 4096
+MAX_PIXELS = 4096
 
 
-def observation_space() -> "spaces.Box[np.float32]":
+def make_observation_space() -> "spaces.Box[np.float32]":
     """What a prosthesis can sense."""
     low, high = (np.array([row[k] for row in OBSERVATIONS], dtype=np.float32) for k in (2, 3))
     return spaces.Box(low, high, dtype=np.float32)
 
 
-def action_space() -> "spaces.Box[np.float32]":
+def make_action_space() -> "spaces.Box[np.float32]":
     """One number; what it means is :data:`klute_sim.envs.actions.ACTIONS`."""
     return spaces.Box(-1.0, 1.0, (1,), np.float32)
 
@@ -128,26 +128,26 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     * v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / INTERVAL)}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_INTERVAL)}  # noqa: RUF012
 
     def __init__(
         self,
         *,
-        device: Device | str | Path = DEFAULT_PROSTHESIS,
+        device: Device | str | Path = DEFAULT_DEVICE,
         mass: float = 75.0,
         stature: float = 1.75,
         speed: float | None = None,
         slope: float = 0.0,
         strides: int = 5,
-        step: float = 5e-4,
-        law: str = "auto",
+        time_step: float = 5e-4,
+        backend: str = "auto",
         action: str | None = None,
         residual_bar: float = 1.0,
-        profile: Profile | None = None,
+        profile: PressureProfile | None = None,
         sensor_noise: float = 0.0,
         sensor_delay: int = 0,
         reward: Mapping[str, float] | None = None,
-        randomise: Randomise | Mapping[str, Any] | None = None,
+        randomise: RandomisationRanges | Mapping[str, Any] | None = None,
         reset_noise: float = 0.02,
         render_mode: str | None = None,
         width: int = 480,
@@ -161,7 +161,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         gymnasium.utils.EzPickle.__init__(**locals())
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is '{render_mode}'; allowed: None, rgb_array")
-        walker = GaitOptions(mass=mass, stature=stature, speed=speed, slope=slope, strides=strides, step=step)
+        walker = GaitOptions(mass=mass, stature=stature, speed=speed, slope=slope, strides=strides, dt=time_step)
         options = TaskOptions(
             action=action,
             residual_bar=residual_bar,
@@ -172,18 +172,21 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
             randomise=randomise,
             reset_noise=reset_noise,
         )
-        self._law, self._reset_noise = router.choose(law), reset_noise
-        self._task, self._one = Task(device_of(device), walker, options, 1, self._law), np.ones(1, dtype=np.bool_)
-        self._rig = self._task.casting.rigs[0]
-        self.model = copy(self._rig.model)
+        self._backend, self._reset_noise = router.choose_backend(backend), reset_noise
+        self._task, self._single_mask = (
+            GaitTask(resolve_device(device), walker, options, 1, self._backend),
+            np.ones(1, dtype=np.bool_),
+        )
+        self._gait_rig = self._task.randomiser.gait_rigs[0]
+        self.model = copy(self._gait_rig.model)
         """The MuJoCo model, with the device in it; randomisation changes it at every reset."""
         self.data = mujoco.MjData(self.model)
         """The simulation."""
         self.render_mode = render_mode
-        self.action_space, self.observation_space = action_space(), observation_space()
-        if not (0 < width <= MOST_PIXELS and 0 < height <= MOST_PIXELS):
-            raise InputError(f"pictures are {width} x {height}; allowed: 1 to {MOST_PIXELS} pixels a side")
-        self._size = (height, width)
+        self.action_space, self.observation_space = make_action_space(), make_observation_space()
+        if not (0 < width <= MAX_PIXELS and 0 < height <= MAX_PIXELS):
+            raise InputError(f"pictures are {width} x {height}; allowed: 1 to {MAX_PIXELS} pixels a side")
+        self._image_size = (height, width)
         self.model.vis.global_.offwidth = max(width, self.model.vis.global_.offwidth)
         self.model.vis.global_.offheight = max(height, self.model.vis.global_.offheight)
         self._renderer: mujoco.Renderer | None = None
@@ -191,47 +194,49 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     @property
     def dt(self) -> float:
         """Time between two actions [s]."""
-        return INTERVAL
+        return CONTROL_INTERVAL
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Heel strike; there are no ``options``."""
         super().reset(seed=seed)
-        episode = self._task.casting.draw(self.np_random)
-        self._rig = self._task.casting.cast(episode, self.model)
-        begin(self._rig, self.data, self.np_random, self._reset_noise)
-        self._task.cast(0, episode)
-        self._task.begin(self._one, self._readings(), [self.np_random])
-        return self._task.observed[0], dict(episode.told)
+        episode = self._task.randomiser.sample(self.np_random)
+        self._gait_rig = self._task.randomiser.apply(episode, self.model)
+        reset_simulation(self._gait_rig, self.data, self.np_random, self._reset_noise)
+        self._task.assign_episode(0, episode)
+        self._task.reset(self._single_mask, self._read_states(), [self.np_random])
+        return self._task.observations[0], dict(episode.drawn_values)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for one interval; raises InputError if it is no number."""
-        chosen = checked(action, (1,))
-        command = self._task.command(chosen)
-        self.data.ctrl[: len(DRIVES)] = self._task.slopes()[0]
-        with router.installed(self._law):
+        chosen = validate_action(action, (1,))
+        command = self._task.decode_action(chosen)
+        self.data.ctrl[: len(DRIVE_ACTUATORS)] = self._task.drive_command_rates()[0]
+        with router.device_callbacks(self._backend):
             try:
-                for steps, asked in self._task.due(command, self._one):
-                    self.data.ctrl[self._rig.actuator.ctrl] = asked[0]
-                    router.step(self.model, self.data, steps)
+                for steps, asked in self._task.schedule_commands(command, self._single_mask):
+                    self.data.ctrl[self._gait_rig.actuator.ctrl_address] = asked[0]
+                    router.step_model(self.model, self.data, steps)
             except SimulationError:
-                self.data.act[self._rig.actuator.act] = np.nan  # under either law, a failed device ends the episode
-        now, random = self._readings(), [self.np_random]
-        reward, terminated, truncated, told = self._task.judge(chosen, command, now, self._one, random)
+                self.data.act[self._gait_rig.actuator.act_address] = (
+                    np.nan
+                )  # under either law, a failed device ends the episode
+        now, random = self._read_states(), [self.np_random]
+        reward, terminated, truncated, told = self._task.evaluate(chosen, command, now, self._single_mask, random)
         info = {name: float(value[0]) for name, value in told.items()}
-        return self._task.observed[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+        return self._task.observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
-    def _readings(self) -> Readings:
+    def _read_states(self) -> SimulationStates:
         d = self.data
-        return Readings(*(getattr(d, field.name)[None] for field in fields(Readings)))
+        return SimulationStates(*(getattr(d, field.name)[None] for field in fields(SimulationStates)))
 
     def render(self) -> NDArray[np.uint8] | None:
         """The leg from its side, (height, width, 3); None without a render mode."""
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            self._renderer = mujoco.Renderer(self.model, *self._size)
+            self._renderer = mujoco.Renderer(self.model, *self._image_size)
         camera = mujoco.MjvCamera()
         camera.lookat[:] = (self.data.qpos[0], 0.0, 0.55)
         camera.distance, camera.azimuth, camera.elevation = 1.9, 90.0, -5.0
@@ -246,22 +251,24 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
             self._renderer = None
 
 
-def begin(rig: Assembly, data: mujoco.MjData, random: np.random.Generator, noise: float) -> None:
+def reset_simulation(gait_rig: GaitRig, data: mujoco.MjData, rng: np.random.Generator, reset_noise: float) -> None:
     """Put ``data`` at the beginning of an episode."""
-    pressure = random.uniform(0.0, 0.25 * rig.actuator.parameters.supply.pressure)
-    start(rig, data, pressure, random.uniform(-noise, noise))
-    data.ctrl[rig.actuator.ctrl] = 0.0 if rig.actuator.parameters.supply.opens != 0.0 else pressure / BAR
+    pressure = rng.uniform(0.0, 0.25 * gait_rig.actuator.parameters.supply.max_pressure)
+    reset_gait_rig(gait_rig, data, pressure, rng.uniform(-reset_noise, reset_noise))
+    data.ctrl[gait_rig.actuator.ctrl_address] = (
+        0.0 if gait_rig.actuator.parameters.supply.command_is_opening != 0.0 else pressure / BAR
+    )
 
 
-def checked(
-    action: NDArray[np.floating[Any]], shape: tuple[int, ...], counts: NDArray[np.bool_] | None = None
+def validate_action(
+    action: NDArray[np.floating[Any]], shape: tuple[int, ...], mask: NDArray[np.bool_] | None = None
 ) -> NDArray[np.float64]:
     """The action as numbers, 0 in rows that do not count; raises InputError for another shape, or NaN where it does."""
     chosen = np.array(action, dtype=np.float64)
     if chosen.shape != shape:
         raise InputError(f"action has shape {chosen.shape}; allowed: {shape}")
-    if counts is not None:
-        chosen[~counts] = 0.0
+    if mask is not None:
+        chosen[~mask] = 0.0
     if np.isnan(chosen).any():
         raise InputError("action is not a number; allowed: -1 to 1")
     return chosen

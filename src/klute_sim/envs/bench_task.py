@@ -12,7 +12,7 @@ from klute_sim.rigs.bench.reach import isometric_force
 
 Array = NDArray[np.float64]
 
-TASKS: Mapping[str, str] = MappingProxyType(
+BENCH_TASKS: Mapping[str, str] = MappingProxyType(
     {
         "force": "pull with a force that changes smoothly at random while the crosshead moves likewise",
         "work": "do as much work per gram of air as possible over a cycle of the crosshead",
@@ -29,60 +29,69 @@ OBSERVATIONS = (
 )
 """Name, unit, lowest and highest value; what is beyond is clipped."""
 
-SHORTEST, LONGEST = 0.88, 0.97
+MIN_LENGTH_RATIO, MAX_LENGTH_RATIO = 0.88, 0.97
 """Muscle lengths over the resting length between which a just taut unit moves."""
-WEAKEST, STRONGEST = 0.1, 0.5
+MIN_FORCE_FRACTION, MAX_FORCE_FRACTION = 0.1, 0.5
 """Wanted forces over what the muscle pulls with in the middle of its way under all the supply's pressure."""
-WAVES, FASTEST = 4, 1.5
+N_SINES, MAX_FREQUENCY = 4, 1.5
 """Sines of random phase in a random course, and the frequency of the fastest [Hz]; the others are fractions of it."""
 
-CLOSE = 0.05
+FORCE_ERROR_SCALE = 0.05
 """Distance from the wanted force that counts as one, over the strongest force."""
-EASY_AIR = 0.1
+AIR_MASS_OFFSET_G = 0.1
 """Added to the air of a cycle [g]: work that needs no air is worth something finite."""
-WORTH = 0.1
+WORK_REWARD_WEIGHT = 0.1
 """Reward of a cycle per J/g."""
-SMOOTHNESS = -0.05
+SMOOTHNESS_WEIGHT = -0.05
 """Reward per squared change of the action."""
 
 
-class Course(NamedTuple):
+class BenchTrajectory(NamedTuple):
     """What one episode prescribes, and what it wants."""
 
-    length: Array
+    unit_length: Array
     """Of the unit [m], one for each step of the simulation."""
-    wanted: Array
+    target_force: Array
     """Force [N] at the end of each interval, and at the start; 0 in the task *work*."""
 
 
-class Courses:
+class TrajectoryGenerator:
     """Draws courses for one device."""
 
-    def __init__(self, device: Device, task: str, intervals: int, interval: float, step: float, cycle: float) -> None:
+    def __init__(
+        self, device: Device, task: str, n_intervals: int, interval: float, dt: float, cycle_duration: float
+    ) -> None:
         """Of so many ``intervals``, each of ``interval`` [s], in steps of ``step`` [s]; ``cycle`` [s] in *work*."""
         parameters = device.parameters
         rest, slack = parameters.muscle.resting_length, parameters.tendon.slack_length
-        self.middle = slack + 0.5 * (SHORTEST + LONGEST) * rest
+        self.mean_length = slack + 0.5 * (MIN_LENGTH_RATIO + MAX_LENGTH_RATIO) * rest
         """Of its way [m]."""
-        self._swing, self._task, self._cycle = 0.5 * (LONGEST - SHORTEST) * rest, task, cycle
-        self.strongest = isometric_force(device, 0.5 * (SHORTEST + LONGEST), parameters.supply.pressure)
+        self._amplitude, self._task, self._cycle_duration = (
+            0.5 * (MAX_LENGTH_RATIO - MIN_LENGTH_RATIO) * rest,
+            task,
+            cycle_duration,
+        )
+        self.max_force = isometric_force(
+            device, 0.5 * (MIN_LENGTH_RATIO + MAX_LENGTH_RATIO), parameters.supply.max_pressure
+        )
         """What the muscle pulls with there under all the supply's pressure [N]."""
-        self._time: Array = step * np.arange(1.0 + intervals * round(interval / step), dtype=np.float64)
-        self._told: Array = interval * np.arange(1.0 + intervals, dtype=np.float64)
+        self._time: Array = dt * np.arange(1.0 + n_intervals * round(interval / dt), dtype=np.float64)
+        self._control_time: Array = interval * np.arange(1.0 + n_intervals, dtype=np.float64)
 
-    def draw(self, random: np.random.Generator) -> Course:
+    def sample(self, rng: np.random.Generator) -> BenchTrajectory:
         """A course; every cycle of the task *work* is like the first, which begins in the middle, lengthening."""
         if self._task == "work":
-            return Course(
-                self.middle + self._swing * np.sin(2.0 * np.pi * self._time / self._cycle), np.zeros(len(self._told))
+            return BenchTrajectory(
+                self.mean_length + self._amplitude * np.sin(2.0 * np.pi * self._time / self._cycle_duration),
+                np.zeros(len(self._control_time)),
             )
-        length = self.middle + self._swing * _wave(self._time, random)
-        middle, swing = 0.5 * (STRONGEST + WEAKEST), 0.5 * (STRONGEST - WEAKEST)
-        return Course(length, self.strongest * (middle + swing * _wave(self._told, random)))
+        length = self.mean_length + self._amplitude * _random_wave(self._time, rng)
+        middle, swing = 0.5 * (MAX_FORCE_FRACTION + MIN_FORCE_FRACTION), 0.5 * (MAX_FORCE_FRACTION - MIN_FORCE_FRACTION)
+        return BenchTrajectory(length, self.max_force * (middle + swing * _random_wave(self._control_time, rng)))
 
 
-def _wave(time: Array, random: np.random.Generator) -> Array:
+def _random_wave(time: Array, rng: np.random.Generator) -> Array:
     """A smooth random course within -1 ... 1."""
-    frequency = FASTEST * np.arange(1, WAVES + 1) / WAVES
-    phase, share = random.uniform(0.0, 2.0 * np.pi, WAVES), random.dirichlet(np.ones(WAVES))
+    frequency = MAX_FREQUENCY * np.arange(1, N_SINES + 1) / N_SINES
+    phase, share = rng.uniform(0.0, 2.0 * np.pi, N_SINES), rng.dirichlet(np.ones(N_SINES))
     return np.asarray(np.sin(2.0 * np.pi * np.outer(time, frequency) + phase) @ share)

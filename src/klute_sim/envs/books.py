@@ -10,9 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from klute_sim.device.instant import Instant
-from klute_sim.device.snapshot import FIELDS, Snapshots
-from klute_sim.device.step import MEMORY, NO_MEMORY, Parameters, remembers, supplied
+from klute_sim.device.instant import DeviceOutputs
+from klute_sim.device.snapshot import N_OUTPUTS, BatchOutputs
+from klute_sim.device.step import (
+    N_INTERNAL_STATES,
+    ZERO_INTERNAL_STATE,
+    DeviceParameters,
+    apply_supply_effects,
+    has_internal_state,
+)
 from klute_sim.laws import charging
 
 Array = NDArray[np.float64]
@@ -25,54 +31,57 @@ class DeviceStates:
 
     pressure: Array
     """Gauge [Pa]."""
-    length: Array
+    muscle_length: Array
     """Of the muscle [m]."""
-    rate: Array
+    muscle_velocity: Array
     """Of the muscle's length [m/s]."""
     unit_length: Array
     """[m]"""
-    remembered: Array
+    internal_state: Array
     """(n, MEMORY), or (n, 0) of devices that remember nothing."""
 
 
-class Books:
+class EnergyAccounting:
     """Of ``count`` simulations of one device, whose numbers may differ."""
 
-    def __init__(self, parameters: Parameters, count: int, law: str) -> None:
+    def __init__(self, parameters: DeviceParameters, n_simulations: int, backend: str) -> None:
         """``law`` is the one in force, ``compiled`` or ``python``."""
-        self._snapshots = Snapshots(parameters, law)
-        self._counts = not charging.plain(supplied(parameters, NO_MEMORY))
-        self._remembers = remembers(parameters)
-        self._told, self._way = np.zeros((count, self._snapshots.width)), np.zeros((count, 2))
+        self._snapshots = BatchOutputs(parameters, backend)
+        self._supply_is_metered = not charging.is_ideal(apply_supply_effects(parameters, ZERO_INTERNAL_STATE))
+        self._has_internal_state = has_internal_state(parameters)
+        self._previous_outputs, self._previous_lengths = (
+            np.zeros((n_simulations, self._snapshots.n_columns)),
+            np.zeros((n_simulations, 2)),
+        )
 
-    def give(self, place: int, parameters: Parameters) -> None:
+    def set_parameters(self, index: int, parameters: DeviceParameters) -> None:
         """Simulation ``place`` has this device from its next beginning on, with the effects that all have."""
-        self._snapshots.give(place, parameters, len(self._told))
+        self._snapshots.set_parameters(index, parameters, len(self._previous_outputs))
 
-    def begin(self, which: Mask, now: DeviceStates) -> None:
+    def reset(self, mask: Mask, device_states: DeviceStates) -> None:
         """Start the books of ``which`` anew."""
-        told, way = self._look(now)
-        self._told[which], self._way[which] = told[which], way[which]
+        told, way = self._evaluate(device_states)
+        self._previous_outputs[mask], self._previous_lengths[mask] = told[mask], way[mask]
 
-    def turn(self, which: Mask, now: DeviceStates) -> dict[str, Array]:
+    def update(self, mask: Mask, device_states: DeviceStates) -> dict[str, Array]:
         """What the interval that ends ``now`` came to in ``which``: work given by each part [J], air drawn [g]."""
-        told, way = self._look(now)
-        mean, muscle_way, unit_way = 0.5 * (told + self._told), *(way - self._way).T
-        at, after, before = (Instant(*each.T[:FIELDS]) for each in (mean, told, self._told))
+        told, way = self._evaluate(device_states)
+        mean, muscle_way, unit_way = 0.5 * (told + self._previous_outputs), *(way - self._previous_lengths).T
+        at, after, before = (DeviceOutputs(*each.T[:N_OUTPUTS]) for each in (mean, told, self._previous_outputs))
         work = {
-            "work_gas_j": -at.gas * muscle_way,
-            "work_friction_j": -at.friction * muscle_way,
-            "work_damper_j": -at.damper * muscle_way,
+            "work_gas_j": -at.gas_force * muscle_way,
+            "work_friction_j": -at.friction_force * muscle_way,
+            "work_damper_j": -at.damper_force * muscle_way,
             "work_bladder_j": before.bladder_energy - after.bladder_energy,
             "work_tendon_j": before.tendon_energy - after.tendon_energy,
         }
-        for k, name in enumerate(self._snapshots.effects):
-            side, other = mean[:, FIELDS + 2 * k], mean[:, FIELDS + 2 * k + 1]
+        for k, name in enumerate(self._snapshots.effect_names):
+            side, other = mean[:, N_OUTPUTS + 2 * k], mean[:, N_OUTPUTS + 2 * k + 1]
             work[f"work_effect_{name}_j"] = -side * muscle_way - other * (unit_way - muscle_way)
         delivered = -at.tension * unit_way
         # One after the other: NumPy's own sum takes another order for one simulation than for many.
         work["work_unresolved_j"] = delivered - sum(work.values())
-        drawn = after.air_drawn - before.air_drawn if self._counts else after.air_mass - before.air_mass
+        drawn = after.air_drawn - before.air_drawn if self._supply_is_metered else after.air_mass - before.air_mass
         found = {
             **work,
             "work_delivered_j": delivered,
@@ -80,10 +89,19 @@ class Books:
             "air_leaked_g": 1e3 * (after.air_leaked - before.air_leaked),
             "air_held_g": 1e3 * after.air_mass,
         }
-        self._told[which], self._way[which] = told[which], way[which]
+        self._previous_outputs[mask], self._previous_lengths[mask] = told[mask], way[mask]
         return {name: np.asarray(value) for name, value in found.items()}
 
-    def _look(self, now: DeviceStates) -> tuple[Array, Array]:
-        states = np.column_stack([now.pressure, now.length, now.rate, now.unit_length])
-        memory = now.remembered if self._remembers else np.zeros((len(states), MEMORY))
-        return self._snapshots.take(states, memory), states[:, [1, 3]]
+    def _evaluate(self, device_states: DeviceStates) -> tuple[Array, Array]:
+        states = np.column_stack(
+            [
+                device_states.pressure,
+                device_states.muscle_length,
+                device_states.muscle_velocity,
+                device_states.unit_length,
+            ]
+        )
+        memory = (
+            device_states.internal_state if self._has_internal_state else np.zeros((len(states), N_INTERNAL_STATES))
+        )
+        return self._snapshots.evaluate(states, memory), states[:, [1, 3]]

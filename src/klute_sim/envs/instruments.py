@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from klute_sim.rigs.gait.assembly import Assembly
-from klute_sim.rigs.gait.senses import Senses
+from klute_sim.rigs.gait.assembly import GaitRig
+from klute_sim.rigs.gait.senses import ProsthesisSensors
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -25,47 +25,49 @@ OBSERVATIONS = (
 """Name, unit, lowest and highest value (what is beyond is clipped), and the noise's standard deviation (assumed: an
 encoder of 0.1 degrees, an inertial sensor's fusion to half a degree, gauges of half a percent of their range). Noise
 reaches the phase through the load that it is told from."""
-MEASURED = 6
+N_MEASURED = 6
 """The first of them come from sensors, the others are worked out."""
-LOAD = 4
+LOAD_INDEX = 4
 
 
 class Instruments:
     """Of ``count`` prostheses."""
 
-    def __init__(self, rig: Assembly, count: int, interval: float, noise: float, delay: int) -> None:
+    def __init__(
+        self, gait_rig: GaitRig, n_simulations: int, interval: float, noise_scale: float, delay_intervals: int
+    ) -> None:
         """Read every ``interval`` [s], with ``noise`` times the typical noise, ``delay`` whole intervals late."""
-        self.senses, self._noise = Senses(rig, count, interval), noise
+        self.sensors, self._noise_scale = ProsthesisSensors(gait_rig, n_simulations, interval), noise_scale
         """Without either."""
-        self._lowest, self._highest = (np.array([row[k] for row in OBSERVATIONS]) for k in (2, 3))
-        self._typical = np.array([row[4] for row in OBSERVATIONS[:MEASURED]])
-        self._read = np.zeros((count, 1 + delay, MEASURED))
+        self._lower, self._upper = (np.array([row[k] for row in OBSERVATIONS]) for k in (2, 3))
+        self._noise_deviation = np.array([row[4] for row in OBSERVATIONS[:N_MEASURED]])
+        self._measurement_buffer = np.zeros((n_simulations, 1 + delay_intervals, N_MEASURED))
 
     @property
-    def observed(self) -> NDArray[np.float32]:
+    def observations(self) -> NDArray[np.float32]:
         """(n, 8) :data:`OBSERVATIONS`."""
-        turn = 2.0 * np.pi * self.senses.phase()
-        sensed = np.column_stack([self._read[:, 0], np.sin(turn), np.cos(turn)])
+        turn = 2.0 * np.pi * self.sensors.estimate_phase()
+        sensed = np.column_stack([self._measurement_buffer[:, 0], np.sin(turn), np.cos(turn)])
         if not np.isfinite(sensed.sum()):  # the last observation of an episode that failed
             sensed = np.nan_to_num(sensed)
-        return np.asarray(np.clip(sensed, self._lowest, self._highest), dtype=np.float32)
+        return np.asarray(np.clip(sensed, self._lower, self._upper), dtype=np.float32)
 
-    def begin(self, which: Mask, measured: Array, randoms: Sequence[np.random.Generator]) -> None:
+    def reset(self, mask: Mask, measured: Array, rngs: Sequence[np.random.Generator]) -> None:
         """Forget the episodes of ``which``; ``measured`` (n, 6) is how they start."""
-        self._read[which] = self._noisy(which, measured, randoms)[which, None]
-        self.senses.begin(which)
+        self._measurement_buffer[mask] = self._add_noise(mask, measured, rngs)[mask, None]
+        self.sensors.reset(mask)
 
-    def turn(self, which: Mask, measured: Array, randoms: Sequence[np.random.Generator]) -> None:
+    def update(self, mask: Mask, measured: Array, rngs: Sequence[np.random.Generator]) -> None:
         """An interval has passed in ``which``; ``measured`` (n, 6) is what perfect sensors read."""
-        noisy = self._noisy(which, measured, randoms)
-        self._read[which, :-1] = self._read[which, 1:]
-        self._read[which, -1] = noisy[which]
-        self.senses.move_on(self._read[:, 0, LOAD], which)
+        noisy = self._add_noise(mask, measured, rngs)
+        self._measurement_buffer[mask, :-1] = self._measurement_buffer[mask, 1:]
+        self._measurement_buffer[mask, -1] = noisy[mask]
+        self.sensors.update_phase(self._measurement_buffer[:, 0, LOAD_INDEX], mask)
 
-    def _noisy(self, which: Mask, measured: Array, randoms: Sequence[np.random.Generator]) -> Array:
-        if self._noise == 0.0:
+    def _add_noise(self, mask: Mask, measured: Array, rngs: Sequence[np.random.Generator]) -> Array:
+        if self._noise_scale == 0.0:
             return measured
         noisy = measured.copy()
-        for i in np.flatnonzero(which).tolist():  # every simulation has its own random numbers
-            noisy[i] += self._noise * self._typical * randoms[i].standard_normal(MEASURED)
+        for i in np.flatnonzero(mask).tolist():  # every simulation has its own random numbers
+            noisy[i] += self._noise_scale * self._noise_deviation * rngs[i].standard_normal(N_MEASURED)
         return noisy

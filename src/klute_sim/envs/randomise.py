@@ -14,29 +14,29 @@ import mujoco
 import numpy as np
 from mujoco.batch import MODEL_FIELDS
 
-from klute_sim.dataset.override import overridden, to_toml
+from klute_sim.dataset.override import apply_changes, to_toml
 from klute_sim.device.files import Device
-from klute_sim.device.schema import parse
-from klute_sim.device.step import Parameters
-from klute_sim.device.vector import SIZE, pack
+from klute_sim.device.schema import parse_device_spec
+from klute_sim.device.step import DeviceParameters
+from klute_sim.device.vector import ROW_SIZE, pack_parameters
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.rigs.gait.assembly import Assembly, GaitOptions, assemble
-from klute_sim.rigs.gait.body import ANKLE
+from klute_sim.rigs.gait.assembly import GaitOptions, GaitRig, build_gait_rig
+from klute_sim.rigs.gait.body import PROSTHESIS_PREFIX
 
-GRID = 9
+GRID_SIZE = 9
 """Values of mass, speed and slope each, the ends of their ranges among them."""
-MOST_SHARE = 0.5
+MAX_VARIATION_FRACTION = 0.5
 """Of a number, by which it may be randomised."""
-ROW = "actuator_user"
+PARAMETER_FIELD = "actuator_user"
 """Where a model keeps its devices' parameters."""
 
 Range = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Randomise:
+class RandomisationRanges:
     """Ranges to draw from when an episode starts; validated when made, and left out: as it is."""
 
     mass_share: float = 0.0
@@ -53,29 +53,31 @@ class Randomise:
     def __post_init__(self) -> None:
         """Raise InputError for what is no range."""
         for name, share in {"mass_share": self.mass_share, **self.device}.items():
-            if not 0.0 <= share <= MOST_SHARE:
-                raise InputError(f"randomise varies {name} by a share of {share:g}; allowed: 0 to {MOST_SHARE:g}")
+            if not 0.0 <= share <= MAX_VARIATION_FRACTION:
+                raise InputError(
+                    f"randomise varies {name} by a share of {share:g}; allowed: 0 to {MAX_VARIATION_FRACTION:g}"
+                )
         for name in ("speed_m_per_s", "slope_deg"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, _range(name, getattr(self, name)))
+                object.__setattr__(self, name, _parse_range(name, getattr(self, name)))
         for effect, content in self.effects.items():
             for key, value in content.items():
                 if key != "form":
-                    _range(f"effects.{effect}.{key}", value)
+                    _parse_range(f"effects.{effect}.{key}", value)
 
     @classmethod
-    def of(cls, asked: "Randomise | Mapping[str, Any] | None") -> "Randomise":
+    def from_mapping(cls, ranges: "RandomisationRanges | Mapping[str, Any] | None") -> "RandomisationRanges":
         """The ranges that a mapping of these names describes; raises InputError for another name."""
-        if isinstance(asked, Randomise):
-            return asked
+        if isinstance(ranges, RandomisationRanges):
+            return ranges
         known = [each.name for each in fields(cls)]
-        for name in asked or {}:
+        for name in ranges or {}:
             if name not in known:
                 raise InputError(f"randomise has no '{name}'; allowed: {', '.join(known)}")
-        return cls(**(asked or {}))
+        return cls(**(ranges or {}))
 
 
-def _range(name: str, value: Any) -> Range:
+def _parse_range(name: str, value: Any) -> Range:
     try:
         low, high = (float(each) for each in value)
     except (TypeError, ValueError):
@@ -89,106 +91,114 @@ def _range(name: str, value: Any) -> Range:
 class Episode:
     """What was drawn for one episode."""
 
-    number: int
+    rig_index: int
     """Of its rig, among those of :class:`Casting`."""
-    parameters: Parameters
-    told: Mapping[str, float]
+    parameters: DeviceParameters
+    drawn_values: Mapping[str, float]
     """What was drawn, keys with units."""
 
 
-class Casting:
+class DomainRandomiser:
     """Draws episodes of one device and walker."""
 
-    def __init__(self, device: Device, options: GaitOptions, randomise: Randomise, interval: float) -> None:
+    def __init__(self, device: Device, options: GaitOptions, randomise: RandomisationRanges, interval: float) -> None:
         """Raises InputError for a range that the device or the rig cannot have throughout."""
-        self._randomise, self._options, self._interval = randomise, options, interval
-        self.device = with_effects(device, randomise.effects)
+        self._randomisation, self._options, self._interval = randomise, options, interval
+        self.device = add_mean_effects(device, randomise.effects)
         """The usual device, with the effects that are randomised in the middle of their ranges."""
-        self._ranges = self._device_ranges()
-        for key, ends in self._ranges.items():
+        self._parameter_ranges = self._build_parameter_ranges()
+        for key, ends in self._parameter_ranges.items():
             for end in ends:
-                overridden(self.device, {key: end}, "randomise")
-        self._grids = self._options_grids()
-        usual = assemble(self.device, options, interval)
-        self.rigs: list[Assembly] = [usual]
+                apply_changes(self.device, {key: end}, "randomise")
+        self._option_grids = self._build_option_grids()
+        usual = build_gait_rig(self.device, options, interval)
+        self.gait_rigs: list[GaitRig] = [usual]
         """The usual one, then those that have been drawn; all on the usual one's model, which is kept but once."""
-        corners = [self._assembled(both) for both in zip(*((g[0], g[-1]) for g in self._grids.values()), strict=True)]
-        self._drawn = [n for n in MODEL_FIELDS if any(_differs(n, usual.model, rig.model) for rig in corners)]
-        self.changing = [*self._drawn, *([ROW] if self._ranges else [])]
+        corners = [
+            self._assemble_rig(both) for both in zip(*((g[0], g[-1]) for g in self._option_grids.values()), strict=True)
+        ]
+        self._rig_fields = [
+            n for n in MODEL_FIELDS if any(_model_fields_differ(n, usual.model, rig.model) for rig in corners)
+        ]
+        self.varying_fields = [*self._rig_fields, *([PARAMETER_FIELD] if self._parameter_ranges else [])]
         """Fields of the model that differ from episode to episode."""
-        self._fields: list[dict[str, Any]] = [self._own(usual.model)]
-        self._numbers: dict[tuple[float, ...], int] = {}
+        self._rig_field_values: list[dict[str, Any]] = [self._copy_rig_fields(usual.model)]
+        self._rig_indices: dict[tuple[float, ...], int] = {}
 
-    def draw(self, random: np.random.Generator) -> Episode:
+    def sample(self, rng: np.random.Generator) -> Episode:
         """An episode; draws nothing where nothing is to be drawn."""
         told, number, parameters = {}, 0, self.device.parameters
-        if self._grids:
-            places = [float(grid[random.integers(GRID)]) for grid in self._grids.values()]
-            number, told = self._rig(tuple(places)), dict(zip(self._grids, places, strict=True))
-        if self._ranges:
-            changes = {key: float(random.uniform(*ends)) for key, ends in self._ranges.items()}
-            parameters = overridden(self.device, changes, "randomise").parameters
+        if self._option_grids:
+            places = [float(grid[rng.integers(GRID_SIZE)]) for grid in self._option_grids.values()]
+            number, told = self._get_rig_index(tuple(places)), dict(zip(self._option_grids, places, strict=True))
+        if self._parameter_ranges:
+            changes = {key: float(rng.uniform(*ends)) for key, ends in self._parameter_ranges.items()}
+            parameters = apply_changes(self.device, changes, "randomise").parameters
             told |= changes
         return Episode(number, parameters, told)
 
-    def value(self, episode: Episode, name: str) -> Any:
+    def field_value(self, episode: Episode, name: str) -> Any:
         """What the model's field ``name`` is in ``episode``."""
-        if name != ROW:
-            return self._fields[episode.number][name]
-        rows = self.rigs[0].model.actuator_user.copy()
-        rows[self.rigs[0].actuator.id, :SIZE] = pack(episode.parameters)
+        if name != PARAMETER_FIELD:
+            return self._rig_field_values[episode.rig_index][name]
+        rows = self.gait_rigs[0].model.actuator_user.copy()
+        rows[self.gait_rigs[0].actuator.id, :ROW_SIZE] = pack_parameters(episode.parameters)
         return rows
 
-    def cast(self, episode: Episode, model: mujoco.MjModel) -> Assembly:
+    def apply(self, episode: Episode, model: mujoco.MjModel) -> GaitRig:
         """The rig of ``episode`` on ``model``, a copy of the usual one's that is changed to it."""
-        for name in self.changing:
-            _field(model, name)[:] = self.value(episode, name)
-        return replace(self.rigs[episode.number], model=model, actuator=DeviceActuator(model, ANKLE + "muscle_tendon"))
+        for name in self.varying_fields:
+            _get_model_field(model, name)[:] = self.field_value(episode, name)
+        return replace(
+            self.gait_rigs[episode.rig_index],
+            model=model,
+            actuator=DeviceActuator(model, PROSTHESIS_PREFIX + "muscle_tendon"),
+        )
 
-    def _rig(self, places: tuple[float, ...]) -> int:
-        if places not in self._numbers:
-            rig = self._assembled(places)
-            self._fields.append(self._own(rig.model))
-            self.rigs.append(replace(rig, model=self.rigs[0].model, actuator=self.rigs[0].actuator))
-            self._numbers[places] = len(self.rigs) - 1
-        return self._numbers[places]
+    def _get_rig_index(self, grid_values: tuple[float, ...]) -> int:
+        if grid_values not in self._rig_indices:
+            rig = self._assemble_rig(grid_values)
+            self._rig_field_values.append(self._copy_rig_fields(rig.model))
+            self.gait_rigs.append(replace(rig, model=self.gait_rigs[0].model, actuator=self.gait_rigs[0].actuator))
+            self._rig_indices[grid_values] = len(self.gait_rigs) - 1
+        return self._rig_indices[grid_values]
 
-    def _assembled(self, places: tuple[float, ...]) -> Assembly:
-        drawn, usual = dict(zip(self._grids, places, strict=True)), self._options
+    def _assemble_rig(self, grid_values: tuple[float, ...]) -> GaitRig:
+        drawn, usual = dict(zip(self._option_grids, grid_values, strict=True)), self._options
         options = replace(
             usual,
             mass=drawn.get("mass_kg", usual.mass),
             speed=drawn.get("speed_m_per_s", usual.speed),
             slope=np.radians(drawn["slope_deg"]) if "slope_deg" in drawn else usual.slope,
         )
-        return assemble(self.device, options, self._interval)
+        return build_gait_rig(self.device, options, self._interval)
 
-    def _own(self, model: mujoco.MjModel) -> dict[str, Any]:
-        return {name: np.array(_field(model, name)) for name in self._drawn}
+    def _copy_rig_fields(self, model: mujoco.MjModel) -> dict[str, Any]:
+        return {name: np.array(_get_model_field(model, name)) for name in self._rig_fields}
 
-    def _options_grids(self) -> dict[str, np.ndarray]:
-        asked, mass = self._randomise, self._options.mass
+    def _build_option_grids(self) -> dict[str, np.ndarray]:
+        asked, mass = self._randomisation, self._options.mass
         ends: dict[str, Range | None] = {
             "mass_kg": (mass * (1.0 - asked.mass_share), mass * (1.0 + asked.mass_share)) if asked.mass_share else None,
             "speed_m_per_s": asked.speed_m_per_s,
             "slope_deg": asked.slope_deg,
         }
-        return {name: np.linspace(*both, GRID) for name, both in ends.items() if both is not None}
+        return {name: np.linspace(*both, GRID_SIZE) for name, both in ends.items() if both is not None}
 
-    def _device_ranges(self) -> dict[str, Range]:
-        numbers, found = self.device.spec.numbers(), {}
+    def _build_parameter_ranges(self) -> dict[str, Range]:
+        numbers, found = self.device.spec.collect_values(), {}
         may = [key for key, value in numbers.items() if isinstance(value, float) and not key.startswith("mounting.")]
-        for key, share in self._randomise.device.items():
+        for key, share in self._randomisation.device.items():
             if key not in may:
                 raise InputError(f"randomise cannot vary '{key}' of '{self.device.name}'; allowed: {', '.join(may)}")
             found[key] = (numbers[key] * (1.0 - share), numbers[key] * (1.0 + share))
-        for effect, content in self._randomise.effects.items():
+        for effect, content in self._randomisation.effects.items():
             drawn = {key: value for key, value in content.items() if key != "form"}
-            found |= {f"effects.{effect}.{key}": _range(key, value) for key, value in drawn.items()}
+            found |= {f"effects.{effect}.{key}": _parse_range(key, value) for key, value in drawn.items()}
         return found
 
 
-def with_effects(device: Device, effects: Mapping[str, Mapping[str, Any]]) -> Device:
+def add_mean_effects(device: Device, effects: Mapping[str, Mapping[str, Any]]) -> Device:
     """``device`` with ``effects`` (name -> parameter -> range) in the middle of their ranges.
 
     Raises InputError for what no such effect has, or the device cannot have.
@@ -197,20 +207,22 @@ def with_effects(device: Device, effects: Mapping[str, Mapping[str, Any]]) -> De
         return device
     keys = tomllib.loads(device.content.decode("utf-8-sig"))
     for name, content in effects.items():
-        if catalogue.form_of(name, None)[0].kind == "body":
+        if catalogue.find_form(name, None)[0].kind == "body":
             raise InputError(f"effect '{name}' is of the body, and only the device differs between episodes")
-        catalogue.form_of(name, content.get("form"))
-        middle = {key: value if key == "form" else 0.5 * sum(_range(key, value)) for key, value in content.items()}
+        catalogue.find_form(name, content.get("form"))
+        middle = {
+            key: value if key == "form" else 0.5 * sum(_parse_range(key, value)) for key, value in content.items()
+        }
         keys.setdefault("effects", {})[name] = keys.get("effects", {}).get(name, {}) | middle
-    return Device(parse(keys, f"{device.name}, with effects to randomise"), to_toml(keys).encode())
+    return Device(parse_device_spec(keys, f"{device.name}, with effects to randomise"), to_toml(keys).encode())
 
 
-def _field(model: mujoco.MjModel, name: str) -> Any:
+def _get_model_field(model: mujoco.MjModel, name: str) -> Any:
     owner: Any = model
     for part in name.split("."):
         owner = getattr(owner, part)
     return owner
 
 
-def _differs(name: str, one: mujoco.MjModel, other: mujoco.MjModel) -> bool:
-    return not np.array_equal(_field(one, name), _field(other, name))
+def _model_fields_differ(name: str, first: mujoco.MjModel, second: mujoco.MjModel) -> bool:
+    return not np.array_equal(_get_model_field(first, name), _get_model_field(second, name))

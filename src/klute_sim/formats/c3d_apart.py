@@ -16,27 +16,27 @@ from typing import Any
 import numpy as np
 
 
-def extract(found: Any) -> dict[str, Any]:
+def extract_arrays(c3d: Any) -> dict[str, Any]:
     """What is of use in the library's ``found``: arrays, and ``about`` as JSON."""
-    parameters, point = found["parameters"], found["parameters"]["POINT"]
+    parameters, point = c3d["parameters"], c3d["parameters"]["POINT"]
     labels = [str(v) for key in ("LABELS", "LABELS2") for v in point.get(key, {"value": []})["value"]]
-    plates = found["data"].get("platform") or []
+    plates = c3d["data"].get("platform") or []
     about = {
         "labels": labels,
-        "unit": _text(point.get("UNITS")),
+        "unit": _get_text(point.get("UNITS")),
         "rate": float(point["RATE"]["value"][0]),
-        "analog_rate": float(found["header"]["analogs"]["frame_rate"]),
-        "software": _text(parameters.get("MANUFACTURER", {}).get("SOFTWARE")),
+        "analog_rate": float(c3d["header"]["analogs"]["frame_rate"]),
+        "software": _get_text(parameters.get("MANUFACTURER", {}).get("SOFTWARE")),
         "plates": [[str(plate["unit_force"]), str(plate["unit_position"])] for plate in plates],
     }
-    arrays = {"points": np.asarray(found["data"]["points"], dtype=np.float64)[:3]}
+    arrays = {"points": np.asarray(c3d["data"]["points"], dtype=np.float64)[:3]}
     for number, plate in enumerate(plates):
         arrays[f"force{number}"] = np.asarray(plate["force"], dtype=np.float64)
         arrays[f"centre{number}"] = np.asarray(plate["center_of_pressure"], dtype=np.float64)
     return {"about": np.array(json.dumps(about)), **arrays}
 
 
-def _text(parameter: Any) -> str:
+def _get_text(parameter: Any) -> str:
     value = parameter["value"] if parameter else []
     return str(value[0]).strip() if len(value) else ""
 
@@ -51,7 +51,7 @@ def main() -> None:
     try:
         import ezc3d
 
-        arrays = extract(ezc3d.c3d(sys.argv[1], extract_forceplat_data=True))
+        arrays = extract_arrays(ezc3d.c3d(sys.argv[1], extract_forceplat_data=True))
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)
     except Exception as error:  # whatever C++ and its wrapper raise for what is no C3D file

@@ -8,21 +8,21 @@ import numpy as np
 
 from klute_sim.errors import InputError
 from klute_sim.formats import content
-from klute_sim.formats.content import Content
-from klute_sim.recording.recording import Samples
+from klute_sim.formats.content import FileContent
+from klute_sim.recording.recording import Array
 
-UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+LENGTH_UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 """Unit in the header -> metres."""
-HEADING_LINES = 5
+N_HEADER_LINES = 5
 
 
 @dataclass(frozen=True, eq=False)
 class Markers:
     """Positions in the laboratory's frame."""
 
-    time: Samples
+    time: Array
     """[s], rising strictly."""
-    positions: Mapping[str, Samples]
+    positions: Mapping[str, Array]
     """Name -> (n, 3) [m], NaN where the marker was not seen."""
 
 
@@ -31,15 +31,15 @@ def read(path: str | Path) -> Markers:
     return parse(content.read(path))
 
 
-def parse(file: Content) -> Markers:
+def parse(file: FileContent) -> Markers:
     """The markers in ``file``; raises InputError with what is wrong, and where."""
-    where, lines = file.where, file.text().splitlines()
-    if len(lines) < HEADING_LINES + 2 or not lines[0].startswith("PathFileType"):
+    where, lines = file.name, file.decode().splitlines()
+    if len(lines) < N_HEADER_LINES + 2 or not lines[0].startswith("PathFileType"):
         raise InputError(f"{where} is no .trc file: it must begin with 'PathFileType', with five heading lines")
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     unit = header.get("Units", "").lower()
-    if unit not in UNITS:
-        raise InputError(f"{where}: Units is '{unit[:20]}'; allowed: {', '.join(UNITS)}")
+    if unit not in LENGTH_UNITS:
+        raise InputError(f"{where}: Units is '{unit[:20]}'; allowed: {', '.join(LENGTH_UNITS)}")
     names = [name.strip() for name in lines[3].split("\t") if name.strip()][2:]
     said = header.get("NumMarkers", "")
     if not names or (said.isdecimal() and int(said) != len(names)):
@@ -47,26 +47,26 @@ def parse(file: Content) -> Markers:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"{where}: marker '{twice[:40]}' occurs twice")
-    rows = [(number, line) for number, line in enumerate(lines[HEADING_LINES:], HEADING_LINES + 1) if line.strip()]
+    rows = [(number, line) for number, line in enumerate(lines[N_HEADER_LINES:], N_HEADER_LINES + 1) if line.strip()]
     frames = header.get("NumFrames", "")
     if frames.isdecimal() and int(frames) != len(rows):
         raise InputError(f"{where}: NumFrames is {frames}, but there are {len(rows)} rows: the file is cut or patched")
-    table = np.array([_row(number, line, 2 + 3 * len(names), where) for number, line in rows])
+    table = np.array([_parse_row(number, line, 2 + 3 * len(names), where) for number, line in rows])
     time = table[:, 1]
     if len(time) < 2 or not np.all(np.diff(time) > 0.0):
         raise InputError(f"{where}: the column Time must rise strictly over two or more rows")
-    places = UNITS[unit] * table[:, 2:].reshape(len(rows), len(names), 3)
+    places = LENGTH_UNITS[unit] * table[:, 2:].reshape(len(rows), len(names), 3)
     return Markers(time, {name: places[:, k] for k, name in enumerate(names)})
 
 
-def _row(number: int, line: str, width: int, where: str) -> list[float]:
+def _parse_row(line_number: int, line: str, n_cells: int, file_name: str) -> list[float]:
     """The numbers of one row; empty cells, at the end left out too, are markers that were not seen."""
     cells = line.rstrip("\r\n").split("\t")
-    while len(cells) > width and not cells[-1].strip():
+    while len(cells) > n_cells and not cells[-1].strip():
         cells.pop()
-    if len(cells) > width:
-        raise InputError(f"{where}: line {number} has {len(cells)} cells; there are markers for {width}")
-    found = [np.nan] * width
+    if len(cells) > n_cells:
+        raise InputError(f"{file_name}: line {line_number} has {len(cells)} cells; there are markers for {n_cells}")
+    found = [np.nan] * n_cells
     for place, cell in enumerate(cells):
         if not cell.strip():
             continue
@@ -75,7 +75,7 @@ def _row(number: int, line: str, width: int, where: str) -> list[float]:
         except ValueError:
             found[place] = np.inf
         if np.isinf(found[place]):
-            raise InputError(f"{where}: line {number}: {cell.strip()[:40]!r} is not a finite number")
+            raise InputError(f"{file_name}: line {line_number}: {cell.strip()[:40]!r} is not a finite number")
     return found
 
 

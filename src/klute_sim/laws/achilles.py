@@ -29,7 +29,7 @@ def stress(law: PowerLaw, strain: float) -> float:
     return law.modulus * math.pow(strain, law.exponent)
 
 
-def strain_under(law: PowerLaw, stress: float) -> float:
+def strain_at_stress(law: PowerLaw, stress: float) -> float:
     """Strain [1] under tensile ``stress`` [Pa]: the inverse of :func:`stress`; 0 at and below no stress."""
     if stress <= 0.0:
         return 0.0
@@ -68,9 +68,9 @@ ELONGATION_FAST = Measurement(13.0e-3, 1.2e-3, PELTONEN_2013)
 """Elongation [m] at 80 % of MVC, loaded at 120 % of MVC per second."""
 ELONGATION_SLOW = Measurement(14.3e-3, 0.9e-3, PELTONEN_2013)
 """The same [m], loaded at 21 % of MVC per second; not significantly different."""
-HYSTERESIS = Measurement(0.05, 0.02, PELTONEN_2013)
+HYSTERESIS_LOSS_FRACTION = Measurement(0.05, 0.02, PELTONEN_2013)
 """Share of the stored energy that is not given back [1], fast loading."""
-WALKING_FORCE = Measurement(1.99e3, None, KHARAZI_2021)
+MAX_WALKING_FORCE = Measurement(1.99e3, None, KHARAZI_2021)
 """Largest force [N] in walking at 1.4 m/s."""
-WALKING_STRAIN = Measurement(0.040, None, KHARAZI_2021)
+MAX_WALKING_STRAIN = Measurement(0.040, None, KHARAZI_2021)
 """Largest strain [1] in walking at 1.4 m/s."""

@@ -11,27 +11,27 @@ from typing import NamedTuple
 class Damper(NamedTuple):
     """Quadratic coefficients of an orifice damper, one per direction; 0 means no damping that way."""
 
-    concentric: float
+    concentric_coefficient: float
     """Force over speed squared while shortening [N s2/m2]."""
-    eccentric: float
+    eccentric_coefficient: float
     """Force over speed squared while lengthening [N s2/m2]."""
 
 
 def force(damper: Damper, rate: float) -> float:
     """Tension [N] at ``rate`` = dL/dt [m/s]: negative while shortening, positive while lengthening."""
     if rate > 0.0:
-        return damper.eccentric * rate * rate
-    return -damper.concentric * rate * rate
+        return damper.eccentric_coefficient * rate * rate
+    return -damper.concentric_coefficient * rate * rate
 
 
-def coefficient(bore: float, orifice: float, density: float, discharge: float) -> float:
+def orifice_coefficient(bore: float, orifice: float, density: float, discharge_coefficient: float) -> float:
     """Force over speed squared [N s2/m2] of an ``orifice`` [m] in a cylinder of ``bore`` [m].
 
     The inverse of eq. (4.6): ``Fd = (pi bore^2 / 4) (rho / 2) v^2 [(bore/orifice)^4 / Cd^2 - 1]`` with oil
     ``density`` [kg/m3] and ``discharge`` coefficient Cd [1]. Valid for 0 < orifice <= bore.
     """
     ratio = bore / orifice
-    pressure = 0.5 * density * (ratio * ratio * ratio * ratio / (discharge * discharge) - 1.0)
+    pressure = 0.5 * density * (ratio * ratio * ratio * ratio / (discharge_coefficient * discharge_coefficient) - 1.0)
     return 0.25 * math.pi * bore * bore * pressure
 
 
@@ -40,12 +40,12 @@ def desired_force(muscle_force: float, target_force: float) -> float:
     return muscle_force - target_force
 
 
-def bore_for(damping: float, cylinder_pressure: float) -> float:
+def required_bore(damping: float, cylinder_pressure: float) -> float:
     """Cylinder bore [m] that carries ``damping`` [N] at ``cylinder_pressure`` [Pa], eq. (4.2)."""
     return math.sqrt(4.0 * damping / (math.pi * cylinder_pressure))
 
 
-def orifice_for(damping: float, speed: float, bore: float, density: float, discharge: float) -> float:
+def required_orifice(damping: float, speed: float, bore: float, density: float, discharge_coefficient: float) -> float:
     """Orifice diameter [m] that gives ``damping`` [N] at ``speed`` [m/s], eq. (4.6).
 
     ``[pi rho v^2 bore^6 / (8 Fd Cd^2 + pi rho Cd^2 v^2 bore^2)]^(1/4)``, with oil ``density`` [kg/m3] and
@@ -53,5 +53,5 @@ def orifice_for(damping: float, speed: float, bore: float, density: float, disch
     """
     b2 = bore * bore
     flow = math.pi * density * speed * speed
-    cd2 = discharge * discharge
+    cd2 = discharge_coefficient * discharge_coefficient
     return math.sqrt(math.sqrt(flow * b2 * b2 * b2 / (8.0 * damping * cd2 + flow * cd2 * b2)))

@@ -12,11 +12,11 @@ the fits are printed with the ranges in :mod:`klute_sim.laws.hill_tables`, and a
 import math
 from typing import NamedTuple
 
-SATURATION = 1.3
+ECCENTRIC_SATURATION = 1.3
 """Eccentric force at great speed over isometric force [1]: Hatze, and the design envelope (2.5)."""
 
 
-class Parallel(NamedTuple):
+class ParallelElement(NamedTuple):
     """Constants of the parallel element (2.1): connective tissue that pulls when the muscle is long."""
 
     k1: float
@@ -25,7 +25,7 @@ class Parallel(NamedTuple):
     """Exponent of length [1]."""
 
 
-class Series(NamedTuple):
+class SeriesElement(NamedTuple):
     """Constants of the series element (2.2): the elastic part that force stretches."""
 
     k3: float
@@ -34,7 +34,7 @@ class Series(NamedTuple):
     """Elongation over l0 at F0 [1]."""
 
 
-class Contractile(NamedTuple):
+class ContractileElement(NamedTuple):
     """Constants of the contractile element's isometric parabola (2.3)."""
 
     k5: float
@@ -45,55 +45,55 @@ class Contractile(NamedTuple):
     """Constant coefficient [1]."""
 
 
-class Hill(NamedTuple):
+class HillCurve(NamedTuple):
     """Constants of force against velocity: Hill's hyperbola (2.4) and where its inversion saturates."""
 
     a: float
     """a/F0 [1], above 0."""
     b: float
     """b/Vmax [1], above 0."""
-    saturation: float = SATURATION
+    saturation: float = ECCENTRIC_SATURATION
     """Eccentric force at great speed over isometric force [1], at least 1; the source also shows 1.2 and 1.8."""
 
 
-class Span(NamedTuple):
+class ClosedInterval(NamedTuple):
     """A closed interval."""
 
-    low: float
+    lower: float
     """Smallest value inside."""
-    high: float
+    upper: float
     """Largest value inside."""
 
 
-class Envelope(NamedTuple):
+class DesignEnvelope(NamedTuple):
     """Bounds on the constants of a muscle that counts as muscle-like."""
 
-    k5: Span
+    k5: ClosedInterval
     """Of (2.3) [1]."""
-    k6: Span
+    k6: ClosedInterval
     """Of (2.3) [1]."""
-    k7: Span
+    k7: ClosedInterval
     """Of (2.3) [1]."""
-    a: Span
+    a: ClosedInterval
     """Of a/F0 in (2.4) [1]."""
-    b: Span
+    b: ClosedInterval
     """Of b/Vmax in (2.4) [1]."""
-    saturation: Span
+    saturation: ClosedInterval
     """Of eccentric force over isometric force [1]."""
 
 
-ENVELOPE = Envelope(
-    k5=Span(-13.5, -4.5),
-    k6=Span(9.0, 28.2),
-    k7=Span(-14.0, -3.45),
-    a=Span(0.12, 0.41),
-    b=Span(0.12, 0.41),
-    saturation=Span(SATURATION, SATURATION),
+DESIGN_ENVELOPE = DesignEnvelope(
+    k5=ClosedInterval(-13.5, -4.5),
+    k6=ClosedInterval(9.0, 28.2),
+    k7=ClosedInterval(-14.0, -3.45),
+    a=ClosedInterval(0.12, 0.41),
+    b=ClosedInterval(0.12, 0.41),
+    saturation=ClosedInterval(ECCENTRIC_SATURATION, ECCENTRIC_SATURATION),
 )
 """The design envelope as printed, eq. (2.5). The bounds of k6 are rounded: see :func:`in_envelope`."""
 
 
-def parallel_force(parallel: Parallel, length: float) -> float:
+def parallel_force(parallel: ParallelElement, length: float) -> float:
     """Tension [F0] of the parallel element at ``length`` [l0], eq. (2.1): ``k1 (l/l0)^k2``.
 
     Valid for lengths above 0 to 1.6, the range of Fig. 2.2; 0 at and below no length, where a power is not
@@ -104,12 +104,12 @@ def parallel_force(parallel: Parallel, length: float) -> float:
     return parallel.k1 * math.pow(length, parallel.k2)
 
 
-def series_slack_force(series: Series) -> float:
+def series_slack_force(series: SeriesElement) -> float:
     """Force [F0] below which (2.2) would be negative, and is clamped: ``exp(-k4/k3)``. Valid for k3 above 0."""
     return math.exp(-series.k4 / series.k3)
 
 
-def series_elongation(series: Series, force: float) -> float:
+def series_elongation(series: SeriesElement, force: float) -> float:
     """Elongation [l0] of the series element under ``force`` [F0], eq. (2.2): ``k3 ln(F/F0) + k4``.
 
     Clamped at 0 below :func:`series_slack_force` (0.030 to 0.054 F0 for the printed constants), and so for no force
@@ -123,7 +123,7 @@ def series_elongation(series: Series, force: float) -> float:
     return elongation
 
 
-def isometric_force(contractile: Contractile, length: float) -> float:
+def isometric_force(contractile: ContractileElement, length: float) -> float:
     """Tension [F0] of the contractile element at rest at ``length`` x [l0], eq. (2.3): ``k5 x^2 + k6 x + k7``.
 
     Valid in the range printed with each row. Not floored: beyond the parabola's roots it is negative, which is the
@@ -132,7 +132,7 @@ def isometric_force(contractile: Contractile, length: float) -> float:
     return contractile.k5 * (length * length) + contractile.k6 * length + contractile.k7
 
 
-def unloaded_velocity(hill: Hill, isometric: float) -> float:
+def unloaded_velocity(hill: HillCurve, isometric: float) -> float:
     """Velocity [Vmax] at which (2.4) has no force left: ``(F(l)/F0) (b/Vmax) / (a/F0)``; shortening is positive.
 
     ``isometric`` is F(l) [F0], valid from 0. It is 1 at F0 only where a/F0 equals b/Vmax.
@@ -140,7 +140,7 @@ def unloaded_velocity(hill: Hill, isometric: float) -> float:
     return isometric * hill.b / hill.a
 
 
-def concentric_force(hill: Hill, isometric: float, velocity: float) -> float:
+def concentric_force(hill: HillCurve, isometric: float, velocity: float) -> float:
     """Tension [F0] while shortening at ``velocity`` [Vmax], Hill's eq. (2.4): ``(F + a)(V + b) = (F(l) + a) b``.
 
     ``isometric`` is F(l) [F0]: length enters through it alone, with a and b as at l0. Valid for velocities of 0
@@ -150,7 +150,7 @@ def concentric_force(hill: Hill, isometric: float, velocity: float) -> float:
     return isometric - (isometric + hill.a) * velocity / (velocity + hill.b)
 
 
-def eccentric_force(hill: Hill, isometric: float, velocity: float) -> float:
+def eccentric_force(hill: HillCurve, isometric: float, velocity: float) -> float:
     """Tension [F0] while lengthening at ``velocity`` [Vmax]: an inverted Hill hyperbola.
 
     ``(s F(l) - F)(c - V) = (s - 1) F(l) c`` with ``c = (s - 1) F(l) b / (F(l) + a)`` and s the saturation: F(l) at
@@ -169,7 +169,7 @@ def eccentric_force(hill: Hill, isometric: float, velocity: float) -> float:
     return isometric + room * (drive / (room + drive))
 
 
-def force_velocity(hill: Hill, isometric: float, velocity: float) -> float:
+def force_velocity(hill: HillCurve, isometric: float, velocity: float) -> float:
     """Tension [F0] at ``velocity`` [Vmax], shortening positive: :func:`concentric_force` or :func:`eccentric_force`.
 
     ``isometric`` is F(l) [F0], valid from 0. Continuous in value and slope where the branches meet; falls with
@@ -180,7 +180,7 @@ def force_velocity(hill: Hill, isometric: float, velocity: float) -> float:
     return eccentric_force(hill, isometric, velocity)
 
 
-def contractile_force(contractile: Contractile, hill: Hill, length: float, velocity: float) -> float:
+def contractile_force(contractile: ContractileElement, hill: HillCurve, length: float, velocity: float) -> float:
     """Tension [F0] of the contractile element at ``length`` [l0] and ``velocity`` [Vmax]: the surface of Fig. 2.8.
 
     (2.3) put into (2.4) or its inversion; shortening is positive. Valid in the range printed for (2.3) and at any
@@ -194,22 +194,22 @@ def contractile_force(contractile: Contractile, hill: Hill, length: float, veloc
     return force
 
 
-def in_span(span: Span, value: float) -> bool:
+def is_in_interval(interval: ClosedInterval, value: float) -> bool:
     """Whether ``value`` lies in ``span``, ends included; not a number never does."""
-    return span.low <= value <= span.high
+    return interval.lower <= value <= interval.upper
 
 
-def in_envelope(envelope: Envelope, contractile: Contractile, hill: Hill) -> bool:
+def is_in_envelope(envelope: DesignEnvelope, contractile: ContractileElement, hill: HillCurve) -> bool:
     """Whether all constants lie in ``envelope``, eq. (2.5), ends included; valid for any numbers.
 
     Taken at its word, (2.5) leaves out two muscles that it was drawn around, because their k6 was rounded: the
     rat's 8.95 (bound 9.0) and the human's 28.23 (bound 28.2).
     """
     return (
-        in_span(envelope.k5, contractile.k5)
-        and in_span(envelope.k6, contractile.k6)
-        and in_span(envelope.k7, contractile.k7)
-        and in_span(envelope.a, hill.a)
-        and in_span(envelope.b, hill.b)
-        and in_span(envelope.saturation, hill.saturation)
+        is_in_interval(envelope.k5, contractile.k5)
+        and is_in_interval(envelope.k6, contractile.k6)
+        and is_in_interval(envelope.k7, contractile.k7)
+        and is_in_interval(envelope.a, hill.a)
+        and is_in_interval(envelope.b, hill.b)
+        and is_in_interval(envelope.saturation, hill.saturation)
     )

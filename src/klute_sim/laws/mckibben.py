@@ -10,20 +10,20 @@ Several equal actuators in parallel are one :class:`Muscle` with ``actuators`` >
 import math
 from typing import NamedTuple
 
-FRICTION_ONSET = 2.0e5
+FRICTION_FADE_PRESSURE = 2.0e5
 """Gauge pressure [Pa] below which the friction offset is faded out (assumed; fitted data start at 2 bar)."""
 
 
 class Muscle(NamedTuple):
     """Parameters of ``actuators`` equal McKibben actuators in parallel."""
 
-    actuators: float
+    n_actuators: float
     """Number of actuators [1]."""
     resting_length: float
     """L0, length unloaded and unpressurised [m]; the muscle's longest length."""
     braid_length: float
     """B, length of one braid thread [m]."""
-    turns: float
+    braid_turns: float
     """N, turns of a thread around the muscle [1]."""
     bladder_radius: float
     """R0, outer radius of the bladder at rest [m]."""
@@ -49,8 +49,8 @@ def volume(muscle: Muscle, length: float) -> float:
 
     Chou & Hannaford 1996; the cylinder inside a braid of inextensible threads, no dead volume.
     """
-    b, n = muscle.braid_length, muscle.turns
-    return muscle.actuators * length * (b * b - length * length) / (4.0 * math.pi * n * n)
+    b, n = muscle.braid_length, muscle.braid_turns
+    return muscle.n_actuators * length * (b * b - length * length) / (4.0 * math.pi * n * n)
 
 
 def gas_force(muscle: Muscle, pressure: float, length: float) -> float:
@@ -59,8 +59,8 @@ def gas_force(muscle: Muscle, pressure: float, length: float) -> float:
     Gaylord 1958, Schulte 1961; the geometric model of dissertation chapter 3. Negative below the lock
     length.
     """
-    b, n = muscle.braid_length, muscle.turns
-    return muscle.actuators * pressure * (3.0 * length * length - b * b) / (4.0 * math.pi * n * n)
+    b, n = muscle.braid_length, muscle.braid_turns
+    return muscle.n_actuators * pressure * (3.0 * length * length - b * b) / (4.0 * math.pi * n * n)
 
 
 def bladder_volume(muscle: Muscle) -> float:
@@ -70,11 +70,11 @@ def bladder_volume(muscle: Muscle) -> float:
     return math.pi * muscle.resting_length * (outer * outer - inner * inner)
 
 
-def _bladder_strain(muscle: Muscle, length: float) -> tuple[float, float, float]:
+def _bladder_stretches(muscle: Muscle, length: float) -> tuple[float, float, float]:
     """Squared stretches ``lambda_1^2``, ``lambda_2^2`` and ``k`` with ``lambda_2^2 = 1 + k (1 - lambda_1^2)``."""
     ratio = length / muscle.resting_length
     a = ratio * ratio
-    grip = muscle.resting_length / (2.0 * math.pi * muscle.turns * muscle.bladder_radius)
+    grip = muscle.resting_length / (2.0 * math.pi * muscle.braid_turns * muscle.bladder_radius)
     k = grip * grip
     return a, 1.0 + k * (1.0 - a), k
 
@@ -84,11 +84,11 @@ def bladder_energy(muscle: Muscle, length: float) -> float:
 
     Incompressible Mooney-Rivlin rubber that follows the braid; zero at L0.
     """
-    a, q, _ = _bladder_strain(muscle, length)
+    a, q, _ = _bladder_stretches(muscle, length)
     i1 = a + q + 1.0 / (a * q)
     i2 = a * q + 1.0 / a + 1.0 / q
     density = muscle.c10 * (i1 - 3.0) + muscle.c01 * (i2 - 3.0)
-    return muscle.actuators * bladder_volume(muscle) * density
+    return muscle.n_actuators * bladder_volume(muscle) * density
 
 
 def bladder_force(muscle: Muscle, length: float) -> float:
@@ -97,7 +97,7 @@ def bladder_force(muscle: Muscle, length: float) -> float:
     Zero at L0 and negative below it: the bladder resists contraction and re-extends a slack muscle. It is
     a potential and therefore never floored.
     """
-    a, q, k = _bladder_strain(muscle, length)
+    a, q, k = _bladder_stretches(muscle, length)
     # dI/d(lambda_1^2) at fixed lambda_2, and dI/d(lambda_2^2) at fixed lambda_1
     i1_a = 1.0 - 1.0 / (a * a * q)
     i1_q = 1.0 - 1.0 / (a * q * q)
@@ -106,7 +106,7 @@ def bladder_force(muscle: Muscle, length: float) -> float:
     slope = muscle.c10 * (i1_a - k * i1_q) + muscle.c01 * (i2_a - k * i2_q)
     ratio = length / muscle.resting_length
     dw_dlambda = 2.0 * ratio * slope
-    return muscle.actuators * bladder_volume(muscle) * dw_dlambda / muscle.resting_length
+    return muscle.n_actuators * bladder_volume(muscle) * dw_dlambda / muscle.resting_length
 
 
 def friction_force(muscle: Muscle, pressure: float) -> float:
@@ -116,8 +116,8 @@ def friction_force(muscle: Muscle, pressure: float) -> float:
     velocity, so with pressure changing over a cycle it can create energy, and with ``b`` < 0 it adds
     tension at low pressure. The fade below 2 bar is assumed: zero at zero pressure, continuous.
     """
-    fade = min(1.0, pressure / FRICTION_ONSET)
-    return -muscle.actuators * (muscle.friction_slope * pressure + muscle.friction_offset) * fade
+    fade = min(1.0, pressure / FRICTION_FADE_PRESSURE)
+    return -muscle.n_actuators * (muscle.friction_slope * pressure + muscle.friction_offset) * fade
 
 
 def force(muscle: Muscle, pressure: float, length: float) -> float:

@@ -17,9 +17,9 @@ class Tendon(NamedTuple):
     """Ka, slope of the first spring [N/m]."""
     stiffness_2: float
     """Kb, slope that the second spring adds [N/m]."""
-    engagement: float
+    engagement_stretch: float
     """x0, stretch at which the second spring joins [m]."""
-    rigid: bool
+    is_rigid: bool
     """True: a tie that neither stretches nor goes slack (a muscle clamped in a tester)."""
 
 
@@ -27,26 +27,26 @@ def force(tendon: Tendon, stretch: float) -> float:
     """Tension [N] at ``stretch`` [m] beyond slack length: ``Ka x + Kb max(0, x - x0)``, 0 when slack."""
     if stretch <= 0.0:
         return 0.0
-    if stretch <= tendon.engagement:
+    if stretch <= tendon.engagement_stretch:
         return tendon.stiffness_1 * stretch
-    return tendon.stiffness_1 * stretch + tendon.stiffness_2 * (stretch - tendon.engagement)
+    return tendon.stiffness_1 * stretch + tendon.stiffness_2 * (stretch - tendon.engagement_stretch)
 
 
-def energy(tendon: Tendon, stretch: float) -> float:
+def stored_energy(tendon: Tendon, stretch: float) -> float:
     """Stored energy [J] at ``stretch`` [m] beyond slack length: the integral of :func:`force`."""
     if stretch <= 0.0:
         return 0.0
     stored = 0.5 * tendon.stiffness_1 * stretch * stretch
-    if stretch > tendon.engagement:
-        beyond = stretch - tendon.engagement
+    if stretch > tendon.engagement_stretch:
+        beyond = stretch - tendon.engagement_stretch
         stored += 0.5 * tendon.stiffness_2 * beyond * beyond
     return stored
 
 
-def stretch_under(tendon: Tendon, tension: float) -> float:
+def stretch_at_tension(tendon: Tendon, tension: float) -> float:
     """Stretch [m] under ``tension`` [N] >= 0: the inverse of :func:`force`; NaN for a rigid tie."""
-    if tendon.rigid:
+    if tendon.is_rigid:
         return math.nan
-    if tension <= tendon.stiffness_1 * tendon.engagement:
+    if tension <= tendon.stiffness_1 * tendon.engagement_stretch:
         return tension / tendon.stiffness_1
-    return (tension + tendon.stiffness_2 * tendon.engagement) / (tendon.stiffness_1 + tendon.stiffness_2)
+    return (tension + tendon.stiffness_2 * tendon.engagement_stretch) / (tendon.stiffness_1 + tendon.stiffness_2)

@@ -7,13 +7,13 @@ positive in the direction of falling pressure.
 import math
 from typing import NamedTuple
 
-from klute_sim.laws.pneumatics import AIR_CONSTANT
+from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT
 
 REFERENCE_DENSITY = 1.185
 """Of air at the reference atmosphere of ISO 8778 [kg/m3]: 100 kPa, 20 degrees Celsius, 65 % humidity."""
 REFERENCE_TEMPERATURE = 293.15
 """Of the same [K]."""
-LAMINAR = 0.999
+LAMINAR_PRESSURE_RATIO = 0.999
 """Ratio of pressures above which flow is proportional to their difference (ISO 6358: the square root has no slope)."""
 
 
@@ -26,12 +26,14 @@ class Restriction(NamedTuple):
     """b, ratio of pressures below which the flow is sonic [1]; 0 to below 1, about 0.3 to 0.5 for valves."""
 
 
-def sonic_flow(restriction: Restriction, upstream: float, temperature: float) -> float:
+def sonic_mass_flow(restriction: Restriction, upstream_pressure: float, temperature: float) -> float:
     """Mass flow [kg/s] at the speed of sound from ``upstream`` [Pa] at ``temperature`` [K]: ``C rho0 p sqrt(T0/T)``."""
-    return restriction.conductance * REFERENCE_DENSITY * upstream * math.sqrt(REFERENCE_TEMPERATURE / temperature)
+    return (
+        restriction.conductance * REFERENCE_DENSITY * upstream_pressure * math.sqrt(REFERENCE_TEMPERATURE / temperature)
+    )
 
 
-def flow_share(ratio: float, critical_ratio: float) -> float:
+def flow_function(ratio: float, critical_ratio: float) -> float:
     """Flow over sonic flow at ``ratio`` = p2/p1 [1], ISO 6358: ``sqrt(1 - ((r - b)/(1 - b))^2)`` above b, 1 below.
 
     From :data:`LAMINAR` on a line to 0 at equal pressures, which it has to have a finite slope.
@@ -40,7 +42,7 @@ def flow_share(ratio: float, critical_ratio: float) -> float:
         return 1.0
     if ratio >= 1.0:
         return 0.0
-    edge = max(LAMINAR, critical_ratio)
+    edge = max(LAMINAR_PRESSURE_RATIO, critical_ratio)
     beyond = (min(ratio, edge) - critical_ratio) / (1.0 - critical_ratio)
     share = math.sqrt(1.0 - beyond * beyond)
     if ratio > edge:
@@ -48,27 +50,42 @@ def flow_share(ratio: float, critical_ratio: float) -> float:
     return share
 
 
-def flow(restriction: Restriction, first: float, second: float, temperature: float) -> float:
+def mass_flow(restriction: Restriction, pressure_1: float, pressure_2: float, temperature: float) -> float:
     """Mass flow [kg/s] from ``first`` to ``second`` [Pa absolute]; negative if the second is higher. Valid above 0."""
-    if first >= second:
-        return sonic_flow(restriction, first, temperature) * flow_share(second / first, restriction.critical_ratio)
-    return -sonic_flow(restriction, second, temperature) * flow_share(first / second, restriction.critical_ratio)
+    if pressure_1 >= pressure_2:
+        return sonic_mass_flow(restriction, pressure_1, temperature) * flow_function(
+            pressure_2 / pressure_1, restriction.critical_ratio
+        )
+    return -sonic_mass_flow(restriction, pressure_2, temperature) * flow_function(
+        pressure_1 / pressure_2, restriction.critical_ratio
+    )
 
 
 def filling_time(
-    restriction: Restriction, exponent: float, temperature: float, volume: float, source: float, low: float, high: float
+    restriction: Restriction,
+    exponent: float,
+    temperature: float,
+    volume: float,
+    source_pressure: float,
+    start_pressure: float,
+    end_pressure: float,
 ) -> float:
     """Time [s] to fill ``volume`` [m3] from ``low`` to ``high`` [Pa absolute] with sonic flow out of ``source`` [Pa].
 
     ``V (high - low)/(n R T m')``, m' the sonic flow at the source's ``temperature`` T [K], n the polytropic
     ``exponent``. Valid while ``high`` is at most b times the source.
     """
-    rate = sonic_flow(restriction, source, temperature)
-    return volume * (high - low) / (exponent * AIR_CONSTANT * temperature * rate)
+    rate = sonic_mass_flow(restriction, source_pressure, temperature)
+    return volume * (end_pressure - start_pressure) / (exponent * AIR_GAS_CONSTANT * temperature * rate)
 
 
 def venting_time(
-    restriction: Restriction, exponent: float, temperature: float, volume: float, high: float, low: float
+    restriction: Restriction,
+    exponent: float,
+    temperature: float,
+    volume: float,
+    start_pressure: float,
+    end_pressure: float,
 ) -> float:
     """Time [s] to empty ``volume`` [m3] from ``high`` to ``low`` [Pa absolute] with sonic flow.
 
@@ -76,14 +93,14 @@ def venting_time(
     tau = V/(R T C rho0 sqrt(T0/T)), and ``tau ln(high/low)`` for n = 1. Valid while the outside is at most b times
     ``low``.
     """
-    tau = volume / (AIR_CONSTANT * temperature * sonic_flow(restriction, 1.0, temperature))
+    tau = volume / (AIR_GAS_CONSTANT * temperature * sonic_mass_flow(restriction, 1.0, temperature))
     if exponent == 1.0:
-        return tau * math.log(high / low)
+        return tau * math.log(start_pressure / end_pressure)
     power = (exponent - 1.0) / (2.0 * exponent)
-    return tau * 2.0 / (exponent - 1.0) * (math.pow(high / low, power) - 1.0)
+    return tau * 2.0 / (exponent - 1.0) * (math.pow(start_pressure / end_pressure, power) - 1.0)
 
 
-def tube(length: float, diameter: float) -> Restriction:
+def tube_restriction(length: float, diameter: float) -> Restriction:
     """A tube of ``length`` and inner ``diameter`` [m]: ``C = 0.029 d^2/sqrt(L/d^1.25 + 510)``, ``b = 474 C/d^2``.
 
     d and L in metres. An empirical fit for the tubes of pneumatic drives (P. Beater, Pneumatic Drives, Springer 2007;
@@ -94,7 +111,7 @@ def tube(length: float, diameter: float) -> Restriction:
     return Restriction(conductance, 474.0 * conductance / square)
 
 
-def in_series(first: Restriction, second: Restriction) -> Restriction:
+def combine_in_series(first: Restriction, second: Restriction) -> Restriction:
     """One restriction for two behind each other: ``1/C^3 = sum 1/C_i^3``, ``b = 1 - C^2 sum (1 - b_i)/C_i^2``.
 
     The approximation of ISO 6358:1989 for components in series; it is exact if one of them is wide open.

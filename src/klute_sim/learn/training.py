@@ -14,18 +14,23 @@ import numpy as np
 
 from klute_sim.control.policy import Policy
 from klute_sim.errors import InputError, MissingExtraError
-from klute_sim.learn.config import Config, load
-from klute_sim.provenance import versions
+from klute_sim.learn.config import TrainingConfig, load_config
+from klute_sim.provenance import collect_versions
 
-CONFIG, CHECKPOINT, PROGRESS, CURVE = "config.toml", "checkpoint.zip", "progress.json", "learning_curve.csv"
-COLUMNS = ("minutes", "steps", "episodes", "episode_return", "episode_steps")
+CONFIG_FILE, CHECKPOINT_FILE, PROGRESS_FILE, LEARNING_CURVE_FILE = (
+    "config.toml",
+    "checkpoint.zip",
+    "progress.json",
+    "learning_curve.csv",
+)
+LEARNING_CURVE_COLUMNS = ("minutes", "steps", "episodes", "episode_return", "episode_steps")
 """Of the learning curve: since the start; of the episodes that ended since the last row, their mean."""
-ENDLESS = 10**12
+UNLIMITED_STEPS = 10**12
 """Steps that nobody waits for."""
 
 
 @dataclass
-class Progress:
+class TrainingProgress:
     """How far a training has come; in :data:`PROGRESS`."""
 
     seed: int
@@ -33,14 +38,14 @@ class Progress:
     """Of training, interruptions left out."""
     steps: int = 0
     """Of environments, all of them together."""
-    rows: list[tuple[float, ...]] = field(default_factory=list)
+    learning_curve: list[tuple[float, ...]] = field(default_factory=list)
     """The learning curve."""
 
 
 class Training:
     """One training in one folder, begun or gone on with."""
 
-    def __init__(self, folder: Path, config: Config, progress: Progress) -> None:
+    def __init__(self, folder: Path, config: TrainingConfig, progress: TrainingProgress) -> None:
         """Raises MissingExtraError without Stable-Baselines3, InputError for keywords that its algorithm has not."""
         try:
             import stable_baselines3
@@ -56,19 +61,19 @@ class Training:
         algorithm = getattr(stable_baselines3, config.algorithm.upper())
         # A training that is gone on with draws other episodes than it began with.
         envs = GaitVecEnv(config.num_envs, progress.seed + progress.steps, config.environment)
-        if (folder / CHECKPOINT).exists():
-            self.model = algorithm.load(folder / CHECKPOINT, env=envs, device="cpu")
+        if (folder / CHECKPOINT_FILE).exists():
+            self.model = algorithm.load(folder / CHECKPOINT_FILE, env=envs, device="cpu")
             return
         function = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[config.activation]
         shape = {"net_arch": list(config.hidden), "activation_fn": function}
         try:
             self.model = algorithm(
-                "MlpPolicy", envs, seed=progress.seed, device="cpu", policy_kwargs=shape, **config.own
+                "MlpPolicy", envs, seed=progress.seed, device="cpu", policy_kwargs=shape, **config.algorithm_options
             )
         except TypeError as error:
             raise InputError(f"configuration: [{config.algorithm}] {error}") from None
 
-    def run(self, minutes: float | None, steps: int | None, told: Callable[[float], None]) -> None:
+    def run(self, minutes: float | None, steps: int | None, report_progress: Callable[[float], None]) -> None:
         """Train until so many ``minutes`` or ``steps`` have been in all; ``told`` hears the finished share.
 
         Whatever ends it, also the user, what has been learned is kept.
@@ -89,45 +94,45 @@ class Training:
                         ended.append((info["episode"]["r"], info["episode"]["l"]))
                 progress.minutes, progress.steps = now(), steps_before + watch.num_timesteps - first
                 share = max(progress.minutes / minutes if minutes else 0.0, progress.steps / steps if steps else 0.0)
-                told(min(share, 1.0))
+                report_progress(min(share, 1.0))
                 return share < 1.0
 
             def _on_rollout_end(watch) -> None:  # noqa: N805
                 nonlocal saved
                 if len(ended) >= self.config.num_envs:
-                    self._note(ended)
+                    self._record_episodes(ended)
                     ended.clear()
                 if time.monotonic() - saved > 60.0 * self.config.checkpoint_minutes:
-                    self.keep()
+                    self.save()
                     saved = time.monotonic()
 
         first = self.model.num_timesteps
         try:
-            self.model.learn(ENDLESS, callback=Watch(), reset_num_timesteps=False)
+            self.model.learn(UNLIMITED_STEPS, callback=Watch(), reset_num_timesteps=False)
         finally:
             if ended:
-                self._note(ended)
-            self.keep()
+                self._record_episodes(ended)
+            self.save()
 
-    def _note(self, ended: list[tuple[float, int]]) -> None:
-        returns, lengths = np.mean(ended, axis=0)
-        self.progress.rows.append(
-            (round(self.progress.minutes, 4), self.progress.steps, len(ended), float(returns), float(lengths))
+    def _record_episodes(self, finished: list[tuple[float, int]]) -> None:
+        returns, lengths = np.mean(finished, axis=0)
+        self.progress.learning_curve.append(
+            (round(self.progress.minutes, 4), self.progress.steps, len(finished), float(returns), float(lengths))
         )
 
-    def keep(self) -> None:
+    def save(self) -> None:
         """Write checkpoint, progress and learning curve, each whole or not at all."""
-        unfinished = self.folder / f".{CHECKPOINT}"
+        unfinished = self.folder / f".{CHECKPOINT_FILE}"
         self.model.save(unfinished)
-        unfinished.replace(self.folder / CHECKPOINT)
+        unfinished.replace(self.folder / CHECKPOINT_FILE)
         text = json.dumps({"seed": self.progress.seed, "minutes": self.progress.minutes, "steps": self.progress.steps})
-        _replace(self.folder / PROGRESS, text + "\n")
-        rows = "".join(",".join(str(value) for value in row) + "\n" for row in self.progress.rows)
-        _replace(self.folder / CURVE, ",".join(COLUMNS) + "\n" + rows)
+        _write_atomically(self.folder / PROGRESS_FILE, text + "\n")
+        rows = "".join(",".join(str(value) for value in row) + "\n" for row in self.progress.learning_curve)
+        _write_atomically(self.folder / LEARNING_CURVE_FILE, ",".join(LEARNING_CURVE_COLUMNS) + "\n" + rows)
 
-    def policy(self) -> Policy:
+    def export_policy(self) -> Policy:
         """What has been learned, as plain numbers."""
-        from klute_sim.learn.vec_env import SCALE
+        from klute_sim.learn.vec_env import OBSERVATION_SCALE
 
         network, squashed = self.model.policy, self.config.algorithm == "sac"
         parts = [network.actor.latent_pi, network.actor.mu] if squashed else [network.mlp_extractor.policy_net]
@@ -141,36 +146,36 @@ class Training:
             "seed": self.progress.seed,
             "steps": self.progress.steps,
             "minutes": self.progress.minutes,
-            "versions": versions(),
+            "versions": collect_versions(),
         }
-        return Policy(SCALE, layers, self.config.activation, squashed, made)
+        return Policy(OBSERVATION_SCALE, layers, self.config.activation, squashed, made)
 
 
-def begin(folder: Path, config: Config, content: bytes, seed: int) -> Training:
+def start_training(folder: Path, config: TrainingConfig, content: bytes, seed: int) -> Training:
     """A training in the new ``folder`` that keeps its configuration's ``content``."""
-    training = Training(folder, config, Progress(seed))
-    (folder / CONFIG).write_bytes(content)
+    training = Training(folder, config, TrainingProgress(seed))
+    (folder / CONFIG_FILE).write_bytes(content)
     return training
 
 
-def resume(folder: Path) -> Training:
+def resume_training(folder: Path) -> Training:
     """The training that was kept in ``folder``. Its checkpoint is a pickle: *it can run code*.
 
     Raises InputError if there is none.
     """
     try:
-        kept = json.loads((folder / PROGRESS).read_text("utf-8"))
-        progress = Progress(int(kept["seed"]), float(kept["minutes"]), int(kept["steps"]))
-        rows = list(csv.reader((folder / CURVE).read_text("utf-8").splitlines()))[1:]
-        progress.rows = [tuple(float(cell) for cell in row) for row in rows]
+        kept = json.loads((folder / PROGRESS_FILE).read_text("utf-8"))
+        progress = TrainingProgress(int(kept["seed"]), float(kept["minutes"]), int(kept["steps"]))
+        rows = list(csv.reader((folder / LEARNING_CURVE_FILE).read_text("utf-8").splitlines()))[1:]
+        progress.learning_curve = [tuple(float(cell) for cell in row) for row in rows]
     except OSError as error:
         raise InputError(f"there is no training to resume in {folder}: {error.filename}: {error.strerror}") from None
     except (KeyError, ValueError) as error:
         raise InputError(f"the training in {folder} cannot be resumed: {error}") from None
-    return Training(folder, load(folder / CONFIG)[0], progress)
+    return Training(folder, load_config(folder / CONFIG_FILE)[0], progress)
 
 
-def _replace(path: Path, text: str) -> None:
+def _write_atomically(path: Path, text: str) -> None:
     unfinished = path.with_name(f".{path.name}")
     unfinished.write_text(text, "utf-8")
     unfinished.replace(path)

@@ -12,30 +12,30 @@ from stable_baselines3.common.vec_env import VecEnv
 from klute_sim.envs.ankle_gait_vector import AnkleGaitVectorEnv
 from klute_sim.errors import KluteSimError
 
-SCALE = np.array([0.2, 2.0, 0.5, 3.0, 1.0, 3.0, 1.0, 1.0], dtype=np.float32)
+OBSERVATION_SCALE = np.array([0.2, 2.0, 0.5, 3.0, 1.0, 3.0, 1.0, 1.0], dtype=np.float32)
 """Usual sizes of the observations, in their units (assumed: those of walking)."""
 
 
 class GaitVecEnv(VecEnv):  # type: ignore[misc]
     """Observations over :data:`SCALE`; episodes begin anew in the step that ends them."""
 
-    def __init__(self, count: int, seed: int, options: dict[str, Any]) -> None:
+    def __init__(self, n_envs: int, seed: int, options: dict[str, Any]) -> None:
         """``count`` environments with these keywords; the first reset is with ``seed``."""
-        self.envs = AnkleGaitVectorEnv(count, autoreset_mode=AutoresetMode.SAME_STEP, **options)
+        self.envs = AnkleGaitVectorEnv(n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **options)
         inner = self.envs.single_observation_space
         assert isinstance(inner, spaces.Box)
-        space: Any = spaces.Box(inner.low / SCALE, inner.high / SCALE, dtype=np.float32)
-        super().__init__(count, space, self.envs.single_action_space)
+        space: Any = spaces.Box(inner.low / OBSERVATION_SCALE, inner.high / OBSERVATION_SCALE, dtype=np.float32)
+        super().__init__(n_envs, space, self.envs.single_action_space)
         self._seed: int | None = seed
         self._actions: Any = None
-        self._returns, self._lengths = np.zeros(count), np.zeros(count, dtype=np.int64)
+        self._returns, self._lengths = np.zeros(n_envs), np.zeros(n_envs, dtype=np.int64)
 
     def reset(self) -> NDArray[np.float32]:
         """All of them."""
         observed, _ = self.envs.reset(seed=self._seed)
         self._seed = None
         self._returns[:], self._lengths[:] = 0.0, 0
-        return observed / SCALE
+        return observed / OBSERVATION_SCALE
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """What is done in :meth:`step_wait`."""
@@ -50,12 +50,12 @@ class GaitVecEnv(VecEnv):  # type: ignore[misc]
         self._lengths += 1
         for i in np.flatnonzero(done).tolist():
             infos[i] = {
-                "terminal_observation": told["final_obs"][i] / SCALE,
+                "terminal_observation": told["final_obs"][i] / OBSERVATION_SCALE,
                 "TimeLimit.truncated": bool(truncated[i]),
                 "episode": {"r": float(self._returns[i]), "l": int(self._lengths[i])},
             }
         self._returns[done], self._lengths[done] = 0.0, 0
-        return observed / SCALE, reward.astype(np.float32), done, infos
+        return observed / OBSERVATION_SCALE, reward.astype(np.float32), done, infos
 
     def close(self) -> None:
         """Nothing to free."""

@@ -7,30 +7,32 @@ radius of gyration about that centre of 0.475 of this distance.
 
 import numpy as np
 
-from klute_sim.motion.sagittal import Leg
-from klute_sim.recording.recording import Samples
+from klute_sim.motion.sagittal import LegLandmarks
+from klute_sim.recording.recording import Array
 from klute_sim.rigs.gait.reference import GRAVITY
 
-FOOT_MASS = 0.0145
-CENTRE = 0.5
-GYRATION = 0.475
+FOOT_MASS_FRACTION = 0.0145
+FOOT_CENTRE_FRACTION = 0.5
+GYRATION_RADIUS_FRACTION = 0.475
 
 
-def ankle_moment(leg: Leg, forward: Samples, vertical: Samples, point: Samples, mass: float) -> Samples:
+def compute_ankle_moment(
+    landmarks: LegLandmarks, grf_forward: Array, grf_vertical: Array, cop: Array, body_mass: float
+) -> Array:
     """Net ankle moment [N.m], plantarflexor positive.
 
     ``forward`` and ``vertical`` are the ground reaction [N] at ``leg.time``, ``point`` (n, 2) where it acts: forward
     and up [m] (anything where there is no reaction). ``mass`` is the body's [kg].
     """
-    time, ankle, toe = leg.time, leg.ankle[:, :2], leg.toe[:, :2]
+    time, ankle, toe = landmarks.time, landmarks.ankle[:, :2], landmarks.toe[:, :2]
     reach = toe - ankle
-    centre = ankle + CENTRE * reach
-    acceleration = _rate(_rate(centre, time), time)
-    turning = _rate(_rate(np.radians(leg.foot_pitch), time), time)
-    foot = FOOT_MASS * mass
-    inertia = foot * (GYRATION * float(np.nanmean(np.hypot(*reach.T)))) ** 2
-    arm = np.where((vertical != 0.0)[:, None], point - ankle, 0.0)
-    ground = arm[:, 0] * vertical - arm[:, 1] * forward
+    centre = ankle + FOOT_CENTRE_FRACTION * reach
+    acceleration = _differentiate(_differentiate(centre, time), time)
+    turning = _differentiate(_differentiate(np.radians(landmarks.foot_pitch), time), time)
+    foot = FOOT_MASS_FRACTION * body_mass
+    inertia = foot * (GYRATION_RADIUS_FRACTION * float(np.nanmean(np.hypot(*reach.T)))) ** 2
+    arm = np.where((grf_vertical != 0.0)[:, None], cop - ankle, 0.0)
+    ground = arm[:, 0] * grf_vertical - arm[:, 1] * grf_forward
     at = centre - ankle
     weight = at[:, 0] * foot * GRAVITY
     # Turning of the toe downwards is positive: that of a force (x, z) at (a, b) is b x - a z.
@@ -38,5 +40,5 @@ def ankle_moment(leg: Leg, forward: Samples, vertical: Samples, point: Samples, 
     return np.asarray(ground - weight + inertial, dtype=np.float64)
 
 
-def _rate(values: Samples, time: Samples) -> Samples:
+def _differentiate(values: Array, time: Array) -> Array:
     return np.asarray(np.gradient(values, time, axis=0), dtype=np.float64)

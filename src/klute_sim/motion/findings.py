@@ -5,52 +5,52 @@ from typing import Any
 
 
 @dataclass
-class Findings:
+class ImportLog:
     """Grows while files are imported; every sentence is for the user."""
 
-    found: list[dict[str, Any]] = field(default_factory=list)
+    files: list[dict[str, Any]] = field(default_factory=list)
     """One entry per file."""
-    mapped: list[dict[str, Any]] = field(default_factory=list)
+    channels: list[dict[str, Any]] = field(default_factory=list)
     """One entry per channel: from which column, in which unit, with which sign and zero, and why."""
     derived: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
-    suspicious: list[str] = field(default_factory=list)
-    left_out: dict[str, list[str]] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    exclusions: dict[str, list[str]] = field(default_factory=dict)
     """Side -> those of the suspicious ones that say why strides of that leg do not count."""
 
-    def derive(self, sentence: str) -> None:
+    def add_derived(self, sentence: str) -> None:
         """Note what no file holds and was computed; once, however many trials there are."""
-        _once(self.derived, sentence)
+        _append_once(self.derived, sentence)
 
-    def miss(self, sentence: str) -> None:
+    def add_missing(self, sentence: str) -> None:
         """Note what is not there."""
-        _once(self.missing, sentence)
+        _append_once(self.missing, sentence)
 
-    def suspect(self, sentence: str) -> None:
+    def add_warning(self, sentence: str) -> None:
         """Note what a careful reader would ask about."""
-        _once(self.suspicious, sentence)
+        _append_once(self.warnings, sentence)
 
-    def leave_out(self, side: str, sentence: str) -> None:
+    def add_exclusion(self, side: str, sentence: str) -> None:
         """Note why strides of the leg of ``side`` do not count."""
-        self.suspect(sentence)
-        _once(self.left_out.setdefault(side, []), sentence)
+        self.add_warning(sentence)
+        _append_once(self.exclusions.setdefault(side, []), sentence)
 
-    def map(self, **entry: Any) -> None:
+    def add_channel(self, **entry: Any) -> None:
         """Note where a channel comes from."""
-        if entry not in self.mapped:
-            self.mapped.append(entry)
+        if entry not in self.channels:
+            self.channels.append(entry)
 
     def as_json(self) -> dict[str, Any]:
         """JSON types only."""
         return {
-            "found": self.found,
-            "mapped": self.mapped,
+            "found": self.files,
+            "mapped": self.channels,
             "derived": self.derived,
             "missing": self.missing,
-            "suspicious": self.suspicious,
+            "suspicious": self.warnings,
         }
 
 
-def _once(sentences: list[str], sentence: str) -> None:
+def _append_once(sentences: list[str], sentence: str) -> None:
     if sentence not in sentences:
         sentences.append(sentence)

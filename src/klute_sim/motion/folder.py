@@ -5,15 +5,15 @@ from pathlib import Path
 from typing import Any
 
 from klute_sim.motion import filters, strides
-from klute_sim.motion.importing import Imported
-from klute_sim.provenance import versions
+from klute_sim.motion.importing import ImportedReference
+from klute_sim.provenance import collect_versions
 from klute_sim.recording import parquet
 from klute_sim.rigs.gait import reference_folder
 
-REPORT = "import.json"
+REPORT_FILE = "import.json"
 
 
-def summary(imported: Imported) -> dict[str, Any]:
+def summarize(imported: ImportedReference) -> dict[str, Any]:
     """Everything that was found and decided; JSON types only."""
     options = imported.options
     return {
@@ -21,45 +21,45 @@ def summary(imported: Imported) -> dict[str, Any]:
         "side": imported.side,
         "strides": {side: len(of) for side, of in imported.strides.items()},
         "mass_kg": imported.mass,
-        "mass_by_impulse_kg": imported.mass_by_impulse,
+        "mass_by_impulse_kg": imported.impulse_mass,
         "stature_m": options.stature,
         "stride_time_s": imported.stride_time,
         "toe_off_pct": imported.toe_off,
-        "speed_m_per_s": imported.speed,
+        "speed_m_per_s": imported.walking_speed,
         "peaks": {
             "ankle_moment_nm_per_kg": float(imported.table["ankle_plantarflexor_moment_nm_per_kg"].max()),
             "ankle_power_w_per_kg": float(imported.table["ankle_power_w_per_kg"].max()),
             "grf_vertical_n_per_kg": float(imported.table["grf_vertical_n_per_kg"].max()),
         },
-        "filters": described(imported),
-        **imported.findings.as_json(),
-        "versions": versions(),
+        "filters": describe_filters(imported),
+        **imported.log.as_json(),
+        "versions": collect_versions(),
     }
 
 
-def described(imported: Imported) -> dict[str, str]:
+def describe_filters(imported: ImportedReference) -> dict[str, str]:
     """Filters and thresholds in words."""
     options = imported.options
     return {
-        "angles": filters.describe(options.cutoff),
-        "loads": filters.describe(options.load_cutoff),
-        "contact": f"vertical load above {options.threshold:g} N",
+        "angles": filters.describe_filter(options.motion_cutoff),
+        "loads": filters.describe_filter(options.load_cutoff),
+        "contact": f"vertical load above {options.contact_threshold:g} N",
         "ankle_zero": options.ankle_zero,
     }
 
 
-def write(imported: Imported, scratch: Path) -> dict[str, Any]:
+def write_reference(imported: ImportedReference, folder: Path) -> dict[str, Any]:
     """Fill the new folder ``scratch``; the summary."""
-    (scratch / reference_folder.CURVES).write_text(imported.csv(), "utf-8", newline="\n")
-    (scratch / reference_folder.FILE).write_text(_toml(imported), "utf-8", newline="\n")
+    (folder / reference_folder.CURVES_FILE).write_text(imported.to_csv(), "utf-8", newline="\n")
+    (folder / reference_folder.METADATA_FILE).write_text(_format_toml(imported), "utf-8", newline="\n")
     for side, of in imported.strides.items():
-        parquet.write(strides.recording(of, side), scratch / f"strides_{side}.parquet")
-    result = summary(imported)
-    (scratch / REPORT).write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", "utf-8")
+        parquet.write(strides.to_recording(of, side), folder / f"strides_{side}.parquet")
+    result = summarize(imported)
+    (folder / REPORT_FILE).write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", "utf-8")
     return result
 
 
-def _toml(imported: Imported) -> str:
+def _format_toml(imported: ImportedReference) -> str:
     """``reference.toml``; JSON strings are TOML's basic strings."""
     lines = [
         f'format = "{reference_folder.FORMAT}"',
@@ -70,16 +70,16 @@ def _toml(imported: Imported) -> str:
     if imported.options.stature is not None:
         lines.append(f"stature_m = {imported.options.stature:.6g}")
     lines.append(f"stride_time_s = {imported.stride_time:.6g}")
-    if imported.speed is not None:
-        lines.append(f"speed_m_per_s = {imported.speed:.6g}")
+    if imported.walking_speed is not None:
+        lines.append(f"speed_m_per_s = {imported.walking_speed:.6g}")
     lines += [f"toe_off_pct = {imported.toe_off:.6g}", "", "[filters]"]
-    lines += [f"{key} = {json.dumps(value)}" for key, value in described(imported).items()]
+    lines += [f"{key} = {json.dumps(value)}" for key, value in describe_filters(imported).items()]
     lines += ["", "[conventions]"]
     lines.append(
         'signs = "flexion, dorsiflexion, forward and up positive; moment plantarflexor positive; per kg of mass_kg"'
     )
     lines.append('phase = "heel strike to heel strike of one foot"')
-    for entry in imported.findings.found:
+    for entry in imported.log.files:
         lines += [
             "",
             "[[source]]",

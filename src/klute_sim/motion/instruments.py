@@ -6,94 +6,96 @@ import numpy as np
 
 from klute_sim.dataset.events import Contact
 from klute_sim.motion import clocks, columns, filters, names
-from klute_sim.motion.clocks import Series
+from klute_sim.motion.clocks import Signal
 from klute_sim.motion.columns import Column
-from klute_sim.motion.findings import Findings
-from klute_sim.motion.finish import signed, zeroed
-from klute_sim.motion.moving import Moving
+from klute_sim.motion.findings import ImportLog
+from klute_sim.motion.finish import apply_sign, apply_zero
+from klute_sim.motion.moving import ProsthesisKinematics
 from klute_sim.motion.names import Side
 from klute_sim.motion.options import ImportOptions
-from klute_sim.motion.sources import Source
+from klute_sim.motion.sources import SourceFile
 
-ATMOSPHERE = (0.85, 1.1)
+ATMOSPHERIC_RANGE = (0.85, 1.1)
 """Pressure [bar] above what was commanded that looks like an absolute one (assumed)."""
-ANKLE = "ankle_angle"
+ANKLE_ANGLE = "ankle_angle"
 
 
-def sensed(
-    trial: Sequence[Source],
-    found: Moving,
+def read_measurements(
+    trial: Sequence[SourceFile],
+    kinematics: ProsthesisKinematics,
     contacts: Sequence[Contact],
     side: Side,
     options: ImportOptions,
-    findings: Findings,
-) -> dict[str, Series]:
+    log: ImportLog,
+) -> dict[str, Signal]:
     """What the files of ``trial`` measured, and the pressure commanded; angle [deg], pressures [bar], length [mm]."""
     where, own = trial[0].name, {}
-    for name in names.PROSTHESIS:
-        column = columns.find(trial, name, None, options)
+    for name in names.PROSTHESIS_CHANNELS:
+        column = columns.find_column(trial, name, None, options)
         if column is not None:
-            own[name] = Series(column.time, columns.told(column, "prosthesis", findings))
-    if names.COMMAND in own:
-        asked = own[names.COMMAND]
-        own[names.COMMAND] = Series(asked.time, filters.bridged(asked.value, asked.time))
-    angle = _angle(trial, found, contacts, side, options, findings)
+            own[name] = Signal(column.time, columns.apply_given_sign(column, "prosthesis", log))
+    if names.PRESSURE_COMMAND in own:
+        asked = own[names.PRESSURE_COMMAND]
+        own[names.PRESSURE_COMMAND] = Signal(asked.time, filters.fill_gaps(asked.value, asked.time))
+    angle = _read_ankle_angle(trial, kinematics, contacts, side, options, log)
     if angle is not None:
-        own[ANKLE] = angle
+        own[ANKLE_ANGLE] = angle
         if options.ankle_zero == "foot-flat":
-            shank = found.channels["shank_angle"]
-            angles = {ANKLE: angle.value, "shank_angle": np.interp(angle.time, *shank)}
-            zeroed(angle.time, angles, False, contacts, side, where, options, findings)
-            own[ANKLE] = Series(angle.time, angles[ANKLE])
-    moment = columns.find(trial, names.MOMENT, side, options)
+            shank = kinematics.channels["shank_angle"]
+            angles = {ANKLE_ANGLE: angle.value, "shank_angle": np.interp(angle.time, *shank)}
+            apply_zero(angle.time, angles, False, contacts, side, where, options, log)
+            own[ANKLE_ANGLE] = Signal(angle.time, angles[ANKLE_ANGLE])
+    moment = columns.find_column(trial, names.ANKLE_MOMENT, side, options)
     if moment is not None:
-        own[names.MOMENT] = Series(moment.time, signed(moment, contacts, side, findings))
-    _doubt(own, where, findings)
+        own[names.ANKLE_MOMENT] = Signal(moment.time, apply_sign(moment, contacts, side, log))
+    _warn_if_ambiguous(own, where, log)
     return own
 
 
-def _angle(
-    trial: Sequence[Source],
-    found: Moving,
+def _read_ankle_angle(
+    trial: Sequence[SourceFile],
+    kinematics: ProsthesisKinematics,
     contacts: Sequence[Contact],
     side: Side,
     options: ImportOptions,
-    findings: Findings,
-) -> Series | None:
+    log: ImportLog,
+) -> Signal | None:
     """The ankle's angle: of the prosthesis' encoder, else of a column, else of the markers; held against the next."""
-    known: list[tuple[str, Series]] = []
-    for column in _columns(trial, side, options):
-        known.append((column.file, Series(column.time, signed(column, contacts, side, findings))))
-    if found.ankle is not None:
-        known.append((trial[0].name if len(known) == 0 else "the markers", found.ankle))
+    known: list[tuple[str, Signal]] = []
+    for column in _find_ankle_columns(trial, side, options):
+        known.append((column.file_name, Signal(column.time, apply_sign(column, contacts, side, log))))
+    if kinematics.ankle_angle is not None:
+        known.append((trial[0].name if len(known) == 0 else "the markers", kinematics.ankle_angle))
     if not known:
         return None
-    if known[0][1] is found.ankle:
-        findings.derive(
+    if known[0][1] is kinematics.ankle_angle:
+        log.add_derived(
             "Ankle angle: of the line from heel to toe against the shank, by markers, for no encoder was logged"
         )
     if len(known) > 1:
-        clocks.compare("the ankle's angle", known[0], known[1], findings)
+        clocks.compare_clocks("the ankle's angle", known[0], known[1], log)
     return known[0][1]
 
 
-def _columns(trial: Sequence[Source], side: Side, options: ImportOptions) -> list[Column]:
+def _find_ankle_columns(trial: Sequence[SourceFile], side: Side, options: ImportOptions) -> list[Column]:
     """Columns of the ankle's angle: the one that the user names, else the log's before the others'."""
-    if (side, ANKLE) in options.chosen.channels:
+    if (side, ANKLE_ANGLE) in options.mapping.channels:
         groups = [list(trial)]
     else:
-        logs = [source for source in trial if "log" in source.roles(options.chosen)]
+        logs = [source for source in trial if "log" in source.roles(options.mapping)]
         groups = [logs, [source for source in trial if source not in logs]]
-    found = [columns.find(files, ANKLE, side, options) for files in groups if files]
+    found = [columns.find_column(files, ANKLE_ANGLE, side, options) for files in groups if files]
     return [column for column in found if column is not None]
 
 
-def _doubt(own: Mapping[str, Series], where: str, findings: Findings) -> None:
+def _warn_if_ambiguous(channels: Mapping[str, Signal], trial_name: str, log: ImportLog) -> None:
     """Doubt what may be read otherwise than the instrument meant it."""
-    if {names.COMMAND, names.PRESSURE} <= set(own):
-        asked, had = own[names.COMMAND], own[names.PRESSURE]
+    if {names.PRESSURE_COMMAND, names.MUSCLE_PRESSURE} <= set(channels):
+        asked, had = channels[names.PRESSURE_COMMAND], channels[names.MUSCLE_PRESSURE]
         more = float(np.nanmedian(had.value - np.interp(had.time, *asked)))
-        if ATMOSPHERE[0] <= more <= ATMOSPHERE[1]:
-            findings.suspect(f"{where}: the pressure is {more:.2f} bar above what was commanded: is it absolute?")
-    if names.FORCE in own and np.nanmean(own[names.FORCE].value) < 0.0:
-        findings.suspect(f"{where}: the force is mostly negative; tension is positive (sign = -1 in a file for --map)")
+        if ATMOSPHERIC_RANGE[0] <= more <= ATMOSPHERIC_RANGE[1]:
+            log.add_warning(f"{trial_name}: the pressure is {more:.2f} bar above what was commanded: is it absolute?")
+    if names.MUSCLE_FORCE in channels and np.nanmean(channels[names.MUSCLE_FORCE].value) < 0.0:
+        log.add_warning(
+            f"{trial_name}: the force is mostly negative; tension is positive (sign = -1 in a file for --map)"
+        )

@@ -7,15 +7,15 @@ nearest to the clusters.
 
 import numpy as np
 
-from klute_sim.recording.recording import Samples
+from klute_sim.recording.recording import Array
 
-LEAST_MARKERS = 3
+MIN_CLUSTER_MARKERS = 3
 """For the pose of a cluster in space."""
-MOST_RESIDUAL = 0.03
+MAX_JOINT_RESIDUAL = 0.03
 """Root-mean-square distance [m] of the two segments' centres above which there is no joint."""
 
 
-def pose(cluster: Samples) -> tuple[Samples, Samples]:
+def fit_cluster_pose(cluster: Array) -> tuple[Array, Array]:
     """Rotation (n, 3, 3) and centroid (n, 3) of a rigid ``cluster`` (n, markers, 3), against its own mean shape.
 
     By singular values (Soederkvist & Wedin 1993); frames with a missing marker are NaN.
@@ -27,12 +27,12 @@ def pose(cluster: Samples) -> tuple[Samples, Samples]:
     first = offsets[whole][len(offsets[whole]) // 2]
     shape = first
     for _ in range(2):  # the second time against the mean shape, which has less noise than any frame
-        rotation[whole] = _turns(shape, offsets[whole])
+        rotation[whole] = _fit_rotations(shape, offsets[whole])
         shape = np.einsum("tji,tmj->mi", rotation[whole], offsets[whole]) / whole.sum()
     return rotation, centroid
 
 
-def _turns(shape: Samples, offsets: Samples) -> Samples:
+def _fit_rotations(shape: Array, offsets: Array) -> Array:
     """(n, 3, 3): rotations that bring ``shape`` (markers, 3) closest to ``offsets`` (n, markers, 3)."""
     u, _, vt = np.linalg.svd(np.einsum("tmi,mj->tij", offsets, shape))
     mirror = np.ones((len(offsets), 3))
@@ -40,9 +40,9 @@ def _turns(shape: Samples, offsets: Samples) -> Samples:
     return np.asarray(np.einsum("tij,tj,tjk->tik", u, mirror, vt))
 
 
-def functional(upper: Samples, lower: Samples, hinge: bool) -> tuple[Samples, float]:
+def fit_joint_centre(proximal: Array, distal: Array, hinge: bool) -> tuple[Array, float]:
     """Joint centre (n, 3) between two clusters (n, markers, 3), and the root mean square distance of both views [m]."""
-    (turn_a, at_a), (turn_b, at_b) = pose(upper), pose(lower)
+    (turn_a, at_a), (turn_b, at_b) = fit_cluster_pose(proximal), fit_cluster_pose(distal)
     known = np.isfinite(turn_a).all(axis=(1, 2)) & np.isfinite(turn_b).all(axis=(1, 2))
     system = np.concatenate([turn_a, -turn_b], axis=2)[known].reshape(-1, 6)
     apart = (at_b - at_a)[known].reshape(-1)
@@ -56,16 +56,16 @@ def functional(upper: Samples, lower: Samples, hinge: bool) -> tuple[Samples, fl
     return 0.5 * (one + other), residual
 
 
-def hip_from_pelvis(right: Samples, left: Samples, back: Samples, side: str) -> Samples:
+def estimate_hip_centre(right_asis: Array, left_asis: Array, mid_psis: Array, side: str) -> Array:
     """Hip joint centre (n, 3) [m] from both anterior iliac spines and the middle of the back of the pelvis.
 
     Regression of Harrington et al. 2007, J. Biomech. 40: 595-602, whose lengths are pelvic depth and width.
     """
-    front = 0.5 * (right + left)
-    across = right - left
+    front = 0.5 * (right_asis + left_asis)
+    across = right_asis - left_asis
     width = np.linalg.norm(across, axis=1, keepdims=True)
     across = across / width
-    ahead = front - back
+    ahead = front - mid_psis
     depth = np.linalg.norm(ahead, axis=1, keepdims=True)
     ahead = ahead - np.sum(ahead * across, axis=1, keepdims=True) * across
     ahead = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 from klute_sim.dataset.events import Contact
 from klute_sim.motion.names import Side
-from klute_sim.recording.recording import Samples
+from klute_sim.recording.recording import Array
 
-UNITS = {
+LEG_UNITS = {
     "hip_angle": "deg",
     "knee_angle": "deg",
     "ankle_angle": "deg",
@@ -21,24 +21,24 @@ UNITS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Limb:
+class LegChannels:
     """A leg."""
 
     side: Side
     trial: str
     """Name of its first file."""
-    time: Samples
-    channels: Mapping[str, Samples]
+    time: Array
+    channels: Mapping[str, Array]
     """Those of :data:`UNITS` that there are; NaN where not known."""
     contacts: Sequence[Contact]
-    speed: float | None = None
+    walking_speed: float | None = None
     """Of walking [m/s], where something tells it."""
-    belt: Samples | None = None
+    belt_speed: Array | None = None
     """Speed of the treadmill [m/s] at ``time``."""
     impulses: Sequence[float] = field(default_factory=tuple)
     """Vertical impulse [N.s] of each whole contact, not filtered."""
 
     @property
-    def lacking(self) -> list[str]:
+    def missing_channels(self) -> list[str]:
         """Channels that there are not."""
-        return [name for name in UNITS if name not in self.channels]
+        return [name for name in LEG_UNITS if name not in self.channels]

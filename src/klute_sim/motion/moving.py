@@ -5,106 +5,113 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from klute_sim.dataset.channels import LOADED
+from klute_sim.dataset.channels import CONTACT_FORCE_THRESHOLD
 from klute_sim.motion import angled, columns, filters, loads, markers, names, sagittal
-from klute_sim.motion.clocks import Series
+from klute_sim.motion.clocks import Signal
 from klute_sim.motion.columns import Column
-from klute_sim.motion.findings import Findings
-from klute_sim.motion.loads import Loads
+from klute_sim.motion.findings import ImportLog
+from klute_sim.motion.loads import GroundReaction
 from klute_sim.motion.names import SIDES, Side
 from klute_sim.motion.options import ImportOptions
-from klute_sim.motion.sources import Source
+from klute_sim.motion.sources import SourceFile
 
-MOTION = ("shank_angle", "ankle_x", "ankle_z")
+MOTION_CHANNELS = ("shank_angle", "ankle_x", "ankle_z")
 
 
 @dataclass(frozen=True, eq=False)
-class Moving:
+class ProsthesisKinematics:
     """Motion and loads of one trial, not filtered."""
 
-    channels: Mapping[str, Series]
+    channels: Mapping[str, Signal]
     """Those of :data:`MOTION`; angle [deg], places [m] in the frame of the loads."""
-    on: Mapping[Side, Loads]
-    by_plates: bool
+    loads: Mapping[Side, GroundReaction]
+    from_plates: bool
     """Whether the loads are force plates', in the frame of the motion."""
-    ankle: Series | None = None
+    ankle_angle: Signal | None = None
     """Angle between shank and the line from heel to toe [deg], of markers."""
 
 
-def sides(trial: Sequence[Source], options: ImportOptions) -> set[Side]:
+def find_named_sides(trial: Sequence[SourceFile], options: ImportOptions) -> set[Side]:
     """Legs that the files of ``trial`` tell of by name."""
     found: set[Side] = set()
     for source in trial:
         if source.markers is not None:
-            roles = markers.named(source.markers, options.chosen, source.name)
-            found |= {side for side in SIDES if roles.of(side, "ankle") or roles.of(side, "shank")}
+            roles = markers.identify_markers(source.markers, options.mapping, source.name)
+            found |= {side for side in SIDES if roles.select(side, "ankle") or roles.select(side, "shank")}
         for label in source.labels:
-            meant = names.named(label.split("[")[0].strip())
-            if meant is not None and meant.side is not None and meant.channel in names.ANGLES:
+            meant = names.parse_channel_label(label.split("[")[0].strip())
+            if meant is not None and meant.side is not None and meant.channel in names.ANGLE_CHANNELS:
                 found.add(meant.side)
-    return found | {side for side in SIDES if any(owner == side for owner, _ in options.chosen.channels)}
+    return found | {side for side in SIDES if any(owner == side for owner, _ in options.mapping.channels)}
 
 
-def moving(trial: Sequence[Source], side: Side, options: ImportOptions, findings: Findings) -> Moving | None:
+def extract_kinematics(
+    trial: Sequence[SourceFile], side: Side, options: ImportOptions, log: ImportLog
+) -> ProsthesisKinematics | None:
     """Of the leg of ``side``, from markers or from columns; None where something is missing, which is noted."""
     where = trial[0].name
     captured = next((source for source in trial if source.markers is not None), None)
     if captured is not None:
-        return _by_markers(trial, captured, side, where, options, findings)
-    found = {name: columns.find(trial, name, side, options) for name in MOTION}
+        return _extract_from_markers(trial, captured, side, where, options, log)
+    found = {name: columns.find_column(trial, name, side, options) for name in MOTION_CHANNELS}
     lacking = [name for name, column in found.items() if column is None]
     if lacking:
-        findings.miss(
+        log.add_missing(
             f"{where}: nothing says how the {side} shank leans and where its ankle is: add the markers (.trc, .c3d) or "
             f"name a column of {' and '.join(lacking)} in a file for --map, under [{side}]"
         )
         return None
-    on = loads.of_sides(trial, options, findings)
-    plates = loads.of_plates(trial, None, findings) if side not in on else {}
+    on = loads.read_foot_loads(trial, options, log)
+    plates = loads.read_plate_loads(trial, None, log) if side not in on else {}
     if plates:
         knees: dict[Side, dict[str, Column]] = {}
         for one in SIDES:
-            knee = columns.find(trial, "knee_angle", one, options)
+            knee = columns.find_column(trial, "knee_angle", one, options)
             knees[one] = {} if knee is None else {"knee_angle": knee}
-        clock, apart = angled.bend(knees)
-        on = loads.assigned(plates, SIDES if len(clock) else [side], clock, apart, where, options, findings)
+        clock, apart = angled.compute_knee_difference(knees)
+        on = loads.assign_to_feet(plates, SIDES if len(clock) else [side], clock, apart, where, options, log)
     channels = {}
     for name, column in found.items():
         if column is not None:
-            channels[name] = Series(column.time, filters.bridged(columns.told(column, side, findings), column.time))
-    return Moving(channels, on, bool(plates))
+            channels[name] = Signal(
+                column.time, filters.fill_gaps(columns.apply_given_sign(column, side, log), column.time)
+            )
+    return ProsthesisKinematics(channels, on, bool(plates))
 
 
-def _by_markers(
-    trial: Sequence[Source], source: Source, side: Side, where: str, options: ImportOptions, findings: Findings
-) -> Moving | None:
+def _extract_from_markers(
+    trial: Sequence[SourceFile], source: SourceFile, side: Side, trial_name: str, options: ImportOptions, log: ImportLog
+) -> ProsthesisKinematics | None:
     assert source.markers is not None
-    roles = markers.named(source.markers, options.chosen, where)
-    frame = markers.frame(source.markers, roles, options.chosen, where, findings)
-    raw = sagittal.prepared(source.markers, frame, 0.0, where)
-    both = {one: sagittal.leg(raw, roles, one, where, findings if one == side else Findings()) for one in SIDES}
+    roles = markers.identify_markers(source.markers, options.mapping, trial_name)
+    frame = markers.find_walking_frame(source.markers, roles, options.mapping, trial_name, log)
+    raw = sagittal.preprocess_markers(source.markers, frame, 0.0, trial_name)
+    both = {
+        one: sagittal.locate_landmarks(raw, roles, one, trial_name, log if one == side else ImportLog())
+        for one in SIDES
+    }
     leg, right, left = both[side], both["right"], both["left"]
     if leg is None:
         return None
-    on = loads.of_sides(trial, options, findings)
-    plates = loads.of_plates(trial, frame, findings) if side not in on else {}
+    on = loads.read_foot_loads(trial, options, log)
+    plates = loads.read_plate_loads(trial, frame, log) if side not in on else {}
     if plates:
         apart = right.knee_angle - left.knee_angle if right and left else np.full(len(raw.time), np.nan)
         known = [one for one in SIDES if both[one] is not None]
-        on = loads.assigned(plates, known, raw.time, apart, where, options, findings)
-    level = _level(on[side]) if plates and side in on else 0.0
-    findings.derive("Inclination of the shank: of the line from ankle to knee, in the plane of walking")
+        on = loads.assign_to_feet(plates, known, raw.time, apart, trial_name, options, log)
+    level = _estimate_ground_height(on[side]) if plates and side in on else 0.0
+    log.add_derived("Inclination of the shank: of the line from ankle to knee, in the plane of walking")
     channels = {
-        "shank_angle": Series(leg.time, leg.shank_angle),
-        "ankle_x": Series(leg.time, leg.ankle[:, 0]),
-        "ankle_z": Series(leg.time, leg.ankle[:, 1] - level),
+        "shank_angle": Signal(leg.time, leg.shank_angle),
+        "ankle_x": Signal(leg.time, leg.ankle[:, 0]),
+        "ankle_z": Signal(leg.time, leg.ankle[:, 1] - level),
     }
-    return Moving(channels, on, bool(plates), Series(leg.time, leg.shank_angle - leg.foot_pitch))
+    return ProsthesisKinematics(channels, on, bool(plates), Signal(leg.time, leg.shank_angle - leg.foot_pitch))
 
 
-def _level(load: Loads) -> float:
+def _estimate_ground_height(load: GroundReaction) -> float:
     """Height of the ground [m] in the laboratory: that of the centre of pressure."""
-    if load.point is None:
+    if load.cop is None:
         return 0.0
-    known = load.point[np.isfinite(load.point[:, 1]) & (load.vertical > LOADED), 1]
+    known = load.cop[np.isfinite(load.cop[:, 1]) & (load.vertical > CONTACT_FORCE_THRESHOLD), 1]
     return float(np.median(known)) if len(known) else 0.0

@@ -3,14 +3,14 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from klute_sim.dataset.channels import LOADED
+from klute_sim.dataset.channels import CONTACT_FORCE_THRESHOLD
 from klute_sim.errors import InputError
-from klute_sim.motion.mapping import Chosen
+from klute_sim.motion.mapping import ImportMapping
 from klute_sim.motion.names import Side
 
-CUTOFF = 6.0
+MOTION_CUTOFF_HZ = 6.0
 """Of angles and markers [Hz]: the usual one for walking (Winter)."""
-LOAD_CUTOFF = 20.0
+LOAD_CUTOFF_HZ = 20.0
 """Of ground reactions and moments [Hz] (assumed: keeps the humps, loses the plates' ringing)."""
 
 
@@ -24,22 +24,22 @@ class ImportOptions:
     """[m]; only noted."""
     side: Side | None = None
     """The leg that becomes the reference; None: the one with more strides, the right one of two equals."""
-    cutoff: float = CUTOFF
-    load_cutoff: float = LOAD_CUTOFF
-    threshold: float = LOADED
+    motion_cutoff: float = MOTION_CUTOFF_HZ
+    load_cutoff: float = LOAD_CUTOFF_HZ
+    contact_threshold: float = CONTACT_FORCE_THRESHOLD
     """Vertical ground reaction [N] above which a foot is on the ground."""
     ankle_zero: Literal["foot-flat", "file"] = "foot-flat"
     """Whether 0 degrees of the ankle is moved to where the foot is flat in mid-stance."""
-    chosen: Chosen = field(default_factory=Chosen)
+    mapping: ImportMapping = field(default_factory=ImportMapping)
 
     def __post_init__(self) -> None:
         """Raise InputError for values that mean nothing."""
         bounds = {
             "mass": (self.mass, 20.0, 250.0, "kg"),
             "stature": (self.stature, 1.0, 2.4, "m"),
-            "cut-off": (self.cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
+            "cut-off": (self.motion_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
             "cut-off of loads": (self.load_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
-            "threshold": (self.threshold, 1.0, 500.0, "N"),
+            "threshold": (self.contact_threshold, 1.0, 500.0, "N"),
         }
         for name, (value, low, high, unit) in bounds.items():
             if value is not None and not low <= value <= high:

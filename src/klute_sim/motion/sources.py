@@ -13,79 +13,79 @@ import pyarrow.parquet as pq
 from klute_sim.dataset import text
 from klute_sim.errors import InputError
 from klute_sim.formats import c3d, content, storage, trc
-from klute_sim.formats.c3d import Plate
-from klute_sim.formats.content import Content
+from klute_sim.formats.c3d import ForcePlate
+from klute_sim.formats.content import FileContent
 from klute_sim.formats.trc import Markers
 from klute_sim.motion import names
-from klute_sim.motion.mapping import Chosen
-from klute_sim.recording.recording import Samples, split_heading
+from klute_sim.motion.mapping import ImportMapping
+from klute_sim.recording.recording import Array, split_heading
 
-Role = Literal["angles", "markers", "loads", "moments", "events", "log"]
-LARGEST = 1e9
+FileRole = Literal["angles", "markers", "loads", "moments", "events", "log"]
+MAX_VALUE = 1e9
 """Of any number in a column, whatever its unit."""
-FARTHEST = 1e4
+MAX_DISTANCE = 1e4
 """Of any marker or centre of pressure from the origin [m]."""
-STORAGE = "OpenSim storage"
-KINDS = (".c3d", ".mot", ".sto", ".trc", ".csv", ".tsv", ".txt", ".parquet")
+OPENSIM_STORAGE = "OpenSim storage"
+FILE_SUFFIXES = (".c3d", ".mot", ".sto", ".trc", ".csv", ".tsv", ".txt", ".parquet")
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class SourceFile:
     """One file."""
 
-    where: str
-    kind: str
+    path: str
+    file_type: str
     digest: str
     """SHA-256."""
     labels: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     """Label -> unit, of the columns that have one."""
-    fetch: Callable[[str], Samples] | None = None
+    read_column: Callable[[str], Array] | None = None
     """The samples of a label's column, as written."""
     markers: Markers | None = None
-    plates: tuple[Plate, ...] = ()
+    plates: tuple[ForcePlate, ...] = ()
     software: str = ""
     folder: str = ""
     """Where several files are called the same, the folder that tells them apart."""
-    shift: float = 0.0
+    time_offset: float = 0.0
     """What was added to the times of markers and plates [s], and is to be added to those in columns."""
 
     @property
     def name(self) -> str:
         """The file's name, with a question mark for what cannot be shown."""
-        return "".join(c if c.isprintable() else "?" for c in (Path(self.folder) / Path(self.where).name).as_posix())
+        return "".join(c if c.isprintable() else "?" for c in (Path(self.folder) / Path(self.path).name).as_posix())
 
-    def column(self, label: str) -> Samples:
+    def get_column(self, label: str) -> Array:
         """The samples in the column ``label``; raises InputError for numbers that nothing in a laboratory has."""
-        assert self.fetch is not None
-        samples = self.fetch(label)
-        if (np.abs(samples) > LARGEST).any():
+        assert self.read_column is not None
+        samples = self.read_column(label)
+        if (np.abs(samples) > MAX_VALUE).any():
             raise InputError(
-                f"{self.where}: column '{label}' holds {np.nanmax(np.abs(samples)):.3g}, which is no measurement"
+                f"{self.path}: column '{label}' holds {np.nanmax(np.abs(samples)):.3g}, which is no measurement"
             )
         return samples
 
     @property
     def time_label(self) -> str | None:
         """The label of the column that holds time."""
-        return next((label for label in self.labels if _bare(label).lower() in ("time", "timestamp")), None)
+        return next((label for label in self.labels if _strip_unit(label).lower() in ("time", "timestamp")), None)
 
-    def roles(self, chosen: Chosen | None = None) -> set[Role]:
+    def roles(self, mapping: ImportMapping | None = None) -> set[FileRole]:
         """What the file brings to a trial; labels ``chosen`` by the user count as angles, or as a prosthesis' log."""
-        if self.labels and {_bare(label).lower() for label in self.labels} <= names.EVENTS:
+        if self.labels and {_strip_unit(label).lower() for label in self.labels} <= names.EVENT_LABELS:
             return {"events"}
-        chosen = chosen or Chosen()
-        found: set[Role] = {"angles"} if chosen.columns(prosthesis=False) & {*self.labels} else set()
-        found |= {"log"} if chosen.columns(prosthesis=True) & {*self.labels} else set()
+        mapping = mapping or ImportMapping()
+        found: set[FileRole] = {"angles"} if mapping.column_names(prosthesis=False) & {*self.labels} else set()
+        found |= {"log"} if mapping.column_names(prosthesis=True) & {*self.labels} else set()
         for label in self.labels:
-            meant = names.named(_bare(label))
-            if meant is not None and meant.channel in names.PROSTHESIS:
+            meant = names.parse_channel_label(_strip_unit(label))
+            if meant is not None and meant.channel in names.PROSTHESIS_CHANNELS:
                 found.add("log")
-            elif meant is not None and meant.channel in names.ANGLES:
+            elif meant is not None and meant.channel in names.ANGLE_CHANNELS:
                 found.add("angles")
-            elif meant is not None and meant.channel == names.MOMENT:
+            elif meant is not None and meant.channel == names.ANKLE_MOMENT:
                 found.add("moments")
-            elif (meant is not None and meant.channel.startswith("grf")) or names.plate_column(label):
+            elif (meant is not None and meant.channel.startswith("grf")) or names.parse_plate_label(label):
                 found.add("loads")
         if self.markers is not None:
             found.add("markers")
@@ -97,11 +97,11 @@ class Source:
         """What the file is, for the report."""
         time = self.markers.time if self.markers is not None else None
         if time is None and self.time_label is not None:
-            time = self.column(self.time_label)
+            time = self.get_column(self.time_label)
         seconds = float(time[-1] - time[0]) if time is not None and len(time) > 1 else 0.0
         return {
             "file": self.name,
-            "kind": self.kind,
+            "kind": self.file_type,
             "sha256": self.digest,
             "columns": len(self.labels),
             "markers": len(self.markers.positions) if self.markers is not None else 0,
@@ -112,19 +112,19 @@ class Source:
         }
 
 
-def _bare(label: str) -> str:
+def _strip_unit(label: str) -> str:
     """The label without a unit in brackets."""
     return label.split("[")[0].strip()
 
 
-def read(path: str | Path, shift: float = 0.0) -> Source:
+def read(path: str | Path, time_offset: float = 0.0) -> SourceFile:
     """The file at ``path`` with ``shift`` [s] added to its times.
 
     Raises InputError for what cannot be read, and for a kind that is not known.
     """
-    found = _shifted(_read(path), shift)
+    found = _shift_time(_read_file(path), time_offset)
     for name, place in (found.markers.positions if found.markers else {}).items():
-        if (np.abs(place) > FARTHEST).any():
+        if (np.abs(place) > MAX_DISTANCE).any():
             raise InputError(f"{path}: marker {name[:40]!r} is {np.nanmax(np.abs(place)):.3g} m away: a wrong unit?")
     for name in (*found.labels, *(found.markers.positions if found.markers else ())):
         if not name.isprintable():  # names are shown in terminals, which obey some characters
@@ -132,65 +132,69 @@ def read(path: str | Path, shift: float = 0.0) -> Source:
     return found
 
 
-def _shifted(source: Source, by: float) -> Source:
-    markers = source.markers and replace(source.markers, time=source.markers.time + by)
-    plates = tuple(replace(plate, time=plate.time + by) for plate in source.plates)
-    return replace(source, markers=markers, plates=plates, shift=by)
+def _shift_time(source: SourceFile, time_offset: float) -> SourceFile:
+    markers = source.markers and replace(source.markers, time=source.markers.time + time_offset)
+    plates = tuple(replace(plate, time=plate.time + time_offset) for plate in source.plates)
+    return replace(source, markers=markers, plates=plates, time_offset=time_offset)
 
 
-def _read(path: str | Path) -> Source:
+def _read_file(path: str | Path) -> SourceFile:
     suffix = Path(path).suffix.lower()
-    if suffix not in KINDS:
-        raise InputError(f"{path}: a file that ends with '{suffix}' is not known; allowed: {', '.join(KINDS)}")
+    if suffix not in FILE_SUFFIXES:
+        raise InputError(f"{path}: a file that ends with '{suffix}' is not known; allowed: {', '.join(FILE_SUFFIXES)}")
     file = content.read(path)
     digest = hashlib.sha256(file.data).hexdigest()
     if suffix in (".mot", ".sto"):
         found = storage.parse(file)
         rotation = "deg" if found.in_degrees else "rad"
-        units = {label: _storage_unit(label, rotation) for label in found.columns}
-        return Source(file.where, STORAGE, digest, tuple(found.columns), units, found.columns.__getitem__)
+        units = {label: _get_opensim_unit(label, rotation) for label in found.columns}
+        return SourceFile(file.name, OPENSIM_STORAGE, digest, tuple(found.columns), units, found.columns.__getitem__)
     if suffix == ".trc":
-        return Source(file.where, "markers (.trc)", digest, markers=trc.parse(file))
+        return SourceFile(file.name, "markers (.trc)", digest, markers=trc.parse(file))
     if suffix == ".c3d":
         capture = c3d.read(path)
-        return Source(
-            *(file.where, "C3D", digest), markers=capture.markers, plates=capture.plates, software=capture.software
+        return SourceFile(
+            *(file.name, "C3D", digest), markers=capture.markers, plates=capture.plates, software=capture.software
         )
     if suffix == ".parquet":
-        return _parquet(file, digest)
-    table = text.parse(file.data, file.where)
-    return Source(
-        *(file.where, "table", digest, table.headings, _units(table.headings)),
-        lambda label: table.columns([table.headings.index(label)])[0],
+        return _read_parquet(file, digest)
+    table = text.parse_delimited_text(file.data, file.name)
+    return SourceFile(
+        *(file.name, "table", digest, table.headings, _parse_units(table.headings)),
+        lambda label: table.read_columns([table.headings.index(label)])[0],
     )
 
 
-def _storage_unit(label: str, rotation: str) -> str:
+def _get_opensim_unit(label: str, angle_unit: str) -> str:
     """The format has no units; OpenSim's are SI, and degrees where the header says so."""
-    meant = names.named(label)
+    meant = names.parse_channel_label(label)
     if meant is None:
-        return "s" if label == storage.TIME else ""
-    return rotation if meant.channel in names.ANGLES else {names.MOMENT: "N*m", names.POWER: "W"}.get(meant.channel, "")
+        return "s" if label == storage.TIME_COLUMN else ""
+    return (
+        angle_unit
+        if meant.channel in names.ANGLE_CHANNELS
+        else {names.ANKLE_MOMENT: "N*m", names.ANKLE_POWER: "W"}.get(meant.channel, "")
+    )
 
 
-def _parquet(file: Content, digest: str) -> Source:
+def _read_parquet(file: FileContent, digest: str) -> SourceFile:
     try:
         table = pq.read_table(pa.BufferReader(file.data))
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise InputError(f"{file.where} is no Parquet file: {str(error).splitlines()[0]}") from None
+        raise InputError(f"{file.name} is no Parquet file: {str(error).splitlines()[0]}") from None
 
-    def fetch(label: str) -> Samples:
+    def fetch(label: str) -> Array:
         try:
             return np.asarray(table.column(label).cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
         except (pa.ArrowException, ValueError) as error:
             reason = str(error).splitlines()[0]
-            raise InputError(f"{file.where}: column '{label}' holds no numbers: {reason}") from None
+            raise InputError(f"{file.name}: column '{label}' holds no numbers: {reason}") from None
 
     labels = tuple(table.column_names)
-    return Source(file.where, "table (Parquet)", digest, labels, _units(labels), fetch)
+    return SourceFile(file.name, "table (Parquet)", digest, labels, _parse_units(labels), fetch)
 
 
-def _units(labels: Sequence[str]) -> dict[str, str]:
+def _parse_units(labels: Sequence[str]) -> dict[str, str]:
     found = {}
     for label in labels:
         if "[" in label:
@@ -201,7 +205,9 @@ def _units(labels: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def trials(sources: Sequence[Source], chosen: Chosen | None = None, *, prosthesis: bool = False) -> list[list[Source]]:
+def group_into_trials(
+    sources: Sequence[SourceFile], mapping: ImportMapping | None = None, *, prosthesis: bool = False
+) -> list[list[SourceFile]]:
     """The files of each trial, in the order given: a new one begins where a file brings what the last already has.
 
     With a ``prosthesis``, a file with its own log is that, whatever else is in it; without one, a log is of no use.
@@ -210,18 +216,17 @@ def trials(sources: Sequence[Source], chosen: Chosen | None = None, *, prosthesi
     lacking = "joint angle, ankle moment, ground reaction or marker"
     if prosthesis:
         lacking = "marker, joint angle, ankle moment, ground reaction, pressure, force or muscle length"
-    found: list[list[Source]] = []
-    have: set[Role] = set()
+    found: list[list[SourceFile]] = []
+    have: set[FileRole] = set()
     for source in sources:
-        roles = source.roles(chosen)
+        roles = source.roles(mapping)
         if not prosthesis:
             roles -= {"log"}
         elif "log" in roles:
             roles = {"log"}
         if not roles:
             raise InputError(
-                f"{source.where} holds nothing of use: no {lacking} was recognised; name its columns in a file for "
-                "--map"
+                f"{source.path} holds nothing of use: no {lacking} was recognised; name its columns in a file for --map"
             )
         if not found or roles & have:
             found.append([])

@@ -11,27 +11,29 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike
 
-from klute_sim.device.step import Parameters, remembers
-from klute_sim.device.vector import SIZE, pack
+from klute_sim.device.step import DeviceParameters, has_internal_state
+from klute_sim.device.vector import ROW_SIZE, pack_parameters
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import router
 from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.plant.coupling import STATES
+from klute_sim.plant.coupling import N_BASE_STATES
 
 
-def simulations(model: mujoco.MjModel, count: int, threads: int = 0) -> Batch:
+def create_batch(model: mujoco.MjModel, n_simulations: int, n_threads: int = 0) -> Batch:
     """``count`` simulations of ``model`` (made with ``equip``) on ``threads`` threads (0: all cores).
 
     Step them with :func:`step`. Raises InputError where there is no compiled law, or for numbers that cannot be.
     """
-    if count < 1 or threads < 0:
-        raise InputError(f"{count} simulations on {threads} threads; allowed: 1 or more, on 0 (all cores) or more")
-    if router.choose("auto") != "compiled":
+    if n_simulations < 1 or n_threads < 0:
+        raise InputError(
+            f"{n_simulations} simulations on {n_threads} threads; allowed: 1 or more, on 0 (all cores) or more"
+        )
+    if router.choose_backend("auto") != "compiled":
         raise InputError("a batch needs the compiled law; step the simulations one by one instead")
-    return Batch(model, count, threads)
+    return Batch(model, n_simulations, n_threads)
 
 
-def give(batch: Batch, actuator: str, parameters: Sequence[Parameters]) -> None:
+def set_parameters(batch: Batch, actuator: str, parameters: Sequence[DeviceParameters]) -> None:
     """Give every simulation of ``batch`` its own device on ``actuator``.
 
     Only the device differs: where it is mounted is the model's. Raises InputError for another number of devices, for a
@@ -40,31 +42,31 @@ def give(batch: Batch, actuator: str, parameters: Sequence[Parameters]) -> None:
     place = DeviceActuator(batch.model, actuator).id
     if len(parameters) != batch.nsim:
         raise InputError(f"{len(parameters)} devices for {batch.nsim} simulations")
-    if any(each.tendon.rigid for each in (*parameters, DeviceActuator(batch.model, actuator).parameters)):
+    if any(each.tendon.is_rigid for each in (*parameters, DeviceActuator(batch.model, actuator).parameters)):
         raise InputError("a device without a tendon needs a model of its own")
-    if any(remembers(each) for each in parameters) and batch.model.actuator_actnum[place] == STATES:
+    if any(has_internal_state(each) for each in parameters) and batch.model.actuator_actnum[place] == N_BASE_STATES:
         raise InputError("an effect that remembers needs a model made with equip(..., memory=True)")
-    batch.expand("actuator_user")[:, place, :SIZE] = np.array([pack(each) for each in parameters])
+    batch.expand("actuator_user")[:, place, :ROW_SIZE] = np.array([pack_parameters(each) for each in parameters])
 
 
-def step(batch: Batch, ids: ArrayLike | None = None, count: int = 1) -> None:
+def step_batch(batch: Batch, ids: ArrayLike | None = None, n_steps: int = 1) -> None:
     """Take ``count`` steps of the simulations ``ids`` (None: of all).
 
     Raises SimulationError if a device has no finite state: its simulation's pressure is NaN then, and all other
     simulations have been stepped. Raises InputError if somebody else's callbacks are in MuJoCo's slots.
     """
-    with router.installed("compiled") as law:
+    with router.device_callbacks("compiled") as law:
         if law != "compiled":
             raise InputError("a batch cannot be stepped while Python callbacks are installed in MuJoCo")
-        batch.step(ids=ids, nstep=count)
-        reports = router.take_reports()
+        batch.step(ids=ids, nstep=n_steps)
+        reports = router.pop_fault_messages()
     if reports:
         act = batch.bind("act")
-        failed = np.flatnonzero(np.isnan(act[:, _pressures(batch.model)]).any(axis=1))
+        failed = np.flatnonzero(np.isnan(act[:, _pressure_addresses(batch.model)]).any(axis=1))
         shown = ", ".join(str(each) for each in failed[:5]) + (", ..." if len(failed) > 5 else "")
         raise SimulationError(f"{len(failed)} of {batch.nsim} simulations have failed ({shown}): {reports[0]}")
 
 
-def _pressures(model: mujoco.MjModel) -> list[int]:
+def _pressure_addresses(model: mujoco.MjModel) -> list[int]:
     """Where the pressures of the devices are in ``act``."""
-    return [int(model.actuator_actadr[i]) for i in range(model.nactuator) if router.row_of(model, i)]
+    return [int(model.actuator_actadr[i]) for i in range(model.nactuator) if router.get_parameter_row(model, i)]

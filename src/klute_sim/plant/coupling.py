@@ -17,44 +17,60 @@ damping [N s2/m2] that the model's tendon shows to MuJoCo's implicit integrators
 import math
 from collections.abc import Sequence
 
-from klute_sim.device.step import MEMORY, Parameters, State, advance, remembered, tension
-from klute_sim.device.vector import SIZE, unpack
+from klute_sim.device.step import (
+    N_INTERNAL_STATES,
+    DeviceParameters,
+    DeviceState,
+    advance_state,
+    compute_tension,
+    step_internal_state,
+)
+from klute_sim.device.vector import ROW_SIZE, unpack_parameters
 from klute_sim.units import BAR
 
-SHOWN_DAMPING = SIZE
+DAMPING_INDEX = ROW_SIZE
 """Where the damping is in a row."""
-ROW = SIZE + 1
+USER_ROW_SIZE = ROW_SIZE + 1
 """Numbers in a row."""
-STATES = 2
+N_BASE_STATES = 2
 """Of a device whose effects remember nothing."""
-ALL_STATES = STATES + MEMORY
+N_ALL_STATES = N_BASE_STATES + N_INTERNAL_STATES
 """Of any device."""
 
 
-def state(parameters: Parameters, pressure: float, offset: float, memory: tuple[float, ...]) -> State:
+def to_device_state(
+    parameters: DeviceParameters, pressure: float, offset: float, internal_state: tuple[float, ...]
+) -> DeviceState:
     """The device's state [Pa, m] from MuJoCo's: ``pressure`` [bar], ``offset`` [m]."""
-    return State(pressure * BAR, parameters.muscle.resting_length + offset, memory)
+    return DeviceState(pressure * BAR, parameters.muscle.resting_length + offset, internal_state)
 
 
-def reached(
-    parameters: Parameters, before: State, by_pressure: float, by_length: float, unit_length: float, step: float
-) -> State:
+def state_after_step(
+    parameters: DeviceParameters,
+    previous: DeviceState,
+    pressure_rate: float,
+    length_rate: float,
+    unit_length: float,
+    dt: float,
+) -> DeviceState:
     """State [Pa, m] that rates [bar/s, m/s] lead to in a ``step`` [s] that ends at ``unit_length`` [m].
 
     What the supply remembers stays as it was: no force depends on it.
     """
-    pressure, length = before.pressure + step * by_pressure * BAR, before.length + step * by_length
-    return State(pressure, length, remembered(parameters, before.memory, pressure, length, unit_length, step))
+    pressure, length = previous.pressure + dt * pressure_rate * BAR, previous.length + dt * length_rate
+    return DeviceState(
+        pressure, length, step_internal_state(parameters, previous.internal_state, pressure, length, unit_length, dt)
+    )
 
 
-def rates(
+def compute_rates(
     row: Sequence[float],
     pressure: float,
     offset: float,
-    memory: tuple[float, ...],
+    internal_state: tuple[float, ...],
     command: float,
     unit_length: float,
-    step: float,
+    dt: float,
 ) -> tuple[float, float, tuple[float, ...]]:
     """Rates [bar/s, m/s] that carry the states to the implicit step's end, and the memory there.
 
@@ -62,43 +78,43 @@ def rates(
 
     ``pressure`` [bar] and ``offset`` [m] are the states, ``command`` [bar], ``unit_length`` [m], ``step`` [s].
     """
-    parameters = unpack(row)
-    before = state(parameters, pressure, offset, memory)
-    asked = command if parameters.supply.opens != 0.0 else command * BAR
-    after = advance(parameters, before, unit_length, asked, step)
-    by_pressure = (after.pressure - before.pressure) / (BAR * step)
-    by_length = (after.length - before.length) / step
+    parameters = unpack_parameters(row)
+    before = to_device_state(parameters, pressure, offset, internal_state)
+    asked = command if parameters.supply.command_is_opening != 0.0 else command * BAR
+    after = advance_state(parameters, before, unit_length, asked, dt)
+    by_pressure = (after.pressure - before.pressure) / (BAR * dt)
+    by_length = (after.length - before.length) / dt
     if math.isfinite(command) and math.isfinite(by_pressure) and math.isfinite(by_length):
-        return by_pressure, by_length, after.memory
+        return by_pressure, by_length, after.internal_state
     # MuJoCo multiplies the gain, which is 0, with the last state: that one must stay a number.
-    return math.nan, 0.0, memory
+    return math.nan, 0.0, internal_state
 
 
-def force(
+def compute_force(
     row: Sequence[float],
     pressure: float,
     offset: float,
-    memory: tuple[float, ...],
-    by_pressure: float,
-    by_length: float,
+    internal_state: tuple[float, ...],
+    pressure_rate: float,
+    length_rate: float,
     unit_length: float,
     velocity: float,
-    step: float,
+    dt: float,
 ) -> float:
     """Actuator force [N] at the step's end: minus the tension, plus what the shown damping takes at ``velocity``.
 
     ``by_pressure`` [bar/s] and ``by_length`` [m/s] are the step's rates, ``velocity`` = d(unit_length)/dt [m/s], which
     is also how fast a muscle on a rigid tie moves. A state that is not finite gives no force.
     """
-    if not math.isfinite(by_pressure):
+    if not math.isfinite(pressure_rate):
         return 0.0
-    parameters = unpack(row)
-    before = state(parameters, pressure, offset, memory)
-    after = reached(parameters, before, by_pressure, by_length, unit_length, step)
-    rate = velocity if parameters.tendon.rigid else by_length
-    return given_back(row, velocity) - tension(parameters, after, unit_length, rate)
+    parameters = unpack_parameters(row)
+    before = to_device_state(parameters, pressure, offset, internal_state)
+    after = state_after_step(parameters, before, pressure_rate, length_rate, unit_length, dt)
+    rate = velocity if parameters.tendon.is_rigid else length_rate
+    return damping_compensation(row, velocity) - compute_tension(parameters, after, unit_length, rate)
 
 
-def given_back(row: Sequence[float], velocity: float) -> float:
+def damping_compensation(row: Sequence[float], velocity: float) -> float:
     """What the shown damping takes [N] at ``velocity`` [m/s]."""
-    return row[SHOWN_DAMPING] * velocity * abs(velocity)
+    return row[DAMPING_INDEX] * velocity * abs(velocity)

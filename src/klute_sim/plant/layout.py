@@ -21,7 +21,7 @@ MODEL_POINTERS = (
 )
 DATA_POINTERS = ("act", "act_dot", "ctrl", "actuator_length", "actuator_velocity")
 
-_BASIC: dict[str, Any] = {
+_BASIC_TYPES: dict[str, Any] = {
     "int": ctypes.c_int,
     "unsigned int": ctypes.c_uint,
     "char": ctypes.c_char,
@@ -39,7 +39,7 @@ _BASIC: dict[str, Any] = {
     "mjtSize": ctypes.c_int64,
 }
 
-_PROBE = """
+_PROBE_XML = """
 <mujoco>
   <worldbody><body><joint name="j" type="slide"/><geom size=".1"/></body></worldbody>
   <actuator>
@@ -53,7 +53,7 @@ class UnknownLayoutError(Exception):
     """The installed MuJoCo is not laid out as it says, or says nothing that is understood."""
 
 
-class Layout(NamedTuple):
+class StructLayout(NamedTuple):
     """Byte offsets."""
 
     model: dict[str, int]
@@ -63,89 +63,92 @@ class Layout(NamedTuple):
 
 
 @cache
-def layout() -> Layout:
+def get_layout() -> StructLayout:
     """Offsets for the installed MuJoCo; raises UnknownLayoutError when they cannot be trusted."""
     try:
-        model, data = _struct("mjModel"), _struct("mjData")
-        found = Layout(
+        model, data = _make_struct("mjModel"), _make_struct("mjData")
+        found = StructLayout(
             {name: getattr(model, name).offset for name in (*MODEL_POINTERS, "nuser_actuator", "names")},
             {name: getattr(data, name).offset for name in (*DATA_POINTERS, "time")},
         )
-        found.model["timestep"] = model.opt.offset + _struct("mjOption").timestep.offset
+        found.model["timestep"] = model.opt.offset + _make_struct("mjOption").timestep.offset
     except (ImportError, AttributeError, KeyError, TypeError) as error:
         raise UnknownLayoutError(f"MuJoCo {mujoco.__version__} describes its structs in a new way: {error}") from None
-    _check(found)
+    _check_layout(found)
     return found
 
 
-def _check(found: Layout) -> None:
+def _check_layout(struct_layout: StructLayout) -> None:
     """Compare with a live model, field by field."""
-    model = mujoco.MjModel.from_xml_string(_PROBE)
+    model = mujoco.MjModel.from_xml_string(_PROBE_XML)
     data = mujoco.MjData(model)
     model.opt.timestep, data.time = 0.00123, 4.56
     pointer, number, real = ctypes.c_uint64.from_address, ctypes.c_int64.from_address, ctypes.c_double.from_address
     wrong = [
         name
-        for owner, offsets, names in ((model, found.model, MODEL_POINTERS), (data, found.data, DATA_POINTERS))
+        for owner, offsets, names in (
+            (model, struct_layout.model, MODEL_POINTERS),
+            (data, struct_layout.data, DATA_POINTERS),
+        )
         for name in names
         if pointer(owner._address + offsets[name]).value != getattr(owner, name).__array_interface__["data"][0]
     ]
-    if number(model._address + found.model["nuser_actuator"]).value != model.nuser_actuator:
+    if number(model._address + struct_layout.model["nuser_actuator"]).value != model.nuser_actuator:
         wrong.append("nuser_actuator")
-    if real(model._address + found.model["timestep"]).value != model.opt.timestep:
+    if real(model._address + struct_layout.model["timestep"]).value != model.opt.timestep:
         wrong.append("timestep")
-    if real(data._address + found.data["time"]).value != data.time:
+    if real(data._address + struct_layout.data["time"]).value != data.time:
         wrong.append("time")
-    if not wrong and actuator_name(model._address, found, 1) != "second":
+    if not wrong and read_actuator_name(model._address, struct_layout, 1) != "second":
         wrong.append("names")
-    if any(offset % 8 for offset in (*found.model.values(), *found.data.values())):
+    if any(offset % 8 for offset in (*struct_layout.model.values(), *struct_layout.data.values())):
         wrong.append("alignment")
     if wrong:
         raise UnknownLayoutError(f"MuJoCo {mujoco.__version__} keeps {', '.join(wrong)} elsewhere than it says")
 
 
-def actuator_name(model: int, where: Layout, actuator: int) -> str:
+def read_actuator_name(model_address: int, offsets: StructLayout, actuator: int) -> str:
     """Name of an actuator of the mjModel at address ``model``."""
     pointer, number = ctypes.c_uint64.from_address, ctypes.c_int.from_address
-    start = number(pointer(model + where.model["name_actuatoradr"]).value + 4 * actuator).value
-    return ctypes.string_at(pointer(model + where.model["names"]).value + start).decode(errors="replace")
+    start = number(pointer(model_address + offsets.model["name_actuatoradr"]).value + 4 * actuator).value
+    return ctypes.string_at(pointer(model_address + offsets.model["names"]).value + start).decode(errors="replace")
 
 
 @cache
-def _struct(name: str) -> Any:
+def _make_struct(name: str) -> Any:
     """The struct ``name`` as a ctypes class."""
     from mujoco.introspect import structs
 
     fields = []
     for number, declared in enumerate(structs.STRUCTS[name].fields):
         label = getattr(declared, "name", f"_{number}")
-        fields.append((label, _type(getattr(declared, "type", declared))))
+        fields.append((label, _to_ctype(getattr(declared, "type", declared))))
     return type(name, (ctypes.Structure,), {"_fields_": fields})
 
 
-def _type(declared: Any) -> Any:
+def _to_ctype(declared: Any) -> Any:
     """ctypes counterpart of a declared C type."""
     from mujoco.introspect import ast_nodes, structs
 
     if isinstance(declared, ast_nodes.PointerType):
         return ctypes.c_void_p
     if isinstance(declared, ast_nodes.ArrayType):
-        element = _type(declared.inner_type)
+        element = _to_ctype(declared.inner_type)
         for extent in reversed(declared.extents):
             element = element * extent
         return element
     if isinstance(declared, ast_nodes.ValueType):
         name = declared.name.removeprefix("struct ").strip()
-        if name in _BASIC:
-            return _BASIC[name]
+        if name in _BASIC_TYPES:
+            return _BASIC_TYPES[name]
         for known in (name, name.rstrip("_")):
             if known in structs.STRUCTS:
-                return _struct(known)
+                return _make_struct(known)
         if name.startswith("mjt"):  # an enumeration
             return ctypes.c_int
         raise KeyError(name)
     if isinstance(declared, ast_nodes.AnonymousStructDecl | ast_nodes.AnonymousUnionDecl):
         union = isinstance(declared, ast_nodes.AnonymousUnionDecl)
-        inner = [(field.name, _type(field.type)) for field in declared.fields]
+        inner = [(field.name, _to_ctype(field.type)) for field in declared.fields]
         return type("anonymous", (ctypes.Union if union else ctypes.Structure,), {"_fields_": inner})
     raise TypeError(f"what is a {type(declared).__name__}?")

@@ -6,24 +6,26 @@ from pathlib import Path
 
 import mujoco
 
-from klute_sim.device.step import Parameters, remembers
-from klute_sim.device.vector import SIGNATURE, pack
+from klute_sim.device.step import DeviceParameters, has_internal_state
+from klute_sim.device.vector import LAYOUT_ID, pack_parameters
 from klute_sim.errors import InputError
-from klute_sim.plant.coupling import ALL_STATES, ROW, SHOWN_DAMPING, STATES
+from klute_sim.plant.coupling import DAMPING_INDEX, N_ALL_STATES, N_BASE_STATES, USER_ROW_SIZE
 
 
-def folder() -> Path:
+def get_models_folder() -> Path:
     """Folder of the MJCF files: inside an installed package, or beside ``src`` in a checkout."""
     inside = Path(str(resources.files("klute_sim"))) / "models"
     return inside if inside.is_dir() else Path(__file__).parents[3] / "models"
 
 
-def spec(name: str) -> mujoco.MjSpec:
+def load_spec(name: str) -> mujoco.MjSpec:
     """The editable model ``name`` (``ankle``, ``bench`` or ``gait_rig``)."""
-    return mujoco.MjSpec.from_file(str(folder() / f"{name}.xml"))
+    return mujoco.MjSpec.from_file(str(get_models_folder() / f"{name}.xml"))
 
 
-def equip(spec: mujoco.MjSpec, devices: Mapping[str, Parameters], *, memory: bool = False) -> mujoco.MjModel:
+def attach_devices(
+    spec: mujoco.MjSpec, devices: Mapping[str, DeviceParameters], *, reserve_internal_states: bool = False
+) -> mujoco.MjModel:
     """Compile ``spec`` with ``devices`` (actuator name -> parameters) on its actuators.
 
     The parameters travel in the model (``actuator_user``): its copies and pickles carry them. MuJoCo's automatic
@@ -41,33 +43,33 @@ def equip(spec: mujoco.MjSpec, devices: Mapping[str, Parameters], *, memory: boo
         if actuator is None:
             known = ", ".join(each.name for each in spec.actuators)
             raise InputError(f"the model has no actuator '{name}'; it has: {known}")
-        obstacle = _obstacle(spec, actuator)
+        obstacle = _find_incompatibility(spec, actuator)
         if obstacle:
             raise InputError(f"actuator '{name}' cannot carry a device: {obstacle}")
-        shown = _show_damping(spec, actuator, parameters)
-        actuator.actdim = ALL_STATES if memory or remembers(parameters) else STATES
-        actuator.userdata = [*pack(parameters), shown]
+        shown = _expose_damping(spec, actuator, parameters)
+        actuator.actdim = N_ALL_STATES if reserve_internal_states or has_internal_state(parameters) else N_BASE_STATES
+        actuator.userdata = [*pack_parameters(parameters), shown]
     for actuator in spec.actuators:
-        if actuator.name not in devices and not _carries(actuator) and not _obstacle(spec, actuator):
+        if actuator.name not in devices and not _carries_device(actuator) and not _find_incompatibility(spec, actuator):
             raise InputError(f"actuator '{actuator.name}' is made for a device and has none: it would give no force")
-    if 0 <= spec.nuser_actuator < ROW:
-        spec.nuser_actuator = ROW
+    if 0 <= spec.nuser_actuator < USER_ROW_SIZE:
+        spec.nuser_actuator = USER_ROW_SIZE
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return spec.compile()
 
 
-def _carries(actuator: mujoco.MjsActuator) -> bool:
-    return len(actuator.userdata) >= ROW and actuator.userdata[0] == SIGNATURE
+def _carries_device(actuator: mujoco.MjsActuator) -> bool:
+    return len(actuator.userdata) >= USER_ROW_SIZE and actuator.userdata[0] == LAYOUT_ID
 
 
-def _obstacle(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str:
+def _find_incompatibility(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str:
     """Why ``actuator`` cannot carry a device, or ''."""
     made = (
         actuator.dyntype == mujoco.mjtDyn.mjDYN_USER
         and actuator.biastype == mujoco.mjtBias.mjBIAS_USER
         and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED
         and actuator.gainprm[0] == 0.0
-        and actuator.actdim in (STATES, ALL_STATES)
+        and actuator.actdim in (N_BASE_STATES, N_ALL_STATES)
         and actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
     )
     if not made:
@@ -86,7 +88,7 @@ def _obstacle(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str:
     return ""
 
 
-def _show_damping(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator, parameters: Parameters) -> float:
+def _expose_damping(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator, parameters: DeviceParameters) -> float:
     """Let MuJoCo's implicit integrators see the damper of a device that has no spring between damper and joint.
 
     They know nothing of a callback's derivative, and on a rigid tie the damper is too stiff without it. MuJoCo's
@@ -96,10 +98,10 @@ def _show_damping(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator, parameters:
     """
     tendon = spec.tendon(actuator.target)
     damping = [*tendon.damping, 0.0, 0.0, 0.0][:3]
-    if _carries(actuator):  # a device before this one
-        damping[1] -= actuator.userdata[SHOWN_DAMPING]
+    if _carries_device(actuator):  # a device before this one
+        damping[1] -= actuator.userdata[DAMPING_INDEX]
     damper = parameters.damper
-    shown = max(damper.concentric, damper.eccentric) if parameters.tendon.rigid else 0.0
+    shown = max(damper.concentric_coefficient, damper.eccentric_coefficient) if parameters.tendon.is_rigid else 0.0
     damping[1] += shown
     tendon.damping = damping
     return shown

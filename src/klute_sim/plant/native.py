@@ -16,9 +16,9 @@ from numba import types
 from numba.extending import intrinsic
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from klute_sim.device.compiled import copy_of, device_law, ready
+from klute_sim.device.compiled import compile_cached, compile_device_functions, compile_module
 from klute_sim.plant import coupling, memory
-from klute_sim.plant.layout import actuator_name, layout
+from klute_sim.plant.layout import get_layout, read_actuator_name
 
 
 class Fault(NamedTuple):
@@ -38,17 +38,17 @@ class Fault(NamedTuple):
     """[m]"""
 
 
-faults: dict[int, dict[tuple[int, int], Fault]] = {}
+pending_faults: dict[int, dict[tuple[int, int], Fault]] = {}
 """Thread -> (address of mjData, actuator) -> the first report of it that nobody has taken yet."""
 
 
-def take(data: int | None = None) -> Fault | None:
+def pop_fault(data_address: int | None = None) -> Fault | None:
     """The calling thread's first report (about the mjData at that address), which is then forgotten with its like."""
-    mine = faults.get(threading.get_ident(), {})
-    concerned = [place for place in mine if data in (None, place[0])]
+    mine = pending_faults.get(threading.get_ident(), {})
+    concerned = [place for place in mine if data_address in (None, place[0])]
     taken = [mine.pop(place) for place in concerned]
     if not mine:
-        faults.pop(threading.get_ident(), None)
+        pending_faults.pop(threading.get_ident(), None)
     return taken[0] if taken else None
 
 
@@ -59,20 +59,20 @@ class Callbacks(NamedTuple):
     act_bias: Any
 
 
-def _report(model: int, data: int, actuator: int, *numbers: float) -> float:
-    mine = faults.setdefault(threading.get_ident(), {})
-    if (data, actuator) not in mine:  # a device that has failed fails at every step
-        mine[data, actuator] = Fault(actuator_name(model, layout(), actuator), *numbers)
+def _record_fault(model_address: int, data_address: int, actuator: int, *values: float) -> float:
+    mine = pending_faults.setdefault(threading.get_ident(), {})
+    if (data_address, actuator) not in mine:  # a device that has failed fails at every step
+        mine[data_address, actuator] = Fault(read_actuator_name(model_address, get_layout(), actuator), *values)
     return 0.0
 
 
 _REPORT_TYPE = ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_int64] * 3, *[ctypes.c_double] * 5)
-_report_pointer = _REPORT_TYPE(_report)
+_record_fault_pointer = _REPORT_TYPE(_record_fault)
 
 
-_REPORT = "klute_sim_report_fault"
+_REPORT_SYMBOL = "klute_sim_report_fault"
 """Name under which compiled code finds :func:`_report`: its address differs from process to process."""
-llvmlite.binding.add_symbol(_REPORT, ctypes.cast(_report_pointer, ctypes.c_void_p).value)
+llvmlite.binding.add_symbol(_REPORT_SYMBOL, ctypes.cast(_record_fault_pointer, ctypes.c_void_p).value)
 
 
 def _number_to_pointer(typing: Any, number: Any) -> Any:
@@ -90,9 +90,9 @@ def _pointer_to_number(typing: Any, pointer: Any) -> Any:
 
 
 @cache
-def callbacks() -> Callbacks:
+def get_callbacks() -> Callbacks:
     """Compile, or take from the disk; raises UnknownLayoutError when MuJoCo's memory is not understood."""
-    where = layout()
+    where = get_layout()
     m = {name: offset // 8 for name, offset in where.model.items()}
     d = {name: offset // 8 for name, offset in where.data.items()}
     words = {
@@ -113,8 +113,8 @@ def callbacks() -> Callbacks:
         "VELOCITY": d["actuator_velocity"],
         "TIME": d["time"],
     }
-    device = copy_of(coupling, **device_law())
-    report = types.ExternalFunction(_REPORT, types.float64(*[types.int64] * 3, *[types.float64] * 5))
+    device = compile_module(coupling, **compile_device_functions())
+    report = types.ExternalFunction(_REPORT_SYMBOL, types.float64(*[types.int64] * 3, *[types.float64] * 5))
     pointers = {"at": intrinsic(_number_to_pointer), "address": intrinsic(_pointer_to_number)}
     filled = {
         **pointers,
@@ -123,18 +123,18 @@ def callbacks() -> Callbacks:
         "report_fault": report,
         "to_tuple": to_fixed_tuple,
     }
-    code = copy_of(memory, **words, **filled)
+    code = compile_module(memory, **words, **filled)
     signature, constants = (
         types.float64(types.voidptr, types.voidptr, types.intc),
         repr((sorted(words.items()), memory.USER_DYNAMICS)),
     )
-    made = Callbacks(*(ready(numba.cfunc, f, signature, constants) for f in (code.act_dyn, code.act_bias)))
+    made = Callbacks(*(compile_cached(numba.cfunc, f, signature, constants) for f in (code.act_dyn, code.act_bias)))
     for function in made:
-        function.ctypes.argtypes = (_Struct, _Struct, ctypes.c_int)
+        function.ctypes.argtypes = (_StructArgument, _StructArgument, ctypes.c_int)
     return made
 
 
-class _Struct:
+class _StructArgument:
     """Lets Python call what is in the slots, as it may call Python callbacks: with an MjModel and an MjData."""
 
     @staticmethod

@@ -10,17 +10,17 @@ import pyarrow.parquet as pq
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
 
-_KEY = b"klute_sim"
+_METADATA_KEY = b"klute_sim"
 
 
 def write(recording: Recording, path: Path) -> None:
     """Write ``recording`` to ``path``; the same recording gives the same bytes."""
     fields = [
-        pa.field(recording.heading(name), pa.float64(), metadata={"unit": recording.units[name]})
+        pa.field(recording.format_heading(name), pa.float64(), metadata={"unit": recording.units[name]})
         for name in recording.channels
     ]
     provenance = json.dumps(recording.provenance, sort_keys=True)
-    schema = pa.schema(fields, metadata={_KEY: provenance.encode()})
+    schema = pa.schema(fields, metadata={_METADATA_KEY: provenance.encode()})
     table = pa.table(list(recording.channels.values()), schema=schema)
     pq.write_table(table, path, compression="zstd")
 
@@ -31,7 +31,7 @@ def read(path: Path) -> Recording:
         table = pq.read_table(path)
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"recording {path} cannot be read: {error}") from None
-    stored = (table.schema.metadata or {}).get(_KEY, b"{}")
+    stored = (table.schema.metadata or {}).get(_METADATA_KEY, b"{}")
     columns = []
     for heading, column in zip(table.column_names, table.columns, strict=True):
         try:

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from klute_sim.errors import InputError
 
-Samples = NDArray[np.float64]
+Array = NDArray[np.float64]
 
-_HEADING = re.compile(r"^(?P<name>[a-z][a-z0-9_]*) \[(?P<unit>[^\[\]]*)\]$")
+_HEADING_PATTERN = re.compile(r"^(?P<name>[a-z][a-z0-9_]*) \[(?P<unit>[^\[\]]*)\]$")
 
 
 def split_heading(heading: str) -> tuple[str, str]:
     """``"force [N]"`` -> ``("force", "N")``; raises InputError for anything else."""
-    match = _HEADING.match(heading)
+    match = _HEADING_PATTERN.match(heading)
     if match is None:
         raise InputError(f"column '{heading}' is not of the form 'name [unit]', such as 'force [N]'")
     return match["name"], match["unit"]
@@ -31,7 +31,7 @@ def split_heading(heading: str) -> tuple[str, str]:
 class Recording:
     """Channels of equal length; the first is ``time``."""
 
-    channels: Mapping[str, Samples]
+    channels: Mapping[str, Array]
     """Name -> samples, in the order of the columns."""
     units: Mapping[str, str]
     """Name -> unit, such as ``N*m`` or ``deg``; ``1`` for a pure number."""
@@ -50,7 +50,7 @@ class Recording:
         if set(self.units) != set(self.channels):
             raise InputError("every channel needs a unit, and every unit a channel")
 
-    def __getitem__(self, name: str) -> Samples:
+    def __getitem__(self, name: str) -> Array:
         """Samples of channel ``name``; raises InputError naming the channels there are."""
         try:
             return self.channels[name]
@@ -65,20 +65,20 @@ class Recording:
         """Number of samples."""
         return len(self.channels["time"])
 
-    def heading(self, name: str) -> str:
+    def format_heading(self, name: str) -> str:
         """Column heading of channel ``name``, such as ``force [N]``."""
         return f"{name} [{self.units[name]}]"
 
-    def select(self, keep: NDArray[np.bool_] | slice) -> "Recording":
+    def select(self, mask: NDArray[np.bool_] | slice) -> "Recording":
         """The samples that ``keep`` picks, all channels."""
-        return Recording({n: s[keep] for n, s in self.channels.items()}, self.units, self.provenance)
+        return Recording({n: s[mask] for n, s in self.channels.items()}, self.units, self.provenance)
 
     @staticmethod
     def from_columns(
         columns: Iterable[tuple[str, NDArray[np.floating[Any]]]], provenance: Mapping[str, Any] | None = None
     ) -> "Recording":
         """From ``("name [unit]", samples)`` pairs."""
-        channels: dict[str, Samples] = {}
+        channels: dict[str, Array] = {}
         units: dict[str, str] = {}
         for heading, samples in columns:
             name, unit = split_heading(heading)

@@ -13,13 +13,13 @@ from pathlib import Path
 
 from klute_sim.errors import InputError, KluteSimError
 
-RUNS = Path("runs")
+DEFAULT_RUNS_FOLDER = Path("runs")
 """Where runs go when no folder is named."""
-UNFINISHED = ".unfinished"
+SCRATCH_FOLDER_NAME = ".unfinished"
 
 
 @contextmanager
-def new(kind: str, wanted: str | Path | None) -> Iterator[tuple[Path, Path]]:
+def create_run_folder(kind: str, requested_folder: str | Path | None) -> Iterator[tuple[Path, Path]]:
     """The folder of a new run of ``kind`` and the scratch folder to fill: ``wanted``, or the next ``runs/kind-NNN``.
 
     On success the scratch folder's files move into the run's folder; on any failure everything made here is removed.
@@ -28,11 +28,13 @@ def new(kind: str, wanted: str | Path | None) -> Iterator[tuple[Path, Path]]:
     """
     made: list[Path] = []
     try:
-        folder = _reserve_next(kind, made) if wanted is None else _reserve(Path(wanted), made)
+        folder = _reserve_next(kind, made) if requested_folder is None else _reserve(Path(requested_folder), made)
     except OSError as error:
-        _remove(made)
-        raise InputError(f"output folder {wanted or RUNS} cannot be written: {error.strerror}") from None
-    scratch = folder / UNFINISHED
+        _remove_created(made)
+        raise InputError(
+            f"output folder {requested_folder or DEFAULT_RUNS_FOLDER} cannot be written: {error.strerror}"
+        ) from None
+    scratch = folder / SCRATCH_FOLDER_NAME
     try:
         yield folder, scratch
         for file in sorted(scratch.iterdir()):
@@ -44,64 +46,66 @@ def new(kind: str, wanted: str | Path | None) -> Iterator[tuple[Path, Path]]:
             raise KluteSimError(f"the disk is full: {folder} was not written") from None
         raise KluteSimError(f"{folder} was not written: {error}") from None
     finally:
-        _remove(made)
+        _remove_created(made)
 
 
-def lasting(kind: str, wanted: str | Path | None) -> Path:
+def create_persistent_folder(kind: str, requested_folder: str | Path | None) -> Path:
     """A new folder for work that is kept when it is interrupted: ``wanted``, or the next ``runs/kind-NNN``.
 
     Raises InputError if something is already there or nothing can be written there.
     """
     made: list[Path] = []
     try:
-        folder = _reserve_next(kind, made) if wanted is None else _reserve(Path(wanted), made)
-        (folder / UNFINISHED).rmdir()
+        folder = _reserve_next(kind, made) if requested_folder is None else _reserve(Path(requested_folder), made)
+        (folder / SCRATCH_FOLDER_NAME).rmdir()
     except OSError as error:
-        _remove(made)
-        raise InputError(f"output folder {wanted or RUNS} cannot be written: {error.strerror}") from None
+        _remove_created(made)
+        raise InputError(
+            f"output folder {requested_folder or DEFAULT_RUNS_FOLDER} cannot be written: {error.strerror}"
+        ) from None
     return folder
 
 
-def _reserve_next(kind: str, made: list[Path]) -> Path:
+def _reserve_next(kind: str, created: list[Path]) -> Path:
     number = 1
     while True:
-        folder = RUNS / f"{kind}-{number:03d}"
+        folder = DEFAULT_RUNS_FOLDER / f"{kind}-{number:03d}"
         if not folder.exists():
             with suppress(FileExistsError):  # another run was faster
-                _make(folder, made)
+                _create_folder(folder, created)
                 return folder
         number += 1
 
 
-def _reserve(folder: Path, made: list[Path]) -> Path:
+def _reserve(folder: Path, created: list[Path]) -> Path:
     if folder.is_dir():
         if any(folder.iterdir()):
             raise InputError(f"output folder {folder} is not empty; name a new or an empty one")
-        (folder / UNFINISHED).mkdir()
-        made.append(folder / UNFINISHED)
+        (folder / SCRATCH_FOLDER_NAME).mkdir()
+        created.append(folder / SCRATCH_FOLDER_NAME)
     elif folder.exists():
         raise InputError(f"output folder {folder} is a file; name a new or an empty folder")
     else:
-        _make(folder, made)
+        _create_folder(folder, created)
     return folder
 
 
-def _make(folder: Path, made: list[Path]) -> None:
+def _create_folder(folder: Path, created: list[Path]) -> None:
     """Make ``folder``, what is missing above it and the scratch folder in it; all of them are noted in ``made``."""
     above = [parent for parent in folder.parents if not parent.exists()]
     for parent in reversed(above):
         parent.mkdir(exist_ok=True)
-        made.append(parent)
+        created.append(parent)
     folder.mkdir()
-    made.append(folder)
-    (folder / UNFINISHED).mkdir()
-    made.append(folder / UNFINISHED)
+    created.append(folder)
+    (folder / SCRATCH_FOLDER_NAME).mkdir()
+    created.append(folder / SCRATCH_FOLDER_NAME)
 
 
-def _remove(made: list[Path]) -> None:
+def _remove_created(created: list[Path]) -> None:
     """Remove what was made: the scratch folder whole, the others if nobody else has put something there."""
-    for folder in reversed(made):
-        if folder.name == UNFINISHED:
+    for folder in reversed(created):
+        if folder.name == SCRATCH_FOLDER_NAME:
             shutil.rmtree(folder, ignore_errors=True)
         with suppress(OSError):
             folder.rmdir()

@@ -5,55 +5,61 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-from klute_sim.design.actuator import SLENDER
+from klute_sim.design.actuator import MIN_TESTED_SLENDERNESS
 
-ROUNDED = 1.02
+PRESSURE_TOLERANCE_RATIO = 1.02
 """Pressure in the cylinder over the allowed one that the rounding of the orifices may make [1]."""
-CURVES = (("alone", "actuator alone"), ("ideal", "with ideal damper"), ("fixed", "with fixed orifices"))
+CURVE_LABELS = (("alone", "actuator alone"), ("ideal", "with ideal damper"), ("fixed", "with fixed orifices"))
 
 
-def tables(shown: dict[str, Any]) -> list[Table]:
+def build_tables(summary: dict[str, Any]) -> list[Table]:
     """The tables of the summary ``shown``, in the order in which they are read."""
-    found = [_target(shown["target"]), _rows(shown), _sizes(shown), _envelope(shown), _misfit(shown)]
-    if shown["demand"]:
-        found.append(_demand(shown["demand"]))
-    return [*found, _sensitivity(shown)]
+    found = [
+        _build_target_table(summary["target"]),
+        _build_actuator_table(summary),
+        _build_sizing_table(summary),
+        _build_envelope_table(summary),
+        _build_misfit_table(summary),
+    ]
+    if summary["demand"]:
+        found.append(_build_demand_table(summary["demand"]))
+    return [*found, _build_sensitivity_table(summary)]
 
 
-def _table(title: str, *headings: str) -> Table:
+def _create_table(title: str, *headings: str) -> Table:
     result = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
     for number, heading in enumerate(headings):
         result.add_column(heading, justify="right" if number else "left", no_wrap=number > 0)
     return result
 
 
-def _target(own: dict[str, Any]) -> Table:
+def _build_target_table(target: dict[str, Any]) -> Table:
     """What is emulated, as understood."""
-    whom = f"muscle '{own['muscle']}'" if own["mass_kg"] is None else f"walker of {own['mass_kg']:g} kg"
-    result = _table(f"Asked for: {whom}", "", "unit", "")
+    whom = f"muscle '{target['muscle']}'" if target["mass_kg"] is None else f"walker of {target['mass_kg']:g} kg"
+    result = _create_table(f"Asked for: {whom}", "", "unit", "")
     rows: list[tuple[str, str, float | None, str]] = [
-        ("F0", "N", own["f0_n"], "what the actuators have"),
-        ("l0", "mm", own["l0_mm"], "the actuators' own"),
+        ("F0", "N", target["f0_n"], "what the actuators have"),
+        ("l0", "mm", target["l0_mm"], "the actuators' own"),
     ]
-    if own["mass_kg"] is not None:
-        rows = [("peak ankle moment", "N·m", own["peak_moment_nm"], "")]
+    if target["mass_kg"] is not None:
+        rows = [("peak ankle moment", "N·m", target["peak_moment_nm"], "")]
     for label, unit, value, otherwise in rows:
         result.add_row(label, unit, otherwise if value is None else f"{value:.4g}")
-    assumed = " (assumed)" if own["vmax_assumed"] else ""
-    result.add_row("Vmax", "mm/s", f"{own['vmax_mm_per_s']:.4g}{assumed}")
+    assumed = " (assumed)" if target["vmax_assumed"] else ""
+    result.add_row("Vmax", "mm/s", f"{target['vmax_mm_per_s']:.4g}{assumed}")
     for label, key in (("a/F0", "a_over_f0"), ("b/Vmax", "b_over_vmax"), ("saturation/F0", "saturation")):
-        result.add_row(label, "1", f"{own[key]:.4g}")
+        result.add_row(label, "1", f"{target[key]:.4g}")
     return result
 
 
-def _rows(shown: dict[str, Any]) -> Table:
-    asked = "" if shown["needed_force_n"] is None else f" for {shown['needed_force_n']:.0f} N"
-    title = f"Actuators of Table 3.1{asked} at {shown['supply_pressure_bar']:g} bar"
-    f0 = f"F0 of one\n(L/L0 {shown['design_ratio']:g})"
+def _build_actuator_table(summary: dict[str, Any]) -> Table:
+    asked = "" if summary["needed_force_n"] is None else f" for {summary['needed_force_n']:.0f} N"
+    title = f"Actuators of Table 3.1{asked} at {summary['supply_pressure_bar']:g} bar"
+    f0 = f"F0 of one\n(L/L0 {summary['design_ratio']:g})"
     headings = ("row", "L0\n[mm]", f"{f0} [N]", "L/L0 where\nneeded", "one there\n[N]", "count", "all there\n[N]")
-    result = _table(title, *headings, "gas\n[mL]")
-    for row in shown["rows"]:
-        taken = row["actuator"] == shown["actuator"]
+    result = _create_table(title, *headings, "gas\n[mL]")
+    for row in summary["rows"]:
+        taken = row["actuator"] == summary["actuator"]
         weak = "" if row["sufficient"] else " (too weak)"
         result.add_row(
             f"{row['row']}{' (taken)' if taken else ''}{weak}",
@@ -69,9 +75,9 @@ def _rows(shown: dict[str, Any]) -> Table:
     return result
 
 
-def _sizes(shown: dict[str, Any]) -> Table:
-    damper, tendon = shown["damper"], shown["tendon"]
-    result = _table("Damper and tendon", "", "unit", "concentric", "eccentric")
+def _build_sizing_table(summary: dict[str, Any]) -> Table:
+    damper, tendon = summary["damper"], summary["tendon"]
+    result = _create_table("Damper and tendon", "", "unit", "concentric", "eccentric")
     for label, unit, key, form in (
         ("speed designed for", "mm/s", "speed_mm_per_s", ".0f"),
         ("damping there", "N", "damping_n", ".0f"),
@@ -95,49 +101,49 @@ def _sizes(shown: dict[str, Any]) -> Table:
     return result
 
 
-def _envelope(shown: dict[str, Any]) -> Table:
-    result = _table("Design envelope (2.5)", "", "allowed", "found", "")
-    for row in shown["envelope"]:
+def _build_envelope_table(summary: dict[str, Any]) -> Table:
+    result = _create_table("Design envelope (2.5)", "", "allowed", "found", "")
+    for row in summary["envelope"]:
         found = "no such constant" if row["found"] is None else f"{row['found']:.2f}"
         allowed = f"{row['low']:g}" if row["low"] == row["high"] else f"{row['low']:g} to {row['high']:g}"
         result.add_row(row["name"], allowed, found, "met" if row["met"] else "not met")
     return result
 
 
-def _misfit(shown: dict[str, Any]) -> Table:
-    result = _table("Distance to Hill, rms over velocity [F0]", "", "concentric", "eccentric")
-    for key, label in CURVES:
-        own = shown["misfit_f0"][key]
+def _build_misfit_table(summary: dict[str, Any]) -> Table:
+    result = _create_table("Distance to Hill, rms over velocity [F0]", "", "concentric", "eccentric")
+    for key, label in CURVE_LABELS:
+        own = summary["misfit_f0"][key]
         result.add_row(label, f"{own['concentric']:.3f}", f"{own['eccentric']:.3f}")
     return result
 
 
-def _demand(own: dict[str, Any]) -> Table:
-    result = _table("The stride (the tendon alone carries the moment: assumed)", "", "unit", "")
-    needed = "more than 20" if own["needed_pressure_bar"] is None else f"{own['needed_pressure_bar']:.2f}"
+def _build_demand_table(demand: dict[str, Any]) -> Table:
+    result = _create_table("The stride (the tendon alone carries the moment: assumed)", "", "unit", "")
+    needed = "more than 20" if demand["needed_pressure_bar"] is None else f"{demand['needed_pressure_bar']:.2f}"
     for label, unit, value in (
-        ("peak tendon force", "N", f"{own['tendon_peak_n']:.0f} at {own['tendon_peak_pct']:.0f} %"),
-        ("isometric force there, supply's pressure", "N", f"{own['strongest_at_peak_n']:.0f}"),
-        ("isometric force there, its own profile", "N", f"{own['commanded_at_peak_n']:.0f}"),
-        ("moment held at rest / peak moment", "1", f"{own['peak_share']:.2f}"),
+        ("peak tendon force", "N", f"{demand['tendon_peak_n']:.0f} at {demand['tendon_peak_pct']:.0f} %"),
+        ("isometric force there, supply's pressure", "N", f"{demand['strongest_at_peak_n']:.0f}"),
+        ("isometric force there, its own profile", "N", f"{demand['commanded_at_peak_n']:.0f}"),
+        ("moment held at rest / peak moment", "1", f"{demand['peak_share']:.2f}"),
         (
             "least strength / (tendon + damper)",
             "1",
-            f"{own['least_margin']:.2f} at {own['least_margin_pct']:.0f} %",
+            f"{demand['least_margin']:.2f} at {demand['least_margin_pct']:.0f} %",
         ),
         ("highest pressure needed", "bar", needed),
-        ("muscle length / L0", "1", f"{own['ratio_min']:.3f} to {own['ratio_max']:.3f}"),
-        ("of the stride against the rest-length stop", "%", f"{own['at_stop_pct']:.0f}"),
-        ("fastest shortening", "mm/s", f"{own['fastest_shortening_mm_per_s']:.0f}"),
-        ("fastest lengthening", "mm/s", f"{own['fastest_lengthening_mm_per_s']:.0f}"),
-        ("air, its own profile, no dead volume", "g", f"{own['air_g']:.2f}"),
+        ("muscle length / L0", "1", f"{demand['ratio_min']:.3f} to {demand['ratio_max']:.3f}"),
+        ("of the stride against the rest-length stop", "%", f"{demand['at_stop_pct']:.0f}"),
+        ("fastest shortening", "mm/s", f"{demand['fastest_shortening_mm_per_s']:.0f}"),
+        ("fastest lengthening", "mm/s", f"{demand['fastest_lengthening_mm_per_s']:.0f}"),
+        ("air, its own profile, no dead volume", "g", f"{demand['air_g']:.2f}"),
     ):
         result.add_row(label, unit, value)
     return result
 
 
-def _sensitivity(shown: dict[str, Any]) -> Table:
-    result = _table(
+def _build_sensitivity_table(summary: dict[str, Any]) -> Table:
+    result = _create_table(
         "What the assumptions change (these actuators and their count kept)",
         "assumption",
         "from",
@@ -149,21 +155,21 @@ def _sensitivity(shown: dict[str, Any]) -> Table:
         "air\n[g]",
         "rule\ntakes",
     )
-    base = shown["sensitivity"]["base"]
-    result.add_row("as designed", "", "", *_cells(base, None), style="bold")
+    base = summary["sensitivity"]["base"]
+    result.add_row("as designed", "", "", *_format_outcome_cells(base, None), style="bold")
     result.add_section()
-    for row in shown["sensitivity"]["rows"]:
+    for row in summary["sensitivity"]["rows"]:
         unit = "" if row["unit"] == "1" else f" [{row['unit']}]"
-        cells = ["not possible"] if row["outcome"] is None else _cells(row["outcome"], base)
+        cells = ["not possible"] if row["outcome"] is None else _format_outcome_cells(row["outcome"], base)
         result.add_row(f"{row['assumption']}{unit}", f"{row['base']:.4g}", f"{row['value']:.4g}", *cells)
     return result
 
 
-def _cells(own: dict[str, Any], base: dict[str, Any] | None) -> list[str]:
+def _format_outcome_cells(outcome: dict[str, Any], base: dict[str, Any] | None) -> list[str]:
     """Outcomes; a dot for what is as in ``base``."""
 
     def cell(form: str, *keys: str) -> str:
-        values = [own[key] for key in keys]
+        values = [outcome[key] for key in keys]
         if values[0] is None:
             return "-"
         told = " / ".join(format(value, form) for value in values)
@@ -180,28 +186,28 @@ def _cells(own: dict[str, Any], base: dict[str, Any] | None) -> list[str]:
     ]
 
 
-def _verdict(shown: dict[str, Any]) -> str:
+def _describe_strength(summary: dict[str, Any]) -> str:
     """Whether the actuators are strong enough: at rest, and in a stride with the damper."""
-    demand, share = shown["demand"], f"{shown['strength']:.2f} times the force that is asked for"
-    needed = shown["pressure_for_needed_force_bar"]
+    demand, share = summary["demand"], f"{summary['strength']:.2f} times the force that is asked for"
+    needed = summary["pressure_for_needed_force_bar"]
     at = "more than 20 bar" if needed is None else f"{needed:.2f} bar"
     if demand and demand["least_margin"] < 1.0:
-        held = "" if shown["strength"] < 1.0 else "at rest "
+        held = "" if summary["strength"] < 1.0 else "at rest "
         verdict = (
             f"The actuators are too weak: {held}they have {share}, and at {demand['least_margin_pct']:.0f} % of the "
             f"stride {demand['least_margin']:.2f} of what tendon and damper ask for at the supply's pressure."
         )
-    elif shown["strength"] < 1.0:
+    elif summary["strength"] < 1.0:
         verdict = f"The actuators are too weak: they have {share}; {at} would give just that."
     else:
         verdict = f"The actuators are strong enough: they have {share}; {at} would give just that."
     return f"{verdict} Preferred is the row that needs fewest actuators, then least gas (assumed)."
 
 
-def _damper_beyond(damper: dict[str, Any]) -> list[str]:
+def _describe_excess_pressure(damper: dict[str, Any]) -> list[str]:
     """What to say of a cylinder that has more pressure than is allowed."""
     pressure, allowed = damper["pressure_mpa"], damper["allowed_pressure_mpa"]
-    if pressure <= ROUNDED * allowed:
+    if pressure <= PRESSURE_TOLERANCE_RATIO * allowed:
         return []
     fastest = max(damper[side]["oil_speed_m_per_s"] for side in ("concentric", "eccentric"))
     return [
@@ -211,22 +217,22 @@ def _damper_beyond(damper: dict[str, Any]) -> list[str]:
     ]
 
 
-def remarks(shown: dict[str, Any]) -> list[str]:
+def collect_remarks(summary: dict[str, Any]) -> list[str]:
     """What a reader has to know beside the tables, one sentence each."""
-    said, demand = [], shown["demand"]
-    if shown["strength"] is not None:
-        said.append(_verdict(shown))
-    said.extend(_damper_beyond(shown["damper"]))
+    said, demand = [], summary["demand"]
+    if summary["strength"] is not None:
+        said.append(_describe_strength(summary))
+    said.extend(_describe_excess_pressure(summary["damper"]))
     if demand and demand["at_stop_pct"] > 0.0:
         said.append(
             f"In {demand['at_stop_pct']:.0f} % of the stride the muscle would be longer than at rest: the stop carries."
         )
-    if shown["slenderness"] < SLENDER:
+    if summary["slenderness"] < MIN_TESTED_SLENDERNESS:
         said.append(
-            f"Length over diameter is {shown['slenderness']:.1f}; the actuators of Table 3.1 were tested at "
-            f"{SLENDER:g} and more."
+            f"Length over diameter is {summary['slenderness']:.1f}; the actuators of Table 3.1 were tested at "
+            f"{MIN_TESTED_SLENDERNESS:g} and more."
         )
-    missed = [row["name"] for row in shown["envelope"] if not row["met"]]
+    missed = [row["name"] for row in summary["envelope"] if not row["met"]]
     if missed:
         said.append(
             f"(2.5) is not met: {', '.join(missed)}. The actuator's isometric curve bends upwards, a muscle's "
@@ -236,16 +242,16 @@ def remarks(shown: dict[str, Any]) -> list[str]:
         "The cavitation number is the pressure behind the orifice over the drop across it, with the reservoir at "
         "atmosphere (assumed): far below 1, the jet is close to boiling, and only a back pressure would prevent it."
     )
-    unvaried = shown["sensitivity"]["left_out"]
+    unvaried = summary["sensitivity"]["left_out"]
     for why in dict.fromkeys(unvaried.values()):
         fields = ", ".join(field.replace("_", " ") for field in unvaried if unvaried[field] == why)
         said.append(f"Assumed, but not varied: {fields} ({why}).")
-    if shown["gait"]:
-        said.append(f"To walk with it under its own profile: {shown['gait']}")
+    if summary["gait"]:
+        said.append(f"To walk with it under its own profile: {summary['gait']}")
     else:
         said.append(
             "No pressure profile was written, because a muscle has no stride: klute-sim gait would walk with this "
             "device under the profile that is tuned for the default prosthesis and 75 kg, unless it is given another."
         )
-    said.append(f"{len(shown['assumptions'])} of the device's numbers are assumed (device.toml says which and why).")
+    said.append(f"{len(summary['assumptions'])} of the device's numbers are assumed (device.toml says which and why).")
     return said

@@ -8,32 +8,32 @@ from typing import Any
 
 import numpy as np
 
-from klute_sim.dataset.channels import MEASURED
+from klute_sim.dataset.channels import MEASURED_CHANNELS
 from klute_sim.diagnose.diagnosis import Diagnosis
-from klute_sim.diagnose.experiment import UNITS
-from klute_sim.diagnose.fallback import formula
+from klute_sim.diagnose.experiment import CHANNEL_UNITS
+from klute_sim.diagnose.fallback import format_formula
 from klute_sim.diagnose.fit import Fit
-from klute_sim.diagnose.hypothesis import Term
-from klute_sim.diagnose.noise import CERTAIN, misfit
-from klute_sim.diagnose.search import MOST_EFFECTS
+from klute_sim.diagnose.hypothesis import EffectTerm
+from klute_sim.diagnose.noise import SIGNIFICANCE_SIGMAS, estimate_misfit
+from klute_sim.diagnose.search import MAX_EFFECTS
 from klute_sim.effects import catalogue
-from klute_sim.provenance import versions
+from klute_sim.provenance import collect_versions
 from klute_sim.report import diagnosis_figures as pictures
 from klute_sim.report import diagnosis_words as words
-from klute_sim.report.html import rendered
+from klute_sim.report.html import render_template
 
-AT_END = "at the end of what is allowed"
+AT_BOUND_NOTE = "at the end of what is allowed"
 TEMPLATE = "diagnosis.html"
-AT_BOUND = 1e-6
+BOUND_TOLERANCE = 1e-6
 """Distance from a bound, over the whole range, at which a fitted number stands at it."""
 
-BESIDE = {
+UNOBSERVED_BY_RIG = {
     "bench": "The body, its joints and the ground: the device alone was on the bench.",
     "gait": "Whoever walked, and the ground: motion and load were taken as they were measured.",
 }
 """Rig -> what no diagnosis on it sees."""
 
-CAPTIONS = {
+FIGURE_CAPTIONS = {
     "before_after": "Measured and simulated in one trial, and what is left between them.",
     "gap": "The gap of every channel (root mean square). No model can go below the noise, which repeats show.",
     "ranking": "Candidates in every step: what the screening promised and what a full fit kept of it.",
@@ -41,183 +41,199 @@ CAPTIONS = {
 }
 
 
-def write(diagnosis: Diagnosis, path: Path, recording: str = "") -> None:
+def write_page(diagnosis: Diagnosis, path: Path, rrd_file: str = "") -> None:
     """Write the page of ``diagnosis`` to ``path``, with its pictures in it.
 
     It links to the rerun ``recording`` beside it, if there is one.
     """
     images = {}
-    for name, figure in pictures.figures(diagnosis):
+    for name, figure in pictures.build_figures(diagnosis):
         content = io.BytesIO()
         figure.savefig(content, format="png", dpi=pictures.DPI)
         images[name] = base64.b64encode(content.getvalue()).decode("ascii")
-    path.write_text(render(diagnosis, images, recording), "utf-8")
+    path.write_text(render_page(diagnosis, images, rrd_file), "utf-8")
 
 
-def render(diagnosis: Diagnosis, images: Mapping[str, str], recording: str = "") -> str:
+def render_page(diagnosis: Diagnosis, images: Mapping[str, str], rrd_file: str = "") -> str:
     """The page with ``images`` (name -> PNG in base 64) in it; every name in the data is escaped."""
-    return rendered(TEMPLATE, **content(diagnosis), images=images, captions=CAPTIONS, recording=recording)
+    return render_template(
+        TEMPLATE, **build_page_context(diagnosis), images=images, captions=FIGURE_CAPTIONS, recording=rrd_file
+    )
 
 
-def content(diagnosis: Diagnosis) -> dict[str, Any]:
+def build_page_context(diagnosis: Diagnosis) -> dict[str, Any]:
     """Everything on the page but its pictures, in words."""
     d = diagnosis
     device = d.dataset.device
     return {
         "title": f"Diagnosis of {d.dataset.folder.name}",
         "verdict": d.verdict,
-        "sentence": words.verdict(d),
-        "improvement": words.improvement(d),
-        "reasons": [words.sentence(reason) for reason in d.reasons],
-        "warnings": _warnings(d),
+        "sentence": words.describe_verdict(d),
+        "improvement": words.describe_improvement(d),
+        "reasons": [words.format_sentence(reason) for reason in d.reasons],
+        "warnings": _collect_warnings(d),
         "next": d.next_experiment["sentence"] if d.next_experiment else "",
-        "title_of_effects": _title_of_effects(d),
-        "effects": [_effect(d, term) for term in d.found],
-        "rivals": _rivals(d),
-        "equation": words.equation(d),
+        "title_of_effects": _format_effects_heading(d),
+        "effects": [_build_effect_entry(d, term) for term in d.added_terms],
+        "rivals": _build_equivalent_model_entries(d),
+        "equation": words.describe_equation_residuals(d),
         "where": [
             {
-                "channel": words.spoken(place.channel),
-                "share": f"{100.0 * place.share:.0f} %",
+                "channel": words.humanize_identifier(place.channel),
+                "share": f"{100.0 * place.fraction:.0f} %",
                 "region": place.region or "everywhere alike",
-                "concentration": words.number(place.concentration, 3),
+                "concentration": words.format_number(place.concentration, 3),
             }
-            for place in d.where
+            for place in d.misfit_regions
         ],
-        "gap": _gap(d),
-        "shown_on": d.shown_on,
-        "noise": _noise(d),
-        "certain": f"{CERTAIN:.0f}",
-        "decisive": f"{d.decisive:.0f}",
-        "repeated": d.repeated,
-        "split": _split(d),
-        "how": d.split.how,
-        "steps": [_step(d, number) for number in range(len(d.steps))],
-        "base": _base(d),
-        "inside": [words.spoken(name) for name in device.spec.effects],
-        "unseen": _unseen(d),
-        "effective": words.number(d.effective, 3),
-        "rollouts": d.rollouts,
+        "gap": _build_gap_rows(d),
+        "shown_on": d.evaluated_on,
+        "noise": _build_noise_rows(d),
+        "certain": f"{SIGNIFICANCE_SIGMAS:.0f}",
+        "decisive": f"{d.bic_threshold:.0f}",
+        "repeated": d.has_repeats,
+        "split": _build_split_rows(d),
+        "how": d.split.description,
+        "steps": [_build_step_entry(d, number) for number in range(len(d.selection_history))],
+        "base": _build_device_parameter_rows(d),
+        "inside": [words.humanize_identifier(name) for name in device.spec.effects],
+        "unseen": _list_limitations(d),
+        "effective": words.format_number(d.n_independent, 3),
+        "rollouts": d.n_simulations,
         "device": device.name,
         "device_digest": device.digest,
         "digest": d.dataset.digest,
-        "versions": versions(),
+        "versions": collect_versions(),
     }
 
 
-def _title_of_effects(d: Diagnosis) -> str:
-    if d.verdict != "unexplained":
+def _format_effects_heading(diagnosis: Diagnosis) -> str:
+    if diagnosis.verdict != "unexplained":
         return "Effects"
-    kinds = {term.entry.data_driven: None for term in d.found}
+    kinds = {term.effect_definition.data_driven: None for term in diagnosis.added_terms}
     names = {False: "proxies: effects that come closest", True: "a data-driven term, which names nothing"}
-    return words.sentence(words.joined([names[kind] for kind in kinds]))
+    return words.format_sentence(words.join_words([names[kind] for kind in kinds]))
 
 
-def _warnings(d: Diagnosis) -> list[str]:
-    found = list(d.dataset.remarks)
-    fits = {"the device as it was": d.base}
-    if d.found:
-        fits["the device with what was found"] = d.final
+def _collect_warnings(diagnosis: Diagnosis) -> list[str]:
+    found = list(diagnosis.dataset.remarks)
+    fits = {"the device as it was": diagnosis.base_fit}
+    if diagnosis.added_terms:
+        fits["the device with what was found"] = diagnosis.final_fit
     for name, fit in fits.items():
         if fit is not None and not fit.converged:
             found.append(f"The fit of {name} did not converge: do not trust its numbers.")
     return found
 
 
-def _effect(d: Diagnosis, term: Term) -> dict[str, Any]:
-    assert d.final is not None
+def _build_effect_entry(diagnosis: Diagnosis, term: EffectTerm) -> dict[str, Any]:
+    assert diagnosis.final_fit is not None
     sources = [(words.split_key(p.key)[0], p.source) for p in term.parameters if p.source.startswith("assumed")]
     marks = {False: " (a proxy)", True: " (data-driven)"}
     return {
-        "name": words.term(term),
-        "mark": marks[term.entry.data_driven] if d.verdict == "unexplained" else "",
+        "name": words.format_term(term),
+        "mark": marks[term.effect_definition.data_driven] if diagnosis.verdict == "unexplained" else "",
         "identifier": term.effect,
         "form": term.form,
-        "sentence": term.entry.sentence,
-        "equation": formula(d.final) if term.entry.data_driven else term.law.equation,
-        "parameters": _numbers(d.final, term, d.intervals),
+        "sentence": term.effect_definition.description,
+        "equation": format_formula(diagnosis.final_fit)
+        if term.effect_definition.data_driven
+        else term.form_definition.equation,
+        "parameters": _build_parameter_rows(diagnosis.final_fit, term, diagnosis.confidence_intervals),
         "assumed": sources,
     }
 
 
-def _numbers(fit: Fit, term: Term, intervals: Sequence[tuple[float, float]] = ()) -> list[dict[str, str]]:
+def _build_parameter_rows(
+    fit: Fit, term: EffectTerm, intervals: Sequence[tuple[float, float]] = ()
+) -> list[dict[str, str]]:
     """The fitted numbers of ``term``, with ``intervals`` of all unknowns if there are any."""
     rows = []
     place = fit.hypothesis.terms.index(term)
-    for number, (unknown, value) in enumerate(zip(fit.hypothesis.unknowns, fit.values, strict=True)):
-        if unknown.term == place:
-            name, unit = words.unknown(unknown, term.channel)
-            row = {"name": name, "key": unknown.key, "unit": unit, "value": words.number(value)}
+    for number, (unknown, value) in enumerate(zip(fit.hypothesis.parameters, fit.values, strict=True)):
+        if unknown.term_index == place:
+            name, unit = words.format_parameter_name(unknown, term.channel)
+            row = {"name": name, "key": unknown.key, "unit": unit, "value": words.format_number(value)}
             if intervals:
-                row["value"], row["low"], row["high"] = words.told_apart(value, *intervals[number])
-            row["note"] = _note(unknown.low, unknown.high, value)
+                row["value"], row["low"], row["high"] = words.format_interval(value, *intervals[number])
+            row["note"] = _format_bound_note(unknown.lower, unknown.upper, value)
             rows.append(row)
     return rows
 
 
-def _note(low: float, high: float, value: float) -> str:
-    if np.isfinite(high - low) and min(value - low, high - value) <= AT_BOUND * (high - low):
-        return AT_END
+def _format_bound_note(lower: float, upper: float, value: float) -> str:
+    if np.isfinite(upper - lower) and min(value - lower, upper - value) <= BOUND_TOLERANCE * (upper - lower):
+        return AT_BOUND_NOTE
     return ""
 
 
-def _rivals(d: Diagnosis) -> list[dict[str, Any]]:
+def _build_equivalent_model_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     found = []
-    for rival in d.rivals:
+    for rival in diagnosis.equivalent_models:
         other = rival.fit.hypothesis.terms[-1]
-        worse = f"worse by {rival.difference:.1f}" if rival.difference >= 0.0 else f"better by {-rival.difference:.1f}"
+        worse = (
+            f"worse by {rival.bic_difference:.1f}"
+            if rival.bic_difference >= 0.0
+            else f"better by {-rival.bic_difference:.1f}"
+        )
         found.append(
             {
-                "name": words.term(other),
-                "replaces": words.term(rival.replaces),
+                "name": words.format_term(other),
+                "replaces": words.format_term(rival.replaces),
                 "worse": worse,
-                "numbers": _numbers(rival.fit, other),
+                "numbers": _build_parameter_rows(rival.fit, other),
             }
         )
     return found
 
 
-def _gap(d: Diagnosis) -> list[dict[str, str]]:
+def _build_gap_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
     rows = []
-    for channel, gap in d.gap.items():
-        unit, si = UNITS[channel]
-        parts = {"before": gap.before, "refitted": gap.refitted, "after": gap.after, "floor": gap.floor}
-        row = {name: "not repeated" if value is None else words.number(value / si, 3) for name, value in parts.items()}
+    for channel, gap in diagnosis.channel_rms.items():
+        unit, si = CHANNEL_UNITS[channel]
+        parts = {"before": gap.nominal, "refitted": gap.refitted, "after": gap.with_effects, "floor": gap.noise_floor}
+        row = {
+            name: "not repeated" if value is None else words.format_number(value / si, 3)
+            for name, value in parts.items()
+        }
         # In squares, because noise adds to a gap in squares.
-        floor = (gap.floor or 0.0) ** 2
+        floor = (gap.noise_floor or 0.0) ** 2
         above = gap.refitted**2 - floor
-        gone = 1.0 - max(0.0, gap.after**2 - floor) / above if above > 0.1 * floor and gap.floor else None
-        row["gone"] = "-" if gone is None or not d.found else f"{100.0 * gone:.1f} %"
-        rows.append({"channel": words.spoken(channel), "unit": unit, **row})
+        gone = 1.0 - max(0.0, gap.with_effects**2 - floor) / above if above > 0.1 * floor and gap.noise_floor else None
+        row["gone"] = "-" if gone is None or not diagnosis.added_terms else f"{100.0 * gone:.1f} %"
+        rows.append({"channel": words.humanize_identifier(channel), "unit": unit, **row})
     return rows
 
 
-def _noise(d: Diagnosis) -> list[dict[str, str]]:
+def _build_noise_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
     rows = []
-    fitted = [e for e in d.experiments if e.use == "fit" and e.measured]
-    left = [misfit(fitted, fit.residuals, d.noise) if fit is not None else {} for fit in (d.base, d.final)]
-    for channel, noise in d.noise.items():
-        unit, si = UNITS[channel]
+    fitted = [e for e in diagnosis.experiments if e.use == "fit" and e.measured]
+    left = [
+        estimate_misfit(fitted, fit.residuals, diagnosis.noise) if fit is not None else {}
+        for fit in (diagnosis.base_fit, diagnosis.final_fit)
+    ]
+    for channel, noise in diagnosis.noise.items():
+        unit, si = CHANNEL_UNITS[channel]
         row = {
-            "channel": words.spoken(channel),
+            "channel": words.humanize_identifier(channel),
             "unit": unit,
-            "deviation": words.number(noise.deviation / si, 3),
-            "share": f"{100.0 * noise.independent:.0f} %",
-            "samples": str(noise.samples),
+            "deviation": words.format_number(noise.std / si, 3),
+            "share": f"{100.0 * noise.independent_fraction:.0f} %",
+            "samples": str(noise.n_samples),
         }
         for name, each in zip(("before", "after"), left, strict=True):
             own = each.get(channel)
-            row[name] = f"{own.size / own.floor:.2f} sd ({own.certainty:.0f} se)" if own else "-"
+            row[name] = f"{own.rms / own.noise_rms:.2f} sd ({own.significance:.0f} se)" if own else "-"
         rows.append(row)
     return rows
 
 
-def _split(d: Diagnosis) -> list[dict[str, Any]]:
-    groups = {trial.name: trial.group for trial in d.dataset.trials}
+def _build_split_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    groups = {trial.name: trial.group for trial in diagnosis.dataset.trials}
     uses = (
-        ("fit", "fitted", d.split.fit),
-        ("select", "to choose among effects by, never fitted", d.split.select),
-        ("show", "opened when everything was decided", d.split.show),
+        ("fit", "fitted", diagnosis.split.fit),
+        ("select", "to choose among effects by, never fitted", diagnosis.split.validation),
+        ("show", "opened when everything was decided", diagnosis.split.test),
     )
     return [
         {"use": use, "purpose": purpose, "trials": [{"name": name, "group": groups[name]} for name in names]}
@@ -225,78 +241,94 @@ def _split(d: Diagnosis) -> list[dict[str, Any]]:
     ]
 
 
-def _step(d: Diagnosis, number: int) -> dict[str, Any]:
-    step = d.steps[number]
-    bars = pictures.ranked(d, step)
+def _build_step_entry(diagnosis: Diagnosis, index: int) -> dict[str, Any]:
+    step = diagnosis.selection_history[index]
+    bars = pictures.rank_candidates(diagnosis, step)
     return {
-        "number": number + 1,
-        "added": words.term(step.added) if step.added else "",
-        "why": words.sentence(step.why),
+        "number": index + 1,
+        "added": words.format_term(step.added_term) if step.added_term else "",
+        "why": words.format_sentence(step.reason),
         "count": len(bars),
         "bars": [
             {
                 "name": bar.name,
-                "promised": _tenths(bar.promised),
-                "fall": "not refitted" if bar.fall is None else _tenths(bar.fall),
-                "note": "" if bar.fall is None or bar.finished else "stopped early: too far behind",
+                "promised": _format_tenths(bar.predicted_drop),
+                "fall": "not refitted" if bar.bic_drop is None else _format_tenths(bar.bic_drop),
+                "note": "" if bar.bic_drop is None or bar.converged else "stopped early: too far behind",
                 "accepted": bar.accepted,
             }
             for bar in bars
         ],
-        "gains": [(group, f"{100.0 * gain:.1f} %") for group, gain in step.gains.items()],
+        "gains": [(group, f"{100.0 * gain:.1f} %") for group, gain in step.validation_gains.items()],
     }
 
 
-def _tenths(value: float) -> str:
+def _format_tenths(value: float) -> str:
     return f"{round(value, 1) + 0.0:.1f}"  # no minus before a zero
 
 
-def _base(d: Diagnosis) -> list[dict[str, str]]:
+def _build_device_parameter_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
     """The device's uncertain numbers: nominal, and fitted without and with effects."""
-    nominal, rows = d.dataset.device.spec.numbers(), []
-    for number, (key, deviation) in enumerate(d.dataset.uncertain.items()):
+    nominal, rows = diagnosis.dataset.device.spec.collect_values(), []
+    for number, (key, deviation) in enumerate(diagnosis.dataset.uncertainties.items()):
         row, notes = {"key": key, "unit": words.split_key(key)[1]}, []
-        row["nominal"], row["deviation"] = words.number(nominal[key]), words.number(deviation, 3)
-        for name, fit, which in (("before", d.base, "with nothing added"), ("after", d.final, "in the end")):
+        row["nominal"], row["deviation"] = words.format_number(nominal[key]), words.format_number(deviation, 3)
+        for name, fit, which in (
+            ("before", diagnosis.base_fit, "with nothing added"),
+            ("after", diagnosis.final_fit, "in the end"),
+        ):
             if fit is None:
                 continue
-            unknown = fit.hypothesis.unknowns[number]
-            row[name], row[f"{name}_steps"] = words.number(fit.values[number]), f"{fit.steps[number]:+.2f}"
-            if _note(unknown.low, unknown.high, fit.values[number]):
-                notes.append(f"{which} {AT_END}")
+            unknown = fit.hypothesis.parameters[number]
+            row[name], row[f"{name}_steps"] = words.format_number(fit.values[number]), f"{fit.x[number]:+.2f}"
+            if _format_bound_note(unknown.lower, unknown.upper, fit.values[number]):
+                notes.append(f"{which} {AT_BOUND_NOTE}")
         row["note"] = ", ".join(notes)
-        if d.intervals and d.final is not None:
-            row["after"], row["low"], row["high"] = words.told_apart(d.final.values[number], *d.intervals[number])
+        if diagnosis.confidence_intervals and diagnosis.final_fit is not None:
+            row["after"], row["low"], row["high"] = words.format_interval(
+                diagnosis.final_fit.values[number], *diagnosis.confidence_intervals[number]
+            )
         rows.append(row)
     return rows
 
 
-def _unseen(d: Diagnosis) -> list[str]:
+def _list_limitations(diagnosis: Diagnosis) -> list[str]:
     """What this diagnosis says nothing about, one sentence each."""
     found = []
-    if d.final is None:
+    if diagnosis.final_fit is None:
         found.append("No effect was looked for, because the data cannot answer.")
     else:
-        tried = {candidate.term.effect for step in d.steps for candidate in step.candidates}
-        rest = [words.spoken(name) for name in catalogue.named() if name not in tried]
+        tried = {candidate.term.effect for step in diagnosis.selection_history for candidate in step.candidates}
+        rest = [words.humanize_identifier(name) for name in catalogue.get_named_effects() if name not in tried]
         if rest:
             found.append(
-                f"Effects left out, in the device already, or without any change in these trials: {words.joined(rest)}."
+                f"Effects left out, in the device already, or without any change in these trials: {words.join_words(rest)}."
             )
-        found.append(f"Effects that the catalogue does not know, and more than {MOST_EFFECTS} at a time.")
+        found.append(f"Effects that the catalogue does not know, and more than {MAX_EFFECTS} at a time.")
         found.append("Candidates that were screened and not refitted, beyond what the screening promised.")
-        kept = {(term.effect, term.channel) for term in d.found}
-        if any(s.added is not None and (s.added.effect, s.added.channel) in kept and not s.gains for s in d.steps):
+        kept = {(term.effect, term.channel) for term in diagnosis.added_terms}
+        if any(
+            s.added_term is not None and (s.added_term.effect, s.added_term.channel) in kept and not s.validation_gains
+            for s in diagnosis.selection_history
+        ):
             found.append("Whether trials that were not fitted gain from each effect: there was no second group.")
-        if d.shown_on == "fit":
+        if diagnosis.evaluated_on == "fit":
             found.append("How well the result predicts: no trial was kept back to show, the gap is of fitted ones.")
-    measured = {channel for trial in d.dataset.trials for channel in trial.measured}
-    missing = [words.spoken(channel) for channel in MEASURED[d.dataset.rig] if channel not in measured]
+    measured = {channel for trial in diagnosis.dataset.trials for channel in trial.measured}
+    missing = [
+        words.humanize_identifier(channel)
+        for channel in MEASURED_CHANNELS[diagnosis.dataset.rig]
+        if channel not in measured
+    ]
     if missing:
-        found.append(f"Channels that were not measured: {words.joined(missing)}.")
-    weighed = d.noise if d.final is not None else measured
-    idle = [words.spoken(channel) for channel in UNITS if channel in measured and channel not in weighed]
+        found.append(f"Channels that were not measured: {words.join_words(missing)}.")
+    weighed = diagnosis.noise if diagnosis.final_fit is not None else measured
+    idle = [
+        words.humanize_identifier(channel)
+        for channel in CHANNEL_UNITS
+        if channel in measured and channel not in weighed
+    ]
     if idle:
-        found.append(f"Channels that were measured but could not be used: {words.joined(idle)}.")
-    found.append(BESIDE[d.dataset.rig])
+        found.append(f"Channels that were measured but could not be used: {words.join_words(idle)}.")
+    found.append(UNOBSERVED_BY_RIG[diagnosis.dataset.rig])
     return found

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from klute_sim.diagnose.diagnosis import Diagnosis
-from klute_sim.diagnose.experiment import Array, Bench, Experiment
+from klute_sim.diagnose.experiment import Array, Experiment, Simulator
 
 
-class Simulated(NamedTuple):
+class SimulatedTrial(NamedTuple):
     """A trial and what its instruments would have shown [SI], at the times of its samples."""
 
     experiment: Experiment
@@ -16,23 +16,23 @@ class Simulated(NamedTuple):
     after: Mapping[str, Array]
     """With the effects; the same if none was found."""
 
-    def time(self, channel: str) -> Array:
+    def sample_times(self, channel: str) -> Array:
         """Of the samples, from the trial's begin [s]."""
-        return self.experiment.measured[channel].time - self.experiment.begin
+        return self.experiment.measured[channel].time - self.experiment.start_time
 
 
-def simulated(diagnosis: Diagnosis) -> list[Simulated]:
+def simulate_shown_trials(diagnosis: Diagnosis) -> list[SimulatedTrial]:
     """The trials that :attr:`Diagnosis.gap` is of, in the dataset's order; none where nothing was fitted."""
-    base, final = diagnosis.base, diagnosis.final
+    base, final = diagnosis.base_fit, diagnosis.final_fit
     if base is None or final is None:
         return []
-    shown = [e for e in diagnosis.experiments if e.use == diagnosis.shown_on and e.measured]
-    bench = Bench()
+    shown = [e for e in diagnosis.experiments if e.use == diagnosis.evaluated_on and e.measured]
+    bench = Simulator()
     try:
         before, after = bench.simulate(
-            [fit.hypothesis.settings(fit.steps, shown) for fit in (base, final)],
+            [fit.hypothesis.build_setups(fit.x, shown) for fit in (base, final)],
             shown,
         )
     finally:
         bench.close()
-    return [Simulated(*one) for one in zip(shown, before, after, strict=True)]
+    return [SimulatedTrial(*one) for one in zip(shown, before, after, strict=True)]

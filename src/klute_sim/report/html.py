@@ -3,7 +3,7 @@
 from typing import Any
 
 
-def rendered(template: str, **content: Any) -> str:
+def render_template(template: str, **context: Any) -> str:
     """The page that ``template`` of this package makes of ``content``. Jinja2 is imported when a page is made."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -14,4 +14,4 @@ def rendered(template: str, **content: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(template).render(content)
+    return environment.get_template(template).render(context)

@@ -11,32 +11,34 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-MOST_FILES = 3
+MAX_LISTED_FILES = 3
 """Named before the rest are counted."""
-MEASURED = re.compile(r"(?<![\w.-])-?(?:\d+\.\d+(?:e[-+]\d+)?|\d+(?= (?:degrees|%|ms|s|mm|N)(?!\w)))")
+NUMBER_PATTERN = re.compile(r"(?<![\w.-])-?(?:\d+\.\d+(?:e[-+]\d+)?|\d+(?= (?:degrees|%|ms|s|mm|N)(?!\w)))")
 """Numbers that may differ between files of which one sentence is told: decimal fractions, or with a unit."""
 
 
-def sentences(result: Mapping[str, Any], title: str) -> list[str]:
+def collect_sentences(result: Mapping[str, Any], section: str) -> list[str]:
     """Those under ``title``; what is told of several files is one, with the span of its numbers."""
     files = {entry["file"] for entry in result["found"]}
     told = []
-    for sentence in result[title]:
+    for sentence in result[section]:
         file, colon, rest = sentence.partition(": ")
         told.append((file, rest) if colon and file in files else ("", sentence))
-    return [f"{_listed(names)}: {said}" if any(names) else said for names, said in _merged(told)]
+    return [f"{_format_files(names)}: {said}" if any(names) else said for names, said in _merge_sentences(told)]
 
 
-def found(result: Mapping[str, Any]) -> Table:
+def build_files_table(result: Mapping[str, Any]) -> Table:
     """The files."""
     rows = []
     for entry in result["found"]:
         rate = "-" if entry["rate_hz"] is None else f"{entry['rate_hz']:g}"
         rows.append((entry["file"], entry["kind"], f"{entry['seconds']:.2f}", rate, ", ".join(entry["holds"])))
-    return table("Found", ("file", "kind", "seconds", "Hz", "holds"), rows, names=("file", "kind", "holds"))
+    return build_table(
+        "Found", ("file", "kind", "seconds", "Hz", "holds"), rows, unbroken_columns=("file", "kind", "holds")
+    )
 
 
-def mapped(result: Mapping[str, Any], *, whole: bool) -> Table:
+def build_channels_table(result: Mapping[str, Any], *, all_files: bool) -> Table:
     """Where each channel is from; ``whole``: every file's, else those that are alike once, without what is trivial."""
     headings = ["channel", "side", "from", "unit", "sign", "zero", "why"]
     cells = [
@@ -44,17 +46,17 @@ def mapped(result: Mapping[str, Any], *, whole: bool) -> Table:
          f"{entry['zero']:g}", entry["why"])
         for entry in result["mapped"]
     ]  # fmt: skip
-    if whole:
-        return table("Mapped", headings, [row for _, *row in cells], names=("channel", "side"))
-    texts = [(file, "\t".join((channel, side, shortened(of), *rest))) for file, channel, side, of, *rest in cells]
-    rows = [tuple(text.split("\t")) for _, text in _merged(texts)]
+    if all_files:
+        return build_table("Mapped", headings, [row for _, *row in cells], unbroken_columns=("channel", "side"))
+    texts = [(file, "\t".join((channel, side, collapse_ranges(of), *rest))) for file, channel, side, of, *rest in cells]
+    rows = [tuple(text.split("\t")) for _, text in _merge_sentences(texts)]
     trivial = {"sign": "+1", "zero": "0"}
     kept = [k for k, name in enumerate(headings) if {row[k] for row in rows} != {trivial.get(name)}]
     rows = [tuple(row[k] for k in kept) for row in rows]
-    return table("Mapped", [headings[k] for k in kept], rows, names=("channel", "side", "from"))
+    return build_table("Mapped", [headings[k] for k in kept], rows, unbroken_columns=("channel", "side", "from"))
 
 
-def trials(result: Mapping[str, Any]) -> Table:
+def build_trials_table(result: Mapping[str, Any]) -> Table:
     """Of a dataset; what all of them measured is no column."""
     headings = ["of", "group", "strides", "stride, s", "peak, bar", "measured"]
     rows: list[tuple[str, ...]] = [
@@ -66,22 +68,24 @@ def trials(result: Mapping[str, Any]) -> Table:
     title = f"Trials; measured: {rows[0][-1]}" if alike else "Trials"
     if alike:
         headings, rows = headings[:-1], [row[:-1] for row in rows]
-    return table(title, headings, rows, names=("of", "group", "measured"))
+    return build_table(title, headings, rows, unbroken_columns=("of", "group", "measured"))
 
 
-def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], names: Sequence[str]) -> Table:
+def build_table(
+    title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], unbroken_columns: Sequence[str]
+) -> Table:
     """``rows`` under ``headings``; a word in the columns ``names`` is never cut."""
     rows = list(rows)
     made = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for k, heading in enumerate(headings):
-        words = [word for row in rows for word in row[k].split()] if heading in names else []
+        words = [word for row in rows for word in row[k].split()] if heading in unbroken_columns else []
         made.add_column(heading, overflow="fold", min_width=max(map(len, words), default=None))
     for row in rows:
         made.add_row(*row)
     return made
 
 
-def shortened(names: str) -> str:
+def collapse_ranges(names: str) -> str:
     """``S 1, S 2, S 3, T`` -> ``S 1–3, T``; all that is no run of three or more stays as it is written."""
     told: list[str] = []
     for stem, group in groupby(names.split(", "), key=lambda name: name.rstrip("0123456789").rstrip()):
@@ -95,25 +99,25 @@ def shortened(names: str) -> str:
     return ", ".join(told)
 
 
-def _merged(told: Iterable[tuple[str, str]]) -> Iterator[tuple[list[str], str]]:
+def _merge_sentences(sentences: Iterable[tuple[str, str]]) -> Iterator[tuple[list[str], str]]:
     """(files, sentence) of what each file is told; those that differ in measured numbers alone are one."""
     groups: dict[str, dict[str, str]] = {}
-    for file, said in told:
-        form = MEASURED.sub("#", said)
+    for file, said in sentences:
+        form = NUMBER_PATTERN.sub("#", said)
         while file in groups.get(form, {}):  # one file's own sentences are about different things
             form += " "
         groups.setdefault(form, {})[file] = said
     for of in groups.values():
-        between = MEASURED.split(next(iter(of.values())))
-        spans = [_span(numbers) for numbers in zip(*map(MEASURED.findall, of.values()), strict=True)]
+        between = NUMBER_PATTERN.split(next(iter(of.values())))
+        spans = [_format_span(numbers) for numbers in zip(*map(NUMBER_PATTERN.findall, of.values()), strict=True)]
         yield list(of), "".join(word for pair in zip(between, [*spans, ""], strict=True) for word in pair)
 
 
-def _span(numbers: Sequence[str]) -> str:
+def _format_span(numbers: Sequence[str]) -> str:
     low, high = min(numbers, key=float), max(numbers, key=float)
     return low if low == high else f"{low} to {high}"
 
 
-def _listed(files: Sequence[str]) -> str:
-    rest = len(files) - MOST_FILES
-    return ", ".join(files[:MOST_FILES]) + (f" and {rest} more" if rest > 0 else "")
+def _format_files(files: Sequence[str]) -> str:
+    rest = len(files) - MAX_LISTED_FILES
+    return ", ".join(files[:MAX_LISTED_FILES]) + (f" and {rest} more" if rest > 0 else "")

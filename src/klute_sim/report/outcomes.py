@@ -12,49 +12,49 @@ from typing import Any
 
 import numpy as np
 
-from klute_sim.device.ledger import LINES, SOLVER, of_effect
+from klute_sim.device.ledger import POWER_TERMS, SOLVER_TERM, format_effect_channel
 from klute_sim.effects import catalogue
-from klute_sim.laws.mckibben import FRICTION_ONSET
-from klute_sim.recording.recording import Recording, Samples
-from klute_sim.rigs.gait.reference import GRAVITY, LOADED
+from klute_sim.laws.mckibben import FRICTION_FADE_PRESSURE
+from klute_sim.recording.recording import Array, Recording
+from klute_sim.rigs.gait.reference import GRAVITY, STANCE_LOAD_BW
 from klute_sim.units import BAR
 
-SHORT = 0.015
+SMOOTHING_WINDOW_S = 0.015
 """Moving average [s] under which peak power and vertical humps are read: the raw power spikes as the last sole sphere
 lifts off, and the raw load jumps as the forefoot comes down at 8 % of the cycle."""
-MID_STANCE = 30.0
+MID_STANCE_PCT = 30.0
 """Phase [%] that stance is looked for around."""
-GAP = 5.0
+MAX_CONTACT_GAP_PCT = 5.0
 """Longest loss of contact [%] that does not end stance."""
-HUMPS = ((4.0, 33.0), (33.0, 65.0))
+GRF_PEAK_WINDOWS_PCT = ((4.0, 33.0), (33.0, 65.0))
 """Phases [%] between which the two humps of the vertical ground reaction are looked for."""
-FLAT_FOOT = (2.0, 25.0)
+FLAT_FOOT_WINDOW_PCT = (2.0, 25.0)
 """Phases [%] in which the least dorsiflexion of stance, and with it flat foot, is looked for."""
-CLEAR = (65.0, 97.0)
+SWING_CLEARANCE_WINDOW_PCT = (65.0, 97.0)
 """Phases [%] in which nothing may touch the ground."""
-MID_SWING = (75.0, 92.0)
+MID_SWING_WINDOW_PCT = (75.0, 92.0)
 """Phases [%] in which the toe swings past the ground at its lowest."""
-FLOORS = {"angle_deg": 2.0, "moment_nm_per_kg": 0.05, "power_w_per_kg": 0.1}
+MIN_REFERENCE_SD = {"angle_deg": 2.0, "moment_nm_per_kg": 0.05, "power_w_per_kg": 0.1}
 """Least standard deviation that a distance is measured in: those of swing are tiny."""
-ASSUMPTIONS = {
+COMMON_ASSUMPTIONS = {
     "friction below 2 bar": "assumed: the printed fit is for 2-5 bar; below, it is faded to zero at zero pressure",
     "length stops": "assumed: rigid at resting length (the stop itself is the source's) and at lock length",
     "prosthesis": "assumed: masses, inertias, return spring, joint damping, end stops (models/ankle.xml)",
 }
 """What was assumed in every run, besides the device's own numbers."""
-OF_REGULATOR = {"air": "assumed: isothermal, no dead volume"}
-OF_VALVE = {
+REGULATOR_ASSUMPTIONS = {"air": "assumed: isothermal, no dead volume"}
+VALVE_ASSUMPTIONS = {
     "air": "assumed: leaves at the muscle's own temperature, throttled by ISO 6358; a check valve before the tank",
     "tube": "assumed: flow by an empirical fit for smooth tubes",
     "leak": "assumed: critical pressure ratio 0.5",
 }
 """Likewise, where air comes from a regulator that gives any flow, or through a valve."""
-ROLLOVER = 50.0
+ROLLOVER_END_PCT = 50.0
 """Phase [%] of the opposite heel strike: the roll-over shape is taken up to it (Hansen & Meier 2010)."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Distance:
+class ReferenceDistance:
     """Distance to the reference in its standard deviations; None where the reference has none."""
 
     stance_rms: float | None
@@ -64,7 +64,7 @@ class Distance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AnkleOutcome:
+class AnkleMetrics:
     """One stride of an ankle, human or not; phases in % of the cycle, work and power per kg of body mass."""
 
     ankle_range_deg: float
@@ -92,7 +92,7 @@ class AnkleOutcome:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StrideOutcome(AnkleOutcome):
+class StrideMetrics(AnkleMetrics):
     """One stride of the prosthesis on the rig."""
 
     actuator_moment_peak_nm_per_kg: float
@@ -104,9 +104,9 @@ class StrideOutcome(AnkleOutcome):
     """Least height of the sole above the ground in :data:`MID_SWING`; negative: it is in the ground."""
     rollover_radius_m: float | None
     """Of the centre of pressure in the shank's frame; None if it does not describe an arc."""
-    angle_distance_sd: Distance
-    moment_distance_sd: Distance
-    power_distance_sd: Distance
+    angle_distance_sd: ReferenceDistance
+    moment_distance_sd: ReferenceDistance
+    power_distance_sd: ReferenceDistance
     friction_offset_work_j_per_kg: float
     """What the printed friction gave the device; either sign, because it is an offset."""
     below_friction_fit_pct: float
@@ -125,58 +125,62 @@ class StrideOutcome(AnkleOutcome):
 
 
 @dataclass(frozen=True)
-class GaitOutcome:
+class GaitMetrics:
     """All strides of a recording."""
 
-    strides: tuple[StrideOutcome, ...]
+    strides: tuple[StrideMetrics, ...]
 
     @property
-    def settled(self) -> tuple[StrideOutcome, ...]:
+    def steady_strides(self) -> tuple[StrideMetrics, ...]:
         """The strides that the mean is over: all but the first, if there is another."""
         return self.strides[1:] or self.strides
 
     @property
-    def trips(self) -> bool:
+    def has_swing_contact(self) -> bool:
         """Whether the foot touches the ground in the swing of a settled stride."""
-        return any(s.touches_in_swing for s in self.settled)
+        return any(s.touches_in_swing for s in self.steady_strides)
 
-    def mean(self, value: Callable[[StrideOutcome], float | None]) -> float | None:
+    def mean(self, metric: Callable[[StrideMetrics], float | None]) -> float | None:
         """Mean of ``value`` over the settled strides; None if any of them has none."""
-        values = [value(s) for s in self.settled]
+        values = [metric(s) for s in self.steady_strides]
         known = [v for v in values if v is not None]
         return float(np.mean(known)) if len(known) == len(values) else None
 
 
-def outcomes(recording: Recording) -> GaitOutcome:
+def compute_gait_metrics(recording: Recording) -> GaitMetrics:
     """Outcomes of every stride of a gait ``recording``."""
     mass = float(recording.provenance["options"]["mass_kg"])
     first, last = int(recording["stride"][0]), int(recording["stride"][-1])
-    return GaitOutcome(tuple(_stride(recording.select(recording["stride"] == k), mass) for k in range(first, last + 1)))
+    return GaitMetrics(
+        tuple(_compute_stride_metrics(recording.select(recording["stride"] == k), mass) for k in range(first, last + 1))
+    )
 
 
-def level(recording: Recording) -> bool:
+def is_level_ground(recording: Recording) -> bool:
     """Whether the ground was level; on a slope nobody's gait was measured, and there is nothing to compare with."""
     return bool(recording.provenance["options"].get("slope_deg", 0.0) == 0.0)
 
 
-def human_outcome(recording: Recording) -> AnkleOutcome:
+def compute_reference_metrics(recording: Recording) -> AnkleMetrics:
     """The same outcomes of the human reference that ``recording`` was compared with, or that it followed on a slope."""
     mass = float(recording.provenance["options"]["mass_kg"])
-    return AnkleOutcome(**_ankle(recording.select(recording["stride"] == recording["stride"][0]), "reference_", mass))
+    return AnkleMetrics(
+        **_compute_ankle_metrics(recording.select(recording["stride"] == recording["stride"][0]), "reference_", mass)
+    )
 
 
-def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
+def _compute_ankle_metrics(stride: Recording, prefix: str, mass: float) -> dict[str, Any]:
     """Fields of :class:`AnkleOutcome` from one stride's channels that begin with ``prefix``."""
-    phase, step, weight = r["gait_phase"], _step(r), mass * GRAVITY
-    moment, power = r[f"{prefix}ankle_moment"] / mass, r[f"{prefix}ankle_power"] / mass
-    smooth = _smoothed(power, SHORT / step)
-    vertical, forward = r[f"{prefix}grf_vertical"] / weight, r[f"{prefix}grf_forward"] / weight
-    carried = _smoothed(vertical, SHORT / step)
-    first, lift = _contact_events(phase, vertical > LOADED)
+    phase, step, weight = stride["gait_phase"], _get_time_step(stride), mass * GRAVITY
+    moment, power = stride[f"{prefix}ankle_moment"] / mass, stride[f"{prefix}ankle_power"] / mass
+    smooth = _smooth(power, SMOOTHING_WINDOW_S / step)
+    vertical, forward = stride[f"{prefix}grf_vertical"] / weight, stride[f"{prefix}grf_forward"] / weight
+    carried = _smooth(vertical, SMOOTHING_WINDOW_S / step)
+    first, lift = _find_contact_events(phase, vertical > STANCE_LOAD_BW)
     # Over the angle, not over time: a reference has no stride time of its own.
-    angle = r[f"{prefix}ankle_angle"]
+    angle = stride[f"{prefix}ankle_angle"]
     work = -moment * np.gradient(np.radians(angle))
-    absorbed = float(np.minimum(work[vertical > LOADED], 0.0).sum())
+    absorbed = float(np.minimum(work[vertical > STANCE_LOAD_BW], 0.0).sum())
     return {
         "ankle_range_deg": float(np.ptp(angle)),
         "ankle_plantarflexion_deg": float(-angle.min()),
@@ -186,13 +190,15 @@ def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
         "ankle_power_peak_pct": float(phase[smooth.argmax()]),
         "ankle_work_net_j_per_kg": float(work.sum()),
         "ankle_work_positive_j_per_kg": float(np.maximum(work, 0.0).sum()),
-        "energy_return": float(np.maximum(work[vertical > LOADED], 0.0).sum()) / -absorbed if absorbed < 0.0 else None,
-        "quasi_stiffness_nm_per_kg_deg": _quasi_stiffness(phase, angle, moment),
+        "energy_return": float(np.maximum(work[vertical > STANCE_LOAD_BW], 0.0).sum()) / -absorbed
+        if absorbed < 0.0
+        else None,
+        "quasi_stiffness_nm_per_kg_deg": _fit_quasi_stiffness(phase, angle, moment),
         "first_contact_pct": first,
         "toe_off_pct": lift,
         "grf_vertical_peaks_bw": (
-            float(carried[_between(phase, *HUMPS[0])].max()),
-            float(carried[_between(phase, *HUMPS[1])].max()),
+            float(carried[_mask_between(phase, *GRF_PEAK_WINDOWS_PCT[0])].max()),
+            float(carried[_mask_between(phase, *GRF_PEAK_WINDOWS_PCT[1])].max()),
         ),
         "grf_vertical_max_bw": float(vertical.max()),
         "grf_forward_min_bw": float(forward.min()),
@@ -200,104 +206,110 @@ def _ankle(r: Recording, prefix: str, mass: float) -> dict[str, Any]:
     }
 
 
-def _quasi_stiffness(phase: Samples, angle: Samples, moment: Samples) -> float | None:
-    early = np.flatnonzero(_between(phase, *FLAT_FOOT))
+def _fit_quasi_stiffness(phase: Array, angle: Array, moment: Array) -> float | None:
+    early = np.flatnonzero(_mask_between(phase, *FLAT_FOOT_WINDOW_PCT))
     begin = int(early[angle[early].argmin()])
-    late = np.flatnonzero(_between(phase, phase[begin], 65.0))
+    late = np.flatnonzero(_mask_between(phase, phase[begin], 65.0))
     end = int(late[angle[late].argmax()])
     if end - begin < 3 or np.ptp(angle[begin:end]) < 1.0:
         return None
     return float(np.polyfit(angle[begin:end], moment[begin:end], 1)[0])
 
 
-def _stride(r: Recording, mass: float) -> StrideOutcome:
-    phase, step, weight = r["gait_phase"], _step(r), mass * GRAVITY
-    contact = r["grf_vertical"] > LOADED * weight
-    stance = r["reference_grf_vertical"] > LOADED * weight
-    return StrideOutcome(
-        **_ankle(r, "", mass),
-        actuator_moment_peak_nm_per_kg=float(r["actuator_moment"].max() / mass),
-        actuator_work_net_j_per_kg=float(r["actuator_power"].sum() * step / mass),
-        touches_in_swing=bool((r["grf_vertical"][_between(phase, *CLEAR)] > 0.0).any()),
-        grf_vertical_tracking_rms_bw=_rms((r["grf_vertical"] - r["reference_grf_vertical"]) / weight),
-        sole_depth_max_mm=float(-1e3 * min(0.0, r["sole_height"].min())),
-        toe_clearance_mm=float(1e3 * r["sole_height"][_between(phase, *MID_SWING)].min()),
-        rollover_radius_m=_rollover_radius(r, contact & (phase < ROLLOVER)),
-        angle_distance_sd=_distance(r, "ankle_angle", 1.0, FLOORS["angle_deg"], stance),
-        moment_distance_sd=_distance(r, "ankle_moment", mass, FLOORS["moment_nm_per_kg"], stance),
-        power_distance_sd=_distance(r, "ankle_power", mass, FLOORS["power_w_per_kg"], stance),
-        friction_offset_work_j_per_kg=float(r["friction_power"].sum() * step / mass),
-        below_friction_fit_pct=float(100.0 * np.mean(r["pressure"] < FRICTION_ONSET / BAR)),
-        muscle_ratio_max=_longest(r),
-        air_g=float(1e3 * (r["air_drawn"][-1] - r["air_drawn"][0])),
-        air_leaked_g=float(1e3 * (r["air_leaked"][-1] - r["air_leaked"][0])),
-        short_of_supply_pct=float(100.0 * np.mean(r["pressure_command"] > r["supply_pressure"])),
-        ledger_j=_ledger(r, step),
-        ledger_residual_pct=_ledger_residual(r, step),
+def _compute_stride_metrics(stride: Recording, mass: float) -> StrideMetrics:
+    phase, step, weight = stride["gait_phase"], _get_time_step(stride), mass * GRAVITY
+    contact = stride["grf_vertical"] > STANCE_LOAD_BW * weight
+    stance = stride["reference_grf_vertical"] > STANCE_LOAD_BW * weight
+    return StrideMetrics(
+        **_compute_ankle_metrics(stride, "", mass),
+        actuator_moment_peak_nm_per_kg=float(stride["actuator_moment"].max() / mass),
+        actuator_work_net_j_per_kg=float(stride["actuator_power"].sum() * step / mass),
+        touches_in_swing=bool((stride["grf_vertical"][_mask_between(phase, *SWING_CLEARANCE_WINDOW_PCT)] > 0.0).any()),
+        grf_vertical_tracking_rms_bw=_compute_rms((stride["grf_vertical"] - stride["reference_grf_vertical"]) / weight),
+        sole_depth_max_mm=float(-1e3 * min(0.0, stride["sole_height"].min())),
+        toe_clearance_mm=float(1e3 * stride["sole_height"][_mask_between(phase, *MID_SWING_WINDOW_PCT)].min()),
+        rollover_radius_m=_fit_rollover_radius(stride, contact & (phase < ROLLOVER_END_PCT)),
+        angle_distance_sd=_compute_distance(stride, "ankle_angle", 1.0, MIN_REFERENCE_SD["angle_deg"], stance),
+        moment_distance_sd=_compute_distance(
+            stride, "ankle_moment", mass, MIN_REFERENCE_SD["moment_nm_per_kg"], stance
+        ),
+        power_distance_sd=_compute_distance(stride, "ankle_power", mass, MIN_REFERENCE_SD["power_w_per_kg"], stance),
+        friction_offset_work_j_per_kg=float(stride["friction_power"].sum() * step / mass),
+        below_friction_fit_pct=float(100.0 * np.mean(stride["pressure"] < FRICTION_FADE_PRESSURE / BAR)),
+        muscle_ratio_max=_compute_max_muscle_ratio(stride),
+        air_g=float(1e3 * (stride["air_drawn"][-1] - stride["air_drawn"][0])),
+        air_leaked_g=float(1e3 * (stride["air_leaked"][-1] - stride["air_leaked"][0])),
+        short_of_supply_pct=float(100.0 * np.mean(stride["pressure_command"] > stride["supply_pressure"])),
+        ledger_j=_compute_energy_ledger(stride, step),
+        ledger_residual_pct=_compute_ledger_residual(stride, step),
     )
 
 
-def _longest(r: Recording) -> float | None:
-    resting = r.provenance["device"].get("resting_length_m")
-    passive = r.provenance["options"].get("spring_foot_nm_per_deg") is not None
-    return None if resting is None or passive else float(r["muscle_length"].max() / resting)
+def _compute_max_muscle_ratio(stride: Recording) -> float | None:
+    resting = stride.provenance["device"].get("resting_length_m")
+    passive = stride.provenance["options"].get("spring_foot_nm_per_deg") is not None
+    return None if resting is None or passive else float(stride["muscle_length"].max() / resting)
 
 
-def _step(r: Recording) -> float:
-    return float(r["time"][1] - r["time"][0])
+def _get_time_step(stride: Recording) -> float:
+    return float(stride["time"][1] - stride["time"][0])
 
 
-def _between(phase: Samples, low: float, high: float) -> np.ndarray:
-    return np.asarray((phase >= low) & (phase <= high))
+def _mask_between(phase: Array, lower: float, upper: float) -> np.ndarray:
+    return np.asarray((phase >= lower) & (phase <= upper))
 
 
-def _rms(values: Samples) -> float:
+def _compute_rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values * values)))
 
 
-def _smoothed(values: Samples, width: float) -> Samples:
+def _smooth(values: Array, width: float) -> Array:
     """Centred periodic moving average over about ``width`` samples."""
     half = max(0, round((width - 1.0) / 2.0))
     padded = np.concatenate([values[len(values) - half :], values, values[:half]])
     return np.convolve(padded, np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
 
 
-def _contact_events(phase: Samples, contact: np.ndarray) -> tuple[float | None, float | None]:
+def _find_contact_events(phase: Array, contact: np.ndarray) -> tuple[float | None, float | None]:
     """First and last contact [%] of the stance around :data:`MID_STANCE`, over gaps up to :data:`GAP`.
 
     A scuff in swing is no stance: it is told apart by the gap before it.
     """
     if not contact.any():
         return None, None
-    cycle = np.sort(phase[contact] - MID_STANCE)
+    cycle = np.sort(phase[contact] - MID_STANCE_PCT)
     cycle = np.concatenate([cycle[cycle >= 50.0] - 100.0, cycle[cycle < 50.0]])  # mid-stance in the middle
     before, after = cycle[cycle <= 0.0][::-1], cycle[cycle >= 0.0]
-    return MID_STANCE - _reach(-before), MID_STANCE + _reach(after)
+    return MID_STANCE_PCT - _measure_unbroken_extent(-before), MID_STANCE_PCT + _measure_unbroken_extent(after)
 
 
-def _reach(distances: Samples) -> float:
+def _measure_unbroken_extent(distances: Array) -> float:
     """How far rising ``distances`` go from 0 before the first gap."""
     steps = np.diff(distances, prepend=0.0)
-    gaps = np.flatnonzero(steps > GAP)
+    gaps = np.flatnonzero(steps > MAX_CONTACT_GAP_PCT)
     unbroken = distances[: gaps[0]] if len(gaps) else distances
     return float(unbroken[-1]) if len(unbroken) else 0.0
 
 
-def _distance(r: Recording, channel: str, mass: float, floor: float, stance: np.ndarray) -> Distance:
-    if f"reference_{channel}_sd" not in r:
-        return Distance(stance_rms=None, swing_rms=None, largest=None)
-    deviation = np.maximum(r[f"reference_{channel}_sd"] / mass, floor)
-    z = (r[channel] - r[f"reference_{channel}"]) / mass / deviation
-    return Distance(stance_rms=_rms(z[stance]), swing_rms=_rms(z[~stance]), largest=float(np.abs(z).max()))
+def _compute_distance(
+    stride: Recording, channel: str, scale: float, min_sd: float, stance: np.ndarray
+) -> ReferenceDistance:
+    if f"reference_{channel}_sd" not in stride:
+        return ReferenceDistance(stance_rms=None, swing_rms=None, largest=None)
+    deviation = np.maximum(stride[f"reference_{channel}_sd"] / scale, min_sd)
+    z = (stride[channel] - stride[f"reference_{channel}"]) / scale / deviation
+    return ReferenceDistance(
+        stance_rms=_compute_rms(z[stance]), swing_rms=_compute_rms(z[~stance]), largest=float(np.abs(z).max())
+    )
 
 
-def _rollover_radius(r: Recording, loaded: np.ndarray) -> float | None:
+def _fit_rollover_radius(stride: Recording, loaded: np.ndarray) -> float | None:
     """Radius [m] of the circle that fits the centre of pressure in the shank's frame best (Kasa's fit)."""
-    use = loaded & np.isfinite(r["cop_x"])
+    use = loaded & np.isfinite(stride["cop_x"])
     if use.sum() < 10:
         return None
-    tilt = np.radians(r["shank_angle"][use])
-    x, z = r["cop_x"][use] - r["ankle_x"][use], -r["ankle_z"][use]
+    tilt = np.radians(stride["shank_angle"][use])
+    x, z = stride["cop_x"][use] - stride["ankle_x"][use], -stride["ankle_z"][use]
     along, up = np.cos(tilt) * x - np.sin(tilt) * z, np.sin(tilt) * x + np.cos(tilt) * z
     matrix = np.column_stack([along, up, np.ones_like(along)])
     (a, b, c), _, rank, _ = np.linalg.lstsq(matrix, along * along + up * up, rcond=None)
@@ -305,24 +317,26 @@ def _rollover_radius(r: Recording, loaded: np.ndarray) -> float | None:
     return float(np.sqrt(square)) if rank == 3 and square > 0.0 else None
 
 
-def _ledger(r: Recording, step: float) -> dict[str, float]:
-    own = [name for name in map(of_effect, catalogue.effects()) if name in r]
-    return {name.removesuffix("_power"): float(r[name].sum() * step) for name in (*LINES, *own, "delivered_power")}
+def _compute_energy_ledger(stride: Recording, dt: float) -> dict[str, float]:
+    own = [name for name in map(format_effect_channel, catalogue.get_effects()) if name in stride]
+    return {
+        name.removesuffix("_power"): float(stride[name].sum() * dt) for name in (*POWER_TERMS, *own, "delivered_power")
+    }
 
 
-def _ledger_residual(r: Recording, step: float) -> float:
+def _compute_ledger_residual(stride: Recording, dt: float) -> float:
     """Percent of the device's work, both ways, that its elements do not account for."""
     # A sample's power holds for the step that ends there: the first one only tells where the count begins.
-    given = sum(r[line][1:] for line in LINES if line != SOLVER)
-    delivered = r["delivered_power"][1:]
-    residual, exchanged = float((given - delivered).sum()) * step, float(np.abs(delivered).sum()) * step
+    given = sum(stride[line][1:] for line in POWER_TERMS if line != SOLVER_TERM)
+    delivered = stride["delivered_power"][1:]
+    residual, exchanged = float((given - delivered).sum()) * dt, float(np.abs(delivered).sum()) * dt
     return 100.0 * residual / exchanged if exchanged > 0.0 else 0.0
 
 
-def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
+def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, Any]:
     """The run as one JSON object: means over the settled strides, then every stride."""
-    options, mean = recording.provenance["options"], outcome.mean
-    air = OF_VALVE if recording.provenance["device"]["valve"] else OF_REGULATOR
+    options, mean = recording.provenance["options"], metrics.mean
+    air = VALVE_ASSUMPTIONS if recording.provenance["device"]["valve"] else REGULATOR_ASSUMPTIONS
     distances = {
         name: {
             "stance_rms": mean(lambda s, n=name: getattr(s, n).stance_rms),  # type: ignore[misc]
@@ -342,7 +356,7 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "stride_time_s": options["stride_time_s"],
         "slope_deg": options.get("slope_deg", 0.0),
         "strides": options["strides"],
-        "mean_over_strides": [len(outcome.strides) - len(outcome.settled) + 1, len(outcome.strides)],
+        "mean_over_strides": [len(metrics.strides) - len(metrics.steady_strides) + 1, len(metrics.strides)],
         "ankle_range_deg": mean(lambda s: s.ankle_range_deg),
         "ankle_plantarflexion_deg": mean(lambda s: s.ankle_plantarflexion_deg),
         "ankle_moment_peak_nm_per_kg": mean(lambda s: s.ankle_moment_peak_nm_per_kg),
@@ -358,7 +372,7 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "muscle_ratio_max": mean(lambda s: s.muscle_ratio_max),
         "first_contact_pct": mean(lambda s: s.first_contact_pct),
         "toe_off_pct": mean(lambda s: s.toe_off_pct),
-        "touches_in_swing": outcome.trips,
+        "touches_in_swing": metrics.has_swing_contact,
         "grf_vertical_peaks_bw": [
             mean(lambda s: s.grf_vertical_peaks_bw[0]),
             mean(lambda s: s.grf_vertical_peaks_bw[1]),
@@ -378,9 +392,9 @@ def summary(recording: Recording, outcome: GaitOutcome) -> dict[str, Any]:
         "air_per_stride_g": mean(lambda s: s.air_g),
         "short_of_supply_pct": mean(lambda s: s.short_of_supply_pct),
         "air_leaked_per_stride_g": mean(lambda s: s.air_leaked_g),
-        "ledger_j": {line: mean(lambda s, n=line: s.ledger_j[n]) for line in outcome.strides[0].ledger_j},  # type: ignore[misc]
+        "ledger_j": {line: mean(lambda s, n=line: s.ledger_j[n]) for line in metrics.strides[0].ledger_j},  # type: ignore[misc]
         "ledger_residual_pct": mean(lambda s: s.ledger_residual_pct),
-        "assumptions": {**ASSUMPTIONS, **air, **recording.provenance["device"]["assumed"]},
+        "assumptions": {**COMMON_ASSUMPTIONS, **air, **recording.provenance["device"]["assumed"]},
         "without_source": recording.provenance["device"]["without_source"],
-        "per_stride": [asdict(s) for s in outcome.strides],
+        "per_stride": [asdict(s) for s in metrics.strides],
     }

@@ -8,17 +8,23 @@ from rich.table import Table
 from rich.text import Text
 
 from klute_sim.recording.recording import Recording
-from klute_sim.report.outcomes import AnkleOutcome, GaitOutcome, StrideOutcome, human_outcome, level
+from klute_sim.report.outcomes import (
+    AnkleMetrics,
+    GaitMetrics,
+    StrideMetrics,
+    compute_reference_metrics,
+    is_level_ground,
+)
 
-MOST_STRIDES = 5
+MAX_STRIDE_COLUMNS = 5
 """Strides shown beside the mean, where the width allows: the last ones."""
-WITHOUT_STRIDES, PER_STRIDE = 61, 9
+BASE_WIDTH_CHARS, STRIDE_COLUMN_WIDTH_CHARS = 61, 9
 """Characters that the table takes without stride columns, and each of those."""
 
-FOLLOWED = 0.15
+MAX_GRF_TRACKING_RMS_BW = 0.15
 """Vertical tracking error [body weights, rms] beyond which the load was not followed; the default walk has 0.085."""
 
-ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleOutcome], float | None]], ...] = (
+ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleMetrics], float | None]], ...] = (
     ("ankle range", "deg", ".1f", lambda s: s.ankle_range_deg),
     ("peak net moment", "N·m/kg", ".3f", lambda s: s.ankle_moment_peak_nm_per_kg),
     ("  at", "% cycle", ".1f", lambda s: s.ankle_moment_peak_pct),
@@ -37,7 +43,7 @@ ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleOutcome], float | None]], 
 )
 """What a human ankle has, too: label, unit, format, reading."""
 
-RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideOutcome], float | None]], ...] = (
+RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideMetrics], float | None]], ...] = (
     ("vertical tracking error, rms", "body wt", ".3f", lambda s: s.grf_vertical_tracking_rms_bw),
     ("angle to human, stance rms", "sd", ".2f", lambda s: s.angle_distance_sd.stance_rms),
     ("angle to human, swing rms", "sd", ".2f", lambda s: s.angle_distance_sd.swing_rms),
@@ -54,9 +60,9 @@ RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideOutcome], float | None]], .
 )
 """What only the prosthesis on the rig has."""
 
-WORTH_A_LINE = 0.005
+MIN_LEDGER_ENERGY_J = 0.005
 """Energy in a stride [J]."""
-LEDGER_ROWS = {
+LEDGER_LABELS = {
     "gas": "from the gas",
     "friction": "from the friction offset",
     "damper": "from the damper",
@@ -69,47 +75,51 @@ LEDGER_ROWS = {
 """Of the energy ledger; each effect has a line besides."""
 
 
-def table(recording: Recording, outcome: GaitOutcome, width: int) -> Table:
+def build_table(recording: Recording, metrics: GaitMetrics, width: int) -> Table:
     """Human reference, mean and the last strides, one row per outcome, in ``width`` characters."""
-    human = human_outcome(recording)
-    room = max(1, min(MOST_STRIDES, (width - WITHOUT_STRIDES) // PER_STRIDE))
-    shown = list(enumerate(outcome.strides, start=1))[-room:]
-    first = len(outcome.strides) - len(outcome.settled) + 1
-    strides = "1 stride" if len(outcome.strides) == 1 else f"last {len(shown)} of {len(outcome.strides)} strides"
+    human = compute_reference_metrics(recording)
+    room = max(1, min(MAX_STRIDE_COLUMNS, (width - BASE_WIDTH_CHARS) // STRIDE_COLUMN_WIDTH_CHARS))
+    shown = list(enumerate(metrics.strides, start=1))[-room:]
+    first = len(metrics.strides) - len(metrics.steady_strides) + 1
+    strides = "1 stride" if len(metrics.strides) == 1 else f"last {len(shown)} of {len(metrics.strides)} strides"
     title = f"{recording.provenance['device']['name']}, {strides}"
     result = Table(title=Text(title), box=box.SIMPLE_HEAD)
     result.add_column("")  # where the terminal is narrow, words wrap and numbers do not
     result.add_column("unit", style="dim")
-    result.add_column("human" if level(recording) else "human,\nlevel", justify="right", no_wrap=True)
-    result.add_column(f"mean\n{first}-{len(outcome.strides)}", justify="right", style="bold", no_wrap=True)
+    result.add_column("human" if is_level_ground(recording) else "human,\nlevel", justify="right", no_wrap=True)
+    result.add_column(f"mean\n{first}-{len(metrics.strides)}", justify="right", style="bold", no_wrap=True)
     for number, _ in shown:
         result.add_column(f"stride\n{number}", justify="right", no_wrap=True)
     for label, unit, form, reading in ANKLE_ROWS:
-        cells = [reading(human), outcome.mean(reading), *(reading(stride) for _, stride in shown)]
-        result.add_row(label, unit, *(_cell(value, form) for value in cells))
+        cells = [reading(human), metrics.mean(reading), *(reading(stride) for _, stride in shown)]
+        result.add_row(label, unit, *(_format_cell(value, form) for value in cells))
     result.add_section()
     for label, unit, form, own in RIG_ROWS:
-        cells = [None, outcome.mean(own), *(own(stride) for _, stride in shown)]
-        result.add_row(label, unit, *(_cell(value, form) for value in cells))
+        cells = [None, metrics.mean(own), *(own(stride) for _, stride in shown)]
+        result.add_row(label, unit, *(_format_cell(value, form) for value in cells))
     result.add_section()
-    for line, label in _ledger_rows(outcome).items():
-        cells = [None, outcome.mean(lambda s, n=line: s.ledger_j[n]), *(s.ledger_j[line] for _, s in shown)]  # type: ignore[misc]
-        result.add_row(label, "J", *(_cell(value, "+.2f") for value in cells))
+    for line, label in _build_ledger_rows(metrics).items():
+        cells = [None, metrics.mean(lambda s, n=line: s.ledger_j[n]), *(s.ledger_j[line] for _, s in shown)]  # type: ignore[misc]
+        result.add_row(label, "J", *(_format_cell(value, "+.2f") for value in cells))
     return result
 
 
-def _ledger_rows(outcome: GaitOutcome) -> dict[str, str]:
+def _build_ledger_rows(metrics: GaitMetrics) -> dict[str, str]:
     """Line -> label of what gave or took anything worth a line, the effects one by one before what is delivered."""
-    stride = outcome.strides[-1].ledger_j
+    stride = metrics.strides[-1].ledger_j
     effects = {
-        name: f"from {name.removeprefix('effect_')}" for name in stride if name not in LEDGER_ROWS and name != "effects"
+        name: f"from {name.removeprefix('effect_')}"
+        for name in stride
+        if name not in LEDGER_LABELS and name != "effects"
     }
-    rows = {**LEDGER_ROWS, **effects}
+    rows = {**LEDGER_LABELS, **effects}
     rows["delivered"] = rows.pop("delivered")
-    return {name: label for name, label in rows.items() if name == "delivered" or abs(stride[name]) >= WORTH_A_LINE}
+    return {
+        name: label for name, label in rows.items() if name == "delivered" or abs(stride[name]) >= MIN_LEDGER_ENERGY_J
+    }
 
 
-def remarks(summary: dict[str, Any]) -> list[str]:
+def collect_remarks(summary: dict[str, Any]) -> list[str]:
     """What a reader has to know beside the table, one sentence each."""
     owner = summary["reference_speed_m_per_s"]
     own = "" if owner is None else f", whose owner went at {owner:.2f} m/s (--speed scales the stride time)"
@@ -130,7 +140,7 @@ def remarks(summary: dict[str, Any]) -> list[str]:
             "load follow the level reference in space, the ankle makes up for the slope (assumed), and no distance is "
             "given."
         )
-    if summary["grf_vertical_tracking_rms_bw"] > FOLLOWED:
+    if summary["grf_vertical_tracking_rms_bw"] > MAX_GRF_TRACKING_RMS_BW:
         said.append(
             f"The load was not followed here (rms {summary['grf_vertical_tracking_rms_bw']:.2f} body weights): the "
             "ankle did not carry what the reference's does, so moments and powers are not those of walking."
@@ -151,5 +161,5 @@ def remarks(summary: dict[str, Any]) -> list[str]:
     return said
 
 
-def _cell(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)
+def _format_cell(value: float | None, format_spec: str) -> str:
+    return "-" if value is None else format(value, format_spec)

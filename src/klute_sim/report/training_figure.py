@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from klute_sim.report.style import STYLE
 
 
-def draw(rows: Sequence[Sequence[float]], summary: Mapping[str, Any], path: Path) -> None:
+def save_figure(rows: Sequence[Sequence[float]], summary: Mapping[str, Any], path: Path) -> None:
     """Write the learning curve ``rows`` (minutes, steps, episodes, return, steps of an episode) to ``path``."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.0, 4.0), layout="constrained")

@@ -7,20 +7,20 @@ import numpy as np
 
 from klute_sim.laws import hill
 from klute_sim.laws import hill_tables as tables
-from klute_sim.laws.hill import Contractile, Hill, Parallel, Series, Span
-from klute_sim.reproduce.implied import SLIGHT
-from klute_sim.reproduce.item import Found
-from klute_sim.reproduce.picture import Array, Chapter, Line, Picture, Surface
+from klute_sim.laws.hill import ClosedInterval, ContractileElement, HillCurve, ParallelElement, SeriesElement
+from klute_sim.reproduce.implied import MAX_INSIGNIFICANT_FORCE
+from klute_sim.reproduce.item import Finding
+from klute_sim.reproduce.picture import Array, ChapterResult, FigureData, PlotLine, PlotSurface
 
-MODEL_RANGE = Span(1.0, 1.6)
+DEFAULT_PARALLEL_SPAN = ClosedInterval(1.0, 1.6)
 """Of Fig. 2.2 [l0]; where a row of Table 2.1 prints none."""
-SERIES_RANGE = (0.5, 1.0)
+SERIES_FORCE_RANGE = (0.5, 1.0)
 """Of Fig. 2.3 [F0]."""
-LENGTHS = (0.5, 1.5)
+LENGTH_RANGE = (0.5, 1.5)
 """Of Fig. 2.4 [l0]."""
-GREAT_SPEED = 1e6
+SATURATION_SPEED = 1e6
 """Lengthening velocity [Vmax] at which force has saturated."""
-NAMES = {
+MUSCLE_LABELS = {
     "rat": "rat",
     "frog": "frog",
     "cat": "cat",
@@ -32,233 +32,251 @@ NAMES = {
 }
 
 
-def _curve(function: Callable[[Any, float], float], law: Any, x: Array) -> Array:
+def _evaluate_curve(function: Callable[[Any, float], float], law: Any, x: Array) -> Array:
     return np.array([function(law, float(each)) for each in x])
 
 
-def _at_speed(law: Hill, velocity: float) -> float:
+def _relative_force(law: HillCurve, velocity: float) -> float:
     """Force over isometric force at ``velocity`` [Vmax], shortening positive."""
     return hill.force_velocity(law, 1.0, velocity)
 
 
-def parallel_constants(law: Parallel, span: Span) -> tuple[float, float]:
+def fit_parallel_constants(law: ParallelElement, span: ClosedInterval) -> tuple[float, float]:
     """k1 and k2 of (2.1), from the logarithms of a curve over ``span`` [l0]."""
-    x = np.linspace(span.low, span.high, 50)
-    k2, logarithm = np.polyfit(np.log(x), np.log(_curve(hill.parallel_force, law, x)), 1)
+    x = np.linspace(span.lower, span.upper, 50)
+    k2, logarithm = np.polyfit(np.log(x), np.log(_evaluate_curve(hill.parallel_force, law, x)), 1)
     return float(np.exp(logarithm)), float(k2)
 
 
-def series_constants(law: Series) -> tuple[float, float]:
+def fit_series_constants(law: SeriesElement) -> tuple[float, float]:
     """k3 and k4 of (2.2), from a curve over the range of Fig. 2.3."""
-    force = np.linspace(*SERIES_RANGE, 50)
-    k3, k4 = np.polyfit(np.log(force), _curve(hill.series_elongation, law, force), 1)
+    force = np.linspace(*SERIES_FORCE_RANGE, 50)
+    k3, k4 = np.polyfit(np.log(force), _evaluate_curve(hill.series_elongation, law, force), 1)
     return float(k3), float(k4)
 
 
-def contractile_constants(law: Contractile, span: Span) -> tuple[float, float, float]:
+def fit_contractile_constants(law: ContractileElement, span: ClosedInterval) -> tuple[float, float, float]:
     """k5, k6 and k7 of (2.3), from a parabola through a curve over ``span`` [l0]."""
-    x = np.linspace(span.low, span.high, 50)
-    k5, k6, k7 = np.polyfit(x, _curve(hill.isometric_force, law, x), 2)
+    x = np.linspace(span.lower, span.upper, 50)
+    k5, k6, k7 = np.polyfit(x, _evaluate_curve(hill.isometric_force, law, x), 2)
     return float(k5), float(k6), float(k7)
 
 
-def hill_constants(law: Hill) -> tuple[float, float]:
+def fit_hill_constants(law: HillCurve) -> tuple[float, float]:
     """a/F0 and b/Vmax of (2.4), which is linear in both: ``F V = b (1 - F) - a V`` at l0."""
     velocity = np.linspace(0.0, 1.0, 50)
-    force = _curve(_at_speed, law, velocity)
+    force = _evaluate_curve(_relative_force, law, velocity)
     a, b = np.linalg.lstsq(np.stack([-velocity, 1.0 - force], axis=1), force * velocity)[0]
     return float(a), float(b)
 
 
-def compute() -> Chapter:
+def compute() -> ChapterResult:
     """Everything of chapter 2."""
-    found: dict[str, Found] = {}
-    for name, scale in tables.SCALES.items():
-        found[f"scales.{name}.l0"] = Found(1e3 * scale.resting_length)
-        found[f"scales.{name}.f0"] = Found(scale.isometric_force)
-    _parallel(found)
-    _series(found)
-    _contractile(found)
-    _hill(found)
-    _eccentric(found)
-    _envelope(found)
-    return Chapter(found, tuple(_pictures()))
+    found: dict[str, Finding] = {}
+    for name, scale in tables.MUSCLE_SCALES.items():
+        found[f"scales.{name}.l0"] = Finding(1e3 * scale.resting_length)
+        found[f"scales.{name}.f0"] = Finding(scale.isometric_force)
+    _add_parallel(found)
+    _add_series(found)
+    _add_contractile(found)
+    _add_hill(found)
+    _add_eccentric(found)
+    _add_envelope(found)
+    return ChapterResult(found, tuple(_build_figures()))
 
 
-def _parallel(found: dict[str, Found]) -> None:
+def _add_parallel(findings: dict[str, Finding]) -> None:
     at = {}
-    for name, row in tables.PARALLEL.items():
-        k1, k2 = parallel_constants(row.law, row.valid or MODEL_RANGE)
-        found[f"table-2.1.{name}.k1"], found[f"table-2.1.{name}.k2"] = Found(k1), Found(k2)
-        found[f"table-2.1.{name}.r2"] = Found()
-        if row.valid is not None:
-            found[f"table-2.1.{name}.from"], found[f"table-2.1.{name}.to"] = map(Found, row.valid)
-        at[name] = hill.parallel_force(row.law, 1.2)
-    found["table-2.1.rat"] = Found(note="There are no constants to compute it from.")
-    told = ", ".join(f"{NAMES[name]} {100.0 * force:.1f} %" for name, force in at.items())
-    found["table-2.1.insignificant"] = Found(
-        max(at.values()), max(at.values()) <= SLIGHT, f"At 1.2 l0 (of F0): {told}. Taken for insignificant: 5 %."
+    for name, row in tables.PARALLEL_ELEMENTS.items():
+        k1, k2 = fit_parallel_constants(row.constants, row.valid_range or DEFAULT_PARALLEL_SPAN)
+        findings[f"table-2.1.{name}.k1"], findings[f"table-2.1.{name}.k2"] = Finding(k1), Finding(k2)
+        findings[f"table-2.1.{name}.r2"] = Finding()
+        if row.valid_range is not None:
+            findings[f"table-2.1.{name}.from"], findings[f"table-2.1.{name}.to"] = map(Finding, row.valid_range)
+        at[name] = hill.parallel_force(row.constants, 1.2)
+    findings["table-2.1.rat"] = Finding(note="There are no constants to compute it from.")
+    told = ", ".join(f"{MUSCLE_LABELS[name]} {100.0 * force:.1f} %" for name, force in at.items())
+    findings["table-2.1.insignificant"] = Finding(
+        max(at.values()),
+        max(at.values()) <= MAX_INSIGNIFICANT_FORCE,
+        f"At 1.2 l0 (of F0): {told}. Taken for insignificant: 5 %.",
     )
 
 
-def _series(found: dict[str, Found]) -> None:
-    for name, row in tables.SERIES.items():
-        found[f"table-2.2.{name}.k3"], found[f"table-2.2.{name}.k4"] = map(Found, series_constants(row.law))
-        found[f"table-2.2.{name}.r2"] = Found()
-    most = max(hill.series_elongation(row.law, 1.0) for row in tables.SERIES.values())
-    found["table-2.2.most"] = Found(100.0 * most)
-    found["table-2.2.with-tendon"] = Found(100.0 * most / 11.0, note="Muscle and a tendon ten times as long together.")
+def _add_series(findings: dict[str, Finding]) -> None:
+    for name, row in tables.SERIES_ELEMENTS.items():
+        findings[f"table-2.2.{name}.k3"], findings[f"table-2.2.{name}.k4"] = map(
+            Finding, fit_series_constants(row.constants)
+        )
+        findings[f"table-2.2.{name}.r2"] = Finding()
+    most = max(hill.series_elongation(row.constants, 1.0) for row in tables.SERIES_ELEMENTS.values())
+    findings["table-2.2.most"] = Finding(100.0 * most)
+    findings["table-2.2.with-tendon"] = Finding(
+        100.0 * most / 11.0, note="Muscle and a tendon ten times as long together."
+    )
 
 
-def _contractile(found: dict[str, Found]) -> None:
+def _add_contractile(findings: dict[str, Finding]) -> None:
     widths, slopes = {}, {}
-    for name, row in tables.CONTRACTILE.items():
-        law, span = row.law, row.valid or Span(*LENGTHS)
-        constants = contractile_constants(law, span)
+    for name, row in tables.CONTRACTILE_ELEMENTS.items():
+        law, span = row.constants, row.valid_range or ClosedInterval(*LENGTH_RANGE)
+        constants = fit_contractile_constants(law, span)
         for key, value in zip(("k5", "k6", "k7"), constants, strict=True):
-            found[f"table-2.3.{name}.{key}"] = Found(value)
-        found[f"table-2.3.{name}.at-rest"] = Found(hill.isometric_force(law, 1.0))
-        if row.valid is not None:
-            found[f"table-2.3.{name}.from"], found[f"table-2.3.{name}.to"] = map(Found, row.valid)
+            findings[f"table-2.3.{name}.{key}"] = Finding(value)
+        findings[f"table-2.3.{name}.at-rest"] = Finding(hill.isometric_force(law, 1.0))
+        if row.valid_range is not None:
+            findings[f"table-2.3.{name}.from"], findings[f"table-2.3.{name}.to"] = map(Finding, row.valid_range)
             root = np.sqrt(law.k6**2 - 4.0 * law.k5 * law.k7) / -law.k5
             widths[name] = float(root)
-            slopes[name] = max(abs(2.0 * law.k5 * x + law.k6) for x in row.valid)
-    told = ", ".join(f"{NAMES[name]} {widths[name]:.2f} l0 and {slopes[name]:.1f} F0/l0" for name in widths)
+            slopes[name] = max(abs(2.0 * law.k5 * x + law.k6) for x in row.valid_range)
+    told = ", ".join(f"{MUSCLE_LABELS[name]} {widths[name]:.2f} l0 and {slopes[name]:.1f} F0/l0" for name in widths)
     human = min(widths, key=widths.__getitem__) == "human" == max(slopes, key=slopes.__getitem__)
-    found["table-2.3.human"] = Found(widths["human"], human, f"Width between the roots, greatest slope: {told}.")
-    found["table-2.3.digitised"] = Found(note="The curves were digitised in the source and have no equation.")
+    findings["table-2.3.human"] = Finding(widths["human"], human, f"Width between the roots, greatest slope: {told}.")
+    findings["table-2.3.digitised"] = Finding(note="The curves were digitised in the source and have no equation.")
 
 
-def _hill(found: dict[str, Found]) -> None:
-    for name, row in tables.HILL.items():
-        found[f"table-2.4.{name}.a"], found[f"table-2.4.{name}.b"] = map(Found, hill_constants(row.law))
-        if row.isometric_force is not None and row.peak_velocity is not None:
-            found[f"table-2.4.{name}.f0"] = Found(row.isometric_force)
-            found[f"table-2.4.{name}.vmax"] = Found(1e3 * row.peak_velocity)
-        found[f"table-2.4.{name}.at-vmax"] = Found(hill.concentric_force(row.law, 1.0, 1.0))
+def _add_hill(findings: dict[str, Finding]) -> None:
+    for name, row in tables.HILL_CURVES.items():
+        findings[f"table-2.4.{name}.a"], findings[f"table-2.4.{name}.b"] = map(
+            Finding, fit_hill_constants(row.constants)
+        )
+        if row.isometric_force is not None and row.max_velocity is not None:
+            findings[f"table-2.4.{name}.f0"] = Finding(row.isometric_force)
+            findings[f"table-2.4.{name}.vmax"] = Finding(1e3 * row.max_velocity)
+        findings[f"table-2.4.{name}.at-vmax"] = Finding(hill.concentric_force(row.constants, 1.0, 1.0))
     velocity = np.linspace(0.05, 0.95, 19)
-    curves = {name: _curve(_at_speed, tables.HILL[name].law, velocity) for name in ("human", "rat", "frog", "cat")}
+    curves = {
+        name: _evaluate_curve(_relative_force, tables.HILL_CURVES[name].constants, velocity)
+        for name in ("human", "rat", "frog", "cat")
+    }
     inverted = [
-        f"{NAMES[below]} above {NAMES[above]} at {int((curves[above] <= curves[below]).sum())} of 19 speeds"
+        f"{MUSCLE_LABELS[below]} above {MUSCLE_LABELS[above]} at {int((curves[above] <= curves[below]).sum())} of 19 speeds"
         for above, below in (("human", "rat"), ("rat", "frog"), ("frog", "cat"))
         if (curves[above] <= curves[below]).any()
     ]
-    found["table-2.4.order"] = Found(None, not inverted, f"{'; '.join(inverted)}." if inverted else "")
+    findings["table-2.4.order"] = Finding(None, not inverted, f"{'; '.join(inverted)}." if inverted else "")
 
 
-def _eccentric(found: dict[str, Found]) -> None:
+def _add_eccentric(findings: dict[str, Finding]) -> None:
     slow = np.linspace(-0.5, 0.0, 51)
-    for name, saturation in tables.SATURATIONS.items():
-        law = tables.GENERIC_HILL._replace(saturation=saturation)
-        found[f"fig-2.6.{name}"] = Found(hill.force_velocity(law, 1.0, -GREAT_SPEED))
-    force = _curve(_at_speed, tables.GENERIC_HILL, slow)
-    found["fig-2.6.rises"] = Found(float(force[0]), bool((np.diff(force) < 0.0).all()), "At half of Vmax.")
-    found["fig-2.6.cat"] = Found(note="The measured points of the cat are on a figure without a table.")
-    found["fig-2.7.protocol"] = Found(note="An experiment on animals: nothing of it can be computed.")
-    found["fig-2.7.outside"] = Found(note="The curves are not printed as numbers.")
+    for name, saturation in tables.ECCENTRIC_SATURATIONS.items():
+        law = tables.GENERIC_HILL_CURVE._replace(saturation=saturation)
+        findings[f"fig-2.6.{name}"] = Finding(hill.force_velocity(law, 1.0, -SATURATION_SPEED))
+    force = _evaluate_curve(_relative_force, tables.GENERIC_HILL_CURVE, slow)
+    findings["fig-2.6.rises"] = Finding(float(force[0]), bool((np.diff(force) < 0.0).all()), "At half of Vmax.")
+    findings["fig-2.6.cat"] = Finding(note="The measured points of the cat are on a figure without a table.")
+    findings["fig-2.7.protocol"] = Finding(note="An experiment on animals: nothing of it can be computed.")
+    findings["fig-2.7.outside"] = Finding(note="The curves are not printed as numbers.")
 
 
-def _envelope(found: dict[str, Found]) -> None:
+def _add_envelope(findings: dict[str, Finding]) -> None:
     for key in ("k5", "k6", "k7", "a", "b"):
-        span: Span = getattr(hill.ENVELOPE, key)
-        found[f"eq-2.5.{key}.low"], found[f"eq-2.5.{key}.high"] = Found(span.low), Found(span.high)
-    found["eq-2.5.saturation"] = Found(hill.ENVELOPE.saturation.low)
-    generic = contractile_constants(tables.GENERIC_CONTRACTILE, Span(*LENGTHS))
+        span: ClosedInterval = getattr(hill.DESIGN_ENVELOPE, key)
+        findings[f"eq-2.5.{key}.low"], findings[f"eq-2.5.{key}.high"] = Finding(span.lower), Finding(span.upper)
+    findings["eq-2.5.saturation"] = Finding(hill.DESIGN_ENVELOPE.saturation.lower)
+    generic = fit_contractile_constants(tables.GENERIC_CONTRACTILE_ELEMENT, ClosedInterval(*LENGTH_RANGE))
     for key, value in zip(("k5", "k6", "k7"), generic, strict=True):
-        found[f"fig-2.8.{key}"] = Found(value)
-    found["fig-2.8.a"], found["fig-2.8.b"] = map(Found, hill_constants(tables.GENERIC_HILL))
-    inside = hill.in_envelope(hill.ENVELOPE, tables.GENERIC_CONTRACTILE, tables.GENERIC_HILL)
-    found["fig-2.8.inside"] = Found(None, inside)
+        findings[f"fig-2.8.{key}"] = Finding(value)
+    findings["fig-2.8.a"], findings["fig-2.8.b"] = map(Finding, fit_hill_constants(tables.GENERIC_HILL_CURVE))
+    inside = hill.is_in_envelope(hill.DESIGN_ENVELOPE, tables.GENERIC_CONTRACTILE_ELEMENT, tables.GENERIC_HILL_CURVE)
+    findings["fig-2.8.inside"] = Finding(None, inside)
     outside = []
-    for name, row in tables.CONTRACTILE.items():
+    for name, row in tables.CONTRACTILE_ELEMENTS.items():
         for key in ("k5", "k6", "k7"):
-            value = getattr(row.law, key)
-            if not hill.in_span(getattr(hill.ENVELOPE, key), value):
-                outside.append(f"{NAMES[name]}: {key} = {value:g}")
-    found["eq-2.5.around"] = Found(None, not outside, f"Outside: {'; '.join(outside)}." if outside else "")
+            value = getattr(row.constants, key)
+            if not hill.is_in_interval(getattr(hill.DESIGN_ENVELOPE, key), value):
+                outside.append(f"{MUSCLE_LABELS[name]}: {key} = {value:g}")
+    findings["eq-2.5.around"] = Finding(None, not outside, f"Outside: {'; '.join(outside)}." if outside else "")
 
 
-def _pictures() -> list[Picture]:
+def _build_figures() -> list[FigureData]:
     fine = np.linspace(1.0, 1.6, 121)
-    force = np.linspace(*SERIES_RANGE, 101)
-    length = np.linspace(*LENGTHS, 201)
+    force = np.linspace(*SERIES_FORCE_RANGE, 101)
+    length = np.linspace(*LENGTH_RANGE, 201)
     velocity, lengthening = np.linspace(0.0, 1.0, 101), np.linspace(-0.5, 0.0, 101)
     generic = np.array(
         [
-            [hill.contractile_force(tables.GENERIC_CONTRACTILE, tables.GENERIC_HILL, x, v) for x in length[::5]]
+            [
+                hill.contractile_force(tables.GENERIC_CONTRACTILE_ELEMENT, tables.GENERIC_HILL_CURVE, x, v)
+                for x in length[::5]
+            ]
             for v in np.linspace(-0.5, 1.0, 31)
         ]
     )
     return [
-        Picture(
+        FigureData(
             "2.2",
             "Parallel element (2.1)",
             "l/l0",
             "Fpe/F0",
             tuple(
-                Line(NAMES[n], fine, _curve(hill.parallel_force, row.law, fine)) for n, row in tables.PARALLEL.items()
+                PlotLine(MUSCLE_LABELS[n], fine, _evaluate_curve(hill.parallel_force, row.constants, fine))
+                for n, row in tables.PARALLEL_ELEMENTS.items()
             ),
             (1.0, 1.6),
             (0.0, 0.5),
         ),
-        Picture(
+        FigureData(
             "2.3",
             "Series element (2.2)",
             "F/F0",
             "elongation/l0",
             tuple(
-                Line(NAMES[n], force, _curve(hill.series_elongation, row.law, force))
-                for n, row in tables.SERIES.items()
+                PlotLine(MUSCLE_LABELS[n], force, _evaluate_curve(hill.series_elongation, row.constants, force))
+                for n, row in tables.SERIES_ELEMENTS.items()
             ),
             (0.5, 1.0),
             (0.0, 0.10),
         ),
-        Picture(
+        FigureData(
             "2.4",
             "Isometric force against length (2.3)",
             "l/l0",
             "F/F0",
             tuple(
-                Line(NAMES[n], length, _curve(hill.isometric_force, row.law, length))
-                for n, row in tables.CONTRACTILE.items()
+                PlotLine(MUSCLE_LABELS[n], length, _evaluate_curve(hill.isometric_force, row.constants, length))
+                for n, row in tables.CONTRACTILE_ELEMENTS.items()
                 if n != "bobbert_1986"  # printed as Woittiez's
             ),
-            LENGTHS,
+            LENGTH_RANGE,
             (0.0, 1.2),
         ),
-        Picture(
+        FigureData(
             "2.5",
             "Force against shortening velocity (2.4)",
             "V/Vmax",
             "F/F(l)",
-            tuple(Line(NAMES[n], velocity, _curve(_at_speed, row.law, velocity)) for n, row in tables.HILL.items()),
+            tuple(
+                PlotLine(MUSCLE_LABELS[n], velocity, _evaluate_curve(_relative_force, row.constants, velocity))
+                for n, row in tables.HILL_CURVES.items()
+            ),
             (0.0, 1.0),
             (0.0, 1.0),
         ),
-        Picture(
+        FigureData(
             "2.6",
             "Force against lengthening velocity",
             "V/Vmax",
             "F/F(l)",
             tuple(
-                Line(
+                PlotLine(
                     f"saturating at {s:g} F(l)",
                     lengthening,
-                    _curve(_at_speed, tables.GENERIC_HILL._replace(saturation=s), lengthening),
+                    _evaluate_curve(_relative_force, tables.GENERIC_HILL_CURVE._replace(saturation=s), lengthening),
                 )
-                for s in sorted(tables.SATURATIONS.values())
+                for s in sorted(tables.ECCENTRIC_SATURATIONS.values())
             ),
             (-0.5, 0.0),
             (0.0, 1.8),
-            assumed="the shape between rest and saturation: an inverted hyperbola that joins (2.4) without a kink",
+            assumption_note="the shape between rest and saturation: an inverted hyperbola that joins (2.4) without a kink",
         ),
-        Picture(
+        FigureData(
             "2.8",
             "The generic muscle of the design envelope (2.5)",
             "l/l0",
             "V/Vmax",
-            surface=Surface(length[::5], np.linspace(-0.5, 1.0, 31), generic),
+            surface=PlotSurface(length[::5], np.linspace(-0.5, 1.0, 31), generic),
             z_label="F/F0",
-            assumed="the shape of the lengthening side",
+            assumption_note="the shape of the lengthening side",
         ),
     ]

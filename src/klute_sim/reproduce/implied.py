@@ -8,20 +8,20 @@ from collections.abc import Mapping
 
 from klute_sim.reproduce import printed
 
-SLIGHT = 0.05
+MAX_INSIGNIFICANT_FORCE = 0.05
 """Force [F0] up to which a muscle's passive force is insignificant (assumed: the text gives no number)."""
-PROPORTIONAL = 1.1
+MAX_PROPORTIONAL_RATIO = 1.1
 """Ratio up to which something is proportional (assumed)."""
-UNCHANGED = 1.0
+MAX_UNCHANGED_PERCENT = 1.0
 """Change [%] up to which force does not depend on velocity (assumed)."""
 
-Implied = Mapping[str, float | bool]
+ImpliedValues = Mapping[str, float | bool]
 """Identifier -> the number that follows, or whether the statement holds."""
 
 
-def implied() -> Implied:
+def compute_implied_values() -> ImpliedValues:
     """Everything that the printed numbers imply about each other."""
-    p = printed.numbers()
+    p = printed.published_numbers()
     found: dict[str, float | bool] = {}
     for name in _names(p, "table-2.3.", ".k5"):
         found[f"table-2.3.{name}.at-rest"] = sum(p[f"table-2.3.{name}.{k}"] for k in ("k5", "k6", "k7"))
@@ -32,8 +32,8 @@ def implied() -> Implied:
         braid, rest, turns = (p[f"table-3.1.{size}.{k}"] for k in ("braid", "l0", "turns"))
         found[f"table-3.1.{size}.radius"] = math.sqrt(braid * braid - rest * rest) / (2.0 * math.pi * turns)
     passive = [p[f"table-2.1.{n}.k1"] * 1.2 ** p[f"table-2.1.{n}.k2"] for n in _names(p, "table-2.1.", ".k1")]
-    found["table-2.1.insignificant"] = max(passive) <= SLIGHT
-    found["table-2.4.order"] = _ordered(p)
+    found["table-2.1.insignificant"] = max(passive) <= MAX_INSIGNIFICANT_FORCE
+    found["table-2.4.order"] = _is_ordered(p)
     found["eq-2.5.around"] = all(
         p[f"eq-2.5.{k}.low"] <= p[f"table-2.3.{n}.{k}"] <= p[f"eq-2.5.{k}.high"]
         for n in _names(p, "table-2.3.", ".k5")
@@ -42,22 +42,24 @@ def implied() -> Implied:
     friction = {bar: p["table-3.1.1-1-4.m"] * bar + p["table-3.1.1-1-4.b"] for bar in (2.0, 3.0, 4.0, 5.0)}
     found["fig-3.4.bladder"] = friction[5.0]
     found["fig-3.4.geometric"] = friction[5.0] + p["fig-3.4.difference"]
-    found["fig-3.4.proportional"] = all(friction[x] / friction[5.0] <= PROPORTIONAL * x / 5.0 for x in friction)
+    found["fig-3.4.proportional"] = all(
+        friction[x] / friction[5.0] <= MAX_PROPORTIONAL_RATIO * x / 5.0 for x in friction
+    )
     found["fig-3.7.rest"] = p["table-3.1.3-4.l0"]
     lost = 100.0 * abs(p["fig-3.9.fast"] / p["fig-3.9.slow"] - 1.0)
-    found["fig-3.7.velocity"] = lost < UNCHANGED
+    found["fig-3.7.velocity"] = lost < MAX_UNCHANGED_PERCENT
     return found
 
 
-def _names(p: Mapping[str, float], head: str, tail: str) -> list[str]:
-    return [name[len(head) : -len(tail)] for name in p if name.startswith(head) and name.endswith(tail)]
+def _names(numbers: Mapping[str, float], prefix: str, suffix: str) -> list[str]:
+    return [name[len(prefix) : -len(suffix)] for name in numbers if name.startswith(prefix) and name.endswith(suffix)]
 
 
-def _ordered(p: Mapping[str, float]) -> bool:
+def _is_ordered(numbers: Mapping[str, float]) -> bool:
     """Whether the four measured curves of Fig. 2.5 lie in the order of the text, from 5 to 95 % of Vmax."""
 
     def force(name: str, velocity: float) -> float:
-        a, b = p[f"table-2.4.{name}.a"], p[f"table-2.4.{name}.b"]
+        a, b = numbers[f"table-2.4.{name}.a"], numbers[f"table-2.4.{name}.b"]
         return (1.0 + a) * b / (velocity + b) - a
 
     pairs = (("human", "rat"), ("rat", "frog"), ("frog", "cat"))

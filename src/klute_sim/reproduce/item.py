@@ -10,29 +10,29 @@ Verdict = Literal["agrees", "contradicts-source", "source-contradicts-itself", "
 VERDICTS: tuple[Verdict, ...] = ("agrees", "contradicts-source", "source-contradicts-itself", "not-printed")
 
 
-class Item(NamedTuple):
+class PublishedItem(NamedTuple):
     """One number or statement."""
 
     id: str
     """Row and name, such as ``table-2.1.frog-k1``."""
-    row: str
+    row_title: str
     """Title of the table or figure it belongs to."""
     quantity: str
     unit: str
     published: float | str | None
     """A number; a statement, which holds or does not; None: the page with it is missing."""
-    within: float
+    tolerance: float
     """What a computed number may differ by: a share of the published one, or as it is where that is 0."""
-    against: str
+    contradiction: str
     """What else in the source speaks against it; '' if nothing does."""
     note: str
-    measured: bool
+    is_measured: bool
     """Whether the source measured it on an actuator."""
-    input: bool
+    is_input: bool
     """Whether we take it over as it is, so that it cannot but agree."""
 
 
-class Found(NamedTuple):
+class Finding(NamedTuple):
     """What was computed."""
 
     value: float | None = None
@@ -43,35 +43,35 @@ class Found(NamedTuple):
     """What the number means, where the item alone does not say it."""
 
 
-class Outcome(NamedTuple):
+class ItemAssessment(NamedTuple):
     """An item, what was found and the verdict."""
 
-    item: Item
-    found: Found
+    item: PublishedItem
+    finding: Finding
     verdict: Verdict
 
     @property
     def difference(self) -> float | None:
         """Computed less published, over published unless that is 0 or a percentage; None without two numbers."""
         published = self.item.published
-        if self.found.value is None or not isinstance(published, float):
+        if self.finding.value is None or not isinstance(published, float):
             return None
-        apart = self.found.value - published
-        return apart / abs(published) if self.relative else apart
+        apart = self.finding.value - published
+        return apart / abs(published) if self.is_relative else apart
 
     @property
-    def relative(self) -> bool:
+    def is_relative(self) -> bool:
         """Whether the difference is a share of what is published."""
         return bool(self.item.published) and self.item.unit != "%"
 
     @property
     def note(self) -> str:
         """Everything there is to say beside the numbers."""
-        against = self.item.against if self.verdict == "source-contradicts-itself" else ""
-        return " ".join(filter(None, [self.item.note, self.found.note, against]))
+        against = self.item.contradiction if self.verdict == "source-contradicts-itself" else ""
+        return " ".join(filter(None, [self.item.note, self.finding.note, against]))
 
 
-def judge(item: Item, found: Found, implied: float | bool | None = None) -> Outcome:
+def assess(item: PublishedItem, finding: Finding, implied: float | bool | None = None) -> ItemAssessment:
     """The verdict on ``item``: of a number by its distance, of a statement by whether it holds.
 
     ``implied`` is what the source's other printed numbers make of it, where they make anything. The source contradicts
@@ -80,16 +80,16 @@ def judge(item: Item, found: Found, implied: float | bool | None = None) -> Outc
     printed, or cannot be computed, is ``not-printed``.
     """
     if isinstance(item.published, str):
-        if found.holds is None:
-            return Outcome(item, found, "not-printed")
-        if found.holds and implied is not False:
-            return Outcome(item, found, "agrees")
-        own = bool(item.against) and implied is not True
-    elif item.published is None or found.value is None:
-        return Outcome(item, found, "not-printed")
+        if finding.holds is None:
+            return ItemAssessment(item, finding, "not-printed")
+        if finding.holds and implied is not False:
+            return ItemAssessment(item, finding, "agrees")
+        own = bool(item.contradiction) and implied is not True
+    elif item.published is None or finding.value is None:
+        return ItemAssessment(item, finding, "not-printed")
     else:
-        room = item.within * (abs(item.published) or 1.0) * (1.0 + 1e-9)
-        if abs(found.value - item.published) <= room:
-            return Outcome(item, found, "agrees")
-        own = bool(item.against) and (implied is None or abs(found.value - implied) <= room)
-    return Outcome(item, found, "source-contradicts-itself" if own else "contradicts-source")
+        room = item.tolerance * (abs(item.published) or 1.0) * (1.0 + 1e-9)
+        if abs(finding.value - item.published) <= room:
+            return ItemAssessment(item, finding, "agrees")
+        own = bool(item.contradiction) and (implied is None or abs(finding.value - implied) <= room)
+    return ItemAssessment(item, finding, "source-contradicts-itself" if own else "contradicts-source")

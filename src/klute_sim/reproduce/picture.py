@@ -5,24 +5,24 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from klute_sim.reproduce.item import Found
+from klute_sim.reproduce.item import Finding
 
 Array = NDArray[np.float64]
-Style = Literal["line", "dashed", "dotted", "points"]
+LineStyle = Literal["line", "dashed", "dotted", "points"]
 
 
-class Line(NamedTuple):
+class PlotLine(NamedTuple):
     """A curve."""
 
     label: str
     x: Array
     y: Array
-    style: Style = "line"
-    colour: int | None = None
+    style: LineStyle = "line"
+    colour_index: int | None = None
     """Curves of the same number are drawn alike; None: a colour of its own."""
 
 
-class Surface(NamedTuple):
+class PlotSurface(NamedTuple):
     """A height over two axes."""
 
     x: Array
@@ -33,7 +33,7 @@ class Surface(NamedTuple):
     """(m, n)"""
 
 
-class Picture(NamedTuple):
+class FigureData(NamedTuple):
     """A figure in the axes of the source."""
 
     number: str
@@ -41,19 +41,19 @@ class Picture(NamedTuple):
     title: str
     x_label: str
     y_label: str
-    lines: tuple[Line, ...] = ()
-    x_span: tuple[float, float] | None = None
+    lines: tuple[PlotLine, ...] = ()
+    x_range: tuple[float, float] | None = None
     """The source's own range, where it is known."""
-    y_span: tuple[float, float] | None = None
-    surface: Surface | None = None
+    y_range: tuple[float, float] | None = None
+    surface: PlotSurface | None = None
     z_label: str = ""
-    assumed: str = ""
+    assumption_note: str = ""
     """What had to be assumed to draw it."""
 
 
-class Chapter(NamedTuple):
+class ChapterResult(NamedTuple):
     """What a chapter's equations give."""
 
-    findings: dict[str, Found]
+    findings: dict[str, Finding]
     """Identifier of an item -> what was computed of it."""
-    pictures: tuple[Picture, ...]
+    figures: tuple[FigureData, ...]

@@ -10,13 +10,13 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from klute_sim.errors import InputError
-from klute_sim.reproduce.item import Item
+from klute_sim.reproduce.item import PublishedItem
 
-WITHIN, WITHIN_SUPPLIED = 1e-6, 0.1
+DEFAULT_TOLERANCE, SUPPLIED_TOLERANCE = 1e-6, 0.1
 """What a number may differ by, relative, where the list does not say: printed, and supplied by a user."""
 
 
-class _Entry(BaseModel):
+class _PublishedEntry(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
     id: str
     quantity: str
@@ -31,36 +31,36 @@ class _Entry(BaseModel):
     """Where nothing is published: whether the source has it, on a page that we have not."""
 
 
-class Row(BaseModel):
+class PublishedTable(BaseModel):
     """A table or figure, or several that belong together."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
     title: str
     shows: str
-    items: list[_Entry]
+    items: list[_PublishedEntry]
 
 
 @cache
-def rows() -> dict[str, Row]:
+def load_tables() -> dict[str, PublishedTable]:
     """Identifier -> row, in the order of the source's pages."""
     content = (resources.files("klute_sim.reproduce") / "printed.toml").read_text("utf-8")
-    return TypeAdapter(dict[str, Row]).validate_python(tomllib.loads(content))
+    return TypeAdapter(dict[str, PublishedTable]).validate_python(tomllib.loads(content))
 
 
-def items(supplied: Mapping[str, float] | None = None) -> list[Item]:
+def list_items(supplied_values: Mapping[str, float] | None = None) -> list[PublishedItem]:
     """Every item, with the numbers ``supplied`` (identifier -> number) in the place of missing ones."""
-    given, found = supplied or {}, []
-    for row_id, row in rows().items():
+    given, found = supplied_values or {}, []
+    for row_id, row in load_tables().items():
         for entry in row.items:
             name, published, note = f"{row_id}.{entry.id}", entry.published, entry.note
-            within = WITHIN if entry.within is None else entry.within
+            within = DEFAULT_TOLERANCE if entry.within is None else entry.within
             if name in given:
-                published, within = given[name], WITHIN_SUPPLIED
+                published, within = given[name], SUPPLIED_TOLERANCE
                 told = f"The published number was supplied by the user and is compared within {100.0 * within:g} %."
                 note = " ".join(filter(None, [note, told]))
             number = float(published) if isinstance(published, int | float) else published
             found.append(
-                Item(
+                PublishedItem(
                     name,
                     row.title,
                     entry.quantity,
@@ -76,18 +76,18 @@ def items(supplied: Mapping[str, float] | None = None) -> list[Item]:
     return found
 
 
-def numbers() -> dict[str, float]:
+def published_numbers() -> dict[str, float]:
     """The printed numbers, by item."""
-    return {item.id: item.published for item in items() if isinstance(item.published, float)}
+    return {item.id: item.published for item in list_items() if isinstance(item.published, float)}
 
 
-def missing() -> list[Item]:
+def list_missing_items() -> list[PublishedItem]:
     """The items whose number the source has on a page that our copy lacks."""
-    lost = {f"{name}.{entry.id}" for name, row in rows().items() for entry in row.items if entry.lost}
-    return [item for item in items() if item.published is None and item.id in lost]
+    lost = {f"{name}.{entry.id}" for name, row in load_tables().items() for entry in row.items if entry.lost}
+    return [item for item in list_items() if item.published is None and item.id in lost]
 
 
-def template() -> str:
+def render_template() -> str:
     """A file for :func:`supplied` with nothing filled in."""
     lines = [
         "# Numbers that are missing from the copy of the source that this package was made from.",
@@ -95,15 +95,15 @@ def template() -> str:
         "# A number of the device itself (Table 4.1, springs) is only compared; to use it, put it into a device file.",
     ]
     title = ""
-    for item in missing():
-        if item.row != title:
-            title = item.row
+    for item in list_missing_items():
+        if item.row_title != title:
+            title = item.row_title
             lines += ["", f"# {title}"]
         lines.append(f'# "{item.id}" =   # {item.quantity} [{item.unit}]')
     return "\n".join(lines) + "\n"
 
 
-def supplied(path: Path) -> dict[str, float]:
+def load_supplied_values(path: Path) -> dict[str, float]:
     """The numbers of a file that :func:`template` began.
 
     Raises InputError for a file that cannot be read, a name that is not missing, and what is not a finite number.
@@ -115,7 +115,7 @@ def supplied(path: Path) -> dict[str, float]:
         raise InputError(f"file of published numbers {path} cannot be read: {why}") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"file of published numbers {path} is not valid TOML: {error}") from None
-    known, found = {item.id for item in missing()}, {}
+    known, found = {item.id for item in list_missing_items()}, {}
     for name, value in content.items():
         if name not in known:
             near = difflib.get_close_matches(name, known, 1)

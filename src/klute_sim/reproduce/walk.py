@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 from klute_sim.device.files import Device
 from klute_sim.reproduce import chapter2, chapter3, chapter4, chapter7, chapter8, chapter56, moving, printed
-from klute_sim.reproduce.implied import implied
-from klute_sim.reproduce.item import Found, Outcome, judge
-from klute_sim.reproduce.picture import Chapter, Picture
+from klute_sim.reproduce.implied import compute_implied_values
+from klute_sim.reproduce.item import Finding, ItemAssessment, assess
+from klute_sim.reproduce.picture import ChapterResult, FigureData
 
 
 class Reproduction(NamedTuple):
@@ -16,44 +16,46 @@ class Reproduction(NamedTuple):
 
     device: Device
     """Of chapters 4 to 8; chapter 3 is about the presets of Table 3.1."""
-    outcomes: tuple[Outcome, ...]
+    assessments: tuple[ItemAssessment, ...]
     """In the order of the source's pages."""
-    pictures: tuple[Picture, ...]
+    figures: tuple[FigureData, ...]
 
-    def as_json(self) -> list[dict[str, Any]]:
+    def to_records(self) -> list[dict[str, Any]]:
         """One object per item."""
         return [
             {
                 "item": outcome.item.id,
-                "row": outcome.item.row,
+                "row": outcome.item.row_title,
                 "quantity": outcome.item.quantity,
                 "unit": outcome.item.unit,
                 "published": outcome.item.published,
-                "computed": _finite(outcome.found.value),
-                "holds": outcome.found.holds,
-                "difference": _finite(outcome.difference),
-                "tolerance": outcome.item.within,
-                "input": outcome.item.input,
+                "computed": _finite_or_none(outcome.finding.value),
+                "holds": outcome.finding.holds,
+                "difference": _finite_or_none(outcome.difference),
+                "tolerance": outcome.item.tolerance,
+                "input": outcome.item.is_input,
                 "verdict": outcome.verdict,
                 "note": outcome.note,
             }
-            for outcome in self.outcomes
+            for outcome in self.assessments
         ]
 
 
-def _finite(value: float | None) -> float | None:
+def _finite_or_none(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def walk(
-    device: Device, supplied: Mapping[str, float] | None = None, told: Callable[[float], None] = lambda share: None
+def run_reproduction(
+    device: Device,
+    supplied_values: Mapping[str, float] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Reproduction:
     """Compute and judge every item; ``told`` hears how far it is.
 
     ``device`` is the musculo-tendon unit of chapters 4 to 8. Raises InputError if it has no damper or tendon, or if it
     cannot take the lengths of chapter 7.
     """
-    parts: tuple[tuple[float, Callable[[Callable[[float], None]], Chapter]], ...] = (
+    parts: tuple[tuple[float, Callable[[Callable[[float], None]], ChapterResult]], ...] = (
         (0.02, lambda told: chapter2.compute()),
         (0.02, lambda told: chapter3.compute()),
         (0.26, lambda told: moving.compute(told)),
@@ -62,19 +64,21 @@ def walk(
         (0.2, lambda told: chapter7.compute(device, told)),
         (0.47, lambda told: chapter8.compute(device, told)),
     )
-    findings: dict[str, Found] = {}
-    pictures: list[Picture] = []
+    findings: dict[str, Finding] = {}
+    pictures: list[FigureData] = []
     begin = 0.0
     for weight, part in parts:
 
         def heard(share: float, begin: float = begin, weight: float = weight) -> None:
-            told(begin + weight * share)
+            progress(begin + weight * share)
 
         found = part(heard)
         findings.update(found.findings)
-        pictures += found.pictures
+        pictures += found.figures
         begin += weight
-        told(begin)
-    others = implied()
-    outcomes = tuple(judge(item, findings[item.id], others.get(item.id)) for item in printed.items(supplied))
+        progress(begin)
+    others = compute_implied_values()
+    outcomes = tuple(
+        assess(item, findings[item.id], others.get(item.id)) for item in printed.list_items(supplied_values)
+    )
     return Reproduction(device, outcomes, tuple(pictures))

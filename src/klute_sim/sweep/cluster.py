@@ -13,20 +13,20 @@ from itertools import islice
 from typing import Any
 
 from klute_sim.errors import InputError, KluteSimError, MissingExtraError
-from klute_sim.sweep.plan import Combination
-from klute_sim.sweep.runner import TRIES, Finished
-from klute_sim.sweep.walk import walk
+from klute_sim.sweep.plan import GaitCase
+from klute_sim.sweep.runner import MAX_ATTEMPTS, ResultCallback
+from klute_sim.sweep.walk import evaluate_case
 
-FOUND_BY_RAY = ("auto", "local")
+RAY_ADDRESS_KEYWORDS = ("auto", "local")
 """Words in place of an address."""
-PATIENCE = 5.0
+CONNECT_TIMEOUT_S = 5.0
 """How long an address may take to answer [s]."""
-MOST_ASKED = 1000
+MAX_PENDING_TASKS = 1000
 """Walks that Ray is asked for at a time: enough for as many cores, and for it to see what it has to wait for."""
 
 
 @contextmanager
-def connected(address: str) -> Iterator[Any]:
+def connect(address: str) -> Iterator[Any]:
     """Ray, connected to the cluster at ``address``; ``auto``: to the one it finds, ``local``: to one it starts here.
 
     Whatever Ray prints meanwhile goes to stderr. Raises MissingExtraError without Ray, InputError if nothing answers.
@@ -37,7 +37,7 @@ def connected(address: str) -> Iterator[Any]:
         raise MissingExtraError("a sweep on a cluster", "ray") from None
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # what is walked here is nobody else's business
     try:
-        _knock(address)
+        _check_reachable(address)
         ray.init(address, log_to_driver=False, logging_level="error")
     except (OSError, ValueError, RuntimeError) as error:
         raise InputError(f"no Ray cluster at '{address}': {_first_line(error)}") from None
@@ -48,22 +48,24 @@ def connected(address: str) -> Iterator[Any]:
             ray.shutdown()
 
 
-def _knock(address: str) -> None:
+def _check_reachable(address: str) -> None:
     """Raise OSError or ValueError where nobody listens: Ray itself would go on trying for a long time."""
-    if address in FOUND_BY_RAY:
+    if address in RAY_ADDRESS_KEYWORDS:
         return
     host, _, port = address.rpartition("://")[2].rpartition(":")
     if not host or not port.isdigit():
         raise ValueError("an address is HOST:PORT")
-    socket.create_connection((host, int(port)), timeout=PATIENCE).close()
+    socket.create_connection((host, int(port)), timeout=CONNECT_TIMEOUT_S).close()
 
 
-def run(combinations: Iterable[Combination], finished: Finished, ray: Any) -> None:
+def run_on_cluster(cases: Iterable[GaitCase], on_result: ResultCallback, ray: Any) -> None:
     """Walk ``combinations`` where ``ray`` is connected to, and tell ``finished`` as they are done."""
-    task = ray.remote(num_cpus=1, max_retries=TRIES - 1)(walk)
-    waiting, asked = iter(combinations), dict[Any, Combination]()
+    task = ray.remote(num_cpus=1, max_retries=MAX_ATTEMPTS - 1)(evaluate_case)
+    waiting, asked = iter(cases), dict[Any, GaitCase]()
     while True:
-        asked |= {task.remote(combination): combination for combination in islice(waiting, MOST_ASKED - len(asked))}
+        asked |= {
+            task.remote(combination): combination for combination in islice(waiting, MAX_PENDING_TASKS - len(asked))
+        }
         if not asked:
             return
         done, _ = ray.wait(list(asked), num_returns=1)
@@ -72,14 +74,14 @@ def run(combinations: Iterable[Combination], finished: Finished, ray: Any) -> No
             walked = ray.get(done[0])
         except ray.exceptions.RayTaskError as error:
             if not isinstance(error.cause, MemoryError):
-                raise _told(error.cause) from None
+                raise _to_klute_sim_error(error.cause) from None
             walked = None
         except ray.exceptions.RayError:  # the process or its machine was lost, every time
             walked = None
-        finished(combination, walked)
+        on_result(combination, walked)
 
 
-def _told(cause: BaseException) -> KluteSimError:
+def _to_klute_sim_error(cause: BaseException) -> KluteSimError:
     """What a walk raised elsewhere; anything but an error of ours means that it could not even begin."""
     if isinstance(cause, KluteSimError):
         return cause

@@ -7,12 +7,12 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from klute_sim.sweep.table import FAILURE, Row
-from klute_sim.sweep.walk import TRIPS
+from klute_sim.sweep.table import FAILURE_COLUMN, SweepRow
+from klute_sim.sweep.walk import TRIPS_COLUMN
 
-MOST_ROWS = 40
+MAX_ROWS_SHOWN = 40
 """Rows shown; the files have all of them."""
-INPUTS = {
+INPUT_TITLES = {
     "device": "device",
     "controller": "controller",
     "reference": "reference",
@@ -22,9 +22,9 @@ INPUTS = {
     "stature [m]": "stature\nm",
 }
 """Heading -> title of what was asked for, which is shown where it differs."""
-OWN = "own"
+REFERENCE_SPEED = "own"
 """In place of a speed: what reference and legs imply."""
-OUTCOMES = {
+METRIC_FORMATS = {
     "ankle_power_peak [W/kg]": ("power\nW/kg", ".2f"),
     "ankle_work_net [J/kg]": ("net work\nJ/kg", "+.3f"),
     "ankle_moment_peak [N*m/kg]": ("moment\nN·m/kg", ".2f"),
@@ -34,35 +34,35 @@ OUTCOMES = {
 """Heading -> title and format of what is shown; the files have more."""
 
 
-def display(rows: Sequence[Row]) -> Table:
+def format_table(rows: Sequence[SweepRow]) -> Table:
     """The first rows, with the inputs that differ, the main outcomes, and what went wrong."""
-    shown = {heading: title for heading, title in INPUTS.items() if len({row[heading] for row in rows}) > 1}
+    shown = {heading: title for heading, title in INPUT_TITLES.items() if len({row[heading] for row in rows}) > 1}
     result = Table(title=Text(f"{len(rows)} combinations"), box=box.SIMPLE_HEAD)
     for title in shown.values():
         result.add_column(title, overflow="fold")
-    for title, _ in OUTCOMES.values():
+    for title, _ in METRIC_FORMATS.values():
         result.add_column(title, justify="right", no_wrap=True)
     result.add_column("")
-    for row in rows[:MOST_ROWS]:
-        inputs = [_cell(row[heading], ".4g", OWN) for heading in shown]
+    for row in rows[:MAX_ROWS_SHOWN]:
+        inputs = [_format_cell(row[heading], ".4g", REFERENCE_SPEED) for heading in shown]
         values = [
-            "-" if row[heading] is None else format(row[heading], form) for heading, (_, form) in OUTCOMES.items()
+            "-" if row[heading] is None else format(row[heading], form) for heading, (_, form) in METRIC_FORMATS.items()
         ]
-        result.add_row(*inputs, *values, row[FAILURE] or ("it trips" if row[TRIPS] else ""))
+        result.add_row(*inputs, *values, row[FAILURE_COLUMN] or ("it trips" if row[TRIPS_COLUMN] else ""))
     return result
 
 
-def _cell(value: Any, form: str, missing: str = "-") -> str:
+def _format_cell(value: Any, format_spec: str, placeholder: str = "-") -> str:
     if value is None:
-        return missing
-    return value if isinstance(value, str) else format(value, form)
+        return placeholder
+    return value if isinstance(value, str) else format(value, format_spec)
 
 
-def remarks(rows: Sequence[Row], failed: int) -> list[str]:
+def collect_remarks(rows: Sequence[SweepRow], n_failed: int) -> list[str]:
     """What a reader has to know beside the table, one sentence each."""
     said = []
-    if len(rows) > MOST_ROWS:
-        said.append(f"The first {MOST_ROWS} of {len(rows)} combinations are shown; the files have all of them.")
-    if failed:
-        said.append(f"{failed} of {len(rows)} combinations have no outcomes; the column 'failure' says why.")
+    if len(rows) > MAX_ROWS_SHOWN:
+        said.append(f"The first {MAX_ROWS_SHOWN} of {len(rows)} combinations are shown; the files have all of them.")
+    if n_failed:
+        said.append(f"{n_failed} of {len(rows)} combinations have no outcomes; the column 'failure' says why.")
     return said

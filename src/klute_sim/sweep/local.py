@@ -16,45 +16,45 @@ from threadpoolctl import threadpool_limits
 
 from klute_sim.errors import KluteSimWarning
 from klute_sim.plant import router
-from klute_sim.sweep.plan import Combination
-from klute_sim.sweep.runner import TRIES, Finished
-from klute_sim.sweep.walk import Walked, walk
+from klute_sim.sweep.plan import GaitCase
+from klute_sim.sweep.runner import MAX_ATTEMPTS, ResultCallback
+from klute_sim.sweep.walk import CaseResult, evaluate_case
 
 
-class Processes:
+class LocalRunner:
     """Processes of this machine that walk combinations, until the context that they were made in ends.
 
     Whatever ends that early, an interrupt or an error, ends the processes as well.
     """
 
-    def __init__(self, jobs: int = 0) -> None:
+    def __init__(self, n_jobs: int = 0) -> None:
         """``jobs`` processes (0: one per core), begun as they are needed."""
-        self._most, self._processes = jobs or cores(), list[_Process]()
+        self._n_jobs, self._workers = n_jobs or count_cores(), list[_Worker]()
 
-    def __enter__(self) -> "Processes":
+    def __enter__(self) -> "LocalRunner":
         """See the class."""
-        router.choose()  # compiled once here rather than in every process; and says if it cannot be
+        router.choose_backend()  # compiled once here rather than in every process; and says if it cannot be
         return self
 
     def __exit__(self, *_: object) -> None:
         """See the class."""
-        for process in self._processes:
-            process.end()
+        for process in self._workers:
+            process.close()
 
-    def run(self, combinations: Iterable[Combination], finished: Finished) -> None:
+    def run(self, cases: Iterable[GaitCase], on_result: ResultCallback) -> None:
         """Walk ``combinations`` and tell ``finished`` as they are done.
 
         A process that is killed costs its own walk and no other: that one is begun again, :data:`TRIES` times in all.
         """
-        waiting = deque(combinations)
-        while len(self._processes) < min(self._most, len(waiting)):
-            self._processes.append(_Process())
-        idle, running = list(self._processes), dict[Future[Walked], tuple[_Process, Combination]]()
+        waiting = deque(cases)
+        while len(self._workers) < min(self._n_jobs, len(waiting)):
+            self._workers.append(_Worker())
+        idle, running = list(self._workers), dict[Future[CaseResult], tuple[_Worker, GaitCase]]()
         lost: Counter[str] = Counter()
         while waiting or running:
             while waiting and idle:
                 process, combination = idle.pop(), waiting.popleft()
-                with _interrupts_held():
+                with _block_interrupts():
                     running[process.submit(combination)] = process, combination
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 process, combination = running.pop(future)
@@ -63,20 +63,20 @@ class Processes:
                     walked = future.result()
                 except (BrokenProcessPool, MemoryError):  # the one is how Linux answers the other
                     lost[combination.key] += 1
-                    if lost[combination.key] < TRIES:
+                    if lost[combination.key] < MAX_ATTEMPTS:
                         waiting.append(combination)
                         continue
                     walked = None
-                finished(combination, walked)
+                on_result(combination, walked)
 
 
-def cores() -> int:
+def count_cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
-def _interrupts_held() -> Iterator[None]:
+def _block_interrupts() -> Iterator[None]:
     """Ctrl-C is held back meanwhile, and processes begun in here never hear of it; where the system can do that."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -88,42 +88,42 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-class _Process:
+class _Worker:
     """A pool of one process: if it breaks, it is known which combination it had, and the others go on."""
 
     def __init__(self) -> None:
-        self._begin()
+        self._start()
 
-    def _begin(self) -> None:
-        theirs, self._lifeline = multiprocessing.Pipe(duplex=False)
+    def _start(self) -> None:
+        theirs, self._parent_pipe = multiprocessing.Pipe(duplex=False)
         context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, context, initializer=_begin, initargs=(theirs,))
+        self._pool = ProcessPoolExecutor(1, context, initializer=_initialize_worker, initargs=(theirs,))
 
-    def submit(self, combination: Combination) -> Future[Walked]:
+    def submit(self, case: GaitCase) -> Future[CaseResult]:
         try:
-            return self._pool.submit(walk, combination)
+            return self._pool.submit(evaluate_case, case)
         except BrokenProcessPool:  # killed during the walk before this one, or since
-            self.end()
-            self._begin()
-            return self._pool.submit(walk, combination)
+            self.close()
+            self._start()
+            return self._pool.submit(evaluate_case, case)
 
-    def end(self) -> None:
+    def close(self) -> None:
         """End the process, whatever it is doing."""
-        self._lifeline.close()
+        self._parent_pipe.close()
         self._pool.shutdown(cancel_futures=True)
 
 
-def _begin(lifeline: Connection) -> None:
+def _initialize_worker(parent_pipe: Connection) -> None:
     """Make a fresh process ready to walk, and to end when the other end of ``lifeline`` is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the first one ends the others
     warnings.simplefilter("ignore", KluteSimWarning)  # said once, by the first process
     threadpool_limits(1, user_api="blas")  # every core has a walk of its own
-    threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
+    threading.Thread(target=_exit_with_parent, args=(parent_pipe,), daemon=True).start()
 
 
-def _follow(lifeline: Connection) -> None:
+def _exit_with_parent(parent_pipe: Connection) -> None:
     """End this process with the one that began it, even if that was killed and could not say so."""
     try:
-        lifeline.recv_bytes()
+        parent_pipe.recv_bytes()
     except EOFError:
         os._exit(1)

@@ -9,33 +9,33 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from klute_sim.control.pressure import off
+from klute_sim.control.pressure import create_off_controller
 from klute_sim.control.word import Controller
 from klute_sim.device.files import Device
 from klute_sim.rigs.gait.assembly import GaitOptions
 from klute_sim.rigs.gait.build import MODEL_MASS, MODEL_STATURE
-from klute_sim.rigs.gait.reference import Reference, default
+from klute_sim.rigs.gait.reference import Reference, load_default_reference
 from klute_sim.rigs.gait.spring_foot import SpringFoot
-from klute_sim.sweep.software import software
+from klute_sim.sweep.software import fingerprint_software
 
-ABLE_BODIED = "able-bodied"
+ABLE_BODIED_REFERENCE = "able-bodied"
 """The word for the package's own reference."""
 
 
 @cache
-def _reference() -> Reference:
+def _load_default_reference() -> Reference:
     """Read once in a process: it takes longer than the rest of a combination."""
-    return default()
+    return load_default_reference()
 
 
 @dataclass(frozen=True, kw_only=True)
-class Combination:
+class GaitCase:
     """One walk: everything that it needs, wherever it is done."""
 
-    device_word: str
+    device_name: str
     """As it was named: a preset or a file."""
     device: Device
-    controller_word: str
+    controller_name: str
     controller: Controller
     speed: float | None
     """[m/s]; None: the reference's own."""
@@ -44,19 +44,19 @@ class Combination:
     mass: float
     """Of the body [kg]."""
     strides: int
-    step: float
+    dt: float
     """Time step [s]."""
     stature: float = MODEL_STATURE
     """[m]"""
-    reference_word: str = ABLE_BODIED
+    reference_name: str = ABLE_BODIED_REFERENCE
     reference: Reference | None = None
     """What is walked on; None: the package's own."""
-    foot: float | None = None
+    foot_stiffness: float | None = None
     """Stiffness of a passive foot in place of the device [N.m/deg]."""
-    software: Mapping[str, str] = field(default_factory=software)
+    software: Mapping[str, str] = field(default_factory=fingerprint_software)
     """Of whoever planned it: it may be walked elsewhere."""
 
-    def options(self) -> GaitOptions:
+    def build_options(self) -> GaitOptions:
         """What the gait rig is told; raises InputError for a value no subject or solver has."""
         return GaitOptions(
             mass=self.mass,
@@ -64,9 +64,11 @@ class Combination:
             speed=self.speed,
             slope=math.radians(self.slope_deg),
             strides=self.strides,
-            step=self.step,
-            reference=self.reference or _reference(),
-            foot=None if self.foot is None else SpringFoot(stiffness=math.degrees(self.foot)),
+            dt=self.dt,
+            reference=self.reference or _load_default_reference(),
+            spring_foot=None
+            if self.foot_stiffness is None
+            else SpringFoot(stiffness=math.degrees(self.foot_stiffness)),
         )
 
     @property
@@ -74,19 +76,19 @@ class Combination:
         """Digest of all that its outcomes depend on; what things are called is not among it."""
         human = self.reference and [self.reference.digest, self.reference.stride_time]
         who = [self.device.digest, self.controller.describe(), human, self.stature]
-        how = [self.speed, self.slope_deg, self.mass, self.strides, self.step, self.foot, dict(self.software)]
+        how = [self.speed, self.slope_deg, self.mass, self.strides, self.dt, self.foot_stiffness, dict(self.software)]
         return hashlib.sha256(json.dumps([*who, *how], sort_keys=True).encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class SweepPlan:
     """What is combined with what; validated when made. The last one listed here changes first."""
 
     devices: Mapping[str, Device]
     """As named -> device."""
     controllers: Mapping[str, Controller]
     """As named -> controller."""
-    references: Mapping[str, Reference | None] = field(default_factory=lambda: {ABLE_BODIED: None})
+    references: Mapping[str, Reference | None] = field(default_factory=lambda: {ABLE_BODIED_REFERENCE: None})
     """As named -> reference; None: the package's own."""
     speeds: Sequence[float | None] = (None,)
     """[m/s]; None: the reference's own."""
@@ -96,44 +98,51 @@ class Plan:
     """[kg]; None: what the reference states, or that of the models."""
     statures: Sequence[float | None] = (None,)
     """[m]; likewise."""
-    feet: Mapping[float, Device] = field(default_factory=dict)
+    spring_feet: Mapping[float, Device] = field(default_factory=dict)
     """Stiffness of a passive foot [N.m/deg] -> the device that it is in the place of; no pressure is asked for."""
     strides: int = 5
-    step: float = 5e-4
+    dt: float = 5e-4
     """Time step [s]."""
 
     def __post_init__(self) -> None:
         """Raise InputError for a value no subject or solver has."""
-        for combination in self.combinations():
-            combination.options()
+        for combination in self.iter_cases():
+            combination.build_options()
 
-    def combinations(self) -> Iterator[Combination]:
+    def iter_cases(self) -> Iterator[GaitCase]:
         """Every one, in the order of the table: passive feet after the devices."""
         for (device, controller, foot), (word, human), speed, slope, mass, stature in itertools.product(
-            self._walked_on(), self.references.items(), self.speeds, self.slopes_deg, self.masses, self.statures
+            self._iter_device_controller_pairs(),
+            self.references.items(),
+            self.speeds,
+            self.slopes_deg,
+            self.masses,
+            self.statures,
         ):
-            yield Combination(
-                device_word=device[0],
+            yield GaitCase(
+                device_name=device[0],
                 device=device[1],
-                controller_word=controller[0],
+                controller_name=controller[0],
                 controller=controller[1],
-                reference_word=word,
+                reference_name=word,
                 reference=human,
                 speed=speed,
                 slope_deg=slope,
-                mass=_first(mass, human.mass if human else None, MODEL_MASS),
-                stature=_first(stature, human.stature if human else None, MODEL_STATURE),
+                mass=_first_not_none(mass, human.mass if human else None, MODEL_MASS),
+                stature=_first_not_none(stature, human.stature if human else None, MODEL_STATURE),
                 strides=self.strides,
-                step=self.step,
-                foot=foot,
+                dt=self.dt,
+                foot_stiffness=foot,
             )
 
-    def _walked_on(self) -> Iterator[tuple[tuple[str, Device], tuple[str, Controller], float | None]]:
+    def _iter_device_controller_pairs(
+        self,
+    ) -> Iterator[tuple[tuple[str, Device], tuple[str, Controller], float | None]]:
         """Device and controller, each as it was named, and the stiffness of a passive foot."""
         for device, controller in itertools.product(self.devices.items(), self.controllers.items()):
             yield device, controller, None
-        for stiffness, replaced in self.feet.items():
-            yield (f"spring foot {stiffness:g}", replaced), ("off", off()), stiffness
+        for stiffness, replaced in self.spring_feet.items():
+            yield (f"spring foot {stiffness:g}", replaced), ("off", create_off_controller()), stiffness
 
     def describe(self) -> dict[str, Any]:
         """The plan in JSON types, device files verbatim: equal plans, equal descriptions."""
@@ -144,26 +153,26 @@ class Plan:
         return {
             "devices": devices,
             "controllers": {word: controller.describe() for word, controller in self.controllers.items()},
-            "references": {word: _described(human) for word, human in self.references.items()},
+            "references": {word: _describe_reference(human) for word, human in self.references.items()},
             "speeds_m_per_s": list(self.speeds),
             "slopes_deg": list(self.slopes_deg),
             "masses_kg": list(self.masses),
             "statures_m": list(self.statures),
-            "feet_n_m_per_deg": list(self.feet),
+            "feet_n_m_per_deg": list(self.spring_feet),
             "strides": self.strides,
-            "step_s": self.step,
-            "software": software(),
+            "step_s": self.dt,
+            "software": fingerprint_software(),
         }
 
 
-def _first(*values: float | None) -> float:
+def _first_not_none(*values: float | None) -> float:
     """The first that is one."""
     return next(value for value in values if value is not None)
 
 
-def _described(human: Reference | None) -> dict[str, Any]:
-    human = human or _reference()
+def _describe_reference(reference: Reference | None) -> dict[str, Any]:
+    reference = reference or _load_default_reference()
     return {
-        **{"name": human.name, "sha256": human.digest, "stride_time_s": human.stride_time},
-        **{"mass_kg": human.mass, "stature_m": human.stature},
+        **{"name": reference.name, "sha256": reference.digest, "stride_time_s": reference.stride_time},
+        **{"mass_kg": reference.mass, "stature_m": reference.stature},
     }

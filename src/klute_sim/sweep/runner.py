@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Iterable
 
-from klute_sim.sweep.plan import Combination
-from klute_sim.sweep.walk import Walked
+from klute_sim.sweep.plan import GaitCase
+from klute_sim.sweep.walk import CaseResult
 
-TRIES = 3
+MAX_ATTEMPTS = 3
 """How often a combination is begun whose process is killed, before it is given up."""
 
-Finished = Callable[[Combination, Walked | None], None]
+ResultCallback = Callable[[GaitCase, CaseResult | None], None]
 """Told each combination when it is done; None: its process was killed every time."""
 
-Runner = Callable[[Iterable[Combination], Finished], None]
+Runner = Callable[[Iterable[GaitCase], ResultCallback], None]
 """Walks combinations and tells of each; in any order."""

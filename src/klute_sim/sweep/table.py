@@ -10,13 +10,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from klute_sim.recording.recording import split_heading
-from klute_sim.sweep.plan import Combination, Plan
-from klute_sim.sweep.walk import HEADINGS, TRIPS, Walked
+from klute_sim.sweep.plan import GaitCase, SweepPlan
+from klute_sim.sweep.walk import METRIC_COLUMNS, TRIPS_COLUMN, CaseResult
 
-Row = dict[str, Any]
+SweepRow = dict[str, Any]
 """Heading -> value; None where there is none."""
 
-INPUTS = {
+INPUT_TYPES = {
     "device": pa.string(),
     "device_sha256": pa.string(),
     "controller": pa.string(),
@@ -29,47 +29,51 @@ INPUTS = {
     "strides [1]": pa.int64(),
     "step [s]": pa.float64(),
 }
-OUTCOMES = {heading: pa.bool_() if heading == TRIPS else pa.float64() for heading in HEADINGS}
-FAILURE = "failure"
-COLUMNS = {**INPUTS, **OUTCOMES, FAILURE: pa.string()}
+METRIC_TYPES = {heading: pa.bool_() if heading == TRIPS_COLUMN else pa.float64() for heading in METRIC_COLUMNS}
+FAILURE_COLUMN = "failure"
+COLUMN_TYPES = {**INPUT_TYPES, **METRIC_TYPES, FAILURE_COLUMN: pa.string()}
 """Heading -> type. A number's heading is ``name [unit]``; words, and yes or no, have no unit."""
 
-LOST = "its process was killed each time; the same command tries it again"
+KILLED_MESSAGE = "its process was killed each time; the same command tries it again"
 
 
-def row(combination: Combination, walked: Walked | None) -> Row:
+def build_row(case: GaitCase, result: CaseResult | None) -> SweepRow:
     """The row of ``combination``; None: the process that walked it was killed every time."""
     inputs = {
-        "device": combination.device_word,
-        "device_sha256": combination.device.digest,
-        "controller": combination.controller_word,
-        "reference": combination.reference_word,
-        "reference_sha256": combination.options().reference.digest,
-        "speed_asked [m/s]": combination.speed,
-        "slope [deg]": combination.slope_deg,
-        "mass [kg]": combination.mass,
-        "stature [m]": combination.stature,
-        "strides [1]": combination.strides,
-        "step [s]": combination.step,
+        "device": case.device_name,
+        "device_sha256": case.device.digest,
+        "controller": case.controller_name,
+        "reference": case.reference_name,
+        "reference_sha256": case.build_options().reference.digest,
+        "speed_asked [m/s]": case.speed,
+        "slope [deg]": case.slope_deg,
+        "mass [kg]": case.mass,
+        "stature [m]": case.stature,
+        "strides [1]": case.strides,
+        "step [s]": case.dt,
     }
-    walked = walked or Walked({}, LOST)
-    return {**inputs, **{heading: walked.outcomes.get(heading) for heading in HEADINGS}, FAILURE: walked.failure}
+    result = result or CaseResult({}, KILLED_MESSAGE)
+    return {
+        **inputs,
+        **{heading: result.metrics.get(heading) for heading in METRIC_COLUMNS},
+        FAILURE_COLUMN: result.failure,
+    }
 
 
-def write_parquet(rows: Sequence[Row], plan: Plan, path: Path) -> None:
+def write_parquet(rows: Sequence[SweepRow], plan: SweepPlan, path: Path) -> None:
     """Write ``rows``; units are in the fields' metadata and the plan in the schema's, as in recordings."""
-    fields = [pa.field(heading, kind, metadata=_unit(heading)) for heading, kind in COLUMNS.items()]
+    fields = [pa.field(heading, kind, metadata=_unit_metadata(heading)) for heading, kind in COLUMN_TYPES.items()]
     schema = pa.schema(fields, metadata={b"klute_sim": json.dumps(plan.describe(), sort_keys=True).encode()})
     pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), path, compression="zstd")
 
 
-def _unit(heading: str) -> dict[str, str]:
-    return {"unit": split_heading(heading)[1]} if "[" in heading else {}
+def _unit_metadata(column: str) -> dict[str, str]:
+    return {"unit": split_heading(column)[1]} if "[" in column else {}
 
 
-def write_csv(rows: Sequence[Row], path: Path) -> None:
+def write_csv(rows: Sequence[SweepRow], path: Path) -> None:
     """Write ``rows`` with the digits that read back to the same number; what is missing is empty."""
     with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(COLUMNS), lineterminator="\n")
+        writer = csv.DictWriter(file, list(COLUMN_TYPES), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)

@@ -14,20 +14,20 @@ from dataclasses import dataclass, fields
 
 from klute_sim.errors import InputError
 
-CATCH, FALL = 1e9, 1e12
+TOE_CATCH_COST, FALL_COST = 1e9, 1e12
 """What a foot that catches in swing costs, and a walk that ends early: more than the worst walk at the largest weights.
 The search goes by ranks alone."""
-REST = 1e4
+LENGTH_STOP_COST = 1e4
 """Cost of a muscle at its rest-length stop: times the square of L/L0 above :data:`FREE`; the stop is no spring."""
-FREE = 0.985
+MAX_MUSCLE_RATIO = 0.985
 """L/L0 below which a muscle is clear of its stop."""
-LOW = 1.0
+CLEARANCE_COST_PER_MM2 = 1.0
 """Cost of a toe that swings low: times the square of what is missing to :data:`CLEARANCE` [mm] (assumed)."""
-CLEARANCE = 3.0
+MIN_TOE_CLEARANCE_MM = 3.0
 """Least height of the toe in mid-swing [mm], so that a longer and finer walk does not catch either (assumed)."""
-UNFOLLOWED = 3e3
+LOAD_TRACKING_COST = 3e3
 """Cost of load that is not followed: times the square of its rms [body weights] above :data:`FOLLOWED` (assumed)."""
-FOLLOWED = 0.14
+MAX_LOAD_TRACKING_ERROR_BW = 0.14
 """Rms distance of the load [body weights] that may be (assumed); reports warn from 0.15 on."""
 
 
@@ -44,18 +44,18 @@ class Goals:
     plantarflexion_deg: float | None = None
     """At least: most plantarflexion [deg]; 1.5 counts as 1."""
 
-    def missed(self, walked: "Tracked") -> float:
+    def compute_shortfall(self, metrics: "TuningMetrics") -> float:
         """What is missing in all, 0 if all is reached."""
         shares = (
-            (self.moment_sd, walked.moment_sd, 0.2, -1.0),
-            (self.power_w_per_kg, walked.power_w_per_kg, 0.5, 1.0),
-            (self.work_j_per_kg, walked.work_j_per_kg, 0.03, 1.0),
-            (self.plantarflexion_deg, walked.plantarflexion_deg, 1.5, 1.0),
+            (self.moment_sd, metrics.moment_sd, 0.2, -1.0),
+            (self.power_w_per_kg, metrics.power_w_per_kg, 0.5, 1.0),
+            (self.work_j_per_kg, metrics.work_j_per_kg, 0.03, 1.0),
+            (self.plantarflexion_deg, metrics.plantarflexion_deg, 1.5, 1.0),
         )
         return sum(max(0.0, sign * (goal - found)) / unit for goal, found, unit, sign in shares if goal is not None)
 
 
-HUMAN = Goals(moment_sd=0.39, power_w_per_kg=3.31, work_j_per_kg=0.218, plantarflexion_deg=15.0)
+HUMAN_GOALS = Goals(moment_sd=0.39, power_w_per_kg=3.31, work_j_per_kg=0.218, plantarflexion_deg=15.0)
 """The human ankle, as near as the reference's own groups are to each other (0.4 sd, 3.3 W/kg, 0.215 J/kg), and a little
 more: so much do a search's short and coarse walks flatter."""
 
@@ -81,7 +81,7 @@ class Weights:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tracked:
+class TuningMetrics:
     """What the objective needs to know of a walk."""
 
     moment_sd: float
@@ -96,33 +96,35 @@ class Tracked:
     """Net work of a stride."""
     plantarflexion_deg: float
     """The most of it."""
-    longest_ratio: float
+    muscle_ratio_max: float
     """Most L/L0 of the muscle [1]."""
-    clearance_mm: float
+    toe_clearance_mm: float
     """Least height of the sole in mid-swing [mm]."""
-    load_bw: float
+    load_tracking_rms_bw: float
     """Rms distance of the vertical load from the reference's [body weights]."""
-    catches: bool
+    trips: bool
     """Whether the foot touches the ground in swing."""
 
 
-def tracking(walked: Tracked, weights: Weights) -> float:
+def compute_tracking_error(metrics: TuningMetrics, weights: Weights) -> float:
     """Weighted mean squared distance to the reference [sd^2], summed over moment, angle and power."""
-    squares = walked.moment_sd**2, walked.angle_sd**2, walked.power_sd**2
+    squares = metrics.moment_sd**2, metrics.angle_sd**2, metrics.power_sd**2
     return math.fsum(w * s for w, s in zip((weights.moment, weights.angle, weights.power), squares, strict=True))
 
 
-def cost(walked: Tracked, weights: Weights, goals: Goals) -> float:
+def compute_cost(metrics: TuningMetrics, weights: Weights, goals: Goals) -> float:
     """The objective; smaller is better."""
-    stop = REST * max(0.0, walked.longest_ratio - FREE) ** 2
-    load = UNFOLLOWED * max(0.0, walked.load_bw - FOLLOWED) ** 2
-    low = LOW * max(0.0, CLEARANCE - walked.clearance_mm) ** 2
-    caught = CATCH if walked.catches else 0.0
+    stop = LENGTH_STOP_COST * max(0.0, metrics.muscle_ratio_max - MAX_MUSCLE_RATIO) ** 2
+    load = LOAD_TRACKING_COST * max(0.0, metrics.load_tracking_rms_bw - MAX_LOAD_TRACKING_ERROR_BW) ** 2
+    low = CLEARANCE_COST_PER_MM2 * max(0.0, MIN_TOE_CLEARANCE_MM - metrics.toe_clearance_mm) ** 2
+    caught = TOE_CATCH_COST if metrics.trips else 0.0
     kept = stop + load + low + caught
-    return tracking(walked, weights) + weights.air * walked.air_g + kept + goals.missed(walked)
+    return (
+        compute_tracking_error(metrics, weights) + weights.air * metrics.air_g + kept + goals.compute_shortfall(metrics)
+    )
 
 
-def named(values: Mapping[str, float]) -> Weights:
+def make_weights(values: Mapping[str, float]) -> Weights:
     """Weights with some of them changed; raises InputError for a name that there is not."""
     known = [each.name for each in fields(Weights)]
     for name in values:

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.errors import InputError
-from klute_sim.report.workbench.stream import sdk
+from klute_sim.report.workbench.stream import import_rerun
 
-KINDS = {1: "tabs", 2: "row", 3: "column", 4: "grid"}
+CONTAINER_KINDS = {1: "tabs", 2: "row", 3: "column", 4: "grid"}
 """rerun's numbers of containers."""
-INTERNAL = ("rerun.controls", "log_tick", "log_time", "blueprint")
+INTERNAL_PREFIXES = ("rerun.controls", "log_tick", "log_time", "blueprint")
 
 
 class Entity:
@@ -26,15 +26,15 @@ class Entity:
         self.archetypes: set[str] = set()
         """What it is, such as ``Boxes3D``."""
 
-    def time(self, timeline: str) -> NDArray[np.float64]:
+    def get_times(self, timeline: str) -> NDArray[np.float64]:
         """Of the rows: [s] of a timeline of durations, else its own numbers."""
         return np.concatenate(self.times[timeline])
 
-    def at(self, component: str, timeline: str, place: float) -> Any:
+    def get_value(self, component: str, timeline: str, position: float) -> Any:
         """The last value at ``place`` on ``timeline`` or before it, else the static one; None if there is none."""
         if component in self.rows and timeline in self.times:
-            known = np.flatnonzero(self.time(timeline) <= place)
-            row = int(known[np.argmax(self.time(timeline)[known])]) if len(known) else 0
+            known = np.flatnonzero(self.get_times(timeline) <= position)
+            row = int(known[np.argmax(self.get_times(timeline)[known])]) if len(known) else 0
             return self.rows[component][row]
         return self.static.get(component)
 
@@ -52,7 +52,7 @@ class View(NamedTuple):
     bounds: tuple[tuple[float, float], tuple[float, float]] | None
     """Of a plane, (across, up)."""
 
-    def of(self, entities: dict[str, Entity]) -> dict[str, Entity]:
+    def select_entities(self, entities: dict[str, Entity]) -> dict[str, Entity]:
         """The entities in this view."""
         found = {}
         for path, entity in entities.items():
@@ -74,7 +74,7 @@ class Container(NamedTuple):
     columns: int
 
 
-class Contents(NamedTuple):
+class RrdContents(NamedTuple):
     """A recording."""
 
     entities: dict[str, Entity]
@@ -82,31 +82,31 @@ class Contents(NamedTuple):
     timeline: str
 
 
-def read(file: Path) -> Contents:
+def read_rrd(path: Path) -> RrdContents:
     """What is in ``file`` (.rrd); raises InputError for one without a layout, MissingExtraError without rerun."""
-    rr = sdk()
+    rr = import_rerun()
     try:
-        reader = rr.chunk.RrdReader(file)
+        reader = rr.chunk.RrdReader(path)
         layouts = list(reader.blueprints())
-        entities = _entities(reader.stream())
-        plan = _entities(reader.stream(store=layouts[-1])) if layouts else {}
+        entities = _collect_entities(reader.stream())
+        plan = _collect_entities(reader.stream(store=layouts[-1])) if layouts else {}
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"{file} cannot be read: {error}") from None
+        raise InputError(f"{path} cannot be read: {error}") from None
     if not plan:
-        raise InputError(f"{file} has no layout: it was not made by klute-sim")
-    return Contents(entities, _root(plan), str(_one(plan["time_panel"], "timeline")))
+        raise InputError(f"{path} has no layout: it was not made by klute-sim")
+    return RrdContents(entities, _build_root(plan), str(_get_single(plan["time_panel"], "timeline")))
 
 
-def views(node: View | Container) -> Iterator[View]:
+def iter_views(node: View | Container) -> Iterator[View]:
     """All of them, in the order of the layout."""
     if isinstance(node, View):
         yield node
     else:
         for child in node.children:
-            yield from views(child)
+            yield from iter_views(child)
 
 
-def _entities(chunks: Any) -> dict[str, Entity]:
+def _collect_entities(chunks: Any) -> dict[str, Entity]:
     found: dict[str, Entity] = {}
     for chunk in chunks:
         entity = found.setdefault(str(chunk.entity_path).lstrip("/"), Entity())
@@ -122,7 +122,7 @@ def _entities(chunks: Any) -> dict[str, Entity]:
                 entity.rows.setdefault(short, []).extend(column)
         if not chunk.is_static:
             for name in batch.schema.names:
-                if name not in components and not name.startswith(INTERNAL):
+                if name not in components and not name.startswith(INTERNAL_PREFIXES):
                     column = batch.column(name)
                     stamps = np.asarray(column.cast("int64").to_numpy(zero_copy_only=False))
                     scale = 1e-9 if str(column.type).startswith("duration") else 1.0
@@ -130,36 +130,36 @@ def _entities(chunks: Any) -> dict[str, Entity]:
     return found
 
 
-def _one(entity: Entity, component: str, otherwise: Any = None) -> Any:
+def _get_single(entity: Entity, component: str, default: Any = None) -> Any:
     """The single value of a component of the layout."""
     found = entity.rows.get(component, [None])[-1]
-    return otherwise if not found else found[0]
+    return default if not found else found[0]
 
 
-def _root(plan: dict[str, Entity]) -> View | Container:
-    raw = bytes(_one(plan["viewport"], "root_container")).hex()
+def _build_root(layout: dict[str, Entity]) -> View | Container:
+    raw = bytes(_get_single(layout["viewport"], "root_container")).hex()
     name = f"{raw[:8]}-{raw[8:12]}-{raw[12:16]}-{raw[16:20]}-{raw[20:]}"
-    return _node(plan, f"container/{name}")
+    return _build_node(layout, f"container/{name}")
 
 
-def _node(plan: dict[str, Entity], path: str) -> View | Container:
-    entity = plan[path]
-    name = str(_one(entity, "display_name", ""))
+def _build_node(layout: dict[str, Entity], path: str) -> View | Container:
+    entity = layout[path]
+    name = str(_get_single(entity, "display_name", ""))
     if path.startswith("container"):
-        children = tuple(_node(plan, str(child)) for child in entity.rows["contents"][-1])
-        kind = KINDS[int(_one(entity, "container_kind"))]
+        children = tuple(_build_node(layout, str(child)) for child in entity.rows["contents"][-1])
+        kind = CONTAINER_KINDS[int(_get_single(entity, "container_kind"))]
         shares: Sequence[float] = entity.rows.get({"row": "col_shares", "column": "row_shares"}.get(kind, ""), [[]])[-1]
         filled = tuple(float(s) for s in shares) if len(shares or ()) == len(children) else (1.0,) * len(children)
-        return Container(kind, name, children, filled, int(_one(entity, "grid_columns", 1)))
-    bounds = plan.get(f"{path}/VisualBounds2D")
-    box = None if bounds is None else _one(bounds, "range")
-    legend = plan.get(f"{path}/PlotLegend")
-    query = plan.get(f"{path}/ViewContents")
+        return Container(kind, name, children, filled, int(_get_single(entity, "grid_columns", 1)))
+    bounds = layout.get(f"{path}/VisualBounds2D")
+    box = None if bounds is None else _get_single(bounds, "range")
+    legend = layout.get(f"{path}/PlotLegend")
+    query = layout.get(f"{path}/ViewContents")
     return View(
-        kind=str(_one(entity, "class_identifier")),
+        kind=str(_get_single(entity, "class_identifier")),
         name=name,
-        origin=str(_one(entity, "space_origin", "/")).strip("/"),
+        origin=str(_get_single(entity, "space_origin", "/")).strip("/"),
         query=tuple(query.rows["query"][-1]) if query else ("$origin/**",),
-        legend=legend is None or bool(_one(legend, "visible", True)),
+        legend=legend is None or bool(_get_single(legend, "visible", True)),
         bounds=None if box is None else (tuple(box["x_range"]), tuple(box["y_range"])),
     )

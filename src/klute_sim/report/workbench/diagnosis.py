@@ -7,101 +7,117 @@ from typing import Any
 import numpy as np
 
 from klute_sim.diagnose.diagnosis import Diagnosis
-from klute_sim.diagnose.experiment import UNITS
+from klute_sim.diagnose.experiment import CHANNEL_UNITS
 from klute_sim.errors import InputError
 from klute_sim.report import diagnosis_words as words
-from klute_sim.report.diagnosis_traces import Simulated, simulated
+from klute_sim.report.diagnosis_traces import SimulatedTrial, simulate_shown_trials
 from klute_sim.report.workbench import chart, diagnosis_leg, diagnosis_map, heat, stream
-from klute_sim.report.workbench.stream import BLUE, GREY, ORANGE, Line
+from klute_sim.report.workbench.stream import BLUE, GREY, ORANGE, SeriesLine
 
 TIMELINE = "time"
 """From each trial's begin."""
-VERDICT = "verdict"
-LOOK = {"measured": GREY, "before": ORANGE, "after": BLUE}
+VERDICT_ENTITY = "verdict"
+CASE_COLOURS = {"measured": GREY, "before": ORANGE, "after": BLUE}
 
 
-def write(diagnosis: Diagnosis, path: Path) -> None:
+def write_recording(diagnosis: Diagnosis, path: Path) -> None:
     """Write the shown trials of ``diagnosis`` to ``path`` (.rrd).
 
     Raises MissingExtraError without rerun, InputError where the data were not sufficient to simulate anything.
     """
-    rr = stream.sdk()
-    trials = simulated(diagnosis)
+    rr = stream.import_rerun()
+    trials = simulate_shown_trials(diagnosis)
     if not trials:
         raise InputError("a rerun recording needs trials that were simulated; the data were insufficient for that")
-    maps = list(diagnosis_map.maps(diagnosis, trials))
-    identity = [diagnosis.dataset.digest, *map(str, diagnosis.found)]
-    with stream.recorded(path, "diagnosis", identity, lambda: blueprint(diagnosis, trials, maps)) as out:
-        stream.tell(out, VERDICT, page(diagnosis))
+    maps = list(diagnosis_map.build_maps(diagnosis, trials))
+    identity = [diagnosis.dataset.digest, *map(str, diagnosis.added_terms)]
+    with stream.open_recording(path, "diagnosis", identity, lambda: build_blueprint(diagnosis, trials, maps)) as out:
+        stream.log_text(out, VERDICT_ENTITY, format_page(diagnosis))
         for _, own in maps:
             for _, one_map in own:
-                heat.log(out, one_map)
+                heat.log_heatmap(out, one_map)
         for number, one in enumerate(trials, start=1):
-            for channel in _channels(one):
-                axis = rr.TimeColumn(TIMELINE, duration=one.time(channel))
-                stream.send(out, axis, lines(diagnosis, one, number, channel))
-            if diagnosis_leg.shows(diagnosis, one):
-                diagnosis_leg.log(out, diagnosis, one, f"trial_{number}/leg", TIMELINE)
-            for loop in loops(diagnosis, one, number):
-                chart.log(out, loop)
+            for channel in _list_channels(one):
+                axis = rr.TimeColumn(TIMELINE, duration=one.sample_times(channel))
+                stream.send_lines(out, axis, build_lines(diagnosis, one, number, channel))
+            if diagnosis_leg.has_ankle_motion(diagnosis, one):
+                diagnosis_leg.log_leg(out, diagnosis, one, f"trial_{number}/leg", TIMELINE)
+            for loop in build_loop_charts(diagnosis, one, number):
+                chart.log_chart(out, loop)
 
 
-def _cases(diagnosis: Diagnosis, one: Simulated) -> list[tuple[str, str, Any]]:
+def _list_cases(diagnosis: Diagnosis, simulated: SimulatedTrial) -> list[tuple[str, str, Any]]:
     """What was simulated: its entity, what it is called, and its channels."""
-    if not diagnosis.found:
-        return [("before", "simulated", one.before)]
-    return [("before", "refitted", one.before), ("after", "with effects added", one.after)]
+    if not diagnosis.added_terms:
+        return [("before", "simulated", simulated.before)]
+    return [("before", "refitted", simulated.before), ("after", "with effects added", simulated.after)]
 
 
-def lines(diagnosis: Diagnosis, one: Simulated, number: int, channel: str) -> Iterator[Line]:
+def build_lines(diagnosis: Diagnosis, simulated: SimulatedTrial, number: int, channel: str) -> Iterator[SeriesLine]:
     """Of one channel of trial ``one``, the ``number``-th: the signal's, then the residuals'.
 
     Trials go by numbers, because their names may hold what an entity's name may not.
     """
-    unit, measured = UNITS[channel][1], one.experiment.measured[channel].value
+    unit, measured = CHANNEL_UNITS[channel][1], simulated.experiment.measured[channel].value
     here = f"trial_{number}/{channel}"
-    yield Line(f"{here}/signal/measured", "measured", GREY, 1.0, measured / unit)
-    for entity, name, values in _cases(diagnosis, one):
-        yield Line(f"{here}/signal/{entity}", name, LOOK[entity], 2.0, values[channel] / unit)
-    for entity, name, values in _cases(diagnosis, one):
-        yield Line(f"{here}/residual/{entity}", name, LOOK[entity], 1.0, (measured - values[channel]) / unit)
+    yield SeriesLine(f"{here}/signal/measured", "measured", GREY, 1.0, measured / unit)
+    for entity, name, values in _list_cases(diagnosis, simulated):
+        yield SeriesLine(f"{here}/signal/{entity}", name, CASE_COLOURS[entity], 2.0, values[channel] / unit)
+    for entity, name, values in _list_cases(diagnosis, simulated):
+        yield SeriesLine(
+            f"{here}/residual/{entity}", name, CASE_COLOURS[entity], 1.0, (measured - values[channel]) / unit
+        )
 
 
-def loops(diagnosis: Diagnosis, one: Simulated, number: int) -> list[chart.Chart]:
+def build_loop_charts(diagnosis: Diagnosis, simulated: SimulatedTrial, number: int) -> list[chart.Chart]:
     """The force over the length of a bench trial, measured and simulated; none of other trials."""
-    if diagnosis.dataset.rig != "bench" or "force" not in _channels(one):
+    if diagnosis.dataset.rig != "bench" or "force" not in _list_channels(simulated):
         return []
-    experiment, course = one.experiment, one.experiment.course
-    steps = experiment.begin + experiment.step * np.arange(1, len(course.values) + 1)
-    length = np.interp(experiment.measured["force"].time, steps, course.values) / course.si
-    curves = [chart.Curve("measured", GREY, length, experiment.measured["force"].value, thin=True)]
+    experiment, course = simulated.experiment, simulated.experiment.prescribed_input
+    steps = experiment.start_time + experiment.dt * np.arange(1, len(course.values) + 1)
+    length = np.interp(experiment.measured["force"].time, steps, course.values) / course.si_factor
+    curves = [chart.ChartCurve("measured", GREY, length, experiment.measured["force"].value, thin=True)]
     curves += [
-        chart.Curve(name, LOOK[entity], length, values["force"]) for entity, name, values in _cases(diagnosis, one)
+        chart.ChartCurve(name, CASE_COLOURS[entity], length, values["force"])
+        for entity, name, values in _list_cases(diagnosis, simulated)
     ]
     return [chart.Chart(f"trial_{number}/loop", course.label, "force [N]", tuple(curves))]
 
 
-def page(diagnosis: Diagnosis) -> str:
+def format_page(diagnosis: Diagnosis) -> str:
     """The answer, the gap in numbers, and which trials it is told of."""
     d = diagnosis
-    said = [f"# {words.verdict(d)}", words.improvement(d), words.equation(d), *map(words.sentence, d.reasons)]
+    said = [
+        f"# {words.describe_verdict(d)}",
+        words.describe_improvement(d),
+        words.describe_equation_residuals(d),
+        *map(words.format_sentence, d.reasons),
+    ]
     rows = []
-    for channel, gap in d.gap.items():
-        unit, si = UNITS[channel]
-        known = [gap.before, gap.refitted, gap.after if d.found else None, gap.floor]
-        rows.append([words.spoken(channel), unit, *(None if value is None else value / si for value in known)])
-    on = "trials that no fit saw" if d.shown_on == "show" else "the fitted trials: none was kept back"
+    for channel, gap in d.channel_rms.items():
+        unit, si = CHANNEL_UNITS[channel]
+        known = [gap.nominal, gap.refitted, gap.with_effects if d.added_terms else None, gap.noise_floor]
+        rows.append(
+            [words.humanize_identifier(channel), unit, *(None if value is None else value / si for value in known)]
+        )
+    on = "trials that no fit saw" if d.evaluated_on == "show" else "the fitted trials: none was kept back"
     said.append(f"## The gap: root mean square of measured minus simulated, on {on}")
-    said.append(stream.table(["channel", "unit", "nominal", "refitted", "with effects", "noise of repeats"], rows))
-    if d.found and d.final is not None:
+    said.append(
+        stream.format_markdown_table(
+            ["channel", "unit", "nominal", "refitted", "with effects", "noise of repeats"], rows
+        )
+    )
+    if d.added_terms and d.final_fit is not None:
         said.append("## What was added")
         numbers = []
-        for unknown, value, interval in zip(d.final.hypothesis.unknowns, d.final.values, d.intervals, strict=True):
-            if unknown.term is not None:
-                term = d.final.hypothesis.terms[unknown.term]
-                name, unit = words.unknown(unknown, term.channel)
-                numbers.append([words.term(term), name, unit or "-", *words.told_apart(value, *interval)])
-        said.append(stream.table(["effect", "parameter", "unit", "value", "95 % from", "to"], numbers))
+        for unknown, value, interval in zip(
+            d.final_fit.hypothesis.parameters, d.final_fit.values, d.confidence_intervals, strict=True
+        ):
+            if unknown.term_index is not None:
+                term = d.final_fit.hypothesis.terms[unknown.term_index]
+                name, unit = words.format_parameter_name(unknown, term.channel)
+                numbers.append([words.format_term(term), name, unit or "-", *words.format_interval(value, *interval)])
+        said.append(stream.format_markdown_table(["effect", "parameter", "unit", "value", "95 % from", "to"], numbers))
     said.append("## Trials")
     uses = (("fit", "fitted"), ("select", "chosen by, not fitted"), ("show", "shown, never fitted"))
     for use, what in uses:
@@ -110,8 +126,8 @@ def page(diagnosis: Diagnosis) -> str:
     return "\n\n".join(filter(None, said))
 
 
-def blueprint(
-    diagnosis: Diagnosis, trials: Sequence[Simulated], maps: Sequence[tuple[str, list[tuple[str, heat.Heat]]]]
+def build_blueprint(
+    diagnosis: Diagnosis, trials: Sequence[SimulatedTrial], maps: Sequence[tuple[str, list[tuple[str, heat.Heatmap]]]]
 ) -> Any:
     """Layout: a tab with the answer beside the maps of the gap, then one for each trial.
 
@@ -120,23 +136,23 @@ def blueprint(
     import rerun.blueprint as rrb
 
     rows = [
-        rrb.Horizontal(*(heat.view(one, f"{channel}, {name}: measured - simulated") for name, one in own))
+        rrb.Horizontal(*(heat.build_view(one, f"{channel}, {name}: measured - simulated") for name, one in own))
         for channel, own in maps
     ]
-    answer = stream.words("verdict", VERDICT)
+    answer = stream.build_text_view("verdict", VERDICT_ENTITY)
     tabs: list[Any] = [rrb.Horizontal(answer, rrb.Vertical(*rows), column_shares=[1, 2], name="verdict and gap")]
     for number, one in enumerate(trials, start=1):
-        use = "shown, never fitted" if diagnosis.shown_on == "show" else "fitted"
-        tabs.append(_trial(diagnosis, one, number, f"{one.experiment.name} ({use})"))
-    return stream.whole(rrb.Tabs(*tabs), TIMELINE)
+        use = "shown, never fitted" if diagnosis.evaluated_on == "show" else "fitted"
+        tabs.append(_build_trial_view(diagnosis, one, number, f"{one.experiment.name} ({use})"))
+    return stream.build_window_blueprint(rrb.Tabs(*tabs), TIMELINE)
 
 
-def _trial(diagnosis: Diagnosis, one: Simulated, number: int, name: str) -> Any:
+def _build_trial_view(diagnosis: Diagnosis, simulated: SimulatedTrial, number: int, name: str) -> Any:
     import rerun.blueprint as rrb
 
     columns = []
-    for channel in _channels(one):
-        spoken, unit = words.spoken(channel), UNITS[channel][0]
+    for channel in _list_channels(simulated):
+        spoken, unit = words.humanize_identifier(channel), CHANNEL_UNITS[channel][0]
         views = [
             rrb.TimeSeriesView(
                 origin=f"/trial_{number}/{channel}/{part}",
@@ -151,13 +167,16 @@ def _trial(diagnosis: Diagnosis, one: Simulated, number: int, name: str) -> Any:
         columns.append(rrb.Vertical(*views, row_shares=[3, 2]))
     curves = rrb.Grid(*columns, grid_columns=min(4, len(columns)))
     root = f"trial_{number}/leg"
-    if diagnosis_leg.shows(diagnosis, one):
-        cases = [("measured", "measured"), *((entity, called) for entity, called, _ in _cases(diagnosis, one))]
-        legs = rrb.Horizontal(*(diagnosis_leg.view(root, entity, called) for entity, called in cases))
+    if diagnosis_leg.has_ankle_motion(diagnosis, simulated):
+        cases = [
+            ("measured", "measured"),
+            *((entity, called) for entity, called, _ in _list_cases(diagnosis, simulated)),
+        ]
+        legs = rrb.Horizontal(*(diagnosis_leg.build_view(root, entity, called) for entity, called in cases))
         return rrb.Vertical(legs, curves, row_shares=[2, 3], name=name)
-    loop = [chart.view(each, "force over length") for each in loops(diagnosis, one, number)]
+    loop = [chart.build_view(each, "force over length") for each in build_loop_charts(diagnosis, simulated, number)]
     return rrb.Horizontal(*loop, curves, column_shares=[1] * len(loop) + [2], name=name)
 
 
-def _channels(one: Simulated) -> list[str]:
-    return [channel for channel, series in one.experiment.measured.items() if len(series.time)]
+def _list_channels(simulated: SimulatedTrial) -> list[str]:
+    return [channel for channel, series in simulated.experiment.measured.items() if len(series.time)]

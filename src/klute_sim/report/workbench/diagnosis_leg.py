@@ -10,51 +10,53 @@ from klute_sim.dataset.trial import Series, Trial
 from klute_sim.diagnose.diagnosis import Diagnosis
 from klute_sim.diagnose.experiment import Array
 from klute_sim.recording.recording import Recording
-from klute_sim.report.diagnosis_traces import Simulated
+from klute_sim.report.diagnosis_traces import SimulatedTrial
 from klute_sim.report.workbench import scene
-from klute_sim.rigs.gait.body import ANKLE
-from klute_sim.rigs.gait.build import MODEL_MASS, MODEL_STATURE, build
+from klute_sim.rigs.gait.body import PROSTHESIS_PREFIX
+from klute_sim.rigs.gait.build import MODEL_MASS, MODEL_STATURE, build_gait_model
 
-HIDDEN = ("carriage", "thigh", "residual_limb")
+HIDDEN_BODIES = ("carriage", "thigh", "residual_limb")
 """Nothing was measured of them."""
-STEP = 5e-4
+TIME_STEP_S = 5e-4
 """Of the model that is posed [s]; nothing is stepped."""
 
 
-def shows(diagnosis: Diagnosis, one: Simulated) -> bool:
+def has_ankle_motion(diagnosis: Diagnosis, simulated: SimulatedTrial) -> bool:
     """Whether there is an ankle that was measured."""
-    return diagnosis.dataset.rig == "gait" and "ankle_angle" in one.experiment.measured
+    return diagnosis.dataset.rig == "gait" and "ankle_angle" in simulated.experiment.measured
 
 
-def log(stream: Any, diagnosis: Diagnosis, one: Simulated, root: str, timeline: str) -> None:
+def log_leg(stream: Any, diagnosis: Diagnosis, simulated: SimulatedTrial, root: str, timeline: str) -> None:
     """Log trial ``one`` under the entity ``root``: the rig ``measured``, ``before`` and ``after``."""
-    (trial,) = [each for each in diagnosis.dataset.trials if each.name == one.experiment.name]
-    model = build(trial.device, mass=MODEL_MASS, stature=MODEL_STATURE, step=STEP)
-    measured = {channel: series.value for channel, series in one.experiment.measured.items()}
-    cases: dict[str, Mapping[str, Array]] = {"measured": measured, "before": one.before}
-    if diagnosis.found:
-        cases["after"] = one.after
+    (trial,) = [each for each in diagnosis.dataset.trials if each.name == simulated.experiment.name]
+    model = build_gait_model(trial.device, mass=MODEL_MASS, stature=MODEL_STATURE, dt=TIME_STEP_S)
+    measured = {channel: series.value for channel, series in simulated.experiment.measured.items()}
+    cases: dict[str, Mapping[str, Array]] = {"measured": measured, "before": simulated.before}
+    if diagnosis.added_terms:
+        cases["after"] = simulated.after
     for name, channels in cases.items():
-        posed = recording(trial, one, channels, model)
-        scene.log_scene(stream, posed, model, timeline, root=f"{root}/{name}", hidden=HIDDEN)
+        posed = build_recording(trial, simulated, channels, model)
+        scene.log_scene(stream, posed, model, timeline, root=f"{root}/{name}", hidden=HIDDEN_BODIES)
 
 
-def view(root: str, case: str, name: str) -> Any:
+def build_view(root: str, case: str, name: str) -> Any:
     """The view of one case."""
-    return scene.view(name, f"{root}/{case}", origin=f"{ANKLE}pylon", height=0.1, far=0.75)
+    return scene.build_view(name, f"{root}/{case}", origin=f"{PROSTHESIS_PREFIX}pylon", height=0.1, distance=0.75)
 
 
-def recording(trial: Trial, one: Simulated, channels: Mapping[str, Array], model: mujoco.MjModel) -> Recording:
+def build_recording(
+    trial: Trial, simulated: SimulatedTrial, channels: Mapping[str, Array], model: mujoco.MjModel
+) -> Recording:
     """``trial`` with the ``channels`` of one case [SI], as the rig's ``model`` is posed by it.
 
     At the times of the ankle's samples; where the others have none, between their neighbours.
     """
-    clock = one.experiment.measured["ankle_angle"].time
-    at = {name: _at(clock, series) for name, series in trial.prescribed.items()}
+    clock = simulated.experiment.measured["ankle_angle"].time
+    at = {name: _interpolate(clock, series) for name, series in trial.prescribed.items()}
     lean = at["shank_angle"]
-    forward, upward = _ankle(model, lean)
+    forward, upward = _compute_ankle_position(model, lean)
     columns = {
-        "time [s]": clock - one.experiment.begin,
+        "time [s]": clock - simulated.experiment.start_time,
         # The whole leg leans as the shank does: what is above the pylon is not shown.
         "thigh_angle [deg]": np.degrees(lean),
         "knee_angle [deg]": np.zeros(len(clock)),
@@ -68,20 +70,22 @@ def recording(trial: Trial, one: Simulated, channels: Mapping[str, Array], model
     }
     for channel, unit in (("force", "N"), ("muscle_length", "m"), ("pressure", "Pa")):
         if channel in channels:
-            columns[f"{channel} [{unit}]"] = np.interp(clock, one.experiment.measured[channel].time, channels[channel])
+            columns[f"{channel} [{unit}]"] = np.interp(
+                clock, simulated.experiment.measured[channel].time, channels[channel]
+            )
     return Recording.from_columns(columns.items())
 
 
-def _at(clock: Array, series: Series) -> Array:
+def _interpolate(time: Array, series: Series) -> Array:
     known = np.isfinite(series.value)
-    return np.interp(clock, series.time[known], series.value[known])
+    return np.interp(time, series.time[known], series.value[known])
 
 
-def _ankle(model: mujoco.MjModel, lean: Array) -> tuple[Array, Array]:
+def _compute_ankle_position(model: mujoco.MjModel, shank_angle: Array) -> tuple[Array, Array]:
     """Where the ankle is [m] with the carriage at 0 and the leg straight, leaning by so much [rad]."""
-    data, pylon = mujoco.MjData(model), model.body(ANKLE + "pylon").id
-    places = np.empty((len(lean), 3))
-    for k, angle in enumerate(lean):
+    data, pylon = mujoco.MjData(model), model.body(PROSTHESIS_PREFIX + "pylon").id
+    places = np.empty((len(shank_angle), 3))
+    for k, angle in enumerate(shank_angle):
         data.joint("thigh").qpos = angle
         mujoco.mj_kinematics(model, data)
         places[k] = data.xpos[pylon]

@@ -7,71 +7,73 @@ import numpy as np
 
 from klute_sim.diagnose.diagnosis import Diagnosis
 from klute_sim.diagnose.experiment import Array, Experiment
-from klute_sim.diagnose.on_gait import OnGait
+from klute_sim.diagnose.on_gait import GaitExperiment
 from klute_sim.report import diagnosis_words as words
-from klute_sim.report.diagnosis_traces import Simulated
-from klute_sim.report.workbench.heat import Heat, binned, common
+from klute_sim.report.diagnosis_traces import SimulatedTrial
+from klute_sim.report.workbench.heat import Heatmap, compute_binned_rms, compute_common_max
 
-COLUMNS = 32
+N_COLUMNS = 32
 """Of a map."""
-MOST_ROWS = 20
+MAX_ROWS = 20
 """Trials in a map, evenly chosen."""
-LEAST_TOP = 3.0
+MIN_SCALE_MAX_SD = 3.0
 """Times the noise that the last colour stands for, at least: less is no disagreement."""
-LONGEST = 12
+MAX_NAME_LENGTH = 12
 """Letters of a trial's name beside a map."""
-CASES = {"before": "refitted", "after": "with effects added"}
+CASE_NAMES = {"before": "refitted", "after": "with effects added"}
 
 
-class Row(NamedTuple):
+class ResidualRow(NamedTuple):
     """A trial and what is left between it and the simulation."""
 
     experiment: Experiment
-    left: Mapping[str, Mapping[str, Array]]
+    residuals: Mapping[str, Mapping[str, Array]]
     """Case -> channel -> residual [SI]."""
 
 
-def rows(diagnosis: Diagnosis, shown: Sequence[Simulated]) -> list[Row]:
+def build_rows(diagnosis: Diagnosis, simulated_trials: Sequence[SimulatedTrial]) -> list[ResidualRow]:
     """Fitted trials, then those ``shown`` that no fit saw."""
-    base, final, found = diagnosis.base, diagnosis.final, []
+    base, final, found = diagnosis.base_fit, diagnosis.final_fit, []
     if base is not None and final is not None:
         fitted = [e for e in diagnosis.experiments if e.use == "fit" and e.measured]
         for experiment, early, late in zip(fitted, base.residuals, final.residuals, strict=True):
-            found.append(Row(experiment, {"before": early, "after": late}))
-    if diagnosis.shown_on == "show":
-        for one in shown:
+            found.append(ResidualRow(experiment, {"before": early, "after": late}))
+    if diagnosis.evaluated_on == "show":
+        for one in simulated_trials:
             value = {channel: series.value for channel, series in one.experiment.measured.items()}
             before = {channel: value[channel] - one.before[channel] for channel in value}
             after = {channel: value[channel] - one.after[channel] for channel in value}
-            found.append(Row(one.experiment, {"before": before, "after": after}))
-    places = np.linspace(0, len(found) - 1, min(len(found), MOST_ROWS))
+            found.append(ResidualRow(one.experiment, {"before": before, "after": after}))
+    places = np.linspace(0, len(found) - 1, min(len(found), MAX_ROWS))
     return [found[int(k)] for k in np.unique(np.rint(places))]
 
 
-def maps(diagnosis: Diagnosis, shown: Sequence[Simulated]) -> Iterator[tuple[str, list[tuple[str, Heat]]]]:
+def build_maps(
+    diagnosis: Diagnosis, simulated_trials: Sequence[SimulatedTrial]
+) -> Iterator[tuple[str, list[tuple[str, Heatmap]]]]:
     """For each channel, its title and its maps (name, map): before, and after if something was found."""
-    every = rows(diagnosis, shown)
-    cases = list(CASES) if diagnosis.found else ["before"]
-    walked = all(isinstance(row.experiment, OnGait) for row in every)
+    every = build_rows(diagnosis, simulated_trials)
+    cases = list(CASE_NAMES) if diagnosis.added_terms else ["before"]
+    walked = all(isinstance(row.experiment, GaitExperiment) for row in every)
     longest = max((row.experiment.duration for row in every), default=1.0)
-    edges = np.linspace(0.0, 100.0 if walked else longest, COLUMNS + 1)
+    edges = np.linspace(0.0, 100.0 if walked else longest, N_COLUMNS + 1)
     for channel, noise in diagnosis.noise.items():
         own = [row for row in every if channel in row.experiment.measured]
         if not own:
             continue
         found = {
-            case: np.array([_row(row, case, channel, noise.deviation, edges, walked=walked) for row in own])
+            case: np.array([_bin_residuals(row, case, channel, noise.std, edges, is_gait=walked) for row in own])
             for case in cases
         }
-        top = common(list(found.values()), LEAST_TOP)
-        names = tuple(map(_name, own))
+        top = compute_common_max(list(found.values()), MIN_SCALE_MAX_SD)
+        names = tuple(map(_format_name, own))
         across = "gait cycle [%]" if walked else "time from the trial's start [s]"
         yield (
-            words.spoken(channel),
+            words.humanize_identifier(channel),
             [
                 (
-                    CASES[case] if diagnosis.found else "simulated",
-                    Heat(
+                    CASE_NAMES[case] if diagnosis.added_terms else "simulated",
+                    Heatmap(
                         f"gap/{channel}/{case}", across, edges, names, values, top, "sd of the noise; * no fit saw it"
                     ),
                 )
@@ -80,18 +82,18 @@ def maps(diagnosis: Diagnosis, shown: Sequence[Simulated]) -> Iterator[tuple[str
         )
 
 
-def _name(row: Row) -> str:
+def _format_name(row: ResidualRow) -> str:
     """Short enough to stand beside a map; a star says that it was not fitted."""
     name = row.experiment.name
-    short = name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…"
+    short = name if len(name) <= MAX_NAME_LENGTH else f"{name[: MAX_NAME_LENGTH - 1]}…"
     return short if row.experiment.use == "fit" else f"{short} *"
 
 
-def _row(row: Row, case: str, channel: str, deviation: float, edges: Array, *, walked: bool) -> Array:
+def _bin_residuals(row: ResidualRow, case: str, channel: str, noise_sd: float, edges: Array, *, is_gait: bool) -> Array:
     experiment = row.experiment
-    since = experiment.measured[channel].time - experiment.begin
+    since = experiment.measured[channel].time - experiment.start_time
     place = since
-    if walked and isinstance(experiment, OnGait):
-        place = 100.0 * (experiment.stride(since) % 1.0)
-    left = row.left[case][channel] / (deviation * experiment.loud.get(channel, np.ones(len(since))))
-    return binned(place, left, edges)
+    if is_gait and isinstance(experiment, GaitExperiment):
+        place = 100.0 * (experiment.compute_stride_phase(since) % 1.0)
+    left = row.residuals[case][channel] / (noise_sd * experiment.noise_scale.get(channel, np.ones(len(since))))
+    return compute_binned_rms(place, left, edges)

@@ -14,30 +14,30 @@ from klute_sim.errors import InputError
 from klute_sim.rigs.gait import reference_folder
 
 
-class Kind(NamedTuple):
+class FolderKind(NamedTuple):
     """A kind of folder."""
 
     name: str
-    mark: str
+    marker_file: str
     """The file by which it is known."""
-    recording: str
-    maker: str
+    rrd_file: str
+    builder_module: str
     """Module beside this one whose ``remake`` makes the recording of the folder's files; '' if only the command that
     made the folder could."""
-    made_of: tuple[str, ...] = ()
+    source_files: tuple[str, ...] = ()
     """Files that the recording is older than when it has to be made anew."""
-    begun: str = ""
+    started_file: str = ""
     """The file by which one is known that is not finished."""
 
 
-KINDS = (
-    Kind("gait run", "recording.parquet", "recording.rrd", "gait", ("recording.parquet",)),
-    Kind("bench run", "protocol.toml", "recording.rrd", "bench", ("summary.json",)),
-    Kind("comparison", "comparison.json", "comparison.rrd", ""),
-    Kind("diagnosis", "verdict.json", "recording.rrd", ""),
-    Kind("sweep", "sweep.parquet", "sweep.rrd", "sweep", ("sweep.parquet",), "sweep.json"),
-    Kind("tuning", "tried.csv", "tuning.rrd", "tuning", ("tuning.json", "tried.csv"), "tune.json"),
-    Kind(
+FOLDER_KINDS = (
+    FolderKind("gait run", "recording.parquet", "recording.rrd", "gait", ("recording.parquet",)),
+    FolderKind("bench run", "protocol.toml", "recording.rrd", "bench", ("summary.json",)),
+    FolderKind("comparison", "comparison.json", "comparison.rrd", ""),
+    FolderKind("diagnosis", "verdict.json", "recording.rrd", ""),
+    FolderKind("sweep", "sweep.parquet", "sweep.rrd", "sweep", ("sweep.parquet",), "sweep.json"),
+    FolderKind("tuning", "tried.csv", "tuning.rrd", "tuning", ("tuning.json", "tried.csv"), "tune.json"),
+    FolderKind(
         "training",
         "learning_curve.csv",
         "training.rrd",
@@ -48,25 +48,27 @@ KINDS = (
 )
 
 
-def kind_of(folder: Path) -> Kind:
+def detect_folder_kind(folder: Path) -> FolderKind:
     """What ``folder`` is; raises InputError if it is nothing to look at."""
-    for kind in KINDS:
-        if (folder / kind.mark).is_file():
+    for kind in FOLDER_KINDS:
+        if (folder / kind.marker_file).is_file():
             return kind
-    for kind in KINDS:
-        if kind.begun and (folder / kind.begun).is_file():
-            raise InputError(f"{folder} is a {kind.name} without {kind.mark}: let the command that began it finish")
-    if (folder / reference_folder.FILE).is_file():
+    for kind in FOLDER_KINDS:
+        if kind.started_file and (folder / kind.started_file).is_file():
+            raise InputError(
+                f"{folder} is a {kind.name} without {kind.marker_file}: let the command that began it finish"
+            )
+    if (folder / reference_folder.METADATA_FILE).is_file():
         raise InputError(
             f"{folder} is a reference, which has no view; its strides are shown by 'klute-sim compare {folder}', and a "
             f"walk on it by 'klute-sim gait --reference {folder}'"
         )
-    names = ", ".join(f"{kind.name} ({kind.mark})" for kind in KINDS)
+    names = ", ".join(f"{kind.name} ({kind.marker_file})" for kind in FOLDER_KINDS)
     raise InputError(f"{folder} is no folder that can be viewed; those are: {names}")
 
 
 @contextmanager
-def recording_of(path: Path) -> Iterator[Path]:
+def ensure_recording(path: Path) -> Iterator[Path]:
     """The .rrd file of the folder ``path`` (or ``path`` itself), made if it can be.
 
     One that is missing, or older than what it is made of, is made: in the folder, or where that cannot be
@@ -77,35 +79,35 @@ def recording_of(path: Path) -> Iterator[Path]:
         return
     if not path.is_dir():
         raise InputError(f"{path} is no .rrd file" if path.exists() else f"no run folder {path}")
-    kind = kind_of(path)
-    file = path / kind.recording
-    if not kind.maker:
+    kind = detect_folder_kind(path)
+    file = path / kind.rrd_file
+    if not kind.builder_module:
         if not file.is_file():
             raise InputError(
-                f"{path} has no {kind.recording}: the {kind.name} was made without the extra 'rerun', without its "
+                f"{path} has no {kind.rrd_file}: the {kind.name} was made without the extra 'rerun', without its "
                 "report, or had nothing to show; install the extra and make it again"
             )
         yield file
-    elif _fresh(kind, file):
+    elif _is_up_to_date(kind, file):
         yield file
     elif os.access(path, os.W_OK):
-        _make(kind, path, file)
+        _rebuild(kind, path, file)
         yield file
     else:
         with tempfile.TemporaryDirectory() as scratch:
-            _make(kind, path, Path(scratch) / kind.recording)
-            yield Path(scratch) / kind.recording
+            _rebuild(kind, path, Path(scratch) / kind.rrd_file)
+            yield Path(scratch) / kind.rrd_file
 
 
-def _fresh(kind: Kind, file: Path) -> bool:
+def _is_up_to_date(kind: FolderKind, file: Path) -> bool:
     """Whether there is a ``file`` and nothing that it is made of is newer."""
-    sources = [file.with_name(name) for name in kind.made_of]
+    sources = [file.with_name(name) for name in kind.source_files]
     newest = max((each.stat().st_mtime_ns for each in sources if each.is_file()), default=0)
     return file.is_file() and newest <= file.stat().st_mtime_ns
 
 
-def _make(kind: Kind, folder: Path, file: Path) -> None:
+def _rebuild(kind: FolderKind, folder: Path, file: Path) -> None:
     try:
-        import_module(f"klute_sim.report.workbench.{kind.maker}").remake(folder, file)
+        import_module(f"klute_sim.report.workbench.{kind.builder_module}").remake(folder, file)
     except (KeyError, TypeError, ValueError, OSError, pa.ArrowException) as error:
         raise InputError(f"{folder} is a {kind.name} that cannot be shown: {type(error).__name__}: {error}") from None

@@ -11,30 +11,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.recording.recording import Recording
-from klute_sim.rigs.gait.body import ANKLE, KEEL
+from klute_sim.rigs.gait.body import KEEL_JOINT, PROSTHESIS_PREFIX
 
-FRAME_RATE = 100.0
+FRAME_RATE_HZ = 100.0
 """Poses per second; channels keep every sample."""
-WORLD = "world"
+WORLD_ENTITY = "world"
 """Entity that everything is under."""
-TENDON, MUSCLE, REACTION = "achilles", "muscle", "ground_reaction"
+TENDON_ENTITY, MUSCLE_ENTITY, GROUND_REACTION_ENTITY = "achilles", "muscle", "ground_reaction"
 """Entities under it."""
-NEWTONS_PER_METRE = 1500.0
+ARROW_SCALE_N_PER_M = 1500.0
 """Length of the ground reaction's arrow."""
-SLACK, TAUT = np.array([150.0, 150.0, 150.0]), np.array([220.0, 30.0, 30.0])
+SLACK_COLOUR, TAUT_COLOUR = np.array([150.0, 150.0, 150.0]), np.array([220.0, 30.0, 30.0])
 """Tendon colours at no force and at the recording's peak force, RGB."""
-EMPTY, FULL = np.array([70.0, 90.0, 70.0]), np.array([60.0, 230.0, 90.0])
+EMPTY_COLOUR, FULL_COLOUR = np.array([70.0, 90.0, 70.0]), np.array([60.0, 230.0, 90.0])
 """Muscle colours without pressure and at the recording's peak pressure, RGB."""
 
 Array = NDArray[np.float64]
 
 
-def entity(model: mujoco.MjModel, body: int, root: str = WORLD) -> str:
+def format_body_entity(model: mujoco.MjModel, body: int, root: str = WORLD_ENTITY) -> str:
     """Entity path of a body."""
     return f"{root}/{model.body(body).name}"
 
 
-def view(name: str, root: str = WORLD, *, origin: str = "carriage", height: float = -0.45, far: float = 2.1) -> Any:
+def build_view(
+    name: str, root: str = WORLD_ENTITY, *, origin: str = "carriage", height: float = -0.45, distance: float = 2.1
+) -> Any:
     """The view of what :func:`log_scene` logged, from the side, ``far`` away [m].
 
     Its origin is a body, so that the camera walks along, and looks at what is ``height`` [m] above that.
@@ -42,28 +44,30 @@ def view(name: str, root: str = WORLD, *, origin: str = "carriage", height: floa
     import rerun.blueprint as rrb
 
     eye = rrb.EyeControls3D(
-        position=[0.17 * far, -far, height + 0.1 * far], look_target=[0.0, 0.0, height], eye_up=[0.0, 0.0, 1.0]
+        position=[0.17 * distance, -distance, height + 0.1 * distance],
+        look_target=[0.0, 0.0, height],
+        eye_up=[0.0, 0.0, 1.0],
     )
     return rrb.Spatial3DView(origin=f"{root}/{origin}", contents=f"{root}/**", name=name, eye_controls=eye)
 
 
-def postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
+def compute_postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
     """Samples that get a pose, and the joint positions (n, nq) at them."""
     duration = float(np.ptp(recording["time"]))
-    every = round((len(recording) - 1) / (FRAME_RATE * duration)) if duration > 0 else 1
+    every = round((len(recording) - 1) / (FRAME_RATE_HZ * duration)) if duration > 0 else 1
     frames = np.arange(0, len(recording), max(1, every))
     joints = {
         "carriage_x": recording["carriage_x"],
         "carriage_z": recording["carriage_z"],
         "thigh": np.radians(recording["thigh_angle"]),
         "knee": np.radians(recording["knee_angle"]),
-        ANKLE + "ankle": -np.radians(recording["ankle_angle"]),  # the hinge is plantarflexion positive
-        ANKLE + "heel": recording["heel_compression"],
+        PROSTHESIS_PREFIX + "ankle": -np.radians(recording["ankle_angle"]),  # the hinge is plantarflexion positive
+        PROSTHESIS_PREFIX + "heel": recording["heel_compression"],
     }
-    bends = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, KEEL)
+    bends = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, KEEL_JOINT)
     if bends >= 0 and "ankle_moment" in recording:  # as its spring does, without loss: near enough for a picture
-        joints[KEEL] = -recording["ankle_moment"] / model.jnt_stiffness[bends]
-        joints[ANKLE + "ankle"] = joints[ANKLE + "ankle"] - joints[KEEL]
+        joints[KEEL_JOINT] = -recording["ankle_moment"] / model.jnt_stiffness[bends]
+        joints[PROSTHESIS_PREFIX + "ankle"] = joints[PROSTHESIS_PREFIX + "ankle"] - joints[KEEL_JOINT]
     positions = np.zeros((len(frames), model.nq))
     for name, values in joints.items():
         positions[:, model.joint(name).qposadr[0]] = values[frames]
@@ -76,7 +80,7 @@ def log_scene(
     model: mujoco.MjModel,
     timeline: str,
     *,
-    root: str = WORLD,
+    root: str = WORLD_ENTITY,
     hidden: Collection[str] = (),
 ) -> None:
     """Log geometry once, and body poses, muscle, tendon and ground reaction over ``timeline``.
@@ -91,12 +95,12 @@ def log_scene(
         if model.body(int(model.geom_bodyid[geom])).name not in hidden:
             _log_geom(stream, model, geom, root)
 
-    frames, positions = postures(recording, model)
+    frames, positions = compute_postures(recording, model)
     data = mujoco.MjData(model)
     translation = np.empty((len(frames), model.nbody, 3))
     rotation = np.empty((len(frames), model.nbody, 4))
     ends = np.empty((len(frames), 2, 3))
-    sites = [model.site(ANKLE + name).id for name in ("achilles_origin", "achilles_insertion")]
+    sites = [model.site(PROSTHESIS_PREFIX + name).id for name in ("achilles_origin", "achilles_insertion")]
     for k, position in enumerate(positions):
         data.qpos[:] = position
         mujoco.mj_kinematics(model, data)
@@ -107,10 +111,10 @@ def log_scene(
     times = [rr.TimeColumn(timeline, duration=recording["time"][frames])]
     for body in range(1, model.nbody):
         columns = rr.Transform3D.columns(translation=translation[:, body], quaternion=rotation[:, body])
-        stream.send_columns(entity(model, body, root), indexes=times, columns=columns)
+        stream.send_columns(format_body_entity(model, body, root), indexes=times, columns=columns)
     _log_unit(stream, recording, frames, times, ends, root)
     if "cop_x" in recording:
-        _log_reaction(stream, recording, frames, times, root)
+        _log_ground_reaction(stream, recording, frames, times, root)
 
 
 def _log_unit(
@@ -124,27 +128,30 @@ def _log_unit(
         whole = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         share = np.clip(recording["muscle_length"][frames] / whole, 0.0, 1.0)[:, None]
         begin = ends[:, 0] + share * (ends[:, 1] - ends[:, 0])
-        stream.log(f"{root}/{MUSCLE}", rr.LineStrips3D.from_fields(radii=0.012), static=True)
+        stream.log(f"{root}/{MUSCLE_ENTITY}", rr.LineStrips3D.from_fields(radii=0.012), static=True)
         strips = rr.LineStrips3D.columns(
             strips=list(np.stack([ends[:, 0], begin], axis=1)),
-            colors=colours(recording["pressure"], EMPTY, FULL)[frames],
+            colors=interpolate_colours(recording["pressure"], EMPTY_COLOUR, FULL_COLOUR)[frames],
         )
-        stream.send_columns(f"{root}/{MUSCLE}", indexes=times, columns=strips)
-    stream.log(f"{root}/{TENDON}", rr.LineStrips3D.from_fields(radii=0.005), static=True)
+        stream.send_columns(f"{root}/{MUSCLE_ENTITY}", indexes=times, columns=strips)
+    stream.log(f"{root}/{TENDON_ENTITY}", rr.LineStrips3D.from_fields(radii=0.005), static=True)
     force = recording["force"] if "force" in recording else np.zeros(len(recording))
     strips = rr.LineStrips3D.columns(
-        strips=list(np.stack([begin, ends[:, 1]], axis=1)), colors=colours(force, SLACK, TAUT)[frames]
+        strips=list(np.stack([begin, ends[:, 1]], axis=1)),
+        colors=interpolate_colours(force, SLACK_COLOUR, TAUT_COLOUR)[frames],
     )
-    stream.send_columns(f"{root}/{TENDON}", indexes=times, columns=strips)
+    stream.send_columns(f"{root}/{TENDON_ENTITY}", indexes=times, columns=strips)
 
 
-def colours(values: Array, least: Array, most: Array) -> NDArray[np.uint8]:
+def interpolate_colours(values: Array, zero_colour: Array, peak_colour: Array) -> NDArray[np.uint8]:
     """(n, 3) RGB: ``least`` at 0, ``most`` at the peak, straight between them."""
     share = np.clip(np.nan_to_num(values) / max(float(np.nanmax(values)), 1e-9), 0.0, 1.0)[:, None]
-    return np.asarray(np.round(least + share * (most - least)), dtype=np.uint8)
+    return np.asarray(np.round(zero_colour + share * (peak_colour - zero_colour)), dtype=np.uint8)
 
 
-def _log_reaction(stream: Any, recording: Recording, frames: NDArray[np.int64], times: list[Any], root: str) -> None:
+def _log_ground_reaction(
+    stream: Any, recording: Recording, frames: NDArray[np.int64], times: list[Any], root: str
+) -> None:
     import rerun as rr
 
     loaded = np.isfinite(recording["cop_x"][frames])
@@ -153,10 +160,12 @@ def _log_reaction(stream: Any, recording: Recording, frames: NDArray[np.int64], 
     force = np.column_stack([recording["grf_forward"][frames], zero, recording["grf_vertical"][frames]])
     columns = rr.Arrows3D.columns(
         origins=np.column_stack([foot, zero, zero]),
-        vectors=np.where(loaded[:, None], force, 0.0) / NEWTONS_PER_METRE,
+        vectors=np.where(loaded[:, None], force, 0.0) / ARROW_SCALE_N_PER_M,
     )
-    stream.log(f"{root}/{REACTION}", rr.Arrows3D.from_fields(colors=[40, 110, 220], radii=0.008), static=True)
-    stream.send_columns(f"{root}/{REACTION}", indexes=times, columns=columns)
+    stream.log(
+        f"{root}/{GROUND_REACTION_ENTITY}", rr.Arrows3D.from_fields(colors=[40, 110, 220], radii=0.008), static=True
+    )
+    stream.send_columns(f"{root}/{GROUND_REACTION_ENTITY}", indexes=times, columns=columns)
 
 
 def _log_geom(stream: Any, model: mujoco.MjModel, geom: int, root: str) -> None:
@@ -183,5 +192,5 @@ def _log_geom(stream: Any, model: mujoco.MjModel, geom: int, root: str) -> None:
         return  # the rigs have no other shapes
     name = model.geom(geom).name or str(geom)
     body = int(model.geom_bodyid[geom])
-    path = f"{root}/{name}" if body == 0 else f"{entity(model, body, root)}/{name}"
+    path = f"{root}/{name}" if body == 0 else f"{format_body_entity(model, body, root)}/{name}"
     stream.log(path, place, shape, static=True)

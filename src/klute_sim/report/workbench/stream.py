@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from klute_sim.errors import MissingExtraError
-from klute_sim.recording.recording import Samples
+from klute_sim.recording.recording import Array
 
 Colour = tuple[int, int, int]
 
@@ -22,14 +22,14 @@ BLUE, ORANGE = (58, 141, 214), (255, 150, 40)
 DARK_ORANGE, PALE_ORANGE = (150, 90, 30), (255, 215, 170)
 GREEN, PALE_GREEN, RED = (44, 160, 44), (190, 240, 190), (224, 59, 60)
 VIOLET, BROWN, CYAN = (158, 113, 209), (170, 106, 90), (23, 190, 207)
-MANY: tuple[Colour, ...] = (
+PALETTE: tuple[Colour, ...] = (
     *(BLUE, ORANGE, GREEN, RED, VIOLET, BROWN, CYAN),
     *((227, 119, 194), (188, 189, 34), (127, 127, 127)),
 )
 """Told apart on black; for whatever has no colour of its own."""
 
 
-class Line(NamedTuple):
+class SeriesLine(NamedTuple):
     """A series in a plot. The viewer draws in the order of the entities' names."""
 
     entity: str
@@ -38,13 +38,13 @@ class Line(NamedTuple):
     colour: Colour
     width: float
     """Of the line, or of the dots [points]."""
-    value: Samples
+    values: Array
     """In the unit that it is shown in; NaN where there is none."""
-    dots: bool = False
+    markers_only: bool = False
     """Not joined."""
 
 
-def sdk() -> Any:
+def import_rerun() -> Any:
     """The package rerun; raises MissingExtraError without it."""
     try:
         import rerun
@@ -54,18 +54,18 @@ def sdk() -> Any:
 
 
 @contextmanager
-def recorded(path: Path, kind: str, identity: Any, layout: Callable[[], Any]) -> Iterator[Any]:
+def open_recording(path: Path, kind: str, identity: Any, make_blueprint: Callable[[], Any]) -> Iterator[Any]:
     """A stream into ``path`` (.rrd), which appears whole or not at all.
 
     ``kind`` names what is recorded: the viewer keeps a user's changes of a layout by that. The same ``identity`` (JSON
     types) is the same recording. Raises MissingExtraError without rerun.
     """
-    rr = sdk()
+    rr = import_rerun()
     digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
     stream = rr.RecordingStream(f"klute-sim {kind}", recording_id=digest, send_properties=False)
     fresh = path.with_name(f".{path.name}")
     try:
-        stream.save(fresh, default_blueprint=layout())
+        stream.save(fresh, default_blueprint=make_blueprint())
         yield stream
         stream.flush()
         stream.disconnect()
@@ -75,63 +75,63 @@ def recorded(path: Path, kind: str, identity: Any, layout: Callable[[], Any]) ->
         fresh.unlink(missing_ok=True)
 
 
-def send(stream: Any, axis: Any, lines: Iterable[Line]) -> None:
+def send_lines(stream: Any, axis: Any, lines: Iterable[SeriesLine]) -> None:
     """Send ``lines`` over ``axis`` (a rerun TimeColumn), each with how it looks."""
-    rr = sdk()
+    rr = import_rerun()
     for line in lines:
-        stream.send_columns(line.entity, indexes=[axis], columns=rr.Scalars.columns(scalars=line.value))
-        look(stream, line)
+        stream.send_columns(line.entity, indexes=[axis], columns=rr.Scalars.columns(scalars=line.values))
+        log_line_style(stream, line)
 
 
-def look(stream: Any, line: Line) -> None:
+def log_line_style(stream: Any, line: SeriesLine) -> None:
     """How the series of ``line`` looks."""
-    rr, colour = sdk(), np.array(line.colour)
+    rr, colour = import_rerun(), np.array(line.colour)
     style: Any = rr.SeriesLines(names=line.name, colors=colour, widths=line.width)
-    if line.dots:
+    if line.markers_only:
         style = rr.SeriesPoints(names=line.name, colors=colour, markers="circle", marker_sizes=line.width)
     stream.log(line.entity, style, static=True)
 
 
-def tell(stream: Any, entity: str, text: str) -> None:
+def log_text(stream: Any, entity: str, text: str) -> None:
     """Log a page of Markdown."""
-    rr = sdk()
+    rr = import_rerun()
     stream.log(entity, rr.TextDocument(text, media_type="text/markdown"), static=True)
 
 
-def table(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def format_markdown_table(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """A table in Markdown; what is a number is given four digits, and None a dash."""
-    lines = [headings, ["---"] * len(headings), *([_cell(cell) for cell in row] for row in rows)]
+    lines = [headings, ["---"] * len(headings), *([_format_cell(cell) for cell in row] for row in rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
-def _cell(value: Any) -> str:
+def _format_cell(value: Any) -> str:
     if value is None or (isinstance(value, float) and not np.isfinite(value)):
         return "-"
     return f"{value + 0.0:.4g}" if isinstance(value, float) else str(value).replace("|", "/").replace("\n", " ")
 
 
-def plot(name: str, entities: Sequence[str], span: tuple[int, int] | None = None) -> Any:
+def build_plot_view(name: str, entities: Sequence[str], view_range: tuple[int, int] | None = None) -> Any:
     """A view of series over the timeline.
 
     Of a timeline of whole numbers the viewer shows a thousand before and after the cursor, unless told the ``span``.
     """
     import rerun.blueprint as rrb
 
-    rr, axis = sdk(), None
-    if span is not None:
-        first, last = (rr.TimeRangeBoundary.absolute(seq=end) for end in span)
+    rr, axis = import_rerun(), None
+    if view_range is not None:
+        first, last = (rr.TimeRangeBoundary.absolute(seq=end) for end in view_range)
         axis = rrb.TimeAxis(view_range=rr.TimeRange(first, last))
     return rrb.TimeSeriesView(origin="/", contents=[f"/{entity}" for entity in entities], name=name, axis_x=axis)
 
 
-def words(name: str, entity: str) -> Any:
+def build_text_view(name: str, entity: str) -> Any:
     """A view of what :func:`tell` logged."""
     import rerun.blueprint as rrb
 
     return rrb.TextDocumentView(origin=f"/{entity}", name=name)
 
 
-def whole(root: Any, timeline: str) -> Any:
+def build_window_blueprint(root: Any, timeline: str) -> Any:
     """The layout of a window: ``root`` over ``timeline``, panels folded away."""
     import rerun.blueprint as rrb
 

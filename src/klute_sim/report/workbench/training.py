@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from klute_sim.errors import InputError
-from klute_sim.learn.training import COLUMNS, CURVE
-from klute_sim.recording.recording import Samples
+from klute_sim.learn.training import LEARNING_CURVE_COLUMNS, LEARNING_CURVE_FILE
+from klute_sim.recording.recording import Array
 from klute_sim.report.workbench import stream
-from klute_sim.report.workbench.stream import BLUE, GREEN, ORANGE, VIOLET, Line
+from klute_sim.report.workbench.stream import BLUE, GREEN, ORANGE, VIOLET, SeriesLine
 
-TIMELINE, SUMMARY = "steps", "summary"
+TIMELINE, SUMMARY_ENTITY = "steps", "summary"
 PLOTS = {
     "return of an episode": ("curve/episode_return", "evaluated/policy", "evaluated/profile"),
     "steps of an episode": ("curve/episode_steps",),
@@ -22,31 +22,31 @@ PLOTS = {
 }
 
 
-def remake(folder: Path, path: Path) -> None:
+def rebuild_recording(folder: Path, path: Path) -> None:
     """Write ``path`` (.rrd) from the files of a training's ``folder``, finished or not.
 
     Raises MissingExtraError without rerun and InputError where nothing has been learned yet.
     """
-    rr = stream.sdk()
-    lines = list(csv.DictReader((folder / CURVE).read_text("utf-8").splitlines()))
-    curve = {name: np.array([float(line[name]) for line in lines]) for name in COLUMNS}
+    rr = stream.import_rerun()
+    lines = list(csv.DictReader((folder / LEARNING_CURVE_FILE).read_text("utf-8").splitlines()))
+    curve = {name: np.array([float(line[name]) for line in lines]) for name in LEARNING_CURVE_COLUMNS}
     if not lines:
         raise InputError(f"{folder} has no learning curve yet: no episode has ended")
     told = folder / "summary.json"
     summary = json.loads(told.read_text("utf-8")) if told.is_file() else None
-    layout = partial(blueprint, int(curve["steps"][-1]))
-    with stream.recorded(path, "training", [folder.name, summary, lines], layout) as out:
-        stream.tell(out, SUMMARY, page(curve, summary))
+    layout = partial(build_blueprint, int(curve["steps"][-1]))
+    with stream.open_recording(path, "training", [folder.name, summary, lines], layout) as out:
+        stream.log_text(out, SUMMARY_ENTITY, format_page(curve, summary))
         axis = rr.TimeColumn(TIMELINE, sequence=curve["steps"].astype(np.int64))
-        stream.send(out, axis, series(curve, summary))
+        stream.send_lines(out, axis, build_lines(curve, summary))
 
 
-def series(curve: dict[str, Samples], summary: dict[str, Any] | None) -> list[Line]:
+def build_lines(curve: dict[str, Array], summary: dict[str, Any] | None) -> list[SeriesLine]:
     """The learning curve's, and what policy and profile were worth in the end, if they were compared."""
     found = [
-        Line("curve/episode_return", "policy, while it explores", BLUE, 2.0, curve["episode_return"]),
-        Line("curve/episode_steps", "steps of an episode", VIOLET, 2.0, curve["episode_steps"]),
-        Line("curve/minutes", "minutes of training", VIOLET, 2.0, curve["minutes"]),
+        SeriesLine("curve/episode_return", "policy, while it explores", BLUE, 2.0, curve["episode_return"]),
+        SeriesLine("curve/episode_steps", "steps of an episode", VIOLET, 2.0, curve["episode_steps"]),
+        SeriesLine("curve/minutes", "minutes of training", VIOLET, 2.0, curve["minutes"]),
     ]
     if summary is not None:
         for name, label, colour in (
@@ -54,11 +54,11 @@ def series(curve: dict[str, Samples], summary: dict[str, Any] | None) -> list[Li
             ("profile", "hand-tuned profile", ORANGE),
         ):
             worth = np.full(len(curve["steps"]), float(summary[name]["return"]))
-            found.append(Line(f"evaluated/{name}", label, colour, 1.0, worth))
+            found.append(SeriesLine(f"evaluated/{name}", label, colour, 1.0, worth))
     return found
 
 
-def page(curve: dict[str, Samples], summary: dict[str, Any] | None) -> str:
+def format_page(curve: dict[str, Array], summary: dict[str, Any] | None) -> str:
     """How far it came, and what an episode is like under policy and profile."""
     if summary is None:
         return (
@@ -71,14 +71,16 @@ def page(curve: dict[str, Samples], summary: dict[str, Any] | None) -> str:
         f"{summary['gain_standard_error']:.2f} on the average (standard error)."
     )
     rows = [[name.replace("_", " "), value, summary["profile"][name]] for name, value in summary["policy"].items()]
-    table = stream.table(["mean of an episode", "policy", "hand-tuned profile"], rows)
+    table = stream.format_markdown_table(["mean of an episode", "policy", "hand-tuned profile"], rows)
     return f"{title}\n\n{went}\n\n{better}\n\n{table}"
 
 
-def blueprint(last: int) -> Any:
+def build_blueprint(last_step: int) -> Any:
     """Layout: the learning curve to its ``last`` step, episodes' length and the clock under it; right, the summary."""
     import rerun.blueprint as rrb
 
-    first, *rest = (stream.plot(name, entities, (0, last)) for name, entities in PLOTS.items())
+    first, *rest = (stream.build_plot_view(name, entities, (0, last_step)) for name, entities in PLOTS.items())
     curves = rrb.Vertical(first, rrb.Horizontal(*rest), row_shares=[2, 1])
-    return stream.whole(rrb.Horizontal(curves, stream.words("summary", SUMMARY), column_shares=[3, 2]), TIMELINE)
+    return stream.build_window_blueprint(
+        rrb.Horizontal(curves, stream.build_text_view("summary", SUMMARY_ENTITY), column_shares=[3, 2]), TIMELINE
+    )

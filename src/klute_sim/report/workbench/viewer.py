@@ -10,49 +10,49 @@ from pathlib import Path
 from urllib.parse import quote
 
 from klute_sim.errors import KluteSimError, MissingExtraError
-from klute_sim.report.workbench.folders import recording_of
+from klute_sim.report.workbench.folders import ensure_recording
 
-LOOPBACK = "127.0.0.1"
+LOOPBACK_ADDRESS = "127.0.0.1"
 """The only address the viewer listens on; rerun's own default is every interface."""
 
 
-def viewer_command(program: str, recording: Path, *, port: int, web_port: int | None = None) -> list[str]:
+def build_viewer_command(program: str, rrd_path: Path, *, port: int, web_port: int | None = None) -> list[str]:
     """Command line of the viewer on ``recording``, in a window or, with ``web_port``, served to a browser."""
-    command = [program, "--bind", LOOPBACK, "--port", str(port)]
+    command = [program, "--bind", LOOPBACK_ADDRESS, "--port", str(port)]
     if web_port is not None:
         command += ["--serve-web", "--web-viewer-port", str(web_port)]
-    return [*command, str(recording)]
+    return [*command, str(rrd_path)]
 
 
-def web_address(port: int, web_port: int) -> str:
+def format_web_address(port: int, web_port: int) -> str:
     """Page of the served viewer; it reports usage from the browser unless told that it sits in a notebook."""
-    return f"http://{LOOPBACK}:{web_port}?url={quote(f'rerun+http://{LOOPBACK}:{port}/proxy', safe='')}&notebook=1"
+    return f"http://{LOOPBACK_ADDRESS}:{web_port}?url={quote(f'rerun+http://{LOOPBACK_ADDRESS}:{port}/proxy', safe='')}&notebook=1"
 
 
-def without_statistics(environment: Mapping[str, str]) -> dict[str, str]:
+def disable_statistics(environment: Mapping[str, str]) -> dict[str, str]:
     """``environment`` in which rerun sends no usage statistics, as on a CI machine; its settings stay the user's."""
     quiet = {name: value for name, value in environment.items() if name != "FORCE_RERUN_ANALYTICS"}
     return {**quiet, "CI": "1"}
 
 
-def has_screen(platform: str, environment: Mapping[str, str]) -> bool:
+def has_display(platform: str, environment: Mapping[str, str]) -> bool:
     """Whether a window can be opened, as far as ``environment`` tells: on Linux a display server has to be named."""
     return platform != "linux" or any(map(environment.get, ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")))
 
 
-def free_ports(count: int) -> list[int]:
+def find_free_ports(count: int) -> list[int]:
     """Different ports that nobody listens on."""
     sockets = [socket.socket() for _ in range(count)]
     try:
         for each in sockets:
-            each.bind((LOOPBACK, 0))
+            each.bind((LOOPBACK_ADDRESS, 0))
         return [each.getsockname()[1] for each in sockets]
     finally:
         for each in sockets:
             each.close()
 
 
-def viewer_program() -> str:
+def find_viewer_program() -> str:
     """Path of the rerun viewer, beside this Python or on the PATH; raises MissingExtraError without the extra."""
     beside = Path(sys.executable).parent
     program = shutil.which("rerun", path=str(beside)) or shutil.which("rerun")
@@ -65,22 +65,22 @@ def viewer_program() -> str:
     return program
 
 
-def open_viewer(run: Path, *, web: bool = False) -> None:
+def open_viewer(path: Path, *, web: bool = False) -> None:
     """Show ``run`` until the viewer is closed, without rerun's usage statistics.
 
     Raises InputError for a folder without a recording, MissingExtraError without rerun and KluteSimError without a
     screen, or when the viewer fails.
     """
-    program = viewer_program()
-    with recording_of(run) as recording:
-        if not web and not has_screen(sys.platform, os.environ):
+    program = find_viewer_program()
+    with ensure_recording(path) as recording:
+        if not web and not has_display(sys.platform, os.environ):
             raise KluteSimError("there is no screen for the rerun viewer (DISPLAY is not set); try --web or --picture")
-        port, web_port = free_ports(2)
+        port, web_port = find_free_ports(2)
         # Or rerun would name its page, which reports, and tell what it listens to.
-        environment = {**without_statistics(os.environ), "RUST_LOG": "warn"}
+        environment = {**disable_statistics(os.environ), "RUST_LOG": "warn"}
         if web:
-            print(f"Open {web_address(port, web_port)} (Ctrl+C ends)", flush=True)
-        command = viewer_command(program, recording, port=port, web_port=web_port if web else None)
+            print(f"Open {format_web_address(port, web_port)} (Ctrl+C ends)", flush=True)
+        command = build_viewer_command(program, recording, port=port, web_port=web_port if web else None)
         done = subprocess.run(command, env=environment, check=False)
         if done.returncode != 0:
             hint = "" if web else "; without a screen or graphics driver try --web or --picture"

@@ -4,31 +4,31 @@ from collections.abc import Callable
 
 from numpy.typing import ArrayLike
 
-from klute_sim.device.account import account
+from klute_sim.device.account import record_rollout
 from klute_sim.device.files import Device
-from klute_sim.device.step import State
+from klute_sim.device.step import DeviceState
 from klute_sim.recording.recording import Recording
-from klute_sim.rigs.bench.asked import checked
-from klute_sim.rigs.bench.channels import recorded
+from klute_sim.rigs.bench.asked import validate_inputs
+from klute_sim.rigs.bench.channels import create_recording
 
 
-def pull(
+def simulate_device_only(
     device: Device,
     length: ArrayLike,
     command: ArrayLike,
-    step: float,
-    law: str = "auto",
+    dt: float,
+    backend: str = "auto",
     *,
-    start: State | None = None,
-    told: Callable[[float], None] = lambda fraction: None,
+    initial_state: DeviceState | None = None,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> Recording:
     """As :func:`klute_sim.rigs.bench.tester.pull`, with a length that is reached exactly."""
-    length, command = checked(device, length, command, step)
-    found = account(device.parameters, length, command, step, start=start, law=law)
-    told(1.0)
-    return recorded(
+    length, command = validate_inputs(device, length, command, dt)
+    found = record_rollout(device.parameters, length, command, dt, initial_state=initial_state, backend=backend)
+    progress(1.0)
+    return create_recording(
         device,
-        step=step,
+        dt=dt,
         length=length,
         length_command=length,
         command=command,
@@ -36,7 +36,7 @@ def pull(
         load_cell=found.tension,
         pressure=found.pressure,
         muscle_length=found.length,
-        muscle_rate=found.rate,
-        ledger=found.ledger,
+        muscle_rate=found.velocity,
+        ledger=found.energy_balance,
         options={"mujoco": False},
     )

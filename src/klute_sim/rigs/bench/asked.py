@@ -4,13 +4,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from klute_sim.device.files import Device
-from klute_sim.device.rollout import LONGEST_STEP
+from klute_sim.device.rollout import MAX_TIME_STEP
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
-from klute_sim.recording.recording import Samples
+from klute_sim.recording.recording import Array
 
 
-def checked(device: Device, length: ArrayLike, command: ArrayLike, step: float) -> tuple[Samples, Samples]:
+def validate_inputs(device: Device, length: ArrayLike, command: ArrayLike, dt: float) -> tuple[Array, Array]:
     """Unit ``length`` [m] and pressure ``command`` [Pa] as arrays, one per ``step`` [s].
 
     Raises InputError when the two series differ in length, are not finite, or ask for a unit that is shorter than the
@@ -22,11 +22,11 @@ def checked(device: Device, length: ArrayLike, command: ArrayLike, step: float) 
         raise InputError(f"length and command need equally many samples, got {length.shape} and {command.shape}")
     if not (np.isfinite(length).all() and np.isfinite(command).all()):
         raise InputError("length and command must be finite everywhere")
-    if not 0.0 < step <= LONGEST_STEP:
-        raise InputError(f"step is {step:g}; allowed: above 0, up to {LONGEST_STEP:g} s")
+    if not 0.0 < dt <= MAX_TIME_STEP:
+        raise InputError(f"step is {dt:g}; allowed: above 0, up to {MAX_TIME_STEP:g} s")
     lock = mckibben.lock_length(parameters.muscle)
     slack, rest = parameters.tendon.slack_length, parameters.muscle.resting_length
-    longest = rest if parameters.tendon.rigid else float("inf")
+    longest = rest if parameters.tendon.is_rigid else float("inf")
     if length.min() < lock or length.max() - slack > longest + 1e-12:
         raise InputError(
             f"unit length runs from {1e3 * length.min():.1f} to {1e3 * length.max():.1f} mm; allowed for "

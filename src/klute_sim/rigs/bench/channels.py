@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from klute_sim.device.files import Device
-from klute_sim.device.ledger import HEADINGS, Ledger
+from klute_sim.device.ledger import COLUMN_HEADINGS, EnergyBalance
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben
-from klute_sim.provenance import versions
-from klute_sim.recording.recording import Recording, Samples
+from klute_sim.provenance import collect_versions
+from klute_sim.recording.recording import Array, Recording
 from klute_sim.units import BAR
 
 CHANNELS = (
@@ -21,24 +21,24 @@ CHANNELS = (
     "muscle_length [mm]",
     "muscle_force [N]",
     "damper_force [N]",
-    *HEADINGS,
+    *COLUMN_HEADINGS,
 )
 """Beside ``time``, ``length`` (reached) and ``pressure_command`` (or ``valve_command``)."""
 
 
-def recorded(
+def create_recording(
     device: Device,
     *,
-    step: float,
-    length: Samples,
-    length_command: Samples,
-    command: Samples,
-    tension: Samples,
-    load_cell: Samples,
-    pressure: Samples,
-    muscle_length: Samples,
-    muscle_rate: Samples,
-    ledger: Ledger,
+    dt: float,
+    length: Array,
+    length_command: Array,
+    command: Array,
+    tension: Array,
+    load_cell: Array,
+    pressure: Array,
+    muscle_length: Array,
+    muscle_rate: Array,
+    ledger: EnergyBalance,
     options: Mapping[str, Any],
 ) -> Recording:
     """A recording of series [SI], one entry per ``step`` [s]."""
@@ -47,10 +47,10 @@ def recorded(
     pull = np.array([mckibben.force(muscle, p, x) for p, x in states])
     damping = np.array([damper_law.force(damper, rate) for rate in muscle_rate.tolist()])
     # What was asked for is an opening, if that is what the supply takes.
-    opens = device.parameters.supply.opens != 0.0
+    opens = device.parameters.supply.command_is_opening != 0.0
     asked = ("valve_command [1]", command) if opens else ("pressure_command [bar]", command / BAR)
     columns = [
-        ("time [s]", np.arange(len(length)) * step),
+        ("time [s]", np.arange(len(length)) * dt),
         ("length [mm]", 1e3 * length),
         ("length_command [mm]", 1e3 * length_command),
         asked,
@@ -60,12 +60,12 @@ def recorded(
         ("muscle_length [mm]", 1e3 * muscle_length),
         ("muscle_force [N]", pull),
         ("damper_force [N]", damping),
-        *ledger.columns(),
+        *ledger.to_columns(),
     ]
     provenance = {
         "rig": "bench",
         "device": {"name": device.name, "sha256": device.digest},
-        "options": {"step_s": step, **options},
-        "versions": versions(),
+        "options": {"step_s": dt, **options},
+        "versions": collect_versions(),
     }
     return Recording.from_columns([(heading, np.asarray(series)) for heading, series in columns], provenance)

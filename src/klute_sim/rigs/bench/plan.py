@@ -9,52 +9,52 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from klute_sim.device.files import Device
 from klute_sim.recording.recording import Recording
-from klute_sim.rigs.bench.path import Array, Path
+from klute_sim.rigs.bench.path import Array, LengthTrajectory
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
-NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 Ratio = Annotated[FiniteFloat, Field(gt=0, le=1)]
-Some = Field(min_length=1)
+NonEmpty = Field(min_length=1)
 """At least one of a list."""
 
 
-def label(value: float) -> str:
+def format_value(value: float) -> str:
     """``value`` for a name: what is different by more than rounding reads differently."""
     return f"{value:.12g}"
 
 
-def constant(pressure: float) -> Callable[[Array], Array]:
+def make_constant_command(pressure: float) -> Callable[[Array], Array]:
     """A command that stays at ``pressure`` [Pa]."""
     return lambda time: np.full(len(time), pressure)
 
 
-class Plan(NamedTuple):
+class TrialPlan(NamedTuple):
     """One trial."""
 
     name: str
     """Fit for a file's name, and of this trial alone."""
-    setting: Mapping[str, float]
+    conditions: Mapping[str, float]
     """What was set, keys with units."""
-    path: Path
+    trajectory: LengthTrajectory
     """Of the unit's length."""
     command: Callable[[Array], Array]
     """Time [s] -> gauge pressure [Pa]."""
-    marks: Mapping[str, float]
+    event_times: Mapping[str, float]
     """Instants [s] and lengths [m] that the readings go by."""
 
 
-class Protocol(BaseModel):
+class BenchProtocol(BaseModel):
     """A protocol file: what is done, at what, and where its numbers are from."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
-    about: ClassVar[str]
+    summary: ClassVar[str]
     """One sentence: what this kind of test does."""
 
     kind: str
     name: Annotated[str, Field(min_length=1)]
     description: str = ""
-    pressures_bar: Annotated[list[NotNegative], Some]
+    pressures_bar: Annotated[list[NonNegative], NonEmpty]
     """Gauge pressures."""
     rest_s: Positive = 0.5
     """At rest before anything happens; the trial begins in equilibrium."""
@@ -62,20 +62,20 @@ class Protocol(BaseModel):
     """Key -> where its numbers are from; begins with 'assumed' if nobody printed them."""
 
     @abstractmethod
-    def plans(self, device: Device) -> Sequence[Plan]:
+    def plan_trials(self, device: Device) -> Sequence[TrialPlan]:
         """The trials for ``device``; raises InputError for what it cannot do."""
 
-    def check_step(self, step: float) -> None:
+    def check_time_step(self, dt: float) -> None:
         """Raise InputError for a time ``step`` [s] that is too long for what is read."""
 
     @abstractmethod
-    def readings(self, device: Device, plan: Plan, recording: Recording) -> dict[str, float]:
+    def compute_metrics(self, device: Device, plan: TrialPlan, recording: Recording) -> dict[str, float]:
         """What is read off a ``recording`` at its full rate, keys with units; NaN where there is nothing to read."""
 
-    def numbers(self) -> list[str]:
+    def numeric_keys(self) -> list[str]:
         """The keys that hold numbers."""
         return [key for key, value in self.model_dump().items() if isinstance(value, int | float | list)]
 
-    def assumed(self) -> dict[str, str]:
+    def list_assumptions(self) -> dict[str, str]:
         """The keys whose numbers nobody printed -> why."""
         return {key: source for key, source in self.sources.items() if source.startswith("assumed")}

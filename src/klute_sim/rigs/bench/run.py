@@ -8,73 +8,73 @@ from typing import Any
 import numpy as np
 
 from klute_sim.device.files import Device
-from klute_sim.device.rollout import LONGEST_STEP
-from klute_sim.device.step import settled
+from klute_sim.device.rollout import MAX_TIME_STEP
+from klute_sim.device.step import compute_equilibrium_state
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
 from klute_sim.rigs.bench import alone, tester
-from klute_sim.rigs.bench.plan import Plan, Protocol
-from klute_sim.rigs.bench.reading import ledger_residual
+from klute_sim.rigs.bench.plan import BenchProtocol, TrialPlan
+from klute_sim.rigs.bench.reading import compute_ledger_residual
 
-MOST_SAMPLES = 4000
+MAX_RECORDED_SAMPLES = 4000
 """Kept of a trial, beside those at jumps of the command; readings are made before, from all."""
-JUMP = 0.1
+COMMAND_JUMP_BAR = 0.1
 """Of the pressure command from one sample to the next [bar]."""
-MOST_STEPS = 20_000_000
+MAX_TIME_STEPS = 20_000_000
 """Of a whole run: some minutes without MuJoCo."""
 
 
 @dataclass(frozen=True)
-class Trial:
+class BenchTrial:
     """One trial, done."""
 
     name: str
-    setting: dict[str, float]
+    conditions: dict[str, float]
     """What was set, keys with units; shortening velocities are positive."""
-    readings: dict[str, float]
+    metrics: dict[str, float]
     """What was read off the recording at its full rate, keys with units; NaN where there was nothing to read."""
     recording: Recording
     """Thinned to about :data:`MOST_SAMPLES`."""
 
 
 @dataclass(frozen=True)
-class Result:
+class BenchResult:
     """A protocol, done."""
 
     device: Device
-    protocol: Protocol
-    mujoco: bool
+    protocol: BenchProtocol
+    use_mujoco: bool
     """In the MuJoCo tester, with its servo and load cell; otherwise the device alone."""
-    step: float
+    dt: float
     """Of the simulation [s]."""
-    trials: tuple[Trial, ...]
+    trials: tuple[BenchTrial, ...]
 
 
-def run(
+def run_protocol(
     device: Device,
-    protocol: Protocol,
+    protocol: BenchProtocol,
     *,
-    mujoco: bool = False,
-    step: float = 5e-4,
-    told: Callable[[float], None] = lambda fraction: None,
-) -> Result:
+    use_mujoco: bool = False,
+    dt: float = 5e-4,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> BenchResult:
     """Run every trial of ``protocol`` on ``device``, a sample every ``step`` [s]; ``told`` hears the finished fraction.
 
     Each begins in equilibrium. Raises InputError for what the device cannot do.
     """
-    if not 0.0 < step <= LONGEST_STEP:
-        raise InputError(f"step is {1e3 * step:g} ms; allowed: above 0, up to {1e3 * LONGEST_STEP:g} ms")
-    protocol.check_step(step)
-    plans = protocol.plans(device)
+    if not 0.0 < dt <= MAX_TIME_STEP:
+        raise InputError(f"step is {1e3 * dt:g} ms; allowed: above 0, up to {1e3 * MAX_TIME_STEP:g} ms")
+    protocol.check_time_step(dt)
+    plans = protocol.plan_trials(device)
     for name, count in Counter(plan.name for plan in plans).items():
         if count > 1:
             raise InputError(
                 f"the protocol has {count} trials '{name}'; allowed: every value once in each of its lists"
             )
-    sizes = [plan.path.samples(step) for plan in plans]
-    if sum(sizes) > MOST_STEPS:
+    sizes = [plan.trajectory.count_samples(dt) for plan in plans]
+    if sum(sizes) > MAX_TIME_STEPS:
         raise InputError(
-            f"the protocol takes {sum(sizes):.3g} steps of {1e3 * step:g} ms; allowed: up to {MOST_STEPS:.0e} "
+            f"the protocol takes {sum(sizes):.3g} steps of {1e3 * dt:g} ms; allowed: up to {MAX_TIME_STEPS:.0e} "
             "(make it shorter or the step longer)"
         )
     done, trials = 0, []
@@ -82,30 +82,34 @@ def run(
         before = done
 
         def heard(fraction: float, before: int = before, size: int = size) -> None:
-            told((before + fraction * size) / sum(sizes))
+            progress((before + fraction * size) / sum(sizes))
 
-        recording = _pull(device, plan, step, mujoco, heard)
-        readings = {"ledger_residual_j": ledger_residual(recording)} | protocol.readings(device, plan, recording)
-        trials.append(Trial(plan.name, dict(plan.setting), readings, thinned(recording)))
+        recording = _simulate_trial(device, plan, dt, use_mujoco, heard)
+        readings = {"ledger_residual_j": compute_ledger_residual(recording)} | protocol.compute_metrics(
+            device, plan, recording
+        )
+        trials.append(BenchTrial(plan.name, dict(plan.conditions), readings, decimate_recording(recording)))
         done += size
-    return Result(device, protocol, mujoco, step, tuple(trials))
+    return BenchResult(device, protocol, use_mujoco, dt, tuple(trials))
 
 
-def _pull(device: Device, plan: Plan, step: float, mujoco: bool, told: Callable[[float], None]) -> Recording:
-    time, length = plan.path.sampled(step)
+def _simulate_trial(
+    device: Device, plan: TrialPlan, dt: float, use_mujoco: bool, progress: Callable[[float], None]
+) -> Recording:
+    time, length = plan.trajectory.sample(dt)
     command = plan.command(time)
-    start = settled(device.parameters, float(length[0]), float(command[0]))
-    pull: Any = tester.pull if mujoco else alone.pull
-    found: Recording = pull(device, length, command, step, start=start, told=told)
+    start = compute_equilibrium_state(device.parameters, float(length[0]), float(command[0]))
+    pull: Any = tester.simulate_tester if use_mujoco else alone.simulate_device_only
+    found: Recording = pull(device, length, command, dt, start=start, told=progress)
     return found
 
 
-def thinned(recording: Recording) -> Recording:
+def decimate_recording(recording: Recording) -> Recording:
     """Every n-th sample, the last, and those on either side of a jump of the pressure command."""
     count = len(recording)
     keep = np.zeros(count, dtype=np.bool_)
-    keep[:: -(-count // MOST_SAMPLES)] = True
+    keep[:: -(-count // MAX_RECORDED_SAMPLES)] = True
     keep[-1] = True
-    jumps = np.flatnonzero(np.abs(np.diff(recording["pressure_command"])) > JUMP)
+    jumps = np.flatnonzero(np.abs(np.diff(recording["pressure_command"])) > COMMAND_JUMP_BAR)
     keep[jumps] = keep[jumps + 1] = True
     return recording.select(keep)

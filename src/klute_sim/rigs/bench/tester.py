@@ -7,29 +7,29 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from klute_sim.device.files import Device
-from klute_sim.device.ledger import Book
-from klute_sim.device.rollout import earlier
-from klute_sim.device.step import State, dead_time, taut, tension
+from klute_sim.device.ledger import EnergyRecorder
+from klute_sim.device.rollout import interpolate_samples
+from klute_sim.device.step import DeviceState, compute_taut_state, compute_tension, get_dead_time
 from klute_sim.plant import router
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.recording.recording import Recording
-from klute_sim.rigs.bench.asked import checked
-from klute_sim.rigs.bench.build import build, servo_commands, stand
-from klute_sim.rigs.bench.channels import recorded
+from klute_sim.rigs.bench.asked import validate_inputs
+from klute_sim.rigs.bench.build import build_tester, compute_servo_commands, place_crosshead
+from klute_sim.rigs.bench.channels import create_recording
 
-OFTEN = 500
+PROGRESS_INTERVAL_STEPS = 500
 """Steps from one word about progress to the next."""
 
 
-def pull(
+def simulate_tester(
     device: Device,
     length: ArrayLike,
     command: ArrayLike,
-    step: float,
-    law: str = "auto",
+    dt: float,
+    backend: str = "auto",
     *,
-    start: State | None = None,
-    told: Callable[[float], None] = lambda fraction: None,
+    initial_state: DeviceState | None = None,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> Recording:
     """Record ``device`` while a servo follows unit ``length`` [m] and a regulator ``command`` [Pa].
 
@@ -44,32 +44,34 @@ def pull(
     Raises InputError when the two series differ in length, are not finite, or ask for a unit that is shorter than the
     muscle can get or, with a rigid tie, longer than it rests.
     """
-    length, command = checked(device, length, command, step)
+    length, command = validate_inputs(device, length, command, dt)
     parameters = device.parameters
-    begin = taut(parameters, float(length[0]), float(command[0])) if start is None else start
+    begin = (
+        compute_taut_state(parameters, float(length[0]), float(command[0])) if initial_state is None else initial_state
+    )
 
-    model = build(device, step)
+    model = build_tester(device, dt)
     data = mujoco.MjData(model)
     actuator = DeviceActuator(model, "muscle_tendon")
     actuator.set_state(data, begin)
-    speed, load = (length[1] - length[0]) / step, tension(parameters, begin, float(length[0]), 0.0)
-    stand(data, float(length[0]), float(speed), load)
-    target = servo_commands(length, step)
-    late, commands = dead_time(parameters) / step, command.tolist()
+    speed, load = (length[1] - length[0]) / dt, compute_tension(parameters, begin, float(length[0]), 0.0)
+    place_crosshead(data, float(length[0]), float(speed), load)
+    target = compute_servo_commands(length, dt)
+    late, commands = get_dead_time(parameters) / dt, command.tolist()
     servo = int(model.actuator_ctrladr[model.actuator("servo").id])
     cell = int(model.sensor("load_cell").adr[0])
 
     found = np.empty((len(length), 6))
-    book = Book(parameters, len(length))
-    with router.installed(law) as in_force:
+    book = EnergyRecorder(parameters, len(length))
+    with router.device_callbacks(backend) as in_force:
         for k in range(len(length)):
             data.ctrl[servo] = target[k]
-            actuator.command(data, earlier(commands, k - late))
-            before = actuator.state(data)
-            router.step(model, data)
-            after = actuator.reached(model, data, before)
-            rate = (after.length - before.length) / step
-            book.note(k, after, actuator.unit_length(data), rate)
+            actuator.set_command(data, interpolate_samples(commands, k - late))
+            before = actuator.get_state(data)
+            router.step_model(model, data)
+            after = actuator.state_after_step(model, data, before)
+            rate = (after.length - before.length) / dt
+            book.record_sample(k, after, actuator.unit_length(data), rate)
             found[k] = (
                 actuator.unit_length(data),
                 actuator.tension(data),
@@ -78,13 +80,13 @@ def pull(
                 after.length,
                 rate,
             )
-            if k % OFTEN == 0:
-                told(k / len(length))
-    told(1.0)
+            if k % PROGRESS_INTERVAL_STEPS == 0:
+                progress(k / len(length))
+    progress(1.0)
     reached, pulled, weighed, pressure, muscle, muscle_rate = (np.ascontiguousarray(x) for x in found.T)
-    return recorded(
+    return create_recording(
         device,
-        step=step,
+        dt=dt,
         length=reached,
         length_command=length,
         command=command,
@@ -93,6 +95,6 @@ def pull(
         pressure=pressure,
         muscle_length=muscle,
         muscle_rate=muscle_rate,
-        ledger=book.ledger(step),
+        ledger=book.to_energy_balance(dt),
         options={"law": in_force, "mujoco": True},
     )

@@ -11,19 +11,19 @@ import mujoco
 import numpy as np
 
 from klute_sim.device.files import Device
-from klute_sim.device.step import taut
+from klute_sim.device.step import compute_taut_state
 from klute_sim.errors import InputError
 from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.recording.recording import Samples
+from klute_sim.recording.recording import Array
 from klute_sim.rigs.gait import motion as paths
-from klute_sim.rigs.gait.body import ANKLE
-from klute_sim.rigs.gait.build import MODEL_MASS, MODEL_STATURE, Edit, build, leg
-from klute_sim.rigs.gait.reference import Reference, default
+from klute_sim.rigs.gait.body import PROSTHESIS_PREFIX
+from klute_sim.rigs.gait.build import MODEL_MASS, MODEL_STATURE, ModelEdit, build_gait_model, measure_leg
+from klute_sim.rigs.gait.reference import Reference, load_default_reference
 from klute_sim.rigs.gait.spring_foot import SpringFoot
 
-DRIVES = ("carriage_x", "carriage_z", "thigh", "knee", "push", "lift")
+DRIVE_ACTUATORS = ("carriage_x", "carriage_z", "thigh", "knee", "push", "lift")
 """Actuators of the model that are commanded by the rig; the first four are servos."""
-OFF_PATH = 0.3
+MAX_PATH_DEVIATION = 0.3
 """Vertical distance of the carriage from its path [m] beyond which a run means nothing."""
 
 
@@ -42,13 +42,13 @@ class GaitOptions:
     """Of the ground [rad], uphill positive. What is followed there is assumed (:meth:`Reference.on_slope`)."""
     strides: int = 5
     """Strides to walk, from heel strike to heel strike."""
-    step: float = 5e-4
+    dt: float = 5e-4
     """Time step [s]."""
-    reference: Reference = field(default_factory=default)
+    reference: Reference = field(default_factory=load_default_reference)
     """What is followed and compared with."""
-    foot: SpringFoot | None = None
+    spring_foot: SpringFoot | None = None
     """A passive foot in place of the device."""
-    edit: Edit | None = None
+    model_edit: ModelEdit | None = None
     """What else is changed of the model before it is compiled; a recording does not say what."""
 
     def __post_init__(self) -> None:
@@ -59,7 +59,7 @@ class GaitOptions:
             ("speed", self.speed, 0.4, 2.5, "m/s"),
             ("slope", math.degrees(self.slope), -10.0, 10.0, "degrees"),
             ("strides", self.strides, 1, 200, ""),
-            ("step", 1e3 * self.step, 0.01, 1.0, "ms"),
+            ("step", 1e3 * self.dt, 0.01, 1.0, "ms"),
         ]
         for name, value, low, high, unit in limits:
             if value is not None and not low <= value <= high:  # also refuses NaN
@@ -69,115 +69,119 @@ class GaitOptions:
 
 
 @dataclass(frozen=True)
-class Assembly:
+class GaitRig:
     """A rig ready to walk."""
 
     model: mujoco.MjModel
     options: GaitOptions
     reference: Reference
     """What is followed, in the frame of the ground: that of the options on their slope."""
-    plan: paths.Motion
-    interval: float
+    trajectory: paths.HipTrajectory
+    command_interval: float
     """Between commands [s]."""
-    phase: Samples
+    phase: Array
     """(n,) phase of the stride [0-1] at each command."""
-    commands: Samples
+    commands: Array
     """(n, 6) states that the drives should have then."""
-    slopes: Samples
+    command_rates: Array
     """(n, 6) what the drives are told then: the rates to the next command."""
-    height: Samples
+    carriage_height: Array
     """(n,) planned height of the carriage [m]."""
     actuator: DeviceActuator
 
     @property
-    def per_stride(self) -> int:
+    def commands_per_stride(self) -> int:
         """Commands in a stride."""
         return len(self.phase)
 
 
-def assemble(device: Device, options: GaitOptions, interval: float) -> Assembly:
+def build_gait_rig(device: Device, options: GaitOptions, interval: float) -> GaitRig:
     """The rig for ``device``, commanded every ``interval`` [s]; raises InputError for a device that does not fit."""
-    model = build(
+    model = build_gait_model(
         device,
         mass=options.mass,
         stature=options.stature,
-        step=options.step,
+        dt=options.dt,
         slope=options.slope,
-        foot=options.foot,
-        edit=options.edit,
+        spring_foot=options.spring_foot,
+        model_edit=options.model_edit,
     )
-    limb, reference, slope = leg(model), options.reference.on_slope(options.slope), options.slope
-    wanted = paths.plan(reference, limb, reference.stride_time, options.speed, slope).stride_time
+    limb, reference, slope = measure_leg(model), options.reference.tilt_to_slope(options.slope), options.slope
+    wanted = paths.plan_hip_trajectory(reference, limb, reference.stride_time, options.speed, slope).stride_time
     count = round(wanted / interval)
-    plan = paths.plan(reference, limb, count * interval, None, slope)
+    plan = paths.plan_hip_trajectory(reference, limb, count * interval, None, slope)
     phase = np.arange(count) / count
     moved = float(model.body_mass.sum())
     commands = np.column_stack(
         [
-            _servo_commands(model, reference, plan, phase),
-            paths.forward_feedforward(reference, plan, moved, options.mass, phase, slope),
-            paths.vertical_feedforward(reference, plan, moved, options.mass, phase, slope),
+            _compute_servo_commands(model, reference, plan, phase),
+            paths.compute_forward_feedforward(reference, plan, moved, options.mass, phase, slope),
+            paths.compute_vertical_feedforward(reference, plan, moved, options.mass, phase, slope),
         ]
     )
     after = np.roll(commands, -1, axis=0)
     after[-1, 0] += plan.stride_length
-    return Assembly(
+    return GaitRig(
         model=model,
         options=options,
         reference=reference,
-        plan=plan,
-        interval=interval,
+        trajectory=plan,
+        command_interval=interval,
         phase=phase,
         commands=commands,
-        slopes=(after - commands) / interval,
-        height=np.asarray(plan.height(phase)),
-        actuator=DeviceActuator(model, ANKLE + "muscle_tendon"),
+        command_rates=(after - commands) / interval,
+        carriage_height=np.asarray(plan.height(phase)),
+        actuator=DeviceActuator(model, PROSTHESIS_PREFIX + "muscle_tendon"),
     )
 
 
-def _servo_commands(model: mujoco.MjModel, reference: Reference, plan: paths.Motion, phase: Samples) -> Samples:
+def _compute_servo_commands(
+    model: mujoco.MjModel, reference: Reference, trajectory: paths.HipTrajectory, phase: Array
+) -> Array:
     """(n, 4) positions of the servos over a stride: ``q + (kv/kp) dq/dt``."""
-    time = plan.stride_time
+    time = trajectory.stride_time
     position = np.column_stack(
         [
-            np.asarray(plan.travel(phase)) * time,
-            np.asarray(plan.height(phase)),
-            paths.thigh_angle(reference, phase),
-            paths.knee_angle(reference, phase),
+            np.asarray(trajectory.travel(phase)) * time,
+            np.asarray(trajectory.height(phase)),
+            paths.compute_thigh_angle(reference, phase),
+            paths.compute_knee_angle(reference, phase),
         ]
     )
     velocity = np.column_stack(
         [
-            np.asarray(plan.velocity(phase)),
-            np.asarray(plan.height(phase, 1)) / time,
-            paths.thigh_angle(reference, phase, 1) / time,
-            paths.knee_angle(reference, phase, 1) / time,
+            np.asarray(trajectory.velocity(phase)),
+            np.asarray(trajectory.height(phase, 1)) / time,
+            paths.compute_thigh_angle(reference, phase, 1) / time,
+            paths.compute_knee_angle(reference, phase, 1) / time,
         ]
     )
     lead = -model.actuator_biasprm[:4, 2] / model.actuator_gainprm[:4, 0]
     return np.asarray(position + lead * velocity)
 
 
-def start(rig: Assembly, data: mujoco.MjData, pressure: float, ankle_offset: float = 0.0) -> None:
+def reset_gait_rig(gait_rig: GaitRig, data: mujoco.MjData, pressure: float, ankle_offset: float = 0.0) -> None:
     """Posture and velocities of the reference at heel strike, the device taut at ``pressure`` [Pa].
 
     ``ankle_offset`` [rad] is added to the reference's ankle angle, dorsiflexion positive.
     """
-    mujoco.mj_resetData(rig.model, data)
-    plan, reference, zero = rig.plan, rig.reference, np.zeros(1)
-    ankle = rig.model.joint(ANKLE + "ankle")
+    mujoco.mj_resetData(gait_rig.model, data)
+    plan, reference, zero = gait_rig.trajectory, gait_rig.reference, np.zeros(1)
+    ankle = gait_rig.model.joint(PROSTHESIS_PREFIX + "ankle")
     data.qpos[1:4] = [
         float(plan.height(0.0)),
-        paths.thigh_angle(reference, zero)[0],
-        paths.knee_angle(reference, zero)[0],
+        paths.compute_thigh_angle(reference, zero)[0],
+        paths.compute_knee_angle(reference, zero)[0],
     ]
     data.qvel[:4] = [
         float(plan.velocity(0.0)),
         float(plan.height(0.0, 1)) / plan.stride_time,
-        paths.thigh_angle(reference, zero, 1)[0] / plan.stride_time,
-        paths.knee_angle(reference, zero, 1)[0] / plan.stride_time,
+        paths.compute_thigh_angle(reference, zero, 1)[0] / plan.stride_time,
+        paths.compute_knee_angle(reference, zero, 1)[0] / plan.stride_time,
     ]
     data.qpos[ankle.qposadr[0]] = -math.radians(reference("ankle_dorsiflexion_deg", zero)[0]) - ankle_offset
-    data.act[: len(DRIVES)] = rig.commands[0]
-    mujoco.mj_forward(rig.model, data)
-    rig.actuator.set_state(data, taut(rig.actuator.parameters, rig.actuator.unit_length(data), pressure))
+    data.act[: len(DRIVE_ACTUATORS)] = gait_rig.commands[0]
+    mujoco.mj_forward(gait_rig.model, data)
+    gait_rig.actuator.set_state(
+        data, compute_taut_state(gait_rig.actuator.parameters, gait_rig.actuator.unit_length(data), pressure)
+    )

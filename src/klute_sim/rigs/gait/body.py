@@ -7,25 +7,25 @@ import numpy as np
 
 from klute_sim.laws.foot import Foot
 
-ANKLE = "prosthesis_"
+PROSTHESIS_PREFIX = "prosthesis_"
 """Prefix of everything that comes from ankle.xml."""
-STICKING = (0.002, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
+FRICTION_SOLREF_SOLIMP = (0.002, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
 """solref and solimp of friction in MuJoCo: as hard as a step of 1 ms allows, because the soft default creeps."""
 
 
-BUMPER, FREE = "bumper", 1e3
+BUMPER_TENDON, UNREACHABLE_ANGLE = "bumper", 1e3
 """Name of a bumper's tendon, and an ankle angle that is never reached [rad]."""
-KEEL, SOCKET = ANKLE + "keel", ANKLE + "socket"
+KEEL_JOINT, SOCKET_JOINT = PROSTHESIS_PREFIX + "keel", PROSTHESIS_PREFIX + "socket"
 """Joints of a foot that bends, and of a limb that sinks into its socket; models without have neither."""
-COPY = "_bent"
+COPY_SUFFIX = "_bent"
 """At the end of names of what is copied, until its original is gone."""
-HINGE_SHARE = 0.3
+HINGE_MASS_FRACTION = 0.3
 """Of the mass of a foot that bends, what stays with the hinge (assumed): MuJoCo gives no moment to what has no mass."""
-SUNK = 3e-3
+SOCKET_TIME_CONSTANT = 3e-3
 """Time constant of a socket [s] (assumed): a tenth of what it takes 2 kg to swing on 100 N/mm."""
 
 
-def read(model: mujoco.MjModel) -> Foot:
+def read_foot(model: mujoco.MjModel) -> Foot:
     """Of a model with ``ankle.xml`` in it, under the prefix :data:`ANKLE`.
 
     The heel's spring is taken to be rigid: it gives 3 mm under 1 kN, and what that shifts is in a measured centre of
@@ -33,101 +33,112 @@ def read(model: mujoco.MjModel) -> Foot:
     """
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    joint, foot = model.joint(ANKLE + "ankle"), model.body(ANKLE + "foot").id
+    joint, foot = model.joint(PROSTHESIS_PREFIX + "ankle"), model.body(PROSTHESIS_PREFIX + "foot").id
     dof, number = int(joint.dofadr[0]), int(joint.id)
     whole = np.empty((model.nv, model.nv))
     mujoco.mj_fullM(model, data, whole)
     ankle = data.xanchor[number]
     centre = data.subtree_com[foot] - ankle
-    origin, insertion = (data.site(ANKLE + name).xpos - ankle for name in ("achilles_origin", "achilles_insertion"))
+    origin, insertion = (
+        data.site(PROSTHESIS_PREFIX + name).xpos - ankle for name in ("achilles_origin", "achilles_insertion")
+    )
     time, _ = model.jnt_solref[number]
     least, most, width = model.jnt_solimp[number][:3]
     lowest, highest = model.jnt_range[number]
-    bumper = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, BUMPER)
-    keel, socket = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in (KEEL, SOCKET))
+    bumper = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, BUMPER_TENDON)
+    keel, socket = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in (KEEL_JOINT, SOCKET_JOINT))
     bent = int(model.jnt_dofadr[keel])
     keel_stiffness = math.inf if keel < 0 else float(model.jnt_stiffness[keel])
     return Foot(
         inertia=float(whole[dof, dof]),
         mass=float(model.body_subtreemass[foot]),
-        centre_x=float(centre[0]),
-        centre_z=float(centre[2]),
+        com_x=float(centre[0]),
+        com_z=float(centre[2]),
         origin_x=float(origin[0]),
         origin_z=float(origin[2]),
         insertion_x=float(insertion[0]),
         insertion_z=float(insertion[2]),
-        stiffness=float(model.jnt_stiffness[number]),
-        rest=float(model.qpos_spring[int(joint.qposadr[0])]),
-        damping=float(model.dof_damping[dof]),
-        friction=float(model.dof_frictionloss[dof]),
-        lowest=float(lowest),
-        highest=float(highest),
-        bumper=0.0 if bumper < 0 else float(model.tendon_stiffness[bumper]),
-        bumper_at=0.0 if bumper < 0 else float(model.tendon_lengthspring[bumper, 1]),
-        stop_time=float(time),
-        stop_least=float(least),
-        stop_most=float(most),
+        spring_stiffness=float(model.jnt_stiffness[number]),
+        spring_rest_angle=float(model.qpos_spring[int(joint.qposadr[0])]),
+        ankle_damping=float(model.dof_damping[dof]),
+        ankle_friction=float(model.dof_frictionloss[dof]),
+        min_angle=float(lowest),
+        max_angle=float(highest),
+        bumper_stiffness=0.0 if bumper < 0 else float(model.tendon_stiffness[bumper]),
+        bumper_onset_angle=0.0 if bumper < 0 else float(model.tendon_lengthspring[bumper, 1]),
+        stop_time_constant=float(time),
+        stop_min_impedance=float(least),
+        stop_max_impedance=float(most),
         stop_width=float(width),
-        keel=1.0 / keel_stiffness,
-        keel_time=0.0 if keel < 0 else float(model.dof_damping[bent]) / keel_stiffness,
-        keel_held=0.0 if keel < 0 else float(model.dof_frictionloss[bent]) / keel_stiffness,
-        socket=0.0 if socket < 0 else 1.0 / float(model.jnt_stiffness[socket]),
-        carried=float(model.body_subtreemass[model.body(ANKLE + "pylon").id]),
+        keel_compliance=1.0 / keel_stiffness,
+        keel_time_constant=0.0 if keel < 0 else float(model.dof_damping[bent]) / keel_stiffness,
+        keel_friction_angle=0.0 if keel < 0 else float(model.dof_frictionloss[bent]) / keel_stiffness,
+        socket_compliance=0.0 if socket < 0 else 1.0 / float(model.jnt_stiffness[socket]),
+        distal_mass=float(model.body_subtreemass[model.body(PROSTHESIS_PREFIX + "pylon").id]),
     )
 
 
-def into(spec: mujoco.MjSpec, was: Foot, foot: Foot) -> None:
+def apply_foot(spec: mujoco.MjSpec, original: Foot, foot: Foot) -> None:
     """Make the foot of ``spec``, which is what it ``was``, into ``foot``; what is equal is not touched.
 
     A bumper is a fixed tendon whose spring is slack up to where it begins. A foot that bends is two bodies, with a
     second hinge on the ankle's axis between them. Centre of mass, origin and stops stay.
     """
-    joint = spec.joint(ANKLE + "ankle")
-    if foot.stiffness != was.stiffness:
-        joint.stiffness = np.array([foot.stiffness, 0.0, 0.0])  # a polynomial's terms
-    if foot.rest != was.rest:
-        joint.springref = foot.rest
-    if foot.damping != was.damping:
-        joint.damping = np.array([foot.damping, 0.0, 0.0])
-    if foot.friction != was.friction:
-        joint.frictionloss = foot.friction
-        joint.solref_friction, joint.solimp_friction = STICKING
-    insertion = spec.site(ANKLE + "achilles_insertion")
-    if (foot.insertion_x, foot.insertion_z) != (was.insertion_x, was.insertion_z):
+    joint = spec.joint(PROSTHESIS_PREFIX + "ankle")
+    if foot.spring_stiffness != original.spring_stiffness:
+        joint.stiffness = np.array([foot.spring_stiffness, 0.0, 0.0])  # a polynomial's terms
+    if foot.spring_rest_angle != original.spring_rest_angle:
+        joint.springref = foot.spring_rest_angle
+    if foot.ankle_damping != original.ankle_damping:
+        joint.damping = np.array([foot.ankle_damping, 0.0, 0.0])
+    if foot.ankle_friction != original.ankle_friction:
+        joint.frictionloss = foot.ankle_friction
+        joint.solref_friction, joint.solimp_friction = FRICTION_SOLREF_SOLIMP
+    insertion = spec.site(PROSTHESIS_PREFIX + "achilles_insertion")
+    if (foot.insertion_x, foot.insertion_z) != (original.insertion_x, original.insertion_z):
         insertion.pos = np.array([foot.insertion_x, insertion.pos[1], foot.insertion_z])
-    if foot.mass != was.mass:
+    if foot.mass != original.mass:
         for name in ("foot", "heel"):
-            body = spec.body(ANKLE + name)
-            body.mass *= foot.mass / was.mass
-            body.inertia = np.asarray(body.inertia) * (foot.mass / was.mass)
-    if foot.bumper != was.bumper:
-        tendon = spec.add_tendon(name=BUMPER)
-        tendon.wrap_joint(ANKLE + "ankle", -1.0)
-        tendon.stiffness = np.array([foot.bumper, 0.0, 0.0])
-        tendon.springlength = np.array([-FREE, foot.bumper_at])
-    if foot.keel != was.keel:
-        _bend(spec, foot)
-    if foot.socket != was.socket:
-        stiffness = 1.0 / foot.socket
+            body = spec.body(PROSTHESIS_PREFIX + name)
+            body.mass *= foot.mass / original.mass
+            body.inertia = np.asarray(body.inertia) * (foot.mass / original.mass)
+    if foot.bumper_stiffness != original.bumper_stiffness:
+        tendon = spec.add_tendon(name=BUMPER_TENDON)
+        tendon.wrap_joint(PROSTHESIS_PREFIX + "ankle", -1.0)
+        tendon.stiffness = np.array([foot.bumper_stiffness, 0.0, 0.0])
+        tendon.springlength = np.array([-UNREACHABLE_ANGLE, foot.bumper_onset_angle])
+    if foot.keel_compliance != original.keel_compliance:
+        _add_keel_joint(spec, foot)
+    if foot.socket_compliance != original.socket_compliance:
+        stiffness = 1.0 / foot.socket_compliance
         slide, along = mujoco.mjtJoint.mjJNT_SLIDE, (0, 0, 1)
-        socket = spec.body(ANKLE + "pylon").add_joint(name=SOCKET, type=slide, axis=along)
-        socket.stiffness, socket.damping = np.array([stiffness, 0.0, 0.0]), np.array([SUNK * stiffness, 0.0, 0.0])
+        socket = spec.body(PROSTHESIS_PREFIX + "pylon").add_joint(name=SOCKET_JOINT, type=slide, axis=along)
+        socket.stiffness, socket.damping = (
+            np.array([stiffness, 0.0, 0.0]),
+            np.array([SOCKET_TIME_CONSTANT * stiffness, 0.0, 0.0]),
+        )
 
 
-def _bend(spec: mujoco.MjSpec, foot: Foot) -> None:
+def _add_keel_joint(spec: mujoco.MjSpec, foot: Foot) -> None:
     """Let all of the foot but its lever turn about the ankle against a spring."""
-    hinge, stiffness = spec.body(ANKLE + "foot"), 1.0 / foot.keel
-    keel = hinge.add_body(name=KEEL, ipos=hinge.ipos, iquat=hinge.iquat, explicitinertial=True)
+    hinge, stiffness = spec.body(PROSTHESIS_PREFIX + "foot"), 1.0 / foot.keel_compliance
+    keel = hinge.add_body(name=KEEL_JOINT, ipos=hinge.ipos, iquat=hinge.iquat, explicitinertial=True)
     spec.copy_during_attach = True
-    keel.attach_frame(spec.frame(KEEL), "", COPY)
-    for own in (spec.body(ANKLE + "heel"), *(geom for geom in hinge.geoms if geom.frame == spec.frame(KEEL))):
+    keel.attach_frame(spec.frame(KEEL_JOINT), "", COPY_SUFFIX)
+    for own in (
+        spec.body(PROSTHESIS_PREFIX + "heel"),
+        *(geom for geom in hinge.geoms if geom.frame == spec.frame(KEEL_JOINT)),
+    ):
         spec.delete(own)
     for body in (keel, *keel.bodies):
         for own in (*keel.bodies, *body.joints, *body.geoms):
-            own.name = own.name.removesuffix(COPY)
-    for body, share in ((keel, 1.0 - HINGE_SHARE), (hinge, HINGE_SHARE)):
+            own.name = own.name.removesuffix(COPY_SUFFIX)
+    for body, share in ((keel, 1.0 - HINGE_MASS_FRACTION), (hinge, HINGE_MASS_FRACTION)):
         body.mass, body.inertia = share * hinge.mass, share * np.asarray(hinge.inertia)
-    joint = keel.add_joint(name=KEEL, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 1, 0))
-    joint.stiffness, joint.damping = np.array([stiffness, 0.0, 0.0]), np.array([foot.keel_time * stiffness, 0.0, 0.0])
-    joint.frictionloss = foot.keel_held * stiffness
-    joint.solref_friction, joint.solimp_friction = STICKING
+    joint = keel.add_joint(name=KEEL_JOINT, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 1, 0))
+    joint.stiffness, joint.damping = (
+        np.array([stiffness, 0.0, 0.0]),
+        np.array([foot.keel_time_constant * stiffness, 0.0, 0.0]),
+    )
+    joint.frictionloss = foot.keel_friction_angle * stiffness
+    joint.solref_friction, joint.solimp_friction = FRICTION_SOLREF_SOLIMP

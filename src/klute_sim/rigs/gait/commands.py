@@ -6,51 +6,51 @@ import numpy as np
 from klute_sim.control.pressure import PressureController
 from klute_sim.control.word import Controller
 from klute_sim.errors import InputError
-from klute_sim.recording.recording import Samples
-from klute_sim.rigs.gait.assembly import Assembly
-from klute_sim.rigs.gait.senses import Senses, sensed
+from klute_sim.recording.recording import Array
+from klute_sim.rigs.gait.assembly import GaitRig
+from klute_sim.rigs.gait.senses import ProsthesisSensors, to_sensor_readings
 
-_ALL = np.ones(1, dtype=np.bool_)
+_ALL_SIMULATIONS = np.ones(1, dtype=np.bool_)
 
 
-class Commands:
+class PressureCommands:
     """Of ``controller`` over ``count`` steps of ``rig``."""
 
-    def __init__(self, controller: Controller, rig: Assembly, count: int) -> None:
+    def __init__(self, controller: Controller, gait_rig: GaitRig, n_steps: int) -> None:
         """Raises InputError for a controller whose interval is no whole number of steps."""
-        self.asked: Samples = np.empty(count)
+        self.pressures: Array = np.empty(n_steps)
         """Gauge pressure [Pa] at each step that has been."""
-        self._known, self._controller = 0, None
+        self._n_known, self._controller = 0, None
         if isinstance(controller, PressureController):
-            stride = np.array([controller.pressure(float(p)) for p in rig.phase])
-            self.asked[:] = np.resize(stride, count)
-            self._known = count
+            stride = np.array([controller.pressure_at(float(p)) for p in gait_rig.phase])
+            self.pressures[:] = np.resize(stride, n_steps)
+            self._n_known = n_steps
             return
-        step = rig.options.step
-        self._every = round(controller.interval / step)
-        if self._every < 1 or abs(self._every * step - controller.interval) > 1e-9:
+        step = gait_rig.options.dt
+        self._steps_per_command = round(controller.interval / step)
+        if self._steps_per_command < 1 or abs(self._steps_per_command * step - controller.interval) > 1e-9:
             interval = 1e3 * controller.interval
             raise InputError(
                 f"step is {1e3 * step:g} ms; allowed: what divides the controller's {interval:g} ms evenly"
             )
-        self._controller, self._senses = controller, Senses(rig, 1, controller.interval)
-        self._senses.begin(_ALL)
-        controller.begin()
+        self._controller, self._sensors = controller, ProsthesisSensors(gait_rig, 1, controller.interval)
+        self._sensors.reset(_ALL_SIMULATIONS)
+        controller.reset()
 
-    def at(self, k: int, data: mujoco.MjData) -> float:
+    def update(self, index: int, data: mujoco.MjData) -> float:
         """Gauge pressure [Pa] asked for at step ``k``, which ``data`` is at the start of."""
-        if k >= self._known and self._controller is not None:
-            if k > 0:
-                self._senses.move_on(self._senses.load(data.sensordata[None]), _ALL)
-            now = self._senses.read(data.qpos[None], data.qvel[None], data.act[None], data.sensordata[None])
-            self.asked[k : k + self._every] = self._controller.command(sensed(now))
-            self._known = k + self._every
-        return float(self.asked[k])
+        if index >= self._n_known and self._controller is not None:
+            if index > 0:
+                self._sensors.update_phase(self._sensors.measure_load(data.sensordata[None]), _ALL_SIMULATIONS)
+            now = self._sensors.read(data.qpos[None], data.qvel[None], data.act[None], data.sensordata[None])
+            self.pressures[index : index + self._steps_per_command] = self._controller.command(to_sensor_readings(now))
+            self._n_known = index + self._steps_per_command
+        return float(self.pressures[index])
 
-    def earlier(self, place: float) -> float:
+    def sample(self, index: float) -> float:
         """Gauge pressure [Pa] asked for at ``place``, in steps, no later than now; the first one before the walk."""
-        if place <= 0.0:
-            return float(self.asked[0])
-        low = int(place)
-        here = float(self.asked[low])
-        return here if place == low else here + (place - low) * (float(self.asked[low + 1]) - here)
+        if index <= 0.0:
+            return float(self.pressures[0])
+        low = int(index)
+        here = float(self.pressures[low])
+        return here if index == low else here + (index - low) * (float(self.pressures[low + 1]) - here)

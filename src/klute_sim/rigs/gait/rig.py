@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.control.word import Controller
-from klute_sim.device.files import Device, refuse_openings
-from klute_sim.device.ledger import Book
-from klute_sim.device.step import dead_time
+from klute_sim.device.files import Device, check_takes_pressure
+from klute_sim.device.ledger import EnergyRecorder
+from klute_sim.device.step import get_dead_time
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import router
-from klute_sim.provenance import versions
-from klute_sim.recording.recording import Recording, Samples
+from klute_sim.provenance import collect_versions
+from klute_sim.recording.recording import Array, Recording
 from klute_sim.rigs.gait import assembly
-from klute_sim.rigs.gait.assembly import DRIVES, Assembly, GaitOptions, assemble, start
-from klute_sim.rigs.gait.commands import Commands
-from klute_sim.rigs.gait.gauges import CHANNELS, Gauges
+from klute_sim.rigs.gait.assembly import DRIVE_ACTUATORS, GaitOptions, GaitRig, build_gait_rig, reset_gait_rig
+from klute_sim.rigs.gait.commands import PressureCommands
+from klute_sim.rigs.gait.gauges import MEASURED_COLUMNS, GaitMeasurements
 from klute_sim.units import BAR
 
-MOST_SAMPLES = 2_000_000
+MAX_SAMPLES = 2_000_000
 """Longest run; a sample takes about 1 kB of memory until the run is written."""
 
 REFERENCE_CHANNELS = (
@@ -45,12 +45,12 @@ REFERENCE_DEVIATIONS = (
 """Channel, unit, reference column."""
 
 
-def walk(
+def simulate_gait(
     device: Device,
     controller: Controller,
     options: GaitOptions | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
-    law: str = "auto",
+    backend: str = "auto",
 ) -> Recording:
     """Walk ``device`` under ``controller``; every step is a sample.
 
@@ -59,84 +59,84 @@ def walk(
     the rig leaves its path.
     """
     options = options or GaitOptions()
-    refuse_openings(device, "the controller")
-    rig = assemble(device, options, options.step)
-    model, data, actuator, per_stride = rig.model, mujoco.MjData(rig.model), rig.actuator, rig.per_stride
-    if per_stride * options.strides > MOST_SAMPLES:
+    check_takes_pressure(device, "the controller")
+    rig = build_gait_rig(device, options, options.dt)
+    model, data, actuator, per_stride = rig.model, mujoco.MjData(rig.model), rig.actuator, rig.commands_per_stride
+    if per_stride * options.strides > MAX_SAMPLES:
         raise InputError(
-            f"{options.strides} strides of {per_stride} steps are more than {MOST_SAMPLES} samples: take fewer strides "
+            f"{options.strides} strides of {per_stride} steps are more than {MAX_SAMPLES} samples: take fewer strides "
             "or a longer step"
         )
-    gauges, count, drives = Gauges(model, actuator), per_stride * options.strides, len(DRIVES)
-    commands, late = Commands(controller, rig, count), dead_time(actuator.parameters) / options.step
-    start(rig, data, 0.0)
-    start(rig, data, commands.at(0, data))
-    samples, book = np.empty((count, len(CHANNELS))), Book(actuator.parameters, count)
-    with router.installed(law) as in_force:
+    gauges, count, drives = GaitMeasurements(model, actuator), per_stride * options.strides, len(DRIVE_ACTUATORS)
+    commands, late = PressureCommands(controller, rig, count), get_dead_time(actuator.parameters) / options.dt
+    reset_gait_rig(rig, data, 0.0)
+    reset_gait_rig(rig, data, commands.update(0, data))
+    samples, book = np.empty((count, len(MEASURED_COLUMNS))), EnergyRecorder(actuator.parameters, count)
+    with router.device_callbacks(backend) as in_force:
         for k in range(count):
             j = k % per_stride
-            data.ctrl[:drives] = rig.slopes[j]
-            commands.at(k, data)
-            actuator.command(data, commands.earlier(k - late))
-            q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.state(data)
-            router.step(model, data)
-            if not abs(data.qpos[1] - rig.height[j]) < assembly.OFF_PATH:
+            data.ctrl[:drives] = rig.command_rates[j]
+            commands.update(k, data)
+            actuator.set_command(data, commands.sample(k - late))
+            q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.get_state(data)
+            router.step_model(model, data)
+            if not abs(data.qpos[1] - rig.carriage_height[j]) < assembly.MAX_PATH_DEVIATION:
                 raise SimulationError(
                     f"the gait rig left its path at t = {data.time:.3f} s ({100 * rig.phase[j]:.0f} % of stride "
-                    f"{k // per_stride + 1}): device '{device.name}', {options.mass:g} kg, {rig.plan.speed:.2f} m/s"
+                    f"{k // per_stride + 1}): device '{device.name}', {options.mass:g} kg, {rig.trajectory.speed:.2f} m/s"
                 )
-            after = actuator.reached(model, data, before)
-            muscle_rate = (after.length - before.length) / options.step
-            samples[k] = gauges.read(data, q, v, after, muscle_rate)
-            book.note(k, after, actuator.unit_length(data), muscle_rate)
+            after = actuator.state_after_step(model, data, before)
+            muscle_rate = (after.length - before.length) / options.dt
+            samples[k] = gauges.measure(data, q, v, after, muscle_rate)
+            book.record_sample(k, after, actuator.unit_length(data), muscle_rate)
             if k % 200 == 0:
                 progress(k / count)
     progress(1.0)
-    columns = [(heading, samples[:, i]) for i, heading in enumerate(CHANNELS)]
-    columns += book.ledger(options.step).columns()
-    return _recording(device, controller, rig, commands.asked, columns, in_force)
+    columns = [(heading, samples[:, i]) for i, heading in enumerate(MEASURED_COLUMNS)]
+    columns += book.to_energy_balance(options.dt).to_columns()
+    return _build_recording(device, controller, rig, commands.pressures, columns, in_force)
 
 
-def _recording(
+def _build_recording(
     device: Device,
     controller: Controller,
-    rig: Assembly,
-    command: Samples,
-    read: list[tuple[str, Samples]],
-    law: str,
+    gait_rig: GaitRig,
+    command: Array,
+    measured_columns: list[tuple[str, Array]],
+    backend: str,
 ) -> Recording:
-    options, plan, per_stride = rig.options, rig.plan, rig.per_stride
-    count, reference = per_stride * options.strides, rig.reference
+    options, plan, per_stride = gait_rig.options, gait_rig.trajectory, gait_rig.commands_per_stride
+    count, reference = per_stride * options.strides, gait_rig.reference
     index = np.arange(count)
     phase = (index % per_stride) / per_stride
     columns: list[tuple[str, NDArray[np.floating[Any]]]] = [
-        ("time [s]", index * options.step),
+        ("time [s]", index * options.dt),
         ("gait_phase [%]", 100.0 * phase),
         ("stride [1]", index // per_stride + 1.0),
         ("pressure_command [bar]", command / BAR),
     ]
-    columns += read
+    columns += measured_columns
     # The reference's moment over its angle at another stride time: its power is that much slower or faster.
     power = options.mass * reference.stride_time / plan.stride_time
     factors = {"deg": 1.0, "N*m": options.mass, "N": options.mass, "W": power}
     for name, unit, column in REFERENCE_CHANNELS:
         columns.append((f"{name} [{unit}]", factors[unit] * reference(column, phase)))
     for name, unit, column in REFERENCE_DEVIATIONS:
-        if reference.has(column):
-            columns.append((f"{name} [{unit}]", factors[unit] * reference.deviation(column, phase)))
-    return Recording.from_columns(columns, _provenance(device, controller, rig, law))
+        if reference.has_column(column):
+            columns.append((f"{name} [{unit}]", factors[unit] * reference.standard_deviation(column, phase)))
+    return Recording.from_columns(columns, _collect_provenance(device, controller, gait_rig, backend))
 
 
-def _provenance(device: Device, controller: Controller, rig: Assembly, law: str) -> dict[str, Any]:
-    options, plan = rig.options, rig.plan
+def _collect_provenance(device: Device, controller: Controller, gait_rig: GaitRig, backend: str) -> dict[str, Any]:
+    options, plan = gait_rig.options, gait_rig.trajectory
     return {
         "rig": "gait",
         "device": {
             "name": device.name,
             "sha256": device.digest,
             "resting_length_m": device.parameters.muscle.resting_length,
-            "assumed": device.spec.assumed(),
-            "without_source": device.spec.without_source(),
+            "assumed": device.spec.collect_assumptions(),
+            "without_source": device.spec.list_unsourced_keys(),
             "valve": device.spec.valve is not None,
         },
         "controller": controller.describe(),
@@ -150,12 +150,14 @@ def _provenance(device: Device, controller: Controller, rig: Assembly, law: str)
             "speed_m_per_s": plan.speed,
             "stride_time_s": plan.stride_time,
             "stride_length_m": plan.stride_length,
-            "spring_foot_nm_per_deg": None if options.foot is None else float(np.radians(options.foot.stiffness)),
+            "spring_foot_nm_per_deg": None
+            if options.spring_foot is None
+            else float(np.radians(options.spring_foot.stiffness)),
             "slope_deg": float(np.degrees(options.slope)),
             "strides": options.strides,
-            "step_s": options.step,
-            "law": law,
+            "step_s": options.dt,
+            "law": backend,
         },
         "seed": None,
-        "versions": versions(),
+        "versions": collect_versions(),
     }

@@ -6,63 +6,84 @@ Everything is an array with one entry per simulation, so that one walk and a bat
 import numpy as np
 from numpy.typing import NDArray
 
-from klute_sim.control.feedback import Sensed
-from klute_sim.rigs.gait.assembly import Assembly
-from klute_sim.rigs.gait.body import ANKLE
+from klute_sim.control.feedback import SensorReadings
+from klute_sim.rigs.gait.assembly import GaitRig
+from klute_sim.rigs.gait.body import PROSTHESIS_PREFIX
 from klute_sim.rigs.gait.reference import GRAVITY
 from klute_sim.units import BAR
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-STRIKE, SWING = 0.10, 0.05
+FOOT_STRIKE_LOAD_BW, TOE_OFF_LOAD_BW = 0.10, 0.05
 """Load [body weights] above which the foot has struck, and below which it has left."""
-SHORTEST, LONGEST, EARLY = 0.6, 1.6, 0.1
+MIN_STRIDE_FRACTION, MAX_STRIDE_FRACTION, FIRST_STRIKE_FRACTION = 0.6, 1.6, 0.1
 """Of the usual stride time: the least and the most a stride is taken for; until when a strike is the first one's."""
 
 
-class Senses:
+class ProsthesisSensors:
     """Of ``count`` simulations, read every ``interval`` [s]."""
 
-    def __init__(self, rig: Assembly, count: int, interval: float) -> None:
+    def __init__(self, gait_rig: GaitRig, n_simulations: int, interval: float) -> None:
         """All of one rig, whose stride time is the wearer's usual one."""
-        model, joint = rig.model, rig.model.joint(ANKLE + "ankle")
-        self._angle, self._dof = int(joint.qposadr[0]), int(joint.dofadr[0])
-        self._load = int(model.sensor(ANKLE + "load_cell").adr[0]) + 2
-        self._pressure, self._interval = rig.actuator.act, interval
-        self._weight, self._usual, self._slope = np.empty(count), np.empty(count), np.empty(count)
-        self.wear(slice(None), rig)
-        self._standing: Mask = np.zeros(count, dtype=np.bool_)
-        self._since = np.zeros(count)
-        self._period = self._usual.copy()
+        model, joint = gait_rig.model, gait_rig.model.joint(PROSTHESIS_PREFIX + "ankle")
+        self._ankle_qpos_index, self._ankle_dof_index = int(joint.qposadr[0]), int(joint.dofadr[0])
+        self._load_cell_index = int(model.sensor(PROSTHESIS_PREFIX + "load_cell").adr[0]) + 2
+        self._pressure_index, self._interval = gait_rig.actuator.act_address, interval
+        self._body_weight, self._nominal_stride_time, self._slope = (
+            np.empty(n_simulations),
+            np.empty(n_simulations),
+            np.empty(n_simulations),
+        )
+        self.assign_gait_rig(slice(None), gait_rig)
+        self._in_stance: Mask = np.zeros(n_simulations, dtype=np.bool_)
+        self._time_since_strike = np.zeros(n_simulations)
+        self._stride_time = self._nominal_stride_time.copy()
 
-    def wear(self, place: int | slice, rig: Assembly) -> None:
+    def assign_gait_rig(self, index: int | slice, gait_rig: GaitRig) -> None:
         """Simulations at ``place`` are of this rig from their next beginning on; it differs in walker and ground."""
-        self._weight[place], self._usual[place] = rig.options.mass * GRAVITY, rig.plan.stride_time
-        self._slope[place] = rig.options.slope
+        self._body_weight[index], self._nominal_stride_time[index] = (
+            gait_rig.options.mass * GRAVITY,
+            gait_rig.trajectory.stride_time,
+        )
+        self._slope[index] = gait_rig.options.slope
 
-    def begin(self, which: Mask) -> None:
+    def reset(self, mask: Mask) -> None:
         """Forget what was estimated of simulations that start anew, at heel strike."""
-        self._standing[which], self._since[which], self._period[which] = False, 0.0, self._usual[which]
+        self._in_stance[mask], self._time_since_strike[mask], self._stride_time[mask] = (
+            False,
+            0.0,
+            self._nominal_stride_time[mask],
+        )
 
-    def load(self, sensordata: Array) -> Array:
+    def measure_load(self, sensordata: Array) -> Array:
         """(n,) compression of the pylon [body weights]."""
-        return np.asarray(-sensordata[:, self._load] / self._weight)
+        return np.asarray(-sensordata[:, self._load_cell_index] / self._body_weight)
 
-    def phase(self) -> Array:
+    def estimate_phase(self) -> Array:
         """(n,) estimated phase (0-1)."""
-        return np.asarray(np.minimum(self._since / self._period, 1.0))
+        return np.asarray(np.minimum(self._time_since_strike / self._stride_time, 1.0))
 
-    def move_on(self, load: Array, which: Mask) -> None:
+    def update_phase(self, load: Array, mask: Mask) -> None:
         """An interval later: time since the last foot strike over the time between the last two."""
-        self._since += self._interval * which
-        strikes = which & ~self._standing & (load > STRIKE)
+        self._time_since_strike += self._interval * mask
+        strikes = mask & ~self._in_stance & (load > FOOT_STRIKE_LOAD_BW)
         if strikes.any():
             # A bounce within the stride is no stride. The wearer's cadence is known well enough to tell.
-            counts = strikes & (self._since > SHORTEST * self._usual)
-            self._period = np.where(counts, np.minimum(self._since, LONGEST * self._usual), self._period)
-            self._since = np.where(counts | (strikes & (self._since < EARLY * self._usual)), 0.0, self._since)
-        self._standing = np.where(which, load > np.where(self._standing, SWING, STRIKE), self._standing)
+            counts = strikes & (self._time_since_strike > MIN_STRIDE_FRACTION * self._nominal_stride_time)
+            self._stride_time = np.where(
+                counts,
+                np.minimum(self._time_since_strike, MAX_STRIDE_FRACTION * self._nominal_stride_time),
+                self._stride_time,
+            )
+            self._time_since_strike = np.where(
+                counts | (strikes & (self._time_since_strike < FIRST_STRIKE_FRACTION * self._nominal_stride_time)),
+                0.0,
+                self._time_since_strike,
+            )
+        self._in_stance = np.where(
+            mask, load > np.where(self._in_stance, TOE_OFF_LOAD_BW, FOOT_STRIKE_LOAD_BW), self._in_stance
+        )
 
     def read(self, qpos: Array, qvel: Array, act: Array, sensordata: Array) -> tuple[Array, ...]:
         """Columns of (n,) in the order of :class:`~klute_sim.control.feedback.Sensed`, pressure in bar.
@@ -70,17 +91,17 @@ class Senses:
         Inclination is to gravity, as an inertial sensor has it; the model's is to the ground's normal.
         """
         return (
-            -qpos[:, self._angle],
-            -qvel[:, self._dof],
+            -qpos[:, self._ankle_qpos_index],
+            -qvel[:, self._ankle_dof_index],
             qpos[:, 2] + qpos[:, 3] - self._slope,
             qvel[:, 2] + qvel[:, 3],
-            self.load(sensordata),
-            act[:, self._pressure],
-            self.phase(),
+            self.measure_load(sensordata),
+            act[:, self._pressure_index],
+            self.estimate_phase(),
         )
 
 
-def sensed(columns: tuple[Array, ...]) -> Sensed:
+def to_sensor_readings(columns: tuple[Array, ...]) -> SensorReadings:
     """Of one simulation, from :meth:`Senses.read`."""
     angle, rate, shank, shank_rate, load, bar, phase = (float(column[0]) for column in columns)
-    return Sensed(angle, rate, shank, shank_rate, load, bar * BAR, phase)
+    return SensorReadings(angle, rate, shank, shank_rate, load, bar * BAR, phase)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from klute_sim.device.step import Parameters
+from klute_sim.device.step import DeviceParameters
 from klute_sim.errors import InputError
 
-OUT_OF_REACH = 10.0
+NEVER_TAUT_SLACK_LENGTH = 10.0
 """Slack [m] that keeps the device's tendon from ever pulling."""
 
 
@@ -23,7 +23,7 @@ class SpringFoot:
 
     stiffness: float
     """[N.m/rad]"""
-    rest: float = 0.0
+    rest_angle: float = 0.0
     """Dorsiflexion at which it is slack [rad]."""
 
     def __post_init__(self) -> None:
@@ -31,16 +31,19 @@ class SpringFoot:
         per_degree = math.radians(self.stiffness)
         if not 0.5 <= per_degree <= 40.0:
             raise InputError(f"stiffness of the spring foot is {per_degree:g}; allowed: 0.5 to 40 N.m/deg")
-        if not abs(self.rest) <= math.radians(15.0):
+        if not abs(self.rest_angle) <= math.radians(15.0):
             raise InputError(
-                f"rest angle of the spring foot is {math.degrees(self.rest):g}; allowed: -15 to 15 degrees"
+                f"rest angle of the spring foot is {math.degrees(self.rest_angle):g}; allowed: -15 to 15 degrees"
             )
 
-    def into(self, joint: mujoco.MjsJoint) -> None:
+    def apply_to_joint(self, joint: mujoco.MjsJoint) -> None:
         """Put the spring into the ankle ``joint``, whose positive direction is plantarflexion."""
-        joint.stiffness, joint.springref = np.array([self.stiffness, 0.0, 0.0]), -self.rest  # a polynomial's terms
+        joint.stiffness, joint.springref = (
+            np.array([self.stiffness, 0.0, 0.0]),
+            -self.rest_angle,
+        )  # a polynomial's terms
 
 
-def without_pull(parameters: Parameters) -> Parameters:
+def disable_tendon(parameters: DeviceParameters) -> DeviceParameters:
     """A device that is not on the ankle: its tendon never comes taut."""
-    return parameters._replace(tendon=parameters.tendon._replace(slack_length=OUT_OF_REACH))
+    return parameters._replace(tendon=parameters.tendon._replace(slack_length=NEVER_TAUT_SLACK_LENGTH))

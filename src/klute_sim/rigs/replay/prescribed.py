@@ -16,64 +16,66 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
-from klute_sim.dataset.channels import LOADED
+from klute_sim.dataset.channels import CONTACT_FORCE_THRESHOLD
 from klute_sim.dataset.trial import Series
 from klute_sim.errors import InputError
-from klute_sim.rigs.replay.rollout import Array, Inputs
+from klute_sim.rigs.replay.rollout import Array, ReplayInputs
 
-CUTOFF = 20.0
+CUTOFF_FREQUENCY_HZ = 20.0
 """Of the low-pass that motion is smoothed with before it is differentiated [Hz] (assumed: above the 6 to 10 Hz that
 are used for markers, so that less of a foot strike is lost)."""
-SLOWEST = 0.02
+MAX_SAMPLING_INTERVAL = 0.02
 """Longest time between samples of the motion [s], for that low-pass."""
 
 
-class Prescribed(NamedTuple):
+class PrescribedMotion(NamedTuple):
     """What a trial prescribes, at any time."""
 
-    angle: CubicSpline
-    x: CubicSpline
-    z: CubicSpline
-    ground: Series
+    shank_angle: CubicSpline
+    ankle_x: CubicSpline
+    ankle_z: CubicSpline
+    ground_moment: Series
     """Moment of the ground reaction about the ankle [N.m], plantarflexing positive."""
-    along: Series
-    across: Series
+    axial_force: Series
+    shear_force: Series
     """See :class:`~klute_sim.rigs.replay.rollout.Inputs` [N]."""
-    vertical: Series
+    vertical_load: Series
     """Load [N]."""
-    command: Series
+    pressure_command: Series
     """Pressure [Pa]."""
-    begin: float
-    end: float
+    start_time: float
+    end_time: float
     """Where all of it is known [s]."""
 
-    def inputs(self, time: Array) -> Inputs:
+    def interpolate(self, time: Array) -> ReplayInputs:
         """At ``time`` [s]."""
-        return Inputs(
-            angle=self.angle(time),
-            turning=self.angle(time, 2),
-            forward=self.x(time, 2),
-            upward=self.z(time, 2),
-            ground=np.interp(time, self.ground.time, self.ground.value),
-            along=np.interp(time, self.along.time, self.along.value),
-            across=np.interp(time, self.across.time, self.across.value),
-            command=np.interp(time, self.command.time, self.command.value),
+        return ReplayInputs(
+            shank_angle=self.shank_angle(time),
+            shank_angular_acceleration=self.shank_angle(time, 2),
+            ankle_acceleration_x=self.ankle_x(time, 2),
+            ankle_acceleration_z=self.ankle_z(time, 2),
+            ground_moment=np.interp(time, self.ground_moment.time, self.ground_moment.value),
+            axial_force=np.interp(time, self.axial_force.time, self.axial_force.value),
+            shear_force=np.interp(time, self.shear_force.time, self.shear_force.value),
+            pressure_command=np.interp(time, self.pressure_command.time, self.pressure_command.value),
         )
 
-    def strikes(self) -> Array:
+    def find_foot_strikes(self) -> Array:
         """Times [s] at which the foot comes to carry load."""
-        return self._crossings(+1)
+        return self._find_load_crossings(+1)
 
-    def lifts(self) -> Array:
+    def find_toe_offs(self) -> Array:
         """Times [s] at which it no longer does."""
-        return self._crossings(-1)
+        return self._find_load_crossings(-1)
 
-    def _crossings(self, sign: int) -> Array:
-        change = np.diff((self.vertical.value > LOADED).astype(int))
-        return np.asarray(self.vertical.time[1:][change == sign])
+    def _find_load_crossings(self, direction: int) -> Array:
+        change = np.diff((self.vertical_load.value > CONTACT_FORCE_THRESHOLD).astype(int))
+        return np.asarray(self.vertical_load.time[1:][change == direction])
 
 
-def prescribed(channels: Mapping[str, Series], where: str, *, cutoff: float = CUTOFF) -> Prescribed:
+def prepare_prescribed_motion(
+    channels: Mapping[str, Series], source: str, *, cutoff: float = CUTOFF_FREQUENCY_HZ
+) -> PrescribedMotion:
     """What ``channels`` (:data:`klute_sim.dataset.channels.PRESCRIBED` of a gait trial) prescribe.
 
     Motion is low-passed at ``cutoff`` [Hz].
@@ -84,38 +86,40 @@ def prescribed(channels: Mapping[str, Series], where: str, *, cutoff: float = CU
     motion = {}
     for name in ("shank_angle", "ankle_x", "ankle_z"):
         series = channels[name]
-        if series.interval > SLOWEST:
+        if series.sampling_interval > MAX_SAMPLING_INTERVAL:
             raise InputError(
-                f"{where}: '{name}' has {1.0 / series.interval:.0f} samples a second; a replay needs "
-                f"{1.0 / SLOWEST:.0f} or more, because the foot is moved by the ankle's acceleration"
+                f"{source}: '{name}' has {1.0 / series.sampling_interval:.0f} samples a second; a replay needs "
+                f"{1.0 / MAX_SAMPLING_INTERVAL:.0f} or more, because the foot is moved by the ankle's acceleration"
             )
-        motion[name] = _smooth(series, cutoff)
+        motion[name] = _fit_low_pass_spline(series, cutoff)
     vertical, forward, cop = (channels[name] for name in ("grf_vertical", "grf_forward", "cop_x"))
-    if not (vertical.value > LOADED).any():
-        raise InputError(f"{where}: 'grf_vertical' is never above {LOADED:g} N: the foot has to stand on the ground")
+    if not (vertical.value > CONTACT_FORCE_THRESHOLD).any():
+        raise InputError(
+            f"{source}: 'grf_vertical' is never above {CONTACT_FORCE_THRESHOLD:g} N: the foot has to stand on the ground"
+        )
     known = np.isfinite(cop.value)
     place = np.interp(vertical.time, cop.time[known], cop.value[known])
-    lever = np.where(vertical.value > LOADED, place - motion["ankle_x"](vertical.time), 0.0)
+    lever = np.where(vertical.value > CONTACT_FORCE_THRESHOLD, place - motion["ankle_x"](vertical.time), 0.0)
     ahead = np.interp(vertical.time, forward.time, forward.value)
     moment = -motion["ankle_z"](vertical.time) * ahead - lever * vertical.value
     sine, cosine = np.sin(motion["shank_angle"](vertical.time)), np.cos(motion["shank_angle"](vertical.time))
-    return Prescribed(
-        angle=motion["shank_angle"],
-        x=motion["ankle_x"],
-        z=motion["ankle_z"],
-        ground=Series(vertical.time, np.asarray(moment)),
-        along=Series(vertical.time, np.asarray(cosine * vertical.value + sine * ahead)),
-        across=Series(vertical.time, np.asarray(sine * vertical.value - cosine * ahead)),
-        vertical=vertical,
-        command=channels["pressure_command"],
-        begin=float(max(series.time[0] for series in channels.values())),
-        end=float(min(series.time[-1] for series in channels.values())),
+    return PrescribedMotion(
+        shank_angle=motion["shank_angle"],
+        ankle_x=motion["ankle_x"],
+        ankle_z=motion["ankle_z"],
+        ground_moment=Series(vertical.time, np.asarray(moment)),
+        axial_force=Series(vertical.time, np.asarray(cosine * vertical.value + sine * ahead)),
+        shear_force=Series(vertical.time, np.asarray(sine * vertical.value - cosine * ahead)),
+        vertical_load=vertical,
+        pressure_command=channels["pressure_command"],
+        start_time=float(max(series.time[0] for series in channels.values())),
+        end_time=float(min(series.time[-1] for series in channels.values())),
     )
 
 
-def _smooth(series: Series, cutoff: float) -> CubicSpline:
+def _fit_low_pass_spline(series: Series, cutoff: float) -> CubicSpline:
     """Through the low-passed samples, on a clock of equal steps."""
-    interval = series.interval
+    interval = series.sampling_interval
     clock = np.arange(series.time[0], series.time[-1] + 0.5 * interval, interval)
     even = np.interp(clock, series.time, series.value)
     # Rows of sections: a cutoff that is low against the sampling would make one long filter inexact.

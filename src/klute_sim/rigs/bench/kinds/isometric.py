@@ -4,40 +4,40 @@ from typing import Annotated, ClassVar, Literal
 
 from klute_sim.device.files import Device
 from klute_sim.recording.recording import Recording
-from klute_sim.rigs.bench.path import Path
-from klute_sim.rigs.bench.plan import Plan, Protocol, Ratio, Some, constant, label
-from klute_sim.rigs.bench.reach import refuse_beyond_supply, unit_length
+from klute_sim.rigs.bench.path import LengthTrajectory
+from klute_sim.rigs.bench.plan import BenchProtocol, NonEmpty, Ratio, TrialPlan, format_value, make_constant_command
+from klute_sim.rigs.bench.reach import check_supply_pressure, unit_length
 from klute_sim.units import BAR
 
 
-class Isometric(Protocol):
+class IsometricProtocol(BenchProtocol):
     """Force over length, one trial per pressure and length; ``rest_s`` is how long each is held."""
 
-    about: ClassVar[str] = "Force at held lengths, per pressure."
+    summary: ClassVar[str] = "Force at held lengths, per pressure."
 
     kind: Literal["isometric"] = "isometric"
-    muscle_ratios: Annotated[list[Ratio], Some]
+    muscle_ratios: Annotated[list[Ratio], NonEmpty]
     """Muscle lengths over resting length."""
 
-    def plans(self, device: Device) -> list[Plan]:
+    def plan_trials(self, device: Device) -> list[TrialPlan]:
         """One trial per pressure and length."""
-        refuse_beyond_supply(device, self.pressures_bar)
+        check_supply_pressure(device, self.pressures_bar)
         found = []
         for bar in self.pressures_bar:
             for ratio in self.muscle_ratios:
                 pressure = bar * BAR
                 found.append(
-                    Plan(
-                        name=f"{label(bar)}bar_{label(ratio)}",
-                        setting={"pressure_bar": bar, "muscle_ratio": ratio},
-                        path=Path(unit_length(device, ratio, pressure), self.rest_s),
-                        command=constant(pressure),
-                        marks={},
+                    TrialPlan(
+                        name=f"{format_value(bar)}bar_{format_value(ratio)}",
+                        conditions={"pressure_bar": bar, "muscle_ratio": ratio},
+                        trajectory=LengthTrajectory(unit_length(device, ratio, pressure), self.rest_s),
+                        command=make_constant_command(pressure),
+                        event_times={},
                     )
                 )
         return found
 
-    def readings(self, device: Device, plan: Plan, recording: Recording) -> dict[str, float]:
+    def compute_metrics(self, device: Device, plan: TrialPlan, recording: Recording) -> dict[str, float]:
         """At the end of the hold."""
         rest = 1e3 * device.parameters.muscle.resting_length
         return {

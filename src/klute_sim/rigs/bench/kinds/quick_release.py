@@ -7,61 +7,73 @@ from pydantic import Field
 
 from klute_sim.device.files import Device
 from klute_sim.recording.recording import Recording
-from klute_sim.rigs.bench.path import Path
-from klute_sim.rigs.bench.plan import Plan, Positive, Protocol, Ratio, Some, constant, label
-from klute_sim.rigs.bench.reach import refuse_beyond_supply, unit_length
-from klute_sim.rigs.bench.reading import at, over
+from klute_sim.rigs.bench.path import LengthTrajectory
+from klute_sim.rigs.bench.plan import (
+    BenchProtocol,
+    NonEmpty,
+    Positive,
+    Ratio,
+    TrialPlan,
+    format_value,
+    make_constant_command,
+)
+from klute_sim.rigs.bench.reach import check_supply_pressure, unit_length
+from klute_sim.rigs.bench.reading import interpolate_channel, select_closed_interval
 from klute_sim.units import BAR
 
 
-class QuickRelease(Protocol):
+class QuickReleaseProtocol(BenchProtocol):
     """Releases of several sizes, one trial per pressure and size."""
 
-    about: ClassVar[str] = "Quick releases: the force that is left, and how it comes back."
+    summary: ClassVar[str] = "Quick releases: the force that is left, and how it comes back."
 
     kind: Literal["quick-release"] = "quick-release"
     muscle_ratio: Ratio
     """Muscle length over resting length before the release, under the pressure."""
-    release_ratios: Annotated[list[Annotated[float, Field(gt=0, le=0.3)]], Some]
+    release_ratios: Annotated[list[Annotated[float, Field(gt=0, le=0.3)]], NonEmpty]
     """Releases of the unit over the muscle's resting length."""
     velocity_mm_per_s: Positive
     acceleration_m_per_s2: Positive
     hold_s: Positive
     """After the release."""
 
-    def plans(self, device: Device) -> list[Plan]:
+    def plan_trials(self, device: Device) -> list[TrialPlan]:
         """One trial per pressure and release."""
-        refuse_beyond_supply(device, self.pressures_bar)
+        check_supply_pressure(device, self.pressures_bar)
         rest, found = device.parameters.muscle.resting_length, []
         for bar in self.pressures_bar:
             for release in self.release_ratios:
                 begin, pressure = unit_length(device, self.muscle_ratio, bar * BAR), bar * BAR
-                path = Path(begin, self.rest_s)
+                path = LengthTrajectory(begin, self.rest_s)
                 path.move(begin - release * rest, 1e-3 * self.velocity_mm_per_s, self.acceleration_m_per_s2)
-                released = path.end
+                released = path.end_time
                 found.append(
-                    Plan(
-                        name=f"{label(bar)}bar_{label(1e3 * release * rest)}mm",
-                        setting={"pressure_bar": bar, "release_mm": 1e3 * release * rest},
-                        path=path.hold(self.hold_s),
-                        command=constant(pressure),
-                        marks={"released": released},
+                    TrialPlan(
+                        name=f"{format_value(bar)}bar_{format_value(1e3 * release * rest)}mm",
+                        conditions={"pressure_bar": bar, "release_mm": 1e3 * release * rest},
+                        trajectory=path.hold(self.hold_s),
+                        command=make_constant_command(pressure),
+                        event_times={"released": released},
                     )
                 )
         return found
 
-    def readings(self, device: Device, plan: Plan, recording: Recording) -> dict[str, float]:
+    def compute_metrics(self, device: Device, plan: TrialPlan, recording: Recording) -> dict[str, float]:
         """Before, at the lowest, and at the end; ``recovery_s``: until 90 % of the force has come back."""
-        released = plan.marks["released"]
-        after = over(recording, self.rest_s, plan.path.end)
+        released = plan.event_times["released"]
+        after = select_closed_interval(recording, self.rest_s, plan.trajectory.end_time)
         lowest = int(np.argmin(after["force"]))
-        before, low, last = at(recording, "force", self.rest_s - 0.01), after["force"][lowest], after["force"][-1]
+        before, low, last = (
+            interpolate_channel(recording, "force", self.rest_s - 0.01),
+            after["force"][lowest],
+            after["force"][-1],
+        )
         back = after.select(slice(lowest, None))
         reached = back["time"][np.argmax(back["force"] >= low + 0.9 * (last - low))]
         return {
             "force_before_n": before,
             "force_lowest_n": float(low),
             "force_after_n": float(last),
-            "stiffness_n_per_mm": (before - float(low)) / plan.setting["release_mm"],
+            "stiffness_n_per_mm": (before - float(low)) / plan.conditions["release_mm"],
             "recovery_s": float(max(0.0, reached - released)),
         }

@@ -7,31 +7,31 @@ import numpy as np
 from klute_sim.device.files import Device
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
-from klute_sim.rigs.bench.path import Array, Path, stairs
-from klute_sim.rigs.bench.plan import NotNegative, Plan, Positive, Protocol, Ratio, label
-from klute_sim.rigs.bench.reach import refuse_beyond_supply, unit_length
-from klute_sim.rigs.bench.reading import between, sampling
+from klute_sim.rigs.bench.path import Array, LengthTrajectory, sample_staircase
+from klute_sim.rigs.bench.plan import BenchProtocol, NonNegative, Positive, Ratio, TrialPlan, format_value
+from klute_sim.rigs.bench.reach import check_supply_pressure, unit_length
+from klute_sim.rigs.bench.reading import get_sampling_interval, select_half_open_interval
 from klute_sim.units import BAR
 
-NEAR = 0.05
+SETTLING_TOLERANCE = 0.05
 """Share of a step within which it counts as settled."""
 
 
-class Step(Protocol):
+class PressureStepProtocol(BenchProtocol):
     """Steps from a low pressure to each of ``pressures_bar`` and back, one trial per pressure."""
 
-    about: ClassVar[str] = "Pressure steps up and down: rise, fall, delay, overshoot, settling."
+    summary: ClassVar[str] = "Pressure steps up and down: rise, fall, delay, overshoot, settling."
 
     kind: Literal["step"] = "step"
-    low_bar: NotNegative
+    low_bar: NonNegative
     muscle_ratio: Ratio
     """Muscle length over resting length, with the tendon just taut."""
     hold_s: Positive
     """After either step."""
 
-    def plans(self, device: Device) -> list[Plan]:
+    def plan_trials(self, device: Device) -> list[TrialPlan]:
         """One trial per pressure."""
-        refuse_beyond_supply(device, [self.low_bar, *self.pressures_bar])
+        check_supply_pressure(device, [self.low_bar, *self.pressures_bar])
         if self.low_bar in self.pressures_bar:
             raise InputError(f"the protocol steps from {self.low_bar:g} bar to {self.low_bar:g} bar, which is no step")
         found = []
@@ -39,31 +39,33 @@ class Step(Protocol):
             low = self.low_bar * BAR
             levels = [(0.0, low), (self.rest_s, bar * BAR), (self.rest_s + self.hold_s, low)]
             found.append(
-                Plan(
-                    name=f"{label(self.low_bar)}to{label(bar)}bar",
-                    setting={"pressure_bar": bar, "low_bar": self.low_bar},
-                    path=Path(unit_length(device, self.muscle_ratio, 0.0), self.rest_s + 2.0 * self.hold_s),
-                    command=lambda time, levels=levels: stairs(time, levels),  # type: ignore[misc]
-                    marks={"up": self.rest_s, "down": self.rest_s + self.hold_s},
+                TrialPlan(
+                    name=f"{format_value(self.low_bar)}to{format_value(bar)}bar",
+                    conditions={"pressure_bar": bar, "low_bar": self.low_bar},
+                    trajectory=LengthTrajectory(
+                        unit_length(device, self.muscle_ratio, 0.0), self.rest_s + 2.0 * self.hold_s
+                    ),
+                    command=lambda time, levels=levels: sample_staircase(time, levels),  # type: ignore[misc]
+                    event_times={"up": self.rest_s, "down": self.rest_s + self.hold_s},
                 )
             )
         return found
 
-    def readings(self, device: Device, plan: Plan, recording: Recording) -> dict[str, float]:
+    def compute_metrics(self, device: Device, plan: TrialPlan, recording: Recording) -> dict[str, float]:
         """Of pressure and force, both ways (:func:`response`)."""
         found: dict[str, float] = {}
         for way in ("up", "down"):
-            begin = plan.marks[way]
+            begin = plan.event_times[way]
             # A sample is what the step that ends there has made: the one before is where the response begins.
-            part = between(recording, begin - sampling(recording), begin + self.hold_s)
+            part = select_half_open_interval(recording, begin - get_sampling_interval(recording), begin + self.hold_s)
             for channel in ("pressure", "force"):
-                told = response(part["time"] - part["time"][0], part[channel])
+                told = compute_step_response(part["time"] - part["time"][0], part[channel])
                 found |= {f"{channel}_{way}_{key}": value for key, value in told.items()}
             found[f"force_{way}_n"] = float(part["force"][-1])
         return found
 
 
-def response(time: Array, samples: Array) -> dict[str, float]:
+def compute_step_response(time: Array, samples: Array) -> dict[str, float]:
     """How ``samples`` go from their first to their last; ``time`` [s] is since the command's step.
 
     ``delay_s``: until a tenth is done; ``rise_s``: from a tenth to nine tenths; ``settling_s``: until less than
@@ -73,8 +75,8 @@ def response(time: Array, samples: Array) -> dict[str, float]:
     if whole == 0.0:
         return dict.fromkeys(("delay_s", "rise_s", "settling_s", "overshoot_pct"), float("nan"))
     done = (samples - samples[0]) / whole
-    tenth, ninth = (_first(time, done, level) for level in (0.1, 0.9))
-    far = np.flatnonzero(np.abs(done - 1.0) > NEAR)
+    tenth, ninth = (_first_crossing(time, done, level) for level in (0.1, 0.9))
+    far = np.flatnonzero(np.abs(done - 1.0) > SETTLING_TOLERANCE)
     settled = float(time[min(int(far[-1]) + 1, len(time) - 1)]) if len(far) else 0.0
     return {
         "delay_s": tenth,
@@ -84,9 +86,9 @@ def response(time: Array, samples: Array) -> dict[str, float]:
     }
 
 
-def _first(time: Array, done: Array, level: float) -> float:
+def _first_crossing(time: Array, fraction: Array, level: float) -> float:
     """When ``done`` first comes to ``level``, between samples on a straight line."""
-    k = int(np.argmax(done >= level))
+    k = int(np.argmax(fraction >= level))
     if k == 0:
         return float(time[0])
-    return float(np.interp(level, done[k - 1 : k + 1], time[k - 1 : k + 1]))
+    return float(np.interp(level, fraction[k - 1 : k + 1], time[k - 1 : k + 1]))

@@ -9,63 +9,69 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from klute_sim.device.files import preset_names
+from klute_sim.device.files import list_presets
 from klute_sim.errors import InputError
-from klute_sim.rigs.bench.kinds.creep import Creep
-from klute_sim.rigs.bench.kinds.frequency import Frequency
-from klute_sim.rigs.bench.kinds.isokinetic import Isokinetic
-from klute_sim.rigs.bench.kinds.isometric import Isometric
-from klute_sim.rigs.bench.kinds.quick_release import QuickRelease
-from klute_sim.rigs.bench.kinds.step import Step
-from klute_sim.rigs.bench.kinds.workloop import Workloop
-from klute_sim.rigs.bench.plan import Protocol
+from klute_sim.rigs.bench.kinds.creep import CreepProtocol
+from klute_sim.rigs.bench.kinds.frequency import FrequencyResponseProtocol
+from klute_sim.rigs.bench.kinds.isokinetic import IsokineticProtocol
+from klute_sim.rigs.bench.kinds.isometric import IsometricProtocol
+from klute_sim.rigs.bench.kinds.quick_release import QuickReleaseProtocol
+from klute_sim.rigs.bench.kinds.step import PressureStepProtocol
+from klute_sim.rigs.bench.kinds.workloop import WorkLoopProtocol
+from klute_sim.rigs.bench.plan import BenchProtocol
 
-KINDS: dict[str, type[Protocol]] = {
-    "isometric": Isometric,
-    "isokinetic": Isokinetic,
-    "quick-release": QuickRelease,
-    "step": Step,
-    "frequency": Frequency,
-    "creep": Creep,
-    "workloop": Workloop,
+PROTOCOL_TYPES: dict[str, type[BenchProtocol]] = {
+    "isometric": IsometricProtocol,
+    "isokinetic": IsokineticProtocol,
+    "quick-release": QuickReleaseProtocol,
+    "step": PressureStepProtocol,
+    "frequency": FrequencyResponseProtocol,
+    "creep": CreepProtocol,
+    "workloop": WorkLoopProtocol,
 }
 """What a protocol file can say under ``kind``."""
-LARGEST = 1_000_000
+MAX_FILE_BYTES = 1_000_000
 """Size of a file that is read [bytes]."""
 
-_any: TypeAdapter[Protocol] = TypeAdapter(
+_protocol_adapter: TypeAdapter[BenchProtocol] = TypeAdapter(
     Annotated[
-        Isometric | Isokinetic | QuickRelease | Step | Frequency | Creep | Workloop,
+        IsometricProtocol
+        | IsokineticProtocol
+        | QuickReleaseProtocol
+        | PressureStepProtocol
+        | FrequencyResponseProtocol
+        | CreepProtocol
+        | WorkLoopProtocol,
         Field(discriminator="kind"),
     ]
 )
 
 
-def names() -> list[str]:
+def list_protocols() -> list[str]:
     """Names of the protocols that come with the package."""
     folder = resources.files(__name__)
     return sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml"))
 
 
-def content(name_or_path: str | Path) -> bytes:
+def read_protocol_bytes(name_or_path: str | Path) -> bytes:
     """The protocol file of that name, or at that path; raises InputError when there is neither."""
     wanted = str(name_or_path)
     if wanted in ("", "."):  # a shell variable that is not set
         raise InputError("the name of the protocol is empty: give the path of a protocol file, or a name")
-    if wanted in names():
+    if wanted in list_protocols():
         return (resources.files(__name__) / f"{wanted}.toml").read_bytes()
-    if wanted in preset_names():
+    if wanted in list_presets():
         raise InputError(f"'{wanted}' is a device: name a protocol before it (klute-sim bench PROTOCOL {wanted})")
     try:
-        return small(wanted, "protocol")
+        return read_small_file(wanted, "protocol")
     except FileNotFoundError:
         raise InputError(
             f"no protocol '{wanted}': give the path of a protocol file (klute-sim bench NAME --toml prints one to "
-            f"start from), or one of {', '.join(names())}"
+            f"start from), or one of {', '.join(list_protocols())}"
         ) from None
 
 
-def small(path: str, what: str) -> bytes:
+def read_small_file(path: str, file_type: str) -> bytes:
     """The file at ``path``, which is a file of a ``what``; raises FileNotFoundError.
 
     Raises InputError for what cannot be read, is no regular file or is larger than :data:`LARGEST`: a device of the
@@ -74,58 +80,60 @@ def small(path: str, what: str) -> bytes:
     try:
         about = Path(path).stat()
         if not stat.S_ISREG(about.st_mode):
-            raise InputError(f"{what} file {path} cannot be read: it is no regular file")
-        if about.st_size > LARGEST:
-            raise InputError(f"{what} file {path} has {about.st_size} bytes; allowed: up to {LARGEST}")
+            raise InputError(f"{file_type} file {path} cannot be read: it is no regular file")
+        if about.st_size > MAX_FILE_BYTES:
+            raise InputError(f"{file_type} file {path} has {about.st_size} bytes; allowed: up to {MAX_FILE_BYTES}")
         return Path(path).read_bytes()
     except FileNotFoundError:
         raise
     except OSError as error:
-        raise InputError(f"{what} file {path} cannot be read: {error.strerror}") from None
+        raise InputError(f"{file_type} file {path} cannot be read: {error.strerror}") from None
 
 
-def is_protocol(text: bytes) -> bool:
+def is_protocol(content: bytes) -> bool:
     """Whether a file with this ``text`` is meant to be a protocol: TOML with a ``kind`` of :data:`KINDS`."""
     try:
-        return tomllib.loads(text.decode("utf-8-sig")).get("kind") in KINDS
+        return tomllib.loads(content.decode("utf-8-sig")).get("kind") in PROTOCOL_TYPES
     except (ValueError, TypeError, RecursionError):
         return False
 
 
-def load(name_or_path: str | Path) -> Protocol:
+def load_protocol(name_or_path: str | Path) -> BenchProtocol:
     """The protocol of that name, or the protocol file at that path; raises InputError with one sentence."""
-    return read(content(name_or_path), str(name_or_path))
+    return parse_protocol(read_protocol_bytes(name_or_path), str(name_or_path))
 
 
-def read(text: bytes, where: str) -> Protocol:
+def parse_protocol(content: bytes, source: str) -> BenchProtocol:
     """The protocol that ``text`` (TOML, UTF-8) describes; ``where`` names its place in errors."""
     try:
-        keys = tomllib.loads(text.decode("utf-8-sig"))
+        keys = tomllib.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError:
-        raise InputError(f"protocol file {where} cannot be read: not a UTF-8 text file") from None
+        raise InputError(f"protocol file {source} cannot be read: not a UTF-8 text file") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"protocol file {where} is not valid TOML: {error}") from None
+        raise InputError(f"protocol file {source} is not valid TOML: {error}") from None
     if "kind" not in keys:
         hint = "; it looks like a device file, which stands after the protocol" if "muscle" in keys else ""
-        raise InputError(f"protocol file {where}: key 'kind' is missing; allowed: {', '.join(KINDS)}{hint}")
-    if keys["kind"] not in list(KINDS):
-        raise InputError(f"protocol file {where}: kind = {keys['kind']!r}; allowed: {', '.join(KINDS)}")
+        raise InputError(f"protocol file {source}: key 'kind' is missing; allowed: {', '.join(PROTOCOL_TYPES)}{hint}")
+    if keys["kind"] not in list(PROTOCOL_TYPES):
+        raise InputError(f"protocol file {source}: kind = {keys['kind']!r}; allowed: {', '.join(PROTOCOL_TYPES)}")
     try:
-        protocol = _any.validate_python(keys)
+        protocol = _protocol_adapter.validate_python(keys)
     except ValidationError as error:
-        raise InputError(f"protocol file {where}: {_problem(error, KINDS[keys['kind']])}") from None
+        raise InputError(
+            f"protocol file {source}: {_format_validation_error(error, PROTOCOL_TYPES[keys['kind']])}"
+        ) from None
     for key in protocol.sources:
-        if key not in protocol.numbers():
-            raise InputError(f"protocol file {where}: sources names '{key}', which is no number of this file")
+        if key not in protocol.numeric_keys():
+            raise InputError(f"protocol file {source}: sources names '{key}', which is no number of this file")
     return protocol
 
 
-def _problem(error: ValidationError, kind: type[Protocol]) -> str:
+def _format_validation_error(error: ValidationError, protocol_type: type[BenchProtocol]) -> str:
     # An unknown key is often the misspelt one that is also missing.
     problem: ErrorDetails = min(error.errors(include_url=False), key=lambda p: p["type"] != "extra_forbidden")
     key = ".".join(str(part + 1 if isinstance(part, int) else part) for part in problem["loc"][1:])
     if problem["type"] == "extra_forbidden":
-        return f"unknown key '{key}'; allowed here: {', '.join(kind.model_fields)}"
+        return f"unknown key '{key}'; allowed here: {', '.join(protocol_type.model_fields)}"
     if problem["type"] == "missing":
         return f"key '{key}' is missing"
     if problem["type"] == "protocol":
