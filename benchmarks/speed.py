@@ -26,16 +26,16 @@ from rich.progress import track
 from rich.table import Table
 
 import klute_sim  # noqa: F401  (registers the environments)
-from klute_sim.device.files import DEFAULT_DEVICE, load_device, parse_device
+from klute_sim import bench
+from klute_sim.device.device import DEFAULT_DEVICE, load_device, parse_device
+from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.rollout import simulate_rollouts
-from klute_sim.device.schema import SECTION_OF_EFFECT
-from klute_sim.device.step import DeviceParameters
+from klute_sim.device.schema.document import SECTION_OF_EFFECT
 from klute_sim.effects import catalogue
-from klute_sim.plant import models, router
+from klute_sim.gait.body import PROSTHESIS_PREFIX
+from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, build_gait_rig, reset_gait_rig
+from klute_sim.plant import callbacks, models
 from klute_sim.provenance import collect_versions
-from klute_sim.rigs import bench
-from klute_sim.rigs.gait.assembly import DRIVE_ACTUATORS, GaitOptions, build_gait_rig, reset_gait_rig
-from klute_sim.rigs.gait.body import PROSTHESIS_PREFIX
 
 DEVICE = load_device(DEFAULT_DEVICE)
 VALVE_DEVICE = load_device("klute-1-1-4-pair-valve")
@@ -128,7 +128,7 @@ def measure_step_ratios(n_rounds: int) -> list[SpeedRatio]:
         _run_on_threads(threads, lambda: step_ankle(muscle, 1.0, count // threads))
 
     def ours(name: str, count: int, threads: int = 1, model: mujoco.MjModel = device) -> None:
-        with router.device_callbacks(name):
+        with callbacks.device_callbacks(name):
             _run_on_threads(threads, lambda: step_ankle(model, 5.0, count // threads))
 
     # Long enough that to start two threads, and to be given a second core, takes nothing measurable.
@@ -175,7 +175,7 @@ def measure_gait_ratio(n_rounds: int) -> SpeedRatio:
             mujoco.mj_step(model, data, 20)
 
     def ours() -> None:
-        with router.device_callbacks("compiled"):
+        with callbacks.device_callbacks("compiled"):
             walk(rig.model, 5.0)
 
     slower = measure_interleaved(n_rounds, measure_wall_time, lambda: walk(muscle, 1.0), ours)[1]
@@ -238,7 +238,7 @@ def measure_rollout_ratios(n_rounds: int) -> list[SpeedRatio]:
     data = mujoco.MjData(model)
 
     def bare() -> None:
-        with router.device_callbacks("compiled"):
+        with callbacks.device_callbacks("compiled"):
             for k in range(count):
                 data.qpos[0], data.ctrl[0] = length[k], command[k] / 1e5
                 mujoco.mj_step(model, data)

@@ -18,22 +18,22 @@ from typing import Any
 
 import klute_sim
 from klute_sim.cli.console import progress_bar
-from klute_sim.device.files import load_device
-from klute_sim.diagnose.confusable import (
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.experiments.base import Simulator
+from klute_sim.diagnosis.planning.identifiability import (
     INDISTINGUISHABLE_COSINE,
     compute_identifiability,
     find_indistinguishable_classes,
     remove_base_effect,
     to_json_rows,
 )
-from klute_sim.diagnose.experiment import Simulator
-from klute_sim.diagnose.propose import RIG_CHANGES
-from klute_sim.diagnose.signature import simulate_effect_responses
+from klute_sim.diagnosis.planning.proposals import RIG_CHANGES
+from klute_sim.diagnosis.planning.signatures import simulate_effect_responses
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect
-from klute_sim.report import effects_figures
-from klute_sim.report import effects_words as words
-from klute_sim.report.diagnosis_words import join_words
+from klute_sim.report.diagnosis.text import join_words
+from klute_sim.report.effects import figures as effects_figures
+from klute_sim.report.effects import text as words
 
 COMMAND = "python scripts/effect_pages.py docs/effects"
 GENERATED_MARK = f"<!-- Written by `{COMMAND}`. Change the catalogue instead. -->\n"

@@ -14,8 +14,8 @@ from pathlib import Path
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
+from klute_sim import viewer
 from klute_sim.cli import main as klute_sim
-from klute_sim.report import workbench
 
 MAX_COLOURS = 128
 """Of a picture: enough for lines and maps, and a quarter of the size."""
@@ -34,7 +34,7 @@ DIGEST_KEY = "workbench"
 
 def compute_digest() -> str:
     """Of the code that the pictures show."""
-    sources = sorted(Path(workbench.__file__).parent.glob("*.py"))
+    sources = sorted(Path(viewer.__file__).parent.glob("*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in sources)).hexdigest()
 
 

@@ -24,8 +24,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import fuzz_kinds
 from klute_sim.errors import KluteSimError
+from tests import fuzz_kinds as fuzz_kinds
 
 TOKENS = (
     *(b"nan", b"inf", b"-inf", b"1e308", b"-1e308", b"1e-320", b"0", b"-0", b"-1", b"99999999999999999999", b"1_0"),

@@ -7,23 +7,24 @@ from pathlib import Path
 
 import numpy as np
 
-import walker
-from klute_sim.compare import runs
-from klute_sim.compare.comparison import compare
-from klute_sim.control import learned, machine
-from klute_sim.control.policy import Policy
-from klute_sim.control.pressure import load_profile
-from klute_sim.dataset import dataset
-from klute_sim.device import files
+from klute_sim.bench.protocols import library as protocols_library
+from klute_sim.comparison import runs
+from klute_sim.comparison.comparison import compare
+from klute_sim.controllers import learned, state_machine
+from klute_sim.controllers.policy import Policy
+from klute_sim.controllers.pressure import load_profile
+from klute_sim.datasets import dataset
+from klute_sim.device import device as device_device
 from klute_sim.device.rollout import simulate_rollouts
-from klute_sim.formats import trc
-from klute_sim.learn import config
-from klute_sim.motion import importing, mapping
-from klute_sim.motion.options import ImportOptions
+from klute_sim.gait import reference
+from klute_sim.mocap import reference_import
+from klute_sim.mocap.formats import trc
+from klute_sim.mocap.options import ImportOptions
+from klute_sim.mocap.parsing import mapping
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
-from klute_sim.rigs.bench import protocols
-from klute_sim.rigs.gait import reference
+from klute_sim.training import config
+from tests import synthetic_gait as walker
 
 Paths = Sequence[Path]
 STEPS = 40
@@ -42,7 +43,7 @@ class Kind:
 
 
 def _device(folder: Path) -> list[Path]:
-    text = files.load_device("klute-1-1-4-pair-valve").content.decode()
+    text = device_device.load_device("klute-1-1-4-pair-valve").content.decode()
     text += '\n[effects.braid_hysteresis]\nform = "coulomb"\nslope_n_per_bar = 8.0\n'
     return [_written(folder / "device.toml", text.encode())]
 
@@ -53,8 +54,8 @@ def _written(path: Path, content: bytes) -> Path:
 
 
 def _simulate(paths: Paths) -> None:
-    device = files.load_device(paths[0])
-    length = np.full(STEPS, 0.95 * files.load_device("klute-1-1-4-pair").parameters.muscle.resting_length)
+    device = device_device.load_device(paths[0])
+    length = np.full(STEPS, 0.95 * device_device.load_device("klute-1-1-4-pair").parameters.muscle.resting_length)
     simulate_rollouts(device.parameters, length + 0.05, np.full(STEPS, 1e5), 5e-4)
 
 
@@ -146,7 +147,7 @@ def _c3d(folder: Path) -> list[Path]:
 
 
 def _imported(paths: Paths) -> object:
-    return importing.import_reference(paths, ImportOptions(mass=70.0))
+    return reference_import.import_reference(paths, ImportOptions(mass=70.0))
 
 
 MAPPING = """[right]
@@ -179,11 +180,11 @@ def _each(reader: Callable[[Path], object]) -> Callable[[Paths], object]:
 
 
 def _shipped(name: str) -> bytes:
-    return (Path(machine.__file__).parent / name).read_bytes()
+    return (Path(state_machine.__file__).parent / name).read_bytes()
 
 
 def _protocol(paths: Paths) -> object:
-    return protocols.parse_protocol(protocols.read_protocol_bytes(str(paths[0])), str(paths[0]))
+    return protocols_library.parse_protocol(protocols_library.read_protocol_bytes(str(paths[0])), str(paths[0]))
 
 
 KINDS = {
@@ -200,7 +201,9 @@ KINDS = {
         Kind("c3d", _c3d, _imported, text=False),
         Kind("mapping", partial(_copied, "names.toml", MAPPING.encode), _each(mapping.read)),
         Kind(
-            "protocol", partial(_copied, "p.toml", lambda: protocols.read_protocol_bytes("workloop-phased")), _protocol
+            "protocol",
+            partial(_copied, "p.toml", lambda: protocols_library.read_protocol_bytes("workloop-phased")),
+            _protocol,
         ),
         Kind(
             "profile",
@@ -210,7 +213,7 @@ KINDS = {
         Kind(
             "machine",
             partial(_copied, "m.toml", lambda: _shipped("machine.toml")),
-            _each(machine.load_state_machine),
+            _each(state_machine.load_state_machine),
         ),
         Kind("policy", _policy, _each(learned.load_policy_controller), text=False),
         Kind(

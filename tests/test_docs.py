@@ -66,17 +66,17 @@ def test_readme_commands_are_the_ones_ci_runs() -> None:
 
 
 def test_the_documented_table_of_device_keys_is_complete() -> None:
-    from klute_sim.device import schema
+    from klute_sim.device.schema import document
 
     page = (ROOT / "docs" / "devices.md").read_text("utf-8")
-    sections = (schema.MuscleSection, schema.DamperSection, schema.TendonSection, schema.SupplySection)
-    for section in (*sections, schema.MountingSection, schema.PublishedMeasurement):
+    sections = (document.MuscleSection, document.DamperSection, document.TendonSection, document.SupplySection)
+    for section in (*sections, document.MountingSection, document.PublishedMeasurement):
         for key in section.model_fields:
             assert f"`{key}`" in page, key
 
 
 def test_the_documented_reference_columns_are_complete() -> None:
-    from klute_sim.rigs.gait import reference
+    from klute_sim.gait import reference
 
     page = (ROOT / "docs" / "gait.md").read_text("utf-8")
     for column in (reference.PHASE_COLUMN, *reference.REQUIRED_COLUMNS, *reference.DEVIATION_COLUMNS):
@@ -84,11 +84,11 @@ def test_the_documented_reference_columns_are_complete() -> None:
 
 
 def test_the_documented_channels_are_complete() -> None:
-    from klute_sim.device import ledger
-    from klute_sim.rigs import bench
-    from klute_sim.rigs.gait import gauges, rig
+    from klute_sim import bench
+    from klute_sim.device.energy import ledger
+    from klute_sim.gait.rig import measurements, rig
 
     page = (ROOT / "docs" / "recordings.md").read_text("utf-8")
     named = [*(name for name, *_ in (*rig.REFERENCE_CHANNELS, *rig.REFERENCE_DEVIATIONS))]
-    for channel in (*gauges.MEASURED_COLUMNS, *bench.CHANNELS, *ledger.COLUMN_HEADINGS, *named):
+    for channel in (*measurements.MEASURED_COLUMNS, *bench.CHANNELS, *ledger.COLUMN_HEADINGS, *named):
         assert f"`{channel.split(' ')[0]}`" in page, channel

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-import scripts
-from klute_sim.device.files import load_device
-from klute_sim.diagnose.propose import RIG_CHANGES
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.planning.proposals import RIG_CHANGES
 from klute_sim.effects import catalogue
+from tests import load_script as scripts
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs" / "effects"

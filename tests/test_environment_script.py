@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from scripts import script
+from tests.load_script import script
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "scripts" / "env.py"

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-import fuzz
-import fuzz_kinds
 from klute_sim.errors import InputError
+from tests import fuzz as fuzz
+from tests import fuzz_kinds as fuzz_kinds
 
 FEW = {"c3d": 8}
 """Cases of the default run; 40 of all others."""

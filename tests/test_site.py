@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from scripts import script
+from tests.load_script import script
 
 ROOT = Path(__file__).parents[1]
 

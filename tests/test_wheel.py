@@ -7,7 +7,7 @@ import sys
 import zipfile
 from pathlib import Path
 
-from scripts import script
+from tests.load_script import script
 
 
 def test_the_wheel_runs_by_itself(tmp_path: Path) -> None:

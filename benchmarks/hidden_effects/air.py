@@ -19,8 +19,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from compiled import cached_njit
-from law import DISTURBANCE_INDEX, DRAWN_MASS_INDEX, PRESSURE_INDEX, Law
+from benchmarks.hidden_effects.compiled import cached_njit
+from benchmarks.hidden_effects.law import DISTURBANCE_INDEX, DRAWN_MASS_INDEX, PRESSURE_INDEX, Law
 
 AIR_STEP = 5e-5  # s: grid of the pressure
 ATMOSPHERE = 101_325.0  # Pa

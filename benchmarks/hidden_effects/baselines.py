@@ -15,18 +15,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from force_balance import BALANCE_TERMS, CandidateEffect, ForceBalance, compute_balance
-from score import format_effect
+from benchmarks.hidden_effects.force_balance import BALANCE_TERMS, CandidateEffect, ForceBalance, compute_balance
+from benchmarks.hidden_effects.score import format_effect
 
-from klute_sim.dataset.dataset import Dataset, load_dataset, split_dataset
-from klute_sim.diagnose import noise as noises
-from klute_sim.diagnose.experiment import CHANNEL_UNITS, Experiment, Simulator
-from klute_sim.diagnose.fit import Fit, WeightedData, fit_hypothesis
-from klute_sim.diagnose.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnose.noise import Autocorrelation, Noise, Residuals
-from klute_sim.diagnose.prepare import prepare_experiments
-from klute_sim.diagnose.screen import list_candidate_terms, screen_candidates
-from klute_sim.diagnose.search import ForwardSelection, select_shortlist
+from klute_sim.datasets.dataset import Dataset, load_dataset, split_dataset
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment, Simulator
+from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.noise import repeats as noises
+from klute_sim.diagnosis.noise.repeats import Autocorrelation, Noise, Residuals
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, select_shortlist
+from klute_sim.diagnosis.selection.screening import list_candidate_terms, screen_candidates
 from klute_sim.errors import InputError
 
 MAX_EFFECTS = 3

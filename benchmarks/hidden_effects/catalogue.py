@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from air import AirSupply, is_coupled_to_motion
-from law import Law
+from benchmarks.hidden_effects.air import AirSupply, is_coupled_to_motion
+from benchmarks.hidden_effects.law import Law
 
 PRESET_FILE = Path(__file__).parents[2] / "src" / "klute_sim" / "device" / "presets" / "klute-3-4-pair.toml"
 BAR = 1e5

@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
-from klute_sim.dataset.dataset import Dataset
-from klute_sim.dataset.trial import Series
-from klute_sim.device.step import ZERO_INTERNAL_STATE, DeviceParameters, compute_muscle_damper_force
-from klute_sim.diagnose.experiment import Array, Experiment
-from klute_sim.diagnose.hypothesis import Hypothesis
+from klute_sim.datasets.dataset import Dataset
+from klute_sim.datasets.trial import Series
+from klute_sim.device.dynamics import ZERO_INTERNAL_STATE, DeviceParameters, compute_muscle_damper_force
+from klute_sim.diagnosis.experiments.base import Array, Experiment
+from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.laws import damper, mckibben, tendon
 from klute_sim.units import BAR
 

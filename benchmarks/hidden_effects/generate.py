@@ -18,12 +18,26 @@ from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
-from air import AIR_STEP
-from catalogue import BENCH_CHANNELS, PRESET_FILE, RELATIVE_UNCERTAINTIES, add_effects, build_neutral_law, load_device
-from inputs import InputProgram, generate_programs, hold_still
-from plan import BLOCK_SIZES, DEFECTS, GAIT_BLOCKS, plan_datasets
-from simulate import Hidden, Noise, draw_coloured_noise, draw_wander, quantise, simulate_measurements
-from sizes import EffectSizer
+from benchmarks.hidden_effects.air import AIR_STEP
+from benchmarks.hidden_effects.catalogue import (
+    BENCH_CHANNELS,
+    PRESET_FILE,
+    RELATIVE_UNCERTAINTIES,
+    add_effects,
+    build_neutral_law,
+    load_device,
+)
+from benchmarks.hidden_effects.inputs import InputProgram, generate_programs, hold_still
+from benchmarks.hidden_effects.plan import BLOCK_SIZES, DEFECTS, GAIT_BLOCKS, plan_datasets
+from benchmarks.hidden_effects.simulate import (
+    Hidden,
+    Noise,
+    draw_coloured_noise,
+    draw_wander,
+    quantise,
+    simulate_measurements,
+)
+from benchmarks.hidden_effects.sizes import EffectSizer
 
 Effects = Sequence[Mapping[str, Any]]
 DECIMATION_FACTOR = 5  # trace samples per logged sample

@@ -9,8 +9,8 @@ steps the pressure, spends time below 2 bar, and once pulls a nearly empty muscl
 from typing import NamedTuple
 
 import numpy as np
+from benchmarks.hidden_effects.truth import TRACE_STEP
 from scipy.interpolate import CubicSpline
-from truth import TRACE_STEP
 
 SAMPLE_INTERVAL = 5e-3  # s: 200 Hz, of the log and of the command
 REST_DURATION = 0.3  # s

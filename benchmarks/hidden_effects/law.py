@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from compiled import cached_njit
+from benchmarks.hidden_effects.compiled import cached_njit
 
 SIGN_SPEED = 1e-3  # m/s: width of the smooth sign
 TENDON_SLIDER_REACH = 0.3e-3  # m: reach of the tendon's slider

@@ -4,10 +4,9 @@ import statistics
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from catalogue import BODY_EFFECTS, EFFECTS, instrument_forms
-from plan import GAIT_BLOCKS
-from scipy.stats import binomtest
-from score import (
+from benchmarks.hidden_effects.catalogue import BODY_EFFECTS, EFFECTS, instrument_forms
+from benchmarks.hidden_effects.plan import GAIT_BLOCKS
+from benchmarks.hidden_effects.score import (
     NAMING_VERDICTS,
     WRONG_OUTCOMES,
     Truth,
@@ -18,6 +17,7 @@ from score import (
     list_hidden_effects,
     residual_over_noise,
 )
+from scipy.stats import binomtest
 
 MIN_RELEVANT_SIZE = 1.0
 """Size, over the noise, from which an effect ought to be found."""

@@ -4,7 +4,7 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from metrics import (
+from benchmarks.hidden_effects.metrics import (
     MIN_RELEVANT_SIZE,
     DatasetResult,
     Metric,
@@ -13,7 +13,7 @@ from metrics import (
     tabulate_confusion,
     tabulate_power,
 )
-from score import is_first_right, list_effect_sets, list_hidden_effects
+from benchmarks.hidden_effects.score import is_first_right, list_effect_sets, list_hidden_effects
 
 ACCEPTED_OUTCOMES = {"right", "absorbed"}
 MAX_REASON_LENGTH = 400

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from catalogue import (
+from benchmarks.hidden_effects.catalogue import (
     BENCH_CHANNELS,
     BODY_EFFECTS,
     EFFECTS,
@@ -14,7 +14,7 @@ from catalogue import (
     HiddenParameter,
     instrument_forms,
 )
-from strangers import OUT_OF_CATALOGUE_FORMS
+from benchmarks.hidden_effects.strangers import OUT_OF_CATALOGUE_FORMS
 
 BLOCK_SIZES = {
     "clean": 120,

@@ -5,16 +5,16 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from metrics import DatasetResult, compute_metrics
-from rich.console import Console
-from rich.table import Table
-from score import (
+from benchmarks.hidden_effects.metrics import DatasetResult, compute_metrics
+from benchmarks.hidden_effects.score import (
     MAX_ABSORBED_RESIDUAL,
     are_kinds_confused,
     list_hidden_effects,
     list_named_effects,
     residual_over_noise,
 )
+from rich.console import Console
+from rich.table import Table
 
 OWN_METHOD = "klute-sim"
 REFIT_METHOD = "refit only"

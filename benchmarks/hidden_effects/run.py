@@ -25,17 +25,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import walks
-from generate import make_dataset
-from metrics import DatasetResult
-from page import render_page
-from plan import BLOCK_SIZES, GAIT_BLOCKS, HALF_SEEDS, DatasetSpec, plan_datasets
+from benchmarks.hidden_effects import walks
+from benchmarks.hidden_effects.generate import make_dataset
+from benchmarks.hidden_effects.metrics import DatasetResult
+from benchmarks.hidden_effects.page import render_page
+from benchmarks.hidden_effects.plan import BLOCK_SIZES, GAIT_BLOCKS, HALF_SEEDS, DatasetSpec, plan_datasets
+from benchmarks.hidden_effects.report import print_report
+from benchmarks.hidden_effects.score import score_follow_up, score_verdict
+from benchmarks.hidden_effects.second_round import make_follow_up
 from rich.console import Console
 from rich.progress import track
-from score import score_follow_up, score_verdict
-from second_round import make_follow_up
-
-from report import print_report
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -148,7 +147,7 @@ class BenchmarkRun:
 
 def load_baselines() -> dict[str, Callable[..., Verdict]]:
     """Name -> method; raises ModuleNotFoundError, with what to install, if one cannot run."""
-    import baselines  # the project's own benchmark does without what these need
+    from benchmarks.hidden_effects import baselines
 
     baselines.require_pysindy()
     return {"plain_bic": baselines.select_by_bic, "sindy": baselines.regress_sparsely}

@@ -6,16 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from air import AIR_STEP
-from catalogue import add_effects, build_neutral_law, load_device
-from generate import COLUMN_DECIMALS, COLUMN_UNITS, format_table, record_trial
-from inputs import SAMPLE_INTERVAL, InputProgram
-from simulate import Hidden, Noise, draw_wander, simulate_measurements
-from truth import TRACE_STEP
+from benchmarks.hidden_effects.air import AIR_STEP
+from benchmarks.hidden_effects.catalogue import add_effects, build_neutral_law, load_device
+from benchmarks.hidden_effects.generate import COLUMN_DECIMALS, COLUMN_UNITS, format_table, record_trial
+from benchmarks.hidden_effects.inputs import SAMPLE_INTERVAL, InputProgram
+from benchmarks.hidden_effects.simulate import Hidden, Noise, draw_wander, simulate_measurements
+from benchmarks.hidden_effects.truth import TRACE_STEP
 
-from klute_sim.dataset.dataset import load_dataset
-from klute_sim.diagnose.propose import RIG_CHANGES, RigChange
-from klute_sim.diagnose.protocols import PROTOCOLS
+from klute_sim.bench.protocols.identification import PROTOCOLS
+from klute_sim.datasets.dataset import load_dataset
+from klute_sim.diagnosis.planning.proposals import RIG_CHANGES, RigChange
 
 FOLLOW_UP_GROUP = "second_round"
 

@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from air import AIR_STEP, AirSupply, is_coupled_to_motion, simulate_pressure
-from catalogue import BENCH_CHANNELS, add_effects, instrument_forms
-from inputs import SAMPLE_INTERVAL, InputProgram
-from law import Law
+from benchmarks.hidden_effects.air import AIR_STEP, AirSupply, is_coupled_to_motion, simulate_pressure
+from benchmarks.hidden_effects.catalogue import BENCH_CHANNELS, add_effects, instrument_forms
+from benchmarks.hidden_effects.inputs import SAMPLE_INTERVAL, InputProgram
+from benchmarks.hidden_effects.law import Law
+from benchmarks.hidden_effects.strangers import apply_to_channels, apply_to_motion
+from benchmarks.hidden_effects.truth import TRACE_STEP, DeviceInputs, integrate_device
 from scipy.signal import lfilter
-from strangers import apply_to_channels, apply_to_motion
-from truth import TRACE_STEP, DeviceInputs, integrate_device
 
 LENGTH_TOLERANCE = 1e-9  # m per step: see the accuracy test
 Floats = np.ndarray

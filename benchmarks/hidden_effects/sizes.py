@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from catalogue import (
+from benchmarks.hidden_effects.catalogue import (
     BENCH_CHANNELS,
     EFFECTS,
     OTHER_FORMS,
@@ -18,10 +18,10 @@ from catalogue import (
     build_neutral_law,
     instrument_forms,
 )
-from inputs import InputProgram
+from benchmarks.hidden_effects.inputs import InputProgram
+from benchmarks.hidden_effects.simulate import Floats, Hidden, Noise, simulate_measurements
+from benchmarks.hidden_effects.strangers import OUT_OF_CATALOGUE_FORMS
 from scipy.optimize import least_squares
-from simulate import Floats, Hidden, Noise, simulate_measurements
-from strangers import OUT_OF_CATALOGUE_FORMS
 
 DECIMATION_FACTOR = 10  # trace samples per sample of a size: 100 Hz
 DIFFERENCE_SIGMAS = 0.1

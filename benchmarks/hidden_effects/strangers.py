@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from catalogue import Forms, HiddenParameter
-from inputs import InputProgram
+from benchmarks.hidden_effects.catalogue import Forms, HiddenParameter
+from benchmarks.hidden_effects.inputs import InputProgram
+from benchmarks.hidden_effects.truth import TRACE_STEP
 from scipy.signal import lfilter
-from truth import TRACE_STEP
 
 Floats = np.ndarray
 OutOfCatalogueEffect = Mapping[str, Any]

@@ -17,7 +17,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from air import (
+from benchmarks.hidden_effects.air import (
     AIR_STEP,
     CLOSING_TOLERANCE,
     AirSupply,
@@ -29,8 +29,8 @@ from air import (
     source_pressure,
     target_pressure,
 )
-from compiled import cached_njit
-from law import (
+from benchmarks.hidden_effects.compiled import cached_njit
+from benchmarks.hidden_effects.law import (
     DISTURBANCE_INDEX,
     FILM_TIME,
     N_INTERNAL_STATES,

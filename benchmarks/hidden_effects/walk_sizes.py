@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmarks.hidden_effects.sizes import DIFFERENCE_SIGMAS, MAX_SIGMAS
 from scipy.optimize import lsq_linear
-from sizes import DIFFERENCE_SIGMAS, MAX_SIGMAS
 
-from klute_sim.dataset.dataset import load_dataset, split_dataset
-from klute_sim.diagnose.experiment import CHANNEL_UNITS, Simulator
-from klute_sim.diagnose.hypothesis import EffectTerm, Hypothesis
-from klute_sim.diagnose.prepare import prepare_experiments
+from klute_sim.datasets.dataset import load_dataset, split_dataset
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Simulator
+from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.effects import catalogue
 
 Floats = np.ndarray

@@ -14,18 +14,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from catalogue import BODY_EFFECTS, EFFECTS, GAIT_CHANNELS, instrument_forms
-from sizes import scale_to_target
-from walk_models import SPEC_EDITS, compose_spec_edits
-from walk_sizes import GaitEffectSizer
+from benchmarks.hidden_effects.catalogue import BODY_EFFECTS, EFFECTS, GAIT_CHANNELS, instrument_forms
+from benchmarks.hidden_effects.sizes import scale_to_target
+from benchmarks.hidden_effects.walk_models import SPEC_EDITS, compose_spec_edits
+from benchmarks.hidden_effects.walk_sizes import GaitEffectSizer
 
-from klute_sim.control.pressure import PressureProfile, load_default_profile
-from klute_sim.dataset.override import apply_changes
-from klute_sim.dataset.write import write_trial
-from klute_sim.device.files import Device, load_device, parse_device
+from klute_sim.controllers.pressure import PressureProfile, load_default_profile
+from klute_sim.datasets.write import write_trial
+from klute_sim.device.changes import apply_changes
+from klute_sim.device.device import Device, load_device, parse_device
+from klute_sim.gait.rig.rig import simulate_gait
+from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.recording.recording import Recording
-from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.rig import simulate_gait
 
 Effects = Sequence[Mapping[str, Any]]
 DEVICE_PRESET = "klute-1-1-4-pair"

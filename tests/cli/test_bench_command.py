@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import command
-from klute_sim.dataset import trial
-from klute_sim.device.files import load_device
+from klute_sim.bench.protocols import library as protocols_library
+from klute_sim.datasets import trial
+from klute_sim.device.device import load_device
 from klute_sim.recording import parquet
-from klute_sim.rigs.bench import protocols
+from tests import command_line as command
 
 SMALL = """
 kind = "workloop"
@@ -155,10 +155,12 @@ def test_the_slope_of_a_creep_has_its_unit(tmp_path: Path) -> None:
 def test_protocols_are_listed_and_printed(tmp_path: Path) -> None:
     listed = run(cwd=tmp_path).stdout
     assert listed == run("--list", cwd=tmp_path).stdout
-    assert all(name in listed for name in protocols.list_protocols())
-    assert {row["name"] for row in json.loads(run("--json", cwd=tmp_path).stdout)} == set(protocols.list_protocols())
+    assert all(name in listed for name in protocols_library.list_protocols())
+    assert {row["name"] for row in json.loads(run("--json", cwd=tmp_path).stdout)} == set(
+        protocols_library.list_protocols()
+    )
     printed = run("workloop", "--toml", cwd=tmp_path).stdout
-    assert printed.encode() == protocols.read_protocol_bytes("workloop")
+    assert printed.encode() == protocols_library.read_protocol_bytes("workloop")
     assert tomllib.loads(printed)["velocities_mm_per_s"] == [1, 50, 100, 200]
     assert not (tmp_path / "runs").exists()
 

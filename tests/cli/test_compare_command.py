@@ -11,15 +11,15 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from command import apart, run
-from klute_sim.control import word
-from klute_sim.device.files import DEFAULT_DEVICE, load_device
+from klute_sim.controllers import parse
+from klute_sim.device.device import DEFAULT_DEVICE, load_device
+from klute_sim.gait.rig.rig import simulate_gait
+from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.recording import csv as text
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
-from klute_sim.report.workbench.folders import ensure_recording
-from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.rig import simulate_gait
+from klute_sim.viewer.folders import ensure_recording
+from tests.command_line import apart, run
 
 NUMBERS = {"bands.parquet", "comparison.csv", "comparison.json"}
 REPORT = {"comparison.html", "comparison.png"}
@@ -31,7 +31,7 @@ def walks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("walks")
     for name, controller in (("profile", "profile"), ("off", "off")):
         made = simulate_gait(
-            load_device(DEFAULT_DEVICE), word.parse_controller(controller), GaitOptions(strides=2, dt=1e-3)
+            load_device(DEFAULT_DEVICE), parse.parse_controller(controller), GaitOptions(strides=2, dt=1e-3)
         )
         (folder / name).mkdir()
         parquet.write(made, folder / name / "recording.parquet")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from command import run
-from klute_sim.design.actuator import MIN_TESTED_SLENDERNESS
-from klute_sim.device.files import load_device
+from klute_sim.device.device import load_device
+from klute_sim.sizing.parts.actuator import MIN_TESTED_SLENDERNESS
+from tests.command_line import run
 
 REFERENCE_PEAK = 1.43
 """Peak ankle moment of the reference [N m/kg]."""
@@ -148,7 +148,7 @@ def test_what_is_given_is_no_assumption(tmp_path: Path) -> None:
 
 
 def test_a_reference_that_asks_for_no_moment_is_refused(tmp_path: Path) -> None:
-    file = resources.files("klute_sim.rigs.gait") / "normative_gait.csv"
+    file = resources.files("klute_sim.gait") / "normative_gait.csv"
     heading, *rows = csv.reader(io.StringIO(file.read_text("utf-8")))
     column = heading.index("ankle_plantarflexor_moment_nm_per_kg")
     with (tmp_path / "limp.csv").open("w", newline="") as out:

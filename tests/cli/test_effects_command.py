@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from command import run
-from klute_sim.device.files import load_device, parse_device
+from klute_sim.device.device import load_device, parse_device
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import HOOKS, EffectParameter
-from klute_sim.report import effects_words as words
+from klute_sim.report.effects import text as words
 from klute_sim.units import KEY_UNITS
+from tests.command_line import run
 
 ROOT = Path(__file__).parents[2]
 USERS = ROOT / "tests" / "effects" / "users.py"
@@ -148,7 +148,7 @@ def test_a_file_of_ones_own_is_run_and_said_to_be() -> None:
 def test_a_file_of_ones_own_comes_before_the_law() -> None:
     code = (
         "from pathlib import Path\nfrom klute_sim.cli.effects import use\nimport sys\n"
-        f"use(Path({str(USERS)!r}))\nassert 'klute_sim.device.step' not in sys.modules\n"
+        f"use(Path({str(USERS)!r}))\nassert 'klute_sim.device.dynamics' not in sys.modules\n"
         "from klute_sim.device import step\nfrom klute_sim.effects import catalogue\n"
         "assert step.VALUES == catalogue.sizes()[0]\nassert catalogue.slot('warming', 'first_order')\n"
     )

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command import apart, run
-from klute_sim.device.files import load_device
+from klute_sim.device.device import load_device
 from klute_sim.recording import parquet
+from tests.command_line import apart, run
 
 PROMISED = {
     "device", "mass_kg", "strides", "ankle_range_deg", "ankle_moment_peak_nm_per_kg", "ankle_power_peak_w_per_kg",
@@ -80,7 +80,7 @@ def test_table_names_what_is_tracked_and_the_csv_reads_back(tmp_path: Path) -> N
 
 @pytest.mark.long
 def test_a_reference_without_deviations_and_a_profile_of_ones_own(tmp_path: Path) -> None:
-    from klute_sim.rigs.gait import reference
+    from klute_sim.gait import reference
 
     text = (Path(reference.__file__).parent / "normative_gait.csv").read_text()
     rows = [line.split(",") for line in text.splitlines()]
@@ -165,7 +165,7 @@ def test_ctrl_c_leaves_no_half_written_run(tmp_path: Path) -> None:
     code = (
         "import os, signal\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a job in the background ignores it
-        "from klute_sim.rigs.gait.gauges import Gauges\n"
+        "from klute_sim.gait.rig.measurements import Gauges\n"
         "read, calls = Gauges.read, []\n"
         "def interrupted(*arguments):\n"
         "    calls.append(1)\n"

@@ -8,12 +8,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-import walker as made
-from command import run
-from klute_sim.formats import storage
+from klute_sim.gait import reference, reference_folder
+from klute_sim.mocap.formats import storage
 from klute_sim.recording import parquet
-from klute_sim.report.table import collect_remarks
-from klute_sim.rigs.gait import reference, reference_folder
+from klute_sim.report.gait.table import collect_remarks
+from tests import synthetic_gait as made
+from tests.command_line import run
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from command import run
-from klute_sim.device.files import load_device
+from klute_sim.device.device import load_device
+from tests.command_line import run
 
 HEAVY = ("gymnasium", "matplotlib", "mujoco", "numba", "numpy", "rerun", "scipy")
 

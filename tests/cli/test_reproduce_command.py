@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from command import run
+from tests.command_line import run
 
 VERDICTS = {"agrees", "contradicts-source", "source-contradicts-itself", "not-printed"}
 

@@ -13,12 +13,12 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from command import run
-from klute_sim.control.word import parse_controller
-from klute_sim.device.files import load_device
-from klute_sim.report.outcomes import compute_gait_metrics
-from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.rig import simulate_gait
+from klute_sim.controllers.parse import parse_controller
+from klute_sim.device.device import load_device
+from klute_sim.gait.metrics import compute_gait_metrics
+from klute_sim.gait.rig.rig import simulate_gait
+from klute_sim.gait.rig.setup import GaitOptions
+from tests.command_line import run
 
 ASKED = (
     *("--device", "klute-3-4", "--device", "klute-1-1-4-pair"),
@@ -95,7 +95,7 @@ def test_the_csv_reads_back_and_the_folder_says_what_was_asked_for(swept: tuple[
 def test_the_same_command_shows_the_table_and_walks_nothing(
     swept: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from klute_sim.sweep import local
+    from klute_sim.parameter_sweep import local
 
     monkeypatch.setattr(local.LocalRunner, "run", lambda *_, **__: pytest.fail("something was walked"))
     done = run("sweep", *ASKED, cwd=swept[0], COLUMNS="220")
@@ -109,7 +109,7 @@ def test_the_same_command_shows_the_table_and_walks_nothing(
 
 
 def test_a_reference_that_has_changed_is_another_sweep(tmp_path: Path) -> None:
-    text = (resources.files("klute_sim.rigs.gait") / "normative_gait.csv").read_text("utf-8")
+    text = (resources.files("klute_sim.gait") / "normative_gait.csv").read_text("utf-8")
     (tmp_path / "me.csv").write_text(text)
     asked = ("sweep", "--reference", "me.csv", "--reference", "able-bodied", "--stature", "1.8", "--spring-foot", "6")
     small = ("--strides", "1", "--step", "1", "--jobs", "1", "--out", "s")
@@ -135,7 +135,7 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
     code = (
         "import os, signal\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a job in the background ignores it
-        "from klute_sim.sweep.store import Store\n"
+        "from klute_sim.parameter_sweep.store import Store\n"
         "put = Store.put\n"
         "def interrupted(*arguments):\n"
         "    put(*arguments)\n"

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from command import run
-from klute_sim.control.pressure import load_profile
-from klute_sim.device.files import load_device
+from klute_sim.controllers.pressure import load_profile
+from klute_sim.device.device import load_device
+from tests.command_line import run
 
 pytest.importorskip("cma")
 

@@ -10,10 +10,11 @@ from pathlib import Path
 import numba
 import pytest
 
-from klute_sim.device import compiled, step
-from klute_sim.device.files import list_presets, load_device
-from klute_sim.device.step import DeviceState
-from klute_sim.device.vector import ROW_SIZE, pack_parameters, unpack_parameters
+from klute_sim.device import dynamics
+from klute_sim.device.backend import compiled
+from klute_sim.device.backend.packing import ROW_SIZE, pack_parameters, unpack_parameters
+from klute_sim.device.device import list_presets, load_device
+from klute_sim.device.dynamics import DeviceState
 from klute_sim.laws import mckibben
 from klute_sim.plant import models
 
@@ -28,11 +29,11 @@ def test_compiled_steps_are_bit_identical(name: str) -> None:
     for _ in range(2000):
         length = parameters.tendon.slack_length + pick.uniform(0.75, 1.0 if parameters.tendon.is_rigid else 1.06) * rest
         command, h = pick.uniform(-1e5, 7e5), pick.choice([1e-4, 5e-4, 5e-3])
-        slow_state = step.advance_state(parameters, slow_state, length, command, h)
+        slow_state = dynamics.advance_state(parameters, slow_state, length, command, h)
         fast_state = DeviceState(*fast.advance(parameters, fast_state, length, command, h))
         assert [x.hex() for x in fast_state[:2]] == [x.hex() for x in slow_state[:2]]
         rate = pick.uniform(-0.5, 0.5)
-        pulls = [m.tension(parameters, slow_state, length, rate) for m in (step, fast)]
+        pulls = [m.tension(parameters, slow_state, length, rate) for m in (dynamics, fast)]
         assert pulls[0].hex() == pulls[1].hex()
 
 
@@ -51,7 +52,7 @@ def test_every_field_of_a_row_has_its_place() -> None:
 
 
 ALONE = (
-    "import numpy as np; from klute_sim.device.files import load; from klute_sim.device.rollout import rollout;"
+    "import numpy as np; from klute_sim.device.device import load; from klute_sim.device.rollout import rollout;"
     "print(rollout(load('klute-3-4').parameters, np.full(3, 0.15), np.full(3, 5e5), 1e-3).tension[-1])"
 )
 
@@ -60,7 +61,7 @@ ALONE = (
 def test_what_was_compiled_is_named_after_its_sources(tmp_path: Path) -> None:
     """numba itself would go on using machine code of a law that has changed since."""
     package = tmp_path / "klute_sim"
-    source = Path(step.__file__).parents[1]
+    source = Path(dynamics.__file__).parents[1]
     shutil.copytree(source, package, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(models.get_models_folder(), package / "models", dirs_exist_ok=True)
 
@@ -83,8 +84,8 @@ def test_what_was_compiled_is_named_after_its_sources(tmp_path: Path) -> None:
 
 def test_every_source_that_is_compiled_is_in_the_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     package = tmp_path / "klute_sim"
-    shutil.copytree(Path(step.__file__).parents[1], package, ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(step, "__file__", str(package / "device" / "step.py"))
+    shutil.copytree(Path(dynamics.__file__).parents[1], package, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(dynamics, "__file__", str(package / "device" / "step.py"))
     seen = {compiled._hash_sources.__wrapped__("")}
     sources = ("units.py", "laws/damper.py", "effects/tendon.py", "device/rollout.py", "plant/memory.py")
     for count, name in enumerate(sources, start=2):

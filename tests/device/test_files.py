@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from klute_sim.device.files import DEFAULT_DEVICE, list_presets, load_device, parse_device
+from klute_sim.device.device import DEFAULT_DEVICE, list_presets, load_device, parse_device
 from klute_sim.errors import InputError
-from klute_sim.laws import charging
+from klute_sim.laws import pneumatic_step
 
 TEXT = load_device("klute-3-4-pair").content.decode()
 
@@ -49,7 +49,7 @@ def test_units_of_the_keys_become_si() -> None:
     assert p.muscle.friction_slope == pytest.approx(28.0 / 1e5)
     assert p.tendon.stiffness_2 == pytest.approx(140e3)
     assert p.supply[:3] == pytest.approx((5e5, 100e5, 293.15))
-    assert charging.is_ideal(p.supply)
+    assert pneumatic_step.is_ideal(p.supply)
     assert p.damper.concentric_coefficient * 0.3**2 == pytest.approx(1472, rel=2e-3)
     assert p.damper.eccentric_coefficient * 0.15**2 == pytest.approx(400, rel=2e-3)
 

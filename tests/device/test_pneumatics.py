@@ -5,21 +5,21 @@ from functools import cache
 import numpy as np
 import pytest
 
-from klute_sim.control import pressure as control
-from klute_sim.device import step as unit
-from klute_sim.device.account import RolloutRecord, record_rollout
-from klute_sim.device.files import Device, load_device, parse_device
-from klute_sim.device.ledger import POWER_TERMS, SOLVER_TERM
+from klute_sim import bench
+from klute_sim.controllers import pressure as control
+from klute_sim.device import dynamics as unit
+from klute_sim.device.device import Device, load_device, parse_device
+from klute_sim.device.dynamics import DeviceParameters, DeviceState
+from klute_sim.device.energy.ledger import POWER_TERMS, SOLVER_TERM
+from klute_sim.device.recorded_rollout import RolloutRecord, record_rollout
 from klute_sim.device.rollout import simulate_rollouts
-from klute_sim.device.step import DeviceParameters, DeviceState
 from klute_sim.errors import InputError
-from klute_sim.laws import charging, mckibben
+from klute_sim.gait.metrics import compute_gait_metrics
+from klute_sim.gait.rig.rig import simulate_gait
+from klute_sim.gait.rig.setup import GaitOptions
+from klute_sim.laws import mckibben, pneumatic_step
 from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT, ATMOSPHERIC_PRESSURE
 from klute_sim.recording.recording import Recording
-from klute_sim.report.outcomes import compute_gait_metrics
-from klute_sim.rigs import bench
-from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.rig import simulate_gait
 from klute_sim.units import BAR
 
 VALVE = load_device("klute-1-1-4-pair-valve")
@@ -183,7 +183,7 @@ def test_energy_and_air_of_a_stride_close_with_everything_on() -> None:
         volume = np.array([mckibben.volume(p.muscle, x) for x in last["muscle_length"].tolist()])
         work = float(np.trapezoid(last["pressure"] * BAR, volume))
         assert step * last["gas_power"][1:].sum() == pytest.approx(work, rel=1e-4)
-        lost = [charging.leak_flow(p.supply, x * BAR, p.supply.temperature) for x in last["pressure"].tolist()]
+        lost = [pneumatic_step.leak_flow(p.supply, x * BAR, p.supply.temperature) for x in last["pressure"].tolist()]
         leaked = last["air_leaked"][-1] - last["air_leaked"][0]
         assert leaked == pytest.approx(step * np.sum(lost[1:]), rel=1e-2)
         assert 1e3 * leaked == pytest.approx(stride.air_leaked_g, rel=1e-9)
@@ -251,21 +251,21 @@ def test_rigs_that_command_pressures_refuse_openings() -> None:
     opens = edited(*OPENS)
     with pytest.raises(InputError, match=r"the controller commands pressures, and .* takes openings of its valve"):
         simulate_gait(opens, control.load_default_profile(), GaitOptions(strides=1))
-    from klute_sim.rigs.bench import protocols
-    from klute_sim.rigs.bench.run import run_protocol
+    from klute_sim.bench.protocols import library as protocols_library
+    from klute_sim.bench.run import run_protocol
 
     with pytest.raises(InputError, match="the protocol commands pressures"):
-        run_protocol(opens, protocols.load_protocol("isometric"))
-    from klute_sim.diagnose import confusable
+        run_protocol(opens, protocols_library.load_protocol("isometric"))
+    from klute_sim.diagnosis.planning import identifiability
 
     with pytest.raises(InputError, match="a protocol commands pressures"):
-        confusable.prepare_experiments(opens)
+        identifiability.prepare_experiments(opens)
     with pytest.raises(InputError, match=r"\[effects.regulator_error\] needs commands that are pressures"):
         edited(*OPENS, more=b"\n[effects.regulator_error]\ngain = 0.9\n")
 
 
 def test_what_a_section_says_is_no_effect_to_look_for() -> None:
-    from klute_sim.diagnose import confusable
+    from klute_sim.diagnosis.planning import identifiability
     from klute_sim.effects import catalogue
 
     known = catalogue.get_effects()
@@ -274,7 +274,7 @@ def test_what_a_section_says_is_no_effect_to_look_for() -> None:
     assert VALVE.spec.can_add_effect(known["regulator_error"])
     assert load_device("klute-1-1-4-pair").spec.can_add_effect(known["choked_valve"])
     with pytest.raises(InputError, match=r"\[effects.leak\] and \[leak\] say the same twice"):
-        confusable.remove_base_effect(VALVE, known["leak"])
+        identifiability.remove_base_effect(VALVE, known["leak"])
 
 
 def test_the_whole_file_reaches_the_law() -> None:
@@ -288,6 +288,6 @@ def test_the_whole_file_reaches_the_law() -> None:
     assert other.parameters.supply.fill_conductance == supply.fill_conductance
     assert 0.49e-8 < other.parameters.supply.exhaust_conductance < 0.5e-8
     assert other.parameters.supply.exhaust_critical_ratio == pytest.approx(0.1, abs=0.02)
-    assert not charging.is_ideal(supply)
+    assert not pneumatic_step.is_ideal(supply)
     assert VALVE.spec.collect_assumptions().keys() >= {"valve.fill_dm3_per_s_bar", "tank.volume_l", "chamber.exponent"}
     assert not VALVE.spec.list_unsourced_keys()

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from klute_sim.device import step as unit
-from klute_sim.device.files import list_presets, load_device
+from klute_sim.device import dynamics as unit
+from klute_sim.device.device import list_presets, load_device
+from klute_sim.device.dynamics import DeviceParameters, DeviceState
 from klute_sim.device.rollout import RolloutTrace, simulate_rollouts
-from klute_sim.device.step import DeviceParameters, DeviceState
 from klute_sim.errors import InputError
-from klute_sim.laws import charging, mckibben
+from klute_sim.laws import mckibben, pneumatic_step
 from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE
 
 PAIR = load_device("klute-3-4-pair").parameters
@@ -136,7 +136,7 @@ def torture(seed: int, rollouts: int, samples: int) -> tuple[list[DeviceParamete
 def check(devices: list[DeviceParameters], trace: RolloutTrace) -> None:
     for i, device in enumerate(devices):
         assert np.isfinite(trace.tension[i]).all()
-        if charging.is_ideal(device.supply):
+        if pneumatic_step.is_ideal(device.supply):
             assert trace.pressure[i].min() >= 0.0
             assert trace.pressure[i].max() <= device.supply.max_pressure
         else:  # the muscle's own motion squeezes and thins its air
@@ -166,15 +166,15 @@ def test_every_step_of_any_device_balances_to_the_tolerance(seed: int, step: flo
         begin, pressure = random.uniform(low, high), random.uniform(0.0, device.supply.max_pressure)
         length = device.tendon.slack_length + random.uniform(0.8 * low, 1.05 * high)
         found = unit.solve_length(
-            device, charging.constant_pressure(pressure), DeviceState(pressure, begin), length, step
+            device, pneumatic_step.constant_pressure(pressure), DeviceState(pressure, begin), length, step
         )
         imbalance = unit._compute_force_residual(
-            device, charging.constant_pressure(pressure), DeviceState(pressure, begin), length, step, found
+            device, pneumatic_step.constant_pressure(pressure), DeviceState(pressure, begin), length, step, found
         )
         if low < found < high:
             at, beside = DeviceState(pressure, begin), [np.nextafter(found, to) for to in (0, 1)]
             nearby = [
-                unit._compute_force_residual(device, charging.constant_pressure(pressure), at, length, step, each)
+                unit._compute_force_residual(device, pneumatic_step.constant_pressure(pressure), at, length, step, each)
                 for each in beside
             ]
             pull = unit.compute_tension(device, DeviceState(pressure, found), length, 0.0)

@@ -13,20 +13,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from klute_sim.device import step as unit
-from klute_sim.device.account import record_rollout
-from klute_sim.device.files import load_device, parse_device
+from klute_sim import bench
+from klute_sim.device import dynamics as unit
+from klute_sim.device.device import load_device, parse_device
+from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.recorded_rollout import record_rollout
 from klute_sim.device.rollout import RolloutTrace, simulate_rollouts
-from klute_sim.device.step import DeviceParameters
-from klute_sim.effects import catalogue, instrument
+from klute_sim.effects import catalogue
+from klute_sim.effects.chain import EffectSlot
 from klute_sim.effects.effect import EffectForm
-from klute_sim.effects.hooks import EffectSlot
-from klute_sim.effects.smooth import SIGN_TRANSITION_SPEED
+from klute_sim.effects.families import instrument
+from klute_sim.effects.smoothing import SIGN_TRANSITION_SPEED
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben, valve
 from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE, Supply
-from klute_sim.plant import batch, models, router
-from klute_sim.rigs import bench
+from klute_sim.plant import batch, callbacks, models
 from klute_sim.units import BAR
 
 PAIR = load_device("klute-3-4-pair")
@@ -317,7 +318,7 @@ def test_slip_starts_stiff_and_ends_at_its_friction() -> None:
 
 
 def test_dry_friction_is_smooth_and_saturates() -> None:
-    from klute_sim.effects.smooth import smooth_sign
+    from klute_sim.effects.smoothing import smooth_sign
 
     assert smooth_sign(0.0) == 0.0
     assert smooth_sign(SIGN_TRANSITION_SPEED) == -smooth_sign(-SIGN_TRANSITION_SPEED) == pytest.approx(math.sqrt(0.5))
@@ -364,8 +365,8 @@ def test_a_batch_carries_different_effects() -> None:
         own = models.attach_devices(models.load_spec("bench"), {"muscle_tendon": device}, reserve_internal_states=True)
         data = mujoco.MjData(own)
         data.qpos[:], data.qvel[:], data.ctrl[:] = 0.345, -0.05, 3.0
-        with router.device_callbacks():
-            router.step_model(own, data, 100)
+        with callbacks.device_callbacks():
+            callbacks.step_model(own, data, 100)
         assert np.array_equal(act, data.act)
     assert simulations.bind("act")[1, 2:5].any()
     small = models.attach_devices(models.load_spec("bench"), {"muscle_tendon": PAIR.parameters})
@@ -444,7 +445,7 @@ def in_fresh_process(code: str, **more: str) -> subprocess.CompletedProcess[str]
 
 
 USERS = (
-    "import numpy as np; from klute_sim.device.files import load, read\n"
+    "import numpy as np; from klute_sim.device.device import load, read\n"
     "from klute_sim.device.rollout import rollout; from klute_sim.rigs import bench\n"
     "text = load('klute-3-4-pair').content + b'[effects.warming]\\ngain = 0.05\\ntime_constant_s = 0.2\\n'\n"
     "device, plain = read(text, 'mine'), load('klute-3-4-pair')\n"
@@ -478,7 +479,7 @@ def test_a_users_effect_works_in_both_installations() -> None:
         ("x = 1", "has no EFFECTS"),
         ("EFFECTS = [3]", "EFFECTS holds 3"),
         (
-            "from klute_sim.effects.end_taper import EFFECT\nEFFECTS = [EFFECT]",
+            "from klute_sim.effects.families.muscle.end_taper import EFFECT\nEFFECTS = [EFFECT]",
             "there is an effect 'end_taper' already",
         ),
     ],
@@ -487,7 +488,7 @@ def test_a_catalogue_that_is_none_is_refused(content: str | None, words: str, tm
     file = tmp_path / "mine.py"
     if content is not None:
         file.write_text(content, "utf-8")
-    done = in_fresh_process("import klute_sim.device.step", KLUTE_SIM_CATALOGUE=str(file))
+    done = in_fresh_process("import klute_sim.device.dynamics", KLUTE_SIM_CATALOGUE=str(file))
     assert words in done.stderr.splitlines()[-1]
 
 

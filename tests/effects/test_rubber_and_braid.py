@@ -8,8 +8,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
-from klute_sim.device.files import load_device
-from klute_sim.effects import bladder_wall, braid_extensibility, braid_hysteresis, damper, instrument
+from klute_sim.device.device import load_device
+from klute_sim.effects.families import damper, instrument
+from klute_sim.effects.families.muscle import bladder_wall, braid_extensibility, braid_hysteresis
 from klute_sim.laws import mckibben
 from klute_sim.laws.mckibben import Muscle
 

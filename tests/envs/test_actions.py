@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from klute_sim.control.pressure import PressureProfile, load_default_profile
-from klute_sim.device.files import Device, load_device, parse_device
-from klute_sim.envs.actions import ACTION_KINDS
+from klute_sim.controllers.pressure import PressureProfile, load_default_profile
+from klute_sim.device.device import Device, load_device, parse_device
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
+from klute_sim.envs.tasks.actions import ACTION_KINDS
 from klute_sim.errors import InputError
 from klute_sim.units import BAR
 

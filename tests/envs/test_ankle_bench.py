@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from klute_sim.device.files import load_device, parse_device
-from klute_sim.device.step import DeviceState
+from klute_sim import bench
+from klute_sim.device.device import load_device, parse_device
+from klute_sim.device.dynamics import DeviceState
 from klute_sim.envs.ankle_bench import AnkleBenchEnv
-from klute_sim.envs.bench_task import (
+from klute_sim.envs.tasks.bench_task import (
     BENCH_TASKS,
     MAX_FORCE_FRACTION,
     MAX_LENGTH_RATIO,
@@ -20,7 +21,6 @@ from klute_sim.envs.bench_task import (
     OBSERVATIONS,
 )
 from klute_sim.errors import InputError
-from klute_sim.rigs import bench
 
 NAME = "klute_sim/AnkleBench-v0"
 

@@ -12,17 +12,17 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import klute_sim  # noqa: F401  (registers)
-from klute_sim.control import pressure
-from klute_sim.device.files import load_device, parse_device
-from klute_sim.device.ledger import EnergyRecorder
+from klute_sim.controllers import pressure
+from klute_sim.device.device import load_device, parse_device
+from klute_sim.device.energy.ledger import EnergyRecorder
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
-from klute_sim.envs.instruments import OBSERVATIONS
-from klute_sim.envs.reward import DEFAULT_WEIGHTS
+from klute_sim.envs.tasks.instruments import OBSERVATIONS
+from klute_sim.envs.tasks.reward import DEFAULT_WEIGHTS
 from klute_sim.errors import InputError
-from klute_sim.plant import router
-from klute_sim.report.outcomes import compute_gait_metrics
-from klute_sim.rigs.gait.assembly import GaitOptions
-from klute_sim.rigs.gait.rig import simulate_gait
+from klute_sim.gait.metrics import compute_gait_metrics
+from klute_sim.gait.rig.rig import simulate_gait
+from klute_sim.gait.rig.setup import GaitOptions
+from klute_sim.plant import callbacks
 from klute_sim.units import BAR
 
 NAME = "klute_sim/AnkleGait-v1"
@@ -328,7 +328,7 @@ def test_the_books_of_an_environment_are_those_of_the_ledger() -> None:
     env.reset(seed=0)
     actuator, book = env._gait_rig.actuator, EnergyRecorder(device.parameters, 60 * 20 + 1)
     book.record_sample(0, actuator.get_state(env.data), actuator.unit_length(env.data), 0.0)
-    told, step = [], router.step_model
+    told, step = [], callbacks.step_model
 
     def noted(model: mujoco.MjModel, data: mujoco.MjData, count: int) -> None:
         for _ in range(count):
@@ -340,7 +340,7 @@ def test_the_books_of_an_environment_are_those_of_the_ledger() -> None:
 
     noted.sample = 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(router, "step_model", noted)
+        patch.setattr(callbacks, "step_model", noted)
         for k in range(60):
             told.append(env.step(action(1.5 + 1.5 * np.sin(k / 8)))[4])
     ledger = book.to_energy_balance(5e-4)

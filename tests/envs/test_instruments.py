@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
-from klute_sim.envs.instruments import N_MEASURED, OBSERVATIONS
+from klute_sim.envs.tasks.instruments import N_MEASURED, OBSERVATIONS
 from klute_sim.errors import InputError
 
 TYPICAL = np.array([row[4] for row in OBSERVATIONS[:N_MEASURED]])

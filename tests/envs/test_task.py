@@ -5,11 +5,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from klute_sim.device.files import load_device, parse_device
+from klute_sim.device.device import load_device, parse_device
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
 from klute_sim.errors import InputError
+from klute_sim.gait.rig.setup import MAX_PATH_DEVIATION, reset_gait_rig
 from klute_sim.laws import mckibben, pneumatics
-from klute_sim.rigs.gait.assembly import MAX_PATH_DEVIATION, reset_gait_rig
 
 
 def fresh(**options: object) -> AnkleGaitEnv:

@@ -6,7 +6,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 import klute_sim  # noqa: F401  (registers)
-from klute_sim.device.files import load_device
+from klute_sim.device.device import load_device
 from klute_sim.errors import InputError
 
 NAME = "klute_sim/AnkleGait-v1"

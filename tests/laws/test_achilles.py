@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from klute_sim.device.compiled import compile_module
+from klute_sim.device.backend.compiled import compile_module
 from klute_sim.laws import achilles
 from klute_sim.laws.achilles import Measurement, PowerLaw
 

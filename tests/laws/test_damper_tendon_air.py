@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from klute_sim.device.files import load_device
+from klute_sim.device.device import load_device
 from klute_sim.laws import damper, mckibben, pneumatics, tendon
 from klute_sim.laws.damper import Damper
 from klute_sim.laws.pneumatics import Supply

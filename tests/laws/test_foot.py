@@ -4,11 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from klute_sim.device.files import load_device
+from klute_sim.device.device import load_device
+from klute_sim.gait.replay.foot import build_device_foot
 from klute_sim.laws import foot as law
 from klute_sim.laws.foot import Foot, FootInputs
 from klute_sim.plant import models
-from klute_sim.rigs.replay.foot import build_device_foot
 
 FOOT = build_device_foot(load_device("klute-1-1-4-pair"))
 STILL = FootInputs(0.0, 0.0, 0.0, 0.0, 0.0)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from klute_sim.device.files import load_device
+from klute_sim.device.device import load_device
 from klute_sim.laws import mckibben
 
 CHECK = {  # 5 bar: ratio -> geometric, with bladder, with bladder and friction [N]

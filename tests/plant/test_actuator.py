@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from klute_sim.device import step as unit
-from klute_sim.device.files import load_device
-from klute_sim.device.step import DeviceState
+from klute_sim.device import dynamics as unit
+from klute_sim.device.device import load_device
+from klute_sim.device.dynamics import DeviceState
 from klute_sim.errors import InputError, KluteSimError, KluteSimWarning, SimulationError
-from klute_sim.plant import models, router
+from klute_sim.plant import callbacks, models
 from klute_sim.plant.actuator import DeviceActuator
 
 PAIR = load_device("klute-3-4-pair")
@@ -30,7 +30,7 @@ def bench() -> tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator]:
 def test_mujoco_steps_are_the_devices_own_steps() -> None:
     model, data, actuator = bench()
     state = unit.compute_rest_state(PAIR.parameters)
-    with router.device_callbacks():
+    with callbacks.device_callbacks():
         for k in range(1500):
             length = float(0.335 + 0.015 * np.sin(2 * np.pi * 3 * k * STEP))
             command = 4e5 if k > 200 else 1e5
@@ -97,7 +97,7 @@ def test_foreign_actuators_get_their_own_law_and_the_slots_are_put_back() -> Non
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            with router.device_callbacks() as law:
+            with callbacks.device_callbacks() as law:
                 mujoco.mj_step(foreign, theirs)
                 data.qpos[0] = 0.36
                 mujoco.mj_step(model, data)
@@ -126,7 +126,7 @@ def test_foreign_c_functions_are_asked_with_their_own_pointers() -> None:
     mujoco.set_mjcb_act_bias(plain)
     try:
         mujoco.mj_step(foreign, theirs)
-        with pytest.warns(KluteSimWarning, match="asked, too"), router.device_callbacks():
+        with pytest.warns(KluteSimWarning, match="asked, too"), callbacks.device_callbacks():
             mujoco.mj_step(foreign, theirs)
     finally:
         mujoco.set_mjcb_act_bias(None)
@@ -137,7 +137,7 @@ def test_foreign_c_functions_are_asked_with_their_own_pointers() -> None:
 def test_foreign_actuators_without_a_law_stay_neutral() -> None:
     foreign = mujoco.MjModel.from_xml_string(FOREIGN)
     theirs = mujoco.MjData(foreign)
-    with router.device_callbacks():
+    with callbacks.device_callbacks():
         mujoco.mj_step(foreign, theirs)
     assert theirs.actuator_force[0] == 0.0
     assert theirs.act[0] == 0.0
@@ -147,9 +147,9 @@ def test_foreign_actuators_without_a_law_stay_neutral() -> None:
 def test_who_installs_while_we_are_in_keeps_the_slot() -> None:
     late = lambda m, d, i: 1.0  # noqa: E731
     try:
-        with pytest.warns(KluteSimWarning, match="it had no force since"), router.device_callbacks():
+        with pytest.warns(KluteSimWarning, match="it had no force since"), callbacks.device_callbacks():
             mujoco.set_mjcb_act_bias(late)
-            with pytest.raises(KluteSimError, match="over the device's"), router.device_callbacks():
+            with pytest.raises(KluteSimError, match="over the device's"), callbacks.device_callbacks():
                 pass
         assert mujoco.get_mjcb_act_bias() is late
         assert mujoco.get_mjcb_act_dyn() is None
@@ -161,10 +161,10 @@ def test_who_wraps_our_callback_and_stays_is_asked_once() -> None:
     foreign = mujoco.MjModel.from_xml_string(FOREIGN)
     theirs = mujoco.MjData(foreign)
     try:
-        with pytest.warns(KluteSimWarning), router.device_callbacks():
+        with pytest.warns(KluteSimWarning), callbacks.device_callbacks():
             ours = mujoco.get_mjcb_act_bias()
             mujoco.set_mjcb_act_bias(lambda m, d, i: 5.0 + ours(m, d, i))
-        with pytest.warns(KluteSimWarning), router.device_callbacks():
+        with pytest.warns(KluteSimWarning), callbacks.device_callbacks():
             mujoco.mj_step(foreign, theirs)
         assert theirs.actuator_force[0] == 5.0
     finally:
@@ -172,10 +172,10 @@ def test_who_wraps_our_callback_and_stays_is_asked_once() -> None:
 
 
 def test_nested_and_after_an_exception_the_slots_are_free() -> None:
-    with router.device_callbacks(), router.device_callbacks():
+    with callbacks.device_callbacks(), callbacks.device_callbacks():
         assert mujoco.get_mjcb_act_bias() is not None
     assert mujoco.get_mjcb_act_bias() is None
-    with pytest.raises(ZeroDivisionError), router.device_callbacks():
+    with pytest.raises(ZeroDivisionError), callbacks.device_callbacks():
         raise ZeroDivisionError
     assert mujoco.get_mjcb_act_dyn() is None
 
@@ -183,7 +183,7 @@ def test_nested_and_after_an_exception_the_slots_are_free() -> None:
 def test_models_in_several_threads_do_not_mix() -> None:
     def run(number: int, made: tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator], into: dict[int, float]) -> None:
         model, data, actuator = made
-        with router.device_callbacks():
+        with callbacks.device_callbacks():
             for _ in range(400):
                 data.qpos[0] = 0.34 + 0.005 * number
                 actuator.set_command(data, 1e5 * (number + 1))
@@ -212,7 +212,7 @@ def test_not_a_number_is_an_error_that_names_actuator_and_time(
     model, data, actuator = bench()
     data.qpos[0] = 0.34 if where == "command" else np.nan
     actuator.set_command(data, np.nan if where == "command" else 1e5)
-    with pytest.raises(SimulationError, match=r"muscle_tendon.*t = 0\.0000 s"), router.device_callbacks():
+    with pytest.raises(SimulationError, match=r"muscle_tendon.*t = 0\.0000 s"), callbacks.device_callbacks():
         mujoco.mj_step(model, data)
 
 
@@ -232,7 +232,7 @@ def test_reset_is_the_device_at_rest_and_a_saved_state_replays_bitwise() -> None
     actuator.set_command(data, 3e5)
     mujoco.mj_getState(model, data, saved, mujoco.mjtState.mjSTATE_INTEGRATION)
     ends = []
-    with router.device_callbacks():
+    with callbacks.device_callbacks():
         for _ in range(2):
             mujoco.mj_setState(model, data, saved, mujoco.mjtState.mjSTATE_INTEGRATION)
             for _ in range(50):

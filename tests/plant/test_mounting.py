@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from klute_sim.device import step as unit
-from klute_sim.device.files import load_device
-from klute_sim.device.step import DeviceParameters
+from klute_sim.device import dynamics as unit
+from klute_sim.device.device import load_device
+from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.errors import InputError, SimulationError
-from klute_sim.plant import batch, coupling, models, router
+from klute_sim.plant import batch, callbacks, coupling, models
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.plant.coupling import DAMPING_INDEX
 
@@ -49,7 +49,7 @@ def test_two_devices_among_unlike_actuators_each_do_their_own(law: str) -> None:
     placed = {name: DeviceActuator(model, name) for name in devices}
     states = {name: unit.compute_rest_state(each) for name, each in devices.items()}
     data.ctrl[:] = 0.3
-    with router.device_callbacks(law):
+    with callbacks.device_callbacks(law):
         for k in range(400):
             lengths = {
                 name: float(each.tendon.slack_length + each.muscle.resting_length * (0.97 + 0.04 * np.sin(0.01 * k)))
@@ -59,7 +59,7 @@ def test_two_devices_among_unlike_actuators_each_do_their_own(law: str) -> None:
             for name, joint in (("first", "x"), ("second", "y")):
                 data.joint(joint).qpos[0], data.joint(joint).qvel[0] = lengths[name], 0.0
                 placed[name].set_command(data, commands[name])
-            router.step_model(model, data)
+            callbacks.step_model(model, data)
             for name, each in devices.items():
                 states[name] = unit.advance_state(each, states[name], lengths[name], commands[name], STEP)
                 wanted = unit.compute_tension(each, states[name], lengths[name], 0.0)

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from klute_sim.device.files import load_device
+from klute_sim.device.device import load_device
+from klute_sim.device.dynamics import DeviceParameters, compute_taut_state
 from klute_sim.device.rollout import simulate_rollouts
-from klute_sim.device.step import DeviceParameters, compute_taut_state
-from klute_sim.plant import models, router
+from klute_sim.plant import callbacks, models
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.plant.coupling import DAMPING_INDEX
 
@@ -59,10 +59,10 @@ def in_the_air(
 def test_no_orifice_and_no_step_shakes_the_ankle(coefficient: float, step: float) -> None:
     model, data, actuator = in_the_air(damped(coefficient), step)
     angles = []
-    with router.device_callbacks():
+    with callbacks.device_callbacks():
         for k in range(round(1.5 / step)):
             actuator.set_command(data, [0.0, 3e5, 0.0, 5e5, 1e5, 4e5][int(4 * k * step)])
-            router.step_model(model, data)
+            callbacks.step_model(model, data)
             angles.append(float(data.qpos[0]))
     assert np.abs(angles).max() < 0.45
     last = np.diff(angles[-round(0.05 / step) :])
@@ -81,7 +81,7 @@ def test_a_nearly_closed_orifice_on_a_rigid_tie_stops_the_ankle(coefficient: flo
             actuator = DeviceActuator(model, "muscle_tendon")
         data.qvel[0] = 20.0
         moved = 0.0
-        with router.device_callbacks():
+        with callbacks.device_callbacks():
             for _ in range(round(0.03 / step)):
                 mujoco.mj_step(model, data)
                 moved = max(moved, abs(float(data.qpos[0])))
@@ -105,9 +105,9 @@ def test_shown_damping_changes_nothing_but_how_the_step_is_solved() -> None:
             actuator = DeviceActuator(model, "muscle_tendon")
         actuator.set_command(data, 3e5)
         seen = []
-        with router.device_callbacks():
+        with callbacks.device_callbacks():
             for _ in range(3000):
-                router.step_model(model, data)
+                callbacks.step_model(model, data)
                 seen.append(actuator.tension(data))
         tensions.append(seen)
         moment = float(data.qfrc_actuator[0] + data.qfrc_passive[0])
@@ -119,10 +119,10 @@ def test_shown_damping_changes_nothing_but_how_the_step_is_solved() -> None:
 def test_order_of_convergence_in_the_ankle_is_one() -> None:
     def angle(step: float) -> float:
         model, data, actuator = in_the_air(BASE, step)
-        with router.device_callbacks():
+        with callbacks.device_callbacks():
             for k in range(round(0.1 / step)):
                 actuator.set_command(data, 2e5 + 1.5e5 * np.sin(20 * k * step))
-                router.step_model(model, data)
+                callbacks.step_model(model, data)
         return float(data.qpos[0])
 
     errors = [abs(angle(h) - angle(h / 2)) for h in (1e-3, 5e-4, 2.5e-4, 1.25e-4)]
@@ -134,11 +134,11 @@ def test_the_device_alone_repeats_what_it_did_in_mujoco() -> None:
     model, data, actuator = in_the_air(BASE, 5e-4)
     begin = actuator.get_state(data)
     lengths, commands, seen = [], [], []
-    with router.device_callbacks():
+    with callbacks.device_callbacks():
         for k in range(2000):
             commands.append(3e5 * (k // 300 % 2))
             actuator.set_command(data, commands[-1])
-            router.step_model(model, data)
+            callbacks.step_model(model, data)
             lengths.append(actuator.unit_length(data))
             seen.append((actuator.tension(data), *actuator.get_state(data)[:2]))
     trace = simulate_rollouts(BASE, lengths, commands, 5e-4, initial_state=begin)

@@ -1,10 +1,10 @@
 """The diagnosis that is reported."""
 
-import diagnosis_made
 import pytest
 
-from klute_sim.diagnose.diagnosis import Diagnosis
-from klute_sim.report import diagnosis_page as page
+from klute_sim.diagnosis.workflow import Diagnosis
+from klute_sim.report.diagnosis import page
+from tests.report import synthetic_diagnosis as diagnosis_made
 
 
 @pytest.fixture(scope="session")

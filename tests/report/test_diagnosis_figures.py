@@ -5,14 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from diagnosis_made import axes_of, bare, clean
 
-from klute_sim.diagnose.diagnosis import Diagnosis
-from klute_sim.report import diagnosis_figures as pictures
-from klute_sim.report import diagnosis_page as page
-from klute_sim.report import diagnosis_traces as traces
-from klute_sim.report import diagnosis_words as words
+from klute_sim.diagnosis.workflow import Diagnosis
+from klute_sim.report.diagnosis import figures as pictures
+from klute_sim.report.diagnosis import page, traces
+from klute_sim.report.diagnosis import text as words
 from klute_sim.units import BAR
+from tests.report.synthetic_diagnosis import axes_of, bare, clean
 
 
 def test_fitted_trials_are_not_sold_as_kept_back(found: Diagnosis) -> None:

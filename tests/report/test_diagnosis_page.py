@@ -5,13 +5,13 @@ import re
 from dataclasses import replace
 
 import pytest
-from diagnosis_made import SLOPE, bare, clean, evil, rivalled, rows_of, text_of
 
-from klute_sim.diagnose.diagnosis import Diagnosis
+from klute_sim.diagnosis.workflow import Diagnosis
 from klute_sim.provenance import collect_versions
-from klute_sim.report import diagnosis_page as page
-from klute_sim.report import diagnosis_words as words
+from klute_sim.report.diagnosis import page
+from klute_sim.report.diagnosis import text as words
 from klute_sim.units import BAR
+from tests.report.synthetic_diagnosis import SLOPE, bare, clean, evil, rivalled, rows_of, text_of
 
 
 def test_the_example_is_what_it_should_be(found: Diagnosis) -> None:

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnosis_made import bare, evil
 
-from klute_sim.diagnose.diagnosis import Diagnosis
+from klute_sim.diagnosis.workflow import Diagnosis
 from klute_sim.errors import InputError, MissingExtraError
-from klute_sim.report import diagnosis_traces as traces
-from klute_sim.report import diagnosis_words as words
-from klute_sim.report.workbench import diagnosis as recording
-from klute_sim.report.workbench import diagnosis_map
+from klute_sim.report.diagnosis import text as words
+from klute_sim.report.diagnosis import traces
 from klute_sim.units import BAR
+from klute_sim.viewer.layouts import diagnosis as recording
+from klute_sim.viewer.layouts import diagnosis_map
+from tests.report.synthetic_diagnosis import bare, evil
 
 
 @pytest.fixture(scope="module")

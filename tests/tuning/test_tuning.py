@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from klute_sim.control.pressure import PressureProfile, load_default_profile
-from klute_sim.device.files import Device, load_device
+from klute_sim.controllers.pressure import PressureProfile, load_default_profile
+from klute_sim.device.device import Device, load_device
 from klute_sim.errors import InputError, KluteSimError
-from klute_sim.sweep.plan import GaitCase
-from klute_sim.sweep.runner import ResultCallback
-from klute_sim.sweep.store import open_store
-from klute_sim.sweep.walk import METRIC_COLUMNS, CaseResult
+from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, CaseResult
+from klute_sim.parameter_sweep.plan import GaitCase
+from klute_sim.parameter_sweep.runner import ResultCallback
+from klute_sim.parameter_sweep.store import open_store
+from klute_sim.tuning.design_variables import DEFAULT_DEVICE_KEYS, DesignSpace
 from klute_sim.tuning.folder import describe_problem
-from klute_sim.tuning.knobs import DEFAULT_DEVICE_KEYS, DesignSpace
 from klute_sim.tuning.objective import (
     FALL_COST,
     HUMAN_GOALS,

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 
-from klute_sim.control import learned, word
-from klute_sim.control.pressure import PressureProfile, parse_profile
-from klute_sim.control.word import Controller
-from klute_sim.device.files import DEFAULT_DEVICE, Device, load_device, parse_device
+from klute_sim.controllers import learned, parse
+from klute_sim.controllers.parse import Controller
+from klute_sim.controllers.pressure import PressureProfile, parse_profile
+from klute_sim.device.device import DEFAULT_DEVICE, Device, load_device, parse_device
 from klute_sim.errors import InputError
 
 
@@ -57,7 +57,7 @@ def _load_controller(text: str) -> Controller:
     if text.endswith(".npz"):
         with resources.as_file(_get_data_folder() / text) as path:
             return learned.load_policy_controller(path)
-    return _load_profile(text) if text.endswith(".csv") else word.parse_controller(text)
+    return _load_profile(text) if text.endswith(".csv") else parse.parse_controller(text)
 
 
 def _load_profile(name: str) -> PressureProfile:

@@ -26,7 +26,7 @@ COMMANDS = {
     "effects": ("klute_sim.cli.effects", "List physical effects the base model leaves out, or show one."),
     "import": ("klute_sim.cli.import_", "Make a reference of a motion laboratory's files: C3D, OpenSim, CSV, Parquet."),
     "export": ("klute_sim.cli.export", "Write a run's motion and loads as OpenSim, CSV or Parquet files."),
-    "measure": ("klute_sim.cli.measure", "Plan bench measurements: commands, files to fill, what to record."),
+    "measure": ("klute_sim.cli.plan", "Plan bench measurements: commands, files to fill, what to record."),
     "tune": ("klute_sim.cli.tune", "Tune a pressure profile, or device and profile together, on the gait rig."),
     "train": ("klute_sim.cli.train", "Train a policy to walk, and compare it with the hand-tuned profile."),
     "baselines": ("klute_sim.cli.baselines", "Walk what a new controller or device is held against."),

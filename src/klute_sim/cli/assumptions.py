@@ -8,8 +8,8 @@ import click
 from klute_sim.cli import common
 
 if TYPE_CHECKING:
-    from klute_sim.device.files import Device
-    from klute_sim.reproduce.assumed import MetricsFunction
+    from klute_sim.device.device import Device
+    from klute_sim.reproduction.assumptions import MetricsFunction
 
 MIN_RELATIVE_CHANGE = 0.005
 """Relative change that is worth a word."""
@@ -37,8 +37,8 @@ def command(names: tuple[str, ...], gait: bool, as_json: bool) -> None:
       klute-sim assumptions my-device.toml --json
     """
     from klute_sim.cli.console import progress_bar
-    from klute_sim.device.files import list_presets, load_device
-    from klute_sim.reproduce.assumed import make_bench_metrics, perturb_assumptions
+    from klute_sim.device.device import list_presets, load_device
+    from klute_sim.reproduction.assumptions import make_bench_metrics, perturb_assumptions
 
     devices = [load_device(name) for name in names or list_presets()]
     found: dict[str, Any] = {}
@@ -72,10 +72,10 @@ def _merge_outputs(first: "MetricsFunction", second: "MetricsFunction") -> "Metr
 
 
 def _compute_gait_outputs(device: "Device") -> dict[str, float]:
-    from klute_sim.control.pressure import load_default_profile
-    from klute_sim.report.outcomes import compute_gait_metrics
-    from klute_sim.rigs.gait.assembly import GaitOptions
-    from klute_sim.rigs.gait.rig import simulate_gait
+    from klute_sim.controllers.pressure import load_default_profile
+    from klute_sim.gait.metrics import compute_gait_metrics
+    from klute_sim.gait.rig.rig import simulate_gait
+    from klute_sim.gait.rig.setup import GaitOptions
 
     result = compute_gait_metrics(simulate_gait(device, load_default_profile(), GaitOptions(strides=3)))
     return {

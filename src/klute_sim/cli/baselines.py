@@ -59,10 +59,10 @@ def command(
     from klute_sim.baselines import table
     from klute_sim.baselines.library import load_baselines
     from klute_sim.cli.console import progress_bar, stdout_console
-    from klute_sim.report.table import MAX_GRF_TRACKING_RMS_BW
-    from klute_sim.sweep.local import LocalRunner
-    from klute_sim.sweep.store import open_store, write_atomically
-    from klute_sim.sweep.sweep import run_cases
+    from klute_sim.parameter_sweep.local import LocalRunner
+    from klute_sim.parameter_sweep.store import open_store, write_atomically
+    from klute_sim.parameter_sweep.sweep import run_cases
+    from klute_sim.report.gait.table import MAX_GRF_TRACKING_RMS_BW
 
     planned = table.plan_runs(load_baselines(only), mass, strides, 1e-3 * step_ms)
     store = open_store(out, table.describe_runs(planned), "baselines")

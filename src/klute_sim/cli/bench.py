@@ -9,8 +9,8 @@ import click
 from klute_sim.cli import common
 
 if TYPE_CHECKING:
-    from klute_sim.device.files import Device
-    from klute_sim.rigs.bench.run import BenchResult
+    from klute_sim.bench.run import BenchResult
+    from klute_sim.device.device import Device
 
 DEFAULT_DEVICE = "klute-3-4-pair"
 """Tested where none is named: the muscle-tendon unit of chapters 7 and 8."""
@@ -63,18 +63,18 @@ def command(
             raise InputError(f"{'--toml needs' if as_toml else '--list goes without'} a protocol")
         _list_protocols(as_json=as_json)
         return
-    from klute_sim.rigs.bench import protocols
+    from klute_sim.bench.protocols import library as protocols_library
 
-    content = protocols.read_protocol_bytes(protocol_name)
-    protocol = protocols.parse_protocol(content, protocol_name)
+    content = protocols_library.read_protocol_bytes(protocol_name)
+    protocol = protocols_library.parse_protocol(content, protocol_name)
     if as_toml:
         if as_json:
             raise InputError("--toml and --json do not go together")
         click.echo(content.decode("utf-8-sig"), nl=False)
         return
+    from klute_sim.bench.run import run_protocol
     from klute_sim.cli.console import progress_bar
     from klute_sim.recording import run_folder
-    from klute_sim.rigs.bench.run import run_protocol
 
     device = _load_device(DEFAULT_DEVICE if device_name is None else device_name)
     with run_folder.create_run_folder("bench", out) as (folder, scratch):
@@ -86,24 +86,24 @@ def command(
 
 def _load_device(name: str) -> "Device":
     """The preset or device file of that ``name``; raises InputError, also for what is a protocol."""
-    from klute_sim.device.files import list_presets, load_device
+    from klute_sim.bench.protocols import library as protocols_library
+    from klute_sim.device.device import list_presets, load_device
     from klute_sim.errors import InputError
-    from klute_sim.rigs.bench import protocols
 
     swapped = f"'{name}' is a protocol where a device is expected: klute-sim bench PROTOCOL DEVICE"
-    if name in protocols.list_protocols():
+    if name in protocols_library.list_protocols():
         raise InputError(swapped)
     path = Path(name)
     file = name not in list_presets() and path.exists() and not path.is_dir()
-    if file and protocols.is_protocol(protocols.read_small_file(name, "device")):
+    if file and protocols_library.is_protocol(protocols_library.read_small_file(name, "device")):
         raise InputError(swapped)
     return load_device(name)
 
 
 def _list_protocols(*, as_json: bool) -> None:
-    from klute_sim.rigs.bench import protocols
+    from klute_sim.bench.protocols import library as protocols_library
 
-    known = {name: protocols.load_protocol(name) for name in protocols.list_protocols()}
+    known = {name: protocols_library.load_protocol(name) for name in protocols_library.list_protocols()}
     if as_json:
         rows = [{"name": name, "kind": p.kind, "description": p.description} for name, p in known.items()]
         click.echo(json.dumps(rows, indent=2))
@@ -116,8 +116,8 @@ def _write(result: "BenchResult", content: bytes, folder: Path, scratch: Path) -
     """Fill ``scratch``; the summary."""
     from klute_sim.cli.console import progress_bar
     from klute_sim.recording import parquet
-    from klute_sim.report import bench_figure
-    from klute_sim.report.bench import format_results_csv, summarize_bench_run
+    from klute_sim.report.bench import figure as bench_figure
+    from klute_sim.report.bench.table import format_results_csv, summarize_bench_run
 
     with progress_bar("writing") as progress:
         (scratch / "device.toml").write_bytes(result.device.content)
@@ -139,7 +139,7 @@ def _to_json(summary: dict[str, Any]) -> str:
 
 def _report(result: "BenchResult", summary: dict[str, Any], *, as_json: bool) -> None:
     from klute_sim.cli.console import stdout_console
-    from klute_sim.report.bench import build_table
+    from klute_sim.report.bench.table import build_table
 
     if as_json:
         click.echo(_to_json(summary))

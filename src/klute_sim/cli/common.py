@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from klute_sim.cli.given_path import NonEmptyPath
+from klute_sim.cli.nonempty_path import NonEmptyPath
 
 
 class NumberWithUnit(click.types.FloatParamType):

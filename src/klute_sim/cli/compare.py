@@ -9,7 +9,7 @@ import click
 from klute_sim.cli import common
 
 if TYPE_CHECKING:
-    from klute_sim.compare.comparison import Comparison
+    from klute_sim.comparison.comparison import Comparison
 
 
 RECORDING_FILE = "comparison.rrd"
@@ -82,10 +82,10 @@ def command(
       klute-sim compare runs/gait-001 runs/gait-002 --over time --channel pressure --json
     """
     from klute_sim.cli.console import stderr_console, stdout_console
-    from klute_sim.compare import runs as given
-    from klute_sim.compare.comparison import ComparisonOptions, compare
+    from klute_sim.comparison import runs as given
+    from klute_sim.comparison.comparison import ComparisonOptions, compare
     from klute_sim.recording import run_folder
-    from klute_sim.report.compare_table import build_tables, collect_remarks
+    from klute_sim.report.comparison.table import build_tables, collect_remarks
 
     options = ComparisonOptions(
         domain=over, channels=channels, include_reference=reference, baseline=to, skip_strides=skip
@@ -108,7 +108,7 @@ def command(
 
 def _write(comparison: "Comparison", folder: Path, scratch: Path, *, report: bool) -> tuple[dict[str, Any], str | None]:
     """Fill ``scratch``; what is in comparison.json, and what an optional extra would have added."""
-    from klute_sim.compare import results
+    from klute_sim.comparison import results
 
     (scratch / "comparison.csv").write_text(results.format_csv(comparison), "utf-8")
     results.write_curves(comparison, scratch / "bands.parquet")
@@ -122,22 +122,23 @@ def _write(comparison: "Comparison", folder: Path, scratch: Path, *, report: boo
 def _write_report(comparison: "Comparison", scratch: Path) -> str | None:
     from klute_sim.cli.console import progress_bar
     from klute_sim.errors import MissingExtraError
-    from klute_sim.report import compare_figures, compare_page
-    from klute_sim.report.workbench import comparison as workbench
+    from klute_sim.report.comparison import figures as comparison_figures
+    from klute_sim.report.comparison import page as comparison_page
+    from klute_sim.viewer.layouts import comparison as workbench
 
     pictures = {}
     with progress_bar("drawing") as progress:
-        for number, (part, figure) in enumerate(compare_figures.build_figures(comparison), start=1):
+        for number, (part, figure) in enumerate(comparison_figures.build_figures(comparison), start=1):
             file = scratch / f"{part.name or 'comparison'}.png"
-            figure.savefig(file, dpi=compare_figures.DPI)
+            figure.savefig(file, dpi=comparison_figures.DPI)
             pictures[part.name] = file.read_bytes()
-            progress(0.8 * number / min(len(comparison.parts), compare_figures.MAX_FIGURES))
+            progress(0.8 * number / min(len(comparison.parts), comparison_figures.MAX_FIGURES))
         missing, recording = None, RECORDING_FILE
         try:
             workbench.write_recording(comparison, scratch / RECORDING_FILE)
         except MissingExtraError as error:
             missing, recording = str(error), ""
-        compare_page.write_page(comparison, pictures, scratch / "comparison.html", recording)
+        comparison_page.write_page(comparison, pictures, scratch / "comparison.html", recording)
     return missing
 
 

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import NonEmptyPath
+from klute_sim.cli.nonempty_path import NonEmptyPath
 from klute_sim.laws.hill_tables import HILL_CURVES
 
 if TYPE_CHECKING:
-    from klute_sim.design.choices import DesignChoices
-    from klute_sim.design.sizing import Design
-    from klute_sim.design.target import MuscleTarget, WalkerTarget
+    from klute_sim.sizing.choices import DesignChoices
+    from klute_sim.sizing.sizing import Design
+    from klute_sim.sizing.target import MuscleTarget, WalkerTarget
 
 
 def _number_option(name: str, metavar: str, help_text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -84,11 +84,11 @@ def command(out: Path | None, as_json: bool, name: str, **given: Any) -> None:
       klute-sim design --f0 1400 --l0 250 --vmax 300 --a 0.28 --b 0.28
       klute-sim design --actuator klute-3-4 --count 2 --resting-length 250 --eccentric-force 400
     """
-    from klute_sim.control.pressure import profile_to_csv
-    from klute_sim.design.sizing import design_device
-    from klute_sim.design.target import WalkerTarget
+    from klute_sim.controllers.pressure import profile_to_csv
     from klute_sim.errors import InputError
     from klute_sim.recording import run_folder
+    from klute_sim.sizing.sizing import design_device
+    from klute_sim.sizing.target import WalkerTarget
 
     if not name:
         raise InputError("--name is empty: give the device a name")
@@ -104,9 +104,9 @@ def command(out: Path | None, as_json: bool, name: str, **given: Any) -> None:
 
 def _build_target(options: dict[str, Any]) -> "MuscleTarget | WalkerTarget":
     """The muscle or the walker that is asked for; raises InputError for options that do not go together."""
-    from klute_sim.design.target import MuscleTarget, WalkerTarget, load_table_target
     from klute_sim.errors import InputError
-    from klute_sim.rigs.gait import reference
+    from klute_sim.gait import reference
+    from klute_sim.sizing.target import MuscleTarget, WalkerTarget, load_table_target
 
     if options["mass"] is not None:
         for option in ("muscle", "f0", "l0"):
@@ -144,7 +144,7 @@ def _build_target(options: dict[str, Any]) -> "MuscleTarget | WalkerTarget":
 
 
 def _build_choices(options: dict[str, Any]) -> "DesignChoices":
-    from klute_sim.design.choices import PA_PER_MPA, DesignAssumptions, DesignChoices
+    from klute_sim.sizing.choices import PA_PER_MPA, DesignAssumptions, DesignChoices
     from klute_sim.units import BAR
 
     def si(names: dict[str, tuple[str, float]]) -> dict[str, Any]:
@@ -180,7 +180,7 @@ def _build_choices(options: dict[str, Any]) -> "DesignChoices":
 
 def _check_fits_shank(result: "Design", walker: "WalkerTarget") -> None:
     """Raise InputError for a device that the gait rig's leg has no room for."""
-    from klute_sim.rigs.gait.build import MODEL_STATURE, build_gait_model
+    from klute_sim.gait.rig.build import MODEL_STATURE, build_gait_model
 
     build_gait_model(result.device, mass=walker.mass, stature=MODEL_STATURE, dt=1e-3)
 
@@ -188,10 +188,10 @@ def _check_fits_shank(result: "Design", walker: "WalkerTarget") -> None:
 def _write(result: "Design", folder: Path, scratch: Path, reference_file: Path | None) -> dict[str, Any]:
     """Fill ``scratch``; the summary, with what is said beside the tables."""
     from klute_sim.cli.console import progress_bar
-    from klute_sim.design.sensitivity import analyse_sensitivity
-    from klute_sim.design.summary import build_summary
-    from klute_sim.report import design_figure
-    from klute_sim.report.design_table import collect_remarks
+    from klute_sim.report.design import figure as design_figure
+    from klute_sim.report.design.table import collect_remarks
+    from klute_sim.sizing.sensitivity import analyse_sensitivity
+    from klute_sim.sizing.summary import build_summary
 
     with progress_bar("varying the assumptions") as progress:
         effects = analyse_sensitivity(result, progress)
@@ -206,7 +206,7 @@ def _write(result: "Design", folder: Path, scratch: Path, reference_file: Path |
 
 def _build_gait_command(result: "Design", folder: Path, reference_file: Path | None) -> str | None:
     """The command that walks with the design under the profile written with it; None without a walker."""
-    from klute_sim.design.target import WalkerTarget
+    from klute_sim.sizing.target import WalkerTarget
 
     if not isinstance(result.target, WalkerTarget):
         return None
@@ -222,7 +222,7 @@ def _to_json(summary: dict[str, Any]) -> str:
 
 def _report(summary: dict[str, Any], *, as_json: bool) -> None:
     from klute_sim.cli.console import stdout_console
-    from klute_sim.report.design_table import build_tables
+    from klute_sim.report.design.table import build_tables
 
     if as_json:
         click.echo(_to_json(summary))

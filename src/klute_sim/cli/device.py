@@ -8,7 +8,7 @@ import click
 from klute_sim.cli import common
 
 if TYPE_CHECKING:
-    from klute_sim.device.files import Device
+    from klute_sim.device.device import Device
 
 LENGTH_RATIOS = (0.7, 0.8, 0.9, 0.96, 1.0)
 """Muscle lengths over resting length at which forces are listed: those of the source's check."""
@@ -40,7 +40,7 @@ def command(name: str | None, pressure: float | None, as_toml: bool, as_json: bo
       klute-sim device klute-1-1-4-pair --toml > my-device.toml
       klute-sim device my-device.toml --pressure 3 --json
     """
-    from klute_sim.device.files import list_presets, load_device
+    from klute_sim.device.device import list_presets, load_device
     from klute_sim.errors import InputError
 
     if as_toml and as_json:

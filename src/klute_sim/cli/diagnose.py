@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import NonEmptyPath
+from klute_sim.cli.nonempty_path import NonEmptyPath
 
 if TYPE_CHECKING:
-    from klute_sim.diagnose.diagnosis import Diagnosis
+    from klute_sim.diagnosis.workflow import Diagnosis
 
 
 RECORDING_FILE = "recording.rrd"
@@ -67,10 +67,10 @@ def command(
         known.use_catalogue(catalogue)
         stderr_console().print(f"{catalogue} was run for its effects.")
 
-    from klute_sim.dataset import dataset
-    from klute_sim.device.files import load_device
-    from klute_sim.diagnose.diagnosis import DiagnosisOptions, diagnose
-    from klute_sim.diagnose.verdict import verdict_to_dict as verdict_of
+    from klute_sim.datasets import dataset
+    from klute_sim.device.device import load_device
+    from klute_sim.diagnosis.verdict import verdict_to_dict as verdict_of
+    from klute_sim.diagnosis.workflow import DiagnosisOptions, diagnose
     from klute_sim.recording import run_folder
 
     if example:
@@ -101,7 +101,7 @@ def _write_example(folder: Path) -> None:
     from klute_sim.errors import InputError
     from klute_sim.recording import run_folder
 
-    content = {f.name: f.read_bytes() for f in (resources.files("klute_sim.dataset") / "example").iterdir()}
+    content = {f.name: f.read_bytes() for f in (resources.files("klute_sim.datasets") / "example").iterdir()}
     if all((folder / name).is_file() and (folder / name).read_bytes() == own for name, own in content.items()):
         raise InputError(f"the example dataset is in {folder} already: leave out --example")
     with run_folder.create_run_folder("dataset", folder) as (_, scratch):
@@ -123,8 +123,8 @@ def _show_status() -> "Iterator[Callable[[str], None]]":
 
 def write_results(diagnosis: "Diagnosis", scratch: Path, *, report: bool) -> None:
     """All results of ``found`` into the folder ``scratch``; page, plots and recording with ``report``."""
-    from klute_sim.diagnose.device_file import augment_device
-    from klute_sim.diagnose.verdict import DEVICE_FILE_NAME, verdict_to_dict
+    from klute_sim.diagnosis.device_file import augment_device
+    from klute_sim.diagnosis.verdict import DEVICE_FILE_NAME, verdict_to_dict
     from klute_sim.errors import InputError
 
     if diagnosis.added_terms and diagnosis.final_fit is not None:
@@ -139,8 +139,9 @@ def write_results(diagnosis: "Diagnosis", scratch: Path, *, report: bool) -> Non
     if not report:
         return
     from klute_sim.errors import MissingExtraError
-    from klute_sim.report import diagnosis_figures, diagnosis_page
-    from klute_sim.report.workbench import diagnosis as workbench
+    from klute_sim.report.diagnosis import figures as diagnosis_figures
+    from klute_sim.report.diagnosis import page as diagnosis_page
+    from klute_sim.viewer.layouts import diagnosis as workbench
 
     recording = ""
     if diagnosis.final_fit is not None:
@@ -155,9 +156,9 @@ def _print(diagnosis: "Diagnosis", folder: "Path") -> None:
     from rich.table import Table
 
     from klute_sim.cli.console import stdout_console
-    from klute_sim.diagnose.experiment import CHANNEL_UNITS
-    from klute_sim.diagnose.fallback import format_formula
-    from klute_sim.report import diagnosis_words as words
+    from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+    from klute_sim.diagnosis.selection.sparse_regression import format_formula
+    from klute_sim.report.diagnosis import text as words
 
     out = stdout_console()
     out.print(words.describe_verdict(diagnosis), style="bold", soft_wrap=True)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import NonEmptyPath
-from klute_sim.report import effects_words as words
+from klute_sim.cli.nonempty_path import NonEmptyPath
+from klute_sim.report.effects import text as words
 
 if TYPE_CHECKING:
     from klute_sim.effects.effect import Effect
@@ -94,11 +94,11 @@ def _analyze_identifiability(device_name: str, effect: "Effect | None", out: Pat
     from contextlib import nullcontext
 
     from klute_sim.cli.console import progress_bar, stdout_console
-    from klute_sim.device.files import load_device
-    from klute_sim.diagnose.confusable import compute_identifiability, remove_base_effect, to_json_rows
-    from klute_sim.diagnose.experiment import Simulator
+    from klute_sim.device.device import load_device
+    from klute_sim.diagnosis.experiments.base import Simulator
+    from klute_sim.diagnosis.planning.identifiability import compute_identifiability, remove_base_effect, to_json_rows
     from klute_sim.recording import run_folder
-    from klute_sim.report import effects_figures
+    from klute_sim.report.effects import figures as effects_figures
 
     device, bench = load_device(device_name), Simulator()
     if effect is not None:
@@ -142,11 +142,11 @@ def _print_identifiability(rows: list[dict[str, Any]]) -> None:
 def _draw_signatures(device_name: str, effect: "Effect", out: Path) -> None:
     """A picture of every form of ``effect`` (of an instrument: on the force)."""
     from klute_sim.cli.console import stderr_console
-    from klute_sim.device.files import load_device
-    from klute_sim.diagnose.experiment import Simulator
-    from klute_sim.diagnose.signature import simulate_effect_responses
+    from klute_sim.device.device import load_device
+    from klute_sim.diagnosis.experiments.base import Simulator
+    from klute_sim.diagnosis.planning.signatures import simulate_effect_responses
     from klute_sim.recording import run_folder
-    from klute_sim.report import effects_figures
+    from klute_sim.report.effects import figures as effects_figures
 
     device, bench = load_device(device_name), Simulator()
     with run_folder.create_run_folder("effects", out) as (place, scratch):

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import NonEmptyPath
+from klute_sim.cli.nonempty_path import NonEmptyPath
 
 FILE_FORMATS = ("mot", "sto", "trc", "log", "csv", "parquet")
 
@@ -39,7 +39,7 @@ def command(run: Path, kinds: tuple[str, ...], side: Any, out: Path | None) -> N
       klute-sim export runs/gait-001 --format trc --format mot --out for-opensim
     """
     from klute_sim.cli.console import stdout_console
-    from klute_sim.motion import export
+    from klute_sim.mocap import export
     from klute_sim.recording import run_folder
 
     recording = export.read_gait(run)

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import NonEmptyPath
+from klute_sim.cli.nonempty_path import NonEmptyPath
 
 if TYPE_CHECKING:
-    from klute_sim.control.word import Controller
-    from klute_sim.device.files import Device
+    from klute_sim.controllers.parse import Controller
+    from klute_sim.device.device import Device
+    from klute_sim.gait.rig.setup import GaitOptions
     from klute_sim.recording.recording import Recording
-    from klute_sim.rigs.gait.assembly import GaitOptions
 
 
 @click.command("gait")
@@ -126,16 +126,16 @@ def command(
       klute-sim gait --json | python -m json.tool
     """
     from klute_sim.cli.console import stderr_console
-    from klute_sim.control import word
-    from klute_sim.device.files import DEFAULT_DEVICE, load_device
+    from klute_sim.controllers import parse
+    from klute_sim.device.device import DEFAULT_DEVICE, load_device
     from klute_sim.errors import InputError
+    from klute_sim.gait import reference
+    from klute_sim.gait.rig.setup import GaitOptions
+    from klute_sim.gait.spring_foot import SpringFoot
     from klute_sim.recording import run_folder
-    from klute_sim.rigs.gait import reference
-    from klute_sim.rigs.gait.assembly import GaitOptions
-    from klute_sim.rigs.gait.spring_foot import SpringFoot
 
     device = load_device(DEFAULT_DEVICE if device_name is None else device_name)
-    chosen = word.parse_controller(
+    chosen = parse.parse_controller(
         controller_word if controller_word is not None else "off" if spring_foot else "profile"
     )
     if spring_foot is not None and controller_word not in (None, "off"):
@@ -172,7 +172,7 @@ def _first_not_none(*values: float | None) -> float:
 
 def _check_supply_pressure(device: "Device", controller: "Controller") -> str:
     """What to say of a profile that asks for more than the supply has; raises InputError for a constant that does."""
-    from klute_sim.control.pressure import ConstantPressure, PressureProfile
+    from klute_sim.controllers.pressure import ConstantPressure, PressureProfile
     from klute_sim.errors import InputError
     from klute_sim.units import BAR
 
@@ -188,7 +188,7 @@ def _check_supply_pressure(device: "Device", controller: "Controller") -> str:
 
 def _simulate(device: "Device", controller: "Controller", options: "GaitOptions", backend: str) -> "Recording":
     from klute_sim.cli.console import progress_bar
-    from klute_sim.rigs.gait.rig import simulate_gait
+    from klute_sim.gait.rig.rig import simulate_gait
 
     with progress_bar("walking") as progress:
         return simulate_gait(device, controller, options, progress, backend)
@@ -200,11 +200,11 @@ def _write(
     """Fill ``scratch``; the summary, and what an optional extra would have added."""
     from klute_sim.cli.console import progress_bar
     from klute_sim.errors import MissingExtraError
+    from klute_sim.gait.metrics import compute_gait_metrics, summarize_gait_run
+    from klute_sim.gait.rig.build import build_gait_model
     from klute_sim.recording import csv, parquet
-    from klute_sim.report import figure
-    from klute_sim.report.outcomes import compute_gait_metrics, summarize_gait_run
-    from klute_sim.report.workbench import gait as workbench
-    from klute_sim.rigs.gait.build import build_gait_model
+    from klute_sim.report.gait import figure
+    from klute_sim.viewer.layouts import gait as workbench
 
     missing = None
     with progress_bar("writing") as progress:
@@ -232,8 +232,8 @@ def _to_json(result: dict[str, Any]) -> str:
 
 def _report(recording: "Recording", result: dict[str, Any], missing: str | None, *, as_json: bool) -> None:
     from klute_sim.cli.console import stderr_console, stdout_console
-    from klute_sim.report.outcomes import compute_gait_metrics
-    from klute_sim.report.table import build_table, collect_remarks
+    from klute_sim.gait.metrics import compute_gait_metrics
+    from klute_sim.report.gait.table import build_table, collect_remarks
 
     if as_json:
         click.echo(_to_json(result))

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import NonEmptyPath
+from klute_sim.cli.nonempty_path import NonEmptyPath
 
 if TYPE_CHECKING:
-    from klute_sim.motion.dataset_folder import DatasetOptions
-    from klute_sim.motion.importing import ImportedReference
-    from klute_sim.motion.options import ImportOptions
+    from klute_sim.mocap.dataset_import import DatasetOptions
+    from klute_sim.mocap.options import ImportOptions
+    from klute_sim.mocap.reference_import import ImportedReference
 
 
 @click.command("import")
@@ -130,8 +130,8 @@ def command(
       klute-sim diagnose my-walks
     """
     from klute_sim.errors import InputError
-    from klute_sim.motion import mapping
-    from klute_sim.motion.options import LOAD_CUTOFF_HZ, MOTION_CUTOFF_HZ, ImportOptions
+    from klute_sim.mocap.options import LOAD_CUTOFF_HZ, MOTION_CUTOFF_HZ, ImportOptions
+    from klute_sim.mocap.parsing import mapping
 
     filters = {"--cutoff": cutoff, "--load-cutoff": load_cutoff, "--stature": stature}
     alone = {"--device": device, "--uncertain": uncertain or None, "--repeats": repeats}
@@ -161,13 +161,13 @@ def _import_reference(
     files: tuple[Path, ...], options: "ImportOptions", out: Path | None, *, verbose: bool, as_json: bool
 ) -> None:
     from klute_sim.cli.console import progress_bar
-    from klute_sim.motion import folder as folders
-    from klute_sim.motion import importing
+    from klute_sim.mocap import reference_folder as folders
+    from klute_sim.mocap import reference_import
     from klute_sim.recording import run_folder
 
     with run_folder.create_run_folder("import", out) as (folder, scratch):
         with progress_bar("importing") as progress:
-            imported = importing.import_reference(files, options, progress)
+            imported = reference_import.import_reference(files, options, progress)
         result = folders.write_reference(imported, scratch)
     if as_json:
         click.echo(json.dumps({**result, "run": str(folder)}, indent=2, allow_nan=False))
@@ -177,7 +177,7 @@ def _import_reference(
 
 def _parse_dataset_options(device: str | None, uncertain: tuple[str, ...], repeats: int | None) -> "DatasetOptions":
     from klute_sim.errors import InputError
-    from klute_sim.motion.dataset_folder import DatasetOptions
+    from klute_sim.mocap.dataset_import import DatasetOptions
 
     if device is None:
         raise InputError("a dataset needs --device: the preset or the device file of the prosthesis that was walked on")
@@ -202,20 +202,20 @@ def _import_dataset(
     as_json: bool,
 ) -> None:
     from klute_sim.cli.console import progress_bar, stdout_console
-    from klute_sim.motion import dataset_folder
+    from klute_sim.mocap import dataset_import
     from klute_sim.recording import run_folder
-    from klute_sim.report import import_table
+    from klute_sim.report.mocap import table as mocap_table
 
     with run_folder.create_run_folder("import", out) as (folder, scratch):
         with progress_bar("importing") as progress:
-            gathered = dataset_folder.import_dataset(files, options, dataset_options, progress)
-        result = dataset_folder.write_dataset(gathered, scratch)
+            gathered = dataset_import.import_dataset(files, options, dataset_options, progress)
+        result = dataset_import.write_dataset(gathered, scratch)
     if as_json:
         click.echo(json.dumps({**result, "run": str(folder)}, indent=2, allow_nan=False))
         return
     shown = stdout_console()
     _print_findings(result, verbose=verbose)
-    shown.print(import_table.build_trials_table(result))
+    shown.print(mocap_table.build_trials_table(result))
     split = result["split"]
     uses = ", ".join(f"{len(split[use])} to {use}" for use in ("fit", "select", "show"))
     shown.print(f"Use: {uses}; {split['how']}.", soft_wrap=True)
@@ -234,20 +234,20 @@ def _print_reference(imported: "ImportedReference", result: dict[str, Any], fold
 def _print_findings(result: dict[str, Any], *, verbose: bool) -> None:
     """What is suspicious and missing, and what was found, mapped and derived."""
     from klute_sim.cli.console import stdout_console
-    from klute_sim.report import import_table
+    from klute_sim.report.mocap import table as mocap_table
 
     out = stdout_console()
     for title in ("suspicious", "missing", "derived"):
-        for sentence in result[title] if verbose else import_table.collect_sentences(result, title):
+        for sentence in result[title] if verbose else mocap_table.collect_sentences(result, title):
             out.print(f"{title.capitalize()}: {sentence}", soft_wrap=True)
-    out.print(import_table.build_files_table(result))
-    out.print(import_table.build_channels_table(result, all_files=verbose))
+    out.print(mocap_table.build_files_table(result))
+    out.print(mocap_table.build_channels_table(result, all_files=verbose))
     if not verbose:
         out.print("Mapped file by file: --verbose, or import.json", soft_wrap=True)
 
 
 def _summarize_strides(imported: "ImportedReference") -> str:
-    from klute_sim.motion.folder import describe_filters
+    from klute_sim.mocap.reference_folder import describe_filters
 
     count = len(imported.strides[imported.side])
     speed = "" if imported.walking_speed is None else f", {imported.walking_speed:.2f} m/s"

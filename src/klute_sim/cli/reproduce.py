@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import NonEmptyPath
+from klute_sim.cli.nonempty_path import NonEmptyPath
 
 if TYPE_CHECKING:
-    from klute_sim.reproduce.walk import Reproduction
+    from klute_sim.reproduction.run import Reproduction
 
 DEFAULT_DEVICE = "klute-3-4-pair"
 
@@ -54,12 +54,13 @@ def command(
       klute-sim reproduce --json | python -m json.tool
     """
     from klute_sim.cli.console import progress_bar
-    from klute_sim.device.files import load_device
+    from klute_sim.device.device import load_device
     from klute_sim.errors import InputError
     from klute_sim.recording import run_folder
-    from klute_sim.report import reproduction_figures, reproduction_page
-    from klute_sim.reproduce import printed
-    from klute_sim.reproduce.walk import run_reproduction
+    from klute_sim.report.reproduction import figures as reproduction_figures
+    from klute_sim.report.reproduction import page as reproduction_page
+    from klute_sim.reproduction import printed
+    from klute_sim.reproduction.run import run_reproduction
 
     if missing:
         if published_file or out or as_json or every:
@@ -93,7 +94,7 @@ def _print(reproduction: "Reproduction", folder: Path, *, show_all: bool) -> Non
     from rich.table import Table
 
     from klute_sim.cli.console import stdout_console
-    from klute_sim.report.reproduction_page import (
+    from klute_sim.report.reproduction.page import (
         VERDICT_MEANINGS,
         count_agreeing_inputs,
         count_verdicts,

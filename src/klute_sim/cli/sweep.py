@@ -10,10 +10,10 @@ import click
 from klute_sim.cli import common
 
 if TYPE_CHECKING:
-    from klute_sim.rigs.gait.reference import Reference
-    from klute_sim.sweep.plan import SweepPlan
-    from klute_sim.sweep.runner import Runner
-    from klute_sim.sweep.sweep import SweepResult
+    from klute_sim.gait.reference import Reference
+    from klute_sim.parameter_sweep.plan import SweepPlan
+    from klute_sim.parameter_sweep.runner import Runner
+    from klute_sim.parameter_sweep.sweep import SweepResult
 
 REFERENCE_SPEED = "own"
 """The word for the speed that reference and legs imply."""
@@ -162,8 +162,8 @@ def command(
       klute-sim sweep --mass 60,75,90 --ray 10.0.0.1:6379 --json | python -m json.tool
     """
     from klute_sim.errors import InputError
-    from klute_sim.sweep import local
-    from klute_sim.sweep.plan import SweepPlan
+    from klute_sim.parameter_sweep import local
+    from klute_sim.parameter_sweep.plan import SweepPlan
 
     plan = SweepPlan(
         **_load_devices_and_controllers(devices, controllers, feet),
@@ -181,7 +181,7 @@ def command(
     elif jobs is not None:
         raise InputError("--jobs goes without --ray: a cluster has as many as it has")
     else:
-        from klute_sim.sweep import cluster
+        from klute_sim.parameter_sweep import cluster
 
         with cluster.connect(address) as ray:
             swept, folder = _run_and_write(plan, partial(cluster.run_on_cluster, ray=ray), out, with_csv=with_csv)
@@ -192,21 +192,21 @@ def _load_devices_and_controllers(
     devices: tuple[str, ...], controllers: tuple[str, ...], feet: list[float]
 ) -> dict[str, Any]:
     """Devices, controllers and passive feet, everything once; raises InputError."""
-    from klute_sim.control import word
-    from klute_sim.device.files import DEFAULT_DEVICE, load_device
+    from klute_sim.controllers import parse
+    from klute_sim.device.device import DEFAULT_DEVICE, load_device
 
     usual = load_device(DEFAULT_DEVICE)
     alone = feet and not devices and not controllers
     return {
         "devices": {} if alone else {name: load_device(name) for name in devices or [DEFAULT_DEVICE]},
-        "controllers": {} if alone else {name: word.parse_controller(name) for name in controllers or ["profile"]},
+        "controllers": {} if alone else {name: parse.parse_controller(name) for name in controllers or ["profile"]},
         "feet": dict.fromkeys(feet, usual),
     }
 
 
 def _load_references(names: tuple[str, ...]) -> "dict[str, Reference | None]":
-    from klute_sim.rigs.gait import reference
-    from klute_sim.sweep.plan import ABLE_BODIED_REFERENCE
+    from klute_sim.gait import reference
+    from klute_sim.parameter_sweep.plan import ABLE_BODIED_REFERENCE
 
     return {
         word: None if word == ABLE_BODIED_REFERENCE else reference.load_reference(word)
@@ -219,9 +219,9 @@ def _run_and_write(
 ) -> tuple["SweepResult", Path]:
     """Walk and write; what came of it, and the folder."""
     from klute_sim.cli.console import progress_bar, stderr_console
-    from klute_sim.sweep import table
-    from klute_sim.sweep.store import open_store
-    from klute_sim.sweep.sweep import run_sweep
+    from klute_sim.parameter_sweep import table
+    from klute_sim.parameter_sweep.store import open_store
+    from klute_sim.parameter_sweep.sweep import run_sweep
 
     store = open_store(out, plan.describe(), "sweep")
     try:
@@ -242,7 +242,7 @@ def _run_and_write(
 
 def _report(result: "SweepResult", folder: Path, *, as_json: bool) -> None:
     from klute_sim.cli.console import stderr_console, stdout_console
-    from klute_sim.sweep import display
+    from klute_sim.parameter_sweep import display
 
     if result.n_resumed:
         stderr_console().print(f"{result.n_resumed} walks were there from before.")

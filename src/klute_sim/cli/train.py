@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import NonEmptyPath
+from klute_sim.cli.nonempty_path import NonEmptyPath
 
 if TYPE_CHECKING:
-    from klute_sim.learn.training import Training
+    from klute_sim.training.training import Training
 
 DEFAULT_TRAINING_MINUTES = 20.0
 
@@ -63,7 +63,7 @@ def command(
 
     Needs the optional extra 'rl' (Stable-Baselines3; pip install '.[rl]' in the project's folder). Ctrl-C keeps what
     was learned. At the end policy and hand-tuned profile walk the same episodes, and policy.npz is written: plain
-    numbers, which klute_sim.control.policy runs on NumPy alone.
+    numbers, which klute_sim.controllers.policy runs on NumPy alone.
 
     A checkpoint is a pickle, which can run code: resume only what you have trained, or trust.
 
@@ -75,7 +75,7 @@ def command(
     """
     from klute_sim.cli.console import progress_bar
     from klute_sim.errors import InputError
-    from klute_sim.learn import config, training
+    from klute_sim.training import config, training
 
     if show_config:
         click.echo(config.read_default_config().decode(), nl=False)
@@ -102,8 +102,8 @@ def command(
 
 def _start_training(config_file: Path | None, seed: int, out: Path | None) -> "Training":
     from klute_sim.errors import KluteSimError
-    from klute_sim.learn import config, training
     from klute_sim.recording import run_folder
+    from klute_sim.training import config, training
 
     chosen, content = config.load_config(config_file)
     folder = run_folder.create_persistent_folder("train", out)
@@ -123,8 +123,8 @@ def _print_resume_hint(training: "Training") -> None:
 
 def _evaluate_and_write(training: "Training", *, as_json: bool) -> None:
     from klute_sim.cli.console import progress_bar, stdout_console
-    from klute_sim.learn.evaluate import compare_with_profile
     from klute_sim.report import training_figure
+    from klute_sim.training.evaluate import compare_with_profile
 
     policy, config, progress = training.export_policy(), training.config, training.progress
     with progress_bar("comparing"):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import NonEmptyPath
+from klute_sim.cli.nonempty_path import NonEmptyPath
 
 if TYPE_CHECKING:
     from klute_sim.tuning.search import TuningProblem
@@ -88,10 +88,10 @@ def command(
       klute-sim tune --with-device --goal-human --budget 4000 --out human
       klute-sim gait --controller human/tuned.csv --device human/device.toml
     """
-    from klute_sim.control import pressure as control
-    from klute_sim.device.files import DEFAULT_DEVICE, load_device
+    from klute_sim.controllers import pressure as control
+    from klute_sim.device.device import DEFAULT_DEVICE, load_device
     from klute_sim.errors import InputError
-    from klute_sim.tuning.knobs import DEFAULT_DEVICE_KEYS, DesignSpace
+    from klute_sim.tuning.design_variables import DEFAULT_DEVICE_KEYS, DesignSpace
     from klute_sim.tuning.objective import HUMAN_GOALS, Goals, make_weights
     from klute_sim.tuning.search import TuningProblem
 
@@ -118,7 +118,7 @@ def command(
 
 def _tune(problem: "TuningProblem", budget: int, n_jobs: int, out: Path | None) -> dict[str, Any]:
     from klute_sim.cli.console import progress_bar
-    from klute_sim.sweep.local import LocalRunner
+    from klute_sim.parameter_sweep.local import LocalRunner
     from klute_sim.tuning import folder
     from klute_sim.tuning.search import MAX_REEVALUATIONS, REEVALUATED_FRACTION, import_cma, optimize, reevaluate
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.given_path import NonEmptyPath
+from klute_sim.cli.nonempty_path import NonEmptyPath
 
 
 @click.command("view")
@@ -51,14 +51,14 @@ def command(path: Path, web: bool, picture: Path | None, at: float | None) -> No
     if picture is None:
         if at is not None:
             raise InputError("--at goes with --picture")
-        from klute_sim.report.workbench.viewer import open_viewer
+        from klute_sim.viewer.window import open_viewer
 
         open_viewer(path, web=web)
         return
     if web:
         raise InputError("--web and --picture exclude each other")
-    from klute_sim.report.workbench import picture as drawing
-    from klute_sim.report.workbench.folders import ensure_recording
+    from klute_sim.viewer.folders import ensure_recording
+    from klute_sim.viewer.picture import picture as drawing
 
     with ensure_recording(path) as recording:
         for file in drawing.save_pictures(recording, picture, at):

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from klute_sim.device.installation import select_backend
-from klute_sim.device.step import (
+from klute_sim.device.backend.packing import pack_parameters, unpack_parameters
+from klute_sim.device.backend.select import select_backend
+from klute_sim.device.dynamics import (
     DEAD_TIME_INDEX,
     N_INTERNAL_STATES,
     DeviceParameters,
@@ -23,7 +24,6 @@ from klute_sim.device.step import (
     compute_taut_state,
     compute_tension,
 )
-from klute_sim.device.vector import pack_parameters, unpack_parameters
 from klute_sim.errors import InputError, SimulationError
 
 MAX_TIME_STEP = 0.01
@@ -93,7 +93,8 @@ def find_numba_incompatibility() -> str:
 def _compile_integrate() -> Callable[..., None]:
     import numba
 
-    from klute_sim.device import compiled, rollout
+    from klute_sim.device import rollout
+    from klute_sim.device.backend import compiled
 
     copy = compiled.compile_module(rollout, **compiled.compile_device_functions())
     # The lock of Python's is free while it runs, so threads run at once.
@@ -101,7 +102,7 @@ def _compile_integrate() -> Callable[..., None]:
     number = numba.float64
     memory, series = numba.types.UniTuple(number, N_INTERNAL_STATES), number[::1]
     signature = numba.void(series, number, number, memory, series, series, number, number[:, ::1])
-    ready: Callable[..., None] = compiled.compile_cached(wrap, copy.run, signature)
+    ready: Callable[..., None] = compiled.compile_cached(wrap, copy.integrate, signature)
     return ready
 
 

@@ -16,25 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from klute_sim.effects import (
-    air,
+from klute_sim.effects import chain as _hooks
+from klute_sim.effects.effect import HOOKS, Effect, EffectForm
+from klute_sim.effects.families import air, body, damper, discrepancy_terms, instrument, supply, tendon
+from klute_sim.effects.families.muscle import (
     bladder_relaxation,
     bladder_wall,
-    body,
     braid_extensibility,
     braid_hysteresis,
-    damper,
+    dissertation_terms,
     end_taper,
-    instrument,
-    ladder,
     muscle_damping,
-    supply,
-    tendon,
     threshold_pressure,
-    unknown,
 )
-from klute_sim.effects import hooks as _hooks
-from klute_sim.effects.effect import HOOKS, Effect, EffectForm
 from klute_sim.errors import InputError, suggest
 from klute_sim.laws import mckibben
 from klute_sim.laws.foot import Foot
@@ -47,10 +41,10 @@ BUILT_IN_EFFECTS = (
     threshold_pressure.THRESHOLD_PRESSURE,
     end_taper.END_TAPER,
     braid_extensibility.BRAID_EXTENSIBILITY,
-    ladder.BLADDER_RUBBER,
+    dissertation_terms.BLADDER_RUBBER,
     bladder_wall.THICK_WALL_BLADDER,
     bladder_wall.BLADDER_SOFTENING,
-    ladder.FRICTION_OFFSET,
+    dissertation_terms.FRICTION_OFFSET,
     braid_hysteresis.BRAID_HYSTERESIS,
     muscle_damping.MUSCLE_DAMPING,
     bladder_relaxation.BLADDER_RELAXATION,
@@ -69,9 +63,9 @@ BUILT_IN_EFFECTS = (
     tendon.TENDON_STIFFENING,
     tendon.TENDON_HYSTERESIS,
     # Last, and outside of the equations they are terms of.
-    unknown.UNKNOWN_FORCE,
-    unknown.UNKNOWN_TENDON_FORCE,
-    unknown.UNKNOWN_PRESSURE,
+    discrepancy_terms.UNKNOWN_FORCE,
+    discrepancy_terms.UNKNOWN_TENDON_FORCE,
+    discrepancy_terms.UNKNOWN_PRESSURE,
     body.ANKLE_FRICTION,
     body.RETURN_SPRING_ERROR,
     body.END_STOP,
@@ -269,7 +263,7 @@ def chain_device_effects(
     compile_law: Callable[[Any], Any] = lambda law: law,
     compile_function: Callable[[Any], Any] = lambda function: function,
 ) -> types.ModuleType:
-    """The hooks of all device effects (:func:`klute_sim.effects.hooks.assemble`)."""
+    """The hooks of all device effects (:func:`klute_sim.effects.chain.assemble`)."""
     return _hooks.chain_hooks(get_device_slots(), compile_law, compile_function)
 
 

@@ -25,7 +25,7 @@ foot                own, foot                                                   
 
 ``length`` [m] and ``rate`` = d(length)/dt [m/s] are the muscle's, ``pressure`` [Pa] is the acting one. Where a form
 remembers, its other laws are given the memory *after* the step: ``remember`` decides, the others follow. It must hold
-for a step of any length, because a device at rest has rested long: see :mod:`klute_sim.effects.smooth`. All memory
+for a step of any length, because a device at rest has rested long: see :mod:`klute_sim.effects.smoothing`. All memory
 is zero for a muscle that rests at its resting length and a tendon that is just taut.
 """
 

@@ -9,12 +9,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from klute_sim.control.pressure import load_default_profile
-from klute_sim.device.files import DEFAULT_DEVICE, Device
-from klute_sim.device.step import compute_taut_state, compute_tension
-from klute_sim.envs.actions import ActionDecoder, select_action_kind
+from klute_sim.bench.build import build_tester, compute_servo_commands, place_crosshead
+from klute_sim.controllers.pressure import load_default_profile
+from klute_sim.device.device import DEFAULT_DEVICE, Device
+from klute_sim.device.dynamics import compute_taut_state, compute_tension
 from klute_sim.envs.ankle_gait import make_action_space, validate_action
-from klute_sim.envs.bench_task import (
+from klute_sim.envs.tasks.actions import ActionDecoder, select_action_kind
+from klute_sim.envs.tasks.bench_task import (
     AIR_MASS_OFFSET_G,
     BENCH_TASKS,
     FORCE_ERROR_SCALE,
@@ -24,12 +25,11 @@ from klute_sim.envs.bench_task import (
     BenchTrajectory,
     TrajectoryGenerator,
 )
-from klute_sim.envs.books import DeviceStates, EnergyAccounting
-from klute_sim.envs.options import resolve_device
+from klute_sim.envs.tasks.energy_accounting import DeviceStates, EnergyAccounting
+from klute_sim.envs.tasks.options import resolve_device
 from klute_sim.errors import InputError, SimulationError
-from klute_sim.plant import router
+from klute_sim.plant import callbacks
 from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.rigs.bench.build import build_tester, compute_servo_commands, place_crosshead
 from klute_sim.units import BAR
 
 Observation = NDArray[np.float32]
@@ -108,7 +108,7 @@ class AnkleBenchEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.u
     ) -> None:
         """A ``task`` for a ``device`` (preset, file or Device), ``seconds`` long; a ``cycle`` [s] and ``step`` [s].
 
-        ``law`` is one of :data:`klute_sim.device.installation.LAWS`. Raises InputError for what cannot be.
+        ``law`` is one of :data:`klute_sim.device.backend.select.LAWS`. Raises InputError for what cannot be.
         """
         gymnasium.utils.EzPickle.__init__(**locals())
         if task not in BENCH_TASKS:
@@ -128,7 +128,7 @@ class AnkleBenchEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.u
         self.action_space = make_action_space()
         low, high = (np.array([row[k] for row in OBSERVATIONS], dtype=np.float32) for k in (2, 3))
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
-        self._task, self._backend = task, router.choose_backend(backend)
+        self._task, self._backend = task, callbacks.choose_backend(backend)
         self._trajectory_generator = TrajectoryGenerator(
             own, task, self._actions_per_episode, CONTROL_INTERVAL, time_step, cycle_duration
         )
@@ -165,7 +165,7 @@ class AnkleBenchEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.u
         place_crosshead(self.data, float(length[0]), float(length[1] - length[0]) / self.model.opt.timestep, load)
         self.data.ctrl[self._servo_ctrl_index] = self._servo_commands[0]
         self._actuator.set_command(self.data, 0.0 if parameters.supply.command_is_opening != 0.0 else begin.pressure)
-        with router.device_callbacks(self._backend):
+        with callbacks.device_callbacks(self._backend):
             mujoco.mj_forward(self.model, self.data)
         self._action_count, self._cycle_totals = 0, {"work": 0.0, "air": 0.0}
         self._previous_action = self._action_decoder.reset(SINGLE_MASK, np.array([begin.pressure / BAR]))
@@ -176,13 +176,13 @@ class AnkleBenchEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.u
         """Hold ``action`` for one interval; raises InputError if it is no number."""
         chosen = np.clip(validate_action(action, (1,)), -1.0, 1.0)
         command, k = self._action_decoder.decode(chosen, ZERO_PHASE), self._action_count * self._steps_per_action
-        with router.device_callbacks(self._backend):
+        with callbacks.device_callbacks(self._backend):
             try:
                 for steps, asked in self._action_decoder.schedule_commands(command, SINGLE_MASK):
                     self.data.ctrl[self._actuator.ctrl_address] = asked[0]
                     for target in self._servo_commands[k : k + steps]:
                         self.data.ctrl[self._servo_ctrl_index] = target
-                        router.step_model(self.model, self.data)
+                        callbacks.step_model(self.model, self.data)
                     k += steps
             except SimulationError:
                 self.data.act[self._actuator.act_address] = np.nan  # under either law, a failed device ends the episode

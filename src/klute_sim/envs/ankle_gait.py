@@ -12,15 +12,15 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from klute_sim.control.pressure import PressureProfile
-from klute_sim.device.files import DEFAULT_DEVICE, Device
-from klute_sim.envs.instruments import OBSERVATIONS
-from klute_sim.envs.options import TaskOptions, resolve_device
-from klute_sim.envs.randomise import RandomisationRanges
-from klute_sim.envs.task import CONTROL_INTERVAL, GaitTask, SimulationStates
+from klute_sim.controllers.pressure import PressureProfile
+from klute_sim.device.device import DEFAULT_DEVICE, Device
+from klute_sim.envs.tasks.domain_randomization import RandomisationRanges
+from klute_sim.envs.tasks.gait_task import CONTROL_INTERVAL, GaitTask, SimulationStates
+from klute_sim.envs.tasks.instruments import OBSERVATIONS
+from klute_sim.envs.tasks.options import TaskOptions, resolve_device
 from klute_sim.errors import InputError, SimulationError
-from klute_sim.plant import router
-from klute_sim.rigs.gait.assembly import DRIVE_ACTUATORS, GaitOptions, GaitRig, reset_gait_rig
+from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, GaitRig, reset_gait_rig
+from klute_sim.plant import callbacks
 from klute_sim.units import BAR
 
 Observation = NDArray[np.float32]
@@ -34,7 +34,7 @@ def make_observation_space() -> "spaces.Box[np.float32]":
 
 
 def make_action_space() -> "spaces.Box[np.float32]":
-    """One number; what it means is :data:`klute_sim.envs.actions.ACTIONS`."""
+    """One number; what it means is :data:`klute_sim.envs.tasks.actions.ACTIONS`."""
     return spaces.Box(-1.0, 1.0, (1,), np.float32)
 
 
@@ -107,7 +107,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
 
     ## Randomisation
 
-    ``randomise`` is a :class:`klute_sim.envs.randomise.Randomise`, or a mapping with its names. What was drawn is in
+    ``randomise`` is a :class:`klute_sim.envs.tasks.domain_randomization.Randomise`, or a mapping with its names. What was drawn is in
     the ``info`` of the reset, under the names on the right.
 
     | name | draws | in ``info`` |
@@ -155,8 +155,8 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     ) -> None:
         """For a ``device`` (preset, file or Device), a subject (kg, m, m/s), a ``slope`` [rad] and a ``step`` [s].
 
-        ``law`` is one of :data:`klute_sim.device.installation.LAWS`; ``reset_noise`` [rad], and what is not named
-        here is in the tables above (:class:`klute_sim.envs.options.TaskOptions`). Raises InputError for what cannot be.
+        ``law`` is one of :data:`klute_sim.device.backend.select.LAWS`; ``reset_noise`` [rad], and what is not named
+        here is in the tables above (:class:`klute_sim.envs.tasks.options.TaskOptions`). Raises InputError for what cannot be.
         """
         gymnasium.utils.EzPickle.__init__(**locals())
         if render_mode not in (None, *self.metadata["render_modes"]):
@@ -172,7 +172,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
             randomise=randomise,
             reset_noise=reset_noise,
         )
-        self._backend, self._reset_noise = router.choose_backend(backend), reset_noise
+        self._backend, self._reset_noise = callbacks.choose_backend(backend), reset_noise
         self._task, self._single_mask = (
             GaitTask(resolve_device(device), walker, options, 1, self._backend),
             np.ones(1, dtype=np.bool_),
@@ -213,11 +213,11 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         chosen = validate_action(action, (1,))
         command = self._task.decode_action(chosen)
         self.data.ctrl[: len(DRIVE_ACTUATORS)] = self._task.drive_command_rates()[0]
-        with router.device_callbacks(self._backend):
+        with callbacks.device_callbacks(self._backend):
             try:
                 for steps, asked in self._task.schedule_commands(command, self._single_mask):
                     self.data.ctrl[self._gait_rig.actuator.ctrl_address] = asked[0]
-                    router.step_model(self.model, self.data, steps)
+                    callbacks.step_model(self.model, self.data, steps)
             except SimulationError:
                 self.data.act[self._gait_rig.actuator.act_address] = (
                     np.nan

@@ -14,15 +14,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from klute_sim.control.pressure import PressureProfile
-from klute_sim.device.files import DEFAULT_DEVICE, Device
+from klute_sim.controllers.pressure import PressureProfile
+from klute_sim.device.device import DEFAULT_DEVICE, Device
 from klute_sim.envs.ankle_gait import make_action_space, make_observation_space, reset_simulation, validate_action
-from klute_sim.envs.options import TaskOptions, resolve_device
-from klute_sim.envs.randomise import RandomisationRanges
-from klute_sim.envs.task import CONTROL_INTERVAL, GaitTask, SimulationStates
+from klute_sim.envs.tasks.domain_randomization import RandomisationRanges
+from klute_sim.envs.tasks.gait_task import CONTROL_INTERVAL, GaitTask, SimulationStates
+from klute_sim.envs.tasks.options import TaskOptions, resolve_device
 from klute_sim.errors import InputError, SimulationError
-from klute_sim.plant import batch, router
-from klute_sim.rigs.gait.assembly import DRIVE_ACTUATORS, GaitOptions
+from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions
+from klute_sim.plant import batch, callbacks
 
 Observations = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -77,7 +77,7 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
             reset_noise=reset_noise,
         )
         self._task, self._reset_noise = (
-            GaitTask(resolve_device(device), walker, options, num_envs, router.choose_backend()),
+            GaitTask(resolve_device(device), walker, options, num_envs, callbacks.choose_backend()),
             reset_noise,
         )
         self._gait_rig = self._task.randomiser.gait_rigs[0]

@@ -11,7 +11,7 @@ ZERO_CELSIUS = 273.15
 
 
 class Supply(NamedTuple):
-    """What the supply can deliver: by its defaults an ideal regulator (:mod:`klute_sim.laws.charging` has the rest)."""
+    """What the supply can deliver: by its defaults an ideal regulator (:mod:`klute_sim.laws.pneumatic_step` has the rest)."""
 
     max_pressure: float
     """Highest gauge pressure [Pa]; commands are clipped to 0 ... this."""

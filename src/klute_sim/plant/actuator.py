@@ -2,11 +2,11 @@
 
 import mujoco
 
-from klute_sim.device.step import ZERO_INTERNAL_STATE, DeviceState, get_gas_state, replace_gas_state
-from klute_sim.device.vector import unpack_parameters
+from klute_sim.device.backend.packing import unpack_parameters
+from klute_sim.device.dynamics import ZERO_INTERNAL_STATE, DeviceState, get_gas_state, replace_gas_state
 from klute_sim.errors import InputError
 from klute_sim.plant import coupling
-from klute_sim.plant.router import get_parameter_row
+from klute_sim.plant.callbacks import get_parameter_row
 from klute_sim.units import BAR
 
 

@@ -11,10 +11,10 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike
 
-from klute_sim.device.step import DeviceParameters, has_internal_state
-from klute_sim.device.vector import ROW_SIZE, pack_parameters
+from klute_sim.device.backend.packing import ROW_SIZE, pack_parameters
+from klute_sim.device.dynamics import DeviceParameters, has_internal_state
 from klute_sim.errors import InputError, SimulationError
-from klute_sim.plant import router
+from klute_sim.plant import callbacks
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.plant.coupling import N_BASE_STATES
 
@@ -28,7 +28,7 @@ def create_batch(model: mujoco.MjModel, n_simulations: int, n_threads: int = 0) 
         raise InputError(
             f"{n_simulations} simulations on {n_threads} threads; allowed: 1 or more, on 0 (all cores) or more"
         )
-    if router.choose_backend("auto") != "compiled":
+    if callbacks.choose_backend("auto") != "compiled":
         raise InputError("a batch needs the compiled law; step the simulations one by one instead")
     return Batch(model, n_simulations, n_threads)
 
@@ -55,11 +55,11 @@ def step_batch(batch: Batch, ids: ArrayLike | None = None, n_steps: int = 1) -> 
     Raises SimulationError if a device has no finite state: its simulation's pressure is NaN then, and all other
     simulations have been stepped. Raises InputError if somebody else's callbacks are in MuJoCo's slots.
     """
-    with router.device_callbacks("compiled") as law:
+    with callbacks.device_callbacks("compiled") as law:
         if law != "compiled":
             raise InputError("a batch cannot be stepped while Python callbacks are installed in MuJoCo")
         batch.step(ids=ids, nstep=n_steps)
-        reports = router.pop_fault_messages()
+        reports = callbacks.pop_fault_messages()
     if reports:
         act = batch.bind("act")
         failed = np.flatnonzero(np.isnan(act[:, _pressure_addresses(batch.model)]).any(axis=1))
@@ -69,4 +69,4 @@ def step_batch(batch: Batch, ids: ArrayLike | None = None, n_steps: int = 1) -> 
 
 def _pressure_addresses(model: mujoco.MjModel) -> list[int]:
     """Where the pressures of the devices are in ``act``."""
-    return [int(model.actuator_actadr[i]) for i in range(model.nactuator) if router.get_parameter_row(model, i)]
+    return [int(model.actuator_actadr[i]) for i in range(model.nactuator) if callbacks.get_parameter_row(model, i)]

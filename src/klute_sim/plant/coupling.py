@@ -10,14 +10,15 @@ The length is solved implicitly where MuJoCo asks for the rates, and handed over
 ``(l+ - l)/h``, so that its single-step integrators land on l+. MuJoCo evaluates every rate before any force, so the
 force is that of l+: exactly the one that balances muscle and damper.
 
-A ``row`` (``actuator_user``) is the device's parameters (:mod:`klute_sim.device.vector`) and one number more, the
+A ``row`` (``actuator_user``) is the device's parameters (:mod:`klute_sim.device.backend.packing`) and one number more, the
 damping [N s2/m2] that the model's tendon shows to MuJoCo's implicit integrators and that is given back here.
 """
 
 import math
 from collections.abc import Sequence
 
-from klute_sim.device.step import (
+from klute_sim.device.backend.packing import ROW_SIZE, unpack_parameters
+from klute_sim.device.dynamics import (
     N_INTERNAL_STATES,
     DeviceParameters,
     DeviceState,
@@ -25,7 +26,6 @@ from klute_sim.device.step import (
     compute_tension,
     step_internal_state,
 )
-from klute_sim.device.vector import ROW_SIZE, unpack_parameters
 from klute_sim.units import BAR
 
 DAMPING_INDEX = ROW_SIZE

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import mujoco
 
-from klute_sim.device.step import DeviceParameters, has_internal_state
-from klute_sim.device.vector import LAYOUT_ID, pack_parameters
+from klute_sim.device.backend.packing import LAYOUT_ID, pack_parameters
+from klute_sim.device.dynamics import DeviceParameters, has_internal_state
 from klute_sim.errors import InputError
 from klute_sim.plant.coupling import DAMPING_INDEX, N_ALL_STATES, N_BASE_STATES, USER_ROW_SIZE
 

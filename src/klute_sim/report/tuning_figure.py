@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from klute_sim.recording.recording import Array, Recording
-from klute_sim.report.figure import COMPACT_STYLE, EARLIER_COLOUR, HUMAN_COLOUR, PROSTHESIS_COLOUR
+from klute_sim.report.gait.figure import COMPACT_STYLE, EARLIER_COLOUR, HUMAN_COLOUR, PROSTHESIS_COLOUR
 
 PARETO_FRONT_COLOUR = "#d62728"
 

@@ -10,21 +10,21 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from klute_sim.control.pressure import profile_to_csv
-from klute_sim.recording.recording import Recording
-from klute_sim.report import table, tuning_figure
-from klute_sim.report.outcomes import (
+from klute_sim.controllers.pressure import profile_to_csv
+from klute_sim.gait.metrics import (
     AnkleMetrics,
     StrideMetrics,
     compute_gait_metrics,
     compute_reference_metrics,
     summarize_gait_run,
 )
-from klute_sim.report.workbench.tuning import EVALUATION_COLUMNS, EVALUATIONS_FILE
-from klute_sim.rigs.gait.rig import simulate_gait
-from klute_sim.sweep.software import fingerprint_software
-from klute_sim.sweep.store import ResultStore, open_store, write_atomically
-from klute_sim.tuning.knobs import DesignVector
+from klute_sim.gait.rig.rig import simulate_gait
+from klute_sim.parameter_sweep.fingerprint import fingerprint_software
+from klute_sim.parameter_sweep.store import ResultStore, open_store, write_atomically
+from klute_sim.recording.recording import Recording
+from klute_sim.report import tuning_figure
+from klute_sim.report.gait import table
+from klute_sim.tuning.design_variables import DesignVector
 from klute_sim.tuning.objective import (
     CLEARANCE_COST_PER_MM2,
     LENGTH_STOP_COST,
@@ -43,6 +43,7 @@ from klute_sim.tuning.search import (
     select_best,
     select_pareto_front,
 )
+from klute_sim.viewer.layouts.tuning import EVALUATION_COLUMNS, EVALUATIONS_FILE
 
 REPORT_STRIDES = 5
 """Of the walks before and after that are shown."""

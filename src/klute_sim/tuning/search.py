@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from klute_sim.errors import InputError, KluteSimError, MissingExtraError
-from klute_sim.rigs.gait.assembly import build_gait_rig
-from klute_sim.sweep.plan import GaitCase
-from klute_sim.sweep.runner import Runner
-from klute_sim.sweep.store import ResultStore
-from klute_sim.sweep.walk import UNEXPECTED_ERROR_PREFIX, CaseResult
-from klute_sim.tuning.knobs import DesignSpace, DesignVector
+from klute_sim.gait.rig.setup import build_gait_rig
+from klute_sim.parameter_sweep.evaluate import UNEXPECTED_ERROR_PREFIX, CaseResult
+from klute_sim.parameter_sweep.plan import GaitCase
+from klute_sim.parameter_sweep.runner import Runner
+from klute_sim.parameter_sweep.store import ResultStore
+from klute_sim.tuning.design_variables import DesignSpace, DesignVector
 from klute_sim.tuning.objective import FALL_COST, Goals, TuningMetrics, Weights, compute_cost, compute_tracking_error
 
 INITIAL_SIGMA = 0.75
@@ -82,7 +82,7 @@ class Evaluation:
 
 
 def select_metrics(metrics: Mapping[str, Any]) -> TuningMetrics:
-    """What the objective reads of a walk's ``outcomes`` (:data:`klute_sim.sweep.walk.HEADINGS`).
+    """What the objective reads of a walk's ``outcomes`` (:data:`klute_sim.parameter_sweep.evaluate.HEADINGS`).
 
     Raises InputError for a reference that has no standard deviations to be near to.
     """

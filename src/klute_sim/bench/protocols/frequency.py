@@ -1,0 +1,108 @@
+"""Sinusoids of the pressure command at a held length: gain and phase of pressure and force."""
+
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from klute_sim.bench.limits import check_supply_pressure, unit_length
+from klute_sim.bench.metrics import select_half_open_interval
+from klute_sim.bench.protocols.protocol import BenchProtocol, NonEmpty, Positive, Ratio, TrialPlan, format_value
+from klute_sim.bench.trajectory import Array, LengthTrajectory
+from klute_sim.device.device import Device
+from klute_sim.errors import InputError
+from klute_sim.recording.recording import Recording
+from klute_sim.units import BAR
+
+MIN_SAMPLES_PER_PERIOD = 10
+"""Per period of a sinusoid that is fitted."""
+
+
+class FrequencyResponseProtocol(BenchProtocol):
+    """One trial per mean pressure (``pressures_bar``) and frequency."""
+
+    summary: ClassVar[str] = "Pressure sinusoids: gain and phase of pressure and force."
+
+    kind: Literal["frequency"] = "frequency"
+    frequencies_hz: Annotated[list[Positive], NonEmpty]
+    amplitude_bar: Positive
+    """Around each of ``pressures_bar``."""
+    muscle_ratio: Ratio
+    """Muscle length over resting length, at rest under the mean pressure."""
+    settling_cycles: Annotated[int, Field(ge=0, le=1000)] = 2
+    """Before the cycles that count."""
+    cycles: Annotated[int, Field(ge=1, le=1000)] = 3
+    """That are read."""
+
+    def plan_trials(self, device: Device) -> list[TrialPlan]:
+        """One trial per mean pressure and frequency."""
+        check_supply_pressure(device, [bar + self.amplitude_bar for bar in self.pressures_bar])
+        if min(self.pressures_bar) < self.amplitude_bar:
+            raise InputError(f"amplitude_bar is {self.amplitude_bar:g}; allowed: up to the lowest of pressures_bar")
+        return [
+            self._plan_trial(device, bar, frequency)
+            for bar in self.pressures_bar
+            for frequency in sorted(self.frequencies_hz)
+        ]
+
+    def _plan_trial(self, device: Device, pressure_bar: float, frequency: float) -> TrialPlan:
+        begin = self.rest_s + self.settling_cycles / frequency
+        end = begin + self.cycles / frequency
+
+        def command(time: Array) -> Array:
+            swing = np.sin(2.0 * np.pi * frequency * np.maximum(time - self.rest_s, 0.0))
+            return np.asarray(BAR * (pressure_bar + self.amplitude_bar * swing))
+
+        return TrialPlan(
+            name=f"{format_value(pressure_bar)}bar_{format_value(frequency)}Hz",
+            conditions={"pressure_bar": pressure_bar, "amplitude_bar": self.amplitude_bar, "frequency_hz": frequency},
+            trajectory=LengthTrajectory(unit_length(device, self.muscle_ratio, pressure_bar * BAR), end),
+            command=command,
+            event_times={"begin": begin, "end": end},
+        )
+
+    def check_time_step(self, dt: float) -> None:
+        """Raise InputError where the fastest sinusoid has fewer than :data:`LEAST_SAMPLES` per period."""
+        fastest = max(self.frequencies_hz)
+        if dt * fastest * MIN_SAMPLES_PER_PERIOD > 1.0 + 1e-9:
+            raise InputError(
+                f"step is {1e3 * dt:g} ms, which is {1.0 / (dt * fastest):.3g} samples per period at "
+                f"{fastest:g} Hz; allowed: up to {1e3 / (MIN_SAMPLES_PER_PERIOD * fastest):.4g} ms ({MIN_SAMPLES_PER_PERIOD} samples)"
+            )
+
+    def compute_metrics(self, device: Device, plan: TrialPlan, recording: Recording) -> dict[str, float]:
+        """Gains and phases against the command; negative phase: late.
+
+        ``coherence``: share of a signal's variance that is the fitted sinusoid.
+        """
+        part = select_half_open_interval(recording, plan.event_times["begin"], plan.event_times["end"])
+        frequency = plan.conditions["frequency_hz"]
+        asked = fit_sinusoid(part["time"], part["pressure_command"], frequency)
+        found = {}
+        for channel, unit in (("pressure", ""), ("force", "_n_per_bar")):
+            got = fit_sinusoid(part["time"], part[channel], frequency)
+            found[f"{channel}_gain{unit}"] = abs(got.phasor) / abs(asked.phasor)
+            found[f"{channel}_phase_deg"] = float(np.degrees(np.angle(got.phasor / asked.phasor)))
+            found[f"{channel}_coherence"] = got.coherence
+        return found
+
+
+class Sinusoid(NamedTuple):
+    """The sinusoid in a signal."""
+
+    phasor: complex
+    """Amplitude and phase, against the sine from time 0."""
+    coherence: float
+    """Of the signal's variance around its line."""
+
+
+def fit_sinusoid(time: Array, samples: Array, frequency: float) -> Sinusoid:
+    """Least squares of a line and a sinusoid of ``frequency`` [Hz]."""
+    angle = 2.0 * np.pi * frequency * time
+    line = np.stack([np.ones(len(time)), time - time.mean()], axis=1)
+    wave = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    both = np.hstack([line, wave])
+    numbers = np.linalg.lstsq(both, samples)[0]
+    left = float(((samples - both @ numbers) ** 2).sum())
+    around = float(((samples - line @ np.linalg.lstsq(line, samples)[0]) ** 2).sum())
+    return Sinusoid(complex(numbers[2], numbers[3]), 1.0 - left / around if around > 0.0 else float("nan"))

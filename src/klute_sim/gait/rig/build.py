@@ -1,0 +1,126 @@
+"""The gait rig's model, scaled to a subject and cut to a device."""
+
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from klute_sim.device.device import Device, list_presets
+from klute_sim.device.schema import effects
+from klute_sim.effects import catalogue
+from klute_sim.errors import InputError
+from klute_sim.gait.body import PROSTHESIS_PREFIX, apply_foot, read_foot
+from klute_sim.gait.reference import GRAVITY
+from klute_sim.gait.rig.trajectory import LegGeometry
+from klute_sim.gait.spring_foot import SpringFoot, disable_tendon
+from klute_sim.plant import models
+from klute_sim.recording.recording import Array
+
+MODEL_MASS = 75.0
+"""Body mass of the model as it is in the file [kg]."""
+MODEL_STATURE = 1.75
+"""Stature of the model as it is in the file [m]."""
+
+ModelEdit = Callable[[mujoco.MjSpec], None]
+"""Changes a model before it is compiled."""
+
+
+def build_gait_model(
+    device: Device,
+    *,
+    mass: float,
+    stature: float,
+    dt: float,
+    slope: float = 0.0,
+    spring_foot: SpringFoot | None = None,
+    model_edit: ModelEdit | None = None,
+) -> mujoco.MjModel:
+    """Model of a subject of ``mass`` [kg] and ``stature`` [m] wearing ``device``; ``step`` [s].
+
+    Ground that rises by ``slope`` [rad] stays level in the model, and gravity leans instead.
+    A ``foot`` takes the place of the device and of the prosthesis' return spring. An ``edit`` has the last word.
+    Limb lengths and the foot scale with stature, limb masses with body mass; the carriage carries the rest.
+    The device and the prosthesis' mass stay what they are. The Achilles origin is moved up or down the pylon
+    so that the muscle has its mounting length at a neutral ankle.
+    """
+    spec = models.load_spec("gait_rig")
+    spec.option.timestep = dt
+    if slope != 0.0:
+        spec.option.gravity = GRAVITY * np.array([-np.sin(slope), 0.0, -np.cos(slope)])
+    scale = stature / MODEL_STATURE
+    _scale_limbs(spec, scale, mass)
+    spec.site(PROSTHESIS_PREFIX + "achilles_origin").pos = _compute_achilles_origin(device, spec, scale)
+    parameters = device.parameters
+    if spring_foot is not None:
+        spring_foot.apply_to_joint(spec.joint(PROSTHESIS_PREFIX + "ankle"))
+        parameters = disable_tendon(parameters)
+    _apply_body_effects(spec, device)
+    if model_edit is not None:
+        model_edit(spec)
+    return models.attach_devices(spec, {PROSTHESIS_PREFIX + "muscle_tendon": parameters})
+
+
+def _scale_limbs(spec: mujoco.MjSpec, scale: float, mass: float) -> None:
+    carried = 0.0
+    for body in spec.bodies:
+        name = body.name
+        if name in ("thigh", "residual_limb"):
+            body.mass *= mass / MODEL_MASS
+            body.inertia = np.asarray(body.inertia) * (mass / MODEL_MASS) * scale * scale
+            body.ipos = np.asarray(body.ipos) * scale
+        if name == "residual_limb":
+            body.pos = np.asarray(body.pos) * scale
+        if name not in ("world", "carriage"):
+            carried += float(body.mass)
+    spec.body("carriage").mass = mass - carried
+    frame = spec.frame("socket_end")
+    frame.pos = np.asarray(frame.pos) * scale
+    for geom in spec.geoms:
+        if geom.classname.name == PROSTHESIS_PREFIX + "sole":
+            geom.pos = np.asarray(geom.pos) * scale
+            geom.size = np.asarray(geom.size) * scale
+
+
+def _compute_achilles_origin(device: Device, spec: mujoco.MjSpec, scale: float) -> Array:
+    if device.spec.tendon is None or device.spec.mounting is None:
+        missing = "[tendon]" if device.spec.tendon is None else "[mounting]"
+        pair = f"{device.name}-pair"
+        mend = f"; did you mean '{pair}'?" if pair in list_presets() else ""
+        raise InputError(
+            f"device '{device.name}' cannot be built into an ankle: its file has no {missing} section{mend}"
+        )
+    ratio = device.spec.mounting.neutral_muscle_ratio
+    length = ratio * device.parameters.muscle.resting_length + device.parameters.tendon.slack_length
+    room = -float(spec.frame("socket_end").pos[2])
+    if length > room:
+        raise InputError(
+            f"device '{device.name}' is {1e3 * length:.0f} mm long at a neutral ankle, but the shank has room for "
+            f"{1e3 * room:.0f} mm"
+        )
+    origin = np.array(spec.site(PROSTHESIS_PREFIX + "achilles_origin").pos, dtype=np.float64)
+    insertion = np.asarray(spec.site(PROSTHESIS_PREFIX + "achilles_insertion").pos, dtype=np.float64)
+    across = np.hypot(origin[0] - insertion[0], origin[1] - insertion[1])
+    origin[2] = insertion[2] + np.sqrt(length * length - across * across)
+    return origin
+
+
+def _apply_body_effects(spec: mujoco.MjSpec, device: Device) -> None:
+    """What the device file says of the body, at the models' own stature and mass: those of the prosthesis."""
+    if any(catalogue.get_effects()[name].kind == "body" for name in device.spec.effects):
+        was = read_foot(models.attach_devices(spec.copy(), {PROSTHESIS_PREFIX + "muscle_tendon": device.parameters}))
+        apply_foot(spec, was, effects.apply_body_effects(device.spec.effects, was))
+
+
+def measure_leg(model: mujoco.MjModel) -> LegGeometry:
+    """Lengths and sole of a built model."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    hip, knee = data.body("thigh").xpos[2], data.body("residual_limb").xpos[2]
+    ankle: Any = data.body(PROSTHESIS_PREFIX + "foot").xpos.copy()
+    sole = [
+        (*(data.geom_xpos[g] - ankle)[[0, 2]], model.geom_size[g, 0])
+        for g in range(model.ngeom)
+        if model.geom_contype[g] == 1
+    ]
+    return LegGeometry(float(hip - knee), float(knee - ankle[2]), np.array(sole), float(hip - ankle[2]) / 0.86)

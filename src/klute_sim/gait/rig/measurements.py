@@ -1,0 +1,161 @@
+"""What the gait rig measures at each step.
+
+A sample belongs to the start of its step: positions and velocities before it, forces and moments as MuJoCo
+evaluated them there, and the device as its implicit step balanced it (pressure and muscle length at the
+step's end, which are those the tension belongs to). Angle, velocity and power of the ankle are those of the foot
+against the pylon, as markers see them: where the foot bends, hinge and bending together.
+"""
+
+import mujoco
+import numpy as np
+
+from klute_sim.device.dynamics import DeviceState
+from klute_sim.gait.body import KEEL_JOINT, PROSTHESIS_PREFIX
+from klute_sim.laws import damper as damper_law
+from klute_sim.laws import mckibben
+from klute_sim.plant.actuator import DeviceActuator
+from klute_sim.units import BAR
+
+MEASURED_COLUMNS = (
+    "carriage_x [m]",
+    "carriage_z [m]",
+    "thigh_angle [deg]",
+    "knee_angle [deg]",
+    "shank_angle [deg]",
+    "ankle_angle [deg]",
+    "ankle_velocity [deg/s]",
+    "heel_compression [m]",
+    "ankle_moment [N*m]",
+    "actuator_moment [N*m]",
+    "passive_moment [N*m]",
+    "stop_moment [N*m]",
+    "ankle_power [W]",
+    "actuator_power [W]",
+    "moment_arm [m]",
+    "unit_length [m]",
+    "muscle_length [m]",
+    "pressure [bar]",
+    "force [N]",
+    "muscle_force [N]",
+    "damper_force [N]",
+    "grf_vertical [N]",
+    "grf_forward [N]",
+    "cop_x [m]",
+    "ankle_x [m]",
+    "ankle_z [m]",
+    "sole_height [m]",
+)
+"""Columns of :meth:`Gauges.read`, in its order."""
+
+
+class GaitMeasurements:
+    """Reads one sample off a gait rig."""
+
+    def __init__(self, model: mujoco.MjModel, actuator: DeviceActuator) -> None:
+        """For the rig's ``model`` with the device bound to ``actuator``."""
+        self._model = model
+        self._actuator = actuator
+        self._ankle_joint_id = model.joint(PROSTHESIS_PREFIX + "ankle").id
+        self._ankle_dof_index = int(model.joint(PROSTHESIS_PREFIX + "ankle").dofadr[0])
+        self._ankle_qpos_index = int(model.joint(PROSTHESIS_PREFIX + "ankle").qposadr[0])
+        keel = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, KEEL_JOINT)
+        self._keel_indices = None if keel < 0 else (int(model.jnt_qposadr[keel]), int(model.jnt_dofadr[keel]))
+        self._heel_qpos_index = int(model.joint(PROSTHESIS_PREFIX + "heel").qposadr[0])
+        self._foot_body_id = model.body(PROSTHESIS_PREFIX + "foot").id
+        self._origin_site_id = model.site(PROSTHESIS_PREFIX + "achilles_origin").id
+        self._insertion_site_id = model.site(PROSTHESIS_PREFIX + "achilles_insertion").id
+        self._mid_range_angle = float(model.jnt_range[self._ankle_joint_id].mean())
+        floor = model.geom("floor").id
+        self._sole_geom_ids = np.flatnonzero((model.geom_contype & model.geom_conaffinity[floor]) != 0)
+        self._sole_radii = model.geom_size[self._sole_geom_ids, 0]
+
+    def measure(
+        self, data: mujoco.MjData, qpos: np.ndarray, qvel: np.ndarray, device_state: DeviceState, muscle_velocity: float
+    ) -> tuple[float, ...]:
+        """The sample of the step just taken, from positions ``q`` and velocities ``v`` before it.
+
+        It led to ``device``, with the muscle moving at ``muscle_rate`` [m/s].
+        """
+        actuator, parameters = self._actuator, self._actuator.parameters
+        tension = actuator.tension(data)
+
+        angle, rate = (
+            float(qpos[self._ankle_qpos_index]),
+            float(qvel[self._ankle_dof_index]),
+        )  # plantarflexion positive, as the hinge
+        turned, turning = angle, rate
+        if self._keel_indices is not None:
+            turned, turning = turned + float(qpos[self._keel_indices[0]]), turning + float(qvel[self._keel_indices[1]])
+        by_actuator = float(data.qfrc_actuator[self._ankle_dof_index])
+        by_passive = float(data.qfrc_passive[self._ankle_dof_index])
+        by_stop = self._compute_stop_moment(data, angle)
+        moment = by_actuator + by_passive + by_stop
+        up, forward, cop = self._compute_ground_reaction(data)
+        ankle = data.xpos[self._foot_body_id]
+        degrees = 57.29577951308232
+        return (
+            float(qpos[0]),
+            float(qpos[1]),
+            float(qpos[2]) * degrees,
+            float(qpos[3]) * degrees,
+            float(qpos[2] + qpos[3]) * degrees,
+            -turned * degrees,
+            -turning * degrees,
+            float(qpos[self._heel_qpos_index]),
+            moment,
+            by_actuator,
+            by_passive,
+            by_stop,
+            moment * turning,
+            by_actuator * rate,
+            self._compute_moment_arm(data),
+            actuator.unit_length(data),
+            device_state.length,
+            device_state.pressure / BAR,
+            tension,
+            mckibben.force(parameters.muscle, device_state.pressure, device_state.length),
+            damper_law.force(parameters.damper, muscle_velocity),
+            up,
+            forward,
+            cop,
+            float(ankle[0]),
+            float(ankle[2]),
+            float((data.geom_xpos[self._sole_geom_ids, 2] - self._sole_radii).min()),
+        )
+
+    def _compute_moment_arm(self, data: mujoco.MjData) -> float:
+        """Distance [m] of the Achilles line from the ankle axis, from the sites' positions."""
+        x, _, z = data.xpos[self._foot_body_id]
+        ox, _, oz = data.site_xpos[self._origin_site_id]
+        ix, _, iz = data.site_xpos[self._insertion_site_id]
+        dx, dz = ox - ix, oz - iz
+        return float(abs((ix - x) * dz - (iz - z) * dx) / (dx * dx + dz * dz) ** 0.5)
+
+    def _compute_stop_moment(self, data: mujoco.MjData, angle: float) -> float:
+        """Moment [N.m] of the ankle's end stop, plantarflexor positive."""
+        limits = data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT
+        if not limits.any():
+            return 0.0
+        push = float(data.efc_force[limits & (data.efc_id == self._ankle_joint_id)].sum())
+        return push if angle < self._mid_range_angle else -push
+
+    @staticmethod
+    def _compute_ground_reaction(data: mujoco.MjData) -> tuple[float, float, float]:
+        """Vertical and forward reaction [N], centre of pressure [m] (NaN unloaded).
+
+        The floor is the only partner of the sole, and a plane is always the first of the two, so a contact's
+        normal points up, into the foot.
+        """
+        contact = data.contact
+        active = contact.efc_address >= 0
+        if not active.any():
+            return 0.0, 0.0, float("nan")
+        row = contact.efc_address[active]
+        normal = data.efc_force[row]
+        frame = contact.frame[active]
+        along, across = data.efc_force[row + 1], data.efc_force[row + 2]
+        forward = normal * frame[:, 0] + along * frame[:, 3] + across * frame[:, 6]
+        upward = normal * frame[:, 2] + along * frame[:, 5] + across * frame[:, 8]
+        total = float(upward.sum())
+        cop = float((normal * contact.pos[active, 0]).sum() / normal.sum()) if normal.sum() > 0.0 else float("nan")
+        return total, float(forward.sum()), cop

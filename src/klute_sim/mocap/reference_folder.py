@@ -1,0 +1,90 @@
+"""The reference folder: the mean stride, where it comes from, every stride, and the report."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from klute_sim.gait import reference_folder
+from klute_sim.mocap.kinematics import filters
+from klute_sim.mocap.reference_import import ImportedReference
+from klute_sim.mocap.strides import strides
+from klute_sim.provenance import collect_versions
+from klute_sim.recording import parquet
+
+REPORT_FILE = "import.json"
+
+
+def summarize(imported: ImportedReference) -> dict[str, Any]:
+    """Everything that was found and decided; JSON types only."""
+    options = imported.options
+    return {
+        "format": "klute-sim-import/1",
+        "side": imported.side,
+        "strides": {side: len(of) for side, of in imported.strides.items()},
+        "mass_kg": imported.mass,
+        "mass_by_impulse_kg": imported.impulse_mass,
+        "stature_m": options.stature,
+        "stride_time_s": imported.stride_time,
+        "toe_off_pct": imported.toe_off,
+        "speed_m_per_s": imported.walking_speed,
+        "peaks": {
+            "ankle_moment_nm_per_kg": float(imported.table["ankle_plantarflexor_moment_nm_per_kg"].max()),
+            "ankle_power_w_per_kg": float(imported.table["ankle_power_w_per_kg"].max()),
+            "grf_vertical_n_per_kg": float(imported.table["grf_vertical_n_per_kg"].max()),
+        },
+        "filters": describe_filters(imported),
+        **imported.log.as_json(),
+        "versions": collect_versions(),
+    }
+
+
+def describe_filters(imported: ImportedReference) -> dict[str, str]:
+    """Filters and thresholds in words."""
+    options = imported.options
+    return {
+        "angles": filters.describe_filter(options.motion_cutoff),
+        "loads": filters.describe_filter(options.load_cutoff),
+        "contact": f"vertical load above {options.contact_threshold:g} N",
+        "ankle_zero": options.ankle_zero,
+    }
+
+
+def write_reference(imported: ImportedReference, folder: Path) -> dict[str, Any]:
+    """Fill the new folder ``scratch``; the summary."""
+    (folder / reference_folder.CURVES_FILE).write_text(imported.to_csv(), "utf-8", newline="\n")
+    (folder / reference_folder.METADATA_FILE).write_text(_format_toml(imported), "utf-8", newline="\n")
+    for side, of in imported.strides.items():
+        parquet.write(strides.to_recording(of, side), folder / f"strides_{side}.parquet")
+    result = summarize(imported)
+    (folder / REPORT_FILE).write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", "utf-8")
+    return result
+
+
+def _format_toml(imported: ImportedReference) -> str:
+    """``reference.toml``; JSON strings are TOML's basic strings."""
+    lines = [
+        f'format = "{reference_folder.FORMAT}"',
+        f'side = "{imported.side}"',
+        f"strides = {len(imported.strides[imported.side])}",
+        f"mass_kg = {imported.mass:.6g}",
+    ]
+    if imported.options.stature is not None:
+        lines.append(f"stature_m = {imported.options.stature:.6g}")
+    lines.append(f"stride_time_s = {imported.stride_time:.6g}")
+    if imported.walking_speed is not None:
+        lines.append(f"speed_m_per_s = {imported.walking_speed:.6g}")
+    lines += [f"toe_off_pct = {imported.toe_off:.6g}", "", "[filters]"]
+    lines += [f"{key} = {json.dumps(value)}" for key, value in describe_filters(imported).items()]
+    lines += ["", "[conventions]"]
+    lines.append(
+        'signs = "flexion, dorsiflexion, forward and up positive; moment plantarflexor positive; per kg of mass_kg"'
+    )
+    lines.append('phase = "heel strike to heel strike of one foot"')
+    for entry in imported.log.files:
+        lines += [
+            "",
+            "[[source]]",
+            f"file = {json.dumps(entry['file'], ensure_ascii=False)}",
+            f'sha256 = "{entry["sha256"]}"',
+        ]
+    return "\n".join(lines) + "\n"

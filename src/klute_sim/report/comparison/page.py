@@ -1,0 +1,97 @@
+"""A comparison as one HTML file that needs nothing else, not even a network."""
+
+import base64
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from klute_sim.comparison.comparison import Comparison, ComparisonPart
+from klute_sim.comparison.results import as_json
+from klute_sim.provenance import collect_versions
+from klute_sim.report.comparison import text as words
+from klute_sim.report.comparison.figures import MAX_CHANNELS_PER_FIGURE
+from klute_sim.report.html import render_template
+
+TEMPLATE = "comparison.html"
+
+
+def write_page(comparison: Comparison, pictures: Mapping[str, bytes], path: Path, rrd_file: str = "") -> None:
+    """Write the page of ``found`` to ``path``, with ``pictures`` (part -> PNG) in it.
+
+    It links to the rerun ``recording`` beside it, if there is one.
+    """
+    path.write_text(render_page(comparison, pictures, rrd_file), "utf-8")
+
+
+def render_page(comparison: Comparison, pictures: Mapping[str, bytes], rrd_file: str = "") -> str:
+    """The page; every name in the data is escaped."""
+    return render_template(TEMPLATE, **build_page_context(comparison, pictures), recording=rrd_file)
+
+
+def build_page_context(comparison: Comparison, pictures: Mapping[str, bytes]) -> dict[str, Any]:
+    """Everything on the page, in words."""
+    labels = [series.label for series in comparison.parts[0].series]
+    return {
+        "title": labels[0] if comparison.is_single else f"{', '.join(labels[1:])} against {labels[0]}",
+        "alone": words.EXTENT_HEADINGS if comparison.is_single else (),
+        "series": [_build_series_entry(told) for told in as_json(comparison)["series"]],
+        "remarks": comparison.remarks,
+        "parts": [_build_part_entry(part, comparison.domain, pictures) for part in comparison.parts],
+        "undrawn": _describe_omitted_figures(comparison, pictures),
+        "rules": words.explain_numbers(comparison),
+        "versions": collect_versions(),
+    }
+
+
+def _describe_omitted_figures(comparison: Comparison, pictures: Mapping[str, bytes]) -> list[str]:
+    """What has no picture, one sentence each."""
+    said = []
+    if pictures and len(pictures) < len(comparison.parts):
+        said.append(f"Drawn are the {len(pictures)} trials with the largest differences of {len(comparison.parts)}.")
+    most = max(len(part.differences) for part in comparison.parts)
+    if pictures and most > MAX_CHANNELS_PER_FIGURE:
+        said.append(f"Drawn are the {MAX_CHANNELS_PER_FIGURE} channels with the largest differences of {most}.")
+    return said
+
+
+def _build_series_entry(summary: dict[str, Any]) -> dict[str, Any]:
+    made = [*summary["devices"], *summary["controllers"]]
+    repeats = sorted({count for count in summary["repeats"] if count is not None})
+    return {
+        "label": summary["label"],
+        "what": "the human reference" if summary["reference"] else ", ".join(made),
+        "runs": summary["runs"],
+        "repeats": "-" if not repeats else str(repeats[0]) if len(repeats) == 1 else f"{repeats[0]} to {repeats[-1]}",
+    }
+
+
+def _build_part_entry(part: ComparisonPart, domain: str, pictures: Mapping[str, bytes]) -> dict[str, Any]:
+    rows = [
+        _build_row_entry(words.DifferenceRow(part, name, label, d), domain)
+        for name, own in part.differences.items()
+        for label, d in own.items()
+    ]
+    image = base64.b64encode(pictures[part.name]).decode("ascii") if part.name in pictures else ""
+    alone = [
+        {"channel": words.humanize_channel(name), "unit": words.format_unit(part.units[name]), "cells": cells}
+        for name, cells in (words.iter_extents(part, domain) if len(part.series) == 1 else ())
+    ]
+    return {"name": part.name, "rows": rows, "alone": alone, "image": image}
+
+
+def _build_row_entry(row: words.DifferenceRow, domain: str) -> dict[str, str]:
+    part, channel, label, d = row
+    return {
+        "channel": words.humanize_channel(channel),
+        "unit": words.format_unit(part.units[channel]),
+        "series": label,
+        "bias": words.format_bias(d),
+        "rms": words.format_number(d.rms),
+        "rms_sd": words.format_number(d.rms_sd),
+        "correlation": words.format_number(d.correlation, ".4f"),
+        "largest": words.format_number(d.max_difference, "+.3g"),
+        "at": words.format_position(d.max_position, domain),
+        "compared": f"{100.0 * d.compared_fraction:.0f} %",
+        "half": words.format_half_error_interval(row, domain),
+        "beyond": words.format_significant_regions(d, domain),
+    }

@@ -1,0 +1,109 @@
+"""The picture of a design: force over velocity, and the stride's demand."""
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from klute_sim.report.gait.figure import COMPACT_STYLE, HUMAN_COLOUR, PROSTHESIS_COLOUR
+from klute_sim.sizing.evaluation.demand import StrideDemand
+from klute_sim.sizing.evaluation.velocity import required_orifice
+from klute_sim.sizing.sizing import Design
+from klute_sim.units import BAR
+
+
+def save_figure(design: Design, path: Path) -> None:
+    """Write the picture of ``found`` to ``path``."""
+    with matplotlib.rc_context(COMPACT_STYLE):
+        _write_figure(design, path)
+
+
+def _write_figure(design: Design, path: Path) -> None:
+    rows = 2 if design.demand else 1
+    figure = Figure(figsize=(11, 4.2 * rows), layout="constrained")
+    axes = figure.subplots(rows, 2, squeeze=False)
+    _plot_force_velocity(axes[0, 0], design)
+    _plot_orifice_diameters(axes[0, 1], design)
+    if design.demand:
+        _plot_force_demand(axes[1, 0], design.demand)
+        _plot_pressure_demand(axes[1, 1], design.demand, design.choices.supply_pressure)
+    for axis in axes.flat:
+        axis.grid(alpha=0.25, linewidth=0.5)
+    option = design.selected
+    figure.suptitle(
+        f"{design.device.name}: {option.count} × {option.actuator}, {1e3 * option.resting_length:.0f} mm, "
+        f"F0 {design.isometric_force:.0f} N at {design.choices.supply_pressure / BAR:g} bar"
+    )
+    figure.savefig(path, dpi=130)
+
+
+def _plot_force_velocity(axis: Axes, design: Design) -> None:
+    curves, speed = design.curves, 1e3 * design.curves.velocity
+    axis.plot(speed, curves.muscle / curves.isometric, color="0.75", linewidth=5, label="muscle (Hill)")
+    axis.plot(speed, curves.actuator_only / curves.isometric, color="#d62728", linewidth=1.1, label="actuator alone")
+    ideal = curves.ideal_damper / curves.isometric
+    axis.plot(speed, ideal, color=HUMAN_COLOUR, linestyle="--", linewidth=1.1, label="with ideal damper")
+    axis.plot(
+        speed,
+        curves.fixed_orifices / curves.isometric,
+        color=PROSTHESIS_COLOUR,
+        linewidth=1.6,
+        label="with fixed orifices",
+    )
+    axis.axvline(0.0, color="0.6", linewidth=0.6)
+    axis.set_title("force over F0")
+    axis.set_xlabel("velocity [mm/s], shortening positive")
+    axis.set_ylim(bottom=0.0)
+    axis.legend(fontsize=7, frameon=False)
+
+
+def _plot_orifice_diameters(axis: Axes, design: Design) -> None:
+    point = design.damper.concentric
+    needed = 1e3 * required_orifice(design.curves, design.damper.bore, point.oil_density, point.discharge_coefficient)
+    speed = 1e3 * design.curves.velocity
+    axis.plot(speed, needed, color=HUMAN_COLOUR, linestyle="--", linewidth=1.1, label="needed for Hill (4.6)")
+    # One orifice per direction: two levels, with nothing between them.
+    for label, end, orifice in (
+        ("fixed", speed[-1], design.damper.concentric.orifice_diameter),
+        (None, speed[0], design.damper.eccentric.orifice_diameter),
+    ):
+        axis.plot([0.0, end], [1e3 * orifice] * 2, color=PROSTHESIS_COLOUR, linewidth=1.6, label=label)
+    axis.axvline(0.0, color="0.6", linewidth=0.6)
+    axis.set_title("orifice diameter [mm]")
+    axis.set_xlabel("velocity [mm/s], shortening positive")
+    axis.set_ylim(bottom=0.0)
+    axis.legend(fontsize=7, frameon=False)
+
+
+def _plot_force_demand(axis: Axes, demand: StrideDemand) -> None:
+    phase = 100.0 * demand.phase
+    axis.plot(phase, demand.max_isometric_force, color="#d62728", linewidth=1.1, label="isometric, supply's pressure")
+    axis.plot(
+        phase, demand.commanded_isometric_force, color="#9467bd", linewidth=1.1, label="isometric, its own profile"
+    )
+    asked = np.where(demand.is_loaded, demand.tendon_force - demand.damping_force, np.nan)
+    axis.plot(phase, asked, color=PROSTHESIS_COLOUR, linestyle="--", linewidth=1.2, label="needed, with damper")
+    axis.plot(phase, demand.tendon_force, color=HUMAN_COLOUR, linewidth=1.6, label="needed by the tendon")
+    axis.set_title("force over the stride [N]")
+    _format_gait_cycle_axis(axis)
+
+
+def _plot_pressure_demand(axis: Axes, demand: StrideDemand, supply_pressure: float) -> None:
+    phase = 100.0 * demand.phase
+    axis.plot(phase, demand.required_pressure / BAR, color=PROSTHESIS_COLOUR, linewidth=1.6, label="needed")
+    axis.axhline(supply_pressure / BAR, color="#d62728", linewidth=1.0, linestyle="--", label="supply")
+    axis.set_title("gauge pressure over the stride [bar]")
+    _format_gait_cycle_axis(axis)
+    beside = axis.twinx()
+    beside.plot(phase, demand.length_ratio, color="#2ca02c", linewidth=1.0)
+    beside.set_ylabel("muscle length / L0", color="#2ca02c")
+    beside.spines["right"].set_visible(True)
+
+
+def _format_gait_cycle_axis(axis: Axes) -> None:
+    axis.set_xlim(0, 100)
+    axis.set_ylim(bottom=0.0)
+    axis.set_xlabel("gait cycle [%]")
+    axis.legend(fontsize=7, frameon=False)

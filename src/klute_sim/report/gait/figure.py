@@ -1,0 +1,116 @@
+"""The picture of a gait run."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from klute_sim.gait.metrics import compute_gait_metrics, is_level_ground
+from klute_sim.gait.reference import GRAVITY
+from klute_sim.recording.recording import Array, Recording
+
+COMPACT_STYLE: Any = {"font.size": 8, "axes.titlesize": 9, "axes.spines.top": False, "axes.spines.right": False}
+
+HUMAN_COLOUR, PROSTHESIS_COLOUR, EARLIER_COLOUR = "0.2", "#1f77b4", "#9ecae1"
+
+
+def save_figure(recording: Recording, path: Path) -> None:
+    """Write the last stride (earlier ones behind it, faint) over the reference and its +-1 sd band to ``path``."""
+    with matplotlib.rc_context(COMPACT_STYLE):
+        _write_figure(recording, path)
+
+
+def _write_figure(recording: Recording, path: Path) -> None:
+    figure = Figure(figsize=(11, 11), layout="constrained")
+    axes = figure.subplots(4, 2)
+    mass = float(recording.provenance["options"]["mass_kg"])
+    weight = mass * GRAVITY
+    strides = [recording.select(recording["stride"] == k) for k in range(1, int(recording["stride"][-1]) + 1)]
+
+    _plot_against_reference(axes[0, 0], strides, "ankle_angle", 1.0, "ankle angle [deg]", "dorsiflexion up")
+    _plot_against_reference(axes[0, 1], strides, "ankle_moment", mass, "net ankle moment [N·m/kg]", "plantarflexor up")
+    _plot_against_reference(axes[1, 0], strides, "ankle_power", mass, "net ankle power [W/kg]", "generation up")
+    _plot_work_loop(axes[1, 1], strides, mass)
+    _plot_against_reference(
+        axes[2, 0], strides, "grf_vertical", weight, "vertical ground reaction [body weights]", "tracked, not predicted"
+    )
+    _plot_against_reference(
+        axes[2, 1], strides, "grf_forward", weight, "fore-aft ground reaction [body weights]", "forward up"
+    )
+    last = strides[-1]
+    _plot_pressure(axes[3, 0], last)
+    _plot_forces(axes[3, 1], last)
+    for axis in axes.flat:
+        axis.grid(alpha=0.25, linewidth=0.5)
+        if axis is not axes[1, 1]:
+            axis.set_xlim(0, 100)
+            axis.set_xlabel("gait cycle [%]")
+    options = recording.provenance["options"]
+    trips = (
+        "\nthe foot touches the ground in swing: it trips" if compute_gait_metrics(recording).has_swing_contact else ""
+    )
+    slope = "" if is_level_ground(recording) else f"slope {options['slope_deg']:+g}° (nobody's gait measured there), "
+    figure.suptitle(
+        f"{recording.provenance['device']['name']}, {mass:.4g} kg, {options['speed_m_per_s']:.2f} m/s, {slope}"
+        f"stride {len(strides)} of {len(strides)}; reference: {recording.provenance['reference']['name']}{trips}"
+    )
+    figure.savefig(path, dpi=130)
+
+
+def _plot_against_reference(
+    axis: Axes, strides: list[Recording], channel: str, scale: float, label: str, remark: str
+) -> None:
+    last = strides[-1]
+    phase, human = last["gait_phase"], last[f"reference_{channel}"] / scale
+    if f"reference_{channel}_sd" in last:
+        band: Array = last[f"reference_{channel}_sd"] / scale
+        axis.fill_between(phase, human - band, human + band, color="0.87", label="human ±1 sd")
+    axis.plot(phase, human, color=HUMAN_COLOUR, linestyle="--", linewidth=1.0, label=_format_reference_label(last))
+    for number, stride in enumerate(strides[:-1]):
+        name = "earlier strides" if number == 0 else None
+        axis.plot(stride["gait_phase"], stride[channel] / scale, color=EARLIER_COLOUR, linewidth=0.7, label=name)
+    axis.plot(phase, last[channel] / scale, color=PROSTHESIS_COLOUR, linewidth=1.4, label="prosthesis")
+    axis.set_title(f"{label} ({remark})")
+    axis.legend(fontsize=7, frameon=False)
+
+
+def _format_reference_label(recording: Recording) -> str:
+    return "human" if is_level_ground(recording) else "human on the level, turned"
+
+
+def _plot_work_loop(axis: Axes, strides: list[Recording], mass: float) -> None:
+    last = strides[-1]
+    axis.plot(
+        last["reference_ankle_angle"],
+        last["reference_ankle_moment"] / mass,
+        color=HUMAN_COLOUR,
+        linestyle="--",
+        linewidth=1.0,
+        label=_format_reference_label(last),
+    )
+    axis.plot(
+        last["ankle_angle"], last["ankle_moment"] / mass, color=PROSTHESIS_COLOUR, linewidth=1.4, label="prosthesis"
+    )
+    axis.set_title("moment [N·m/kg] over angle [deg] (counter-clockwise: net work done)")
+    axis.set_xlabel("dorsiflexion [deg]")
+    axis.legend(fontsize=7, frameon=False)
+
+
+def _plot_pressure(axis: Axes, stride: Recording) -> None:
+    phase = stride["gait_phase"]
+    axis.plot(phase, stride["pressure"], color="#2ca02c", linewidth=1.8, label="delivered")
+    axis.plot(phase, stride["pressure_command"], color="0.1", linestyle="--", linewidth=0.9, label="commanded")
+    axis.set_title("gauge pressure [bar]")
+    axis.set_ylim(bottom=0)
+    axis.legend(fontsize=7, frameon=False)
+
+
+def _plot_forces(axis: Axes, stride: Recording) -> None:
+    phase = stride["gait_phase"]
+    axis.plot(phase, stride["force"], color="#d62728", linewidth=1.4, label="tendon")
+    axis.plot(phase, stride["muscle_force"], color="#9467bd", linewidth=1.0, label="muscle")
+    axis.plot(phase, stride["damper_force"], color="#8c564b", linewidth=1.0, label="damper")
+    axis.set_title("device forces [N]")
+    axis.legend(fontsize=7, frameon=False)

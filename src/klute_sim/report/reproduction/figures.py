@@ -1,0 +1,83 @@
+"""Figures of the source, drawn in its axes.
+
+Matplotlib is imported when something is drawn.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from klute_sim.report.style import STYLE
+from klute_sim.reproduction.curves import FigureData, PlotLine
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LINE_STYLES: Any = {"line": "-", "dashed": "--", "dotted": ":", "points": "none"}
+DPI = 110
+MAX_CURVES_IN_AXES_LEGEND = 5
+"""Curves in a legend that stands beside the axes if there are more."""
+
+
+def build_figure(picture: FigureData) -> "Figure":
+    """``picture`` as curves, or as a surface."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(5.6, 4.0), layout="constrained")
+        if picture.surface is not None:
+            _plot_surface(figure, picture)
+        else:
+            _plot_curves(figure, picture)
+        figure.suptitle(f"Fig. {picture.number}: {picture.title}", fontsize=9.0)
+    return figure
+
+
+def _plot_curves(figure: "Figure", picture: FigureData) -> None:
+    axes = figure.subplots()
+    for line in picture.lines:
+        _plot_curve(axes, line)
+    axes.set_xlabel(picture.x_label)
+    axes.set_ylabel(picture.y_label)
+    if picture.x_range:
+        axes.set_xlim(*picture.x_range)
+    if picture.y_range:
+        axes.set_ylim(*picture.y_range)
+    axes.axhline(0.0, color="0.7", linewidth=0.6)
+    axes.grid(alpha=0.25, linewidth=0.5)
+    named = [line for line in picture.lines if line.label]
+    if len(named) > MAX_CURVES_IN_AXES_LEGEND:
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    elif len(named) > 1:
+        axes.legend()
+
+
+def _plot_curve(axes: Any, line: PlotLine) -> None:
+    style: dict[str, Any] = {"linestyle": LINE_STYLES[line.style], "linewidth": 1.4, "label": line.label or None}
+    if line.style == "points":
+        style |= {"marker": "o", "markersize": 6.0, "clip_on": False}
+    if line.colour_index is not None:
+        style["color"] = f"C{line.colour_index}"
+    axes.plot(line.x, line.y, **style)
+
+
+def _plot_surface(figure: "Figure", picture: FigureData) -> None:
+    assert picture.surface is not None
+    axes: Any = figure.add_subplot(projection="3d")
+    x, y = np.meshgrid(picture.surface.x, picture.surface.y)
+    axes.plot_surface(x, y, picture.surface.z, cmap="viridis", linewidth=0.2, edgecolor="0.4", antialiased=True)
+    axes.set_xlabel(picture.x_label)
+    axes.set_ylabel(picture.y_label)
+    axes.set_zlabel(picture.z_label)
+    axes.view_init(elev=24.0, azim=-130.0)
+
+
+def save_figures(pictures: tuple[FigureData, ...], folder: Path) -> Iterator[Path]:
+    """Write every picture into ``folder`` as ``fig-NUMBER.png``; yields each when it is there."""
+    for picture in pictures:
+        path = folder / f"fig-{picture.number}.png"
+        build_figure(picture).savefig(path, dpi=DPI)
+        yield path

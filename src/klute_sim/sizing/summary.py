@@ -1,0 +1,172 @@
+"""A design as one JSON object, units in the keys."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from klute_sim.sizing.choices import ACTUATOR_LABELS, PA_PER_MPA
+from klute_sim.sizing.evaluation.demand import StrideDemand
+from klute_sim.sizing.parts.actuator import pressure_for_force
+from klute_sim.sizing.parts.damper import DamperDesignPoint
+from klute_sim.sizing.sensitivity import (
+    DesignMetrics,
+    SensitivityResult,
+    compute_design_metrics,
+    list_excluded_assumptions,
+)
+from klute_sim.sizing.sizing import Design
+from klute_sim.sizing.target import WalkerTarget
+from klute_sim.units import BAR
+
+CAVITATION_NOTE = (
+    "assumed: the oil leaves into a reservoir at atmosphere, its vapour pressure is negligible, and (4.6) puts the "
+    "narrowest place of the jet at the pressure behind the orifice; no back pressure is designed in"
+)
+
+
+def build_summary(design: Design, sensitivities: list[SensitivityResult]) -> dict[str, Any]:
+    """Everything the command reports."""
+    muscle, choices = design.muscle, design.choices
+    walker = design.target if isinstance(design.target, WalkerTarget) else None
+    return {
+        "device": design.device.name,
+        "target": {
+            "muscle": muscle.name,
+            "f0_n": muscle.isometric_force,
+            "l0_mm": None if muscle.resting_length is None else 1e3 * muscle.resting_length,
+            "mass_kg": walker.mass if walker else None,
+            "reference": walker.reference.name if walker else None,
+            "peak_moment_nm": walker.compute_peak_moment()[0] if walker else None,
+            "a_over_f0": muscle.hill.a,
+            "b_over_vmax": muscle.hill.b,
+            "saturation": muscle.hill.saturation,
+            "vmax_mm_per_s": 1e3 * muscle.design_peak_velocity,
+            "vmax_assumed": muscle.peak_velocity is None,
+        },
+        "needed_force_n": design.required_force,
+        "force_n": design.isometric_force,
+        "needed_ratio": design.selected.length_ratio if design.required_force else None,
+        "strength": design.selected.count * design.selected.available_force / design.required_force
+        if design.required_force
+        else None,
+        "pressure_for_needed_force_bar": _pressure_for_required_force(design),
+        "supply_pressure_bar": choices.supply_pressure / BAR,
+        "design_ratio": choices.assumptions.design_ratio,
+        "actuator": design.selected.actuator,
+        "count": design.selected.count,
+        "resting_length_mm": 1e3 * design.selected.resting_length,
+        "slenderness": design.selected.slenderness,
+        "rows": [
+            {
+                "actuator": o.actuator,
+                "row": ACTUATOR_LABELS[o.actuator],
+                "force_of_one_n": o.isometric_force,
+                "strength_of_one_n": o.available_force,
+                "ratio": o.length_ratio,
+                "count": o.count,
+                "force_n": o.total_force,
+                "strength_n": o.count * o.available_force,
+                "resting_length_mm": 1e3 * o.resting_length,
+                "gas_ml": 1e6 * o.gas_volume,
+                "sufficient": o.is_sufficient,
+            }
+            for o in design.candidates
+        ],
+        "damper": {
+            "bore_mm": round(1e3 * design.damper.bore, 6),
+            "bore_given": choices.bore is not None,
+            "needed_bore_mm": 1e3 * design.damper.required_bore,
+            "pressure_mpa": design.damper.max_pressure / PA_PER_MPA,
+            "allowed_pressure_mpa": choices.assumptions.cylinder_pressure / PA_PER_MPA,
+            "concentric": _encode_point(design.damper.concentric),
+            "eccentric": _encode_point(design.damper.eccentric),
+            "cavitation_note": CAVITATION_NOTE,
+        },
+        "tendon": design.device.spec.tendon.model_dump() if design.device.spec.tendon else None,
+        "envelope": [
+            {"name": b.name, "low": b.low, "high": b.high, "found": b.value, "met": b.is_met} for b in design.envelope
+        ],
+        "misfit_f0": {
+            name: {"concentric": m.concentric, "eccentric": m.eccentric}
+            for name, m in design.compute_force_velocity_errors().items()
+        },
+        "demand": _encode_demand(design.demand) if design.demand else None,
+        "profile": design.profile.describe() if design.profile else None,
+        "given": sorted(choices.fixed_fields),
+        "assumptions": design.device.spec.collect_assumptions(),
+        "sensitivity": {
+            "base": _encode_metrics(compute_design_metrics(design)),
+            "rows": [_encode_sensitivity(e) for e in sensitivities],
+            "left_out": list_excluded_assumptions(design),
+        },
+    }
+
+
+def _pressure_for_required_force(design: Design) -> float | None:
+    """Gauge pressure [bar] that would just give the force asked for; None: there is none, or it is beyond 20 bar."""
+    if design.required_force is None:
+        return None
+    muscle = design.device.parameters.muscle
+    pressure = pressure_for_force(muscle, design.required_force, design.selected.length_ratio * muscle.resting_length)
+    return None if math.isnan(pressure) else pressure / BAR
+
+
+def _encode_point(point: DamperDesignPoint) -> dict[str, float]:
+    return {
+        "speed_mm_per_s": 1e3 * point.speed,
+        "damping_n": point.design_force,
+        "damping_as_made_n": point.as_built_force,
+        "orifice_mm": round(1e3 * point.orifice_diameter, 6),
+        "pressure_mpa": point.pressure / PA_PER_MPA,
+        "oil_speed_m_per_s": point.jet_speed,
+        "cavitation_number": point.cavitation_number,
+        "refill_passage_mm": 1e3 * point.min_refill_diameter,
+    }
+
+
+def _encode_demand(demand: StrideDemand) -> dict[str, Any]:
+    peak, weakest = int(demand.tendon_force.argmax()), int(np.nanargmin(demand.force_margin))
+    needed = demand.required_pressure
+    return {
+        "tendon_peak_n": float(demand.tendon_force[peak]),
+        "tendon_peak_pct": 100.0 * float(demand.phase[peak]),
+        "strongest_at_peak_n": float(demand.max_isometric_force[peak]),
+        "commanded_at_peak_n": float(demand.commanded_isometric_force[peak]),
+        "peak_share": demand.peak_moment_fraction,
+        "least_margin": float(demand.force_margin[weakest]),
+        "least_margin_pct": 100.0 * float(demand.phase[weakest]),
+        "needed_pressure_bar": None if np.isnan(needed).any() else float(needed.max()) / BAR,
+        "ratio_min": float(demand.length_ratio.min()),
+        "ratio_max": float(demand.length_ratio.max()),
+        "at_stop_pct": 100.0 * float(demand.at_stop.mean()),
+        "fastest_shortening_mm_per_s": -1e3 * float(demand.muscle_velocity.min()),
+        "fastest_lengthening_mm_per_s": 1e3 * float(demand.muscle_velocity.max()),
+        "air_g": 1e3 * demand.air_mass,
+    }
+
+
+def _encode_metrics(metrics: DesignMetrics) -> dict[str, Any]:
+    return {
+        "orifice_concentric_mm": round(1e3 * metrics.orifice_concentric, 6),
+        "orifice_eccentric_mm": round(1e3 * metrics.orifice_eccentric, 6),
+        "cylinder_pressure_mpa": metrics.cylinder_pressure / PA_PER_MPA,
+        "peak_share": metrics.peak_moment_fraction,
+        "misfit_concentric_f0": metrics.rms_error_concentric,
+        "misfit_eccentric_f0": metrics.rms_error_eccentric,
+        "air_g": None if metrics.air_mass is None else 1e3 * metrics.air_mass,
+        "would_take": metrics.recommended_actuators,
+    }
+
+
+def _encode_sensitivity(sensitivity: SensitivityResult) -> dict[str, Any]:
+    varied = sensitivity.variation
+    digits = 6 - math.ceil(math.log10(abs(sensitivity.value / varied.si_factor))) if sensitivity.value else 6
+    return {
+        "assumption": varied.name,
+        "unit": varied.unit,
+        "base": round(varied.nominal / varied.si_factor, digits),
+        "value": round(sensitivity.value / varied.si_factor, digits),
+        "why": varied.reason,
+        "outcome": None if sensitivity.metrics is None else _encode_metrics(sensitivity.metrics),
+    }

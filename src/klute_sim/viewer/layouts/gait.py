@@ -1,0 +1,207 @@
+"""A walk for the rerun viewer: the rig in 3-D, every channel as a series, the ankle's work loop, energy and air."""
+
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from klute_sim.device.device import load_device
+from klute_sim.device.energy.ledger import format_effect_channel
+from klute_sim.effects import catalogue
+from klute_sim.gait.rig.build import build_gait_model
+from klute_sim.recording import parquet
+from klute_sim.recording.recording import Array, Recording
+from klute_sim.viewer import chart, scene, stream
+from klute_sim.viewer.stream import (
+    BLUE,
+    BROWN,
+    DARK_ORANGE,
+    GREEN,
+    ORANGE,
+    PALE_GREEN,
+    PALE_ORANGE,
+    RED,
+    VIOLET,
+    Colour,
+    SeriesLine,
+)
+
+TIMELINE = "time"
+
+PlotSeries = tuple[str, str, Colour]
+"""Entity, name in the legend, colour."""
+THIN_LINE_COLOURS = (ORANGE, DARK_ORANGE, PALE_ORANGE, PALE_GREEN)
+"""What a series is compared with. The viewer draws in the order of the entities' names, which puts it on top."""
+
+
+def _build_human_comparison(channel: str) -> tuple[PlotSeries, ...]:
+    return (
+        (f"band/{channel}_low", "human - 1 sd", DARK_ORANGE),
+        (f"band/{channel}_high", "human + 1 sd", DARK_ORANGE),
+        (f"channels/reference_{channel}", "human", ORANGE),
+        (f"channels/{channel}", "prosthesis", BLUE),
+    )
+
+
+PlotSpec = tuple[str, tuple[PlotSeries, ...]]
+"""Title, and what is in it."""
+POWERS_TITLE = "device powers [W], given up"
+LEDGER_STYLES = {
+    "gas": ("gas", GREEN),
+    "friction": ("friction offset", VIOLET),
+    "damper": ("damper", BROWN),
+    "stop": ("length stops", PALE_ORANGE),
+    "bladder": ("bladders' store", PALE_GREEN),
+    "tendon": ("tendon's store", ORANGE),
+    "solver": ("time step", DARK_ORANGE),
+    "delivered": ("delivered", RED),
+}
+"""Element of the ledger -> its name and colour, as power and as energy."""
+
+MOTION_PLOTS: tuple[PlotSpec, ...] = (
+    ("ankle angle [deg], dorsiflexion up", _build_human_comparison("ankle_angle")),
+    ("net ankle moment [N·m], plantarflexor up", _build_human_comparison("ankle_moment")),
+    ("net ankle power [W], generation up", _build_human_comparison("ankle_power")),
+    (
+        "gauge pressure [bar]",
+        (
+            ("channels/pressure_command", "commanded", PALE_GREEN),
+            ("channels/pressure", "delivered", GREEN),
+        ),
+    ),
+    (
+        "device forces [N]",
+        (
+            ("channels/muscle_force", "muscle", VIOLET),
+            ("channels/damper_force", "damper", BROWN),
+            ("channels/force", "tendon", RED),
+        ),
+    ),
+    (
+        "ground reaction [N], vertical: tracked, not predicted",
+        (
+            ("channels/reference_grf_vertical", "human, vertical", ORANGE),
+            ("channels/reference_grf_forward", "human, forward", PALE_ORANGE),
+            ("channels/grf_vertical", "vertical", BLUE),
+            ("channels/grf_forward", "forward", RED),
+        ),
+    ),
+)
+"""Beside the leg."""
+ENERGY_PLOTS: tuple[PlotSpec, ...] = (
+    (POWERS_TITLE, tuple((f"channels/{name}_power", *look) for name, look in LEDGER_STYLES.items())),
+    (
+        "device energies [J], given up since the start",
+        tuple((f"energy/{name}", *look) for name, look in LEDGER_STYLES.items()),
+    ),
+    (
+        "air [kg] (its gas assumed)",
+        (
+            ("channels/air_mass", "in the muscles", GREEN),
+            ("channels/air_drawn", "drawn since the start", BLUE),
+            ("channels/air_leaked", "leaked since the start", RED),
+        ),
+    ),
+    (
+        "lengths [m]",
+        (
+            ("channels/unit_length", "muscle, tendon and all", RED),
+            ("channels/muscle_length", "muscle", VIOLET),
+        ),
+    ),
+)
+"""Beside the work loop."""
+LOOP_ENTITY = "loop/moment_over_angle"
+
+
+def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
+    """Write a gait ``recording`` on the rig ``model`` to ``path`` (.rrd); raises MissingExtraError without rerun."""
+    rr = stream.import_rerun()
+    series = {f"channels/{name}": values for name, values in recording.channels.items() if name != "time"}
+    series |= compute_reference_bands(recording) | compute_cumulative_energies(recording)
+    shown = [line for _, plotted in (*MOTION_PLOTS, *build_energy_plots(recording)) for line in plotted]
+    looks = {entity: (name, colour) for entity, name, colour in shown}
+    with stream.open_recording(path, "gait", recording.provenance, lambda: build_blueprint(recording)) as out:
+        scene.log_scene(out, recording, model, TIMELINE)
+        axis = rr.TimeColumn(TIMELINE, duration=recording["time"])
+        for entity, values in series.items():
+            out.send_columns(entity, indexes=[axis], columns=rr.Scalars.columns(scalars=values))
+            if entity in looks:
+                name, colour = looks[entity]
+                stream.log_line_style(
+                    out, SeriesLine(entity, name, colour, 1.0 if colour in THIN_LINE_COLOURS else 3.0, values)
+                )
+        chart.log_chart(out, build_loop_chart(recording), axis, (recording["ankle_angle"], recording["ankle_moment"]))
+
+
+def rebuild_recording(folder: Path, path: Path) -> None:
+    """Write ``path`` from the files of a gait run's ``folder``; raises InputError for files that are damaged."""
+    recording = parquet.read(folder / "recording.parquet")
+    options = recording.provenance["options"]
+    model = build_gait_model(
+        load_device(folder / "device.toml"), mass=options["mass_kg"], stature=options["stature_m"], dt=options["step_s"]
+    )
+    write_recording(recording, model, path)
+
+
+def compute_reference_bands(recording: Recording) -> dict[str, Array]:
+    """Entity -> the reference less and plus its standard deviation, where it has one."""
+    found = {}
+    for name in ("ankle_angle", "ankle_moment", "ankle_power"):
+        if f"reference_{name}" in recording and f"reference_{name}_sd" in recording:
+            middle, deviation = recording[f"reference_{name}"], recording[f"reference_{name}_sd"]
+            found[f"band/{name}_low"], found[f"band/{name}_high"] = middle - deviation, middle + deviation
+    return found
+
+
+def compute_cumulative_energies(recording: Recording) -> dict[str, Array]:
+    """Entity -> what an element of the ledger has given up since the start [J].
+
+    A power is that of the step that ends at its sample, so that energies are sums and not trapezia.
+    """
+    steps = np.diff(recording["time"], prepend=recording["time"][0])
+    names = (f"{name}_power" for name in LEDGER_STYLES)
+    return {f"energy/{n.removesuffix('_power')}": np.cumsum(recording[n] * steps) for n in names if n in recording}
+
+
+def build_energy_plots(recording: Recording) -> list[PlotSpec]:
+    """:data:`LEDGER`, and among the powers a line for each effect that the device has."""
+    effects = [name for name in catalogue.get_effects() if format_effect_channel(name) in recording]
+    colours = itertools.cycle((BLUE, PALE_ORANGE, DARK_ORANGE, PALE_GREEN))
+    lines = tuple((f"channels/{format_effect_channel(name)}", name, next(colours)) for name in effects)
+    return [(title, (*series, *lines) if title == POWERS_TITLE else series) for title, series in ENERGY_PLOTS]
+
+
+def build_loop_chart(recording: Recording) -> chart.Chart:
+    """Net moment over angle of the ankle; counter-clockwise is net work done."""
+    curves = []
+    if "reference_ankle_angle" in recording and "reference_ankle_moment" in recording:
+        human = recording["reference_ankle_angle"], recording["reference_ankle_moment"]
+        curves.append(chart.ChartCurve("human", ORANGE, *human, thin=True))
+    curves.append(chart.ChartCurve("prosthesis", BLUE, recording["ankle_angle"], recording["ankle_moment"]))
+    return chart.Chart(LOOP_ENTITY, "dorsiflexion [deg]", "net plantarflexor moment [N·m]", tuple(curves))
+
+
+def build_blueprint(recording: Recording) -> Any:
+    """Layout: the leg seen from its side over the work loop on the left; motion and energy as tabs on the right."""
+    import rerun.blueprint as rrb
+
+    left = rrb.Vertical(
+        scene.build_view("leg (tendon: red at peak force; muscle: green at peak pressure)"),
+        chart.build_view(build_loop_chart(recording), "work loop of the ankle (counter-clockwise: work done)"),
+        row_shares=[3, 2],
+    )
+    right = rrb.Tabs(
+        _build_grid(MOTION_PLOTS, "motion and forces"), _build_grid(build_energy_plots(recording), "energy and air")
+    )
+    return stream.build_window_blueprint(rrb.Horizontal(left, right, column_shares=[1, 2]), TIMELINE)
+
+
+def _build_grid(plots: Sequence[PlotSpec], name: str) -> Any:
+    import rerun.blueprint as rrb
+
+    views = [stream.build_plot_view(title, [entity for entity, _, _ in plotted]) for title, plotted in plots]
+    return rrb.Grid(*views, grid_columns=2, name=name)

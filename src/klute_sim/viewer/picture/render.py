@@ -1,0 +1,150 @@
+"""Views of a rerun recording drawn by matplotlib: series, what is in a plane, and words.
+
+The colours are those of the recording, which are made for the viewer's dark background.
+"""
+
+import textwrap
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from klute_sim.viewer.picture.rrd_reader import Entity, View
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BACKGROUND_COLOUR, GRID_COLOUR, TEXT_COLOUR = "#0d0d0d", "#444444", "#d8d8d8"
+FONT_SIZE_PT = 7.0
+"""Of words [points]."""
+LINE_HEIGHT_IN, LETTER_WIDTH_IN = 0.15, 0.057
+"""Height of a line of words, and width of a letter [inches]."""
+
+
+def unpack_colour(packed: int) -> tuple[float, float, float, float]:
+    """Rerun's 0xRRGGBBAA, as matplotlib has it."""
+    red, green, blue, alpha = (((int(packed) >> shift) & 255) / 255.0 for shift in (24, 16, 8, 0))
+    return red, green, blue, alpha
+
+
+def get_first_value(entity: Entity, component: str, default: Any) -> Any:
+    """The first of a static component's values."""
+    found = entity.static.get(component)
+    return found[0] if found else default
+
+
+def draw_series(axis: "Axes", view: View, entities: dict[str, Entity], timeline: str, cursor: float) -> None:
+    """A plot over the timeline, with a mark where the cursor is."""
+    # As the viewer does: in the order of the entities' names.
+    for path, entity in sorted(entities.items()):
+        if "scalars" not in entity.rows or timeline not in entity.times:
+            continue
+        value = np.array([row[0] if row else np.nan for row in entity.rows["scalars"]], dtype=np.float64)
+        look: dict[str, Any] = {"color": unpack_colour(get_first_value(entity, "colors", 0xAAAAAAFF))}
+        look["label"] = get_first_value(entity, "names", path)
+        if "SeriesPoints" in entity.archetypes:
+            look |= {"linestyle": "none", "marker": "o", "markersize": get_first_value(entity, "marker_sizes", 3.0)}
+        else:
+            look["linewidth"] = 0.6 * get_first_value(entity, "widths", 1.0)
+        axis.plot(entity.get_times(timeline), value, **look)
+    axis.axvline(cursor, color=TEXT_COLOUR, linewidth=0.5)
+    axis.grid(color=GRID_COLOUR, linewidth=0.3)
+    axis.tick_params(labelsize=FONT_SIZE_PT, colors=TEXT_COLOUR)
+    for spine in axis.spines.values():
+        spine.set_color(GRID_COLOUR)
+    # As the viewer does: what is called alike is there once.
+    handles, labels = axis.get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))
+    if view.legend and named:
+        axis.legend(named.values(), named.keys(), fontsize=FONT_SIZE_PT, frameon=True, facecolor=BACKGROUND_COLOUR, edgecolor=GRID_COLOUR,
+                    labelcolor=TEXT_COLOUR, framealpha=0.6)  # fmt: skip
+    axis.set_xlabel(
+        f"{timeline.replace('_', ' ')}{' [s]' if timeline == 'time' else ''}", fontsize=FONT_SIZE_PT, color=TEXT_COLOUR
+    )
+
+
+def draw_plane(axis: "Axes", view: View, entities: dict[str, Entity], timeline: str, cursor: float) -> None:
+    """What is in a picture plane, y down: images, lines, points and words."""
+    from matplotlib.collections import LineCollection
+
+    # As the viewer does: images first, then in the order of the entities' names.
+    for _, entity in sorted(entities.items(), key=lambda each: ("Image" not in each[1].archetypes, each[0])):
+        if "Image" in entity.archetypes:
+            pixels, scale = decode_image(entity), float(get_first_value(entity, "scale", [1.0])[0])
+            high, wide = pixels.shape[:2]
+            axis.imshow(pixels, extent=(0.0, wide * scale, high * scale, 0.0), interpolation="nearest")
+        if "LineStrips2D" in entity.archetypes:
+            strips = [np.array(strip) for strip in entity.get_value("strips", timeline, cursor) or []]
+            width = 0.7 * abs(float(get_first_value(entity, "radii", -1.0)))
+            axis.add_collection(LineCollection(strips, colors=[_unpack_colours(entity, 1)[0]], linewidths=2.0 * width))
+        if "Points2D" in entity.archetypes:
+            _draw_points(axis, entity, timeline, cursor)
+    if view.bounds is not None:
+        (left, right), (top, bottom) = view.bounds
+        axis.set_xlim(left, right)
+        axis.set_ylim(bottom, top)
+    axis.set_aspect("equal")
+    axis.set_axis_off()
+
+
+def _draw_points(axis: "Axes", entity: Entity, timeline: str, cursor: float) -> None:
+    places = np.array(entity.get_value("positions", timeline, cursor) or np.empty((0, 2)))
+    labels, shades = entity.static.get("labels"), _unpack_colours(entity, len(places))
+    if labels:
+        for (x, y), label, shade in zip(places, labels, shades, strict=True):
+            axis.text(x, y + 1.0, label, color=shade, fontsize=FONT_SIZE_PT, ha="center", va="top", clip_on=True)
+    elif len(places):
+        size = abs(float(get_first_value(entity, "radii", -3.0)))
+        axis.scatter(places[:, 0], places[:, 1], s=2.0 * size**2, c=shades, zorder=3.0)
+
+
+def _unpack_colours(entity: Entity, n_colours: int) -> list[tuple[float, float, float, float]]:
+    packed = entity.static.get("colors") or [0xAAAAAAFF]
+    return [unpack_colour(packed[min(k, len(packed) - 1)]) for k in range(n_colours)]
+
+
+def decode_image(entity: Entity) -> NDArray[np.uint8]:
+    """The pixels (rows, columns, 3) of an image of bytes."""
+    form = get_first_value(entity, "format", {})
+    pixels = np.array(get_first_value(entity, "buffer", []), dtype=np.uint8)
+    return pixels.reshape(form["height"], form["width"], -1)
+
+
+def join_text(entities: dict[str, Entity]) -> str:
+    """The Markdown of a page."""
+    return "\n".join(str(get_first_value(entity, "text", "")) for entity in entities.values())
+
+
+def draw_text(axis: "Axes", text: str, size: tuple[float, float]) -> None:
+    """A page of Markdown as plain words, as much as there is place for in so many ``inches`` (wide, high)."""
+    axis.set_axis_off()
+    most = max(1, int(size[1] / LINE_HEIGHT_IN) - 1)
+    lines = list(strip_markdown(text, max(20, int(size[0] / LETTER_WIDTH_IN))))
+    if len(lines) > most:
+        lines = [*lines[: most - 1], ("…", False)]
+    for k, (line, heading) in enumerate(lines):
+        place, weight = 1.0 - (k + 0.5) * LINE_HEIGHT_IN / size[1], "bold" if heading else "normal"
+        family = "monospace" if "  " in line.strip() else "sans-serif"
+        axis.text(0.01, place, line, transform=axis.transAxes, fontsize=FONT_SIZE_PT, color=TEXT_COLOUR, va="center",
+                  weight=weight, family=family, clip_on=True)  # fmt: skip
+
+
+def strip_markdown(text: str, width: int) -> Iterator[tuple[str, bool]]:
+    """Lines of Markdown ``text`` without its marks, and whether each is a heading; tables are aligned."""
+    table: list[list[str]] = []
+    for line in [*text.splitlines(), ""]:
+        if line.startswith("|"):
+            table.append([cell.strip() for cell in line.strip("|").split("|")])
+            continue
+        if table:
+            rows = [row for row in table if set("".join(row)) != {"-"}]
+            sizes = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+            for row in rows:
+                aligned = "  ".join(cell.ljust(size) for cell, size in zip(row, sizes, strict=True)).rstrip()
+                fits = int(0.95 * width)  # of a wider family
+                yield (aligned if len(aligned) <= fits else aligned[: fits - 1] + "…"), False
+            table = []
+        heading = line.startswith("#")
+        for piece in textwrap.wrap(line.lstrip("# "), width) or [""]:
+            yield piece, heading

@@ -1,0 +1,165 @@
+"""What is in a recording for the rerun viewer: its entities, and its layout as a tree of views."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from klute_sim.errors import InputError
+from klute_sim.viewer.stream import import_rerun
+
+CONTAINER_KINDS = {1: "tabs", 2: "row", 3: "column", 4: "grid"}
+"""rerun's numbers of containers."""
+INTERNAL_PREFIXES = ("rerun.controls", "log_tick", "log_time", "blueprint")
+
+
+class Entity:
+    """Components of one entity: those that are always the same, and those over a timeline."""
+
+    def __init__(self) -> None:
+        """Empty."""
+        self.static: dict[str, list[Any]] = {}
+        self.rows: dict[str, list[Any]] = {}
+        self.times: dict[str, list[NDArray[np.float64]]] = {}
+        self.archetypes: set[str] = set()
+        """What it is, such as ``Boxes3D``."""
+
+    def get_times(self, timeline: str) -> NDArray[np.float64]:
+        """Of the rows: [s] of a timeline of durations, else its own numbers."""
+        return np.concatenate(self.times[timeline])
+
+    def get_value(self, component: str, timeline: str, position: float) -> Any:
+        """The last value at ``place`` on ``timeline`` or before it, else the static one; None if there is none."""
+        if component in self.rows and timeline in self.times:
+            known = np.flatnonzero(self.get_times(timeline) <= position)
+            row = int(known[np.argmax(self.get_times(timeline)[known])]) if len(known) else 0
+            return self.rows[component][row]
+        return self.static.get(component)
+
+
+class View(NamedTuple):
+    """A window of the layout with data in it."""
+
+    kind: str
+    """``TimeSeries``, ``2D``, ``3D``, ``TextDocument``."""
+    name: str
+    origin: str
+    query: tuple[str, ...]
+    """Which entities: paths, with ``/**`` for all that is below."""
+    legend: bool
+    bounds: tuple[tuple[float, float], tuple[float, float]] | None
+    """Of a plane, (across, up)."""
+
+    def select_entities(self, entities: dict[str, Entity]) -> dict[str, Entity]:
+        """The entities in this view."""
+        found = {}
+        for path, entity in entities.items():
+            for wanted in self.query:
+                root = wanted.replace("$origin", self.origin).strip("/")
+                below = root.removesuffix("**").rstrip("/")
+                if path == root or (root.endswith("**") and (f"{path}/".startswith(f"{below}/") or not below)):
+                    found[path] = entity
+        return found
+
+
+class Container(NamedTuple):
+    """Windows side by side, above each other, in a grid, or one at a time."""
+
+    kind: str
+    name: str
+    children: tuple["View | Container", ...]
+    shares: tuple[float, ...]
+    columns: int
+
+
+class RrdContents(NamedTuple):
+    """A recording."""
+
+    entities: dict[str, Entity]
+    root: View | Container
+    timeline: str
+
+
+def read_rrd(path: Path) -> RrdContents:
+    """What is in ``file`` (.rrd); raises InputError for one without a layout, MissingExtraError without rerun."""
+    rr = import_rerun()
+    try:
+        reader = rr.chunk.RrdReader(path)
+        layouts = list(reader.blueprints())
+        entities = _collect_entities(reader.stream())
+        plan = _collect_entities(reader.stream(store=layouts[-1])) if layouts else {}
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(f"{path} cannot be read: {error}") from None
+    if not plan:
+        raise InputError(f"{path} has no layout: it was not made by klute-sim")
+    return RrdContents(entities, _build_root(plan), str(_get_single(plan["time_panel"], "timeline")))
+
+
+def iter_views(node: View | Container) -> Iterator[View]:
+    """All of them, in the order of the layout."""
+    if isinstance(node, View):
+        yield node
+    else:
+        for child in node.children:
+            yield from iter_views(child)
+
+
+def _collect_entities(chunks: Any) -> dict[str, Entity]:
+    found: dict[str, Entity] = {}
+    for chunk in chunks:
+        entity = found.setdefault(str(chunk.entity_path).lstrip("/"), Entity())
+        batch = chunk.to_record_batch()
+        components = [n for n in batch.schema.names if ":" in n]
+        for name in components:
+            archetype, short = name.split(":", 1)
+            entity.archetypes.add(archetype)
+            column = batch.column(name).to_pylist()
+            if chunk.is_static:
+                entity.static[short] = column[-1]
+            else:
+                entity.rows.setdefault(short, []).extend(column)
+        if not chunk.is_static:
+            for name in batch.schema.names:
+                if name not in components and not name.startswith(INTERNAL_PREFIXES):
+                    column = batch.column(name)
+                    stamps = np.asarray(column.cast("int64").to_numpy(zero_copy_only=False))
+                    scale = 1e-9 if str(column.type).startswith("duration") else 1.0
+                    entity.times.setdefault(name, []).append(scale * stamps)
+    return found
+
+
+def _get_single(entity: Entity, component: str, default: Any = None) -> Any:
+    """The single value of a component of the layout."""
+    found = entity.rows.get(component, [None])[-1]
+    return default if not found else found[0]
+
+
+def _build_root(layout: dict[str, Entity]) -> View | Container:
+    raw = bytes(_get_single(layout["viewport"], "root_container")).hex()
+    name = f"{raw[:8]}-{raw[8:12]}-{raw[12:16]}-{raw[16:20]}-{raw[20:]}"
+    return _build_node(layout, f"container/{name}")
+
+
+def _build_node(layout: dict[str, Entity], path: str) -> View | Container:
+    entity = layout[path]
+    name = str(_get_single(entity, "display_name", ""))
+    if path.startswith("container"):
+        children = tuple(_build_node(layout, str(child)) for child in entity.rows["contents"][-1])
+        kind = CONTAINER_KINDS[int(_get_single(entity, "container_kind"))]
+        shares: Sequence[float] = entity.rows.get({"row": "col_shares", "column": "row_shares"}.get(kind, ""), [[]])[-1]
+        filled = tuple(float(s) for s in shares) if len(shares or ()) == len(children) else (1.0,) * len(children)
+        return Container(kind, name, children, filled, int(_get_single(entity, "grid_columns", 1)))
+    bounds = layout.get(f"{path}/VisualBounds2D")
+    box = None if bounds is None else _get_single(bounds, "range")
+    legend = layout.get(f"{path}/PlotLegend")
+    query = layout.get(f"{path}/ViewContents")
+    return View(
+        kind=str(_get_single(entity, "class_identifier")),
+        name=name,
+        origin=str(_get_single(entity, "space_origin", "/")).strip("/"),
+        query=tuple(query.rows["query"][-1]) if query else ("$origin/**",),
+        legend=legend is None or bool(_get_single(legend, "visible", True)),
+        bounds=None if box is None else (tuple(box["x_range"]), tuple(box["y_range"])),
+    )

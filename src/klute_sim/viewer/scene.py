@@ -1,0 +1,196 @@
+"""The 3-D part of a rerun recording: the rig's bodies, muscle and tendon coloured by their state, the ground reaction.
+
+Poses are not recorded; they follow from the recorded joint angles by the model's own kinematics.
+"""
+
+from collections.abc import Collection
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from klute_sim.gait.body import KEEL_JOINT, PROSTHESIS_PREFIX
+from klute_sim.recording.recording import Recording
+
+FRAME_RATE_HZ = 100.0
+"""Poses per second; channels keep every sample."""
+WORLD_ENTITY = "world"
+"""Entity that everything is under."""
+TENDON_ENTITY, MUSCLE_ENTITY, GROUND_REACTION_ENTITY = "achilles", "muscle", "ground_reaction"
+"""Entities under it."""
+ARROW_SCALE_N_PER_M = 1500.0
+"""Length of the ground reaction's arrow."""
+SLACK_COLOUR, TAUT_COLOUR = np.array([150.0, 150.0, 150.0]), np.array([220.0, 30.0, 30.0])
+"""Tendon colours at no force and at the recording's peak force, RGB."""
+EMPTY_COLOUR, FULL_COLOUR = np.array([70.0, 90.0, 70.0]), np.array([60.0, 230.0, 90.0])
+"""Muscle colours without pressure and at the recording's peak pressure, RGB."""
+
+Array = NDArray[np.float64]
+
+
+def format_body_entity(model: mujoco.MjModel, body: int, root: str = WORLD_ENTITY) -> str:
+    """Entity path of a body."""
+    return f"{root}/{model.body(body).name}"
+
+
+def build_view(
+    name: str, root: str = WORLD_ENTITY, *, origin: str = "carriage", height: float = -0.45, distance: float = 2.1
+) -> Any:
+    """The view of what :func:`log_scene` logged, from the side, ``far`` away [m].
+
+    Its origin is a body, so that the camera walks along, and looks at what is ``height`` [m] above that.
+    """
+    import rerun.blueprint as rrb
+
+    eye = rrb.EyeControls3D(
+        position=[0.17 * distance, -distance, height + 0.1 * distance],
+        look_target=[0.0, 0.0, height],
+        eye_up=[0.0, 0.0, 1.0],
+    )
+    return rrb.Spatial3DView(origin=f"{root}/{origin}", contents=f"{root}/**", name=name, eye_controls=eye)
+
+
+def compute_postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
+    """Samples that get a pose, and the joint positions (n, nq) at them."""
+    duration = float(np.ptp(recording["time"]))
+    every = round((len(recording) - 1) / (FRAME_RATE_HZ * duration)) if duration > 0 else 1
+    frames = np.arange(0, len(recording), max(1, every))
+    joints = {
+        "carriage_x": recording["carriage_x"],
+        "carriage_z": recording["carriage_z"],
+        "thigh": np.radians(recording["thigh_angle"]),
+        "knee": np.radians(recording["knee_angle"]),
+        PROSTHESIS_PREFIX + "ankle": -np.radians(recording["ankle_angle"]),  # the hinge is plantarflexion positive
+        PROSTHESIS_PREFIX + "heel": recording["heel_compression"],
+    }
+    bends = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, KEEL_JOINT)
+    if bends >= 0 and "ankle_moment" in recording:  # as its spring does, without loss: near enough for a picture
+        joints[KEEL_JOINT] = -recording["ankle_moment"] / model.jnt_stiffness[bends]
+        joints[PROSTHESIS_PREFIX + "ankle"] = joints[PROSTHESIS_PREFIX + "ankle"] - joints[KEEL_JOINT]
+    positions = np.zeros((len(frames), model.nq))
+    for name, values in joints.items():
+        positions[:, model.joint(name).qposadr[0]] = values[frames]
+    return frames, positions
+
+
+def log_scene(
+    stream: Any,
+    recording: Recording,
+    model: mujoco.MjModel,
+    timeline: str,
+    *,
+    root: str = WORLD_ENTITY,
+    hidden: Collection[str] = (),
+) -> None:
+    """Log geometry once, and body poses, muscle, tendon and ground reaction over ``timeline``.
+
+    All of it under the entity ``root``, without the geometry of bodies that are ``hidden``. What has no channel (force,
+    pressure, muscle length, centre of pressure) is not shown.
+    """
+    import rerun as rr
+
+    stream.log(root, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    for geom in range(model.ngeom):
+        if model.body(int(model.geom_bodyid[geom])).name not in hidden:
+            _log_geom(stream, model, geom, root)
+
+    frames, positions = compute_postures(recording, model)
+    data = mujoco.MjData(model)
+    translation = np.empty((len(frames), model.nbody, 3))
+    rotation = np.empty((len(frames), model.nbody, 4))
+    ends = np.empty((len(frames), 2, 3))
+    sites = [model.site(PROSTHESIS_PREFIX + name).id for name in ("achilles_origin", "achilles_insertion")]
+    for k, position in enumerate(positions):
+        data.qpos[:] = position
+        mujoco.mj_kinematics(model, data)
+        translation[k] = data.xpos
+        rotation[k] = data.xquat[:, [1, 2, 3, 0]]  # MuJoCo has w first, rerun last
+        ends[k] = data.site_xpos[sites]
+
+    times = [rr.TimeColumn(timeline, duration=recording["time"][frames])]
+    for body in range(1, model.nbody):
+        columns = rr.Transform3D.columns(translation=translation[:, body], quaternion=rotation[:, body])
+        stream.send_columns(format_body_entity(model, body, root), indexes=times, columns=columns)
+    _log_unit(stream, recording, frames, times, ends, root)
+    if "cop_x" in recording:
+        _log_ground_reaction(stream, recording, frames, times, root)
+
+
+def _log_unit(
+    stream: Any, recording: Recording, frames: NDArray[np.int64], times: list[Any], ends: Array, root: str
+) -> None:
+    """Muscle and tendon between the ``ends`` (frames, 2, 3) of the unit; or the tendon alone, of a muscle not known."""
+    import rerun as rr
+
+    begin = ends[:, 0]
+    if "muscle_length" in recording and "pressure" in recording:
+        whole = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        share = np.clip(recording["muscle_length"][frames] / whole, 0.0, 1.0)[:, None]
+        begin = ends[:, 0] + share * (ends[:, 1] - ends[:, 0])
+        stream.log(f"{root}/{MUSCLE_ENTITY}", rr.LineStrips3D.from_fields(radii=0.012), static=True)
+        strips = rr.LineStrips3D.columns(
+            strips=list(np.stack([ends[:, 0], begin], axis=1)),
+            colors=interpolate_colours(recording["pressure"], EMPTY_COLOUR, FULL_COLOUR)[frames],
+        )
+        stream.send_columns(f"{root}/{MUSCLE_ENTITY}", indexes=times, columns=strips)
+    stream.log(f"{root}/{TENDON_ENTITY}", rr.LineStrips3D.from_fields(radii=0.005), static=True)
+    force = recording["force"] if "force" in recording else np.zeros(len(recording))
+    strips = rr.LineStrips3D.columns(
+        strips=list(np.stack([begin, ends[:, 1]], axis=1)),
+        colors=interpolate_colours(force, SLACK_COLOUR, TAUT_COLOUR)[frames],
+    )
+    stream.send_columns(f"{root}/{TENDON_ENTITY}", indexes=times, columns=strips)
+
+
+def interpolate_colours(values: Array, zero_colour: Array, peak_colour: Array) -> NDArray[np.uint8]:
+    """(n, 3) RGB: ``least`` at 0, ``most`` at the peak, straight between them."""
+    share = np.clip(np.nan_to_num(values) / max(float(np.nanmax(values)), 1e-9), 0.0, 1.0)[:, None]
+    return np.asarray(np.round(zero_colour + share * (peak_colour - zero_colour)), dtype=np.uint8)
+
+
+def _log_ground_reaction(
+    stream: Any, recording: Recording, frames: NDArray[np.int64], times: list[Any], root: str
+) -> None:
+    import rerun as rr
+
+    loaded = np.isfinite(recording["cop_x"][frames])
+    foot = np.where(loaded, recording["cop_x"][frames], 0.0)
+    zero = np.zeros(len(frames))
+    force = np.column_stack([recording["grf_forward"][frames], zero, recording["grf_vertical"][frames]])
+    columns = rr.Arrows3D.columns(
+        origins=np.column_stack([foot, zero, zero]),
+        vectors=np.where(loaded[:, None], force, 0.0) / ARROW_SCALE_N_PER_M,
+    )
+    stream.log(
+        f"{root}/{GROUND_REACTION_ENTITY}", rr.Arrows3D.from_fields(colors=[40, 110, 220], radii=0.008), static=True
+    )
+    stream.send_columns(f"{root}/{GROUND_REACTION_ENTITY}", indexes=times, columns=columns)
+
+
+def _log_geom(stream: Any, model: mujoco.MjModel, geom: int, root: str) -> None:
+    import rerun as rr
+
+    kind, size, colour = model.geom_type[geom], model.geom_size[geom], model.geom_rgba[geom]
+    kinds = mujoco.mjtGeom
+    place = rr.Transform3D(translation=model.geom_pos[geom], quaternion=model.geom_quat[geom][[1, 2, 3, 0]])
+    shape: Any
+    if kind == kinds.mjGEOM_PLANE:
+        half = [size[0], size[1], 1e-3]
+        shape = rr.Boxes3D(half_sizes=[half], centers=[[0.5 * size[0], 0, -1e-3]], colors=[colour], fill_mode="solid")
+    elif kind == kinds.mjGEOM_SPHERE:
+        shape = rr.Ellipsoids3D(half_sizes=[[size[0]] * 3], colors=[colour], fill_mode="solid")
+    elif kind == kinds.mjGEOM_CAPSULE:
+        # rerun's capsule starts at its origin, MuJoCo's is centred
+        length = 2.0 * size[1]
+        shape = rr.Capsules3D(
+            lengths=[length], radii=[size[0]], translations=[[0, 0, -size[1]]], colors=[colour], fill_mode="solid"
+        )
+    elif kind == kinds.mjGEOM_BOX:
+        shape = rr.Boxes3D(half_sizes=[size], colors=[colour], fill_mode="solid")
+    else:
+        return  # the rigs have no other shapes
+    name = model.geom(geom).name or str(geom)
+    body = int(model.geom_bodyid[geom])
+    path = f"{root}/{name}" if body == 0 else f"{format_body_entity(model, body, root)}/{name}"
+    stream.log(path, place, shape, static=True)

@@ -1,0 +1,285 @@
+"""What a verdict is worth, and what many of them say."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+HOME = Path(__file__).parents[2] / "benchmarks" / "hidden_effects"
+
+from benchmarks.hidden_effects import catalogue, generate, inputs, metrics, page, plan, second_round, sizes, strangers
+from benchmarks.hidden_effects.metrics import DatasetResult
+from benchmarks.hidden_effects.score import are_kinds_confused, is_first_right, score_follow_up, score_verdict
+from benchmarks.hidden_effects.simulate import Hidden, Noise, simulate_measurements
+
+from klute_sim.datasets.dataset import load_dataset
+
+HYSTERESIS = {"name": "braid_hysteresis", "channel": None}
+DAMPING = {"name": "muscle_damping", "channel": None}
+GAIN = {"name": "sensor_gain", "channel": "force"}
+ASKED = {"next_experiment": {"separation_chi2": 50.0}}
+"""What an ambiguous verdict asks for."""
+MASS = {"name": "moving_mass", "form": "rigid", "parameters": {"mass_kg": 2.0}}
+
+
+def verdict(kind: str, *effects: dict, alternatives: tuple = (), left: float = 1.0, after: float = 1.0) -> dict:
+    gap = {"force": {"before": left, "after": after, "floor": 1.0}}
+    told = {"verdict": kind, "effects": list(effects), "alternatives": list(alternatives)}
+    return told | {"gap": gap, "alike": [["braid_hysteresis", "seal_friction"]], "s": 10.0}
+
+
+def truth(effects: tuple = (), instruments: tuple = (), **more: object) -> dict:
+    nothing = {"strangers": [], "defect": None, "deleted": False, "size": 2.0, "block": "single"}
+    return {**nothing, "effects": list(effects), "instruments": list(instruments), **more}
+
+
+@pytest.mark.parametrize(
+    ("hidden", "found", "outcome"),
+    [
+        (truth(), verdict("nothing-missing"), "right"),
+        (truth(), verdict("named", HYSTERESIS), "false-alarm"),
+        (truth(), verdict("unexplained", HYSTERESIS), "flagged"),
+        (truth((HYSTERESIS,)), verdict("named", HYSTERESIS), "right"),
+        (truth((HYSTERESIS,)), verdict("named", GAIN), "wrong"),
+        (truth((HYSTERESIS,)), verdict("named", {"name": "seal_friction", "channel": None}), "twin"),
+        (truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)), "right"),
+        (truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["end_taper"],)), "wrong"),
+        (
+            truth((HYSTERESIS,)),
+            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"], ["end_taper"], ["leak"])),
+            "loose",
+        ),
+        (truth((HYSTERESIS,)), verdict("nothing-missing", left=1.5), "missed"),
+        (truth((HYSTERESIS,)), verdict("nothing-missing", left=1.02), "absorbed"),
+        (truth((HYSTERESIS,)), verdict("unexplained", GAIN), "flagged"),
+        (truth((HYSTERESIS,), deleted=True), verdict("unexplained", GAIN), "flagged"),
+        (truth((HYSTERESIS,), deleted=True), verdict("named", GAIN), "wrong"),
+        (truth((HYSTERESIS,), deleted=True), verdict("nothing-missing", left=3.0), "missed"),
+        (truth(strangers=[MASS]), verdict("named", GAIN), "wrong"),
+        (truth(strangers=[MASS]), verdict("unexplained"), "flagged"),
+        (truth((HYSTERESIS,), (GAIN,)), verdict("named", HYSTERESIS, after=1.5), "part"),
+        (truth((HYSTERESIS,), (GAIN,)), verdict("named", HYSTERESIS), "absorbed"),
+        (truth((HYSTERESIS,), (GAIN,)), verdict("named", GAIN, HYSTERESIS), "right"),
+        (truth(defect="dead_channel"), verdict("insufficient-data"), "right"),
+        (truth(defect="dead_channel"), verdict("named", GAIN), "false-alarm"),
+    ],
+)
+def test_verdicts_are_scored_as_they_should(hidden: dict, found: dict, outcome: str) -> None:
+    assert score_verdict(hidden, found) == outcome
+
+
+def test_a_first_name_and_a_kind_may_be_right_where_the_rest_is_not() -> None:
+    both = truth((HYSTERESIS, DAMPING))
+    assert is_first_right(both, verdict("named", HYSTERESIS))
+    assert is_first_right(both, verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis", "muscle_damping"],)))
+    assert not is_first_right(both, verdict("named", GAIN, HYSTERESIS))
+    assert not is_first_right(both, verdict("unexplained", HYSTERESIS))
+    assert are_kinds_confused(both, verdict("named", HYSTERESIS, GAIN))
+    assert are_kinds_confused(truth((), (GAIN,)), verdict("named", HYSTERESIS))
+    assert not are_kinds_confused(
+        truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],))
+    )
+
+
+def test_a_fault_s_number_is_compared_whatever_it_is_called() -> None:
+    true = {"name": "sensor_drift", "form": "linear", "channel": "force", "parameters": {"drift_per_s": -10.0}}
+    told = {"value": -11.0, "low": -12.0, "high": -9.0}
+    found = {"name": "sensor_drift", "form": "linear", "channel": "force", "parameters": {"rate_per_s": told}}
+    row = DatasetResult("instrument_0", truth((), (true,), block="instrument"), verdict("named", found), "right")
+    (one,) = metrics.iter_parameter_intervals([row])
+    assert one.relative_error == pytest.approx(0.1)
+    assert one.is_covered
+
+
+def test_what_is_still_ambiguous_is_not_resolved() -> None:
+    both = verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],))
+    assert score_follow_up(truth((HYSTERESIS,)), both) == "open"
+    assert score_follow_up(truth((HYSTERESIS,)), verdict("named", HYSTERESIS)) == "right"
+    assert score_follow_up(truth((HYSTERESIS,)), verdict("named", GAIN)) == "wrong"
+
+
+def test_the_numbers_are_those_of_the_rows(tmp_path: Path) -> None:
+    slope = {"slope_n_per_bar": 10.0}
+    true = {**HYSTERESIS, "form": "coulomb", "parameters": slope}
+    told = {**true, "parameters": {"slope_n_per_bar": {"value": 11.0, "low": 9.0, "high": 12.0}}}
+    off = {**true, "parameters": {"slope_n_per_bar": {"value": 14.0, "low": 13.0, "high": 15.0}}}
+    rows = [
+        DatasetResult("clean_0", truth(block="clean", size=0.0), verdict("nothing-missing"), "right"),
+        DatasetResult("clean_1", truth(block="clean", size=0.0), verdict("named", GAIN), "false-alarm"),
+        DatasetResult("single_0", truth((true,)), verdict("named", told, left=5.0, after=1.4), "right"),
+        DatasetResult("single_1", truth((true,)), verdict("named", off, left=5.0, after=1.0), "right"),
+        DatasetResult("single_2", truth((true,), size=0.7), verdict("nothing-missing"), "absorbed"),
+        DatasetResult(
+            "twin_0",
+            truth((true,), block="twin"),
+            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)) | ASKED,
+            "right",
+            "right",
+        ),
+        DatasetResult(
+            "twin_1",
+            truth((true,), block="twin"),
+            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)) | ASKED,
+            "right",
+            "open",
+        ),
+        DatasetResult(
+            "twin_2",
+            truth((true,), block="twin"),
+            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],))
+            | {"next_experiment": {"separation_chi2": 5.0}},
+            "right",
+            "open",
+        ),
+        DatasetResult("outside_0", truth(block="outside", strangers=[MASS]), verdict("named", GAIN), "wrong"),
+    ]
+    found = {one.name: one for one in metrics.compute_metrics(rows)}
+    alarms = found["false alarms on clean data"]
+    assert (alarms.value, alarms.of, alarms.met) == (0.5, 2, False)
+    # Wilson (1927) for 1 of 2.
+    assert (alarms.low, alarms.high) == pytest.approx((0.0945, 0.9055), abs=1e-4)
+    assert found["exact set, singles at least as large as the noise"].of == 2
+    assert found["error of a number, median"].value == pytest.approx(0.25)  # of 0.1 and 0.4
+    assert found["95 % intervals that cover the truth"].value == 0.5
+    removed = found["gap above the floor removed on unseen trials, named, median"]
+    assert removed.value == pytest.approx((0.9 + 1.0) / 2)
+    assert found["wrong name, at any size"].value == pytest.approx(1 / 8)
+    assert found["in no catalogue: flagged, or nothing left to flag"].value == 0.0
+    assert found["rival sets contain the truth"].value == 1.0
+    decided = found["resolved by the experiment that was asked for"]
+    assert (decided.value, decided.of) == (0.5, 2)  # of the third the program said that nothing separates it
+    assert found["exact set, pairs"].value is None
+    text = page.render_page(rows, {}, {"half": "test"})
+    assert "| clean_1 |" in text
+    assert "| outside_0 | moving_mass |" in text
+    assert "| single_2 |" not in text  # absorbed is nobody's fault
+    assert "braid_hysteresis, coulomb" in text
+    assert "Beside other methods" not in text
+    # Another method is held against this one on what both were given.
+    others = {"plain_bic": [rows[0]._replace(outcome="false-alarm"), rows[2]]}
+    beside = page.render_page(rows, others, {}).split("## Beside other methods")[1].split("##")[0]
+    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in beside.strip().splitlines()]
+    told = {(line[0], line[1]): dict(zip(lines[0], line, strict=True)) for line in lines[2:]}
+    block = rows[2].truth["block"]
+    assert {key[0] for key in told} == {rows[0].truth["block"], block}
+    assert told["clean", "klute-sim"]["datasets"] == "1"
+    assert told["clean", "plain_bic"]["false-alarm"] == "1"
+    assert told[block, "klute-sim"] | {"method": ""} == told[block, "plain_bic"] | {"method": ""}
+
+
+def test_walks_are_counted_by_themselves() -> None:
+    friction = {"name": "ankle_friction", "form": "coulomb", "parameters": {"moment_n_m": 2.0}}
+    told = {**friction, "channel": None, "parameters": {"moment_n_m": {"value": 2.1, "low": 1.9, "high": 2.3}}}
+    bench = [DatasetResult("clean_0", truth(block="clean", size=0.0), verdict("nothing-missing"), "right")]
+    walks = [
+        DatasetResult("walk_0", truth((friction,), block="walk", size=2.0), verdict("named", told), "right"),
+        DatasetResult("walk_1", truth((friction,), block="walk", size=0.7), verdict("nothing-missing"), "absorbed"),
+        DatasetResult("walk_clean_0", truth(block="walk_clean", size=0.0), verdict("named", told), "false-alarm"),
+    ]
+    plain, found = ({one.name: one for one in metrics.compute_metrics(rows)} for rows in (bench, bench + walks))
+    assert {name: found[name] for name in plain} == plain
+    assert found["walks: exact set, effect at least as large as the noise"].of == 1
+    assert found["walks: false alarms on clean data"].value == 1.0
+    assert found["walks: wrong name, at any size"].value == pytest.approx(1 / 3)
+    assert found["walks: 95 % intervals that cover the truth"].value == 1.0
+
+
+def test_effects_get_the_size_that_is_wanted() -> None:
+    """By the definition: what is left after the device's numbers followed, over noise, in the worst channel."""
+    base = catalogue.load_device()
+    bench = inputs.generate_programs(np.random.default_rng(3))
+    scale = sizes.EffectSizer(base, base, bench, ["force", "pressure"], Noise())
+    taper = {"name": "end_taper", "form": "cone", "parameters": {"tip_length_mm": 8.0}, "wanted": 3.0}
+    found = scale.scale_effect(taper)
+    assert found["size"] == pytest.approx(3.0, rel=0.1)
+    assert "wanted" not in found
+    assert scale.measure_size(Hidden(effects=[found])) == pytest.approx(found["size"], rel=0.03)
+    plain = catalogue.add_effects(*catalogue.build_neutral_law(base), ())
+    change = np.concatenate(
+        [
+            (
+                simulate_measurements(p, plain, Hidden(effects=[found]))["force"]
+                - simulate_measurements(p, plain, Hidden())["force"]
+            )[:: sizes.DECIMATION_FACTOR]
+            for p in bench
+            if p.use == "fit"
+        ]
+    )
+    raw = float(np.sqrt(np.mean(change**2))) / Noise().force
+    assert raw > 2.0 * found["size"]  # most of an end taper is taken by the other numbers
+    gain = {"name": "sensor_gain", "form": "gain", "channel": "pressure", "parameters": {"gain": 0.96}, "wanted": 2.0}
+    assert scale.scale_effect(gain)["size"] == pytest.approx(2.0, rel=0.1)
+
+
+def test_a_size_is_sought_as_far_as_parameters_may_go() -> None:
+    def steep(scale: float) -> float:  # nothing at first, and then a lot, as where the numbers run to their bounds
+        return 0.1 * scale + max(0.0, 5.0 * (scale - 2.0))
+
+    scale, size = sizes._search_scale(steep, 2.0, lambda scale: False)
+    assert size == pytest.approx(2.0, rel=0.5)
+    assert steep(scale) == size
+    assert sizes._search_scale(lambda s: min(s, 3.0), 8.0, lambda s: s >= 3.0) == (8.0, 3.0)
+    limit = catalogue.EFFECTS["regulator_error", "gain"]["gain"]
+    assert sizes._scale_value(limit, 0.95, 100.0) == 0.7
+
+
+def test_strangers_do_what_they_are_called() -> None:
+    program = inputs.generate_programs(np.random.default_rng(3))[0]
+    plain = catalogue.add_effects(*catalogue.build_neutral_law(catalogue.load_device()), ())
+    without = simulate_measurements(program, plain, Hidden())
+
+    def change(name: str, form: str, **parameters: float) -> dict[str, np.ndarray]:
+        stranger = {"name": name, "form": form, "parameters": parameters}
+        shown = simulate_measurements(program, plain, Hidden(strangers=[stranger]))
+        return {channel: shown[channel] - without[channel] for channel in shown}
+
+    mass = change("moving_mass", "rigid", mass_kg=2.0)
+    acceleration = np.gradient(np.gradient(program.length, 1e-3), 1e-3)
+    assert mass["force"] == pytest.approx(2.0 * acceleration)
+    assert not mass["pressure"].any()
+    talk = change("cross_talk", "pressure", force_n_per_bar=3.0)
+    assert talk["force"] == pytest.approx(3.0 * without["pressure"])
+    stuck = change("sticking_gauge", "dead_band", width_bar=0.2)
+    assert np.abs(stuck["pressure"]).max() == pytest.approx(0.1, abs=1e-6)
+    assert not stuck["force"].any()
+    assert np.abs(change("crosshead_play", "dead_band", width_mm=1.0)["force"]).max() > 10.0
+    creep = change("load_cell_creep", "first_order", share=0.1, time_constant_s=0.5)
+    assert creep["force"][0] == pytest.approx(0.1 * without["force"][0])
+    assert all(name not in dict(catalogue.EFFECTS) for name in strangers.OUT_OF_CATALOGUE_FORMS)
+
+
+def test_a_second_round_is_what_was_asked_for(tmp_path: Path) -> None:
+    fault = {"name": "sensor_offset", "form": "offset", "channel": "pressure", "parameters": {"offset": 0.5}}
+    sealed = generate.make_dataset(tmp_path / "first", 5, instruments=[fault], muscle_length=False)
+    words = {change.description: change for change in second_round.RIG_CHANGES}
+    gauge = next(w for w, change in words.items() if "pressure" in change.reference_channels)
+    sensor = next(w for w, change in words.items() if "muscle_length" in change.added_channels)
+    for change in (None, gauge, sensor):
+        asked = {"protocol": "steps", "rig_change": change}
+        second_round.make_follow_up(tmp_path / "first", sealed, asked, tmp_path / "second")
+        found = {trial.name: trial for trial in load_dataset(tmp_path / "second").trials}
+        new = [found[f"second_round_{repeat}"] for repeat in "ab"]
+        assert {trial.group for trial in new} == {"second_round"}
+        for trial in new:
+            pressure, command = trial.measured["pressure"], trial.prescribed["pressure_command"]
+            off = float(np.median(pressure.value - np.interp(pressure.time, command.time, command.value))) / 1e5
+            assert off == pytest.approx(0.0 if change == gauge else 0.5, abs=0.02)
+            assert trial.trusted == ({"pressure"} if change == gauge else set())
+            assert ("muscle_length" in trial.measured) == (change == sensor)
+    first = (tmp_path / "first" / "fit_1_a.csv").read_text("utf-8")
+    assert (tmp_path / "second" / "fit_1_a.csv").read_text("utf-8") == first
+
+
+def test_what_is_outside_of_the_catalogue_is_deleted_or_a_stranger() -> None:
+    specs = plan.plan_datasets("outside", plan.BLOCK_SIZES["outside"], 1)
+    deleted = {(e["name"], e["form"]) for spec in specs if spec.get("deleted") for e in spec["effects"]}
+    assert len(deleted) >= 25
+    assert {spec["strangers"][0]["name"] for spec in specs if "strangers" in spec} == {
+        n for n, _ in strangers.OUT_OF_CATALOGUE_FORMS
+    }
+    triples = plan.plan_datasets("triple", 10, 1)
+    assert all(len({e["name"] for e in spec["effects"]}) == 3 for spec in triples)
+    wanted = {
+        e["wanted"] for spec in plan.plan_datasets("single", plan.BLOCK_SIZES["single"], 1) for e in spec["effects"]
+    }
+    assert wanted == set(plan.TARGET_SIZES)

@@ -1,0 +1,126 @@
+"""The walks of the hidden-effect benchmark: what hides in them is what the package would name."""
+
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from benchmarks.hidden_effects import catalogue as benchmark
+from benchmarks.hidden_effects import plan, sizes, walk_models, walks
+
+from klute_sim.datasets import dataset as datasets
+from klute_sim.device.device import load_device
+from klute_sim.effects import catalogue
+from klute_sim.gait.body import read_foot
+from klute_sim.gait.replay.foot import build_device_foot
+from klute_sim.gait.rig.build import build_gait_model
+from klute_sim.laws.foot import Foot
+
+DEVICE = load_device(walks.DEVICE_PRESET)
+FOOT = build_device_foot(DEVICE)
+IDS = [f"{name}-{form}" for name, form in benchmark.BODY_EFFECTS]
+
+
+def test_what_hides_is_all_of_the_body_with_the_catalogues_numbers() -> None:
+    every = [(e.name, form.name) for e in catalogue.get_effects().values() if e.kind == "body" for form in e.forms]
+    assert set(every) - set(benchmark.BODY_EFFECTS) == {("ankle_friction", "both")}  # made of the other two
+    assert set(benchmark.BODY_EFFECTS) == set(walk_models.SPEC_EDITS)
+    for (name, form), own in benchmark.BODY_EFFECTS.items():
+        there = catalogue.find_form(name, form)[1].parameters
+        assert {p.key: (p.neutral, p.lower, p.upper, p.typical) for p in there} == {
+            key: (p.neutral, p.low, p.high, p.typical) for key, p in own.items()
+        }
+
+
+@pytest.mark.parametrize(("name", "form"), benchmark.BODY_EFFECTS, ids=IDS)
+def test_the_benchmarks_own_mjcf_means_the_same(name: str, form: str) -> None:
+    own = {key: p.typical for key, p in benchmark.BODY_EFFECTS[name, form].items()}
+    edit = walk_models.compose_spec_edits([{"name": name, "form": form, "parameters": own}])
+    model = build_gait_model(DEVICE, mass=75.0, stature=1.75, dt=walks.TIME_STEP, model_edit=edit)
+    wanted = catalogue.apply_body_effects({(name, form): own}, FOOT)
+    if name == "end_stop":
+        (bumper,) = (k for k in range(model.ntendon) if model.tendon(k).name == "rubber")
+        assert model.tendon_stiffness[bumper] == pytest.approx(wanted.bumper_stiffness)
+        assert model.tendon_lengthspring[bumper, 1] == pytest.approx(wanted.bumper_onset_angle)
+    elif name == "socket_pistoning":
+        assert 1.0 / model.joint("stump").stiffness[0] == pytest.approx(wanted.socket_compliance)
+    elif name.startswith("foot_"):
+        bends_like(model, wanted)
+    else:
+        assert read_foot(model) == pytest.approx(wanted, rel=1e-9)
+        assert read_foot(model) != pytest.approx(FOOT, rel=1e-3)
+
+
+def bends_like(model: mujoco.MjModel, foot: Foot) -> None:
+    """A spring between foot and rocker, all that was the ankle's between rocker and pylon; mass is as it was."""
+    data, leaf, compliance = mujoco.MjData(model), model.joint("leaf"), foot.keel_compliance
+    ankle, hinge = model.joint("prosthesis_ankle"), model.tendon("hinge").id
+    assert 1.0 / leaf.stiffness[0] == pytest.approx(compliance)
+    assert leaf.frictionloss[0] == pytest.approx(foot.keel_friction_angle / compliance)
+    slow = float(leaf.damping[0]) * compliance
+    assert slow == pytest.approx(
+        foot.keel_time_constant if foot.keel_time_constant > 2e-3 else walk_models.FOOT_TIME_CONSTANT
+    )
+    data.qpos[[ankle.qposadr[0], leaf.qposadr[0]]] = 0.2, -0.05
+    mujoco.mj_forward(model, data)
+    assert data.ten_length[hinge] == pytest.approx(0.15)
+    assert model.tendon_stiffness[hinge] == pytest.approx(FOOT.spring_stiffness)
+    assert model.tendon_damping[hinge] == pytest.approx(FOOT.ankle_damping)
+    assert model.tendon_lengthspring[hinge] == pytest.approx([FOOT.spring_rest_angle, FOOT.spring_rest_angle])
+    assert model.tendon_range[hinge] == pytest.approx([FOOT.min_angle, FOOT.max_angle])
+    assert model.tendon_solref_lim[hinge] == pytest.approx([FOOT.stop_time_constant, 1.0])
+    assert not ankle.stiffness[0]
+    whole = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, whole)
+    assert whole[ankle.dofadr[0], ankle.dofadr[0]] == pytest.approx(FOOT.inertia)
+
+
+def test_a_dataset_is_read_and_its_truth_lies_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(walks, "GROUP_SPEEDS", {"fit_1": 1.2})
+    monkeypatch.setattr(walks, "N_STRIDES", 3)
+    monkeypatch.setattr(walks, "TIME_STEP", 1e-3)  # quickly
+    given = {"offset": 2.0}
+    fault = {"name": "sensor_offset", "form": "offset", "parameters": given, "channel": "ankle_angle", "wanted": 2.0}
+    for name, faults in (("plain", []), ("faulty", [fault])):
+        walks.make_dataset(tmp_path / name, 5, instruments=faults, truth=tmp_path / f"{name}.truth.json")
+    plain, faulty = (datasets.load_dataset(tmp_path / name) for name in ("plain", "faulty"))
+    assert plain.rig == "gait"
+    assert [trial.group for trial in plain.trials] == ["fit_1", "fit_1"]
+    truth = json.loads((tmp_path / "faulty.truth.json").read_text("utf-8"))
+    offset = truth["instruments"][0]["parameters"]["offset"]
+    assert 2.0 * benchmark.GAIT_CHANNELS["ankle_angle"].noise < offset < 0.4  # the device's numbers follow a part of it
+    assert truth["size"] == pytest.approx(2.0, rel=0.1)
+    one, other = (each.trials[0].measured["ankle_angle"].value for each in (plain, faulty))
+    assert other - one == pytest.approx(np.radians(offset), abs=1e-6)
+    assert len({len(trial.prescribed["cop_x"].time) for trial in plain.trials}) == 2  # repeats differ in pace
+    assert not list((tmp_path / "faulty").glob("*truth*"))
+
+
+def test_sizes_are_sought_as_on_the_bench() -> None:
+    own = benchmark.BODY_EFFECTS["end_stop", "bumper"]
+    effect = {"name": "end_stop", "parameters": {"stiffness_n_m_per_deg": 4.0, "begin_deg": 6.0}, "wanted": 2.0}
+    found = sizes.scale_to_target(effect, own, lambda one: 0.25 * one["parameters"]["stiffness_n_m_per_deg"])
+    assert found["parameters"] == {"stiffness_n_m_per_deg": pytest.approx(8.0), "begin_deg": 6.0}
+    assert found["size"] == pytest.approx(2.0)
+
+
+def test_a_plan_hides_everything_in_every_size() -> None:
+    specs = plan.plan_datasets("walk", plan.BLOCK_SIZES["walk"], 7)
+    every = [(e["name"], e["form"], e.get("channel"), e["wanted"]) for s in specs for e in contents(s)]
+    assert sorted(every, key=str) == sorted(
+        ((*one, size) for one in plan.GAIT_CASES for size in plan.TARGET_SIZES), key=str
+    )
+    assert not any(contents(spec) for spec in plan.plan_datasets("walk_clean", 3, 7))
+
+
+def contents(spec: plan.DatasetSpec) -> list[dict[str, object]]:
+    return [*spec.get("effects", []), *spec.get("instruments", [])]
+
+
+def test_lags_are_those_of_the_catalogue() -> None:
+    time = walks.TIME_STEP * np.arange(4000)
+    values = np.sin(9.0 * time)
+    fault = {"name": "sensor_lag", "parameters": {"time_constant_s": 0.02}}
+    wanted = catalogue.get_effects()["sensor_lag"].forms[0].laws["reading"]((0.02,), time, values)
+    assert walks.apply_fault(values, fault) == pytest.approx(wanted, abs=3e-3)

@@ -1,0 +1,227 @@
+"""One file: units, headings, cells, and a sentence for everything that is wrong with them."""
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from klute_sim.datasets import channels, quantity, table
+from klute_sim.errors import InputError
+
+BENCH = channels.get_column_units("bench")
+
+
+def read(folder: Path, content: bytes | str, name: str = "a.csv") -> table.Table:
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return table.read_trial_file(path, BENCH)
+
+
+def refused(folder: Path, content: bytes | str, name: str = "a.csv") -> str:
+    with pytest.raises(InputError) as caught:
+        read(folder, content, name)
+    sentence = str(caught.value)
+    assert str(folder / name) in sentence
+    assert "\n" not in sentence
+    return sentence
+
+
+@pytest.mark.parametrize(
+    ("unit", "si", "value"),
+    [
+        ("bar", "Pa", 1e5),
+        ("kPa", "Pa", 1e3),
+        ("MPa", "Pa", 1e6),
+        ("psi", "Pa", 4.4482216152605 / 0.0254**2),
+        ("N/mm^2", "Pa", 1e6),
+        ("kgf/cm^2", "Pa", 98066.5),
+        ("mm", "m", 1e-3),
+        ("in", "m", 0.0254),
+        ("N", "N", 1.0),
+        ("kgf", "N", 9.80665),
+        ("lbf", "N", 4.4482216152605),
+        ("s", "s", 1.0),
+        ("ms", "s", 1e-3),
+        ("µs", "s", 1e-6),
+        ("deg", "rad", np.pi / 180),
+        ("°", "rad", np.pi / 180),
+        ("rad", "rad", 1.0),
+        ("N*m", "N*m", 1.0),
+        ("N·m", "N*m", 1.0),
+        ("N⋅m", "N*m", 1.0),
+        ("lbf*ft", "N*m", 1.3558179483314),
+    ],
+)
+def test_units_become_si(unit: str, si: str, value: float) -> None:
+    assert quantity.get_si_factor(unit, si) == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "si"),
+    [
+        ("mm", "N"),
+        ("N", "m"),
+        ("kg", "N"),
+        ("%", "rad"),
+        ("1", "rad"),
+        ("", "rad"),
+        ("Hz", "s"),
+        ("degC", "Pa"),
+        ("Nm", "N*m"),
+        ("N", "N*m"),
+        ("bananas", "N"),
+        ("N;", "N"),
+        ("N'", "N"),
+        ("m^9^9^9", "m"),
+        ("m**9**9**9", "m"),
+        ("m^99999999999", "m"),
+        ("__import__('os')", "m"),
+    ],
+)
+def test_other_units_are_none(unit: str, si: str) -> None:
+    assert quantity.get_si_factor(unit, si) is None
+
+
+@given(st.text(max_size=12), st.sampled_from(sorted(quantity.EXAMPLE_UNITS)))
+def test_any_text_is_a_unit_or_none(unit: str, si: str) -> None:
+    factor = quantity.get_si_factor(unit, si)
+    assert factor is None or (isinstance(factor, float) and factor > 0)
+
+
+def test_every_channel_has_an_example_and_the_examples_hold() -> None:
+    for rig in channels.RIGS:
+        assert set(channels.get_column_units(rig).values()) <= set(quantity.EXAMPLE_UNITS)
+    for si, units in quantity.EXAMPLE_UNITS.items():
+        assert all(quantity.get_si_factor(unit, si) for unit in units.split(", "))
+
+
+def test_known_columns_come_in_si_and_others_are_listed(tmp_path: Path) -> None:
+    found = read(tmp_path, 'time [ms],note,force [kgf],pressure [psi]\n1,"a, b",2,3\n2,é,,5\n')
+    assert found.columns["time"] == pytest.approx([1e-3, 2e-3])
+    assert found.columns["force"] == pytest.approx([2 * 9.80665, np.nan], nan_ok=True)
+    assert found.columns["pressure"] == pytest.approx([3 * 6894.757293, 5 * 6894.757293])
+    assert found.ignored == ("note",)
+    assert found.headings["force"] == "force [kgf]"
+    assert set(found.columns) == {"time", "force", "pressure"}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "time [s];force [N]\n1;2\n3;4\n",
+        "time [s]\tforce [N]\n1\t2\n3\t4\n",
+        "\ufefftime [s],force [N]\n1,2\n3,4\n",
+        "time [s],force [N]\r\n1,2\r\n3,4\r\n",
+        "time [s],force [N]\r1,2\r3,4",
+        '"time [s]","force [N]"\n"1",2\n3,"4"\n',
+        "\n  \ntime [s],force [N]\n\n1,2\n\n3,4\n\n",
+        "Time[s], Force [ N ] \n 1 , 2\n 3,4 \n",
+        "time [s],force [N],,\n1,2,,\n3,4,,\n",
+        "time [s],force [N]\n1e0,+2.\n.3e1,4\n",
+    ],
+)
+def test_dialects_read_the_same(tmp_path: Path, content: str) -> None:
+    found = read(tmp_path, content)
+    assert found.columns["time"].tolist() == [1, 3]
+    assert found.columns["force"].tolist() == [2, 4]
+
+
+@pytest.mark.parametrize("cell", ["", "   ", '""', "nan", "NaN"])
+def test_an_empty_cell_is_missing(tmp_path: Path, cell: str) -> None:
+    found = read(tmp_path, f"time [s],force [N]\n1,{cell}\n2,3\n")
+    assert np.isnan(found.columns["force"]).tolist() == [True, False]
+
+
+def test_a_place_is_the_line_an_editor_shows(tmp_path: Path) -> None:
+    found = read(tmp_path, "\n\ntime [s],force [N]\r\n1,2\n\n3,4\n")
+    assert [found.locate_row(0), found.locate_row(1)] == ["line 4", "line 6"]
+
+
+HEAD = "time [s],force [N]\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("", "is empty"),
+        (" \n\n", "is empty"),
+        (b"\xef\xbb\xbf", "is empty"),
+        (b"\x7fELF\x00\x01\x02\n1,2\n", "is neither text nor Parquet; allowed: CSV (UTF-8) and Parquet"),
+        ("time [s],force [N]\n1,2\n".encode("utf-16"), "is UTF-16 text; save it as UTF-8"),
+        (b"time [s],force [\xb0]\n1,2\n", "the heading line is not UTF-8 text"),
+        ("1,2\n3,4\n", "has no heading: the first line must name the columns, such as 'time [s]'"),
+        ("1,5;2,5\n3,5;4,5\n", "has no heading"),
+        ('time [s],"force [N]\n1,2\n', "the heading line cannot be read"),
+        ("time [s],force\n1,2\n", "column 'force' has no unit in square brackets; write for example 'force [N]'"),
+        ("time (s),force [N]\n1,2\n", "column 'time (s)' has no unit in square brackets; write for example 'time [s]'"),
+        ("time [s],length\n1,2\n", "write for example 'length [mm]'"),
+        ("time [s],pressure\n1,2\n", "write for example 'pressure [bar]'"),
+        ("time [s],force [mm]\n1,2\n", "column 'force [mm]' has a unit that does not fit; allowed are N, kN, kgf, lbf"),
+        ("time [s],force []\n1,2\n", "column 'force []' has a unit that does not fit"),
+        ("time [s],force [N],Force [kN]\n1,2,3\n", "columns 'force [N]' and 'Force [kN]' are the same channel"),
+        (HEAD + "1,2\n\n3,abc\n", "column 'force [N]', line 4: 'abc' is not a number; leave the cell of a missing"),
+        (HEAD + "1,2\n3,1_0\n", "line 3: '1_0' is not a number"),
+        (HEAD + "1,2\n3,inf\n", "line 3: the value is infinite"),
+        (HEAD + "1,2\n3,-Infinity\n4,2\n", "line 3: the value is infinite"),
+        (HEAD + "1,2\n3,1e999\n", "line 3: the value is infinite"),
+        (HEAD + "1,2\n3,1e999\n4,x\n", "line 3: '1e999' is too large"),
+        (HEAD + "1,2\n3\n", "line 3 has 1 cell, but the heading has 2 cells"),
+        (HEAD + "1,2\n3,4,5\n", "line 3 has 3 cells, but the heading has 2 cells; write decimal points, not commas"),
+        ("time [s];force [N]\n1;2\n2;1,5\n", "column 'force [N]', line 3: '1,5' has a decimal comma; write decimal p"),
+        ("time [s];force [N]\n1;2\n2;1;5\n", "line 3 has 3 cells, but the heading has 2 cells"),
+        ('time [s],force [N],x\n1,2,\n2,3,"oops\n3,4,\n', "line 3 opens a quote and does not close it"),
+        (HEAD.encode() + b"1,2\n3,\xff\n", "line 3: '\ufffd' is not a number"),
+    ],
+)
+def test_bad_text_is_refused_with_place_and_mend(tmp_path: Path, content: bytes | str, says: str) -> None:
+    assert says in refused(tmp_path, content)
+
+
+def test_commas_are_not_blamed_for_a_cell_too_many(tmp_path: Path) -> None:
+    sentence = refused(tmp_path, "time [s];force [N]\n1;2\n2;1;5\n")
+    assert "decimal" not in sentence
+
+
+def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a\.csv does not exist; files are named relative to the folder"):
+        table.read_trial_file(tmp_path / "a.csv", BENCH)
+    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+        table.read_trial_file(tmp_path, BENCH)
+
+
+def parquet(folder: Path, columns: dict[str, object]) -> bytes:
+    pq.write_table(pa.table(columns), folder / "x.parquet")
+    return (folder / "x.parquet").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["a.parquet", "a.pq", "a.csv"])
+def test_parquet_is_known_by_its_content(tmp_path: Path, name: str) -> None:
+    content = parquet(tmp_path, {"time [s]": [1, 2], "force [kN]": [1.5, None], "note": ["x", "y"]})
+    found = read(tmp_path, content, name)
+    assert found.columns["time"].tolist() == [1, 2]
+    assert found.columns["force"] == pytest.approx([1500, np.nan], nan_ok=True)
+    assert found.ignored == ("note",)
+    assert found.locate_row(1) == "row 2"
+
+
+def test_bad_parquet_is_refused(tmp_path: Path) -> None:
+    assert "is no Parquet file" in refused(tmp_path, "time [s],force [N]\n1,2\n", "a.parquet")
+    assert "is empty" in refused(tmp_path, "", "a.parquet")
+    text = parquet(tmp_path, {"time [s]": [1.0], "force [N]": ["2"]})
+    assert "column 'force [N]' holds string; allowed are numbers" in refused(tmp_path, text, "a.parquet")
+    clock = parquet(tmp_path, {"time [s]": pa.array([1], pa.timestamp("us"))})
+    assert "column 'time [s]' holds timestamp[us]" in refused(tmp_path, clock, "a.parquet")
+    infinite = parquet(tmp_path, {"time [s]": [1.0, 2.0], "force [N]": [2.0, -np.inf]})
+    assert "column 'force [N]', row 2: the value is infinite" in refused(tmp_path, infinite, "a.parquet")
+    cut = parquet(tmp_path, {"time [s]": [1.0, 2.0]})
+    assert "is no Parquet file" in refused(tmp_path, cut[:-9], "a.parquet")
+
+
+def test_digest_is_the_files(tmp_path: Path) -> None:
+    first = read(tmp_path, HEAD + "1,2\n").digest
+    assert read(tmp_path, HEAD + "1,2\n", "b.csv").digest == first
+    assert read(tmp_path, HEAD + "1,3\n").digest != first

@@ -1,0 +1,95 @@
+"""Small gait datasets whose truth is known: walks of the contact model, in other steps, seen by noisy instruments."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from klute_sim.controllers.pressure import PressureProfile, load_default_profile
+from klute_sim.datasets.write import write_trial
+from klute_sim.device.device import load_device, parse_device
+from klute_sim.gait.rig.build import ModelEdit
+from klute_sim.gait.rig.rig import simulate_gait
+from klute_sim.gait.rig.setup import GaitOptions
+from klute_sim.recording.recording import Array, Recording
+
+DEVICE = "klute-1-1-4-pair"
+STEP = 2.5e-4
+MOTION = {"shank_angle [deg]": 0.1, "ankle_x [m]": 3e-4, "ankle_z [m]": 3e-4, "ankle_angle [deg]": 0.1}
+LOAD = {
+    **{"grf_vertical [N]": 2.0, "grf_forward [N]": 1.0, "cop_x [m]": 1e-3, "pressure_command [bar]": 0.0},
+    **{"force [N]": 5.0, "pressure [bar]": 0.01, "muscle_length [m]": 5e-5},
+}
+"""Columns and their noise, by the instrument: markers at 200 Hz, gauges and plates at 1 kHz."""
+WALKS = {
+    "fit_1": (1.19, 1.0),
+    "fit_2": (1.0, 0.7),
+    "select_1": (1.3, 0.85),
+    "show_1": (1.1, 0.5),
+}
+"""Group -> speed [m/s], share of the tuned profile's pressure."""
+
+
+@lru_cache(maxsize=16)
+def walked(group: str, effects: str = "", edit: ModelEdit | None = None, strides: int = 4) -> Recording:
+    """``effects`` are sections of a device file."""
+    speed, share = WALKS[group]
+    text = load_device(DEVICE).content.decode() + effects
+    profile = load_default_profile()
+    profile = replace(profile, pressure_bar=tuple(share * bar for bar in profile.pressure_bar))
+    assert isinstance(profile, PressureProfile)
+    return simulate_gait(
+        parse_device(text.encode(), DEVICE),
+        profile,
+        GaitOptions(speed=speed, strides=strides, dt=STEP, model_edit=edit),
+    )
+
+
+def reckoned(recording: Recording, channel: str) -> Array:
+    """``channel``, the ankle's place as a rigid shank below the knee has it."""
+    thigh, shank = (np.radians(recording[name]) for name in ("thigh_angle", "shank_angle"))
+    if channel == "ankle_x":
+        return np.asarray(recording["carriage_x"] - 0.43 * (np.sin(thigh) + np.sin(shank)))
+    if channel == "ankle_z":
+        return np.asarray(recording["carriage_z"] - 0.43 * (np.cos(thigh) + np.cos(shank)))
+    return recording[channel]
+
+
+def dataset(
+    folder: Path,
+    *,
+    effects: str = "",
+    edit: ModelEdit | None = None,
+    groups: Sequence[str] = tuple(WALKS),
+    repeats: int = 2,
+    strides: int = 4,
+    seed: int = 0,
+    uncertain: Mapping[str, str] | None = None,
+    offset: Mapping[str, float] | None = None,
+    limb: bool = False,
+) -> Path:
+    """Write it; ``offset`` is added to columns. ``limb``: where the ankle is, is reckoned from the limb."""
+    random = np.random.default_rng(seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = ['format = "klute-sim-dataset/1"', 'rig = "gait"', f'device = "{DEVICE}"', "", "[uncertain]"]
+    told = {"muscle.friction_slope_n_per_bar": "10 %", "tendon.stiffness_1_n_per_mm": "10 %"}
+    lines += [f'"{key}" = "{value}"' for key, value in (told if uncertain is None else uncertain).items()]
+    for group in groups:
+        recording = walked(group, effects, edit, strides)
+        by_limb = partial(reckoned, recording)
+        for repeat in range(repeats):
+            files = []
+            for part, interval, noises in (("motion", 5e-3, MOTION), ("load", 1e-3, LOAD)):
+                every = round(interval / STEP)
+                columns = {"time [s]": recording["time"][::every]}
+                for heading, noise in noises.items():
+                    values = (by_limb if limb else recording.__getitem__)(heading.split(" ")[0])[::every]
+                    seen = values + random.normal(0.0, 1.0, len(values)) * noise
+                    columns[heading] = seen + (offset or {}).get(heading, 0.0)
+                files.append(f"{group}_{repeat}_{part}.csv")
+                write_trial(folder / files[-1], columns)
+            lines += ["", "[[trial]]", f"files = {files!r}", f'group = "{group}"', f'use = "{group.split("_")[0]}"']
+    (folder / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
+    return folder

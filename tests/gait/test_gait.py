@@ -1,0 +1,239 @@
+"""The default walk: what it must reach, what was commanded and delivered, where the energy went."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from klute_sim.controllers import pressure
+from klute_sim.device.device import load_device, parse_device
+from klute_sim.errors import InputError, SimulationError
+from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics
+from klute_sim.gait.rig.rig import simulate_gait
+from klute_sim.gait.rig.setup import GaitOptions
+from klute_sim.laws import tendon as tendon_law
+from klute_sim.recording.recording import Recording
+
+DEVICE = load_device("klute-1-1-4-pair")
+TEXT = DEVICE.content.decode()
+WEIGHT = 75 * 9.81
+
+
+@cache
+def default() -> tuple[Recording, GaitMetrics]:
+    recording = simulate_gait(DEVICE, pressure.load_default_profile())
+    return recording, compute_gait_metrics(recording)
+
+
+def settled(recording: Recording) -> Recording:
+    return recording.select(recording["stride"] >= 2)
+
+
+def test_strides_repeat_from_the_third_on() -> None:
+    peaks = [s.ankle_moment_peak_nm_per_kg for s in default()[1].strides]
+    assert len(peaks) == 5
+    assert max(peaks[2:]) / min(peaks[2:]) < 1.01
+
+
+def test_contact_begins_and_ends_where_it_should() -> None:
+    for stride in default()[1].steady_strides:
+        assert stride.first_contact_pct is not None
+        assert stride.toe_off_pct is not None
+        assert 0 <= stride.first_contact_pct <= 3
+        assert 55 <= stride.toe_off_pct <= 70
+        assert not stride.touches_in_swing
+        assert stride.sole_depth_max_mm < 5
+
+
+def test_ground_reaction_is_human_in_shape() -> None:
+    recording, outcome = default()
+    for stride in outcome.steady_strides:
+        assert all(0.85 <= hump <= 1.35 for hump in stride.grf_vertical_peaks_bw)
+        assert stride.grf_vertical_max_bw < 1.5
+        assert -0.26 <= stride.grf_forward_min_bw <= -0.1
+        assert 0.1 <= stride.grf_forward_max_bw <= 0.26
+    last = recording.select(recording["stride"] == 5)
+    valley = last["grf_vertical"][(last["gait_phase"] > 22) & (last["gait_phase"] < 36)].min() / WEIGHT
+    assert valley < min(outcome.strides[-1].grf_vertical_peaks_bw) - 0.1
+    brake = last["gait_phase"][last["grf_forward"].argmin()]
+    push = last["gait_phase"][last["grf_forward"].argmax()]
+    assert brake < 25 < 40 < push
+
+
+def test_ankle_moves_like_a_human_one() -> None:
+    for stride in default()[1].steady_strides:
+        assert 18 <= stride.ankle_range_deg <= 35
+        assert stride.angle_distance_sd.largest is not None
+        assert stride.angle_distance_sd.largest < 1.5
+
+
+def test_ankle_pushes_like_a_human_one() -> None:
+    for stride in default()[1].steady_strides:
+        assert 1.2 <= stride.ankle_moment_peak_nm_per_kg <= 1.8
+        assert 40 <= stride.ankle_moment_peak_pct <= 55
+        assert stride.moment_distance_sd.stance_rms is not None
+        assert stride.moment_distance_sd.stance_rms <= 0.8
+        assert 2 <= stride.ankle_power_peak_w_per_kg <= 5
+        assert stride.ankle_work_net_j_per_kg >= 0.12
+
+
+def test_rolls_over_near_a_fifth_of_stature() -> None:
+    radius = default()[1].mean(lambda s: s.rollover_radius_m)
+    assert radius is not None
+    assert 0.20 * 1.75 < radius < 0.24 * 1.75
+
+
+def test_off_is_a_passive_ankle() -> None:
+    recording = simulate_gait(DEVICE, pressure.create_off_controller(), GaitOptions(strides=3))
+    outcome = compute_gait_metrics(recording)
+    work = outcome.mean(lambda s: s.ankle_work_net_j_per_kg)
+    assert work is not None
+    assert work <= 0.0
+    assert settled(recording)["pressure"].max() == 0.0
+    assert outcome.mean(lambda s: s.air_g) == 0.0
+
+
+def test_half_the_step_changes_the_peak_moment_by_less_than_one_percent() -> None:
+    fine = compute_gait_metrics(
+        simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=3, dt=2.5e-4))
+    )
+    coarse = default()[1].strides[2].ankle_moment_peak_nm_per_kg
+    assert fine.strides[2].ankle_moment_peak_nm_per_kg == pytest.approx(coarse, rel=0.01)
+
+
+def test_joint_moment_is_tension_times_arm_at_every_sample() -> None:
+    recording, _ = default()
+    springs = DEVICE.parameters.tendon
+    stretch = recording["unit_length"] - recording["muscle_length"] - springs.slack_length
+    tension = np.array([tendon_law.force(springs, x) for x in stretch])
+    wanted = tension * recording["moment_arm"]
+    assert np.abs(recording["force"] - tension).max() <= 1e-9 * tension.max()
+    assert np.abs(recording["actuator_moment"] - wanted).max() <= 1e-9 * wanted.max()
+    loaded = tension > 1.0
+    assert np.abs(recording["actuator_moment"][loaded] / wanted[loaded] - 1).max() < 1e-9
+
+
+def test_net_moment_is_the_sum_of_its_parts_and_power_its_product() -> None:
+    recording, _ = default()
+    parts = recording["actuator_moment"] + recording["passive_moment"] + recording["stop_moment"]
+    assert recording["ankle_moment"] == pytest.approx(parts, abs=1e-9)
+    # plantarflexor moment times plantarflexion rate
+    rate = -np.radians(recording["ankle_velocity"])
+    assert recording["ankle_power"] == pytest.approx(recording["ankle_moment"] * rate, rel=1e-9, abs=1e-9)
+    angle = -np.radians(recording["ankle_angle"])
+    spring = -130 * (angle + 0.085) - 1.0 * rate
+    assert recording["passive_moment"] == pytest.approx(spring, abs=1e-6)
+
+
+def test_ankle_rate_is_the_slope_of_its_angle() -> None:
+    recording, _ = default()
+    step = recording["time"][1]
+    slope = np.diff(recording["ankle_angle"]) / step
+    middle = 0.5 * (recording["ankle_velocity"][1:] + recording["ankle_velocity"][:-1])
+    assert np.sqrt(np.mean((slope - middle) ** 2)) < 0.02 * np.abs(slope).max()
+
+
+def test_muscle_and_damper_carry_the_tendon_and_pressure_was_delivered() -> None:
+    recording, _ = default()
+    rest = DEVICE.parameters.muscle.resting_length
+    free = recording["muscle_length"] < rest
+    gap = recording["muscle_force"] + recording["damper_force"] - recording["force"]
+    assert free.all()
+    assert np.abs(gap).max() < 1e-6
+    assert recording["muscle_length"][recording["stride"] > 1].max() < 0.985 * rest
+    assert recording["pressure"] == pytest.approx(recording["pressure_command"], abs=0.05)
+    assert recording["pressure"].max() <= 5.0
+
+
+def test_ledger_accounts_for_the_work_on_the_ankle_within_a_thousandth() -> None:
+    for controller in (
+        pressure.load_default_profile(),
+        pressure.create_off_controller(),
+        pressure.ConstantPressure(1e5),
+    ):
+        recording = simulate_gait(DEVICE, controller, GaitOptions(strides=2))
+        assert abs(compute_gait_metrics(recording).strides[-1].ledger_residual_pct) < 0.1
+    last = default()[0].select(default()[0]["stride"] == 5)
+    step = default()[0]["time"][1]
+    work = last["delivered_power"].sum() * step
+    loop = -np.trapezoid(last["actuator_moment"], np.radians(last["ankle_angle"]))  # of the joint, not of the tendon
+    assert work == pytest.approx(loop, rel=1e-3)
+    gas, damper = last["gas_power"].sum() * step, last["damper_power"].sum() * step
+    friction = last["friction_power"].sum() * step
+    assert gas + damper + friction == pytest.approx(work, rel=0.01)
+    assert damper < 0 < gas
+
+
+def test_servos_follow_the_reference_within_a_degree() -> None:
+    recording = settled(default()[0])
+    from klute_sim.gait import reference
+    from klute_sim.gait.rig import trajectory
+
+    phase = recording["gait_phase"] / 100
+    for channel, angle in (
+        ("thigh_angle", trajectory.compute_thigh_angle),
+        ("knee_angle", trajectory.compute_knee_angle),
+    ):
+        error = recording[channel] - np.degrees(angle(reference.load_default_reference(), phase))
+        assert np.abs(error).max() < 2.0, channel
+        assert np.sqrt(np.mean(error**2)) < 1.0, channel
+
+
+def test_same_inputs_same_bits() -> None:
+    one, two = (simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1)) for _ in range(2))
+    for name in one.channels:
+        assert np.array_equal(one[name], two[name], equal_nan=True), name
+
+
+def test_mass_and_speed_change_what_they_should() -> None:
+    heavy = simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=2, mass=90))
+    last = heavy.select(heavy["stride"] == 2)
+    assert last["grf_vertical"].mean() == pytest.approx(90 / 75 * settled(default()[0])["grf_vertical"].mean(), rel=0.1)
+    slow = simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1, speed=0.8))
+    walked = slow["carriage_x"][-1] - slow["carriage_x"][0]
+    assert walked / slow["time"][-1] == pytest.approx(0.8, rel=0.03)
+    assert slow.provenance["options"]["speed_m_per_s"] == pytest.approx(0.8, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("mass", -75),
+        ("mass", float("nan")),
+        ("speed", 0.0),
+        ("slope", 0.2),
+        ("stature", 17.5),
+        ("strides", 0),
+        ("step", 0.01),
+    ],
+)
+def test_options_nobody_has_are_refused(name: str, value: float) -> None:
+    with pytest.raises(InputError, match=f"{name} is .*allowed"):
+        GaitOptions(**{name: value})  # type: ignore[arg-type]
+
+
+def test_a_device_that_does_not_fit_the_ankle_is_refused() -> None:
+    with pytest.raises(InputError, match=r"no \[tendon\] section"):
+        simulate_gait(load_device("klute-3-4"), pressure.create_off_controller())
+    text = TEXT.replace("resting_length_mm = 264.0", "resting_length_mm = 364.0")
+    with pytest.raises(InputError, match="room for 430 mm"):
+        simulate_gait(parse_device(text.encode(), "x"), pressure.create_off_controller())
+    text = TEXT[: TEXT.index("[mounting]")] + TEXT[TEXT.index("[sources]") :]
+    with pytest.raises(InputError, match=r"no \[mounting\] section"):
+        simulate_gait(
+            parse_device(text.replace('"mounting.neutral', "#").encode(), "x"), pressure.create_off_controller()
+        )
+
+
+def test_a_run_that_leaves_its_path_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("klute_sim.gait.rig.setup.MAX_PATH_DEVIATION", 1e-4)
+    with pytest.raises(SimulationError, match=r"left its path at t = .* % of stride 1"):
+        simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1))
+
+
+def test_progress_runs_to_the_end() -> None:
+    told: list[float] = []
+    simulate_gait(DEVICE, pressure.create_off_controller(), GaitOptions(strides=1), told.append)
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+    assert len(told) > 5

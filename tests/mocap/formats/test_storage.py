@@ -1,0 +1,117 @@
+"""OpenSim's storage files: what is written is read, by us and by a reader that shares no line with ours."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from klute_sim.errors import InputError
+from klute_sim.mocap.formats import storage
+from klute_sim.mocap.formats.content import FileContent
+from klute_sim.mocap.formats.storage import Storage
+
+TEXT = """Coordinates
+version=1
+nRows=3
+nColumns=3
+inDegrees=yes
+
+Units are S.I. units (second, meters, Newtons, ...)
+endheader
+time\tknee_angle_r\tankle_angle_r
+   0.00\t  10.5\t-3.25
+   0.01\t  11.0\tnan
+   0.02\t  11.5\t-1e-3
+"""
+
+
+def independent(path: Path) -> tuple[dict[str, str], list[str], np.ndarray]:
+    """Header, names and numbers as NumPy's own text reader has them."""
+    lines = path.read_text().split("\n")
+    end = lines.index("endheader")
+    header = dict(line.split("=", 1) for line in lines[:end] if "=" in line)
+    return header, lines[end + 1].split("\t"), np.loadtxt(path, skiprows=end + 2, delimiter="\t", ndmin=2)
+
+
+def test_a_file_by_hand() -> None:
+    found = storage.parse(FileContent("x.mot", TEXT.encode()))
+    assert (found.name, found.in_degrees, list(found.columns)) == (
+        "Coordinates",
+        True,
+        ["time", "knee_angle_r", "ankle_angle_r"],
+    )
+    assert found.columns["knee_angle_r"].tolist() == [10.5, 11.0, 11.5]
+    assert found.columns["ankle_angle_r"][[0, 2]].tolist() == [-3.25, -1e-3]
+    assert np.isnan(found.columns["ankle_angle_r"][1])
+
+
+numbers = st.floats(allow_nan=False, allow_infinity=False, width=64)
+labels = st.text("abcdefghijklmnopqrstuvwxyz_0123456789/", min_size=1, max_size=12).filter(lambda name: name != "time")
+
+
+@settings(max_examples=40, deadline=None)
+@given(data=st.data(), degrees=st.booleans(), names=st.lists(labels, unique=True, max_size=4))
+def test_round_trips_are_exact(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, degrees: bool, names: list[str]
+) -> None:
+    path = tmp_path_factory.mktemp("sto") / "made.sto"
+    columns = {"time": np.arange(3) / 7.0}
+    columns |= {name: np.array(data.draw(st.lists(numbers, min_size=3, max_size=3))) for name in names}
+    storage.write(Storage(columns, degrees, "made", {"DataRate": "7"}), path)
+    found = storage.read(path)
+    assert found.in_degrees == degrees
+    assert found.header["DataRate"] == "7"
+    assert list(found.columns) == list(columns)
+    header, order, table = independent(path)
+    assert header["inDegrees"] == ("yes" if degrees else "no")
+    assert (int(header["nRows"]), int(header["nColumns"])) == (3, len(columns))
+    assert order == list(columns)
+    for number, (name, samples) in enumerate(columns.items()):
+        assert np.array_equal(found.columns[name], samples)
+        assert np.array_equal(table[:, number], samples)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("endheader", "end", "there is no line 'endheader'"),
+        ("nRows=3", "nRows=4", "the header says nRows=4, but there are 3"),
+        ("nColumns=3", "nColumns=9", "the header says nColumns=9, but there are 3"),
+        ("11.0\t", "11,0\t", "line 11: '11,0' is not a finite number"),
+        ("11.0\t", "inf\t", "line 11: 'inf' is not a finite number"),
+        ("  11.5\t-1e-3", "  11.5", "line 12 has 2 numbers, but there are 3 columns"),
+        ("   0.02", "   0.01", "'time' must rise strictly"),
+        ("time\t", "t\t", "there is no column 'time'"),
+        ("ankle_angle_r", "knee_angle_r", "column 'knee_angle_r' occurs twice"),
+        ("Coordinates", "Coordin\0tes", "is not a text file"),
+        (TEXT[TEXT.index("time") :], "", "the line with the column names is missing"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_place(old: str, new: str, says: str) -> None:
+    assert old in TEXT
+    with pytest.raises(InputError) as caught:
+        storage.parse(FileContent("x.mot", TEXT.replace(old, new, 1).encode()))
+    assert says in str(caught.value)
+    assert "x.mot" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_names_that_would_break_the_format_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no blanks"):
+        storage.write(Storage({"time": np.zeros(2), "a b": np.zeros(2)}, False), tmp_path / "x.sto")
+    with pytest.raises(InputError, match="shape"):
+        storage.write(Storage({"time": np.zeros(2), "a": np.zeros(3)}, False), tmp_path / "x.sto")
+
+
+def test_files_that_are_too_large_empty_or_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        storage.read(tmp_path / "none.mot")
+    (tmp_path / "empty.mot").write_text("\n\n")
+    with pytest.raises(InputError, match="is empty"):
+        storage.read(tmp_path / "empty.mot")
+    (tmp_path / "x.mot").write_text(TEXT)
+    monkeypatch.setattr("klute_sim.mocap.formats.content.MAX_BYTES", 100)
+    with pytest.raises(InputError, match="allowed are"):
+        storage.read(tmp_path / "x.mot")

@@ -1,0 +1,141 @@
+"""The list of what is printed, the verdicts, and what a user supplies."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from klute_sim.errors import InputError
+from klute_sim.reproduction import printed
+from klute_sim.reproduction.item import Finding, PublishedItem, assess
+
+TABLES = ("2.1", "2.2", "2.3", "2.4", "3.1", "4.1", "5.1", "5.2", "8.1", "8.2")
+FIGURES = (
+    *(f"2.{k}" for k in range(2, 9)),
+    *(f"3.{k}" for k in range(2, 10)),
+    *(f"4.{k}" for k in range(1, 13)),
+    *(f"5.{k}" for k in range(1, 4)),
+    *(f"6.{k}" for k in range(1, 5)),
+    *("7.1", "7.4", "7.5", "7.6"),
+    *(f"8.{k}" for k in range(1, 9)),
+)
+"""All that the source is known to have; Figs. 7.2 and 7.3 are not in our copy's list."""
+
+
+def numbers(title: str, word: str) -> set[str]:
+    """The numbers of tables or figures that ``title`` names, ranges spelt out."""
+    found = set()
+    for part in re.findall(rf"{word}s?\.? ((?:\d\.\d+(?:-\d\.\d+)?(?:, )?)+)", title):
+        for each in part.strip(", ").split(", "):
+            first, _, last = each.partition("-")
+            chapter, low = first.split(".")
+            high = last.split(".")[1] if last else low
+            found |= {f"{chapter}.{k}" for k in range(int(low), int(high) + 1)}
+    return found
+
+
+def item(published: float | str | None, within: float = 0.01, against: str = "") -> PublishedItem:
+    return PublishedItem("row.name", "Row", "quantity", "N", published, within, against, "", False, False)
+
+
+def test_no_table_or_figure_is_missing() -> None:
+    titles = [row.title for row in printed.load_tables().values()]
+    assert set().union(*(numbers(title, "Table") for title in titles)) >= set(TABLES)
+    assert set().union(*(numbers(title, "Fig") for title in titles)) >= set(FIGURES)
+    assert all(row.items for row in printed.load_tables().values())
+    names = [each.id for each in printed.list_items()]
+    assert len(names) == len(set(names)) >= 60
+    assert all(each.quantity and each.tolerance > 0.0 for each in printed.list_items())
+
+
+@pytest.mark.parametrize(
+    ("published", "found", "against", "verdict"),
+    [
+        (100.0, Finding(100.9), "", "agrees"),
+        (100.0, Finding(101.1), "", "contradicts-source"),
+        (-100.0, Finding(-98.9), "", "contradicts-source"),
+        (100.0, Finding(101.1), "it says so elsewhere", "source-contradicts-itself"),
+        (100.0, Finding(100.9), "it says so elsewhere", "agrees"),
+        (0.0, Finding(0.009), "", "agrees"),
+        (0.0, Finding(0.011), "", "contradicts-source"),
+        (100.0, Finding(float("nan")), "", "contradicts-source"),
+        (100.0, Finding(), "", "not-printed"),
+        (None, Finding(100.0), "", "not-printed"),
+        ("rises", Finding(1.0, True), "", "agrees"),
+        ("rises", Finding(1.0, False), "", "contradicts-source"),
+        ("rises", Finding(None, False), "it falls there", "source-contradicts-itself"),
+        ("rises", Finding(), "", "not-printed"),
+    ],
+)
+def test_a_verdict_follows_from_the_two_numbers(
+    published: float | str | None, found: Finding, against: str, verdict: str
+) -> None:
+    outcome = assess(item(published, against=against), found)
+    assert outcome.verdict == verdict
+    assert (against in outcome.note) == (verdict == "source-contradicts-itself" or not against)
+
+
+@pytest.mark.parametrize(
+    ("published", "found", "implied", "verdict"),
+    [
+        (1.0, Finding(0.84), 0.84, "source-contradicts-itself"),
+        (1.0, Finding(1.30), 0.84, "contradicts-source"),
+        (1.0, Finding(1.001), 0.84, "agrees"),
+        ("holds", Finding(None, False), False, "source-contradicts-itself"),
+        ("holds", Finding(None, False), True, "contradicts-source"),
+        ("holds", Finding(None, True), False, "source-contradicts-itself"),
+        ("holds", Finding(None, True), True, "agrees"),
+    ],
+)
+def test_the_source_contradicts_itself_only_by_its_own_numbers(
+    published: float | str, found: Finding, implied: float | bool, verdict: str
+) -> None:
+    assert assess(item(published, against="elsewhere"), found, implied).verdict == verdict
+
+
+def test_the_difference_is_relative_to_what_is_printed() -> None:
+    assert assess(item(-200.0), Finding(-190.0)).difference == pytest.approx(0.05)
+    assert assess(item(0.0), Finding(0.02)).difference == pytest.approx(0.02)
+    assert assess(item("rises"), Finding(1.0, True)).difference is None
+    assert assess(item(None), Finding(1.0)).difference is None
+
+
+def test_a_user_fills_in_what_is_missing(tmp_path: Path) -> None:
+    template = printed.render_template()
+    assert tomllib.loads(template) == {}
+    names = [each.id for each in printed.list_missing_items()]
+    filled = re.sub(r'^# ("[^"]+" =)', r"\1 1.5", template, flags=re.MULTILINE)
+    file = tmp_path / "numbers.toml"
+    file.write_text(filled, "utf-8")
+    given = printed.load_supplied_values(file)
+    assert given == dict.fromkeys(names, 1.5)
+    with_them = {each.id: each for each in printed.list_items(given)}
+    one = with_them["table-8.1.p5-v100"]
+    assert one.published == 1.5
+    assert "supplied by the user" in one.note
+    assert "within 10 %" in one.note
+    assert assess(one, Finding(1.6)).verdict == "agrees"
+    assert assess(one, Finding(1.7)).verdict == "contradicts-source"
+    assert printed.list_items()[0] == printed.list_items(given)[0]
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ('"table-8.1.p5-v10" = 1.0', r"no missing number is called 'table-8.1.p5-v10'.*did you mean 'table-8.1.p5-v1"),
+        ('"fig-3.9.slow" = 1.0', "no missing number is called 'fig-3.9.slow'"),
+        ('"table-4.1.bore" = "20 mm"', "'table-4.1.bore' is '20 mm'; allowed: a number"),
+        ('"table-4.1.bore" = true', "allowed: a number"),
+        ('"table-4.1.bore" = inf', "allowed: a number"),
+        ("table-4.1.bore = 20.0", "no missing number is called 'table-4'"),
+        ("= 3", "is not valid TOML"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_a_sentence(tmp_path: Path, content: str, says: str) -> None:
+    file = tmp_path / "numbers.toml"
+    file.write_text(content, "utf-8")
+    with pytest.raises(InputError, match=says):
+        printed.load_supplied_values(file)
+    with pytest.raises(InputError, match="cannot be read"):
+        printed.load_supplied_values(tmp_path / "none.toml")

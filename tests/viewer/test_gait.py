@@ -1,0 +1,250 @@
+"""The rerun recording: it reads back with the recording's own numbers, and moves as the model moves."""
+
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from klute_sim.controllers import pressure
+from klute_sim.device.device import load_device
+from klute_sim.errors import MissingExtraError
+from klute_sim.gait.rig.build import build_gait_model
+from klute_sim.gait.rig.rig import simulate_gait
+from klute_sim.gait.rig.setup import GaitOptions
+from klute_sim.recording import parquet
+from klute_sim.recording.recording import Recording
+from klute_sim.viewer import scene
+from klute_sim.viewer.folders import ensure_recording
+from klute_sim.viewer.layouts import gait as writer
+
+DEVICE = load_device("klute-1-1-4-pair")
+
+
+@cache
+def stride() -> Recording:
+    return simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1))
+
+
+def rig() -> mujoco.MjModel:
+    return build_gait_model(DEVICE, mass=75, stature=1.75, dt=5e-4)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run's folder without its recording for rerun."""
+    made = tmp_path_factory.mktemp("run")
+    parquet.write(stride(), made / "recording.parquet")
+    (made / "device.toml").write_bytes(DEVICE.content)
+    return made
+
+
+@pytest.fixture(scope="module")
+def file(folder: Path) -> Path:
+    pytest.importorskip("rerun")
+    with ensure_recording(folder) as made:
+        return made
+
+
+def read(file: Path, *, static: bool) -> dict[str, list[Any]]:
+    import rerun as rr
+
+    found: dict[str, list[Any]] = {}
+    for chunk in rr.chunk.RrdReader(file).stream():
+        if chunk.is_static == static:
+            found.setdefault(str(chunk.entity_path).lstrip("/"), []).append(chunk.to_record_batch())
+    return found
+
+
+@pytest.fixture(scope="module")
+def chunks(file: Path) -> dict[str, list[Any]]:
+    return read(file, static=False)
+
+
+@cache
+def moved() -> list[mujoco.MjData]:
+    """The model at every frame, its joints set from the channels by hand."""
+    model, frames = rig(), scene.compute_postures(stride(), rig())[0]
+    poses = []
+    for frame in frames:
+        data = mujoco.MjData(model)
+        value = {name: samples[frame] for name, samples in stride().channels.items()}
+        data.joint("carriage_x").qpos = value["carriage_x"]
+        data.joint("carriage_z").qpos = value["carriage_z"]
+        data.joint("thigh").qpos = np.radians(value["thigh_angle"])
+        data.joint("knee").qpos = np.radians(value["knee_angle"])
+        data.joint("prosthesis_ankle").qpos = -np.radians(value["ankle_angle"])
+        data.joint("prosthesis_heel").qpos = value["heel_compression"]
+        mujoco.mj_kinematics(model, data)
+        poses.append(data)
+    return poses
+
+
+def matrix(quaternion: list[float]) -> np.ndarray:
+    """Rotation of a quaternion with its scalar last."""
+    x, y, z, w = quaternion
+    turned = np.empty(9)
+    mujoco.mju_quat2Mat(turned, np.array([w, x, y, z]))
+    return turned.reshape(3, 3)
+
+
+def column(batches: list[Any], ending: str) -> list[Any]:
+    values: list[Any] = []
+    for batch in batches:
+        (name,) = [n for n in batch.schema.names if n.endswith(ending)]
+        values += batch.column(name).to_pylist()
+    return values
+
+
+def scalars(chunks: dict[str, list[Any]], entity: str) -> np.ndarray:
+    return np.array(column(chunks[entity], "Scalars:scalars"), dtype=np.float64).ravel()
+
+
+def test_every_channel_reads_back_as_the_parquet_file_has_it(folder: Path, chunks: dict[str, list[Any]]) -> None:
+    kept = parquet.read(folder / "recording.parquet")
+    assert set(kept.channels) == set(stride().channels)
+    for name, samples in kept.channels.items():
+        if name != "time":
+            assert np.array_equal(scalars(chunks, f"channels/{name}"), samples, equal_nan=True), name
+
+
+def test_energies_are_what_the_powers_gave_and_add_up(chunks: dict[str, list[Any]]) -> None:
+    parts = {name: scalars(chunks, f"energy/{name}") for name in writer.LEDGER_STYLES}
+    step = np.diff(stride()["time"]).mean()
+    assert parts["gas"][-1] == pytest.approx(step * stride()["gas_power"][1:].sum())
+    assert abs(parts["delivered"]).max() > 1.0
+    given = sum(energy for name, energy in parts.items() if name != "delivered")
+    assert parts["delivered"] == pytest.approx(given, abs=1e-6)
+    assert parts["tendon"] == pytest.approx(stride()["tendon_energy"][0] - stride()["tendon_energy"], abs=1e-6)
+
+
+def test_the_work_loop_is_the_ankles_and_its_mark_walks_along_it(chunks: dict[str, list[Any]], file: Path) -> None:
+    marks = np.array(column(chunks[f"{writer.LOOP_ENTITY}/now"], "Points2D:positions"), dtype=np.float64).reshape(-1, 2)
+    angle, moment = stride()["ankle_angle"], stride()["ankle_moment"]
+    for place, value in ((marks[:, 0], angle), (-marks[:, 1], moment)):  # y is down
+        assert np.corrcoef(place, value)[0, 1] == pytest.approx(1.0, abs=1e-9)
+    drawn = read(file, static=True)[f"{writer.LOOP_ENTITY}/curve_001"]
+    (strips,) = [b for b in drawn if any(n.endswith("strips") for n in b.schema.names)]
+    (points,) = column([strips], "LineStrips2D:strips")[0]
+    for point in np.array(points)[:: len(points) // 20]:
+        assert np.linalg.norm(marks - point, axis=1).min() < 1e-3
+
+
+def test_every_sample_and_every_pose_has_its_own_time(chunks: dict[str, list[Any]]) -> None:
+    time = stride()["time"]
+    frames, _ = scene.compute_postures(stride(), rig())
+    for entity, expected in [("channels/force", time), ("world/prosthesis_foot", time[frames])]:
+        stamps = [batch.column(writer.TIMELINE).cast("int64").to_numpy() for batch in chunks[entity]]
+        assert 1e-9 * np.concatenate(stamps) == pytest.approx(expected, abs=2e-9)
+
+
+def test_there_is_one_layout(file: Path) -> None:
+    import rerun as rr
+
+    assert len(list(rr.chunk.RrdReader(file).blueprints())) == 1
+
+
+def test_tracked_ground_reaction_is_not_sold_as_predicted() -> None:
+    (title,) = [title for title, _ in writer.MOTION_PLOTS if "ground reaction" in title]
+    assert "vertical: tracked, not predicted" in title
+
+
+def test_the_band_is_one_deviation_wide(chunks: dict[str, list[Any]]) -> None:
+    low, high = (
+        np.array(column(chunks[f"band/ankle_moment_{side}"], "Scalars:scalars"), dtype=np.float64).ravel()
+        for side in ("low", "high")
+    )
+    assert high - low == pytest.approx(2 * stride()["reference_ankle_moment_sd"])
+
+
+def test_bodies_are_where_the_simulation_had_them(chunks: dict[str, list[Any]]) -> None:
+    places = np.array(column(chunks["world/prosthesis_foot"], "Transform3D:translation"), dtype=np.float64)
+    frames, _ = scene.compute_postures(stride(), rig())
+    places = places.reshape(len(frames), 3)
+    assert places[:, 0] == pytest.approx(stride()["ankle_x"][frames], abs=1e-6)
+    assert places[:, 2] == pytest.approx(stride()["ankle_z"][frames], abs=1e-6)
+
+
+def test_bodies_are_and_turn_as_the_model_says(chunks: dict[str, list[Any]]) -> None:
+    model = rig()
+    for body in range(1, model.nbody):
+        batches = chunks[scene.format_body_entity(model, body)]
+        places = np.array(column(batches, "Transform3D:translation"), dtype=np.float64).reshape(-1, 3)
+        turns = [value[0] for value in column(batches, "Transform3D:quaternion")]
+        assert places == pytest.approx(np.array([data.xpos[body] for data in moved()]), abs=1e-6)
+        for turn, data in zip(turns, moved(), strict=True):
+            assert matrix(turn) == pytest.approx(data.xmat[body].reshape(3, 3), abs=1e-6)
+
+
+def test_shapes_sit_on_their_bodies_as_in_the_model(file: Path) -> None:
+    model = rig()
+    drawn = read(file, static=True)
+    for geom in range(model.ngeom):
+        body = int(model.geom_bodyid[geom])
+        batches = drawn[f"{scene.format_body_entity(model, body) if body else 'world'}/{model.geom(geom).name}"]
+        (batch,) = [b for b in batches if any(n.endswith("Transform3D:quaternion") for n in b.schema.names)]
+        (turn,), (place,) = column([batch], "Transform3D:quaternion")[0], column([batch], "Transform3D:translation")[0]
+        turned = np.empty(9)
+        mujoco.mju_quat2Mat(turned, model.geom_quat[geom])
+        assert matrix(turn) == pytest.approx(turned.reshape(3, 3), abs=1e-6)
+        assert place == pytest.approx(model.geom_pos[geom], abs=1e-6)
+
+
+def test_muscle_and_tendon_span_the_sites(chunks: dict[str, list[Any]]) -> None:
+    frames, _ = scene.compute_postures(stride(), rig())
+    muscle, tendon = (
+        np.array([strip[0] for strip in column(chunks[f"world/{name}"], "LineStrips3D:strips")])
+        for name in ("muscle", "achilles")
+    )
+    ends = [[data.site(f"prosthesis_achilles_{end}").xpos for end in ("origin", "insertion")] for data in moved()]
+    assert muscle[:, 0] == pytest.approx(np.array(ends)[:, 0], abs=1e-6)
+    assert muscle[:, 1] == pytest.approx(tendon[:, 0], abs=1e-6)
+    assert tendon[:, 1] == pytest.approx(np.array(ends)[:, 1], abs=1e-6)
+    length = np.linalg.norm(muscle[:, 1] - muscle[:, 0], axis=1)
+    assert length == pytest.approx(stride()["muscle_length"][frames], abs=1e-6)
+
+
+def test_the_tendon_reddens_with_its_force(chunks: dict[str, list[Any]]) -> None:
+    colours = [c[0] for c in column(chunks["world/achilles"], "LineStrips3D:colors")]
+    frames, _ = scene.compute_postures(stride(), rig())
+    force = stride()["force"][frames]
+    assert len(colours) == len(frames)
+    red = np.array([colour >> 24 & 255 for colour in colours])
+    green = np.array([colour >> 16 & 255 for colour in colours])
+    assert red[force.argmax()] > 210 > green[force.argmax()]
+    assert green[force.argmin()] > 130
+    assert len(set(colours)) > 20
+
+
+def test_the_ground_reaction_vanishes_in_swing(chunks: dict[str, list[Any]]) -> None:
+    arrows = np.array(column(chunks["world/ground_reaction"], "Arrows3D:vectors"), dtype=np.float64).reshape(-1, 3)
+    frames, _ = scene.compute_postures(stride(), rig())
+    phase = stride()["gait_phase"][frames]
+    assert np.abs(arrows[(phase > 70) & (phase < 90)]).max() == 0.0
+    feet = np.array(column(chunks["world/ground_reaction"], "Arrows3D:origins"), dtype=np.float64).reshape(-1, 3)
+    pressed = np.isfinite(stride()["cop_x"][frames])
+    assert feet[pressed, 0] == pytest.approx(stride()["cop_x"][frames][pressed], abs=1e-6)
+    assert arrows[:, 2].max() * scene.ARROW_SCALE_N_PER_M == pytest.approx(stride()["grf_vertical"][frames].max())
+
+
+def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(MissingExtraError, match=r"pip install '\.\[rerun\]'"):
+        writer.write_recording(stride(), rig(), tmp_path / "r.rrd")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("without", ["cop_x", "reference_ankle_angle", "reference_ankle_angle_sd"])
+def test_a_channel_that_may_be_missing_may_be_missing(without: str, tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    kept = [(stride().format_heading(name), values) for name, values in stride().channels.items() if name != without]
+    writer.write_recording(Recording.from_columns(kept), rig(), tmp_path / "r.rrd")
+
+
+def test_one_sample_is_one_pose() -> None:
+    frames, positions = scene.compute_postures(stride().select(slice(0, 1)), rig())
+    assert frames.tolist() == [0]
+    assert len(positions) == 1
