@@ -1,4 +1,4 @@
-"""Two curves against each other: limits, known truths, and where a difference is said to be."""
+"""Difference of two curves: limits, known values, and localisation."""
 
 import numpy as np
 import pytest
@@ -15,15 +15,15 @@ AXIS = PHASE_GRID
 WAVE = np.sin(2.0 * np.pi * AXIS / 100.0)
 
 
-def repeats(seed: int, count: int, scatter: float = 0.3) -> np.ndarray:
-    """``count`` waves, each a little off and noisy."""
+def make_repeats(seed: int, count: int, scatter: float = 0.3) -> np.ndarray:
+    """Return ``count`` waves with random offsets and noise."""
     rng = np.random.default_rng(seed)
     return np.asarray(WAVE + scatter * (rng.normal(size=(count, 1)) + rng.normal(size=(count, len(AXIS)))))
 
 
-def compared(first: np.ndarray, other: np.ndarray) -> Difference:
-    one = curve.average_repeats(np.atleast_2d(first))
-    return compute_difference(one, curve.average_repeats(np.atleast_2d(other)), AXIS, one.sd)
+def compute(first: np.ndarray, other: np.ndarray) -> Difference:
+    mean_curve = curve.average_repeats(np.atleast_2d(first))
+    return compute_difference(mean_curve, curve.average_repeats(np.atleast_2d(other)), AXIS, mean_curve.sd)
 
 
 SEEDS = st.integers(0, 1000)
@@ -31,9 +31,9 @@ NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
 
 
 @given(SEEDS, st.integers(1, 5), st.floats(1e-150, 1e150))
-def test_a_curve_against_itself_differs_by_no_bit(seed: int, count: int, size: float) -> None:
-    own = size * repeats(seed, count)
-    d = compared(own, own.copy())
+def test_equal_curves_have_zero_difference(seed: int, count: int, size: float) -> None:
+    waves = size * make_repeats(seed, count)
+    d = compute(waves, waves.copy())
     assert (d.bias, d.rms, d.max_difference) == (0.0, 0.0, 0.0)
     assert d.correlation == 1.0
     assert d.compared_fraction == 1.0
@@ -44,9 +44,9 @@ def test_a_curve_against_itself_differs_by_no_bit(seed: int, count: int, size: f
 
 
 @given(SEEDS, st.floats(1e-3, 1e3), st.sampled_from((-1.0, 1.0)))
-def test_a_shift_is_bias_and_rms_and_has_the_others_sign(seed: int, shift: float, sign: float) -> None:
-    own = repeats(seed, 1)
-    d = compared(own, own + sign * shift)
+def test_shift_is_bias_and_rms(seed: int, shift: float, sign: float) -> None:
+    waves = make_repeats(seed, 1)
+    d = compute(waves, waves + sign * shift)
     assert d.bias == pytest.approx(sign * shift, rel=1e-9)
     assert d.rms == pytest.approx(shift, rel=1e-9)
     assert d.max_difference == pytest.approx(sign * shift, rel=1e-9)
@@ -54,41 +54,39 @@ def test_a_shift_is_bias_and_rms_and_has_the_others_sign(seed: int, shift: float
 
 
 @given(st.floats(0.01, 100.0), st.sampled_from((-1.0, 1.0)), NUMBERS)
-def test_a_scaled_wave_has_the_rms_of_what_it_gained_and_the_sign_in_its_correlation(
-    factor: float, sign: float, offset: float
-) -> None:
-    d = compared(WAVE, sign * factor * WAVE)
+def test_scaled_wave_has_exact_rms_and_correlation(factor: float, sign: float, offset: float) -> None:
+    d = compute(WAVE, sign * factor * WAVE)
     assert d.rms == pytest.approx(abs(sign * factor - 1.0) * np.sqrt(np.mean(WAVE**2)), rel=1e-9, abs=1e-12)
     assert d.correlation == pytest.approx(sign, abs=1e-12)
     assert compute_correlation(WAVE, WAVE + 1e-3 * offset) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_correlation_is_numpys_and_that_of_a_constant_is_unknown() -> None:
-    x, y = repeats(1, 2)
+def test_correlation_equals_numpy_and_is_none_for_constant() -> None:
+    x, y = make_repeats(1, 2)
     assert compute_correlation(x, y) == pytest.approx(np.corrcoef(x, y)[0, 1], rel=1e-12)
     assert compute_correlation(x, np.full(len(x), 0.1)) is None
     assert compute_correlation(1e200 * x, 1e-200 * y) == pytest.approx(compute_correlation(x, y), rel=1e-12)
 
 
 @given(SEEDS, st.integers(1, 4), st.integers(1, 4), st.floats(-3.0, 3.0))
-def test_swapping_turns_the_sign_and_nothing_else(seed: int, one: int, two: int, shift: float) -> None:
-    first, other = repeats(seed, one), repeats(seed + 1, two) + shift * (AXIS > 40.0)
-    there, back = compared(first, other), compared(other, first)
-    assert there.bias == -back.bias  # type: ignore[operator]
-    assert there.max_difference == -back.max_difference  # type: ignore[operator]
-    for same in ("rms", "correlation", "at", "half", "share", "band"):
-        assert getattr(there, same) == getattr(back, same), same
-    assert [(r.begin, r.end, -r.max_difference, r.max_position, r.fraction) for r in there.regions] == [
-        (r.begin, r.end, r.max_difference, r.max_position, r.fraction) for r in back.regions
+def test_swapping_curves_changes_sign_only(seed: int, n_first: int, n_other: int, shift: float) -> None:
+    first, other = make_repeats(seed, n_first), make_repeats(seed + 1, n_other) + shift * (AXIS > 40.0)
+    forward, backward = compute(first, other), compute(other, first)
+    assert forward.bias == -backward.bias  # type: ignore[operator]
+    assert forward.max_difference == -backward.max_difference  # type: ignore[operator]
+    for name in ("rms", "correlation", "max_position", "half_interval", "compared_fraction", "band"):
+        assert getattr(forward, name) == getattr(backward, name), name
+    assert [(r.begin, r.end, -r.max_difference, r.max_position, r.fraction) for r in forward.regions] == [
+        (r.begin, r.end, r.max_difference, r.max_position, r.fraction) for r in backward.regions
     ]
 
 
 @given(st.integers(10, 70), st.integers(4, 20), st.sampled_from((-5.0, 5.0)), SEEDS)
-def test_a_bump_is_found_where_it_was_put(begin: int, width: int, height: float, seed: int) -> None:
+def test_bump_is_localized(begin: int, width: int, height: float, seed: int) -> None:
     inside = (begin <= AXIS) & (begin + width >= AXIS)
-    # Both scatter in the same way about the same mean: but for the bump there is no difference.
-    first = repeats(seed, 4)
-    d = compared(first, first + np.where(inside, height, 0.0))
+    # Both scatter in the same way about the same mean: but for the bump forward is no difference.
+    first = make_repeats(seed, 4)
+    d = compute(first, first + np.where(inside, height, 0.0))
     (region,) = d.regions
     assert (region.begin, region.end) == (begin, begin + width)
     assert region.max_difference == pytest.approx(height)
@@ -99,55 +97,55 @@ def test_a_bump_is_found_where_it_was_put(begin: int, width: int, height: float,
     assert begin <= d.max_position <= begin + width
 
 
-def test_one_point_alone_is_no_region_and_two_regions_are_two() -> None:
-    first = repeats(3, 4)
+def test_regions_have_two_or_more_points() -> None:
+    first = make_repeats(3, 4)
     spike = np.where(AXIS == 50.0, 9.0, 0.0)
-    assert compared(first, first + spike).regions == ()
-    two = 9.0 * ((AXIS >= 10.0) & (AXIS <= 20.0)) - 9.0 * ((AXIS >= 60.0) & (AXIS <= 64.0))
-    found = compared(first, first + two).regions
-    assert [(r.begin, r.end) for r in found] == [(10.0, 20.0), (60.0, 64.0)]
-    assert [r.fraction for r in found] == pytest.approx([11 / 16, 5 / 16])
-    assert [np.sign(r.max_difference) for r in found] == [1.0, -1.0]
+    assert compute(first, first + spike).regions == ()
+    bumps = 9.0 * ((AXIS >= 10.0) & (AXIS <= 20.0)) - 9.0 * ((AXIS >= 60.0) & (AXIS <= 64.0))
+    result = compute(first, first + bumps).regions
+    assert [(r.begin, r.end) for r in result] == [(10.0, 20.0), (60.0, 64.0)]
+    assert [r.fraction for r in result] == pytest.approx([11 / 16, 5 / 16])
+    assert [np.sign(r.max_difference) for r in result] == [1.0, -1.0]
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_band_of_two_means_is_welchs(seed: int) -> None:
-    first, other = repeats(seed, 3), repeats(seed + 50, 7, 1.0)
-    d = compared(first, other)
+def test_band_of_two_means_is_welch_interval(seed: int) -> None:
+    first, other = make_repeats(seed, 3), make_repeats(seed + 50, 7, 1.0)
+    d = compute(first, other)
     assert d.band == "means"
     interval = stats.ttest_ind(other, first, equal_var=False).confidence_interval(0.95)
     assert d.half_width == pytest.approx(0.5 * (interval.high - interval.low), rel=1e-9)
     assert d.rms_sd == pytest.approx(d.rms / np.sqrt(np.mean(np.var(first, axis=0, ddof=1))), rel=1e-9)  # type: ignore[operator]
 
 
-def test_by_chance_about_one_point_in_twenty_is_beyond_the_band() -> None:
+def test_false_positive_rate_is_five_per_cent() -> None:
     rng = np.random.default_rng(7)
     axis = np.linspace(0.0, 1.0, 20_000)
-    for one, two in ((4, 6), (1, 5), (5, 1)):
-        first, other = (curve.average_repeats(rng.normal(size=(count, len(axis)))) for count in (one, two))
+    for n_first, n_other in ((4, 6), (1, 5), (5, 1)):
+        first, other = (curve.average_repeats(rng.normal(size=(count, len(axis)))) for count in (n_first, n_other))
         d = compute_difference(first, other, axis, None)
-        assert np.mean(np.abs(d.values) > d.half_width) == pytest.approx(0.05, abs=0.01), (one, two)
+        assert np.mean(np.abs(d.values) > d.half_width) == pytest.approx(0.05, abs=0.01), (n_first, n_other)
 
 
-def test_a_single_stride_is_held_against_the_others_scatter() -> None:
-    first, other = repeats(1, 5), repeats(2, 1)
-    d = compared(first, other)
+def test_single_stride_has_prediction_interval() -> None:
+    first, other = make_repeats(1, 5), make_repeats(2, 1)
+    d = compute(first, other)
     assert d.band == "prediction"
     expected = stats.t.ppf(0.975, 4) * np.std(first, axis=0, ddof=1) * np.sqrt(1.2)
     assert d.half_width == pytest.approx(expected, rel=1e-12)
     assert d.rms_sd is not None
-    assert compared(other, first).rms_sd is None
+    assert compute(other, first).rms_sd is None
 
 
-def test_two_single_strides_have_no_band_and_half_of_the_difference_is_located() -> None:
-    d = compared(WAVE, WAVE + np.where((AXIS >= 30.0) & (AXIS <= 39.0), 1.0, 0.0))
+def test_two_single_strides_have_half_interval_only() -> None:
+    d = compute(WAVE, WAVE + np.where((AXIS >= 30.0) & (AXIS <= 39.0), 1.0, 0.0))
     assert d.band == "none"
     assert np.isnan(d.half_width).all()
     assert d.regions == ()
     assert d.half_interval == (30.0, 34.0)
 
 
-def test_a_reference_is_held_against_its_people() -> None:
+def test_reference_band_is_variation_between_people() -> None:
     sd = np.full(len(AXIS), 0.5)
     people = curve.make_reference_curve(WAVE, sd)
     walk = curve.average_repeats(np.tile(WAVE + np.where(AXIS >= 80.0, 1.2, 0.9), (3, 1)))  # repeats itself exactly
@@ -156,7 +154,7 @@ def test_a_reference_is_held_against_its_people() -> None:
     assert d.half_width == pytest.approx(1.959964 * 0.5, rel=1e-6)
     assert [(r.begin, r.end) for r in d.regions] == [(80.0, 100.0)]
     assert d.rms_sd == pytest.approx(d.rms / 0.5)  # type: ignore[operator]
-    scattered = curve.average_repeats(repeats(1, 3))
+    scattered = curve.average_repeats(make_repeats(1, 3))
     wider = compute_difference(scattered, people, AXIS, people.sd)
     assert (wider.half_width > d.half_width).all()
     assert wider.half_width == pytest.approx(compute_difference(people, scattered, AXIS, people.sd).half_width, rel=0.0)
@@ -165,17 +163,17 @@ def test_a_reference_is_held_against_its_people() -> None:
     assert compute_difference(walk, curve.make_reference_curve(WAVE, None), AXIS, None).band == "none"
 
 
-def test_missing_points_are_left_out_and_their_share_is_told() -> None:
-    first, other = repeats(1, 4), repeats(1, 4) + 1.0
+def test_missing_points_are_excluded_from_comparison() -> None:
+    first, other = make_repeats(1, 4), make_repeats(1, 4) + 1.0
     first[:, AXIS < 25.0] = np.nan
     other[:, AXIS < 25.0] = 100.0
-    d = compared(first, other)
+    d = compute(first, other)
     assert d.correlation == pytest.approx(1.0, abs=1e-9)
     assert d.compared_fraction == pytest.approx(76 / 101)
     assert d.bias == pytest.approx(1.0)
     assert np.isnan(d.values[:25]).all()
     assert not any(r.begin < 25.0 for r in d.regions)
-    nothing = compared(np.full(len(AXIS), np.nan), other)
+    nothing = compute(np.full(len(AXIS), np.nan), other)
     assert (nothing.compared_fraction, nothing.bias, nothing.rms, nothing.half_interval, nothing.regions) == (
         0.0,
         None,
@@ -185,43 +183,43 @@ def test_missing_points_are_left_out_and_their_share_is_told() -> None:
     )
 
 
-def test_rounding_is_no_difference() -> None:
-    own = np.tile(WAVE, (3, 1))
-    d = compared(own, own * (1.0 + 1e-15))
+def test_rounding_errors_are_not_localized() -> None:
+    waves = np.tile(WAVE, (3, 1))
+    d = compute(waves, waves * (1.0 + 1e-15))
     assert d.regions == ()
     assert d.max_position is None
     assert d.half_interval is None
     assert d.rms_sd is None
 
 
-def test_the_mean_is_over_the_repeats_that_have_a_value_if_they_are_half_of_them() -> None:
-    own = np.array([[1.0, 1.0, 1.0], [3.0, 3.0, np.nan], [5.0, np.nan, np.nan], [7.0, np.inf, np.nan]])
-    made = curve.average_repeats(own)
+def test_mean_requires_half_of_the_repeats() -> None:
+    waves = np.array([[1.0, 1.0, 1.0], [3.0, 3.0, np.nan], [5.0, np.nan, np.nan], [7.0, np.inf, np.nan]])
+    made = curve.average_repeats(waves)
     assert made.mean[:2].tolist() == [4.0, 2.0]
     assert np.isnan(made.mean[2])
-    assert made.sd[0] == pytest.approx(np.std(own[:, 0], ddof=1))
+    assert made.sd[0] == pytest.approx(np.std(waves[:, 0], ddof=1))
     assert made.n_repeats.tolist() == [4, 2, 1]
-    alone = curve.average_repeats(own[:1])
+    alone = curve.average_repeats(waves[:1])
     assert alone.mean.tolist() == [1.0, 1.0, 1.0]
     assert alone.lacks_sd
     assert not made.lacks_sd
 
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=30))
-def test_half_is_the_shortest_stretch_that_holds_half(values: list[float]) -> None:
+def test_half_interval_is_shortest(values: list[float]) -> None:
     squares, axis = np.array(values) ** 2, np.arange(len(values), dtype=np.float64)
-    found = find_half_interval(np.array(values), axis)
-    if found is None:
+    result = find_half_interval(np.array(values), axis)
+    if result is None:
         assert not any(values)
         return
-    begin, end = int(found[0]), int(found[1])
+    begin, end = int(result[0]), int(result[1])
     assert squares[begin : end + 1].sum() >= 0.5 * squares.sum() * (1.0 - 1e-9)
     shorter = end - begin
     for start in range(len(values)):
         assert squares[start : start + shorter].sum() <= 0.5 * squares.sum() * (1.0 + 1e-9)
 
 
-def test_the_curve_of_a_reference_knows_no_repeats() -> None:
+def test_reference_curve_has_no_repeats() -> None:
     made: MeanCurve = curve.make_reference_curve(WAVE, None)
     assert made.is_reference
     assert made.lacks_sd

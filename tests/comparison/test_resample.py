@@ -1,4 +1,4 @@
-"""Recordings on one axis: exact on straight lines, honest about what is missing."""
+"""Resampling over phase and time: exact for linear channels, with missing values where nothing was measured."""
 
 import numpy as np
 import pytest
@@ -17,10 +17,10 @@ from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
 
 
-def walked(
+def make_gait(
     begin: float = 0.0, end: float = 300.0, interval: float = 0.7, *, numbered: bool = False, duration: float = 1.1
 ) -> Recording:
-    """Strides of ``duration`` [s] from ``begin`` to ``end`` [%, 100 per stride], a sample every ``interval`` [%]."""
+    """Return strides of ``duration`` [s] from ``begin`` to ``end`` [%] (100 per stride), at steps of ``interval``."""
     along = np.arange(begin, end, interval)
     phase = along % 100.0
     columns = [("time [s]", duration * along / 100.0), ("gait_phase [%]", phase)]
@@ -30,35 +30,35 @@ def walked(
 
 
 @given(st.floats(0.05, 1.9), st.floats(0.0, 0.9), st.booleans())
-def test_a_straight_line_is_exact_at_every_phase_of_every_stride(interval: float, begin: float, numbered: bool) -> None:
-    recording = walked(begin * interval, 300.0, interval, numbered=numbered)
-    found = find_strides(recording, "r")
-    assert [stride.number for stride in found] == [1, 2, 3]
-    for number, stride in enumerate(found):
+def test_linear_channel_is_exact_over_phase(interval: float, begin: float, numbered: bool) -> None:
+    recording = make_gait(begin * interval, 300.0, interval, numbered=numbered)
+    strides = find_strides(recording, "r")
+    assert [stride.number for stride in strides] == [1, 2, 3]
+    for number, stride in enumerate(strides):
         assert stride.is_complete
         values = resample_phase(recording, stride, "line")
         assert values == pytest.approx(2.0 * (100.0 * number + PHASE_GRID) - 3.0, abs=1e-9)
 
 
-def test_samples_at_the_grid_come_through_bit_for_bit() -> None:
-    recording = walked(0.0, 200.0, 0.5)
+def test_samples_on_grid_are_unchanged() -> None:
+    recording = make_gait(0.0, 200.0, 0.5)
     values = np.sin(np.arange(len(recording)) ** 2.0)
     recording = Recording({**recording.channels, "x": values}, {**recording.units, "x": "m"})
     first, _ = find_strides(recording, "r")
     assert resample_phase(recording, first, "x")[:100].tolist() == values[0:200:2].tolist()
 
 
-def test_strides_are_told_by_their_number_or_by_the_fall_of_the_phase() -> None:
+def test_strides_are_separated_by_number_or_phase() -> None:
     for numbered in (False, True):
-        found = find_strides(walked(40.0, 250.0, 1.0, numbered=numbered), "r")
-        assert [(s.first_phase, s.last_phase, s.is_complete) for s in found] == [
+        strides = find_strides(make_gait(40.0, 250.0, 1.0, numbered=numbered), "r")
+        assert [(s.first_phase, s.last_phase, s.is_complete) for s in strides] == [
             (40.0, 99.0, False),
             (0.0, 99.0, True),
             (0.0, 49.0, False),
         ]
 
 
-def test_a_stride_that_ends_at_100_percent_is_not_mixed_with_the_next_heel_strike() -> None:
+def test_stride_ending_at_100_percent_excludes_next_heel_strike() -> None:
     phase = np.tile(np.linspace(0.0, 100.0, 51), 2)
     value = np.concatenate([phase[:51], 500.0 + phase[51:]])
     time = np.concatenate([np.linspace(0.0, 1.0, 51), np.linspace(1.02, 2.02, 51)])
@@ -68,8 +68,8 @@ def test_a_stride_that_ends_at_100_percent_is_not_mixed_with_the_next_heel_strik
     assert resample_phase(recording, second, "x") == pytest.approx(500.0 + PHASE_GRID)
 
 
-def test_after_a_pause_the_next_strides_sample_is_no_neighbour() -> None:
-    whole = walked(0.5, 200.5, 1.0)
+def test_samples_after_a_gap_are_not_neighbours() -> None:
+    whole = make_gait(0.5, 200.5, 1.0)
     later = np.arange(200) >= 100
     time = whole["time"] + 5.0 * later
     line = np.where(later, 1e3, whole["gait_phase"])
@@ -79,42 +79,42 @@ def test_after_a_pause_the_next_strides_sample_is_no_neighbour() -> None:
     assert resample_phase(recording, second, "x") == pytest.approx(1e3)
 
 
-def test_what_is_missing_stays_missing_with_the_points_beside_it() -> None:
-    recording = walked(0.0, 100.0, 1.0)
+def test_missing_samples_remain_missing() -> None:
+    recording = make_gait(0.0, 100.0, 1.0)
     values = np.where((recording["gait_phase"] >= 30.0) & (recording["gait_phase"] < 40.0), np.nan, recording["saw"])
     recording = Recording({**recording.channels, "x": values}, {**recording.units, "x": "m"})
     (stride,) = find_strides(recording, "r")
-    found = resample_phase(recording, stride, "x")
-    assert np.flatnonzero(np.isnan(found)).tolist() == list(range(30, 40))
+    strides = resample_phase(recording, stride, "x")
+    assert np.flatnonzero(np.isnan(strides)).tolist() == list(range(30, 40))
     hole = recording.select((recording["gait_phase"] < 50.0) | (recording["gait_phase"] > 70.0))
     (stride,) = find_strides(hole, "r")
     assert np.flatnonzero(np.isnan(resample_phase(hole, stride, "saw"))).tolist() == list(range(50, 71))
 
 
-def test_a_short_hole_is_bridged() -> None:
-    recording = walked(0.0, 100.0, 1.0)
+def test_short_gap_is_interpolated() -> None:
+    recording = make_gait(0.0, 100.0, 1.0)
     recording = recording.select((recording["gait_phase"] < 50.0) | (recording["gait_phase"] > 55.0))
     (stride,) = find_strides(recording, "r")
     assert resample_phase(recording, stride, "saw") == pytest.approx(0.5 * PHASE_GRID + 1.0)
 
 
 @pytest.mark.parametrize(
-    ("phase", "unit", "says"),
+    ("phase", "unit", "message"),
     [
         ([0.0, 50.0, 40.0, 99.0], "1", "allowed: %"),
-        ([0.0, np.nan, 40.0, 99.0], "%", "a missing sample or one beyond 0 to 100 %"),
-        ([0.0, 50.0, 101.0, 99.0], "%", "a missing sample or one beyond 0 to 100 %"),
-        ([0.0, 50.0, 50.0, 99.0], "%", "does not rise at 0.2 s, in stride 1"),
+        ([0.0, np.nan, 40.0, 99.0], "%", "a missing sample or one outside 0 to 100 %"),
+        ([0.0, 50.0, 101.0, 99.0], "%", "a missing sample or one outside 0 to 100 %"),
+        ([0.0, 50.0, 50.0, 99.0], "%", "does not increase at 0.2 s, in stride 1"),
     ],
 )
-def test_a_phase_that_is_none_is_refused(phase: list[float], unit: str, says: str) -> None:
+def test_invalid_phase_is_refused(phase: list[float], unit: str, message: str) -> None:
     columns = [("time [s]", np.arange(4) * 0.1), (f"gait_phase [{unit}]", np.array(phase))]
-    with pytest.raises(InputError, match=f"^file r.*{says}"):
+    with pytest.raises(InputError, match=f"^file r.*{message}"):
         find_strides(Recording.from_columns(columns), "file r")
 
 
-def test_without_a_phase_there_are_no_strides() -> None:
-    with pytest.raises(InputError, match="has no column 'gait_phase"):
+def test_missing_phase_is_refused() -> None:
+    with pytest.raises(InputError, match="has neither a column 'gait_phase"):
         find_strides(Recording.from_columns([("time [s]", np.arange(3.0))]), "r")
 
 
@@ -124,30 +124,30 @@ def clock(begin: float, end: float, step: float) -> Recording:
 
 
 @given(st.floats(0.01, 0.1), st.floats(0.01, 0.1), st.floats(-0.5, 0.5))
-def test_a_straight_line_is_exact_at_every_common_time(one: float, two: float, late: float) -> None:
-    first, other = clock(0.0, 2.0, one), clock(late, 2.0 + late, two)
+def test_linear_channel_is_exact_over_time(interval: float, other_interval: float, delay: float) -> None:
+    first, other = clock(0.0, 2.0, interval), clock(delay, 2.0 + delay, other_interval)
     axis = make_common_time([("a", first), ("b", other)])
-    assert np.diff(axis[:-1]) == pytest.approx(max(one, two))
-    assert axis[0] == max(0.0, late)
+    assert np.diff(axis[:-1]) == pytest.approx(max(interval, other_interval))
+    assert axis[0] == max(0.0, delay)
     assert axis[-1] <= min(first["time"][-1], other["time"][-1])
-    assert axis[-1] > min(first["time"][-1], other["time"][-1]) - 1.0001 * max(one, two)
+    assert axis[-1] > min(first["time"][-1], other["time"][-1]) - 1.0001 * max(interval, other_interval)
     for recording in (first, other):
         assert resample_time(recording, "line", axis) == pytest.approx(5.0 - 4.0 * axis, abs=1e-9)
 
 
-def test_outside_of_a_recording_there_is_nothing() -> None:
-    found = resample_time(clock(0.0, 1.0, 0.1), "line", np.array([-0.01, 0.0, 0.9, 0.91]))
-    assert np.isnan(found).tolist() == [True, False, False, True]
+def test_values_outside_recording_are_missing() -> None:
+    strides = resample_time(clock(0.0, 1.0, 0.1), "line", np.array([-0.01, 0.0, 0.9, 0.91]))
+    assert np.isnan(strides).tolist() == [True, False, False, True]
 
 
-def test_recordings_that_share_no_time_are_refused_by_name() -> None:
+def test_recordings_without_overlap_are_refused() -> None:
     with pytest.raises(InputError, match=r"a ends at 0.9 s and b begins at 5 s"):
         make_common_time([("a", clock(0.0, 1.0, 0.1)), ("b", clock(5.0, 6.0, 0.1))])
     with pytest.raises(InputError, match=r"overlap from 0.85 to 0.9 s, less than one sampling interval of 0.1 s"):
         make_common_time([("a", clock(0.0, 1.0, 0.1)), ("b", clock(0.85, 2.0, 0.1))])
 
 
-def test_a_long_common_time_is_thinned_to_its_ends() -> None:
+def test_long_common_time_is_decimated() -> None:
     axis = make_common_time([("a", clock(0.0, 30.0, 0.0005)), ("b", clock(0.0, 30.0, 0.0005))])
     assert len(axis) == resample.MAX_TIME_POINTS
     assert axis[-1] == pytest.approx(29.9995)

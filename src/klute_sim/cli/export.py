@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.nonempty_path import NonEmptyPath
+from klute_sim.cli.common import NonEmptyPath
 
 FILE_FORMATS = ("mot", "sto", "trc", "log", "csv", "parquet")
 
@@ -15,34 +15,35 @@ FILE_FORMATS = ("mot", "sto", "trc", "log", "csv", "parquet")
 @click.argument("run", metavar="RUN", type=NonEmptyPath())
 @click.option(
     "--format",
-    "kinds",
+    "formats",
     type=click.Choice(FILE_FORMATS),
     multiple=True,
     default=("mot", "sto"),
     show_default=True,
-    help="May be repeated.",
+    help="File format; may be repeated.",
 )
 @click.option(
-    "--side", type=click.Choice(["right", "left"]), default="right", show_default=True, help="Whose names the leg gets."
+    "--side",
+    type=click.Choice(["right", "left"]),
+    default="right",
+    show_default=True,
+    help="Side in the names of the leg.",
 )
 @common.out_option("export", "the files")
-def command(run: Path, kinds: tuple[str, ...], side: Any, out: Path | None) -> None:
-    """Write a run's motion and loads for other programs.
+def command(run: Path, formats: tuple[str, ...], side: Any, out: Path | None) -> None:
+    """Export motion and loads of a run for other programs.
 
     RUN is a folder of klute-sim gait, or of klute-sim import (its mean stride). mot: joint angles and ground reaction;
-    sto: the ankle's moment; trc: virtual markers; all with OpenSim's names, axes and signs. log: what the prosthesis
-    itself would have logged; csv and parquet: every channel, with our own names.
+    sto: ankle moment; trc: virtual markers; all with OpenSim's names, axes and signs. log: channels that the prosthesis
+    would log; csv and parquet: all channels with the names of klute-sim.
 
     \b
     Examples:
       klute-sim export runs/gait-001
       klute-sim export runs/gait-001 --format trc --format mot --out for-opensim
     """
+    from klute_sim.api.mocap import export_run
     from klute_sim.cli.console import stdout_console
-    from klute_sim.mocap import export
-    from klute_sim.recording import run_folder
 
-    recording = export.read_gait(run)
-    with run_folder.create_run_folder("export", out) as (folder, scratch):
-        files = export.write_files(recording, side, tuple(dict.fromkeys(kinds)), scratch)
+    folder, files = export_run(run, out, formats=formats, side=side)
     stdout_console().print(f"Exported: {folder}  ({', '.join(files)})", soft_wrap=True)

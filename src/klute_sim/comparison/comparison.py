@@ -1,160 +1,169 @@
-"""Recordings compared: every series on one axis, every channel of the others against the first's."""
+"""Comparison of runs: mean curves of all series on a common axis, and their differences from the first series."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from klute_sim.comparison import difference, source
+from klute_sim.comparison import source
 from klute_sim.comparison.alignment import foot_strikes, matching, resample, unit_conversion
 from klute_sim.comparison.curve import MeanCurve
-from klute_sim.comparison.difference import Difference
+from klute_sim.comparison.difference import Difference, compute_difference
 from klute_sim.comparison.remarks import Remarks
 from klute_sim.comparison.runs import ComparedRun
 from klute_sim.comparison.source import REFERENCE_LABEL, NamedRecordings, SeriesSource
 from klute_sim.errors import InputError
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 Domain = Literal["phase", "time"]
+"""Axis of a comparison: gait phase of strides, or time of whole recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonOptions:
-    """What to compare, and how."""
+    """Options of a comparison."""
 
     domain: Domain | None = None
-    """None: over phase if every recording has one, else over time."""
+    """Axis; None selects phase if every recording has strides, otherwise time."""
     channels: tuple[str, ...] = ()
-    """Channels; none: the main ones; ``("all",)``: every one."""
+    """Channels to compare; empty for the main channels, ``("all",)`` for all channels."""
     include_reference: bool = False
-    """Put the first run's human reference beside, as a series of its own."""
+    """Whether the human reference of the first run is added as a series."""
     baseline: str | None = None
-    """Label of the series that the others are compared with; None: the first run's."""
+    """Label of the series that the others are compared with; None selects the first run's."""
     skip_strides: int | None = None
-    """Strides left out at the start of every recording; None: one of a simulated walk of several strides, none of a
-    measured one."""
+    """Number of strides skipped at the start of each recording; None skips one of a simulated gait with several strides
+    and none of a measured one."""
 
 
 @dataclass(frozen=True, eq=False)
 class ComparisonSeries:
-    """One line in the pictures: the mean over the repeats of one label."""
+    """Mean curves over the repeats of one label."""
 
     label: str
+    """Label of the series."""
     curves: Mapping[str, MeanCurve]
-    """By channel."""
+    """Channel -> mean curve."""
     n_repeats: int
-    """Strides over phase, recordings over time; 0 of the human reference: not known."""
+    """Number of strides over phase, or of recordings over time; 0 for the human reference (unknown)."""
 
     @property
     def is_reference(self) -> bool:
-        """Whether it is the human reference."""
+        """Whether the series is the human reference."""
         return self.n_repeats == 0
 
 
 @dataclass(frozen=True, eq=False)
 class ComparisonPart:
-    """One trial of bench runs; walks and single recordings have one part."""
+    """One trial of bench runs; gait runs and single recordings have one part."""
 
     name: str
-    """Of the trial; '' where there is one part alone."""
+    """Name of the trial; '' if there is one part only."""
     axis: Array
-    """Phase [%] or time [s] of every point."""
+    """Gait phase [%] or time [s] of every point (n,)."""
     series: tuple[ComparisonSeries, ...]
-    """The first is the one that the others are compared with."""
+    """Series; the first is the baseline of the comparison."""
     units: Mapping[str, str]
-    """Of every compared channel."""
+    """Compared channel -> unit."""
     differences: Mapping[str, Mapping[str, Difference]]
-    """Channel -> label of another series -> how it differs from the first."""
+    """Channel -> label of another series -> its difference from the first."""
 
     @property
     def normalization_series(self) -> ComparisonSeries:
-        """The series in whose standard deviations every rms is told: the reference if it is there, else the first."""
+        """Series whose standard deviations normalise the rms: the reference if present, otherwise the first."""
         return _find_normalization_series(self.series)
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Everything that was compared."""
+    """Result of a comparison."""
 
     domain: Domain
+    """Axis of the comparison."""
     runs: tuple[ComparedRun, ...]
+    """Runs with unified units."""
     parts: tuple[ComparisonPart, ...]
+    """Compared trials."""
     remarks: tuple[str, ...]
-    """What the user should know, one sentence each."""
+    """Remarks for the user, one sentence each."""
 
     @property
     def is_single(self) -> bool:
-        """Whether there is one series, with nothing to compare it with."""
+        """Whether there is only one series."""
         return len(self.parts[0].series) == 1
 
 
 def compare(runs: Sequence[ComparedRun], options: ComparisonOptions | None = None) -> Comparison:
-    """Compare ``runs``; one alone with several strides or repeats is shown with its band.
+    """Compare ``runs``; a single run with several strides or repeats is summarised with its band.
 
-    Raises InputError where there is nothing to compare, or not what ``options`` ask for.
+    Raises InputError if there is nothing to compare, or if ``options`` do not fit the runs.
     """
     options = options or ComparisonOptions()
     _check_labels(runs, options)
     remarks = Remarks(remark for run in runs for remark in run.remarks)
     runs = unit_conversion.unify_units(runs, remarks)
-    runs, over = _select_domain(runs, options, remarks)
+    runs, domain = _select_domain(runs, options, remarks)
     _note_walker_differences(runs, options, remarks)
-    parts = matching.match_parts(runs, remarks).items()
-    found = tuple(_compare_part(name, members, over, options, remarks) for name, members in parts)
-    if all(len(part.series) == 1 and part.series[0].n_repeats == 1 for part in found):
-        _raise_nothing_to_compare(runs[0].label, over)
-    return Comparison(over, tuple(runs), found, remarks.sentences)
+    parts = tuple(
+        _compare_part(name, recordings, domain, options, remarks)
+        for name, recordings in matching.match_parts(runs, remarks).items()
+    )
+    if all(len(part.series) == 1 and part.series[0].n_repeats == 1 for part in parts):
+        _raise_nothing_to_compare(runs[0].label, domain)
+    return Comparison(domain, tuple(runs), parts, remarks.sentences)
 
 
 def _check_labels(runs: Sequence[ComparedRun], options: ComparisonOptions) -> None:
     labels = list(dict.fromkeys(run.label for run in runs))
     if options.include_reference and REFERENCE_LABEL in labels:
         raise InputError(
-            f"'{REFERENCE_LABEL}' is the label of the reference; give the run another one, as in LABEL=RUN"
+            f"'{REFERENCE_LABEL}' is the label of the reference; give the run another label, as in LABEL=RUN"
         )
     if options.include_reference:
         labels.append(REFERENCE_LABEL)
     if options.baseline is not None and options.baseline not in labels:
-        raise InputError(f"no series is called '{options.baseline}'; allowed: {', '.join(labels)}")
+        raise InputError(f"unknown baseline '{options.baseline}'; allowed labels: {', '.join(labels)}")
 
 
 def _raise_nothing_to_compare(label: str, domain: Domain) -> None:
-    what = "stride" if domain == "phase" else "recording"
+    repeat = "stride" if domain == "phase" else "recording"
     raise InputError(
-        f"there is nothing to compare '{label}' with, and a single {what} has no band of its own; name a run with "
-        "another label, a repeat with the same one, or --reference for the human reference of a walk"
+        f"'{label}' has only one {repeat}: there is nothing to compare it with, and no band; add a run with another "
+        "label, a repeat with the same label, or --reference for the human reference of a gait"
     )
 
 
 def _select_domain(
     runs: Sequence[ComparedRun], options: ComparisonOptions, remarks: Remarks
 ) -> tuple[Sequence[ComparedRun], Domain]:
-    """Over what is compared; and ``runs``, over phase with one in every recording that can be given one."""
-    told = Remarks()
-    phased = runs if options.domain == "time" else [foot_strikes.add_gait_phase(run, told) for run in runs]
-    all_have = all(resample.PHASE_CHANNEL in recording for run in phased for recording in run.parts.values())
-    over = options.domain or ("phase" if all_have else "time")
-    if over == "phase":
-        runs = phased
-        for remark in told.sentences:
+    """Return the runs, with a gait phase if they are compared over phase, and the axis of the comparison."""
+    phase_remarks = Remarks()
+    phased_runs = (
+        runs if options.domain == "time" else [foot_strikes.add_gait_phase(run, phase_remarks) for run in runs]
+    )
+    all_have_phase = all(resample.PHASE_CHANNEL in recording for run in phased_runs for recording in run.parts.values())
+    domain = options.domain or ("phase" if all_have_phase else "time")
+    if domain == "phase":
+        runs = phased_runs
+        for remark in phase_remarks.sentences:
             remarks.add(remark)
-    if over == "time" and (options.include_reference or options.skip_strides is not None):
-        raise InputError(
-            f"{'--reference' if options.include_reference else '--skip'} is for strides; these are over time"
-        )
-    return runs, over
+    if domain == "time" and (options.include_reference or options.skip_strides is not None):
+        option = "--reference" if options.include_reference else "--skip"
+        raise InputError(f"{option} requires a comparison over phase; these recordings are compared over time")
+    return runs, domain
 
 
 def _note_walker_differences(runs: Sequence[ComparedRun], options: ComparisonOptions, remarks: Remarks) -> None:
-    """Say what makes walks differ beside what is walked on: nothing here is divided by body mass."""
+    """Add remarks on different body masses, speeds and references, as no channel is normalised by body mass."""
     recordings = [recording for run in runs for recording in run.parts.values()]
-    walks = [r.provenance.get("options") or {} for r in recordings if r.provenance.get("rig") == "gait"]
-    for key, what, unit in (("mass_kg", "body mass", "kg"), ("speed_m_per_s", "speed", "m/s")):
-        values = sorted({f"{walk[key]:.3g}" for walk in walks if isinstance(walk.get(key), float | int)}, key=float)
+    gait_options = [r.provenance.get("options") or {} for r in recordings if r.provenance.get("rig") == "gait"]
+    for key, quantity, unit in (("mass_kg", "body mass", "kg"), ("speed_m_per_s", "speed", "m/s")):
+        numbers = {f"{entry[key]:.3g}" for entry in gait_options if isinstance(entry.get(key), float | int)}
+        values = sorted(numbers, key=float)
         if len(values) > 1:
-            remarks.add(f"The walkers differ in {what} ({', '.join(values)} {unit}); nothing here is scaled by it.")
+            remarks.add(f"The walkers differ in {quantity} ({', '.join(values)} {unit}); nothing is normalised by it.")
     references = {str(r.provenance.get("reference")) for r in recordings}
     if options.include_reference and len(references) > 1:
-        remarks.add(f"The runs have different references: the one shown is that of '{runs[0].label}'.")
+        remarks.add(f"The runs have different references; the reference of '{runs[0].label}' is shown.")
 
 
 def _compare_part(
@@ -163,39 +172,42 @@ def _compare_part(
     if domain == "phase":
         axis = resample.PHASE_GRID
         sources = [
-            source.make_phase_source(label, own, options.skip_strides, remarks) for label, own in recordings.items()
+            source.make_phase_source(label, of_label, options.skip_strides, remarks)
+            for label, of_label in recordings.items()
         ]
     else:
-        axis = resample.make_common_time([one for own in recordings.values() for one in own])
-        sources = [source.make_time_source(label, own, axis) for label, own in recordings.items()]
+        axis = resample.make_common_time([named for of_label in recordings.values() for named in of_label])
+        sources = [source.make_time_source(label, of_label, axis) for label, of_label in recordings.items()]
     if options.include_reference:
         sources.append(source.make_reference_source(sources[0], recordings[sources[0].label], remarks))
-    to = options.baseline or sources[0].label
-    sources.sort(key=lambda one: one.label != to)  # which keeps the order of the others
-    names = matching.select_channels(sources, options.channels, remarks)
-    units = {channel: sources[0].units[channel] for channel in names}
-    series = tuple(_make_series(one, units) for one in sources)
-    deviations = {name: own.sd for name, own in _find_normalization_series(series).curves.items()}
+    baseline = options.baseline or sources[0].label
+    sources.sort(key=lambda series: series.label != baseline)  # a stable sort keeps the order of the others
+    channels = matching.select_channels(sources, options.channels, remarks)
+    units = {channel: sources[0].units[channel] for channel in channels}
+    series = tuple(_make_series(series_source, units) for series_source in sources)
+    deviations = {channel: curve.sd for channel, curve in _find_normalization_series(series).curves.items()}
     differences = {
         channel: {
-            other.label: difference.compute_difference(
+            other.label: compute_difference(
                 series[0].curves[channel], other.curves[channel], axis, deviations.get(channel)
             )
             for other in series[1:]
             if channel in other.curves
         }
-        for channel in names
+        for channel in channels
     }
     return ComparisonPart(name, axis, series, units, differences)
 
 
 def _make_series(series_source: SeriesSource, units: Mapping[str, str]) -> ComparisonSeries:
-    """The curves of those channels that ``one`` has in the same unit."""
+    """Return the curves of the channels that ``series_source`` has in the same unit."""
     curves = {
-        name: series_source.get_curve(name) for name, unit in units.items() if series_source.units.get(name) == unit
+        channel: series_source.get_curve(channel)
+        for channel, unit in units.items()
+        if series_source.units.get(channel) == unit
     }
     return ComparisonSeries(series_source.label, curves, series_source.n_repeats)
 
 
 def _find_normalization_series(series: Sequence[ComparisonSeries]) -> ComparisonSeries:
-    return next((one for one in series if one.is_reference), series[0])
+    return next((candidate for candidate in series if candidate.is_reference), series[0])

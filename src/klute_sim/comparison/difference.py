@@ -1,16 +1,17 @@
-"""Two curves against each other: how much they differ, how alike their shapes are, and where the difference is.
+"""Difference of two mean curves: its size, the similarity of shapes, and where on the axis it is significant or large.
 
-The difference is that of the means, the other curve's minus the first's. Where it is has two answers:
+The difference is the mean of the other curve minus that of the first. Two measures localise it:
 
-- *Beyond the band*: stretches in which the difference leaves its own 95 % interval, point by point. The interval's half
-  width is t·√(v₁ + v₂), where v is the square of the standard error of a curve's mean, sd²/n over its n repeats, and t
-  is Student's with Welch's degrees of freedom. If one of the curves is a single stride, it is taken to scatter as the
-  other's do (v = sd²: a prediction interval). A reference of people is held against its own spread (v = sd²): whether
-  the difference is beyond what people differ by. Two single strides, or a reference without a spread, have no band.
-- *Half of it*: the shortest stretch that holds half of the squared difference. It needs no band and is always told.
+- *Regions beyond the band*: where the difference leaves its pointwise 95 % interval. The half width of the interval is
+  t·√(v₁ + v₂), where v = sd²/n is the squared standard error of a mean over n repeats, and t is the quantile of
+  Student's distribution with Welch's degrees of freedom. A single stride is assumed to vary like the strides of the
+  other curve (v = sd²: a prediction interval). A reference of people has the variation between people (v = sd²), so the
+  region shows where the difference exceeds that between people. Two single strides, or a reference without a standard
+  deviation, have no band.
+- *Half interval*: the shortest interval with half of the squared difference. It needs no band.
 
-The interval is pointwise: with nothing but chance about 5 % of the points lie beyond it, and nothing is corrected for
-their number. Repeats are taken as independent of each other, which strides of one walk need not be.
+The interval is pointwise: by chance about 5 % of the points lie outside, without correction for their number. Repeats
+are assumed to be independent, which strides of one recording need not be.
 """
 
 from dataclasses import dataclass
@@ -20,152 +21,156 @@ import numpy as np
 from scipy.special import stdtrit
 
 from klute_sim.comparison.curve import MeanCurve
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 BandKind = Literal["means", "prediction", "reference", "none"]
-"""What the interval is made of: both curves' repeats; one curve's, the other being single; people's spread; nothing."""
+"""Kind of the 95 % interval: of the difference of two means, of a single repeat, between people, or none."""
 
 T_QUANTILE = 0.975
-"""Of Student's t: two-sided 95 %."""
+"""Quantile of Student's t for a two-sided 95 % interval."""
 MIN_REGION_POINTS = 2
-"""Points in a row that make a stretch beyond the band."""
+"""Smallest number of consecutive points of a region beyond the band."""
 ROUNDING_TOLERANCE = 1e-9
-"""Of the range of both curves: differences and deviations below it are rounding, whatever the band."""
+"""Size of rounding errors, relative to the range of both curves."""
 CONSTANT_TOLERANCE = 1e-12
-"""Of its largest value: a curve that varies by less is constant."""
+"""Largest range of a constant curve, relative to its largest magnitude."""
 HALF_FRACTION = 0.5
-"""Share of the squared difference that the shortest stretch is looked for."""
+"""Fraction of the squared difference in the half interval."""
 
 
 @dataclass(frozen=True)
 class Region:
-    """A stretch of the axis in which the difference is beyond the band, to the axis' own resolution."""
+    """Interval of the axis in which the difference is beyond the band."""
 
     begin: float
+    """First point."""
     end: float
+    """Last point."""
     max_difference: float
-    """Difference of largest size in it, with its sign."""
+    """Difference of the largest magnitude, with its sign."""
     max_position: float
+    """Position of that difference."""
     fraction: float
-    """Of the squared difference over the whole axis [1]."""
+    """Fraction of the squared difference over the whole axis [1]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """The other curve minus the first, in the channel's unit; None where there is nothing to tell it from."""
+    """Other curve minus first curve, in the channel's unit; None where it is undefined."""
 
     values: Array
-    """One per point; NaN where one of the curves has none."""
+    """Difference (n,); NaN where one of the curves is missing."""
     half_width: Array
-    """Half width of the 95 % interval around no difference; NaN where there is no band."""
+    """Half width (n,) of the 95 % interval around zero; NaN without a band."""
     band: BandKind
+    """Kind of the interval."""
     compared_fraction: float
-    """Share of the axis where both curves have a value [1]: everything else is of that share alone."""
+    """Fraction of the axis with both curves [1]; all other numbers refer to this part."""
     bias: float | None
     """Mean difference."""
     rms: float | None
     """Root mean square difference."""
     rms_sd: float | None
-    """``rms`` over the root mean square of a standard deviation [1]; None where that is unknown or zero."""
+    """``rms`` over the root mean square of a standard deviation [1]; None if that is unknown or zero."""
     correlation: float | None
-    """Pearson's [1]; None if one of the curves is constant."""
+    """Pearson's correlation [1]; None if one of the curves is constant."""
     max_difference: float | None
-    """Difference of largest size, with its sign."""
+    """Difference of the largest magnitude, with its sign."""
     max_position: float | None
-    """Where that is; None where there is no difference, but for rounding."""
+    """Position of that difference; None if the curves are equal except for rounding."""
     half_interval: tuple[float, float] | None
-    """The shortest stretch with half of the squared difference; None likewise."""
+    """Shortest interval with half of the squared difference; None if the curves are equal except for rounding."""
     regions: tuple[Region, ...]
-    """Stretches beyond the band."""
+    """Regions beyond the band."""
 
 
 def compute_difference(first: MeanCurve, other: MeanCurve, axis: Array, sd: Array | None) -> Difference:
-    """The difference ``other`` minus ``first`` along ``axis`` (rising, evenly spaced).
+    """Return the difference ``other`` minus ``first`` along the increasing, uniform ``axis`` (n,).
 
-    ``sd`` is the standard deviation that :attr:`Difference.rms_sd` is measured in; None: not known.
+    ``sd`` (n,) is the standard deviation that normalises :attr:`Difference.rms_sd`; None if unknown.
     """
     values = other.mean - first.mean
-    there = np.isfinite(values)
+    known = np.isfinite(values)
     width, band = _compute_half_width(first, other)
-    found = Difference(
-        values=values, half_width=np.where(there, width, np.nan), band=band, compared_fraction=float(np.mean(there)),
-        bias=None, rms=None, rms_sd=None, correlation=None, max_difference=None, max_position=None, half_interval=None, regions=(),
-    )  # fmt: skip
-    if not there.any():
-        return found
-    d, worst = values[there], int(np.nanargmax(np.abs(values)))
-    rms, least = _compute_rms(d), ROUNDING_TOLERANCE * _compute_range(first, other)
+    half_width = np.where(known, width, np.nan)
+    compared_fraction = float(np.mean(known))
+    if not known.any():
+        return Difference(
+            values=values, half_width=half_width, band=band, compared_fraction=compared_fraction, bias=None, rms=None,
+            rms_sd=None, correlation=None, max_difference=None, max_position=None, half_interval=None, regions=(),
+        )  # fmt: skip
+    known_values, peak = values[known], int(np.nanargmax(np.abs(values)))
+    rms, tolerance = _compute_rms(known_values), ROUNDING_TOLERANCE * _compute_range(first, other)
     return Difference(
         values=values,
-        half_width=found.half_width,
+        half_width=half_width,
         band=band,
-        compared_fraction=found.compared_fraction,
-        bias=float(np.mean(d)) + 0.0,  # no negative zero
+        compared_fraction=compared_fraction,
+        bias=float(np.mean(known_values)) + 0.0,  # adding zero removes the sign of a negative zero
         rms=rms,
-        rms_sd=None if sd is None else _normalize_rms(rms, sd[there], least),
-        correlation=compute_correlation(first.mean[there], other.mean[there]),
-        max_difference=float(values[worst]) + 0.0,
-        max_position=float(axis[worst]) if rms > least else None,
-        half_interval=find_half_interval(values, axis) if rms > least else None,
-        regions=_find_regions(values, np.maximum(found.half_width, least), axis),
+        rms_sd=None if sd is None else _normalize_rms(rms, sd[known], tolerance),
+        correlation=compute_correlation(first.mean[known], other.mean[known]),
+        max_difference=float(values[peak]) + 0.0,
+        max_position=float(axis[peak]) if rms > tolerance else None,
+        half_interval=find_half_interval(values, axis) if rms > tolerance else None,
+        regions=_find_regions(values, np.maximum(half_width, tolerance), axis),
     )
 
 
 def compute_correlation(x: Array, y: Array) -> float | None:
-    """Pearson's correlation of ``x`` and ``y`` [1]; None if one of them is constant. Equal ones give exactly 1."""
+    """Return Pearson's correlation of ``x`` and ``y`` [1], exactly 1 for equal arrays; None if one is constant."""
     if any(np.ptp(z) <= CONSTANT_TOLERANCE * np.max(np.abs(z)) for z in (x, y)):
         return None
     x, y = x - np.mean(x), y - np.mean(y)
-    x, y = x / np.max(np.abs(x)), y / np.max(np.abs(y))  # so that squares neither overflow nor vanish
+    x, y = x / np.max(np.abs(x)), y / np.max(np.abs(y))  # squares must neither overflow nor underflow
     return float(np.clip(np.sum(x * y) / np.sqrt(np.sum(x * x) * np.sum(y * y)), -1.0, 1.0))
 
 
 def find_half_interval(values: Array, axis: Array) -> tuple[float, float] | None:
-    """Ends of the shortest stretch of ``axis`` with half of the squared ``values``; None if these are all zero.
+    """Return the first shortest interval of ``axis`` with half of the squared ``values``; None if all are zero.
 
-    NaN counts as zero. If several are the shortest, it is the first.
+    NaN counts as zero.
     """
     squares = np.nan_to_num(_scale_squares(values))
-    running = np.concatenate([[0.0], np.cumsum(squares)])
-    if running[-1] == 0.0:
+    cumulative = np.concatenate([[0.0], np.cumsum(squares)])
+    if cumulative[-1] == 0.0:
         return None
-    ends = np.searchsorted(running, running[:-1] + HALF_FRACTION * running[-1], side="left")
-    lengths = np.where(ends < len(running), ends - np.arange(len(ends)), len(ends) + 1)
+    ends = np.searchsorted(cumulative, cumulative[:-1] + HALF_FRACTION * cumulative[-1], side="left")
+    lengths = np.where(ends < len(cumulative), ends - np.arange(len(ends)), len(ends) + 1)
     begin = int(np.argmin(lengths))
     return float(axis[begin]), float(axis[ends[begin] - 1])
 
 
 def _compute_half_width(first: MeanCurve, other: MeanCurve) -> tuple[Array, BandKind]:
-    """Half width of the 95 % interval of the difference at every point, and what it is made of."""
+    """Return the half width of the 95 % interval of the difference at every point, and its kind."""
     if first.is_reference or other.is_reference:
-        people, own = (first, other) if first.is_reference else (other, first)
-        error = (
-            np.zeros_like(people.sd)
-            if own.is_reference
-            else np.where(own.n_repeats > 1, own.sd**2 / own.n_repeats, 0.0)
-        )
-        freedom = np.where(error > 0.0, np.maximum(own.n_repeats - 1.0, 1.0), np.inf)
-        width = _compute_welch_half_width(people.sd**2, np.full(people.sd.shape, np.inf), error, freedom)
+        reference, series = (first, other) if first.is_reference else (other, first)
+        if series.is_reference:
+            squared_error = np.zeros_like(reference.sd)
+        else:
+            squared_error = np.where(series.n_repeats > 1, series.sd**2 / series.n_repeats, 0.0)
+        dof = np.where(squared_error > 0.0, np.maximum(series.n_repeats - 1.0, 1.0), np.inf)
+        reference_dof = np.full(reference.sd.shape, np.inf)
+        width = _compute_welch_half_width(reference.sd**2, reference_dof, squared_error, dof)
         return width, _select_band(width, "reference")
-    one, two = first.n_repeats > 1, other.n_repeats > 1
-    freedom1, freedom2 = (np.asarray(curve.n_repeats - 1.0, dtype=np.float64) for curve in (first, other))
+    repeated1, repeated2 = first.n_repeats > 1, other.n_repeats > 1
+    dof1, dof2 = (np.asarray(curve.n_repeats - 1.0, dtype=np.float64) for curve in (first, other))
     with np.errstate(invalid="ignore", divide="ignore"):
-        both = _compute_welch_half_width(
-            first.sd**2 / first.n_repeats, freedom1, other.sd**2 / other.n_repeats, freedom2
-        )
-        sd, count = np.where(one, first.sd, other.sd), np.where(one, first.n_repeats, other.n_repeats)
-        alone = stdtrit(count - 1.0, T_QUANTILE) * sd * np.sqrt(1.0 + 1.0 / count)
-    width = np.where(one & two, both, np.where(one | two, alone, np.nan))
-    return width, _select_band(width, "means" if (one & two).any() else "prediction")
+        of_means = _compute_welch_half_width(first.sd**2 / first.n_repeats, dof1, other.sd**2 / other.n_repeats, dof2)
+        sd = np.where(repeated1, first.sd, other.sd)
+        count = np.where(repeated1, first.n_repeats, other.n_repeats)
+        of_single = stdtrit(count - 1.0, T_QUANTILE) * sd * np.sqrt(1.0 + 1.0 / count)
+    width = np.where(repeated1 & repeated2, of_means, np.where(repeated1 | repeated2, of_single, np.nan))
+    return width, _select_band(width, "means" if (repeated1 & repeated2).any() else "prediction")
 
 
 def _compute_welch_half_width(v1: Array, dof1: Array, v2: Array, dof2: Array) -> Array:
-    """Half width t·√(v1 + v2) with the degrees of freedom of Welch and Satterthwaite; zero where nothing scatters."""
+    """Return the half width t·√(v1 + v2) with the degrees of freedom of Welch and Satterthwaite; 0 if v1 = v2 = 0."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         total = v1 + v2
-        # As shares of the total, because squares of tiny variances are zero.
-        freedom = 1.0 / ((v1 / total) ** 2 / dof1 + (v2 / total) ** 2 / dof2)
-        return np.asarray(np.where(total == 0.0, 0.0, stdtrit(freedom, T_QUANTILE) * np.sqrt(total)))
+        # Fractions of the total, because squares of small variances underflow.
+        dof = 1.0 / ((v1 / total) ** 2 / dof1 + (v2 / total) ** 2 / dof2)
+        return np.asarray(np.where(total == 0.0, 0.0, stdtrit(dof, T_QUANTILE) * np.sqrt(total)))
 
 
 def _select_band(half_width: Array, band: BandKind) -> BandKind:
@@ -173,36 +178,37 @@ def _select_band(half_width: Array, band: BandKind) -> BandKind:
 
 
 def _find_regions(values: Array, half_width: Array, axis: Array) -> tuple[Region, ...]:
-    beyond = np.abs(values) > half_width  # never where one of them is NaN
+    beyond = np.abs(values) > half_width  # comparisons with NaN are false
     edges = np.flatnonzero(np.diff(np.concatenate([[False], beyond, [False]]).astype(np.int8)))
     squares = np.nan_to_num(_scale_squares(values))
-    found = []
+    regions = []
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         if end - begin < MIN_REGION_POINTS:
             continue
-        worst = begin + int(np.argmax(np.abs(values[begin:end])))
-        share = float(squares[begin:end].sum() / squares.sum())
-        found.append(Region(float(axis[begin]), float(axis[end - 1]), float(values[worst]), float(axis[worst]), share))
-    return tuple(found)
+        peak = begin + int(np.argmax(np.abs(values[begin:end])))
+        fraction = float(squares[begin:end].sum() / squares.sum())
+        ends = float(axis[begin]), float(axis[end - 1])
+        regions.append(Region(*ends, float(values[peak]), float(axis[peak]), fraction))
+    return tuple(regions)
 
 
 def _scale_squares(values: Array) -> Array:
-    """Squares of ``values`` over that of the largest, which neither overflow nor vanish; NaN stays."""
-    high = float(np.max(np.nan_to_num(np.abs(values))))
-    return np.asarray((values / high) ** 2) if high > 0.0 else np.abs(values)
+    """Return the squares of ``values`` over the largest square, without overflow and underflow; NaN remains."""
+    peak = float(np.max(np.nan_to_num(np.abs(values))))
+    return np.asarray((values / peak) ** 2) if peak > 0.0 else np.abs(values)
 
 
 def _compute_rms(values: Array) -> float:
-    high = float(np.max(np.abs(values)))
-    return high * float(np.sqrt(np.mean((values / high) ** 2))) if high > 0.0 else 0.0
+    peak = float(np.max(np.abs(values)))
+    return peak * float(np.sqrt(np.mean((values / peak) ** 2))) if peak > 0.0 else 0.0
 
 
 def _normalize_rms(rms: float, sd: Array, tolerance: float) -> float | None:
     known = sd[np.isfinite(sd)]
-    deviation = _compute_rms(known) if len(known) else 0.0
-    return rms / deviation if deviation > tolerance else None
+    rms_sd = _compute_rms(known) if len(known) else 0.0
+    return rms / rms_sd if rms_sd > tolerance else None
 
 
 def _compute_range(first: MeanCurve, other: MeanCurve) -> float:
-    both = np.concatenate([first.mean, other.mean])
-    return float(np.nanmax(both) - np.nanmin(both))
+    means = np.concatenate([first.mean, other.mean])
+    return float(np.nanmax(means) - np.nanmin(means))

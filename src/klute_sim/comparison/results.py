@@ -1,9 +1,10 @@
-"""A comparison as JSON, and as two tables: its numbers a row per channel, and the curves with their bands."""
+"""Files of a comparison: JSON summary, CSV table with a row per channel, and Parquet table of the curves."""
 
 import csv
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,31 +16,34 @@ from klute_sim.comparison.comparison import Comparison, ComparisonPart, Comparis
 from klute_sim.comparison.curve import CurveSummary, summarize_curve
 from klute_sim.comparison.difference import Difference
 
-FORMAT = "klute-sim-comparison/1"
+FORMAT = "klute-sim-comparison/2"
+"""Name and version of the JSON format."""
 AXIS_UNITS = {"phase": "%", "time": "s"}
+"""Axis -> unit."""
 BAND_DESCRIPTIONS = {
-    "means": "95 % interval of the difference of the means, by Welch's t, point by point",
-    "prediction": "95 % prediction interval of a single one, as the other's repeats scatter, point by point",
-    "reference": "95 % of what the reference's people scatter by, point by point",
-    "none": "none: there are no repeats that scatter",
+    "means": "pointwise 95 % interval of the difference of the means, by Welch's t",
+    "prediction": "pointwise 95 % prediction interval of a single repeat, from the variation of the other's repeats",
+    "reference": "pointwise 95 % interval of the variation between the people of the reference",
+    "none": "none: no repeats with variation",
 }
-"""What each kind of band is."""
+"""Kind of a band -> description."""
 DIFFERENCE_COLUMNS = (
-    "part", "channel", "unit", "first", "other", "bias", "rms", "sd_of", "rms_sd", "correlation", "largest", "at",
-    "share_compared", "half_begin", "half_end", "band", "regions", "share_beyond",
+    "part", "channel", "unit", "baseline", "other", "bias", "rms", "sd_series", "rms_sd", "correlation",
+    "max_difference", "max_position", "compared_fraction", "half_begin", "half_end", "band", "regions",
+    "beyond_fraction",
 )  # fmt: skip
-"""Of the table of numbers; ``bias``, ``rms`` and ``largest`` in ``unit``, places in % or s, shares [1]."""
-SUMMARY_COLUMNS = ("part", "channel", "unit", "first", *CurveSummary._fields)
-"""Of the table of one series alone, likewise."""
+"""Columns of the table of differences; bias, rms and max_difference in ``unit``, positions in % or s, fractions [1]."""
+SUMMARY_COLUMNS = ("part", "channel", "unit", "series", *CurveSummary._fields)
+"""Columns of the table of a single series; values in ``unit``, positions in % or s."""
 
 
 def as_json(comparison: Comparison) -> dict[str, Any]:
-    """Everything but the curves, in JSON types; places in % of the cycle or in s, shares between 0 and 1."""
+    """Return all numbers except the curves in JSON types; positions in % or s, fractions between 0 and 1."""
     return {
         "format": FORMAT,
-        "over": comparison.domain,
+        "domain": comparison.domain,
         "axis_unit": AXIS_UNITS[comparison.domain],
-        "first": comparison.parts[0].series[0].label,
+        "baseline": comparison.parts[0].series[0].label,
         "series": [_describe_series(comparison, series) for series in comparison.parts[0].series],
         "parts": [_describe_part(part) for part in comparison.parts],
         "bands": BAND_DESCRIPTIONS,
@@ -47,31 +51,37 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def format_csv(comparison: Comparison) -> str:
-    """A row for every channel of every other series, with :data:`COLUMNS`; of one alone, with :data:`ALONE`.
-
-    What is not known is empty.
-    """
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(SUMMARY_COLUMNS if comparison.is_single else DIFFERENCE_COLUMNS)
-    for part in comparison.parts if comparison.is_single else ():
-        for channel, curve in part.series[0].curves.items():
-            reach = ["" if value is None else value for value in summarize_curve(curve, part.axis)]
-            writer.writerow([part.name, channel, part.units[channel], part.series[0].label, *reach])
+def iter_rows(comparison: Comparison) -> Iterator[dict[str, Any]]:
+    """Yield the rows of the table: :data:`SUMMARY_COLUMNS` of a single series, otherwise :data:`DIFFERENCE_COLUMNS`."""
     for part in comparison.parts:
-        for channel, others in part.differences.items():
-            for label, d in others.items():
-                told = _describe_difference(part, channel, label, d)
-                half = told["half"] or [None, None]
-                regions = "; ".join(f"{r['begin']:.6g} to {r['end']:.6g}" for r in told["regions"])
+        first = part.series[0]
+        if comparison.is_single:
+            for channel, curve in first.curves.items():
+                keys = {"part": part.name, "channel": channel, "unit": part.units[channel], "series": first.label}
+                yield {**keys, **summarize_curve(curve, part.axis)._asdict()}
+        for channel, differences in part.differences.items():
+            for label, difference in differences.items():
+                summary = _describe_difference(part, label, difference)
+                half_interval = summary["half_interval"] or [None, None]
                 row = {
-                    **told, "part": part.name, "channel": channel, "unit": part.units[channel],
-                    "first": part.series[0].label, "other": label, "half_begin": half[0], "half_end": half[1],
-                    "regions": regions, "share_beyond": math.fsum(r["share"] for r in told["regions"]),
-                }  # fmt: skip
-                writer.writerow(["" if row[name] is None else row[name] for name in DIFFERENCE_COLUMNS])
-    return out.getvalue()
+                    **summary,
+                    **{"part": part.name, "channel": channel, "unit": part.units[channel]},
+                    **{"baseline": first.label, "other": label},
+                    **{"half_begin": half_interval[0], "half_end": half_interval[1]},
+                    "regions": "; ".join(f"{r['begin']:.6g} to {r['end']:.6g}" for r in summary["regions"]),
+                    "beyond_fraction": math.fsum(r["fraction"] for r in summary["regions"]),
+                }
+                yield {name: row[name] for name in DIFFERENCE_COLUMNS}
+
+
+def format_csv(comparison: Comparison) -> str:
+    """Return the table of :func:`iter_rows` as CSV; unknown values are empty."""
+    output = io.StringIO()
+    writer = csv.writer(output, lineterminator="\n")
+    writer.writerow(SUMMARY_COLUMNS if comparison.is_single else DIFFERENCE_COLUMNS)
+    for row in iter_rows(comparison):
+        writer.writerow(["" if value is None else value for value in row.values()])
+    return output.getvalue()
 
 
 def write_curves(comparison: Comparison, path: Path) -> None:
@@ -84,14 +94,16 @@ def write_curves(comparison: Comparison, path: Path) -> None:
     for part in comparison.parts:
         for series in part.series:
             for channel, curve in series.curves.items():
-                points = len(part.axis)
-                for name, word in (("part", part.name), ("series", series.label), ("channel", channel),
-                                   ("unit", part.units[channel])):  # fmt: skip
-                    columns[name].append(pa.array(np.full(points, word, dtype=object)).dictionary_encode())
+                n_points = len(part.axis)
+                texts = {"part": part.name, "series": series.label, "channel": channel, "unit": part.units[channel]}
+                for name, text in texts.items():
+                    columns[name].append(pa.array(np.full(n_points, text, dtype=object)).dictionary_encode())
                 for name, values in ((axis, part.axis), ("mean", curve.mean), ("sd", curve.sd)):
-                    columns[name].append(pa.array(values, from_pandas=True))  # what is missing is null
+                    columns[name].append(pa.array(values, from_pandas=True))  # NaN becomes null
                 columns["count"].append(pa.array(curve.n_repeats))
-    pq.write_table(pa.table({name: pa.chunked_array(own) for name, own in columns.items()}), path, compression="zstd")
+    pq.write_table(
+        pa.table({name: pa.chunked_array(chunks) for name, chunks in columns.items()}), path, compression="zstd"
+    )
 
 
 def _describe_series(comparison: Comparison, series: ComparisonSeries) -> dict[str, Any]:
@@ -110,7 +122,7 @@ def _describe_series(comparison: Comparison, series: ComparisonSeries) -> dict[s
 
 
 def _format_controller(provenance: Mapping[str, Any]) -> str:
-    """A controller's file or kind, and the pressure of one that has a single one."""
+    """Return the file or kind of a controller, with its pressure if it is constant."""
     name, pressure = provenance.get("name") or provenance.get("kind") or "", provenance.get("pressure_bar")
     return f"{name} {pressure:g} bar" if isinstance(pressure, float | int) else str(name)
 
@@ -134,29 +146,26 @@ def _describe_part(part: ComparisonPart) -> dict[str, Any]:
                     for series in part.series
                     if channel in series.curves
                 ],
-                "differences": [_describe_difference(part, channel, label, d) for label, d in others.items()],
+                "differences": [_describe_difference(part, label, d) for label, d in differences.items()],
             }
-            for channel, others in part.differences.items()
+            for channel, differences in part.differences.items()
         ],
     }
 
 
-def _describe_difference(part: ComparisonPart, channel: str, label: str, difference: Difference) -> dict[str, Any]:
-    """The numbers of one difference; the names of :data:`COLUMNS` where they are the same."""
+def _describe_difference(part: ComparisonPart, label: str, difference: Difference) -> dict[str, Any]:
+    """Return the numbers of one difference; names as in :data:`DIFFERENCE_COLUMNS`."""
     return {
         "series": label,
-        "share_compared": difference.compared_fraction,
+        "compared_fraction": difference.compared_fraction,
         "bias": difference.bias,
         "rms": difference.rms,
         "rms_sd": difference.rms_sd,
-        "sd_of": None if difference.rms_sd is None else part.normalization_series.label,
+        "sd_series": None if difference.rms_sd is None else part.normalization_series.label,
         "correlation": difference.correlation,
-        "largest": difference.max_difference,
-        "at": difference.max_position,
-        "half": None if difference.half_interval is None else list(difference.half_interval),
+        "max_difference": difference.max_difference,
+        "max_position": difference.max_position,
+        "half_interval": None if difference.half_interval is None else list(difference.half_interval),
         "band": difference.band,
-        "regions": [
-            {"begin": r.begin, "end": r.end, "largest": r.max_difference, "at": r.max_position, "share": r.fraction}
-            for r in difference.regions
-        ],
+        "regions": [asdict(region) for region in difference.regions],
     }

@@ -1,135 +1,137 @@
-"""Where the curves of a series come from: strides, repeats in time, or the human reference; made when asked for."""
+"""Curves of one series, computed on request from strides, from repeats in time, or from the human reference."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from klute_sim.comparison import curve
 from klute_sim.comparison.alignment import channels, resample
-from klute_sim.comparison.curve import MeanCurve
+from klute_sim.comparison.curve import MeanCurve, average_repeats, make_reference_curve
 from klute_sim.comparison.remarks import Remarks
 from klute_sim.errors import InputError
-from klute_sim.recording.recording import Array, Recording
+from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 
 REFERENCE_LABEL = "human"
-"""Label of the reference."""
+"""Label of the human reference."""
 
 NamedRecordings = Sequence[tuple[str, Recording]]
-"""Recordings of one label, each with how errors name it."""
+"""Recordings of one label, each with its name in error messages."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeriesSource:
-    """What a series is made of."""
+    """Source of the mean curves of one series."""
 
     label: str
+    """Label of the series."""
     units: Mapping[str, str]
-    """Of every channel that there is a curve of, the reference's columns among them."""
+    """Channel -> unit, including the columns of the reference."""
     n_repeats: int
-    """Strides over phase, recordings over time; 0 of the human reference: not known."""
+    """Number of strides over phase, or of recordings over time; 0 for the human reference (unknown)."""
     get_curve: Callable[[str], MeanCurve]
-    """Of one of these channels."""
+    """Function from a channel to its mean curve."""
 
     @property
     def is_reference(self) -> bool:
-        """Whether it is the human reference."""
+        """Whether the series is the human reference."""
         return self.n_repeats == 0
 
 
 def make_time_source(label: str, recordings: NamedRecordings, time: Array) -> SeriesSource:
-    """Every recording is a repeat, at the times ``axis`` [s]."""
+    """Return a source with one repeat per recording at ``time`` [s]."""
 
-    def of(name: str) -> MeanCurve:
-        return curve.average_repeats(
-            np.array([resample.resample_time(recording, name, time) for _, recording in recordings])
+    def get_curve(channel: str) -> MeanCurve:
+        return average_repeats(
+            np.array([resample.resample_time(recording, channel, time) for _, recording in recordings])
         )
 
-    return SeriesSource(label, _find_common_units(label, recordings), len(recordings), of)
+    return SeriesSource(label, _find_common_units(label, recordings), len(recordings), get_curve)
 
 
 def make_phase_source(
     label: str, recordings: NamedRecordings, skip_strides: int | None, remarks: Remarks
 ) -> SeriesSource:
-    """Every stride of every recording is a repeat, but the first ``skip`` of each and those that are not whole.
+    """Return a source with one repeat per complete stride, except the first ``skip_strides`` of each recording.
 
-    ``skip`` None: one of a simulated walk of several strides, because it starts from the reference's posture; none of
-    others.
+    By default (None) the first of several strides of a simulated gait is skipped, as it starts from the reference
+    posture; measured recordings are used completely.
     """
-    repeats, cut = [], []
-    for where, recording in recordings:
-        found = resample.find_strides(recording, where)
-        simulated = recording.provenance.get("rig") == "gait"
-        begin = skip_strides if skip_strides is not None else int(simulated and len(found) > 1)
-        if begin >= len(found):
-            raise InputError(f"{where} has {len(found)} strides and --skip {begin} leaves none; allowed: fewer")
-        repeats += [(recording, stride) for stride in found[begin:] if stride.is_complete]
-        cut += [stride for stride in found[begin:] if not stride.is_complete]
+    repeats, incomplete = [], []
+    for name, recording in recordings:
+        strides = resample.find_strides(recording, name)
+        is_simulated = recording.provenance.get("rig") == "gait"
+        n_skipped = skip_strides if skip_strides is not None else int(is_simulated and len(strides) > 1)
+        if n_skipped >= len(strides):
+            raise InputError(f"{name} has {len(strides)} strides and --skip {n_skipped} leaves none; pass fewer")
+        repeats += [(recording, stride) for stride in strides[n_skipped:] if stride.is_complete]
+        incomplete += [stride for stride in strides[n_skipped:] if not stride.is_complete]
     if not repeats:
+        first = incomplete[0]
         raise InputError(
-            f"{recordings[0][0]} has no whole stride: stride {cut[0].number} goes from {cut[0].first_phase:.3g} to "
-            f"{cut[0].last_phase:.3g} %; allowed are strides that reach to {resample.MAX_MISSING_PHASE:g} % of both ends"
+            f"{recordings[0][0]} has no complete stride: stride {first.number} goes from {first.first_phase:.3g} to "
+            f"{first.last_phase:.3g} %; allowed are strides within {resample.MAX_MISSING_PHASE:g} % of both ends"
         )
-    if cut:
-        first = f"the first is stride {cut[0].number}, {cut[0].first_phase:.3g} to {cut[0].last_phase:.3g} %"
-        remarks.add(f"Strides of '{label}' that are not whole are left out: {len(cut)} ({first}).")
+    if incomplete:
+        first = incomplete[0]
+        span = f"the first is stride {first.number}, {first.first_phase:.3g} to {first.last_phase:.3g} %"
+        remarks.add(f"Incomplete strides of '{label}' are excluded: {len(incomplete)} ({span}).")
     if len(recordings) > 1:
         remarks.add(
-            f"The {len(repeats)} strides of '{label}' from {len(recordings)} recordings count as independent repeats: its "
-            "band is one of strides, not of people or sessions."
+            f"The {len(repeats)} strides of '{label}' from {len(recordings)} recordings count as independent repeats: "
+            "the band shows the variation of strides, not of people or sessions."
         )
 
-    def of(name: str) -> MeanCurve:
-        return curve.average_repeats(
-            np.array([_resample_stride(recording, stride, name) for recording, stride in repeats])
+    def get_curve(channel: str) -> MeanCurve:
+        return average_repeats(
+            np.array([_resample_stride(recording, stride, channel) for recording, stride in repeats])
         )
 
     units = _find_common_units(label, recordings)
     for name in list(units):
-        base = channels.STRIDE_ORIGINS.get(name, name)
-        if base not in units:
+        origin = channels.STRIDE_ORIGINS.get(name, name)
+        if origin not in units:
             del units[name]
-            remarks.add(f"'{name}' of '{label}' is left out: to count it from heel strike takes '{base}', too.")
-    return SeriesSource(label, units, len(repeats), of)
+            remarks.add(f"'{name}' of '{label}' is excluded: its origin at heel strike, '{origin}', is missing.")
+    return SeriesSource(label, units, len(repeats), get_curve)
 
 
 def make_reference_source(source: SeriesSource, recordings: NamedRecordings, remarks: Remarks) -> SeriesSource:
-    """The human reference beside the walks of ``source``, which are those of ``members``."""
-    where, recording = recordings[0]
+    """Return the human reference in ``recordings``, whose strides are in ``source``."""
+    recording_name, recording = recordings[0]
     curves, units = {}, {}
     for name in channels.find_reference_channels(source.units):
-        column = channels.REFERENCE_PREFIX + name
-        deviation = column + channels.SD_SUFFIX
-        sd = source.get_curve(deviation).mean if deviation in source.units else None
-        curves[name] = curve.make_reference_curve(source.get_curve(column).mean, sd)
-        units[name] = source.units[column]
+        mean_column = channels.REFERENCE_PREFIX + name
+        sd_column = mean_column + channels.SD_SUFFIX
+        sd = source.get_curve(sd_column).mean if sd_column in source.units else None
+        curves[name] = make_reference_curve(source.get_curve(mean_column).mean, sd)
+        units[name] = source.units[mean_column]
     if not curves:
         raise InputError(
-            f"{where} has no human reference; allowed are recordings with columns such as 'reference_ankle_angle [deg]'"
+            f"{recording_name} has no human reference; allowed are recordings with columns such as "
+            "'reference_ankle_angle [deg]'"
         )
     if (recording.provenance.get("options") or {}).get("slope_deg"):
-        remarks.add(
-            f"'{source.label}' walks on a slope, where nobody's gait was measured: its reference is no comparison."
-        )
+        remarks.add(f"'{source.label}' is a gait on a slope, but the reference was measured on level ground.")
     return SeriesSource(REFERENCE_LABEL, units, 0, curves.__getitem__)
 
 
 def _resample_stride(recording: Recording, stride: resample.StrideSamples, channel: str) -> Array:
-    values, base = resample.resample_phase(recording, stride, channel), channels.STRIDE_ORIGINS.get(channel)
-    return values if base is None else values - resample.resample_phase(recording, stride, base)[0]
+    values, origin = resample.resample_phase(recording, stride, channel), channels.STRIDE_ORIGINS.get(channel)
+    return values if origin is None else values - resample.resample_phase(recording, stride, origin)[0]
 
 
 def _find_common_units(label: str, recordings: NamedRecordings) -> dict[str, str]:
-    """Of the channels that all ``members`` have; raises InputError if these are not the same in all."""
-    where, first = recordings[0]
+    """Return the units of the channels of all ``recordings``; raise InputError if the units differ."""
+    first_name, first = recordings[0]
     units = {}
-    for name, unit in first.units.items():
-        for other, recording in recordings[1:]:
-            if name in recording and recording.units[name] != unit:
+    for channel, unit in first.units.items():
+        for name, recording in recordings[1:]:
+            if channel in recording and recording.units[channel] != unit:
                 raise InputError(
-                    f"channel '{name}' of '{label}' is in '{unit}' in {where} and in '{recording.units[name]}' in "
-                    f"{other}; repeats need units of one kind"
+                    f"channel '{channel}' of '{label}' is in '{unit}' in {first_name} and in "
+                    f"'{recording.units[channel]}' in {name}; repeats need compatible units"
                 )
-        if name not in channels.AXIS_CHANNELS and all(name in recording for _, recording in recordings):
-            units[name] = unit
+        if channel not in channels.AXIS_CHANNELS and all(channel in recording for _, recording in recordings):
+            units[channel] = unit
     return units

@@ -1,7 +1,7 @@
-"""From files of walks with a prosthesis to a dataset that ``klute-sim diagnose`` reads: trials, repeats, the folder."""
+"""Import of gait trials with a prosthesis as a dataset that ``klute-sim diagnose`` reads."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ from klute_sim.device import device as device_files
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.gait.replay.prescribed import prepare_prescribed_motion
-from klute_sim.mocap import reference_import
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics.prosthesis_kinematics import find_named_sides
 from klute_sim.mocap.options import ImportOptions
@@ -26,9 +25,11 @@ from klute_sim.mocap.parsing.channel_names import Side
 from klute_sim.mocap.parsing.time_sync import Signal
 from klute_sim.mocap.prosthesis_trials import ProsthesisTrial, extract_prosthesis_trial
 from klute_sim.mocap.reference_folder import REPORT_FILE
+from klute_sim.mocap.reference_import import read_files
 from klute_sim.mocap.strides import repeats
+from klute_sim.mocap.strides.strides import PHASE_GRID
 from klute_sim.provenance import collect_versions
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array, ProgressCallback
 
 DATASET_UNITS = {
     **{"shank_angle": "deg", "ankle_x": "m", "ankle_z": "m", "grf_vertical": "N", "grf_forward": "N", "cop_x": "m"},
@@ -40,106 +41,119 @@ DATASET_UNITS = {
     },
     **{"ankle_angle": "deg", channel_names.ANKLE_MOMENT: "N*m"},
 }
-"""Channel -> unit it is written in."""
+"""Channel -> unit in the dataset."""
 FILE_SUFFIXES = {
     "shank_angle": "motion",
     "grf_vertical": "load",
     channel_names.PRESSURE_COMMAND: "log",
     channel_names.ANKLE_MOMENT: "moment",
 }
-"""First channel on a clock -> what its file is called."""
+"""First channel with common times -> suffix of the file name."""
 DEVICE_FILE = "device.toml"
+"""Name of the copied device file."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DatasetOptions:
-    """What a dataset says beside its trials."""
+    """Metadata of a dataset."""
 
     device: str
-    """That was walked on: a preset or a file."""
+    """Device of the prosthesis: a preset name or a file."""
     uncertainties: Mapping[str, str | float]
-    """``section.key`` of the device -> standard deviation, as in dataset.toml: per cent, or a number in its unit."""
+    """``section.key`` of the device -> standard deviation, in per cent or in the key's unit, as in dataset.toml."""
     trials_per_group: int | None = None
-    """So many trials on end are repeats; None: found out."""
+    """Number of consecutive trials that are repeats; None detects repeats."""
 
 
 @dataclass(frozen=True, eq=False)
 class ImportedDataset:
-    """What came of the files."""
+    """Trials of a dataset before writing."""
 
     log: ImportLog
+    """Log of the import."""
     side: Side
+    """Side of the prosthesis."""
     device: Device
+    """Device of the prosthesis."""
     options: DatasetOptions
+    """Metadata of the dataset."""
     trials: tuple[ProsthesisTrial, ...]
+    """Trials that can be replayed."""
     groups: tuple[str, ...]
-    """Of every walk."""
+    """Group of each trial; trials of one group are repeats."""
 
 
 def import_dataset(
     files: Sequence[str | Path],
     import_options: ImportOptions,
     dataset_options: DatasetOptions,
-    progress: Callable[[float], None] = lambda fraction: None,
+    progress: ProgressCallback | None = None,
 ) -> ImportedDataset:
-    """The walks in ``files``; raises InputError in one sentence for what is wrong, or where none can be replayed."""
+    """Import the trials in ``files`` as a dataset.
+
+    Raises InputError for invalid options and files, and if no trial can be replayed.
+    """
     device = device_files.load_device(dataset_options.device)
     if dataset_options.trials_per_group is not None and dataset_options.trials_per_group < 1:
         raise InputError(f"--repeats is {dataset_options.trials_per_group}; allowed: 1 or more")
+    placeholder_trials = [("-", ["x"], list[str]())]
     parsed = file_format.parse_dataset_file(
-        _format_toml(dataset_options, "any", [("-", ["x"], [])]).encode(), "--uncertain"
+        _format_toml(dataset_options, "any", placeholder_trials).encode(), "--uncertain"
     )
     file_format.compute_standard_deviations(parsed.uncertain, device.spec.collect_values(), "--uncertain")
-    findings = ImportLog()
-    read = reference_import.read_files(files, import_options, findings, lambda fraction: progress(0.5 * fraction))
-    trials = sources.group_into_trials(read, import_options.mapping, prosthesis=True)
-    side = _select_side(trials, import_options)
-    found = []
-    for number, trial in enumerate(trials):
-        one = extract_prosthesis_trial(trial, side, replace(import_options, side=side), findings)
-        found += [one] if one is not None else []
-        progress(0.5 + 0.5 * (number + 1) / len(trials))
-    if not found:
-        raise InputError(f"no walk can be replayed from these files: {'; '.join(findings.missing[:3])}")
-    return ImportedDataset(
-        findings, side, device, dataset_options, tuple(found), _name_groups(found, dataset_options, findings)
-    )
+    log = ImportLog()
+    source_files = read_files(files, import_options, log, progress, last_fraction=0.5)
+    groups = sources.group_into_trials(source_files, import_options.mapping, prosthesis=True)
+    side = _select_side(groups, import_options)
+    trials = []
+    for number, group in enumerate(groups):
+        trial = extract_prosthesis_trial(group, side, replace(import_options, side=side), log)
+        trials += [trial] if trial is not None else []
+        if progress is not None:
+            progress(0.5 + 0.5 * (number + 1) / len(groups), "extracting trials")
+    if not trials:
+        raise InputError(f"no trial of these files can be replayed: {'; '.join(log.missing[:3])}")
+    names = _name_groups(trials, dataset_options, log)
+    return ImportedDataset(log, side, device, dataset_options, tuple(trials), names)
 
 
 def _select_side(trials: Sequence[Sequence[sources.SourceFile]], import_options: ImportOptions) -> Side:
     if import_options.side is not None:
         return import_options.side
-    named = {side for trial in trials for side in find_named_sides(trial, import_options)}
-    if len(named) == 2:
-        raise InputError("these files tell of both legs: say which one wears the prosthesis (--side right or left)")
-    return named.pop() if named else "right"
+    sides = {side for trial in trials for side in find_named_sides(trial, import_options)}
+    if len(sides) == 2:
+        raise InputError("these files contain both legs; pass the side of the prosthesis (--side right or left)")
+    return sides.pop() if sides else "right"
 
 
 def _name_groups(trials: Sequence[ProsthesisTrial], options: DatasetOptions, log: ImportLog) -> tuple[str, ...]:
     numbers = repeats.group_repeats(trials, options.trials_per_group)
     if options.trials_per_group is None:
         log.add_derived(
-            f"Repeats: walks whose stride times differ by no more than {100 * repeats.STRIDE_TIME_TOLERANCE:g} % and whose commanded "
-            f"pressures by no more than {100 * repeats.COMMAND_TOLERANCE:g} % of their peak (--repeats)"
+            "Repeats: trials whose stride times differ by up to "
+            f"{100 * repeats.STRIDE_TIME_TOLERANCE:g} % and whose commanded pressures differ by up to "
+            f"{100 * repeats.COMMAND_TOLERANCE:g} % of their peak (--repeats)"
         )
     if len(set(numbers)) == len(numbers):
         log.add_missing(
-            "Repeats: no walk is a second one under the same pressures at the same speed; without any, noise cannot be "
-            "told from what is missing"
+            "Repeats: no two trials have the same pressures and speed; without repeats, noise cannot be separated from "
+            "model errors"
         )
     return tuple(f"condition_{number}" for number in numbers)
 
 
 def write_dataset(imported: ImportedDataset, folder: Path) -> dict[str, Any]:
-    """Fill the new folder ``scratch``; the summary. Raises InputError for a walk that cannot be replayed after all."""
-    entries, told = [], []
-    for number, (one, group) in enumerate(zip(imported.trials, imported.groups, strict=True), 1):
+    """Write ``imported`` into the empty ``folder``; return the summary.
+
+    Raises InputError for a trial that the replay refuses.
+    """
+    entries = []
+    for number, (trial, group) in enumerate(zip(imported.trials, imported.groups, strict=True), 1):
         files = []
-        for part, columns in _split_by_clock(one).items():
-            files.append(f"walk_{number:02d}_{part}.csv")
+        for suffix, columns in _split_by_clock(trial).items():
+            files.append(f"walk_{number:02d}_{suffix}.csv")
             write_trial(folder / files[-1], columns)
-        entries.append((group, files, one.files))
-        told.append(_describe_trial(one, group, files))
+        entries.append((group, files, trial.files))
     device = imported.options.device
     if device not in device_files.list_presets():
         device = DEVICE_FILE
@@ -147,74 +161,85 @@ def write_dataset(imported: ImportedDataset, folder: Path) -> dict[str, Any]:
     (folder / datasets.DATASET_FILE_NAME).write_text(
         _format_toml(imported.options, device, entries), "utf-8", newline="\n"
     )
-    written = datasets.load_dataset(folder)
-    for trial, one in zip(written.trials, imported.trials, strict=True):
-        prepare_prescribed_motion(trial.prescribed, one.name)
-    result = _summarize(imported, told, datasets.split_dataset(written))
-    (folder / REPORT_FILE).write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", "utf-8")
-    return result
+    dataset = datasets.load_dataset(folder)
+    for dataset_trial, trial in zip(dataset.trials, imported.trials, strict=True):
+        prepare_prescribed_motion(dataset_trial.prescribed, trial.name)
+    summary = {**summarize(imported), "split": _describe_split(datasets.split_dataset(dataset))}
+    for entry, (_, files, _) in zip(summary["trials"], entries, strict=True):
+        entry["files"] = files
+    (folder / REPORT_FILE).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", "utf-8")
+    return summary
 
 
 def _split_by_clock(trial: ProsthesisTrial) -> dict[str, dict[str, Array]]:
-    """The trial's files, one for each clock: heading -> samples."""
+    """Return suffix of a file -> heading -> samples, with one file for each set of common times."""
     clocks: list[tuple[Array, dict[str, Signal]]] = []
     for name in DATASET_UNITS:
         if name in trial.channels:
-            series = trial.channels[name]
-            there = next((own for clock, own in clocks if np.array_equal(clock, series.time)), None)
-            if there is None:
-                clocks.append((series.time, {name: series}))
+            signal = trial.channels[name]
+            same_clock = next((channels for time, channels in clocks if np.array_equal(time, signal.time)), None)
+            if same_clock is None:
+                clocks.append((signal.time, {name: signal}))
             else:
-                there[name] = series
+                same_clock[name] = signal
     return {
-        FILE_SUFFIXES.get(next(iter(own)), next(iter(own))): {
-            "time [s]": clock,
-            **{f"{name} [{DATASET_UNITS[name]}]": series.value for name, series in own.items()},
+        FILE_SUFFIXES.get(next(iter(channels)), next(iter(channels))): {
+            "time [s]": time,
+            **{f"{name} [{DATASET_UNITS[name]}]": signal.value for name, signal in channels.items()},
         }
-        for clock, own in clocks
+        for time, channels in clocks
     }
 
 
 def _format_toml(
     options: DatasetOptions, device: str, trials: Sequence[tuple[str, Sequence[str], Sequence[str]]]
 ) -> str:
-    """``dataset.toml``; JSON strings are TOML's basic strings."""
+    """Return ``dataset.toml``; JSON strings are valid TOML basic strings."""
 
-    def quoted(text: str) -> str:
+    def quote(text: str) -> str:
         return json.dumps(text, ensure_ascii=False)
 
-    lines = [f'format = "{file_format.FORMAT_NAME}"', 'rig = "gait"', f"device = {quoted(device)}"]
+    lines = [f'format = "{file_format.FORMAT_NAME}"', 'rig = "gait"', f"device = {quote(device)}"]
     if options.uncertainties:
         lines += ["", "[uncertain]"]
         lines += [
-            f"{quoted(k)} = {quoted(v) if isinstance(v, str) else repr(v)}" for k, v in options.uncertainties.items()
+            f"{quote(k)} = {quote(v) if isinstance(v, str) else repr(v)}" for k, v in options.uncertainties.items()
         ]
-    for group, files, origin in trials:
-        lines += ["", f"# {', '.join(map(quoted, origin))}"] if origin else [""]
-        lines += ["[[trial]]", f"files = [{', '.join(map(quoted, files))}]", f"group = {quoted(group)}"]
+    for group, files, source_names in trials:
+        lines += ["", f"# {', '.join(map(quote, source_names))}"] if source_names else [""]
+        lines += ["[[trial]]", f"files = [{', '.join(map(quote, files))}]", f"group = {quote(group)}"]
     return "\n".join(lines) + "\n"
 
 
-def _describe_trial(trial: ProsthesisTrial, group: str, files: Sequence[str]) -> dict[str, Any]:
+def summarize(imported: ImportedDataset) -> dict[str, Any]:
+    """Return the trials and the log of an import; JSON types only."""
     return {
-        "files": list(files),
-        "of": list(trial.files),
+        "format": "klute-sim-import-dataset/2",
+        "side": imported.side,
+        "device": imported.device.name,
+        "trials": [
+            _describe_trial(trial, group) for trial, group in zip(imported.trials, imported.groups, strict=True)
+        ],
+        **imported.log.as_json(),
+        "versions": collect_versions(),
+    }
+
+
+def _describe_trial(trial: ProsthesisTrial, group: str) -> dict[str, Any]:
+    return {
+        "sources": list(trial.files),
         "group": group,
         "strides": len(trial.foot_strikes) - 1,
         "stride_time_s": trial.stride_time,
-        "command_peak_bar": float(trial.mean_command(repeats.PHASE_GRID).max()),
+        "peak_command_bar": float(trial.mean_command(PHASE_GRID).max()),
         "measured": [name for name in trial.channels if name in MEASURED_CHANNELS["gait"]],
     }
 
 
-def _summarize(imported: ImportedDataset, trials: list[dict[str, Any]], split: Split) -> dict[str, Any]:
-    """Everything that was found and decided; JSON types only."""
+def _describe_split(split: Split) -> dict[str, Any]:
     return {
-        "format": "klute-sim-import-dataset/1",
-        "side": imported.side,
-        "device": imported.device.name,
-        "trials": trials,
-        "split": {"fit": split.fit, "select": split.validation, "show": split.test, "how": split.description},
-        **imported.log.as_json(),
-        "versions": collect_versions(),
+        "fit": split.fit,
+        "validation": split.validation,
+        "test": split.test,
+        "description": split.description,
     }

@@ -1,9 +1,9 @@
-"""A run, or an imported reference, as OpenSim's files: angles, moments, ground reactions, markers.
+"""Export of a run or an imported reference to OpenSim: angles, moments, ground reactions, markers.
 
-OpenSim's frame: x forward, y up, z right. Rotations grow with flexion and dorsiflexion (``knee_angle`` as in models
-of Rajagopal's kind; older ones, gait2392 among them, have it the other way); a generalised force has its coordinate's
-sign, so that the plantarflexors' moment is negative. The rig has no pelvis: ``pelvis_tilt`` is 0, and ``hip_flexion``
-is of the thigh against the vertical.
+OpenSim frame: x forward, y up, z right. Flexion and dorsiflexion are positive (``knee_angle`` as in the models of
+Rajagopal; older models such as gait2392 have the opposite sign). A generalised force has the sign of its coordinate, so
+a plantarflexor moment is negative. The rig has no pelvis: ``pelvis_tilt`` is 0, and ``hip_flexion`` is the angle of the
+thigh to the vertical.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,53 +16,55 @@ from klute_sim.gait import reference, reference_folder
 from klute_sim.mocap.formats import storage, trc
 from klute_sim.mocap.formats.storage import Storage
 from klute_sim.mocap.formats.trc import Markers
+from klute_sim.mocap.kinematics.leg import LEG_UNITS
 from klute_sim.mocap.parsing.channel_names import PROSTHESIS_CHANNELS, Side
 from klute_sim.mocap.reference_import import REFERENCE_COLUMNS
-from klute_sim.mocap.strides.leg import LEG_UNITS
 from klute_sim.recording import csv, parquet
-from klute_sim.recording.recording import Array, Recording
+from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 
 RECORDING_FILE = "recording.parquet"
+"""Name of the recording in a run folder."""
 FOOT_MARKERS = {"HEEL": (-0.055, -0.06), "TOE": (0.145, -0.06)}
-"""Virtual markers of the foot: forward of and above the ankle [m] (assumed), whatever the walker's size."""
+"""Virtual marker of the foot -> position forward of and above the ankle [m] (assumed, independent of body size)."""
 HIP_LATERAL_OFFSET = 0.09
-"""Of the hip from the middle [m] (assumed): all is in one plane."""
+"""Lateral distance of the leg's plane from the body's midplane [m] (assumed)."""
 
 
 def read_gait(folder: Path) -> Recording:
-    """The gait in the folder ``run``: of ``klute-sim gait``, or the mean stride of ``klute-sim import``.
+    """Return the recording in a ``folder`` of ``klute-sim gait``, or the mean stride in one of ``klute-sim import``.
 
-    Raises InputError for a folder of neither.
+    Raises InputError for other folders.
     """
     if (folder / RECORDING_FILE).is_file():
         recording = parquet.read(folder / RECORDING_FILE)
         needed = ("thigh_angle", "knee_angle", "ankle_angle", "ankle_moment", "grf_vertical", "grf_forward")
-        lacking = [name for name in needed if name not in recording]
-        if lacking:
-            raise InputError(f"{folder / RECORDING_FILE} is no gait: channel '{lacking[0]}' is missing")
+        missing = [name for name in needed if name not in recording]
+        if missing:
+            raise InputError(f"{folder / RECORDING_FILE} is not a gait run: channel '{missing[0]}' is missing")
         return recording
     if (folder / reference_folder.METADATA_FILE).is_file():
         return _read_mean_stride(folder)
     raise InputError(
-        f"{folder} has neither {RECORDING_FILE} nor {reference_folder.METADATA_FILE}: name a folder of klute-sim gait or import"
+        f"{folder} contains neither {RECORDING_FILE} nor {reference_folder.METADATA_FILE}; pass a folder of "
+        "klute-sim gait or import"
     )
 
 
 def _read_mean_stride(folder: Path) -> Recording:
-    human = reference.load_reference(folder)
-    mass = human.mass or 1.0
+    stride = reference.load_reference(folder)
+    mass = stride.mass or 1.0
     phase = np.linspace(0.0, 1.0, 101)
-    columns: list[tuple[str, Array]] = [("time [s]", phase * human.stride_time), ("gait_phase [%]", 100.0 * phase)]
+    columns: list[tuple[str, Array]] = [("time [s]", phase * stride.stride_time), ("gait_phase [%]", 100.0 * phase)]
     for column, name in REFERENCE_COLUMNS.items():
-        columns.append(
-            (f"{name} [{LEG_UNITS[name]}]", human(column, phase) * (1.0 if LEG_UNITS[name] == "deg" else mass))
-        )
-    columns.append(("thigh_angle [deg]", human("shank_forward_deg", phase) - human("knee_flexion_deg", phase)))
-    return Recording.from_columns(columns, {"reference": human.name, "sha256": human.digest})
+        factor = 1.0 if LEG_UNITS[name] == "deg" else mass
+        columns.append((f"{name} [{LEG_UNITS[name]}]", stride(column, phase) * factor))
+    columns.append(("thigh_angle [deg]", stride("shank_forward_deg", phase) - stride("knee_flexion_deg", phase)))
+    return Recording.from_columns(columns, {"reference": stride.name, "sha256": stride.digest})
 
 
 def to_joint_angles(recording: Recording, side: Side) -> Storage:
-    """Joint angles [deg], as inverse kinematics would have them."""
+    """Return joint angles [deg] in the format of OpenSim's inverse kinematics."""
     leg, count = side[0], len(recording)
     columns = {"time": recording["time"], "pelvis_tilt": np.zeros(count)}
     if "carriage_x" in recording:
@@ -76,13 +78,13 @@ def to_joint_angles(recording: Recording, side: Side) -> Storage:
 
 
 def to_joint_moments(recording: Recording, side: Side) -> Storage:
-    """The ankle's moment [N.m], as inverse dynamics would have it; of hip and knee the rig knows none."""
+    """Return the ankle moment [N.m] in the format of inverse dynamics; the rig has no hip and knee moments."""
     moment = {"time": recording["time"], f"ankle_angle_{side[0]}_moment": -recording["ankle_moment"]}
     return Storage(moment, in_degrees=False, name="Inverse Dynamics Generalized Forces")
 
 
 def to_ground_reaction(recording: Recording, side: Side) -> Storage:
-    """Force [N] on the foot and, where it is known, its point [m] on the ground; zero in swing."""
+    """Return the force on the foot [N] and, if known, its point of application [m]; zero in swing."""
     zero = np.zeros(len(recording))
     columns = {
         "time": recording["time"],
@@ -101,18 +103,18 @@ def to_ground_reaction(recording: Recording, side: Side) -> Storage:
 
 
 def to_markers(recording: Recording, side: Side) -> Markers:
-    """Virtual markers on hip, knee, ankle, heel and toe [m]; raises InputError where positions are not recorded."""
+    """Return virtual markers on hip, knee, ankle, heel and toe [m]; raise InputError without recorded positions."""
     for name in ("carriage_x", "carriage_z", "ankle_x", "ankle_z"):
         if name not in recording:
-            raise InputError(f"markers need the channel '{name}': only runs of klute-sim gait have positions")
+            raise InputError(f"markers need the channel '{name}', which only runs of klute-sim gait have")
     thigh, shank = (np.radians(recording[name]) for name in ("thigh_angle", "shank_angle"))
     hip = np.stack([recording["carriage_x"], recording["carriage_z"]], axis=1)
     ankle = np.stack([recording["ankle_x"], recording["ankle_z"]], axis=1)
-    # The two lengths that carry the hip to the ankle at the recorded inclinations, in every sample alike.
-    upper, lower = (np.stack([np.sin(a), np.cos(a)], axis=1) for a in (thigh, shank))
-    system = np.stack([upper.ravel(), lower.ravel()], axis=1)
+    # Least-squares lengths of thigh and shank that connect hip and ankle at the recorded inclinations.
+    thigh_axis, shank_axis = (np.stack([np.sin(a), np.cos(a)], axis=1) for a in (thigh, shank))
+    system = np.stack([thigh_axis.ravel(), shank_axis.ravel()], axis=1)
     lengths, *_ = np.linalg.lstsq(system, (hip - ankle).ravel(), rcond=None)
-    knee = hip - lengths[0] * upper
+    knee = hip - lengths[0] * thigh_axis
     pitch = shank - np.radians(recording["ankle_angle"])
     along, above = (
         np.stack(pair, axis=1) for pair in ((np.cos(pitch), -np.sin(pitch)), (np.sin(pitch), np.cos(pitch)))
@@ -128,23 +130,24 @@ def _to_3d(point: Array, lateral: float) -> Array:
 
 
 def to_prosthesis_log(recording: Recording) -> Recording:
-    """What the prosthesis itself would have logged; raises InputError for a stride that nobody made with one."""
+    """Return the channels that the prosthesis would log; raise InputError for a gait without a prosthesis."""
     for name in PROSTHESIS_CHANNELS:
         if name not in recording:
-            raise InputError(f"a prosthesis' log needs the channel '{name}': only runs of klute-sim gait have it")
-    kept = ("time", *PROSTHESIS_CHANNELS, "ankle_angle")
-    return Recording({n: recording[n] for n in kept}, {n: recording.units[n] for n in kept}, recording.provenance)
+            raise InputError(f"a prosthesis log needs the channel '{name}', which only runs of klute-sim gait have")
+    names = ("time", *PROSTHESIS_CHANNELS, "ankle_angle")
+    return Recording({n: recording[n] for n in names}, {n: recording.units[n] for n in names}, recording.provenance)
 
 
 def write_files(recording: Recording, side: Side, kinds: tuple[str, ...], folder: Path) -> list[str]:
-    """Write ``recording`` into ``folder`` in all ``kinds``; the names of the files."""
+    """Write ``recording`` into ``folder`` in all formats ``kinds``; return the file names."""
     for kind in kinds:
-        for name, make in FILE_WRITERS[kind].items():
-            make(recording, side, folder / name)
+        for name, write in FILE_WRITERS[kind].items():
+            write(recording, side, folder / name)
     return sorted(name for kind in kinds for name in FILE_WRITERS[kind])
 
 
 FileWriter = Callable[[Recording, Side, Path], None]
+"""Function that writes a recording of one side to a path."""
 FILE_WRITERS: Mapping[str, Mapping[str, FileWriter]] = {
     "mot": {
         "angles.mot": lambda recording, side, path: storage.write(to_joint_angles(recording, side), path),
@@ -156,4 +159,4 @@ FILE_WRITERS: Mapping[str, Mapping[str, FileWriter]] = {
     "csv": {"recording.csv": lambda recording, side, path: csv.write(recording, path)},
     "parquet": {RECORDING_FILE: lambda recording, side, path: parquet.write(recording, path)},
 }
-"""Kind -> name of a file -> what writes it."""
+"""Format -> file name -> function that writes the file."""

@@ -1,4 +1,4 @@
-"""What an import found, decided and doubts: one place that every step tells."""
+"""Log of an import: files, channels, and sentences about derived, missing and suspicious data."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -6,48 +6,51 @@ from typing import Any
 
 @dataclass
 class ImportLog:
-    """Grows while files are imported; every sentence is for the user."""
+    """Record that every step of an import extends; every sentence is addressed to the user."""
 
     files: list[dict[str, Any]] = field(default_factory=list)
-    """One entry per file."""
+    """Description of each file, see :meth:`klute_sim.mocap.parsing.sources.SourceFile.describe`."""
     channels: list[dict[str, Any]] = field(default_factory=list)
-    """One entry per channel: from which column, in which unit, with which sign and zero, and why."""
+    """Origin of each channel: file, column, unit, sign, zero, and the reason for these."""
     derived: list[str] = field(default_factory=list)
+    """Sentences on quantities that were computed because no file contains them."""
     missing: list[str] = field(default_factory=list)
+    """Sentences on missing data."""
     warnings: list[str] = field(default_factory=list)
+    """Sentences on suspicious data."""
     exclusions: dict[str, list[str]] = field(default_factory=dict)
-    """Side -> those of the suspicious ones that say why strides of that leg do not count."""
+    """Side -> warnings that explain why strides of that leg were excluded."""
 
     def add_derived(self, sentence: str) -> None:
-        """Note what no file holds and was computed; once, however many trials there are."""
+        """Add a sentence on a computed quantity; repetitions are ignored."""
         _append_once(self.derived, sentence)
 
     def add_missing(self, sentence: str) -> None:
-        """Note what is not there."""
+        """Add a sentence on missing data; repetitions are ignored."""
         _append_once(self.missing, sentence)
 
     def add_warning(self, sentence: str) -> None:
-        """Note what a careful reader would ask about."""
+        """Add a sentence on suspicious data; repetitions are ignored."""
         _append_once(self.warnings, sentence)
 
     def add_exclusion(self, side: str, sentence: str) -> None:
-        """Note why strides of the leg of ``side`` do not count."""
+        """Add a warning that explains why strides of the leg of ``side`` were excluded."""
         self.add_warning(sentence)
         _append_once(self.exclusions.setdefault(side, []), sentence)
 
     def add_channel(self, **entry: Any) -> None:
-        """Note where a channel comes from."""
+        """Add the origin of a channel; repetitions are ignored."""
         if entry not in self.channels:
             self.channels.append(entry)
 
     def as_json(self) -> dict[str, Any]:
-        """JSON types only."""
+        """Return the log as JSON types."""
         return {
-            "found": self.files,
-            "mapped": self.channels,
+            "files": self.files,
+            "channels": self.channels,
             "derived": self.derived,
             "missing": self.missing,
-            "suspicious": self.warnings,
+            "warnings": self.warnings,
         }
 
 

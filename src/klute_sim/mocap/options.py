@@ -1,4 +1,4 @@
-"""What an import can be told."""
+"""Options of an import of motion-capture files."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -9,38 +9,42 @@ from klute_sim.mocap.parsing.channel_names import Side
 from klute_sim.mocap.parsing.mapping import ImportMapping
 
 MOTION_CUTOFF_HZ = 6.0
-"""Of angles and markers [Hz]: the usual one for walking (Winter)."""
+"""Default low-pass cut-off of angles and markers [Hz]; usual for walking (Winter)."""
 LOAD_CUTOFF_HZ = 20.0
-"""Of ground reactions and moments [Hz] (assumed: keeps the humps, loses the plates' ringing)."""
+"""Default low-pass cut-off of ground reactions and moments [Hz] (assumed: keeps both peaks of the vertical load and
+removes the ringing of force plates)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions:
-    """How to read a laboratory's files."""
+    """Options for reading motion-capture files."""
 
     mass: float | None = None
-    """Body mass [kg]; None: from the impulse of the ground reaction."""
+    """Body mass [kg]; None estimates it from the impulse of the ground reaction."""
     stature: float | None = None
-    """[m]; only noted."""
+    """Body height [m]; stored, not used by the import."""
     side: Side | None = None
-    """The leg that becomes the reference; None: the one with more strides, the right one of two equals."""
+    """Leg of the reference; None selects the leg with more strides, the right leg if both have equally many."""
     motion_cutoff: float = MOTION_CUTOFF_HZ
+    """Low-pass cut-off of angles and markers [Hz]; 0 disables the filter."""
     load_cutoff: float = LOAD_CUTOFF_HZ
+    """Low-pass cut-off of ground reactions and moments [Hz]; 0 disables the filter."""
     contact_threshold: float = CONTACT_FORCE_THRESHOLD
     """Vertical ground reaction [N] above which a foot is on the ground."""
     ankle_zero: Literal["foot-flat", "file"] = "foot-flat"
-    """Whether 0 degrees of the ankle is moved to where the foot is flat in mid-stance."""
+    """Zero of the ankle angle: the flat foot in mid-stance, or the zero of the file."""
     mapping: ImportMapping = field(default_factory=ImportMapping)
+    """User's assignment of columns and markers."""
 
     def __post_init__(self) -> None:
-        """Raise InputError for values that mean nothing."""
+        """Raise InputError for values out of bounds."""
         bounds = {
             "mass": (self.mass, 20.0, 250.0, "kg"),
             "stature": (self.stature, 1.0, 2.4, "m"),
-            "cut-off": (self.motion_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
-            "cut-off of loads": (self.load_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
-            "threshold": (self.contact_threshold, 1.0, 500.0, "N"),
+            "motion cut-off": (self.motion_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
+            "load cut-off": (self.load_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
+            "contact threshold": (self.contact_threshold, 1.0, 500.0, "N"),
         }
-        for name, (value, low, high, unit) in bounds.items():
-            if value is not None and not low <= value <= high:
-                raise InputError(f"{name} is {value:g}; allowed: {low:g} to {high:g} {unit}")
+        for name, (value, lower, upper, unit) in bounds.items():
+            if value is not None and not lower <= value <= upper:
+                raise InputError(f"{name} is {value:g}; allowed: {lower:g} to {upper:g} {unit}")

@@ -1,7 +1,7 @@
-"""One trial with a prosthesis, as a replay needs it: motion of the shank, load on the foot, the prosthesis' own log.
+"""Trials with a prosthesis for a replay: shank motion, foot load and the prosthesis log.
 
-Every channel stays on the clock of its own file and nothing is filtered: whoever reads a dataset does that. Found out
-are, as for a reference, whose load it is, forward and up, units and signs; cut off is what no force plate carried.
+Every channel keeps the times of its file and remains unfiltered; readers of the dataset filter it. As for a reference,
+the import determines the loaded foot, axes, units and signs. Parts of the trial without force plate data are removed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,92 +11,85 @@ from itertools import pairwise
 import numpy as np
 
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD, MEASURED_CHANNELS
-from klute_sim.gait import contacts as gait_contacts
-from klute_sim.gait.contacts import Contact
+from klute_sim.gait.contacts import Contact, find_contacts
 from klute_sim.mocap.import_log import ImportLog
-from klute_sim.mocap.kinematics import filters
+from klute_sim.mocap.kinematics import filters, loads
 from klute_sim.mocap.kinematics.prosthesis_kinematics import ProsthesisKinematics, extract_kinematics
 from klute_sim.mocap.options import ImportOptions
-from klute_sim.mocap.parsing import channel_lookup, channel_names, conventions
-from klute_sim.mocap.parsing.channel_names import Side
+from klute_sim.mocap.parsing import channel_names, conventions
+from klute_sim.mocap.parsing.channel_lookup import apply_given_sign, find_column
+from klute_sim.mocap.parsing.channel_names import PRESSURE_COMMAND, Side
 from klute_sim.mocap.parsing.sources import SourceFile
 from klute_sim.mocap.parsing.time_sync import Signal
 from klute_sim.mocap.prosthesis_sensors import read_measurements
-from klute_sim.mocap.strides import loads
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 MAX_SWING_TIME = 0.8
-"""Longer without load [s] is a step that no plate saw (assumed; a swing takes some 0.4 s)."""
+"""Longest swing [s]; a longer time without load is a step on no plate (assumed; a swing takes about 0.4 s)."""
 TRIM_MARGIN = 0.3
-"""Kept before the first and after the last contact of a trial that is cut [s]: swing, where the load is 0 (assumed)."""
+"""Time [s] before the first and after the last contact that a trimmed trial keeps, in swing without load (assumed)."""
 MIN_SWING_TIME = 0.1
-"""Without load before a foot strike that begins a stride, at least [s] (assumed, as a diagnosis takes it)."""
+"""Shortest time without load before a foot strike that starts a stride [s] (assumed, as in the diagnosis)."""
 MIN_FOOT_STRIKES = 2
-"""Foot strikes after a swing, which a diagnosis needs to tell strides."""
-PRESCRIBED_CHANNELS = (
-    "shank_angle",
-    "ankle_x",
-    "ankle_z",
-    "grf_vertical",
-    "grf_forward",
-    channel_names.PRESSURE_COMMAND,
-)
-"""What is prescribed, without the centre of pressure, which may be missing in swing."""
+"""Smallest number of foot strikes after a swing, which the diagnosis needs to segment strides."""
+PRESCRIBED_CHANNELS = ("shank_angle", "ankle_x", "ankle_z", "grf_vertical", "grf_forward", PRESSURE_COMMAND)
+"""Prescribed channels without gaps; the centre of pressure may be missing in swing."""
 
 
 @dataclass(frozen=True, eq=False)
 class ProsthesisTrial:
-    """A trial that can be replayed."""
+    """Trial with a prosthesis that can be replayed."""
 
     name: str
-    """Of its first file."""
+    """Name of the first file."""
     files: tuple[str, ...]
+    """Names of all files."""
     channels: Mapping[str, Signal]
-    """Of a gait trial in a dataset; angles in degrees, pressures in bar, the muscle's length in mm."""
+    """Channels of a gait trial in a dataset: angles [deg], positions [m], loads [N], pressures [bar], length [mm]."""
     foot_strikes: Array
-    """Foot strikes after a swing [s]."""
+    """Times of foot strikes after a swing [s]."""
 
     @property
     def stride_time(self) -> float:
-        """Mean [s]."""
+        """Mean stride time [s]."""
         return float(np.mean(np.diff(self.foot_strikes)))
 
     def mean_command(self, phase: Array) -> Array:
-        """Pressure asked for [bar] at ``phase`` (0-1), on average over the strides."""
-        asked = self.channels[channel_names.PRESSURE_COMMAND]
-        strides = [np.interp(a + phase * (b - a), asked.time, asked.value) for a, b in pairwise(self.foot_strikes)]
+        """Return the commanded pressure [bar] at ``phase`` (0-1), averaged over strides."""
+        command = self.channels[PRESSURE_COMMAND]
+        strides = [np.interp(a + phase * (b - a), command.time, command.value) for a, b in pairwise(self.foot_strikes)]
         return np.asarray(np.mean(strides, axis=0))
 
 
 def extract_prosthesis_trial(
     trial: Sequence[SourceFile], side: Side, options: ImportOptions, log: ImportLog
 ) -> ProsthesisTrial | None:
-    """The trial of the prosthesis on ``side``; None where something is missing, which is noted."""
-    where = trial[0].name
-    found = extract_kinematics(trial, side, options, log)
-    if found is None:
+    """Return the trial of the prosthesis on ``side``; return None and log the reason if data are missing."""
+    trial_name = trial[0].name
+    kinematics = extract_kinematics(trial, side, options, log)
+    if kinematics is None:
         return None
-    own = dict(found.channels)
-    contacts = _add_ground_reaction(found, own, side, where, options, log)
-    if contacts is None or not _add_cop(found, own, trial, side, where, options, log):
+    channels = dict(kinematics.channels)
+    contacts = _add_ground_reaction(kinematics, channels, side, trial_name, options, log)
+    if contacts is None or not _add_cop(kinematics, channels, trial, side, trial_name, options, log):
         return None
-    if conventions.detect_sign("shank_angle", *own["shank_angle"], contacts) == -1:
+    if conventions.detect_sign("shank_angle", *channels["shank_angle"], contacts) == -1:
         log.add_missing(
-            f"{where}: the {side} shank leans back from heel strike to toe-off; leaning forward is positive (sign = -1 "
-            "in a file for --map, or 'forward' under [axes])"
+            f"{trial_name}: the {side} shank leans backward from heel strike to toe-off; leaning forward is positive "
+            "(sign = -1 in a file for --map, or 'forward' under [axes])"
         )
         return None
-    own |= read_measurements(trial, found, contacts, side, options, log)
-    if channel_names.PRESSURE_COMMAND not in own:
+    channels |= read_measurements(trial, kinematics, contacts, side, options, log)
+    if PRESSURE_COMMAND not in channels:
         log.add_missing(
-            f"{where}: no pressure was commanded: add the prosthesis' own log with a column 'pressure_command [bar]', "
-            "or name that column in a file for --map, under [prosthesis]"
+            f"{trial_name}: no commanded pressure: add the prosthesis log with a column 'pressure_command [bar]', or "
+            "name that column in a file for --map, under [prosthesis]"
         )
         return None
-    if not MEASURED_CHANNELS["gait"].keys() & own.keys():
-        log.add_missing(f"{where}: nothing was measured; needed is one of {', '.join(MEASURED_CHANNELS['gait'])}")
+    if not MEASURED_CHANNELS["gait"].keys() & channels.keys():
+        log.add_missing(f"{trial_name}: no measurement; needed is one of {', '.join(MEASURED_CHANNELS['gait'])}")
         return None
-    return _trim(trial, own, contacts, where, log)
+    return _trim(trial, channels, contacts, trial_name, log)
 
 
 def _add_ground_reaction(
@@ -107,22 +100,22 @@ def _add_ground_reaction(
     options: ImportOptions,
     log: ImportLog,
 ) -> list[Contact] | None:
-    """Add the ground reaction; its contacts, None where there is none or its axis points backward."""
+    """Add the ground reaction to ``channels`` and return its contacts; None without load or with a reversed axis."""
     if side not in kinematics.loads:
-        log.add_missing(f"{trial_name}: no ground reaction of the {side} foot, which a replay is moved by")
+        log.add_missing(f"{trial_name}: no ground reaction of the {side} foot, which the replay needs")
         return None
     load = loads.remove_offset(kinematics.loads[side], f"the {side} foot's vertical load", trial_name, log)
-    contacts = gait_contacts.find_contacts(load.time, load.vertical, options.contact_threshold)
+    contacts = find_contacts(load.time, load.vertical, options.contact_threshold)
     sign = conventions.detect_sign(channel_names.GRF_FORWARD, load.time, load.forward, contacts)
     if sign == -1 and kinematics.from_plates:
         log.add_missing(
-            f"{trial_name}: the ground pushes the {side} foot before it brakes it: 'forward' points backward; say what is "
-            "forward under [axes] in a file for --map"
+            f"{trial_name}: the ground pushes the {side} foot before braking it: 'forward' points backward; set the "
+            "forward axis under [axes] in a file for --map"
         )
         return None
     if sign == -1:
         log.add_warning(
-            f"{trial_name}: the fore-aft load of the {side} foot pushes before it brakes; it was turned round"
+            f"{trial_name}: the fore-aft load of the {side} foot pushes before it brakes; its sign was reversed"
         )
     channels["grf_vertical"] = Signal(load.time, load.vertical)
     channels["grf_forward"] = Signal(load.time, (sign or 1) * load.forward)
@@ -138,24 +131,25 @@ def _add_cop(
     options: ImportOptions,
     log: ImportLog,
 ) -> bool:
-    """Add the centre of pressure; whether it is known wherever the foot carries something."""
-    load, column = kinematics.loads[side], channel_lookup.find_column(trial, "cop_x", side, options)
+    """Add the centre of pressure to ``channels``; return whether it is known whenever the foot is loaded."""
+    load, column = kinematics.loads[side], find_column(trial, "cop_x", side, options)
     if column is not None:
-        place = Signal(column.time, channel_lookup.apply_given_sign(column, side, log))
+        cop = Signal(column.time, apply_given_sign(column, side, log))
     elif load.cop is not None:
-        place = Signal(load.time, load.cop[:, 0])
+        cop = Signal(load.time, load.cop[:, 0])
     else:
         log.add_missing(
-            f"{trial_name}: no centre of pressure of the {side} foot, which says how the load turns the ankle"
+            f"{trial_name}: no centre of pressure of the {side} foot, so the moment of the load about the ankle is "
+            "unknown"
         )
         return False
-    pressing = np.interp(place.time, *channels["grf_vertical"]) > CONTACT_FORCE_THRESHOLD
-    known = filters.fill_gaps(np.where(pressing, place.value, np.nan), place.time)
-    channels["cop_x"] = Signal(place.time, np.where(pressing, known, np.nan))
-    unknown = np.isnan(known[pressing])
-    if unknown.any():
-        share = 100.0 * float(unknown.mean())
-        log.add_missing(f"{trial_name}: the centre of pressure is not known for {share:.0f} % of the time under load")
+    is_loaded = np.interp(cop.time, *channels["grf_vertical"]) > CONTACT_FORCE_THRESHOLD
+    filled = filters.fill_gaps(np.where(is_loaded, cop.value, np.nan), cop.time)
+    channels["cop_x"] = Signal(cop.time, np.where(is_loaded, filled, np.nan))
+    is_missing = np.isnan(filled[is_loaded])
+    if is_missing.any():
+        percentage = 100.0 * float(is_missing.mean())
+        log.add_missing(f"{trial_name}: the centre of pressure is unknown for {percentage:.0f} % of the loaded time")
         return False
     return True
 
@@ -167,14 +161,14 @@ def _trim(
     trial_name: str,
     log: ImportLog,
 ) -> ProsthesisTrial | None:
-    """The part of the trial in which all that is prescribed is known; None where that has no strides."""
-    late = max(PRESCRIBED_CHANNELS, key=lambda name: channels[name].time[0])
-    early = min(PRESCRIBED_CHANNELS, key=lambda name: channels[name].time[-1])
-    begin, end = float(channels[late].time[0]), float(channels[early].time[-1])
+    """Return the part of the trial with all prescribed channels; None if it has too few strides."""
+    last_start = max(PRESCRIBED_CHANNELS, key=lambda name: channels[name].time[0])
+    first_end = min(PRESCRIBED_CHANNELS, key=lambda name: channels[name].time[-1])
+    begin, end = float(channels[last_start].time[0]), float(channels[first_end].time[-1])
     if begin >= end:
         log.add_missing(
-            f"{trial_name}: '{early}' ends at {end:.6g} s and '{late}' begins at {begin:.6g} s: they share no time; say how "
-            "far a file's clock is off under [clock] in a file for --map"
+            f"{trial_name}: '{first_end}' ends at {end:.6g} s and '{last_start}' begins at {begin:.6g} s, so they do "
+            "not overlap; set the time offset of a file under [clock] in a file for --map"
         )
         return None
     low, high = _find_complete_span(
@@ -182,32 +176,34 @@ def _trim(
     )
     if low > begin or high < end:
         log.add_warning(
-            f"{trial_name}: cut to {low:.2f} to {high:.2f} s of {begin:.2f} to {end:.2f} s: outside of that a step was on "
-            "no plate, or something prescribed is missing"
+            f"{trial_name}: trimmed from {begin:.2f} to {end:.2f} s to {low:.2f} to {high:.2f} s, because of steps on "
+            "no plate or missing prescribed channels"
         )
-    struck = [c.foot_strike for c in contacts if c.has_foot_strike and low + MIN_SWING_TIME < c.foot_strike <= high]
-    if len(struck) < MIN_FOOT_STRIKES:
+    foot_strikes = [
+        c.foot_strike for c in contacts if c.has_foot_strike and low + MIN_SWING_TIME < c.foot_strike <= high
+    ]
+    if len(foot_strikes) < MIN_FOOT_STRIKES:
         log.add_missing(
-            f"{trial_name}: {len(struck)} foot strike{'' if len(struck) == 1 else 's'} after a swing, one stride after the "
-            f"other on plates; a replay needs {MIN_FOOT_STRIKES} or more, better 5"
+            f"{trial_name}: {len(foot_strikes)} foot strike{'' if len(foot_strikes) == 1 else 's'} after a swing in "
+            f"consecutive strides on plates; a replay needs {MIN_FOOT_STRIKES} or more, better 5"
         )
         return None
-    inside = {name: Signal(*(v[(s.time >= low) & (s.time <= high)] for v in s)) for name, s in channels.items()}
-    return ProsthesisTrial(trial_name, tuple(source.name for source in trial), inside, np.array(struck))
+    trimmed = {name: Signal(*(v[(s.time >= low) & (s.time <= high)] for v in s)) for name, s in channels.items()}
+    return ProsthesisTrial(trial_name, tuple(source.name for source in trial), trimmed, np.array(foot_strikes))
 
 
 def _find_loaded_span(contacts: Sequence[Contact], begin: float, end: float) -> tuple[float, float]:
-    """The longest time between ``begin`` and ``end`` [s] in which every step of the foot was on a plate."""
-    runs: list[list[Contact]] = []
+    """Return the longest part of ``begin`` to ``end`` [s] in which every step of the foot is on a plate."""
+    sequences: list[list[Contact]] = []
     for contact in contacts:
-        if runs and contact.foot_strike - runs[-1][-1].toe_off <= MAX_SWING_TIME:
-            runs[-1].append(contact)
+        if sequences and contact.foot_strike - sequences[-1][-1].toe_off <= MAX_SWING_TIME:
+            sequences[-1].append(contact)
         else:
-            runs.append([contact])
-    if not runs:
+            sequences.append([contact])
+    if not sequences:
         return begin, end
-    best = max(runs, key=lambda run: run[-1].toe_off - run[0].foot_strike)
-    first, last = best[0].foot_strike, best[-1].toe_off
+    longest = max(sequences, key=lambda sequence: sequence[-1].toe_off - sequence[0].foot_strike)
+    first, last = longest[0].foot_strike, longest[-1].toe_off
     return (
         begin if first - begin <= MAX_SWING_TIME else first - TRIM_MARGIN,
         end if end - last <= MAX_SWING_TIME else last + TRIM_MARGIN,
@@ -215,7 +211,7 @@ def _find_loaded_span(contacts: Sequence[Contact], begin: float, end: float) -> 
 
 
 def _find_complete_span(signals: Sequence[Signal], begin: float, end: float) -> tuple[float, float]:
-    """The longest part of ``begin`` to ``end`` [s] without a missing sample of what is ``prescribed``."""
+    """Return the longest part of ``begin`` to ``end`` [s] without missing samples of ``signals``."""
     missing = {float(t) for s in signals for t in s.time[np.isnan(s.value)] if begin <= t <= end}
     low, high = max(pairwise(sorted({begin, end, *missing})), key=lambda span: span[1] - span[0])
     return (

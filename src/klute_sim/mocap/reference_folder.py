@@ -1,4 +1,4 @@
-"""The reference folder: the mean stride, where it comes from, every stride, and the report."""
+"""Writing of a reference folder: mean stride, metadata, all strides, and the import log."""
 
 import json
 from pathlib import Path
@@ -7,22 +7,23 @@ from typing import Any
 from klute_sim.gait import reference_folder
 from klute_sim.mocap.kinematics import filters
 from klute_sim.mocap.reference_import import ImportedReference
-from klute_sim.mocap.strides import strides
+from klute_sim.mocap.strides.strides import to_recording
 from klute_sim.provenance import collect_versions
 from klute_sim.recording import parquet
 
 REPORT_FILE = "import.json"
+"""Name of the file with summary and log of an import."""
 
 
 def summarize(imported: ImportedReference) -> dict[str, Any]:
-    """Everything that was found and decided; JSON types only."""
+    """Return the results and the log of an import; JSON types only."""
     options = imported.options
     return {
-        "format": "klute-sim-import/1",
+        "format": "klute-sim-import/2",
         "side": imported.side,
-        "strides": {side: len(of) for side, of in imported.strides.items()},
+        "strides": {side: len(strides) for side, strides in imported.strides.items()},
         "mass_kg": imported.mass,
-        "mass_by_impulse_kg": imported.impulse_mass,
+        "impulse_mass_kg": imported.impulse_mass,
         "stature_m": options.stature,
         "stride_time_s": imported.stride_time,
         "toe_off_pct": imported.toe_off,
@@ -39,7 +40,7 @@ def summarize(imported: ImportedReference) -> dict[str, Any]:
 
 
 def describe_filters(imported: ImportedReference) -> dict[str, str]:
-    """Filters and thresholds in words."""
+    """Return descriptions of filters and thresholds."""
     options = imported.options
     return {
         "angles": filters.describe_filter(options.motion_cutoff),
@@ -50,18 +51,18 @@ def describe_filters(imported: ImportedReference) -> dict[str, str]:
 
 
 def write_reference(imported: ImportedReference, folder: Path) -> dict[str, Any]:
-    """Fill the new folder ``scratch``; the summary."""
+    """Write ``imported`` into the empty ``folder``; return the summary."""
     (folder / reference_folder.CURVES_FILE).write_text(imported.to_csv(), "utf-8", newline="\n")
     (folder / reference_folder.METADATA_FILE).write_text(_format_toml(imported), "utf-8", newline="\n")
-    for side, of in imported.strides.items():
-        parquet.write(strides.to_recording(of, side), folder / f"strides_{side}.parquet")
-    result = summarize(imported)
-    (folder / REPORT_FILE).write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", "utf-8")
-    return result
+    for side, strides in imported.strides.items():
+        parquet.write(to_recording(strides, side), folder / f"strides_{side}.parquet")
+    summary = summarize(imported)
+    (folder / REPORT_FILE).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", "utf-8")
+    return summary
 
 
 def _format_toml(imported: ImportedReference) -> str:
-    """``reference.toml``; JSON strings are TOML's basic strings."""
+    """Return ``reference.toml``; JSON strings are valid TOML basic strings."""
     lines = [
         f'format = "{reference_folder.FORMAT}"',
         f'side = "{imported.side}"',

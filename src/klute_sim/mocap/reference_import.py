@@ -1,35 +1,35 @@
-"""From files to a reference: trials, strides of both legs, body mass, the mean stride with its deviations."""
+"""Import of a gait reference: the mean stride with standard deviations, per body mass, from one or more trials."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from klute_sim.constants import GRAVITY
 from klute_sim.errors import InputError
 from klute_sim.gait import reference
-from klute_sim.gait.reference import GRAVITY
-from klute_sim.mocap import trial
 from klute_sim.mocap.import_log import ImportLog
+from klute_sim.mocap.kinematics.leg import LEG_UNITS, Leg
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import sources
 from klute_sim.mocap.parsing.channel_names import EVENT_LABELS, SIDES, Side
 from klute_sim.mocap.parsing.sources import SourceFile
-from klute_sim.mocap.strides import strides
-from klute_sim.mocap.strides.leg import LEG_UNITS, LegChannels
-from klute_sim.mocap.strides.strides import PHASE_GRID, Stride
-from klute_sim.recording.recording import Array
+from klute_sim.mocap.strides.strides import PHASE_GRID, Stride, segment_strides, select_regular_strides
+from klute_sim.mocap.trial import extract_legs
+from klute_sim.types import Array, ProgressCallback
 
 MIN_STRIDES_FOR_SD = 3
+"""Smallest number of strides for standard deviations."""
 MAX_MASS_DEVIATION = 0.02
-"""Difference between the mass listed and that of the impulse from which it is told."""
+"""Largest relative difference between the given mass and that from the impulse that is not reported."""
 MAX_EVENT_DEVIATION = 0.03
-"""Median difference [s] between the events listed and those found from which it is told."""
+"""Largest median difference [s] between listed and detected events that is not reported."""
 EVENT_TOLERANCE, IMPULSE_TOLERANCE = 5e-3, 0.01
-"""Times [s] and, relatively, impulses of all contacts up to which two trials are one walk in two forms (assumed)."""
+"""Largest differences of event times [s] and, relatively, of impulses between two versions of one trial (assumed)."""
 PEAK_MOMENT_RANGE = (0.6, 2.2)
-"""Peak ankle moment [N.m/kg] of walking; the sources' means run from 1.32 to 1.63."""
+"""Plausible peak ankle moments of walking [N.m/kg]; published means range from 1.32 to 1.63."""
 
 REFERENCE_COLUMNS = {
     "hip_flexion_deg": "hip_angle",
@@ -47,145 +47,183 @@ SD_COLUMNS = {
     "ankle_moment_sd_nm_per_kg": "ankle_moment",
     "ankle_power_sd_w_per_kg": "ankle_power",
 }
+"""Standard deviation column of a reference -> channel of a leg."""
 
 
 @dataclass(frozen=True, eq=False)
 class ImportedReference:
-    """What came of the files."""
+    """Gait reference and the strides it is the mean of."""
 
     log: ImportLog
+    """Log of the import."""
     options: ImportOptions
+    """Options of the import."""
     strides: dict[Side, list[Stride]]
+    """Regular strides of each leg."""
     side: Side
-    """The leg the reference is of."""
+    """Leg of the reference."""
     mass: float
-    """[kg], as given or by the impulse."""
+    """Body mass [kg], given or estimated from the impulse."""
     impulse_mass: float | None
+    """Body mass estimated from the impulse of the ground reaction [kg]."""
     walking_speed: float | None
-    """[m/s]"""
+    """Walking speed [m/s], if known."""
     table: dict[str, Array]
-    """Columns of the reference, with ``gait_pct``."""
+    """Columns of the reference, including ``gait_pct``."""
 
     @property
     def stride_time(self) -> float:
-        """Mean over the strides of the reference [s]."""
+        """Mean stride time of the reference leg [s]."""
         return float(np.mean([stride.duration for stride in self.strides[self.side]]))
 
     @property
     def toe_off(self) -> float:
-        """Mean over the strides of the reference [%]."""
+        """Mean gait phase of toe-off of the reference leg [%]."""
         return 100.0 * float(np.mean([stride.toe_off for stride in self.strides[self.side]]))
 
     def to_csv(self) -> str:
-        """The reference, as ``klute-sim gait --reference`` reads it."""
+        """Return the reference as text that ``klute-sim gait --reference`` reads."""
         rows = [",".join(self.table)]
         rows += [",".join(f"{value:.7g}" for value in row) for row in zip(*self.table.values(), strict=True)]
         return "\n".join(rows) + "\n"
 
 
 def import_reference(
-    files: Sequence[str | Path], options: ImportOptions, progress: Callable[[float], None] = lambda fraction: None
+    files: Sequence[str | Path], options: ImportOptions, progress: ProgressCallback | None = None
 ) -> ImportedReference:
-    """Import ``files``; raises InputError in one sentence for what is wrong, missing or makes no reference."""
-    findings = ImportLog()
-    read = read_files(files, options, findings, lambda fraction: progress(0.6 * fraction))
-    legs: list[tuple[LegChannels, list[Stride]]] = []
-    groups = sources.group_into_trials(read, options.mapping)
-    for number, group in enumerate(groups):
-        for leg in trial.extract_legs(group, options, findings):
-            twin = next((other for other, _ in legs if _is_same_trial(leg, other)), None)
-            if twin is None:
-                legs.append((leg, strides.segment_strides(leg, findings)))
+    """Import the trials in ``files`` as a gait reference.
+
+    Raises InputError for files that are invalid, contradictory or without a complete stride.
+    """
+    log = ImportLog()
+    source_files = read_files(files, options, log, progress, last_fraction=0.6)
+    legs: list[tuple[Leg, list[Stride]]] = []
+    trials = sources.group_into_trials(source_files, options.mapping)
+    for number, trial in enumerate(trials):
+        for leg in extract_legs(trial, options, log):
+            duplicate = next((other for other, _ in legs if _is_same_trial(leg, other)), None)
+            if duplicate is None:
+                legs.append((leg, segment_strides(leg, log)))
             else:
-                findings.add_warning(
-                    f"{leg.trial}: the {leg.side} foot lands when it does in {twin.trial}, with the same impulse: the "
-                    "same walk in another form; its strides were left out, so as not to count twice"
+                log.add_warning(
+                    f"{leg.trial}: contacts and impulses of the {leg.side} foot equal those of {duplicate.trial}: the "
+                    "same trial in another form; its strides were excluded, so that they do not count twice"
                 )
-        _compare_events(group, [leg for leg, _ in legs], findings)
-        progress(0.6 + 0.4 * (number + 1) / len(groups))
-    return _build_reference(legs, options, findings)
+        _compare_events(trial, [leg for leg, _ in legs], log)
+        if progress is not None:
+            progress(0.6 + 0.4 * (number + 1) / len(trials), "segmenting strides")
+    return _build_reference(legs, options, log)
 
 
-def _is_same_trial(leg: LegChannels, other: LegChannels) -> bool:
-    """Whether two trials tell of the same contacts of one foot."""
-    there = [(c.foot_strike, c.toe_off) for c in other.contacts if c.has_foot_strike and c.has_toe_off]
-    here = [(c.foot_strike, c.toe_off) for c in leg.contacts if c.has_foot_strike and c.has_toe_off]
-    if leg.side != other.side or not here or len(here) != len(there) or len(leg.impulses) != len(other.impulses):
+def _is_same_trial(leg: Leg, other: Leg) -> bool:
+    """Return whether two legs have the same contacts and impulses."""
+    events, other_events = (
+        [(c.foot_strike, c.toe_off) for c in one.contacts if c.has_foot_strike and c.has_toe_off]
+        for one in (leg, other)
+    )
+    if leg.side != other.side or not events or len(events) != len(other_events):
         return False
-    apart = np.abs(np.subtract(here, there)).max()
-    return bool(apart < EVENT_TOLERANCE and np.allclose(leg.impulses, other.impulses, rtol=IMPULSE_TOLERANCE))
+    if len(leg.impulses) != len(other.impulses):
+        return False
+    max_difference = np.abs(np.subtract(events, other_events)).max()
+    return bool(max_difference < EVENT_TOLERANCE and np.allclose(leg.impulses, other.impulses, rtol=IMPULSE_TOLERANCE))
 
 
 def read_files(
-    files: Sequence[str | Path], options: ImportOptions, log: ImportLog, progress: Callable[[float], None]
+    files: Sequence[str | Path],
+    options: ImportOptions,
+    log: ImportLog,
+    progress: ProgressCallback | None = None,
+    last_fraction: float = 1.0,
 ) -> list[SourceFile]:
-    """All ``files``, which are noted; raises InputError for one that cannot be read or is there twice."""
-    paths, clock, read = [Path(file) for file in files], options.mapping.clock_offsets, list[SourceFile]()
-    called = Counter(path.name for path in paths)
-    folders = [path.absolute().parent.name if called[path.name] > 1 else "" for path in paths]
-    known = [(Path(folder) / path.name).as_posix() for folder, path in zip(folders, paths, strict=True)]
-    unknown = set(clock) - set(known)
+    """Read and log all ``files``; ``progress`` ends at ``last_fraction``.
+
+    Raises InputError for unreadable files and duplicates.
+    """
+    paths, clock_offsets = [Path(file) for file in files], options.mapping.clock_offsets
+    n_same_name = Counter(path.name for path in paths)
+    folders = [path.absolute().parent.name if n_same_name[path.name] > 1 else "" for path in paths]
+    names = [(Path(folder) / path.name).as_posix() for folder, path in zip(folders, paths, strict=True)]
+    unknown = set(clock_offsets) - set(names)
     if unknown:
-        raise InputError(f"[clock] names '{min(unknown)}', which is none of the files; there are {', '.join(known)}")
-    for number, (file, name, folder) in enumerate(zip(files, known, folders, strict=True)):
-        read.append(replace(sources.read(file, clock.get(name, 0.0)), folder=folder))
-        twin = next((source for source in read[:-1] if source.digest == read[-1].digest), None)
-        if twin is not None:
-            raise InputError(f"{file} is the same as {twin.path}; its strides would count twice")
-        log.files.append(read[-1].describe())
-        progress((number + 1) / len(files))
-    return read
+        raise InputError(f"[clock] names '{min(unknown)}', which is not an input file; allowed: {', '.join(names)}")
+    source_files: list[SourceFile] = []
+    for number, (file, name, folder) in enumerate(zip(files, names, folders, strict=True)):
+        source = replace(sources.read(file, clock_offsets.get(name, 0.0)), folder=folder)
+        duplicate = next((other for other in source_files if other.digest == source.digest), None)
+        if duplicate is not None:
+            raise InputError(f"{file} is identical to {duplicate.path}; its strides would count twice")
+        source_files.append(source)
+        log.files.append(source.describe())
+        if progress is not None:
+            progress(last_fraction * (number + 1) / len(files), "reading files")
+    return source_files
 
 
 def _build_reference(
-    legs: Sequence[tuple[LegChannels, list[Stride]]], options: ImportOptions, log: ImportLog
+    legs: Sequence[tuple[Leg, list[Stride]]], options: ImportOptions, log: ImportLog
 ) -> ImportedReference:
-    found: dict[Side, list[Stride]] = {}
+    strides_by_side: dict[Side, list[Stride]] = {}
     for side in SIDES:
-        whole = [stride for leg, of in legs if leg.side == side and not leg.missing_channels for stride in of]
-        kept = strides.select_regular_strides(whole, side, log)
-        if kept:
-            found[side] = kept
-    wanted = options.side or ("left" if len(found.get("left", ())) > len(found.get("right", ())) else "right")
-    if wanted not in found:
-        raise InputError(_explain_missing_strides(wanted, found, options, log))
-    if len(found) == 2 and options.side is None:
-        log.add_derived(f"Side: {wanted}, which has {len(found[wanted])} strides (--side)")
-    by_impulse = _estimate_body_mass(legs, found, options, log)
-    mass = options.mass or by_impulse
+        complete = [
+            stride
+            for leg, leg_strides in legs
+            if leg.side == side and not leg.missing_channels
+            for stride in leg_strides
+        ]
+        regular = select_regular_strides(complete, side, log)
+        if regular:
+            strides_by_side[side] = regular
+    n_left, n_right = len(strides_by_side.get("left", ())), len(strides_by_side.get("right", ()))
+    reference_side = options.side or ("left" if n_left > n_right else "right")
+    if reference_side not in strides_by_side:
+        raise InputError(_explain_missing_strides(reference_side, strides_by_side, options, log))
+    strides = strides_by_side[reference_side]
+    if len(strides_by_side) == 2 and options.side is None:
+        log.add_derived(f"Side: {reference_side}, which has {len(strides)} strides (--side)")
+    impulse_mass = _estimate_body_mass(legs, strides_by_side, options, log)
+    mass = options.mass or impulse_mass
     if mass is None:
-        raise InputError("no whole stance of both feet tells the body's mass: give it as --mass")
-    speeds = [speed for leg, of in legs if leg.side == wanted and (speed := _select_walking_speed(leg, of)) is not None]
-    table = _build_table(found[wanted], mass, log)
-    peak = float(table["ankle_plantarflexor_moment_nm_per_kg"].max())
-    if not PEAK_MOMENT_RANGE[0] <= peak <= PEAK_MOMENT_RANGE[1]:
-        log.add_warning(f"The ankle's peak moment is {peak:.2f} N·m/kg; in walking it is near 1.4")
-    speed = float(np.mean(speeds)) if speeds else None
-    if speed is None:
-        log.add_missing("Walking speed: neither a belt's speed nor the way of pelvis or markers tells it")
+        raise InputError("cannot estimate body mass (no complete stance of both feet); pass --mass")
+    speeds = [
+        speed
+        for leg, leg_strides in legs
+        if leg.side == reference_side and (speed := _select_walking_speed(leg, leg_strides)) is not None
+    ]
+    table = _build_table(strides, mass, log)
+    peak_moment = float(table["ankle_plantarflexor_moment_nm_per_kg"].max())
+    if not PEAK_MOMENT_RANGE[0] <= peak_moment <= PEAK_MOMENT_RANGE[1]:
+        log.add_warning(f"The peak ankle moment is {peak_moment:.2f} N·m/kg; in walking it is near 1.4")
+    walking_speed = float(np.mean(speeds)) if speeds else None
+    if walking_speed is None:
+        log.add_missing("Walking speed: neither a belt speed nor the motion of pelvis or markers shows it")
     if options.stature is None:
-        log.add_missing("Stature: not given (--stature); klute-sim gait takes 1.75 m unless it is told")
-    imported = ImportedReference(log, options, found, wanted, mass, by_impulse, speed, table)
-    reference.parse_reference(imported.to_csv(), "made of these files", imported.stride_time)
+        log.add_missing("Stature: not given (--stature); klute-sim gait uses 1.75 m by default")
+    imported = ImportedReference(
+        log, options, strides_by_side, reference_side, mass, impulse_mass, walking_speed, table
+    )
+    reference.parse_reference(imported.to_csv(), "computed from these files", imported.stride_time)
     return imported
 
 
 def _explain_missing_strides(
     requested_side: Side, strides_by_side: Mapping[Side, Sequence[Stride]], options: ImportOptions, log: ImportLog
 ) -> str:
-    """Why there is no stride of ``wanted``, and whether the other leg would do."""
-    other: Side = "right" if requested_side == "left" else "left"
+    """Return why the leg of ``requested_side`` has no stride, and whether the other leg has strides."""
+    other_side: Side = "right" if requested_side == "left" else "left"
     sides = (requested_side,) if options.side else SIDES
-    reasons = [said for said in log.missing if len(sides) == 2 or f" {other} " not in said]
-    reasons += [said for side in sides for said in log.exclusions.get(side, [])]
-    reasons = reasons or ["no foot was seen from heel strike to heel strike"]
-    told = f" of the {requested_side} leg" if options.side else ""
-    many = len(strides_by_side.get(other, ()))
-    way_out = f"; the {other} leg has {'one' if many == 1 else many}: --side {other}" if many else ""
-    return f"no whole stride{told} can be had from these files: {'; '.join(reasons[:3])}{way_out}"
+    reasons = [sentence for sentence in log.missing if len(sides) == 2 or f" {other_side} " not in sentence]
+    reasons += [sentence for side in sides for sentence in log.exclusions.get(side, [])]
+    reasons = reasons or ["no foot has two consecutive heel strikes"]
+    leg = f" of the {requested_side} leg" if options.side else ""
+    n_other = len(strides_by_side.get(other_side, ()))
+    plural = "" if n_other == 1 else "s"
+    advice = f"; the {other_side} leg has {n_other} stride{plural}: pass --side {other_side}" if n_other else ""
+    return f"these files contain no complete stride{leg}: {'; '.join(reasons[:3])}{advice}"
 
 
-def _select_walking_speed(leg: LegChannels, leg_strides: Sequence[Stride]) -> float | None:
+def _select_walking_speed(leg: Leg, leg_strides: Sequence[Stride]) -> float | None:
+    """Return the mean belt speed during ``leg_strides`` [m/s], else the walking speed of ``leg``."""
     if leg.belt_speed is not None and leg_strides:
         inside = (leg.time >= leg_strides[0].start) & (leg.time <= leg_strides[-1].end)
         return float(np.mean(leg.belt_speed[inside]))
@@ -193,86 +231,87 @@ def _select_walking_speed(leg: LegChannels, leg_strides: Sequence[Stride]) -> fl
 
 
 def _build_table(leg_strides: Sequence[Stride], body_mass: float, log: ImportLog) -> dict[str, Array]:
-    every = {name: np.stack([stride.channels[name] for stride in leg_strides]) for name in LEG_UNITS}
-    per = {name: 1.0 if LEG_UNITS[name] == "deg" else body_mass for name in LEG_UNITS}
+    samples = {name: np.stack([stride.channels[name] for stride in leg_strides]) for name in LEG_UNITS}
+    divisors = {name: 1.0 if LEG_UNITS[name] == "deg" else body_mass for name in LEG_UNITS}
     table = {reference.PHASE_COLUMN: 100.0 * PHASE_GRID}
     for column, name in REFERENCE_COLUMNS.items():
-        table[column] = every[name].mean(axis=0) / per[name]
-    if len(leg_strides) >= MIN_STRIDES_FOR_SD:
+        table[column] = samples[name].mean(axis=0) / divisors[name]
+    n_strides = len(leg_strides)
+    if n_strides >= MIN_STRIDES_FOR_SD:
         for column, name in SD_COLUMNS.items():
-            spread = every[name].std(axis=0, ddof=1) / per[name]
-            spread[0] = spread[-1] = 0.5 * (spread[0] + spread[-1])  # the same heel strikes but for two: one number
-            table[column] = spread
-        log.add_derived(f"Standard deviations: between the {len(leg_strides)} strides")
+            sd = samples[name].std(axis=0, ddof=1) / divisors[name]
+            # Start and end are the same heel strikes except for two, so they get one value.
+            sd[0] = sd[-1] = 0.5 * (sd[0] + sd[-1])
+            table[column] = sd
+        log.add_derived(f"Standard deviations: between the {n_strides} strides")
     else:
         log.add_missing(
-            f"Standard deviations: {len(leg_strides)} {'stride' if len(leg_strides) == 1 else 'strides'} of the leg; "
+            f"Standard deviations: {n_strides} {'stride' if n_strides == 1 else 'strides'} of the leg; "
             f"{MIN_STRIDES_FOR_SD} or more are needed"
         )
     return table
 
 
 def _estimate_body_mass(
-    legs: Sequence[tuple[LegChannels, list[Stride]]],
+    legs: Sequence[tuple[Leg, list[Stride]]],
     strides_by_side: dict[Side, list[Stride]],
     options: ImportOptions,
     log: ImportLog,
 ) -> float | None:
-    """Body mass [kg] by which gravity, over a stride, undoes the impulse of the ground on both feet."""
-    stride_time = float(np.mean([stride.duration for of in strides_by_side.values() for stride in of]))
-    means = {}
+    """Return the body mass [kg] whose weight balances the impulse of both feet over a stride; None without impulses."""
+    stride_time = float(np.mean([stride.duration for strides in strides_by_side.values() for stride in strides]))
+    mean_impulses = {}
     for side in SIDES:
         impulses = [impulse for leg, _ in legs if leg.side == side for impulse in leg.impulses]
         if impulses:
-            means[side] = float(np.median(impulses))
-    if not means:
+            mean_impulses[side] = float(np.median(impulses))
+    if not mean_impulses:
         return None
-    one_foot = len(means) == 1
-    mass = (2.0 if one_foot else 1.0) * sum(means.values()) / (stride_time * GRAVITY)
-    how = "twice that of the one foot measured" if one_foot else "both feet"
+    is_single_foot = len(mean_impulses) == 1
+    mass = (2.0 if is_single_foot else 1.0) * sum(mean_impulses.values()) / (stride_time * GRAVITY)
+    feet = "twice that of the one measured foot" if is_single_foot else "both feet"
     if options.mass is None:
         log.add_derived(
-            f"Body mass: {mass:.1f} kg, from the impulse of the ground reaction ({how}); --mass was not given"
+            f"Body mass: {mass:.1f} kg, from the impulse of the ground reaction ({feet}); --mass was not given"
         )
     elif abs(mass - options.mass) > MAX_MASS_DEVIATION * options.mass:
         log.add_warning(
-            f"The mass given, {options.mass:g} kg, contradicts the impulse of the ground reaction, which carries "
-            f"{mass:.1f} kg ({how}; {100 * (mass / options.mass - 1):+.1f} %): the mass or the plates are wrong; "
-            "per kg, the mass given was used"
+            f"The given mass, {options.mass:g} kg, contradicts the impulse of the ground reaction, which supports "
+            f"{mass:.1f} kg ({feet}; {100 * (mass / options.mass - 1):+.1f} %): check the mass and the plates; the "
+            "given mass was used for values per kg"
         )
     else:
-        log.add_derived(f"Check of the mass: the impulse of the ground reaction carries {mass:.1f} kg ({how})")
+        log.add_derived(f"Mass check: the impulse of the ground reaction supports {mass:.1f} kg ({feet})")
     return mass
 
 
-def _compare_events(trial_files: Sequence[SourceFile], legs: Sequence[LegChannels], log: ImportLog) -> None:
-    """Events listed in a file beside those found."""
-    where = trial_files[0].name
+def _compare_events(trial_files: Sequence[SourceFile], legs: Sequence[Leg], log: ImportLog) -> None:
+    """Compare the events that a file of the trial lists with the detected ones, and log the difference."""
+    trial_name = trial_files[0].name
     for source in trial_files:
         for label in source.labels:
-            if label.strip().lower() not in EVENT_LABELS or source.roles() != {"events"}:
+            event = label.strip().lower()
+            if event not in EVENT_LABELS or source.roles() != {"events"}:
                 continue
-            side = "left" if label.strip().lower()[0] == "l" else "right"
-            listed = source.get_column(label)
-            listed = listed[np.isfinite(listed)]
-            seen = [
-                (c.foot_strike if label.strip().lower().endswith("hs") else c.toe_off)
+            side = "left" if event[0] == "l" else "right"
+            listed_times = source.get_column(label)
+            listed_times = listed_times[np.isfinite(listed_times)]
+            detected_times = [
+                (c.foot_strike if event.endswith("hs") else c.toe_off)
                 for leg in legs
-                if leg.side == side and leg.trial == where
+                if leg.side == side and leg.trial == trial_name
                 for c in leg.contacts
             ]
-            if not len(listed) or not seen:
+            if not len(listed_times) or not detected_times:
                 continue
-            apart = np.subtract.outer(np.array(seen), listed)
-            off = apart[np.abs(apart).argmin(axis=0), np.arange(len(listed))]
-            typical = float(np.median(off))
-            what = f"{source.name}: '{label}'"
-            sentence = f"{what} lists {len(listed)} events, {1e3 * abs(typical):.0f} ms {_format_order(typical)} those found here"
-            if abs(typical) > MAX_EVENT_DEVIATION:
-                log.add_warning(f"{sentence}; those found here were used")
+            differences = np.subtract.outer(np.array(detected_times), listed_times)
+            nearest = differences[np.abs(differences).argmin(axis=0), np.arange(len(listed_times))]
+            median = float(np.median(nearest))
+            sentence = (
+                f"{source.name}: '{label}' lists {len(listed_times)} events, {1e3 * abs(median):.0f} ms "
+                f"{'before' if median > 0 else 'after'} the detected ones"
+            )
+            if abs(median) > MAX_EVENT_DEVIATION:
+                log.add_warning(f"{sentence}; the detected events were used")
             else:
-                log.add_derived(f"Check of the events: {sentence}")
-
-
-def _format_order(offset: float) -> str:
-    return "before" if offset > 0 else "after"
+                log.add_derived(f"Event check: {sentence}")

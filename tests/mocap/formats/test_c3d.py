@@ -14,7 +14,7 @@ from klute_sim.errors import InputError, MissingExtraError
 from klute_sim.mocap.formats import c3d
 
 
-def made(path: Path) -> Path:
+def write_c3d(path: Path) -> Path:
     """Two markers, and a plate of 600 mm by 400 mm on which 800 N press 97.5 mm off its middle."""
     ezc3d = pytest.importorskip("ezc3d", reason="the extra 'c3d' is not installed")
     file = ezc3d.c3d()
@@ -39,12 +39,12 @@ def made(path: Path) -> Path:
     return path
 
 
-def test_a_capture_by_hand(tmp_path: Path) -> None:
-    found = c3d.read(made(tmp_path / "x.c3d"))
-    assert found.markers.positions["B"][0] == pytest.approx([0.1, 0.3, 0.5])
-    assert np.isnan(found.markers.positions["A"][7]).all()
-    assert found.markers.time[-1] == pytest.approx(0.49)
-    (plate,) = found.plates
+def test_capture_matches_known_values(tmp_path: Path) -> None:
+    capture = c3d.read(write_c3d(tmp_path / "x.c3d"))
+    assert capture.markers.positions["B"][0] == pytest.approx([0.1, 0.3, 0.5])
+    assert np.isnan(capture.markers.positions["A"][7]).all()
+    assert capture.markers.time[-1] == pytest.approx(0.49)
+    (plate,) = capture.plates
     assert len(plate.time) == 500
     assert plate.time[-1] == pytest.approx(0.499)
     assert plate.force[0] == pytest.approx([50.0, 0.0, 800.0])
@@ -52,36 +52,36 @@ def test_a_capture_by_hand(tmp_path: Path) -> None:
     assert plate.cop[0] == pytest.approx([0.300 - 0.100 - 0.0025, 0.200, 0.0], abs=1e-6)
 
 
-def test_files_that_are_none(tmp_path: Path) -> None:
+def test_invalid_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.c3d"
-    for data, says in (
+    for data, message in (
         (b"\x02\x51" + bytes(2000), "second byte"),
         (b"PK" + b"x" * 2000, "second byte"),
-        (b"\x02\x50" + bytes(40), "is no C3D file"),
-        (b"\x09\x50" + bytes(2000), "cut short"),
+        (b"\x02\x50" + bytes(40), "is not a C3D file"),
+        (b"\x09\x50" + bytes(2000), "truncated"),
         (b"\x02\x50" + bytes(510) + b"\x01\x50\x01\x20" + bytes(2000), "processor type -51"),
     ):
         path.write_bytes(data)
-        with pytest.raises(InputError, match=says):
+        with pytest.raises(InputError, match=message):
             c3d.read(path)
 
 
-def test_a_file_that_is_cut_short_is_refused(tmp_path: Path) -> None:
-    whole = made(tmp_path / "x.c3d").read_bytes()
-    (tmp_path / "cut.c3d").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match="cut short: 50 frames of 2 markers"):
+def test_truncated_file_is_refused(tmp_path: Path) -> None:
+    data = write_c3d(tmp_path / "x.c3d").read_bytes()
+    (tmp_path / "cut.c3d").write_bytes(data[: len(data) // 2])
+    with pytest.raises(InputError, match="truncated: 50 frames of 2 markers"):
         c3d.read(tmp_path / "cut.c3d")
 
 
-def test_frames_that_would_fill_the_memory_are_refused(tmp_path: Path) -> None:
-    data = bytearray(made(tmp_path / "x.c3d").read_bytes())
+def test_excessive_number_of_samples_is_refused(tmp_path: Path) -> None:
+    data = bytearray(write_c3d(tmp_path / "x.c3d").read_bytes())
     struct.pack_into("<4H", data, 2, 60_000, 60_000, 1, 65_535)
     (tmp_path / "huge.c3d").write_bytes(data)
     with pytest.raises(InputError, match=r"more than \d+ samples"):
         c3d.read(tmp_path / "huge.c3d")
 
 
-def test_without_the_library_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_library_error_names_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     header = bytearray(2048)
     header[:2] = b"\x02\x50"
     struct.pack_into("<4H", header, 2, 1, 0, 1, 2)
@@ -94,28 +94,28 @@ def test_without_the_library_the_extra_is_named(tmp_path: Path, monkeypatch: pyt
         c3d.read(tmp_path / "x.c3d")
 
 
-def test_a_file_that_crashes_the_library_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = made(tmp_path / "x.c3d")
-    for code, error, says in (
-        (-11, b"", "it is damaged, and the library that reads it gave up"),
+def test_library_crash_raises_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_c3d(tmp_path / "x.c3d")
+    for code, error, message in (
+        (-11, b"", "the file is damaged, and the C3D library crashed"),
         (1, b"noise\nno \x1b[2Jparameters\n", r"no \[2Jparameters"),
     ):
         done = subprocess.CompletedProcess("", code, b"", error)
         with monkeypatch.context() as patch:
             patch.setattr(subprocess, "run", lambda *_, done=done, **__: done)
-            with pytest.raises(InputError, match=says):
+            with pytest.raises(InputError, match=message):
                 c3d.read(path)
 
 
-def test_nothing_is_imported_from_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = made(tmp_path / "x.c3d")
+def test_modules_of_working_folder_are_not_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_c3d(tmp_path / "x.c3d")
     (tmp_path / "ezc3d.py").write_text("raise SystemExit('from the working folder')")
     monkeypatch.chdir(tmp_path)
     assert len(c3d.read(path).plates) == 1
 
 
 @pytest.mark.skipif(not hasattr(signal, "alarm"), reason="this system cannot end a process like that")
-def test_a_library_that_nobody_waits_for_any_more_ends(tmp_path: Path) -> None:
+def test_reader_process_ends_by_itself(tmp_path: Path) -> None:
     (tmp_path / "ezc3d.py").write_text("while True:\n    pass\n")
     path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
     command = [sys.executable, "-P", "-m", "klute_sim.mocap.formats.c3d_process", "walk.c3d", "1"]
@@ -123,10 +123,8 @@ def test_a_library_that_nobody_waits_for_any_more_ends(tmp_path: Path) -> None:
     assert done.returncode == -signal.SIGALRM
 
 
-def test_a_file_that_keeps_the_library_busy_for_ever_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = made(tmp_path / "a.c3d")
+def test_reader_timeout_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write_c3d(tmp_path / "a.c3d")
     monkeypatch.setattr(c3d, "STARTUP_TIMEOUT", 0.0)
-    with pytest.raises(InputError, match=r"a\.c3d cannot be read as C3D within 0 s: it is damaged$"):
+    with pytest.raises(InputError, match=r"a\.c3d cannot be read as C3D within 0 s: the file is damaged$"):
         c3d.read(file)

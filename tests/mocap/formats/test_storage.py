@@ -35,16 +35,16 @@ def independent(path: Path) -> tuple[dict[str, str], list[str], np.ndarray]:
     return header, lines[end + 1].split("\t"), np.loadtxt(path, skiprows=end + 2, delimiter="\t", ndmin=2)
 
 
-def test_a_file_by_hand() -> None:
-    found = storage.parse(FileContent("x.mot", TEXT.encode()))
-    assert (found.name, found.in_degrees, list(found.columns)) == (
+def test_file_matches_known_values() -> None:
+    table = storage.parse(FileContent("x.mot", TEXT.encode()))
+    assert (table.name, table.in_degrees, list(table.columns)) == (
         "Coordinates",
         True,
         ["time", "knee_angle_r", "ankle_angle_r"],
     )
-    assert found.columns["knee_angle_r"].tolist() == [10.5, 11.0, 11.5]
-    assert found.columns["ankle_angle_r"][[0, 2]].tolist() == [-3.25, -1e-3]
-    assert np.isnan(found.columns["ankle_angle_r"][1])
+    assert table.columns["knee_angle_r"].tolist() == [10.5, 11.0, 11.5]
+    assert table.columns["ankle_angle_r"][[0, 2]].tolist() == [-3.25, -1e-3]
+    assert np.isnan(table.columns["ankle_angle_r"][1])
 
 
 numbers = st.floats(allow_nan=False, allow_infinity=False, width=64)
@@ -53,59 +53,59 @@ labels = st.text("abcdefghijklmnopqrstuvwxyz_0123456789/", min_size=1, max_size=
 
 @settings(max_examples=40, deadline=None)
 @given(data=st.data(), degrees=st.booleans(), names=st.lists(labels, unique=True, max_size=4))
-def test_round_trips_are_exact(
+def test_round_trip_is_exact(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, degrees: bool, names: list[str]
 ) -> None:
     path = tmp_path_factory.mktemp("sto") / "made.sto"
     columns = {"time": np.arange(3) / 7.0}
     columns |= {name: np.array(data.draw(st.lists(numbers, min_size=3, max_size=3))) for name in names}
     storage.write(Storage(columns, degrees, "made", {"DataRate": "7"}), path)
-    found = storage.read(path)
-    assert found.in_degrees == degrees
-    assert found.header["DataRate"] == "7"
-    assert list(found.columns) == list(columns)
+    stored = storage.read(path)
+    assert stored.in_degrees == degrees
+    assert stored.header["DataRate"] == "7"
+    assert list(stored.columns) == list(columns)
     header, order, table = independent(path)
     assert header["inDegrees"] == ("yes" if degrees else "no")
     assert (int(header["nRows"]), int(header["nColumns"])) == (3, len(columns))
     assert order == list(columns)
     for number, (name, samples) in enumerate(columns.items()):
-        assert np.array_equal(found.columns[name], samples)
+        assert np.array_equal(stored.columns[name], samples)
         assert np.array_equal(table[:, number], samples)
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
-        ("endheader", "end", "there is no line 'endheader'"),
-        ("nRows=3", "nRows=4", "the header says nRows=4, but there are 3"),
-        ("nColumns=3", "nColumns=9", "the header says nColumns=9, but there are 3"),
+        ("endheader", "end", "the line 'endheader' is missing"),
+        ("nRows=3", "nRows=4", "the header states nRows=4, but there are 3"),
+        ("nColumns=3", "nColumns=9", "the header states nColumns=9, but there are 3"),
         ("11.0\t", "11,0\t", "line 11: '11,0' is not a finite number"),
         ("11.0\t", "inf\t", "line 11: 'inf' is not a finite number"),
         ("  11.5\t-1e-3", "  11.5", "line 12 has 2 numbers, but there are 3 columns"),
-        ("   0.02", "   0.01", "'time' must rise strictly"),
-        ("time\t", "t\t", "there is no column 'time'"),
+        ("   0.02", "   0.01", "'time' must increase strictly"),
+        ("time\t", "t\t", "column 'time' is missing"),
         ("ankle_angle_r", "knee_angle_r", "column 'knee_angle_r' occurs twice"),
         ("Coordinates", "Coordin\0tes", "is not a text file"),
         (TEXT[TEXT.index("time") :], "", "the line with the column names is missing"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(old: str, new: str, says: str) -> None:
+def test_error_names_location(old: str, new: str, message: str) -> None:
     assert old in TEXT
     with pytest.raises(InputError) as caught:
         storage.parse(FileContent("x.mot", TEXT.replace(old, new, 1).encode()))
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert "x.mot" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_names_that_would_break_the_format_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no blanks"):
+def test_invalid_names_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="blanks are not allowed"):
         storage.write(Storage({"time": np.zeros(2), "a b": np.zeros(2)}, False), tmp_path / "x.sto")
     with pytest.raises(InputError, match="shape"):
         storage.write(Storage({"time": np.zeros(2), "a": np.zeros(3)}, False), tmp_path / "x.sto")
 
 
-def test_files_that_are_too_large_empty_or_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_empty_and_large_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="No such file"):
         storage.read(tmp_path / "none.mot")
     (tmp_path / "empty.mot").write_text("\n\n")

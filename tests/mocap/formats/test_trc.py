@@ -24,13 +24,13 @@ TEXT = (
 )
 
 
-def test_a_file_by_hand() -> None:
-    found = trc.parse(FileContent("x.trc", TEXT.encode()))
-    assert found.time.tolist() == [0.0, 0.017]
-    assert found.positions["R.Heel"][0] == pytest.approx([0.1, -0.0505, 0.0])
-    assert found.positions["R Toe"][0] == pytest.approx([0.001, 0.002, 0.003])
-    assert np.isnan(found.positions["R Toe"][1]).all()
-    assert np.isnan(found.positions["R.Heel"][1]).tolist() == [False, True, True]
+def test_file_matches_known_values() -> None:
+    trajectories = trc.parse(FileContent("x.trc", TEXT.encode()))
+    assert trajectories.time.tolist() == [0.0, 0.017]
+    assert trajectories.positions["R.Heel"][0] == pytest.approx([0.1, -0.0505, 0.0])
+    assert trajectories.positions["R Toe"][0] == pytest.approx([0.001, 0.002, 0.003])
+    assert np.isnan(trajectories.positions["R Toe"][1]).all()
+    assert np.isnan(trajectories.positions["R.Heel"][1]).tolist() == [False, True, True]
 
 
 places = st.floats(-1e3, 1e3, allow_nan=False)
@@ -39,19 +39,17 @@ names = st.text("abcXYZ019. _", min_size=1, max_size=9).map(str.strip).filter(bo
 
 @settings(max_examples=40, deadline=None)
 @given(data=st.data(), markers=st.lists(names, unique=True, min_size=1, max_size=4))
-def test_round_trips_are_exact(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, markers: list[str]
-) -> None:
+def test_round_trip_is_exact(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, markers: list[str]) -> None:
     path = tmp_path_factory.mktemp("trc") / "made.trc"
     draw = st.lists(places | st.just(np.nan), min_size=9, max_size=9)
     positions = {name: np.array(data.draw(draw)).reshape(3, 3) for name in markers}
     time = np.array([0.0, 0.01, 0.02])
     trc.write(Markers(time, positions), path)
-    found = trc.read(path)
-    assert np.array_equal(found.time, time)
-    assert list(found.positions) == markers
+    trajectories = trc.read(path)
+    assert np.array_equal(trajectories.time, time)
+    assert list(trajectories.positions) == markers
     for name, samples in positions.items():
-        assert np.array_equal(found.positions[name], samples, equal_nan=True)
+        assert np.array_equal(trajectories.positions[name], samples, equal_nan=True)
     # by NumPy's own reader: frame, time, then three cells for each marker in metres
     table = np.genfromtxt(path, delimiter="\t", skip_header=5, ndmin=2)
     assert np.array_equal(table[:, 0], [1, 2, 3])
@@ -60,26 +58,26 @@ def test_round_trips_are_exact(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
-        ("PathFileType", "Path", "must begin with 'PathFileType'"),
+        ("PathFileType", "Path", "must start with 'PathFileType'"),
         ("\tmm\t", "\tinch\t", "Units is 'inch'; allowed: mm, cm, m"),
         ("60\t60\t2\t2", "60\t60\t3\t2", "NumFrames is 3, but there are 2 rows"),
         ("60\t60\t2\t2", "60\t60\t2\t7", "NumMarkers is 7, but 2 markers are named"),
         ("R Toe", "R.Heel", "marker 'R.Heel' occurs twice"),
         ("-50.5", "left", "line 7: 'left' is not a finite number"),
         ("\t1\t2\t3\n", "\t1\t2\t3\t4\n", "line 7 has 9 cells"),
-        ("0.017", "0.0", "must rise strictly"),
+        ("0.017", "0.0", "must increase strictly"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(old: str, new: str, says: str) -> None:
+def test_error_names_location(old: str, new: str, message: str) -> None:
     assert old in TEXT
     with pytest.raises(InputError) as caught:
         trc.parse(FileContent("x.trc", TEXT.replace(old, new, 1).encode()))
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert "x.trc" in str(caught.value)
 
 
-def test_names_that_would_break_the_format_are_refused(tmp_path: Path) -> None:
+def test_invalid_names_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="without tabs"):
         trc.write(Markers(np.arange(2.0), {"a\tb": np.zeros((2, 3))}), tmp_path / "x.trc")

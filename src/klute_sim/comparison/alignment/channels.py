@@ -1,19 +1,20 @@
-"""Which channels are compared, and how those are read that go on from stride to stride."""
+"""Names of compared channels: axes, references, defaults, and channels that accumulate from stride to stride."""
 
 from collections.abc import Collection, Iterable, Sequence
 
 from klute_sim.comparison.alignment.resample import PHASE_CHANNEL, STRIDE_CHANNEL, TIME_CHANNEL
 
 REFERENCE_PREFIX, SD_SUFFIX = "reference_", "_sd"
-"""Around the name of a channel: the human reference's, and its standard deviation."""
+"""Prefix of the human reference of a channel, and suffix of its standard deviation."""
 AXIS_CHANNELS = frozenset({TIME_CHANNEL, PHASE_CHANNEL, STRIDE_CHANNEL, "start"})
-"""What is compared along, not compared; ``start`` is where a stride of ``klute-sim import`` began in its own file."""
+"""Channels that define the axis and are not compared; ``start`` is the start time of a stride in its original file."""
 MAIN_CHANNELS = (
     "ankle_angle", "ankle_moment", "ankle_power", "grf_vertical", "grf_forward", "cop_x",
     "length", "force", "load_cell", "pressure", "muscle_length", "body_load",
 )  # fmt: skip
-"""Compared where nothing is named and there are more than :data:`MOST`."""
+"""Channels compared by default if there are more than :data:`MAX_DEFAULT_CHANNELS`."""
 MAX_DEFAULT_CHANNELS = 12
+"""Largest number of channels that are all compared by default."""
 STRIDE_ORIGINS = {
     "carriage_x": "carriage_x",
     "ankle_x": "ankle_x",
@@ -21,33 +22,33 @@ STRIDE_ORIGINS = {
     "air_drawn": "air_drawn",
     "air_leaked": "air_leaked",
 }
-"""Channel -> the channel whose value at heel strike it is counted from over phase.
+"""Accumulating channel -> channel whose value at heel strike is its origin over phase.
 
-These grow from stride to stride, so that their mean over strides would mean nothing.
+Without an origin per stride, their mean over strides would be meaningless.
 """
 ALL_CHANNELS = "all"
-"""In place of names: every one."""
+"""Name that requests all channels."""
 
 
 def select_measured(names: Iterable[str]) -> list[str]:
-    """Those of ``names`` that are channels of the recording's own: no axis, no reference."""
+    """Return the channels in ``names`` that are neither axes nor references."""
     return [name for name in names if name not in AXIS_CHANNELS and not name.startswith(REFERENCE_PREFIX)]
 
 
 def parse_reference_name(name: str) -> str:
-    """The channel that the column ``name`` of a reference is held against; '' of any other column."""
+    """Return the channel that the reference column ``name`` belongs to; '' for other columns."""
     return name.removeprefix(REFERENCE_PREFIX).removesuffix(SD_SUFFIX) if name.startswith(REFERENCE_PREFIX) else ""
 
 
 def find_reference_channels(names: Collection[str]) -> list[str]:
-    """The channels that there is a human reference for among ``names``."""
-    plain = [n.removeprefix(REFERENCE_PREFIX) for n in names if n.startswith(REFERENCE_PREFIX)]
-    deviations = {n + SD_SUFFIX for n in plain}
-    return [n for n in plain if n not in deviations]
+    """Return the channels with a human reference among ``names``."""
+    references = [n.removeprefix(REFERENCE_PREFIX) for n in names if n.startswith(REFERENCE_PREFIX)]
+    deviations = {n + SD_SUFFIX for n in references}
+    return [n for n in references if n not in deviations]
 
 
 def select_defaults(common: Sequence[str]) -> list[str]:
-    """What to compare of the ``common`` channels where nothing was named: all, or the main ones if they are many."""
+    """Return the ``common`` channels that are compared by default: all, or the main ones if there are many."""
     if len(common) <= MAX_DEFAULT_CHANNELS:
         return list(common)
     return [name for name in MAIN_CHANNELS if name in common] or list(common)

@@ -1,7 +1,7 @@
-"""Recordings on one axis: every stride on 0 to 100 % of the gait cycle, or whole recordings on their common time.
+"""Resampling of strides to 0 to 100 % of the gait cycle, and of whole recordings to common times.
 
-Values between samples are on a straight line between them. A sample that is missing (NaN) takes the points on both
-sides of it with it, and a hole in the clock is no line: nothing is made up.
+Interpolation between samples is linear. A missing sample (NaN) makes the interpolated points on both sides missing, and
+long gaps in the sample times are not interpolated.
 """
 
 import itertools
@@ -11,142 +11,137 @@ from dataclasses import dataclass
 import numpy as np
 
 from klute_sim.errors import InputError
-from klute_sim.recording.recording import Array, Recording
+from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 
 PHASE_CHANNEL, STRIDE_CHANNEL, TIME_CHANNEL = "gait_phase", "stride", "time"
-
+"""Names of the axis channels."""
 PHASE_GRID: Array = np.linspace(0.0, 100.0, 101)
-"""Phases [%] that strides are compared at, as is usual in gait analysis."""
+"""Gait phases [%] of resampled strides, as usual in gait analysis."""
 MAX_MISSING_PHASE = 2.0
-"""Phase [%] that the samples of a whole stride may lack at either end."""
+"""Largest gait phase [%] that a complete stride may lack at either end."""
 MAX_EXTRAPOLATION = 1.5
-"""Usual intervals that the line goes on beyond the outermost sample of a stride: heel strike is between samples."""
+"""Longest extrapolation beyond the outermost sample of a stride, in median sampling intervals; heel strikes fall
+between samples."""
 MAX_GAP = 10.0
-"""Usual intervals without a sample that no line is drawn across."""
+"""Longest gap that is interpolated, in median sampling intervals."""
 MAX_TIME_POINTS = 20_000
-"""Of a common time axis."""
+"""Largest number of points on a common time axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class StrideSamples:
-    """Samples of one stride."""
+    """Samples of one stride in a recording."""
 
     number: int
-    """Counted from 1 in its recording."""
+    """Number of the stride in its recording, starting at 1."""
     begin: int
-    """Index of its first sample."""
+    """Index of the first sample."""
     end: int
-    """Index behind its last sample."""
+    """Index after the last sample."""
     first_phase: float
-    """Phase of the first sample [%]."""
+    """Gait phase of the first sample [%]."""
     last_phase: float
-    """Phase of the last sample [%]."""
+    """Gait phase of the last sample [%]."""
 
     @property
     def is_complete(self) -> bool:
-        """Whether its samples reach from heel strike to heel strike, but for :data:`EDGE`."""
+        """Whether the samples reach from heel strike to heel strike, except for :data:`MAX_MISSING_PHASE`."""
         return self.first_phase <= MAX_MISSING_PHASE and self.last_phase >= 100.0 - MAX_MISSING_PHASE
 
 
 def find_strides(recording: Recording, recording_name: str) -> list[StrideSamples]:
-    """The strides of ``recording``, whole or not: by ``stride`` if it has that, else wherever the phase falls.
+    """Return all strides of ``recording``, separated by the channel ``stride``, or where the gait phase decreases.
 
-    Raises InputError, which names the recording as ``where``, without a phase [%] that rises in every stride.
+    Raises InputError without a gait phase [%] that increases in every stride.
     """
     if PHASE_CHANNEL not in recording:
         raise InputError(
-            f"{recording_name} has no column 'gait_phase [%]', and no 'grf_vertical' that shows a stride; over phase, one of "
-            "these is needed"
+            f"{recording_name} has neither a column 'gait_phase [%]' nor a 'grf_vertical' that shows a stride; a "
+            "comparison over phase needs one of them"
         )
     if recording.units[PHASE_CHANNEL] != "%":
         raise InputError(f"{recording_name}: gait_phase is in '{recording.units[PHASE_CHANNEL]}'; allowed: %")
     phase = recording[PHASE_CHANNEL]
     if not (np.isfinite(phase).all() and phase.min() >= 0.0 and phase.max() <= 100.0):
-        raise InputError(
-            f"{recording_name}: gait_phase has a missing sample or one beyond 0 to 100 %; every sample needs one"
-        )
-    new = np.diff(recording[STRIDE_CHANNEL]) != 0.0 if STRIDE_CHANNEL in recording else np.diff(phase) < 0.0
-    edges = [0, *(np.flatnonzero(new) + 1).tolist(), len(phase)]
-    found = []
+        raise InputError(f"{recording_name}: gait_phase has a missing sample or one outside 0 to 100 %")
+    starts = np.diff(recording[STRIDE_CHANNEL]) != 0.0 if STRIDE_CHANNEL in recording else np.diff(phase) < 0.0
+    edges = [0, *(np.flatnonzero(starts) + 1).tolist(), len(phase)]
+    strides = []
     for number, (begin, end) in enumerate(itertools.pairwise(edges), start=1):
-        falls = np.flatnonzero(np.diff(phase[begin:end]) <= 0.0)
-        if len(falls):
-            row = begin + int(falls[0]) + 1
+        decreases = np.flatnonzero(np.diff(phase[begin:end]) <= 0.0)
+        if len(decreases):
+            row = begin + int(decreases[0]) + 1
             raise InputError(
-                f"{recording_name}: gait_phase does not rise at {recording[TIME_CHANNEL][row]:.6g} s, in stride {number}; it must rise "
-                "from sample to sample of a stride"
+                f"{recording_name}: gait_phase does not increase at {recording[TIME_CHANNEL][row]:.6g} s, in stride "
+                f"{number}; it must increase from sample to sample of a stride"
             )
-        found.append(StrideSamples(number, begin, end, float(phase[begin]), float(phase[end - 1])))
-    return found
+        strides.append(StrideSamples(number, begin, end, float(phase[begin]), float(phase[end - 1])))
+    return strides
 
 
 def resample_phase(recording: Recording, stride: StrideSamples, channel: str) -> Array:
-    """``channel`` of one ``stride`` at :data:`PHASE_GRID`; NaN where there is nothing to tell it from.
+    """Return ``channel`` of one ``stride`` at :data:`PHASE_GRID`; NaN where it cannot be interpolated.
 
-    Heel strikes mostly fall between two samples: the neighbouring strides' nearest samples are taken in, where they
-    follow without a pause; otherwise the outermost line goes on, for less than :data:`OUTSIDE` intervals.
+    Heel strikes mostly fall between two samples. Therefore the nearest samples of adjacent strides are included if they
+    follow without a gap; otherwise the outermost line is extrapolated by less than :data:`MAX_EXTRAPOLATION` intervals.
     """
     phase, time = recording[PHASE_CHANNEL], recording[TIME_CHANNEL]
-    usual = float(np.median(np.diff(time)))
+    max_interval = MAX_EXTRAPOLATION * float(np.median(np.diff(time)))
     begin, end = stride.begin, stride.end
     x, y = [phase[begin:end]], [recording[channel][begin:end]]
-    # A stride may end with a sample at 100 % that the next begins with at 0 %: that one is the same instant.
-    if (
-        begin > 0
-        and time[begin] - time[begin - 1] < MAX_EXTRAPOLATION * usual
-        and phase[begin - 1] - 100.0 < stride.first_phase
-    ):
+    # A stride may end with a sample at 100 % at the same instant at which the next stride begins with 0 %.
+    if begin > 0 and time[begin] - time[begin - 1] < max_interval and phase[begin - 1] - 100.0 < stride.first_phase:
         x, y = [phase[begin - 1 : begin] - 100.0, *x], [recording[channel][begin - 1 : begin], *y]
-    if (
-        end < len(phase)
-        and time[end] - time[end - 1] < MAX_EXTRAPOLATION * usual
-        and phase[end] + 100.0 > stride.last_phase
-    ):
+    if end < len(phase) and time[end] - time[end - 1] < max_interval and phase[end] + 100.0 > stride.last_phase:
         x, y = [*x, phase[end : end + 1] + 100.0], [*y, recording[channel][end : end + 1]]
     return _interpolate(PHASE_GRID, np.concatenate(x), np.concatenate(y), max_extrapolation=MAX_EXTRAPOLATION)
 
 
 def make_common_time(recordings: Sequence[tuple[str, Recording]]) -> Array:
-    """Evenly spaced times [s] that all ``recordings`` (name, recording) span, at the usual interval of the coarsest.
+    """Return uniform times [s] in the overlap of all ``recordings`` (name, recording), at the coarsest median interval.
 
-    Coarser still where that would be more than :data:`MOST_POINTS`. Raises InputError if they have no time in common.
+    The interval is larger if there would be more than :data:`MAX_TIME_POINTS` points. Raises InputError without an
+    overlap.
     """
-    first, last = (
-        max(recordings, key=lambda r: r[1][TIME_CHANNEL][0]),
-        min(recordings, key=lambda r: r[1][TIME_CHANNEL][-1]),
-    )
-    begin, end = float(first[1][TIME_CHANNEL][0]), float(last[1][TIME_CHANNEL][-1])
+    last_start = max(recordings, key=lambda r: r[1][TIME_CHANNEL][0])
+    first_end = min(recordings, key=lambda r: r[1][TIME_CHANNEL][-1])
+    begin, end = float(last_start[1][TIME_CHANNEL][0]), float(first_end[1][TIME_CHANNEL][-1])
     if not end > begin:
         raise InputError(
-            f"{last[0]} ends at {end:.6g} s and {first[0]} begins at {begin:.6g} s; allowed are recordings that "
-            "overlap in time"
+            f"{first_end[0]} ends at {end:.6g} s and {last_start[0]} begins at {begin:.6g} s; allowed are recordings "
+            "that overlap in time"
         )
-    step = max(float(np.median(np.diff(recording[TIME_CHANNEL]))) for _, recording in recordings)
-    step = max(step, (end - begin) / (MAX_TIME_POINTS - 1))
-    count = int((end - begin) / step * (1.0 + 1e-12)) + 1
-    if count < 2:
+    time_step = max(float(np.median(np.diff(recording[TIME_CHANNEL]))) for _, recording in recordings)
+    time_step = max(time_step, (end - begin) / (MAX_TIME_POINTS - 1))
+    n_points = int((end - begin) / time_step * (1.0 + 1e-12)) + 1
+    if n_points < 2:
         raise InputError(
-            f"{first[0]} and {last[0]} overlap from {begin:.6g} to {end:.6g} s, less than one sampling interval of "
-            f"{step:.6g} s; allowed are recordings that overlap for longer"
+            f"{last_start[0]} and {first_end[0]} overlap from {begin:.6g} to {end:.6g} s, less than one sampling "
+            f"interval of {time_step:.6g} s; allowed are recordings with a longer overlap"
         )
-    return np.asarray(np.minimum(begin + step * np.arange(count), end))
+    return np.asarray(np.minimum(begin + time_step * np.arange(n_points), end))
 
 
 def resample_time(recording: Recording, channel: str, time: Array) -> Array:
-    """``channel`` at the times ``axis`` [s]; NaN outside of the recording."""
+    """Return ``channel`` at ``time`` [s]; NaN outside the recording."""
     return _interpolate(time, recording[TIME_CHANNEL], recording[channel], max_extrapolation=0.0)
 
 
 def _interpolate(grid: Array, x: Array, y: Array, *, max_extrapolation: float) -> Array:
-    """Straight lines between samples ``y`` at rising ``x``; the outermost go on for less than ``outside`` intervals."""
+    """Interpolate ``y`` at increasing ``x`` linearly at ``grid``.
+
+    The outermost lines are extrapolated by less than ``max_extrapolation`` median intervals of ``x``.
+    """
     if len(x) < 2:
         return np.full(grid.shape, np.nan)
-    found = np.interp(grid, x, y, left=np.nan, right=np.nan)
-    usual = float(np.median(np.diff(x)))
+    result = np.interp(grid, x, y, left=np.nan, right=np.nan)
+    interval = float(np.median(np.diff(x)))
     after = np.clip(np.searchsorted(x, grid, side="left"), 1, len(x) - 1)
-    hole = (x[after] - x[after - 1] > MAX_GAP * usual) & (grid != x[after]) & (grid != x[after - 1])
-    found[hole] = np.nan
-    for beyond, near, far in ((grid < x[0], 0, 1), (grid > x[-1], -1, -2)):
-        reached = beyond & (np.abs(grid - x[near]) < max_extrapolation * usual)
-        found[reached] = y[near] + (y[near] - y[far]) * ((grid[reached] - x[near]) / (x[near] - x[far]))
-    return found
+    in_gap = (x[after] - x[after - 1] > MAX_GAP * interval) & (grid != x[after]) & (grid != x[after - 1])
+    result[in_gap] = np.nan
+    for outside, near, far in ((grid < x[0], 0, 1), (grid > x[-1], -1, -2)):
+        extrapolated = outside & (np.abs(grid - x[near]) < max_extrapolation * interval)
+        slope_fraction = (grid[extrapolated] - x[near]) / (x[near] - x[far])
+        result[extrapolated] = y[near] + (y[near] - y[far]) * slope_fraction
+    return result

@@ -1,1 +1,5 @@
-"""Files of motion laboratories: readers and writers that know the format and nothing of what is in it."""
+"""Readers and writers of motion-capture file formats; they parse the format and do not interpret channel names.
+
+``content`` reads the bytes; ``storage`` (.mot, .sto), ``trc`` and ``c3d`` parse them; ``c3d_process`` isolates the C++
+library that reads C3D.
+"""

@@ -1,8 +1,9 @@
-"""Reads one C3D file in a process of its own: ``python -m klute_sim.mocap.formats.c3d_process FILE SECONDS``.
+"""Read one C3D file in a separate process: ``python -m klute_sim.mocap.formats.c3d_process FILE SECONDS``.
 
-The library is C++, and some damaged files crash it (a changed byte is enough): then this process ends, not the user's.
-Others keep it busy for ever: then this process ends after so many seconds, even if nobody waits for it any more.
-What was read goes to standard output as NumPy's ``.npz``, without pickles.
+The library ezc3d is written in C++, and a damaged file (one changed byte is enough) can crash it. The crash then ends
+this process instead of the user's. Other damaged files keep the library busy for ever; an alarm ends this process after
+SECONDS, even if the parent process no longer waits. The result goes to standard output as NumPy ``.npz`` without
+pickles.
 """
 
 import io
@@ -17,11 +18,11 @@ import numpy as np
 
 
 def extract_arrays(c3d: Any) -> dict[str, Any]:
-    """What is of use in the library's ``found``: arrays, and ``about`` as JSON."""
+    """Return the required arrays of the library's object ``c3d``, and its metadata as JSON under ``metadata``."""
     parameters, point = c3d["parameters"], c3d["parameters"]["POINT"]
     labels = [str(v) for key in ("LABELS", "LABELS2") for v in point.get(key, {"value": []})["value"]]
     plates = c3d["data"].get("platform") or []
-    about = {
+    metadata = {
         "labels": labels,
         "unit": _get_text(point.get("UNITS")),
         "rate": float(point["RATE"]["value"][0]),
@@ -32,8 +33,8 @@ def extract_arrays(c3d: Any) -> dict[str, Any]:
     arrays = {"points": np.asarray(c3d["data"]["points"], dtype=np.float64)[:3]}
     for number, plate in enumerate(plates):
         arrays[f"force{number}"] = np.asarray(plate["force"], dtype=np.float64)
-        arrays[f"centre{number}"] = np.asarray(plate["center_of_pressure"], dtype=np.float64)
-    return {"about": np.array(json.dumps(about)), **arrays}
+        arrays[f"cop{number}"] = np.asarray(plate["center_of_pressure"], dtype=np.float64)
+    return {"metadata": np.array(json.dumps(metadata)), **arrays}
 
 
 def _get_text(parameter: Any) -> str:
@@ -42,11 +43,11 @@ def _get_text(parameter: Any) -> str:
 
 
 def main() -> None:
-    """Read the file named on the command line; a reason on standard error and exit code 1 where that fails."""
-    if hasattr(signal, "alarm"):  # Windows has none
+    """Read the file named on the command line; on failure print the reason on standard error and exit with code 1."""
+    if hasattr(signal, "alarm"):  # not available on Windows
         signal.alarm(int(sys.argv[2]))
-    out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever the library prints does not belong to the result
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # messages that the library prints must not mix with the result
     warnings.simplefilter("ignore")
     try:
         import ezc3d
@@ -54,10 +55,10 @@ def main() -> None:
         arrays = extract_arrays(ezc3d.c3d(sys.argv[1], extract_forceplat_data=True))
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)
-    except Exception as error:  # whatever C++ and its wrapper raise for what is no C3D file
+    except Exception as error:  # the C++ wrapper documents no exception types
         sys.exit((str(error).splitlines() or [type(error).__name__])[0])
-    out.write(buffer.getvalue())
-    out.close()
+    output.write(buffer.getvalue())
+    output.close()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The bytes of a file that somebody else wrote: bounded, and refused in one sentence."""
+"""Size-limited reading of files from other programs."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,28 +6,34 @@ from pathlib import Path
 from klute_sim.errors import InputError
 
 MAX_BYTES = 512 * 1024 * 1024
-"""Larger files are refused: an hour of 60 markers at 250 Hz is about a third of it."""
+"""Largest accepted file size [bytes]; an hour of 60 markers at 250 Hz takes about a third of it."""
 
 
 @dataclass(frozen=True)
 class FileContent:
-    """A file's bytes and its name for errors."""
+    """Bytes of a file, with the file's name for error messages."""
 
     name: str
+    """File name in error messages."""
     data: bytes
+    """Raw content."""
 
     def decode(self) -> str:
-        """As text; raises InputError where it is none."""
+        """Return the content as text; raise InputError for binary content."""
         if b"\0" in self.data:
             raise InputError(f"{self.name} is not a text file; allowed is UTF-8 text")
         try:
             return self.data.decode("utf-8-sig")
         except UnicodeDecodeError:
-            return self.data.decode("latin-1")  # names of people and programs; numbers are ASCII either way
+            # Only names of people and programs are affected: numbers are ASCII in both encodings.
+            return self.data.decode("latin-1")
 
 
 def read(path: str | Path) -> FileContent:
-    """The file at ``path``; raises InputError when it cannot be read, is empty or larger than any trial."""
+    """Read the file at ``path``.
+
+    Raises InputError when the file cannot be read, is empty or exceeds :data:`MAX_BYTES`.
+    """
     try:
         size = Path(path).stat().st_size
         if size > MAX_BYTES:

@@ -1,7 +1,7 @@
-"""OpenSim's storage files, ``.mot`` and ``.sto``: a header that ends with ``endheader``, names, numbers.
+"""OpenSim storage files, ``.mot`` and ``.sto``: a header that ends with ``endheader``, column names, numbers.
 
-Both endings are the same format. ``inDegrees`` speaks of the rotational columns only; nothing in the file says which
-those are.
+Both suffixes denote the same format. ``inDegrees`` applies to rotational columns only; the file does not state which
+columns are rotational.
 """
 
 import re
@@ -14,45 +14,48 @@ import numpy as np
 from klute_sim.errors import InputError
 from klute_sim.mocap.formats import content
 from klute_sim.mocap.formats.content import FileContent
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 TIME_COLUMN = "time"
+"""Label of the time column."""
 HEADER_END = "endheader"
+"""Line that ends the header."""
 MAX_HEADER_LINES = 1000
+"""Number of lines that are searched for the end of the header."""
 
 _HEADER_ENTRY = re.compile(r"\s*(?P<key>\w+)\s*=\s*(?P<value>.*?)\s*")
 
 
 @dataclass(frozen=True, eq=False)
 class Storage:
-    """Columns on one time base."""
+    """Columns with a common time base."""
 
     columns: Mapping[str, Array]
-    """Label -> samples as written, NaN where missing; the first is ``time`` [s], rising strictly."""
+    """Label -> samples as written, NaN where missing; the first column is the strictly increasing ``time`` [s]."""
     in_degrees: bool
-    """Whether rotations are in degrees, otherwise in radians."""
+    """Whether rotations are in degrees; radians otherwise."""
     name: str = ""
-    """First line of the header."""
+    """Title in the first line of the header."""
     header: Mapping[str, str] = field(default_factory=dict)
-    """Other entries of the header, such as ``DataRate``."""
+    """Other header entries, such as ``DataRate``."""
 
     @property
     def time(self) -> Array:
-        """[s]"""
+        """Sample times [s]."""
         return self.columns[TIME_COLUMN]
 
 
 def read(path: str | Path) -> Storage:
-    """The storage file at ``path``; raises InputError with what is wrong, and where."""
+    """Read the storage file at ``path``; raise InputError with the location of the first mistake."""
     return parse(content.read(path))
 
 
 def parse(file: FileContent) -> Storage:
-    """The storage file in ``file``; raises InputError with what is wrong, and where."""
+    """Parse the storage file ``file``; raise InputError with the location of the first mistake."""
     lines = file.decode().splitlines()
     end = next((k for k, line in enumerate(lines[:MAX_HEADER_LINES]) if line.strip().lower() == HEADER_END), None)
     if end is None:
-        raise InputError(f"{file.name} is no OpenSim storage file: there is no line '{HEADER_END}'")
+        raise InputError(f"{file.name} is not an OpenSim storage file: the line '{HEADER_END}' is missing")
     header = {m["key"]: m["value"] for m in map(_HEADER_ENTRY.fullmatch, lines[:end]) if m}
     first = next((k for k in range(end + 1, len(lines)) if lines[k].strip()), None)
     if first is None:
@@ -63,7 +66,7 @@ def parse(file: FileContent) -> Storage:
     _check_counts(header, len(rows), len(labels), file.name)
     time = table[:, labels.index(TIME_COLUMN)]
     if len(time) < 2 or not np.all(np.diff(time) > 0.0):
-        raise InputError(f"{file.name}: column '{TIME_COLUMN}' must rise strictly over two or more rows")
+        raise InputError(f"{file.name}: column '{TIME_COLUMN}' must increase strictly over two or more rows")
     columns = {TIME_COLUMN: time} | {label: table[:, k] for k, label in enumerate(labels)}
     return Storage(
         columns=columns,
@@ -74,9 +77,9 @@ def parse(file: FileContent) -> Storage:
 
 
 def parse_numbers(rows: list[tuple[int, str]], n_columns: int, file_name: str) -> Array:
-    """``rows`` (line number, text) of ``width`` numbers each, as a table; NaN is a missing sample.
+    """Parse ``rows`` (line number, text) of ``n_columns`` numbers each into a table; NaN marks a missing sample.
 
-    Raises InputError with the line and the cell that is no number.
+    Raises InputError with the line and the cell that is not a number.
     """
     cells = [line.split() for _, line in rows]
     try:
@@ -103,28 +106,29 @@ def parse_numbers(rows: list[tuple[int, str]], n_columns: int, file_name: str) -
 def _parse_labels(line: str, file_name: str) -> list[str]:
     labels = [label.strip() for label in line.strip().split("\t")] if "\t" in line else line.split()
     if TIME_COLUMN not in labels:
-        raise InputError(f"{file_name}: there is no column '{TIME_COLUMN}'")
-    twice = next((label for label in labels if labels.count(label) > 1), None)
-    if twice is not None:
-        raise InputError(f"{file_name}: column '{twice[:40]}' occurs twice")
+        raise InputError(f"{file_name}: column '{TIME_COLUMN}' is missing")
+    duplicate = next((label for label in labels if labels.count(label) > 1), None)
+    if duplicate is not None:
+        raise InputError(f"{file_name}: column '{duplicate[:40]}' occurs twice")
     return labels
 
 
 def _check_counts(header: Mapping[str, str], n_rows: int, n_columns: int, file_name: str) -> None:
     for key, count in (("nRows", n_rows), ("nColumns", n_columns), ("datarows", n_rows), ("datacolumns", n_columns)):
-        said = header.get(key)
-        if said is not None and said.isdecimal() and int(said) != count:
+        declared = header.get(key)
+        if declared is not None and declared.isdecimal() and int(declared) != count:
             raise InputError(
-                f"{file_name}: the header says {key}={said}, but there are {count}: the file is cut or patched"
+                f"{file_name}: the header states {key}={declared}, but there are {count}: the file is truncated or "
+                "was edited"
             )
 
 
 def write(storage: Storage, path: str | Path) -> None:
-    """Write ``storage`` to ``path``; numbers read back to the same bits. Raises InputError for unusable columns."""
+    """Write ``storage`` to ``path`` without loss of precision; raise InputError for invalid columns."""
     columns = {TIME_COLUMN: storage.time} | dict(storage.columns)
     for label, samples in columns.items():
         if not label or re.search(r"\s", label):
-            raise InputError(f"column '{label}' cannot be named so in a storage file: no blanks are allowed")
+            raise InputError(f"column '{label}' cannot be written to a storage file: blanks are not allowed in names")
         if samples.shape != storage.time.shape:
             raise InputError(f"column '{label}' has shape {samples.shape}; 'time' has {storage.time.shape}")
     lines = [

@@ -1,4 +1,4 @@
-"""Zero-lag low-pass filters, and what is done about gaps and uneven clocks before them."""
+"""Zero-lag low-pass filters, gap filling and resampling to uniform times."""
 
 from itertools import pairwise
 
@@ -6,36 +6,41 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from klute_sim.errors import InputError
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 N_PASSES = 2
+"""Number of filter passes: forward and backward."""
 PASS_ORDER = 2
-"""Of one pass; both ways, the filter is of fourth order and without lag."""
+"""Order of one pass; both passes form a fourth-order filter without lag."""
 CUTOFF_CORRECTION = (2.0 ** (1.0 / N_PASSES) - 1.0) ** (1.0 / (2 * PASS_ORDER))
-"""0.802: what the cut-off of one pass is divided by, so that both passes together have it (Winter, Biomechanics and
-Motor Control of Human Movement, 2.2)."""
+"""Ratio of the two-pass cut-off to the cut-off of one pass, 0.802 (Winter, Biomechanics and Motor Control of Human
+Movement, 2.2)."""
 MAX_GAP = 0.2
-"""Longest gap [s] that is bridged by a straight line (assumed)."""
+"""Longest gap [s] that is filled by linear interpolation (assumed)."""
 MAX_CLOCK_JITTER = 0.2
-"""Largest departure of a sample from an even clock, in sampling intervals, that is taken for rounding."""
+"""Largest deviation from uniform times, in sampling intervals, that counts as rounding."""
+MIN_TIME_STEP, MAX_TIME_STEP = 1e-5, 0.1
+"""Accepted sampling intervals [s]."""
 
 
 def describe_filter(cutoff: float) -> str:
-    """The filter in words."""
+    """Return a description of the filter with ``cutoff`` [Hz]."""
     return f"Butterworth, zero lag, order {N_PASSES * PASS_ORDER}, {cutoff:g} Hz" if cutoff > 0.0 else "none"
 
 
 def low_pass(samples: Array, rate: float, cutoff: float) -> Array:
-    """``samples`` (along the first axis, at ``rate`` [Hz]) without what is faster than ``cutoff`` [Hz]; 0: as they are.
+    """Return ``samples`` (n, ...) at ``rate`` [Hz], low-pass filtered along the first axis at ``cutoff`` [Hz].
 
-    Leading and trailing NaN stay; raises InputError for a cut-off that the rate does not allow.
+    A cut-off of 0 returns the samples unchanged; leading and trailing NaN remain. Raises InputError if the cut-off is
+    too high for the rate.
     """
     if cutoff <= 0.0:
         return samples
     if cutoff / CUTOFF_CORRECTION >= 0.5 * rate:
-        most = 0.5 * rate * CUTOFF_CORRECTION
+        max_cutoff = 0.5 * rate * CUTOFF_CORRECTION
         raise InputError(
-            f"cut-off is {cutoff:g} Hz; allowed at {rate:g} Hz of sampling are 0 (none) and below {most:.3g}"
+            f"cut-off is {cutoff:g} Hz; allowed at a sampling rate of {rate:g} Hz are 0 (no filter) and values below "
+            f"{max_cutoff:.3g}"
         )
     sections = butter(PASS_ORDER, cutoff / CUTOFF_CORRECTION, fs=rate, output="sos")
     result = np.array(samples, dtype=np.float64)
@@ -49,7 +54,7 @@ def low_pass(samples: Array, rate: float, cutoff: float) -> Array:
 
 
 def fill_gaps(samples: Array, time: Array) -> Array:
-    """``samples`` (along the first axis) with gaps of up to :data:`LONGEST_GAP` filled by straight lines."""
+    """Return ``samples`` (n, ...) at ``time`` [s] with gaps of up to :data:`MAX_GAP` interpolated linearly."""
     result = np.array(samples, dtype=np.float64)
     for column in result.reshape(len(result), -1).T:
         known = np.flatnonzero(np.isfinite(column))
@@ -61,18 +66,18 @@ def fill_gaps(samples: Array, time: Array) -> Array:
 
 
 def make_uniform_time(time: Array, source_name: str) -> Array:
-    """An even clock of as many samples as ``time`` [s]; raises InputError for rates that no laboratory has."""
-    clock = np.linspace(time[0], time[-1], len(time))
-    step = clock[1] - clock[0]
-    if not 1e-5 <= step <= 0.1:
-        raise InputError(f"{source_name} has a sample every {step:g} s; allowed are 0.00001 to 0.1 s")
-    return clock
+    """Return uniform times [s] of the same span and length as ``time``; raise InputError for implausible rates."""
+    uniform_time = np.linspace(time[0], time[-1], len(time))
+    time_step = uniform_time[1] - uniform_time[0]
+    if not MIN_TIME_STEP <= time_step <= MAX_TIME_STEP:
+        raise InputError(f"{source_name} has a sample every {time_step:g} s; allowed are 0.00001 to 0.1 s")
+    return uniform_time
 
 
 def resample_uniform(uniform_time: Array, time: Array, samples: Array) -> Array:
-    """``samples`` (along the first axis, at ``time``) at the even ``clock``; as they are where ``time`` rounds it."""
+    """Return ``samples`` (n, ...) at ``uniform_time``; unchanged if ``time`` deviates from it by rounding only."""
     if np.abs(time - uniform_time).max() <= MAX_CLOCK_JITTER * (uniform_time[1] - uniform_time[0]):
         return samples
     columns = samples.reshape(len(samples), -1).T
-    moved = np.stack([np.interp(uniform_time, time, column) for column in columns], axis=1)
-    return np.asarray(moved.reshape(samples.shape), dtype=np.float64)
+    resampled = np.stack([np.interp(uniform_time, time, column) for column in columns], axis=1)
+    return np.asarray(resampled.reshape(samples.shape), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Legs from joint angles that somebody else computed: OpenSim's inverse kinematics, a treadmill's software."""
+"""Legs from joint angles of other programs: OpenSim's inverse kinematics, or the software of a treadmill."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -6,44 +6,46 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from klute_sim.mocap.import_log import ImportLog
-from klute_sim.mocap.kinematics import filters
+from klute_sim.mocap.kinematics import filters, loads
+from klute_sim.mocap.kinematics.leg import Leg
+from klute_sim.mocap.kinematics.loads import GroundReaction
+from klute_sim.mocap.kinematics.postprocess import apply_sign, apply_zero, compute_ankle_power, resample_loads
 from klute_sim.mocap.options import ImportOptions
-from klute_sim.mocap.parsing import channel_lookup, channel_names, markers
-from klute_sim.mocap.parsing.channel_lookup import Column
+from klute_sim.mocap.parsing import channel_names, markers
+from klute_sim.mocap.parsing.channel_lookup import Column, find_column
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
 from klute_sim.mocap.parsing.markers import WalkingFrame
 from klute_sim.mocap.parsing.sources import SourceFile
-from klute_sim.mocap.strides import loads
-from klute_sim.mocap.strides.leg import LegChannels
-from klute_sim.mocap.strides.loads import GroundReaction
-from klute_sim.mocap.strides.postprocess import apply_sign, apply_zero, compute_ankle_power, resample_loads
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 MIN_PELVIS_TRAVEL = 0.5
-"""Way of the pelvis [m] below which it walked on a treadmill."""
+"""Shortest distance [m] that the pelvis travels in overground walking; less is treadmill walking."""
 LEG_COLUMNS = (
     *(name for name in channel_names.ANGLE_CHANNELS if name != channel_names.PELVIS_TILT),
     channel_names.ANKLE_MOMENT,
 )
+"""Channels of a leg that files with joint angles may contain."""
 
 
 @dataclass(frozen=True, eq=False)
 class _UniformClock:
-    """The clock of a leg's angles, and other columns brought to it."""
+    """Uniform times of a leg, to which other columns are resampled."""
 
     time: Array
+    """Uniform sample times (n,) [s]."""
 
     def resample(self, column: Column, values: Array, cutoff: float) -> Array:
-        """``values`` of ``column`` filtered at ``cutoff`` [Hz], at this clock; NaN outside of the column's own time."""
-        own = filters.make_uniform_time(column.time, column.source.path)
-        whole = filters.resample_uniform(own, column.time, filters.fill_gaps(values, column.time))
-        smooth = filters.low_pass(whole, (len(own) - 1) / (own[-1] - own[0]), cutoff)
-        return np.asarray(np.interp(self.time, own, smooth, left=np.nan, right=np.nan), dtype=np.float64)
+        """Return ``values`` of ``column``, filtered at ``cutoff`` [Hz], at these times; NaN outside the column."""
+        column_time = filters.make_uniform_time(column.time, column.source.path)
+        uniform = filters.resample_uniform(column_time, column.time, filters.fill_gaps(values, column.time))
+        rate = (len(column_time) - 1) / (column_time[-1] - column_time[0])
+        filtered = filters.low_pass(uniform, rate, cutoff)
+        return np.asarray(np.interp(self.time, column_time, filtered, left=np.nan, right=np.nan), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class _BodyColumns:
-    """What is not of one leg."""
+    """Channels common to both legs."""
 
     pelvis_tilt: Column | None
     belt_speed: Column | None
@@ -52,50 +54,55 @@ class _BodyColumns:
 
 def legs_from_joint_angles(
     trial: Sequence[SourceFile], trial_name: str, options: ImportOptions, log: ImportLog
-) -> list[LegChannels]:
-    """The legs of ``trial`` by its joint angles."""
-    found: dict[Side, dict[str, Column]] = {}
+) -> list[Leg]:
+    """Return the legs of ``trial`` that have knee and ankle angles and a ground reaction."""
+    leg_columns: dict[Side, dict[str, Column]] = {}
     for side in SIDES:
-        every = {name: channel_lookup.find_column(trial, name, side, options) for name in LEG_COLUMNS}
-        found[side] = {name: column for name, column in every.items() if column is not None}
-    travel = channel_lookup.find_column(trial, channel_names.PELVIS_X, None, options)
-    belts = [channel_lookup.find_column(trial, channel_names.BELT_SPEED, side, options) for side in (None, *SIDES)]
-    belt = next((column for column in belts if column is not None), None)
-    tilt = channel_lookup.find_column(trial, channel_names.PELVIS_TILT, None, options)
-    if tilt is not None and tilt.spec is not None and tilt.spec.sign == -1:
-        tilt = replace(tilt, values=-tilt.values)
-    body = _BodyColumns(tilt, belt, _estimate_speed(travel))
-    for column, why in (
-        (belt, ""),
-        (travel, ""),
-        (tilt, "; sign: backward positive, as OpenSim's, for nothing in walking tells it"),
+        columns = {name: find_column(trial, name, side, options) for name in LEG_COLUMNS}
+        leg_columns[side] = {name: column for name, column in columns.items() if column is not None}
+    body = _find_body_columns(trial, options, log)
+    foot_loads = loads.read_foot_loads(trial, options, log)
+    frame = _find_walking_frame(trial, options, log) if not foot_loads else None
+    plates = loads.read_plate_loads(trial, frame, log) if not foot_loads else {}
+    if plates:
+        sides = [side for side, columns in leg_columns.items() if "knee_angle" in columns]
+        time, knee_difference = compute_knee_difference(leg_columns)
+        foot_loads = loads.assign_to_feet(plates, sides, time, knee_difference, trial_name, options, log)
+    legs = []
+    for side, side_columns in leg_columns.items():
+        if "knee_angle" not in side_columns or "ankle_angle" not in side_columns:
+            continue
+        if side not in foot_loads:
+            log.add_missing(f"{trial_name}: no ground reaction of the {side} foot, so its heel strikes are unknown")
+            continue
+        leg = _build_leg(side, side_columns, body, foot_loads[side], trial_name, options, log)
+        legs += [leg] if leg else []
+    return legs
+
+
+def _find_body_columns(trial: Sequence[SourceFile], options: ImportOptions, log: ImportLog) -> _BodyColumns:
+    pelvis_x = find_column(trial, channel_names.PELVIS_X, None, options)
+    belt_columns = [find_column(trial, channel_names.BELT_SPEED, side, options) for side in (None, *SIDES)]
+    belt_speed = next((column for column in belt_columns if column is not None), None)
+    pelvis_tilt = find_column(trial, channel_names.PELVIS_TILT, None, options)
+    if pelvis_tilt is not None and pelvis_tilt.spec is not None and pelvis_tilt.spec.sign == -1:
+        pelvis_tilt = replace(pelvis_tilt, values=-pelvis_tilt.values)
+    for column, sign_reason in (
+        (belt_speed, ""),
+        (pelvis_x, ""),
+        (pelvis_tilt, "; sign: backward positive, as in OpenSim, because walking does not determine it"),
     ):
         if column is not None:
             log.add_channel(
                 **{"channel": column.channel, "side": "body", "file": column.file_name, "column": column.label},
                 **{"unit": column.unit, "sign": (column.spec and column.spec.sign) or 1, "zero": 0.0},
-                why=f"unit {column.unit_reason}{why}" if column.spec is None else "as given",
+                reason=f"unit {column.unit_reason}{sign_reason}" if column.spec is None else "as specified",
             )
-    on = loads.read_foot_loads(trial, options, log)
-    plates = loads.read_plate_loads(trial, _find_walking_frame(trial, options, log), log) if not on else {}
-    if plates:
-        present = [side for side, of in found.items() if "knee_angle" in of]
-        clock, apart = compute_knee_difference(found)
-        on = loads.assign_to_feet(plates, present, clock, apart, trial_name, options, log)
-    result = []
-    for side, of in found.items():
-        if "knee_angle" not in of or "ankle_angle" not in of:
-            continue
-        if side not in on:
-            log.add_missing(f"{trial_name}: no ground reaction of the {side} foot; without it there is no heel strike")
-            continue
-        limb = _build_leg(side, of, body, on[side], trial_name, options, log)
-        result += [limb] if limb else []
-    return result
+    return _BodyColumns(pelvis_tilt, belt_speed, _estimate_speed(pelvis_x))
 
 
 def _find_walking_frame(trial: Sequence[SourceFile], options: ImportOptions, log: ImportLog) -> WalkingFrame | None:
-    """The axes of force plates in a C3D, by its markers; None where no file has both."""
+    """Return the walking frame by the markers of a C3D file with force plates; None if there is no such file."""
     for source in trial:
         if source.plates and source.markers is not None:
             roles = markers.identify_markers(source.markers, options.mapping, source.name)
@@ -104,14 +111,14 @@ def _find_walking_frame(trial: Sequence[SourceFile], options: ImportOptions, log
 
 
 def _estimate_speed(pelvis_x: Column | None) -> float | None:
-    """Speed [m/s] of a pelvis that moves through the laboratory."""
+    """Return the speed [m/s] of a pelvis that travels through the laboratory; None on a treadmill."""
     if pelvis_x is None or abs(pelvis_x.values[-1] - pelvis_x.values[0]) < MIN_PELVIS_TRAVEL:
         return None
     return abs(float(np.polyfit(pelvis_x.time, pelvis_x.values, 1)[0]))
 
 
 def compute_knee_difference(leg_columns: Mapping[Side, Mapping[str, Column]]) -> tuple[Array, Array]:
-    """(time, how much more the right knee is flexed than the left one [deg]); nothing where there is one knee only."""
+    """Return times [s] and the flexion of the right knee minus that of the left [deg]; empty arrays without both."""
     knees = [leg_columns[side].get("knee_angle") for side in SIDES]
     if knees[0] is None or knees[1] is None:
         return np.zeros(0), np.zeros(0)
@@ -127,7 +134,7 @@ def _build_leg(
     trial_name: str,
     options: ImportOptions,
     log: ImportLog,
-) -> LegChannels | None:
+) -> Leg | None:
     knee = leg_columns["knee_angle"]
     clock = _UniformClock(filters.make_uniform_time(knee.time, knee.source.path))
     foot = resample_loads(load, clock.time, side, trial_name, options, log)
@@ -136,36 +143,39 @@ def _build_leg(
         for name, column in leg_columns.items()
         if name in channel_names.ANGLE_CHANNELS
     }
-    free = _derive_shank_angle(angles, body.pelvis_tilt, clock, log, options.motion_cutoff)
-    if free is None:
+    shank_zero_is_free = _derive_shank_angle(angles, body.pelvis_tilt, clock, log, options.motion_cutoff)
+    if shank_zero_is_free is None:
         log.add_missing(
-            f"{trial_name}: no hip angle and no inclination of the {side} thigh or shank, so nothing says how the leg leans"
+            f"{trial_name}: neither a hip angle nor an inclination of the {side} thigh or shank, so the inclination of "
+            "the leg is unknown"
         )
         return None
-    apply_zero(clock.time, angles, free, foot.contacts, side, trial_name, options, log)
+    apply_zero(clock.time, angles, shank_zero_is_free, foot.contacts, side, trial_name, options, log)
     channels = {name: angles[name] for name in ("hip_angle", "knee_angle", "ankle_angle", "shank_angle")}
     channels |= {channel_names.GRF_VERTICAL: foot.vertical, channel_names.GRF_FORWARD: foot.forward}
     if channel_names.ANKLE_MOMENT in leg_columns:
         column = leg_columns[channel_names.ANKLE_MOMENT]
-        values = apply_sign(column, foot.contacts, side, log)
-        channels[channel_names.ANKLE_MOMENT] = clock.resample(column, values, options.load_cutoff)
-        channels[channel_names.ANKLE_POWER] = compute_ankle_power(
-            clock.time, channels[channel_names.ANKLE_MOMENT], angles["ankle_angle"]
-        )
+        moment = clock.resample(column, apply_sign(column, foot.contacts, side, log), options.load_cutoff)
+        channels[channel_names.ANKLE_MOMENT] = moment
+        channels[channel_names.ANKLE_POWER] = compute_ankle_power(clock.time, moment, angles["ankle_angle"])
         log.add_derived("Ankle power: moment times plantarflexion rate")
     else:
         log.add_missing(
-            f"{trial_name}: no ankle moment of the {side} leg, and none can be derived without the ankle's position: add "
-            "the inverse dynamics (.sto) or the markers (.trc, .c3d)"
+            f"{trial_name}: no ankle moment of the {side} leg, and none can be computed without the position of the "
+            "ankle: add the inverse dynamics (.sto) or the markers (.trc, .c3d)"
         )
-    belt = None if body.belt_speed is None else np.interp(clock.time, body.belt_speed.time, body.belt_speed.values)
-    return LegChannels(side, trial_name, clock.time, channels, foot.contacts, body.walking_speed, belt, foot.impulses)
+    belt = body.belt_speed
+    belt_speed = None if belt is None else np.interp(clock.time, belt.time, belt.values)
+    return Leg(side, trial_name, clock.time, channels, foot.contacts, body.walking_speed, belt_speed, foot.impulses)
 
 
 def _derive_shank_angle(
     angles: dict[str, Array], pelvis_tilt: Column | None, clock: _UniformClock, log: ImportLog, cutoff: float
 ) -> bool | None:
-    """Fill in ``shank_angle`` and ``hip_angle``; whether the shank's zero is free, None where it cannot be had."""
+    """Add missing shank and hip angles to ``angles``.
+
+    Returns whether the zero of the shank angle is free; None if the angles cannot be computed.
+    """
     knee = angles["knee_angle"]
     if "shank_angle" not in angles and "thigh_angle" in angles:
         angles["shank_angle"] = angles["thigh_angle"] + knee
@@ -173,7 +183,7 @@ def _derive_shank_angle(
     if "shank_angle" in angles:
         if "hip_angle" not in angles:
             angles["hip_angle"] = knee - angles["shank_angle"]
-            log.add_derived("Hip flexion: of the thigh against the vertical, not against the pelvis")
+            log.add_derived("Hip flexion: angle of the thigh to the vertical, not to the pelvis")
         return False
     if "hip_angle" not in angles:
         return None

@@ -1,4 +1,4 @@
-"""What moves a prosthesis in one trial: where its shank leans and its ankle is, and whose load is whose."""
+"""Motion that a replay prescribes to a prosthesis in one trial: shank inclination, ankle position and foot loads."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,78 +7,82 @@ import numpy as np
 
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
 from klute_sim.mocap.import_log import ImportLog
-from klute_sim.mocap.kinematics import filters, from_joint_angles, from_markers
+from klute_sim.mocap.kinematics import filters, from_joint_angles, from_markers, loads
+from klute_sim.mocap.kinematics.loads import GroundReaction
 from klute_sim.mocap.options import ImportOptions
-from klute_sim.mocap.parsing import channel_lookup, channel_names, markers
-from klute_sim.mocap.parsing.channel_lookup import Column
+from klute_sim.mocap.parsing import channel_names, markers
+from klute_sim.mocap.parsing.channel_lookup import Column, apply_given_sign, find_column
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
 from klute_sim.mocap.parsing.sources import SourceFile
 from klute_sim.mocap.parsing.time_sync import Signal
-from klute_sim.mocap.strides import loads
-from klute_sim.mocap.strides.loads import GroundReaction
 
 MOTION_CHANNELS = ("shank_angle", "ankle_x", "ankle_z")
+"""Channels of the prescribed motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class ProsthesisKinematics:
-    """Motion and loads of one trial, not filtered."""
+    """Unfiltered motion and loads of one trial."""
 
     channels: Mapping[str, Signal]
-    """Those of :data:`MOTION`; angle [deg], places [m] in the frame of the loads."""
+    """Channels of :data:`MOTION_CHANNELS`: angle [deg], positions [m] in the frame of the loads."""
     loads: Mapping[Side, GroundReaction]
+    """Ground reaction of each foot."""
     from_plates: bool
-    """Whether the loads are force plates', in the frame of the motion."""
+    """Whether the loads come from force plates in the frame of the motion."""
     ankle_angle: Signal | None = None
-    """Angle between shank and the line from heel to toe [deg], of markers."""
+    """Angle between the shank and the line from heel to toe by markers [deg]."""
 
 
 def find_named_sides(trial: Sequence[SourceFile], options: ImportOptions) -> set[Side]:
-    """Legs that the files of ``trial`` tell of by name."""
-    found: set[Side] = set()
+    """Return the sides of the legs that the files or the mapping of ``trial`` name."""
+    sides: set[Side] = set()
     for source in trial:
         if source.markers is not None:
             roles = markers.identify_markers(source.markers, options.mapping, source.name)
-            found |= {side for side in SIDES if roles.select(side, "ankle") or roles.select(side, "shank")}
+            sides |= {side for side in SIDES if roles.select(side, "ankle") or roles.select(side, "shank")}
         for label in source.labels:
-            meant = channel_names.parse_channel_label(label.split("[")[0].strip())
-            if meant is not None and meant.side is not None and meant.channel in channel_names.ANGLE_CHANNELS:
-                found.add(meant.side)
-    return found | {side for side in SIDES if any(owner == side for owner, _ in options.mapping.channels)}
+            parsed = channel_names.parse_channel_label(channel_names.strip_unit(label))
+            if parsed is not None and parsed.side is not None and parsed.channel in channel_names.ANGLE_CHANNELS:
+                sides.add(parsed.side)
+    return sides | {side for side in SIDES if any(section == side for section, _ in options.mapping.channels)}
 
 
 def extract_kinematics(
     trial: Sequence[SourceFile], side: Side, options: ImportOptions, log: ImportLog
 ) -> ProsthesisKinematics | None:
-    """Of the leg of ``side``, from markers or from columns; None where something is missing, which is noted."""
-    where = trial[0].name
-    captured = next((source for source in trial if source.markers is not None), None)
-    if captured is not None:
-        return _extract_from_markers(trial, captured, side, where, options, log)
-    found = {name: channel_lookup.find_column(trial, name, side, options) for name in MOTION_CHANNELS}
-    lacking = [name for name, column in found.items() if column is None]
-    if lacking:
+    """Return motion and loads of the leg of ``side`` from markers, or from columns if there are no markers.
+
+    Returns None and logs the reason if data are missing.
+    """
+    trial_name = trial[0].name
+    capture = next((source for source in trial if source.markers is not None), None)
+    if capture is not None:
+        return _extract_from_markers(trial, capture, side, trial_name, options, log)
+    columns = {name: find_column(trial, name, side, options) for name in MOTION_CHANNELS}
+    missing = [name for name, column in columns.items() if column is None]
+    if missing:
         log.add_missing(
-            f"{where}: nothing says how the {side} shank leans and where its ankle is: add the markers (.trc, .c3d) or "
-            f"name a column of {' and '.join(lacking)} in a file for --map, under [{side}]"
+            f"{trial_name}: the inclination of the {side} shank or the position of its ankle is unknown: add the "
+            f"markers (.trc, .c3d) or name a column of {' and '.join(missing)} in a file for --map, under [{side}]"
         )
         return None
-    on = loads.read_foot_loads(trial, options, log)
-    plates = loads.read_plate_loads(trial, None, log) if side not in on else {}
+    foot_loads = loads.read_foot_loads(trial, options, log)
+    plates = loads.read_plate_loads(trial, None, log) if side not in foot_loads else {}
     if plates:
         knees: dict[Side, dict[str, Column]] = {}
-        for one in SIDES:
-            knee = channel_lookup.find_column(trial, "knee_angle", one, options)
-            knees[one] = {} if knee is None else {"knee_angle": knee}
-        clock, apart = from_joint_angles.compute_knee_difference(knees)
-        on = loads.assign_to_feet(plates, SIDES if len(clock) else [side], clock, apart, where, options, log)
+        for knee_side in SIDES:
+            knee = find_column(trial, "knee_angle", knee_side, options)
+            knees[knee_side] = {} if knee is None else {"knee_angle": knee}
+        time, knee_difference = from_joint_angles.compute_knee_difference(knees)
+        legs = SIDES if len(time) else [side]
+        foot_loads = loads.assign_to_feet(plates, legs, time, knee_difference, trial_name, options, log)
     channels = {}
-    for name, column in found.items():
+    for name, column in columns.items():
         if column is not None:
-            channels[name] = Signal(
-                column.time, filters.fill_gaps(channel_lookup.apply_given_sign(column, side, log), column.time)
-            )
-    return ProsthesisKinematics(channels, on, bool(plates))
+            values = filters.fill_gaps(apply_given_sign(column, side, log), column.time)
+            channels[name] = Signal(column.time, values)
+    return ProsthesisKinematics(channels, foot_loads, bool(plates))
 
 
 def _extract_from_markers(
@@ -87,32 +91,35 @@ def _extract_from_markers(
     assert source.markers is not None
     roles = markers.identify_markers(source.markers, options.mapping, trial_name)
     frame = markers.find_walking_frame(source.markers, roles, options.mapping, trial_name, log)
-    raw = from_markers.preprocess_markers(source.markers, frame, 0.0, trial_name)
-    both = {
-        one: from_markers.locate_landmarks(raw, roles, one, trial_name, log if one == side else ImportLog())
-        for one in SIDES
+    unfiltered = from_markers.preprocess_markers(source.markers, frame, 0.0, trial_name)
+    landmarks = {
+        s: from_markers.locate_landmarks(unfiltered, roles, s, trial_name, log if s == side else ImportLog())
+        for s in SIDES
     }
-    leg, right, left = both[side], both["right"], both["left"]
+    leg, right, left = landmarks[side], landmarks["right"], landmarks["left"]
     if leg is None:
         return None
-    on = loads.read_foot_loads(trial, options, log)
-    plates = loads.read_plate_loads(trial, frame, log) if side not in on else {}
+    foot_loads = loads.read_foot_loads(trial, options, log)
+    plates = loads.read_plate_loads(trial, frame, log) if side not in foot_loads else {}
     if plates:
-        apart = right.knee_angle - left.knee_angle if right and left else np.full(len(raw.time), np.nan)
-        known = [one for one in SIDES if both[one] is not None]
-        on = loads.assign_to_feet(plates, known, raw.time, apart, trial_name, options, log)
-    level = _estimate_ground_height(on[side]) if plates and side in on else 0.0
-    log.add_derived("Inclination of the shank: of the line from ankle to knee, in the plane of walking")
+        knee_difference = (
+            right.knee_angle - left.knee_angle if right and left else np.full(len(unfiltered.time), np.nan)
+        )
+        legs = [s for s in SIDES if landmarks[s] is not None]
+        foot_loads = loads.assign_to_feet(plates, legs, unfiltered.time, knee_difference, trial_name, options, log)
+    ground_height = _estimate_ground_height(foot_loads[side]) if plates and side in foot_loads else 0.0
+    log.add_derived("Shank inclination: line from ankle to knee, in the sagittal plane")
     channels = {
         "shank_angle": Signal(leg.time, leg.shank_angle),
         "ankle_x": Signal(leg.time, leg.ankle[:, 0]),
-        "ankle_z": Signal(leg.time, leg.ankle[:, 1] - level),
+        "ankle_z": Signal(leg.time, leg.ankle[:, 1] - ground_height),
     }
-    return ProsthesisKinematics(channels, on, bool(plates), Signal(leg.time, leg.shank_angle - leg.foot_pitch))
+    ankle_angle = Signal(leg.time, leg.shank_angle - leg.foot_pitch)
+    return ProsthesisKinematics(channels, foot_loads, bool(plates), ankle_angle)
 
 
 def _estimate_ground_height(load: GroundReaction) -> float:
-    """Height of the ground [m] in the laboratory: that of the centre of pressure."""
+    """Return the height of the ground in the laboratory frame [m]: the median height of the centre of pressure."""
     if load.cop is None:
         return 0.0
     known = load.cop[np.isfinite(load.cop[:, 1]) & (load.vertical > CONTACT_FORCE_THRESHOLD), 1]

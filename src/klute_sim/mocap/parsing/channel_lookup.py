@@ -1,25 +1,29 @@
-"""Finding a channel's column in a trial's files, and bringing it to the units used here."""
+"""Lookup of the column of a channel in the files of a trial, and its conversion to standard units."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from klute_sim.datasets import quantity
+from klute_sim.constants import GRAVITY
+from klute_sim.datasets import unit_conversion
 from klute_sim.errors import InputError
-from klute_sim.gait.reference import GRAVITY
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import channel_names, conventions
-from klute_sim.mocap.parsing.channel_names import Side
+from klute_sim.mocap.parsing.channel_names import Side, parse_channel_label, strip_unit
 from klute_sim.mocap.parsing.mapping import BODY_SECTION, PROSTHESIS_SECTION, ColumnSpec
 from klute_sim.mocap.parsing.sources import OPENSIM_STORAGE, SourceFile
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 PER_KG_UNITS = {"N*m/kg": "N*m", "N/kg": "N", "W/kg": "W", "N m/kg": "N*m"}
+"""Unit per body mass -> unit."""
 BODY_WEIGHT_UNITS = ("BW", "body weight", "body_weight")
-HEADER_CONTRADICTION = "by how far the knee moves, though the header says"
-"""Why a unit is not the stated one."""
+"""Names of the body weight as a unit of force."""
+HEADER_CONTRADICTION = "by the range of the knee angle, although the header states"
+"""Reason for a unit other than the stated one."""
+MIN_ROWS = 20
+"""Smallest number of rows of a file with a time column."""
 _CHANNEL_UNITS = {
     **dict.fromkeys(channel_names.ANGLE_CHANNELS, "deg"),
     channel_names.ANKLE_MOMENT: "N*m",
@@ -35,49 +39,55 @@ _CHANNEL_UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A channel as it was found."""
+    """Column of a channel in standard units, with the sign of the file."""
 
     channel: str
+    """Standard channel name."""
     source: SourceFile
+    """File of the column."""
     label: str
+    """Label in the file."""
     time: Array
+    """Sample times (n,) [s]."""
     values: Array
-    """In degrees, N, N.m, W, m/s or m, pressures in bar and a muscle's length in mm; the sign is the file's."""
+    """Samples (n,) in degrees, N, N.m, W, m/s, m, bar (pressures) or mm (muscle length)."""
     unit: str
-    """Of the file."""
+    """Unit in the file."""
     unit_reason: str
+    """Explanation of how the unit was determined."""
     label_sign: int
+    """Sign by the label."""
     spec: ColumnSpec | None
-    """What the user said."""
+    """User's specification."""
 
     @property
     def file_name(self) -> str:
-        """Its name."""
+        """Name of the file."""
         return self.source.name
 
 
 def find_column(trial: Sequence[SourceFile], channel: str, side: Side | None, options: ImportOptions) -> Column | None:
-    """The column of ``channel`` of ``side`` (None: of the whole body); None where there is none.
+    """Return the column of ``channel`` of the leg of ``side`` (None: of the body); None if there is none.
 
-    A column whose label names no side is taken for the side asked for (``--side``, or the right one).
+    A column whose label names no side belongs to the requested side (``--side``, right by default).
     """
-    owner = PROSTHESIS_SECTION if channel in channel_names.PROSTHESIS_CHANNELS else side or BODY_SECTION
-    choice = options.mapping.channels.get((owner, channel))
-    if choice is not None:
+    section = PROSTHESIS_SECTION if channel in channel_names.PROSTHESIS_CHANNELS else side or BODY_SECTION
+    spec = options.mapping.channels.get((section, channel))
+    if spec is not None:
         for source in trial:
-            if choice.column in source.labels:
-                if not np.isfinite(source.get_column(choice.column)).any():
-                    raise InputError(f"{source.path}: column '{choice.column}' holds no number")
-                return _make_column(source, choice.column, channel, 1, choice, options)
-        raise InputError(f"{trial[0].path}: there is no column '{choice.column}', which is to be {channel}")
+            if spec.column in source.labels:
+                if not np.isfinite(source.get_column(spec.column)).any():
+                    raise InputError(f"{source.path}: column '{spec.column}' contains no numbers")
+                return _make_column(source, spec.column, channel, 1, spec, options)
+        raise InputError(f"{trial[0].path}: column '{spec.column}' of the channel {channel} is missing")
     for source in trial:
         for label in source.labels:
-            meant = channel_names.parse_channel_label(label.split("[")[0].strip())
-            if meant is None or meant.channel != channel:
+            parsed = parse_channel_label(strip_unit(label))
+            if parsed is None or parsed.channel != channel:
                 continue
-            unsided = meant.side is None and side == (options.side or "right")
-            if (meant.side == side or unsided) and np.isfinite(source.get_column(label)).any():
-                return _make_column(source, label, channel, meant.sign, None, options)
+            side_assumed = parsed.side is None and side == (options.side or "right")
+            if (parsed.side == side or side_assumed) and np.isfinite(source.get_column(label)).any():
+                return _make_column(source, label, channel, parsed.sign, None, options)
     return None
 
 
@@ -85,126 +95,113 @@ def _make_column(
     source: SourceFile, label: str, channel: str, sign: int, spec: ColumnSpec | None, options: ImportOptions
 ) -> Column:
     values = source.get_column(label)
-    unit, why = _detect_unit(source, label, channel, values, spec)
-    return Column(
-        channel,
-        source,
-        label,
-        read_time(source),
-        _convert_units(values, channel, unit, label, options),
-        unit,
-        why,
-        sign,
-        spec,
-    )
+    unit, reason = _detect_unit(source, label, channel, values, spec)
+    time = read_time(source)
+    converted = _convert_units(values, channel, unit, label, options)
+    return Column(channel, source, label, time, converted, unit, reason, sign, spec)
 
 
 def _detect_unit(
     source: SourceFile, label: str, channel: str, values: Array, spec: ColumnSpec | None
 ) -> tuple[str, str]:
-    """The unit of a column, and how it is known."""
+    """Return the unit of a column and how it was determined."""
     if spec and spec.unit:
-        return spec.unit, "as given"
-    stated = source.units.get(label)
+        return spec.unit, "as specified"
+    stated_unit = source.units.get(label)
     if channel in channel_names.ANGLE_CHANNELS and source.file_type == OPENSIM_STORAGE:
-        knee = next(
-            (
-                other
-                for other in source.labels
-                if (channel_names.parse_channel_label(other) or (None,))[0] == "knee_angle"
-            ),
-            label,
-        )
-        by_size = conventions.detect_angle_unit(source.get_column(knee))
-        if stated and by_size != stated:
-            return by_size, f"{HEADER_CONTRADICTION} {stated}"
-    if stated:
-        return stated, "stated"
+        knee_label = next((other for other in source.labels if _is_knee_angle(other)), label)
+        detected_unit = conventions.detect_angle_unit(source.get_column(knee_label))
+        if stated_unit and detected_unit != stated_unit:
+            return detected_unit, f"{HEADER_CONTRADICTION} {stated_unit}"
+    if stated_unit:
+        return stated_unit, "stated"
     if channel in channel_names.PROSTHESIS_CHANNELS:
         raise InputError(
-            f"{source.path}: column '{label}' has no unit; head it '{channel} [{_CHANNEL_UNITS.get(channel, 'N')}]', or give "
-            "the unit in a file for --map, under [prosthesis]"
+            f"{source.path}: column '{label}' has no unit; write the heading '{channel} "
+            f"[{_CHANNEL_UNITS.get(channel, 'N')}]', or give the unit in a file for --map, under [prosthesis]"
         )
-    by_size = _guess_unit(channel, _select_unit_evidence(source, channel, values))
-    return by_size, "assumed" if channel in (
-        channel_names.BELT_SPEED,
-        channel_names.PELVIS_X,
-        *channel_names.POSITION_CHANNELS,
-    ) else "by its size"
+    unit = _guess_unit(channel, _select_unit_evidence(source, channel, values))
+    unambiguous = (channel_names.BELT_SPEED, channel_names.PELVIS_X, *channel_names.POSITION_CHANNELS)
+    return unit, "assumed" if channel in unambiguous else "by the magnitude"
+
+
+def _is_knee_angle(label: str) -> bool:
+    parsed = parse_channel_label(label)
+    return parsed is not None and parsed.channel == "knee_angle"
 
 
 def read_time(source: SourceFile) -> Array:
-    """The clock of ``source`` [s], rising strictly; raises InputError where it has none."""
+    """Return the strictly increasing times of ``source`` [s]; raise InputError without a valid time column."""
     label = source.time_label
     if label is None:
-        raise InputError(f"{source.path}: there is no column 'time'")
-    clock = source.get_column(label)
-    if len(clock) < 20:
-        raise InputError(f"{source.path} has {len(clock)} rows; a stride needs 20 or more")
-    if not np.isfinite(clock).all() or not np.all(np.diff(clock) > 0.0):
-        row = int(np.argmax(~(np.diff(clock) > 0.0))) + 2
-        raise InputError(f"{source.path}: column '{label}' must rise strictly; it does not at row {row}")
+        raise InputError(f"{source.path}: column 'time' is missing")
+    time = source.get_column(label)
+    if len(time) < MIN_ROWS:
+        raise InputError(f"{source.path} has {len(time)} rows; a stride needs {MIN_ROWS} or more")
+    if not np.isfinite(time).all() or not np.all(np.diff(time) > 0.0):
+        row = int(np.argmax(~(np.diff(time) > 0.0))) + 2
+        raise InputError(f"{source.path}: column '{label}' must increase strictly; it does not at row {row}")
     unit = source.units.get(label, "s") or "s"
-    factor = quantity.get_si_factor(unit, "s")
+    factor = unit_conversion.get_si_factor(unit, "s")
     if factor is None:
-        raise InputError(f"{source.path}: column '{label}' is in '{unit}'; allowed: {quantity.EXAMPLE_UNITS['s']}")
-    return np.asarray(clock * factor + source.time_offset, dtype=np.float64)
+        raise InputError(
+            f"{source.path}: column '{label}' is in '{unit}'; allowed: {unit_conversion.EXAMPLE_UNITS['s']}"
+        )
+    return np.asarray(time * factor + source.time_offset, dtype=np.float64)
 
 
 def _select_unit_evidence(source: SourceFile, channel: str, values: Array) -> Array:
-    """What tells the unit of ``values``: of a ground reaction all axes together, for the lateral one is small."""
+    """Return the samples whose magnitude shows the unit: all axes of a ground reaction, as lateral loads are small."""
     if not channel.startswith("grf"):
         return values
-    meant = {label: channel_names.parse_channel_label(label.split("[")[0].strip()) for label in source.labels}
-    axes = [source.get_column(label) for label, of in meant.items() if of is not None and of.channel.startswith("grf")]
+    parsed_labels = {label: parse_channel_label(strip_unit(label)) for label in source.labels}
+    axes = [
+        source.get_column(label)
+        for label, parsed in parsed_labels.items()
+        if parsed is not None and parsed.channel.startswith("grf")
+    ]
     return np.concatenate([values, *axes])
 
 
 def _guess_unit(channel: str, values: Array) -> str:
-    """A unit that was not stated, from the size of what walking makes of it."""
+    """Return the most plausible unit of ``values`` for walking."""
     if channel in channel_names.ANGLE_CHANNELS:
         return conventions.detect_angle_unit(values)
-    largest = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
+    magnitude = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
     if channel == channel_names.ANKLE_MOMENT:
-        return "N*m/kg" if largest < 5.0 else "N*m"
+        return "N*m/kg" if magnitude < 5.0 else "N*m"
     if channel == channel_names.ANKLE_POWER:
-        return "W/kg" if largest < 15.0 else "W"
+        return "W/kg" if magnitude < 15.0 else "W"
     if channel.startswith("grf"):
-        return "BW" if largest < 4.0 else "N/kg" if largest < 40.0 else "N"
+        return "BW" if magnitude < 4.0 else "N/kg" if magnitude < 40.0 else "N"
     return _CHANNEL_UNITS[channel]
 
 
 def _convert_units(values: Array, channel: str, unit: str, label: str, options: ImportOptions) -> Array:
-    wanted = _CHANNEL_UNITS.get(channel, "N")
-    per_body = PER_KG_UNITS.get(unit) == wanted or (unit in BODY_WEIGHT_UNITS and wanted == "N")
-    if per_body:
+    standard_unit = _CHANNEL_UNITS.get(channel, "N")
+    is_normalized = PER_KG_UNITS.get(unit) == standard_unit or (unit in BODY_WEIGHT_UNITS and standard_unit == "N")
+    if is_normalized:
         if options.mass is None:
-            raise InputError(f"column '{label}' is in {unit}: --mass is needed to make it {wanted}")
+            raise InputError(f"column '{label}' is in {unit}: pass --mass to convert it to {standard_unit}")
         return np.asarray(values * options.mass * (GRAVITY if unit in BODY_WEIGHT_UNITS else 1.0), dtype=np.float64)
-    if wanted == "deg" and unit.lower() in ("deg", "degree", "degrees"):
+    if standard_unit == "deg" and unit.lower() in ("deg", "degree", "degrees"):
         return values
-    base = "rad" if wanted == "deg" else wanted
-    factor = quantity.get_conversion_factor(unit, base)
+    base_unit = "rad" if standard_unit == "deg" else standard_unit
+    factor = unit_conversion.get_conversion_factor(unit, base_unit)
     if factor is None:
         raise InputError(
-            f"column '{label}' is in '{unit}', which is no unit of {channel}; write for example '{wanted}'"
+            f"column '{label}' is in '{unit}', which is not a unit of {channel}; use for example '{standard_unit}'"
         )
     scaled = np.asarray(values * factor, dtype=np.float64)
-    return np.degrees(scaled) if wanted == "deg" else scaled
+    return np.degrees(scaled) if standard_unit == "deg" else scaled
 
 
 def apply_given_sign(column: Column, side: str, log: ImportLog) -> Array:
-    """The values of a ``column`` whose sign nothing tells, as they are or as the user said; reported."""
-    choice = column.spec
-    sign, zero = (choice and choice.sign) or 1, (choice and choice.zero) or 0.0
+    """Return the values of a ``column`` whose sign cannot be detected, with the user's sign and zero, and log them."""
+    spec = column.spec
+    sign, zero = (spec and spec.sign) or 1, (spec and spec.zero) or 0.0
     log.add_channel(
-        **{
-            "channel": column.channel,
-            "side": side,
-            "file": column.file_name,
-            "column": column.label,
-            "unit": column.unit,
-        },
-        **{"sign": sign, "zero": zero, "why": f"unit {column.unit_reason}"},
+        **{"channel": column.channel, "side": side, "file": column.file_name, "column": column.label},
+        **{"unit": column.unit, "sign": sign, "zero": zero, "reason": f"unit {column.unit_reason}"},
     )
     return np.asarray(sign * column.values - zero, dtype=np.float64)

@@ -1,11 +1,11 @@
-"""What a column's label says it is: OpenSim's names, those of D-Flow's kind, and our own.
+"""Parsing of column labels: names of OpenSim, of treadmill software such as D-Flow, and of this package.
 
-Channels of one leg, with the signs of :mod:`klute_sim.recording`: ``hip_angle``, ``knee_angle`` (flexion positive),
-``ankle_angle`` (dorsiflexion positive), ``shank_angle``, ``thigh_angle`` (inclination, upper end forward positive),
+Channels of a leg have the signs of :mod:`klute_sim.recording`: ``hip_angle`` and ``knee_angle`` (flexion positive),
+``ankle_angle`` (dorsiflexion positive), ``shank_angle`` and ``thigh_angle`` (inclination, upper end forward positive),
 ``ankle_moment`` (plantarflexor positive), ``ankle_power`` (generation positive), ``grf_x`` to ``grf_z``,
-``grf_vertical``, ``grf_forward``; and of the whole body ``pelvis_tilt`` (backward positive, as OpenSim's),
-``pelvis_tx`` (its way forward) and ``belt_speed``. Of a prosthesis: ``ankle_x``, ``ankle_z`` (where its ankle is,
-forward of the laboratory's origin and above the ground), ``cop_x``, and what its own log holds, :data:`PROSTHESIS`.
+``grf_vertical`` and ``grf_forward``. Channels of the body: ``pelvis_tilt`` (backward positive, as in OpenSim),
+``pelvis_tx`` (forward position) and ``belt_speed``. Channels of a prosthesis: ``ankle_x`` and ``ankle_z`` (position of
+the ankle, forward of the laboratory's origin and above the ground), ``cop_x``, and :data:`PROSTHESIS_CHANNELS`.
 """
 
 import re
@@ -15,110 +15,102 @@ Side = Literal["right", "left"]
 SIDES: tuple[Side, ...] = get_args(Side)
 
 ANGLE_CHANNELS = ("hip_angle", "knee_angle", "ankle_angle", "shank_angle", "thigh_angle", "pelvis_tilt")
-ANKLE_MOMENT, ANKLE_POWER, BELT_SPEED, PELVIS_TILT, PELVIS_X = (
-    "ankle_moment",
-    "ankle_power",
-    "belt_speed",
-    "pelvis_tilt",
-    "pelvis_tx",
-)
-GRF_VERTICAL, GRF_FORWARD = "grf_vertical", "grf_forward"
+ANKLE_MOMENT = "ankle_moment"
+ANKLE_POWER = "ankle_power"
+BELT_SPEED = "belt_speed"
+PELVIS_TILT = "pelvis_tilt"
+PELVIS_X = "pelvis_tx"
+GRF_VERTICAL = "grf_vertical"
+GRF_FORWARD = "grf_forward"
 GRF_AXES = ("grf_x", "grf_y", "grf_z")
 POSITION_CHANNELS = ("ankle_x", "ankle_z", "cop_x")
 LEG_CHANNELS = (
     *ANGLE_CHANNELS,
-    ANKLE_MOMENT,
-    ANKLE_POWER,
-    BELT_SPEED,
-    PELVIS_X,
-    GRF_VERTICAL,
-    GRF_FORWARD,
-    *GRF_AXES,
+    *(ANKLE_MOMENT, ANKLE_POWER, BELT_SPEED, PELVIS_X),
+    *(GRF_VERTICAL, GRF_FORWARD, *GRF_AXES),
     *POSITION_CHANNELS,
 )
-PRESSURE_COMMAND, MUSCLE_PRESSURE, MUSCLE_FORCE, MUSCLE_LENGTH = (
-    "pressure_command",
-    "pressure",
-    "force",
-    "muscle_length",
-)
+"""Channels that ``--map`` can assign to a leg."""
+PRESSURE_COMMAND = "pressure_command"
+MUSCLE_PRESSURE = "pressure"
+MUSCLE_FORCE = "force"
+MUSCLE_LENGTH = "muscle_length"
 PROSTHESIS_CHANNELS = (PRESSURE_COMMAND, MUSCLE_PRESSURE, MUSCLE_FORCE, MUSCLE_LENGTH)
-"""Channels of a prosthesis' own log: pressure asked for, in the muscle, tension of the unit, length of the muscle."""
+"""Channels of a prosthesis log: commanded pressure, muscle pressure, tension and length of the muscle."""
 EVENT_LABELS = {"lhs", "rhs", "lto", "rto"}
-"""Columns of a file of events: left and right heel strike and toe-off."""
+"""Columns of an event file: heel strikes and toe-offs of the left and right foot."""
 
 _TOKEN_PATTERN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _SIDE_TOKENS: dict[str, Side] = {"left": "left", "l": "left", "right": "right", "r": "right"}
 _COMMAND_TOKENS = {"command", "commanded", "desired", "setpoint", "target"}
 _MEASUREMENT_TOKENS = {"measured", "actual", "sensor"}
-_EXCLUDED_TOKENS = {
-    "reference",
-    "sd",
-    "command",
-    "beta",
-    "adduction",
-    "rotation",
-    "velocity",
-    "actuator",
-    "passive",
-    "stop",
-}
+_EXCLUDED_TOKENS = frozenset(
+    ("reference", "sd", "command", "beta", "adduction", "rotation", "velocity", "actuator", "passive", "stop")
+)
 _PLATE_PATTERN = re.compile(
-    r"(?:(?P<before>\w+?)_)?ground_(?P<what>force|moment|torque)_(?:(?P<name>[A-Za-z0-9]+)_)?"
+    r"(?:(?P<prefix>\w+?)_)?ground_(?P<quantity>force|moment|torque)_(?:(?P<name>[A-Za-z0-9]+)_)?"
     r"(?P<kind>[vpm])?_?(?P<axis>[xyz123])"
 )
 
 
 class ChannelLabel(NamedTuple):
-    """What a label says."""
+    """Meaning of a column label."""
 
     channel: str
+    """Standard channel name."""
     side: Side | None
-    """None: of the whole body, or not said."""
+    """Side of the leg; None for a channel of the body, or if the label names no side."""
     sign: int
-    """What the name says the column has to be multiplied by."""
+    """Factor that, by the label, converts the column to the standard sign."""
 
 
 class PlateLabel(NamedTuple):
-    """A column of a ground reaction in OpenSim's way."""
+    """Meaning of an OpenSim label of a ground reaction."""
 
     plate: str
-    """Which one; a side's name where the label has one."""
+    """Name of the force plate, or a side."""
     quantity: Literal["force", "point"]
+    """Force, or point of application."""
     axis: int
-    """0 forward, 1 up, 2 right, in OpenSim's frame."""
+    """Axis of the OpenSim frame: 0 forward, 1 up, 2 right."""
+
+
+def strip_unit(label: str) -> str:
+    """Return ``label`` without a unit in brackets."""
+    return label.split("[")[0].strip()
 
 
 def parse_channel_label(label: str) -> ChannelLabel | None:
-    """The channel in a column called ``label``, None for any other."""
-    if label in POSITION_CHANNELS:  # others' columns of such names may be of another axis
+    """Return the channel that ``label`` (without unit) names; None if it names none."""
+    if label in POSITION_CHANNELS:  # exact names only: similar names of other programs use other axes
         return ChannelLabel(label, None, 1)
-    tokens = [token.lower() for token in _TOKEN_PATTERN.findall(label)]
-    has = set(tokens)
-    own = _match_prosthesis_channel(has)
-    if own:
-        return ChannelLabel(own, None, 1)
-    if has & _EXCLUDED_TOKENS or not tokens:
+    ordered_tokens = [token.lower() for token in _TOKEN_PATTERN.findall(label)]
+    tokens = set(ordered_tokens)
+    prosthesis_channel = _match_prosthesis_channel(tokens)
+    if prosthesis_channel:
+        return ChannelLabel(prosthesis_channel, None, 1)
+    if tokens & _EXCLUDED_TOKENS or not tokens:
         return None
-    side = next((_SIDE_TOKENS[token] for token in tokens if token in _SIDE_TOKENS), None)
-    channel, sign = _match_leg_channel(has)
+    side = next((_SIDE_TOKENS[token] for token in ordered_tokens if token in _SIDE_TOKENS), None)
+    channel, sign = _match_leg_channel(tokens)
     return ChannelLabel(channel, side, sign) if channel else None
 
 
 def _match_prosthesis_channel(tokens: set[str]) -> str:
-    """What a prosthesis' own log calls so; '' for anything else, such as a pressure's centre or a muscle's force."""
-    plain = tokens - _MEASUREMENT_TOKENS
-    if "pressure" in tokens and plain & _COMMAND_TOKENS and plain <= {"pressure", *_COMMAND_TOKENS}:
+    """Return the prosthesis channel of ``tokens``; '' for similar quantities such as the centre of pressure."""
+    relevant = tokens - _MEASUREMENT_TOKENS
+    if "pressure" in tokens and relevant & _COMMAND_TOKENS and relevant <= {"pressure", *_COMMAND_TOKENS}:
         return PRESSURE_COMMAND
     exact = {
         MUSCLE_PRESSURE: [{"pressure"}],
         MUSCLE_LENGTH: [{"muscle", "length"}],
         MUSCLE_FORCE: [{"force"}, {"tension"}, {"load", "cell"}],
     }
-    return next((channel for channel, names in exact.items() if plain in names), "")
+    return next((channel for channel, alternatives in exact.items() if relevant in alternatives), "")
 
 
 def _match_leg_channel(tokens: set[str]) -> tuple[str, int]:
+    """Return the leg or body channel of ``tokens`` and the sign by the label; ('', 1) if there is none."""
     plantar = any("plantar" in token for token in tokens)
     if "grf" in tokens:
         axis = next((f"grf_{a}" for a in ("vertical", "forward", "x", "y", "z") if a in tokens), "")
@@ -128,7 +120,7 @@ def _match_leg_channel(tokens: set[str]) -> tuple[str, int]:
     if "ankle" in tokens and "power" in tokens:
         return ANKLE_POWER, 1
     if "ankle" in tokens and tokens & {"moment", "torque"}:
-        # OpenSim's generalised force of a coordinate that grows with dorsiflexion; others name the plantarflexor's.
+        # The generalised force of OpenSim's ankle angle is positive for dorsiflexion; other programs use the opposite.
         return ANKLE_MOMENT, -1 if "angle" in tokens and not plantar else 1
     if tokens & {"moment", "torque", "force", "power", "speed"}:
         return "", 1
@@ -142,10 +134,10 @@ def _match_leg_channel(tokens: set[str]) -> tuple[str, int]:
 
 
 def parse_plate_label(label: str) -> PlateLabel | None:
-    """The plate, quantity and axis of a column called ``label`` in OpenSim's way, None for any other."""
+    """Return the plate, quantity and axis of an OpenSim ground reaction ``label``; None for other labels."""
     match = _PLATE_PATTERN.fullmatch(label)
-    if match is None or match["what"] != "force" or match["kind"] not in ("v", "p"):
+    if match is None or match["quantity"] != "force" or match["kind"] not in ("v", "p"):
         return None
-    which = match["before"] or match["name"] or "0"
+    plate = match["prefix"] or match["name"] or "0"
     axis = {"x": 0, "y": 1, "z": 2, "1": 0, "2": 1, "3": 2}[match["axis"]]
-    return PlateLabel(_SIDE_TOKENS.get(which.lower(), which), "force" if match["kind"] == "v" else "point", axis)
+    return PlateLabel(_SIDE_TOKENS.get(plate.lower(), plate), "force" if match["kind"] == "v" else "point", axis)

@@ -1,24 +1,23 @@
-"""``--map FILE``: which column or marker is what, where the names do not say it or say it wrongly.
+"""Mapping file of ``--map FILE``: the meaning of columns and markers whose names are unclear or wrong.
 
 .. code-block:: toml
 
-    [right]                                # or [left]; [body] for pelvis_tilt and belt_speed
+    [right]                                # or [left]; [body] for pelvis_tilt, belt_speed
     ankle_angle = { column = "RAnkFlex", unit = "deg", sign = -1, zero = -90.0 }
-    knee_angle = "RKneeFlex"               # a column alone: the rest is found out
+    knee_angle = "RKneeFlex"               # column only: unit, sign and zero are detected
     [markers.right]
-    ankle = ["RMALL"]                      # the joint's centre is the mean of these
-    shank = ["RS1", "RS2", "RS3"]          # a cluster: the joints are found from how it moves
+    ankle = ["RMALL"]                      # the joint centre is the mean of these markers
+    shank = ["RS1", "RS2", "RS3"]          # a cluster: joint centres follow from its motion
     [axes]
-    forward = "-y"                         # of the laboratory's axes
+    forward = "-y"                         # axis of the laboratory frame
     up = "z"
-    [prosthesis]                           # its own log: pressure_command, pressure, force, muscle_length
+    [prosthesis]                           # log: pressure_command, pressure, force, muscle_length
     pressure = { column = "P1", unit = "kPa" }
     [clock]
-    "log.csv" = 0.35                       # seconds to add to the times in this file
+    "log.csv" = 0.35                       # time offset of this file [s]
 """
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,68 +27,70 @@ from klute_sim.errors import InputError
 from klute_sim.mocap.formats import content
 from klute_sim.mocap.parsing import channel_names
 from klute_sim.mocap.parsing.channel_names import Side
+from klute_sim.toml_files import parse_toml
 
 BODY_SECTION, PROSTHESIS_SECTION = "body", "prosthesis"
 MARKER_ROLES = ("hip", "knee", "ankle", "heel", "toe", "midfoot", "thigh", "shank", "asis", "psis", "sacrum")
-"""What markers can be: joints and points of the foot, clusters of a segment, the pelvis."""
+"""Marker roles: joints and points of the foot, clusters on segments, landmarks of the pelvis."""
 AXIS_NAMES = tuple(f"{sign}{axis}" for sign in ("", "-") for axis in "xyz")
+"""Names of the laboratory axes and their opposites."""
 
 
 @dataclass(frozen=True)
 class ColumnSpec:
-    """What the user said of one channel; None: to be found out."""
+    """User's specification of one channel; None values are detected."""
 
     column: str
+    """Label of the column."""
     unit: str | None = None
+    """Unit of the column."""
     sign: int | None = None
+    """Factor (1 or -1) that gives the standard sign."""
     zero: float | None = None
-    """Value [deg] in the file, after the sign, that is 0 here."""
+    """Value in the file, after the sign, at the channel's zero [deg]."""
 
 
 @dataclass(frozen=True)
 class ImportMapping:
-    """Everything the user said."""
+    """User's assignment of columns and markers."""
 
     channels: Mapping[tuple[str, str], ColumnSpec] = field(default_factory=dict)
-    """(side or ``body``, channel) -> choice."""
+    """(side, ``body`` or ``prosthesis``; channel) -> column specification."""
     markers: Mapping[tuple[Side, str], tuple[str, ...]] = field(default_factory=dict)
     """(side, role) -> marker names."""
     axes: Mapping[str, str] = field(default_factory=dict)
-    """``forward`` and ``up`` -> axis of the laboratory."""
+    """``forward`` and ``up`` -> axis of the laboratory frame."""
     clock_offsets: Mapping[str, float] = field(default_factory=dict)
-    """Name of a file -> what is added to its times [s]."""
+    """File name -> time offset that is added to its times [s]."""
 
     def column_names(self, *, prosthesis: bool) -> set[str]:
-        """All columns that are named: those of the prosthesis' own log, or the others."""
+        """Return the labels of the assigned columns: those of the prosthesis log, or all others."""
         return {c.column for (owner, _), c in self.channels.items() if (owner == PROSTHESIS_SECTION) == prosthesis}
 
 
 def read(path: Path | None) -> ImportMapping:
-    """The file at ``path``, or what no file says; raises InputError naming the key and what is allowed."""
+    """Read the mapping file at ``path`` (None: an empty mapping); raise InputError with the key and allowed values."""
     if path is None:
         return ImportMapping()
-    try:
-        keys = tomllib.loads(content.read(path).decode())
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is not valid TOML: {error}") from None
+    keys = parse_toml(content.read(path).data, str(path))
     sides = get_args(Side)
     _check_keys(keys, (*sides, BODY_SECTION, PROSTHESIS_SECTION, "markers", "axes", "clock"), str(path))
     channels = {}
-    owned = {
+    section_channels = {
         BODY_SECTION: (channel_names.PELVIS_TILT, channel_names.BELT_SPEED, channel_names.PELVIS_X),
         PROSTHESIS_SECTION: channel_names.PROSTHESIS_CHANNELS,
     }
     for owner in (*sides, BODY_SECTION, PROSTHESIS_SECTION):
-        allowed = owned.get(owner, channel_names.LEG_CHANNELS)
+        allowed = section_channels.get(owner, channel_names.LEG_CHANNELS)
         section = _check_table(keys.get(owner, {}), f"{path}: [{owner}]")
         _check_keys(section, allowed, f"{path}: [{owner}]")
         for channel, value in section.items():
             channels[owner, channel] = _parse_column_spec(value, f"{path}: {owner}.{channel}")
     markers: dict[tuple[Side, str], tuple[str, ...]] = {}
-    chosen = _check_table(keys.get("markers", {}), f"{path}: [markers]")
-    _check_keys(chosen, sides, f"{path}: [markers]")
+    marker_sections = _check_table(keys.get("markers", {}), f"{path}: [markers]")
+    _check_keys(marker_sections, sides, f"{path}: [markers]")
     for side in sides:
-        section = _check_table(chosen.get(side, {}), f"{path}: [markers.{side}]")
+        section = _check_table(marker_sections.get(side, {}), f"{path}: [markers.{side}]")
         _check_keys(section, MARKER_ROLES, f"{path}: [markers.{side}]")
         for role, value in section.items():
             if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
@@ -102,18 +103,18 @@ def read(path: Path | None) -> ImportMapping:
             raise InputError(f"{path}: axes.{key} = {value!r}; allowed: {', '.join(AXIS_NAMES)}")
     if axes and (len(axes) < 2 or axes["forward"][-1] == axes["up"][-1]):
         raise InputError(f"{path}: [axes] needs 'forward' and 'up', along two different axes")
-    clock = _check_table(keys.get("clock", {}), f"{path}: [clock]")
-    for file, value in clock.items():
+    clock_offsets = _check_table(keys.get("clock", {}), f"{path}: [clock]")
+    for file, value in clock_offsets.items():
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise InputError(f"{path}: clock.'{file}' = {value!r}; allowed is a number of seconds")
-    return ImportMapping(channels, markers, axes, clock)
+    return ImportMapping(channels, markers, axes, clock_offsets)
 
 
 def _parse_column_spec(value: Any, location: str) -> ColumnSpec:
     if isinstance(value, str) and value:
         return ColumnSpec(value)
     if not isinstance(value, dict) or not isinstance(value.get("column"), str):
-        raise InputError(f"{location} must be a column's name, or a table with 'column'")
+        raise InputError(f"{location} must be a column label, or a table with 'column'")
     _check_keys(value, ("column", "unit", "sign", "zero"), location)
     unit, sign, zero = value.get("unit"), value.get("sign"), value.get("zero")
     if unit is not None and not isinstance(unit, str):

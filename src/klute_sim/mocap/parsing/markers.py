@@ -1,7 +1,7 @@
-"""Which marker is what: names of common marker sets, and the laboratory's axes.
+"""Identification of markers by the names of common marker sets, and of the walking frame.
 
-Recognised, after the side (``R``, ``L``, ``Right``, ``_r`` ...): Plug-in Gait (``RKNE``, ``RANK``, ``RHEE``), names in
-words (``R ANKLE LAT``, ``R.Heel``), clusters with numbers (``R SHANK 1``). Others are named in ``--map``.
+Recognised after the side (``R``, ``L``, ``Right``, ``_r`` ...): Plug-in Gait (``RKNE``, ``RANK``, ``RHEE``), words
+(``R ANKLE LAT``, ``R.Heel``) and numbered clusters (``R SHANK 1``). ``--map`` assigns other names.
 """
 
 import re
@@ -15,7 +15,7 @@ from klute_sim.mocap.formats.trc import Markers
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
 from klute_sim.mocap.parsing.mapping import ImportMapping
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 _ROLE_PATTERNS: tuple[tuple[str, str], ...] = (
     ("asis", r"asis?"),
@@ -41,7 +41,7 @@ _ROLE_PATTERNS: tuple[tuple[str, str], ...] = (
 _COMPILED_PATTERNS = tuple((role, re.compile(pattern)) for role, pattern in _ROLE_PATTERNS)
 _SACRUM_PATTERN = re.compile(r"v?sacr(um|al)?")
 MAX_AXIS_DEVIATION = 20.0
-"""Walking within so many degrees of an axis of the laboratory is taken to be along it."""
+"""Largest angle [deg] between the walking direction and a laboratory axis at which the axis is taken instead."""
 
 
 @dataclass(frozen=True)
@@ -49,48 +49,52 @@ class MarkerRoles:
     """Roles of the markers of both legs."""
 
     roles: Mapping[tuple[Side, str], tuple[str, ...]]
-    """(side, role) -> names of markers."""
+    """(side, role) -> marker names."""
     sacrum: tuple[str, ...]
+    """Names of the markers on the sacrum."""
 
     def select(self, side: Side, role: str) -> tuple[str, ...]:
-        """Markers of ``side`` that are ``role``."""
+        """Return the names of the markers with ``role`` on ``side``."""
         return self.roles.get((side, role), ())
 
 
 def identify_markers(markers: Markers, mapping: ImportMapping, trial_name: str) -> MarkerRoles:
-    """What the markers are, by ``chosen``, then by their names; raises InputError for a chosen one that is not."""
-    found: dict[tuple[Side, str], list[str]] = {}
+    """Return the roles of ``markers`` by their names, overridden by ``mapping``.
+
+    Raises InputError if ``mapping`` names a marker that does not exist.
+    """
+    recognised: dict[tuple[Side, str], list[str]] = {}
     sacrum = []
     for name in markers.positions:
-        side, bare = _split_side(name)
+        side, landmark = _split_side(name)
         if side is None:
-            sacrum += [name] if _SACRUM_PATTERN.fullmatch(bare) else []
+            sacrum += [name] if _SACRUM_PATTERN.fullmatch(landmark) else []
             continue
-        role = next((role for role, pattern in _COMPILED_PATTERNS if pattern.fullmatch(bare)), None)
+        role = next((role for role, pattern in _COMPILED_PATTERNS if pattern.fullmatch(landmark)), None)
         if role is not None:
-            found.setdefault((side, role), []).append(name)
-    roles = {key: tuple(value) for key, value in found.items()} | dict(mapping.markers)
-    for (side, role), wanted in mapping.markers.items():
-        for name in wanted:
+            recognised.setdefault((side, role), []).append(name)
+    roles = {key: tuple(names) for key, names in recognised.items()} | dict(mapping.markers)
+    for (side, role), names in mapping.markers.items():
+        for name in names:
             if name not in markers.positions:
-                raise InputError(f"{trial_name}: there is no marker '{name}', which is to be {role} on the {side}")
+                raise InputError(f"{trial_name}: marker '{name}' ({role}, {side}) is missing")
     return MarkerRoles(roles, tuple(sacrum))
 
 
 def _split_side(marker_name: str) -> tuple[Side | None, str]:
-    """The side in a marker's name, and the rest without blanks, dots and capitals."""
-    bare = marker_name.split(":")[-1].strip()
-    for side, word in (("right", r"right|r"), ("left", r"left|l")):
-        apart = re.fullmatch(rf"(?i:{word})[\s._-]+(.*)|(.*?)[\s._-]+(?i:{word})|(?i:{word[:-2]})(.+)", bare)
-        rest = next((part for part in apart.groups() if part), None) if apart else None
+    """Return the side in a marker name and the normalized rest of the name."""
+    name = marker_name.split(":")[-1].strip()
+    for side, words in (("right", r"right|r"), ("left", r"left|l")):
+        separated = re.fullmatch(rf"(?i:{words})[\s._-]+(.*)|(.*?)[\s._-]+(?i:{words})|(?i:{words[:-2]})(.+)", name)
+        rest = next((group for group in separated.groups() if group), None) if separated else None
         if rest is None:
-            together = re.fullmatch(rf"(?i:{word[-1]})(.+)", bare)
-            candidate = _normalize_name(together[1]) if together else ""
+            prefixed = re.fullmatch(rf"(?i:{words[-1]})(.+)", name)
+            candidate = _normalize_name(prefixed[1]) if prefixed else ""
             if candidate and any(pattern.fullmatch(candidate) for _, pattern in _COMPILED_PATTERNS):
                 rest = candidate
         if rest:
             return ("right" if side == "right" else "left"), _normalize_name(rest)
-    return None, _normalize_name(bare)
+    return None, _normalize_name(name)
 
 
 def _normalize_name(name: str) -> str:
@@ -99,62 +103,66 @@ def _normalize_name(name: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class WalkingFrame:
-    """Axes of walking in the laboratory's frame."""
+    """Axes of walking in the laboratory frame."""
 
     rotation: Array
-    """(3, 3): rows are forward, up and right."""
+    """Rotation matrix (3, 3) with the rows forward, up and right."""
     description: str
-    """How they lie and how that was found, for the report."""
+    """Directions of the axes and how they were determined."""
 
     def rotate(self, vectors: Array) -> Array:
-        """``vectors`` (..., 3) of the laboratory as forward, up, right."""
+        """Return laboratory ``vectors`` (..., 3) in the components forward, up and right."""
         return np.asarray(vectors @ self.rotation.T, dtype=np.float64)
 
 
 def find_walking_frame(
     markers: Markers, roles: MarkerRoles, mapping: ImportMapping, trial_name: str, log: ImportLog
 ) -> WalkingFrame:
-    """Find how the walker went; raises InputError where no foot tells it."""
+    """Return the walking frame by ``mapping``, or by the mean directions of feet and legs.
+
+    Raises InputError if no foot is recognised.
+    """
     if mapping.axes:
         forward, up = (_parse_axis(mapping.axes[key]) for key in ("forward", "up"))
-        words = f"forward is {mapping.axes['forward']}, up is {mapping.axes['up']}: as given"
-        return WalkingFrame(np.array([forward, up, np.cross(forward, up)]), words)
+        description = f"forward is {mapping.axes['forward']}, up is {mapping.axes['up']}: as specified"
+        return WalkingFrame(np.array([forward, up, np.cross(forward, up)]), description)
     feet, legs = [], []
     for side in SIDES:
         heel, toe = (mean_position(markers, roles.select(side, role)) for role in ("heel", "toe"))
-        above = [n for role in ("shank", "knee", "thigh", "hip", "asis") for n in roles.select(side, role)]
-        upper = mean_position(markers, tuple(above))
+        upper_names = [n for role in ("shank", "knee", "thigh", "hip", "asis") for n in roles.select(side, role)]
+        upper = mean_position(markers, tuple(upper_names))
         if heel is not None and toe is not None and upper is not None:
-            seen = np.isfinite(toe + heel + upper).all(axis=1)
-            if seen.any():
-                feet.append(np.mean((toe - heel)[seen], axis=0))
-                legs.append(np.mean((upper - heel)[seen], axis=0))
+            visible = np.isfinite(toe + heel + upper).all(axis=1)
+            if visible.any():
+                feet.append(np.mean((toe - heel)[visible], axis=0))
+                legs.append(np.mean((upper - heel)[visible], axis=0))
     if not feet:
         raise InputError(
-            f"{trial_name}: no foot was recognised among the markers; heel, toe and something above them are needed: name "
-            "them in a file for --map, under [markers.right]"
+            f"{trial_name}: no foot was recognised among the markers; name markers of heel, toe and a higher segment "
+            "in a file for --map, under [markers.right]"
         )
     leg, foot = np.mean(legs, axis=0), np.mean(feet, axis=0)
-    place = int(np.abs(leg).argmax())
+    vertical = int(np.abs(leg).argmax())
     up = np.zeros(3)
-    up[place] = np.sign(leg[place])
-    ahead = foot - (foot @ up) * up
-    ahead /= np.linalg.norm(ahead)
-    nearest = int(np.abs(ahead).argmax())
-    angle = float(np.degrees(np.arccos(min(1.0, abs(ahead[nearest])))))
-    how = "from heels to toes"
+    up[vertical] = np.sign(leg[vertical])
+    forward = foot - (foot @ up) * up
+    forward /= np.linalg.norm(forward)
+    nearest = int(np.abs(forward).argmax())
+    angle = float(np.degrees(np.arccos(min(1.0, abs(forward[nearest])))))
+    method = "from heels to toes"
     if angle <= MAX_AXIS_DEVIATION:
-        snapped = np.zeros(3)
-        snapped[nearest] = np.sign(ahead[nearest])
-        ahead, how = snapped, f"{how}, {angle:.0f} degrees off it"
+        axis = np.zeros(3)
+        axis[nearest] = np.sign(forward[nearest])
+        forward, method = axis, f"{method}, which deviate by {angle:.0f} degrees"
     else:
         log.add_warning(
-            f"{trial_name}: the feet point {angle:.0f} degrees off the laboratory's axes; walking was taken to be so"
+            f"{trial_name}: the feet point {angle:.0f} degrees away from the laboratory axes; this was taken as the "
+            "walking direction"
         )
-    words = f"forward is {_format_axis(ahead)} ({how}), up is {_format_axis(up)} (from heels to legs)"
-    found = WalkingFrame(np.array([ahead, up, np.cross(ahead, up)]), words)
-    _warn_if_sides_swapped(markers, roles, found, trial_name, log)
-    return found
+    description = f"forward is {_format_axis(forward)} ({method}), up is {_format_axis(up)} (from heels to legs)"
+    frame = WalkingFrame(np.array([forward, up, np.cross(forward, up)]), description)
+    _warn_if_sides_swapped(markers, roles, frame, trial_name, log)
+    return frame
 
 
 def _warn_if_sides_swapped(
@@ -162,11 +170,13 @@ def _warn_if_sides_swapped(
 ) -> None:
     right, left = (mean_position(markers, roles.select(side, "heel")) for side in SIDES)
     if right is not None and left is not None and np.nanmean(frame.rotate(right - left)[:, 2]) < 0.0:
-        log.add_warning(f"{trial_name}: the right heel is to the left of the left one; are the sides' names swapped?")
+        log.add_warning(
+            f"{trial_name}: the right heel is to the left of the left heel; check the sides of the marker names"
+        )
 
 
 def mean_position(markers: Markers, marker_names: tuple[str, ...]) -> Array | None:
-    """(n, 3): mean of the markers ``names`` [m], NaN where one is missing; None for no names."""
+    """Return the mean position (n, 3) [m] of ``marker_names``, NaN where a marker is hidden; None without names."""
     if not marker_names:
         return None
     return np.asarray(np.mean([markers.positions[name] for name in marker_names], axis=0), dtype=np.float64)
@@ -179,7 +189,7 @@ def _parse_axis(axis_name: str) -> Array:
 
 
 def _format_axis(vector: Array) -> str:
-    place = int(np.abs(vector).argmax())
-    if abs(vector[place]) < 0.999:
+    index = int(np.abs(vector).argmax())
+    if abs(vector[index]) < 0.999:
         return "(" + ", ".join(f"{v:.2f}" for v in vector) + ")"
-    return ("-" if vector[place] < 0 else "+") + "xyz"[place]
+    return ("-" if vector[index] < 0 else "+") + "xyz"[index]

@@ -1,46 +1,46 @@
-"""Two files that saw the same movement: how far apart their clocks are."""
+"""Synchronisation check: the time offset between two recordings of the same movement."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from klute_sim.mocap.import_log import ImportLog
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 MAX_LAG = 0.5
-"""Lags [s] that are tried either way: a stride further, walking looks the same."""
+"""Largest lag that is tried in either direction [s]; with a lag of a full stride, walking looks the same."""
 LAG_STEP = 2.5e-3
-"""Between lags, and between samples that are compared [s]."""
+"""Interval between lags, and between compared samples [s]."""
 MIN_REPORTED_LAG = 0.01
-"""Lag [s] from which it is doubted (assumed; at push-off the ankle turns some 2 degrees in it)."""
+"""Smallest lag that is reported as suspicious [s] (assumed; at push-off the ankle rotates 2 degrees in it)."""
 MIN_CORRELATION = 0.95
-"""Correlation from which two curves are of the same movement (assumed)."""
+"""Smallest correlation of two recordings of the same movement (assumed)."""
 
 
 class Signal(NamedTuple):
-    """One channel on its own clock."""
+    """Samples of one channel with their own times."""
 
     time: Array
-    """[s]"""
+    """Sample times (n,) [s]."""
     value: Array
-    """NaN where there is no sample."""
+    """Samples (n,); NaN where missing."""
 
 
 def estimate_lag(signal: Signal, reference: Signal) -> tuple[float, float] | None:
-    """What is to be added to the times of ``one`` [s] so that it is most like ``other``, and their correlation then.
+    """Return the time [s] to add to ``signal`` for the highest correlation with ``reference``, and this correlation.
 
-    None where they share less than a second.
+    Returns None if the two overlap for less than a second.
     """
     begin = max(signal.time[0] + MAX_LAG, reference.time[0])
     end = min(signal.time[-1] - MAX_LAG, reference.time[-1])
     if end - begin < 1.0:
         return None
-    at = np.arange(begin, end, LAG_STEP)
-    there = _interpolate(reference, at)
-    shifts = np.arange(-round(MAX_LAG / LAG_STEP), round(MAX_LAG / LAG_STEP) + 1) * LAG_STEP
-    alike = [float(np.corrcoef(_interpolate(signal, at - shift), there)[0, 1]) for shift in shifts]
-    best = int(np.argmax(alike))
-    return float(shifts[best]), alike[best]
+    grid = np.arange(begin, end, LAG_STEP)
+    reference_values = _interpolate(reference, grid)
+    lags = np.arange(-round(MAX_LAG / LAG_STEP), round(MAX_LAG / LAG_STEP) + 1) * LAG_STEP
+    correlations = [float(np.corrcoef(_interpolate(signal, grid - lag), reference_values)[0, 1]) for lag in lags]
+    best = int(np.argmax(correlations))
+    return float(lags[best]), correlations[best]
 
 
 def _interpolate(signal: Signal, time: Array) -> Array:
@@ -49,18 +49,18 @@ def _interpolate(signal: Signal, time: Array) -> Array:
 
 
 def compare_clocks(quantity: str, first: tuple[str, Signal], second: tuple[str, Signal], log: ImportLog) -> None:
-    """Note how far ``what`` in the file of ``one`` is from what the ``other`` file has."""
-    found = estimate_lag(first[1], second[1])
-    if found is None:
+    """Log the time offset of ``quantity`` between two files, each given as (file name, signal)."""
+    estimate = estimate_lag(first[1], second[1])
+    if estimate is None:
         return
-    shift, alike = found
-    files = f"{quantity} in {first[0]} and in {second[0]}"
-    if not alike >= MIN_CORRELATION:
-        log.add_warning(f"{files} are not the same movement (correlation {alike:.2f}): is one of another trial?")
-    elif abs(shift) >= MIN_REPORTED_LAG:
+    lag, correlation = estimate
+    pair = f"{quantity} in {first[0]} and in {second[0]}"
+    if not correlation >= MIN_CORRELATION:
+        log.add_warning(f"{pair} are not the same movement (correlation {correlation:.2f}): check the trials")
+    elif abs(lag) >= MIN_REPORTED_LAG:
         log.add_warning(
-            f"{files} are most alike {1e3 * abs(shift):.0f} ms apart: if it is the clocks, say "
-            f"'\"{first[0]}\" = {shift:.4g}' under [clock] in a file for --map"
+            f"{pair} correlate best with an offset of {1e3 * abs(lag):.0f} ms: if the clocks differ, set "
+            f"'\"{first[0]}\" = {lag:.4g}' under [clock] in a file for --map"
         )
     else:
-        log.add_derived(f"Check of the clocks: {files} are most alike less than {1e3 * MIN_REPORTED_LAG:.0f} ms apart")
+        log.add_derived(f"Clock check: {pair} correlate best with an offset below {1e3 * MIN_REPORTED_LAG:.0f} ms")

@@ -1,37 +1,40 @@
-"""Which walks are repeats of one experiment: as long a stride, under the same pressures."""
+"""Detection of repeated trials: equal stride times and equal commanded pressures."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from klute_sim.mocap.prosthesis_trials import ProsthesisTrial
+from klute_sim.mocap.strides.strides import PHASE_GRID
 
 STRIDE_TIME_TOLERANCE = 0.04
-"""Difference of stride times, over the first one's, up to which two walks are at one speed (assumed)."""
+"""Largest relative difference of stride times between repeats (assumed)."""
 COMMAND_TOLERANCE = 0.05
-"""Root mean square of two profiles' difference, over the first one's peak, up to which they are one (assumed)."""
+"""Largest rms difference of commanded pressures between repeats, relative to the first one's peak (assumed)."""
 MIN_COMMAND_TOLERANCE_BAR = 0.05
-"""The same [bar], for profiles that hardly ask for anything (assumed)."""
-PHASE_GRID = np.linspace(0.0, 1.0, 101)
+"""Smallest tolerance for the rms difference of commanded pressures [bar], for low pressures (assumed)."""
 
 
 def group_repeats(trials: Sequence[ProsthesisTrial], trials_per_group: int | None = None) -> list[int]:
-    """The group of every walk, counted from 1 in the order in which they come; ``each``: so many on end are one."""
+    """Return the group number of each trial, starting at 1.
+
+    With ``trials_per_group``, consecutive trials form groups of this size; otherwise repeats are detected.
+    """
     if trials_per_group is not None:
         return [1 + k // trials_per_group for k in range(len(trials))]
-    firsts: list[ProsthesisTrial] = []
-    found = []
-    for walk in trials:
-        place = next((k for k, first in enumerate(firsts) if _is_repeat(walk, first)), len(firsts))
-        if place == len(firsts):
-            firsts.append(walk)
-        found.append(1 + place)
-    return found
+    references: list[ProsthesisTrial] = []
+    groups = []
+    for trial in trials:
+        index = next((k for k, reference in enumerate(references) if _is_repeat(trial, reference)), len(references))
+        if index == len(references):
+            references.append(trial)
+        groups.append(1 + index)
+    return groups
 
 
 def _is_repeat(trial: ProsthesisTrial, reference: ProsthesisTrial) -> bool:
     if abs(trial.stride_time - reference.stride_time) > STRIDE_TIME_TOLERANCE * reference.stride_time:
         return False
-    wanted = reference.mean_command(PHASE_GRID)
-    apart = float(np.sqrt(np.mean((trial.mean_command(PHASE_GRID) - wanted) ** 2)))
-    return apart <= max(MIN_COMMAND_TOLERANCE_BAR, COMMAND_TOLERANCE * float(np.abs(wanted).max()))
+    reference_command = reference.mean_command(PHASE_GRID)
+    rms_difference = float(np.sqrt(np.mean((trial.mean_command(PHASE_GRID) - reference_command) ** 2)))
+    return rms_difference <= max(MIN_COMMAND_TOLERANCE_BAR, COMMAND_TOLERANCE * float(np.abs(reference_command).max()))

@@ -1,4 +1,4 @@
-"""Strides: heel strike to heel strike of one foot, each over 0 to 100 % of its own time."""
+"""Strides of one foot from heel strike to heel strike, resampled to 0 to 100 % of their duration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,30 +8,35 @@ import numpy as np
 
 from klute_sim.gait.contacts import Contact
 from klute_sim.mocap.import_log import ImportLog
+from klute_sim.mocap.kinematics.leg import LEG_UNITS, Leg
 from klute_sim.mocap.parsing.channel_names import Side
-from klute_sim.mocap.strides.leg import LEG_UNITS, LegChannels
-from klute_sim.recording.recording import Array, Recording
+from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 
 PHASE_GRID = np.linspace(0.0, 1.0, 101)
+"""Gait phases (0-1) of resampled strides."""
 MIN_STRIDE_TIME, MAX_STRIDE_TIME = 0.6, 2.5
 """Stride times [s] of walking."""
 TOE_OFF_RANGE = (0.5, 0.8)
-"""Phases between which a walking foot leaves the ground (running: below a half)."""
+"""Gait phases of toe-off in walking; below a half in running."""
 MAX_STRIDE_TIME_DEVIATION = 0.15
-"""Departure from the median stride time from which a stride is left out."""
+"""Largest relative deviation from the median stride time of a stride that counts."""
 MAX_BELT_SPEED_DEVIATION = 0.05
-"""Departure of the belt from its median speed from which a stride is left out: it starts or stops."""
+"""Largest relative deviation from the median belt speed of a stride that counts; it excludes starts and stops."""
 RECURRENCE_RANGE = (0.8, 1.25)
-"""Where the end of a stride without a second heel strike is looked for: times the stance over :data:`STANCE`."""
+"""Search range for the end of a stride without a second heel strike, relative to stance time over
+:data:`STANCE_FRACTION`."""
 STANCE_FRACTION = 0.62
+"""Typical fraction of a stride in stance."""
 MAX_POSTURE_DIFFERENCE = 8.0
-"""Root mean square [deg] of all angles within which a posture is that of the last heel strike again."""
+"""Largest rms difference of all angles [deg] between equal postures."""
 RATE_WEIGHT = 0.1
-"""Weight [s] of the angles' rates in a posture: on 42 strides of a treadmill the ends then are 0.4 (sd 9) ms off those
-of the force plates; 14 (sd 27) ms without rates."""
+"""Weight [s] of angular rates in the comparison of postures. On 42 treadmill strides the detected ends deviate from the
+force plates by 0.4 ms (sd 9 ms) with rates, and by 14 ms (sd 27 ms) without."""
 MAX_SEAM_FRACTION = 0.06
-"""Share of a stride that may be bridged where one is put together from the ends of two."""
+"""Longest interpolated gap, as a fraction of the stride, in a stride that is assembled from parts of two strides."""
 POSTURE_CHANNELS = ("hip_angle", "knee_angle", "ankle_angle", "shank_angle")
+"""Channels that define the posture of a leg."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,132 +44,145 @@ class Stride:
     """One stride of a leg."""
 
     trial: str
+    """Name of the trial."""
     start: float
-    """[s]"""
+    """Time of heel strike [s]."""
     end: float
+    """Time of the next heel strike [s]."""
     toe_off: float
-    """Phase (0-1)."""
+    """Gait phase of toe-off (0-1)."""
     channels: dict[str, Array]
-    """Channel -> samples at :data:`PHASE`."""
+    """Channel -> samples at :data:`PHASE_GRID`."""
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """Stride time [s]."""
         return self.end - self.start
 
 
-def segment_strides(leg: LegChannels, log: ImportLog) -> list[Stride]:
-    """The strides of ``limb`` in which all its channels are known; what is left out is noted.
+def segment_strides(leg: Leg, log: ImportLog) -> list[Stride]:
+    """Return the strides of ``leg`` in which all channels are known, and log the exclusions.
 
-    They end at the next heel strike on a plate; where no stride does, as on a short walkway, by the leg's posture; and
-    where the record is too short for that, too, one is put together.
+    A stride ends at the next heel strike on a plate. If no stride has one, as on a short walkway, it ends when the
+    posture of the first heel strike recurs. If the recording is too short for that, a stride is assembled from parts.
     """
-    whole = [c for c in leg.contacts if c.has_foot_strike and c.has_toe_off]
-    ends = dict.fromkeys(whole, float("nan"))
+    contacts = [c for c in leg.contacts if c.has_foot_strike and c.has_toe_off]
+    ends = dict.fromkeys(contacts, float("nan"))
     ends |= {
-        one: two.foot_strike
-        for one, two in pairwise(leg.contacts)
-        if one in ends and two.foot_strike - one.foot_strike <= MAX_STRIDE_TIME
+        contact: following.foot_strike
+        for contact, following in pairwise(leg.contacts)
+        if contact in ends and following.foot_strike - contact.foot_strike <= MAX_STRIDE_TIME
     }
-    cut = [_extract_stride(leg, contact, end) for contact, end in ends.items()]
-    if not any(cut):
-        cut = [_extract_stride(leg, contact, _find_recurrence(leg, contact)) for contact in whole]
-        if any(cut):
+    candidates = [_extract_stride(leg, contact, end) for contact, end in ends.items()]
+    if not any(candidates):
+        candidates = [_extract_stride(leg, contact, _find_recurrence(leg, contact)) for contact in contacts]
+        if any(candidates):
             log.add_derived(
-                "End of a stride whose second heel strike is on no plate: when the leg's posture is that of the first "
-                "heel strike again"
+                "End of a stride without a second heel strike on a plate: recurrence of the posture of the first heel "
+                "strike"
             )
         else:
-            cut = [_assemble_stride(leg, log), *cut]
-    known = [stride for stride in cut if stride is not None]
-    steady = [stride for stride in known if not _changes_belt_speed(leg, stride)]
-    if len(steady) < len(known):
-        first = steady[0].start if steady else leg.time[-1]
-        log.add_exclusion(
-            leg.side,
-            f"{leg.trial}: the belt ramps up or changes its speed: {_format_stride_count(len(known) - len(steady))} of the "
-            f"{leg.side} leg left out; the first one kept begins at {first:.2f} s",
-        )
-    if not whole and not known:
-        log.add_exclusion(
-            leg.side, f"{leg.trial}: the {leg.side} foot is never seen from heel strike to toe-off on a plate"
-        )
-    elif len(whole) - len(known) > (1 if known else 0):  # the last one of a record hardly ever is
-        begun = {stride.start for stride in known}
-        why = _explain_exclusion(leg, next(contact for contact in whole if contact.foot_strike not in begun))
-        log.add_exclusion(
-            leg.side,
-            f"{leg.trial}: {_format_stride_count(len(whole) - len(known))} of the {leg.side} leg not whole and left out: {why}",
-        )
-    return steady
+            candidates = [_assemble_stride(leg, log), *candidates]
+    strides = [stride for stride in candidates if stride is not None]
+    steady_strides = [stride for stride in strides if not _changes_belt_speed(leg, stride)]
+    _log_exclusions(leg, contacts, strides, steady_strides, log)
+    return steady_strides
 
 
-def _explain_exclusion(leg: LegChannels, contact: Contact) -> str:
-    """Why the stride that begins with ``contact`` is not whole."""
-    after = next((c.foot_strike for c in leg.contacts if c.foot_strike > contact.foot_strike), None)
-    if after is None or after - contact.foot_strike > MAX_STRIDE_TIME:
+def _log_exclusions(
+    leg: Leg, contacts: Sequence[Contact], strides: Sequence[Stride], steady_strides: Sequence[Stride], log: ImportLog
+) -> None:
+    """Log which of the ``contacts`` did not become ``strides``, and which strides are not steady."""
+    if len(steady_strides) < len(strides):
+        start = steady_strides[0].start if steady_strides else leg.time[-1]
+        log.add_exclusion(
+            leg.side,
+            f"{leg.trial}: the belt accelerates: {_format_stride_count(len(strides) - len(steady_strides))} of the "
+            f"{leg.side} leg excluded; the first steady stride starts at {start:.2f} s",
+        )
+    if not contacts and not strides:
+        log.add_exclusion(
+            leg.side, f"{leg.trial}: the {leg.side} foot has no contact with both heel strike and toe-off on a plate"
+        )
+    elif len(contacts) - len(strides) > (1 if strides else 0):  # the last contact rarely has a complete stride
+        starts = {stride.start for stride in strides}
+        reason = _explain_exclusion(leg, next(c for c in contacts if c.foot_strike not in starts))
+        log.add_exclusion(
+            leg.side,
+            f"{leg.trial}: {_format_stride_count(len(contacts) - len(strides))} of the {leg.side} leg incomplete and "
+            f"excluded: {reason}",
+        )
+
+
+def _explain_exclusion(leg: Leg, contact: Contact) -> str:
+    """Return why the stride that starts with ``contact`` is incomplete."""
+    next_strike = next((c.foot_strike for c in leg.contacts if c.foot_strike > contact.foot_strike), None)
+    if next_strike is None or next_strike - contact.foot_strike > MAX_STRIDE_TIME:
         return (
-            f"the heel strike after that at {contact.foot_strike:.2f} s is on no plate, and until the record ends at "
-            f"{leg.time[-1]:.2f} s the leg is not again as it was at the first"
+            f"the heel strike after the one at {contact.foot_strike:.2f} s is on no plate, and the posture does not "
+            f"recur before the recording ends at {leg.time[-1]:.2f} s"
         )
-    inside = (leg.time >= contact.foot_strike) & (leg.time <= after)
+    inside = (leg.time >= contact.foot_strike) & (leg.time <= next_strike)
     gap = next((name for name, samples in leg.channels.items() if not np.isfinite(samples[inside]).all()), None)
-    what = f"{gap.replace('_', ' ')} has gaps" if gap else "stride time and toe-off are not those of walking"
-    return f"{what} between {contact.foot_strike:.2f} and {after:.2f} s"
+    reason = f"{gap.replace('_', ' ')} has gaps" if gap else "stride time and toe-off are not those of walking"
+    return f"{reason} between {contact.foot_strike:.2f} and {next_strike:.2f} s"
 
 
 def _format_stride_count(count: int) -> str:
     return f"{count} stride{'' if count == 1 else 's'}"
 
 
-def _extract_stride(leg: LegChannels, contact: Contact, end: float) -> Stride | None:
-    """The stride from ``contact`` to ``end`` [s]; None for NaN, where it is no walking, or where channels have gaps."""
+def _extract_stride(leg: Leg, contact: Contact, end: float) -> Stride | None:
+    """Return the stride from ``contact`` to ``end`` [s].
+
+    Returns None if ``end`` is NaN, the timing is not that of walking, or a channel has gaps.
+    """
     duration = end - contact.foot_strike
     toe_off = (contact.toe_off - contact.foot_strike) / duration
     if not MIN_STRIDE_TIME <= duration <= MAX_STRIDE_TIME or not TOE_OFF_RANGE[0] <= toe_off <= TOE_OFF_RANGE[1]:
         return None
-    when = contact.foot_strike + duration * PHASE_GRID
-    channels = {name: np.interp(when, leg.time, s, left=np.nan, right=np.nan) for name, s in leg.channels.items()}
+    time = contact.foot_strike + duration * PHASE_GRID
+    channels = {name: np.interp(time, leg.time, s, left=np.nan, right=np.nan) for name, s in leg.channels.items()}
     if not all(np.isfinite(samples).all() for samples in channels.values()):
         return None
     return Stride(leg.trial, contact.foot_strike, end, toe_off, channels)
 
 
-def _find_recurrence(leg: LegChannels, contact: Contact) -> float:
-    """When the leg is again as it was at ``contact``'s heel strike, by all its angles; NaN where it never is."""
-    stance = contact.toe_off - contact.foot_strike
-    low, high = (contact.foot_strike + factor * stance / STANCE_FRACTION for factor in RECURRENCE_RANGE)
+def _find_recurrence(leg: Leg, contact: Contact) -> float:
+    """Return the time [s] at which the posture of ``contact``'s heel strike recurs; NaN if it does not."""
+    stance_time = contact.toe_off - contact.foot_strike
+    low, high = (contact.foot_strike + factor * stance_time / STANCE_FRACTION for factor in RECURRENCE_RANGE)
     inside = (leg.time >= low) & (leg.time <= high)
-    known = [leg.channels[name] for name in POSTURE_CHANNELS if name in leg.channels]
-    if inside.sum() < 3 or not known:
+    posture = [leg.channels[name] for name in POSTURE_CHANNELS if name in leg.channels]
+    if inside.sum() < 3 or not posture:
         return float("nan")
-    apart, moving = np.zeros(int(inside.sum())), np.zeros(int(inside.sum()))
-    for samples in known:
-        apart += (samples[inside] - np.interp(contact.foot_strike, leg.time, samples)) ** 2
+    angle_error, rate_error = np.zeros(int(inside.sum())), np.zeros(int(inside.sum()))
+    for samples in posture:
+        angle_error += (samples[inside] - np.interp(contact.foot_strike, leg.time, samples)) ** 2
         rate = RATE_WEIGHT * np.gradient(samples, leg.time)
-        moving += (rate[inside] - np.interp(contact.foot_strike, leg.time, rate)) ** 2
-    if not np.isfinite(apart + moving).any():
+        rate_error += (rate[inside] - np.interp(contact.foot_strike, leg.time, rate)) ** 2
+    if not np.isfinite(angle_error + rate_error).any():
         return float("nan")
-    best = int(np.nanargmin(apart + moving))
-    if best in (0, len(apart) - 1) or not np.sqrt(apart[best] / len(known)) < MAX_POSTURE_DIFFERENCE:
+    best = int(np.nanargmin(angle_error + rate_error))
+    if best in (0, len(angle_error) - 1) or not np.sqrt(angle_error[best] / len(posture)) < MAX_POSTURE_DIFFERENCE:
         return float("nan")
     return float(leg.time[inside][best])
 
 
-def _assemble_stride(leg: LegChannels, log: ImportLog) -> Stride | None:
-    """A stride of a record that holds the end of one and the beginning of the next; None where too much is missing."""
-    strikes = [contact.foot_strike for contact in leg.contacts if contact.has_foot_strike]
-    whole = [contact for contact in leg.contacts if contact.has_foot_strike and contact.has_toe_off]
+def _assemble_stride(leg: Leg, log: ImportLog) -> Stride | None:
+    """Return a stride from the end of one stride and the beginning of the next; None if too much is missing."""
+    foot_strikes = [contact.foot_strike for contact in leg.contacts if contact.has_foot_strike]
+    contacts = [contact for contact in leg.contacts if contact.has_foot_strike and contact.has_toe_off]
     known = np.isfinite(np.sum([leg.channels[name] for name in leg.channels], axis=0))
-    for first, second in pairwise(strikes):
+    for first, second in pairwise(foot_strikes):
         duration = second - first
-        if not MIN_STRIDE_TIME <= duration <= MAX_STRIDE_TIME or not whole or not known.any():
+        if not MIN_STRIDE_TIME <= duration <= MAX_STRIDE_TIME or not contacts or not known.any():
             continue
         inside = known & (leg.time > leg.time[known][-1] - duration)
         phase = ((leg.time[inside] - first) / duration) % 1.0
         order = np.argsort(phase)
         gaps = np.diff(np.append(phase[order], phase[order][0] + 1.0))
-        toe_off = (whole[0].toe_off - whole[0].foot_strike) / duration
+        toe_off = (contacts[0].toe_off - contacts[0].foot_strike) / duration
         if gaps.max() > MAX_SEAM_FRACTION or not TOE_OFF_RANGE[0] <= toe_off <= TOE_OFF_RANGE[1]:
             continue
         channels = {
@@ -172,45 +190,45 @@ def _assemble_stride(leg: LegChannels, log: ImportLog) -> Stride | None:
             for name, samples in leg.channels.items()
         }
         log.add_warning(
-            f"{leg.trial}: no stride of the {leg.side} leg is whole; one was put together from the end of one and "
-            f"the beginning of the next, with {100 * gaps.max():.1f} % of it bridged by a straight line"
+            f"{leg.trial}: no stride of the {leg.side} leg is complete; one was assembled from the end of one stride "
+            f"and the beginning of the next, with {100 * gaps.max():.1f} % of it interpolated"
         )
         return Stride(leg.trial, first, second, toe_off, channels)
     return None
 
 
-def _changes_belt_speed(leg: LegChannels, stride: Stride) -> bool:
+def _changes_belt_speed(leg: Leg, stride: Stride) -> bool:
     if leg.belt_speed is None:
         return False
-    usual = float(np.median(leg.belt_speed))
+    median_speed = float(np.median(leg.belt_speed))
     inside = (leg.time >= stride.start) & (leg.time <= stride.end)
-    return bool(abs(float(np.mean(leg.belt_speed[inside])) - usual) > MAX_BELT_SPEED_DEVIATION * abs(usual))
+    deviation = abs(float(np.mean(leg.belt_speed[inside])) - median_speed)
+    return bool(deviation > MAX_BELT_SPEED_DEVIATION * abs(median_speed))
 
 
 def select_regular_strides(strides: Sequence[Stride], side: Side, log: ImportLog) -> list[Stride]:
-    """``strides`` without those whose time is far from the median's; these are noted."""
+    """Return ``strides`` without those whose duration deviates from the median, and log the exclusions."""
     if not strides:
         return []
-    middle = float(np.median([stride.duration for stride in strides]))
-    kept = [stride for stride in strides if abs(stride.duration - middle) <= MAX_STRIDE_TIME_DEVIATION * middle]
-    if len(kept) < len(strides):
+    median = float(np.median([stride.duration for stride in strides]))
+    regular = [stride for stride in strides if abs(stride.duration - median) <= MAX_STRIDE_TIME_DEVIATION * median]
+    if len(regular) < len(strides):
         log.add_exclusion(
             side,
-            f"the {side} leg: {len(strides) - len(kept)} of {len(strides)} strides take over {100 * MAX_STRIDE_TIME_DEVIATION:.0f} % "
-            f"longer or shorter than {middle:.2f} s and were left out",
+            f"the {side} leg: {len(strides) - len(regular)} of {len(strides)} strides deviate by more than "
+            f"{100 * MAX_STRIDE_TIME_DEVIATION:.0f} % from the median stride time of {median:.2f} s and were excluded",
         )
-    return kept
+    return regular
 
 
 def to_recording(strides: Sequence[Stride], side: str) -> Recording:
-    """All ``strides`` one after the other, each from 0 to 100 %: its end is its own, not the next one's beginning.
+    """Return all ``strides`` in sequence, each from 0 to 100 % including its own end.
 
-    ``time`` runs on from stride to stride, one sample after the last, whatever was between them; ``start`` is where
-    each began in its own file.
+    ``time`` continues from stride to stride without gaps; ``start`` is the start time of each stride in its file.
     """
-    before = np.cumsum([0.0, *(stride.duration * (1.0 + PHASE_GRID[1]) for stride in strides)])[:-1]
+    offsets = np.cumsum([0.0, *(stride.duration * (1.0 + PHASE_GRID[1]) for stride in strides)])[:-1]
     columns = [
-        ("time [s]", np.concatenate([t + PHASE_GRID * s.duration for t, s in zip(before, strides, strict=True)])),
+        ("time [s]", np.concatenate([t + PHASE_GRID * s.duration for t, s in zip(offsets, strides, strict=True)])),
         ("gait_phase [%]", np.tile(100.0 * PHASE_GRID, len(strides))),
         ("stride [1]", np.repeat(np.arange(1.0, len(strides) + 1.0), len(PHASE_GRID))),
         ("start [s]", np.repeat([stride.start for stride in strides], len(PHASE_GRID))),

@@ -1,11 +1,11 @@
-"""One leg of one trial: every channel of walking on one clock, with the signs of the rest of the program."""
+"""Channels of one leg in one trial on common times, with the standard signs of the package."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from klute_sim.gait.contacts import Contact
 from klute_sim.mocap.parsing.channel_names import Side
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 LEG_UNITS = {
     "hip_angle": "deg",
@@ -17,28 +17,31 @@ LEG_UNITS = {
     "grf_vertical": "N",
     "grf_forward": "N",
 }
-"""Channels of a leg -> unit. Flexion, dorsiflexion, forward and up are positive; the moment is the plantarflexors'."""
+"""Channel of a leg -> unit. Flexion, dorsiflexion, plantarflexor moment, forward and up are positive."""
 
 
 @dataclass(frozen=True, eq=False)
-class LegChannels:
-    """A leg."""
+class Leg:
+    """One leg in one trial."""
 
     side: Side
+    """Side of the leg."""
     trial: str
-    """Name of its first file."""
+    """Name of the trial's first file."""
     time: Array
+    """Uniform sample times (n,) [s]."""
     channels: Mapping[str, Array]
-    """Those of :data:`UNITS` that there are; NaN where not known."""
+    """Available channels of :data:`LEG_UNITS`; NaN where unknown."""
     contacts: Sequence[Contact]
+    """Contacts of the foot with the ground."""
     walking_speed: float | None = None
-    """Of walking [m/s], where something tells it."""
+    """Walking speed [m/s], if known."""
     belt_speed: Array | None = None
-    """Speed of the treadmill [m/s] at ``time``."""
+    """Speed of the treadmill (n,) [m/s], if known."""
     impulses: Sequence[float] = field(default_factory=tuple)
-    """Vertical impulse [N.s] of each whole contact, not filtered."""
+    """Vertical impulse [N.s] of each complete contact, unfiltered."""
 
     @property
     def missing_channels(self) -> list[str]:
-        """Channels that there are not."""
+        """Channels of :data:`LEG_UNITS` that are not available."""
         return [name for name in LEG_UNITS if name not in self.channels]

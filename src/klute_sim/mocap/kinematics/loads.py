@@ -1,0 +1,266 @@
+"""Ground reactions of each foot, from columns that name the foot or from force plates that do not.
+
+A contact on a plate belongs to the leg whose knee is straighter in the middle of the contact, while the other leg
+swings. This rule needs no segment lengths, no plate positions and no signs except that of the knee angle, which the
+data determine.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from klute_sim.errors import InputError
+from klute_sim.gait.contacts import Contact, estimate_force_offset, find_contacts
+from klute_sim.mocap.import_log import ImportLog
+from klute_sim.mocap.options import ImportOptions
+from klute_sim.mocap.parsing import channel_lookup, channel_names
+from klute_sim.mocap.parsing.channel_names import SIDES, Side
+from klute_sim.mocap.parsing.markers import WalkingFrame
+from klute_sim.mocap.parsing.sources import SourceFile
+from klute_sim.types import Array
+
+MAX_CONTACT_TIME = 1.6
+"""Longest contact of a walking foot [s]; a longer one is two feet on one plate, or standing."""
+MIDSTANCE_RANGE = (0.2, 0.8)
+"""Fractions of a contact between which the other leg swings."""
+TYPICAL_CONTACT_TIME = 0.7
+"""Duration [s] of a contact that the start or end of the recording truncates (assumed)."""
+MIN_KNEE_DIFFERENCE = 5.0
+"""Smallest difference of the knees' mean flexion [deg] that identifies a foot; in walking it is near 30."""
+MAX_PLATE_OFFSET = 3.0
+"""Largest load of an empty plate [N] that is not reported."""
+COP_TOLERANCE = 1e-9
+"""Largest difference between equal centres of pressure, in the unit of the file."""
+MAX_SHARED_COP_FRACTION = 0.2
+"""Largest fraction of samples with equal centres of pressure of both feet that is not reported; double support takes a
+third of a stride."""
+CONTACT_MARGIN = 0.02
+"""Time [s] before and after a contact in which loads below the threshold belong to it."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroundReaction:
+    """Ground reaction on one foot or one plate, acting on the body."""
+
+    time: Array
+    """Sample times (n,) [s]."""
+    vertical: Array
+    """Vertical force (n,) [N], up positive."""
+    forward: Array
+    """Fore-aft force (n,) [N], positive along the forward axis of the file."""
+    cop: Array | None = None
+    """Centre of pressure (n, 2) in the walking frame, forward and up [m]; None if unknown."""
+
+
+def read_foot_loads(trial: Sequence[SourceFile], options: ImportOptions, log: ImportLog) -> dict[Side, GroundReaction]:
+    """Return the ground reaction of each foot from columns that name the foot."""
+    foot_loads: dict[Side, GroundReaction] = {}
+    for side in SIDES:
+        vertical = channel_lookup.find_column(trial, channel_names.GRF_VERTICAL, side, options)
+        forward = channel_lookup.find_column(trial, channel_names.GRF_FORWARD, side, options)
+        if vertical is None or forward is None:
+            axes = [channel_lookup.find_column(trial, axis, side, options) for axis in channel_names.GRF_AXES]
+            columns = [c for c in axes if c is not None]
+            if len(columns) < 2 or len({c.source.path for c in columns}) > 1:
+                continue
+            up, ahead = _find_axes(np.stack([c.values for c in columns], axis=1))
+            vertical, forward = vertical or columns[up], forward or columns[ahead]
+        sign = 1.0 if np.nanmean(vertical.values) > 0.0 else -1.0
+        for channel, column, axis_reason in (
+            (channel_names.GRF_VERTICAL, vertical, "the axis with the largest mean load"),
+            (channel_names.GRF_FORWARD, forward, "of the other axes, the one with the largest range"),
+        ):
+            reason = "by its name" if column.channel == channel else axis_reason
+            log.add_channel(
+                **{"channel": channel, "side": side, "file": column.file_name, "column": column.label},
+                **{"unit": column.unit, "sign": int(sign) if channel == channel_names.GRF_VERTICAL else 1, "zero": 0.0},
+                reason=f"unit {column.unit_reason}; axis {reason}",
+            )
+        # The two columns may come from files with different times.
+        forward_values = np.interp(vertical.time, forward.time, forward.values)
+        foot_loads[side] = GroundReaction(vertical.time, sign * vertical.values, forward_values)
+    _warn_if_shared_cop(trial, log)
+    return foot_loads
+
+
+def _find_axes(force: Array) -> tuple[int, int]:
+    """Return the columns of ``force`` (n, axes) with the vertical and the fore-aft component."""
+    mean_load = np.abs(np.nanmean(force, axis=0))
+    up = int(mean_load.argmax())
+    load_range = np.nanmax(force, axis=0) - np.nanmin(force, axis=0)
+    load_range[up] = -1.0
+    return up, int(load_range.argmax())
+
+
+def _warn_if_shared_cop(trial: Sequence[SourceFile], log: ImportLog) -> None:
+    """Warn if both feet share one centre of pressure, as with plates that cannot separate the feet."""
+    for source in trial:
+        for label in source.labels:
+            other_label = label.replace("Left", "Right").replace("left", "right")
+            if "cop" not in label.lower() or other_label == label or other_label not in source.labels:
+                continue
+            left, right = source.get_column(label), source.get_column(other_label)
+            fraction = float(np.mean(np.abs(left - right) < COP_TOLERANCE))
+            if fraction > MAX_SHARED_COP_FRACTION and np.nanmax(left) > np.nanmin(left):
+                log.add_warning(
+                    f"{source.name}: '{label}' and '{other_label}' are equal for {100 * fraction:.0f} % of the time: "
+                    "one centre of pressure for both feet, which was not used"
+                )
+                break
+
+
+def read_plate_loads(
+    trial: Sequence[SourceFile], frame: WalkingFrame | None, log: ImportLog
+) -> dict[str, GroundReaction]:
+    """Return plate name -> ground reaction in the walking frame; OpenSim labels may name a foot instead of a plate."""
+    plate_loads: dict[str, GroundReaction] = {}
+    for source in trial:
+        file_name = source.name
+        for number, plate in enumerate(source.plates, 1):
+            if frame is None:
+                raise InputError(f"{source.path} has force plates but no markers that show the walking direction")
+            plate_name = f"plate {number}"
+            force, cop = frame.rotate(plate.force), frame.rotate(plate.cop)
+            force, sign = _orient_upward(force, 1, plate_name, file_name, log)
+            plate_loads[plate_name] = GroundReaction(plate.time, force[:, 1], force[:, 0], cop[:, :2])
+            log.add_channel(
+                **{"channel": "ground reaction", "side": plate_name, "file": file_name},
+                **{"column": f"force plate {number}", "unit": "N", "sign": sign, "zero": 0.0},
+                reason=frame.description,
+            )
+        plate_loads |= _read_opensim_plates(source, file_name, frame, log)
+    return plate_loads
+
+
+def _read_opensim_plates(
+    source: SourceFile, file_name: str, frame: WalkingFrame | None, log: ImportLog
+) -> dict[str, GroundReaction]:
+    plate_labels: dict[str, dict[tuple[str, int], str]] = {}
+    for label in source.labels:
+        parsed = channel_names.parse_plate_label(label)
+        if parsed is not None:
+            plate_labels.setdefault(parsed.plate, {})[parsed.quantity, parsed.axis] = label
+    plate_loads = {}
+    for plate, labels in plate_labels.items():
+        if not all(("force", axis) in labels for axis in range(3)):
+            raise InputError(f"{source.path}: the ground reaction '{plate}' lacks one of the three components")
+        force = np.stack([source.get_column(labels["force", axis]) for axis in range(3)], axis=1)
+        empty = next((labels["force", axis] for axis in range(3) if not np.isfinite(force[:, axis]).any()), None)
+        if empty is not None:
+            raise InputError(f"{source.path}: column '{empty}' contains no numbers")
+        has_cop = all(("point", axis) in labels for axis in range(3))
+        cop = np.stack([source.get_column(labels["point", axis]) for axis in range(3)], axis=1) if has_cop else None
+        up, ahead, reason = 1, 0, "OpenSim axes: x forward, y up, z right"
+        if frame is not None:  # the markers are in the same laboratory frame
+            force, cop = frame.rotate(force), None if cop is None else frame.rotate(cop)
+            reason = frame.description
+        elif np.abs(np.nanmean(force, axis=0)).argmax() != 1:
+            up, ahead = _find_axes(force)
+            reason = f"up is {'xyz'[up]}, not OpenSim's y: the axis with the largest mean load"
+            log.add_warning(
+                f"{file_name}: the vertical ground reaction is along {'xyz'[up]}, not along y as in OpenSim"
+            )
+        force, sign = _orient_upward(force, up, f"the ground reaction '{plate}'", file_name, log)
+        plate_name = plate if plate in SIDES else f"plate {plate}"
+        cop_2d = None if cop is None else cop[:, [ahead, up]]
+        plate_loads[plate_name] = GroundReaction(
+            channel_lookup.read_time(source), force[:, up], force[:, ahead], cop_2d
+        )
+        log.add_channel(
+            **{"channel": "ground reaction", "side": plate_name, "file": file_name},
+            **{"column": labels["force", up] + ", ...", "unit": "N", "sign": sign, "zero": 0.0, "reason": reason},
+        )
+    return plate_loads
+
+
+def _orient_upward(force: Array, up: int, description: str, file_name: str, log: ImportLog) -> tuple[Array, int]:
+    """Return ``force`` (n, 3) on the body and its sign; some programs record the force on the plate."""
+    if not np.nanmean(force[:, up]) < 0.0:
+        return force, 1
+    log.add_warning(f"{file_name}: {description} points down; its sign was reversed to act on the body")
+    return -force, -1
+
+
+def remove_offset(loads: GroundReaction, description: str, trial_name: str, log: ImportLog) -> GroundReaction:
+    """Return ``loads`` without the vertical load of the empty plate."""
+    offset = estimate_force_offset(loads.vertical)
+    if abs(offset) > MAX_PLATE_OFFSET:
+        log.add_warning(f"{trial_name}: {description} is {offset:.1f} N on the empty plate; this offset was removed")
+    return replace(loads, vertical=loads.vertical - offset)
+
+
+def assign_to_feet(
+    plates: dict[str, GroundReaction],
+    legs: Sequence[Side],
+    time: Array,
+    knee_difference: Array,
+    trial_name: str,
+    options: ImportOptions,
+    log: ImportLog,
+) -> dict[Side, GroundReaction]:
+    """Return the ground reaction of each foot from ``plates``.
+
+    ``knee_difference`` (n,) is the flexion of the right knee minus that of the left [deg] at ``time``. If the files
+    contain only one of the ``legs``, it gets all loads.
+    """
+    contacts_by_side: dict[Side, list[tuple[GroundReaction, float, float]]] = {side: [] for side in SIDES}
+    for plate, raw_loads in plates.items():
+        loads = remove_offset(raw_loads, plate, trial_name, log)
+        contacts = find_contacts(loads.time, loads.vertical, options.contact_threshold)
+        feet = [_identify_foot(contact, time, knee_difference) for contact in contacts]
+        for foot, contact in zip(feet, contacts, strict=True):
+            identified = {f for f in feet if f is not None}
+            side: Side | None = foot or (identified.pop() if len(identified) == 1 else None)
+            if plate in SIDES:
+                side = "right" if plate == "right" else "left"
+            elif len(legs) == 1:
+                side = legs[0]
+            if contact.toe_off - contact.foot_strike > MAX_CONTACT_TIME:
+                log.add_warning(
+                    f"{trial_name}: {plate} is loaded for {contact.toe_off - contact.foot_strike:.2f} s without a "
+                    "pause, by both feet or in standing; this contact was excluded"
+                )
+            elif side is None:
+                log.add_warning(
+                    f"{trial_name}: the foot on {plate} at {contact.foot_strike:.2f} s cannot be identified; this "
+                    "contact was excluded"
+                )
+            else:
+                contacts_by_side[side].append((loads, contact.foot_strike, contact.toe_off))
+                if plate not in SIDES and len(legs) > 1:
+                    log.add_derived(f"Foot on a plate: that of the leg with the straighter knee ({side}: {plate})")
+    return {side: _merge_contacts(contacts) for side, contacts in contacts_by_side.items() if contacts}
+
+
+def _identify_foot(contact: Contact, time: Array, knee_difference: Array) -> Side | None:
+    """Return the side of a contact; None if it is unclear, as for contacts that the recording truncates."""
+    is_complete = contact.has_foot_strike and contact.has_toe_off
+    duration = contact.toe_off - contact.foot_strike if is_complete else TYPICAL_CONTACT_TIME
+    foot_strike = contact.foot_strike if contact.has_foot_strike else contact.toe_off - duration
+    low, high = (foot_strike + fraction * duration for fraction in MIDSTANCE_RANGE)
+    inside = (time >= max(low, contact.foot_strike)) & (time <= min(high, contact.toe_off))
+    midstance = knee_difference[inside & np.isfinite(knee_difference)]
+    if not len(midstance) or not abs(float(midstance.mean())) > MIN_KNEE_DIFFERENCE:
+        return None
+    return "left" if midstance.mean() > 0.0 else "right"
+
+
+def _merge_contacts(contacts: Sequence[tuple[GroundReaction, float, float]]) -> GroundReaction:
+    """Return the contacts (loads, start [s], end [s]) of one foot at the first one's times, with zero load between."""
+    time = contacts[0][0].time
+    vertical, forward, moment = np.zeros(len(time)), np.zeros(len(time)), np.zeros((len(time), 2))
+    has_cop = all(loads.cop is not None and np.isfinite(loads.cop).any(axis=0).all() for loads, *_ in contacts)
+    for loads, start, end in contacts:
+        inside = (time >= start - CONTACT_MARGIN) & (time <= end + CONTACT_MARGIN)
+        forces = [np.interp(time[inside], loads.time, c) for c in (loads.vertical, loads.forward)]
+        vertical[inside] += forces[0]
+        forward[inside] += forces[1]
+        if has_cop and loads.cop is not None:
+            for axis in range(2):
+                known = np.isfinite(loads.cop[:, axis])
+                position = np.interp(time[inside], loads.time[known], loads.cop[known, axis])
+                moment[inside, axis] += forces[0] * position
+    loaded = np.abs(vertical) > 1e-6
+    cop = np.where(loaded[:, None], moment / np.where(loaded, vertical, 1.0)[:, None], 0.0)
+    return GroundReaction(time, vertical, forward, cop if has_cop else None)
