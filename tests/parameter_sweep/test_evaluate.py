@@ -1,4 +1,4 @@
-"""One combination: its outcomes, when there is a human to compare with, and what is a row instead of an end."""
+"""Evaluation of one case: its metrics, its distances to the reference, its failures and its key."""
 
 import math
 from dataclasses import replace
@@ -14,7 +14,7 @@ from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, REFERENCE_DISTANC
 from klute_sim.parameter_sweep.plan import GaitCase
 
 DEFAULT = GaitCase(
-    device_name="mine",
+    device_name="device",
     device=load_device("klute-1-1-4-pair"),
     controller_name="profile",
     controller=load_default_profile(),
@@ -26,30 +26,31 @@ DEFAULT = GaitCase(
 )
 
 
-def test_a_walk_has_every_outcome_in_the_order_of_the_table() -> None:
-    walked = evaluate_case(DEFAULT)
-    assert walked.failure is None
-    assert tuple(walked.metrics) == METRIC_COLUMNS
-    assert None not in walked.metrics.values()
+def test_evaluation_returns_every_metric_in_the_order_of_the_table() -> None:
+    result = evaluate_case(DEFAULT)
+    assert result.failure is None
+    assert tuple(result.metrics) == METRIC_COLUMNS
+    assert None not in result.metrics.values()
 
 
 @pytest.mark.parametrize(
-    ("change", "compared"),
-    [({"step": 7e-4}, True), ({"speed": 1.2}, False), ({"slope_deg": -3.0}, False)],
-    ids=["own speed in odd steps", "another speed", "downhill"],
+    ("change", "has_distances"),
+    [({"dt": 7e-4}, True), ({"speed": 1.2}, False), ({"slope_deg": -3.0}, False)],
+    ids=["reference speed with odd time step", "another speed", "downhill"],
 )
-def test_humans_are_there_to_compare_with_on_the_level_at_their_own_speed(
-    change: dict[str, float], compared: bool
+def test_distances_exist_only_on_the_level_at_the_reference_speed(
+    change: dict[str, float], has_distances: bool
 ) -> None:
-    found = evaluate_case(replace(DEFAULT, **change)).metrics
-    assert [found[heading] is not None for heading in REFERENCE_DISTANCES] == [compared] * 3
-    assert found["ankle_power_peak [W/kg]"] is not None
+    metrics = evaluate_case(replace(DEFAULT, **change)).metrics
+    assert [metrics[column] is not None for column in REFERENCE_DISTANCES] == [has_distances] * 3
+    assert metrics["ankle_power_peak [W/kg]"] is not None
 
 
-def test_a_device_that_does_not_fit_is_a_reason() -> None:
-    walked = evaluate_case(replace(DEFAULT, device=load_device("klute-3-4")))
-    assert not walked.metrics
-    assert walked.failure.endswith("its file has no [tendon] section; did you mean 'klute-3-4-pair'?")
+def test_unsuitable_device_is_a_failure_with_the_reason() -> None:
+    result = evaluate_case(replace(DEFAULT, device=load_device("klute-3-4")))
+    assert not result.metrics
+    assert result.failure is not None
+    assert result.failure.endswith("its file has no [tendon] section; did you mean 'klute-3-4-pair'?")
 
 
 @pytest.mark.parametrize(
@@ -59,29 +60,31 @@ def test_a_device_that_does_not_fit_is_a_reason() -> None:
         (ZeroDivisionError("by zero"), "unexpected ZeroDivisionError: by zero"),
     ],
 )
-def test_what_goes_wrong_in_a_walk_is_a_reason(error: Exception, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(*_: object) -> None:
+def test_error_in_the_simulation_is_a_failure_with_the_reason(
+    error: Exception, reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def raise_error(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(rig, "simulate_gait", fails)
+    monkeypatch.setattr(rig, "simulate_gait", raise_error)
     assert evaluate_case(DEFAULT).failure == reason
 
 
-def test_too_little_memory_says_nothing_about_the_combination(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(*_: object) -> None:
+def test_memory_error_is_raised_and_not_a_failure_of_the_case(monkeypatch: pytest.MonkeyPatch) -> None:
+    def raise_error(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(rig, "simulate_gait", fails)
+    monkeypatch.setattr(rig, "simulate_gait", raise_error)
     with pytest.raises(MemoryError):
         evaluate_case(DEFAULT)
 
 
-def test_other_software_than_planned_is_refused() -> None:
-    with pytest.raises(KluteSimError, match="other mujoco"):
+def test_other_software_than_that_of_the_plan_is_refused() -> None:
+    with pytest.raises(KluteSimError, match=r"runs other versions .*\(mujoco\)"):
         evaluate_case(replace(DEFAULT, software={**DEFAULT.software, "mujoco": "0.1"}))
 
 
-def test_the_key_is_of_all_that_the_outcomes_depend_on_and_of_no_name() -> None:
+def test_key_depends_on_every_input_and_on_no_name() -> None:
     changed = [
         replace(DEFAULT, device=load_device("klute-1-1-4-pair-valve")),
         replace(DEFAULT, controller=create_off_controller()),
@@ -96,6 +99,6 @@ def test_the_key_is_of_all_that_the_outcomes_depend_on_and_of_no_name() -> None:
         replace(DEFAULT, dt=5e-4),
         replace(DEFAULT, software={**DEFAULT.software, "code": "other"}),
     ]
-    assert len({DEFAULT.key, *(each.key for each in changed)}) == 13
+    assert len({DEFAULT.key, *(case.key for case in changed)}) == 13
     renamed = replace(DEFAULT, device_name="other", controller_name="other", reference_name="other")
     assert renamed.key == DEFAULT.key

@@ -1,4 +1,4 @@
-"""Walks in processes of their own: killed ones, and what becomes of them when the first process ends."""
+"""Cases in worker processes: killed workers, blocked interrupts, and the end of the parent process."""
 
 import os
 import signal
@@ -16,79 +16,82 @@ from klute_sim.parameter_sweep import local
 from klute_sim.parameter_sweep.evaluate import CaseResult
 from klute_sim.parameter_sweep.plan import GaitCase, SweepPlan
 from klute_sim.parameter_sweep.runner import MAX_ATTEMPTS
-from tests.parameter_sweep.user_controllers import Deadly
+from tests.parameter_sweep.user_controllers import KillingController
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 
 
-def walked(combinations: Iterable[GaitCase]) -> dict[str, CaseResult | None]:
-    """What becomes of ``combinations`` in two processes, by their controller's word."""
-    told = dict[str, CaseResult | None]()
+def evaluate(cases: Iterable[GaitCase]) -> dict[str, CaseResult | None]:
+    """Return the result of each of ``cases`` in two processes, by the name of its controller."""
+    results = dict[str, CaseResult | None]()
 
-    def finished(combination: GaitCase, result: CaseResult | None) -> None:
-        assert combination.controller_name not in told
-        told[combination.controller_name] = result
+    def on_result(case: GaitCase, result: CaseResult | None) -> None:
+        assert case.controller_name not in results
+        results[case.controller_name] = result
 
-    with local.LocalRunner(2) as processes:
-        processes.run(combinations, finished)
-    return told
+    with local.LocalRunner(2) as runner:
+        runner.run(cases, on_result)
+    return results
 
 
-def plan(**controllers: PressureController) -> SweepPlan:
+def make_plan(**controllers: PressureController) -> SweepPlan:
     return SweepPlan(devices={"a": load_device("klute-1-1-4-pair")}, controllers=controllers, strides=1, dt=1e-3)
 
 
-def test_a_killed_process_costs_its_own_walk_alone_and_that_is_tried_again(tmp_path: Path) -> None:
-    told = walked(
-        plan(off=create_off_controller(), deadly=Deadly(str(tmp_path), 2), low=ConstantPressure(1e5)).iter_cases()
+def test_killed_worker_is_retried_and_other_cases_are_unaffected(tmp_path: Path) -> None:
+    plan = make_plan(
+        off=create_off_controller(), killing=KillingController(str(tmp_path), 2), low=ConstantPressure(1e5)
     )
+    results = evaluate(plan.iter_cases())
     assert len(list(tmp_path.iterdir())) == 2
-    assert set(told) == {"off", "deadly", "low"}
-    assert told["deadly"] == told["off"]
-    assert told["off"] is not None
-    assert told["off"].failure is None
-    assert told["low"] is not None
-    assert told["low"].failure is None
+    assert set(results) == {"off", "killing", "low"}
+    assert results["killing"] == results["off"]
+    assert results["off"] is not None
+    assert results["off"].failure is None
+    assert results["low"] is not None
+    assert results["low"].failure is None
 
 
 @pytest.mark.long
-def test_a_walk_whose_process_is_killed_every_time_is_given_up(tmp_path: Path) -> None:
-    told = walked(plan(deadly=Deadly(str(tmp_path), 99), off=create_off_controller()).iter_cases())
+def test_case_whose_worker_is_killed_in_every_attempt_has_no_result(tmp_path: Path) -> None:
+    plan = make_plan(killing=KillingController(str(tmp_path), 99), off=create_off_controller())
+    results = evaluate(plan.iter_cases())
     assert len(list(tmp_path.iterdir())) == MAX_ATTEMPTS == 3
-    assert told["deadly"] is None
-    assert told["off"] is not None
+    assert results["killing"] is None
+    assert results["off"] is not None
 
 
-def test_a_process_begun_while_interrupts_are_held_never_hears_of_them() -> None:
-    asks = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+def test_processes_started_in_the_context_have_interrupts_blocked() -> None:
+    code = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
+    mask_before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
     with local._block_interrupts():
-        held = subprocess.run([sys.executable, "-c", asks], capture_output=True, text=True, check=True)
-    assert held.stdout == "True\n"
-    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == mask_before
 
 
 @pytest.mark.long
-def test_processes_end_with_the_first_one_even_if_that_is_killed(tmp_path: Path) -> None:
+def test_workers_end_with_their_parent_even_if_it_is_killed(tmp_path: Path) -> None:
     code = (
-        "from controllers import Beating\n"
-        "from klute_sim.device.device import load\n"
+        "from tests.parameter_sweep.user_controllers import HeartbeatController\n"
+        "from klute_sim.device.device import load_device\n"
         "from klute_sim.parameter_sweep import local\n"
-        "from klute_sim.parameter_sweep.plan import Plan\n"
+        "from klute_sim.parameter_sweep.plan import SweepPlan\n"
         "if __name__ == '__main__':\n"
-        "    plan = Plan(devices={'a': load('klute-1-1-4-pair')}, controllers={'b': Beating('beat')})\n"
-        "    with local.Processes(1) as processes:\n"
-        "        processes.run(plan.combinations(), print)\n"
+        "    controllers = {'b': HeartbeatController('beat')}\n"
+        "    plan = SweepPlan(devices={'a': load_device('klute-1-1-4-pair')}, controllers=controllers)\n"
+        "    with local.LocalRunner(1) as runner:\n"
+        "        runner.run(plan.iter_cases(), print)\n"
     )
-    paths = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-    first = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, env={**os.environ, "PYTHONPATH": paths})
-    beat, patience = tmp_path / "beat", time.monotonic() + 60.0
-    while not beat.exists() and first.poll() is None and time.monotonic() < patience:
+    paths = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
+    parent = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, env={**os.environ, "PYTHONPATH": paths})
+    beat, deadline = tmp_path / "beat", time.monotonic() + 60.0
+    while not beat.exists() and parent.poll() is None and time.monotonic() < deadline:
         time.sleep(0.05)
-    first.kill()
-    first.wait()
+    parent.kill()
+    parent.wait()
     assert beat.exists()
-    time.sleep(1.0)  # twenty beats
-    last = beat.read_text()
+    time.sleep(1.0)  # the time of twenty beats
+    last_beat = beat.read_text()
     time.sleep(0.5)
-    assert beat.read_text() == last
+    assert beat.read_text() == last_beat

@@ -1,4 +1,4 @@
-"""Controllers that do things to the process that walks with them; processes of a sweep import them from here."""
+"""Controllers that disturb the process that simulates them; worker processes import them from this module."""
 
 import os
 import signal
@@ -9,34 +9,34 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Deadly:
-    """No pressure; the process that asks is killed, the first few times. Who asks is written into ``folder``."""
+class KillingController:
+    """Commands no pressure and kills its process in the first ``n_kills`` attempts, each recorded in ``folder``."""
 
     folder: str
-    times: int
+    n_kills: int
 
     def pressure_at(self, phase: float) -> float:
-        asked = len(list(Path(self.folder).iterdir()))
-        if phase == 0.0 and asked < self.times:
-            (Path(self.folder) / str(asked)).touch()
+        n_attempts = len(list(Path(self.folder).iterdir()))
+        if phase == 0.0 and n_attempts < self.n_kills:
+            (Path(self.folder) / str(n_attempts)).touch()
             os.kill(os.getpid(), signal.SIGKILL)
         return 0.0
 
     def describe(self) -> dict[str, Any]:
-        return {"kind": "deadly", "times": self.times}
+        return {"kind": "killing", "n_kills": self.n_kills}
 
 
 @dataclass(frozen=True)
-class Beating:
-    """No pressure, and no answer for a minute, in which ``file`` is written again and again."""
+class HeartbeatController:
+    """Commands no pressure, and blocks for a minute while it rewrites ``path``."""
 
-    file: str
+    path: str
 
     def pressure_at(self, phase: float) -> float:
         for beat in range(1200):
-            Path(self.file).write_text(str(beat))
+            Path(self.path).write_text(str(beat))
             time.sleep(0.05)
         return 0.0
 
     def describe(self) -> dict[str, Any]:
-        return {"kind": "beating"}
+        return {"kind": "heartbeat"}

@@ -1,4 +1,4 @@
-"""Every baseline at the reference's speed, slower and faster, uphill and downhill."""
+"""Runs of every baseline at the reference speed, slower, faster, uphill and downhill, and their table."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -15,21 +15,23 @@ from klute_sim.report.gait.table import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.units import BAR
 
 SLOW_SPEED_RATIO, FAST_SPEED_RATIO, SLOPE_DEG = 0.8, 1.25, 5.0
-"""Shares of the reference's speed, and the slope either way [degrees]."""
+"""Slow and fast speed relative to that of the reference, and the ground slope in either direction [deg]."""
 TANK_VOLUME_M3, TANK_PRESSURE_PA, MIN_TANK_PRESSURE_PA = 1e-3, 30.0 * BAR, 6.0 * BAR
-"""Of a tank that could be worn (assumed) [m3], filled to [Pa, gauge], and no use below, a bar above the supply."""
+"""Volume of a wearable air tank (assumed), its full gauge pressure, and the lowest usable one: supply plus 1 bar."""
 TANK_TEMPERATURE_K = 293.15
-"""Of the air in it (assumed) [K]."""
+"""Temperature of the air in the tank (assumed)."""
 
 
 @dataclass(frozen=True)
 class WalkingCondition:
-    """How everybody walks."""
+    """A speed and a slope at which every baseline is simulated."""
 
     name: str
+    """Name of the condition."""
     speed_ratio: float = 1.0
-    """Of the reference's speed."""
+    """Walking speed relative to that of the reference [1]."""
     slope_deg: float = 0.0
+    """Ground slope [deg], uphill positive."""
 
 
 CONDITIONS = (
@@ -43,29 +45,32 @@ CONDITIONS = (
 
 @dataclass(frozen=True)
 class BaselineRun:
-    """A baseline in a condition, and what became of it; None: its process was killed again and again."""
+    """A baseline in a walking condition, and the result of its simulation."""
 
     baseline: Baseline
+    """Baseline that is simulated."""
     condition: WalkingCondition
+    """Speed and slope."""
     case: GaitCase
+    """Inputs of the simulation."""
     result: CaseResult | None = None
+    """Result of the simulation; None before it, or when its process was killed in every attempt."""
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Heading -> value; empty where there are none."""
+        """Value by column; empty where there are no metrics."""
         return {} if self.result is None else dict(self.result.metrics)
 
     @property
     def remark(self) -> str | None:
-        """What is not as it should be; None: nothing."""
-        tracking = self.metrics.get("grf_vertical_tracking_rms [1]")
-        return self.failure or (
-            "the load was not followed" if tracking is not None and tracking > MAX_GRF_TRACKING_RMS_BW else None
-        )
+        """Failure of the run, or a doubt about its metrics; None: neither."""
+        tracking_error = self.metrics.get("grf_vertical_tracking_rms [1]")
+        is_untracked = tracking_error is not None and tracking_error > MAX_GRF_TRACKING_RMS_BW
+        return self.failure or ("load not tracked" if is_untracked else None)
 
     @property
     def failure(self) -> str | None:
-        """Why it does not walk, or walks badly; None: it walks."""
+        """Reason why the simulation failed or the gait is unusable; None: neither."""
         if self.result is None:
             return "its process was killed"
         return self.result.failure or ("the toe catches in swing" if self.result.metrics[TRIPS_COLUMN] else None)
@@ -78,57 +83,62 @@ def plan_runs(
     dt: float,
     conditions: Iterable[WalkingCondition] = CONDITIONS,
 ) -> list[BaselineRun]:
-    """What is to be walked by somebody of ``mass`` [kg], ``strides`` at ``step`` [s]; raises InputError."""
-    conditions, usual, options = list(conditions), {}, GaitOptions(mass=mass, strides=strides, dt=dt)
-    found = []
+    """Return the runs of ``baselines`` in ``conditions``: body mass [kg], number of strides, time step ``dt`` [s].
+
+    Raises InputError when a value is out of range.
+    """
+    conditions, options = list(conditions), GaitOptions(mass=mass, strides=strides, dt=dt)
+    reference_speed: dict[str, float] = {}
+    runs = []
     for baseline in baselines:
-        if baseline.device.digest not in usual:
-            usual[baseline.device.digest] = build_gait_rig(baseline.device, options, dt).trajectory.speed
-        own = usual[baseline.device.digest]
+        digest = baseline.device.digest
+        if digest not in reference_speed:
+            reference_speed[digest] = build_gait_rig(baseline.device, options, dt).trajectory.speed
         for condition in conditions:
-            combination = GaitCase(
+            is_reference_speed = condition.speed_ratio == 1.0
+            case = GaitCase(
                 device_name=baseline.device.name,
                 device=baseline.device,
                 controller_name=baseline.name,
                 controller=baseline.controller,
-                speed=None if condition.speed_ratio == 1.0 else round(condition.speed_ratio * own, 6),
+                speed=None if is_reference_speed else round(condition.speed_ratio * reference_speed[digest], 6),
                 slope_deg=condition.slope_deg,
                 mass=mass,
                 strides=strides,
                 dt=dt,
                 foot_stiffness=baseline.foot_stiffness,
             )
-            found.append(BaselineRun(baseline, condition, combination))
-    return found
+            runs.append(BaselineRun(baseline, condition, case))
+    return runs
 
 
 def describe_runs(runs: Sequence[BaselineRun]) -> dict[str, Any]:
-    """What is walked in JSON types, for the folder that keeps it."""
-    return {"walks": [each.case.key for each in runs], "software": fingerprint_software()}
+    """Return the plan in JSON types, for the result folder."""
+    return {"cases": [run.case.key for run in runs], "software": fingerprint_software()}
 
 
 def compute_strides_per_tank(air_g: float | None) -> float | None:
-    """How many strides the tank holds at ``air_g`` in each; None for a foot that takes none."""
+    """Return the number of strides of ``air_g`` grams that a tank holds; None for a foot that consumes no air."""
     if not air_g:
         return None
-    held = air_mass(TANK_PRESSURE_PA, TANK_VOLUME_M3, TANK_TEMPERATURE_K) - air_mass(
+    usable_kg = air_mass(TANK_PRESSURE_PA, TANK_VOLUME_M3, TANK_TEMPERATURE_K) - air_mass(
         MIN_TANK_PRESSURE_PA, TANK_VOLUME_M3, TANK_TEMPERATURE_K
     )
-    return math.floor(1e3 * held / air_g)
+    return math.floor(1e3 * usable_kg / air_g)
 
 
 def build_rows(runs: Iterable[BaselineRun]) -> list[dict[str, Any]]:
-    """JSON types: baseline, condition, outcomes, strides per tank, failure."""
+    """Return one row per run in JSON types: baseline, condition, metrics, strides per tank, failure, remark."""
     return [
         {
-            "baseline": each.baseline.name,
-            "condition": each.condition.name,
-            "speed_asked [m/s]": each.case.speed,
-            "slope [deg]": each.condition.slope_deg,
-            **each.metrics,
-            "strides_per_tank [1]": compute_strides_per_tank(each.metrics.get("air_per_stride [g]")),
-            "failure": each.failure,
-            "remark": each.remark,
+            "baseline": run.baseline.name,
+            "condition": run.condition.name,
+            "speed_requested [m/s]": run.case.speed,
+            "slope [deg]": run.case.slope_deg,
+            **run.metrics,
+            "strides_per_tank [1]": compute_strides_per_tank(run.metrics.get("air_per_stride [g]")),
+            "failure": run.failure,
+            "remark": run.remark,
         }
-        for each in runs
+        for run in runs
     ]

@@ -1,7 +1,7 @@
-"""Walks on a cluster, by Ray; an optional extra, imported when it is used.
+"""Evaluate cases on a Ray cluster; Ray is an optional extra and is imported when it is used.
 
-Ray hands out the walks and begins those again whose process or machine was lost. Results come back to the process
-that asked, so the machines need klute-sim and no common disk.
+Ray distributes the cases and restarts those whose process or machine is lost. Results return to this process, so the
+machines need klute-sim but no shared disk.
 """
 
 import os
@@ -13,35 +13,38 @@ from itertools import islice
 from typing import Any
 
 from klute_sim.errors import InputError, KluteSimError, MissingExtraError
-from klute_sim.parameter_sweep.evaluate import evaluate_case
+from klute_sim.parameter_sweep.evaluate import CaseResult, evaluate_case
 from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.parameter_sweep.runner import MAX_ATTEMPTS, ResultCallback
 
 RAY_ADDRESS_KEYWORDS = ("auto", "local")
-"""Words in place of an address."""
+"""Keywords that Ray accepts in place of an address."""
 CONNECT_TIMEOUT_S = 5.0
-"""How long an address may take to answer [s]."""
+"""Maximum time that an address may take to answer [s]."""
 MAX_PENDING_TASKS = 1000
-"""Walks that Ray is asked for at a time: enough for as many cores, and for it to see what it has to wait for."""
+"""Maximum number of cases submitted to Ray at a time: enough for as many cores, and for Ray to plan ahead."""
 
 
 @contextmanager
 def connect(address: str) -> Iterator[Any]:
-    """Ray, connected to the cluster at ``address``; ``auto``: to the one it finds, ``local``: to one it starts here.
+    """Yield Ray, connected to the cluster at ``address``.
 
-    Whatever Ray prints meanwhile goes to stderr. Raises MissingExtraError without Ray, InputError if nothing answers.
+    ``auto`` connects to the cluster that Ray finds, ``local`` to one that it starts on this machine. Output of Ray goes
+    to stderr.
+
+    Raises MissingExtraError when Ray is not installed, InputError when no cluster answers.
     """
     try:
         import ray
     except ImportError:
         raise MissingExtraError("a sweep on a cluster", "ray") from None
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # what is walked here is nobody else's business
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage statistics leave this machine
     try:
         _check_reachable(address)
         ray.init(address, log_to_driver=False, logging_level="error")
     except (OSError, ValueError, RuntimeError) as error:
         raise InputError(f"no Ray cluster at '{address}': {_first_line(error)}") from None
-    with redirect_stdout(sys.stderr):  # it prints what happens to its workers, among the results
+    with redirect_stdout(sys.stderr):  # Ray reports on its workers, and stdout is for results
         try:
             yield ray
         finally:
@@ -49,7 +52,7 @@ def connect(address: str) -> Iterator[Any]:
 
 
 def _check_reachable(address: str) -> None:
-    """Raise OSError or ValueError where nobody listens: Ray itself would go on trying for a long time."""
+    """Raise OSError or ValueError when nothing listens at ``address``: Ray itself would retry for a long time."""
     if address in RAY_ADDRESS_KEYWORDS:
         return
     host, _, port = address.rpartition("://")[2].rpartition(":")
@@ -59,36 +62,34 @@ def _check_reachable(address: str) -> None:
 
 
 def run_on_cluster(cases: Iterable[GaitCase], on_result: ResultCallback, ray: Any) -> None:
-    """Walk ``combinations`` where ``ray`` is connected to, and tell ``finished`` as they are done."""
+    """Evaluate ``cases`` on the cluster that ``ray`` is connected to, and report each result to ``on_result``."""
     task = ray.remote(num_cpus=1, max_retries=MAX_ATTEMPTS - 1)(evaluate_case)
-    waiting, asked = iter(cases), dict[Any, GaitCase]()
+    remaining, pending = iter(cases), dict[Any, GaitCase]()
     while True:
-        asked |= {
-            task.remote(combination): combination for combination in islice(waiting, MAX_PENDING_TASKS - len(asked))
-        }
-        if not asked:
+        pending |= {task.remote(case): case for case in islice(remaining, MAX_PENDING_TASKS - len(pending))}
+        if not pending:
             return
-        done, _ = ray.wait(list(asked), num_returns=1)
-        combination = asked.pop(done[0])
+        ready, _ = ray.wait(list(pending), num_returns=1)
+        case = pending.pop(ready[0])
+        result: CaseResult | None = None
         try:
-            walked = ray.get(done[0])
+            result = ray.get(ready[0])
         except ray.exceptions.RayTaskError as error:
             if not isinstance(error.cause, MemoryError):
                 raise _to_klute_sim_error(error.cause) from None
-            walked = None
-        except ray.exceptions.RayError:  # the process or its machine was lost, every time
-            walked = None
-        on_result(combination, walked)
+        except ray.exceptions.RayError:  # the process or its machine was lost in every attempt
+            pass
+        on_result(case, result)
 
 
 def _to_klute_sim_error(cause: BaseException) -> KluteSimError:
-    """What a walk raised elsewhere; anything but an error of ours means that it could not even begin."""
+    """Return the error of a worker as one of this package; any other error means that the worker could not start."""
     if isinstance(cause, KluteSimError):
         return cause
-    return KluteSimError(f"a machine of the cluster cannot walk ({_first_line(cause)}): it needs klute-sim")
+    return KluteSimError(f"a machine of the cluster cannot simulate ({_first_line(cause)}): install klute-sim there")
 
 
 def _first_line(error: BaseException) -> str:
-    """What ``error`` says first: Ray's own say much."""
-    said = getattr(error, "strerror", None) or str(error).strip() or type(error).__name__
-    return said.splitlines()[0].rstrip(".")
+    """Return the first line of the message of ``error``; messages of Ray have many."""
+    message = getattr(error, "strerror", None) or str(error).strip() or type(error).__name__
+    return message.splitlines()[0].rstrip(".")

@@ -1,4 +1,4 @@
-"""The table of a sweep for a terminal."""
+"""Table and remarks of a sweep for a terminal."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,19 +11,19 @@ from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN
 from klute_sim.parameter_sweep.table import FAILURE_COLUMN, SweepRow
 
 MAX_ROWS_SHOWN = 40
-"""Rows shown; the files have all of them."""
+"""Maximum number of rows shown; the files contain all of them."""
 INPUT_TITLES = {
     "device": "device",
     "controller": "controller",
     "reference": "reference",
-    "speed_asked [m/s]": "speed\nm/s",
+    "speed_requested [m/s]": "speed\nm/s",
     "slope [deg]": "slope\ndeg",
     "mass [kg]": "mass\nkg",
     "stature [m]": "stature\nm",
 }
-"""Heading -> title of what was asked for, which is shown where it differs."""
-REFERENCE_SPEED = "own"
-"""In place of a speed: what reference and legs imply."""
+"""Title of each input by column; an input is shown only where it varies."""
+REFERENCE_SPEED = "reference"
+"""Word in place of a speed: the speed that the reference and the leg length imply."""
 METRIC_FORMATS = {
     "ankle_power_peak [W/kg]": ("power\nW/kg", ".2f"),
     "ankle_work_net [J/kg]": ("net work\nJ/kg", "+.3f"),
@@ -31,25 +31,26 @@ METRIC_FORMATS = {
     "moment_distance [sd]": ("moment to\nhuman, sd", ".2f"),
     "air_per_stride [g]": ("air\ng/stride", ".2f"),
 }
-"""Heading -> title and format of what is shown; the files have more."""
+"""Title and format of each metric by column; the files contain more metrics."""
 
 
 def format_table(rows: Sequence[SweepRow]) -> Table:
-    """The first rows, with the inputs that differ, the main outcomes, and what went wrong."""
-    shown = {heading: title for heading, title in INPUT_TITLES.items() if len({row[heading] for row in rows}) > 1}
-    result = Table(title=Text(f"{len(rows)} combinations"), box=box.SIMPLE_HEAD)
-    for title in shown.values():
-        result.add_column(title, overflow="fold")
+    """Return the first rows: the inputs that vary, the main metrics, and the failure or a remark."""
+    varied = {column: title for column, title in INPUT_TITLES.items() if len({row[column] for row in rows}) > 1}
+    table = Table(title=Text(f"{len(rows)} cases"), box=box.SIMPLE_HEAD)
+    for title in varied.values():
+        table.add_column(title, overflow="fold")
     for title, _ in METRIC_FORMATS.values():
-        result.add_column(title, justify="right", no_wrap=True)
-    result.add_column("")
+        table.add_column(title, justify="right", no_wrap=True)
+    table.add_column("")
     for row in rows[:MAX_ROWS_SHOWN]:
-        inputs = [_format_cell(row[heading], ".4g", REFERENCE_SPEED) for heading in shown]
+        inputs = [_format_cell(row[column], ".4g", REFERENCE_SPEED) for column in varied]
         values = [
-            "-" if row[heading] is None else format(row[heading], form) for heading, (_, form) in METRIC_FORMATS.items()
+            "-" if row[column] is None else format(row[column], format_spec)
+            for column, (_, format_spec) in METRIC_FORMATS.items()
         ]
-        result.add_row(*inputs, *values, row[FAILURE_COLUMN] or ("it trips" if row[TRIPS_COLUMN] else ""))
-    return result
+        table.add_row(*inputs, *values, row[FAILURE_COLUMN] or ("the toe catches" if row[TRIPS_COLUMN] else ""))
+    return table
 
 
 def _format_cell(value: Any, format_spec: str, placeholder: str = "-") -> str:
@@ -59,10 +60,10 @@ def _format_cell(value: Any, format_spec: str, placeholder: str = "-") -> str:
 
 
 def collect_remarks(rows: Sequence[SweepRow], n_failed: int) -> list[str]:
-    """What a reader has to know beside the table, one sentence each."""
-    said = []
+    """Return the remarks that belong to the table, one sentence each."""
+    remarks = []
     if len(rows) > MAX_ROWS_SHOWN:
-        said.append(f"The first {MAX_ROWS_SHOWN} of {len(rows)} combinations are shown; the files have all of them.")
+        remarks.append(f"The first {MAX_ROWS_SHOWN} of {len(rows)} cases are shown; the files contain all of them.")
     if n_failed:
-        said.append(f"{n_failed} of {len(rows)} combinations have no outcomes; the column 'failure' says why.")
-    return said
+        remarks.append(f"{n_failed} of {len(rows)} cases failed; the column 'failure' gives the reasons.")
+    return remarks

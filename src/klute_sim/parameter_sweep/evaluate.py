@@ -1,4 +1,4 @@
-"""One combination walked: what a field user wants of it, or why there is nothing."""
+"""Evaluate one case: simulate the gait and compute the metrics, or report why there are none."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -13,7 +13,7 @@ from klute_sim.recording.recording import Recording
 
 MetricValue = float | bool | None
 UNEXPECTED_ERROR_PREFIX = "unexpected"
-"""First word of a failure that is a mistake of ours."""
+"""First word of a failure that is a bug of this package."""
 
 STRIDE_METRICS: dict[str, Callable[[StrideMetrics], float | None]] = {
     "ankle_power_peak [W/kg]": lambda s: s.ankle_power_peak_w_per_kg,
@@ -32,41 +32,41 @@ STRIDE_METRICS: dict[str, Callable[[StrideMetrics], float | None]] = {
     "air_per_stride [g]": lambda s: s.air_g,
     "short_of_supply [%]": lambda s: s.short_of_supply_pct,
 }
-"""Heading -> of one stride; the mean over the settled strides is kept."""
+"""Function that reads a metric from one stride, by column; the table holds the mean over the steady strides."""
 REFERENCE_DISTANCES: dict[str, Callable[[StrideMetrics], float | None]] = {
     "angle_distance [sd]": lambda s: s.angle_distance_sd.stance_rms,
     "moment_distance [sd]": lambda s: s.moment_distance_sd.stance_rms,
     "power_distance [sd]": lambda s: s.power_distance_sd.stance_rms,
 }
-"""To the reference in stance: likewise, where the reference's people walked as this one did."""
+"""Distances to the reference in stance, by column; only where the speed and the slope are those of the reference."""
 SPATIOTEMPORAL_COLUMNS = ("speed [m/s]", "stride_time [s]")
 TRIPS_COLUMN = "trips"
 METRIC_COLUMNS = (*SPATIOTEMPORAL_COLUMNS, *REFERENCE_DISTANCES, *STRIDE_METRICS, TRIPS_COLUMN)
-"""Everything there is of a walk, in the order of the table."""
+"""All metrics of a case, in the order of the table."""
 
 
 @dataclass(frozen=True)
 class CaseResult:
-    """What became of a combination: outcomes, or one sentence on why there are none."""
+    """Metrics of a case, or one sentence on why there are none."""
 
     metrics: Mapping[str, MetricValue]
-    """Heading -> value, for all of :data:`HEADINGS`; empty after a failure."""
+    """Value by column, for all of :data:`METRIC_COLUMNS`; empty after a failure."""
     failure: str | None = None
+    """Reason of the failure; None: the simulation succeeded."""
 
 
 def evaluate_case(case: GaitCase) -> CaseResult:
-    """Walk ``combination``; what goes wrong in it is its result, and no end of the sweep.
+    """Simulate ``case`` and return its metrics; an error in the simulation is a result and does not end the sweep.
 
-    Raises KluteSimError where other software runs than where the sweep was planned, and MemoryError, which says
-    nothing about the combination.
+    Raises KluteSimError when this process runs other software than the process that planned the case, and MemoryError,
+    which depends on the machine and not on the case.
     """
-    if case.software != fingerprint_software():
-        different = sorted(
-            name for name, version in fingerprint_software().items() if case.software.get(name) != version
-        )
+    software = fingerprint_software()
+    if case.software != software:
+        different = sorted(name for name, version in software.items() if case.software.get(name) != version)
         raise KluteSimError(
-            f"a process of the sweep runs other software than the one that planned it (other {', '.join(different)}): "
-            "install the same klute-sim everywhere and begin in a new folder"
+            f"a worker process runs other versions than the process that planned the sweep ({', '.join(different)}): "
+            "install the same klute-sim on every machine and start in a new folder"
         )
     try:
         recording = rig.simulate_gait(case.device, case.controller, case.build_options())
@@ -75,26 +75,28 @@ def evaluate_case(case: GaitCase) -> CaseResult:
         return CaseResult({}, str(error))
     except MemoryError:
         raise
-    except Exception as error:  # one combination that trips over a mistake of ours must not cost a night's sweep
+    except Exception as error:  # a bug that one case triggers must not cost the results of a whole night
         return CaseResult({}, f"{UNEXPECTED_ERROR_PREFIX} {type(error).__name__}: {error}")
 
 
 def _extract_metrics(recording: Recording, case: GaitCase) -> dict[str, MetricValue]:
-    outcome, options = compute_gait_metrics(recording), recording.provenance["options"]
-    compared = _has_reference_stride_time(options["stride_time_s"], case)  # on a slope there is no distance anyway
-    found: dict[str, MetricValue] = {
+    metrics, options = compute_gait_metrics(recording), recording.provenance["options"]
+    # On a slope the metrics themselves hold no distance.
+    is_comparable = _has_reference_stride_time(options["stride_time_s"], case)
+    values: dict[str, MetricValue] = {
         "speed [m/s]": options["speed_m_per_s"],
         "stride_time [s]": options["stride_time_s"],
     }
-    found |= {
-        heading: _finite_mean(outcome, read) if compared else None for heading, read in REFERENCE_DISTANCES.items()
+    values |= {
+        column: _finite_mean(metrics, get_value) if is_comparable else None
+        for column, get_value in REFERENCE_DISTANCES.items()
     }
-    found |= {heading: _finite_mean(outcome, read) for heading, read in STRIDE_METRICS.items()}
-    return {**found, TRIPS_COLUMN: outcome.has_swing_contact}
+    values |= {column: _finite_mean(metrics, get_value) for column, get_value in STRIDE_METRICS.items()}
+    return {**values, TRIPS_COLUMN: metrics.has_swing_contact}
 
 
 def _has_reference_stride_time(stride_time: float, case: GaitCase) -> bool:
-    """Whether this walk is at the reference's own stride time [s], to the step that strides are a whole number of."""
+    """Return whether ``stride_time`` [s] is that of the reference; it is rounded to a whole number of time steps."""
     return abs(stride_time - case.build_options().reference.stride_time) <= 0.5 * case.dt
 
 

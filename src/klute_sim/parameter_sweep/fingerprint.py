@@ -1,4 +1,4 @@
-"""What a walk's numbers depend on besides its inputs."""
+"""Fingerprint of the software that determines the metrics of a gait simulation."""
 
 import hashlib
 from functools import cache
@@ -8,28 +8,35 @@ from klute_sim.effects import catalogue
 from klute_sim.plant import models
 from klute_sim.provenance import collect_versions
 
-FINGERPRINTED_PATHS = ("laws", "effects", "device", "plant", "controllers", "gait", "parameter_sweep/evaluate.py")
-"""Code and tables that can change a walk's outcomes."""
+FINGERPRINTED_PATHS = (
+    "laws",
+    "effects",
+    "device",
+    "plant",
+    "controllers",
+    "gait",
+    "constants.py",
+    "units.py",
+    "parameter_sweep/evaluate.py",
+)
+"""Code and tables of the package that can change the metrics of a simulation."""
 
 
 @cache
 def fingerprint_software() -> dict[str, str]:
-    """Name -> version of every package that can change a number; and a digest of our own code.
+    """Return the version of every package that can change a number, and a digest of the package's own code.
 
-    Neither Python nor the machine: a cluster may be of many kinds, and its walks still belong in one table.
+    Python and the machine are left out: the machines of a cluster differ, and their results belong in one table.
     """
-    known = {name: version for name, version in collect_versions().items() if name not in ("python", "machine")}
-    return {**known, "code": _hash_source()}
+    versions = {name: version for name, version in collect_versions().items() if name not in ("python", "machine")}
+    return {**versions, "code": _hash_source()}
 
 
 def _hash_source() -> str:
-    """Where the package is worked on, its version stays and its code does not."""
-    home = Path(__file__).parents[1]
-    found = [
-        file
-        for part in FINGERPRINTED_PATHS
-        for file in ((home / part).rglob("*") if (home / part).is_dir() else [home / part])
-    ]
-    files = sorted(file for file in found if file.suffix in (".py", ".csv", ".toml"))
-    files += sorted(models.get_models_folder().glob("*.xml"))
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files) + catalogue.read_user_source()).hexdigest()
+    """Return the SHA-256 of the code: during development the code changes while the version does not."""
+    package = Path(__file__).parents[1]
+    paths = [package / part for part in FINGERPRINTED_PATHS]
+    files = [file for path in paths for file in (path.rglob("*") if path.is_dir() else [path])]
+    hashed = sorted(file for file in files if file.suffix in (".py", ".csv", ".toml"))
+    hashed += sorted(models.get_models_folder().glob("*.xml"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in hashed) + catalogue.read_user_source()).hexdigest()

@@ -1,4 +1,4 @@
-"""Walks on the cores of this machine."""
+"""Evaluate cases in processes on the cores of this machine."""
 
 import multiprocessing
 import os
@@ -22,107 +22,104 @@ from klute_sim.plant import callbacks
 
 
 class LocalRunner:
-    """Processes of this machine that walk combinations, until the context that they were made in ends.
-
-    Whatever ends that early, an interrupt or an error, ends the processes as well.
-    """
+    """Worker processes that evaluate cases; a context manager whose end, also by an error, ends the processes."""
 
     def __init__(self, n_jobs: int = 0) -> None:
-        """``jobs`` processes (0: one per core), begun as they are needed."""
+        """Use at most ``n_jobs`` processes (0: one per core), each started when it is needed."""
         self._n_jobs, self._workers = n_jobs or count_cores(), list[_Worker]()
 
     def __enter__(self) -> "LocalRunner":
-        """See the class."""
-        callbacks.choose_backend()  # compiled once here rather than in every process; and says if it cannot be
+        """Compile the device model once, before the processes start."""
+        callbacks.choose_backend()  # also warns once if it cannot be compiled
         return self
 
     def __exit__(self, *_: object) -> None:
-        """See the class."""
-        for process in self._workers:
-            process.close()
+        """End the processes."""
+        for worker in self._workers:
+            worker.close()
 
     def run(self, cases: Iterable[GaitCase], on_result: ResultCallback) -> None:
-        """Walk ``combinations`` and tell ``finished`` as they are done.
+        """Evaluate ``cases`` and report each result to ``on_result``.
 
-        A process that is killed costs its own walk and no other: that one is begun again, :data:`TRIES` times in all.
+        A process that is killed costs only its own case, which is attempted :data:`MAX_ATTEMPTS` times in all.
         """
-        waiting = deque(cases)
-        while len(self._workers) < min(self._n_jobs, len(waiting)):
+        queue = deque(cases)
+        while len(self._workers) < min(self._n_jobs, len(queue)):
             self._workers.append(_Worker())
         idle, running = list(self._workers), dict[Future[CaseResult], tuple[_Worker, GaitCase]]()
-        lost: Counter[str] = Counter()
-        while waiting or running:
-            while waiting and idle:
-                process, combination = idle.pop(), waiting.popleft()
+        n_killed: Counter[str] = Counter()
+        while queue or running:
+            while queue and idle:
+                worker, case = idle.pop(), queue.popleft()
                 with _block_interrupts():
-                    running[process.submit(combination)] = process, combination
+                    running[worker.submit(case)] = worker, case
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                process, combination = running.pop(future)
-                idle.append(process)
+                worker, case = running.pop(future)
+                idle.append(worker)
+                result: CaseResult | None = None
                 try:
-                    walked = future.result()
-                except (BrokenProcessPool, MemoryError):  # the one is how Linux answers the other
-                    lost[combination.key] += 1
-                    if lost[combination.key] < MAX_ATTEMPTS:
-                        waiting.append(combination)
+                    result = future.result()
+                except (BrokenProcessPool, MemoryError):  # Linux kills a process that asks for too much memory
+                    n_killed[case.key] += 1
+                    if n_killed[case.key] < MAX_ATTEMPTS:
+                        queue.append(case)
                         continue
-                    walked = None
-                on_result(combination, walked)
+                on_result(case, result)
 
 
 def count_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """Ctrl-C is held back meanwhile, and processes begun in here never hear of it; where the system can do that."""
+    """Block SIGINT in this context and in the processes started in it, where the system supports that."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous_mask)
 
 
 class _Worker:
-    """A pool of one process: if it breaks, it is known which combination it had, and the others go on."""
+    """A pool of one process, so that a broken pool identifies its case and leaves the other processes alone."""
 
     def __init__(self) -> None:
         self._start()
 
     def _start(self) -> None:
-        theirs, self._parent_pipe = multiprocessing.Pipe(duplex=False)
+        child_pipe, self._parent_pipe = multiprocessing.Pipe(duplex=False)
         context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, context, initializer=_initialize_worker, initargs=(theirs,))
+        self._pool = ProcessPoolExecutor(1, context, initializer=_initialize_worker, initargs=(child_pipe,))
 
     def submit(self, case: GaitCase) -> Future[CaseResult]:
         try:
             return self._pool.submit(evaluate_case, case)
-        except BrokenProcessPool:  # killed during the walk before this one, or since
+        except BrokenProcessPool:  # killed during the previous case, or since then
             self.close()
             self._start()
             return self._pool.submit(evaluate_case, case)
 
     def close(self) -> None:
-        """End the process, whatever it is doing."""
+        """End the process, also in the middle of a case."""
         self._parent_pipe.close()
         self._pool.shutdown(cancel_futures=True)
 
 
 def _initialize_worker(parent_pipe: Connection) -> None:
-    """Make a fresh process ready to walk, and to end when the other end of ``lifeline`` is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the first one ends the others
-    warnings.simplefilter("ignore", KluteSimWarning)  # said once, by the first process
-    threadpool_limits(1, user_api="blas")  # every core has a walk of its own
+    """Prepare a new process: it ignores Ctrl-C, uses one thread, and ends when ``parent_pipe`` is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the parent ends the others
+    warnings.simplefilter("ignore", KluteSimWarning)  # the parent has issued them
+    threadpool_limits(1, user_api="blas")  # each core evaluates its own case
     threading.Thread(target=_exit_with_parent, args=(parent_pipe,), daemon=True).start()
 
 
 def _exit_with_parent(parent_pipe: Connection) -> None:
-    """End this process with the one that began it, even if that was killed and could not say so."""
+    """End this process when its parent ends, even if the parent is killed."""
     try:
         parent_pipe.recv_bytes()
     except EOFError:

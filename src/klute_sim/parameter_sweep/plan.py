@@ -1,4 +1,4 @@
-"""What a sweep walks: every combination of devices, controllers, walkers, speeds and slopes that were listed."""
+"""The plan of a sweep: every combination of devices, controllers, references, subjects, speeds and slopes."""
 
 import hashlib
 import itertools
@@ -19,45 +19,50 @@ from klute_sim.gait.spring_foot import SpringFoot
 from klute_sim.parameter_sweep.fingerprint import fingerprint_software
 
 ABLE_BODIED_REFERENCE = "able-bodied"
-"""The word for the package's own reference."""
+"""Name of the reference that ships with the package."""
 
 
 @cache
 def _load_default_reference() -> Reference:
-    """Read once in a process: it takes longer than the rest of a combination."""
+    """Load the default reference once per process; loading it takes longer than preparing a case."""
     return load_default_reference()
 
 
 @dataclass(frozen=True, kw_only=True)
 class GaitCase:
-    """One walk: everything that it needs, wherever it is done."""
+    """One gait simulation with everything it needs, so that it can run in any process."""
 
     device_name: str
-    """As it was named: a preset or a file."""
+    """Preset or file as the user named it."""
     device: Device
+    """Device to simulate."""
     controller_name: str
+    """Controller specification as the user typed it."""
     controller: Controller
+    """Controller that commands the device."""
     speed: float | None
-    """[m/s]; None: the reference's own."""
+    """Walking speed [m/s]; None: the speed that the reference implies."""
     slope_deg: float
-    """Of the ground [degrees], uphill positive; not in radians, so that the table has what was typed."""
+    """Ground slope [deg], uphill positive; in degrees, so that the table shows the number that the user typed."""
     mass: float
-    """Of the body [kg]."""
+    """Body mass [kg]."""
     strides: int
+    """Number of strides to simulate."""
     dt: float
     """Time step [s]."""
     stature: float = MODEL_STATURE
-    """[m]"""
+    """Stature [m]."""
     reference_name: str = ABLE_BODIED_REFERENCE
+    """Reference as the user named it."""
     reference: Reference | None = None
-    """What is walked on; None: the package's own."""
+    """Reference gait; None: the reference that ships with the package."""
     foot_stiffness: float | None = None
-    """Stiffness of a passive foot in place of the device [N.m/deg]."""
+    """Stiffness of a passive foot in place of the device [N.m/deg]; None: the device."""
     software: Mapping[str, str] = field(default_factory=fingerprint_software)
-    """Of whoever planned it: it may be walked elsewhere."""
+    """Software fingerprint of the process that planned the case."""
 
     def build_options(self) -> GaitOptions:
-        """What the gait rig is told; raises InputError for a value no subject or solver has."""
+        """Return the options of the gait rig; raises InputError when a value is out of range."""
         return GaitOptions(
             mass=self.mass,
             stature=self.stature,
@@ -73,45 +78,46 @@ class GaitCase:
 
     @property
     def key(self) -> str:
-        """Digest of all that its outcomes depend on; what things are called is not among it."""
-        human = self.reference and [self.reference.digest, self.reference.stride_time]
-        who = [self.device.digest, self.controller.describe(), human, self.stature]
-        how = [self.speed, self.slope_deg, self.mass, self.strides, self.dt, self.foot_stiffness, dict(self.software)]
-        return hashlib.sha256(json.dumps([*who, *how], sort_keys=True).encode()).hexdigest()[:32]
+        """Digest of all inputs that determine the metrics; names do not enter it."""
+        reference = self.reference and [self.reference.digest, self.reference.stride_time]
+        subject = [self.device.digest, self.controller.describe(), reference, self.stature]
+        setup = [self.speed, self.slope_deg, self.mass, self.strides, self.dt, self.foot_stiffness, dict(self.software)]
+        return hashlib.sha256(json.dumps([*subject, *setup], sort_keys=True).encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SweepPlan:
-    """What is combined with what; validated when made. The last one listed here changes first."""
+    """The lists whose combinations a sweep simulates; the last list varies fastest."""
 
     devices: Mapping[str, Device]
-    """As named -> device."""
+    """Device by the name that the user gave it."""
     controllers: Mapping[str, Controller]
-    """As named -> controller."""
+    """Controller by the specification that the user typed."""
     references: Mapping[str, Reference | None] = field(default_factory=lambda: {ABLE_BODIED_REFERENCE: None})
-    """As named -> reference; None: the package's own."""
+    """Reference gait by the name that the user gave it; None: the reference that ships with the package."""
     speeds: Sequence[float | None] = (None,)
-    """[m/s]; None: the reference's own."""
+    """Walking speeds [m/s]; None: the speed that the reference implies."""
     slopes_deg: Sequence[float] = (0.0,)
-    """[degrees], uphill positive"""
+    """Ground slopes [deg], uphill positive."""
     masses: Sequence[float | None] = (None,)
-    """[kg]; None: what the reference states, or that of the models."""
+    """Body masses [kg]; None: the mass that the reference states, or that of the gait model."""
     statures: Sequence[float | None] = (None,)
-    """[m]; likewise."""
+    """Statures [m]; None: the stature that the reference states, or that of the gait model."""
     spring_feet: Mapping[float, Device] = field(default_factory=dict)
-    """Stiffness of a passive foot [N.m/deg] -> the device that it is in the place of; no pressure is asked for."""
+    """Device that a passive foot replaces by the stiffness of the foot [N.m/deg]; the pressure command is zero."""
     strides: int = 5
+    """Number of strides per case."""
     dt: float = 5e-4
     """Time step [s]."""
 
     def __post_init__(self) -> None:
-        """Raise InputError for a value no subject or solver has."""
-        for combination in self.iter_cases():
-            combination.build_options()
+        """Raise InputError when a value is out of range."""
+        for case in self.iter_cases():
+            case.build_options()
 
     def iter_cases(self) -> Iterator[GaitCase]:
-        """Every one, in the order of the table: passive feet after the devices."""
-        for (device, controller, foot), (word, human), speed, slope, mass, stature in itertools.product(
+        """Yield the cases in the order of the table: passive feet after the devices."""
+        for (device, controller, stiffness), reference, speed, slope, mass, stature in itertools.product(
             self._iter_device_controller_pairs(),
             self.references.items(),
             self.speeds,
@@ -124,49 +130,49 @@ class SweepPlan:
                 device=device[1],
                 controller_name=controller[0],
                 controller=controller[1],
-                reference_name=word,
-                reference=human,
+                reference_name=reference[0],
+                reference=reference[1],
                 speed=speed,
                 slope_deg=slope,
-                mass=_first_not_none(mass, human.mass if human else None, MODEL_MASS),
-                stature=_first_not_none(stature, human.stature if human else None, MODEL_STATURE),
+                mass=first_not_none(mass, reference[1].mass if reference[1] else None, MODEL_MASS),
+                stature=first_not_none(stature, reference[1].stature if reference[1] else None, MODEL_STATURE),
                 strides=self.strides,
                 dt=self.dt,
-                foot_stiffness=foot,
+                foot_stiffness=stiffness,
             )
 
     def _iter_device_controller_pairs(
         self,
     ) -> Iterator[tuple[tuple[str, Device], tuple[str, Controller], float | None]]:
-        """Device and controller, each as it was named, and the stiffness of a passive foot."""
+        """Yield (name, device), (name, controller) and the stiffness of a passive foot [N.m/deg] or None."""
         for device, controller in itertools.product(self.devices.items(), self.controllers.items()):
             yield device, controller, None
-        for stiffness, replaced in self.spring_feet.items():
-            yield (f"spring foot {stiffness:g}", replaced), ("off", create_off_controller()), stiffness
+        for stiffness, replaced_device in self.spring_feet.items():
+            yield (f"spring foot {stiffness:g}", replaced_device), ("off", create_off_controller()), stiffness
 
     def describe(self) -> dict[str, Any]:
-        """The plan in JSON types, device files verbatim: equal plans, equal descriptions."""
+        """Return the plan in JSON types with the device files verbatim; equal plans have equal descriptions."""
         devices = {
-            word: {"name": device.name, "sha256": device.digest, "file": device.content.decode("utf-8-sig")}
-            for word, device in self.devices.items()
+            name: {"name": device.name, "sha256": device.digest, "file": device.content.decode("utf-8-sig")}
+            for name, device in self.devices.items()
         }
         return {
             "devices": devices,
-            "controllers": {word: controller.describe() for word, controller in self.controllers.items()},
-            "references": {word: _describe_reference(human) for word, human in self.references.items()},
+            "controllers": {name: controller.describe() for name, controller in self.controllers.items()},
+            "references": {name: _describe_reference(reference) for name, reference in self.references.items()},
             "speeds_m_per_s": list(self.speeds),
             "slopes_deg": list(self.slopes_deg),
             "masses_kg": list(self.masses),
             "statures_m": list(self.statures),
             "feet_n_m_per_deg": list(self.spring_feet),
             "strides": self.strides,
-            "step_s": self.dt,
+            "time_step_s": self.dt,
             "software": fingerprint_software(),
         }
 
 
-def _first_not_none(*values: float | None) -> float:
-    """The first that is one."""
+def first_not_none(*values: float | None) -> float:
+    """Return the first of ``values`` that is not None."""
     return next(value for value in values if value is not None)
 
 

@@ -1,4 +1,4 @@
-"""What walks combinations, wherever it does: on the cores of this machine or on a cluster."""
+"""The interface of case runners, which simulate cases on the cores of this machine or on a cluster."""
 
 from collections.abc import Callable, Iterable
 
@@ -6,10 +6,10 @@ from klute_sim.parameter_sweep.evaluate import CaseResult
 from klute_sim.parameter_sweep.plan import GaitCase
 
 MAX_ATTEMPTS = 3
-"""How often a combination is begun whose process is killed, before it is given up."""
+"""Maximum number of attempts at a case whose process is killed."""
 
 ResultCallback = Callable[[GaitCase, CaseResult | None], None]
-"""Told each combination when it is done; None: its process was killed every time."""
+"""Receives each finished case and its result; None: its process was killed in every attempt."""
 
 Runner = Callable[[Iterable[GaitCase], ResultCallback], None]
-"""Walks combinations and tells of each; in any order."""
+"""Evaluates cases in any order and reports each one to the callback."""

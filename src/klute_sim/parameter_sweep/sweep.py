@@ -1,7 +1,6 @@
-"""A sweep from its plan to its table."""
+"""Run the cases of a plan and keep their results in a store, so that an interrupted sweep can be resumed."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from klute_sim.parameter_sweep import table
 from klute_sim.parameter_sweep.evaluate import CaseResult
@@ -10,28 +9,17 @@ from klute_sim.parameter_sweep.runner import Runner
 from klute_sim.parameter_sweep.store import ResultStore
 
 
-@dataclass(frozen=True)
-class SweepResult:
-    """A sweep that is done."""
-
-    rows: list[table.SweepRow]
-    """In the order of the plan."""
-    n_resumed: int
-    """How many walks were there from before."""
-
-    @property
-    def n_failed(self) -> int:
-        """How many combinations have a reason in place of outcomes."""
-        return sum(row[table.FAILURE_COLUMN] is not None for row in self.rows)
-
-
 def run_sweep(
     plan: SweepPlan, store: ResultStore, runner: Runner, progress: Callable[[float], None] = lambda fraction: None
-) -> SweepResult:
-    """Walk what ``store`` lacks of ``plan`` by ``runner``; ``progress`` is told the finished fraction."""
-    everything = list(plan.iter_cases())
-    walked, kept = run_cases(everything, store, runner, progress)
-    return SweepResult([table.build_row(each, found) for each, found in zip(everything, walked, strict=True)], kept)
+) -> tuple[list[table.SweepRow], int]:
+    """Simulate the cases of ``plan`` that ``store`` lacks.
+
+    Returns the rows in the order of the plan, and the number of cases whose results were in the store already.
+    ``progress`` receives the completed fraction.
+    """
+    cases = list(plan.iter_cases())
+    results, n_resumed = run_cases(cases, store, runner, progress)
+    return [table.build_row(case, result) for case, result in zip(cases, results, strict=True)], n_resumed
 
 
 def run_cases(
@@ -40,27 +28,28 @@ def run_cases(
     runner: Runner,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> tuple[list[CaseResult | None], int]:
-    """What became of each of ``everything``, and how many of them ``store`` had; None: its process was killed.
+    """Return the result of each of ``cases``, and the number of results that ``store`` held already.
 
-    Every walk is in the store before the next is told, so that whatever ends this costs only what was under way.
-    Combinations that are the same under two names are walked once.
+    A result is None when the process of its case was killed in every attempt. Each result is in the store before the
+    next case is reported, so that an interrupt costs only the cases in progress. Cases that differ only in names are
+    simulated once.
     """
-    keys = {combination.key: combination for combination in cases}
-    walked = {key: found for key in keys if (found := store.get(key))}
-    kept = len(walked)
-    lost = 0
+    case_of_key = {case.key: case for case in cases}
+    results = {key: result for key in case_of_key if (result := store.get(key))}
+    n_resumed = len(results)
+    n_lost = 0
 
-    def finished(combination: GaitCase, result: CaseResult | None) -> None:
-        nonlocal lost
+    def on_result(case: GaitCase, result: CaseResult | None) -> None:
+        nonlocal n_lost
         if result is None:
-            lost += 1  # not kept: it may have been the machine's fault, and the same command tries it again
+            n_lost += 1  # not stored: the machine may be the cause, and the same command tries again
         else:
-            store.put(combination.key, result)
-            walked[combination.key] = result
-        progress((len(walked) + lost) / len(keys))
+            store.put(case.key, result)
+            results[case.key] = result
+        progress((len(results) + n_lost) / len(case_of_key))
 
-    progress(kept / len(keys))
-    missing = [combination for key, combination in keys.items() if key not in walked]
+    progress(n_resumed / len(case_of_key))
+    missing = [case for key, case in case_of_key.items() if key not in results]
     if missing:
-        runner(missing, finished)
-    return [walked.get(each.key) for each in cases], kept
+        runner(missing, on_result)
+    return [results.get(case.key) for case in cases], n_resumed

@@ -1,33 +1,34 @@
-"""What tuning turns: pressures and timing of a profile, and numbers of the device if asked for."""
+"""Design variables of a tuning problem: pressures and timing of a profile, and optionally numbers of the device."""
 
 import math
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from klute_sim.controllers.pressure import PressureProfile
-from klute_sim.device.changes import apply_changes, to_toml
 from klute_sim.device.device import Device, parse_device
 from klute_sim.errors import InputError
+from klute_sim.parameters import Parameter
+from klute_sim.toml_files import format_toml, parse_toml
+from klute_sim.types import Array
 from klute_sim.units import BAR
 
-DesignVector = NDArray[np.float64]
-TUNED_SOURCE = "assumed: found by klute-sim tune, nobody has built it"
+TUNED_SOURCE = "assumed: found by klute-sim tune, never built"
+"""Source that a device file states for a tuned number."""
 PRESSURE_SCALE_BAR, TIMING_SCALE_PCT = 0.4, 2.0
-"""First spread of a pressure [bar], and of the profile's timing [% of the cycle]."""
+"""Search scale of a pressure [bar] and of the timing of the profile [% of the gait cycle]."""
 MAX_TIMING_SHIFT_PCT = 10.0
-"""Most that a profile is moved either way [% of the cycle]."""
+"""Maximum shift of the profile in either direction [% of the gait cycle]."""
 DEFAULT_RELATIVE_SCALE, DEFAULT_MAX_RATIO = 0.2, 6.0
-"""First spread of a device's number, over itself, and how far from nominal it may go, times or divided by."""
+"""Search scale of a device number relative to its nominal value, and the maximum ratio between the two."""
 RELATIVE_SCALES_AND_BOUNDS = {
     "muscle.resting_length_mm": (0.03, 0.8, 1.2),
     "mounting.neutral_muscle_ratio": (0.01, 0.92, 1.02),
     "supply.pressure_bar": (0.05, 0.5, 1.0),
 }
-"""Numbers that have less room: first spread, least and most, over nominal; a supply is never made stronger."""
+"""Scale, lower and upper bound relative to the nominal value, where they are narrower than the default.
+
+The supply pressure has no room above its nominal value: a stronger supply is another device.
+"""
 DEFAULT_DEVICE_KEYS = (
     "damper.orifice_concentric_mm",
     "damper.orifice_eccentric_mm",
@@ -37,105 +38,112 @@ DEFAULT_DEVICE_KEYS = (
     "muscle.resting_length_mm",
     "mounting.neutral_muscle_ratio",
 )
-"""What is turned of a device that is tuned together with its controller, where nothing else is said."""
-
-
-def _rename_tuned_device(device: Device) -> Device:
-    """Under a name of its own, if it is another one."""
-    keys = tomllib.loads(device.content.decode("utf-8-sig"))
-    if TUNED_SOURCE not in keys.get("sources", {}).values():
-        return device
-    plain = keys["name"].removesuffix("-tuned")  # of what is tuned further, the name stays
-    keys |= {"name": f"{plain}-tuned", "description": f"{plain} with numbers found by klute-sim tune."}
-    return parse_device(to_toml(keys).encode(), keys["name"])
-
-
-@dataclass(frozen=True)
-class DesignVariable:
-    """One number; the search sees it in spreads from where it starts."""
-
-    name: str
-    initial: float
-    scale: float
-    lower: float
-    upper: float
-    logarithmic: bool = False
-
-    def decode(self, x: float) -> float:
-        """In its own unit, within its bounds, for a ``place`` in spreads."""
-        found = self.initial * math.exp(x * self.scale) if self.logarithmic else self.initial + x * self.scale
-        return min(max(found, self.lower), self.upper)
-
-    def compute_violation(self, x: float) -> float:
-        """How far a ``place`` is outside of the bounds, in spreads."""
-        return abs(x - self.normalize(self.decode(x)))
-
-    def normalize(self, value: float) -> float:
-        """The inverse of :meth:`value`."""
-        return math.log(value / self.initial) / self.scale if self.logarithmic else (value - self.initial) / self.scale
+"""Device numbers that ``--with-device`` tunes together with the profile."""
 
 
 @dataclass(frozen=True)
 class DesignSpace:
-    """A device and a profile with the knobs that are turned on them."""
+    """A device, a pressure profile and the design variables that change them."""
 
     device: Device
+    """Device at the start of the search."""
     profile: PressureProfile
+    """Pressure profile at the start of the search."""
     device_keys: tuple[str, ...] = ()
-    """Numbers of the device (``section.key``)."""
+    """Tuned numbers of the device (``section.key``)."""
 
     def __post_init__(self) -> None:
-        """Raise InputError for a key that is no number of the device or cannot be scaled, or for too much pressure."""
-        most = self.device.parameters.supply.max_pressure / BAR
-        if max(self.profile.pressure_bar) > most:
+        """Raise InputError when a key cannot be tuned or the profile exceeds the supply pressure."""
+        supply = self.device.parameters.supply.max_pressure / BAR
+        if max(self.profile.pressure_bar) > supply:
             raise InputError(
-                f"pressure profile {self.profile.name} asks for {max(self.profile.pressure_bar):g} bar; the supply of "
-                f"'{self.device.name}' has {most:g} bar"
+                f"pressure profile {self.profile.name} commands {max(self.profile.pressure_bar):g} bar; the supply of "
+                f"'{self.device.name}' has {supply:g} bar"
             )
-        numbers = self.device.spec.collect_values()
+        values = self.device.spec.collect_values()
         for key in self.device_keys:
-            if key not in numbers:
-                raise InputError(f"device '{self.device.name}' has no number '{key}'; klute-sim device shows them")
-            if key == "muscle.count":
-                raise InputError(f"'{key}' is a whole number; only what can be any number is tuned")
-            if not numbers[key] > 0.0:
+            if key not in values:
                 raise InputError(
-                    f"'{key}' of device '{self.device.name}' is {numbers[key]:g}; only what is positive is tuned"
+                    f"device '{self.device.name}' has no number '{key}'; klute-sim device {self.device.name} lists them"
+                )
+            if key == "muscle.count":
+                raise InputError(f"'{key}' is an integer; only continuous numbers can be tuned")
+            if not values[key] > 0.0:
+                raise InputError(
+                    f"'{key}' of device '{self.device.name}' is {values[key]:g}; only positive numbers can be tuned"
                 )
 
     @property
-    def variables(self) -> tuple[DesignVariable, ...]:
-        """Pressures in the profile's order, its timing, the device's numbers."""
-        most = self.device.parameters.supply.max_pressure / BAR
-        found = [
-            DesignVariable(f"pressure at {phase:g} % [bar]", min(bar, most), PRESSURE_SCALE_BAR, 0.0, most)
-            for phase, bar in zip(self.profile.gait_pct, self.profile.pressure_bar, strict=True)
-        ]
-        found.append(DesignVariable("timing [%]", 0.0, TIMING_SCALE_PCT, -MAX_TIMING_SHIFT_PCT, MAX_TIMING_SHIFT_PCT))
-        numbers = self.device.spec.collect_values()
-        for key in self.device_keys:
-            spread, least, most = RELATIVE_SCALES_AND_BOUNDS.get(
-                key, (DEFAULT_RELATIVE_SCALE, 1.0 / DEFAULT_MAX_RATIO, DEFAULT_MAX_RATIO)
+    def variables(self) -> tuple[Parameter, ...]:
+        """Design variables: the pressures in the order of the profile, its timing, the numbers of the device."""
+        supply = self.device.parameters.supply.max_pressure / BAR
+        variables = [
+            Parameter(
+                name=f"pressure at {phase:g} % [bar]",
+                initial=min(pressure, supply),
+                scale=PRESSURE_SCALE_BAR,
+                lower=0.0,
+                upper=supply,
             )
-            nominal = numbers[key]
-            found.append(DesignVariable(key, nominal, spread, least * nominal, most * nominal, logarithmic=True))
-        return tuple(found)
-
-    def decode(self, x: Sequence[float] | DesignVector) -> tuple[Device, PressureProfile]:
-        """Device and profile with the knobs at ``places``; raises InputError for a device that cannot be."""
-        values = [knob.decode(float(place)) for knob, place in zip(self.variables, x, strict=True)]
-        count = len(self.profile.gait_pct)
-        pressures, late, numbers = values[:count], values[count], values[count + 1 :]
-        moved = sorted(
-            (round((phase + late) % 100.0, 6), round(bar, 6))
-            for phase, bar in zip(self.profile.gait_pct, pressures, strict=True)
+            for phase, pressure in zip(self.profile.gait_pct, self.profile.pressure_bar, strict=True)
+        ]
+        variables.append(
+            Parameter(
+                name="timing [%]",
+                initial=0.0,
+                scale=TIMING_SCALE_PCT,
+                lower=-MAX_TIMING_SHIFT_PCT,
+                upper=MAX_TIMING_SHIFT_PCT,
+            )
         )
-        profile = PressureProfile(f"tuned from {self.profile.name}", *map(tuple, zip(*moved, strict=True)))
+        values = self.device.spec.collect_values()
+        default = (DEFAULT_RELATIVE_SCALE, 1.0 / DEFAULT_MAX_RATIO, DEFAULT_MAX_RATIO)
+        for key in self.device_keys:
+            scale, lower, upper = RELATIVE_SCALES_AND_BOUNDS.get(key, default)
+            nominal = values[key]
+            variables.append(
+                Parameter(
+                    name=key,
+                    initial=nominal,
+                    scale=scale,
+                    lower=lower * nominal,
+                    upper=upper * nominal,
+                    is_logarithmic=True,
+                )
+            )
+        return tuple(variables)
+
+    def decode(self, x: Sequence[float] | Array) -> tuple[Device, PressureProfile]:
+        """Return the device and the profile at the normalized point ``x``, one coordinate per design variable.
+
+        Raises InputError when the numbers do not make a valid device.
+        """
+        values = [
+            variable.denormalize(float(coordinate)) for variable, coordinate in zip(self.variables, x, strict=True)
+        ]
+        n_pressures = len(self.profile.gait_pct)
+        pressures, shift, numbers = values[:n_pressures], values[n_pressures], values[n_pressures + 1 :]
+        knots = sorted(
+            (round((phase + shift) % 100.0, 6), round(pressure, 6))
+            for phase, pressure in zip(self.profile.gait_pct, pressures, strict=True)
+        )
+        profile = PressureProfile(f"tuned from {self.profile.name}", *map(tuple, zip(*knots, strict=True)))
         changes = {key: float(f"{value:.6g}") for key, value in zip(self.device_keys, numbers, strict=True)}
-        return _rename_tuned_device(apply_changes(self.device, changes, TUNED_SOURCE)), profile
+        return _rename_tuned_device(self.device.with_changes(changes, TUNED_SOURCE)), profile
 
-    def compute_violation(self, x: Sequence[float] | DesignVector) -> float:
-        """Sum of squares of how far ``places`` are outside of the bounds, in spreads."""
+    def compute_violation(self, x: Sequence[float] | Array) -> float:
+        """Return the sum of the squared distances of ``x`` from the bounds, in normalized units."""
         return math.fsum(
-            knob.compute_violation(float(place)) ** 2 for knob, place in zip(self.variables, x, strict=True)
+            variable.compute_violation(float(coordinate)) ** 2
+            for variable, coordinate in zip(self.variables, x, strict=True)
         )
+
+
+def _rename_tuned_device(device: Device) -> Device:
+    """Return ``device`` with ``-tuned`` after its name if any of its numbers is tuned."""
+    content = parse_toml(device.content, f"device {device.name}")
+    if TUNED_SOURCE not in content.get("sources", {}).values():
+        return device
+    base_name = content["name"].removesuffix("-tuned")  # a device that is tuned again keeps its name
+    content |= {"name": f"{base_name}-tuned", "description": f"{base_name} with numbers found by klute-sim tune."}
+    return parse_device(format_toml(content).encode(), content["name"])

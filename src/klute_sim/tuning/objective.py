@@ -1,11 +1,14 @@
-"""What tuning makes small: how far the ankle is from the human one, and the air that takes.
+"""The tuning objective: distance of the ankle from the human reference, air consumption, and penalties.
 
-In words: the mean squared distance of net moment, angle and power from the reference in stance, in its standard
-deviations, each counted once; plus 0.1 for every gram of air in a stride; plus what keeps a muscle off its rest-length
-stop, the rig's load on the foot (an ankle that does not carry what the human one does cannot be compared with it) and
-the toe off the ground in swing.
-Goals add what they are missed by. A foot that catches the ground in swing comes after every walk that does not, and a
-rig that leaves its path after those.
+The objective is the sum of
+
+* the mean squared distances of net moment, angle and power from the reference in stance, in its standard deviations,
+* 0.1 per gram of air consumed in a stride,
+* penalties on a muscle at its rest-length stop, on poor tracking of the vertical load (an ankle that does not carry
+  the reference's load cannot be compared with it) and on low toe clearance in swing,
+* the shortfall from the goals, if there are any.
+
+A toe that touches the ground in swing costs more than any gait without that; a run that fails costs more still.
 """
 
 import math
@@ -15,119 +18,133 @@ from dataclasses import dataclass, fields
 from klute_sim.errors import InputError
 
 TOE_CATCH_COST, FALL_COST = 1e9, 1e12
-"""What a foot that catches in swing costs, and a walk that ends early: more than the worst walk at the largest weights.
-The search goes by ranks alone."""
+"""Cost of a toe that catches in swing, and of a run that fails: above the worst other cost at the largest weights.
+
+The search uses only the ranks of the costs.
+"""
 LENGTH_STOP_COST = 1e4
-"""Cost of a muscle at its rest-length stop: times the square of L/L0 above :data:`FREE`; the stop is no spring."""
+"""Cost per square of L/L0 above :data:`MAX_MUSCLE_RATIO`."""
 MAX_MUSCLE_RATIO = 0.985
-"""L/L0 below which a muscle is clear of its stop."""
+"""L/L0 above which the muscle nears its rest-length stop, which is not meant to carry load [1]."""
 CLEARANCE_COST_PER_MM2 = 1.0
-"""Cost of a toe that swings low: times the square of what is missing to :data:`CLEARANCE` [mm] (assumed)."""
+"""Cost per square of the toe clearance missing to :data:`MIN_TOE_CLEARANCE_MM` (assumed) [1/mm2]."""
 MIN_TOE_CLEARANCE_MM = 3.0
-"""Least height of the toe in mid-swing [mm], so that a longer and finer walk does not catch either (assumed)."""
+"""Minimum toe clearance in mid-swing [mm], with a margin for longer runs at finer time steps (assumed)."""
 LOAD_TRACKING_COST = 3e3
-"""Cost of load that is not followed: times the square of its rms [body weights] above :data:`FOLLOWED` (assumed)."""
+"""Cost per square of the rms load error above :data:`MAX_LOAD_TRACKING_ERROR_BW` [body weights] (assumed)."""
 MAX_LOAD_TRACKING_ERROR_BW = 0.14
-"""Rms distance of the load [body weights] that may be (assumed); reports warn from 0.15 on."""
+"""Rms error of the vertical load without cost [body weights] (assumed); reports warn above 0.15."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Goals:
-    """Numbers to reach, if any; what is missing is counted in units that matter about alike (assumed)."""
+    """Metrics to reach; each shortfall is divided by a tolerance of comparable importance (assumed)."""
 
     moment_sd: float | None = None
-    """At most: net moment's distance in stance, rms [sd]; 0.2 counts as 1."""
+    """Maximum rms distance of the net moment in stance [sd]; tolerance 0.2. None: no goal."""
     power_w_per_kg: float | None = None
-    """At least: peak net power [W/kg]; 0.5 counts as 1."""
+    """Minimum peak net power [W/kg]; tolerance 0.5. None: no goal."""
     work_j_per_kg: float | None = None
-    """At least: net work of the ankle in a stride [J/kg]; 0.03 counts as 1."""
+    """Minimum net ankle work per stride [J/kg]; tolerance 0.03. None: no goal."""
     plantarflexion_deg: float | None = None
-    """At least: most plantarflexion [deg]; 1.5 counts as 1."""
+    """Minimum peak plantarflexion [deg]; tolerance 1.5. None: no goal."""
 
     def compute_shortfall(self, metrics: "TuningMetrics") -> float:
-        """What is missing in all, 0 if all is reached."""
-        shares = (
+        """Return the sum of the shortfalls over their tolerances; 0 when all goals are reached."""
+        terms = (
             (self.moment_sd, metrics.moment_sd, 0.2, -1.0),
             (self.power_w_per_kg, metrics.power_w_per_kg, 0.5, 1.0),
             (self.work_j_per_kg, metrics.work_j_per_kg, 0.03, 1.0),
             (self.plantarflexion_deg, metrics.plantarflexion_deg, 1.5, 1.0),
         )
-        return sum(max(0.0, sign * (goal - found)) / unit for goal, found, unit, sign in shares if goal is not None)
+        return sum(
+            max(0.0, sign * (goal - value)) / tolerance for goal, value, tolerance, sign in terms if goal is not None
+        )
 
 
 HUMAN_GOALS = Goals(moment_sd=0.39, power_w_per_kg=3.31, work_j_per_kg=0.218, plantarflexion_deg=15.0)
-"""The human ankle, as near as the reference's own groups are to each other (0.4 sd, 3.3 W/kg, 0.215 J/kg), and a little
-more: so much do a search's short and coarse walks flatter."""
+"""The human ankle within the differences between the reference's own groups (0.4 sd, 3.3 W/kg, 0.215 J/kg).
+
+The goals are slightly stricter, because the short and coarse runs of the search flatter by about as much.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """Of the objective's parts; InputError for one that is negative or no number."""
+    """Weights of the terms of the objective; validated when made."""
 
     moment: float = 1.0
+    """Weight of the squared moment distance [1/sd2]."""
     angle: float = 1.0
+    """Weight of the squared angle distance [1/sd2]."""
     power: float = 1.0
+    """Weight of the squared power distance [1/sd2]."""
     air: float = 0.1
-    """Per gram in a stride."""
+    """Weight of the air consumed in a stride [1/g]."""
 
     def __post_init__(self) -> None:
-        """See the class."""
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        """Raise InputError when a weight is out of range or all are zero."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
         for name, value in values.items():
             if not 0.0 <= value <= 1e3:  # also refuses NaN
                 raise InputError(f"weight of {name} is {value:g}; allowed: 0 to 1000")
         if not any(values.values()):
-            raise InputError("all weights are 0: nothing would be better than anything else")
+            raise InputError("all weights are 0; allowed: at least one above 0")
 
 
 @dataclass(frozen=True, kw_only=True)
 class TuningMetrics:
-    """What the objective needs to know of a walk."""
+    """Metrics of a gait simulation that enter the objective."""
 
     moment_sd: float
-    """Rms distance to the reference in stance [sd]; of the next two likewise."""
+    """Rms distance of the net moment from the reference in stance [sd]."""
     angle_sd: float
+    """Rms distance of the angle from the reference in stance [sd]."""
     power_sd: float
+    """Rms distance of the net power from the reference in stance [sd]."""
     air_g: float
-    """In a stride."""
+    """Air consumed in a stride [g]."""
     power_w_per_kg: float
-    """Peak net power."""
+    """Peak net power [W/kg]."""
     work_j_per_kg: float
-    """Net work of a stride."""
+    """Net ankle work in a stride [J/kg]."""
     plantarflexion_deg: float
-    """The most of it."""
+    """Peak plantarflexion [deg]."""
     muscle_ratio_max: float
-    """Most L/L0 of the muscle [1]."""
+    """Maximum L/L0 of the muscle [1]."""
     toe_clearance_mm: float
-    """Least height of the sole in mid-swing [mm]."""
+    """Minimum height of the sole in mid-swing [mm]."""
     load_tracking_rms_bw: float
-    """Rms distance of the vertical load from the reference's [body weights]."""
+    """Rms error of the vertical load against the reference [body weights]."""
     trips: bool
     """Whether the foot touches the ground in swing."""
 
 
 def compute_tracking_error(metrics: TuningMetrics, weights: Weights) -> float:
-    """Weighted mean squared distance to the reference [sd^2], summed over moment, angle and power."""
+    """Return the weighted squared distance to the reference [sd2], summed over moment, angle and power."""
     squares = metrics.moment_sd**2, metrics.angle_sd**2, metrics.power_sd**2
     return math.fsum(w * s for w, s in zip((weights.moment, weights.angle, weights.power), squares, strict=True))
 
 
 def compute_cost(metrics: TuningMetrics, weights: Weights, goals: Goals) -> float:
-    """The objective; smaller is better."""
+    """Return the objective; smaller is better."""
     stop = LENGTH_STOP_COST * max(0.0, metrics.muscle_ratio_max - MAX_MUSCLE_RATIO) ** 2
     load = LOAD_TRACKING_COST * max(0.0, metrics.load_tracking_rms_bw - MAX_LOAD_TRACKING_ERROR_BW) ** 2
-    low = CLEARANCE_COST_PER_MM2 * max(0.0, MIN_TOE_CLEARANCE_MM - metrics.toe_clearance_mm) ** 2
-    caught = TOE_CATCH_COST if metrics.trips else 0.0
-    kept = stop + load + low + caught
+    clearance = CLEARANCE_COST_PER_MM2 * max(0.0, MIN_TOE_CLEARANCE_MM - metrics.toe_clearance_mm) ** 2
+    toe_catch = TOE_CATCH_COST if metrics.trips else 0.0
+    penalties = stop + load + clearance + toe_catch
     return (
-        compute_tracking_error(metrics, weights) + weights.air * metrics.air_g + kept + goals.compute_shortfall(metrics)
+        compute_tracking_error(metrics, weights)
+        + weights.air * metrics.air_g
+        + penalties
+        + goals.compute_shortfall(metrics)
     )
 
 
 def make_weights(values: Mapping[str, float]) -> Weights:
-    """Weights with some of them changed; raises InputError for a name that there is not."""
-    known = [each.name for each in fields(Weights)]
+    """Return the default weights with ``values`` in place of some; raises InputError when a name is unknown."""
+    names = [field.name for field in fields(Weights)]
     for name in values:
-        if name not in known:
-            raise InputError(f"there is no weight of '{name}'; there are: {', '.join(known)}")
+        if name not in names:
+            raise InputError(f"there is no weight of '{name}'; allowed: {', '.join(names)}")
     return Weights(**dict(values))

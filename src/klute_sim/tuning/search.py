@@ -1,7 +1,8 @@
-"""The search: CMA-ES over the knobs, every walk kept, so that an interrupted one goes on where it was.
+"""Search the design space by CMA-ES; every evaluation is stored, so that an interrupted search can be resumed.
 
-The strategy is the covariance matrix adaptation of Hansen (2016, arXiv:1604.00772), from the package ``cma``. It is
-deterministic for a seed: going on means asking the same questions again, most of which are answered already.
+The algorithm is the covariance matrix adaptation evolution strategy of Hansen (2016, arXiv:1604.00772) from the
+package ``cma``. It is deterministic for a given seed: a resumed search asks for the same points again, and the store
+answers most of them.
 """
 
 import math
@@ -13,41 +14,56 @@ import numpy as np
 
 from klute_sim.errors import InputError, KluteSimError, MissingExtraError
 from klute_sim.gait.rig.setup import build_gait_rig
-from klute_sim.parameter_sweep.evaluate import UNEXPECTED_ERROR_PREFIX, CaseResult
+from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, UNEXPECTED_ERROR_PREFIX, CaseResult
 from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.parameter_sweep.runner import Runner
 from klute_sim.parameter_sweep.store import ResultStore
-from klute_sim.tuning.design_variables import DesignSpace, DesignVector
-from klute_sim.tuning.objective import FALL_COST, Goals, TuningMetrics, Weights, compute_cost, compute_tracking_error
+from klute_sim.tuning.design_variables import DesignSpace
+from klute_sim.tuning.objective import (
+    FALL_COST,
+    Goals,
+    TuningMetrics,
+    Weights,
+    compute_cost,
+    compute_tracking_error,
+)
+from klute_sim.types import Array
 
 INITIAL_SIGMA = 0.75
-"""First standard deviation of the search, in the knobs' own spreads."""
+"""Initial standard deviation of the search, in the scales of the design variables."""
 SEARCH_STRIDES, SEARCH_DT = 2, 1e-3
-"""Of a walk that is tried; the second stride counts."""
+"""Strides and time step [s] of an evaluation; the metrics are those of the second stride."""
 FINE_DT = 5e-4
-"""Of those that are walked again: long steps flatter what was chosen because of them."""
+"""Time step of a reevaluation [s]: long time steps flatter the points that were selected because of them."""
 REEVALUATED_FRACTION, MAX_REEVALUATIONS = 0.1, 200
-"""Share of what was tried, the best of it, that is walked again, and how many at most."""
+"""Fraction of the evaluations, the best ones, that the reevaluation draws from, and the maximum number drawn."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TuningProblem:
-    """What is tuned, for whom, and what is wanted."""
+    """Design space, subject and objective of a tuning."""
 
     space: DesignSpace
+    """Device, profile and design variables."""
     mass: float
-    """Of the body [kg]."""
+    """Body mass [kg]."""
     weights: Weights = field(default_factory=Weights)
+    """Weights of the terms of the objective."""
     goals: Goals = field(default_factory=Goals)
+    """Metrics to reach in addition."""
     seed: int = 0
+    """Random seed of the search."""
 
     def __post_init__(self) -> None:
-        """Raise InputError for a body or a device that the rig has no place for."""
-        combination = self.build_case(np.zeros(len(self.space.variables)))
-        build_gait_rig(combination.device, combination.build_options(), SEARCH_DT)
+        """Raise InputError when the gait rig does not take the subject or the device."""
+        case = self.build_case(np.zeros(len(self.space.variables)))
+        build_gait_rig(case.device, case.build_options(), SEARCH_DT)
 
-    def build_case(self, x: DesignVector, strides: int = SEARCH_STRIDES, dt: float = SEARCH_DT) -> GaitCase:
-        """The walk with the knobs at ``places``; raises InputError for a device that cannot be."""
+    def build_case(self, x: Array, strides: int = SEARCH_STRIDES, dt: float = SEARCH_DT) -> GaitCase:
+        """Return the case at the normalized point ``x``; ``dt`` is the time step [s].
+
+        Raises InputError when the numbers at ``x`` do not make a valid device.
+        """
         device, profile = self.space.decode(x)
         return GaitCase(
             device_name=device.name,
@@ -64,36 +80,26 @@ class TuningProblem:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """One set of places of the knobs, and what it is worth."""
+    """One evaluated point of the design space."""
 
-    x: DesignVector
+    x: Array
+    """Normalized point, one coordinate per design variable."""
     cost: float
+    """Value of the objective, with the violation of the bounds."""
     metrics: TuningMetrics | None
-    """None: it did not walk."""
+    """Metrics of the simulation; None: it failed."""
     failure: str | None = None
-    """Why it did not."""
+    """Reason of the failure; None: the simulation succeeded."""
     generation: int = 0
-    """Round of the search that asked for it; 0: where it began."""
+    """Generation of the search that asked for the point; 0: the initial point."""
 
     @property
     def tracking_error(self) -> float:
-        """Squared distances without weights [sd^2]; infinite if it did not walk."""
+        """Squared distance to the reference with unit weights [sd2]; infinite after a failure."""
         return math.inf if self.metrics is None else compute_tracking_error(self.metrics, Weights())
 
 
-def select_metrics(metrics: Mapping[str, Any]) -> TuningMetrics:
-    """What the objective reads of a walk's ``outcomes`` (:data:`klute_sim.parameter_sweep.evaluate.HEADINGS`).
-
-    Raises InputError for a reference that has no standard deviations to be near to.
-    """
-    values = {name: metrics[heading] for name, heading in _METRIC_COLUMN_OF.items()}
-    missing = [_METRIC_COLUMN_OF[name] for name, value in values.items() if value is None]
-    if missing:
-        raise InputError(f"there is no {missing[0]} to tune for: the reference needs standard deviations")
-    return TuningMetrics(**values, trips=bool(metrics["trips"]))
-
-
-_METRIC_COLUMN_OF = {
+_COLUMN_OF_METRIC = {
     "moment_sd": "moment_distance [sd]",
     "angle_sd": "angle_distance [sd]",
     "power_sd": "power_distance [sd]",
@@ -101,10 +107,22 @@ _METRIC_COLUMN_OF = {
     "power_w_per_kg": "ankle_power_peak [W/kg]",
     "work_j_per_kg": "ankle_work_net [J/kg]",
     "plantarflexion_deg": "ankle_plantarflexion [deg]",
-    "longest_ratio": "muscle_ratio_max [1]",
-    "load_bw": "grf_vertical_tracking_rms [1]",
-    "clearance_mm": "toe_clearance [mm]",
+    "muscle_ratio_max": "muscle_ratio_max [1]",
+    "load_tracking_rms_bw": "grf_vertical_tracking_rms [1]",
+    "toe_clearance_mm": "toe_clearance [mm]",
 }
+
+
+def select_metrics(metrics: Mapping[str, Any]) -> TuningMetrics:
+    """Return the metrics of the objective among the ``metrics`` of a case, which are named by column.
+
+    Raises InputError when the reference has no standard deviations, so that there is no distance.
+    """
+    values = {name: metrics[column] for name, column in _COLUMN_OF_METRIC.items()}
+    missing = [_COLUMN_OF_METRIC[name] for name, value in values.items() if value is None]
+    if missing:
+        raise InputError(f"the objective needs {missing[0]}: use a reference with standard deviations")
+    return TuningMetrics(**values, trips=bool(metrics[TRIPS_COLUMN]))
 
 
 def optimize(
@@ -112,28 +130,31 @@ def optimize(
     budget: int,
     store: ResultStore,
     runner: Runner,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Callable[[int], None] = lambda n_done: None,
 ) -> list[Evaluation]:
-    """Everything that was tried, the start first, in order; ``budget`` walks, or a few more to finish a round.
+    """Return all evaluations in order, the initial point first: ``budget`` of them, rounded up to a whole generation.
 
-    A strategy that has nothing left to find is begun anew where tuning began, from another seed, so that a larger
-    budget is never in vain. ``progress`` is told how many are done. Raises MissingExtraError without the package cma.
+    A converged search restarts from the initial point with another seed, so that a larger budget is always used.
+    ``progress`` receives the number of finished evaluations.
+
+    Raises MissingExtraError without the package cma, KluteSimError when the initial point fails.
     """
-    count = len(problem.space.variables)
-    strategy = _make_strategy(count, problem.seed)
-    tried = list(_evaluate_points(problem, [np.zeros(count)], store, runner, progress, 0))
-    if tried[0].metrics is None:
-        raise KluteSimError(f"where tuning begins does not walk: {tried[0].failure}")
-    restarts = 0
-    while len(tried) < budget:
+    n_variables = len(problem.space.variables)
+    strategy = _make_strategy(n_variables, problem.seed)
+    evaluations = list(_evaluate_points(problem, [np.zeros(n_variables)], store, runner, progress, 0))
+    if evaluations[0].metrics is None:
+        raise KluteSimError(f"the simulation of the initial device and profile fails: {evaluations[0].failure}")
+    n_restarts = 0
+    while len(evaluations) < budget:
         if strategy.stop():
-            restarts += 1
-            strategy = _make_strategy(count, problem.seed + 1_000_003 * restarts)
-        asked = [np.asarray(each, dtype=np.float64) for each in strategy.ask()]
-        found = list(_evaluate_points(problem, asked, store, runner, progress, len(tried)))
-        strategy.tell(asked, [each.cost for each in found])
-        tried += [replace(each, generation=tried[-1].generation + 1) for each in found]
-    return tried
+            n_restarts += 1
+            strategy = _make_strategy(n_variables, problem.seed + 1_000_003 * n_restarts)
+        points = [np.asarray(point, dtype=np.float64) for point in strategy.ask()]
+        offspring = list(_evaluate_points(problem, points, store, runner, progress, len(evaluations)))
+        strategy.tell(points, [evaluation.cost for evaluation in offspring])
+        generation = evaluations[-1].generation + 1
+        evaluations += [replace(evaluation, generation=generation) for evaluation in offspring]
+    return evaluations
 
 
 def reevaluate(
@@ -141,33 +162,46 @@ def reevaluate(
     evaluations: Sequence[Evaluation],
     store: ResultStore,
     runner: Runner,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Callable[[int], None] = lambda n_done: None,
 ) -> list[Evaluation]:
-    """The start and some of the best of ``tried``, evenly by rank, walked at :data:`FINE_STEP`; the start first."""
-    ranked = sorted((each for each in evaluations[1:] if each.metrics is not None), key=lambda each: each.cost)
+    """Evaluate the initial point and some of the best points, evenly spaced by rank, with the time step FINE_DT.
+
+    The initial point is the first evaluation returned.
+    """
+    ranked = sorted(
+        (evaluation for evaluation in evaluations[1:] if evaluation.metrics is not None),
+        key=lambda evaluation: evaluation.cost,
+    )
     count = math.ceil(REEVALUATED_FRACTION * len(evaluations))
     ranks = np.unique(np.linspace(0, count - 1, min(count, MAX_REEVALUATIONS)).astype(int))
-    chosen = [evaluations[0].x, *(ranked[k].places for k in ranks if k < len(ranked))]
-    return list(_evaluate_points(problem, chosen, store, runner, progress, len(evaluations), FINE_DT))
+    points = [evaluations[0].x, *(ranked[rank].x for rank in ranks if rank < len(ranked))]
+    return list(_evaluate_points(problem, points, store, runner, progress, len(evaluations), FINE_DT))
 
 
 def select_best(evaluations: Sequence[Evaluation]) -> Evaluation:
-    """The cheapest of those that walked; where tuning begins, one does."""
-    return min((each for each in evaluations if each.metrics is not None), key=lambda each: each.cost)
+    """Return the evaluation of least cost among those that did not fail; the initial point is one of them."""
+    return min(
+        (evaluation for evaluation in evaluations if evaluation.metrics is not None),
+        key=lambda evaluation: evaluation.cost,
+    )
 
 
 def select_pareto_front(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
-    """Those that nothing beats in both tracking and air, from the least air on; without any that catch or fall."""
-    walked = [each for each in evaluations if each.metrics is not None and not each.metrics.trips]
-    found: list[Evaluation] = []
-    for each in sorted(walked, key=lambda one: (one.metrics.air_g if one.metrics else 0.0, one.tracking_error)):
-        if not found or each.tracking_error < found[-1].tracking_error:
-            found.append(each)
-    return found
+    """Return the Pareto front of tracking error and air, by increasing air; failures and toe catches are left out."""
+    valid = [
+        evaluation for evaluation in evaluations if evaluation.metrics is not None and not evaluation.metrics.trips
+    ]
+    front: list[Evaluation] = []
+    for evaluation in sorted(
+        valid, key=lambda item: (item.metrics.air_g if item.metrics else 0.0, item.tracking_error)
+    ):
+        if not front or evaluation.tracking_error < front[-1].tracking_error:
+            front.append(evaluation)
+    return front
 
 
 def import_cma() -> Any:
-    """The package; raises MissingExtraError without it."""
+    """Return the package cma; raises MissingExtraError when it is not installed."""
     try:
         import cma as package
     except ImportError:
@@ -176,54 +210,56 @@ def import_cma() -> Any:
 
 
 def _make_strategy(n_variables: int, seed: int) -> Any:
-    random = np.random.default_rng(seed)
-    # With its own source of randomness: the package would seed NumPy's for the whole process.
-    # From -10 on it takes no orders from a file in the working folder, either.
-    options = {"randn": lambda *shape: random.standard_normal(shape), "seed": np.nan, "verbose": -10}
+    rng = np.random.default_rng(seed)
+    # The strategy gets its own generator: the package would seed that of NumPy for the whole process.
+    # At verbosity -10 it also ignores the signal file in the working folder.
+    options = {"randn": lambda *shape: rng.standard_normal(shape), "seed": np.nan, "verbose": -10}
     return import_cma().CMAEvolutionStrategy(np.zeros(n_variables), INITIAL_SIGMA, options)
 
 
 def _evaluate_points(
     problem: TuningProblem,
-    points: Sequence[DesignVector],
+    points: Sequence[Array],
     store: ResultStore,
     runner: Runner,
     progress: Callable[[int], None],
     n_done: int,
     dt: float = SEARCH_DT,
 ) -> Iterator[Evaluation]:
-    """``asked`` walked, by now or before."""
-    combinations: list[GaitCase | None] = []
-    for places in points:
+    """Yield the evaluation of each of ``points``, simulated now or taken from ``store``."""
+    cases: list[GaitCase | None] = []
+    for x in points:
         try:
-            combinations.append(problem.build_case(places, dt=dt))
-        except InputError:  # a tendon that is too long for the shank, say: it cannot be walked, and is worth as much
-            combinations.append(None)
-    known = {c.key: found for c in combinations if c is not None and (found := store.get(c.key)) is not None}
-    missing = {c.key: c for c in combinations if c is not None and c.key not in known}
+            cases.append(problem.build_case(x, dt=dt))
+        except InputError:  # such as a tendon that is too long for the shank; it costs as much as a failure
+            cases.append(None)
+    results = {case.key: result for case in cases if case is not None and (result := store.get(case.key)) is not None}
+    missing = {case.key: case for case in cases if case is not None and case.key not in results}
 
-    def finished(combination: GaitCase, walked: CaseResult | None) -> None:
-        if walked is None:
-            raise KluteSimError("a walk's process was killed again and again: there may be too little memory")
-        store.put(combination.key, walked)
-        known[combination.key] = walked
-        progress(n_done + len(known))
+    def on_result(case: GaitCase, result: CaseResult | None) -> None:
+        if result is None:
+            raise KluteSimError(
+                "the process of a gait simulation was killed in every attempt, probably for lack of memory: "
+                "use fewer --jobs"
+            )
+        store.put(case.key, result)
+        results[case.key] = result
+        progress(n_done + len(results))
 
     if missing:
-        runner(list(missing.values()), finished)
+        runner(list(missing.values()), on_result)
     progress(n_done + len(points))
-    for places, combination in zip(points, combinations, strict=True):
-        walked = None if combination is None else known[combination.key]
-        yield _make_evaluation(problem, places, walked)
+    for x, case in zip(points, cases, strict=True):
+        yield _make_evaluation(problem, x, None if case is None else results[case.key])
 
 
-def _make_evaluation(problem: TuningProblem, x: DesignVector, result: CaseResult | None) -> Evaluation:
-    beyond = problem.space.compute_violation(x)
+def _make_evaluation(problem: TuningProblem, x: Array, result: CaseResult | None) -> Evaluation:
+    violation = problem.space.compute_violation(x)
     if result is None:
-        return Evaluation(x, FALL_COST + beyond, None, "there is no such device")
+        return Evaluation(x, FALL_COST + violation, None, "the numbers do not make a valid device")
     if result.failure is not None:
         if result.failure.startswith(UNEXPECTED_ERROR_PREFIX):
-            raise KluteSimError(f"a walk met a mistake of ours ({result.failure}): please report it")
-        return Evaluation(x, FALL_COST + beyond, None, result.failure)
-    found = select_metrics(result.metrics)
-    return Evaluation(x, compute_cost(found, problem.weights, problem.goals) + beyond, found)
+            raise KluteSimError(f"internal error in a gait simulation ({result.failure}): please report it")
+        return Evaluation(x, FALL_COST + violation, None, result.failure)
+    metrics = select_metrics(result.metrics)
+    return Evaluation(x, compute_cost(metrics, problem.weights, problem.goals) + violation, metrics)

@@ -1,0 +1,190 @@
+"""Simulate the baselines of the package: :func:`simulate_baselines` and its result :class:`BaselineTable`."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from klute_sim.api.inputs import stage_progress
+from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.sweep import explain_interrupt
+from klute_sim.baselines import table
+from klute_sim.baselines.library import load_baselines
+from klute_sim.errors import InputError
+from klute_sim.parameter_sweep.local import LocalRunner
+from klute_sim.parameter_sweep.store import ResultStore, open_store, write_atomically
+from klute_sim.parameter_sweep.sweep import run_cases
+from klute_sim.report.gait.table import MAX_GRF_TRACKING_RMS_BW
+from klute_sim.types import ProgressCallback
+from klute_sim.units import BAR
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+CONDITION_COLUMNS = (
+    ("moment\nsd", "moment_distance [sd]", ".2f"),
+    ("angle\nsd", "angle_distance [sd]", ".2f"),
+    ("power\nsd", "power_distance [sd]", ".2f"),
+    ("peak power\nW/kg", "ankle_power_peak [W/kg]", ".2f"),
+    ("net work\nJ/kg", "ankle_work_net [J/kg]", "+.3f"),
+    ("air\ng/stride", "air_per_stride [g]", ".2f"),
+)
+"""Title, column and format of the metrics shown for each condition; the first three need the reference speed."""
+N_DISTANCE_COLUMNS = 3
+"""Number of leading columns of :data:`CONDITION_COLUMNS` that exist only on the level at the reference speed."""
+LEVEL_COLUMNS = (
+    ("quasi-stiffness\nN·m/kg/deg", "quasi_stiffness [N*m/kg/deg]", ".3f"),
+    ("energy\nreturn", "energy_return [1]", ".2f"),
+    ("roll-over\nradius m", "rollover_radius [m]", ".2f"),
+    ("plantar-\nflexion deg", "ankle_plantarflexion [deg]", ".1f"),
+    ("strides\nper tank", "strides_per_tank [1]", ".0f"),
+)
+"""Title, column and format of further metrics shown on the level at the reference speed."""
+
+
+@dataclass(frozen=True, repr=False)
+class BaselineTable:
+    """Metrics of the baselines in every walking condition."""
+
+    runs: list[table.BaselineRun]
+    """Runs of the baselines with their results."""
+    folder: Path
+    """Folder that holds the results of the runs."""
+
+    @cached_property
+    def rows(self) -> list[dict[str, Any]]:
+        """Baseline, condition, metrics and remark of each run, by column."""
+        return table.build_rows(self.runs)
+
+    def format_summary(self) -> Summary:
+        """Yield a table per condition, a table of further metrics on the level, and the assumptions."""
+        for condition in dict.fromkeys(row["condition"] for row in self.rows):
+            rows = [row for row in self.rows if row["condition"] == condition]
+            columns = CONDITION_COLUMNS if condition == "level" else CONDITION_COLUMNS[N_DISTANCE_COLUMNS:]
+            yield _build_table(_format_title(rows[0]), rows, columns)
+        level_rows = [row for row in self.rows if row["condition"] == "level"]
+        yield _build_table("level, the reference's speed: further metrics", level_rows, LEVEL_COLUMNS)
+        yield (
+            f"Assumed: a tank of {1e3 * table.TANK_VOLUME_M3:g} l at {table.TANK_PRESSURE_PA / BAR:g} bar that is used "
+            f"down to {table.MIN_TANK_PRESSURE_PA / BAR:g} bar, and the limb kinematics on slopes and at other speeds."
+        )
+        if any(row["remark"] and not row["failure"] for row in self.rows):
+            yield (
+                f"Where the load is not tracked (rms error above {MAX_GRF_TRACKING_RMS_BW:g} body weights), the ankle "
+                "does not carry the load of the reference; its moments and powers are not those of walking."
+            )
+
+    def __repr__(self) -> str:
+        """Return one line: number of baselines and runs, and the folder."""
+        n_baselines = len({run.baseline.name for run in self.runs})
+        return f"BaselineTable({n_baselines} baselines, {len(self.runs)} runs, folder={str(self.folder)!r})"
+
+    def __str__(self) -> str:
+        """Return the summary that the terminal shows."""
+        return render_text(self.format_summary())
+
+    def _repr_html_(self) -> str:
+        return render_html(self.format_summary())
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return the rows as a DataFrame; raises InputError when pandas is not installed."""
+        try:
+            import pandas as pd
+        except ImportError:
+            raise InputError("a DataFrame needs pandas: pip install pandas") from None
+        return pd.DataFrame(self.rows)
+
+    def plot(self, metric: str = "ankle_work_net [J/kg]") -> "Figure":
+        """Return a bar chart of ``metric`` by baseline, one group of bars per condition.
+
+        Raises InputError when there is no such metric.
+        """
+        from matplotlib.figure import Figure
+
+        if not any(metric in row for row in self.rows):
+            allowed = ", ".join(name for name in self.rows[0] if "[" in name)
+            raise InputError(f"there is no metric '{metric}'; allowed: {allowed}")
+        names = list(dict.fromkeys(row["baseline"] for row in self.rows))
+        conditions = list(dict.fromkeys(row["condition"] for row in self.rows))
+        figure = Figure(figsize=(9.0, 4.5), layout="constrained")
+        axis = figure.subplots()
+        width = 0.8 / len(conditions)
+        for index, condition in enumerate(conditions):
+            rows = [row for row in self.rows if row["condition"] == condition and row.get(metric) is not None]
+            positions = [names.index(row["baseline"]) + width * (index - 0.5 * (len(conditions) - 1)) for row in rows]
+            axis.bar(positions, [row[metric] for row in rows], width=width, label=condition)
+        axis.set_xticks(range(len(names)), names, rotation=30, ha="right")
+        axis.set_ylabel(metric)
+        axis.legend()
+        return figure
+
+    def save(self, folder: str | Path | None = None) -> Path:
+        """Write table.json into ``folder``; None: the folder of the results. Returns the folder."""
+        target = self.folder if folder is None else Path(folder)
+        with ResultStore(target).translate_write_errors():
+            target.mkdir(parents=True, exist_ok=True)
+            write_atomically(target / "table.json", json.dumps(self.to_json(), indent=2, allow_nan=False) + "\n")
+        return target
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content of table.json."""
+        return {"folder": str(self.folder), "rows": self.rows}
+
+
+def simulate_baselines(
+    only: Sequence[str] = (),
+    *,
+    mass: float = 75.0,
+    strides: int = 5,
+    time_step: float = 5e-4,
+    folder: str | Path | None = None,
+    n_jobs: int = 0,
+    progress: ProgressCallback | None = None,
+) -> BaselineTable:
+    """Simulate the baselines at the reference speed, at 0.8 and 1.25 of it, and 5 degrees uphill and downhill.
+
+    Args:
+        only: Names of baselines; empty: all of them.
+        mass: Body mass [kg].
+        strides: Number of strides per run.
+        time_step: Time step [s].
+        folder: Folder of the results, new, empty or of the same runs; None: the next ``runs/baselines-NNN``.
+        n_jobs: Number of worker processes; 0: one per core.
+        progress: Receives the completed fraction and the current stage.
+
+    Raises InputError when a name is unknown, a value is out of range, or the folder holds something else.
+    """
+    runs = table.plan_runs(load_baselines(only), mass, strides, time_step)
+    store = open_store(folder, table.describe_runs(runs), "baselines")
+    with explain_interrupt(store.folder), LocalRunner(n_jobs) as runner:
+        cases = [run.case for run in runs]
+        results, _ = run_cases(cases, store, runner.run, stage_progress(progress, "simulating"))
+    finished = [replace(run, result=result) for run, result in zip(runs, results, strict=True)]
+    return BaselineTable(finished, store.folder)
+
+
+def _format_title(row: dict[str, Any]) -> str:
+    if row["slope [deg]"]:
+        return f"{abs(row['slope [deg]']):g} degrees {row['condition']}"
+    speed = row["speed_requested [m/s]"]
+    return "level, the reference's speed" if speed is None else f"{speed:.2f} m/s"
+
+
+def _build_table(title: str, rows: list[dict[str, Any]], columns: tuple[tuple[str, str, str], ...]) -> "Table":
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    result = Table(title=Text(title), box=box.SIMPLE_HEAD)
+    result.add_column("")
+    for name, _, _ in columns:
+        result.add_column(name, justify="right", no_wrap=True)
+    result.add_column("")
+    for row in rows:
+        cells = ["-" if row.get(column) is None else format(row[column], spec) for _, column, spec in columns]
+        result.add_row(row["baseline"], *cells, row["remark"] or "")
+    return result

@@ -1,0 +1,86 @@
+"""Describe a device: its numbers with their sources, its isometric forces, and the published measurements."""
+
+from typing import Any
+
+from rich.table import Table
+
+from klute_sim.api.inputs import DeviceLike, to_device
+from klute_sim.api.rendering import Summary
+from klute_sim.errors import InputError
+from klute_sim.laws import mckibben
+from klute_sim.units import BAR
+
+LENGTH_RATIOS = (0.7, 0.8, 0.9, 0.96, 1.0)
+"""Muscle lengths over resting length of the force table: those of the dissertation's check [1]."""
+DEFAULT_PRESSURE_BAR = 5.0
+"""Default gauge pressure of the force table [bar]: the highest of the dissertation."""
+
+
+def describe_device(device: DeviceLike, pressure_bar: float | None = None) -> dict[str, Any]:
+    """Return the numbers, the isometric forces and the published measurements of ``device`` in JSON types.
+
+    ``pressure_bar`` is the gauge pressure of the force table [bar]; None: 5, or the supply pressure if it is lower.
+
+    Raises InputError for a pressure outside of 0 to the supply pressure.
+    """
+    device = to_device(device)
+    muscle, supply = device.parameters.muscle, device.parameters.supply.max_pressure / BAR
+    pressure_bar = min(DEFAULT_PRESSURE_BAR, supply) if pressure_bar is None else pressure_bar
+    if not 0.0 <= pressure_bar <= supply:
+        raise InputError(f"pressure is {pressure_bar:g} bar; the supply of '{device.name}' allows 0 to {supply:g} bar")
+    pressure = pressure_bar * BAR
+    forces = []
+    for ratio in LENGTH_RATIOS:
+        length = ratio * muscle.resting_length
+        geometric = mckibben.gas_force(muscle, pressure, length)
+        with_bladder = geometric + mckibben.bladder_force(muscle, length)
+        with_friction = with_bladder + mckibben.friction_force(muscle, pressure)
+        forces.append(
+            {"ratio": ratio, "geometric_n": geometric, "bladder_n": with_bladder, "friction_n": with_friction}
+        )
+    published = [
+        {
+            "ratio": point.muscle_ratio,
+            "pressure_bar": point.pressure_bar,
+            "published_n": point.force_n,
+            "model_n": mckibben.force(muscle, point.pressure_bar * BAR, point.muscle_ratio * muscle.resting_length),
+            "note": point.note,
+        }
+        for point in device.spec.published
+    ]
+    sources, assumptions = device.spec.sources, device.spec.collect_assumptions()
+    return {
+        "name": device.name,
+        "description": device.spec.description,
+        "numbers": [
+            {"key": key, "value": value, "source": sources.get(key), "assumed": key in assumptions}
+            for key, value in device.spec.collect_values().items()
+        ],
+        "pressure_bar": pressure_bar,
+        "isometric_force": forces,
+        "published": published,
+    }
+
+
+def format_description(description: dict[str, Any]) -> Summary:
+    """Yield the tables and sentences of a device ``description`` (:func:`describe_device`)."""
+    yield f"{description['name']}: {description['description']}"
+    numbers = Table("number", "value", "source")
+    for row in description["numbers"]:
+        source = row["source"] or "no source given"
+        numbers.add_row(row["key"], f"{row['value']:g}", source, style="yellow" if row["assumed"] else None)
+    yield numbers
+    forces = Table(title=f"Isometric force at {description['pressure_bar']:g} bar [N], model")
+    for title in ("length / resting length", "geometric", "with bladder", "with friction"):
+        forces.add_column(title, justify="right")
+    for row in description["isometric_force"]:
+        stages = (f"{row[key]:.0f}" for key in ("geometric_n", "bladder_n", "friction_n"))
+        forces.add_row(f"{row['ratio']:.2f}", *stages)
+    yield forces
+    if any(row["friction_n"] < 0.0 for row in description["isometric_force"]):
+        yield "A negative force means that the bladder exceeds the gas: the muscle would push, and the tendon is slack."
+    for row in description["published"]:
+        yield (
+            f"At {row['ratio']:g} of resting length and {row['pressure_bar']:g} bar: model {row['model_n']:.0f} N, "
+            f"published {row['published_n']:.0f} N ({row['note']})."
+        )

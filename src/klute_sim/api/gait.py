@@ -1,0 +1,233 @@
+"""Simulate gait with a prosthesis on the gait rig: :func:`simulate_gait` and its result :class:`GaitRun`."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from klute_sim.api.inputs import (
+    ControllerLike,
+    DeviceLike,
+    ReferenceLike,
+    ignore_progress,
+    to_controller,
+    to_device,
+    to_reference,
+)
+from klute_sim.api.rendering import TEXT_WIDTH_CHARS, Summary, render_html, render_text
+from klute_sim.controllers.parse import Controller
+from klute_sim.controllers.pressure import ConstantPressure, PressureProfile, create_off_controller
+from klute_sim.device.device import Device
+from klute_sim.errors import InputError, MissingExtraError
+from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics, summarize_gait_run
+from klute_sim.gait.reference import Reference
+from klute_sim.gait.rig import rig
+from klute_sim.gait.rig.setup import GaitOptions
+from klute_sim.gait.spring_foot import SpringFoot
+from klute_sim.parameter_sweep.plan import first_not_none
+from klute_sim.recording import csv, parquet
+from klute_sim.recording.recording import Recording
+from klute_sim.recording.run_folder import create_run_folder
+from klute_sim.types import ProgressCallback
+from klute_sim.units import BAR
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+INPUT_KEYS = ("mass_kg", "stature_m", "slope_deg", "strides", "reference_speed_m_per_s")
+"""Numeric keys of the summary that are inputs and not metrics."""
+
+
+@dataclass(frozen=True, repr=False)
+class GaitRun:
+    """A simulated gait run: the recording of every time step, and the metrics of every stride."""
+
+    device: Device
+    """Device that was simulated."""
+    options: GaitOptions
+    """Subject, speed, slope, strides and time step of the run."""
+    recording: Recording
+    """Channels of the run, one sample per time step."""
+    warnings: tuple[str, ...] = ()
+    """Sentences on inputs that the run could not follow, such as a pressure command above the supply."""
+
+    @property
+    def reference(self) -> Reference:
+        """Reference gait that the rig follows and the metrics are compared with."""
+        return self.options.reference
+
+    @cached_property
+    def gait_metrics(self) -> GaitMetrics:
+        """Metrics of every stride."""
+        return compute_gait_metrics(self.recording)
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """Content of summary.json: inputs, means over the steady strides, and the metrics of every stride."""
+        return summarize_gait_run(self.recording, self.gait_metrics)
+
+    @property
+    def metrics(self) -> dict[str, float | bool | None]:
+        """Mean of each metric over the steady strides, such as ``metrics["ankle_work_net_j_per_kg"]``."""
+        return {
+            name: value
+            for name, value in self.summary.items()
+            if name not in INPUT_KEYS and (value is None or isinstance(value, bool | float))
+        }
+
+    def format_summary(self, width: int = TEXT_WIDTH_CHARS) -> Summary:
+        """Yield the table of the metrics for ``width`` characters, and the remarks on the run."""
+        from klute_sim.report.gait.table import build_table, collect_remarks
+
+        yield build_table(self.recording, self.gait_metrics, width)
+        yield from collect_remarks(self.summary)
+
+    def __repr__(self) -> str:
+        """Return one line: device, number of strides, and speed."""
+        options = self.recording.provenance["options"]
+        return f"GaitRun({self.device.name!r}, {self.options.strides} strides, {options['speed_m_per_s']:.2f} m/s)"
+
+    def __str__(self) -> str:
+        """Return the summary that the terminal shows."""
+        return render_text(self.format_summary())
+
+    def _repr_html_(self) -> str:
+        return render_html(self.format_summary())
+
+    def plot(self) -> "Figure":
+        """Return the figure of the last stride over the reference."""
+        from klute_sim.report.gait.figure import build_figure
+
+        return build_figure(self.recording)
+
+    def save(self, folder: str | Path | None = None, *, with_csv: bool = False) -> Path:
+        """Write the files of ``klute-sim gait`` into ``folder`` (new or empty; default: the next ``runs/gait-NNN``).
+
+        Returns the folder. Without the extra 'rerun', recording.rrd is left out.
+        """
+        with create_run_folder("gait", folder) as (final_folder, scratch):
+            self.write_files(scratch, final_folder, with_csv=with_csv)
+        return final_folder
+
+    def write_files(
+        self,
+        scratch: Path,
+        folder: Path,
+        *,
+        with_csv: bool = False,
+        progress: Callable[[float], None] = lambda fraction: None,
+    ) -> tuple[dict[str, Any], list[str]]:
+        """Write all files into ``scratch``, which becomes ``folder``.
+
+        Returns the content of summary.json, and sentences on optional files that are left out.
+        """
+        from klute_sim.gait.rig.build import build_gait_model
+        from klute_sim.report.style import COMPACT_DPI
+        from klute_sim.viewer.layouts import gait as layout
+
+        notes = []
+        (scratch / "device.toml").write_bytes(self.device.content)
+        parquet.write(self.recording, scratch / "recording.parquet")
+        if with_csv:
+            csv.write(self.recording, scratch / "recording.csv")
+        progress(0.2)
+        self.plot().savefig(scratch / "report.png", dpi=COMPACT_DPI)
+        progress(0.6)
+        try:
+            options = self.options
+            model = build_gait_model(self.device, mass=options.mass, stature=options.stature, dt=options.dt)
+            layout.write_recording(self.recording, model, scratch / "recording.rrd")
+        except MissingExtraError as error:
+            notes.append(f"No recording.rrd: {error}.")
+        files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]
+        content = {**self.summary, "run": str(folder), "files": files}
+        (scratch / "summary.json").write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", "utf-8")
+        return content, notes
+
+
+def simulate_gait(
+    device: DeviceLike = "klute-1-1-4-pair",
+    *,
+    controller: ControllerLike | None = None,
+    mass: float | None = None,
+    stature: float | None = None,
+    speed: float | None = None,
+    slope: float = 0.0,
+    strides: int = 5,
+    time_step: float = 5e-4,
+    reference: ReferenceLike = None,
+    stride_time: float | None = None,
+    spring_foot: float | None = None,
+    backend: str = "auto",
+    progress: ProgressCallback | None = None,
+) -> GaitRun:
+    """Simulate gait with ``device`` on the gait rig and return the run.
+
+    The residual limb follows the motion of the reference, and its vertical load is applied; the ankle is moved only by
+    the device, its passive parts and the ground. Ankle angle, moment, power and work are predictions.
+
+    Args:
+        device: Device, name of a preset, or path of a device file.
+        controller: Controller, or its specification: ``"profile"``, ``"off"``, ``"constant:BAR"``, ``"machine"``, or
+            the path of a profile (.csv), a state machine (.toml) or a policy (.npz). None: ``"profile"``, or ``"off"``
+            with a spring foot.
+        mass: Body mass [kg]. None: the mass that the reference states, or 75.
+        stature: Stature [m]. None: the stature that the reference states, or 1.75.
+        speed: Walking speed [m/s]; it scales the stride time. None: the speed that reference and leg length imply.
+        slope: Ground slope [deg], uphill positive; limb kinematics on slopes are assumed.
+        strides: Number of strides.
+        time_step: Time step [s].
+        reference: Reference gait, or the path of its file or folder. None: able-bodied adults.
+        stride_time: Stride time of the reference file [s]. None: the time that its folder states, or 1.1.
+        spring_foot: Stiffness of a passive foot in place of the device [N.m/deg]. None: the device.
+        backend: ``"compiled"``, ``"python"`` (the same bits), or ``"auto"``: compiled if possible.
+        progress: Receives the completed fraction and the current stage.
+
+    Raises InputError when an input is not usable, SimulationError when the rig leaves its path.
+    """
+    chosen_device = to_device(device)
+    chosen_controller = to_controller(_default_controller(spring_foot) if controller is None else controller)
+    if spring_foot is not None and chosen_controller != create_off_controller():
+        raise InputError("a spring foot takes no pressure command; allowed controller: off, or none")
+    if stride_time is not None and reference is None:
+        raise InputError("a stride time needs a reference file; the default reference states its own")
+    chosen_foot = None if spring_foot is None else SpringFoot(stiffness=math.degrees(spring_foot))
+    warnings = check_supply_pressure(chosen_device, chosen_controller)
+    gait = to_reference(reference, stride_time)
+    options = GaitOptions(
+        mass=first_not_none(mass, gait.mass, GaitOptions.mass),
+        stature=first_not_none(stature, gait.stature, GaitOptions.stature),
+        speed=speed,
+        slope=math.radians(slope),
+        strides=strides,
+        dt=time_step,
+        reference=gait,
+        spring_foot=chosen_foot,
+    )
+    recording = rig.simulate_gait(chosen_device, chosen_controller, options, progress or ignore_progress, backend)
+    return GaitRun(chosen_device, options, recording, warnings)
+
+
+def check_supply_pressure(device: Device, controller: Controller) -> tuple[str, ...]:
+    """Return a warning if the profile of ``controller`` exceeds the supply pressure of ``device``.
+
+    Raises InputError for a constant pressure above the supply.
+    """
+    supply = device.parameters.supply.max_pressure / BAR
+    if isinstance(controller, ConstantPressure) and controller.gauge_pressure / BAR > supply:
+        raise InputError(
+            f"the controller commands {controller.gauge_pressure / BAR:g} bar; "
+            f"the supply of '{device.name}' has {supply:g} bar"
+        )
+    if isinstance(controller, PressureProfile) and max(controller.pressure_bar) > supply:
+        return (
+            f"The profile commands up to {max(controller.pressure_bar):g} bar; the supply has only {supply:g} bar.",
+        )
+    return ()
+
+
+def _default_controller(spring_foot: float | None) -> str:
+    return "profile" if spring_foot is None else "off"

@@ -1,0 +1,53 @@
+"""Convert what a user may pass (an object, a name or a path) into the objects that the package works with."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeAlias
+
+from klute_sim.controllers.parse import Controller, parse_controller
+from klute_sim.device.device import Device, load_device
+from klute_sim.gait.reference import Reference, load_default_reference, load_reference
+from klute_sim.types import ProgressCallback
+
+DeviceLike: TypeAlias = Device | str | Path
+"""A device, the name of a preset, or the path of a device file."""
+ControllerLike: TypeAlias = Controller | str | Path
+"""A controller, a specification such as ``"constant:3.5"``, or the path of a controller file."""
+ReferenceLike: TypeAlias = Reference | str | Path | None
+"""A reference gait, the path of its file or folder, or None for able-bodied adults."""
+
+
+def to_device(device: DeviceLike) -> Device:
+    """Return ``device``, loaded if it is a name or a path; raises InputError when there is no such device."""
+    return device if isinstance(device, Device) else load_device(device)
+
+
+def to_controller(controller: ControllerLike) -> Controller:
+    """Return ``controller``, parsed if it is a specification or a path; raises InputError when it cannot be parsed."""
+    return parse_controller(str(controller)) if isinstance(controller, str | Path) else controller
+
+
+def to_reference(reference: ReferenceLike, stride_time: float | None = None) -> Reference:
+    """Return ``reference``, loaded if it is a path; ``stride_time`` [s] overrides that of the file.
+
+    Raises InputError when the file cannot be read.
+    """
+    if reference is None:
+        return load_default_reference()
+    return reference if isinstance(reference, Reference) else load_reference(reference, stride_time)
+
+
+def ignore_progress(fraction: float, stage: str) -> None:
+    """Do nothing; the progress callback where the user gives none."""
+
+
+def stage_progress(
+    progress: ProgressCallback | None, stage: str, start: float = 0.0, stop: float = 1.0
+) -> Callable[[float], None]:
+    """Return a callback that reports the fraction of one stage, which spans ``start`` to ``stop`` of the whole."""
+
+    def report(fraction: float) -> None:
+        if progress is not None:
+            progress(start + (stop - start) * fraction, stage)
+
+    return report

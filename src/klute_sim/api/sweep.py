@@ -1,0 +1,203 @@
+"""Simulate every combination of inputs: :func:`sweep` and its result :class:`SweepResult`."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from klute_sim.api.inputs import ControllerLike, DeviceLike, stage_progress, to_controller, to_device
+from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.device.device import DEFAULT_DEVICE
+from klute_sim.errors import InputError
+from klute_sim.gait.reference import Reference, load_reference
+from klute_sim.parameter_sweep import cluster, display, table
+from klute_sim.parameter_sweep.local import LocalRunner
+from klute_sim.parameter_sweep.plan import ABLE_BODIED_REFERENCE, SweepPlan
+from klute_sim.parameter_sweep.runner import Runner
+from klute_sim.parameter_sweep.store import ResultStore, open_store
+from klute_sim.parameter_sweep.sweep import run_sweep
+from klute_sim.types import ProgressCallback
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, repr=False)
+class SweepResult:
+    """The finished cases of a sweep, one row per combination."""
+
+    plan: SweepPlan
+    """Lists whose combinations were simulated."""
+    rows: list[table.SweepRow]
+    """Inputs, metrics and failure of each case, by column, in the order of the plan."""
+    folder: Path
+    """Folder that holds the results of the cases."""
+    n_resumed: int = 0
+    """Number of cases whose results were in the folder before."""
+
+    @property
+    def n_failed(self) -> int:
+        """Number of cases with a failure in place of metrics."""
+        return sum(row[table.FAILURE_COLUMN] is not None for row in self.rows)
+
+    def format_summary(self) -> Summary:
+        """Yield the table of the first cases and the remarks on the sweep."""
+        yield display.format_table(self.rows)
+        yield from display.collect_remarks(self.rows, self.n_failed)
+
+    def __repr__(self) -> str:
+        """Return one line: numbers of cases and failures, and the folder."""
+        return f"SweepResult({len(self.rows)} cases, {self.n_failed} failed, folder={str(self.folder)!r})"
+
+    def __str__(self) -> str:
+        """Return the summary that the terminal shows."""
+        return render_text(self.format_summary())
+
+    def _repr_html_(self) -> str:
+        return render_html(self.format_summary())
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return the rows as a DataFrame; raises InputError when pandas is not installed."""
+        try:
+            import pandas as pd
+        except ImportError:
+            raise InputError("a DataFrame needs pandas: pip install pandas") from None
+        return pd.DataFrame(self.rows, columns=list(table.COLUMN_TYPES))
+
+    def plot(self, metric: str = "ankle_work_net [J/kg]", over: str = "mass [kg]") -> "Figure":
+        """Return a figure of ``metric`` over the input column ``over``, one line per device and controller.
+
+        Raises InputError when a column does not exist.
+        """
+        from matplotlib.figure import Figure
+
+        for column in (metric, over):
+            if column not in table.COLUMN_TYPES:
+                raise InputError(f"there is no column '{column}'; allowed: {', '.join(table.COLUMN_TYPES)}")
+        figure = Figure(figsize=(7.0, 4.0), layout="constrained")
+        axis = figure.subplots()
+        points: dict[str, list[tuple[Any, Any]]] = {}
+        for row in self.rows:
+            if row[metric] is not None and row[over] is not None:
+                points.setdefault(f"{row['device']}, {row['controller']}", []).append((row[over], row[metric]))
+        for label, pairs in points.items():
+            axis.plot(*zip(*sorted(pairs), strict=True), "o-", label=label)
+        axis.set_xlabel(over)
+        axis.set_ylabel(metric)
+        if points:
+            axis.legend()
+        return figure
+
+    def save(self, folder: str | Path | None = None, *, with_csv: bool = False) -> Path:
+        """Write sweep.parquet, and sweep.csv with ``with_csv``, into ``folder``; None: the folder of the results.
+
+        Returns the folder.
+        """
+        target = self.folder if folder is None else Path(folder)
+        with ResultStore(target).translate_write_errors():
+            target.mkdir(parents=True, exist_ok=True)
+            table.write_parquet(self.rows, self.plan, target / "sweep.parquet")
+            if with_csv:
+                table.write_csv(self.rows, target / "sweep.csv")
+        return target
+
+
+def sweep(
+    devices: Sequence[DeviceLike] | DeviceLike = (),
+    *,
+    controllers: Sequence[ControllerLike] | ControllerLike = (),
+    speeds: Sequence[float | None] = (None,),
+    slopes: Sequence[float] = (0.0,),
+    references: Sequence[str | Path | Reference] = (ABLE_BODIED_REFERENCE,),
+    masses: Sequence[float | None] = (None,),
+    statures: Sequence[float | None] = (None,),
+    spring_feet: Sequence[float] = (),
+    strides: int = 5,
+    time_step: float = 5e-4,
+    folder: str | Path | None = None,
+    n_jobs: int = 0,
+    ray_address: str | None = None,
+    progress: ProgressCallback | None = None,
+) -> SweepResult:
+    """Simulate every combination of the listed inputs and return one row of metrics per combination.
+
+    Results are stored in ``folder`` as they finish; an interrupted sweep resumes there.
+
+    Args:
+        devices: Devices, presets or paths; empty: the default device, or none if there are only ``spring_feet``.
+        controllers: Controllers or specifications; empty: ``"profile"``.
+        speeds: Walking speeds [m/s]; None stands for the speed that reference and leg length imply.
+        slopes: Ground slopes [deg], uphill positive; limb kinematics on slopes are assumed.
+        references: Reference gaits or their paths; ``"able-bodied"`` is the one that ships with the package.
+        masses: Body masses [kg]; None stands for the mass that the reference states, or 75.
+        statures: Statures [m]; None stands for the stature that the reference states, or 1.75.
+        spring_feet: Stiffnesses of passive feet [N.m/deg], simulated in addition to the devices.
+        strides: Number of strides per case.
+        time_step: Time step [s].
+        folder: Folder of the results, new, empty or of the same sweep; None: the next ``runs/sweep-NNN``.
+        n_jobs: Number of worker processes; 0: one per core.
+        ray_address: Address of a Ray cluster, ``"auto"`` or ``"local"``; None: processes on this machine.
+        progress: Receives the completed fraction and the current stage.
+
+    Raises InputError when an input is not usable or the folder holds something else.
+    """
+    is_only_feet = bool(spring_feet) and not _to_list(devices) and not _to_list(controllers)
+    chosen_devices = [] if is_only_feet else _to_list(devices) or [DEFAULT_DEVICE]
+    chosen_controllers = [] if is_only_feet else _to_list(controllers) or ["profile"]
+    plan = SweepPlan(
+        devices={_get_name(device): to_device(device) for device in chosen_devices},
+        controllers={_get_name(controller): to_controller(controller) for controller in chosen_controllers},
+        references={_get_name(reference): _load_reference(reference) for reference in references},
+        speeds=speeds,
+        slopes_deg=slopes,
+        masses=masses,
+        statures=statures,
+        spring_feet=dict.fromkeys(spring_feet, to_device(DEFAULT_DEVICE)),
+        strides=strides,
+        dt=time_step,
+    )
+    with _open_runner(n_jobs, ray_address) as runner:
+        store = open_store(folder, plan.describe(), "sweep")
+        with explain_interrupt(store.folder):
+            rows, n_resumed = run_sweep(plan, store, runner, stage_progress(progress, "simulating"))
+    return SweepResult(plan, rows, store.folder, n_resumed)
+
+
+@contextmanager
+def explain_interrupt(folder: Path) -> Iterator[None]:
+    """Add to a KeyboardInterrupt a note that finished cases are kept in ``folder``."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        interrupt.add_note(f"Finished cases are kept: the same command with --out {folder} resumes there.")
+        raise
+
+
+@contextmanager
+def _open_runner(n_jobs: int, ray_address: str | None) -> Iterator[Runner]:
+    if ray_address is None:
+        with LocalRunner(n_jobs) as local_runner:
+            yield local_runner.run
+        return
+    with cluster.connect(ray_address) as ray:
+        yield partial(cluster.run_on_cluster, ray=ray)
+
+
+def _to_list(values: Any) -> list[Any]:
+    return list(values) if isinstance(values, Sequence) and not isinstance(values, str) else [values]
+
+
+def _get_name(item: Any) -> str:
+    """Return ``item`` as the user typed it, or the name of the object."""
+    if isinstance(item, str | Path):
+        return str(item)
+    return str(getattr(item, "name", None) or item.describe().get("kind"))
+
+
+def _load_reference(reference: str | Path | Reference) -> Reference | None:
+    if isinstance(reference, Reference):
+        return reference
+    return None if str(reference) == ABLE_BODIED_REFERENCE else load_reference(reference)

@@ -1,0 +1,186 @@
+"""Train a control policy by reinforcement learning: :func:`train` and its result :class:`TrainingResult`."""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from klute_sim.api.inputs import stage_progress
+from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.errors import InputError, KluteSimError
+from klute_sim.recording.run_folder import create_persistent_folder
+from klute_sim.training.config import load_config
+from klute_sim.training.evaluate import compare_with_profile
+from klute_sim.training.training import Training, resume_training, start_training
+from klute_sim.types import ProgressCallback
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+    from klute_sim.controllers.policy import Policy
+
+DEFAULT_TRAINING_MINUTES = 20.0
+"""Duration of a training without a limit [min]."""
+
+
+@dataclass(frozen=True, repr=False)
+class TrainingResult:
+    """A finished training: the policy, its learning curve, and its comparison with the hand-tuned profile."""
+
+    training: Training
+    """Training in its folder, which can be resumed."""
+    comparison: dict[str, Any]
+    """Mean totals of an episode with the policy and with the hand-tuned profile, and the gain in return."""
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the training."""
+        return self.training.folder
+
+    @cached_property
+    def policy(self) -> "Policy":
+        """Trained policy as plain numbers, which runs on NumPy alone."""
+        return self.training.export_policy()
+
+    @property
+    def learning_curve(self) -> list[tuple[float, ...]]:
+        """Rows of the learning curve (:data:`klute_sim.training.training.LEARNING_CURVE_COLUMNS`)."""
+        return self.training.progress.learning_curve
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """Content of summary.json."""
+        progress = self.training.progress
+        return {
+            "algorithm": self.training.config.algorithm,
+            "seed": progress.seed,
+            "minutes": progress.minutes,
+            "steps": progress.steps,
+            **self.comparison,
+            "folder": str(self.folder),
+        }
+
+    def format_summary(self) -> Summary:
+        """Yield the table of mean totals and the gain over the hand-tuned profile."""
+        yield self._build_table()
+        summary = self.summary
+        yield (
+            f"The policy is better in {summary['better_in']} of {summary['episodes']} episodes; mean gain in return "
+            f"{summary['gain']:.2f} ± {summary['gain_standard_error']:.2f} (standard error)."
+        )
+
+    def _build_table(self) -> "Table":
+        from rich import box
+        from rich.table import Table
+
+        summary = self.summary
+        title = (
+            f"{summary['algorithm'].upper()}, seed {summary['seed']}: {summary['steps']} steps in "
+            f"{summary['minutes']:.1f} min"
+        )
+        table = Table(title=title, box=box.SIMPLE_HEAD)
+        table.add_column("mean per episode")
+        table.add_column("policy", justify="right", style="bold")
+        table.add_column("hand-tuned\nprofile", justify="right")
+        for name, value in summary["policy"].items():
+            digits = 3 if name == "air_g" else 2
+            table.add_row(name.replace("_", " "), f"{value:.{digits}f}", f"{summary['profile'][name]:.{digits}f}")
+        return table
+
+    def __repr__(self) -> str:
+        """Return one line: algorithm, steps, gain, and the folder."""
+        summary = self.summary
+        return (
+            f"TrainingResult({summary['algorithm']}, {summary['steps']} steps, gain {summary['gain']:.2f}, "
+            f"folder={summary['folder']!r})"
+        )
+
+    def __str__(self) -> str:
+        """Return the summary that the terminal shows."""
+        return render_text(self.format_summary())
+
+    def _repr_html_(self) -> str:
+        return render_html(self.format_summary())
+
+    def plot(self) -> "Figure":
+        """Return the figure of the learning curve."""
+        from klute_sim.report import training_figure
+
+        return training_figure.build_figure(self.learning_curve, self.summary)
+
+    def save(self, folder: str | Path | None = None) -> Path:
+        """Write policy.npz, learning_curve.png and summary.json into ``folder``; None: the folder of the training.
+
+        Returns the folder.
+        """
+        from klute_sim.report.style import COMPACT_DPI
+
+        target = self.folder if folder is None else Path(folder)
+        target.mkdir(parents=True, exist_ok=True)
+        self.policy.save(target / "policy.npz")
+        self.plot().savefig(target / "learning_curve.png", dpi=COMPACT_DPI)
+        (target / "summary.json").write_text(json.dumps(self.summary, indent=2, allow_nan=False) + "\n", "utf-8")
+        return target
+
+
+def train(
+    config: str | Path | None = None,
+    *,
+    minutes: float | None = None,
+    steps: int | None = None,
+    seed: int | None = None,
+    folder: str | Path | None = None,
+    resume: bool = False,
+    progress: ProgressCallback | None = None,
+) -> TrainingResult:
+    """Train a control policy and compare it with the hand-tuned profile in the same episodes.
+
+    Args:
+        config: Path of a configuration file (TOML); None: the shipped one.
+        minutes: Total duration [min], without interruptions; None: 20, unless ``steps`` is given.
+        steps: Total number of environment steps in place of ``minutes``; such a training is reproducible.
+        seed: Random seed; None: 0.
+        folder: New or empty folder of the training, or the one to resume; None: the next ``runs/train-NNN``.
+        resume: Whether to resume the training in ``folder``. Its checkpoint is a pickle, which can execute code.
+        progress: Receives the completed fraction and the current stage.
+
+    Raises InputError when inputs do not go together, MissingExtraError without Stable-Baselines3.
+    """
+    if minutes is not None and steps is not None:
+        raise InputError("minutes and steps exclude each other; give one of them")
+    if resume:
+        if folder is None:
+            raise InputError("resuming needs the folder of the training")
+        if seed is not None or config is not None:
+            raise InputError("a resumed training keeps its seed and its configuration; leave both out")
+        training = resume_training(Path(folder))
+    else:
+        training = _start(config, 0 if seed is None else seed, folder)
+    limit = DEFAULT_TRAINING_MINUTES if minutes is None and steps is None else minutes
+    try:
+        training.run(limit, steps, stage_progress(progress, "training"))
+    except KeyboardInterrupt as interrupt:
+        interrupt.add_note(
+            f"Kept after {training.progress.steps} steps in {training.folder}; resume with: "
+            f"klute-sim train --resume --out {training.folder}"
+        )
+        raise
+    settings = training.config
+    if progress is not None:
+        progress(1.0, "evaluating")
+    comparison = compare_with_profile(
+        training.export_policy(), settings.environment, settings.evaluation_episodes, training.progress.seed
+    )
+    return TrainingResult(training, comparison)
+
+
+def _start(config: str | Path | None, seed: int, folder: str | Path | None) -> Training:
+    settings, content = load_config(config)
+    new_folder = create_persistent_folder("train", folder)
+    try:
+        return start_training(new_folder, settings, content, seed)
+    except KluteSimError:
+        new_folder.rmdir()
+        raise

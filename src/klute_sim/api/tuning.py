@@ -1,0 +1,243 @@
+"""Tune a pressure profile, optionally with the device: :func:`tune` and its result :class:`TuningResult`."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from klute_sim.api.inputs import DeviceLike, to_device
+from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.api.sweep import explain_interrupt
+from klute_sim.controllers.pressure import PressureProfile, load_default_profile, load_profile, profile_to_csv
+from klute_sim.device.device import Device
+from klute_sim.gait.metrics import compute_gait_metrics, summarize_gait_run
+from klute_sim.parameter_sweep.local import LocalRunner
+from klute_sim.parameter_sweep.store import ResultStore, write_atomically
+from klute_sim.recording.recording import Recording
+from klute_sim.tuning import results
+from klute_sim.tuning.design_variables import DEFAULT_DEVICE_KEYS, DesignSpace
+from klute_sim.tuning.objective import HUMAN_GOALS, Goals, make_weights
+from klute_sim.tuning.search import (
+    MAX_REEVALUATIONS,
+    REEVALUATED_FRACTION,
+    Evaluation,
+    TuningProblem,
+    import_cma,
+    optimize,
+    reevaluate,
+    select_best,
+    select_pareto_front,
+)
+from klute_sim.types import ProgressCallback
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
+
+
+@dataclass(frozen=True, repr=False)
+class TuningResult:
+    """The evaluations of a search and the best of them, simulated at a fine time step."""
+
+    problem: TuningProblem
+    """Design space, subject and objective."""
+    evaluations: list[Evaluation]
+    """All evaluations of the search, the initial point first."""
+    reevaluations: list[Evaluation]
+    """Evaluations at a fine time step: the initial point, then some of the best points."""
+    folder: Path
+    """Folder that holds the results of the evaluations."""
+
+    @property
+    def initial(self) -> Evaluation:
+        """Reevaluation of the initial point."""
+        return self.reevaluations[0]
+
+    @property
+    def best(self) -> Evaluation:
+        """Reevaluation of least cost."""
+        return select_best(self.reevaluations)
+
+    @property
+    def device(self) -> Device:
+        """Tuned device; the initial device when only the profile was tuned."""
+        return self.problem.space.decode(self.best.x)[0]
+
+    @property
+    def profile(self) -> PressureProfile:
+        """Tuned pressure profile."""
+        return self.problem.space.decode(self.best.x)[1]
+
+    @cached_property
+    def recordings(self) -> tuple[Recording, Recording]:
+        """Gait runs with the initial and with the tuned device and profile."""
+        return results.simulate_point(self.problem, self.initial.x), results.simulate_point(self.problem, self.best.x)
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """Content of tuning.json, without the folder and the list of files."""
+        from klute_sim.report.gait import table
+
+        tuned = self.recordings[1]
+        return {
+            "evaluations": len(self.evaluations),
+            "seed": self.problem.seed,
+            "cost": {"before": self.initial.cost, "tuned": self.best.cost},
+            "table": results.build_metrics_table(*self.recordings),
+            "remarks": table.collect_remarks(summarize_gait_run(tuned, compute_gait_metrics(tuned))),
+            "design_variables": {
+                variable.name: {"before": variable.initial, "tuned": variable.denormalize(float(x))}
+                for variable, x in zip(self.problem.space.variables, self.best.x, strict=True)
+            },
+            "front": [
+                {"air_g": air, "tracking_sd2": tracking_error}
+                for air, tracking_error in map(results.get_front_point, select_pareto_front(self.evaluations))
+            ],
+        }
+
+    @property
+    def metrics(self) -> dict[str, dict[str, float | None]]:
+        """Values before and after tuning and of the human ankle, by the label of the row."""
+        return {row["name"]: {key: row[key] for key in ("before", "tuned", "human")} for row in self.summary["table"]}
+
+    def format_summary(self) -> Summary:
+        """Yield the table before and after tuning, the change of the objective, and the remarks on the tuned gait."""
+        yield self._build_table()
+        reduction = 100.0 * (1.0 - self.best.cost / self.initial.cost)
+        yield (
+            f"The objective fell by {reduction:.0f} % in {len(self.evaluations)} evaluations "
+            f"(seed {self.problem.seed})."
+        )
+        yield from self.summary["remarks"]
+
+    def _build_table(self) -> "Table":
+        from rich import box
+        from rich.table import Table
+
+        table = Table(box=box.SIMPLE_HEAD)
+        columns = ("before", "tuned", "human")
+        table.add_column("")
+        for name in columns:
+            table.add_column(name, justify="right")
+        for row in self.summary["table"]:
+            table.add_row(row["name"], *("-" if row[name] is None else f"{row[name]:.3f}" for name in columns))
+        return table
+
+    def __repr__(self) -> str:
+        """Return one line: number of evaluations, cost before and after, and the folder."""
+        cost = f"cost {self.initial.cost:.3g} -> {self.best.cost:.3g}"
+        return f"TuningResult({len(self.evaluations)} evaluations, {cost}, folder={str(self.folder)!r})"
+
+    def __str__(self) -> str:
+        """Return the summary that the terminal shows."""
+        return render_text(self.format_summary())
+
+    def _repr_html_(self) -> str:
+        return render_html(self.format_summary())
+
+    def plot(self) -> "Figure":
+        """Return the figure of the Pareto front and of the gait before and after tuning."""
+        from klute_sim.report import tuning_figure
+
+        valid = [e for e in self.evaluations if e.metrics is not None and not e.metrics.trips]
+        return tuning_figure.build_figure(
+            [results.get_front_point(evaluation) for evaluation in valid],
+            [results.get_front_point(evaluation) for evaluation in select_pareto_front(self.evaluations)],
+            results.get_front_point(self.initial),
+            results.get_front_point(self.best),
+            self.recordings,
+        )
+
+    def save(self, folder: str | Path | None = None) -> Path:
+        """Write the files of ``klute-sim tune`` into ``folder``; None: the folder of the evaluations.
+
+        Returns the folder.
+        """
+        self.write_files(self.folder if folder is None else Path(folder))
+        return self.folder if folder is None else Path(folder)
+
+    def write_files(self, folder: Path) -> dict[str, Any]:
+        """Write all files into ``folder`` and return the content of tuning.json."""
+        from klute_sim.report.style import COMPACT_DPI
+        from klute_sim.viewer.layouts.tuning import EVALUATION_COLUMNS, EVALUATIONS_FILE
+
+        device, profile = self.problem.space.decode(self.best.x)
+        files = [EVALUATIONS_FILE, "tuned.csv", "tuning.json", "tuning.png"]
+        with ResultStore(folder).translate_write_errors():
+            folder.mkdir(parents=True, exist_ok=True)
+            if self.problem.space.device_keys:
+                write_atomically(folder / "device.toml", device.content.decode("utf-8-sig"))
+                files.append("device.toml")
+            self.plot().savefig(folder / "tuning.png", dpi=COMPACT_DPI)
+            write_atomically(folder / "tuned.csv", profile_to_csv(profile))
+            write_atomically(
+                folder / EVALUATIONS_FILE, results.format_evaluations_csv(self.evaluations, EVALUATION_COLUMNS)
+            )
+            content = {"folder": str(folder), "files": sorted(files), **self.summary}
+            write_atomically(folder / "tuning.json", json.dumps(content, indent=2, allow_nan=False) + "\n")
+        return content
+
+
+def tune(
+    device: DeviceLike = "klute-1-1-4-pair",
+    *,
+    profile: PressureProfile | str | Path | None = None,
+    with_device: bool = False,
+    device_keys: Sequence[str] = (),
+    goal_human: bool = False,
+    weights: Mapping[str, float] | None = None,
+    mass: float = 75.0,
+    budget: int = 600,
+    seed: int = 0,
+    folder: str | Path | None = None,
+    n_jobs: int = 0,
+    progress: ProgressCallback | None = None,
+) -> TuningResult:
+    """Tune a pressure profile, optionally with the device, so that the gait resembles the human one on little air.
+
+    The objective is the mean squared distance of net moment, angle and power from the reference in stance, in its
+    standard deviations, plus 0.1 per gram of air in a stride, plus penalties (:mod:`klute_sim.tuning.objective`). The
+    search is CMA-ES. Evaluations are stored in ``folder`` as they finish; an interrupted search resumes there.
+
+    Args:
+        device: Device, name of a preset, or path of a device file.
+        profile: Initial profile or the path of its CSV file; None: the hand-tuned profile.
+        with_device: Whether to tune orifices, springs, resting length and mounting, too.
+        device_keys: Further numbers of the device to tune (``section.key``).
+        goal_human: Whether to penalize the shortfall from the human ankle.
+        weights: Weights of moment, angle, power [1/sd2] and air [1/g]; None: 1, 1, 1 and 0.1.
+        mass: Body mass [kg].
+        budget: Number of evaluations, rounded up to a whole generation.
+        seed: Random seed of the search.
+        folder: Folder of the evaluations, new, empty or of the same search; None: the next ``runs/tune-NNN``.
+        n_jobs: Number of worker processes; 0: one per core.
+        progress: Receives the completed fraction and the current stage.
+
+    Raises InputError when an input is not usable, MissingExtraError without the package cma.
+    """
+    if profile is None:
+        initial_profile = load_default_profile()
+    else:
+        initial_profile = profile if isinstance(profile, PressureProfile) else load_profile(profile)
+    keys = tuple(dict.fromkeys([*(DEFAULT_DEVICE_KEYS if with_device else ()), *device_keys]))
+    problem = TuningProblem(
+        space=DesignSpace(to_device(device), initial_profile, keys),
+        mass=mass,
+        weights=make_weights(weights or {}),
+        goals=HUMAN_GOALS if goal_human else Goals(),
+        seed=seed,
+    )
+    import_cma()  # before a folder is made
+    store = results.open_tuning_store(folder, problem)
+    n_expected = budget + min(REEVALUATED_FRACTION * budget, MAX_REEVALUATIONS)
+
+    def report(n_done: int) -> None:
+        if progress is not None:
+            progress(min(1.0, n_done / n_expected), "tuning")
+
+    with explain_interrupt(store.folder), LocalRunner(n_jobs) as runner:
+        evaluations = optimize(problem, budget, store, runner.run, report)
+        reevaluations = reevaluate(problem, evaluations, store, runner.run, report)
+    return TuningResult(problem, evaluations, reevaluations, store.folder)
