@@ -8,13 +8,15 @@ from hypothesis import strategies as st
 
 from klute_sim.device.device import load_device
 from klute_sim.laws import damper, mckibben, pneumatics, tendon
-from klute_sim.laws.damper import Damper
-from klute_sim.laws.pneumatics import Supply
-from klute_sim.laws.tendon import Tendon
+from klute_sim.laws.damper import DamperParameters
+from klute_sim.laws.pneumatics import SupplyParameters
+from klute_sim.laws.tendon import TendonParameters
 
 OIL = 900.0
-SPRINGS = Tendon(slack_length=0.1, stiffness_1=60e3, stiffness_2=140e3, engagement_stretch=0.005, is_rigid=False)
-SUPPLY = Supply(max_pressure=5e5, max_pressure_rate=50e5, temperature=293.15)
+SPRINGS = TendonParameters(
+    slack_length=0.1, stiffness_1=60e3, stiffness_2=140e3, engagement_stretch=0.005, is_rigid=False
+)
+SUPPLY = SupplyParameters(max_pressure=5e5, max_pressure_rate=50e5, temperature=293.15)
 
 speeds = st.floats(-1.0, 1.0)
 
@@ -40,8 +42,8 @@ def test_default_prosthesis_is_sized_by_the_same_equations() -> None:
     eccentric = 1e3 * damper.required_orifice(0.3 * full, 0.15, bore, OIL, 1.0)
     assert eccentric == pytest.approx(sized.orifice_eccentric_mm, abs=1e-3)
     stretch = tendon.stretch_at_tension(device.parameters.tendon, 2234.0)
-    whole = device.parameters.tendon.slack_length + muscle.resting_length
-    assert stretch / whole == pytest.approx(0.04, abs=0.002)
+    unit_length = device.parameters.tendon.slack_length + muscle.resting_length
+    assert stretch / unit_length == pytest.approx(0.04, abs=0.002)
 
 
 @given(st.floats(1.0, 5e3), st.floats(0.01, 1.0), st.floats(0.005, 0.05), st.floats(0.5, 1.0))
@@ -51,21 +53,21 @@ def test_orifice_and_coefficient_are_inverse(force: float, speed: float, bore: f
     assert back == pytest.approx(force, rel=1e-9)
 
 
-def test_real_discharge_makes_the_same_orifice_2_69_times_as_strong() -> None:
+def test_discharge_coefficient_of_0_61_raises_the_coefficient_2_69_times() -> None:
     ratio = damper.orifice_coefficient(0.02, 0.001, OIL, 0.61) / damper.orifice_coefficient(0.02, 0.001, OIL, 1.0)
     assert ratio == pytest.approx(2.69, abs=0.01)
 
 
 @given(speeds, st.floats(0.0, 1e6), st.floats(0.0, 1e6))
-def test_damper_never_gives_energy_and_is_quadratic(speed: float, concentric: float, eccentric: float) -> None:
-    device = Damper(concentric, eccentric)
+def test_damper_is_passive_and_quadratic(speed: float, concentric: float, eccentric: float) -> None:
+    device = DamperParameters(concentric, eccentric)
     force = damper.force(device, speed)
     assert force * speed >= 0.0
     assert damper.force(device, 2.0 * speed) == pytest.approx(4.0 * force)
 
 
-def test_damper_direction_picks_the_orifice() -> None:
-    device = Damper(concentric_coefficient=100.0, eccentric_coefficient=200.0)
+def test_damper_direction_selects_the_orifice() -> None:
+    device = DamperParameters(concentric_coefficient=100.0, eccentric_coefficient=200.0)
     assert damper.force(device, -1.0) == -100.0
     assert damper.force(device, +1.0) == +200.0
 
@@ -78,11 +80,11 @@ def test_tendon_force_is_the_slope_of_its_energy(stretch: float) -> None:
 
 
 @given(st.floats(0.0, 5e3))
-def test_stretch_is_the_inverse_of_force(force: float) -> None:
+def test_stretch_at_tension_inverts_force(force: float) -> None:
     assert tendon.force(SPRINGS, tendon.stretch_at_tension(SPRINGS, force)) == pytest.approx(force, abs=1e-9, rel=1e-12)
 
 
-def test_tendon_never_pushes_and_is_bilinear() -> None:
+def test_tendon_is_bilinear_and_never_pushes() -> None:
     assert tendon.force(SPRINGS, -0.01) == 0.0
     assert tendon.stored_energy(SPRINGS, -0.01) == 0.0
     assert tendon.force(SPRINGS, 0.005) == pytest.approx(300.0)
@@ -91,7 +93,7 @@ def test_tendon_never_pushes_and_is_bilinear() -> None:
 
 
 @given(st.floats(0.0, 5e5), st.floats(-1e6, 2e6), st.floats(1e-5, 0.1))
-def test_regulator_stays_in_the_supply_and_in_its_rate(start: float, command: float, step: float) -> None:
+def test_regulator_respects_range_and_rate_of_the_supply(start: float, command: float, step: float) -> None:
     after = pneumatics.regulate(SUPPLY, start, command, step)
     assert 0.0 <= after <= SUPPLY.max_pressure
     assert abs(after - start) <= SUPPLY.max_pressure_rate * step * (1 + 1e-9)
@@ -103,6 +105,6 @@ def test_regulator_reaches_a_reachable_command_exactly() -> None:
     assert pneumatics.regulate(SUPPLY, 1e5, 9e5, 1.0) == 5e5
 
 
-def test_air_mass_of_a_litre_at_the_atmosphere() -> None:
+def test_air_mass_of_one_litre_at_atmospheric_pressure() -> None:
     assert pneumatics.air_mass(0.0, 1e-3, 293.15) == pytest.approx(1.204e-3, rel=1e-3)
     assert pneumatics.air_mass(pneumatics.ATMOSPHERIC_PRESSURE, 1e-3, 293.15) == pytest.approx(2 * 1.204e-3, rel=1e-3)

@@ -1,4 +1,4 @@
-"""The one equation of a foot on a prescribed shank, held against MuJoCo."""
+"""The equation of motion of a foot on a prescribed shank, compared with MuJoCo."""
 
 import mujoco
 import numpy as np
@@ -11,11 +11,11 @@ from klute_sim.laws.foot import Foot, FootInputs
 from klute_sim.plant import models
 
 FOOT = build_device_foot(load_device("klute-1-1-4-pair"))
-STILL = FootInputs(0.0, 0.0, 0.0, 0.0, 0.0)
+NO_MOTION = FootInputs(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def on_a_moving_base() -> mujoco.MjModel:
-    """ankle.xml, its pylon free in the plane, its heel rigid; the actuator gives no force without a device."""
+def make_model_on_moving_base() -> mujoco.MjModel:
+    """Return ankle.xml with a pylon free in the plane, a rigid heel and no device force."""
     spec = models.load_spec("ankle")
     for name, kind, axis in (
         ("x", mujoco.mjtJoint.mjJNT_SLIDE, (1, 0, 0)),
@@ -28,27 +28,27 @@ def on_a_moving_base() -> mujoco.MjModel:
     return spec.compile()
 
 
-def test_the_foot_is_the_models() -> None:
-    """Also that the walking rig's foot is that of ankle.xml, but for where the device needs its tendon."""
-    model = on_a_moving_base()
+def test_foot_parameters_match_the_model() -> None:
+    """The gait rig's foot equals that of ankle.xml, except for the device's tendon origin."""
+    model = make_model_on_moving_base()
     data = mujoco.MjData(model)
     for angle in np.linspace(-0.4, 0.4, 9):
         data.qpos[:] = 0.3, 0.2, 0.1, angle
         mujoco.mj_forward(model, data)
-        there = FOOT._replace(origin_z=float(model.site("achilles_origin").pos[2]))
-        assert law.unit_length(there, angle) == pytest.approx(data.ten_length[0], abs=1e-12)
-        assert law.moment_arm(there, angle) == pytest.approx(-data.ten_J.reshape(-1)[-1], abs=1e-12)
+        foot = FOOT._replace(origin_z=float(model.site("achilles_origin").pos[2]))
+        assert law.unit_length(foot, angle) == pytest.approx(data.ten_length[0], abs=1e-12)
+        assert law.moment_arm(foot, angle) == pytest.approx(-data.ten_J.reshape(-1)[-1], abs=1e-12)
 
 
-def test_moments_are_those_of_mujocos_inverse_dynamics() -> None:
-    """Any motion of base and ankle: what it takes at the ankle, weight, Coriolis and all."""
-    model, random = on_a_moving_base(), np.random.default_rng(3)
+def test_moments_match_mujoco_inverse_dynamics() -> None:
+    """The ankle moment of any motion of base and ankle, with weight and Coriolis terms."""
+    model, random = make_model_on_moving_base(), np.random.default_rng(3)
     data, joint = mujoco.MjData(model), model.joint("ankle").dofadr[0]
     for _ in range(20):
         q, v, a = random.normal(0, 0.15, 4), random.normal(0, 2.0, 4), random.normal(0, 30.0, 4)
         data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
         mujoco.mj_inverse(model, data)
-        # About the ankle a turning base adds no Coriolis moment: the axis itself is what is prescribed.
+        # A rotating base adds no Coriolis moment about the ankle, because the axis itself is prescribed.
         base = FootInputs(q[2], a[2], a[0], a[1], 0.0)
         spring = -FOOT.spring_stiffness * (q[3] - FOOT.spring_rest_angle) - FOOT.ankle_damping * v[3]
         needed = FOOT.inertia * (a[2] + a[3]) - law.gravity_and_inertia_moment(FOOT, q[3], base) - spring
@@ -56,49 +56,53 @@ def test_moments_are_those_of_mujocos_inverse_dynamics() -> None:
 
 
 @pytest.mark.parametrize(
-    ("angle", "rate"), [(-0.46, -1.0), (-0.4502, -0.5), (0.455, 2.0), (0.4507, -3.0), (-0.46, 40.0), (0.4499, 1.0)]
+    ("angle", "velocity"), [(-0.46, -1.0), (-0.4502, -0.5), (0.455, 2.0), (0.4507, -3.0), (-0.46, 40.0), (0.4499, 1.0)]
 )
-def test_the_end_stop_is_mujocos(angle: float, rate: float) -> None:
-    """The spring, which pushes away from both stops, is overcome."""
+def test_end_stop_matches_mujoco(angle: float, velocity: float) -> None:
+    """An applied moment overcomes the spring, which pushes away from both stops."""
     spec = models.load_spec("ankle")
     spec.delete(spec.joint("heel"))
     spec.delete(spec.geom("floor"))
     model = spec.compile()
     data = mujoco.MjData(model)
-    data.qpos[0], data.qvel[0], data.qfrc_applied[0] = angle, rate, 100.0 * np.sign(angle)
+    data.qpos[0], data.qvel[0], data.qfrc_applied[0] = angle, velocity, 100.0 * np.sign(angle)
     mujoco.mj_forward(model, data)
-    free = float(data.qacc_smooth[0])
-    pushed = law.end_stop_moment(FOOT, angle, rate, free)
-    assert (pushed == 0.0) == ((angle, rate) in ((-0.46, 40.0), (0.4499, 1.0)))  # off it, or off and away
-    assert free + pushed / FOOT.inertia == pytest.approx(float(data.qacc[0]), rel=1e-6)
+    free_acceleration = float(data.qacc_smooth[0])
+    moment = law.end_stop_moment(FOOT, angle, velocity, free_acceleration)
+    assert (moment == 0.0) == (
+        (angle, velocity) in ((-0.46, 40.0), (0.4499, 1.0))
+    )  # outside the stop, or moving out of it
+    assert free_acceleration + moment / FOOT.inertia == pytest.approx(float(data.qacc[0]), rel=1e-6)
 
 
-def test_friction_holds_up_to_its_moment_and_never_drives() -> None:
-    """A foot that hangs, its spring off: it stays where its weight is less than friction, and swings down elsewhere."""
-    loose = FOOT._replace(spring_stiffness=0.0, ankle_damping=0.0, ankle_friction=0.05, min_angle=-2.0, max_angle=2.0)
-    angles, rates, step = [0.9], [0.0], 1e-4
+def test_friction_holds_up_to_its_moment_and_never_drives_the_foot() -> None:
+    """A hanging foot without spring stays where friction exceeds its weight and swings down elsewhere."""
+    hanging = FOOT._replace(spring_stiffness=0.0, ankle_damping=0.0, ankle_friction=0.05, min_angle=-2.0, max_angle=2.0)
+    angles, velocities, dt = [0.9], [0.0], 1e-4
     for _ in range(40000):
-        turned = law.step_ankle(loose, angles[-1], rates[-1], 0.0, STILL, step)
-        if turned.rate != 0.0:
-            assert (turned.moment * turned.rate) < 0.0
-        assert abs(turned.moment) <= loose.ankle_friction * (1 + 1e-9)
-        angles.append(turned.angle)
-        rates.append(turned.rate)
-    assert rates[-1] == 0.0
-    assert max(np.abs(rates)) > 0.3
-    assert abs(law.gravity_and_inertia_moment(loose, angles[-1], STILL)) <= 0.05
-    still = law.step_ankle(loose, angles[-1], 0.0, 0.0, STILL, step)
-    assert still.moment == pytest.approx(-law.gravity_and_inertia_moment(loose, angles[-1], STILL), rel=1e-9)
+        ankle = law.step_ankle(hanging, angles[-1], velocities[-1], 0.0, NO_MOTION, dt)
+        if ankle.velocity != 0.0:
+            assert (ankle.moment * ankle.velocity) < 0.0
+        assert abs(ankle.moment) <= hanging.ankle_friction * (1 + 1e-9)
+        angles.append(ankle.angle)
+        velocities.append(ankle.velocity)
+    assert velocities[-1] == 0.0
+    assert max(np.abs(velocities)) > 0.3
+    assert abs(law.gravity_and_inertia_moment(hanging, angles[-1], NO_MOTION)) <= 0.05
+    ankle_at_rest = law.step_ankle(hanging, angles[-1], 0.0, 0.0, NO_MOTION, dt)
+    assert ankle_at_rest.moment == pytest.approx(
+        -law.gravity_and_inertia_moment(hanging, angles[-1], NO_MOTION), rel=1e-9
+    )
 
 
-def test_a_foot_swings_with_its_own_frequency() -> None:
+def test_foot_oscillates_at_its_natural_frequency() -> None:
     spring = FOOT._replace(ankle_damping=0.0, spring_rest_angle=0.0, mass=0.0)
-    angle, rate, step, crossings = 0.1, 0.0, 1e-5, []
+    angle, velocity, dt, crossings = 0.1, 0.0, 1e-5, []
     for k in range(20000):
-        after = law.step_ankle(spring, angle, rate, 0.0, STILL, step)
+        after = law.step_ankle(spring, angle, velocity, 0.0, NO_MOTION, dt)
         if after.angle * angle < 0.0:
-            crossings.append(k * step)
-        angle, rate = after.angle, after.rate
+            crossings.append(k * dt)
+        angle, velocity = after.angle, after.velocity
     period = 2.0 * np.mean(np.diff(crossings))
     assert period == pytest.approx(2.0 * np.pi * np.sqrt(FOOT.inertia / FOOT.spring_stiffness), rel=1e-4)
     assert isinstance(spring, Foot)

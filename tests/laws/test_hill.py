@@ -1,4 +1,4 @@
-"""Biological muscle against the printed tables and claims, Hill's own equation, limits, signs and continuity."""
+"""Biological muscle compared with the printed tables and statements, Hill's equation, limits, signs and continuity."""
 
 import inspect
 import itertools
@@ -82,13 +82,13 @@ def span(valid: ClosedInterval | None) -> tuple[float | None, float | None]:
 
 
 def top(law: ContractileElement) -> tuple[float, float]:
-    """Length and force of the parabola's highest point."""
+    """Return length and force of the parabola's maximum."""
     length = -law.k6 / (2.0 * law.k5)
     return length, hill.isometric_force(law, length)
 
 
 def width(law: ContractileElement) -> float:
-    """Length between the parabola's roots."""
+    """Return the length between the parabola's roots."""
     return math.sqrt(law.k6 * law.k6 - 4.0 * law.k5 * law.k7) / abs(law.k5)
 
 
@@ -96,9 +96,9 @@ def width(law: ContractileElement) -> float:
 
 
 def test_scales_are_printed() -> None:
-    got = {name: (row.resting_length * 1e3, row.isometric_force) for name, row in MUSCLE_SCALES.items()}
-    assert got.keys() == PRINTED_SCALES.keys()
-    for name, row in got.items():
+    result = {name: (row.resting_length * 1e3, row.isometric_force) for name, row in MUSCLE_SCALES.items()}
+    assert result.keys() == PRINTED_SCALES.keys()
+    for name, row in result.items():
         assert row == pytest.approx(PRINTED_SCALES[name], rel=1e-12), name
 
 
@@ -159,7 +159,7 @@ def test_parallel_force_that_contradicts_the_claim(name: str, force: float) -> N
     assert hill.parallel_force(PARALLEL_ELEMENTS[name].constants, 1.2) == pytest.approx(force, abs=5e-4)
 
 
-def test_series_element_stretches_by_as_much_as_8_percent() -> None:
+def test_series_element_stretches_up_to_8_percent() -> None:
     full = {name: hill.series_elongation(row.constants, 1.0) for name, row in SERIES_ELEMENTS.items()}
     assert full == {"rat": 0.079, "frog": 0.049, "cat": 0.083}
     assert max(full.values()) == pytest.approx(0.08, abs=0.005)
@@ -185,7 +185,7 @@ def test_series_element_is_slack_below(name: str, force: float) -> None:
         ("bobbert_1986", 1.00, 1.00, 1.00),
     ],
 )
-def test_isometric_force_at_rest_and_at_its_top(name: str, at_rest: float, highest: float, where: float) -> None:
+def test_isometric_force_at_rest_and_at_its_maximum(name: str, at_rest: float, highest: float, where: float) -> None:
     law = CONTRACTILE_ELEMENTS[name].constants
     assert hill.isometric_force(law, 1.0) == pytest.approx(at_rest, abs=1e-9)
     assert top(law) == pytest.approx((where, highest), abs=6e-4)
@@ -198,7 +198,7 @@ def test_human_parabola_is_the_steepest_and_narrowest() -> None:
     assert min(CONTRACTILE_ELEMENTS, key=lambda name: CONTRACTILE_ELEMENTS[name].constants.k5) == "human"
 
 
-def test_isometric_force_is_positive_where_it_was_fitted_but_at_the_frogs_short_end() -> None:
+def test_isometric_force_is_positive_in_its_range_except_for_the_short_frog_muscle() -> None:
     ends = {
         (name, end): hill.isometric_force(row.constants, end)
         for name, row in CONTRACTILE_ELEMENTS.items()
@@ -213,13 +213,13 @@ def test_isometric_force_is_positive_where_it_was_fitted_but_at_the_frogs_short_
     ("name", "percent"),
     [("rat", 1.74), ("frog", 0.78), ("cat", 2.31), ("bobbert_1986", -1.44)],
 )
-def test_force_left_at_the_printed_peak_velocity(name: str, percent: float) -> None:
+def test_residual_force_at_the_printed_peak_velocity(name: str, percent: float) -> None:
     law = HILL_CURVES[name].constants
     assert 100.0 * hill.concentric_force(law, 1.0, 1.0) == pytest.approx(percent, abs=5e-3)
     assert hill.force_velocity(law, 1.0, 1.0) == hill.concentric_force(law, 1.0, 1.0)
 
 
-def test_no_force_is_left_where_a_equals_b() -> None:
+def test_force_vanishes_at_peak_velocity_where_a_equals_b() -> None:
     equal = [row.constants for row in HILL_CURVES.values() if row.constants.a == row.constants.b]
     assert len(equal) == 4
     for law in [*equal, GENERIC_HILL_CURVE]:
@@ -235,13 +235,13 @@ def test_concentric_curves_are_ordered(velocity: float) -> None:
     }
     if velocity < 0.88:  # beyond, what is left at Vmax where a is not b turns the order over
         assert force["human"] > force["rat"] > max(force["frog"], force["cat"])
-    # The text puts the frog above the cat. With the same a and the larger b the cat is above, at every speed.
+    # The text puts the frog above the cat. With the same a and the larger b the cat is above at any speed.
     assert force["cat"] > force["frog"]
 
 
-def test_concentric_order_turns_over_near_the_peak_velocity() -> None:
-    def lead(one: str, other: str, velocity: float) -> float:
-        forces = [hill.concentric_force(HILL_CURVES[name].constants, 1.0, velocity) for name in (one, other)]
+def test_concentric_order_reverses_near_the_peak_velocity() -> None:
+    def lead(first: str, second: str, velocity: float) -> float:
+        forces = [hill.concentric_force(HILL_CURVES[name].constants, 1.0, velocity) for name in (first, second)]
         return forces[0] - forces[1]
 
     assert lead("rat", "cat", 0.88) > 0.0 > lead("rat", "cat", 0.89)
@@ -252,32 +252,32 @@ def test_concentric_order_turns_over_near_the_peak_velocity() -> None:
 
 
 @given(st.sampled_from(sorted(PARALLEL_ELEMENTS)), st.floats(0.1, 1.6), st.floats(0.1, 1.6))
-def test_parallel_force_pulls_and_rises(name: str, one: float, other: float) -> None:
+def test_parallel_force_is_positive_and_increasing(name: str, value_a: float, value_b: float) -> None:
     law = PARALLEL_ELEMENTS[name].constants
-    low, high = sorted((one, other))
+    low, high = sorted((value_a, value_b))
     assert 0.0 <= hill.parallel_force(law, low) <= hill.parallel_force(law, high)
     assert hill.parallel_force(law, 1.0) == law.k1
     assert hill.parallel_force(law, 2.0 * low) == pytest.approx(hill.parallel_force(law, low) * 2.0**law.k2, rel=1e-12)
 
 
 @pytest.mark.parametrize("nothing", [0.0, -0.5])
-def test_no_length_and_no_force_give_nothing(nothing: float) -> None:
+def test_zero_length_and_zero_force_give_zero(nothing: float) -> None:
     assert hill.parallel_force(ParallelElement(0.1, 9.5), nothing) == 0.0
     assert hill.series_elongation(SeriesElement(0.027, 0.079), nothing) == 0.0
 
 
 @given(st.sampled_from(sorted(SERIES_ELEMENTS)), st.floats(0.0, 1.5), st.floats(0.0, 1.5))
-def test_series_elongation_rises_and_never_goes_short(name: str, one: float, other: float) -> None:
+def test_series_elongation_is_nonnegative_and_increasing(name: str, value_a: float, value_b: float) -> None:
     law = SERIES_ELEMENTS[name].constants
-    low, high = sorted((one, other))
+    low, high = sorted((value_a, value_b))
     assert 0.0 <= hill.series_elongation(law, low) <= hill.series_elongation(law, high)
 
 
 @given(st.sampled_from(sorted(SERIES_ELEMENTS)), st.floats(0.06, 1.0), st.floats(0.06, 1.0))
-def test_series_elongation_is_logarithmic(name: str, one: float, other: float) -> None:
+def test_series_elongation_is_logarithmic(name: str, value_a: float, value_b: float) -> None:
     law = SERIES_ELEMENTS[name].constants
-    apart = hill.series_elongation(law, one) - hill.series_elongation(law, other)
-    assert apart == pytest.approx(law.k3 * math.log(one / other), abs=1e-14)
+    difference = hill.series_elongation(law, value_a) - hill.series_elongation(law, value_b)
+    assert difference == pytest.approx(law.k3 * math.log(value_a / value_b), abs=1e-14)
 
 
 @given(hills, isometrics, shortening)
@@ -295,7 +295,7 @@ def test_eccentric_force_solves_the_inverted_equation(law: HillCurve, isometric:
 
 
 @given(hills, isometrics)
-def test_branches_meet_exactly_at_rest(law: HillCurve, isometric: float) -> None:
+def test_branches_are_continuous_at_rest(law: HillCurve, isometric: float) -> None:
     at_rest = {branch(law, isometric, 0.0) for branch in (hill.concentric_force, hill.eccentric_force)}
     assert at_rest == {isometric} == {hill.force_velocity(law, isometric, 0.0)}
     tiny = hill.force_velocity(law, isometric, -1e-12)
@@ -303,7 +303,7 @@ def test_branches_meet_exactly_at_rest(law: HillCurve, isometric: float) -> None
 
 
 @given(rising, st.floats(0.1, 1.1))
-def test_branches_meet_with_one_slope(law: HillCurve, isometric: float) -> None:
+def test_branches_have_the_same_slope_at_rest(law: HillCurve, isometric: float) -> None:
     slope = -(isometric + law.a) / law.b  # of (2.4) at rest
     d = 1e-7
     force = [hill.force_velocity(law, isometric, velocity) for velocity in (-d, 0.0, d)]
@@ -312,8 +312,8 @@ def test_branches_meet_with_one_slope(law: HillCurve, isometric: float) -> None:
 
 
 @given(hills, isometrics, velocities, velocities)
-def test_force_falls_with_velocity(law: HillCurve, isometric: float, one: float, other: float) -> None:
-    low, high = sorted((one, other))
+def test_force_falls_with_velocity(law: HillCurve, isometric: float, value_a: float, value_b: float) -> None:
+    low, high = sorted((value_a, value_b))
     assert hill.force_velocity(law, isometric, low) >= hill.force_velocity(law, isometric, high) - 1e-15
 
 
@@ -332,12 +332,12 @@ def test_lengthening_saturates(name: str, saturation: float) -> None:
     law = HILL_CURVES[name].constants._replace(saturation=saturation)
     assert hill.force_velocity(law, 1.0, -1e9) == pytest.approx(saturation, rel=1e-8)
     assert hill.force_velocity(law, 0.5, -1e9) == pytest.approx(0.5 * saturation, rel=1e-8)
-    # At a finite speed it is on the way: Fig. 2.6 ends at half of Vmax.
+    # At a finite speed saturation is incomplete: Fig. 2.6 ends at half of Vmax.
     if saturation > 1.0:
         assert 1.0 + 0.5 * (saturation - 1.0) < hill.force_velocity(law, 1.0, -0.5) < saturation
 
 
-def test_saturation_is_1_3_unless_told() -> None:
+def test_default_saturation_is_1_3() -> None:
     assert HillCurve(0.28, 0.28).saturation == 1.3
     assert hill.force_velocity(GENERIC_HILL_CURVE, 1.0, -1e9) == pytest.approx(1.3)
 
@@ -350,7 +350,7 @@ def test_length_scales_the_unloaded_velocity(law: HillCurve, isometric: float) -
     assert speed > 0.0
 
 
-# A whole contractile element -----------------------------------------------------------------------------------------
+# The contractile element -----------------------------------------------------------------------------------------
 
 
 def test_generic_muscle_of_the_surface() -> None:
@@ -366,7 +366,7 @@ def test_generic_muscle_of_the_surface() -> None:
 
 
 @given(st.floats(0.3, 1.7), velocities)
-def test_contractile_element_is_the_printed_formulas_floored(length: float, velocity: float) -> None:
+def test_contractile_force_is_the_printed_formula_clipped_at_zero(length: float, velocity: float) -> None:
     isometric = hill.isometric_force(GENERIC_CONTRACTILE_ELEMENT, length)
     force = hill.contractile_force(GENERIC_CONTRACTILE_ELEMENT, GENERIC_HILL_CURVE, length, velocity)
     if isometric <= 0.0:
@@ -378,7 +378,7 @@ def test_contractile_element_is_the_printed_formulas_floored(length: float, velo
 # Design envelope -----------------------------------------------------------------------------------------------------
 
 
-def test_envelope_holds_what_it_was_drawn_around_but_for_rounding() -> None:
+def test_envelope_contains_its_muscles_except_for_rounding() -> None:
     inside = {
         name
         for name, row in CONTRACTILE_ELEMENTS.items()
@@ -416,7 +416,7 @@ def test_envelope_checks_every_constant() -> None:
 
 
 def samples(seed: int, count: int) -> dict[type, list[Any]]:
-    """Arguments of every kind that the laws take, in and beyond the range in which they are valid."""
+    """Return arguments of all types, inside and outside the valid range of the laws."""
     pick = random.Random(seed)
 
     def number() -> float:
@@ -439,15 +439,15 @@ def samples(seed: int, count: int) -> dict[type, list[Any]]:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_compiled_laws_are_bit_identical(seed: int) -> None:
     count = 400
-    fast_hill = compile_module(hill)
+    compiled_hill = compile_module(hill)
     names = [name for name, f in vars(hill).items() if inspect.isfunction(f) and f.__module__ == hill.__name__]
     assert len(names) == 11
     for name in names:
-        plain, fast = getattr(hill, name), getattr(fast_hill, name)
-        kinds = [parameter.annotation for parameter in inspect.signature(plain).parameters.values()]
-        # A seed of its own for each argument, or isometric force and velocity would be the same number.
+        python, compiled = getattr(hill, name), getattr(compiled_hill, name)
+        kinds = [parameter.annotation for parameter in inspect.signature(python).parameters.values()]
+        # Separate seeds, because isometric force and velocity would otherwise be equal.
         columns = [samples(seed + 10 * i, count)[kind] for i, kind in enumerate(kinds)]
         for arguments in zip(*columns, strict=True):
-            want, got = plain(*arguments), fast(*arguments)
-            assert type(got) is type(want)
-            assert float(got).hex() == float(want).hex(), (name, arguments)
+            expected, result = python(*arguments), compiled(*arguments)
+            assert type(result) is type(expected)
+            assert float(result).hex() == float(expected).hex(), (name, arguments)

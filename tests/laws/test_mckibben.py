@@ -1,4 +1,4 @@
-"""The McKibben law against the source's check numbers, its own energy, and what the source contradicts."""
+"""The McKibben law compared with the check numbers of the source, its energy, and contradictions in the source."""
 
 import itertools
 import math
@@ -58,7 +58,7 @@ def test_measured_point_is_near_the_model() -> None:
     assert abs(force / 734 - 1) < 0.005
 
 
-def test_a_longer_muscle_of_the_same_braid_is_as_strong() -> None:
+def test_longer_muscle_of_the_same_braid_has_the_same_force() -> None:
     pair = load_device("klute-3-4-pair").parameters.muscle
     for ratio in (0.7, 0.85, 0.96, 1.0):
         twice = 2 * mckibben.force(MUSCLE, 5e5, ratio * MUSCLE.resting_length)
@@ -86,7 +86,7 @@ def test_bladder_force_is_the_slope_of_its_energy(ratio: float) -> None:
 
 
 @given(st.floats(0.62, 0.999))
-def test_bladder_resists_contraction_and_rests_at_rest(ratio: float) -> None:
+def test_bladder_resists_contraction_and_is_stress_free_at_rest(ratio: float) -> None:
     assert mckibben.bladder_force(BIG, ratio * BIG.resting_length) < 0.0
     assert mckibben.bladder_energy(BIG, ratio * BIG.resting_length) > 0.0
     assert mckibben.bladder_force(BIG, BIG.resting_length) == pytest.approx(0.0, abs=1e-9)
@@ -94,27 +94,27 @@ def test_bladder_resists_contraction_and_rests_at_rest(ratio: float) -> None:
 
 
 @given(ratios, pressures, pressures)
-def test_gas_force_rises_with_pressure_above_lock_length(ratio: float, one: float, other: float) -> None:
-    low, high = sorted((one, other))
+def test_gas_force_rises_with_pressure_above_lock_length(ratio: float, pressure_a: float, pressure_b: float) -> None:
+    low, high = sorted((pressure_a, pressure_b))
     length = max(ratio * BIG.resting_length, mckibben.lock_length(BIG) * 1.001)
     assert mckibben.gas_force(BIG, low, length) <= mckibben.gas_force(BIG, high, length)
 
 
-def test_gas_pulls_not_at_lock_length_and_pushes_below() -> None:
+def test_gas_force_is_zero_at_lock_length_and_negative_below() -> None:
     lock = mckibben.lock_length(BIG)
     assert lock / BIG.resting_length == pytest.approx(1.0496212 / math.sqrt(3), rel=1e-5)
     assert mckibben.gas_force(BIG, 5e5, lock) == pytest.approx(0.0, abs=1e-6)
     assert mckibben.gas_force(BIG, 5e5, 0.99 * lock) < 0.0 < mckibben.gas_force(BIG, 5e5, 1.01 * lock)
 
 
-def test_friction_offset_as_printed_above_two_bar_and_none_at_zero_pressure() -> None:
+def test_friction_offset_is_printed_above_two_bar_and_zero_at_zero_pressure() -> None:
     assert mckibben.friction_force(BIG, 5e5) == pytest.approx(-(56.9 * 5 + 109.8))
     assert mckibben.friction_force(BIG, 2e5) == pytest.approx(-(56.9 * 2 + 109.8))
     assert mckibben.friction_force(BIG, 1e5) == pytest.approx(-(56.9 * 1 + 109.8) / 2)
     assert mckibben.friction_force(BIG, 0.0) == 0.0
 
 
-def test_where_the_source_contradicts_itself() -> None:
+def test_contradictions_in_the_source() -> None:
     # The text has the bladder model ~250 N high "over the entire range"; Table 3.1's friction gives 394 N ...
     assert -mckibben.friction_force(BIG, 5e5) == pytest.approx(394, abs=0.5)
     # ... the geometric model is no higher than the bladder model at rest, where the text has it 250 N higher ...
@@ -123,7 +123,7 @@ def test_where_the_source_contradicts_itself() -> None:
     assert mckibben.friction_force(MUSCLE, 1.3e5) > 0.0 > mckibben.friction_force(MUSCLE, 1.4e5)
 
 
-def test_printed_friction_makes_energy_over_a_pressure_cycle() -> None:
+def test_printed_friction_creates_energy_over_a_pressure_cycle() -> None:
     # lengthened at 5 bar, shortened at 2 bar, 20 mm: the offset does (56.9 * 3) N * 20 mm
     stroke = 0.02
     work = -mckibben.friction_force(BIG, 5e5) * stroke + mckibben.friction_force(BIG, 2e5) * stroke
@@ -132,9 +132,9 @@ def test_printed_friction_makes_energy_over_a_pressure_cycle() -> None:
 
 def test_capability_of_the_pairs() -> None:
     pair = {"klute-3-4": (1988, 1472, 1053), "klute-1-1-4": (3890, 2707, 1831)}
-    for name, wanted in pair.items():
+    for name, expected_forces in pair.items():
         muscle = load_device(name).parameters.muscle
-        for ratio, force in zip((1.0, 0.96, 0.9), wanted, strict=True):
+        for ratio, force in zip((1.0, 0.96, 0.9), expected_forces, strict=True):
             assert 2 * mckibben.force(muscle, 5e5, ratio * muscle.resting_length) == pytest.approx(force, abs=1.0)
 
 

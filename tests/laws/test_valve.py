@@ -16,13 +16,13 @@ VALVE = Restriction(1e-8, 0.4)  # 1 dm3/(s bar)
 PRESSURES = st.floats(5e4, 1e6)
 
 
-def test_one_decimetre_per_second_and_bar() -> None:
+def test_sonic_conductance_of_one_dm3_per_s_bar() -> None:
     # By its definition: at 1 bar absolute upstream, 1 dm3/s of reference air.
     assert valve.mass_flow(VALVE, 1e5, 1e3, 293.15) == pytest.approx(1e-3 * 1.185)
 
 
 @given(PRESSURES, PRESSURES, st.floats(0.0, 0.9))
-def test_flow_goes_down_and_turns_round(first: float, second: float, critical: float) -> None:
+def test_flow_follows_the_pressure_difference_and_reverses(first: float, second: float, critical: float) -> None:
     restriction = Restriction(1e-8, critical)
     there, back = valve.mass_flow(restriction, first, second, 300.0), valve.mass_flow(restriction, second, first, 300.0)
     assert there == -back
@@ -31,16 +31,18 @@ def test_flow_goes_down_and_turns_round(first: float, second: float, critical: f
 
 
 @given(PRESSURES, st.floats(0.0, 0.9), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_flow_never_falls_when_the_outside_does(first: float, critical: float, one: float, other: float) -> None:
+def test_flow_does_not_fall_with_the_downstream_pressure(
+    first: float, critical: float, ratio_a: float, ratio_b: float
+) -> None:
     restriction = Restriction(1e-8, critical)
-    low, high = sorted((one, other))
+    low, high = sorted((ratio_a, ratio_b))
     assert valve.mass_flow(restriction, first, low * first, 300.0) >= valve.mass_flow(
         restriction, first, high * first, 300.0
     )
 
 
 @pytest.mark.parametrize("critical", [0.0, 0.3, 0.528, 0.9])
-def test_sonic_and_subsonic_flow_join(critical: float) -> None:
+def test_sonic_and_subsonic_flow_are_continuous(critical: float) -> None:
     assert valve.flow_function(critical, critical) == 1.0
     assert valve.flow_function(critical + 1e-9, critical) == pytest.approx(1.0, abs=1e-12)
     near = [valve.flow_function(critical + (1.0 - critical) * k, critical) for k in (1e-4, 1e-3)]
@@ -50,21 +52,21 @@ def test_sonic_and_subsonic_flow_join(critical: float) -> None:
     assert valve.flow_function(1.0, critical) == 0.0
 
 
-def test_an_ideal_nozzle_is_nearly_the_ellipse() -> None:
+def test_flow_function_approximates_an_ideal_nozzle() -> None:
     """With b = 0.528 the ellipse is within 1 % of an isentropic nozzle's flow."""
     gamma = 1.4
 
     def nozzle(ratio: float) -> float:
         return math.sqrt(ratio ** (2.0 / gamma) - ratio ** ((gamma + 1.0) / gamma))
 
-    most = nozzle(0.5283)
+    max_flow = nozzle(0.5283)
     for ratio in (0.6, 0.75, 0.9, 0.97):
-        assert valve.flow_function(ratio, 0.5283) == pytest.approx(nozzle(ratio) / most, rel=0.011)
+        assert valve.flow_function(ratio, 0.5283) == pytest.approx(nozzle(ratio) / max_flow, rel=0.011)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.2, 1.4])
 @pytest.mark.parametrize("temperature", [293.15, 350.0])
-def test_filling_and_venting_take_as_long_as_an_integrator_says(exponent: float, temperature: float) -> None:
+def test_filling_and_venting_match_an_integrator(exponent: float, temperature: float) -> None:
     volume = 2e-4
 
     def filling(_: float, state: np.ndarray) -> list[float]:
@@ -88,18 +90,18 @@ def test_filling_and_venting_take_as_long_as_an_integrator_says(exponent: float,
         assert valve.filling_time(VALVE, 1.0, temperature, volume, 1.5e6, ATMOSPHERIC_PRESSURE, 6e5) < 0.2
 
 
-def test_hot_air_is_thin() -> None:
+def test_mass_flow_falls_with_temperature() -> None:
     # C rho0 p sqrt(T0/T): 1e-8 1.185 6e5 sqrt(293.15/333.15)
     assert valve.mass_flow(VALVE, 6e5, 1e5, 333.15) == pytest.approx(6.6697e-3, rel=1e-4)
 
 
-def test_at_nearly_equal_pressures_flow_is_a_line() -> None:
+def test_flow_is_linear_at_nearly_equal_pressures() -> None:
     flows = [valve.mass_flow(VALVE, 5e5, 5e5 * (1.0 - x), 293.15) for x in (1e-4, 2e-4, 4e-4)]
     assert flows[1] == pytest.approx(2.0 * flows[0], rel=1e-9)
     assert flows[2] == pytest.approx(4.0 * flows[0], rel=1e-9)
 
 
-def test_tubes_and_restrictions_in_series() -> None:
+def test_tube_and_series_restrictions() -> None:
     # 1 m of 4 mm: 0.029 1.6e-5/sqrt(1/0.004^1.25 + 510) and 474 C/d^2
     tube = valve.tube_restriction(1.0, 0.004)
     assert tube == pytest.approx((1.1963e-8, 0.35440), rel=1e-3)

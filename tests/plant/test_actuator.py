@@ -1,4 +1,4 @@
-"""The device in MuJoCo: delivers what the law says, leaves everybody else alone, and is zero without us."""
+"""The device in MuJoCo: it gives the device's force, does not affect other actuators, and is 0 without callbacks."""
 
 import ctypes
 import threading
@@ -27,7 +27,7 @@ def bench() -> tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator]:
     return model, mujoco.MjData(model), DeviceActuator(model, "muscle_tendon")
 
 
-def test_mujoco_steps_are_the_devices_own_steps() -> None:
+def test_mujoco_steps_equal_device_steps() -> None:
     model, data, actuator = bench()
     state = unit.compute_rest_state(PAIR.parameters)
     with callbacks.device_callbacks():
@@ -38,14 +38,14 @@ def test_mujoco_steps_are_the_devices_own_steps() -> None:
             actuator.set_command(data, command)
             mujoco.mj_step(model, data)
             state = unit.advance_state(PAIR.parameters, state, length, command, STEP)
-            wanted = unit.compute_tension(PAIR.parameters, state, length, 0.0)
-            assert actuator.tension(data) == pytest.approx(wanted, rel=1e-12, abs=1e-9)
+            expected = unit.compute_tension(PAIR.parameters, state, length, 0.0)
+            assert actuator.tension(data) == pytest.approx(expected, rel=1e-12, abs=1e-9)
             assert actuator.get_state(data)[:2] == pytest.approx(state[:2], rel=1e-12)
-    assert wanted > 100.0
+    assert expected > 100.0
 
 
 @pytest.mark.parametrize("name", ["ankle", "bench", "gait_rig"])
-def test_in_bare_mujoco_every_model_gives_no_tendon_force(name: str) -> None:
+def test_models_without_device_give_no_tendon_force(name: str) -> None:
     model = models.load_spec(name).compile()
     data = mujoco.MjData(model)
     if name == "bench":
@@ -59,7 +59,7 @@ def test_in_bare_mujoco_every_model_gives_no_tendon_force(name: str) -> None:
         assert data.actuator_force[actuator[0]] == 0.0
 
 
-def test_the_models_load_from_their_files() -> None:
+def test_models_load_from_their_files() -> None:
     for name in ("ankle", "bench", "gait_rig"):
         assert mujoco.MjModel.from_xml_path(str(models.get_models_folder() / f"{name}.xml")).nu >= 1
 
@@ -78,7 +78,7 @@ def test_moment_arm_is_48_mm_at_neutral_and_masses_are_plausible() -> None:
     assert 1.3 <= model.body_mass.sum() <= 2.0
 
 
-FOREIGN = """
+OTHER_MODEL = """
 <mujoco><worldbody><body><joint name="j" type="slide"/><geom size=".1" mass="1"/></body></worldbody>
 <actuator>
   <general name="a" joint="j" dyntype="user" actdim="1" gaintype="fixed" gainprm="0" biastype="user"/>
@@ -86,25 +86,25 @@ FOREIGN = """
 </mujoco>"""
 
 
-def test_foreign_actuators_get_their_own_law_and_the_slots_are_put_back() -> None:
+def test_other_callbacks_are_called_and_restored() -> None:
     model, data, actuator = bench()
-    foreign = mujoco.MjModel.from_xml_string(FOREIGN)
-    theirs = mujoco.MjData(foreign)
+    other_model = mujoco.MjModel.from_xml_string(OTHER_MODEL)
+    other_data = mujoco.MjData(other_model)
     bias = lambda m, d, i: 7.0  # noqa: E731
     rate = lambda m, d, i: 3.0  # noqa: E731
     mujoco.set_mjcb_act_bias(bias)
     mujoco.set_mjcb_act_dyn(rate)
     try:
-        with warnings.catch_warnings(record=True) as said:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            with callbacks.device_callbacks() as law:
-                mujoco.mj_step(foreign, theirs)
+            with callbacks.device_callbacks() as backend:
+                mujoco.mj_step(other_model, other_data)
                 data.qpos[0] = 0.36
                 mujoco.mj_step(model, data)
-        assert law == "python"
-        assert ["so that they are asked" in str(each.message) for each in said] == [True]
-        assert theirs.actuator_force[0] == 7.0
-        assert theirs.act[0] == pytest.approx(3.0 * foreign.opt.timestep)
+        assert backend == "python"
+        assert ["so that they are called" in str(warning.message) for warning in caught] == [True]
+        assert other_data.actuator_force[0] == 7.0
+        assert other_data.act[0] == pytest.approx(3.0 * other_model.opt.timestep)
         assert actuator.tension(data) > 0.0
         assert mujoco.get_mjcb_act_bias() is bias
         assert mujoco.get_mjcb_act_dyn() is rate
@@ -113,65 +113,65 @@ def test_foreign_actuators_get_their_own_law_and_the_slots_are_put_back() -> Non
         mujoco.set_mjcb_act_dyn(None)
 
 
-def test_foreign_c_functions_are_asked_with_their_own_pointers() -> None:
+def test_other_c_callbacks_get_their_pointers() -> None:
     seen: list[tuple[int, int, int]] = []
 
-    def told(model: int, data: int, actuator: int) -> float:
+    def callback(model: int, data: int, actuator: int) -> float:
         seen.append((model, data, actuator))
         return 7.0
 
-    plain = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)(told)
-    foreign = mujoco.MjModel.from_xml_string(FOREIGN)
-    theirs = mujoco.MjData(foreign)
-    mujoco.set_mjcb_act_bias(plain)
+    c_callback = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)(callback)
+    other_model = mujoco.MjModel.from_xml_string(OTHER_MODEL)
+    other_data = mujoco.MjData(other_model)
+    mujoco.set_mjcb_act_bias(c_callback)
     try:
-        mujoco.mj_step(foreign, theirs)
-        with pytest.warns(KluteSimWarning, match="asked, too"), callbacks.device_callbacks():
-            mujoco.mj_step(foreign, theirs)
+        mujoco.mj_step(other_model, other_data)
+        with pytest.warns(KluteSimWarning, match="called too"), callbacks.device_callbacks():
+            mujoco.mj_step(other_model, other_data)
     finally:
         mujoco.set_mjcb_act_bias(None)
-    assert theirs.actuator_force[0] == 7.0
-    assert seen == [(foreign._address, theirs._address, 0)] * 2
+    assert other_data.actuator_force[0] == 7.0
+    assert seen == [(other_model._address, other_data._address, 0)] * 2
 
 
-def test_foreign_actuators_without_a_law_stay_neutral() -> None:
-    foreign = mujoco.MjModel.from_xml_string(FOREIGN)
-    theirs = mujoco.MjData(foreign)
+def test_other_actuators_without_callbacks_stay_neutral() -> None:
+    other_model = mujoco.MjModel.from_xml_string(OTHER_MODEL)
+    other_data = mujoco.MjData(other_model)
     with callbacks.device_callbacks():
-        mujoco.mj_step(foreign, theirs)
-    assert theirs.actuator_force[0] == 0.0
-    assert theirs.act[0] == 0.0
+        mujoco.mj_step(other_model, other_data)
+    assert other_data.actuator_force[0] == 0.0
+    assert other_data.act[0] == 0.0
     assert mujoco.get_mjcb_act_bias() is None
 
 
-def test_who_installs_while_we_are_in_keeps_the_slot() -> None:
-    late = lambda m, d, i: 1.0  # noqa: E731
+def test_callback_installed_inside_keeps_the_slot() -> None:
+    other_callback = lambda m, d, i: 1.0  # noqa: E731
     try:
-        with pytest.warns(KluteSimWarning, match="it had no force since"), callbacks.device_callbacks():
-            mujoco.set_mjcb_act_bias(late)
-            with pytest.raises(KluteSimError, match="over the device's"), callbacks.device_callbacks():
+        with pytest.warns(KluteSimWarning, match="has given no force since"), callbacks.device_callbacks():
+            mujoco.set_mjcb_act_bias(other_callback)
+            with pytest.raises(KluteSimError, match="so the device gives no force"), callbacks.device_callbacks():
                 pass
-        assert mujoco.get_mjcb_act_bias() is late
+        assert mujoco.get_mjcb_act_bias() is other_callback
         assert mujoco.get_mjcb_act_dyn() is None
     finally:
         mujoco.set_mjcb_act_bias(None)
 
 
-def test_who_wraps_our_callback_and_stays_is_asked_once() -> None:
-    foreign = mujoco.MjModel.from_xml_string(FOREIGN)
-    theirs = mujoco.MjData(foreign)
+def test_wrapped_callback_is_called_once() -> None:
+    other_model = mujoco.MjModel.from_xml_string(OTHER_MODEL)
+    other_data = mujoco.MjData(other_model)
     try:
         with pytest.warns(KluteSimWarning), callbacks.device_callbacks():
-            ours = mujoco.get_mjcb_act_bias()
-            mujoco.set_mjcb_act_bias(lambda m, d, i: 5.0 + ours(m, d, i))
+            device_callback = mujoco.get_mjcb_act_bias()
+            mujoco.set_mjcb_act_bias(lambda m, d, i: 5.0 + device_callback(m, d, i))
         with pytest.warns(KluteSimWarning), callbacks.device_callbacks():
-            mujoco.mj_step(foreign, theirs)
-        assert theirs.actuator_force[0] == 5.0
+            mujoco.mj_step(other_model, other_data)
+        assert other_data.actuator_force[0] == 5.0
     finally:
         mujoco.set_mjcb_act_bias(None)
 
 
-def test_nested_and_after_an_exception_the_slots_are_free() -> None:
+def test_slots_are_free_after_nesting_and_exceptions() -> None:
     with callbacks.device_callbacks(), callbacks.device_callbacks():
         assert mujoco.get_mjcb_act_bias() is not None
     assert mujoco.get_mjcb_act_bias() is None
@@ -180,15 +180,17 @@ def test_nested_and_after_an_exception_the_slots_are_free() -> None:
     assert mujoco.get_mjcb_act_dyn() is None
 
 
-def test_models_in_several_threads_do_not_mix() -> None:
-    def run(number: int, made: tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator], into: dict[int, float]) -> None:
-        model, data, actuator = made
+def test_models_in_several_threads_are_independent() -> None:
+    def run(
+        number: int, simulation: tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator], results: dict[int, float]
+    ) -> None:
+        model, data, actuator = simulation
         with callbacks.device_callbacks():
             for _ in range(400):
                 data.qpos[0] = 0.34 + 0.005 * number
                 actuator.set_command(data, 1e5 * (number + 1))
                 mujoco.mj_step(model, data)
-        into[number] = actuator.tension(data)
+        results[number] = actuator.tension(data)
 
     alone: dict[int, float] = {}
     together: dict[int, float] = {}
@@ -205,7 +207,7 @@ def test_models_in_several_threads_do_not_mix() -> None:
 
 
 @pytest.mark.parametrize("where", ["command", "length"])
-def test_not_a_number_is_an_error_that_names_actuator_and_time(
+def test_nan_raises_an_error_with_actuator_and_time(
     where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its own warning to a log file where it stands
@@ -216,12 +218,12 @@ def test_not_a_number_is_an_error_that_names_actuator_and_time(
         mujoco.mj_step(model, data)
 
 
-def test_only_an_actuator_made_for_a_device_takes_one() -> None:
+def test_device_needs_a_compatible_actuator() -> None:
     with pytest.raises(InputError, match="'thigh' cannot carry a device"):
         models.attach_devices(models.load_spec("gait_rig"), {"thigh": PAIR.parameters})
 
 
-def test_reset_is_the_device_at_rest_and_a_saved_state_replays_bitwise() -> None:
+def test_reset_gives_rest_and_a_saved_state_replays_bitwise() -> None:
     model, data, actuator = bench()
     assert actuator.get_state(data) == unit.compute_rest_state(PAIR.parameters)
     actuator.set_state(data, DeviceState(2e5, 0.24))

@@ -1,4 +1,4 @@
-"""Two installations of one law: the same bits everywhere, in good company, and honest when one is impossible."""
+"""Two backends of one device: identical bits, coexistence with other callbacks, and clear errors."""
 
 import multiprocessing
 import pickle
@@ -19,12 +19,12 @@ from klute_sim.plant import batch, callbacks, models, struct_layout
 from klute_sim.plant.actuator import DeviceActuator
 
 DEVICE = load_device("klute-1-1-4-pair")
-BOTH = pytest.mark.parametrize("law", ["compiled", "python"])
+BOTH = pytest.mark.parametrize("backend", ["compiled", "python"])
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 @pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def run_in_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its own warnings to a log file where it stands
 
 
@@ -33,12 +33,12 @@ def ankle() -> tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator]:
     return model, mujoco.MjData(model), DeviceActuator(model, "muscle_tendon")
 
 
-def walked(rig: GaitRig, law: str, steps: int) -> np.ndarray:
+def simulate(rig: GaitRig, backend: str, steps: int) -> np.ndarray:
     """Every state of a walk with a pressure that jumps."""
     data, states = mujoco.MjData(rig.model), []
     reset_gait_rig(rig, data, 1e5)
-    with callbacks.device_callbacks(law) as in_force:
-        assert in_force == law
+    with callbacks.device_callbacks(backend) as active:
+        assert active == backend
         for k in range(steps):
             data.ctrl[: len(DRIVE_ACTUATORS)] = rig.command_rates[k % rig.commands_per_stride]
             data.ctrl[rig.actuator.ctrl_address] = (k // 300) % 6
@@ -47,20 +47,20 @@ def walked(rig: GaitRig, law: str, steps: int) -> np.ndarray:
     return np.array(states)
 
 
-def test_ten_thousand_gait_steps_are_the_same_alone_in_threads_and_in_a_batch() -> None:
+def test_gait_steps_are_identical_alone_in_threads_and_in_a_batch() -> None:
     rig, steps = build_gait_rig(DEVICE, GaitOptions(), 5e-4), 10_000
-    reference = walked(rig, "python", steps)
+    reference = simulate(rig, "python", steps)
     assert np.isfinite(reference).all()
-    assert np.array_equal(walked(rig, "compiled", steps), reference)
+    assert np.array_equal(simulate(rig, "compiled", steps), reference)
 
-    found: list[np.ndarray] = []
-    threads = [threading.Thread(target=lambda: found.append(walked(rig, "compiled", steps))) for _ in range(2)]
+    traces: list[np.ndarray] = []
+    threads = [threading.Thread(target=lambda: traces.append(simulate(rig, "compiled", steps))) for _ in range(2)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(found) == 2
-    assert all(np.array_equal(each, reference) for each in found)
+    assert len(traces) == 2
+    assert all(np.array_equal(trace, reference) for trace in traces)
 
     simulations = batch.create_batch(rig.model, 2, n_threads=2)
     data = mujoco.MjData(rig.model)
@@ -78,7 +78,7 @@ def test_ten_thousand_gait_steps_are_the_same_alone_in_threads_and_in_a_batch() 
         assert np.array_equal(now[1], reference[k])
 
 
-def test_a_batch_carries_different_devices_as_models_of_their_own_would() -> None:
+def test_batch_of_different_devices_equals_separate_models() -> None:
     strong, light = DEVICE.parameters, load_device("klute-3-4-pair").parameters
     model, *_ = ankle()
     simulations = batch.create_batch(model, 2, n_threads=2)
@@ -86,21 +86,21 @@ def test_a_batch_carries_different_devices_as_models_of_their_own_would() -> Non
     simulations.bind("ctrl")[:] = 3.0
     batch.step_batch(simulations, n_steps=200)
     for i, parameters in enumerate((strong, light)):
-        own = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": parameters})
-        data = mujoco.MjData(own)
+        separate_model = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": parameters})
+        data = mujoco.MjData(separate_model)
         data.ctrl[:] = 3.0
         with callbacks.device_callbacks():
-            callbacks.step_model(own, data, 200)
+            callbacks.step_model(separate_model, data, 200)
         assert np.array_equal(data.act, simulations.bind("act")[i])
     assert not np.array_equal(*simulations.bind("act"))
 
 
-def test_what_a_batch_cannot_do_is_refused() -> None:
+def test_batch_refuses_unsupported_devices_and_callbacks() -> None:
     model, *_ = ankle()
     simulations = batch.create_batch(model, 2)
     with pytest.raises(InputError, match="1 devices for 2 simulations"):
         batch.set_parameters(simulations, "muscle_tendon", [DEVICE.parameters])
-    with pytest.raises(InputError, match="without a tendon"):
+    with pytest.raises(InputError, match="with a rigid tendon"):
         batch.set_parameters(simulations, "muscle_tendon", [load_device("klute-3-4").parameters] * 2)
     mujoco.set_mjcb_act_bias(lambda m, d, i: 0.0)
     try:
@@ -110,7 +110,7 @@ def test_what_a_batch_cannot_do_is_refused() -> None:
         mujoco.set_mjcb_act_bias(None)
 
 
-def test_models_compile_while_the_compiled_law_is_in() -> None:
+def test_models_compile_while_compiled_callbacks_are_installed() -> None:
     with callbacks.device_callbacks("compiled"):
         model, data, actuator = ankle()
         data.ctrl[:] = 4.0
@@ -119,7 +119,7 @@ def test_models_compile_while_the_compiled_law_is_in() -> None:
 
 
 @BOTH
-def test_a_law_in_the_process_changes_no_other_model(law: str) -> None:
+def test_installed_callbacks_do_not_change_other_models(backend: str) -> None:
     other = mujoco.MjModel.from_xml_string("""
         <mujoco><worldbody><body><joint name="j" type="slide"/><geom size=".1"/></body></worldbody>
         <actuator>
@@ -135,37 +135,37 @@ def test_a_law_in_the_process_changes_no_other_model(law: str) -> None:
         return [*data.qpos, *data.act]
 
     alone = run()
-    with callbacks.device_callbacks(law):
+    with callbacks.device_callbacks(backend):
         assert run() == alone
 
 
 @BOTH
-def test_a_model_travels_with_its_device(law: str) -> None:
+def test_copies_and_pickles_keep_the_device(backend: str) -> None:
     model, data, actuator = ankle()
     data.ctrl[:] = 4.0
     copies = [pickle.loads(pickle.dumps((model, data, actuator))) for _ in range(2)]
-    with callbacks.device_callbacks(law):
-        for each, state, device in [(model, data, actuator), *copies]:
-            callbacks.step_model(each, state, 300)
-            assert device.tension(state) == actuator.tension(data) > 500.0
+    with callbacks.device_callbacks(backend):
+        for model_copy, data_copy, device in [(model, data, actuator), *copies]:
+            callbacks.step_model(model_copy, data_copy, 300)
+            assert device.tension(data_copy) == actuator.tension(data) > 500.0
 
 
-def _tension_elsewhere(law: str) -> float:
+def _compute_tension_in_process(backend: str) -> float:
     model, data, actuator = ankle()
     data.ctrl[:] = 4.0
-    with callbacks.device_callbacks(law):
+    with callbacks.device_callbacks(backend):
         callbacks.step_model(model, data, 300)
     return actuator.tension(data)
 
 
 @BOTH
 @pytest.mark.skipif(not hasattr(multiprocessing, "get_context") or sys.platform == "win32", reason="needs fork")
-def test_a_forked_child_has_the_law_even_if_another_thread_was_inside(law: str) -> None:
-    wanted = _tension_elsewhere(law)
+def test_forked_child_has_the_callbacks_while_another_thread_was_inside(backend: str) -> None:
+    expected = _compute_tension_in_process(backend)
     inside, leave = threading.Event(), threading.Event()
 
     def stay() -> None:
-        with callbacks.device_callbacks(law):
+        with callbacks.device_callbacks(backend):
             inside.set()
             leave.wait()
 
@@ -175,7 +175,7 @@ def test_a_forked_child_has_the_law_even_if_another_thread_was_inside(law: str) 
     try:
         with multiprocessing.get_context("fork").Pool(1) as pool:
             assert pool.apply(_slots) == (None, None)
-            assert pool.apply(_tension_elsewhere, (law,)) == wanted
+            assert pool.apply(_compute_tension_in_process, (backend,)) == expected
     finally:
         leave.set()
         thread.join()
@@ -190,7 +190,7 @@ def _step_on(model: mujoco.MjModel, data: mujoco.MjData, actuator: DeviceActuato
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs fork")
-def test_a_thread_that_forks_stays_inside_in_the_child() -> None:
+def test_forking_thread_stays_inside_in_the_child() -> None:
     made = ankle()
     made[1].ctrl[:] = 4.0
     with callbacks.device_callbacks("compiled"):
@@ -203,23 +203,25 @@ def _slots() -> tuple[object, object]:
     return mujoco.get_mjcb_act_dyn(), mujoco.get_mjcb_act_bias()
 
 
-def test_a_fresh_process_gives_the_same_bits() -> None:
+def test_new_process_gives_the_same_bits() -> None:
     script = (
-        "import mujoco; from klute_sim.device.device import load; from klute_sim.plant import models, router\n"
-        "m = models.equip(models.spec('ankle'), {'muscle_tendon': load('klute-1-1-4-pair').parameters})\n"
+        "import mujoco\nfrom klute_sim.device.device import load_device\n"
+        "from klute_sim.plant import callbacks, models\n"
+        "device = load_device('klute-1-1-4-pair').parameters\n"
+        "m = models.attach_devices(models.load_spec('ankle'), {'muscle_tendon': device})\n"
         "d = mujoco.MjData(m); d.ctrl[:] = 4.0\n"
-        "with router.installed('compiled'): router.step(m, d, 300)\n"
+        "with callbacks.device_callbacks('compiled'): callbacks.step_model(m, d, 300)\n"
         "print(-d.actuator_force[0])"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert float(done.stdout) == _tension_elsewhere("python")
+    process = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert float(process.stdout) == _compute_tension_in_process("python")
 
 
 @BOTH
 @pytest.mark.parametrize("what", ["command", "inf", "pressure"])
-def test_a_state_that_is_not_finite_is_named_at_the_step(law: str, what: str) -> None:
+def test_nonfinite_state_is_reported_at_its_step(backend: str, what: str) -> None:
     model, data, actuator = ankle()
-    with callbacks.device_callbacks(law):
+    with callbacks.device_callbacks(backend):
         callbacks.step_model(model, data, 10)
         before = data.qpos.copy()
         if what in ("command", "inf"):
@@ -228,7 +230,7 @@ def test_a_state_that_is_not_finite_is_named_at_the_step(law: str, what: str) ->
             data.act[0] = np.nan
         with pytest.raises(SimulationError, match=r"actuator 'muscle_tendon' has no finite state at t = 0\.0050 s: .*"):
             callbacks.step_model(model, data)
-        if law == "python":
+        if backend == "python":
             assert np.array_equal(data.qpos, before)  # not taken
         else:
             assert actuator.tension(data) == 0.0
@@ -243,17 +245,17 @@ def test_a_state_that_is_not_finite_is_named_at_the_step(law: str, what: str) ->
     assert np.isfinite(data.act).all()
 
 
-def test_who_steps_with_mujoco_itself_is_told_on_the_way_out() -> None:
+def test_nonfinite_state_in_mj_step_is_reported_on_exit() -> None:
     model, data, _ = ankle()
     data.ctrl[:] = np.nan
-    told = r"'muscle_tendon'.*pressure command nan bar"
-    with pytest.raises(SimulationError, match=told), callbacks.device_callbacks("compiled"):
+    message = r"'muscle_tendon'.*pressure command nan bar"
+    with pytest.raises(SimulationError, match=message), callbacks.device_callbacks("compiled"):
         mujoco.mj_step(model, data, 5)
-    with callbacks.device_callbacks("compiled"):  # told once
+    with callbacks.device_callbacks("compiled"):  # a fault is reported once
         pass
 
 
-def test_a_fault_is_told_to_the_one_who_stepped_it() -> None:
+def test_fault_is_reported_for_its_simulation() -> None:
     model, data, _ = ankle()
     healthy = mujoco.MjData(model)
     data.ctrl[:] = np.nan
@@ -264,35 +266,35 @@ def test_a_fault_is_told_to_the_one_who_stepped_it() -> None:
             callbacks.step_model(model, data)
 
 
-def test_a_fault_in_another_thread_is_told_there() -> None:
+def test_fault_is_reported_in_its_thread() -> None:
     model, data, _ = ankle()
     data.ctrl[:] = np.nan
-    told: list[str] = []
+    messages: list[str] = []
 
     def fail() -> None:
         try:
             with callbacks.device_callbacks("compiled"):
                 mujoco.mj_step(model, data)
         except SimulationError as error:
-            told.append(str(error))
+            messages.append(str(error))
 
     with callbacks.device_callbacks("compiled"):
         thread = threading.Thread(target=fail)
         thread.start()
         thread.join()
         callbacks.step_model(model, mujoco.MjData(model))
-    assert len(told) == 1
-    assert "'muscle_tendon' has no finite state" in told[0]
+    assert len(messages) == 1
+    assert "'muscle_tendon' has no finite state" in messages[0]
 
 
-def test_a_step_outside_gives_no_force_and_no_error() -> None:
+def test_step_outside_the_context_gives_no_force() -> None:
     model, data, actuator = ankle()
     data.ctrl[:] = np.nan
     callbacks.step_model(model, data)
     assert actuator.tension(data) == 0.0
 
 
-def test_an_error_of_ones_own_is_not_hidden() -> None:
+def test_user_exception_is_not_hidden() -> None:
     model, data, _ = ankle()
     data.ctrl[:] = np.nan
 
@@ -303,11 +305,11 @@ def test_an_error_of_ones_own_is_not_hidden() -> None:
 
     with pytest.raises(ZeroDivisionError):
         step_and_fail()
-    with callbacks.device_callbacks("compiled"):  # and what happened in there is not told to somebody else
+    with callbacks.device_callbacks("compiled"):  # and its fault is not reported to another context
         pass
 
 
-def test_the_loader_refuses_a_model_without_its_device() -> None:
+def test_model_without_its_device_is_refused() -> None:
     with pytest.raises(InputError, match="'muscle_tendon' is made for a device and has none"):
         models.attach_devices(models.load_spec("ankle"), {})
     with pytest.raises(InputError, match="no actuator 'achilles'; it has: muscle_tendon"):
@@ -316,63 +318,65 @@ def test_the_loader_refuses_a_model_without_its_device() -> None:
         DeviceActuator(models.load_spec("ankle").compile(), "muscle_tendon")
 
 
-def test_offsets_that_do_not_hold_are_found_out() -> None:
-    right = struct_layout.get_layout()
-    struct_layout._check_layout(right)
-    for part in ("model", "data"):
-        for name in getattr(right, part):
-            other = struct_layout.StructLayout(dict(right.model), dict(right.data))
-            found_out = []
-            for shift in (8, -8):  # an empty array begins where its neighbour does, so one side may look right
-                getattr(other, part)[name] = getattr(right, part)[name] + shift
+def test_wrong_offsets_are_detected() -> None:
+    layout = struct_layout.get_layout()
+    struct_layout._check_layout(layout)
+    for struct in ("model", "data"):
+        for name in getattr(layout, struct):
+            other = struct_layout.StructLayout(dict(layout.model), dict(layout.data))
+            detected_shifts = []
+            for shift in (8, -8):  # an empty array starts where its neighbour does, so one shift may go undetected
+                getattr(other, struct)[name] = getattr(layout, struct)[name] + shift
                 with suppress(struct_layout.UnknownLayoutError):
                     struct_layout._check_layout(other)
                     continue
-                found_out.append(shift)
-            assert found_out, name
+                detected_shifts.append(shift)
+            assert detected_shifts, name
 
 
 def run_without(hidden: str, code: str) -> subprocess.CompletedProcess[str]:
-    imports = "from klute_sim.plant import models, router\nfrom klute_sim.device.device import load"
+    imports = "from klute_sim.plant import callbacks, models\nfrom klute_sim.device.device import load_device"
     script = f"import sys\n{hidden}\n{imports}\n{code}"
     return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
 
 
 NO_NUMBA = "sys.modules['numba'] = None"
 OTHER_MUJOCO = (
-    "from klute_sim.plant import layout\n"
-    "def layout_(): raise layout.UnknownLayoutError('MuJoCo 9 keeps act elsewhere than it says')\n"
-    "layout.layout = layout_"
+    "from klute_sim.plant import struct_layout\n"
+    "def get_layout(): raise struct_layout.UnknownLayoutError('MuJoCo 9 stores act at other offsets')\n"
+    "struct_layout.get_layout = get_layout"
 )
 
 
 @pytest.mark.parametrize(
-    ("hidden", "reason"), [(NO_NUMBA, "numba cannot be imported"), (OTHER_MUJOCO, "MuJoCo 9 keeps act elsewhere")]
+    ("hidden", "reason"),
+    [(NO_NUMBA, "numba cannot be imported"), (OTHER_MUJOCO, "MuJoCo 9 stores act at other offsets")],
 )
-def test_where_it_cannot_be_compiled_python_runs_and_says_so_once(hidden: str, reason: str) -> None:
-    code = "for _ in range(3):\n  with router.installed() as law: print(law)"
-    done = run_without(hidden, code)
-    assert done.stdout.split() == ["python"] * 3
-    assert done.stderr.count(reason) == 1
-    asked = run_without(hidden, "with router.installed('compiled'): pass")
-    assert "there is no compiled law: " in asked.stderr
-    assert reason in asked.stderr
+def test_python_backend_replaces_an_impossible_compilation_with_one_warning(hidden: str, reason: str) -> None:
+    code = "for _ in range(3):\n  with callbacks.device_callbacks() as backend: print(backend)"
+    fallback = run_without(hidden, code)
+    assert fallback.stdout.split() == ["python"] * 3
+    assert fallback.stderr.count(reason) == 1
+    process = run_without(hidden, "with callbacks.device_callbacks('compiled'): pass")
+    assert "the compiled backend is not available: " in process.stderr
+    assert reason in process.stderr
     rollout = (
-        "import numpy as np; from klute_sim.device.rollout import rollout\n"
-        "print(rollout(load('klute-3-4').parameters, np.full(3, 0.18), np.full(3, 5e5), 1e-3).tension[-1] > 0)"
+        "import numpy as np; from klute_sim.device.rollout import simulate_rollouts\n"
+        "device = load_device('klute-3-4').parameters\n"
+        "print(simulate_rollouts(device, np.full(3, 0.18), np.full(3, 5e5), 1e-3).tension[-1] > 0)"
     )
     assert run_without(hidden, rollout).stdout.strip() == "True"
 
 
-def test_a_law_nobody_knows_is_refused() -> None:
+def test_unknown_backend_is_refused() -> None:
     with (
-        pytest.raises(InputError, match="law is 'fast'; allowed: auto, compiled, python"),
+        pytest.raises(InputError, match="backend is 'fast'; allowed: auto, compiled, python"),
         callbacks.device_callbacks("fast"),
     ):
         pass
 
 
-def test_mujocos_own_rollouts_and_derivatives_see_the_law() -> None:
+def test_mujoco_rollouts_and_derivatives_use_the_device() -> None:
     from mujoco import rollout
 
     model, data, _ = ankle()
@@ -388,14 +392,14 @@ def test_mujocos_own_rollouts_and_derivatives_see_the_law() -> None:
         with callbacks.device_callbacks("python"):
             callbacks.step_model(model, data)
     mujoco.mj_getState(model, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    assert all(np.array_equal(each, first) for each in states[:, -1])
+    assert all(np.array_equal(state, first) for state in states[:, -1])
 
     size = 2 * model.nv + model.na
-    found = []
-    for law in ("compiled", "python"):
+    derivatives = []
+    for backend in ("compiled", "python"):
         by_state, by_command = np.zeros((size, size)), np.zeros((size, model.nu))
-        with callbacks.device_callbacks(law):
+        with callbacks.device_callbacks(backend):
             mujoco.mjd_transitionFD(model, data, 1e-6, True, by_state, by_command, None, None)
-        found.append((by_state, by_command))
-    assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
-    assert found[0][1][2 * model.nv, 0] > 0.0  # more command, more pressure
+        derivatives.append((by_state, by_command))
+    assert all(np.array_equal(a, b) for a, b in zip(*derivatives, strict=True))
+    assert derivatives[0][1][2 * model.nv, 0] > 0.0  # more command, more pressure

@@ -1,4 +1,4 @@
-"""Devices on actuators: any number of them, beside actuators of every shape, and only where they can work."""
+"""Devices on actuators: several devices, beside other actuators, and only on compatible actuators."""
 
 import re
 from typing import Any
@@ -38,8 +38,8 @@ CROWD = f"""
 </actuator></mujoco>"""
 
 
-@pytest.mark.parametrize("law", ["compiled", "python"])
-def test_two_devices_among_unlike_actuators_each_do_their_own(law: str) -> None:
+@pytest.mark.parametrize("backend", ["compiled", "python"])
+def test_two_devices_among_other_actuators_are_independent(backend: str) -> None:
     devices = {"first": load_device("klute-3-4-pair").parameters, "second": load_device("klute-1-1-4-pair").parameters}
     model = models.attach_devices(mujoco.MjSpec.from_string(CROWD), devices)
     assert model.nuser_actuator == coupling.USER_ROW_SIZE
@@ -47,23 +47,25 @@ def test_two_devices_among_unlike_actuators_each_do_their_own(law: str) -> None:
         assert address.tolist() != list(range(5))
     data = mujoco.MjData(model)
     placed = {name: DeviceActuator(model, name) for name in devices}
-    states = {name: unit.compute_rest_state(each) for name, each in devices.items()}
+    states = {name: unit.compute_rest_state(device) for name, device in devices.items()}
     data.ctrl[:] = 0.3
-    with callbacks.device_callbacks(law):
+    with callbacks.device_callbacks(backend):
         for k in range(400):
             lengths = {
-                name: float(each.tendon.slack_length + each.muscle.resting_length * (0.97 + 0.04 * np.sin(0.01 * k)))
-                for name, each in devices.items()
+                name: float(
+                    device.tendon.slack_length + device.muscle.resting_length * (0.97 + 0.04 * np.sin(0.01 * k))
+                )
+                for name, device in devices.items()
             }
             commands = {"first": 2e5, "second": 4e5 if k > 200 else 1e5}
             for name, joint in (("first", "x"), ("second", "y")):
                 data.joint(joint).qpos[0], data.joint(joint).qvel[0] = lengths[name], 0.0
                 placed[name].set_command(data, commands[name])
             callbacks.step_model(model, data)
-            for name, each in devices.items():
-                states[name] = unit.advance_state(each, states[name], lengths[name], commands[name], STEP)
-                wanted = unit.compute_tension(each, states[name], lengths[name], 0.0)
-                assert placed[name].tension(data) == pytest.approx(wanted, rel=1e-9, abs=1e-7)
+            for name, device in devices.items():
+                states[name] = unit.advance_state(device, states[name], lengths[name], commands[name], STEP)
+                expected = unit.compute_tension(device, states[name], lengths[name], 0.0)
+                assert placed[name].tension(data) == pytest.approx(expected, rel=1e-9, abs=1e-7)
                 assert placed[name].get_state(data)[:2] == pytest.approx(states[name][:2], rel=1e-9)
     assert placed["second"].tension(data) > 100.0
 
@@ -78,7 +80,7 @@ def with_attributes(more: str, tendon: str = "") -> mujoco.MjSpec:
 
 
 @pytest.mark.parametrize(
-    ("spec", "words"),
+    ("spec", "message"),
     [
         (lambda: with_attributes('gear="2"'), "gear must be 1"),
         (lambda: with_attributes('ctrlrange="0 5"'), "must not have a ctrlrange"),
@@ -88,8 +90,8 @@ def with_attributes(more: str, tendon: str = "") -> mujoco.MjSpec:
         (lambda: with_attributes("", 'actuatorfrcrange="-100 0"'), "tendon must not have an actuatorfrcrange"),
     ],
 )
-def test_what_would_clip_or_delay_behind_the_devices_back_is_refused(spec: Any, words: str) -> None:
-    with pytest.raises(InputError, match=re.escape(words)):
+def test_actuator_with_clipping_or_delay_is_refused(spec: Any, message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
         models.attach_devices(spec(), {"muscle_tendon": load_device("klute-3-4-pair").parameters})
 
 
@@ -99,7 +101,7 @@ def tied(coefficient: float) -> DeviceParameters:
     return pair._replace(tendon=pair.tendon._replace(is_rigid=True), damper=damper)
 
 
-def test_a_spec_can_be_equipped_again_and_keeps_its_own_damping() -> None:
+def test_reattached_device_keeps_the_damping_of_the_tendon() -> None:
     spec = with_attributes("", 'damping="1 2"')
     first = models.attach_devices(spec, {"muscle_tendon": tied(3e3)})
     again = models.attach_devices(spec, {"muscle_tendon": tied(5e3)})
@@ -107,17 +109,17 @@ def test_a_spec_can_be_equipped_again_and_keeps_its_own_damping() -> None:
     assert [m.actuator_user[0, DAMPING_INDEX] for m in (first, again, last)] == [3e3, 5e3, 0.0]
     assert [m.tendon_dampingpoly[0, 0] for m in (first, again, last)] == [3002.0, 5002.0, 2.0]
     assert last.tendon_damping[0] == 1.0
-    kept = models.attach_devices(spec, {})  # it has a device already
-    assert DeviceActuator(kept, "muscle_tendon").parameters == load_device("klute-3-4-pair").parameters
+    reattached = models.attach_devices(spec, {})  # the actuator has a device already
+    assert DeviceActuator(reattached, "muscle_tendon").parameters == load_device("klute-3-4-pair").parameters
 
 
-def test_a_batch_does_not_swap_a_device_whose_damping_is_in_the_model() -> None:
+def test_batch_refuses_a_rigid_device() -> None:
     model = models.attach_devices(models.load_spec("bench"), {"muscle_tendon": tied(3e3)})
-    with pytest.raises(InputError, match="without a tendon needs a model of its own"):
+    with pytest.raises(InputError, match="with a rigid tendon cannot be in a batch"):
         batch.set_parameters(batch.create_batch(model, 1), "muscle_tendon", [load_device("klute-3-4-pair").parameters])
 
 
-def test_a_batch_of_no_simulations_or_fewer_than_no_threads_is_refused() -> None:
+def test_batch_refuses_invalid_counts() -> None:
     model = models.attach_devices(
         models.load_spec("bench"), {"muscle_tendon": load_device("klute-3-4-pair").parameters}
     )
@@ -126,7 +128,7 @@ def test_a_batch_of_no_simulations_or_fewer_than_no_threads_is_refused() -> None
             batch.create_batch(model, count, threads)
 
 
-def test_a_batch_says_which_of_its_simulations_failed() -> None:
+def test_batch_reports_failed_simulations() -> None:
     model = models.attach_devices(
         models.load_spec("bench"), {"muscle_tendon": load_device("klute-3-4-pair").parameters}
     )
@@ -137,6 +139,6 @@ def test_a_batch_says_which_of_its_simulations_failed() -> None:
         batch.step_batch(simulations, n_steps=3)
     simulations.bind("ctrl")[2] = 1.0
     simulations.bind("act")[2] = 0.0
-    batch.step_batch(simulations)  # told once
+    batch.step_batch(simulations)  # a fault is reported once
     assert DeviceActuator(model, "muscle_tendon").parameters.muscle.resting_length > 0.0
     assert np.isfinite(simulations.bind("act")).all()

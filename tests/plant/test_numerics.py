@@ -1,4 +1,4 @@
-"""The device in MuJoCo at every orifice and step: stable, convergent, and with its damper visible where it must be."""
+"""The device in MuJoCo at all orifices and time steps: stability, convergence and the shown damping."""
 
 import itertools
 
@@ -25,7 +25,7 @@ def damped(coefficient: float) -> DeviceParameters:
 
 
 def tied(coefficient: float, ratio: float = 1.0) -> DeviceParameters:
-    """A muscle on a rigid tie, as long as the shank."""
+    """Return a muscle on a rigid tendon, as long as the shank."""
     muscle = BASE.muscle
     longer = NEUTRAL / 0.93 / muscle.resting_length
     muscle = muscle._replace(
@@ -41,7 +41,7 @@ def tied(coefficient: float, ratio: float = 1.0) -> DeviceParameters:
 def in_the_air(
     parameters: DeviceParameters, step: float, integrator: str = "implicitfast"
 ) -> tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator]:
-    """The ankle without floor, weight or heel spring: the device is the only stiff thing."""
+    """Return the ankle without floor, weight and heel spring: only the device is stiff."""
     spec = models.load_spec("ankle")
     spec.option.timestep = step
     spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
@@ -56,7 +56,7 @@ def in_the_air(
 
 @pytest.mark.parametrize("coefficient", [0.0, 1.0, 1e3, 3e4, 1e7, 1e12])
 @pytest.mark.parametrize("step", [1e-4, 5e-4, 5e-3])
-def test_no_orifice_and_no_step_shakes_the_ankle(coefficient: float, step: float) -> None:
+def test_ankle_does_not_chatter_for_any_orifice_and_step(coefficient: float, step: float) -> None:
     model, data, actuator = in_the_air(damped(coefficient), step)
     angles = []
     with callbacks.device_callbacks():
@@ -72,7 +72,7 @@ def test_no_orifice_and_no_step_shakes_the_ankle(coefficient: float, step: float
 
 @pytest.mark.parametrize("coefficient", [3e4, 1e6, 1e8, 1e10])
 @pytest.mark.parametrize("step", [1e-4, 1e-3])
-def test_a_nearly_closed_orifice_on_a_rigid_tie_stops_the_ankle(coefficient: float, step: float) -> None:
+def test_nearly_closed_orifice_on_a_rigid_tendon_stops_the_ankle(coefficient: float, step: float) -> None:
     def kicked(hidden: bool) -> float:
         model, data, actuator = in_the_air(tied(coefficient), step)
         if hidden:
@@ -89,13 +89,13 @@ def test_a_nearly_closed_orifice_on_a_rigid_tie_stops_the_ankle(coefficient: flo
                     return moved
         return moved
 
-    # Each step halves the speed that the last one left; then a quadratic damper of 3e4 or more lets it creep on.
+    # Each step halves the speed; afterwards a quadratic damper of 3e4 or more lets the ankle creep.
     assert kicked(hidden=False) < 20.0 * 2.1 * step + 0.09
     if coefficient * step > 50.0:
         assert kicked(hidden=True) > 1.0
 
 
-def test_shown_damping_changes_nothing_but_how_the_step_is_solved() -> None:
+def test_shown_damping_affects_only_the_solution_of_the_step() -> None:
     tensions = []
     for shown in (True, False):
         model, data, actuator = in_the_air(tied(3e3, ratio=0.3), 1e-5)
@@ -116,7 +116,7 @@ def test_shown_damping_changes_nothing_but_how_the_step_is_solved() -> None:
     assert moment == pytest.approx(seen[-1] * 0.048 + spring, rel=0.02)
 
 
-def test_order_of_convergence_in_the_ankle_is_one() -> None:
+def test_convergence_order_in_the_ankle_is_one() -> None:
     def angle(step: float) -> float:
         model, data, actuator = in_the_air(BASE, step)
         with callbacks.device_callbacks():
@@ -130,7 +130,7 @@ def test_order_of_convergence_in_the_ankle_is_one() -> None:
     assert all(0.8 < order < 1.25 for order in orders), orders
 
 
-def test_the_device_alone_repeats_what_it_did_in_mujoco() -> None:
+def test_device_alone_reproduces_mujoco() -> None:
     model, data, actuator = in_the_air(BASE, 5e-4)
     begin = actuator.get_state(data)
     lengths, commands, seen = [], [], []
@@ -146,7 +146,7 @@ def test_the_device_alone_repeats_what_it_did_in_mujoco() -> None:
     assert np.abs(np.array(seen) - np.stack(trace, axis=1)).max(axis=0) == pytest.approx([0, 0, 0], abs=1e-6)
 
 
-def test_a_rigid_device_starts_where_it_is() -> None:
+def test_rigid_device_starts_at_its_length() -> None:
     model, data, actuator = in_the_air(tied(3e4), 5e-4)
     assert actuator.get_state(data)[:2] == pytest.approx((0.0, NEUTRAL), abs=1e-4)
     assert model.tendon_dampingpoly[0, 0] == 3e4

@@ -1,10 +1,24 @@
-"""Every effect that is known in this process: those that come with the package, and the user's own.
+"""Catalogue of all effects in this process: the built-in ones and those that a user registers.
 
-The user's are in a Python file that the environment variable ``KLUTE_SIM_CATALOGUE`` names when the package is first
-used: it defines ``EFFECTS``, a list of :class:`klute_sim.effects.effect.Effect`. *The file is run.*
+A user registers an effect with :func:`register_effect` or the decorator :func:`effect`, before the first device is
+loaded::
+
+    @effect(
+        name="muscle_warming",
+        description="The muscle pulls more when it is warm.",
+        equation="F (1 + a s)",
+        hook="muscle_force",
+        parameters=(EffectParameter(key="gain", neutral=0.0, lower=0.0, upper=0.5, typical=0.02, source="assumed"),),
+    )
+    def warm_force(p, state, force, muscle, pressure, length, velocity):
+        return force * (1.0 + p.gain)
+
+A Python file with such calls can be named with ``--catalogue`` or in the environment variable
+``KLUTE_SIM_CATALOGUE``; it is run at the first use of the catalogue, also in worker processes.
 """
 
 import importlib.util
+import marshal
 import os
 import sys
 import types
@@ -12,12 +26,10 @@ import zlib
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeVar
 
-import numpy as np
-
-from klute_sim.effects import chain as _hooks
-from klute_sim.effects.effect import HOOKS, Effect, EffectForm
+from klute_sim.effects import chain
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.effects.families import air, body, damper, discrepancy_terms, instrument, supply, tendon
 from klute_sim.effects.families.muscle import (
     bladder_relaxation,
@@ -29,15 +41,17 @@ from klute_sim.effects.families.muscle import (
     muscle_damping,
     threshold_pressure,
 )
+from klute_sim.effects.validation import check_effect
 from klute_sim.errors import InputError, suggest
-from klute_sim.laws import mckibben
 from klute_sim.laws.foot import Foot
-from klute_sim.laws.pneumatics import Supply
 
 CATALOGUE_VARIABLE = "KLUTE_SIM_CATALOGUE"
+"""Environment variable with the path of the user's catalogue."""
+USER_MODULE = "klute_sim_users_effects"
+"""Name under which the user's catalogue is imported."""
 
 BUILT_IN_EFFECTS = (
-    # Where two act at one hook, the earlier acts first.
+    # Where two effects act at one hook, the earlier one acts first.
     threshold_pressure.THRESHOLD_PRESSURE,
     end_taper.END_TAPER,
     braid_extensibility.BRAID_EXTENSIBILITY,
@@ -62,7 +76,7 @@ BUILT_IN_EFFECTS = (
     tendon.TENDON_SLACK,
     tendon.TENDON_STIFFENING,
     tendon.TENDON_HYSTERESIS,
-    # Last, and outside of the equations they are terms of.
+    # Discrepancy terms act last, because they complete the equations of all others.
     discrepancy_terms.UNKNOWN_FORCE,
     discrepancy_terms.UNKNOWN_TENDON_FORCE,
     discrepancy_terms.UNKNOWN_PRESSURE,
@@ -81,202 +95,227 @@ BUILT_IN_EFFECTS = (
     instrument.CLOCK_SKEW,
     instrument.QUANTISATION,
 )
+"""Effects of the package."""
+
+_registered_effects: list[Effect] = []
+"""Effects of the user, in the order of their registration."""
+_Law = TypeVar("_Law", bound=Callable[..., Any])
+
+
+def register_effect(effect: Effect) -> Effect:
+    """Add ``effect`` to the catalogue of this process and return it.
+
+    Raises InputError when the effect is invalid, when its name is taken, or when a device has already been loaded: the
+    laws of a loaded device do not change.
+    """
+    if get_effects.cache_info().currsize:
+        raise InputError("cannot register an effect after the first device is loaded; register it earlier")
+    check_effect(effect, {known.name for known in (*BUILT_IN_EFFECTS, *_registered_effects)})
+    _registered_effects.append(effect)
+    return effect
+
+
+def effect(
+    *,
+    name: str,
+    description: str,
+    equation: str,
+    hook: str,
+    parameters: tuple[EffectParameter, ...],
+    form: str = "default",
+    kind: Literal["device", "body", "instrument"] = "device",
+    states: tuple[str, ...] = (),
+    next_state: Callable[..., Any] | None = None,
+    acts_in_supply: bool = False,
+) -> Callable[[_Law], _Law]:
+    """Return a decorator that registers an effect with one form, whose law at ``hook`` is the decorated function.
+
+    ``states`` names the internal states and ``next_state`` is the law that advances them; the arguments of both laws
+    are in :mod:`klute_sim.effects.effect`. The decorated function is returned unchanged.
+    """
+
+    def register(law: _Law) -> _Law:
+        laws: dict[str, Callable[..., Any]] = {hook: law}
+        if next_state is not None:
+            laws["next_state"] = next_state
+        effect_form = EffectForm(name=form, equation=equation, parameters=parameters, laws=laws, states=states)
+        register_effect(
+            Effect(name=name, description=description, kind=kind, forms=(effect_form,), acts_in_supply=acts_in_supply)
+        )
+        return law
+
+    return register
 
 
 @cache
 def get_effects() -> dict[str, Effect]:
-    """Name -> effect; raises InputError if the user's file is not one."""
-    found = {effect.name: effect for effect in BUILT_IN_EFFECTS}
-    for effect in getattr(load_user_module(), "EFFECTS", []):
-        _check_effect(effect, found)
-        found[effect.name] = effect
-    return found
+    """Return all effects by name; from the first call on no effect can be registered.
+
+    Raises InputError when the user's catalogue is invalid.
+    """
+    load_user_module()
+    return {effect.name: effect for effect in (*BUILT_IN_EFFECTS, *_registered_effects)}
 
 
 def get_named_effects() -> dict[str, Effect]:
-    """Those of :func:`effects` that are names: not the data-driven ones."""
+    """Return the effects that name a cause: all except the data-driven ones."""
     return {name: effect for name, effect in get_effects().items() if not effect.data_driven}
 
 
 def use_catalogue(path: str | Path) -> None:
-    """Add the effects of ``file`` from here on, in this process and those it starts.
+    """Register the effects of the Python file ``path`` in this process and in those that it starts.
 
-    Raises InputError when the package has been used already: a law that runs is not changed.
+    Raises InputError when the file is invalid or when a device has already been loaded.
     """
-    wanted = str(Path(path).resolve())
-    if get_effects.cache_info().currsize and os.environ.get(CATALOGUE_VARIABLE) != wanted:
-        raise InputError("the catalogue is in use already: name your effects before anything is simulated")
-    os.environ[CATALOGUE_VARIABLE] = wanted
+    resolved = str(Path(path).resolve())
+    if get_effects.cache_info().currsize and os.environ.get(CATALOGUE_VARIABLE) != resolved:
+        raise InputError("cannot change the catalogue after the first device is loaded; name its file earlier")
+    os.environ[CATALOGUE_VARIABLE] = resolved
     get_effects()
 
 
 @cache
 def load_user_module() -> types.ModuleType | None:
-    """The user's file, run; None if there is none."""
-    named = os.environ.get(CATALOGUE_VARIABLE, "")
-    if not named:
+    """Run the user's catalogue and return its module; None if no catalogue is named.
+
+    Raises InputError when the file does not exist, cannot be run, or registers no effect.
+    """
+    catalogue = os.environ.get(CATALOGUE_VARIABLE, "")
+    if not catalogue:
         return None
-    file = Path(named)
-    if not file.is_file():
-        raise InputError(f"catalogue {named} does not exist (from --catalogue or {CATALOGUE_VARIABLE})")
-    spec = importlib.util.spec_from_file_location("klute_sim_users_effects", file)
+    path = Path(catalogue)
+    if not path.is_file():
+        raise InputError(f"catalogue {catalogue} does not exist (from --catalogue or {CATALOGUE_VARIABLE})")
+    spec = importlib.util.spec_from_file_location(USER_MODULE, path)
     if spec is None or spec.loader is None:
-        raise InputError(f"catalogue {named} is no Python file; allowed: one that ends with .py")
+        raise InputError(f"catalogue {catalogue} is not a Python file; its name must end with .py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
+    n_before = len(_registered_effects)
     try:
         spec.loader.exec_module(module)
+    except InputError as error:
+        raise InputError(f"catalogue {catalogue}: {error}") from None
     except Exception as error:
-        raise InputError(f"catalogue {named} cannot be run: {type(error).__name__}: {error}") from None
-    if not isinstance(getattr(module, "EFFECTS", None), list):
-        raise InputError(f"catalogue {named} has no EFFECTS; allowed: EFFECTS = [Effect(...), ...]")
+        raise InputError(f"catalogue {catalogue} cannot be run: {type(error).__name__}: {error}") from None
+    if len(_registered_effects) == n_before:
+        raise InputError(
+            f"catalogue {catalogue} registers no effect; call klute_sim.register_effect(...) or decorate a law with "
+            "klute_sim.effect(...)"
+        )
     return module
 
 
-def _check_effect(effect: Any, known: Mapping[str, Effect]) -> None:
-    where = f"catalogue {os.environ.get(CATALOGUE_VARIABLE)}"
-    if not isinstance(effect, Effect):
-        raise InputError(f"{where}: EFFECTS holds {effect!r}; allowed: klute_sim.effects.effect.Effect")
-    if effect.name in known:
-        raise InputError(f"{where}: there is an effect '{effect.name}' already")
-    for form in effect.forms:
-        here = f"{where}: effect '{effect.name}', form '{form.name}'"
-        for hook in form.laws:
-            if hook not in HOOKS:
-                raise InputError(f"{here}: there is no hook '{hook}'; allowed: {', '.join(HOOKS)}")
-        if bool(form.n_states) != ("remember" in form.laws):
-            raise InputError(f"{here}: memory and a law at 'remember' go together")
-        if not form.parameters or form.parameters[0].neutral is None:
-            raise InputError(f"{here}: its first parameter must have a neutral value")
-        for hook, law in form.laws.items():
-            _check_law(law, hook, form, f"{here}: its law at '{hook}'")
-
-
-def _check_law(law: Callable[..., Any], hook: str, form: EffectForm, where: str) -> None:
-    """Call ``law`` once with numbers as they occur, so that a slip in it is told before anything is compiled."""
-    own = tuple(parameter.to_si(parameter.typical) for parameter in form.parameters)
-    memory = (0.0,) * form.n_states
-    muscle = mckibben.Muscle(1.0, 0.2, 0.21, 1.3, 0.01, 0.002, 1e5, 1e4, 1e-4, 0.0)
-    pressure, length, rate, force, stretch, step = 2e5, 0.19, 0.01, 300.0, 1e-3, 1e-3
-    series = np.linspace(0.0, 1.0, 20)
-    foot = Foot(*(0.1 for _ in Foot._fields))
-    arguments: dict[str, tuple[Any, ...]] = {
-        "acting_pressure": (own, memory, pressure, muscle, length),
-        "muscle_force": (own, memory, force, muscle, pressure, length, rate),
-        "damper_force": (own, memory, force, rate),
-        "tendon_stretch": (own, memory, stretch),
-        "tendon_force": (own, memory, force, stretch),
-        "supply": (own, memory, Supply(5e5, 1e7, 293.15)),
-        "pressure_target": (own, memory, pressure),
-        "pressure_reached": (own, memory, pressure, pressure, step),
-        "remember": (own, memory, muscle, pressure, length, stretch, step),
-        "reading": (own, series, series),
-        "foot": (own, foot),
-    }
-    try:
-        found = law(*arguments[hook])
-    except Exception as error:
-        raise InputError(f"{where} fails: {type(error).__name__}: {error}") from None
-    if hook == "remember":
-        good = isinstance(found, tuple) and len(found) == form.n_states
-        wanted = f"a tuple of {form.n_states} (as many as it remembers)"
-    elif hook == "supply":
-        good, wanted = isinstance(found, Supply), "a klute_sim.laws.pneumatics.Supply"
-    elif hook == "foot":
-        good, wanted = isinstance(found, Foot), "a klute_sim.laws.foot.Foot"
-    elif hook == "reading":
-        good, wanted = np.shape(found) == series.shape, "an array like the one it was given"
-    else:
-        good, wanted = isinstance(found, float), "a float"
-    if not good:
-        raise InputError(f"{where} gives {found!r}; allowed: {wanted}")
-
-
 @cache
-def get_device_slots() -> tuple[_hooks.EffectSlot, ...]:
-    """Places of all forms of effects on the device."""
-    forms = [(e.name, form) for e in get_effects().values() if e.kind == "device" for form in e.forms]
-    return tuple(_hooks.allocate_slots(forms))
+def get_device_slots() -> tuple[chain.EffectSlot, ...]:
+    """Return the slots of all forms of device effects."""
+    forms = [
+        (effect.name, form) for effect in get_effects().values() if effect.kind == "device" for form in effect.forms
+    ]
+    return tuple(chain.allocate_slots(forms))
 
 
 @cache
 def count_values_and_states() -> tuple[int, int]:
-    """How many values a device has, and how many numbers it remembers."""
+    """Return how many effect values and how many internal states of effects a device has."""
     last = get_device_slots()[-1]
     return last.switch_index + 1 + len(last.form.parameters), last.state_start + last.form.n_states
 
 
 @cache
 def layout_checksum() -> int:
-    """A number that another order of effects, forms or parameters would not have."""
+    """Return a number that identifies the order of effects, forms and parameters."""
     text = ";".join(
-        f"{slot.effect} {slot.form.name} {[p.key for p in slot.form.parameters]}" for slot in get_device_slots()
+        f"{slot.effect} {slot.form.name} {[parameter.key for parameter in slot.form.parameters]}"
+        for slot in get_device_slots()
     )
     return zlib.crc32(text.encode()) % 1_000_000
 
 
+def get_user_modules() -> list[types.ModuleType]:
+    """Return the modules that define laws of registered effects, each once, in order of registration."""
+    laws = [law for effect in _registered_effects for form in effect.forms for law in form.laws.values()]
+    names = dict.fromkeys(law.__module__ for law in laws)
+    return [sys.modules[name] for name in names if not name.startswith("klute_sim.")]
+
+
 def read_user_source() -> bytes:
-    """The user's file as it is on the disk; empty if there is none."""
-    module = load_user_module()
-    return Path(str(module.__file__)).read_bytes() if module is not None else b""
+    """Return the source of the modules that define registered effects, for fingerprints; empty without any."""
+    get_effects()
+    return b"".join(map(_read_source, get_user_modules()))
 
 
-def find_slot(effect: str, form: str) -> _hooks.EffectSlot:
-    """The place of a device effect's form; raises InputError if there is none."""
-    for each in get_device_slots():
-        if (each.effect, each.form.name) == (effect, form):
-            return each
-    raise InputError(f"there is no effect '{effect}' on the device with form '{form}'")
+def _read_source(module: types.ModuleType) -> bytes:
+    """Return the source file of ``module``, or the code of its functions if it has none (a notebook)."""
+    path = getattr(module, "__file__", None)
+    if path is not None:
+        return Path(path).read_bytes()
+    functions = [value for value in vars(module).values() if isinstance(value, types.FunctionType)]
+    return b"".join(marshal.dumps(function.__code__) for function in functions)
+
+
+def find_slot(effect: str, form: str) -> chain.EffectSlot:
+    """Return the slot of a form of a device effect; raises InputError if it does not exist."""
+    for slot in get_device_slots():
+        if (slot.effect, slot.form.name) == (effect, form):
+            return slot
+    raise InputError(f"no device effect '{effect}' has a form '{form}'")
 
 
 def apply_body_effects(active_forms: Mapping[tuple[str, str], Mapping[str, float]], foot: Foot) -> Foot:
-    """``foot`` with these forms of effects of the body, in the order of the catalogue; the others are passed over.
+    """Return ``foot`` with the active forms of body effects, in the order of the catalogue; other effects are skipped.
 
-    (effect, form) -> parameters by key, in the keys' units.
+    ``active_forms`` maps (effect, form) to parameters by key, in the units of the keys.
     """
     for effect in get_effects().values():
         for form in effect.forms if effect.kind == "body" else ():
-            numbers = active_forms.get((effect.name, form.name))
-            if numbers is not None:
-                foot = form.laws["foot"](tuple(p.to_si(numbers[p.key]) for p in form.parameters), foot)
+            parameters = active_forms.get((effect.name, form.name))
+            if parameters is not None:
+                foot = form.laws["foot"](form.pack(parameters), foot)
     return foot
 
 
 def pack_effects(active_forms: Mapping[tuple[str, str], Mapping[str, float]]) -> tuple[float, ...]:
-    """The values for these forms, (effect, form) -> parameters by key, in the keys' units; none: all neutral.
+    """Return the effect values of a device with these active forms; without any, all effects are off.
 
-    A parameter that is left out is neutral, too.
+    ``active_forms`` maps (effect, form) to parameters by key, in the units of the keys. A missing parameter has its
+    neutral value.
     """
-    found = [0.0] * count_values_and_states()[0]
+    values = [0.0] * count_values_and_states()[0]
     for (effect, form), parameters in active_forms.items():
-        place = find_slot(effect, form)
-        found[0] += 1.0
-        found[place.switch_index] = 1.0
-        for k, parameter in enumerate(place.form.parameters):
+        slot = find_slot(effect, form)
+        values[0] += 1.0
+        values[slot.switch_index] = 1.0
+        for k, parameter in enumerate(slot.form.parameters):
             value = parameters.get(parameter.key, parameter.neutral)
             assert value is not None, f"{effect} needs {parameter.key}"
-            found[place.switch_index + 1 + k] = parameter.to_si(value)
-    return tuple(found)
+            values[slot.switch_index + 1 + k] = parameter.to_si(value)
+    return tuple(values)
 
 
 def chain_device_effects(
     compile_law: Callable[[Any], Any] = lambda law: law,
     compile_function: Callable[[Any], Any] = lambda function: function,
 ) -> types.ModuleType:
-    """The hooks of all device effects (:func:`klute_sim.effects.chain.assemble`)."""
-    return _hooks.chain_hooks(get_device_slots(), compile_law, compile_function)
+    """Return the chained hooks of all device effects (:func:`klute_sim.effects.chain.chain_hooks`)."""
+    return chain.chain_hooks(get_device_slots(), compile_law, compile_function)
 
 
 def find_form(effect: str, form: str | None) -> tuple[Effect, EffectForm]:
-    """An effect and its form (None: its usual one); raises InputError that lists what there is."""
-    known = get_effects().get(effect)
-    if known is None:
-        every = (
-            f"there are: {', '.join(get_effects())} (of your own: name their file with --catalogue, or in the environment "
-            f"variable {CATALOGUE_VARIABLE})"
+    """Return an effect and its form (None: the default form).
+
+    Raises InputError that lists the known names if there is no such effect or form.
+    """
+    known_effect = get_effects().get(effect)
+    if known_effect is None:
+        listing = (
+            f"there are: {', '.join(get_effects())} (name the file of your own effects with --catalogue, or in the "
+            f"environment variable {CATALOGUE_VARIABLE})"
         )
-        raise InputError(f"there is no effect '{effect}'; {suggest(effect, get_effects(), every)}")
-    found = known.forms[0] if form is None else known.find_form(form)
-    if found is None:
-        raise InputError(f"effect '{effect}' has no form '{form}'; it has: {', '.join(f.name for f in known.forms)}")
-    return known, found
+        raise InputError(f"there is no effect '{effect}'; {suggest(effect, get_effects(), listing)}")
+    known_form = known_effect.forms[0] if form is None else known_effect.find_form(form)
+    if known_form is None:
+        raise InputError(
+            f"effect '{effect}' has no form '{form}'; it has: {', '.join(each.name for each in known_effect.forms)}"
+        )
+    return known_effect, known_form

@@ -1,35 +1,38 @@
-"""All forms of a catalogue chained at their hooks, so that one compiled law can be every combination of them.
+"""Chains of all effect forms at their hooks, so that one compiled device covers every combination of effects.
 
-``values`` holds, for each form in turn, 1 if it is active and 0 if not, then its parameters; before all of them the
-number of active forms. A form that is not active costs one comparison, a device without effects one for all.
+The sequence ``values`` starts with the number of active forms. Then follow, for each form, its switch (1 active, 0
+inactive) and its parameters. An inactive form costs one comparison; a device without effects costs one comparison in
+total. The sequence ``states`` holds the internal states of all forms.
 """
 
 import types
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from klute_sim.effects.effect import HOOKS, EffectForm
+from klute_sim.effects.effect import HOOKS, SEPARATE_HOOKS, EffectForm
 
 
 class EffectSlot(NamedTuple):
-    """Where a form keeps its numbers."""
+    """Position of a form's numbers in ``values`` and ``states``."""
 
     effect: str
+    """Name of the effect."""
     form: EffectForm
+    """Form of the effect."""
     switch_index: int
-    """Of its switch among the values; its parameters follow."""
+    """Index of the switch in ``values``; the parameters follow it."""
     state_start: int
-    """Where its memory begins."""
+    """Index of the first internal state in ``states``."""
 
 
 def allocate_slots(forms: Sequence[tuple[str, EffectForm]]) -> list[EffectSlot]:
-    """Places for ``forms`` (effect's name, form), one behind the other."""
-    found, at, memory = [], 1, 0
+    """Return consecutive slots for ``forms``, given as pairs (name of the effect, form)."""
+    slots, switch_index, state_start = [], 1, 0
     for effect, form in forms:
-        found.append(EffectSlot(effect, form, at, memory))
-        at += 1 + len(form.parameters)
-        memory += form.n_states
-    return found
+        slots.append(EffectSlot(effect, form, switch_index, state_start))
+        switch_index += 1 + len(form.parameters)
+        state_start += form.n_states
+    return slots
 
 
 def chain_hooks(
@@ -37,58 +40,74 @@ def chain_hooks(
     compile_law: Callable[[Any], Any] = lambda law: law,
     compile_function: Callable[[Any], Any] = lambda function: function,
 ) -> types.ModuleType:
-    """A module with one function per hook: ``hook(values, memory, value, ...)``.
+    """Return a module with one function per hook: ``hook(values, states, value, *context)``.
 
-    ``law_of`` turns a form's law into what is called, ``made`` a finished function into what calls it: compiled ones,
-    for the compiled law.
+    The defaults give plain Python. For the compiled backend, ``compile_law`` returns the compiled version of a form's
+    law, and ``compile_function`` compiles each link of the chain.
     """
     module = types.ModuleType(f"{__name__} (assembled)")
     for hook in HOOKS:
-        if hook in ("remember", "reading", "foot"):
+        if hook in SEPARATE_HOOKS:
             continue
         function = compile_function(_identity)
-        for place in slots:
-            if hook in place.form.laws:
-                function = compile_function(_chain_law(function, compile_law(place.form.laws[hook]), place))
+        for slot in slots:
+            if hook in slot.form.laws:
+                function = compile_function(_chain_law(function, compile_law(slot.form.laws[hook]), slot))
         setattr(module, hook, function)
     function = compile_function(_empty_state)
-    for place in slots:
-        if place.form.n_states:
-            function = compile_function(_chain_state(function, compile_law(place.form.laws["remember"]), place))
-    module.remember = function  # type: ignore[attr-defined]
+    for slot in slots:
+        if slot.form.states:
+            function = compile_function(_chain_state(function, compile_law(slot.form.laws["next_state"]), slot))
+    module.next_state = function  # type: ignore[attr-defined]
     return module
 
 
-def _identity(values: Any, state: Any, value: float, *context: Any) -> float:
+def _identity(values: Any, states: Any, value: float, *context: Any) -> float:
     return value
 
 
-def _chain_law(previous: Any, law: Any, slot: EffectSlot) -> Any:
-    # Plain numbers, so that a compiler takes them for constants.
-    at, begin, end = slot.switch_index, slot.switch_index + 1, slot.switch_index + 1 + len(slot.form.parameters)
-    first, last = slot.state_start, slot.state_start + slot.form.n_states
-
-    def chained(values: Any, memory: Any, value: float, *context: Any) -> Any:
-        value = previous(values, memory, value, *context)
-        if values[at] != 0.0:
-            return law(values[begin:end], memory[first:last], value, *context)
-        return value
-
-    return chained
-
-
-def _empty_state(values: Any, state: Any, *context: Any) -> Any:
+def _empty_state(values: Any, states: Any, *context: Any) -> Any:
     return ()
 
 
+_LAW_LINK = """
+def link(values, states, value, *context):
+    value = previous(values, states, value, *context)
+    if values[{switch}] != 0.0:
+        return law(Parameters({parameters}), State({state}), value, *context)
+    return value
+"""
+_STATE_LINK = """
+def link(values, states, *context):
+    preceding = previous(values, states, *context)
+    if values[{switch}] != 0.0:
+        after = law(Parameters({parameters}), State({state}), *context)
+        return preceding + ({after},)
+    return preceding + ({state},)
+"""
+
+
+def _chain_law(previous: Any, law: Any, slot: EffectSlot) -> Any:
+    return _write_link(_LAW_LINK, previous, law, slot)
+
+
 def _chain_state(previous: Any, law: Any, slot: EffectSlot) -> Any:
-    at, begin, end = slot.switch_index, slot.switch_index + 1, slot.switch_index + 1 + len(slot.form.parameters)
-    first, last = slot.state_start, slot.state_start + slot.form.n_states
+    return _write_link(_STATE_LINK, previous, law, slot)
 
-    def remembered(values: Any, memory: Any, *context: Any) -> Any:
-        others = previous(values, memory, *context)
-        if values[at] != 0.0:
-            return others + law(values[begin:end], memory[first:last], *context)
-        return others + memory[first:last]
 
-    return remembered
+def _write_link(template: str, previous: Any, law: Any, slot: EffectSlot) -> Any:
+    """Return the function of ``template`` for ``slot``.
+
+    The indices are written out because a compiler cannot build a named tuple from a slice of an array.
+    """
+    form, names = slot.form, {"previous": previous, "law": law}
+    first_parameter = slot.switch_index + 1
+    code = template.format(
+        switch=slot.switch_index,
+        parameters=", ".join(f"values[{first_parameter + k}]" for k in range(len(form.parameters))),
+        state=", ".join(f"states[{slot.state_start + k}]" for k in range(form.n_states)),
+        after=", ".join(f"after[{k}]" for k in range(form.n_states)),
+    )
+    names |= {"Parameters": form.parameter_type, "State": form.state_type, "__name__": __name__}
+    exec(code, names)
+    return names["link"]

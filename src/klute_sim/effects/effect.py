@@ -1,42 +1,45 @@
-"""What an effect is: a name, a sentence, parameters, and laws at the hooks where it acts.
+"""Definition of an effect: a name, a description, forms with parameters, and the laws of each form.
 
-A law is a pure function of numbers, like those in :mod:`klute_sim.laws`, and runs as plain Python and compiled. It is
-given what there would be without it and returns what there is with it, so effects can be chained. ``own`` are its
-form's parameters in their order, SI; ``memory`` is what its form remembers (a tuple, empty unless ``Form.memory``).
+A law is a pure function of numbers, like those in :mod:`klute_sim.laws`; the same source runs as plain Python and
+compiled. A law receives the value without the effect and returns the value with it, so that effects can be chained. It
+is attached to one of these hooks:
 
-==================  =====================================================================  =====
-hook                arguments                                                              gives
-==================  =====================================================================  =====
-acting_pressure     own, memory, pressure, muscle, length                                  gauge pressure that the
-                                                                                           muscle feels [Pa]
-muscle_force        own, memory, force, muscle, pressure, length, rate                     tension [N]
-damper_force        own, memory, force, rate                                               tension [N]
-tendon_stretch      own, memory, stretch                                                   beyond slack length [m]
-tendon_force        own, memory, force, stretch                                            tension [N], floored at 0
-supply              own, memory, supply                                                    what the supply is then
-pressure_target     own, memory, command                                                   what is regulated to [Pa]
-pressure_reached    own, memory, target, pressure, step                                    a step later, before the
-                                                                                           supply's rate limits it [Pa]
-remember            own, memory, muscle, pressure, length, stretch, step                   the memory a step later
-reading             own, time, value (arrays)                                              what an instrument shows
-foot                own, foot                                                              what the foot is then, of
-                                                                                           an effect of the body
-==================  =====================================================================  =====
+==================  ===========================================================  ==================================
+hook                arguments                                                    result
+==================  ===========================================================  ==================================
+acting_pressure     p, state, pressure, muscle, length                           gauge pressure acting on the braid
+                                                                                 [Pa]
+muscle_force        p, state, force, muscle, pressure, length, velocity          muscle tension [N]
+damper_force        p, state, force, velocity                                    damper tension [N]
+tendon_stretch      p, state, stretch                                            stretch beyond slack length [m]
+tendon_force        p, state, force, stretch                                     tendon tension [N], clipped at 0
+supply              p, state, supply                                             parameters of the supply
+pressure_target     p, state, command                                            target of the regulator [Pa]
+pressure_reached    p, state, target, pressure, dt                               pressure after the step, before the
+                                                                                 supply limits its rate [Pa]
+next_state          p, state, muscle, pressure, length, stretch, dt              internal state after the step
+reading             p, time, value (arrays)                                      reading of the instrument
+foot                p, foot                                                      parameters of the foot
+==================  ===========================================================  ==================================
 
-``length`` [m] and ``rate`` = d(length)/dt [m/s] are the muscle's, ``pressure`` [Pa] is the acting one. Where a form
-remembers, its other laws are given the memory *after* the step: ``remember`` decides, the others follow. It must hold
-for a step of any length, because a device at rest has rested long: see :mod:`klute_sim.effects.smoothing`. All memory
-is zero for a muscle that rests at its resting length and a tendon that is just taut.
+``p`` holds the form's parameters in SI units, named as in their keys without the unit: ``stiffness_n_per_mm`` is
+``p.stiffness`` [N/m]. ``state`` holds the form's internal states by name. ``muscle`` is a
+:class:`~klute_sim.laws.mckibben.MuscleParameters`, ``length`` [m] and ``velocity`` = d(length)/dt [m/s] are those of
+the muscle, ``pressure`` [Pa] is the acting one, and ``dt`` [s] is the time step.
+
+A law at ``next_state`` returns a tuple, one number for each internal state. The other laws of the form receive the
+state *after* the step. ``next_state`` must hold for a step of any length, because a device in equilibrium has rested
+for :data:`klute_sim.effects.smoothing.EQUILIBRIUM_TIME_STEP`. All internal states are zero for a muscle at its resting
+length with a tendon that is just taut.
 """
 
+from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
-from klute_sim.units import to_si
-
-FloatSequence = Sequence[float]
-"""Parameters or memory of a form."""
+from klute_sim.units import split_unit, to_si
 
 HOOKS = (
     "acting_pressure",
@@ -47,28 +50,39 @@ HOOKS = (
     "supply",
     "pressure_target",
     "pressure_reached",
-    "remember",
+    "next_state",
     "reading",
     "foot",
 )
+"""Names of all hooks."""
+SEPARATE_HOOKS = ("next_state", "reading", "foot")
+"""Hooks whose laws do not change a value of the device step."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EffectParameter:
-    """One number of a form, in the unit that its key ends with."""
+    """One parameter of a form; its values have the unit at the end of its key."""
 
     key: str
+    """Name in files, with the unit: ``stiffness_n_per_mm``."""
     neutral: float | None
-    """The value without effect; None: a shape, which has none of its own."""
+    """Value without effect; None for a shape parameter, which has no neutral value."""
     lower: float
+    """Smallest allowed value."""
     upper: float
+    """Largest allowed value."""
     typical: float
-    """Of a size one meets in practice."""
+    """Value of a magnitude that occurs in practice."""
     source: str
-    """Where range and typical size are from; begins with 'assumed' if nobody printed them."""
+    """Source of range and typical value; begins with 'assumed' if neither is published."""
+
+    @property
+    def name(self) -> str:
+        """Name without the unit."""
+        return split_unit(self.key)[0].removesuffix("_per")
 
     def to_si(self, value: float) -> float:
-        """``value`` in SI."""
+        """Convert ``value`` from the unit of the key to SI."""
         return to_si(self.key, value)
 
 
@@ -77,13 +91,42 @@ class EffectForm:
     """One functional form of an effect."""
 
     name: str
+    """Name in device files."""
     equation: str
-    """The law in a line."""
+    """Equation in one line."""
     parameters: tuple[EffectParameter, ...]
+    """Parameters; the first one has a neutral value."""
     laws: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
-    """Hook -> law; none for what acts on a whole series (a dead time)."""
-    n_states: int = 0
-    """Numbers it remembers from step to step."""
+    """Law of each hook; empty for a form that acts on a whole time series (a dead time)."""
+    states: tuple[str, ...] = ()
+    """Names of the internal states, which the law at ``next_state`` advances."""
+
+    @property
+    def n_states(self) -> int:
+        """Number of internal states."""
+        return len(self.states)
+
+    @cached_property
+    def parameter_type(self) -> Callable[..., Any]:
+        """Named tuple of the parameters, the ``p`` of the laws."""
+        return _make_named_tuple("Parameters", [parameter.name for parameter in self.parameters])
+
+    @cached_property
+    def state_type(self) -> Callable[..., Any]:
+        """Named tuple of the internal states, the ``state`` of the laws."""
+        return _make_named_tuple("State", self.states)
+
+    def pack(self, values: Mapping[str, float]) -> Any:
+        """Return the ``p`` of the laws for parameter ``values`` by key, in the units of the keys."""
+        return self.parameter_type(*(parameter.to_si(values[parameter.key]) for parameter in self.parameters))
+
+    def zero_state(self) -> Any:
+        """Return the ``state`` of the laws for a muscle at its resting length."""
+        return self.state_type(*(0.0 for _ in self.states))
+
+
+def _make_named_tuple(name: str, fields: Sequence[str]) -> Callable[..., Any]:
+    return namedtuple(name, fields)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,22 +134,29 @@ class Effect:
     """A named effect."""
 
     name: str
+    """Name in device files."""
     description: str
+    """One sentence on the effect's cause and consequence."""
     kind: Literal["device", "body", "instrument"]
+    """Part of the experiment that has the effect."""
     forms: tuple[EffectForm, ...]
-    """The usual one first."""
+    """Functional forms; the default one first."""
     replaces_switch: str = ""
-    """A switch of the device file's ``[muscle]`` that must be off, because the device has the effect otherwise."""
+    """Key of ``[muscle]`` in the device file that must be off, because it switches on the same physics."""
     acts_in_supply: bool = False
-    """Whether it acts in the gas supply, which may do work; the others, at constant pressure, may not.
+    """Whether the effect acts in the gas supply, which may do work.
 
-    The dissertation's own friction offset can create some while the pressure changes, as its source has it.
+    All other effects are passive at constant pressure. One exception follows its source: the dissertation's friction
+    offset can create energy while the pressure changes.
     """
 
     data_driven: bool = False
-    """Whether it is only a combination of functions fitted to data, which names nothing: no diagnosis proposes it as a
-    name, nothing keeps it from giving energy, and a device file may leave out numbers that are neutral."""
+    """Whether the effect is only a combination of functions fitted to data.
+
+    A diagnosis does not propose such an effect as a cause, the effect may create energy, and a device file may omit its
+    neutral parameters.
+    """
 
     def find_form(self, name: str) -> EffectForm | None:
-        """The form of that name."""
+        """Return the form called ``name``; None if there is none."""
         return next((form for form in self.forms if form.name == name), None)

@@ -1,22 +1,23 @@
-"""Shapes that several effects share."""
+"""Numerical elements that several effects share: smooth sign, slider and first-order follower."""
 
 import math
 
 SIGN_TRANSITION_SPEED = 1e-3
-"""Speed [m/s] over which dry friction turns round (assumed; small beside any test's speed)."""
+"""Speed over which dry friction changes its sign [m/s] (assumed; small against the speeds of all tests)."""
 EQUILIBRIUM_TIME_STEP = 1e9
-"""A step [s] after which everything has settled: followers have arrived, and sliders have let go (assumed)."""
+"""Time step after which every follower has arrived and every slider has relaxed [s] (assumed)."""
 
 
-def smooth_sign(rate: float) -> float:
-    """``rate / sqrt(rate^2 + SLIDING^2)``: the sign of ``rate`` [m/s], smooth and increasing."""
-    return rate / math.sqrt(rate * rate + SIGN_TRANSITION_SPEED * SIGN_TRANSITION_SPEED)
+def smooth_sign(velocity: float) -> float:
+    """Return ``v / sqrt(v^2 + SIGN_TRANSITION_SPEED^2)``: a smooth, increasing sign of ``velocity`` [m/s]."""
+    return velocity / math.sqrt(velocity * velocity + SIGN_TRANSITION_SPEED * SIGN_TRANSITION_SPEED)
 
 
 def step_slider(slider_position: float, position: float, max_distance: float, dt: float) -> float:
-    """Where a slider is that lets ``position`` go no further than ``reach`` >= 0 from it, a ``step`` [s] later.
+    """Return the position of a slider after a time step ``dt`` [s].
 
-    It moves only when pulled; after a :data:`LONG` time it has let go.
+    The slider stays within ``max_distance`` >= 0 of ``position`` and moves only when pulled. After
+    :data:`EQUILIBRIUM_TIME_STEP` it has relaxed to ``position``.
     """
     return (
         position
@@ -26,6 +27,9 @@ def step_slider(slider_position: float, position: float, max_distance: float, dt
 
 
 def step_follower(value: float, target: float, time_constant: float, dt: float) -> float:
-    """First-order follower of ``position`` a ``step`` [s] later (backward Euler); ``time_constant`` > 0 [s]."""
-    share = dt / (time_constant + dt)
-    return value + share * (target - value)
+    """Return a first-order follower of ``target`` after a time step ``dt`` [s] (backward Euler).
+
+    ``time_constant`` is positive [s].
+    """
+    fraction = dt / (time_constant + dt)
+    return value + fraction * (target - value)

@@ -2,7 +2,7 @@
 
 ``stress = E strain^n``. The constants of the source's five models (Tables 5.1 and 5.2) are on pages that are missing,
 so there are none here: E and n are always given by the caller. The measurements below are from the open literature, and
-are what an artificial tendon can be held against meanwhile.
+serve as the reference for an artificial tendon until then.
 """
 
 import math
@@ -52,7 +52,7 @@ class Measurement(NamedTuple):
     value: float
     """Mean, in the SI unit that the constant's docstring names."""
     standard_error: float | None
-    """Standard error of the mean, same unit; ``None``: not taken over."""
+    """Standard error of the mean, same unit; ``None``: not transcribed."""
     source: str
     """Citation."""
 
@@ -69,7 +69,7 @@ ELONGATION_FAST = Measurement(13.0e-3, 1.2e-3, PELTONEN_2013)
 ELONGATION_SLOW = Measurement(14.3e-3, 0.9e-3, PELTONEN_2013)
 """The same [m], loaded at 21 % of MVC per second; not significantly different."""
 HYSTERESIS_LOSS_FRACTION = Measurement(0.05, 0.02, PELTONEN_2013)
-"""Share of the stored energy that is not given back [1], fast loading."""
+"""Fraction of the stored energy that is dissipated [1], fast loading."""
 MAX_WALKING_FORCE = Measurement(1.99e3, None, KHARAZI_2021)
 """Largest force [N] in walking at 1.4 m/s."""
 MAX_WALKING_STRAIN = Measurement(0.040, None, KHARAZI_2021)

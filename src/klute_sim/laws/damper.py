@@ -8,8 +8,8 @@ import math
 from typing import NamedTuple
 
 
-class Damper(NamedTuple):
-    """Quadratic coefficients of an orifice damper, one per direction; 0 means no damping that way."""
+class DamperParameters(NamedTuple):
+    """Quadratic coefficients of an orifice damper, one per direction; 0 means no damping in that direction."""
 
     concentric_coefficient: float
     """Force over speed squared while shortening [N s2/m2]."""
@@ -17,11 +17,11 @@ class Damper(NamedTuple):
     """Force over speed squared while lengthening [N s2/m2]."""
 
 
-def force(damper: Damper, rate: float) -> float:
-    """Tension [N] at ``rate`` = dL/dt [m/s]: negative while shortening, positive while lengthening."""
-    if rate > 0.0:
-        return damper.eccentric_coefficient * rate * rate
-    return -damper.concentric_coefficient * rate * rate
+def force(damper: DamperParameters, velocity: float) -> float:
+    """Tension [N] at ``velocity`` = dL/dt [m/s]: negative while shortening, positive while lengthening."""
+    if velocity > 0.0:
+        return damper.eccentric_coefficient * velocity * velocity
+    return -damper.concentric_coefficient * velocity * velocity
 
 
 def orifice_coefficient(bore: float, orifice: float, density: float, discharge_coefficient: float) -> float:

@@ -1,135 +1,145 @@
 """A prosthetic foot that turns about an ankle whose own motion is prescribed, in the sagittal plane.
 
 Newton-Euler about the moving ankle axis, with ``q`` the ankle angle (plantarflexion positive, a rotation about +y,
-which lowers the toe), ``t`` the shank's lean (forward positive, about +y as well), ``c`` the foot's centre of mass seen
-from the ankle and ``a`` the ankle's acceleration::
+which lowers the toe), ``t`` the shank's lean (forward positive, about +y as well), ``c`` the foot's centre of mass
+relative to the ankle and ``a`` the ankle's acceleration::
 
     I (t'' + q'') = T r(q) - k (q - q0) - b q' + k_b max(0, -q - q_b) + M_friction + M_stop + M_ground + M_weight
     M_weight = m (c_x (g + a_z) - c_z a_x)         c turned by t + q
 
-with ``T r`` the device's tension times its arm. The base is prescribed, so its acceleration is an input and nothing
-acts back on it. Beyond the hinge the foot may bend (:func:`bend`): it is light, so it turns by what the moment asks
-for, and the hinge does not notice.
+with ``T r`` the device's tension times its moment arm. The base is prescribed: its acceleration is an input, and no
+force acts back on it. The foot may bend beyond the hinge (:func:`step_keel_angle`). The bending part is light, so its
+angle follows the moment, and it does not affect the hinge.
 
-Springs, masses and sites are the MJCF's; stop and step are MuJoCo's own formulas (documentation, "Computation", solver
-parameters; the integrator *implicitfast*), for the one coordinate that is free.
+Springs, masses and sites are those of the MJCF. Stops and time step are MuJoCo's formulas (documentation,
+"Computation", solver parameters; the integrator *implicitfast*) for the single free coordinate.
 """
 
 import math
 from typing import NamedTuple
 
-GRAVITY = 9.81
-"""[m/s2], as in the models."""
+from klute_sim.constants import GRAVITY
 
 
 class Foot(NamedTuple):
-    """A foot on its ankle; SI, positions from the ankle axis, x forward and z up."""
+    """A foot on its ankle; SI units, positions from the ankle axis, x forward and z up."""
 
     inertia: float
-    """About the ankle axis [kg m2]."""
+    """Moment of inertia about the ankle axis [kg m2]."""
     mass: float
+    """Mass of the foot [kg]."""
     com_x: float
+    """Forward position of the centre of mass in the foot [m]."""
     com_z: float
-    """Centre of mass, in the foot."""
+    """Upward position of the centre of mass in the foot [m]."""
     origin_x: float
+    """Forward position of the tendon's origin in the pylon [m]."""
     origin_z: float
-    """Where the tendon begins, in the pylon."""
+    """Upward position of the tendon's origin in the pylon [m]."""
     insertion_x: float
+    """Forward position of the tendon's insertion in the foot [m]."""
     insertion_z: float
-    """Where it ends, in the foot."""
+    """Upward position of the tendon's insertion in the foot [m]."""
     spring_stiffness: float
-    """Of the return spring [N.m/rad]."""
+    """Stiffness of the return spring [N.m/rad]."""
     spring_rest_angle: float
-    """Ankle angle at which that is slack [rad]."""
+    """Ankle angle at which the return spring is slack [rad]."""
     ankle_damping: float
-    """[N.m.s/rad]"""
+    """Viscous damping of the ankle [N.m.s/rad]."""
     ankle_friction: float
-    """Coulomb's, of the ankle [N.m]."""
+    """Coulomb friction of the ankle [N.m]."""
     min_angle: float
+    """Ankle angle at which the dorsiflexion stop begins [rad]."""
     max_angle: float
-    """Ankle angles at which the end stops begin [rad]."""
+    """Ankle angle at which the plantarflexion stop begins [rad]."""
     bumper_stiffness: float
-    """Stiffness of a bumper [N.m/rad]."""
+    """Stiffness of a dorsiflexion bumper [N.m/rad]."""
     bumper_onset_angle: float
-    """Dorsiflexion from which it acts [rad]."""
+    """Dorsiflexion at which the bumper begins [rad]."""
     stop_time_constant: float
-    """Time constant of a stop [s], critically damped."""
+    """Time constant of the end stops, critically damped [s]."""
     stop_min_impedance: float
+    """Impedance where an end stop begins (MuJoCo's solimp) [1]."""
     stop_max_impedance: float
+    """Impedance at and beyond ``stop_width`` (MuJoCo's solimp) [1]."""
     stop_width: float
-    """Impedance of a stop where it begins, and beyond that width [rad]: MuJoCo's solimp."""
+    """Depth at which the impedance of an end stop reaches its maximum (MuJoCo's solimp) [rad]."""
     keel_compliance: float
     """Compliance of the foot between hinge and sole [rad/(N.m)]; 0: rigid."""
     keel_time_constant: float
-    """Time constant with which it bends [s]."""
+    """Time constant of the foot's bending [s]."""
     keel_friction_angle: float
-    """How far friction in it holds it back [rad]."""
+    """Lag of the bending by dry friction in the foot [rad]."""
     socket_compliance: float
     """Compliance of the socket along the pylon [m/N]."""
     distal_mass: float
-    """Mass of all below the socket [kg]."""
+    """Mass of all parts below the socket [kg]."""
 
 
 class FootInputs(NamedTuple):
-    """What is prescribed at an instant."""
+    """Prescribed motion and load at one instant."""
 
     shank_angle: float
     """Lean of the shank [rad]."""
     shank_angular_acceleration: float
-    """Its second derivative [rad/s2]."""
+    """Second derivative of the lean [rad/s2]."""
     ankle_acceleration_x: float
+    """Forward acceleration of the ankle [m/s2]."""
     ankle_acceleration_z: float
-    """Acceleration of the ankle [m/s2]."""
+    """Upward acceleration of the ankle [m/s2]."""
     ground_moment: float
-    """Moment of the ground reaction about the ankle [N.m], plantarflexing positive."""
+    """Moment of the ground reaction about the ankle [N.m], plantarflexion positive."""
 
 
 class AnkleStep(NamedTuple):
     """The ankle after a step."""
 
     angle: float
-    rate: float
+    """Ankle angle after the step [rad]."""
+    velocity: float
+    """Angular velocity after the step [rad/s]."""
     moment: float
-    """Of tendon, spring, damping, friction and stops about the ankle during the step [N.m], plantarflexor positive."""
+    """Moment of tendon, spring, damping, friction and stops during the step [N.m], plantarflexion positive."""
 
 
 def unit_length(foot: Foot, angle: float) -> float:
-    """Length of the muscle-tendon unit [m]: the straight line between its two sites."""
+    """Return the length of the muscle-tendon unit [m]: the distance between its two sites."""
     x, z = _insertion_position(foot, angle)
     return math.sqrt((foot.origin_x - x) * (foot.origin_x - x) + (foot.origin_z - z) * (foot.origin_z - z))
 
 
 def moment_arm(foot: Foot, angle: float) -> float:
-    """``-d(unit_length)/d(angle)`` [m]: what a tension is multiplied by to give a plantarflexing moment."""
+    """Return ``-d(unit_length)/d(angle)`` [m]: the plantarflexion moment per tension."""
     x, z = _insertion_position(foot, angle)
     return ((foot.origin_x - x) * z - (foot.origin_z - z) * x) / unit_length(foot, angle)
 
 
 def _insertion_position(foot: Foot, angle: float) -> tuple[float, float]:
-    """In the pylon."""
+    """Return the position of the insertion in the pylon's frame [m]."""
     cosine, sine = math.cos(angle), math.sin(angle)
     x = foot.insertion_x * cosine + foot.insertion_z * sine
     return x, foot.insertion_z * cosine - foot.insertion_x * sine
 
 
 def step_keel_angle(foot: Foot, keel_angle: float, moment: float, dt: float) -> float:
-    """By how much the foot is bent [rad], dorsiflexion positive, a ``step`` [s] after it was by ``before``.
+    """Return the bending of the foot [rad], dorsiflexion positive, after ``dt`` [s] from ``keel_angle`` [rad].
 
-    The ``moment`` [N.m], plantarflexor positive, is what crosses the hinge. A spring with a dashpot and Coulomb
-    friction beside it (backward Euler): friction takes off as much as it can of the way to where the spring would be.
+    ``moment`` [N.m], plantarflexion positive, is transmitted by the hinge. The foot is a spring in parallel with a
+    dashpot and Coulomb friction (backward Euler); friction reduces the distance to the spring's equilibrium as far as
+    it can.
     """
     if foot.keel_compliance == 0.0:
         return 0.0
-    way = foot.keel_compliance * moment - keel_angle
-    return keel_angle + (way - min(max(way, -foot.keel_friction_angle), foot.keel_friction_angle)) / (
+    distance = foot.keel_compliance * moment - keel_angle
+    return keel_angle + (distance - min(max(distance, -foot.keel_friction_angle), foot.keel_friction_angle)) / (
         1.0 + foot.keel_time_constant / dt
     )
 
 
 def socket_displacement(foot: Foot, inputs: FootInputs, axial_force: float) -> float:
-    """How far the limb sinks into its socket [m] under a ground reaction ``along`` the pylon [N].
+    """Return the displacement of the limb into its socket [m] under the ground reaction along the pylon [N].
 
-    What the socket gets is that less the weight and the acceleration of all below it.
+    The socket's load is the ground reaction minus weight and inertia of all parts below the socket.
     """
     up = (GRAVITY + inputs.ankle_acceleration_z) * math.cos(
         inputs.shank_angle
@@ -138,51 +148,51 @@ def socket_displacement(foot: Foot, inputs: FootInputs, axial_force: float) -> f
 
 
 def gravity_and_inertia_moment(foot: Foot, angle: float, inputs: FootInputs) -> float:
-    """Moment [N.m] of weight and of the ankle's acceleration."""
+    """Return the moment [N.m] of the foot's weight and of the ankle's acceleration."""
     cosine, sine = math.cos(inputs.shank_angle + angle), math.sin(inputs.shank_angle + angle)
     x = foot.com_x * cosine + foot.com_z * sine
     z = foot.com_z * cosine - foot.com_x * sine
     return foot.mass * (x * (GRAVITY + inputs.ankle_acceleration_z) - z * inputs.ankle_acceleration_x)
 
 
-def end_stop_moment(foot: Foot, angle: float, rate: float, free_acceleration: float) -> float:
-    """Moment [N.m] of the end stops, for the acceleration [rad/s2] that there would be ``free`` of them.
+def end_stop_moment(foot: Foot, angle: float, velocity: float, free_acceleration: float) -> float:
+    """Return the moment [N.m] of the end stops; ``free_acceleration`` [rad/s2] is that without them.
 
-    MuJoCo's soft limit: of the acceleration into the stop the share ``d`` (solimp) is replaced by
-    ``-2 v / (d1 tau) - d r / (d1 tau)^2``, where ``r`` is how deep it is in and ``d1`` the largest ``d``.
+    MuJoCo's soft limit replaces the fraction ``d`` (solimp) of the acceleration into the stop by
+    ``-2 v / (d1 tau) - d r / (d1 tau)^2``, where ``r`` is the depth and ``d1`` the largest ``d``.
     """
     inward = 1.0 if angle < foot.min_angle else -1.0
     depth = foot.min_angle - angle if angle < foot.min_angle else angle - foot.max_angle
     if depth <= 0.0:
         return 0.0
     x = min(1.0, depth / foot.stop_width)
-    share = 2.0 * x * x if x <= 0.5 else 1.0 - 2.0 * (1.0 - x) * (1.0 - x)
-    impedance = foot.stop_min_impedance + share * (foot.stop_max_impedance - foot.stop_min_impedance)
+    fraction = 2.0 * x * x if x <= 0.5 else 1.0 - 2.0 * (1.0 - x) * (1.0 - x)
+    impedance = foot.stop_min_impedance + fraction * (foot.stop_max_impedance - foot.stop_min_impedance)
     time = foot.stop_max_impedance * foot.stop_time_constant
-    wanted = -2.0 / time * inward * rate + impedance / (time * time) * depth
-    return inward * foot.inertia * max(0.0, impedance * (wanted - inward * free_acceleration))
+    reference = -2.0 / time * inward * velocity + impedance / (time * time) * depth
+    return inward * foot.inertia * max(0.0, impedance * (reference - inward * free_acceleration))
 
 
-def step_ankle(foot: Foot, angle: float, rate: float, tension: float, inputs: FootInputs, dt: float) -> AnkleStep:
-    """The ankle a ``step`` [s] later, under ``tension`` [N].
+def step_ankle(foot: Foot, angle: float, velocity: float, tension: float, inputs: FootInputs, dt: float) -> AnkleStep:
+    """Return the ankle after a step ``dt`` [s] under ``tension`` [N].
 
-    Damping and friction are implicit: friction takes off of the rate that there would be without it as much as it can,
-    and holds the ankle where that is all of it (backward Euler of Coulomb's law), so it never drives.
+    Damping and friction are implicit. Friction reduces the velocity as far as it can and holds the ankle where it
+    reaches zero (backward Euler of Coulomb's law), so it never drives the ankle.
     """
-    own = (
+    moment = (
         tension * moment_arm(foot, angle)
         - foot.spring_stiffness * (angle - foot.spring_rest_angle)
-        - foot.ankle_damping * rate
+        - foot.ankle_damping * velocity
     )
-    own += foot.bumper_stiffness * max(0.0, -angle - foot.bumper_onset_angle)
-    other = (
+    moment += foot.bumper_stiffness * max(0.0, -angle - foot.bumper_onset_angle)
+    external = (
         inputs.ground_moment
         + gravity_and_inertia_moment(foot, angle, inputs)
         - foot.inertia * inputs.shank_angular_acceleration
     )
-    own += end_stop_moment(foot, angle, rate, (own + other) / foot.inertia)
-    heavy = foot.inertia + dt * foot.ankle_damping
-    after = rate + dt * (own + other) / heavy
-    most = dt * foot.ankle_friction / heavy
-    taken = min(max(after, -most), most)
-    return AnkleStep(angle + dt * (after - taken), after - taken, own - taken * heavy / dt)
+    moment += end_stop_moment(foot, angle, velocity, (moment + external) / foot.inertia)
+    effective_inertia = foot.inertia + dt * foot.ankle_damping
+    after = velocity + dt * (moment + external) / effective_inertia
+    max_reduction = dt * foot.ankle_friction / effective_inertia
+    reduction = min(max(after, -max_reduction), max_reduction)
+    return AnkleStep(angle + dt * (after - reduction), after - reduction, moment - reduction * effective_inertia / dt)

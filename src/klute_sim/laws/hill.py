@@ -1,4 +1,4 @@
-"""Biological skeletal muscle (dissertation chapter 2): the behaviour that the artificial muscle is to copy.
+"""Biological skeletal muscle (dissertation chapter 2): the behaviour that the artificial muscle imitates.
 
 Three elements, each with its printed fit: parallel (2.1), series (2.2) and contractile (2.3), whose force
 depends on speed by Hill's hyperbola (2.4) while shortening and by an inverted one while lengthening.
@@ -126,8 +126,8 @@ def series_elongation(series: SeriesElement, force: float) -> float:
 def isometric_force(contractile: ContractileElement, length: float) -> float:
     """Tension [F0] of the contractile element at rest at ``length`` x [l0], eq. (2.3): ``k5 x^2 + k6 x + k7``.
 
-    Valid in the range printed with each row. Not floored: beyond the parabola's roots it is negative, which is the
-    fit's end and no force of a muscle.
+    Valid in the range printed with each row. Not floored: beyond the parabola's roots it is negative, which is outside
+    the fit and not a muscle force.
     """
     return contractile.k5 * (length * length) + contractile.k6 * length + contractile.k7
 

@@ -1,6 +1,6 @@
 """Constants of biological muscle as printed (dissertation Tables 2.1-2.4, Figs. 2.2-2.8), keyed by muscle or model.
 
-What the source does not print is not here: a muscle without a row is not in a table, a missing entry is ``None``.
+Entries that the source does not print are missing: a muscle without a row is not in a table, other gaps are ``None``.
 Lengths are in m and m/s, printed in mm; forces in N. Ranges are of l/l0, and those over which the fit was made.
 """
 
@@ -12,7 +12,7 @@ _MM = 1e-3
 
 
 class MuscleScale(NamedTuple):
-    """What lengths and forces of Tables 2.1-2.3 are divided by."""
+    """Length and force that normalize Tables 2.1-2.3."""
 
     resting_length: float
     """l0, length at which the isometric force is largest [m]."""

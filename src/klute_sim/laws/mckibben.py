@@ -1,7 +1,7 @@
 """The McKibben pneumatic muscle (dissertation chapter 3): gas, then bladder, then the friction offset.
 
-``F = -P dV/dL + Vb dW/dL - Ff``: each term is a function of its own, and every one is *added* with its
-sign, so a caller can keep a ledger line per term. ``lambda_1 = L/L0``; the muscle never exceeds L0 (the
+``F = -P dV/dL + Vb dW/dL - Ff``: each term is a separate function, and all are *added* with their
+signs, so a caller can account for each term. ``lambda_1 = L/L0``; the muscle never exceeds L0 (the
 stop is kept by the device, which solves for the length).
 
 Several equal actuators in parallel are one :class:`Muscle` with ``actuators`` > 1.
@@ -14,7 +14,7 @@ FRICTION_FADE_PRESSURE = 2.0e5
 """Gauge pressure [Pa] below which the friction offset is faded out (assumed; fitted data start at 2 bar)."""
 
 
-class Muscle(NamedTuple):
+class MuscleParameters(NamedTuple):
     """Parameters of ``actuators`` equal McKibben actuators in parallel."""
 
     n_actuators: float
@@ -39,12 +39,12 @@ class Muscle(NamedTuple):
     """b, friction offset at zero pressure, per actuator, signed as printed [N]."""
 
 
-def lock_length(muscle: Muscle) -> float:
+def lock_length(muscle: MuscleParameters) -> float:
     """Length [m] at which gas pressure no longer pulls: ``B / sqrt(3)`` (braid angle 54.7 degrees)."""
     return muscle.braid_length / math.sqrt(3.0)
 
 
-def volume(muscle: Muscle, length: float) -> float:
+def volume(muscle: MuscleParameters, length: float) -> float:
     """Gas volume [m3] of all actuators at ``length`` [m]: ``L (B^2 - L^2) / (4 pi N^2)``.
 
     Chou & Hannaford 1996; the cylinder inside a braid of inextensible threads, no dead volume.
@@ -53,7 +53,7 @@ def volume(muscle: Muscle, length: float) -> float:
     return muscle.n_actuators * length * (b * b - length * length) / (4.0 * math.pi * n * n)
 
 
-def gas_force(muscle: Muscle, pressure: float, length: float) -> float:
+def gas_force(muscle: MuscleParameters, pressure: float, length: float) -> float:
     """Tension [N] from gauge ``pressure`` [Pa] at ``length`` [m]: ``-P dV/dL = P (3 L^2 - B^2) / (4 pi N^2)``.
 
     Gaylord 1958, Schulte 1961; the geometric model of dissertation chapter 3. Negative below the lock
@@ -63,14 +63,14 @@ def gas_force(muscle: Muscle, pressure: float, length: float) -> float:
     return muscle.n_actuators * pressure * (3.0 * length * length - b * b) / (4.0 * math.pi * n * n)
 
 
-def bladder_volume(muscle: Muscle) -> float:
+def bladder_volume(muscle: MuscleParameters) -> float:
     """Rubber volume [m3] of one bladder: ``pi L0 (R0^2 - (R0 - t0)^2)``, with R0 the outer radius (3.3)."""
     inner = muscle.bladder_radius - muscle.bladder_thickness
     outer = muscle.bladder_radius
     return math.pi * muscle.resting_length * (outer * outer - inner * inner)
 
 
-def _bladder_stretches(muscle: Muscle, length: float) -> tuple[float, float, float]:
+def _bladder_stretches(muscle: MuscleParameters, length: float) -> tuple[float, float, float]:
     """Squared stretches ``lambda_1^2``, ``lambda_2^2`` and ``k`` with ``lambda_2^2 = 1 + k (1 - lambda_1^2)``."""
     ratio = length / muscle.resting_length
     a = ratio * ratio
@@ -79,7 +79,7 @@ def _bladder_stretches(muscle: Muscle, length: float) -> tuple[float, float, flo
     return a, 1.0 + k * (1.0 - a), k
 
 
-def bladder_energy(muscle: Muscle, length: float) -> float:
+def bladder_energy(muscle: MuscleParameters, length: float) -> float:
     """Elastic energy [J] of all bladders at ``length`` [m]: ``Vb (C10 (I1 - 3) + C01 (I2 - 3))``, eq. (3.3).
 
     Incompressible Mooney-Rivlin rubber that follows the braid; zero at L0.
@@ -91,7 +91,7 @@ def bladder_energy(muscle: Muscle, length: float) -> float:
     return muscle.n_actuators * bladder_volume(muscle) * density
 
 
-def bladder_force(muscle: Muscle, length: float) -> float:
+def bladder_force(muscle: MuscleParameters, length: float) -> float:
     """Tension [N] from the bladders at ``length`` [m]: ``Vb dW/dL``, eq. (3.3).
 
     Zero at L0 and negative below it: the bladder resists contraction and re-extends a slack muscle. It is
@@ -109,7 +109,7 @@ def bladder_force(muscle: Muscle, length: float) -> float:
     return muscle.n_actuators * bladder_volume(muscle) * dw_dlambda / muscle.resting_length
 
 
-def friction_force(muscle: Muscle, pressure: float) -> float:
+def friction_force(muscle: MuscleParameters, pressure: float) -> float:
     """Tension [N] of the printed friction at gauge ``pressure`` [Pa]: ``-(m P + b) min(1, P / 2 bar)``.
 
     Table 3.1 fits ``Ff = m P + b`` to data at 2-5 bar. As printed it is an *offset*: it has no sign of
@@ -120,6 +120,6 @@ def friction_force(muscle: Muscle, pressure: float) -> float:
     return -muscle.n_actuators * (muscle.friction_slope * pressure + muscle.friction_offset) * fade
 
 
-def force(muscle: Muscle, pressure: float, length: float) -> float:
+def force(muscle: MuscleParameters, pressure: float, length: float) -> float:
     """Tension [N] of the whole muscle at gauge ``pressure`` [Pa] and ``length`` [m]; may be negative."""
     return gas_force(muscle, pressure, length) + bladder_force(muscle, length) + friction_force(muscle, pressure)

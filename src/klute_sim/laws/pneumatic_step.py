@@ -1,77 +1,79 @@
-"""How a muscle is filled and emptied: valves with a limited flow, the muscle's own volume, leaks, a tank.
+"""One time step of the muscle's air: valves with limited flow, the muscle's volume, leaks and a tank.
 
-One step has two halves. First air flows while the muscle keeps its volume (:func:`charge`): one scalar equation for the
-pressure at the end, bracketed and monotone, so that stiff valves and small volumes are no matter. Then the muscle moves
-and takes its air along (:func:`felt`): closed, ``p V^n`` stays. Closed air therefore obeys its
-closed form, and at constant temperature pressure, volume and mass obey the gas law to the last bits. Air comes with the
-supply's temperature and leaves with the muscle's own, p V/(m R).
+A step has two halves. First air flows while the muscle keeps its volume (:func:`charge`). This is one scalar, monotone,
+bracketed equation for the pressure at the end, so stiff valves and small volumes need no special treatment. Then the
+muscle moves with its air enclosed (:func:`pressure_after_motion`): ``p V^n`` is constant. Enclosed air therefore
+follows its closed form, and at constant temperature pressure, volume and mass satisfy the gas law to the last bits. Air
+enters with the supply's temperature and leaves with that of the muscle, p V/(m R).
 
-Pressures are gauge [Pa] unless said otherwise.
+Pressures are gauge [Pa] unless stated otherwise.
 """
 
 import math
 from typing import NamedTuple
 
 from klute_sim.laws import valve
-from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT, ATMOSPHERIC_PRESSURE, Supply, air_mass, regulate
+from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT, ATMOSPHERIC_PRESSURE, SupplyParameters, air_mass, regulate
 from klute_sim.laws.valve import Restriction
 
 LEAK_CRITICAL_RATIO = 0.5
-"""Critical pressure ratio of a leak (assumed: a hole with rounded edges)."""
+"""Critical pressure ratio of a leak [1] (assumed: a hole with rounded edges)."""
 PRESSURE_TOLERANCE = 1e-12
-"""Of the pressure after a flow, relative to the absolute pressure."""
+"""Tolerance of the pressure after a flow, relative to the absolute pressure [1]."""
 MAX_ITERATIONS = 100
+"""Maximum number of iterations for the pressure after a flow."""
 
 
 class GasState(NamedTuple):
-    """What the supply remembers; all zero for a vented muscle at its resting length and a full tank."""
+    """Internal state of the supply; all zero for a vented muscle at its resting length and a full tank."""
 
     surplus_mass: float = 0.0
-    """Air in muscle and dead volume [kg], beyond what is in there vented at resting length."""
+    """Air in muscle and dead volume beyond that of a vented muscle at its resting length [kg]."""
     drawn_mass: float = 0.0
-    """Air taken from tank or compressor since the start [kg]."""
+    """Air drawn from tank or compressor since the start [kg]."""
     pwm_phase: float = 0.0
-    """Of an on/off valve's period [1]."""
+    """Phase within the period of an on/off valve [1]."""
     pressure_disturbance: float = 0.0
-    """What a change of the volume did to the pressure, and the regulator has not made up for [Pa]."""
+    """Pressure change by volume changes that the regulator has not compensated yet [Pa]."""
     leaked_mass: float = 0.0
     """Air lost through a leak since the start [kg]."""
     pwm_duty: float = 0.0
-    """That an on/off valve was told when its period began, -1 ... 1."""
+    """Commanded duty of an on/off valve at the start of its period, -1 (exhaust) to 1 (fill)."""
 
 
 N_GAS_STATES = len(GasState._fields)
+"""Number of states of the supply."""
 
 
 class AirCharge(NamedTuple):
     """The muscle's air after the flow of a step, before the muscle moves."""
 
     pressure: float
-    """[Pa]"""
+    """Gauge pressure [Pa]."""
     pressure_disturbance: float
-    """Still to be made up for, at the start of the step [Pa]."""
+    """Disturbance that the regulator has not compensated at the start of the step [Pa]."""
     disturbance_fraction: float
-    """Share of a disturbance that is left at the end of the step [1]."""
+    """Fraction of a disturbance that remains at the end of the step [1]."""
     polytropic_exponent: float
-    """[1]"""
+    """Polytropic exponent of the air [1]."""
     volume: float
-    """With the dead volume, before the muscle moves [m3]."""
+    """Volume of muscle and dead volume before the muscle moves [m3]."""
     dead_volume: float
-    """[m3]"""
+    """Dead volume [m3]."""
     valve_mass: float
-    """Air that came through the valve [kg]; negative: went."""
+    """Air that entered through the valve [kg]; negative for air that left."""
     leaked_mass: float
-    """[kg]"""
+    """Air lost through the leak during the step [kg]."""
     pwm_phase: float
-    """Of an on/off valve's period after the step [1]."""
+    """Phase within the period of an on/off valve after the step [1]."""
     pwm_duty: float
-    """That it was told when that period began."""
+    """Commanded duty at the start of that period, -1 to 1."""
     draws_from_supply: bool
-    """Whether the valve stands towards the supply."""
+    """Whether the valve connects the muscle to the supply."""
 
 
-def is_ideal(supply: Supply) -> bool:
-    """Whether it is an ideal regulator, with nothing to remember."""
+def is_ideal(supply: SupplyParameters) -> bool:
+    """Return whether the supply is an ideal regulator without internal state."""
     return (
         supply.fill_conductance == 0.0
         and supply.leak_conductance == 0.0
@@ -80,18 +82,18 @@ def is_ideal(supply: Supply) -> bool:
     )
 
 
-def supply_pressure(supply: Supply, drawn_mass: float) -> float:
-    """Pressure [Pa] that the supply has when ``drawn`` [kg] of air were taken: its own, or what the tank still has."""
+def supply_pressure(supply: SupplyParameters, drawn_mass: float) -> float:
+    """Return the pressure [Pa] upstream of the valve after ``drawn_mass`` [kg] of air has been drawn from a tank."""
     if supply.tank_volume == 0.0:
         return supply.max_pressure
-    left = supply.tank_pressure - drawn_mass * AIR_GAS_CONSTANT * supply.temperature / supply.tank_volume
-    return min(supply.max_pressure, max(left, 0.0))
+    remaining = supply.tank_pressure - drawn_mass * AIR_GAS_CONSTANT * supply.temperature / supply.tank_volume
+    return min(supply.max_pressure, max(remaining, 0.0))
 
 
-def equilibrium_gas(supply: Supply, pressure: float, volume: float, resting_volume: float) -> GasState:
-    """What is remembered after a long time at ``pressure`` in ``volume`` [m3], the tank full again.
+def equilibrium_gas(supply: SupplyParameters, pressure: float, volume: float, resting_volume: float) -> GasState:
+    """Return the state after a long time at ``pressure`` [Pa] in ``volume`` [m3], with a full tank.
 
-    ``rest_volume`` [m3] is that of the muscle at its resting length; both without dead volume.
+    ``resting_volume`` [m3] is that of the muscle at its resting length; both are without dead volume.
     """
     vented = air_mass(0.0, resting_volume + supply.dead_volume, supply.temperature)
     return GasState(
@@ -100,46 +102,46 @@ def equilibrium_gas(supply: Supply, pressure: float, volume: float, resting_volu
 
 
 class PwmPulse(NamedTuple):
-    """What an on/off valve does in a step."""
+    """Action of an on/off valve during a step."""
 
     open_fraction: float
-    """Of the step in which it is open [1]; negative: towards the room."""
+    """Fraction of the step in which the valve is open [1]; negative: open to the room."""
     duty: float
-    """That it was told when its period began [1], with the same sign."""
+    """Commanded duty at the start of the period at the end of the step, -1 to 1."""
     phase: float
-    """Of its period, at the end of the step [1]."""
+    """Phase within the period at the end of the step [1]."""
 
 
-def step_pwm(supply: Supply, opening: float, duty: float, phase: float, dt: float) -> PwmPulse:
-    """An on/off valve under ``opening`` (-1 ... 1) for a ``step`` [s] that begins at ``phase`` of its period.
+def step_pwm(supply: SupplyParameters, opening: float, duty: float, phase: float, dt: float) -> PwmPulse:
+    """Advance an on/off valve under ``opening`` (-1 to 1) by ``dt`` [s] from ``phase`` of its period.
 
-    A pulse as wide as the opening begins with each period; until then the ``duty`` of the last one holds. One that is
-    too short is left out, a pause that is too short is filled.
+    Each period begins with a pulse whose width is the opening; until then the ``duty`` of the last period applies. A
+    pulse shorter than ``min_pulse`` is omitted, and a pause shorter than that is closed.
     """
-    asked = abs(opening)
-    if asked * supply.pwm_period < supply.min_pulse:
-        asked = 0.0
-    elif (1.0 - asked) * supply.pwm_period < supply.min_pulse:
-        asked = 1.0
-    fresh = math.copysign(asked, opening)
+    width = abs(opening)
+    if width * supply.pwm_period < supply.min_pulse:
+        width = 0.0
+    elif (1.0 - width) * supply.pwm_period < supply.min_pulse:
+        width = 1.0
+    new_duty = math.copysign(width, opening)
     if phase == 0.0:
-        duty = fresh
+        duty = new_duty
     periods = dt / supply.pwm_period
     end = phase + periods
-    wide = abs(duty)
-    on = math.copysign(max(min(end, wide, 1.0) - min(phase, wide), 0.0), duty)
+    old_width = abs(duty)
+    open_periods = math.copysign(max(min(end, old_width, 1.0) - min(phase, old_width), 0.0), duty)
     if end >= 1.0:
-        whole = math.floor(end - 1.0)
-        on += fresh * whole + math.copysign(min(end - 1.0 - whole, asked), fresh)
-        duty = fresh
-        end -= 1.0 + whole
-    return PwmPulse(on / periods, duty, end)
+        full_periods = math.floor(end - 1.0)
+        open_periods += new_duty * full_periods + math.copysign(min(end - 1.0 - full_periods, width), new_duty)
+        duty = new_duty
+        end -= 1.0 + full_periods
+    return PwmPulse(open_periods / periods, duty, end)
 
 
-def valve_opening(supply: Supply, pressure: float, target: float) -> float:
-    """Opening of a proportional valve, -1 (exhaust) to 1 (fill), at ``pressure`` with ``target`` asked for [Pa].
+def valve_opening(supply: SupplyParameters, pressure: float, target: float) -> float:
+    """Return the opening of a proportional valve, -1 (exhaust) to 1 (fill), for ``pressure`` and ``target`` [Pa].
 
-    ``gain (target - pressure)``; without a gain fully towards the target.
+    ``gain (target - pressure)``; without a gain the valve is fully open towards the target.
     """
     if supply.valve_gain == 0.0:
         return 1.0 if target >= pressure else -1.0
@@ -147,23 +149,25 @@ def valve_opening(supply: Supply, pressure: float, target: float) -> float:
 
 
 def valve_flow(
-    supply: Supply, source_pressure: float, pressure: float, opening: float, gas_temperature: float
+    supply: SupplyParameters, source_pressure: float, pressure: float, opening: float, gas_temperature: float
 ) -> float:
-    """Mass flow [kg/s] through a valve that is ``opened`` -1 ... 1, into the muscle; from ``source`` or to the room.
+    """Return the mass flow [kg/s] into the muscle through a valve with ``opening`` -1 to 1.
 
-    The air in the muscle has the temperature ``warmth`` [K]. A check valve keeps it from going back into the source
-    (assumed).
+    The air comes from a source at ``source_pressure`` [Pa] or leaves to the room. The muscle's air has ``pressure``
+    [Pa] and ``gas_temperature`` [K]. A check valve prevents flow back into the source (assumed).
     """
     inside = pressure + ATMOSPHERIC_PRESSURE
     if opening >= 0.0:
-        way = Restriction(supply.fill_conductance * opening, supply.fill_critical_ratio)
-        return max(valve.mass_flow(way, source_pressure + ATMOSPHERIC_PRESSURE, inside, supply.temperature), 0.0)
-    way = Restriction(-supply.exhaust_conductance * opening, supply.exhaust_critical_ratio)
-    return -valve.mass_flow(way, inside, ATMOSPHERIC_PRESSURE, gas_temperature)
+        restriction = Restriction(supply.fill_conductance * opening, supply.fill_critical_ratio)
+        return max(
+            valve.mass_flow(restriction, source_pressure + ATMOSPHERIC_PRESSURE, inside, supply.temperature), 0.0
+        )
+    restriction = Restriction(-supply.exhaust_conductance * opening, supply.exhaust_critical_ratio)
+    return -valve.mass_flow(restriction, inside, ATMOSPHERIC_PRESSURE, gas_temperature)
 
 
-def leak_flow(supply: Supply, pressure: float, gas_temperature: float) -> float:
-    """Mass flow [kg/s] out of the leak of a muscle whose air has the temperature ``warmth`` [K]."""
+def leak_flow(supply: SupplyParameters, pressure: float, gas_temperature: float) -> float:
+    """Return the mass flow [kg/s] out of the leak of a muscle whose air has ``gas_temperature`` [K]."""
     if supply.leak_conductance == 0.0:
         return 0.0
     return valve.mass_flow(
@@ -175,49 +179,49 @@ def leak_flow(supply: Supply, pressure: float, gas_temperature: float) -> float:
 
 
 class _FlowProblem(NamedTuple):
-    """A step's flow, for the search of the pressure that it ends at."""
+    """Flow of one step, whose final pressure is to be found."""
 
     initial_pressure: float
-    """Pressure before [Pa]."""
+    """Pressure before the step [Pa]."""
     source_pressure: float
-    """Of the supply [Pa]."""
+    """Pressure of the supply [Pa]."""
     target_pressure: float
-    """That is asked for [Pa]."""
+    """Commanded pressure [Pa]."""
     opening: float
-    """Of the valve, if it ``stays``."""
+    """Opening of the valve, if it is fixed, -1 to 1."""
     opening_is_fixed: bool
-    """Whether the valve stays as it is, or opens with what is missing."""
+    """Whether the opening is fixed; otherwise it follows the pressure error."""
     gas_temperature: float
-    """Of the air in the muscle [K]."""
+    """Temperature of the air in the muscle [K]."""
     pressure_per_inflow: float
-    """Pressure per mass that comes in [Pa/kg]."""
+    """Pressure change per mass that enters [Pa/kg]."""
     pressure_per_outflow: float
-    """Pressure per mass that goes out [Pa/kg]."""
+    """Pressure change per mass that leaves [Pa/kg]."""
     dt: float
-    """[s]"""
+    """Time step [s]."""
 
 
-def _opening_at(supply: Supply, problem: _FlowProblem, pressure: float) -> float:
-    """Opening of the valve at the pressure ``after`` [Pa]."""
+def _opening_at(supply: SupplyParameters, problem: _FlowProblem, pressure: float) -> float:
+    """Return the opening of the valve at the final ``pressure`` [Pa]."""
     return problem.opening if problem.opening_is_fixed else valve_opening(supply, pressure, problem.target_pressure)
 
 
-def _pressure_residual(supply: Supply, problem: _FlowProblem, pressure: float) -> float:
-    """By how much ``after`` [Pa] is above what the flow there leads to; rises with ``after``."""
+def _pressure_residual(supply: SupplyParameters, problem: _FlowProblem, pressure: float) -> float:
+    """Return ``pressure`` minus the pressure to which the flow at ``pressure`` leads [Pa]; increases with it."""
     through = valve_flow(
         supply, problem.source_pressure, pressure, _opening_at(supply, problem, pressure), problem.gas_temperature
     )
     out = leak_flow(supply, pressure, problem.gas_temperature)
-    came, went = max(through, 0.0) + max(-out, 0.0), max(-through, 0.0) + max(out, 0.0)
+    inflow, outflow = max(through, 0.0) + max(-out, 0.0), max(-through, 0.0) + max(out, 0.0)
     return (
         pressure
         - problem.initial_pressure
-        - problem.dt * (problem.pressure_per_inflow * came - problem.pressure_per_outflow * went)
+        - problem.dt * (problem.pressure_per_inflow * inflow - problem.pressure_per_outflow * outflow)
     )
 
 
-def _solve_pressure(supply: Supply, problem: _FlowProblem) -> float:
-    """Pressure [Pa] at the end of a flow: Ridders' method, bracketed by room and source."""
+def _solve_pressure(supply: SupplyParameters, problem: _FlowProblem) -> float:
+    """Return the pressure [Pa] at the end of a flow: Ridders' method, bracketed by room and source."""
     low, high = min(0.0, problem.initial_pressure), max(problem.initial_pressure, problem.source_pressure)
     f_low, f_high = _pressure_residual(supply, problem, low), _pressure_residual(supply, problem, high)
     if not f_low < 0.0:
@@ -248,11 +252,18 @@ def _solve_pressure(supply: Supply, problem: _FlowProblem) -> float:
 
 
 def charge(
-    supply: Supply, gas: GasState, pressure: float, target: float, volume: float, resting_volume: float, dt: float
+    supply: SupplyParameters,
+    gas: GasState,
+    pressure: float,
+    target: float,
+    volume: float,
+    resting_volume: float,
+    dt: float,
 ) -> AirCharge:
-    """The flow of one ``step`` [s] into a muscle of ``volume`` [m3] (at rest ``rest_volume``), from ``pressure`` [Pa].
+    """Return the air after the flow of one step ``dt`` [s] into a muscle of ``volume`` [m3] at ``pressure`` [Pa].
 
-    ``target`` is the pressure that is asked for [Pa], or the opening if the supply takes openings.
+    ``target`` is the commanded pressure [Pa], or the opening if the supply takes openings. ``resting_volume`` [m3] is
+    that of the muscle at its resting length.
     """
     if supply.fill_conductance == 0.0:
         return _charge_by_regulator(supply, gas, pressure, target, volume + supply.dead_volume, dt)
@@ -260,31 +271,31 @@ def charge(
 
 
 def _charge_by_regulator(
-    supply: Supply, gas: GasState, pressure: float, target: float, total_volume: float, dt: float
+    supply: SupplyParameters, gas: GasState, pressure: float, target: float, total_volume: float, dt: float
 ) -> AirCharge:
-    """:func:`charge` of a regulator that gives any flow; ``whole`` volume [m3]."""
+    """Return the air after the flow from a regulator of unlimited flow; ``total_volume`` [m3] includes dead volume."""
     per_mass, source = AIR_GAS_CONSTANT * supply.temperature / total_volume, supply_pressure(supply, gas.drawn_mass)
-    # A tank that has sunk below the muscle cannot fill it: the air is closed in, and can only be let out.
-    shut = supply.tank_volume > 0.0 and pressure >= source
-    before = pressure if shut else pressure - gas.pressure_disturbance
+    # A tank at a lower pressure than the muscle cannot fill it: the air is enclosed and can only be exhausted.
+    is_enclosed = supply.tank_volume > 0.0 and pressure >= source
+    before = pressure if is_enclosed else pressure - gas.pressure_disturbance
     leaked = min(leak_flow(supply, before, supply.temperature) * dt, max(before, 0.0) / per_mass)
     after = regulate(supply, before - per_mass * leaked, target, dt)
     volume, exponent = supply.dead_volume, supply.polytropic_exponent
-    # What the regulator lets in is known when the muscle has moved.
-    came = 0.0
-    if shut:
+    # The inflow is known only after the muscle has moved (update_gas).
+    inflow = 0.0
+    if is_enclosed:
         after = min(after, before - per_mass * leaked)
-        return AirCharge(after, 0.0, 1.0, 1.0, total_volume, volume, came, leaked, gas.pwm_phase, gas.pwm_duty, True)
-    kept = supply.regulator_time_constant / (supply.regulator_time_constant + dt)
+        return AirCharge(after, 0.0, 1.0, 1.0, total_volume, volume, inflow, leaked, gas.pwm_phase, gas.pwm_duty, True)
+    remaining_fraction = supply.regulator_time_constant / (supply.regulator_time_constant + dt)
     after = min(after, source)
     return AirCharge(
         after,
         gas.pressure_disturbance,
-        kept,
+        remaining_fraction,
         exponent,
         total_volume,
         volume,
-        came,
+        inflow,
         leaked,
         gas.pwm_phase,
         gas.pwm_duty,
@@ -293,107 +304,133 @@ def _charge_by_regulator(
 
 
 def _charge_by_valve(
-    supply: Supply, gas: GasState, pressure: float, target: float, volume: float, resting_volume: float, dt: float
+    supply: SupplyParameters,
+    gas: GasState,
+    pressure: float,
+    target: float,
+    volume: float,
+    resting_volume: float,
+    dt: float,
 ) -> AirCharge:
-    """:func:`charge` through a valve: ``dp = n/V (R T_in dm_in - R T dm_out)`` with ``p V = m R T`` inside."""
-    whole, source = volume + supply.dead_volume, supply_pressure(supply, gas.drawn_mass)
+    """Return the air after the flow through a valve.
+
+    ``dp = n/V (R T_in dm_in - R T dm_out)`` with ``p V = m R T`` in the muscle.
+    """
+    total_volume, source = volume + supply.dead_volume, supply_pressure(supply, gas.drawn_mass)
     mass = enclosed_air_mass(supply, gas, pressure, volume, resting_volume)
     if supply.thermal_time_constant > 0.0 and supply.polytropic_exponent != 1.0:
-        cool = mass * AIR_GAS_CONSTANT * supply.temperature / whole - ATMOSPHERIC_PRESSURE
-        pressure += (cool - pressure) * dt / (supply.thermal_time_constant + dt)
-    fixed, stays, phase, duty = 0.0, True, gas.pwm_phase, gas.pwm_duty
+        isothermal = mass * AIR_GAS_CONSTANT * supply.temperature / total_volume - ATMOSPHERIC_PRESSURE
+        pressure += (isothermal - pressure) * dt / (supply.thermal_time_constant + dt)
+    opening, opening_is_fixed, phase, duty = 0.0, True, gas.pwm_phase, gas.pwm_duty
     if supply.command_is_opening != 0.0:
-        fixed = min(max(target, -1.0), 1.0)
+        opening = min(max(target, -1.0), 1.0)
     elif supply.valve_gain == 0.0 or supply.pwm_period > 0.0:
-        fixed = valve_opening(supply, pressure, target)
+        opening = valve_opening(supply, pressure, target)
     else:
-        stays = False
+        opening_is_fixed = False
     if supply.pwm_period > 0.0:
-        pulse = step_pwm(supply, fixed, duty, phase, dt)
-        fixed, duty, phase = pulse.open_fraction, pulse.duty, pulse.phase
+        pulse = step_pwm(supply, opening, duty, phase, dt)
+        opening, duty, phase = pulse.open_fraction, pulse.duty, pulse.phase
     inside = pressure + ATMOSPHERIC_PRESSURE
-    flowing = _FlowProblem(
+    problem = _FlowProblem(
         initial_pressure=pressure,
         source_pressure=source,
         target_pressure=target,
-        opening=fixed,
-        opening_is_fixed=stays,
-        gas_temperature=inside * whole / (mass * AIR_GAS_CONSTANT),
-        pressure_per_inflow=supply.polytropic_exponent * AIR_GAS_CONSTANT * supply.temperature / whole,
+        opening=opening,
+        opening_is_fixed=opening_is_fixed,
+        gas_temperature=inside * total_volume / (mass * AIR_GAS_CONSTANT),
+        pressure_per_inflow=supply.polytropic_exponent * AIR_GAS_CONSTANT * supply.temperature / total_volume,
         pressure_per_outflow=supply.polytropic_exponent * inside / mass,
         dt=dt,
     )
-    shut = stays and fixed == 0.0
+    is_closed = opening_is_fixed and opening == 0.0
     after = pressure
-    if not shut or supply.leak_conductance > 0.0:
-        after = _solve_pressure(supply, flowing)
+    if not is_closed or supply.leak_conductance > 0.0:
+        after = _solve_pressure(supply, problem)
     if supply.valve_gain == 0.0 and supply.command_is_opening == 0.0 and supply.pwm_period == 0.0:
-        # A perfect pilot closes where it has arrived.
-        after = min(after, max(target, pressure)) if fixed >= 0.0 else max(after, target)
-        most = supply.max_pressure_rate * dt
-        after = min(max(after, pressure - most), pressure + most)
-    lost = leak_flow(supply, after, flowing.gas_temperature) * dt
-    # The valve's part by difference, so that pressure and mass agree to the last bits.
-    rest = (
-        after - pressure + flowing.pressure_per_outflow * max(lost, 0.0) - flowing.pressure_per_inflow * max(-lost, 0.0)
+        # An ideal pilot stage closes the valve at the target.
+        after = min(after, max(target, pressure)) if opening >= 0.0 else max(after, target)
+        max_change = supply.max_pressure_rate * dt
+        after = min(max(after, pressure - max_change), pressure + max_change)
+    leaked = leak_flow(supply, after, problem.gas_temperature) * dt
+    # The mass through the valve is a difference, so that pressure and mass agree to the last bits.
+    difference = (
+        after
+        - pressure
+        + problem.pressure_per_outflow * max(leaked, 0.0)
+        - problem.pressure_per_inflow * max(-leaked, 0.0)
     )
-    through = rest / flowing.pressure_per_inflow if rest > 0.0 else rest / flowing.pressure_per_outflow
-    if shut:
-        lost, through = lost - through, 0.0
-    # Above the room's pressure, what comes in comes from the tank, wherever a pilot stands that makes up for a leak.
-    draws = _opening_at(supply, flowing, after) >= 0.0 or after > 0.0
+    through = (
+        difference / problem.pressure_per_inflow if difference > 0.0 else difference / problem.pressure_per_outflow
+    )
+    if is_closed:
+        leaked, through = leaked - through, 0.0
+    # Above room pressure all inflow comes from the supply, also while a pilot stage compensates a leak.
+    draws_from_supply = _opening_at(supply, problem, after) >= 0.0 or after > 0.0
     return AirCharge(
-        after, 0.0, 1.0, supply.polytropic_exponent, whole, supply.dead_volume, through, lost, phase, duty, draws
+        after,
+        0.0,
+        1.0,
+        supply.polytropic_exponent,
+        total_volume,
+        supply.dead_volume,
+        through,
+        leaked,
+        phase,
+        duty,
+        draws_from_supply,
     )
 
 
 def constant_pressure(pressure: float) -> AirCharge:
-    """Air that stays at ``pressure`` [Pa] whatever the muscle does."""
+    """Return air that keeps ``pressure`` [Pa] for any motion of the muscle."""
     return AirCharge(pressure, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, True)
 
 
-def charge_ideal(supply: Supply, pressure: float, target: float, dt: float) -> AirCharge:
-    """The same of a supply that is :func:`plain`, which remembers nothing."""
+def charge_ideal(supply: SupplyParameters, pressure: float, target: float, dt: float) -> AirCharge:
+    """Return the air after a step ``dt`` [s] of an ideal regulator (:func:`is_ideal`)."""
     return constant_pressure(regulate(supply, pressure, target, dt))
 
 
-def enclosed_air_mass(supply: Supply, gas: GasState, pressure: float, volume: float, resting_volume: float) -> float:
-    """Air in muscle and dead volume [kg]; volumes [m3] as in :func:`rested`."""
+def enclosed_air_mass(
+    supply: SupplyParameters, gas: GasState, pressure: float, volume: float, resting_volume: float
+) -> float:
+    """Return the air in muscle and dead volume [kg]; volumes [m3] as in :func:`equilibrium_gas`."""
     if is_ideal(supply):
         return air_mass(pressure, volume + supply.dead_volume, supply.temperature)
     return gas.surplus_mass + air_mass(0.0, resting_volume + supply.dead_volume, supply.temperature)
 
 
 def pressure_after_motion(air: AirCharge, volume: float) -> float:
-    """Pressure [Pa] in the muscle when it has moved to ``volume`` [m3], without the dead volume."""
+    """Return the pressure [Pa] after the muscle has moved to ``volume`` [m3], without the dead volume."""
     if air.disturbance_fraction == 0.0:
         return air.pressure
     before = air.pressure + air.pressure_disturbance + ATMOSPHERIC_PRESSURE
     ratio = air.volume / (volume + air.dead_volume)
-    squeezed = before * (math.pow(ratio, air.polytropic_exponent) - 1.0)
-    return air.pressure + air.disturbance_fraction * (air.pressure_disturbance + squeezed)
+    compression = before * (math.pow(ratio, air.polytropic_exponent) - 1.0)
+    return air.pressure + air.disturbance_fraction * (air.pressure_disturbance + compression)
 
 
 def update_gas(
-    supply: Supply, gas: GasState, air: AirCharge, pressure: float, volume: float, resting_volume: float
+    supply: SupplyParameters, gas: GasState, air: AirCharge, pressure: float, volume: float, resting_volume: float
 ) -> GasState:
-    """What is remembered when the muscle has moved to ``volume`` [m3], where its air has ``pressure`` [Pa].
+    """Return the state after the muscle has moved to ``volume`` [m3] and its air has ``pressure`` [Pa].
 
-    ``rest_volume`` [m3] is that of the muscle at its resting length; both without dead volume.
+    ``resting_volume`` [m3] is that of the muscle at its resting length; both are without dead volume.
     """
     if supply.fill_conductance == 0.0:
-        # A regulator gives whatever the gas law then asks for; being squeezed takes no air.
-        squeezed = pressure - air.pressure
+        # The regulator supplies the mass of the gas law; compression by the muscle draws no air.
+        compression = pressure - air.pressure
         surplus = equilibrium_gas(
-            supply, air.pressure + squeezed / air.polytropic_exponent, volume, resting_volume
+            supply, air.pressure + compression / air.polytropic_exponent, volume, resting_volume
         ).surplus_mass
         through = surplus - gas.surplus_mass + air.leaked_mass
-        drawn, lost = gas.drawn_mass + max(through, 0.0), gas.leaked_mass + air.leaked_mass
-        # Air that is closed in has no regulator that would make up for anything.
-        left = squeezed if air.disturbance_fraction < 1.0 else 0.0
-        return GasState(surplus, drawn, air.pwm_phase, left, lost, air.pwm_duty)
-    drawn, lost = (
-        gas.drawn_mass + (max(air.valve_mass, 0.0) if air.draws_from_supply else 0.0),
-        gas.leaked_mass + air.leaked_mass,
+        drawn, leaked = gas.drawn_mass + max(through, 0.0), gas.leaked_mass + air.leaked_mass
+        # No regulator compensates the pressure of enclosed air.
+        disturbance = compression if air.disturbance_fraction < 1.0 else 0.0
+        return GasState(surplus, drawn, air.pwm_phase, disturbance, leaked, air.pwm_duty)
+    drawn = gas.drawn_mass + (max(air.valve_mass, 0.0) if air.draws_from_supply else 0.0)
+    leaked = gas.leaked_mass + air.leaked_mass
+    return GasState(
+        gas.surplus_mass + air.valve_mass - air.leaked_mass, drawn, air.pwm_phase, 0.0, leaked, air.pwm_duty
     )
-    return GasState(gas.surplus_mass + air.valve_mass - air.leaked_mass, drawn, air.pwm_phase, 0.0, lost, air.pwm_duty)

@@ -1,58 +1,58 @@
-"""The gas: a pressure regulator that is ideal but for its rate, what else a supply can be, and the air that is held."""
+"""The gas: parameters of the supply, a pressure regulator with limited rate, and the mass of enclosed air."""
 
 from typing import NamedTuple
 
 ATMOSPHERIC_PRESSURE = 101_325.0
-"""Standard atmosphere [Pa], to turn gauge into absolute pressure."""
+"""Standard atmosphere, the difference of absolute and gauge pressure [Pa]."""
 AIR_GAS_CONSTANT = 287.05
 """Specific gas constant of dry air [J/(kg K)]."""
 ZERO_CELSIUS = 273.15
-"""0 degrees Celsius in kelvin."""
+"""Temperature of 0 degrees Celsius [K]."""
 
 
-class Supply(NamedTuple):
-    """What the supply can deliver: by its defaults an ideal regulator (:mod:`klute_sim.laws.pneumatic_step` has the rest)."""
+class SupplyParameters(NamedTuple):
+    """Parameters of the supply; the defaults are an ideal regulator, see :mod:`klute_sim.laws.pneumatic_step`."""
 
     max_pressure: float
-    """Highest gauge pressure [Pa]; commands are clipped to 0 ... this."""
+    """Maximum gauge pressure [Pa]; commands are clipped to 0 ... this pressure."""
     max_pressure_rate: float
-    """Fastest change of pressure, up or down [Pa/s]; of a regulator, not of a valve that is given a gain."""
+    """Maximum rate of pressure change in both directions [Pa/s]; applies to a regulator, not to a valve with a gain."""
     temperature: float
     """Gas temperature [K]."""
     fill_conductance: float = 0.0
-    """Sonic conductance from the supply into the muscle [m3/(s Pa)]; 0: an ideal regulator, without limit."""
+    """Sonic conductance from the supply into the muscle [m3/(s Pa)]; 0: an ideal regulator with unlimited flow."""
     fill_critical_ratio: float = 0.0
-    """Its critical pressure ratio [1]."""
+    """Critical pressure ratio of the fill path [1]."""
     exhaust_conductance: float = 0.0
     """Sonic conductance from the muscle into the room [m3/(s Pa)]."""
     exhaust_critical_ratio: float = 0.0
-    """Its critical pressure ratio [1]."""
+    """Critical pressure ratio of the exhaust path [1]."""
     valve_gain: float = 0.0
-    """Opening [1] of the valve per pressure that is missing [1/Pa]; 0: as far open as it takes, a perfect pilot."""
+    """Valve opening per pressure error [1/Pa]; 0: an ideal pilot stage, which opens the valve as far as needed."""
     command_is_opening: float = 0.0
     """1: commands are openings from -1 (exhaust) to 1 (fill); 0: commands are pressures."""
     pwm_period: float = 0.0
-    """Of the pulses of an on/off valve [s]; 0: a valve that opens in proportion."""
+    """Period of an on/off valve's pulses [s]; 0: a proportional valve."""
     min_pulse: float = 0.0
-    """Pulse or pause [s] that the on/off valve can still make."""
+    """Shortest pulse or pause of an on/off valve [s]."""
     polytropic_exponent: float = 1.0
-    """Polytropic, of the air in the muscle [1]: 1 if the walls keep its temperature, 1.4 if they give no heat."""
+    """Polytropic exponent of the air in the muscle [1]: 1 isothermal, 1.4 adiabatic."""
     thermal_time_constant: float = 0.0
-    """Time [s] in which that air takes the walls' temperature all the same; 0: never. Only where exponent is not 1."""
+    """Time constant of heat exchange with the walls [s]; 0: no exchange. Used only if the exponent is not 1."""
     dead_volume: float = 0.0
-    """Of fittings and line [m3]."""
+    """Volume of fittings and line [m3]."""
     leak_conductance: float = 0.0
     """Sonic conductance of a leak into the room [m3/(s Pa)]."""
     tank_volume: float = 0.0
-    """Volume of the tank that the supply lives on [m3]; 0: endless."""
+    """Volume of the tank that feeds the supply [m3]; 0: an unlimited source."""
     tank_pressure: float = 0.0
     """Gauge pressure in the full tank [Pa]."""
     regulator_time_constant: float = 0.0
-    """Time [s] in which a regulator makes up for what a change of the muscle's volume does; 0: at once."""
+    """Time constant with which a regulator compensates volume changes of the muscle [s]; 0: instantly."""
 
 
 def replace_supply_fields(
-    supply: Supply,
+    supply: SupplyParameters,
     fill_conductance: float,
     fill_critical_ratio: float,
     exhaust_conductance: float,
@@ -62,10 +62,10 @@ def replace_supply_fields(
     tank_volume: float,
     tank_pressure: float,
     regulator_time_constant: float,
-) -> Supply:
-    """``supply`` with these instead of its own."""
-    # What _replace would do, if a compiler knew it.
-    return Supply(
+) -> SupplyParameters:
+    """Return ``supply`` with these fields replaced."""
+    # numba does not compile NamedTuple._replace.
+    return SupplyParameters(
         supply.max_pressure,
         supply.max_pressure_rate,
         supply.temperature,
@@ -87,17 +87,17 @@ def replace_supply_fields(
     )
 
 
-def regulate(supply: Supply, pressure: float, command: float, dt: float) -> float:
-    """Gauge pressure [Pa] one ``step`` [s] later: ``command`` [Pa] clipped to the supply, then rate-limited."""
+def regulate(supply: SupplyParameters, pressure: float, command: float, dt: float) -> float:
+    """Return the pressure [Pa] after ``dt`` [s]: ``command`` [Pa] clipped to the supply's range, then rate-limited."""
     target = min(max(command, 0.0), supply.max_pressure)
-    most = supply.max_pressure_rate * dt
-    if target > pressure + most:
-        return pressure + most
-    if target < pressure - most:
-        return pressure - most
+    max_change = supply.max_pressure_rate * dt
+    if target > pressure + max_change:
+        return pressure + max_change
+    if target < pressure - max_change:
+        return pressure - max_change
     return target
 
 
 def air_mass(pressure: float, volume: float, temperature: float) -> float:
-    """Mass of air [kg] in ``volume`` [m3] at gauge ``pressure`` [Pa]: ideal gas at ``temperature`` [K]."""
+    """Return the mass of air [kg] in ``volume`` [m3] at gauge ``pressure`` [Pa]: ideal gas at ``temperature`` [K]."""
     return (pressure + ATMOSPHERIC_PRESSURE) * volume / (AIR_GAS_CONSTANT * temperature)

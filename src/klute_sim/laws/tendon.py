@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 
 
-class Tendon(NamedTuple):
+class TendonParameters(NamedTuple):
     """Two offset springs, or a rigid tie."""
 
     slack_length: float
@@ -20,10 +20,10 @@ class Tendon(NamedTuple):
     engagement_stretch: float
     """x0, stretch at which the second spring joins [m]."""
     is_rigid: bool
-    """True: a tie that neither stretches nor goes slack (a muscle clamped in a tester)."""
+    """Whether it is a rigid tie that neither stretches nor goes slack (a muscle clamped in a tester)."""
 
 
-def force(tendon: Tendon, stretch: float) -> float:
+def force(tendon: TendonParameters, stretch: float) -> float:
     """Tension [N] at ``stretch`` [m] beyond slack length: ``Ka x + Kb max(0, x - x0)``, 0 when slack."""
     if stretch <= 0.0:
         return 0.0
@@ -32,7 +32,7 @@ def force(tendon: Tendon, stretch: float) -> float:
     return tendon.stiffness_1 * stretch + tendon.stiffness_2 * (stretch - tendon.engagement_stretch)
 
 
-def stored_energy(tendon: Tendon, stretch: float) -> float:
+def stored_energy(tendon: TendonParameters, stretch: float) -> float:
     """Stored energy [J] at ``stretch`` [m] beyond slack length: the integral of :func:`force`."""
     if stretch <= 0.0:
         return 0.0
@@ -43,7 +43,7 @@ def stored_energy(tendon: Tendon, stretch: float) -> float:
     return stored
 
 
-def stretch_at_tension(tendon: Tendon, tension: float) -> float:
+def stretch_at_tension(tendon: TendonParameters, tension: float) -> float:
     """Stretch [m] under ``tension`` [N] >= 0: the inverse of :func:`force`; NaN for a rigid tie."""
     if tendon.is_rigid:
         return math.nan

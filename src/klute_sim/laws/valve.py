@@ -1,4 +1,4 @@
-"""Air through valves (ISO 6358), and how long it takes to fill and to empty a volume.
+"""Air flow through valves (ISO 6358), and the times to fill and to empty a volume.
 
 Pressures here are absolute. A restriction has a sonic conductance C and a critical pressure ratio b. Mass flow is
 positive in the direction of falling pressure.
@@ -10,9 +10,9 @@ from typing import NamedTuple
 from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT
 
 REFERENCE_DENSITY = 1.185
-"""Of air at the reference atmosphere of ISO 8778 [kg/m3]: 100 kPa, 20 degrees Celsius, 65 % humidity."""
+"""Density of air at the reference atmosphere of ISO 8778 [kg/m3]: 100 kPa, 20 degrees Celsius, 65 % humidity."""
 REFERENCE_TEMPERATURE = 293.15
-"""Of the same [K]."""
+"""Temperature of the same atmosphere [K]."""
 LAMINAR_PRESSURE_RATIO = 0.999
 """Ratio of pressures above which flow is proportional to their difference (ISO 6358: the square root has no slope)."""
 
@@ -36,7 +36,7 @@ def sonic_mass_flow(restriction: Restriction, upstream_pressure: float, temperat
 def flow_function(ratio: float, critical_ratio: float) -> float:
     """Flow over sonic flow at ``ratio`` = p2/p1 [1], ISO 6358: ``sqrt(1 - ((r - b)/(1 - b))^2)`` above b, 1 below.
 
-    From :data:`LAMINAR` on a line to 0 at equal pressures, which it has to have a finite slope.
+    Linear from :data:`LAMINAR_PRESSURE_RATIO` to 0 at equal pressures, so that the slope stays finite.
     """
     if ratio <= critical_ratio:
         return 1.0
@@ -44,10 +44,10 @@ def flow_function(ratio: float, critical_ratio: float) -> float:
         return 0.0
     edge = max(LAMINAR_PRESSURE_RATIO, critical_ratio)
     beyond = (min(ratio, edge) - critical_ratio) / (1.0 - critical_ratio)
-    share = math.sqrt(1.0 - beyond * beyond)
+    fraction = math.sqrt(1.0 - beyond * beyond)
     if ratio > edge:
-        share *= (1.0 - ratio) / (1.0 - edge)
-    return share
+        fraction *= (1.0 - ratio) / (1.0 - edge)
+    return fraction
 
 
 def mass_flow(restriction: Restriction, pressure_1: float, pressure_2: float, temperature: float) -> float:
@@ -112,10 +112,10 @@ def tube_restriction(length: float, diameter: float) -> Restriction:
 
 
 def combine_in_series(first: Restriction, second: Restriction) -> Restriction:
-    """One restriction for two behind each other: ``1/C^3 = sum 1/C_i^3``, ``b = 1 - C^2 sum (1 - b_i)/C_i^2``.
+    """Return one restriction for two in series: ``1/C^3 = sum 1/C_i^3``, ``b = 1 - C^2 sum (1 - b_i)/C_i^2``.
 
     The approximation of ISO 6358:1989 for components in series; it is exact if one of them is wide open.
     """
     total = (first.conductance**-3.0 + second.conductance**-3.0) ** (-1.0 / 3.0)
-    lost = sum((1.0 - each.critical_ratio) * (total / each.conductance) ** 2 for each in (first, second))
-    return Restriction(total, min(max(1.0 - lost, 0.0), 0.999))
+    reduction = sum((1.0 - part.critical_ratio) * (total / part.conductance) ** 2 for part in (first, second))
+    return Restriction(total, min(max(1.0 - reduction, 0.0), 0.999))

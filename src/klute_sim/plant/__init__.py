@@ -1,1 +1,6 @@
-"""MuJoCo: load a model, bind a device to one of its actuators, install the law around stepping, step."""
+"""MuJoCo models with devices on their actuators.
+
+Order of dependence: ``coupling`` (states and forces in MuJoCo's terms), ``struct_layout`` and ``struct_access`` (fields
+of MuJoCo's C structs), ``compiled_callbacks`` (C functions), ``callbacks`` (installation into MuJoCo), ``models`` (MJCF
+files and attached devices), ``actuator`` (one device in one simulation), ``batch`` (many simulations in parallel).
+"""

@@ -1,4 +1,4 @@
-"""The device on an actuator of a MuJoCo model: its command, its states, its tension."""
+"""The device on one actuator of a MuJoCo model: its command, states and tension."""
 
 import mujoco
 
@@ -11,33 +11,38 @@ from klute_sim.units import BAR
 
 
 class DeviceActuator:
-    """Reads and commands the device on one actuator, of any simulation of the same model."""
+    """Reads and commands the device on one actuator, in any simulation of the same model."""
 
     def __init__(self, model: mujoco.MjModel, name: str) -> None:
-        """Find it; raises InputError if the actuator carries no device (:func:`klute_sim.plant.models.equip`)."""
+        """Find the actuator ``name``.
+
+        Raises InputError when the actuator carries no device (see :func:`klute_sim.plant.models.attach_devices`).
+        """
         actuator = model.actuator(name).id
         row = get_parameter_row(model, actuator)
         if row is None:
-            raise InputError(f"actuator '{name}' carries no device; put one there with klute_sim.plant.models.equip")
+            raise InputError(
+                f"actuator '{name}' carries no device; attach one with klute_sim.plant.models.attach_devices"
+            )
         self.parameters = unpack_parameters(row)
         self.id = int(actuator)
         self.act_address = int(model.actuator_actadr[actuator])
-        """Where its states begin in ``data.act``."""
+        """Index of the device's first state in ``data.act``."""
         self.ctrl_address = int(model.actuator_ctrladr[actuator])
-        """Where its command is in ``data.ctrl``."""
+        """Index of the command in ``data.ctrl``."""
         self.out_address = int(model.actuator_outadr[actuator])
-        """Where its length is in ``data.actuator_length``."""
+        """Index of the muscle-tendon length in ``data.actuator_length``."""
         self.n_states = int(model.actuator_actnum[actuator])
-        """How many states it has."""
+        """Number of states in ``data.act``."""
         self._row = row
         self._has_internal_state = self.n_states != coupling.N_BASE_STATES
 
     def set_command(self, data: mujoco.MjData, command: float) -> None:
-        """Ask for a gauge pressure [Pa] from now on, or for an opening of the valve [1] if the supply takes those."""
+        """Set the command: a gauge pressure [Pa], or a valve opening [1] if the supply takes openings."""
         data.ctrl[self.ctrl_address] = command if self.parameters.supply.command_is_opening != 0.0 else command / BAR
 
     def set_state(self, data: mujoco.MjData, state: DeviceState) -> None:
-        """Put the device into ``state``."""
+        """Set the state of the device."""
         data.act[self.act_address] = state.pressure / BAR
         data.act[self.act_address + 1] = state.length - self.parameters.muscle.resting_length
         if self._has_internal_state:
@@ -46,34 +51,33 @@ class DeviceActuator:
             )
 
     def get_state(self, data: mujoco.MjData) -> DeviceState:
-        """State at ``data.time``, before the next step."""
+        """Return the state at ``data.time``, before the next step."""
         pressure, offset = data.act[self.act_address : self.act_address + coupling.N_BASE_STATES].tolist()
-        memory = ZERO_INTERNAL_STATE
+        internal_state = ZERO_INTERNAL_STATE
         if self._has_internal_state:
-            memory = tuple(
-                data.act[self.act_address + coupling.N_BASE_STATES : self.act_address + coupling.N_ALL_STATES].tolist()
-            )
-        return coupling.to_device_state(self.parameters, pressure, offset, memory)
+            first = self.act_address + coupling.N_BASE_STATES
+            internal_state = tuple(data.act[first : self.act_address + coupling.N_ALL_STATES].tolist())
+        return coupling.to_device_state(self.parameters, pressure, offset, internal_state)
 
     def state_after_step(self, model: mujoco.MjModel, data: mujoco.MjData, previous: DeviceState) -> DeviceState:
-        """The state that the step just taken from ``before`` led to; ``data`` is as the step left it."""
-        by_pressure, by_length = data.act_dot[self.act_address : self.act_address + coupling.N_BASE_STATES].tolist()
-        unit_length, step = self.unit_length(data), model.opt.timestep
-        after = coupling.state_after_step(self.parameters, previous, by_pressure, by_length, unit_length, step)
-        # What the supply remembers no force depends on: it stands where MuJoCo has carried it by now.
-        return after._replace(
-            internal_state=replace_gas_state(after.internal_state, get_gas_state(self.get_state(data)))
+        """Return the state after the step from ``previous``; ``data`` is as the step has left it."""
+        pressure_rate, length_rate = data.act_dot[self.act_address : self.act_address + coupling.N_BASE_STATES].tolist()
+        unit_length, dt = self.unit_length(data), model.opt.timestep
+        state = coupling.state_after_step(self.parameters, previous, pressure_rate, length_rate, unit_length, dt)
+        # No force depends on the gas state, so MuJoCo has already integrated it.
+        return state._replace(
+            internal_state=replace_gas_state(state.internal_state, get_gas_state(self.get_state(data)))
         )
 
     def unit_length(self, data: mujoco.MjData) -> float:
-        """Length [m] of the whole muscle-tendon unit at the last evaluation."""
+        """Return the length [m] of the muscle-tendon unit at the last evaluation."""
         return float(data.actuator_length[self.out_address])
 
     def unit_rate(self, data: mujoco.MjData) -> float:
-        """How fast that length changes [m/s], at the last evaluation."""
+        """Return the rate of change [m/s] of that length at the last evaluation."""
         return float(data.actuator_velocity[self.out_address])
 
     def tension(self, data: mujoco.MjData) -> float:
-        """Tension [N] at the last evaluation."""
-        given_back = coupling.damping_compensation(self._row, self.unit_rate(data))
-        return given_back - float(data.actuator_force[self.out_address])
+        """Return the tension [N] at the last evaluation."""
+        compensation = coupling.damping_compensation(self._row, self.unit_rate(data))
+        return compensation - float(data.actuator_force[self.out_address])

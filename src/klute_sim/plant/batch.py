@@ -1,7 +1,7 @@
-"""Many simulations of one model on all cores, each with a device of its own if wanted.
+"""Parallel simulations of one model, each with its own device if required.
 
-A thin layer over :class:`mujoco.batch.Batch`, whose results do not depend on the number of threads. MuJoCo's batch
-takes C functions only, so it needs the compiled law.
+This is a thin layer over :class:`mujoco.batch.Batch`, whose results do not depend on the number of threads. MuJoCo's
+batch accepts C functions only, so it needs the compiled backend.
 """
 
 from collections.abc import Sequence
@@ -20,53 +20,59 @@ from klute_sim.plant.coupling import N_BASE_STATES
 
 
 def create_batch(model: mujoco.MjModel, n_simulations: int, n_threads: int = 0) -> Batch:
-    """``count`` simulations of ``model`` (made with ``equip``) on ``threads`` threads (0: all cores).
+    """Return ``n_simulations`` simulations of ``model`` on ``n_threads`` threads (0: one per core).
 
-    Step them with :func:`step`. Raises InputError where there is no compiled law, or for numbers that cannot be.
+    The model comes from :func:`klute_sim.plant.models.attach_devices`; advance the batch with :func:`step_batch`.
+    Raises InputError when the compiled backend is unavailable or a number is out of range.
     """
     if n_simulations < 1 or n_threads < 0:
         raise InputError(
-            f"{n_simulations} simulations on {n_threads} threads; allowed: 1 or more, on 0 (all cores) or more"
+            f"{n_simulations} simulations on {n_threads} threads; allowed: 1 or more simulations on 0 (all cores) or "
+            "more threads"
         )
     if callbacks.choose_backend("auto") != "compiled":
-        raise InputError("a batch needs the compiled law; step the simulations one by one instead")
+        raise InputError("a batch needs the compiled backend; step the simulations one by one instead")
     return Batch(model, n_simulations, n_threads)
 
 
 def set_parameters(batch: Batch, actuator: str, parameters: Sequence[DeviceParameters]) -> None:
     """Give every simulation of ``batch`` its own device on ``actuator``.
 
-    Only the device differs: where it is mounted is the model's. Raises InputError for another number of devices, for a
-    rigid device, whose damping is shown in the model, or if the actuator carries none.
+    Only the device differs; its attachment points are those of the model. Raises InputError when the number of devices
+    is wrong, when a device has a rigid tendon (its damping is part of the model), when a device needs internal states
+    that the model lacks, or when the actuator carries no device.
     """
-    place = DeviceActuator(batch.model, actuator).id
+    device_actuator = DeviceActuator(batch.model, actuator)
+    index = device_actuator.id
     if len(parameters) != batch.nsim:
-        raise InputError(f"{len(parameters)} devices for {batch.nsim} simulations")
-    if any(each.tendon.is_rigid for each in (*parameters, DeviceActuator(batch.model, actuator).parameters)):
-        raise InputError("a device without a tendon needs a model of its own")
-    if any(has_internal_state(each) for each in parameters) and batch.model.actuator_actnum[place] == N_BASE_STATES:
-        raise InputError("an effect that remembers needs a model made with equip(..., memory=True)")
-    batch.expand("actuator_user")[:, place, :ROW_SIZE] = np.array([pack_parameters(each) for each in parameters])
+        raise InputError(f"{len(parameters)} devices for {batch.nsim} simulations; give one device for each")
+    if any(device.tendon.is_rigid for device in (*parameters, device_actuator.parameters)):
+        raise InputError("a device with a rigid tendon cannot be in a batch; give it its own model")
+    if batch.model.actuator_actnum[index] == N_BASE_STATES and any(map(has_internal_state, parameters)):
+        raise InputError(
+            "a device with internal states needs a model made with attach_devices(..., reserve_internal_states=True)"
+        )
+    batch.expand("actuator_user")[:, index, :ROW_SIZE] = np.array([pack_parameters(device) for device in parameters])
 
 
 def step_batch(batch: Batch, ids: ArrayLike | None = None, n_steps: int = 1) -> None:
-    """Take ``count`` steps of the simulations ``ids`` (None: of all).
+    """Advance the simulations ``ids`` (None: all) by ``n_steps`` steps.
 
-    Raises SimulationError if a device has no finite state: its simulation's pressure is NaN then, and all other
-    simulations have been stepped. Raises InputError if somebody else's callbacks are in MuJoCo's slots.
+    Raises SimulationError when a device has no finite state: the pressure of its simulation is NaN, and all other
+    simulations have been stepped. Raises InputError when other code's callbacks are installed in MuJoCo.
     """
-    with callbacks.device_callbacks("compiled") as law:
-        if law != "compiled":
-            raise InputError("a batch cannot be stepped while Python callbacks are installed in MuJoCo")
+    with callbacks.device_callbacks("compiled") as backend:
+        if backend != "compiled":
+            raise InputError("a batch cannot be stepped while Python callbacks are installed in MuJoCo; remove them")
         batch.step(ids=ids, nstep=n_steps)
-        reports = callbacks.pop_fault_messages()
-    if reports:
+        faults = callbacks.pop_fault_messages()
+    if faults:
         act = batch.bind("act")
         failed = np.flatnonzero(np.isnan(act[:, _pressure_addresses(batch.model)]).any(axis=1))
-        shown = ", ".join(str(each) for each in failed[:5]) + (", ..." if len(failed) > 5 else "")
-        raise SimulationError(f"{len(failed)} of {batch.nsim} simulations have failed ({shown}): {reports[0]}")
+        listing = ", ".join(str(index) for index in failed[:5]) + (", ..." if len(failed) > 5 else "")
+        raise SimulationError(f"{len(failed)} of {batch.nsim} simulations have failed ({listing}): {faults[0]}")
 
 
 def _pressure_addresses(model: mujoco.MjModel) -> list[int]:
-    """Where the pressures of the devices are in ``act``."""
+    """Return the indices of the devices' pressures in ``act``."""
     return [int(model.actuator_actadr[i]) for i in range(model.nactuator) if callbacks.get_parameter_row(model, i)]

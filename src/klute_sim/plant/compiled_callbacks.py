@@ -1,8 +1,8 @@
-"""The compiled installation: C functions for MuJoCo's slots that take no lock of Python's.
+"""The compiled callbacks: C functions for MuJoCo that do not take Python's global lock.
 
-A C function cannot raise. A device without a finite state is reported to :data:`faults`, in the thread that steps it;
-its pressure becomes NaN, and the device itself gives no force from then on, so that the bodies stay where they can be
-looked at.
+A C function cannot raise. It records a device without a finite state in :data:`pending_faults`, in the thread that
+steps the device. The device's pressure becomes NaN, and the device gives no force from then on, so that the state of
+the bodies can still be inspected.
 """
 
 import ctypes
@@ -25,64 +25,70 @@ class Fault(NamedTuple):
     """A device without a finite state."""
 
     actuator: str
-    """Its name."""
+    """Name of the actuator."""
     time: float
-    """[s]"""
+    """Time of the step [s]."""
     command: float
-    """[bar]"""
+    """Command [bar], or valve opening [1]."""
     pressure: float
-    """[bar]"""
+    """Gauge pressure before the step [bar]."""
     offset: float
     """Muscle length minus resting length [m]."""
     unit_length: float
-    """[m]"""
+    """Length of the muscle-tendon unit [m]."""
 
 
 pending_faults: dict[int, dict[tuple[int, int], Fault]] = {}
-"""Thread -> (address of mjData, actuator) -> the first report of it that nobody has taken yet."""
+"""First fault that has not been reported yet, by thread and then by (address of mjData, actuator)."""
 
 
 def pop_fault(data_address: int | None = None) -> Fault | None:
-    """The calling thread's first report (about the mjData at that address), which is then forgotten with its like."""
-    mine = pending_faults.get(threading.get_ident(), {})
-    concerned = [place for place in mine if data_address in (None, place[0])]
-    taken = [mine.pop(place) for place in concerned]
-    if not mine:
+    """Return the first fault of the calling thread and clear its faults; None without one.
+
+    With ``data_address`` only faults of the mjData at that address are considered.
+    """
+    thread_faults = pending_faults.get(threading.get_ident(), {})
+    keys = [key for key in thread_faults if data_address in (None, key[0])]
+    popped = [thread_faults.pop(key) for key in keys]
+    if not thread_faults:
         pending_faults.pop(threading.get_ident(), None)
-    return taken[0] if taken else None
+    return popped[0] if popped else None
 
 
 class Callbacks(NamedTuple):
-    """What goes into the slots; keep it as long as it is in there."""
+    """C functions for MuJoCo's slots; keep a reference while they are installed."""
 
     act_dyn: Any
+    """Function for ``mjcb_act_dyn``."""
     act_bias: Any
+    """Function for ``mjcb_act_bias``."""
 
 
 def _record_fault(model_address: int, data_address: int, actuator: int, *values: float) -> float:
-    mine = pending_faults.setdefault(threading.get_ident(), {})
-    if (data_address, actuator) not in mine:  # a device that has failed fails at every step
-        mine[data_address, actuator] = Fault(read_actuator_name(model_address, get_layout(), actuator), *values)
+    thread_faults = pending_faults.setdefault(threading.get_ident(), {})
+    if (data_address, actuator) not in thread_faults:  # a failed device fails again at every step
+        name = read_actuator_name(model_address, get_layout(), actuator)
+        thread_faults[data_address, actuator] = Fault(name, *values)
     return 0.0
 
 
-_REPORT_TYPE = ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_int64] * 3, *[ctypes.c_double] * 5)
-_record_fault_pointer = _REPORT_TYPE(_record_fault)
+_RECORD_FAULT_TYPE = ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_int64] * 3, *[ctypes.c_double] * 5)
+_record_fault_pointer = _RECORD_FAULT_TYPE(_record_fault)
 
 
-_REPORT_SYMBOL = "klute_sim_report_fault"
-"""Name under which compiled code finds :func:`_report`: its address differs from process to process."""
-llvmlite.binding.add_symbol(_REPORT_SYMBOL, ctypes.cast(_record_fault_pointer, ctypes.c_void_p).value)
+_RECORD_FAULT_SYMBOL = "klute_sim_record_fault"
+"""Symbol of :func:`_record_fault` in compiled code, whose address differs from process to process."""
+llvmlite.binding.add_symbol(_RECORD_FAULT_SYMBOL, ctypes.cast(_record_fault_pointer, ctypes.c_void_p).value)
 
 
-def _number_to_pointer(typing: Any, number: Any) -> Any:
+def _address_to_pointer(typing: Any, address: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))
 
     return types.voidptr(types.int64), generate
 
 
-def _pointer_to_number(typing: Any, pointer: Any) -> Any:
+def _pointer_to_address(typing: Any, pointer: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.ptrtoint(arguments[0], context.get_value_type(types.int64))
 
@@ -91,13 +97,16 @@ def _pointer_to_number(typing: Any, pointer: Any) -> Any:
 
 @cache
 def get_callbacks() -> Callbacks:
-    """Compile, or take from the disk; raises UnknownLayoutError when MuJoCo's memory is not understood."""
-    where = get_layout()
-    m = {name: offset // 8 for name, offset in where.model.items()}
-    d = {name: offset // 8 for name, offset in where.data.items()}
-    words = {
-        "M_SIZE": max(m.values()) + 1,
-        "D_SIZE": max(d.values()) + 1,
+    """Return the callbacks, compiled or loaded from the cache on disk.
+
+    Raises UnknownLayoutError when the layout of MuJoCo's structs is unknown.
+    """
+    layout = get_layout()
+    m = {name: offset // 8 for name, offset in layout.model.items()}
+    d = {name: offset // 8 for name, offset in layout.data.items()}
+    offsets = {
+        "MODEL_SIZE": max(m.values()) + 1,
+        "DATA_SIZE": max(d.values()) + 1,
         "NUSER": m["nuser_actuator"],
         "DYNTYPE": m["actuator_dyntype"],
         "ACTNUM": m["actuator_actnum"],
@@ -113,29 +122,30 @@ def get_callbacks() -> Callbacks:
         "VELOCITY": d["actuator_velocity"],
         "TIME": d["time"],
     }
-    device = compile_module(coupling, **compile_device_functions())
-    report = types.ExternalFunction(_REPORT_SYMBOL, types.float64(*[types.int64] * 3, *[types.float64] * 5))
-    pointers = {"at": intrinsic(_number_to_pointer), "address": intrinsic(_pointer_to_number)}
-    filled = {
-        **pointers,
-        "rates": device.compute_rates,
-        "force": device.compute_force,
-        "report_fault": report,
+    compiled_coupling = compile_module(coupling, **compile_device_functions())
+    functions = {
+        "address_to_pointer": intrinsic(_address_to_pointer),
+        "pointer_to_address": intrinsic(_pointer_to_address),
+        "compute_rates": compiled_coupling.compute_rates,
+        "compute_force": compiled_coupling.compute_force,
+        "record_fault": types.ExternalFunction(
+            _RECORD_FAULT_SYMBOL, types.float64(*[types.int64] * 3, *[types.float64] * 5)
+        ),
         "to_tuple": to_fixed_tuple,
     }
-    code = compile_module(struct_access, **words, **filled)
-    signature, constants = (
-        types.float64(types.voidptr, types.voidptr, types.intc),
-        repr((sorted(words.items()), struct_access.USER_DYNAMICS)),
+    code = compile_module(struct_access, **offsets, **functions)
+    signature = types.float64(types.voidptr, types.voidptr, types.intc)
+    constants = repr((sorted(offsets.items()), struct_access.USER_DYNAMICS))
+    callbacks = Callbacks(
+        *(compile_cached(numba.cfunc, function, signature, constants) for function in (code.act_dyn, code.act_bias))
     )
-    made = Callbacks(*(compile_cached(numba.cfunc, f, signature, constants) for f in (code.act_dyn, code.act_bias)))
-    for function in made:
-        function.ctypes.argtypes = (_StructArgument, _StructArgument, ctypes.c_int)
-    return made
+    for callback in callbacks:
+        callback.ctypes.argtypes = (_StructArgument, _StructArgument, ctypes.c_int)
+    return callbacks
 
 
 class _StructArgument:
-    """Lets Python call what is in the slots, as it may call Python callbacks: with an MjModel and an MjData."""
+    """Lets Python call the C functions with an MjModel and an MjData, like Python callbacks."""
 
     @staticmethod
     def from_param(owner: Any) -> ctypes.c_void_p:

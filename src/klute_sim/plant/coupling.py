@@ -1,17 +1,17 @@
-"""The device in MuJoCo's terms: numbers in, numbers out, the same for both installations.
+"""The device in MuJoCo's terms, the same for the compiled and the Python backend.
 
-States (``data.act``): gauge pressure [bar], muscle length minus resting length [m], and where the device has effects
-or a supply that remember, what they remember (in a device's row there is room for all of them). Pressure is kept in
-bar so that both states are of a size that finite differences and solvers like; the length is an offset so that
-MuJoCo's reset, which zeroes states, is the device at rest. The command (``data.ctrl``) is gauge pressure [bar], or the
-opening of its valve [1] if that is what the supply takes.
+States (``data.act``) are the gauge pressure [bar], the muscle length minus its resting length [m] and, if the device
+has any, its internal states. The pressure is in bar so that both states have a magnitude that suits finite differences
+and solvers. The length is an offset so that MuJoCo's reset, which zeroes the states, gives a device at rest. The
+command (``data.ctrl``) is the gauge pressure [bar], or the valve opening [1] if the supply takes openings.
 
-The length is solved implicitly where MuJoCo asks for the rates, and handed over as the *effective rate*
-``(l+ - l)/h``, so that its single-step integrators land on l+. MuJoCo evaluates every rate before any force, so the
-force is that of l+: exactly the one that balances muscle and damper.
+The length is solved implicitly where MuJoCo asks for the rates. It is passed on as the *effective rate* ``(l+ - l)/h``,
+so that MuJoCo's single-step integrators arrive at l+. MuJoCo evaluates all rates before any force, so the force is that
+of l+, which balances muscle and damper exactly.
 
-A ``row`` (``actuator_user``) is the device's parameters (:mod:`klute_sim.device.backend.packing`) and one number more, the
-damping [N s2/m2] that the model's tendon shows to MuJoCo's implicit integrators and that is given back here.
+A ``row`` (``actuator_user``) holds the device's parameters (:mod:`klute_sim.device.backend.packing`) and one more
+number: the damping [N s2/m2] that the model's tendon shows to MuJoCo's implicit integrators and that is compensated
+here.
 """
 
 import math
@@ -29,19 +29,19 @@ from klute_sim.device.dynamics import (
 from klute_sim.units import BAR
 
 DAMPING_INDEX = ROW_SIZE
-"""Where the damping is in a row."""
+"""Index of the shown damping in a row."""
 USER_ROW_SIZE = ROW_SIZE + 1
-"""Numbers in a row."""
+"""Number of values in a row."""
 N_BASE_STATES = 2
-"""Of a device whose effects remember nothing."""
+"""Number of states of a device without internal states."""
 N_ALL_STATES = N_BASE_STATES + N_INTERNAL_STATES
-"""Of any device."""
+"""Number of states of a device with internal states."""
 
 
 def to_device_state(
     parameters: DeviceParameters, pressure: float, offset: float, internal_state: tuple[float, ...]
 ) -> DeviceState:
-    """The device's state [Pa, m] from MuJoCo's: ``pressure`` [bar], ``offset`` [m]."""
+    """Return the device's state [Pa, m] for MuJoCo's states ``pressure`` [bar] and ``offset`` [m]."""
     return DeviceState(pressure * BAR, parameters.muscle.resting_length + offset, internal_state)
 
 
@@ -53,9 +53,9 @@ def state_after_step(
     unit_length: float,
     dt: float,
 ) -> DeviceState:
-    """State [Pa, m] that rates [bar/s, m/s] lead to in a ``step`` [s] that ends at ``unit_length`` [m].
+    """Return the state [Pa, m] after a step ``dt`` [s] with these rates [bar/s, m/s] that ends at ``unit_length`` [m].
 
-    What the supply remembers stays as it was: no force depends on it.
+    The gas state keeps its value, because no force depends on it.
     """
     pressure, length = previous.pressure + dt * pressure_rate * BAR, previous.length + dt * length_rate
     return DeviceState(
@@ -72,21 +72,20 @@ def compute_rates(
     unit_length: float,
     dt: float,
 ) -> tuple[float, float, tuple[float, ...]]:
-    """Rates [bar/s, m/s] that carry the states to the implicit step's end, and the memory there.
+    """Return the rates [bar/s, m/s] that lead to the end of the implicit step, and the internal state there.
 
-    NaN, 0 and the memory as it was, unless command, pressure and length are finite.
-
-    ``pressure`` [bar] and ``offset`` [m] are the states, ``command`` [bar], ``unit_length`` [m], ``step`` [s].
+    ``pressure`` [bar] and ``offset`` [m] are the states, ``command`` [bar] or [1], ``unit_length`` [m], ``dt`` [s].
+    Returns NaN, 0 and the unchanged internal state unless command, pressure and length are finite.
     """
     parameters = unpack_parameters(row)
     before = to_device_state(parameters, pressure, offset, internal_state)
-    asked = command if parameters.supply.command_is_opening != 0.0 else command * BAR
-    after = advance_state(parameters, before, unit_length, asked, dt)
-    by_pressure = (after.pressure - before.pressure) / (BAR * dt)
-    by_length = (after.length - before.length) / dt
-    if math.isfinite(command) and math.isfinite(by_pressure) and math.isfinite(by_length):
-        return by_pressure, by_length, after.internal_state
-    # MuJoCo multiplies the gain, which is 0, with the last state: that one must stay a number.
+    si_command = command if parameters.supply.command_is_opening != 0.0 else command * BAR
+    after = advance_state(parameters, before, unit_length, si_command, dt)
+    pressure_rate = (after.pressure - before.pressure) / (BAR * dt)
+    length_rate = (after.length - before.length) / dt
+    if math.isfinite(command) and math.isfinite(pressure_rate) and math.isfinite(length_rate):
+        return pressure_rate, length_rate, after.internal_state
+    # MuJoCo multiplies the gain, which is 0, with the last state; that state must stay finite.
     return math.nan, 0.0, internal_state
 
 
@@ -101,20 +100,20 @@ def compute_force(
     velocity: float,
     dt: float,
 ) -> float:
-    """Actuator force [N] at the step's end: minus the tension, plus what the shown damping takes at ``velocity``.
+    """Return the actuator force [N] at the end of the step: minus the tension, plus the shown damping's force.
 
-    ``by_pressure`` [bar/s] and ``by_length`` [m/s] are the step's rates, ``velocity`` = d(unit_length)/dt [m/s], which
-    is also how fast a muscle on a rigid tie moves. A state that is not finite gives no force.
+    ``pressure_rate`` [bar/s] and ``length_rate`` [m/s] are the rates of the step. ``velocity`` = d(unit_length)/dt
+    [m/s] is also the velocity of a muscle on a rigid tendon. A state that is not finite gives no force.
     """
     if not math.isfinite(pressure_rate):
         return 0.0
     parameters = unpack_parameters(row)
     before = to_device_state(parameters, pressure, offset, internal_state)
     after = state_after_step(parameters, before, pressure_rate, length_rate, unit_length, dt)
-    rate = velocity if parameters.tendon.is_rigid else length_rate
-    return damping_compensation(row, velocity) - compute_tension(parameters, after, unit_length, rate)
+    muscle_velocity = velocity if parameters.tendon.is_rigid else length_rate
+    return damping_compensation(row, velocity) - compute_tension(parameters, after, unit_length, muscle_velocity)
 
 
 def damping_compensation(row: Sequence[float], velocity: float) -> float:
-    """What the shown damping takes [N] at ``velocity`` [m/s]."""
+    """Return the force [N] of the shown damping at ``velocity`` [m/s]."""
     return row[DAMPING_INDEX] * velocity * abs(velocity)

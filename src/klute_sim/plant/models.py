@@ -1,4 +1,4 @@
-"""The MJCF files, and models with devices in them."""
+"""MJCF files, and MuJoCo models with devices on their actuators."""
 
 from collections.abc import Mapping
 from importlib import resources
@@ -13,45 +13,48 @@ from klute_sim.plant.coupling import DAMPING_INDEX, N_ALL_STATES, N_BASE_STATES,
 
 
 def get_models_folder() -> Path:
-    """Folder of the MJCF files: inside an installed package, or beside ``src`` in a checkout."""
+    """Return the folder of the MJCF files: inside an installed package, or beside ``src`` in a checkout."""
     inside = Path(str(resources.files("klute_sim"))) / "models"
     return inside if inside.is_dir() else Path(__file__).parents[3] / "models"
 
 
 def load_spec(name: str) -> mujoco.MjSpec:
-    """The editable model ``name`` (``ankle``, ``bench`` or ``gait_rig``)."""
+    """Return the editable model ``name`` (``ankle``, ``bench`` or ``gait_rig``)."""
     return mujoco.MjSpec.from_file(str(get_models_folder() / f"{name}.xml"))
 
 
 def attach_devices(
     spec: mujoco.MjSpec, devices: Mapping[str, DeviceParameters], *, reserve_internal_states: bool = False
 ) -> mujoco.MjModel:
-    """Compile ``spec`` with ``devices`` (actuator name -> parameters) on its actuators.
+    """Compile ``spec`` with ``devices`` (name of the actuator -> parameters) on its actuators.
 
-    The parameters travel in the model (``actuator_user``): its copies and pickles carry them. MuJoCo's automatic
-    reset is off, because it would hide a simulation that has failed. Of MuJoCo's integrators RK4 takes the device's
-    states with the rates of its last stage only: use the others.
+    The model stores the parameters (``actuator_user``), so its copies and pickles contain them. MuJoCo's automatic
+    reset is disabled, because it would hide a failed simulation. Use any integrator of MuJoCo except RK4, which
+    advances the device's states with the rates of its last stage only.
 
-    A device whose effects remember gets states for that; with ``memory`` every one does, so that a batch can give it
-    any effects later.
+    A device with internal states gets room for them. With ``reserve_internal_states`` every device does, so that a
+    batch can activate any effects later.
 
-    Raises InputError if an actuator is not made for a device, or is made for one and gets none: without it, it would
-    silently give no force.
+    Raises InputError when an actuator cannot carry a device, or when an actuator made for a device gets none: without a
+    device it would give no force.
     """
     for name, parameters in devices.items():
         actuator = spec.actuator(name)
         if actuator is None:
-            known = ", ".join(each.name for each in spec.actuators)
-            raise InputError(f"the model has no actuator '{name}'; it has: {known}")
-        obstacle = _find_incompatibility(spec, actuator)
-        if obstacle:
-            raise InputError(f"actuator '{name}' cannot carry a device: {obstacle}")
-        shown = _expose_damping(spec, actuator, parameters)
+            names = ", ".join(known.name for known in spec.actuators)
+            raise InputError(f"the model has no actuator '{name}'; it has: {names}")
+        incompatibility = _find_incompatibility(spec, actuator)
+        if incompatibility:
+            raise InputError(f"actuator '{name}' cannot carry a device: {incompatibility}")
+        damping = _expose_damping(spec, actuator, parameters)
         actuator.actdim = N_ALL_STATES if reserve_internal_states or has_internal_state(parameters) else N_BASE_STATES
-        actuator.userdata = [*pack_parameters(parameters), shown]
+        actuator.userdata = [*pack_parameters(parameters), damping]
     for actuator in spec.actuators:
         if actuator.name not in devices and not _carries_device(actuator) and not _find_incompatibility(spec, actuator):
-            raise InputError(f"actuator '{actuator.name}' is made for a device and has none: it would give no force")
+            raise InputError(
+                f"actuator '{actuator.name}' is made for a device and has none, so it would give no force; attach a "
+                "device to it"
+            )
     if 0 <= spec.nuser_actuator < USER_ROW_SIZE:
         spec.nuser_actuator = USER_ROW_SIZE
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -63,8 +66,8 @@ def _carries_device(actuator: mujoco.MjsActuator) -> bool:
 
 
 def _find_incompatibility(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str:
-    """Why ``actuator`` cannot carry a device, or ''."""
-    made = (
+    """Return the reason why ``actuator`` cannot carry a device; '' if it can."""
+    has_right_types = (
         actuator.dyntype == mujoco.mjtDyn.mjDYN_USER
         and actuator.biastype == mujoco.mjtBias.mjBIAS_USER
         and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED
@@ -72,11 +75,11 @@ def _find_incompatibility(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> 
         and actuator.actdim in (N_BASE_STATES, N_ALL_STATES)
         and actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON
     )
-    if not made:
+    if not has_right_types:
         return "it must act on a tendon, with dyntype and biastype 'user', actdim 2 and gaintype 'fixed' with gainprm 0"
     if list(actuator.gear) != [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]:
         return "its gear must be 1"
-    # MuJoCo would clip states and forces behind the device's back; the supply clips the command.
+    # MuJoCo would clip states and forces without the device's knowledge; the supply clips the command.
     for name in ("ctrlrange", "forcerange", "actrange"):
         if any(getattr(actuator, name)):
             return f"it must not have a {name}"
@@ -89,19 +92,21 @@ def _find_incompatibility(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> 
 
 
 def _expose_damping(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator, parameters: DeviceParameters) -> float:
-    """Let MuJoCo's implicit integrators see the damper of a device that has no spring between damper and joint.
+    """Show the damper of a device without elastic tendon to MuJoCo's implicit integrators.
 
-    They know nothing of a callback's derivative, and on a rigid tie the damper is too stiff without it. MuJoCo's
-    tendons can have a damping ``c v|v|``, which is the orifice's law: the model's tendon gets it, with the larger of
-    the two coefficients [N s2/m2], which is returned, and the device's force gives it back. Their sum is exact at every
-    evaluation, as long as MuJoCo's dampers are not disabled.
+    The integrators do not know the derivative of a callback, and on a rigid tendon the damper is too stiff without it.
+    MuJoCo's tendons have a damping ``c v|v|``, which is the law of the orifice. The model's tendon therefore gets the
+    larger of the two coefficients [N s2/m2], and the device's force compensates it. Their sum is exact at every
+    evaluation unless MuJoCo's dampers are disabled. Returns the coefficient.
     """
     tendon = spec.tendon(actuator.target)
     damping = [*tendon.damping, 0.0, 0.0, 0.0][:3]
-    if _carries_device(actuator):  # a device before this one
+    if _carries_device(actuator):  # remove the damping of the device that is replaced
         damping[1] -= actuator.userdata[DAMPING_INDEX]
     damper = parameters.damper
-    shown = max(damper.concentric_coefficient, damper.eccentric_coefficient) if parameters.tendon.is_rigid else 0.0
-    damping[1] += shown
+    coefficient = (
+        max(damper.concentric_coefficient, damper.eccentric_coefficient) if parameters.tendon.is_rigid else 0.0
+    )
+    damping[1] += coefficient
     tendon.damping = damping
-    return shown
+    return coefficient

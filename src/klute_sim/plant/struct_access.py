@@ -1,10 +1,10 @@
-"""The callbacks as compiled code: they read and write mjModel and mjData in place.
+"""Source of the compiled callbacks, which read and write mjModel and mjData in place.
 
-Never run as plain Python. :mod:`klute_sim.plant.compiled_callbacks` compiles a copy in which the names below are filled in: where
-MuJoCo keeps things, in words of 8 bytes, and the functions that are only there once compiled.
+This module never runs as plain Python. :mod:`klute_sim.plant.compiled_callbacks` compiles a copy and fills in the
+placeholders below: the offsets of MuJoCo's fields, in words of 8 bytes, and functions that exist only in compiled code.
 
-An actuator is ours when its ``actuator_user`` begins with the device's signature; every other one gets what MuJoCo
-gives an actuator without a callback: no rates, no force.
+An actuator carries a device when its ``actuator_user`` begins with :data:`LAYOUT_ID`. Every other actuator gets
+MuJoCo's neutral values: no rates and no force.
 """
 
 from typing import Any
@@ -18,42 +18,45 @@ from klute_sim.device.dynamics import N_INTERNAL_STATES, ZERO_INTERNAL_STATE
 from klute_sim.plant.coupling import N_ALL_STATES, N_BASE_STATES, USER_ROW_SIZE
 
 USER_DYNAMICS = int(mujoco.mjtDyn.mjDYN_USER)
-UNKNOWN = -1
-M_SIZE = D_SIZE = UNKNOWN
-"""Words of mjModel and mjData that are looked at."""
-NUSER = USER = DYNTYPE = ACTNUM = ACTADR = OUTADR = CTRLADR = TIMESTEP = UNKNOWN
-"""In mjModel."""
-ACT = ACT_DOT = CTRL = LENGTH = VELOCITY = TIME = UNKNOWN
-"""In mjData."""
-at: Any = None
-"""A number as a pointer."""
-address: Any = None
-"""A pointer as a number."""
-rates: Any = None
-force: Any = None
-"""Of :mod:`klute_sim.plant.coupling`."""
+"""MuJoCo's number of the dynamics type 'user'."""
+PLACEHOLDER = -1
+"""Value of an offset that is not filled in."""
+MODEL_SIZE = DATA_SIZE = PLACEHOLDER
+"""Sizes of the used parts of mjModel and mjData [words]."""
+NUSER = USER = DYNTYPE = ACTNUM = ACTADR = OUTADR = CTRLADR = TIMESTEP = PLACEHOLDER
+"""Offsets in mjModel [words]."""
+ACT = ACT_DOT = CTRL = LENGTH = VELOCITY = TIME = PLACEHOLDER
+"""Offsets in mjData [words]."""
+address_to_pointer: Any = None
+"""Converts an address to a pointer."""
+pointer_to_address: Any = None
+"""Converts a pointer to an address."""
+compute_rates: Any = None
+"""Compiled :func:`klute_sim.plant.coupling.compute_rates`."""
+compute_force: Any = None
+"""Compiled :func:`klute_sim.plant.coupling.compute_force`."""
 to_tuple: Any = None
-"""The first numbers of an array as a tuple."""
-report_fault: Any = None
-"""Of :mod:`klute_sim.plant.compiled_callbacks`."""
+"""Converts the first numbers of an array to a tuple."""
+record_fault: Any = None
+"""Records a fault (:mod:`klute_sim.plant.compiled_callbacks`)."""
 
 
 def read_int(words: Any, pointer: int, index: int) -> Any:
-    """Number ``index`` of the array of C ints that word ``pointer`` points to."""
-    return carray(at(words[pointer] + 4 * index), (1,), np.int32)[0]
+    """Return number ``index`` of the array of C ints to which word ``pointer`` points."""
+    return carray(address_to_pointer(words[pointer] + 4 * index), (1,), np.int32)[0]
 
 
 def view_doubles(words: Any, pointer: int, index: int, size: int) -> Any:
-    """``count`` numbers, from ``index`` on, of the array of doubles that word ``pointer`` points to."""
-    return carray(at(words[pointer] + 8 * index), (size,), np.float64)
+    """Return a view of ``size`` numbers from ``index`` on in the array of doubles to which word ``pointer`` points."""
+    return carray(address_to_pointer(words[pointer] + 8 * index), (size,), np.float64)
 
 
 def get_parameter_row(words: Any, actuator: int) -> Any:
-    """The actuator's row of parameters, empty if it carries no device or has no place for its states."""
+    """Return the actuator's parameter row; empty without a device or without room for its states."""
     width = words[NUSER]
     if width >= USER_ROW_SIZE and read_int(words, DYNTYPE, actuator) == USER_DYNAMICS:
-        states = read_int(words, ACTNUM, actuator)
-        if states in (N_BASE_STATES, N_ALL_STATES):
+        n_states = read_int(words, ACTNUM, actuator)
+        if n_states in (N_BASE_STATES, N_ALL_STATES):
             row = view_doubles(words, USER, width * actuator, USER_ROW_SIZE)
             if row[0] == LAYOUT_ID:
                 return row
@@ -61,7 +64,7 @@ def get_parameter_row(words: Any, actuator: int) -> Any:
 
 
 def read_internal_state(m: Any, d: Any, actuator: int) -> Any:
-    """What its effects remember; zeros if it has no states for that."""
+    """Return the internal state of the device; zeros if the model has no room for it."""
     if read_int(m, ACTNUM, actuator) == N_BASE_STATES:
         return ZERO_INTERNAL_STATE
     return to_tuple(
@@ -70,36 +73,38 @@ def read_internal_state(m: Any, d: Any, actuator: int) -> Any:
 
 
 def act_dyn(model: Any, data: Any, actuator: int) -> float:
-    """``mjcb_act_dyn``."""
-    m, d = carray(model, (M_SIZE,), np.int64), carray(data, (D_SIZE,), np.int64)
+    """Write the rates of the device's states: ``mjcb_act_dyn``."""
+    m, d = carray(model, (MODEL_SIZE,), np.int64), carray(data, (DATA_SIZE,), np.int64)
     row = get_parameter_row(m, actuator)
     if row.size == 0:
         return 0.0
-    step = carray(model, (M_SIZE,), np.float64)[TIMESTEP]
+    dt = carray(model, (MODEL_SIZE,), np.float64)[TIMESTEP]
     start = read_int(m, ACTADR, actuator)
-    memory = read_internal_state(m, d, actuator)
-    act, rate = view_doubles(d, ACT, start, N_BASE_STATES), view_doubles(d, ACT_DOT, start, N_ALL_STATES)
+    internal_state = read_internal_state(m, d, actuator)
+    act, act_dot = view_doubles(d, ACT, start, N_BASE_STATES), view_doubles(d, ACT_DOT, start, N_ALL_STATES)
     command = view_doubles(d, CTRL, read_int(m, CTRLADR, actuator), 1)[0]
     length = view_doubles(d, LENGTH, read_int(m, OUTADR, actuator), 1)[0]
-    rate[0], rate[1], after = rates(row, act[0], act[1], memory, command, length, step)
+    act_dot[0], act_dot[1], after = compute_rates(row, act[0], act[1], internal_state, command, length, dt)
     if read_int(m, ACTNUM, actuator) != N_BASE_STATES:
         for k in range(N_INTERNAL_STATES):
-            rate[N_BASE_STATES + k] = (after[k] - memory[k]) / step
-    if not np.isfinite(rate[0]):
-        time = carray(data, (D_SIZE,), np.float64)[TIME]
-        report_fault(address(model), address(data), actuator, time, command, act[0], act[1], length)
+            act_dot[N_BASE_STATES + k] = (after[k] - internal_state[k]) / dt
+    if not np.isfinite(act_dot[0]):
+        time = carray(data, (DATA_SIZE,), np.float64)[TIME]
+        record_fault(
+            pointer_to_address(model), pointer_to_address(data), actuator, time, command, act[0], act[1], length
+        )
     return 0.0
 
 
 def act_bias(model: Any, data: Any, actuator: int) -> Any:
-    """``mjcb_act_bias``."""
-    m, d = carray(model, (M_SIZE,), np.int64), carray(data, (D_SIZE,), np.int64)
+    """Return the device's actuator force: ``mjcb_act_bias``."""
+    m, d = carray(model, (MODEL_SIZE,), np.int64), carray(data, (DATA_SIZE,), np.int64)
     row = get_parameter_row(m, actuator)
     if row.size == 0:
         return 0.0
-    step = carray(model, (M_SIZE,), np.float64)[TIMESTEP]
+    dt = carray(model, (MODEL_SIZE,), np.float64)[TIMESTEP]
     start, out = read_int(m, ACTADR, actuator), read_int(m, OUTADR, actuator)
-    memory = read_internal_state(m, d, actuator)
-    act, rate = view_doubles(d, ACT, start, N_BASE_STATES), view_doubles(d, ACT_DOT, start, N_BASE_STATES)
+    internal_state = read_internal_state(m, d, actuator)
+    act, act_dot = view_doubles(d, ACT, start, N_BASE_STATES), view_doubles(d, ACT_DOT, start, N_BASE_STATES)
     length, velocity = view_doubles(d, LENGTH, out, 1)[0], view_doubles(d, VELOCITY, out, 1)[0]
-    return force(row, act[0], act[1], memory, rate[0], rate[1], length, velocity, step)
+    return compute_force(row, act[0], act[1], internal_state, act_dot[0], act_dot[1], length, velocity, dt)

@@ -1,7 +1,7 @@
-"""Where MuJoCo keeps things in memory: offsets into mjModel and mjData, worked out for the installed version.
+"""Memory layout of mjModel and mjData: byte offsets of their fields in the installed version of MuJoCo.
 
-MuJoCo describes its own structs (``mujoco.introspect``). The offsets follow from that, as a C compiler would lay the
-structs out, and are then checked against a live model before anybody relies on them.
+MuJoCo describes its own structs (``mujoco.introspect``). The offsets follow from that description by the rules of a C
+compiler, and are then checked against a live model.
 """
 
 import ctypes
@@ -19,7 +19,9 @@ MODEL_POINTERS = (
     "actuator_ctrladr",
     "name_actuatoradr",
 )
+"""Array fields of mjModel that the callbacks use."""
 DATA_POINTERS = ("act", "act_dot", "ctrl", "actuator_length", "actuator_velocity")
+"""Array fields of mjData that the callbacks use."""
 
 _BASIC_TYPES: dict[str, Any] = {
     "int": ctypes.c_int,
@@ -50,36 +52,41 @@ _PROBE_XML = """
 
 
 class UnknownLayoutError(Exception):
-    """The installed MuJoCo is not laid out as it says, or says nothing that is understood."""
+    """The structs of the installed MuJoCo differ from its description, or the description cannot be read."""
 
 
 class StructLayout(NamedTuple):
-    """Byte offsets."""
+    """Byte offsets of struct fields."""
 
     model: dict[str, int]
-    """Of :data:`MODEL_POINTERS`, ``nuser_actuator``, ``names`` and ``timestep`` in mjModel."""
+    """Offsets of :data:`MODEL_POINTERS`, ``nuser_actuator``, ``names`` and ``timestep`` in mjModel."""
     data: dict[str, int]
-    """Of :data:`DATA_POINTERS` and ``time`` in mjData."""
+    """Offsets of :data:`DATA_POINTERS` and ``time`` in mjData."""
 
 
 @cache
 def get_layout() -> StructLayout:
-    """Offsets for the installed MuJoCo; raises UnknownLayoutError when they cannot be trusted."""
+    """Return the offsets in the installed MuJoCo.
+
+    Raises UnknownLayoutError when they cannot be determined or are wrong.
+    """
     try:
         model, data = _make_struct("mjModel"), _make_struct("mjData")
-        found = StructLayout(
+        struct_layout = StructLayout(
             {name: getattr(model, name).offset for name in (*MODEL_POINTERS, "nuser_actuator", "names")},
             {name: getattr(data, name).offset for name in (*DATA_POINTERS, "time")},
         )
-        found.model["timestep"] = model.opt.offset + _make_struct("mjOption").timestep.offset
+        struct_layout.model["timestep"] = model.opt.offset + _make_struct("mjOption").timestep.offset
     except (ImportError, AttributeError, KeyError, TypeError) as error:
-        raise UnknownLayoutError(f"MuJoCo {mujoco.__version__} describes its structs in a new way: {error}") from None
-    _check_layout(found)
-    return found
+        raise UnknownLayoutError(
+            f"MuJoCo {mujoco.__version__} has an unknown description of its structs: {error}"
+        ) from None
+    _check_layout(struct_layout)
+    return struct_layout
 
 
 def _check_layout(struct_layout: StructLayout) -> None:
-    """Compare with a live model, field by field."""
+    """Compare ``struct_layout`` with a live model; raises UnknownLayoutError that names the wrong fields."""
     model = mujoco.MjModel.from_xml_string(_PROBE_XML)
     data = mujoco.MjData(model)
     model.opt.timestep, data.time = 0.00123, 4.56
@@ -104,11 +111,13 @@ def _check_layout(struct_layout: StructLayout) -> None:
     if any(offset % 8 for offset in (*struct_layout.model.values(), *struct_layout.data.values())):
         wrong.append("alignment")
     if wrong:
-        raise UnknownLayoutError(f"MuJoCo {mujoco.__version__} keeps {', '.join(wrong)} elsewhere than it says")
+        raise UnknownLayoutError(
+            f"MuJoCo {mujoco.__version__} stores {', '.join(wrong)} at other offsets than it describes"
+        )
 
 
 def read_actuator_name(model_address: int, offsets: StructLayout, actuator: int) -> str:
-    """Name of an actuator of the mjModel at address ``model``."""
+    """Return the name of an actuator of the mjModel at address ``model_address``."""
     pointer, number = ctypes.c_uint64.from_address, ctypes.c_int.from_address
     start = number(pointer(model_address + offsets.model["name_actuatoradr"]).value + 4 * actuator).value
     return ctypes.string_at(pointer(model_address + offsets.model["names"]).value + start).decode(errors="replace")
@@ -116,7 +125,7 @@ def read_actuator_name(model_address: int, offsets: StructLayout, actuator: int)
 
 @cache
 def _make_struct(name: str) -> Any:
-    """The struct ``name`` as a ctypes class."""
+    """Return the struct ``name`` as a ctypes class."""
     from mujoco.introspect import structs
 
     fields = []
@@ -127,7 +136,7 @@ def _make_struct(name: str) -> Any:
 
 
 def _to_ctype(declared: Any) -> Any:
-    """ctypes counterpart of a declared C type."""
+    """Return the ctypes counterpart of a declared C type."""
     from mujoco.introspect import ast_nodes, structs
 
     if isinstance(declared, ast_nodes.PointerType):
@@ -151,4 +160,4 @@ def _to_ctype(declared: Any) -> Any:
         union = isinstance(declared, ast_nodes.AnonymousUnionDecl)
         inner = [(field.name, _to_ctype(field.type)) for field in declared.fields]
         return type("anonymous", (ctypes.Union if union else ctypes.Structure,), {"_fields_": inner})
-    raise TypeError(f"what is a {type(declared).__name__}?")
+    raise TypeError(f"unknown kind of C type: {type(declared).__name__}")

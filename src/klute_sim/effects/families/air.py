@@ -1,23 +1,31 @@
-"""Effects of valve, chamber, leak and tank: they change what the supply is (:mod:`klute_sim.laws.pneumatic_step`)."""
+"""Effects of valve, chamber, leak and tank; each changes the parameters of the supply.
 
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
-from klute_sim.laws.pneumatics import Supply, replace_supply_fields
+The physics of the changed supply is in :mod:`klute_sim.laws.pneumatic_step`.
+"""
+
+from typing import Any
+
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
+from klute_sim.laws.pneumatics import SupplyParameters, replace_supply_fields
 
 NOZZLE_CRITICAL_RATIO = 0.5
-"""Critical pressure ratio of a valve as wide as its ports (assumed: that of a short nozzle)."""
+"""Critical pressure ratio of a short nozzle, assumed for a valve as wide as its ports [1]."""
 
 
-def choke_symmetric(p: FloatSequence, state: FloatSequence, supply: Supply) -> Supply:
-    """The supply behind a valve that fills and exhausts with the conductance ``1/own[0]``, and is else perfect."""
-    return _with_valve(p[0], p[0], p[1], supply)
+def choke_symmetric(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
+    """Return the supply behind a valve with the same resistance ``p.resistance`` in both directions."""
+    return _with_valve(p.resistance, p.resistance, p.critical_ratio, supply)
 
 
-def choke_asymmetric(p: FloatSequence, state: FloatSequence, supply: Supply) -> Supply:
-    """The same with ``1/own[0]`` to fill, and ``own[1]`` times the resistance to exhaust."""
-    return _with_valve(p[0], p[0] * p[1], p[2], supply)
+def choke_asymmetric(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
+    """Return the supply behind a valve whose exhaust has ``p.exhaust_factor`` times the resistance of filling."""
+    return _with_valve(p.fill_resistance, p.fill_resistance * p.exhaust_factor, p.critical_ratio, supply)
 
 
-def _with_valve(fill_resistance: float, exhaust_resistance: float, critical_ratio: float, supply: Supply) -> Supply:
+def _with_valve(
+    fill_resistance: float, exhaust_resistance: float, critical_ratio: float, supply: SupplyParameters
+) -> SupplyParameters:
+    """Return ``supply`` with sonic conductances 1/resistance; resistances in s Pa/m3."""
     if fill_resistance <= 0.0:
         return supply
     s = supply
@@ -35,22 +43,22 @@ def _with_valve(fill_resistance: float, exhaust_resistance: float, critical_rati
     )
 
 
-def delay_volume_compensation(p: FloatSequence, state: FloatSequence, supply: Supply) -> Supply:
-    """A regulator that takes ``own[0]`` [s] to make up for a change of the muscle's volume, exponent ``own[1]``.
+def delay_volume_compensation(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
+    """Return a regulator that compensates a change of the muscle's volume within ``p.recovery`` [s].
 
-    Behind a choked valve the air feels the volume anyway, and there is nothing to recover.
+    Behind a choked valve the volume acts on the pressure anyway, so the regulator has nothing to compensate.
     """
     s = supply
-    if p[0] <= 0.0 or s.fill_conductance > 0.0:
+    if p.recovery <= 0.0 or s.fill_conductance > 0.0:
         return s
     valve = s.fill_conductance, s.fill_critical_ratio, s.exhaust_conductance, s.exhaust_critical_ratio
-    return replace_supply_fields(s, *valve, p[1], s.leak_conductance, s.tank_volume, s.tank_pressure, p[0])
+    return replace_supply_fields(s, *valve, p.exponent, s.leak_conductance, s.tank_volume, s.tank_pressure, p.recovery)
 
 
-def add_leak(p: FloatSequence, state: FloatSequence, supply: Supply) -> Supply:
-    """The supply of a muscle with a leak of conductance ``own[0]`` [m3/(s Pa)]."""
+def add_leak(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
+    """Return the supply of a muscle with a leak of sonic conductance ``p.conductance`` [m3/(s Pa)]."""
     s = supply
-    if p[0] <= 0.0:
+    if p.conductance <= 0.0:
         return s
     return replace_supply_fields(
         s,
@@ -59,17 +67,20 @@ def add_leak(p: FloatSequence, state: FloatSequence, supply: Supply) -> Supply:
         s.exhaust_conductance,
         s.exhaust_critical_ratio,
         s.polytropic_exponent,
-        p[0],
+        p.conductance,
         s.tank_volume,
         s.tank_pressure,
         s.regulator_time_constant,
     )
 
 
-def draw_from_tank(p: FloatSequence, state: FloatSequence, supply: Supply) -> Supply:
-    """The supply out of a tank of volume ``1/own[0]`` [m3], full at the supply's own pressure, and not refilled."""
+def draw_from_tank(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
+    """Return a supply from a tank of volume 1/``p.inverse_volume`` [m3].
+
+    The tank starts at the supply's pressure, and no compressor refills it.
+    """
     s = supply
-    if p[0] <= 0.0:
+    if p.inverse_volume <= 0.0:
         return s
     return replace_supply_fields(
         s,
@@ -79,7 +90,7 @@ def draw_from_tank(p: FloatSequence, state: FloatSequence, supply: Supply) -> Su
         s.exhaust_critical_ratio,
         s.polytropic_exponent,
         s.leak_conductance,
-        1.0 / p[0],
+        1.0 / p.inverse_volume,
         s.max_pressure,
         s.regulator_time_constant,
     )
@@ -107,7 +118,7 @@ _CRITICAL_RATIO = EffectParameter(
 
 CHOKED_VALVE = Effect(
     name="choked_valve",
-    description="A valve lets only so much air through: filling is limited by the speed of sound.",
+    description="The valve chokes: the speed of sound limits the mass flow of filling and exhausting.",
     kind="device",
     acts_in_supply=True,
     forms=(
@@ -128,7 +139,7 @@ CHOKED_VALVE = Effect(
                     lower=0.1,
                     upper=10.0,
                     typical=2.0,
-                    source="assumed: resistance to exhaust over that to fill; silencers and long ways out",
+                    source="assumed: exhaust resistance over fill resistance; silencers and long exhaust lines",
                 ),
                 _CRITICAL_RATIO,
             ),
@@ -139,7 +150,7 @@ CHOKED_VALVE = Effect(
 
 VOLUME_COUPLING = Effect(
     name="volume_coupling",
-    description="The muscle's own motion squeezes and thins its air, and the regulator takes time to make up for it.",
+    description="Motion of the muscle changes its volume and pressure, and the regulator compensates with a delay.",
     kind="device",
     acts_in_supply=True,
     forms=(
@@ -153,7 +164,7 @@ VOLUME_COUPLING = Effect(
                     lower=0.0,
                     upper=5.0,
                     typical=0.05,
-                    source="assumed: as long as a regulator's lag; sealed, V'/V is 10 to 14 1/s at 200 mm/s",
+                    source="assumed: equal to the lag of a regulator; sealed, V'/V is 10 to 14 1/s at 200 mm/s",
                 ),
                 EffectParameter(
                     key="exponent",
@@ -171,7 +182,7 @@ VOLUME_COUPLING = Effect(
 
 LEAK = Effect(
     name="leak",
-    description="The muscle leaks: a regulator makes up for it at the cost of air, behind a valve the pressure sags.",
+    description="The muscle leaks: a regulator uses more air to compensate, and behind a valve the pressure drops.",
     kind="device",
     acts_in_supply=True,
     forms=(
@@ -195,13 +206,13 @@ LEAK = Effect(
 
 SUPPLY_DROOP = Effect(
     name="supply_droop",
-    description="The supply is a tank that is not refilled: its pressure sinks as air is taken.",
+    description="The supply is a tank without refill: its pressure falls as air is drawn.",
     kind="device",
     acts_in_supply=True,
     forms=(
         EffectForm(
             name="tank",
-            equation="p <= p_supply - m_taken R T/V",
+            equation="p <= p_supply - m_drawn R T/V",
             parameters=(
                 EffectParameter(
                     key="inverse_volume_per_l",
@@ -209,7 +220,7 @@ SUPPLY_DROOP = Effect(
                     lower=0.0,
                     upper=20.0,
                     typical=4.0,
-                    source="assumed: a small buffer of a quarter litre, nothing behind it",
+                    source="assumed: a small buffer of a quarter litre without compressor",
                 ),
             ),
             laws={"supply": draw_from_tank},

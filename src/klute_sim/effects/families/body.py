@@ -1,98 +1,102 @@
-"""Effects of the body that the device is built into: of ankle, foot and return spring. They show on a walk only.
+"""Effects of the body that carries the device: ankle, foot, return spring and socket. Only gait runs show them.
 
-Each changes the numbers of :class:`klute_sim.laws.foot.Foot`, which are the MJCF's: what a replay then does, MuJoCo
-does with the model edited likewise (:func:`klute_sim.gait.body.into`).
+Each law changes fields of :class:`klute_sim.laws.foot.Foot`, whose nominal values come from the MJCF. The replay uses
+the changed foot; for MuJoCo the MJCF model is edited to match (:mod:`klute_sim.gait.body`).
 """
 
 from typing import Any
 
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.laws.foot import Foot
 
 MIN_KEEL_TIME_CONSTANT = 1e-3
-"""Time in which a foot that bends comes to rest [s] (assumed): far below what a walk shows, and long enough for MuJoCo
-to step over, however stiff the foot."""
+"""Time constant of a foot that bends without loss [s].
+
+Assumed: too short to show in a gait run, and long enough for MuJoCo's time step at any stiffness of the foot.
+"""
 
 
-def add_ankle_friction(p: FloatSequence, foot: Foot) -> Foot:
-    """Coulomb friction of the ankle, ``own[0]`` [N.m] more."""
-    return foot._replace(ankle_friction=foot.ankle_friction + p[0])
+def add_ankle_friction(p: Any, foot: Foot) -> Foot:
+    """Return the foot with ``p.moment`` [N.m] more Coulomb friction in the ankle."""
+    return foot._replace(ankle_friction=foot.ankle_friction + p.moment)
 
 
-def add_ankle_damping(p: FloatSequence, foot: Foot) -> Foot:
-    """Viscous damping of the ankle, ``own[0]`` [N.m.s/rad] more."""
-    return foot._replace(ankle_damping=foot.ankle_damping + p[0])
+def add_ankle_damping(p: Any, foot: Foot) -> Foot:
+    """Return the foot with ``p.damping`` [N.m.s/rad] more viscous damping in the ankle."""
+    return foot._replace(ankle_damping=foot.ankle_damping + p.damping)
 
 
-def add_friction_and_damping(p: FloatSequence, foot: Foot) -> Foot:
-    """Both."""
-    return add_ankle_damping(p[1:], add_ankle_friction(p, foot))
+def add_friction_and_damping(p: Any, foot: Foot) -> Foot:
+    """Return the foot with more Coulomb friction and more viscous damping in the ankle."""
+    return add_ankle_damping(p, add_ankle_friction(p, foot))
 
 
-def scale_spring_stiffness(p: FloatSequence, foot: Foot) -> Foot:
-    """A return spring of ``own[0]`` times the stiffness."""
-    return foot._replace(spring_stiffness=p[0] * foot.spring_stiffness)
+def scale_spring_stiffness(p: Any, foot: Foot) -> Foot:
+    """Return the foot with ``p.gain`` times the stiffness of the return spring."""
+    return foot._replace(spring_stiffness=p.gain * foot.spring_stiffness)
 
 
-def shift_spring_rest_angle(p: FloatSequence, foot: Foot) -> Foot:
-    """A return spring that is slack ``own[0]`` [rad] further in dorsiflexion."""
-    return foot._replace(spring_rest_angle=foot.spring_rest_angle - p[0])
+def shift_spring_rest_angle(p: Any, foot: Foot) -> Foot:
+    """Return the foot with a return spring that is slack ``p.shift`` [rad] further in dorsiflexion."""
+    return foot._replace(spring_rest_angle=foot.spring_rest_angle - p.shift)
 
 
-def add_bumper(p: FloatSequence, foot: Foot) -> Foot:
-    """A bumper of stiffness ``own[0]`` [N.m/rad] from ``own[1]`` [rad] of dorsiflexion on."""
-    return foot._replace(bumper_stiffness=foot.bumper_stiffness + p[0], bumper_onset_angle=p[1])
+def add_bumper(p: Any, foot: Foot) -> Foot:
+    """Return the foot with a bumper of ``p.stiffness`` [N.m/rad] from ``p.begin`` [rad] of dorsiflexion on."""
+    return foot._replace(bumper_stiffness=foot.bumper_stiffness + p.stiffness, bumper_onset_angle=p.begin)
 
 
-def scale_insertion(p: FloatSequence, foot: Foot) -> Foot:
-    """The tendon inserted ``own[0]`` times as far from the ankle."""
-    return foot._replace(insertion_x=p[0] * foot.insertion_x, insertion_z=p[0] * foot.insertion_z)
+def scale_insertion(p: Any, foot: Foot) -> Foot:
+    """Return the foot with the tendon inserted ``p.gain`` times as far from the ankle."""
+    return foot._replace(insertion_x=p.gain * foot.insertion_x, insertion_z=p.gain * foot.insertion_z)
 
 
-def scale_mass(p: FloatSequence, foot: Foot) -> Foot:
-    """A foot of ``own[0]`` times the mass, shaped alike."""
-    more = (p[0] - 1.0) * foot.mass
-    return foot._replace(mass=p[0] * foot.mass, inertia=p[0] * foot.inertia, distal_mass=foot.distal_mass + more)
+def scale_mass(p: Any, foot: Foot) -> Foot:
+    """Return the foot with ``p.gain`` times the mass and the same shape."""
+    added_mass = (p.gain - 1.0) * foot.mass
+    return foot._replace(
+        mass=p.gain * foot.mass, inertia=p.gain * foot.inertia, distal_mass=foot.distal_mass + added_mass
+    )
 
 
-def add_keel_compliance(p: FloatSequence, foot: Foot) -> Foot:
-    """A foot that bends by ``own[0]`` [rad/(N.m)], at once."""
-    return _add_compliance(foot, p[0], MIN_KEEL_TIME_CONSTANT, 0.0)
+def add_keel_compliance(p: Any, foot: Foot) -> Foot:
+    """Return a foot that bends by ``p.compliance`` [rad/(N.m)] more, without loss."""
+    return _add_compliance(foot, p.compliance, MIN_KEEL_TIME_CONSTANT, 0.0)
 
 
-def add_viscous_keel(p: FloatSequence, foot: Foot) -> Foot:
-    """A foot that bends by ``own[0]`` [rad/(N.m)], but takes ``own[1]`` [s] to."""
-    return _add_compliance(foot, p[0], max(p[1], MIN_KEEL_TIME_CONSTANT), 0.0)
+def add_viscous_keel(p: Any, foot: Foot) -> Foot:
+    """Return a foot that bends by ``p.compliance`` [rad/(N.m)] more with the time constant ``p.time_constant`` [s]."""
+    return _add_compliance(foot, p.compliance, max(p.time_constant, MIN_KEEL_TIME_CONSTANT), 0.0)
 
 
-def add_friction_keel(p: FloatSequence, foot: Foot) -> Foot:
-    """A foot that bends by ``own[0]`` [rad/(N.m)], but holds ``own[1]`` [N.m] back, whichever way it goes."""
-    return _add_compliance(foot, p[0], MIN_KEEL_TIME_CONSTANT, p[1])
+def add_friction_keel(p: Any, foot: Foot) -> Foot:
+    """Return a foot that bends by ``p.compliance`` [rad/(N.m)] more against a dry friction of ``p.moment`` [N.m]."""
+    return _add_compliance(foot, p.compliance, MIN_KEEL_TIME_CONSTANT, p.moment)
 
 
 def _add_compliance(foot: Foot, compliance: float, time_constant: float, friction_moment: float) -> Foot:
-    """Bending by ``compliance`` [rad/(N.m)] more; what is lost in it is in proportion to its share."""
+    """Return ``foot`` with more ``compliance`` [rad/(N.m)]; its losses are weighted by its part of the total."""
     if compliance == 0.0:
         return foot
-    whole = foot.keel_compliance + compliance
-    slow = (foot.keel_compliance * foot.keel_time_constant + compliance * time_constant) / whole
+    total = foot.keel_compliance + compliance
+    mean_time_constant = (foot.keel_compliance * foot.keel_time_constant + compliance * time_constant) / total
     return foot._replace(
-        keel_compliance=whole,
-        keel_time_constant=slow,
+        keel_compliance=total,
+        keel_time_constant=mean_time_constant,
         keel_friction_angle=foot.keel_friction_angle + compliance * friction_moment,
     )
 
 
-def add_socket_compliance(p: FloatSequence, foot: Foot) -> Foot:
-    """A socket that gives by ``own[0]`` [m/N] more along the pylon."""
-    return foot._replace(socket_compliance=foot.socket_compliance + p[0])
+def add_socket_compliance(p: Any, foot: Foot) -> Foot:
+    """Return the foot on a socket with ``p.compliance`` [m/N] more compliance along the pylon."""
+    return foot._replace(socket_compliance=foot.socket_compliance + p.compliance)
 
 
 def _make_form(name: str, equation: str, law: Any, *parameters: EffectParameter) -> EffectForm:
     return EffectForm(name=name, equation=equation, parameters=parameters, laws={"foot": law})
 
 
-_JOINT_SOURCE = "assumed: no friction of this ankle is printed; a tenth of its peak moment would be a seized bearing"
+_JOINT_SOURCE = "assumed: no friction of this ankle is published; 10 % of its peak moment would be a seized bearing"
 _FRICTION_MOMENT = EffectParameter(
     key="moment_n_m", neutral=0.0, lower=0.0, upper=15.0, typical=2.0, source=_JOINT_SOURCE
 )
@@ -100,7 +104,7 @@ _DAMPING = EffectParameter(key="damping_n_m_s", neutral=0.0, lower=0.0, upper=10
 
 ANKLE_FRICTION = Effect(
     name="ankle_friction",
-    description="The ankle's bearing rubs, or its bushes are viscous.",
+    description="The ankle has dry friction in its bearing, or viscous bushes.",
     kind="body",
     forms=(
         _make_form("coulomb", "M = -moment sign(dq/dt)", add_ankle_friction, _FRICTION_MOMENT),
@@ -113,7 +117,7 @@ ANKLE_FRICTION = Effect(
 _SPRING_SOURCE = "assumed: the return spring of models/ankle.xml is assumed itself"
 RETURN_SPRING_ERROR = Effect(
     name="return_spring_error",
-    description="The ankle's return spring is stiffer or softer than it is taken to be, or slack elsewhere.",
+    description="The ankle's return spring is stiffer or softer than assumed, or slack at another angle.",
     kind="body",
     forms=(
         _make_form(
@@ -130,7 +134,7 @@ RETURN_SPRING_ERROR = Effect(
         ),
     ),
 )
-_BUMPER_SOURCE = "assumed: rubber bumpers of prosthetic ankles give several degrees under body weight"
+_BUMPER_SOURCE = "assumed: rubber bumpers of prosthetic ankles yield several degrees under body weight"
 END_STOP = Effect(
     name="end_stop",
     description="A bumper limits dorsiflexion before the end stop does.",
@@ -149,12 +153,12 @@ END_STOP = Effect(
 )
 MOMENT_ARM_ERROR = Effect(
     name="moment_arm_error",
-    description="The tendon is inserted nearer to the ankle's axis, or further from it, than drawn.",
+    description="The tendon is inserted nearer to or further from the ankle's axis than in the drawing.",
     kind="body",
     forms=(
         _make_form(
             "insertion",
-            "insertion = gain (drawn insertion)",
+            "insertion = gain (nominal insertion)",
             scale_insertion,
             EffectParameter(
                 key="gain",
@@ -169,12 +173,12 @@ MOMENT_ARM_ERROR = Effect(
 )
 INERTIA_ERROR = Effect(
     name="inertia_error",
-    description="The foot is heavier or lighter than it is taken to be: a shoe, for one.",
+    description="The foot is heavier or lighter than assumed, for example because of a shoe.",
     kind="body",
     forms=(
         _make_form(
             "mass",
-            "m and I = gain (drawn ones)",
+            "m and I = gain (nominal values)",
             scale_mass,
             EffectParameter(
                 key="gain",
@@ -194,14 +198,14 @@ _COMPLIANCE = EffectParameter(
 FOOT_STIFFNESS = Effect(
     name="foot_stiffness",
     description=(
-        "The foot is not rigid: beyond the ankle's hinge it bends under its load. It shows where `ankle_angle` is that "
-        "of the foot, from markers on it; an encoder on the hinge does not see it, and then this is to be left out."
+        "The foot is not rigid: beyond the ankle's hinge it bends under load. It is visible if `ankle_angle` is "
+        "measured with markers on the foot; exclude it if an encoder on the hinge measures the angle."
     ),
     kind="body",
     forms=(
         _make_form(
             "linear",
-            "angle = hinge + compliance M, M the moment that crosses the hinge",
+            "angle = hinge + compliance M, M the moment in the hinge",
             add_keel_compliance,
             _COMPLIANCE,
         ),
@@ -210,8 +214,8 @@ FOOT_STIFFNESS = Effect(
 FOOT_HYSTERESIS = Effect(
     name="foot_hysteresis",
     description=(
-        "The foot bends under its load and comes back late, or not all the way: it gives back less than it took. It "
-        "shows where `ankle_angle` is that of the foot, not of an encoder on the hinge."
+        "The foot bends under load and returns late or incompletely, so it dissipates energy. It is visible if "
+        "`ankle_angle` is measured on the foot, not with an encoder on the hinge."
     ),
     kind="body",
     forms=(
@@ -226,7 +230,7 @@ FOOT_HYSTERESIS = Effect(
                 lower=0.002,
                 upper=2.0,
                 typical=0.03,
-                source="assumed: a tenth or so of the time in which the foot is loaded",
+                source="assumed: about a tenth of the loading time of the foot",
             ),
         ),
         _make_form(
@@ -240,7 +244,7 @@ FOOT_HYSTERESIS = Effect(
                 lower=0.1,
                 upper=30.0,
                 typical=3.0,
-                source="assumed: 3 % of the peak moment; a measured foot's loops are 0.3 to 3 N.m wide each way",
+                source="assumed: 3 % of the peak moment; loops of a measured foot are 0.3 to 3 N.m wide",
             ),
         ),
     ),
@@ -248,14 +252,14 @@ FOOT_HYSTERESIS = Effect(
 SOCKET_PISTONING = Effect(
     name="socket_pistoning",
     description=(
-        "The limb sinks into its socket under load. It shows where `ankle_x` and `ankle_z` were reckoned from the "
-        "limb, above the socket; markers on the prosthesis itself do not see it, and then this is to be left out."
+        "The limb moves in its socket under load. It is visible if `ankle_x` and `ankle_z` are derived from the limb "
+        "above the socket; exclude it if the markers are on the prosthesis."
     ),
     kind="body",
     forms=(
         _make_form(
             "axial",
-            "the ankle is compliance F up the pylon from where a rigid shank has it, F the socket's load",
+            "ankle displacement = compliance F up the pylon, F the socket's load",
             add_socket_compliance,
             EffectParameter(
                 key="compliance_mm_per_kn",

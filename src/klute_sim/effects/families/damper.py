@@ -1,62 +1,68 @@
-"""Effects of the hydraulic damper: what a real piston and a real orifice add to the design's ``c v|v|``."""
+"""Effects of the hydraulic damper: deviations of a real piston and a real orifice from the ideal ``c v|v|``."""
 
 import math
+from typing import Any
 
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.effects.smoothing import smooth_sign, step_slider
-from klute_sim.laws.mckibben import Muscle
+from klute_sim.laws.mckibben import MuscleParameters
 
 
-def apply_discharge_loss(p: FloatSequence, state: FloatSequence, force: float, rate: float) -> float:
-    """Tension [N]: ``c v|v| / Cd^2``, from (4.6) with the 1 beside (bore/orifice)^4 neglected (5e-6 of it)."""
-    return force / (p[0] * p[0])
+def apply_discharge_loss(p: Any, state: Any, force: float, velocity: float) -> float:
+    """Return the damper tension [N] over Cd^2, from (4.6) without the 1 beside (bore/orifice)^4 (5e-6 of it)."""
+    return force / (p.discharge_coefficient * p.discharge_coefficient)
 
 
-def laminar_force(p: FloatSequence, state: FloatSequence, force: float, rate: float) -> float:
-    """Tension [N]: ``c v sqrt(v^2 + vc^2)``: linear below the transition speed, quadratic above."""
-    speed = abs(rate)
-    if p[0] == 0.0 or speed == 0.0:
+def laminar_force(p: Any, state: Any, force: float, velocity: float) -> float:
+    """Return ``c v sqrt(v^2 + vc^2)`` [N]: linear below the transition speed vc, quadratic above."""
+    speed = abs(velocity)
+    if p.transition_speed == 0.0 or speed == 0.0:
         return force
-    return force / speed * math.sqrt(speed * speed + p[0] * p[0])
+    return force / speed * math.sqrt(speed * speed + p.transition_speed * p.transition_speed)
 
 
-def seal_friction(p: FloatSequence, state: FloatSequence, force: float, rate: float) -> float:
-    """Tension [N]: ``+ F sign(v)``."""
-    return force + p[0] * smooth_sign(rate)
+def seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
+    """Return the damper tension [N] plus ``F sign(v)``."""
+    return force + p.force * smooth_sign(velocity)
 
 
-def stribeck_friction(p: FloatSequence, state: FloatSequence, force: float, rate: float) -> float:
-    """Tension [N]: ``+ F (1 + stick exp(-(v/vs)^2)) sign(v)``, the bracket as of the step before.
+def stribeck_friction(p: Any, state: Any, force: float, velocity: float) -> float:
+    """Return the damper tension [N] plus ``F (1 + stick exp(-(v/vs)^2)) sign(v)``.
 
-    It falls with speed, so with the speed of the same step two forces could balance; a step late there is one.
+    The bracket uses the speed of the preceding step. It falls with speed, so with the speed of the same step the force
+    balance could have two solutions.
     """
-    return force + p[0] * (1.0 + p[1] * (1.0 - state[0])) * smooth_sign(rate)
+    return force + p.force * (1.0 + p.stick_fraction * (1.0 - state.peak_loss)) * smooth_sign(velocity)
 
 
 def step_stribeck(
-    p: FloatSequence, state: FloatSequence, muscle: Muscle, pressure: float, length: float, stretch: float, dt: float
+    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
 ) -> tuple[float, float, float]:
-    """What the speed before has taken off the peak [1], the speed now [m/s], and the length beyond rest [m]."""
+    """Return the reduction of the friction peak [1], the speed [m/s] and the length beyond rest [m] after the step."""
     x = length - muscle.resting_length
-    return 1.0 - math.exp(-((state[1] / p[2]) * (state[1] / p[2]))), abs(x - state[2]) / dt, x
+    return (
+        1.0 - math.exp(-((state.speed / p.stribeck_speed) * (state.speed / p.stribeck_speed))),
+        abs(x - state.length) / dt,
+        x,
+    )
 
 
-def trapped_air_force(p: FloatSequence, state: FloatSequence, force: float, rate: float) -> float:
-    """Tension [N]: none at a reversal, more the further the piston has come since, all after the dead stroke."""
-    if p[0] <= 0.0:
+def trapped_air_force(p: Any, state: Any, force: float, velocity: float) -> float:
+    """Return the damper tension [N], which rises from 0 at a reversal to its full value after the dead stroke."""
+    if p.stroke <= 0.0:
         return force
-    engaged = state[1] if rate > 0.0 else -state[1]
-    return force * 0.5 * (1.0 + engaged)
+    engagement = state.stroke_position if velocity > 0.0 else -state.stroke_position
+    return force * 0.5 * (1.0 + engagement)
 
 
 def step_dead_stroke(
-    p: FloatSequence, state: FloatSequence, muscle: Muscle, pressure: float, length: float, stretch: float, dt: float
+    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
 ) -> tuple[float, float]:
-    """A slider half a dead stroke behind the piston, and which end of it the piston is at, -1 to 1."""
-    x, half = length - muscle.resting_length, 0.5 * p[0]
+    """Return the slider [m] at most half a dead stroke behind the piston, and the piston's position in it, -1 to 1."""
+    x, half = length - muscle.resting_length, 0.5 * p.stroke
     if half <= 0.0:
         return 0.0, 0.0
-    slider = step_slider(state[0], x, half, dt)
+    slider = step_slider(state.slider, x, half, dt)
     return slider, (x - slider) / half
 
 
@@ -85,7 +91,7 @@ DISCHARGE_LOSS = Effect(
 
 LAMINAR_ORIFICE = Effect(
     name="laminar_orifice",
-    description="At low speed the oil flows in layers: the damper is linear there, and stronger than the square.",
+    description="At low speed the oil flow is laminar: the damper is linear and stronger than the quadratic law.",
     kind="device",
     forms=(
         EffectForm(
@@ -108,7 +114,7 @@ LAMINAR_ORIFICE = Effect(
 
 SEAL_FRICTION = Effect(
     name="seal_friction",
-    description="The piston's seal rubs: a constant force against the motion, whatever the pressure.",
+    description="The piston's seal has dry friction: a constant force against the motion, independent of pressure.",
     kind="device",
     forms=(
         EffectForm(
@@ -144,7 +150,7 @@ SEAL_FRICTION = Effect(
                     lower=0.05,
                     upper=3.0,
                     typical=0.6,
-                    source="assumed: seals break away at half as much again",
+                    source="assumed: breakaway friction of seals is about 1.5 times the sliding friction",
                 ),
                 EffectParameter(
                     key="stribeck_speed_mm_per_s",
@@ -155,15 +161,15 @@ SEAL_FRICTION = Effect(
                     source="assumed: a lubricating film builds up within tens of mm/s",
                 ),
             ),
-            laws={"damper_force": stribeck_friction, "remember": step_stribeck},
-            n_states=3,
+            laws={"damper_force": stribeck_friction, "next_state": step_stribeck},
+            states=("peak_loss", "speed", "length"),
         ),
     ),
 )
 
 TRAPPED_AIR = Effect(
     name="trapped_air",
-    description="Air in the damper's oil, or play at its ends: after each reversal it brakes only after a dead stroke.",
+    description="Air in the damper's oil, or play at its ends: after a reversal it acts only after a dead stroke.",
     kind="device",
     forms=(
         EffectForm(
@@ -179,8 +185,8 @@ TRAPPED_AIR = Effect(
                     source="assumed: a bubble of one cubic centimetre under a piston of 20 mm",
                 ),
             ),
-            laws={"damper_force": trapped_air_force, "remember": step_dead_stroke},
-            n_states=2,
+            laws={"damper_force": trapped_air_force, "next_state": step_dead_stroke},
+            states=("slider", "stroke_position"),
         ),
     ),
 )

@@ -1,106 +1,107 @@
-"""Terms without a name: what an equation of the device lacks, in functions of what acts there.
+"""Discrepancy terms: data-driven functions that an equation of the device lacks.
 
-A diagnosis that no effect explains finds some of these coefficients by sparse regression
-(:mod:`klute_sim.diagnosis.selection.sparse_regression`), and a device file carries them. They are no physics: nothing keeps them from
-giving energy, and beyond the data they were fitted to they mean little. So every function is bounded,
-whatever its arguments.
+When no named effect explains the data, a diagnosis estimates some of these coefficients by sparse regression
+(:mod:`klute_sim.diagnosis.selection.sparse_regression`), and a device file stores them. The terms are not physics: they
+may create energy, and they do not extrapolate beyond the data of their fit. Every function is therefore bounded for any
+arguments.
 """
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 from klute_sim import units
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.effects.smoothing import smooth_sign, step_slider
-from klute_sim.laws.mckibben import Muscle
+from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.units import BAR
 
 PRESSURE_SCALE = 5.0 * BAR
-"""Pressure that pressures are divided by [Pa]."""
+"""Pressure that normalizes pressures [Pa]."""
 ONSET_PRESSURE = 0.5 * BAR
-"""Pressure at which half of what begins with pressure is there [Pa]."""
+"""Pressure at which a term that sets in with pressure has half of its final value [Pa]."""
 CONTRACTION_SCALE = 0.25
-"""Contraction that contractions are divided by: about the most that a muscle does [1]."""
+"""Contraction that normalizes contractions, about the largest of a muscle [1]."""
 SATURATION_SPEED = 0.1
-"""Speed [m/s] up to which what depends on speed grows."""
+"""Speed at which speed-dependent terms saturate [m/s]."""
 STRETCH_SCALE = 10e-3
-"""Stretch that stretches are divided by [m]."""
+"""Stretch that normalizes stretches [m]."""
 TOE_STRETCH = 1e-3
-"""Stretch [m] at which half of what begins with stretch is there."""
+"""Stretch at which a term that sets in with stretch has half of its final value [m]."""
 MAX_SCALED_INPUT = 2.0
-"""Dimensionless pressure, contraction and stretch beyond which nothing changes any more."""
+"""Upper limit of normalized pressure, contraction and stretch [1]."""
 MAX_TIME_CONSTANT = 1.0
-"""Time constant [s] of a pressure, at most."""
+"""Upper limit of the pressure's time constant [s]."""
 
 
 def sparse_force(
-    coefficients: FloatSequence,
-    state: FloatSequence,
+    coefficients: Any,
+    state: Any,
     force: float,
-    muscle: Muscle,
+    muscle: MuscleParameters,
     pressure: float,
     length: float,
-    rate: float,
+    velocity: float,
 ) -> float:
-    """Tension [N]: plus a combination of functions of pressure, contraction and speed."""
+    """Return the tension [N] plus a combination of functions of pressure, contraction and speed."""
+    c = coefficients
     p = min(max(pressure / PRESSURE_SCALE, 0.0), MAX_SCALED_INPUT)
     b = max(pressure, 0.0) / (max(pressure, 0.0) + ONSET_PRESSURE)
     e = min(max((1.0 - length / muscle.resting_length) / CONTRACTION_SCALE, 0.0), MAX_SCALED_INPUT)
-    d, s = smooth_sign(rate), rate / math.sqrt(rate * rate + SATURATION_SPEED * SATURATION_SPEED)
-    still = (
-        p * (coefficients[0] + coefficients[1] * p)
-        + b * (coefficients[2] + coefficients[3] * e)
-        + e * (coefficients[4] + coefficients[5] * e + p * (coefficients[6] + coefficients[7] * e))
+    d, s = smooth_sign(velocity), velocity / math.sqrt(velocity * velocity + SATURATION_SPEED * SATURATION_SPEED)
+    static = (
+        p * (c.pressure + c.pressure_squared * p)
+        + b * (c.begin + c.begin_contraction * e)
+        + e
+        * (
+            c.contraction
+            + c.contraction_squared * e
+            + p * (c.pressure_contraction + c.pressure_contraction_squared * e)
+        )
     )
     return force + (
-        still
-        + d * (coefficients[8] + coefficients[9] * p + coefficients[10] * e)
-        + s * (coefficients[11] + coefficients[12] * p + coefficients[13] * abs(s))
+        static
+        + d * (c.friction + c.pressure_friction * p + c.contraction_friction * e)
+        + s * (c.speed + c.pressure_speed * p + c.speed_squared * abs(s))
     )
 
 
-def sparse_tendon_force(coefficients: FloatSequence, state: FloatSequence, force: float, stretch: float) -> float:
-    """Tension [N]: plus a combination of functions of the tendon's stretch, nothing while it is slack."""
-    x, t = (
-        min(max(stretch / STRETCH_SCALE, 0.0), MAX_SCALED_INPUT),
-        max(stretch, 0.0) / (max(stretch, 0.0) + TOE_STRETCH),
-    )
-    return force + (x * (coefficients[0] + coefficients[1] * x) + coefficients[2] * t)
+def sparse_tendon_force(coefficients: Any, state: Any, force: float, stretch: float) -> float:
+    """Return the tension [N] plus a combination of functions of the stretch, 0 for a slack tendon."""
+    c = coefficients
+    x = min(max(stretch / STRETCH_SCALE, 0.0), MAX_SCALED_INPUT)
+    t = max(stretch, 0.0) / (max(stretch, 0.0) + TOE_STRETCH)
+    return force + (x * (c.stretch + c.stretch_squared * x) + c.toe * t)
 
 
-def sparse_pressure(
-    coefficients: FloatSequence, state: FloatSequence, target: float, pressure: float, dt: float
-) -> float:
-    """Pressure [Pa] a step later: another target, a dead band around it, and a lag (backward Euler)."""
+def sparse_pressure(coefficients: Any, state: Any, target: float, pressure: float, dt: float) -> float:
+    """Return the pressure [Pa] after the step: a shifted target, a dead band around it, and a lag (backward Euler)."""
+    k = coefficients
     c = min(target / PRESSURE_SCALE, MAX_SCALED_INPUT)
-    wanted = max(
-        step_slider(
-            pressure, target + (coefficients[0] + c * (coefficients[1] + c * coefficients[2])), coefficients[3], 0.0
-        ),
-        0.0,
-    )
-    slow = coefficients[4] + coefficients[5] * c + (coefficients[6] if wanted < pressure else 0.0)
-    if slow <= 0.0:
-        return wanted
-    slow = min(slow, MAX_TIME_CONSTANT)
-    return pressure + dt / (slow + dt) * (wanted - pressure)
+    shifted_target = target + (k.offset + c * (k.command + c * k.command_squared))
+    reachable = max(step_slider(pressure, shifted_target, k.dead_band, 0.0), 0.0)
+    time_constant = k.lag + k.command_lag * c + (k.falling_lag if reachable < pressure else 0.0)
+    if time_constant <= 0.0:
+        return reachable
+    time_constant = min(time_constant, MAX_TIME_CONSTANT)
+    return pressure + dt / (time_constant + dt) * (reachable - pressure)
 
 
-_SOURCE = "assumed: no physics; range and size are those of a force worth looking for"
+_SOURCE = "assumed: no physics; range and typical value of a relevant force"
 
 
-def _signed_parameter(key: str, upper: float, typical: float, *, signed: bool = True) -> EffectParameter:
-    low = -upper if signed else 0.0
-    return EffectParameter(key=key, neutral=0.0, lower=low, upper=upper, typical=typical, source=_SOURCE)
+def _make_parameter(key: str, upper: float, typical: float, *, signed: bool = True) -> EffectParameter:
+    lower = -upper if signed else 0.0
+    return EffectParameter(key=key, neutral=0.0, lower=lower, upper=upper, typical=typical, source=_SOURCE)
 
 
 def _force_parameter(key: str, typical: float = 10.0, *, signed: bool = True) -> EffectParameter:
-    return _signed_parameter(key, 1000.0, typical, signed=signed)
+    return _make_parameter(key, 1000.0, typical, signed=signed)
 
 
 UNKNOWN_FORCE = Effect(
     name="unknown_force",
-    description="Muscle and damper pull otherwise than any known effect explains: a combination fitted to data.",
+    description="No known effect explains the force of muscle and damper: a combination of functions fitted to data.",
     kind="device",
     data_driven=True,
     forms=(
@@ -118,7 +119,7 @@ UNKNOWN_FORCE = Effect(
                 _force_parameter("contraction_squared_n"),
                 _force_parameter("pressure_contraction_n"),
                 _force_parameter("pressure_contraction_squared_n"),
-                # Dry friction that pushes has no solution at rest.
+                # Negative dry friction would have no solution at rest.
                 _force_parameter("friction_n", signed=False),
                 _force_parameter("pressure_friction_n", signed=False),
                 _force_parameter("contraction_friction_n", signed=False),
@@ -133,7 +134,7 @@ UNKNOWN_FORCE = Effect(
 
 UNKNOWN_TENDON_FORCE = Effect(
     name="unknown_tendon_force",
-    description="The tendon pulls otherwise than any known effect explains: a combination fitted to data.",
+    description="No known effect explains the tendon's force: a combination of functions fitted to data.",
     kind="device",
     data_driven=True,
     forms=(
@@ -153,7 +154,7 @@ UNKNOWN_TENDON_FORCE = Effect(
 
 UNKNOWN_PRESSURE = Effect(
     name="unknown_pressure",
-    description="The pressure follows its command otherwise than any known effect explains: a combination fitted to data.",
+    description="No known effect explains the pressure's response: a combination of functions fitted to data.",
     kind="device",
     acts_in_supply=True,
     data_driven=True,
@@ -164,13 +165,13 @@ UNKNOWN_PRESSURE = Effect(
             "dead band z around it; tau = sum of coefficient times function: 1, c, f; c = command/(5 bar), up to 2, "
             "f = 1 while P falls",
             parameters=(
-                _signed_parameter("offset_bar", 2.0, 0.1),
-                _signed_parameter("command_bar", 2.0, 0.1),
-                _signed_parameter("command_squared_bar", 2.0, 0.1),
-                _signed_parameter("dead_band_bar", 1.0, 0.1, signed=False),
-                _signed_parameter("lag_s", MAX_TIME_CONSTANT, 0.02, signed=False),
-                _signed_parameter("command_lag_s", MAX_TIME_CONSTANT, 0.02),
-                _signed_parameter("falling_lag_s", MAX_TIME_CONSTANT, 0.02),
+                _make_parameter("offset_bar", 2.0, 0.1),
+                _make_parameter("command_bar", 2.0, 0.1),
+                _make_parameter("command_squared_bar", 2.0, 0.1),
+                _make_parameter("dead_band_bar", 1.0, 0.1, signed=False),
+                _make_parameter("lag_s", MAX_TIME_CONSTANT, 0.02, signed=False),
+                _make_parameter("command_lag_s", MAX_TIME_CONSTANT, 0.02),
+                _make_parameter("falling_lag_s", MAX_TIME_CONSTANT, 0.02),
             ),
             laws={"pressure_reached": sparse_pressure},
         ),
@@ -182,14 +183,14 @@ _BASIS_FUNCTIONS = {
     UNKNOWN_TENDON_FORCE.name: ("x", "x^2", "t"),
     UNKNOWN_PRESSURE.name: ("", "c", "c^2", "", "", "c", "f"),
 }
-"""Effect -> what each of its parameters is the coefficient of; '': of 1."""
+"""Function of each parameter, by effect; '' for a constant term."""
 _SUM_LABELS = {
     "dead_band_bar": "dead band =",
     "N": "F +=",
     "bar": "target = command",
     "s": "dP/dt = (target - P)/tau, tau =",
 }
-"""Parameter, or else its unit -> what it is part of."""
+"""Left side of the sum to which a parameter belongs, by parameter key or by unit."""
 _SYMBOL_MEANINGS = {
     "p": "P/(5 bar)",
     "b": "P/(P + 0.5 bar)",
@@ -204,15 +205,18 @@ _SYMBOL_MEANINGS = {
 
 
 def format_equation(effect: Effect, values: Mapping[str, float]) -> str:
-    """The ``effect``, one of this module, with ``values`` of its parameters (in the units of their keys), in a line."""
+    """Return the equation of ``effect``, one of this module, in one line.
+
+    ``values`` are its parameters by key, in the units of the keys.
+    """
     sums: dict[str, str] = {}
     used = ""
     for parameter, function in zip(effect.forms[0].parameters, _BASIS_FUNCTIONS[effect.name], strict=True):
         value, unit = values.get(parameter.key, 0.0), units.split_unit(parameter.key)[1]
         if value != 0.0:
-            whole = _SUM_LABELS.get(parameter.key) or _SUM_LABELS[unit]
-            part = f" {'-' if value < 0.0 else '+'} {abs(value):.3g} {unit} {function}"
-            sums[whole] = sums.get(whole, whole) + part.rstrip()
+            label = _SUM_LABELS.get(parameter.key) or _SUM_LABELS[unit]
+            term = f" {'-' if value < 0.0 else '+'} {abs(value):.3g} {unit} {function}"
+            sums[label] = sums.get(label, label) + term.rstrip()
             used += function
     lines = [line.replace("= + ", "= ") for line in sums.values()]
     return "; ".join(

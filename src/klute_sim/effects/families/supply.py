@@ -1,28 +1,30 @@
-"""Effects of regulator and line: pressure that is late, or not what was asked for."""
+"""Effects of regulator and line: the pressure follows the command late or inaccurately."""
 
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
+from typing import Any
+
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 
 
-def lag_pressure(p: FloatSequence, state: FloatSequence, target: float, pressure: float, dt: float) -> float:
-    """Pressure [Pa] a step later: ``dP/dt = (target - P) / tau`` (backward Euler)."""
-    if p[0] <= 0.0:
+def lag_pressure(p: Any, state: Any, target: float, pressure: float, dt: float) -> float:
+    """Return the pressure [Pa] after the step: ``dP/dt = (target - P) / tau`` (backward Euler)."""
+    if p.time_constant <= 0.0:
         return target
-    return pressure + dt / (p[0] + dt) * (target - pressure)
+    return pressure + dt / (p.time_constant + dt) * (target - pressure)
 
 
-def apply_gain(p: FloatSequence, state: FloatSequence, command: float) -> float:
-    """Target [Pa]: ``gain * command``."""
-    return p[0] * command
+def apply_gain(p: Any, state: Any, command: float) -> float:
+    """Return the target [Pa] ``gain * command``."""
+    return p.gain * command
 
 
-def apply_offset(p: FloatSequence, state: FloatSequence, command: float) -> float:
-    """Target [Pa]: ``command + offset``."""
-    return command + p[0]
+def apply_offset(p: Any, state: Any, command: float) -> float:
+    """Return the target [Pa] ``command + offset``."""
+    return command + p.offset
 
 
 PRESSURE_LAG = Effect(
     name="pressure_lag",
-    description="Line and chamber take time to fill: the pressure follows the command with a lag.",
+    description="Line and chamber fill slowly: the pressure follows the command with a lag.",
     kind="device",
     acts_in_supply=True,
     forms=(
@@ -46,7 +48,7 @@ PRESSURE_LAG = Effect(
 
 PRESSURE_DELAY = Effect(
     name="pressure_delay",
-    description="The valve answers late: the command acts after a dead time.",
+    description="The valve responds late: the command acts after a dead time.",
     kind="device",
     acts_in_supply=True,
     forms=(
@@ -69,7 +71,7 @@ PRESSURE_DELAY = Effect(
 
 REGULATOR_ERROR = Effect(
     name="regulator_error",
-    description="The regulator holds another pressure than the one that was commanded.",
+    description="The regulator holds a pressure that differs from the command.",
     kind="device",
     acts_in_supply=True,
     forms=(

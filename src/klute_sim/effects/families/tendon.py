@@ -1,54 +1,56 @@
-"""Effects of the tendon: play before it pulls, and a loss between pulling and letting go."""
+"""Effects of the tendon: play at its attachment, stiffening and hysteresis."""
 
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
+from typing import Any
+
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.effects.smoothing import step_follower, step_slider
-from klute_sim.laws.mckibben import Muscle
+from klute_sim.laws.mckibben import MuscleParameters
 
 SLIDER_REACH = 3e-4
-"""Stretch [m] within which the loss turns round (assumed)."""
+"""Stretch over which the hysteresis changes its sign after a reversal [m] (assumed)."""
 
 
-def subtract_slack(p: FloatSequence, state: FloatSequence, stretch: float) -> float:
-    """Stretch [m]: less by the dead length."""
-    return stretch - p[0]
+def subtract_slack(p: Any, state: Any, stretch: float) -> float:
+    """Return the stretch [m] minus the dead length."""
+    return stretch - p.slack
 
 
-def stiffening_force(p: FloatSequence, state: FloatSequence, force: float, stretch: float) -> float:
-    """Tension [N]: ``+ c x^2`` while taut, x the stretch beyond slack."""
+def stiffening_force(p: Any, state: Any, force: float, stretch: float) -> float:
+    """Return the tension [N] plus ``c x^2`` while taut, with x the stretch beyond slack length."""
     if stretch <= 0.0:
         return force
-    return force + p[0] * stretch * stretch
+    return force + p.stiffening * stretch * stretch
 
 
-def slip_force(p: FloatSequence, state: FloatSequence, force: float, stretch: float) -> float:
-    """Tension [N]: ``F (1 + eta (x - a) / reach)``, the slider ``a`` at most ``reach`` behind the stretch ``x``."""
-    return force * (1.0 + p[0] * (stretch - state[0]) / SLIDER_REACH)
+def slip_force(p: Any, state: Any, force: float, stretch: float) -> float:
+    """Return ``F (1 + eta (x - a) / d)`` [N], with the slider a at most d = 0.3 mm behind the stretch x."""
+    return force * (1.0 + p.loss_fraction * (stretch - state.slider) / SLIDER_REACH)
 
 
 def step_slip_slider(
-    p: FloatSequence, state: FloatSequence, muscle: Muscle, pressure: float, length: float, stretch: float, dt: float
+    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
 ) -> tuple[float]:
-    """The slider follows when it is pulled."""
-    return (step_slider(state[0], stretch, SLIDER_REACH, dt),)
+    """Return the slider's position [m] after the step."""
+    return (step_slider(state.slider, stretch, SLIDER_REACH, dt),)
 
 
-def maxwell_force(p: FloatSequence, state: FloatSequence, force: float, stretch: float) -> float:
-    """Tension [N]: ``+ k (x - s)`` while the tendon is taut, s the relaxed stretch."""
+def maxwell_force(p: Any, state: Any, force: float, stretch: float) -> float:
+    """Return the tension [N] plus ``k (x - s)`` while taut, with s the relaxed stretch."""
     if stretch <= 0.0:
         return force
-    return force + p[0] * (stretch - state[0])
+    return force + p.stiffness * (stretch - state.relaxed_stretch)
 
 
 def step_relaxed_stretch(
-    p: FloatSequence, state: FloatSequence, muscle: Muscle, pressure: float, length: float, stretch: float, dt: float
+    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
 ) -> tuple[float]:
-    """``ds/dt = (x - s) / tau``; a slack tendon relaxes to slack."""
-    return (step_follower(state[0], max(0.0, stretch), p[1], dt),)
+    """Return the relaxed stretch [m] after the step: ``ds/dt = (x - s) / tau``; a slack tendon relaxes to 0."""
+    return (step_follower(state.relaxed_stretch, max(0.0, stretch), p.time_constant, dt),)
 
 
 TENDON_HYSTERESIS = Effect(
     name="tendon_hysteresis",
-    description="The tendon gives back less than it took: more tension while stretching, less while shortening.",
+    description="The tendon dissipates energy: more tension while stretching, less while shortening.",
     kind="device",
     forms=(
         EffectForm(
@@ -64,8 +66,8 @@ TENDON_HYSTERESIS = Effect(
                     source="Achilles tendons lose 5-10 % (Peltonen 2013)",
                 ),
             ),
-            laws={"tendon_force": slip_force, "remember": step_slip_slider},
-            n_states=1,
+            laws={"tendon_force": slip_force, "next_state": step_slip_slider},
+            states=("slider",),
         ),
         EffectForm(
             name="maxwell",
@@ -85,18 +87,18 @@ TENDON_HYSTERESIS = Effect(
                     lower=0.01,
                     upper=10.0,
                     typical=0.3,
-                    source="assumed: what a bench trial of seconds can show",
+                    source="assumed: observable in a bench trial of a few seconds",
                 ),
             ),
-            laws={"tendon_force": maxwell_force, "remember": step_relaxed_stretch},
-            n_states=1,
+            laws={"tendon_force": maxwell_force, "next_state": step_relaxed_stretch},
+            states=("relaxed_stretch",),
         ),
     ),
 )
 
 TENDON_STIFFENING = Effect(
     name="tendon_stiffening",
-    description="The tendon's springs stiffen as they are stretched: more tension than their two lines say.",
+    description="The tendon's springs stiffen with stretch: more tension than their two linear segments.",
     kind="device",
     forms=(
         EffectForm(
@@ -109,7 +111,7 @@ TENDON_STIFFENING = Effect(
                     lower=0.0,
                     upper=100.0,
                     typical=2.0,
-                    source="assumed: a tenth more tension at a stretch of 10 mm",
+                    source="assumed: 10 % more tension at a stretch of 10 mm",
                 ),
             ),
             laws={"tendon_force": stiffening_force},
@@ -119,7 +121,7 @@ TENDON_STIFFENING = Effect(
 
 TENDON_SLACK = Effect(
     name="tendon_slack",
-    description="There is play in the tendon's attachment: it pulls only after a dead length.",
+    description="The tendon's attachment has play: the tendon pulls only after a dead length.",
     kind="device",
     forms=(
         EffectForm(
@@ -132,7 +134,7 @@ TENDON_SLACK = Effect(
                     lower=0.0,
                     upper=20.0,
                     typical=1.5,
-                    source="assumed: a millimetre or two of play is hardly seen",
+                    source="assumed: 1 to 2 mm of play is hardly visible",
                 ),
             ),
             laws={"tendon_stretch": subtract_slack},

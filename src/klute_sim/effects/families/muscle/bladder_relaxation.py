@@ -1,27 +1,29 @@
-"""Rubber that is stretched gives way with time."""
+"""Stress relaxation of the bladder's rubber."""
 
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
+from typing import Any
+
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.effects.smoothing import step_follower
-from klute_sim.laws.mckibben import Muscle
+from klute_sim.laws.mckibben import MuscleParameters
 
 
 def maxwell_force(
-    p: FloatSequence, state: FloatSequence, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Tension [N]: ``+ n k (x - s)``, x the length beyond rest, s the relaxed one."""
-    return force + muscle.n_actuators * p[0] * (length - muscle.resting_length - state[0])
+    """Return the tension [N] plus ``n k (x - s)``, with x the length beyond rest and s the relaxed length."""
+    return force + muscle.n_actuators * p.stiffness * (length - muscle.resting_length - state.relaxed_length)
 
 
 def step_relaxed_length(
-    p: FloatSequence, state: FloatSequence, muscle: Muscle, pressure: float, length: float, stretch: float, dt: float
+    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
 ) -> tuple[float]:
-    """``ds/dt = (x - s) / tau``."""
-    return (step_follower(state[0], length - muscle.resting_length, p[1], dt),)
+    """Return the relaxed length [m] after the step: ``ds/dt = (x - s) / tau``."""
+    return (step_follower(state.relaxed_length, length - muscle.resting_length, p.time_constant, dt),)
 
 
 BLADDER_RELAXATION = Effect(
     name="bladder_relaxation",
-    description="After a change of length the bladder's tension creeps towards its long-term value.",
+    description="After a change of length the bladder's tension relaxes towards its long-term value.",
     kind="device",
     forms=(
         EffectForm(
@@ -34,7 +36,7 @@ BLADDER_RELAXATION = Effect(
                     lower=0.0,
                     upper=50.0,
                     typical=3.0,
-                    source="assumed: natural rubber gives way by a few percent per decade of time",
+                    source="assumed: natural rubber relaxes by a few percent per decade of time",
                 ),
                 EffectParameter(
                     key="time_constant_s",
@@ -42,11 +44,11 @@ BLADDER_RELAXATION = Effect(
                     lower=0.02,
                     upper=100.0,
                     typical=1.0,
-                    source="assumed: what a bench trial of seconds can show",
+                    source="assumed: observable in a bench trial of a few seconds",
                 ),
             ),
-            laws={"muscle_force": maxwell_force, "remember": step_relaxed_length},
-            n_states=1,
+            laws={"muscle_force": maxwell_force, "next_state": step_relaxed_length},
+            states=("relaxed_length",),
         ),
     ),
 )

@@ -1,25 +1,27 @@
-"""The bladder's wall: as thick as it is, and softened by what it has been through."""
+"""Thickness and strain softening of the bladder's wall."""
 
 import math
+from typing import Any
 
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.laws import mckibben
-from klute_sim.laws.mckibben import Muscle
+from klute_sim.laws.mckibben import MuscleParameters
 
 GAUSS_NODES = (-0.8611363115940526, -0.3399810435848563, 0.3399810435848563, 0.8611363115940526)
+"""Nodes of the four-point Gauss-Legendre rule [1]."""
 GAUSS_WEIGHTS = (0.3478548451374538, 0.6521451548625461, 0.6521451548625461, 0.3478548451374538)
-"""Of Gauss and Legendre's rule, four points."""
+"""Weights of the four-point Gauss-Legendre rule [1]."""
 
 
-def _thick_wall_force(muscle: Muscle, length: float) -> float:
-    """Tension [N] of all bladders, with the rubber's energy integrated through the wall.
+def _thick_wall_force(muscle: MuscleParameters, length: float) -> float:
+    """Return the tension [N] of all bladders with the rubber's energy integrated through the wall.
 
-    Outside the rubber follows the braid; inside, rubber that keeps its volume has the radius
-    ``r^2 = (R0 lambda_2)^2 - (R0^2 - R^2) / lambda_1`` where it had R. So ``F = int 2 pi R dW/dlambda_1 dR``.
+    The outer surface follows the braid. Incompressible rubber at the initial radius R moves to the radius
+    ``r^2 = (R0 lambda_2)^2 - (R0^2 - R^2) / lambda_1``. The tension is ``F = int 2 pi R dW/dlambda_1 dR``.
     """
-    outer, rest = muscle.bladder_radius, muscle.resting_length
-    ratio = length / rest
-    grip = rest / (2.0 * math.pi * muscle.braid_turns * outer)
+    outer, resting_length = muscle.bladder_radius, muscle.resting_length
+    ratio = length / resting_length
+    grip = resting_length / (2.0 * math.pi * muscle.braid_turns * outer)
     k, a = grip * grip, ratio * ratio
     q_outer = 1.0 + k * (1.0 - a)
     half, total = 0.5 * muscle.bladder_thickness, 0.0
@@ -27,7 +29,7 @@ def _thick_wall_force(muscle: Muscle, length: float) -> float:
         radius = outer - half + half * GAUSS_NODES[k_node]
         inside = outer * outer - radius * radius
         q = max(1e-3, (outer * outer * q_outer - inside / ratio) / (radius * radius))
-        # Change of q, the squared hoop stretch, and of a with lambda_1.
+        # Derivative with respect to lambda_1 of the squared hoop stretch q.
         q_slope = (-2.0 * k * ratio * outer * outer + inside / a) / (radius * radius)
         i1 = (1.0 - 1.0 / (a * a * q)) * 2.0 * ratio + (1.0 - 1.0 / (a * q * q)) * q_slope
         i2 = (q - 1.0 / (a * a)) * 2.0 * ratio + (a - 1.0 / (q * q)) * q_slope
@@ -36,38 +38,39 @@ def _thick_wall_force(muscle: Muscle, length: float) -> float:
 
 
 def thick_wall_correction(
-    p: FloatSequence, state: FloatSequence, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Tension [N]: ``+ share`` of what a thick wall has beyond the thin one of (3.3)."""
-    return force + p[0] * (_thick_wall_force(muscle, length) - mckibben.bladder_force(muscle, length))
+    """Return the tension [N] plus ``p.share`` of the difference between a thick and a thin wall (3.3)."""
+    return force + p.share * (_thick_wall_force(muscle, length) - mckibben.bladder_force(muscle, length))
 
 
-def _energy_density(muscle: Muscle, length: float) -> float:
-    """Of the rubber [J/m3], over all bladders, eq. (3.3)."""
+def _energy_density(muscle: MuscleParameters, length: float) -> float:
+    """Return the strain energy density [J/m3] of the rubber, averaged over all bladders, eq. (3.3)."""
     return mckibben.bladder_energy(muscle, length) / (muscle.n_actuators * mckibben.bladder_volume(muscle))
 
 
 def soften_bladder(
-    p: FloatSequence, state: FloatSequence, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Tension [N]: the bladder's times ``1 - share tanh((W_most - W) / m)`` (after Ogden and Roxburgh).
+    """Return the tension [N] with the bladder's part times ``1 - share tanh((W_max - W) / m)``.
 
-    W_most is the greatest energy density there has been. Going deeper it is W itself, and nothing is softer.
+    W_max is the greatest energy density so far (after Ogden and Roxburgh). On first loading W equals W_max, and the
+    rubber is not softened.
     """
-    depth = max(0.0, state[0] - _energy_density(muscle, length))
-    return force - p[0] * math.tanh(depth / p[1]) * mckibben.bladder_force(muscle, length)
+    depth = max(0.0, state.max_energy_density - _energy_density(muscle, length))
+    return force - p.share * math.tanh(depth / p.energy_density) * mckibben.bladder_force(muscle, length)
 
 
 def step_max_energy_density(
-    p: FloatSequence, state: FloatSequence, muscle: Muscle, pressure: float, length: float, stretch: float, dt: float
+    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
 ) -> tuple[float]:
-    """The greatest energy density so far."""
-    return (max(state[0], _energy_density(muscle, length)),)
+    """Return the greatest energy density [J/m3] so far."""
+    return (max(state.max_energy_density, _energy_density(muscle, length)),)
 
 
 THICK_WALL_BLADDER = Effect(
     name="thick_wall_bladder",
-    description="The bladder's wall is thick: its inside is stretched more than its outside, which (3.3) takes for all.",
+    description="The bladder's wall is thick: inner rubber is stretched more than the outer surface, which (3.3) uses.",
     kind="device",
     forms=(
         EffectForm(
@@ -80,7 +83,7 @@ THICK_WALL_BLADDER = Effect(
                     lower=0.0,
                     upper=3.0,
                     typical=1.0,
-                    source="the integral itself, with the device's own rubber",
+                    source="the integral itself, with the device's rubber",
                 ),
             ),
             laws={"muscle_force": thick_wall_correction},
@@ -90,12 +93,12 @@ THICK_WALL_BLADDER = Effect(
 
 BLADDER_SOFTENING = Effect(
     name="bladder_softening",
-    description="Rubber that has been stretched further before is softer than on its first way there (Mullins).",
+    description="Rubber is softer after a larger preceding stretch than on first loading (Mullins effect).",
     kind="device",
     forms=(
         EffectForm(
             name="ogden_roxburgh",
-            equation="bladder tension times 1 - share tanh((W_most - W)/m)",
+            equation="bladder tension times 1 - share tanh((W_max - W)/m)",
             parameters=(
                 EffectParameter(
                     key="share",
@@ -103,7 +106,7 @@ BLADDER_SOFTENING = Effect(
                     lower=0.0,
                     upper=0.9,
                     typical=0.3,
-                    source="assumed: gum rubber softens as much as filled one (Harwood 1965)",
+                    source="assumed: gum rubber softens as much as filled rubber (Harwood 1965)",
                 ),
                 EffectParameter(
                     key="energy_density_kpa",
@@ -111,11 +114,11 @@ BLADDER_SOFTENING = Effect(
                     lower=0.1,
                     upper=1000.0,
                     typical=10.0,
-                    source="assumed: that of the latex at a tenth of contraction",
+                    source="assumed: energy density of the latex at 10 % contraction",
                 ),
             ),
-            laws={"muscle_force": soften_bladder, "remember": step_max_energy_density},
-            n_states=1,
+            laws={"muscle_force": soften_bladder, "next_state": step_max_energy_density},
+            states=("max_energy_density",),
         ),
     ),
 )

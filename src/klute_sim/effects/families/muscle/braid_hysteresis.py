@@ -1,75 +1,81 @@
-"""Dry friction between the threads of the braid: it resists motion either way and grows with pressure."""
+"""Dry friction between the threads of the braid: it opposes motion in both directions and grows with pressure."""
 
 import math
+from typing import Any
 
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.effects.smoothing import EQUILIBRIUM_TIME_STEP, smooth_sign, step_slider
-from klute_sim.laws.mckibben import Muscle
+from klute_sim.laws.mckibben import MuscleParameters
 
 FRICTION_FRACTIONS = (1.0 / 6.0, 2.0 / 6.0, 3.0 / 6.0)
-"""Of the friction, carried by the three elements of :func:`slip` (assumed); their stiffnesses are equal."""
+"""Fractions of the friction carried by the three Maxwell-slip elements (assumed); their stiffnesses are equal."""
 
 
 def coulomb_friction(
-    p: FloatSequence, state: FloatSequence, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Tension [N]: ``+ n slope P sign(v)``."""
-    return force + muscle.n_actuators * p[0] * pressure * smooth_sign(rate)
+    """Return the tension [N] plus ``n slope P sign(v)``."""
+    return force + muscle.n_actuators * p.slope * pressure * smooth_sign(velocity)
 
 
-def _slip_stretch(p: FloatSequence, pressure: float, fraction: float) -> float:
-    """How far an element stretches before it slips [m]."""
-    return 3.0 * fraction * p[0] * pressure / p[1]
+def _slip_stretch(p: Any, pressure: float, fraction: float) -> float:
+    """Return the stretch [m] at which an element with this ``fraction`` of the friction slips."""
+    return 3.0 * fraction * p.slope * pressure / p.stiffness
 
 
 def maxwell_slip_force(
-    p: FloatSequence, state: FloatSequence, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Tension [N]: ``+ n sum k/3 (x - a_i)`` of three springs on sliders at ``a_i``, x the length beyond rest."""
+    """Return the tension [N] plus ``n sum k/3 (x - a_i)`` of three springs on sliders at a_i.
+
+    X is the length beyond rest.
+    """
     x = length - muscle.resting_length
-    return force + muscle.n_actuators * p[1] / 3.0 * (3.0 * x - state[0] - state[1] - state[2])
+    return force + muscle.n_actuators * p.stiffness / 3.0 * (3.0 * x - state.slider_1 - state.slider_2 - state.slider_3)
 
 
 def step_sliders(
-    p: FloatSequence, state: FloatSequence, muscle: Muscle, pressure: float, length: float, stretch: float, dt: float
+    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
 ) -> tuple[float, float, float]:
-    """Slider ``i`` follows when its spring carries more than its share of ``n slope P``.
+    """Return the slider positions [m] after the step.
 
-    Elements of constant stiffness whose slip force follows the pressure are passive whatever the pressure does.
+    A slider moves when its spring carries more than its fraction of ``n slope P``. Elements of constant stiffness whose
+    slip force follows the pressure are passive for any course of the pressure.
     """
     x = length - muscle.resting_length
     return (
-        step_slider(state[0], x, _slip_stretch(p, pressure, FRICTION_FRACTIONS[0]), dt),
-        step_slider(state[1], x, _slip_stretch(p, pressure, FRICTION_FRACTIONS[1]), dt),
-        step_slider(state[2], x, _slip_stretch(p, pressure, FRICTION_FRACTIONS[2]), dt),
+        step_slider(state.slider_1, x, _slip_stretch(p, pressure, FRICTION_FRACTIONS[0]), dt),
+        step_slider(state.slider_2, x, _slip_stretch(p, pressure, FRICTION_FRACTIONS[1]), dt),
+        step_slider(state.slider_3, x, _slip_stretch(p, pressure, FRICTION_FRACTIONS[2]), dt),
     )
 
 
 def bouc_wen_force(
-    p: FloatSequence, state: FloatSequence, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Tension [N]: ``+ n k u``, u the hysteretic stretch."""
-    return force + muscle.n_actuators * p[1] * state[0]
+    """Return the tension [N] plus ``n k u``, with u the hysteretic stretch."""
+    return force + muscle.n_actuators * p.stiffness * state.hysteretic_stretch
 
 
 def step_bouc_wen(
-    p: FloatSequence, state: FloatSequence, muscle: Muscle, pressure: float, length: float, stretch: float, dt: float
+    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
 ) -> tuple[float, float]:
-    """``du/dx = 1 - u sign(dx) / r`` with ``r = slope P / k``, solved over the step: u goes to r sign(dx).
+    """Return hysteretic stretch and length beyond rest [m] after the step.
 
-    The model of Bouc and Wen with an exponent of 1 and equal shape constants. The stiffness is constant and the limit
-    follows the pressure, so that it takes ``k u^2 |dx| / r`` and gives nothing, whatever the pressure does.
+    ``du/dx = 1 - u sign(dx) / r`` with ``r = slope P / k``, solved exactly over the step: u tends to r sign(dx). This
+    is the Bouc-Wen model with an exponent of 1 and equal shape constants. The stiffness is constant and the limit
+    follows the pressure, so the element dissipates ``k u^2 |dx| / r`` for any course of the pressure.
     """
     x = length - muscle.resting_length
-    moved, reach = x - state[1], p[0] * pressure / p[1]
+    moved, reach = x - state.length, p.slope * pressure / p.stiffness
     if dt >= EQUILIBRIUM_TIME_STEP:
         return 0.0, x
     if moved == 0.0:
-        return state[0], x
+        return state.hysteretic_stretch, x
     if reach <= 0.0:
         return 0.0, x
     limit = math.copysign(reach, moved)
-    return limit + (state[0] - limit) * math.exp(-abs(moved) / reach), x
+    return limit + (state.hysteretic_stretch - limit) * math.exp(-abs(moved) / reach), x
 
 
 _SLOPE_PARAMETER = EffectParameter(
@@ -78,12 +84,12 @@ _SLOPE_PARAMETER = EffectParameter(
     lower=0.0,
     upper=60.0,
     typical=8.0,
-    source="assumed: a few percent of the tension, as Tondu 2012 (doi 10.1177/1045389X11435435) has it",
+    source="assumed: a few percent of the tension, as in Tondu 2012 (doi 10.1177/1045389X11435435)",
 )
 
 BRAID_HYSTERESIS = Effect(
     name="braid_hysteresis",
-    description="Threads of the braid rub on each other: less tension while shortening, more while lengthening.",
+    description="Dry friction between the braid's threads: less tension while shortening, more while lengthening.",
     kind="device",
     forms=(
         EffectForm(
@@ -94,7 +100,7 @@ BRAID_HYSTERESIS = Effect(
         ),
         EffectForm(
             name="maxwell_slip",
-            equation="F += n sum_i k/3 (x - a_i), each slipping at its share of n slope P",
+            equation="F += n sum_i k/3 (x - a_i), each slipping at its fraction of n slope P",
             parameters=(
                 _SLOPE_PARAMETER,
                 EffectParameter(
@@ -106,8 +112,8 @@ BRAID_HYSTERESIS = Effect(
                     source="assumed: friction turns round within about a millimetre",
                 ),
             ),
-            laws={"muscle_force": maxwell_slip_force, "remember": step_sliders},
-            n_states=3,
+            laws={"muscle_force": maxwell_slip_force, "next_state": step_sliders},
+            states=("slider_1", "slider_2", "slider_3"),
         ),
         EffectForm(
             name="bouc_wen",
@@ -123,8 +129,8 @@ BRAID_HYSTERESIS = Effect(
                     source="assumed: friction turns round within about a millimetre",
                 ),
             ),
-            laws={"muscle_force": bouc_wen_force, "remember": step_bouc_wen},
-            n_states=2,
+            laws={"muscle_force": bouc_wen_force, "next_state": step_bouc_wen},
+            states=("hysteretic_stretch", "length"),
         ),
     ),
 )

@@ -1,43 +1,45 @@
-"""The dissertation's own ladder: what chapter 3 adds to the geometric model, for devices that are without it."""
+"""Terms that dissertation chapter 3 adds to the geometric muscle model, for devices that lack them."""
 
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
+from typing import Any
+
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.laws import mckibben
-from klute_sim.laws.mckibben import Muscle
+from klute_sim.laws.mckibben import MuscleParameters
 
 C01_PER_C10 = 105.7 / 118.4
-"""C01 over C10 of the dissertation's rubber."""
+"""Ratio of the Mooney-Rivlin constants of the dissertation's latex [1]."""
 
 
 def mooney_rivlin_force(
-    p: FloatSequence, state: FloatSequence, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Tension [N]: ``+ Vb dW/dL`` of eq. (3.3), with ``C01 = 0.893 C10``."""
-    walled = Muscle(
+    """Return the tension [N] plus ``Vb dW/dL`` of eq. (3.3), with ``C01 = 0.893 C10``."""
+    muscle_with_bladder = MuscleParameters(
         muscle.n_actuators,
         muscle.resting_length,
         muscle.braid_length,
         muscle.braid_turns,
         muscle.bladder_radius,
         muscle.bladder_thickness,
-        p[0],
-        C01_PER_C10 * p[0],
+        p.c10,
+        C01_PER_C10 * p.c10,
         0.0,
         0.0,
     )
-    return force + mckibben.bladder_force(walled, length)
+    return force + mckibben.bladder_force(muscle_with_bladder, length)
 
 
 def friction_offset_force(
-    p: FloatSequence, state: FloatSequence, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Tension [N]: ``- n (m P + b) min(1, P / 2 bar)``, Table 3.1."""
+    """Return the tension [N] minus ``n (m P + b) min(1, P / 2 bar)``, Table 3.1."""
     fade = min(1.0, pressure / mckibben.FRICTION_FADE_PRESSURE)
-    return force - muscle.n_actuators * (p[0] * pressure + p[1]) * fade
+    return force - muscle.n_actuators * (p.slope * pressure + p.offset) * fade
 
 
 BLADDER_RUBBER = Effect(
     name="bladder",
-    description="The rubber bladder resists being stretched and squeezed: it takes tension from a contracted muscle.",
+    description="The rubber bladder resists deformation: it reduces the tension of a contracted muscle.",
     kind="device",
     replaces_switch="bladder",
     forms=(
@@ -61,7 +63,7 @@ BLADDER_RUBBER = Effect(
 
 FRICTION_OFFSET = Effect(
     name="friction_offset",
-    description="Friction takes a tension that grows with pressure, whichever way the muscle moves.",
+    description="Friction reduces tension by an amount that grows with pressure, independent of direction.",
     kind="device",
     replaces_switch="friction",
     forms=(

@@ -1,34 +1,35 @@
-"""Towards its end caps the muscle is a cone, not a cylinder, and pulls less: the more so the shorter it is."""
+"""Conical ends of the muscle: near its caps it is no cylinder and pulls less, the more so the shorter it is."""
 
 import math
+from typing import Any
 
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.laws import mckibben
-from klute_sim.laws.mckibben import Muscle
+from klute_sim.laws.mckibben import MuscleParameters
 
 
 def cone_force(
-    p: FloatSequence, state: FloatSequence, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Tension [N]: ``- n P 2 c L / (4 pi N^2)``, with ``c = 4/3 tip``.
+    """Return the tension [N] minus ``n P 2 c L / (4 pi N^2)``, with ``c = 4/3 tip``.
 
-    A cone holds a third of its cylinder: ``V = (L - c) (B^2 - L^2) / (4 pi N^2)`` with two cones of length ``tip``,
-    and the gas pulls with ``-P dV/dL``. The constant part of dV/dL is the cylinder's.
+    A cone encloses a third of its cylinder: ``V = (L - c) (B^2 - L^2) / (4 pi N^2)`` with two cones of length ``tip``,
+    and the gas pulls with ``-P dV/dL``. The constant part of dV/dL is that of the cylinder.
     """
-    reach, turns = 4.0 / 3.0 * p[0], muscle.braid_turns
-    return force - muscle.n_actuators * pressure * 2.0 * reach * length / (4.0 * math.pi * turns * turns)
+    cone_length, turns = 4.0 / 3.0 * p.tip_length, muscle.braid_turns
+    return force - muscle.n_actuators * pressure * 2.0 * cone_length * length / (4.0 * math.pi * turns * turns)
 
 
 def strain_force(
-    p: FloatSequence, state: FloatSequence, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Tension [N]: the gas's times ``1 - q (1 - L/L0)``."""
-    return force - p[0] * (1.0 - length / muscle.resting_length) * mckibben.gas_force(muscle, pressure, length)
+    """Return the tension [N] with the gas tension times ``1 - q (1 - L/L0)``."""
+    return force - p.factor * (1.0 - length / muscle.resting_length) * mckibben.gas_force(muscle, pressure, length)
 
 
 END_TAPER = Effect(
     name="end_taper",
-    description="The ends of the muscle taper to their caps and pull less than a cylinder would.",
+    description="The ends of the muscle taper towards their caps and pull less than a cylinder.",
     kind="device",
     forms=(
         EffectForm(
@@ -56,7 +57,7 @@ END_TAPER = Effect(
                     lower=0.0,
                     upper=5.0,
                     typical=1.0,
-                    source="assumed: a tenth less tension at a tenth of contraction",
+                    source="assumed: 10 % less tension at 10 % contraction",
                 ),
             ),
             laws={"muscle_force": strain_force},

@@ -1,27 +1,29 @@
-"""Viscous resistance of the muscle itself."""
+"""Viscous resistance of the muscle."""
 
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
-from klute_sim.laws.mckibben import Muscle
+from typing import Any
+
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
+from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.units import BAR
 
 
 def viscous_force(
-    p: FloatSequence, state: FloatSequence, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Tension [N]: ``+ n c v``."""
-    return force + muscle.n_actuators * p[0] * rate
+    """Return the tension [N] plus ``n c v``."""
+    return force + muscle.n_actuators * p.coefficient * velocity
 
 
 def pressure_dependent_force(
-    p: FloatSequence, state: FloatSequence, force: float, muscle: Muscle, pressure: float, length: float, rate: float
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Tension [N]: ``+ n c (P / 1 bar) v``."""
-    return force + muscle.n_actuators * p[0] * (pressure / BAR) * rate
+    """Return the tension [N] plus ``n c (P / 1 bar) v``."""
+    return force + muscle.n_actuators * p.coefficient * (pressure / BAR) * velocity
 
 
 MUSCLE_DAMPING = Effect(
     name="muscle_damping",
-    description="The muscle resists in proportion to its speed, as rubber and braid do.",
+    description="Rubber and braid resist motion in proportion to its speed.",
     kind="device",
     forms=(
         EffectForm(

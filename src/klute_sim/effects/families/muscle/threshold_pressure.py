@@ -1,17 +1,19 @@
-"""The bladder has to be inflated to the braid before the gas pulls."""
+"""Threshold pressure: the bladder must inflate to the braid before the gas pulls."""
 
-from klute_sim.effects.effect import Effect, EffectForm, EffectParameter, FloatSequence
-from klute_sim.laws.mckibben import Muscle
+from typing import Any
 
-
-def constant_threshold(p: FloatSequence, state: FloatSequence, pressure: float, muscle: Muscle, length: float) -> float:
-    """Acting pressure [Pa]: ``max(0, P - Pth)``."""
-    return max(0.0, pressure - p[0])
+from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
+from klute_sim.laws.mckibben import MuscleParameters
 
 
-def rising_threshold(p: FloatSequence, state: FloatSequence, pressure: float, muscle: Muscle, length: float) -> float:
-    """Acting pressure [Pa]: ``max(0, P - Pth - rise (1 - L/L0))``."""
-    return max(0.0, pressure - p[0] - p[1] * (1.0 - length / muscle.resting_length))
+def constant_threshold(p: Any, state: Any, pressure: float, muscle: MuscleParameters, length: float) -> float:
+    """Return the acting pressure [Pa] ``max(0, P - Pth)``."""
+    return max(0.0, pressure - p.pressure)
+
+
+def rising_threshold(p: Any, state: Any, pressure: float, muscle: MuscleParameters, length: float) -> float:
+    """Return the acting pressure [Pa] ``max(0, P - Pth - rise (1 - L/L0))``."""
+    return max(0.0, pressure - p.pressure - p.rise * (1.0 - length / muscle.resting_length))
 
 
 _SOURCE = "measured 10 mm muscles: no tension below 0.3-1.1 bar straight, 2.8-4.8 bar when shortened"
@@ -21,7 +23,7 @@ _THRESHOLD_PARAMETER = EffectParameter(
 
 THRESHOLD_PRESSURE = Effect(
     name="threshold_pressure",
-    description="Below a threshold the pressure only inflates the bladder; it pulls with what is above.",
+    description="Below a threshold the pressure only inflates the bladder; the excess pressure acts on the braid.",
     kind="device",
     forms=(
         EffectForm(
