@@ -1,4 +1,4 @@
-"""Every command and every piece of Python in the documentation runs."""
+"""Tests of the documentation: every command and every Python block runs, and tables are complete."""
 
 import os
 import re
@@ -31,33 +31,35 @@ def test_block_runs(kind: str, text: str, tmp_path: Path) -> None:
         commands = [line.removeprefix("$ ").split() for line in text.splitlines() if line.startswith("$ ")]
         assert commands
     for command in commands:
-        done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
+        completed = subprocess.run(
+            command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False
+        )
+        assert completed.returncode == 0, completed.stderr
 
 
-def test_the_example_learns_in_a_few_generations(tmp_path: Path) -> None:
+def test_example_improves_in_a_few_generations(tmp_path: Path) -> None:
     example = str(ROOT / "examples" / "cross_entropy.py")
     command = [sys.executable, example, "--generations", "4", "--candidates", "16", "--strides", "1"]
-    done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
+    completed = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
+    assert completed.returncode == 0, completed.stderr
+    lines = completed.stdout.splitlines()
     assert len(lines) == 6
     assert float(lines[-1].removeprefix("learned: ")) > float(lines[0].removeprefix("hand-tuned profile: "))
 
 
-def test_there_are_blocks_of_both_kinds() -> None:
+def test_documentation_has_commands_and_python() -> None:
     kinds = [block.values[0] for block in BLOCKS]
     assert kinds.count("python") >= 4
     assert kinds.count("console") >= 3
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_lead_somewhere(page: Path) -> None:
+def test_links_resolve(page: Path) -> None:
     for target in LINK.findall(page.read_text("utf-8")):
         assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
-def test_readme_commands_are_the_ones_ci_runs() -> None:
+def test_readme_commands_are_those_of_ci() -> None:
     readme = (ROOT / "README.md").read_text("utf-8")
     assert "python3 scripts/env.py klute-sim gait\n" in readme
     test_command = "python3 scripts/env.py pytest"
@@ -65,17 +67,17 @@ def test_readme_commands_are_the_ones_ci_runs() -> None:
     assert test_command in (ROOT / ".ci" / "run").read_text("utf-8")
 
 
-def test_the_documented_table_of_device_keys_is_complete() -> None:
+def test_documented_device_keys_are_complete() -> None:
     from klute_sim.device.schema import document
 
     page = (ROOT / "docs" / "devices.md").read_text("utf-8")
-    sections = (document.MuscleSection, document.DamperSection, document.TendonSection, document.SupplySection)
-    for section in (*sections, document.MountingSection, document.PublishedMeasurement):
+    sections = (document.Muscle, document.Damper, document.Tendon, document.Supply)
+    for section in (*sections, document.Mounting, document.PublishedMeasurement):
         for key in section.model_fields:
             assert f"`{key}`" in page, key
 
 
-def test_the_documented_reference_columns_are_complete() -> None:
+def test_documented_reference_columns_are_complete() -> None:
     from klute_sim.gait import reference
 
     page = (ROOT / "docs" / "gait.md").read_text("utf-8")
@@ -83,7 +85,7 @@ def test_the_documented_reference_columns_are_complete() -> None:
         assert f"`{column}`" in page, column
 
 
-def test_the_documented_channels_are_complete() -> None:
+def test_documented_channels_are_complete() -> None:
     from klute_sim import bench
     from klute_sim.device.energy import ledger
     from klute_sim.gait.rig import measurements, rig

@@ -1,4 +1,4 @@
-"""scripts/env.py, as far as it can be tested without building an environment."""
+"""Tests of scripts/env.py that do not create an environment."""
 
 import ast
 import shutil
@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from tests.load_script import script
+from tests.load_script import load_script
 
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "scripts" / "env.py"
@@ -16,13 +16,13 @@ SCRIPT = ROOT / "scripts" / "env.py"
 
 @pytest.fixture
 def env() -> ModuleType:
-    return script("env")
+    return load_script("env")
 
 
 @pytest.fixture
 def tree(env: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A small copy of the repository that the script takes for its own."""
-    for name in ("pyproject.toml", env.LOCK):
+    """Return a small copy of the repository that the script uses as its own."""
+    for name in ("pyproject.toml", env.LOCK_FILE):
         shutil.copy(ROOT / name, tmp_path)
     monkeypatch.setattr(env, "ROOT", tmp_path)
     return tmp_path
@@ -35,8 +35,13 @@ def edit(file: Path, old: str, new: str) -> None:
 
 
 def test_old_python_is_refused_in_one_sentence(env):
-    assert env.refusal(3, 11) == env.refusal(3, 14) == env.refusal(4, 0) == ""
-    assert env.refusal(3, 10) == "klute-sim needs Python 3.11 or later, and this is 3.10."
+    assert (
+        env.unsupported_python_message(3, 11)
+        == env.unsupported_python_message(3, 14)
+        == env.unsupported_python_message(4, 0)
+        == ""
+    )
+    assert env.unsupported_python_message(3, 10) == "klute-sim requires Python 3.11 or later; this is 3.10."
 
 
 def test_old_python_can_read_the_file_as_far_as_the_refusal():
@@ -44,25 +49,25 @@ def test_old_python_can_read_the_file_as_far_as_the_refusal():
 
 
 def test_stamp_changes_with_what_is_installed(env, tree):
-    before = env.stamp_text(tree, "locked")
-    assert env.stamp_text(tree, "locked") == before
-    edit(tree / env.LOCK, "numpy==", "numpy==0.")
-    locked = env.stamp_text(tree, "locked")
+    before = env.compute_stamp(tree, "locked")
+    assert env.compute_stamp(tree, "locked") == before
+    edit(tree / env.LOCK_FILE, "numpy==", "numpy==0.")
+    locked = env.compute_stamp(tree, "locked")
     edit(tree / "pyproject.toml", '"numpy>=', '"numpy>=1000.')
-    assert len({before, locked, env.stamp_text(tree, "locked")}) == 3
+    assert len({before, locked, env.compute_stamp(tree, "locked")}) == 3
 
 
 def test_stamp_differs_between_resolutions_and_only_one_reads_the_lock(env, tree):
-    before = {name: env.stamp_text(tree, name) for name in env.FOLDERS}
-    assert len(set(before.values())) == len(env.FOLDERS)
-    edit(tree / env.LOCK, "numpy==", "numpy==0.")
-    assert [name for name in env.FOLDERS if env.stamp_text(tree, name) != before[name]] == ["locked"]
+    before = {name: env.compute_stamp(tree, name) for name in env.ENVIRONMENT_FOLDERS}
+    assert len(set(before.values())) == len(env.ENVIRONMENT_FOLDERS)
+    edit(tree / env.LOCK_FILE, "numpy==", "numpy==0.")
+    assert [name for name in env.ENVIRONMENT_FOLDERS if env.compute_stamp(tree, name) != before[name]] == ["locked"]
 
 
 def test_stamp_does_not_depend_on_the_settings_of_tools(env, tree):
-    before = env.stamp_text(tree, "locked")
+    before = env.compute_stamp(tree, "locked")
     edit(tree / "pyproject.toml", "line-length = ", "line-length = 1")
-    assert env.stamp_text(tree, "locked") == before
+    assert env.compute_stamp(tree, "locked") == before
 
 
 def test_unknown_resolution_is_refused(env, capsys):
@@ -78,10 +83,10 @@ def test_environment_is_made_once_and_stamped_last(env, tree, monkeypatch, capsy
     def make(folder: Path, resolution: str) -> None:
         assert not (folder / "klute-sim-stamp").exists()
         made.append(resolution)
-        (folder / env.SCRIPTS).mkdir(parents=True)
-        (folder / env.SCRIPTS / ("python.exe" if env.WINDOWS else "python")).touch()
+        (folder / env.SCRIPTS_FOLDER).mkdir(parents=True)
+        (folder / env.SCRIPTS_FOLDER / ("python.exe" if env.IS_WINDOWS else "python")).touch()
 
-    monkeypatch.setattr(env, "make", make)
+    monkeypatch.setattr(env, "create_environment", make)
     assert env.main([]) == env.main([]) == 0
     assert made == ["locked"]
     out, err = capsys.readouterr()
@@ -112,21 +117,21 @@ def test_floor_needs_uv(env, tree, monkeypatch, capsys):
 
 
 def test_missing_lock_file_is_no_traceback(env, tree, capsys):
-    (tree / env.LOCK).unlink()
+    (tree / env.LOCK_FILE).unlink()
     assert env.main(["pytest"]) == 1
-    assert env.LOCK in capsys.readouterr().err
+    assert env.LOCK_FILE in capsys.readouterr().err
 
 
 def test_command_is_looked_for_in_the_environment(env, tmp_path, capsys):
-    assert env.run(["no-such-command"], tmp_path / ".venv") == 127
+    assert env.run_in_environment(["no-such-command"], tmp_path / ".venv") == 127
     assert "no command 'no-such-command' in .venv" in capsys.readouterr().err
 
 
 def test_exit_code_is_passed_on_where_exec_is_not_used(env, tmp_path, monkeypatch):
-    monkeypatch.setattr(env, "WINDOWS", True)
-    assert env.run([sys.executable, "-c", "raise SystemExit(7)"], tmp_path) == 7
+    monkeypatch.setattr(env, "IS_WINDOWS", True)
+    assert env.run_in_environment([sys.executable, "-c", "raise SystemExit(7)"], tmp_path) == 7
 
 
 def test_lock_file_names_no_index_and_no_machine(env):
-    text = (ROOT / env.LOCK).read_text(encoding="utf-8")
+    text = (ROOT / env.LOCK_FILE).read_text(encoding="utf-8")
     assert not [word for word in ("://", "file:", "find-links", " /") if word in text]

@@ -1,4 +1,4 @@
-"""A wheel made of the source distribution carries everything the program needs, and runs away from the checkout."""
+"""Test that the wheel from the source distribution is complete and runs outside of the checkout."""
 
 import json
 import os
@@ -7,35 +7,42 @@ import sys
 import zipfile
 from pathlib import Path
 
-from tests.load_script import script
+from tests.load_script import load_script
 
 
-def test_the_wheel_runs_by_itself(tmp_path: Path) -> None:
-    source, wheel = script("try_packages").built(tmp_path)
-    for part in ("tests/conftest.py", "docs/conf.py", "examples", "scripts/env.py", "LICENSE", "requirements-dev.lock"):
-        assert (source / part).exists(), part
+def test_wheel_runs_outside_of_checkout(tmp_path: Path) -> None:
+    source, wheel = load_script("try_packages").build_packages(tmp_path)
+    for required in (
+        "tests/conftest.py",
+        "docs/conf.py",
+        "examples",
+        "scripts/env.py",
+        "LICENSE",
+        "requirements-dev.lock",
+    ):
+        assert (source / required).exists(), required
     site = tmp_path / "site"
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
-    inside = {str(file.relative_to(site / "klute_sim")) for file in (site / "klute_sim").rglob("*")}
-    wanted = {
+    files = {str(file.relative_to(site / "klute_sim")) for file in (site / "klute_sim").rglob("*")}
+    required_files = {
         "py.typed",
         "models/ankle.xml",
         "models/bench.xml",
         "models/gait_rig.xml",
-        "control/tuned_profile.csv",
-        "learn/default.toml",
+        "controllers/tuned_profile.csv",
+        "training/default.toml",
     }
-    assert {str(Path(name)) for name in wanted} <= inside
+    assert {str(Path(name)) for name in required_files} <= files
     code = (
         "import klute_sim, sys; from klute_sim.plant import models; from klute_sim.cli import main\n"
-        "print(klute_sim.__file__, models.folder(), file=sys.stderr)\n"
+        "print(klute_sim.__file__, models.get_models_folder(), file=sys.stderr)\n"
         "main(['gait', '--strides', '1', '--json'])"
     )
-    away = {**os.environ, "PYTHONPATH": str(site)}
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env=away, capture_output=True, text=True, check=False
+    environment = {**os.environ, "PYTHONPATH": str(site)}
+    completed = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr.count(str(site)) == 2
-    assert json.loads(done.stdout)["strides"] == 1
+    assert completed.returncode == 0, completed.stderr
+    assert completed.stderr.count(str(site)) == 2
+    assert json.loads(completed.stdout)["strides"] == 1

@@ -1,6 +1,6 @@
 """Simulate a powered below-knee prosthesis with Klute's artificial muscle-tendon in MuJoCo.
 
-Import the package as ``ks``; every public name loads its module at first use (PEP 562), so ``import klute_sim`` is fast::
+Import the package as ``ks``; every public name loads its module at first use (PEP 562), so the import is fast::
 
     import klute_sim as ks
 
@@ -20,7 +20,14 @@ _MODULES = {
     "klute_sim.api.bench": ("BenchRun", "simulate_bench"),
     "klute_sim.api.comparison": ("ComparisonResult", "compare"),
     "klute_sim.api.design": ("DesignResult", "design"),
-    "klute_sim.api.diagnosis": ("DiagnosisResult", "MeasurementPlan", "diagnose", "load_dataset", "plan_measurements"),
+    "klute_sim.api.diagnosis": (
+        "DiagnosisResult",
+        "MeasurementPlan",
+        "diagnose",
+        "load_dataset",
+        "load_example_dataset",
+        "plan_measurements",
+    ),
     "klute_sim.api.gait": ("GaitRun", "simulate_gait"),
     "klute_sim.api.mocap": ("DatasetImport", "GaitImport", "export_run", "import_dataset", "import_gait"),
     "klute_sim.api.reproduction": ("ReproductionResult", "reproduce"),
@@ -29,8 +36,9 @@ _MODULES = {
     "klute_sim.api.tuning": ("TuningResult", "tune"),
     "klute_sim.datasets.dataset": ("Dataset",),
     "klute_sim.device.device": ("Device", "list_presets", "load_device"),
-    "klute_sim.device.schema.document": ("Damper", "Muscle", "Supply", "Tendon"),
-    "klute_sim.effects.effect": ("Effect", "EffectParameter", "Form"),
+    "klute_sim.device.schema.document": ("Damper", "Muscle", "Tendon"),
+    "klute_sim.device.schema.supply": ("Supply",),
+    "klute_sim.effects.effect": ("Effect", "EffectForm", "EffectParameter"),
     "klute_sim.effects.catalogue": ("effect", "get_effects", "register_effect"),
     "klute_sim.errors": ("InputError", "KluteSimError", "SimulationError"),
     "klute_sim.gait.reference": ("load_reference",),

@@ -1,60 +1,60 @@
-"""The base exception: whatever a user can do wrong ends in one sentence: what, where, what is allowed."""
+"""Exceptions of the package: a mistake of a user ends in one sentence with place, cause and allowed values."""
 
 import difflib
 import re
 from collections.abc import Iterable
 
-MAX_WORD_LENGTH, MAX_MESSAGE_LENGTH = 300, 1500
-"""Letters of a word and of a whole message that are shown; a path is shorter, what a damaged file holds is not."""
+MAX_WORD_LENGTH = 300
+"""Maximum number of letters of one word in a message; a path is shorter, the content of a damaged file is not."""
+MAX_MESSAGE_LENGTH = 1500
+"""Maximum number of letters of a message."""
 
 
 class KluteSimError(Exception):
-    """Base of all errors this package raises on purpose; its message is one sentence for the user.
+    """Base of all errors that this package raises on purpose; the message is one sentence for the user.
 
-    Messages quote files that others made, and libraries: what they bring along stays on one line and within bounds.
+    Messages quote files and other libraries. A quotation is therefore put on one line and shortened.
     """
 
     def __str__(self) -> str:
-        """The sentence."""
-        text = "".join(
-            c if c.isprintable() else " " if c.isspace() else "\N{REPLACEMENT CHARACTER}" for c in super().__str__()
-        )
-        text = re.sub(rf"\S{{{MAX_WORD_LENGTH},}}", lambda word: _truncate_middle(word[0], MAX_WORD_LENGTH), text)
+        """Return the sentence."""
+        text = "".join(_make_printable(letter) for letter in super().__str__())
+        text = re.sub(rf"\S{{{MAX_WORD_LENGTH},}}", lambda match: _truncate_middle(match[0], MAX_WORD_LENGTH), text)
         return _truncate_middle(text.strip(), MAX_MESSAGE_LENGTH)
 
 
-def _printable(letter: str) -> str:
+def _make_printable(letter: str) -> str:
     return letter if letter.isprintable() else " " if letter.isspace() else "\N{REPLACEMENT CHARACTER}"
 
 
 def _truncate_middle(text: str, max_length: int) -> str:
-    """``text`` without its middle where it is longer than ``longest``."""
+    """Return ``text`` without its middle if it is longer than ``max_length`` letters."""
     return text if len(text) <= max_length else f"{text[: max_length // 2]} ... {text[-max_length // 4 :]}"
 
 
 def suggest(name: str, candidates: Iterable[str], hint: str) -> str:
-    """``did you mean ...?`` with the ``known`` name that is most like ``name``, if one is, before the ``rest``."""
-    found = difflib.get_close_matches(name, list(candidates), 1)
-    return f"did you mean '{found[0]}'? {hint[:1].upper()}{hint[1:]}" if found else hint
+    """Return ``hint``, preceded by ``did you mean ...?`` if one of ``candidates`` resembles ``name``."""
+    matches = difflib.get_close_matches(name, list(candidates), 1)
+    return f"did you mean '{matches[0]}'? {hint[:1].upper()}{hint[1:]}" if matches else hint
 
 
 class InputError(KluteSimError):
-    """A value, key, column or file given by the user is not usable."""
+    """A value, key, column or file of the user is not valid."""
 
 
 class MissingExtraError(KluteSimError):
-    """An optional dependency is needed for what was asked and is not installed."""
+    """A requested feature needs an optional dependency that is not installed."""
 
     def __init__(self, feature: str, extra: str) -> None:
-        """``what`` was asked for; ``extra`` would bring it."""
+        """Report that ``feature`` needs the optional ``extra``."""
         super().__init__(
             f"{feature} needs the optional extra '{extra}': pip install '.[{extra}]' in the project's folder"
         )
 
 
 class SimulationError(KluteSimError):
-    """A simulation left the region where its result means anything (NaN, divergence)."""
+    """A simulation left the range in which its results are meaningful (NaN, divergence)."""
 
 
 class KluteSimWarning(UserWarning):
-    """Something works, but not as well as it could."""
+    """Something works, but less well than it could."""

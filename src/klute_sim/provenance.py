@@ -1,4 +1,4 @@
-"""What software made a result."""
+"""Versions of the software that computes a result."""
 
 import platform
 
@@ -10,7 +10,7 @@ from klute_sim import __version__
 
 
 def collect_versions() -> dict[str, str]:
-    """Name -> version of everything that can change a number."""
+    """Return the version of everything that can change a number, by name."""
     return {
         "klute-sim": __version__,
         "mujoco": mujoco.__version__,

@@ -1,9 +1,9 @@
-"""Units at the edges: file keys and channel names carry them, the program inside is SI."""
+"""Units of file keys and channel names; inside the program all values are in SI units."""
 
 import math
 
 BAR = 1.0e5
-"""Pascals in a bar."""
+"""One bar in pascals."""
 
 KEY_UNITS: dict[str, tuple[str, float]] = {
     "_mm": ("mm", 1e-3),
@@ -36,20 +36,20 @@ KEY_UNITS: dict[str, tuple[str, float]] = {
     "_j": ("J", 1.0),
     "_pct": ("%", 0.01),
 }
-"""Suffix of a key -> the unit as one writes it, and the factor that turns a value into SI."""
+"""Suffix of a key -> written unit, and factor that converts a value into SI units."""
 
 
 def split_unit(key: str) -> tuple[str, str]:
-    """``key`` without its unit, and the unit as one writes it; '' if it has none."""
+    """Return ``key`` without its unit, and the written unit; '' if the key has none."""
     suffix = _find_unit_suffix(key)
     return (key.removesuffix(suffix), KEY_UNITS[suffix][0]) if suffix else (key, "")
 
 
 def to_si(key: str, value: float) -> float:
-    """``value`` of ``key`` in SI, by the unit at the end of the key (longest suffix wins)."""
+    """Return ``value`` in SI units, by the unit at the end of ``key`` (the longest suffix applies)."""
     suffix = _find_unit_suffix(key)
     return value * KEY_UNITS[suffix][1] if suffix else value
 
 
 def _find_unit_suffix(key: str) -> str:
-    return next((end for end in sorted(KEY_UNITS, key=len, reverse=True) if key.endswith(end)), "")
+    return next((suffix for suffix in sorted(KEY_UNITS, key=len, reverse=True) if key.endswith(suffix)), "")

@@ -1,4 +1,4 @@
-"""Controllers in one word."""
+"""Controllers from strings."""
 
 from pathlib import Path
 
@@ -14,31 +14,31 @@ from klute_sim.controllers.pressure import (
 from klute_sim.errors import InputError
 
 
-def test_kinds_and_what_they_need() -> None:
+def test_kinds_create_their_controllers() -> None:
     assert parse_controller("off") == create_off_controller()
     assert parse_controller("profile") == load_default_profile()
     assert parse_controller("constant:3.5") == ConstantPressure(350_000.0)
 
 
-@pytest.mark.parametrize("word", ["{}", "profile:{}"])
-def test_anything_else_is_a_file(word: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("spec", ["{}", "profile:{}"])
+def test_other_strings_are_files(spec: str, tmp_path: Path) -> None:
     file = tmp_path / "mine.csv"
     file.write_text("gait_pct,pressure_bar\n0,1\n50,3\n")
-    assert parse_controller(word.format(file)) == PressureProfile("mine.csv", (0.0, 50.0), (1.0, 3.0))
+    assert parse_controller(spec.format(file)) == PressureProfile("mine.csv", (0.0, 50.0), (1.0, 3.0))
 
 
 @pytest.mark.parametrize(
-    ("word", "says"),
+    ("spec", "message"),
     [
         ("pid", "no controller 'pid'; allowed: profile, off, constant:BAR"),
         ("none.csv", "pressure profile none.csv cannot be read"),
         ("constant", "'constant:' needs a pressure in bar"),
         ("constant:much", "'constant:much' needs a pressure in bar"),
         ("constant:-1", "pressure is -1 bar; allowed: 0 bar or more"),
-        ("off:3", "off takes nothing after it"),
+        ("off:3", "off has no argument"),
     ],
 )
-def test_bad_words_are_one_sentence(word: str, says: str) -> None:
+def test_invalid_string_is_refused_in_one_sentence(spec: str, message: str) -> None:
     with pytest.raises(InputError, match=r"^[^\n]*$") as raised:
-        parse_controller(word)
-    assert says in str(raised.value)
+        parse_controller(spec)
+    assert message in str(raised.value)

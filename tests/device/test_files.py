@@ -1,17 +1,17 @@
-"""Device files: presets are complete and sourced, everything else is refused in one sentence."""
+"""Device files: presets are complete and have sources; invalid files are refused in one sentence."""
 
 from pathlib import Path
 
 import pytest
 
-from klute_sim.device.device import DEFAULT_DEVICE, list_presets, load_device, parse_device
+from klute_sim.device.device import DEFAULT_DEVICE, Device, list_presets, load_device, parse_device
 from klute_sim.errors import InputError
 from klute_sim.laws import pneumatic_step
 
 TEXT = load_device("klute-3-4-pair").content.decode()
 
 
-def refused(text: str) -> str:
+def parse_error(text: str) -> str:
     with pytest.raises(InputError) as caught:
         parse_device(text.encode(), "mine.toml")
     sentence = str(caught.value)
@@ -21,13 +21,13 @@ def refused(text: str) -> str:
 
 
 @pytest.mark.parametrize("name", list_presets())
-def test_every_number_of_every_preset_has_a_source(name: str) -> None:
+def test_every_preset_number_has_a_source(name: str) -> None:
     device = load_device(name)
     assert device.name == name
     assert set(device.spec.collect_values()) == set(device.spec.sources)
 
 
-def test_presets_are_the_ones_promised() -> None:
+def test_presets_are_complete() -> None:
     bare = {"klute-1-1-4", "klute-3-4", "klute-1-2"}
     assert set(list_presets()) == bare | {"klute-3-4-pair", "klute-1-1-4-pair", "klute-1-1-4-pair-valve"}
     assert DEFAULT_DEVICE in list_presets()
@@ -54,14 +54,14 @@ def test_units_of_the_keys_become_si() -> None:
     assert p.damper.eccentric_coefficient * 0.15**2 == pytest.approx(400, rel=2e-3)
 
 
-def test_bladder_and_friction_can_be_left_out() -> None:
+def test_bladder_and_friction_can_be_disabled() -> None:
     text = TEXT.replace("count = 2", "count = 2\nbladder = false\nfriction = false")
     bare = parse_device(text.encode(), "x").parameters.muscle
     assert (bare.c10, bare.c01, bare.friction_slope, bare.friction_offset) == (0, 0, 0, 0)
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         ("bore_mm = 20.0", "bore_mm = 20.0\ncolour = 3", "unknown key 'damper.colour'; allowed here: bore_mm"),
         ("[tendon]", "[tendons]", "unknown key 'tendons'"),
@@ -82,18 +82,18 @@ def test_bladder_and_friction_can_be_left_out() -> None:
         ("count = 2", "count = 1.5", "muscle.count = 1.5"),
         ("orifice_concentric_mm = 1.084", "orifice_concentric_mm = 21.0", "between bore_mm / 1000 and bore_mm, 20"),
         ("pressure_bar = 5.0", "pressure_bar = inf", "supply.pressure_bar = inf"),
-        ('"damper.bore_mm" =', '"damper.boar_mm" =', "'damper.boar_mm', which is no number"),
+        ('"damper.bore_mm" =', '"damper.boar_mm" =', "'damper.boar_mm', which is not a numeric key"),
         ("orifice_eccentric_mm = 1.062", "orifice_eccentric_mm = 1e-9", "between bore_mm / 1000 and bore_mm, 20"),
         ("count = 2", "count = 101", "less than or equal to 100"),
         ("[muscle]", "[muscle", "not valid TOML"),
     ],
 )
-def test_bad_files_are_refused_with_key_value_and_what_is_allowed(old: str, new: str, says: str) -> None:
+def test_invalid_file_is_refused_with_key_and_allowed_values(old: str, new: str, message: str) -> None:
     assert old in TEXT
-    assert says in refused(TEXT.replace(old, new, 1))
+    assert message in parse_error(TEXT.replace(old, new, 1))
 
 
-def test_no_such_device_names_those_there_are(tmp_path: Path) -> None:
+def test_unknown_device_lists_the_presets(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="klute-1-1-4-pair"):
         load_device("klute-9")
     with pytest.raises(InputError, match="cannot be read: Is a directory"):
@@ -105,13 +105,58 @@ def test_no_such_device_names_those_there_are(tmp_path: Path) -> None:
         load_device(tmp_path / "x.toml")
 
 
-def test_a_files_mark_and_line_ends_are_kept_and_do_no_harm() -> None:
+def test_byte_order_mark_and_line_ends_are_preserved() -> None:
     content = b"\xef\xbb\xbf" + TEXT.replace("\n", "\r\n").encode()
     device = parse_device(content, "x")
     assert device.parameters == load_device("klute-3-4-pair").parameters
     assert device.content == content
 
 
-def test_digest_follows_the_text() -> None:
+def test_digest_depends_on_the_content() -> None:
     assert load_device("klute-3-4").digest != load_device("klute-1-2").digest
     assert parse_device(TEXT.encode(), "a").digest == parse_device(TEXT.encode(), "b").digest
+
+
+def test_file_of_the_first_format_names_the_keys_to_rename() -> None:
+    text = load_device("klute-1-1-4-pair-valve").content.decode()
+    text = text.replace('command = "pressure"', 'takes = "pressure"')
+    text = text.replace("thermal_time_constant_s = 0.3", "warming_s = 0.3")
+    message = parse_error(text)
+    assert "has the first format; rename valve.takes to valve.command, chamber.warming_s to" in message
+
+
+def test_changes_and_effects_give_a_new_device_with_sources(tmp_path: Path) -> None:
+    device = load_device("klute-1-1-4-pair")
+    assert device.with_changes({}) is device
+    changed = device.with_changes({"tendon.stiffness_1_n_per_mm": 80}, source="a test")
+    assert changed.parameters.tendon.stiffness_1 == 80e3
+    assert changed.spec.sources["tendon.stiffness_1_n_per_mm"] == "a test"
+    with pytest.raises(InputError, match=r"'tendon.stiffness' is not a number of device 'klute-1-1-4-pair'; allowed:"):
+        device.with_changes({"tendon.stiffness": 80.0})
+    with pytest.raises(InputError, match=r"a test: device file .* muscle.count = 0 is refused"):
+        device.with_changes({"muscle.count": 0}, source="a test")
+    effect = changed.with_effect("braid_hysteresis", slope_n_per_bar=8.0)
+    assert effect.spec.effects["braid_hysteresis"] == {"slope_n_per_bar": 8.0}
+    with pytest.raises(InputError, match="unknown key 'slope'"):
+        device.with_effect("braid_hysteresis", slope=8.0)
+    effect.save(tmp_path / "mine.toml")
+    assert load_device(tmp_path / "mine.toml") == effect
+    assert repr(effect) == "<Device 'klute-1-1-4-pair', effects: braid_hysteresis>"
+    assert "<td>tendon.stiffness_1_n_per_mm</td><td>80</td><td>a test</td>" in effect._repr_html_()
+
+
+def test_device_is_built_from_sections() -> None:
+    preset = load_device("klute-1-1-4-pair")
+    spec = preset.spec
+    device = Device(
+        name="mine",
+        muscle=spec.muscle,
+        damper=spec.damper,
+        tendon=spec.tendon,
+        supply=spec.supply,
+        mounting=spec.mounting,
+    )
+    assert device.parameters == preset.parameters
+    assert parse_device(device.content, "mine") == device
+    with pytest.raises(InputError, match=r"\[sources\] refers to 'muscle.colour'"):
+        Device(muscle=spec.muscle, supply=spec.supply, sources={"muscle.colour": "red"})

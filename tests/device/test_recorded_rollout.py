@@ -1,4 +1,4 @@
-"""The device alone with its ledger: the rollout's steps, and the same bits compiled and not."""
+"""Recorded rollouts: the same time steps as rollouts, bit-identical backends, and the energy balance."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ delay_s = 0.0101
 
 
 @pytest.mark.parametrize("name", ["klute-3-4-pair", "klute-1-2", "with effects"])
-def test_compiled_and_python_agree_to_the_bit_and_take_the_rollouts_steps(name: str) -> None:
+def test_backends_are_bit_identical_and_agree_with_rollouts(name: str) -> None:
     device = (
         parse_device(load_device("klute-3-4-pair").content + EFFECTS, "mine")
         if name == "with effects"
@@ -30,39 +30,41 @@ def test_compiled_and_python_agree_to_the_bit_and_take_the_rollouts_steps(name: 
     p = device.parameters
     length = p.tendon.slack_length + p.muscle.resting_length * (0.93 + 0.05 * np.sin(15 * TIME))
     command = np.where(TIME % 0.3 < 0.15, 4e5, 1e5)
-    fast, slow = (record_rollout(p, length, command, STEP, backend=law) for law in ("compiled", "python"))
-    for a, b in zip([*fast[:4], *fast.energy_balance[:-1]], [*slow[:4], *slow.energy_balance[:-1]], strict=True):
+    compiled, python = (record_rollout(p, length, command, STEP, backend=backend) for backend in ("compiled", "python"))
+    for a, b in zip(
+        [*compiled[:4], *compiled.energy_balance[:-1]], [*python[:4], *python.energy_balance[:-1]], strict=True
+    ):
         assert np.array_equal(a, b)
     plain = simulate_rollouts(p, length, command, STEP)
-    assert np.array_equal(fast.tension, plain.tension)
-    assert np.array_equal(fast.length, plain.length)
-    assert np.ptp(fast.energy_balance.gas_power) > 1.0
-    assert (np.ptp(fast.energy_balance.effects_power) > 0.1) == (name == "with effects")
-    assert set(fast.energy_balance.effect_powers) == (
+    assert np.array_equal(compiled.tension, plain.tension)
+    assert np.array_equal(compiled.length, plain.length)
+    assert np.ptp(compiled.energy_balance.gas_power) > 1.0
+    assert (np.ptp(compiled.energy_balance.effects_power) > 0.1) == (name == "with effects")
+    assert set(compiled.energy_balance.effect_powers) == (
         {"tendon_hysteresis", "pressure_delay"} if name == "with effects" else set()
     )
 
 
-def test_every_effect_has_its_share_and_the_shares_are_all_there_is() -> None:
+def test_effect_powers_sum_to_the_power_of_all_effects() -> None:
     more = (
         EFFECTS
         + b"[effects.braid_hysteresis]\nslope_n_per_bar = 10.0\n[effects.threshold_pressure]\npressure_bar = 0.2\n"
     )
     p = parse_device(load_device("klute-3-4-pair").content + more, "mine").parameters
     length = p.tendon.slack_length + p.muscle.resting_length * (0.93 + 0.05 * np.sin(15 * TIME))
-    told = record_rollout(p, length, np.full(len(TIME), 3e5), STEP).energy_balance
-    work = {name: STEP * power.sum() for name, power in told.effect_powers.items()}
+    balance = record_rollout(p, length, np.full(len(TIME), 3e5), STEP).energy_balance
+    work = {name: STEP * power.sum() for name, power in balance.effect_powers.items()}
     assert set(work) == {"tendon_hysteresis", "pressure_delay", "braid_hysteresis", "threshold_pressure"}
-    assert work["pressure_delay"] == 0.0  # it moves no force of its own
+    assert work["pressure_delay"] == 0.0  # a delay of the command does no work
     assert work["braid_hysteresis"] < -0.1
     assert work["tendon_hysteresis"] < 0.0
-    assert sum(told.effect_powers.values()) == pytest.approx(told.effects_power, abs=1e-12)
-    given = sum(getattr(told, line) for line in POWER_TERMS)
-    assert given == pytest.approx(told.delivered_power, abs=1e-9)
-    assert STEP * np.abs(told.solver_power).sum() < 1e-3 * STEP * np.abs(told.delivered_power).sum()
+    assert sum(balance.effect_powers.values()) == pytest.approx(balance.effects_power, abs=1e-12)
+    power_sum = sum(getattr(balance, line) for line in POWER_TERMS)
+    assert power_sum == pytest.approx(balance.delivered_power, abs=1e-9)
+    assert STEP * np.abs(balance.solver_power).sum() < 1e-3 * STEP * np.abs(balance.delivered_power).sum()
 
 
-def test_where_it_starts_can_be_said() -> None:
+def test_rollout_starts_in_the_initial_state() -> None:
     p = load_device("klute-3-4-pair").parameters
     still = record_rollout(
         p, np.full(50, 0.34), np.full(50, 3e5), STEP, initial_state=compute_equilibrium_state(p, 0.34, 3e5)
@@ -71,7 +73,7 @@ def test_where_it_starts_can_be_said() -> None:
     assert np.ptp(record_rollout(p, np.full(50, 0.34), np.full(50, 3e5), STEP).length) > 1e-4
 
 
-def test_what_is_not_finite_is_said() -> None:
+def test_non_finite_state_is_an_error() -> None:
     p = load_device("klute-3-4-pair").parameters
     with pytest.raises(SimulationError, match=r"no finite state at t = 0\.0000 s"):
         record_rollout(p, np.full(5, 0.34), np.full(5, 3e5), STEP, initial_state=DeviceState(3e5, float("nan")))

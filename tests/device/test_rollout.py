@@ -1,11 +1,11 @@
-"""Rollouts of the device alone: the same steps, any number of threads, and nothing that physics forbids."""
+"""Rollouts without MuJoCo: the same time steps, any number of threads, and physical invariants."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from klute_sim.device import dynamics as unit
+from klute_sim.device import dynamics as dynamics
 from klute_sim.device.device import list_presets, load_device
 from klute_sim.device.dynamics import DeviceParameters, DeviceState
 from klute_sim.device.rollout import RolloutTrace, simulate_rollouts
@@ -16,59 +16,63 @@ from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE
 PAIR = load_device("klute-3-4-pair").parameters
 
 
-def test_rollouts_are_the_devices_steps_under_either_law() -> None:
+def test_rollouts_equal_single_steps_on_both_backends() -> None:
     length = 0.335 + 0.01 * np.sin(np.arange(500) / 30)
     command = np.where(np.arange(500) % 100 < 50, 4e5, 0.5e5)
-    state, wanted = unit.compute_taut_state(PAIR, length[0], command[0]), []
+    state, expected = dynamics.compute_taut_state(PAIR, length[0], command[0]), []
     for x, c in zip(length.tolist(), command.tolist(), strict=True):
-        after = unit.advance_state(PAIR, state, x, c, 5e-4)
-        wanted.append((unit.compute_tension(PAIR, after, x, (after.length - state.length) / 5e-4), *after[:2]))
+        after = dynamics.advance_state(PAIR, state, x, c, 5e-4)
+        expected.append((dynamics.compute_tension(PAIR, after, x, (after.length - state.length) / 5e-4), *after[:2]))
         state = after
-    for law in ("compiled", "python"):
-        assert np.array_equal(np.stack(simulate_rollouts(PAIR, length, command, 5e-4, backend=law), axis=1), wanted)
+    for backend in ("compiled", "python"):
+        assert np.array_equal(
+            np.stack(simulate_rollouts(PAIR, length, command, 5e-4, backend=backend), axis=1), expected
+        )
 
 
-def test_a_rigid_device_is_stepped_too() -> None:
+def test_rollouts_of_a_rigid_device_equal_single_steps() -> None:
     tied = load_device("klute-1-2").parameters
     assert tied.tendon.is_rigid
     length = tied.muscle.resting_length * (0.9 + 0.05 * np.sin(np.arange(300) / 20))
-    state, wanted = unit.compute_taut_state(tied, float(length[0]), 3e5), []
+    state, expected = dynamics.compute_taut_state(tied, float(length[0]), 3e5), []
     for x in length.tolist():
-        after = unit.advance_state(tied, state, x, 3e5, 5e-4)
-        wanted.append(unit.compute_tension(tied, after, x, (after.length - state.length) / 5e-4))
+        after = dynamics.advance_state(tied, state, x, 3e5, 5e-4)
+        expected.append(dynamics.compute_tension(tied, after, x, (after.length - state.length) / 5e-4))
         state = after
-    for law in ("compiled", "python"):
-        assert np.array_equal(simulate_rollouts(tied, length, np.full(300, 3e5), 5e-4, backend=law).tension, wanted)
-    assert len(set(wanted)) > 250
+    for backend in ("compiled", "python"):
+        assert np.array_equal(
+            simulate_rollouts(tied, length, np.full(300, 3e5), 5e-4, backend=backend).tension, expected
+        )
+    assert len(set(expected)) > 250
 
 
-def test_threads_change_no_bit_and_every_rollout_is_its_own() -> None:
+def test_rollouts_do_not_depend_on_the_number_of_threads() -> None:
     devices = [load_device(name).parameters for name in ("klute-3-4-pair", "klute-1-1-4-pair")] * 4
     length = 0.33 + 0.002 * np.arange(8)[:, None] + 0.005 * np.sin(np.arange(400) / 20)
     traces = [simulate_rollouts(devices, length, np.full(400, 3e5), 5e-4, n_jobs=n) for n in (1, 2, 5)]
     for other in traces[1:]:
         assert all(np.array_equal(a, b) for a, b in zip(traces[0], other, strict=True))
-    one = simulate_rollouts(devices[3], length[3], np.full(400, 3e5), 5e-4)
-    assert one.tension.shape == (400,)
-    assert all(np.array_equal(a[3], b) for a, b in zip(traces[0], one, strict=True))
+    single = simulate_rollouts(devices[3], length[3], np.full(400, 3e5), 5e-4)
+    assert single.tension.shape == (400,)
+    assert all(np.array_equal(a[3], b) for a, b in zip(traces[0], single, strict=True))
     assert len(np.unique(traces[0].tension[:, -1])) == 8
 
 
-def test_where_it_starts_can_be_said() -> None:
+def test_rollout_starts_in_the_initial_state() -> None:
     begin = DeviceState(2e5, 0.23)
     trace = simulate_rollouts(PAIR, [0.34], [2e5], 1e-4, initial_state=begin)
-    assert trace.length[0] == pytest.approx(unit.advance_state(PAIR, begin, 0.34, 2e5, 1e-4).length)
+    assert trace.length[0] == pytest.approx(dynamics.advance_state(PAIR, begin, 0.34, 2e5, 1e-4).length)
     both = simulate_rollouts(PAIR, [[0.34], [0.34]], [2e5], 1e-4, initial_state=[begin, DeviceState(3e5, 0.22)])
     assert both.pressure[:, 0].tolist() == [2e5, 2.99e5]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         ((PAIR, [0.34], [np.nan], 1e-3), "finite"),
         ((PAIR, [np.inf], [1e5], 1e-3), "finite"),
-        ((PAIR, [0.34], [1e5], 0.0), "step is 0"),
-        ((PAIR, [0.34], [1e5], np.nan), "step is nan"),
+        ((PAIR, [0.34], [1e5], 0.0), "dt is 0"),
+        ((PAIR, [0.34], [1e5], np.nan), "dt is nan"),
         ((PAIR, [0.34], [1e5], 0.02), "allowed: above 0, up to 0.01 s"),
         ((PAIR, [0.34, 0.34], [1e5, 1e5, 1e5], 1e-3), "do not fit together"),
         (([PAIR, PAIR], np.ones((3, 5)), np.ones(5), 1e-3), "do not fit together"),
@@ -77,17 +81,17 @@ def test_where_it_starts_can_be_said() -> None:
         (([], [0.34], [1e5], 1e-3), "0 devices, .* do not fit together"),
     ],
 )
-def test_bad_input_is_refused_in_one_sentence(arguments: tuple, words: str) -> None:
-    with pytest.raises(InputError, match=words):
+def test_invalid_input_is_refused_in_one_sentence(arguments: tuple, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         simulate_rollouts(*arguments)
-    with pytest.raises(InputError, match="threads is -1"):
+    with pytest.raises(InputError, match="n_jobs is -1"):
         simulate_rollouts(PAIR, [0.34], [1e5], 1e-3, n_jobs=-1)
-    with pytest.raises(InputError, match="3 states to start from for 1 rollouts"):
+    with pytest.raises(InputError, match="3 initial states for 1 rollouts"):
         simulate_rollouts(PAIR, [0.34], [1e5], 1e-3, initial_state=[DeviceState(0.0, 0.2)] * 3)
 
 
-def some_device(random: np.random.Generator) -> DeviceParameters:
-    """A device nobody built but somebody might: every parameter from a wide range, parts left out at times."""
+def draw_device(random: np.random.Generator) -> DeviceParameters:
+    """Return a random device: all parameters from wide ranges, some without damper, tendon or effects."""
     device = load_device(str(random.choice(list_presets()))).parameters
     longer = random.uniform(0.2, 3.0)
     muscle = device.muscle._replace(
@@ -118,10 +122,10 @@ def some_device(random: np.random.Generator) -> DeviceParameters:
     return DeviceParameters(muscle, damper, tendon, supply)
 
 
-def torture(seed: int, rollouts: int, samples: int) -> tuple[list[DeviceParameters], RolloutTrace]:
-    """Random devices under lengths and commands that jump."""
+def simulate_random_devices(seed: int, rollouts: int, samples: int) -> tuple[list[DeviceParameters], RolloutTrace]:
+    """Simulate random devices under lengths and commands that jump."""
     random = np.random.default_rng(seed)
-    devices = [some_device(random) for _ in range(rollouts)]
+    devices = [draw_device(random) for _ in range(rollouts)]
     slack = np.array([d.tendon.slack_length for d in devices])[:, None]
     rest = np.array([d.muscle.resting_length for d in devices])[:, None]
     drift = np.cumsum(random.normal(0.0, 1e-3, (rollouts, samples)), axis=1)
@@ -133,13 +137,13 @@ def torture(seed: int, rollouts: int, samples: int) -> tuple[list[DeviceParamete
     return devices, simulate_rollouts(devices, length, command, float(10.0 ** random.uniform(-4, np.log10(5e-3))))
 
 
-def check(devices: list[DeviceParameters], trace: RolloutTrace) -> None:
+def check_invariants(devices: list[DeviceParameters], trace: RolloutTrace) -> None:
     for i, device in enumerate(devices):
         assert np.isfinite(trace.tension[i]).all()
         if pneumatic_step.is_ideal(device.supply):
             assert trace.pressure[i].min() >= 0.0
             assert trace.pressure[i].max() <= device.supply.max_pressure
-        else:  # the muscle's own motion squeezes and thins its air
+        else:  # the motion of the muscle compresses and expands its air
             assert trace.pressure[i].min() > -ATMOSPHERIC_PRESSURE
             assert trace.pressure[i].max() < 100.0 * (device.supply.max_pressure + ATMOSPHERIC_PRESSURE)
         assert trace.length[i].max() <= device.muscle.resting_length
@@ -149,36 +153,43 @@ def check(devices: list[DeviceParameters], trace: RolloutTrace) -> None:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_ten_million_steps_of_anything(seed: int) -> None:
+def test_invariants_hold_for_random_devices(seed: int) -> None:
     for part in range(8):
-        check(*torture(100 * seed + part, rollouts=125, samples=1000))
+        check_invariants(*simulate_random_devices(100 * seed + part, rollouts=125, samples=1000))
 
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 2**31), st.floats(1e-4, 5e-3))
-def test_every_step_of_any_device_balances_to_the_tolerance(seed: int, step: float) -> None:
+def test_steps_of_random_devices_balance_to_the_tolerance(seed: int, step: float) -> None:
     random = np.random.default_rng(seed)
-    device = some_device(random)
+    device = draw_device(random)
     if device.tendon.is_rigid:
         return
     low, high = mckibben.lock_length(device.muscle), device.muscle.resting_length
     for _ in range(20):
         begin, pressure = random.uniform(low, high), random.uniform(0.0, device.supply.max_pressure)
         length = device.tendon.slack_length + random.uniform(0.8 * low, 1.05 * high)
-        found = unit.solve_length(
+        solved_length = dynamics.solve_length(
             device, pneumatic_step.constant_pressure(pressure), DeviceState(pressure, begin), length, step
         )
-        imbalance = unit._compute_force_residual(
-            device, pneumatic_step.constant_pressure(pressure), DeviceState(pressure, begin), length, step, found
+        imbalance = dynamics._compute_force_residual(
+            device,
+            pneumatic_step.constant_pressure(pressure),
+            DeviceState(pressure, begin),
+            length,
+            step,
+            solved_length,
         )
-        if low < found < high:
-            at, beside = DeviceState(pressure, begin), [np.nextafter(found, to) for to in (0, 1)]
+        if low < solved_length < high:
+            state, neighbours = DeviceState(pressure, begin), [np.nextafter(solved_length, to) for to in (0, 1)]
             nearby = [
-                unit._compute_force_residual(device, pneumatic_step.constant_pressure(pressure), at, length, step, each)
-                for each in beside
+                dynamics._compute_force_residual(
+                    device, pneumatic_step.constant_pressure(pressure), state, length, step, neighbour
+                )
+                for neighbour in neighbours
             ]
-            pull = unit.compute_tension(device, DeviceState(pressure, found), length, 0.0)
-            # Solved, or the zero is between this length and the next number beside it.
+            pull = dynamics.compute_tension(device, DeviceState(pressure, solved_length), length, 0.0)
+            # Solved, or the root lies between this length and an adjacent floating-point number.
             assert abs(imbalance) <= 1e-10 * (1.0 + pull) or nearby[0] * nearby[1] <= 0.0
         else:
-            assert imbalance * (1 if found == low else -1) >= 0.0
+            assert imbalance * (1 if solved_length == low else -1) >= 0.0

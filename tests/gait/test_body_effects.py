@@ -1,4 +1,4 @@
-"""Effects of the body: the same numbers in the MJCF and in a replay, and none where they are neutral."""
+"""Effects of the body: equal numbers in the MJCF and in a replay, and no change at neutral parameters."""
 
 import numpy as np
 import pytest
@@ -19,110 +19,127 @@ PLAIN = load_device("klute-1-1-4-pair")
 FOOT = build_device_foot(PLAIN)
 FORMS = [(e, form) for e in catalogue.get_effects().values() if e.kind == "body" for form in e.forms]
 IDS = [f"{effect.name}-{form.name}" for effect, form in FORMS]
-EVERY = pytest.mark.parametrize(("effect", "form"), FORMS, ids=IDS)
+ALL_FORMS = pytest.mark.parametrize(("effect", "form"), FORMS, ids=IDS)
 STEP = 5e-4
 
 
-def having(effect: Effect, form: EffectForm) -> Device:
-    """With the typical size, from a device file."""
+def create_device(effect: Effect, form: EffectForm) -> Device:
+    """Return the default device with the effect at its typical parameters."""
     return parse_device(f"{PLAIN.content.decode()}\n{words.format_device_toml(effect, form)}\n".encode(), "with it")
 
 
-def edited(effect: Effect, form: EffectForm, share: float = 1.0) -> Foot:
-    own = {}
+def apply_effect(effect: Effect, form: EffectForm, fraction: float = 1.0) -> Foot:
+    values = {}
     for p in form.parameters:
-        own[p.key] = p.typical if p.neutral is None else p.neutral + share * (p.typical - p.neutral)
-    return catalogue.apply_body_effects({(effect.name, form.name): own}, FOOT)
+        values[p.key] = p.typical if p.neutral is None else p.neutral + fraction * (p.typical - p.neutral)
+    return catalogue.apply_body_effects({(effect.name, form.name): values}, FOOT)
 
 
-def moving(seconds: float = 0.6) -> ReplayInputs:
+def create_inputs(seconds: float = 0.6) -> ReplayInputs:
     time = np.arange(0.0, seconds, STEP)
     wave = np.sin(2.0 * np.pi * 2.5 * time)
     ground, load = -60.0 * (1.0 - np.cos(8.0 * time)), 500.0 * (1.0 + wave)
     return ReplayInputs(0.3 * wave, -70.0 * wave, 5.0 * wave, 3.0 * wave, ground, load, 100.0 * wave, 3e5 + 0 * time)
 
 
-@EVERY
-def test_neutral_changes_no_bit(effect: Effect, form: EffectForm) -> None:
-    assert edited(effect, form, 0.0)._replace(bumper_onset_angle=0.0) == FOOT
-    one, other = (simulate_replay(PLAIN.parameters, foot, moving(), STEP) for foot in (FOOT, edited(effect, form, 0.0)))
-    for a, b in zip(one, other, strict=True):
+@ALL_FORMS
+def test_neutral_parameters_change_no_bit(effect: Effect, form: EffectForm) -> None:
+    assert apply_effect(effect, form, 0.0)._replace(bumper_onset_angle=0.0) == FOOT
+    original, edited_response = (
+        simulate_replay(PLAIN.parameters, foot, create_inputs(), STEP)
+        for foot in (FOOT, apply_effect(effect, form, 0.0))
+    )
+    for a, b in zip(original, edited_response, strict=True):
         assert np.array_equal(a, b)
 
 
-@EVERY
-def test_the_mjcf_becomes_what_the_replay_takes(effect: Effect, form: EffectForm) -> None:
-    """To the numbers of the compiled model and back."""
-    assert build_device_foot(having(effect, form)) == pytest.approx(edited(effect, form), rel=1e-9)
-    assert build_device_foot(having(effect, form)) != pytest.approx(FOOT, rel=1e-6)
+@ALL_FORMS
+def test_model_and_replay_have_the_same_foot(effect: Effect, form: EffectForm) -> None:
+    """Apply the effect to the model, and read the numbers of the compiled model."""
+    assert build_device_foot(create_device(effect, form)) == pytest.approx(apply_effect(effect, form), rel=1e-9)
+    assert build_device_foot(create_device(effect, form)) != pytest.approx(FOOT, rel=1e-6)
 
 
-@EVERY
-def test_what_a_replay_does_mujoco_does(effect: Effect, form: EffectForm) -> None:
-    """A walk with the effect in the MJCF, replayed with the effect in the equation: the ankle is where it was."""
-    recording = simulate_gait(having(effect, form), pressure.load_default_profile(), GaitOptions(strides=1, dt=STEP))
+@ALL_FORMS
+def test_replay_agrees_with_mujoco(effect: Effect, form: EffectForm) -> None:
+    """Replay a gait run: the effect in the equation reproduces the effect in the MJCF."""
+    recording = simulate_gait(
+        create_device(effect, form), pressure.load_default_profile(), GaitOptions(strides=1, dt=STEP)
+    )
 
-    def twice(values: np.ndarray) -> np.ndarray:
+    def differentiate_twice(values: np.ndarray) -> np.ndarray:
         inside = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / STEP**2
         return np.concatenate([inside[:1], inside, inside[-1:]])
 
     thigh, lean = np.radians(recording["thigh_angle"]), np.radians(recording["shank_angle"])
-    # Reckoned from the limb, for the socket's sake.
+    # Relative to the limb, because the socket yields.
     x = recording["carriage_x"] - 0.43 * (np.sin(thigh) + np.sin(lean))
     z = recording["carriage_z"] - 0.43 * (np.cos(thigh) + np.cos(lean))
     forward, up = recording["grf_forward"], recording["grf_vertical"]
     ground = -z * forward - np.nan_to_num(recording["cop_x"] - x) * up
     load = up * np.cos(lean) + forward * np.sin(lean), up * np.sin(lean) - forward * np.cos(lean)
-    inputs = ReplayInputs(lean, twice(lean), twice(x), twice(z), ground, *load, 1e5 * recording["pressure_command"])
+    inputs = ReplayInputs(
+        lean,
+        differentiate_twice(lean),
+        differentiate_twice(x),
+        differentiate_twice(z),
+        ground,
+        *load,
+        1e5 * recording["pressure_command"],
+    )
     late = recording["time"] > 0.3
     off, without = (
         np.degrees(simulate_replay(PLAIN.parameters, foot, inputs, STEP).ankle_angle)[late]
         - recording["ankle_angle"][late]
-        for foot in (edited(effect, form), FOOT)
+        for foot in (apply_effect(effect, form), FOOT)
     )
-    # Where friction holds a foot off the ground, within 0.15 degrees, is up to the last spikes of the load.
+    # The angle at which friction holds the foot in swing, within 0.15 degrees, depends on the last spikes of the load.
     assert np.sqrt(np.mean(off**2)) < (0.08 if form.name == "coulomb" and effect.name == "foot_hysteresis" else 0.025)
     assert np.sqrt(np.mean(without**2)) > 3.0 * np.sqrt(np.mean(off**2))
 
 
-def test_signs() -> None:
-    """Dorsiflexed by a load: what each effect changes of that."""
+def test_effects_have_the_expected_signs() -> None:
+    """Each effect changes the dorsiflexion under a load in the expected direction."""
 
-    def held(foot: Foot) -> float:
+    def equilibrium_angle(foot: Foot) -> float:
         still = np.zeros(3000)
         inputs = ReplayInputs(still, still, still, still, still - 60.0, still + 800.0, still + 100.0, still)
         return float(simulate_replay(PLAIN.parameters, foot, inputs, STEP).ankle_angle[-1])
 
-    forms = {f"{effect.name} {form.name}": edited(effect, form) for effect, form in FORMS}
-    plain = held(FOOT)
+    forms = {f"{effect.name} {form.name}": apply_effect(effect, form) for effect, form in FORMS}
+    plain = equilibrium_angle(FOOT)
     assert plain > np.radians(10.0)
-    assert held(forms["return_spring_error stiffness"]) < plain
-    assert held(forms["return_spring_error rest"]) > plain
-    assert held(forms["end_stop bumper"]) < plain
-    assert held(forms["moment_arm_error insertion"]) != plain
+    assert equilibrium_angle(forms["return_spring_error stiffness"]) < plain
+    assert equilibrium_angle(forms["return_spring_error rest"]) > plain
+    assert equilibrium_angle(forms["end_stop bumper"]) < plain
+    assert equilibrium_angle(forms["moment_arm_error insertion"]) != plain
     assert law.moment_arm(forms["moment_arm_error insertion"], 0.0) == pytest.approx(
         1.05 * law.moment_arm(FOOT, 0.0), rel=1e-3
     )
-    assert held(forms["ankle_friction viscous"]) == pytest.approx(plain, abs=1e-6)
-    stuck = held(forms["ankle_friction coulomb"]) - plain  # somewhere within what friction holds
+    assert equilibrium_angle(forms["ankle_friction viscous"]) == pytest.approx(plain, abs=1e-6)
+    stuck = equilibrium_angle(forms["ankle_friction coulomb"]) - plain  # within the range that friction can hold
     assert 0.0 < abs(stuck) < 2.0 / FOOT.spring_stiffness
-    # Bent by all that pushes the toe up, a socket that gives lets the load push less.
-    assert held(forms["foot_stiffness linear"]) - plain == pytest.approx(np.radians(0.05 * 60.0), rel=0.02)
-    assert held(forms["foot_hysteresis viscous"]) == pytest.approx(held(forms["foot_stiffness linear"]), abs=1e-6)
-    assert held(forms["foot_hysteresis coulomb"]) == pytest.approx(plain + np.radians(0.05 * 57.0), rel=0.02)
-    assert held(forms["socket_pistoning axial"]) < plain
+    # The keel bends under the load, and a yielding socket reduces the moment of the load.
+    assert equilibrium_angle(forms["foot_stiffness linear"]) - plain == pytest.approx(np.radians(0.05 * 60.0), rel=0.02)
+    assert equilibrium_angle(forms["foot_hysteresis viscous"]) == pytest.approx(
+        equilibrium_angle(forms["foot_stiffness linear"]), abs=1e-6
+    )
+    assert equilibrium_angle(forms["foot_hysteresis coulomb"]) == pytest.approx(
+        plain + np.radians(0.05 * 57.0), rel=0.02
+    )
+    assert equilibrium_angle(forms["socket_pistoning axial"]) < plain
     assert forms["inertia_error mass"].inertia == pytest.approx(1.4 * FOOT.inertia)
 
 
-@EVERY
-def test_no_effect_gives_energy(effect: Effect, form: EffectForm) -> None:
-    """A foot that swings on its own, or rests: its energy only falls."""
-    foot = edited(effect, form)
+@ALL_FORMS
+def test_body_effects_are_passive(effect: Effect, form: EffectForm) -> None:
+    """The energy of a freely swinging foot never increases."""
+    foot = apply_effect(effect, form)
     angle, rate, step, still = -0.3, 0.0, 2e-5, FootInputs(0.0, 0.0, 0.0, 0.0, 0.0)
     before = np.inf
     for k in range(10000):
         turned = law.step_ankle(foot, angle, rate, 0.0, still, step)
-        angle, rate = turned.angle, turned.rate
+        angle, rate = turned.angle, turned.velocity
         lift = foot.com_z * np.cos(angle) - foot.com_x * np.sin(angle)
         energy = 0.5 * foot.inertia * rate * rate + 0.5 * foot.spring_stiffness * (angle - foot.spring_rest_angle) ** 2
         energy += (
@@ -135,10 +152,10 @@ def test_no_effect_gives_energy(effect: Effect, form: EffectForm) -> None:
 
 
 @pytest.mark.parametrize("form", ["linear", "viscous", "coulomb"])
-def test_a_bending_foot_gives_back_no_more_than_it_took(form: str) -> None:
-    """Loops of a moment that swings by 60 N.m once a second, against their closed forms."""
-    effect, own = next(each for each in FORMS if each[1].name == form and each[0].name.startswith("foot_"))
-    foot, compliance, amplitude, step = edited(effect, own), np.radians(0.05), 60.0, 1e-4
+def test_elastic_foot_is_passive(form: str) -> None:
+    """Loops under a moment of 60 N.m at 1 Hz agree with their closed forms."""
+    effect, values = next(pair for pair in FORMS if pair[1].name == form and pair[0].name.startswith("foot_"))
+    foot, compliance, amplitude, step = apply_effect(effect, values), np.radians(0.05), 60.0, 1e-4
     bent = work = 0.0
     for k in range(30000):
         moment = amplitude * np.sin(2.0 * np.pi * k * step)

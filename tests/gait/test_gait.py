@@ -1,4 +1,4 @@
-"""The default walk: what it must reach, what was commanded and delivered, where the energy went."""
+"""The default gait run: its metrics, its commanded and delivered quantities, and its energy balance."""
 
 from functools import cache
 
@@ -20,23 +20,23 @@ WEIGHT = 75 * 9.81
 
 
 @cache
-def default() -> tuple[Recording, GaitMetrics]:
+def simulate_default_run() -> tuple[Recording, GaitMetrics]:
     recording = simulate_gait(DEVICE, pressure.load_default_profile())
     return recording, compute_gait_metrics(recording)
 
 
-def settled(recording: Recording) -> Recording:
+def select_steady_strides(recording: Recording) -> Recording:
     return recording.select(recording["stride"] >= 2)
 
 
 def test_strides_repeat_from_the_third_on() -> None:
-    peaks = [s.ankle_moment_peak_nm_per_kg for s in default()[1].strides]
+    peaks = [s.ankle_moment_peak_nm_per_kg for s in simulate_default_run()[1].strides]
     assert len(peaks) == 5
     assert max(peaks[2:]) / min(peaks[2:]) < 1.01
 
 
-def test_contact_begins_and_ends_where_it_should() -> None:
-    for stride in default()[1].steady_strides:
+def test_contact_and_toe_off_have_normal_phases() -> None:
+    for stride in simulate_default_run()[1].steady_strides:
         assert stride.first_contact_pct is not None
         assert stride.toe_off_pct is not None
         assert 0 <= stride.first_contact_pct <= 3
@@ -45,30 +45,30 @@ def test_contact_begins_and_ends_where_it_should() -> None:
         assert stride.sole_depth_max_mm < 5
 
 
-def test_ground_reaction_is_human_in_shape() -> None:
-    recording, outcome = default()
-    for stride in outcome.steady_strides:
-        assert all(0.85 <= hump <= 1.35 for hump in stride.grf_vertical_peaks_bw)
+def test_ground_reaction_has_a_human_shape() -> None:
+    recording, metrics = simulate_default_run()
+    for stride in metrics.steady_strides:
+        assert all(0.85 <= peak <= 1.35 for peak in stride.grf_vertical_peaks_bw)
         assert stride.grf_vertical_max_bw < 1.5
         assert -0.26 <= stride.grf_forward_min_bw <= -0.1
         assert 0.1 <= stride.grf_forward_max_bw <= 0.26
     last = recording.select(recording["stride"] == 5)
     valley = last["grf_vertical"][(last["gait_phase"] > 22) & (last["gait_phase"] < 36)].min() / WEIGHT
-    assert valley < min(outcome.strides[-1].grf_vertical_peaks_bw) - 0.1
+    assert valley < min(metrics.strides[-1].grf_vertical_peaks_bw) - 0.1
     brake = last["gait_phase"][last["grf_forward"].argmin()]
     push = last["gait_phase"][last["grf_forward"].argmax()]
     assert brake < 25 < 40 < push
 
 
-def test_ankle_moves_like_a_human_one() -> None:
-    for stride in default()[1].steady_strides:
+def test_ankle_angle_is_close_to_the_reference() -> None:
+    for stride in simulate_default_run()[1].steady_strides:
         assert 18 <= stride.ankle_range_deg <= 35
         assert stride.angle_distance_sd.largest is not None
         assert stride.angle_distance_sd.largest < 1.5
 
 
-def test_ankle_pushes_like_a_human_one() -> None:
-    for stride in default()[1].steady_strides:
+def test_ankle_moment_and_power_are_close_to_the_reference() -> None:
+    for stride in simulate_default_run()[1].steady_strides:
         assert 1.2 <= stride.ankle_moment_peak_nm_per_kg <= 1.8
         assert 40 <= stride.ankle_moment_peak_pct <= 55
         assert stride.moment_distance_sd.stance_rms is not None
@@ -77,44 +77,44 @@ def test_ankle_pushes_like_a_human_one() -> None:
         assert stride.ankle_work_net_j_per_kg >= 0.12
 
 
-def test_rolls_over_near_a_fifth_of_stature() -> None:
-    radius = default()[1].mean(lambda s: s.rollover_radius_m)
+def test_rollover_radius_is_a_fifth_of_stature() -> None:
+    radius = simulate_default_run()[1].mean(lambda s: s.rollover_radius_m)
     assert radius is not None
     assert 0.20 * 1.75 < radius < 0.24 * 1.75
 
 
-def test_off_is_a_passive_ankle() -> None:
+def test_ankle_without_pressure_is_passive() -> None:
     recording = simulate_gait(DEVICE, pressure.create_off_controller(), GaitOptions(strides=3))
-    outcome = compute_gait_metrics(recording)
-    work = outcome.mean(lambda s: s.ankle_work_net_j_per_kg)
+    metrics = compute_gait_metrics(recording)
+    work = metrics.mean(lambda s: s.ankle_work_net_j_per_kg)
     assert work is not None
     assert work <= 0.0
-    assert settled(recording)["pressure"].max() == 0.0
-    assert outcome.mean(lambda s: s.air_g) == 0.0
+    assert select_steady_strides(recording)["pressure"].max() == 0.0
+    assert metrics.mean(lambda s: s.air_g) == 0.0
 
 
-def test_half_the_step_changes_the_peak_moment_by_less_than_one_percent() -> None:
+def test_peak_moment_is_converged_in_the_time_step() -> None:
     fine = compute_gait_metrics(
         simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=3, dt=2.5e-4))
     )
-    coarse = default()[1].strides[2].ankle_moment_peak_nm_per_kg
+    coarse = simulate_default_run()[1].strides[2].ankle_moment_peak_nm_per_kg
     assert fine.strides[2].ankle_moment_peak_nm_per_kg == pytest.approx(coarse, rel=0.01)
 
 
-def test_joint_moment_is_tension_times_arm_at_every_sample() -> None:
-    recording, _ = default()
+def test_joint_moment_is_tension_times_moment_arm() -> None:
+    recording, _ = simulate_default_run()
     springs = DEVICE.parameters.tendon
     stretch = recording["unit_length"] - recording["muscle_length"] - springs.slack_length
     tension = np.array([tendon_law.force(springs, x) for x in stretch])
-    wanted = tension * recording["moment_arm"]
+    expected = tension * recording["moment_arm"]
     assert np.abs(recording["force"] - tension).max() <= 1e-9 * tension.max()
-    assert np.abs(recording["actuator_moment"] - wanted).max() <= 1e-9 * wanted.max()
+    assert np.abs(recording["actuator_moment"] - expected).max() <= 1e-9 * expected.max()
     loaded = tension > 1.0
-    assert np.abs(recording["actuator_moment"][loaded] / wanted[loaded] - 1).max() < 1e-9
+    assert np.abs(recording["actuator_moment"][loaded] / expected[loaded] - 1).max() < 1e-9
 
 
-def test_net_moment_is_the_sum_of_its_parts_and_power_its_product() -> None:
-    recording, _ = default()
+def test_net_moment_is_the_sum_of_its_parts() -> None:
+    recording, _ = simulate_default_run()
     parts = recording["actuator_moment"] + recording["passive_moment"] + recording["stop_moment"]
     assert recording["ankle_moment"] == pytest.approx(parts, abs=1e-9)
     # plantarflexor moment times plantarflexion rate
@@ -125,16 +125,16 @@ def test_net_moment_is_the_sum_of_its_parts_and_power_its_product() -> None:
     assert recording["passive_moment"] == pytest.approx(spring, abs=1e-6)
 
 
-def test_ankle_rate_is_the_slope_of_its_angle() -> None:
-    recording, _ = default()
+def test_ankle_velocity_is_the_derivative_of_the_angle() -> None:
+    recording, _ = simulate_default_run()
     step = recording["time"][1]
     slope = np.diff(recording["ankle_angle"]) / step
     middle = 0.5 * (recording["ankle_velocity"][1:] + recording["ankle_velocity"][:-1])
     assert np.sqrt(np.mean((slope - middle) ** 2)) < 0.02 * np.abs(slope).max()
 
 
-def test_muscle_and_damper_carry_the_tendon_and_pressure_was_delivered() -> None:
-    recording, _ = default()
+def test_muscle_and_damper_balance_the_tendon_and_pressure_is_delivered() -> None:
+    recording, _ = simulate_default_run()
     rest = DEVICE.parameters.muscle.resting_length
     free = recording["muscle_length"] < rest
     gap = recording["muscle_force"] + recording["damper_force"] - recording["force"]
@@ -145,7 +145,7 @@ def test_muscle_and_damper_carry_the_tendon_and_pressure_was_delivered() -> None
     assert recording["pressure"].max() <= 5.0
 
 
-def test_ledger_accounts_for_the_work_on_the_ankle_within_a_thousandth() -> None:
+def test_energy_balance_matches_the_work_on_the_ankle() -> None:
     for controller in (
         pressure.load_default_profile(),
         pressure.create_off_controller(),
@@ -153,8 +153,8 @@ def test_ledger_accounts_for_the_work_on_the_ankle_within_a_thousandth() -> None
     ):
         recording = simulate_gait(DEVICE, controller, GaitOptions(strides=2))
         assert abs(compute_gait_metrics(recording).strides[-1].ledger_residual_pct) < 0.1
-    last = default()[0].select(default()[0]["stride"] == 5)
-    step = default()[0]["time"][1]
+    last = simulate_default_run()[0].select(simulate_default_run()[0]["stride"] == 5)
+    step = simulate_default_run()[0]["time"][1]
     work = last["delivered_power"].sum() * step
     loop = -np.trapezoid(last["actuator_moment"], np.radians(last["ankle_angle"]))  # of the joint, not of the tendon
     assert work == pytest.approx(loop, rel=1e-3)
@@ -164,8 +164,8 @@ def test_ledger_accounts_for_the_work_on_the_ankle_within_a_thousandth() -> None
     assert damper < 0 < gas
 
 
-def test_servos_follow_the_reference_within_a_degree() -> None:
-    recording = settled(default()[0])
+def test_servos_track_the_reference_within_a_degree() -> None:
+    recording = select_steady_strides(simulate_default_run()[0])
     from klute_sim.gait import reference
     from klute_sim.gait.rig import trajectory
 
@@ -179,19 +179,21 @@ def test_servos_follow_the_reference_within_a_degree() -> None:
         assert np.sqrt(np.mean(error**2)) < 1.0, channel
 
 
-def test_same_inputs_same_bits() -> None:
-    one, two = (simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1)) for _ in range(2))
-    for name in one.channels:
-        assert np.array_equal(one[name], two[name], equal_nan=True), name
+def test_runs_are_bit_identical() -> None:
+    first, second = (simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1)) for _ in range(2))
+    for name in first.channels:
+        assert np.array_equal(first[name], second[name], equal_nan=True), name
 
 
-def test_mass_and_speed_change_what_they_should() -> None:
+def test_mass_scales_load_and_speed_scales_distance() -> None:
     heavy = simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=2, mass=90))
     last = heavy.select(heavy["stride"] == 2)
-    assert last["grf_vertical"].mean() == pytest.approx(90 / 75 * settled(default()[0])["grf_vertical"].mean(), rel=0.1)
+    assert last["grf_vertical"].mean() == pytest.approx(
+        90 / 75 * select_steady_strides(simulate_default_run()[0])["grf_vertical"].mean(), rel=0.1
+    )
     slow = simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1, speed=0.8))
-    walked = slow["carriage_x"][-1] - slow["carriage_x"][0]
-    assert walked / slow["time"][-1] == pytest.approx(0.8, rel=0.03)
+    distance = slow["carriage_x"][-1] - slow["carriage_x"][0]
+    assert distance / slow["time"][-1] == pytest.approx(0.8, rel=0.03)
     assert slow.provenance["options"]["speed_m_per_s"] == pytest.approx(0.8, rel=1e-3)
 
 
@@ -204,19 +206,19 @@ def test_mass_and_speed_change_what_they_should() -> None:
         ("slope", 0.2),
         ("stature", 17.5),
         ("strides", 0),
-        ("step", 0.01),
+        ("dt", 0.01),
     ],
 )
-def test_options_nobody_has_are_refused(name: str, value: float) -> None:
-    with pytest.raises(InputError, match=f"{name} is .*allowed"):
+def test_options_out_of_range_are_refused(name: str, value: float) -> None:
+    with pytest.raises(InputError, match=r"(mass|speed|slope|stature|strides|time step) is .*allowed"):
         GaitOptions(**{name: value})  # type: ignore[arg-type]
 
 
-def test_a_device_that_does_not_fit_the_ankle_is_refused() -> None:
+def test_device_that_does_not_fit_is_refused() -> None:
     with pytest.raises(InputError, match=r"no \[tendon\] section"):
         simulate_gait(load_device("klute-3-4"), pressure.create_off_controller())
     text = TEXT.replace("resting_length_mm = 264.0", "resting_length_mm = 364.0")
-    with pytest.raises(InputError, match="room for 430 mm"):
+    with pytest.raises(InputError, match="the shank has only 430 mm"):
         simulate_gait(parse_device(text.encode(), "x"), pressure.create_off_controller())
     text = TEXT[: TEXT.index("[mounting]")] + TEXT[TEXT.index("[sources]") :]
     with pytest.raises(InputError, match=r"no \[mounting\] section"):
@@ -225,15 +227,20 @@ def test_a_device_that_does_not_fit_the_ankle_is_refused() -> None:
         )
 
 
-def test_a_run_that_leaves_its_path_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_that_leaves_its_path_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("klute_sim.gait.rig.setup.MAX_PATH_DEVIATION", 1e-4)
     with pytest.raises(SimulationError, match=r"left its path at t = .* % of stride 1"):
         simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1))
 
 
-def test_progress_runs_to_the_end() -> None:
-    told: list[float] = []
-    simulate_gait(DEVICE, pressure.create_off_controller(), GaitOptions(strides=1), told.append)
-    assert told == sorted(told)
-    assert told[-1] == 1.0
-    assert len(told) > 5
+def test_progress_increases_to_one() -> None:
+    fractions: list[float] = []
+    simulate_gait(
+        DEVICE,
+        pressure.create_off_controller(),
+        GaitOptions(strides=1),
+        lambda fraction, stage: fractions.append(fraction),
+    )
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1.0
+    assert len(fractions) > 5

@@ -1,4 +1,4 @@
-"""The rig's gauges against MuJoCo's own sums, in postures where every one of them has something to read."""
+"""Measurements of the gait rig against the sums of MuJoCo."""
 
 import mujoco
 import numpy as np
@@ -19,14 +19,17 @@ DEVICE = load_device("klute-1-1-4-pair")
 
 
 def read(height: float, ankle: float, rate: float) -> tuple[mujoco.MjModel, mujoco.MjData, dict[str, float]]:
-    """One step, leg straight, the hip at ``height`` [m] the ankle hinge at ``ankle`` [rad], ``rate`` [rad/s]."""
+    """Return model, data and sample of one step with a straight leg.
+
+    The hip is at ``height`` [m], the ankle hinge at ``ankle`` [rad] with the angular velocity ``rate`` [rad/s].
+    """
     model = build_gait_model(DEVICE, mass=75, stature=1.75, dt=5e-4)
     data = mujoco.MjData(model)
     actuator = DeviceActuator(model, PROSTHESIS_PREFIX + "muscle_tendon")
     gauges = GaitMeasurements(model, actuator)
     data.qpos[1] = height
     data.qpos[model.joint(PROSTHESIS_PREFIX + "ankle").qposadr[0]] = ankle
-    data.act[:4] = data.qpos[:4]  # the servos hold the leg where it is
+    data.act[:4] = data.qpos[:4]  # the servos hold the posture
     data.qvel[model.joint(PROSTHESIS_PREFIX + "ankle").dofadr[0]] = rate
     actuator.set_command(data, 3e5)
     q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.get_state(data)
@@ -38,8 +41,8 @@ def read(height: float, ankle: float, rate: float) -> tuple[mujoco.MjModel, mujo
 
 
 @pytest.mark.parametrize("angle", [0.47, -0.47])
-def test_the_stop_pushes_back_and_is_part_of_the_net_moment(angle: float) -> None:
-    # In the air the stop is the only constraint on the ankle; the return spring alone would stop anything slower.
+def test_stop_moment_is_part_of_the_net_moment(angle: float) -> None:
+    # In the air the stop is the only constraint of the ankle; the return spring alone would stop a slower motion.
     rate = 300.0 * np.sign(angle)
     model, data, sample = read(2.0, angle, rate)
     dof = model.joint(PROSTHESIS_PREFIX + "ankle").dofadr[0]
@@ -52,7 +55,7 @@ def test_the_stop_pushes_back_and_is_part_of_the_net_moment(angle: float) -> Non
     assert sample["ankle_power"] == pytest.approx(sample["ankle_moment"] * rate, rel=1e-12)
 
 
-def test_ground_reaction_is_the_sum_of_mujocos_contacts() -> None:
+def test_ground_reaction_is_the_sum_of_the_contacts() -> None:
     _, data, sample = read(0.86 + 0.066, 0.06, 0.7)  # toe down: the forefoot spheres carry unequal loads
     model = build_gait_model(DEVICE, mass=75, stature=1.75, dt=5e-4)
     total, moment, wrench = np.zeros(3), 0.0, np.zeros(6)
@@ -73,7 +76,7 @@ def test_ground_reaction_is_the_sum_of_mujocos_contacts() -> None:
     assert total[2] > 10.0
 
 
-def test_reference_channels_belong_to_the_walker() -> None:
+def test_reference_channels_scale_with_the_subject() -> None:
     recording = simulate_gait(DEVICE, pressure.create_off_controller(), GaitOptions(strides=1, mass=90, speed=1.0))
     human, phase = reference.load_default_reference(), recording["gait_phase"] / 100
     moment = human("ankle_plantarflexor_moment_nm_per_kg", phase)
@@ -82,7 +85,7 @@ def test_reference_channels_belong_to_the_walker() -> None:
     deviation = human.standard_deviation("ankle_moment_sd_nm_per_kg", phase)
     assert recording["reference_ankle_moment_sd"] == pytest.approx(90 * deviation)
     assert recording["reference_ankle_angle"] == pytest.approx(human("ankle_dorsiflexion_deg", phase))
-    # the same moment over the same angle in a longer stride
+    # equal moment and angle in a longer stride
     slower = reference.DEFAULT_STRIDE_TIME / recording.provenance["options"]["stride_time_s"]
     assert slower < 0.9
     power = human("ankle_power_w_per_kg", phase)

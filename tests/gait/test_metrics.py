@@ -1,4 +1,4 @@
-"""Outcomes from recordings whose truth is known."""
+"""Gait metrics of synthetic recordings with known values."""
 
 import io
 from pathlib import Path
@@ -8,9 +8,10 @@ import pytest
 from rich.console import Console
 
 from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics, compute_reference_metrics, summarize_gait_run
-from klute_sim.recording.recording import Array, Recording
+from klute_sim.recording.recording import Recording
 from klute_sim.report.gait import figure
 from klute_sim.report.gait.table import build_table, collect_remarks
+from klute_sim.types import Array
 
 MASS, STEP, COUNT = 80.0, 1e-3, 1000
 WEIGHT = MASS * 9.81
@@ -19,7 +20,7 @@ CIRCLE = 0.35
 
 
 def channels() -> dict[str, Array]:
-    """One stride that is its own reference; stance from 0 to 60 %, rolling over a known circle."""
+    """Return one stride that equals its reference, with stance from 0 to 60 % and a known roll-over circle."""
     stance = PHASE <= 60
     load = np.where(stance, WEIGHT * (1.0 + 0.1 * np.sin(4 * np.pi * PHASE / 60)), 0.0)
     angle = 10 * np.sin(2 * np.pi * PHASE / 100)
@@ -27,12 +28,12 @@ def channels() -> dict[str, Array]:
     power = moment * -np.radians(np.gradient(angle, STEP))
     shank = np.radians(np.linspace(-20, 20, COUNT))
     ankle_height = 0.09
-    # a wheel of radius CIRCLE, centred in the shank, with the ankle on its axis' line: the contact is below the centre
+    # a wheel of radius CIRCLE, centred on the shank above the ankle: the contact is below the centre
     centre = CIRCLE - ankle_height
     zero = np.zeros(COUNT)
     human = {"ankle_angle": angle, "ankle_moment": moment, "ankle_power": power}
     ground = {"grf_vertical": load, "grf_forward": 0.2 * WEIGHT * np.sin(2 * np.pi * PHASE / 60) * stance}
-    made = {
+    values = {
         "gait_phase": PHASE,
         "stride": zero + 1.0,
         "ankle_power": power,
@@ -68,14 +69,14 @@ def channels() -> dict[str, Array]:
         "muscle_force": zero,
         "damper_force": zero,
     }
-    return {"time": np.arange(COUNT) * STEP, **made}
+    return {"time": np.arange(COUNT) * STEP, **values}
 
 
 def recording(strides: int = 1, **changed: Array) -> Recording:
-    one = {**channels(), **changed}
-    whole = {name: np.tile(values, strides) for name, values in one.items()}
-    whole["time"] = np.arange(strides * COUNT) * STEP
-    whole["stride"] = np.repeat(np.arange(1.0, strides + 1), COUNT)
+    compute_metrics = {**channels(), **changed}
+    tiled = {name: np.tile(values, strides) for name, values in compute_metrics.items()}
+    tiled["time"] = np.arange(strides * COUNT) * STEP
+    tiled["stride"] = np.repeat(np.arange(1.0, strides + 1), COUNT)
     provenance = {
         "device": {
             "name": "test",
@@ -87,15 +88,15 @@ def recording(strides: int = 1, **changed: Array) -> Recording:
         "reference": {"name": "itself"},
         "options": {"mass_kg": MASS, "stature_m": 1.75, "speed_m_per_s": 1.2, "stride_time_s": 1.0, "strides": strides},
     }
-    return Recording(whole, dict.fromkeys(whole, "1"), provenance)
+    return Recording(tiled, dict.fromkeys(tiled, "1"), provenance)
 
 
-def one(**changed: Array) -> GaitMetrics:
+def compute_metrics(**changed: Array) -> GaitMetrics:
     return compute_gait_metrics(recording(**changed))
 
 
-def test_a_stride_equal_to_its_reference_is_at_distance_zero_and_equal_in_outcome() -> None:
-    stride = one().strides[0]
+def test_stride_equal_to_its_reference_has_distance_zero() -> None:
+    stride = compute_metrics().strides[0]
     for distance in (stride.angle_distance_sd, stride.moment_distance_sd, stride.power_distance_sd):
         assert distance.stance_rms == distance.swing_rms == distance.largest == 0.0
     human = compute_reference_metrics(recording())
@@ -103,39 +104,39 @@ def test_a_stride_equal_to_its_reference_is_at_distance_zero_and_equal_in_outcom
     assert human.grf_vertical_peaks_bw == stride.grf_vertical_peaks_bw
 
 
-def test_distance_is_in_deviations_over_stance_and_swing() -> None:
+def test_distance_is_in_standard_deviations() -> None:
     stance = PHASE <= 60
-    shifted = channels()["ankle_angle"] + np.where(stance, 6.0, -3.0)
-    distance = one(ankle_angle=shifted).strides[0].angle_distance_sd
+    offset = channels()["ankle_angle"] + np.where(stance, 6.0, -3.0)
+    distance = compute_metrics(ankle_angle=offset).strides[0].angle_distance_sd
     assert (distance.stance_rms, distance.swing_rms, distance.largest) == pytest.approx((2.0, 1.0, 2.0), rel=1e-3)
 
 
-def test_distance_floors_hold_where_deviations_are_tiny() -> None:
-    shifted = channels()["ankle_moment"] + 0.05 * MASS
+def test_distance_uses_minimum_standard_deviations() -> None:
+    offset = channels()["ankle_moment"] + 0.05 * MASS
     tiny = np.full(COUNT, 1e-6)
-    distance = one(ankle_moment=shifted, reference_ankle_moment_sd=tiny).strides[0].moment_distance_sd
+    distance = compute_metrics(ankle_moment=offset, reference_ankle_moment_sd=tiny).strides[0].moment_distance_sd
     assert distance.largest == pytest.approx(1.0)
 
 
 def test_power_distance_is_per_kilogram() -> None:
-    shifted = channels()["ankle_power"] + 0.6 * MASS
-    assert one(ankle_power=shifted).strides[0].power_distance_sd.largest == pytest.approx(2.0)
+    offset = channels()["ankle_power"] + 0.6 * MASS
+    assert compute_metrics(ankle_power=offset).strides[0].power_distance_sd.largest == pytest.approx(2.0)
 
 
 def test_tracking_error_is_against_the_reference() -> None:
     off = channels()["grf_vertical"] + 0.2 * WEIGHT
-    assert one(grf_vertical=off).strides[0].grf_vertical_tracking_rms_bw == pytest.approx(0.2)
+    assert compute_metrics(grf_vertical=off).strides[0].grf_vertical_tracking_rms_bw == pytest.approx(0.2)
 
 
-def test_friction_offset_and_its_fade_are_told() -> None:
+def test_friction_offset_work_and_fade_are_computed() -> None:
     pressure = np.where(PHASE < 25, 3.0, 1.0)
-    stride = one(pressure=pressure, friction_power=np.full(COUNT, MASS * 0.5)).strides[0]
+    stride = compute_metrics(pressure=pressure, friction_power=np.full(COUNT, MASS * 0.5)).strides[0]
     assert stride.below_friction_fit_pct == pytest.approx(75.0)
     assert stride.friction_offset_work_j_per_kg == pytest.approx(0.5)
 
 
 def test_peaks_work_and_range() -> None:
-    stride = one().strides[0]
+    stride = compute_metrics().strides[0]
     assert stride.ankle_moment_peak_nm_per_kg == pytest.approx(1.4, rel=1e-4)
     assert stride.ankle_moment_peak_pct == pytest.approx(30.0, abs=0.1)
     assert stride.ankle_range_deg == pytest.approx(20.0, rel=1e-3)
@@ -147,96 +148,101 @@ def test_peaks_work_and_range() -> None:
 
 def test_power_peak_ignores_a_spike_of_one_sample() -> None:
     power = channels()["ankle_power"].copy()
-    quiet = one().strides[0].ankle_power_peak_w_per_kg
+    baseline = compute_metrics().strides[0].ankle_power_peak_w_per_kg
     power[700] = 100 * power.max()
-    spiked = one(ankle_power=power).strides[0].ankle_power_peak_w_per_kg
-    assert spiked < 10 * quiet
+    spiked = compute_metrics(ankle_power=power).strides[0].ankle_power_peak_w_per_kg
+    assert spiked < 10 * baseline
     assert spiked == pytest.approx(power[700] / MASS / 15, rel=1e-6)
 
 
-def test_contact_events_and_scuffs() -> None:
-    stride = one().strides[0]
+def test_contact_events_ignore_contacts_in_swing() -> None:
+    stride = compute_metrics().strides[0]
     assert stride.first_contact_pct == pytest.approx(0.0, abs=0.1)
     assert stride.toe_off_pct == pytest.approx(60.0, abs=0.1)
     assert not stride.touches_in_swing
     load = channels()["grf_vertical"].copy()
     load[(PHASE > 75) & (PHASE < 78)] = WEIGHT
-    scuffed = one(grf_vertical=load).strides[0]
+    scuffed = compute_metrics(grf_vertical=load).strides[0]
     assert scuffed.touches_in_swing
     assert scuffed.toe_off_pct == pytest.approx(60.0, abs=0.1)
     early = channels()["grf_vertical"].copy()
     early[PHASE > 97] = WEIGHT
-    assert one(grf_vertical=early).strides[0].first_contact_pct == pytest.approx(-2.9, abs=0.2)
-    never = one(grf_vertical=np.zeros(COUNT)).strides[0]
+    assert compute_metrics(grf_vertical=early).strides[0].first_contact_pct == pytest.approx(-2.9, abs=0.2)
+    never = compute_metrics(grf_vertical=np.zeros(COUNT)).strides[0]
     assert never.first_contact_pct is None
     assert never.toe_off_pct is None
 
 
-def test_roll_over_radius_is_the_circles() -> None:
-    assert one().strides[0].rollover_radius_m == pytest.approx(CIRCLE, rel=1e-6)
-    assert one(cop_x=np.full(COUNT, np.nan)).strides[0].rollover_radius_m is None
+def test_rollover_radius_is_that_of_the_circle() -> None:
+    assert compute_metrics().strides[0].rollover_radius_m == pytest.approx(CIRCLE, rel=1e-6)
+    assert compute_metrics(cop_x=np.full(COUNT, np.nan)).strides[0].rollover_radius_m is None
 
 
-def test_air_counts_what_flows_in_only() -> None:
-    assert one().strides[0].air_g == pytest.approx(2.0, rel=1e-3)
+def test_air_is_the_drawn_mass() -> None:
+    assert compute_metrics().strides[0].air_g == pytest.approx(2.0, rel=1e-3)
 
 
-def test_ledger_residual_finds_a_missing_line() -> None:
-    assert one().strides[0].ledger_residual_pct == pytest.approx(0.0, abs=1e-9)
+def test_energy_residual_detects_a_missing_term() -> None:
+    assert compute_metrics().strides[0].ledger_residual_pct == pytest.approx(0.0, abs=1e-9)
     power = channels()["delivered_power"]
-    lost = one(gas_power=0.9 * power).strides[0].ledger_residual_pct
-    assert lost == pytest.approx(-10 * power[1:].sum() / np.abs(power[1:]).sum(), rel=1e-6)
+    residual = compute_metrics(gas_power=0.9 * power).strides[0].ledger_residual_pct
+    assert residual == pytest.approx(-10 * power[1:].sum() / np.abs(power[1:]).sum(), rel=1e-6)
     nothing = np.zeros(COUNT)
-    assert one(gas_power=nothing, delivered_power=nothing).strides[0].ledger_residual_pct == 0.0
-    assert one(tendon_power=nothing - 1.0).strides[0].ledger_residual_pct < -0.1
-    assert one(solver_power=0.1 * power).strides[0].ledger_residual_pct == pytest.approx(0.0, abs=1e-9)
+    assert compute_metrics(gas_power=nothing, delivered_power=nothing).strides[0].ledger_residual_pct == 0.0
+    assert compute_metrics(tendon_power=nothing - 1.0).strides[0].ledger_residual_pct < -0.1
+    assert compute_metrics(solver_power=0.1 * power).strides[0].ledger_residual_pct == pytest.approx(0.0, abs=1e-9)
 
 
-def test_mean_leaves_the_first_stride_out_unless_it_is_the_only_one() -> None:
-    assert len(one().steady_strides) == 1
+def test_mean_excludes_the_first_of_several_strides() -> None:
+    assert len(compute_metrics().steady_strides) == 1
     outcome = compute_gait_metrics(recording(strides=3))
     assert len(outcome.steady_strides) == 2
     assert summarize_gait_run(recording(strides=3), outcome)["mean_over_strides"] == [2, 3]
     assert outcome.mean(lambda s: None) is None
 
 
-def test_assumptions_are_told() -> None:
-    told = summarize_gait_run(recording(), compute_gait_metrics(recording()))
-    assert {"damper.bore_mm", "air", "friction below 2 bar", "length stops", "prosthesis"} == set(told["assumptions"])
-    assert all(text.startswith("assumed") for text in told["assumptions"].values())
-    told["friction_offset_work_j_per_kg"] = -0.1
-    said = " ".join(collect_remarks(told))
-    assert "tracked, not predicted" in said
-    assert "5 assumptions" in said
-    assert "below 2 bar, where 100 % of the stride is" in said
-    assert "no source" not in said
-    without = " ".join(collect_remarks({**told, "without_source": ["muscle.count", "tendon.engagement_mm"]}))
+def test_summary_lists_the_assumptions() -> None:
+    summary = summarize_gait_run(recording(), compute_gait_metrics(recording()))
+    assert {"damper.bore_mm", "air", "friction below 2 bar", "length stops", "prosthesis"} == set(
+        summary["assumptions"]
+    )
+    assert all(text.startswith("assumed") for text in summary["assumptions"].values())
+    summary["friction_offset_work_j_per_kg"] = -0.1
+    remarks = " ".join(collect_remarks(summary))
+    assert "tracked, not predicted" in remarks
+    assert "5 assumptions" in remarks
+    assert "the friction fade below 2 bar affects 100 % of the stride" in remarks
+    assert "no source" not in remarks
+    without = " ".join(collect_remarks({**summary, "without_source": ["muscle.count", "tendon.engagement_mm"]}))
     assert "2 of the device's numbers have no source" in without
 
 
-def test_friction_is_only_blamed_where_it_is() -> None:
-    told = {**summarize_gait_run(recording(), compute_gait_metrics(recording())), "friction_offset_work_j_per_kg": -0.1}
-    assert "below 2 bar" in " ".join(collect_remarks(told))
-    for quiet in ({"friction_offset_work_j_per_kg": 0.0}, {"below_friction_fit_pct": 0.0}):
-        assert "below 2 bar" not in " ".join(collect_remarks({**told, **quiet}))
+def test_friction_remark_needs_friction_below_two_bar() -> None:
+    summary = {
+        **summarize_gait_run(recording(), compute_gait_metrics(recording())),
+        "friction_offset_work_j_per_kg": -0.1,
+    }
+    assert "below 2 bar" in " ".join(collect_remarks(summary))
+    for baseline in ({"friction_offset_work_j_per_kg": 0.0}, {"below_friction_fit_pct": 0.0}):
+        assert "below 2 bar" not in " ".join(collect_remarks({**summary, **baseline}))
 
 
-def test_a_load_that_was_not_followed_is_said() -> None:
-    told = summarize_gait_run(recording(), compute_gait_metrics(recording()))
-    for error, wanted in ((0.09, False), (0.3, True)):
-        said = " ".join(collect_remarks({**told, "grf_vertical_tracking_rms_bw": error}))
-        assert ("The load was not followed here (rms 0.30 body weights)" in said) == wanted
+def test_remark_reports_an_untracked_load() -> None:
+    summary = summarize_gait_run(recording(), compute_gait_metrics(recording()))
+    for error, is_expected in ((0.09, False), (0.3, True)):
+        remarks = " ".join(collect_remarks({**summary, "grf_vertical_tracking_rms_bw": error}))
+        assert ("The load was not tracked (rms error 0.30 body weights)" in remarks) == is_expected
 
 
-def test_table_and_figure_take_any_number_of_strides(tmp_path: Path) -> None:
+def test_table_and_figure_accept_any_number_of_strides(tmp_path: Path) -> None:
     for strides in (1, 7):
         run = recording(strides=strides)
-        for width, most in ((40, 1), (80, 2), (110, 5), (200, 5)):
-            shown = build_table(run, compute_gait_metrics(run), width)
-            assert len(shown.columns) == 4 + min(strides, most)
+        for width, max_columns in ((40, 1), (80, 2), (110, 5), (200, 5)):
+            table = build_table(run, compute_gait_metrics(run), width)
+            assert len(table.columns) == 4 + min(strides, max_columns)
             printed = Console(width=width, file=io.StringIO())
-            printed.print(shown)
+            printed.print(table)
             if width >= 60:
                 assert "…" not in printed.file.getvalue()  # type: ignore[attr-defined]
-        figure.save_figure(run, tmp_path / f"{strides}.png")
+        figure.build_figure(run).savefig(tmp_path / f"{strides}.png")
         assert (tmp_path / f"{strides}.png").stat().st_size > 10_000

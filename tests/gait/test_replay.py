@@ -1,4 +1,4 @@
-"""Replay of a walk: what the prosthesis did is found again from what its shank did."""
+"""Replay of a gait run: the motion of the shank reproduces the response of the prosthesis."""
 
 from functools import cache
 
@@ -15,48 +15,58 @@ from klute_sim.gait.replay.prescribed import prepare_prescribed_motion
 from klute_sim.gait.replay.rollout import ReplayInputs, ReplayResult, simulate_replay
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
-from klute_sim.recording.recording import Array, Recording
+from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 
 DEVICE = load_device("klute-1-1-4-pair")
 FOOT = build_device_foot(DEVICE)
-SI = {"deg": np.pi / 180.0, "bar": 1e5, "m": 1.0, "N": 1.0, "N*m": 1.0}
-SHOWN = {"ankle_angle": "angle", "force": "tension", "pressure": "pressure", "muscle_length": "length"}
+SI_FACTORS = {"deg": np.pi / 180.0, "bar": 1e5, "m": 1.0, "N": 1.0, "N*m": 1.0}
+FIELD_OF_CHANNEL = {"ankle_angle": "ankle_angle", "force": "tension", "pressure": "pressure", "muscle_length": "length"}
 
 
 @cache
-def walked(step: float = 5e-4) -> Recording:
+def simulate_run(step: float = 5e-4) -> Recording:
     return simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=2, dt=step))
 
 
-def si(recording: Recording, name: str) -> Array:
-    return recording[name] * SI[recording.units[name]]
+def to_si(recording: Recording, name: str) -> Array:
+    return recording[name] * SI_FACTORS[recording.units[name]]
 
 
-def exactly(recording: Recording) -> tuple[ReplayInputs, float]:
-    """Every step of ``recording``, with the differences that its integrator made."""
+def extract_inputs(recording: Recording) -> tuple[ReplayInputs, float]:
+    """Return the inputs of ``recording`` with the finite differences of its integrator, and its time step."""
     step = float(recording["time"][1])
 
-    def twice(values: Array) -> Array:
+    def differentiate_twice(values: Array) -> Array:
         inside = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / step**2
         return np.concatenate([inside[:1], inside, inside[-1:]])
 
-    x, z, lean = (si(recording, name) for name in ("ankle_x", "ankle_z", "shank_angle"))
+    x, z, lean = (to_si(recording, name) for name in ("ankle_x", "ankle_z", "shank_angle"))
     lever = np.nan_to_num(recording["cop_x"] - x)
     ground = -z * recording["grf_forward"] - lever * recording["grf_vertical"]
-    command = si(recording, "pressure_command")
-    return ReplayInputs(lean, twice(lean), twice(x), twice(z), ground, 0.0 * x, 0.0 * x, command), step
+    command = to_si(recording, "pressure_command")
+    return ReplayInputs(
+        lean,
+        differentiate_twice(lean),
+        differentiate_twice(x),
+        differentiate_twice(z),
+        ground,
+        0.0 * x,
+        0.0 * x,
+        command,
+    ), step
 
 
-def sampled(recording: Recording, every: int) -> dict[str, Series]:
-    clock = recording["time"][::every]
-    return {name: Series(clock, si(recording, name)[::every]) for name in channels.PRESCRIBED_CHANNELS["gait"]}
+def sample_channels(recording: Recording, stride: int) -> dict[str, Series]:
+    clock = recording["time"][::stride]
+    return {name: Series(clock, to_si(recording, name)[::stride]) for name in channels.PRESCRIBED_CHANNELS["gait"]}
 
 
-def wrong(found: ReplayResult, time: Array, recording: Recording, after: float = 0.5) -> dict[str, Array]:
+def compute_errors(errors: ReplayResult, time: Array, recording: Recording, after: float = 0.5) -> dict[str, Array]:
     late = time > after
     return {
-        channel: getattr(found, field)[late] - np.interp(time[late], recording["time"], si(recording, channel))
-        for channel, field in {**SHOWN, "ankle_moment": "moment"}.items()
+        channel: getattr(errors, field)[late] - np.interp(time[late], recording["time"], to_si(recording, channel))
+        for channel, field in {**FIELD_OF_CHANNEL, "ankle_moment": "ankle_moment"}.items()
     }
 
 
@@ -64,85 +74,98 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values * values)))
 
 
-def test_a_walk_is_found_again_from_its_own_motion_and_load() -> None:
-    """At the walk's own step: what is left, 0.005 degrees and 0.2 N rms, is the heel's spring."""
-    inputs, step = exactly(walked())
-    found = wrong(simulate_replay(DEVICE.parameters, FOOT, inputs, step), walked()["time"], walked())
-    assert rms(found["ankle_angle"]) < np.radians(0.008)
-    assert np.abs(found["ankle_angle"]).max() < np.radians(0.04)
-    assert rms(found["force"]) < 0.4
-    assert np.abs(found["force"]).max() < 2.0
-    assert rms(found["muscle_length"]) < 5e-6
-    assert np.abs(found["pressure"]).max() < 1e-6
-    assert rms(found["ankle_moment"]) < 0.05
+def test_replay_reproduces_a_gait_run() -> None:
+    """The remaining differences, 0.005 degrees and 0.2 N rms, are due to the heel spring."""
+    inputs, step = extract_inputs(simulate_run())
+    errors = compute_errors(
+        simulate_replay(DEVICE.parameters, FOOT, inputs, step), simulate_run()["time"], simulate_run()
+    )
+    assert rms(errors["ankle_angle"]) < np.radians(0.008)
+    assert np.abs(errors["ankle_angle"]).max() < np.radians(0.04)
+    assert rms(errors["force"]) < 0.4
+    assert np.abs(errors["force"]).max() < 2.0
+    assert rms(errors["muscle_length"]) < 5e-6
+    assert np.abs(errors["pressure"]).max() < 1e-6
+    assert rms(errors["ankle_moment"]) < 0.05
 
 
-def test_steps_converge_to_each_other() -> None:
-    """The error is proportional to the step, so what half of one changes is half of what a whole one does."""
-    ready = prepare_prescribed_motion(sampled(walked(), 2), "a")
-    grid = np.arange(ready.start_time, ready.end_time, 1e-3)
-    found = []
+def test_replay_converges_with_the_time_step() -> None:
+    """The error is proportional to the time step, so halving it halves the change."""
+    motion = prepare_prescribed_motion(sample_channels(simulate_run(), 2), "a")
+    grid = np.arange(motion.start_time, motion.end_time, 1e-3)
+    errors = []
     for parts in (1, 2, 4, 20):
-        fine = ready.start_time + 1e-3 / parts * np.arange(parts * len(grid))
-        done = simulate_replay(
-            DEVICE.parameters, FOOT, ready.interpolate(np.minimum(fine, ready.end_time)), 1e-3 / parts
+        fine = motion.start_time + 1e-3 / parts * np.arange(parts * len(grid))
+        result = simulate_replay(
+            DEVICE.parameters, FOOT, motion.interpolate(np.minimum(fine, motion.end_time)), 1e-3 / parts
         )
-        found.append(done.ankle_angle[::parts][500:])
-    changes = [rms(each - found[-1]) for each in found[:-1]]
+        errors.append(result.ankle_angle[::parts][500:])
+    changes = [rms(angles - errors[-1]) for angles in errors[:-1]]
     assert changes[0] < np.radians(0.2)
     assert changes[1] == pytest.approx(0.5 * changes[0], rel=0.2)
     assert changes[2] == pytest.approx(0.5 * changes[1], rel=0.3)
 
 
-@pytest.mark.parametrize(("every", "noisy"), [(4, False), (10, False), (20, False), (10, True)])
-def test_samples_as_a_laboratory_has_them_are_enough(every: int, noisy: bool) -> None:
-    """500, 200 and 100 Hz; markers that are 0.3 mm and 0.1 degrees off.
+@pytest.mark.parametrize(("stride", "is_noisy"), [(4, False), (10, False), (20, False), (10, True)])
+def test_replay_works_with_laboratory_samples(stride: int, is_noisy: bool) -> None:
+    """Sampling rates of 500, 200 and 100 Hz, and marker noise of 0.3 mm and 0.1 degrees.
 
-    Around where the load comes and goes it has spikes that no such samples hold; they are soon forgotten. Near the end
-    of the samples, accelerations are not known.
+    At foot strike and toe-off the load has spikes that such samples do not contain; their influence decays quickly.
+    Near the end of the samples the accelerations are unknown.
     """
-    given = sampled(walked(), every)
-    if noisy:
-        random = np.random.default_rng(1)
+    samples = sample_channels(simulate_run(), stride)
+    if is_noisy:
+        rng = np.random.default_rng(1)
         for name, size in (("ankle_x", 3e-4), ("ankle_z", 3e-4), ("shank_angle", np.radians(0.1))):
-            given[name] = Series(given[name].time, given[name].value + random.normal(0, size, len(given[name].time)))
-    ready = prepare_prescribed_motion(given, "a")
-    grid = np.arange(ready.start_time, ready.end_time, 5e-4)
-    found = wrong(simulate_replay(DEVICE.parameters, FOOT, ready.interpolate(grid), 5e-4), grid, walked())
+            samples[name] = Series(
+                samples[name].time, samples[name].value + rng.normal(0, size, len(samples[name].time))
+            )
+    motion = prepare_prescribed_motion(samples, "a")
+    grid = np.arange(motion.start_time, motion.end_time, 5e-4)
+    errors = compute_errors(
+        simulate_replay(DEVICE.parameters, FOOT, motion.interpolate(grid), 5e-4), grid, simulate_run()
+    )
     time = grid[grid > 0.5]
-    away = time < ready.end_time - 0.06
-    for event in (*ready.find_foot_strikes(), *ready.find_toe_offs()):
-        away &= (time < event - 0.04) | (time > event + 0.06)
-    assert away.mean() > 0.7
-    assert rms(found["ankle_angle"][away]) < np.radians(0.08 if noisy else 0.03)
-    assert rms(found["force"][away]) < (7.0 if noisy else 2.0)
+    is_far = time < motion.end_time - 0.06
+    for event in (*motion.find_foot_strikes(), *motion.find_toe_offs()):
+        is_far &= (time < event - 0.04) | (time > event + 0.06)
+    assert is_far.mean() > 0.7
+    assert rms(errors["ankle_angle"][is_far]) < np.radians(0.08 if is_noisy else 0.03)
+    assert rms(errors["force"][is_far]) < (7.0 if is_noisy else 2.0)
 
 
-def test_strikes_and_lifts_are_the_loads() -> None:
-    ready = prepare_prescribed_motion(sampled(walked(), 2), "a")
-    stride = float(walked()["time"][walked()["stride"] == 2][0])
-    assert np.abs(ready.find_foot_strikes() - stride).min() < 0.04
-    loaded = walked()["grf_vertical"] > 20.0
-    assert np.interp(ready.find_foot_strikes(), walked()["time"], loaded).min() == 1.0
-    assert np.interp(ready.find_toe_offs(), walked()["time"], loaded).max() == 0.0
+def test_foot_strikes_and_toe_offs_follow_the_load() -> None:
+    motion = prepare_prescribed_motion(sample_channels(simulate_run(), 2), "a")
+    second_stride = float(simulate_run()["time"][simulate_run()["stride"] == 2][0])
+    assert np.abs(motion.find_foot_strikes() - second_stride).min() < 0.04
+    loaded = simulate_run()["grf_vertical"] > 20.0
+    assert np.interp(motion.find_foot_strikes(), simulate_run()["time"], loaded).min() == 1.0
+    assert np.interp(motion.find_toe_offs(), simulate_run()["time"], loaded).max() == 0.0
 
 
-def test_compiled_and_plain_are_the_same_bits() -> None:
-    inputs, step = exactly(walked())
-    few = ReplayInputs(*(series[:400] for series in inputs))
-    few = few._replace(axial_force=10.0 * few.ground_moment, shear_force=few.ground_moment)
-    yielding = {"keel": 1e-3, "keel_time": 0.01, "keel_held": 1e-3, "socket": 1e-5}
+def test_backends_are_bit_identical() -> None:
+    inputs, step = extract_inputs(simulate_run())
+    short = ReplayInputs(*(series[:400] for series in inputs))
+    short = short._replace(axial_force=10.0 * short.ground_moment, shear_force=short.ground_moment)
+    yielding = {
+        "keel_compliance": 1e-3,
+        "keel_time_constant": 0.01,
+        "keel_friction_angle": 1e-3,
+        "socket_compliance": 1e-5,
+    }
     device, foot = DEVICE.parameters, FOOT._replace(ankle_friction=1.0, min_angle=-0.05, **yielding)
-    plain, compiled = (simulate_replay(device, foot, few, step, backend=law) for law in ("python", "compiled"))
-    for one, other in zip(plain, compiled, strict=True):
-        assert np.array_equal(one, other)
+    plain, compiled = (
+        simulate_replay(device, foot, short, step, backend=backend) for backend in ("python", "compiled")
+    )
+    for python_values, compiled_values in zip(plain, compiled, strict=True):
+        assert np.array_equal(python_values, compiled_values)
     assert np.ptp(plain.ankle_angle) > 0.01
 
 
-def test_what_cannot_be_replayed_is_said() -> None:
-    inputs, step = exactly(walked())
+def test_invalid_inputs_are_refused() -> None:
+    inputs, step = extract_inputs(simulate_run())
     device = DEVICE.parameters
-    with pytest.raises(InputError, match=r"step is 0\.01; allowed: above 0, up to 0\.002 s"):
+    with pytest.raises(InputError, match=r"dt is 0\.01; allowed: above 0, up to 0\.002 s"):
         simulate_replay(device, FOOT, inputs, 0.01)
     with pytest.raises(InputError, match="do not fit together"):
         simulate_replay(device, FOOT, inputs._replace(shank_angle=inputs.shank_angle[:-1]), step)
@@ -152,10 +175,10 @@ def test_what_cannot_be_replayed_is_said() -> None:
         simulate_replay(load_device("klute-3-4").parameters, FOOT, inputs, step)
     with pytest.raises(SimulationError, match="no finite state"):
         simulate_replay(device, FOOT._replace(inertia=0.0, ankle_damping=0.0), inputs, step)
-    slow = sampled(walked(), 60)
-    with pytest.raises(InputError, match="a: 'shank_angle' has 33 samples a second; a replay needs 50 or more"):
+    slow = sample_channels(simulate_run(), 60)
+    with pytest.raises(InputError, match="a: 'shank_angle' has a sampling rate of 33 Hz; a replay needs 50 Hz or more"):
         prepare_prescribed_motion(slow, "a")
-    given = sampled(walked(), 2)
-    given["grf_vertical"] = Series(given["grf_vertical"].time, 0.01 * given["grf_vertical"].value)
+    samples = sample_channels(simulate_run(), 2)
+    samples["grf_vertical"] = Series(samples["grf_vertical"].time, 0.01 * samples["grf_vertical"].value)
     with pytest.raises(InputError, match="a: 'grf_vertical' is never above 20 N"):
-        prepare_prescribed_motion(given, "a")
+        prepare_prescribed_motion(samples, "a")

@@ -1,4 +1,4 @@
-"""Ground that rises or falls: what is followed there, and what becomes of the ankle."""
+"""Slopes: the assumed reference, the model and the response of the ankle."""
 
 import math
 from functools import cache
@@ -6,10 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from klute_sim.constants import GRAVITY
 from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import load_device
 from klute_sim.gait.metrics import StrideMetrics, compute_gait_metrics
-from klute_sim.gait.reference import GRAVITY, load_default_reference
+from klute_sim.gait.reference import load_default_reference
 from klute_sim.gait.rig.build import measure_leg
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions, build_gait_rig
@@ -20,7 +21,7 @@ PHASE = np.linspace(0.0, 1.0, 201)
 
 
 @cache
-def walked(degrees: float) -> Recording:
+def simulate_run(degrees: float) -> Recording:
     return simulate_gait(
         load_device("klute-1-1-4-pair"),
         load_default_profile(),
@@ -28,38 +29,38 @@ def walked(degrees: float) -> Recording:
     )
 
 
-def stride(degrees: float) -> StrideMetrics:
-    return compute_gait_metrics(walked(degrees)).strides[-1]
+def compute_stride(degrees: float) -> StrideMetrics:
+    return compute_gait_metrics(simulate_run(degrees)).strides[-1]
 
 
-def test_the_level_is_the_reference_itself() -> None:
+def test_level_ground_keeps_the_reference() -> None:
     reference = load_default_reference()
     assert reference.tilt_to_slope(0.0) is reference
 
 
 @pytest.mark.parametrize("degrees", [-5.0, 3.0])
-def test_segments_lean_to_gravity_as_before_and_the_ankle_makes_up_for_the_slope(degrees: float) -> None:
+def test_ankle_compensates_the_slope(degrees: float) -> None:
     level, turned = load_default_reference(), load_default_reference().tilt_to_slope(math.radians(degrees))
     for column in ("shank_forward_deg", "ankle_dorsiflexion_deg"):
         assert turned(column, PHASE) == pytest.approx(level(column, PHASE) + degrees, abs=1e-9)
     assert turned("knee_flexion_deg", PHASE) == pytest.approx(level("knee_flexion_deg", PHASE))
-    # Seen from space, the ground reaction is the same: up is normal and along the slope by its cosine and sine.
+    # The ground reaction is the same in space; its components turn with the slope.
     normal, along = turned("grf_vertical_n_per_kg", PHASE), turned("grf_forward_n_per_kg", PHASE)
     sine, cosine = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
     assert cosine * normal + sine * along == pytest.approx(level("grf_vertical_n_per_kg", PHASE), abs=1e-3)
     assert cosine * along - sine * normal == pytest.approx(level("grf_forward_n_per_kg", PHASE), abs=1e-3)
 
 
-def test_gravity_leans_and_keeps_its_size() -> None:
+def test_gravity_is_inclined_with_constant_magnitude() -> None:
     device = load_device("klute-1-1-4-pair")
     gravity = build_gait_rig(device, GaitOptions(slope=math.radians(5.0)), 1e-3).model.opt.gravity
     assert np.linalg.norm(gravity) == pytest.approx(GRAVITY)
-    assert gravity[0] == pytest.approx(-GRAVITY * math.sin(math.radians(5.0)))  # back, on the way up
+    assert gravity[0] == pytest.approx(-GRAVITY * math.sin(math.radians(5.0)))  # backward on an upward slope
     assert build_gait_rig(device, GaitOptions(), 1e-3).model.opt.gravity == pytest.approx([0.0, 0.0, -GRAVITY], abs=0.0)
 
 
-def test_uphill_asks_more_of_the_ankle_and_downhill_less() -> None:
-    strides = [stride(degrees) for degrees in (-3.0, 0.0, 3.0)]
+def test_ankle_work_increases_uphill() -> None:
+    strides = [compute_stride(degrees) for degrees in (-3.0, 0.0, 3.0)]
     for reading in (
         lambda s: s.ankle_moment_peak_nm_per_kg,
         lambda s: s.ankle_power_peak_w_per_kg,
@@ -67,18 +68,18 @@ def test_uphill_asks_more_of_the_ankle_and_downhill_less() -> None:
     ):
         down, level, up = map(reading, strides)
         assert down < level < up
-    assert walked(3.0)["ankle_angle"].max() > walked(-3.0)["ankle_angle"].max() + 3.0
+    assert simulate_run(3.0)["ankle_angle"].max() > simulate_run(-3.0)["ankle_angle"].max() + 3.0
     assert not any(s.touches_in_swing for s in strides)
 
 
-def test_a_small_slope_changes_things_in_proportion_and_either_way_alike() -> None:
-    down, level, up = (stride(d).ankle_moment_peak_nm_per_kg for d in (-0.5, 0.0, 0.5))
+def test_small_slopes_have_linear_effects() -> None:
+    down, level, up = (compute_stride(d).ankle_moment_peak_nm_per_kg for d in (-0.5, 0.0, 0.5))
     assert up - level == pytest.approx(level - down, rel=0.2)
     assert abs(up - level) > 0.005
 
 
 @pytest.mark.parametrize("degrees", [-5.0, 0.0, 4.0])
-def test_feed_forward_carries_weight_normal_to_the_ground_and_along_it(degrees: float) -> None:
+def test_feedforward_supports_the_weight_on_a_slope(degrees: float) -> None:
     slope, device = math.radians(degrees), load_device("klute-1-1-4-pair")
     rig = build_gait_rig(device, GaitOptions(slope=slope), 1e-3)
     moved, phase, plan = float(rig.model.body_mass.sum()), rig.phase, rig.trajectory
@@ -89,11 +90,11 @@ def test_feed_forward_carries_weight_normal_to_the_ground_and_along_it(degrees: 
     assert rig.commands[:, 5] == pytest.approx(moved * (GRAVITY * math.cos(slope) + lift) - normal, abs=1e-6)
 
 
-def test_the_hip_is_hiked_so_that_a_foot_that_is_not_lifted_clears_the_ground_as_on_the_level() -> None:
+def test_hip_hike_keeps_the_clearance_of_level_ground() -> None:
     device, slope = load_device("klute-1-1-4-pair"), math.radians(5.0)
     clearances = []
-    for each in (0.0, slope):
-        rig = build_gait_rig(device, GaitOptions(slope=each), 1e-3)
+    for angle in (0.0, slope):
+        rig = build_gait_rig(device, GaitOptions(slope=angle), 1e-3)
         limb, phase = measure_leg(rig.model), np.array([0.70, 0.80])
         shank = np.radians(rig.reference("shank_forward_deg", phase))
         thigh = shank - np.radians(rig.reference("knee_flexion_deg", phase))
@@ -104,9 +105,9 @@ def test_the_hip_is_hiked_so_that_a_foot_that_is_not_lifted_clears_the_ground_as
     assert clearances[1] == pytest.approx(clearances[0], abs=2e-3)
 
 
-def test_no_distance_is_given_where_nobody_was_measured() -> None:
-    assert stride(0.0).moment_distance_sd.stance_rms is not None
-    assert stride(3.0).moment_distance_sd.stance_rms is None
+def test_slope_has_no_distance_to_the_reference() -> None:
+    assert compute_stride(0.0).moment_distance_sd.stance_rms is not None
+    assert compute_stride(3.0).moment_distance_sd.stance_rms is None
     summary = {
         "touches_in_swing": False,
         "slope_deg": 3.0,
@@ -123,11 +124,11 @@ def test_no_distance_is_given_where_nobody_was_measured() -> None:
     assert not any("rises" in said for said in collect_remarks(summary | {"slope_deg": 0.0}))
 
 
-def test_at_half_the_step_nearly_the_same() -> None:
+def test_slope_run_is_converged_in_the_time_step() -> None:
     fine = simulate_gait(
         load_device("klute-1-1-4-pair"),
         load_default_profile(),
         GaitOptions(strides=2, dt=5e-4, slope=math.radians(3.0)),
     )
     peak = compute_gait_metrics(fine).strides[-1].ankle_moment_peak_nm_per_kg
-    assert peak == pytest.approx(stride(3.0).ankle_moment_peak_nm_per_kg, rel=0.01)
+    assert peak == pytest.approx(compute_stride(3.0).ankle_moment_peak_nm_per_kg, rel=0.01)

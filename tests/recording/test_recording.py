@@ -1,5 +1,6 @@
-"""Recordings: what they refuse, and that files give back what went in."""
+"""Recordings: validation, and exact round trips through files."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,7 @@ def test_headings_split_and_join() -> None:
 
 
 @given(st.text(max_size=20))
-def test_a_heading_is_name_and_unit_or_refused(text: str) -> None:
+def test_invalid_headings_are_refused(text: str) -> None:
     try:
         name, unit = split_heading(text)
     except InputError:
@@ -37,7 +38,7 @@ def test_a_heading_is_name_and_unit_or_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("columns", "says"),
+    ("columns", "message"),
     [
         ([("force [N]", TIME)], "needs a channel 'time"),
         ([("time [s]", TIME), ("force [N]", TIME[1:])], "'force' has shape"),
@@ -45,18 +46,18 @@ def test_a_heading_is_name_and_unit_or_refused(text: str) -> None:
         ([("time [s]", TIME), ("force [N]", TIME), ("force [kN]", TIME)], "'force' occurs twice"),
     ],
 )
-def test_what_is_no_recording_is_refused(columns: list[tuple[str, np.ndarray]], says: str) -> None:
-    with pytest.raises(InputError, match=says):
+def test_invalid_columns_are_refused(columns: list[tuple[str, np.ndarray]], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         Recording.from_columns(columns)
 
 
 @pytest.mark.parametrize("units", [{"time": "s"}, {"time": "s", "force": "N", "torque": "N*m"}])
-def test_units_and_channels_belong_together(units: dict[str, str]) -> None:
-    with pytest.raises(InputError, match="every channel needs a unit"):
+def test_units_and_channels_must_match(units: dict[str, str]) -> None:
+    with pytest.raises(InputError, match="channels and units do not match"):
         Recording({"time": TIME, "force": TIME}, units)
 
 
-def test_an_unknown_channel_names_those_there_are() -> None:
+def test_unknown_channel_lists_the_channels() -> None:
     with pytest.raises(InputError, match="time, force, ankle_moment"):
         example()["torque"]
     assert "force" in example()
@@ -70,7 +71,7 @@ def test_select_keeps_units_and_provenance() -> None:
     assert part.provenance == example().provenance
 
 
-def test_parquet_gives_back_every_bit_units_and_provenance(tmp_path: Path) -> None:
+def test_parquet_round_trip_is_exact(tmp_path: Path) -> None:
     file = tmp_path / "r.parquet"
     parquet.write(example(), file)
     back = parquet.read(file)
@@ -85,21 +86,46 @@ def test_parquet_gives_back_every_bit_units_and_provenance(tmp_path: Path) -> No
     assert (tmp_path / "again.parquet").read_bytes() == file.read_bytes()
 
 
-def test_bad_parquet_is_one_sentence(tmp_path: Path) -> None:
+def test_invalid_parquet_is_refused_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "x.parquet").write_text("hello")
     with pytest.raises(InputError, match="cannot be read"):
         parquet.read(tmp_path / "x.parquet")
     with pytest.raises(InputError, match="cannot be read"):
         parquet.read(tmp_path / "none.parquet")
     pq.write_table(pa.table({"time [s]": TIME, "note [1]": list("abcde")}), tmp_path / "t.parquet")
-    with pytest.raises(InputError, match="'note \\[1\\]' does not hold numbers"):
+    with pytest.raises(InputError, match="'note \\[1\\]' is not numeric"):
         parquet.read(tmp_path / "t.parquet")
 
 
-def test_csv_gives_back_every_bit_and_leaves_missing_samples_empty(tmp_path: Path) -> None:
+def test_csv_round_trip_is_exact_and_missing_samples_are_empty(tmp_path: Path) -> None:
     csv.write(example(), tmp_path / "r.csv")
     lines = (tmp_path / "r.csv").read_text().splitlines()
     assert lines[0] == "time [s],force [N],ankle_moment [N*m]"
     cells = [line.split(",") for line in lines[1:]]
     assert cells[1][1] == ""
     assert [float(row[2]) for row in cells] == example()["ankle_moment"].tolist()
+
+
+def test_pandas_and_xarray_keep_units_and_provenance() -> None:
+    pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
+    recording = example()
+    frame, dataset = recording.to_pandas(), recording.to_xarray()
+    assert isinstance(frame, pandas.DataFrame)
+    assert isinstance(dataset, xarray.Dataset)
+    assert frame.attrs["units"] == dict(recording.units)
+    assert dataset["force"].attrs["units"] == "N"
+    assert np.array_equal(frame["force"], recording["force"], equal_nan=True)
+    assert np.array_equal(dataset["force"], recording["force"], equal_nan=True)
+    assert np.array_equal(dataset["time"], recording["time"])
+
+
+def test_missing_optional_packages_are_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    for package, convert in (("pandas", Recording.to_pandas), ("xarray", Recording.to_xarray)):
+        monkeypatch.setitem(sys.modules, package, None)
+        with pytest.raises(InputError, match=f"needs {package}: pip install {package}"):
+            convert(example())
+
+
+def test_repr_is_short() -> None:
+    assert repr(example()).startswith("<Recording of ")
+    assert "<td>force</td><td>N</td>" in example()._repr_html_()

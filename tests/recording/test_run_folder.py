@@ -1,4 +1,4 @@
-"""Run folders appear whole or not at all."""
+"""Run folders are complete or do not exist."""
 
 import errno
 import os
@@ -14,9 +14,7 @@ def fill(scratch: Path) -> None:
     (scratch / "a").write_text("1")
 
 
-def test_default_folders_are_numbered_and_two_runs_at_a_time_get_two(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_simultaneous_runs_get_separate_numbered_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with (
         run_folder.create_run_folder("gait", None) as (one, scratch),
@@ -29,9 +27,7 @@ def test_default_folders_are_numbered_and_two_runs_at_a_time_get_two(
 
 
 @pytest.mark.parametrize("name", ["new", "deep/er/new", "empty", "link", "."])
-def test_a_finished_run_takes_its_place_even_an_empty_one(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_finished_run_fills_a_new_or_empty_folder(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     if name == "empty":
         (tmp_path / name).mkdir()
@@ -48,7 +44,7 @@ def test_a_finished_run_takes_its_place_even_an_empty_one(
 @pytest.mark.parametrize(
     "failure", [KeyboardInterrupt(), SystemExit(143), ValueError("x"), OSError(errno.ENOSPC, "full")]
 )
-def test_a_failed_run_leaves_nothing(failure: BaseException, there: bool, tmp_path: Path) -> None:
+def test_failed_run_leaves_no_files(failure: BaseException, there: bool, tmp_path: Path) -> None:
     expected = KluteSimError if isinstance(failure, OSError) else type(failure)
     folder = tmp_path / "runs" / "deep" / "r"
     if there:
@@ -65,7 +61,7 @@ def test_a_failed_run_leaves_nothing(failure: BaseException, there: bool, tmp_pa
     assert (tmp_path / "runs").exists() == there
 
 
-def test_places_that_cannot_take_a_run_are_refused_before_it_starts(tmp_path: Path) -> None:
+def test_unusable_folders_are_refused_before_the_run(tmp_path: Path) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "x").touch()
     (tmp_path / "file").touch()
@@ -85,7 +81,7 @@ def test_places_that_cannot_take_a_run_are_refused_before_it_starts(tmp_path: Pa
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs a user whom permissions hold back")
-def test_a_place_without_permission_is_refused(tmp_path: Path) -> None:
+def test_folder_without_permission_is_refused(tmp_path: Path) -> None:
     (tmp_path / "locked").mkdir(mode=0o555)
     with (
         pytest.raises(InputError, match="Permission denied"),

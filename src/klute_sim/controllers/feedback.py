@@ -1,37 +1,37 @@
-"""Controllers that see what a prosthesis can sense, and nothing else: no true phase, no reference."""
+"""Interface of controllers that use the sensors of a prosthesis, and neither the true gait phase nor the reference."""
 
 from typing import Any, NamedTuple, Protocol
 
 
 class SensorReadings(NamedTuple):
-    """What the instruments of a prosthesis tell, SI."""
+    """Readings of the sensors of a prosthesis; SI."""
 
     ankle_angle: float
-    """Dorsiflexion positive [rad]."""
+    """Ankle angle, dorsiflexion positive [rad]."""
     ankle_rate: float
-    """Dorsiflexion positive [rad/s]."""
+    """Angular velocity of the ankle, dorsiflexion positive [rad/s]."""
     shank_angle: float
-    """Inclination to gravity, forward positive [rad]."""
+    """Inclination of the shank to gravity, forward positive [rad]."""
     shank_rate: float
-    """Forward positive [rad/s]."""
+    """Angular velocity of the shank, forward positive [rad/s]."""
     load: float
-    """Along the pylon, compression positive [body weights]."""
+    """Force along the pylon, compression positive [body weights]."""
     pressure: float
-    """Gauge [Pa]."""
+    """Gauge pressure in the muscle [Pa]."""
     phase: float
-    """Estimated phase of the gait cycle (0-1): time since the last foot strike over the stride before."""
+    """Estimated gait phase (0-1): time since the last foot strike over the duration of the stride before."""
 
 
 class FeedbackController(Protocol):
-    """Anything that commands pressure from what is sensed, at its own ``interval`` [s]."""
+    """A controller that commands a pressure from sensor readings every ``interval`` seconds."""
 
     interval: float
 
     def reset(self) -> None:
-        """A walk begins, at heel strike."""
+        """Prepare for a gait run that begins at heel strike."""
 
     def command(self, readings: SensorReadings) -> float:
-        """Gauge pressure [Pa] to ask for until the next call."""
+        """Return the commanded gauge pressure [Pa] until the next call."""
 
     def describe(self) -> dict[str, Any]:
-        """What this controller is, for a recording's provenance (JSON types)."""
+        """Return a description of the controller for the provenance of a recording (JSON types)."""

@@ -1,26 +1,26 @@
-"""A controller in one word, as it is typed: ``off``, ``constant:3.5``, ``profile``, ``mine.csv``."""
+"""Create a controller from a string, as a user types it: ``off``, ``constant:3.5``, ``profile``, ``mine.csv``."""
 
 from collections.abc import Callable
 from pathlib import Path
 
-from klute_sim.controllers import learned, state_machine
-from klute_sim.controllers import pressure as control
+from klute_sim.controllers import learned, pressure, state_machine
 from klute_sim.controllers.feedback import FeedbackController
 from klute_sim.controllers.pressure import PressureController
 from klute_sim.errors import InputError
 from klute_sim.units import BAR
 
 Controller = PressureController | FeedbackController
+
 CONTROLLER_SYNTAX = (
     "profile, off, constant:BAR, machine, or a file: a profile (.csv), a state machine (.toml), a trained policy (.npz)"
 )
-"""What can be typed, for help and errors."""
+"""Allowed strings, for help and errors."""
 
 
 def parse_controller(spec: str) -> Controller:
-    """The controller that ``word`` names: a kind, what it needs after a colon; anything else is a file.
+    """Return the controller that ``spec`` describes: a kind with an optional argument after a colon, or a file.
 
-    Raises InputError.
+    Raises InputError when ``spec`` is not a controller.
     """
     if spec in ("", "."):  # a shell variable that is not set
         raise InputError(f"the name of the controller is empty; allowed: {CONTROLLER_SYNTAX}")
@@ -29,25 +29,25 @@ def parse_controller(spec: str) -> Controller:
         return CONTROLLER_FACTORIES[kind](argument)
     if not spec or not (Path(spec).suffix or Path(spec).exists()):
         raise InputError(f"no controller '{spec}'; allowed: {CONTROLLER_SYNTAX}")
-    return LOADER_OF_SUFFIX.get(Path(spec).suffix.lower(), control.load_profile)(spec)
+    return LOADER_OF_SUFFIX.get(Path(spec).suffix.lower(), pressure.load_profile)(spec)
 
 
 def _create_off(argument: str) -> Controller:
     if argument:
-        raise InputError(f"controller 'off:{argument}': off takes nothing after it")
-    return control.create_off_controller()
+        raise InputError(f"controller 'off:{argument}': off has no argument")
+    return pressure.create_off_controller()
 
 
 def _parse_constant(argument: str) -> Controller:
     try:
-        gauge = float(argument)
+        gauge_pressure = float(argument)
     except ValueError:
         raise InputError(f"controller 'constant:{argument}' needs a pressure in bar, as in constant:3.5") from None
-    return control.ConstantPressure(gauge * BAR)
+    return pressure.ConstantPressure(gauge_pressure * BAR)
 
 
 def _load_profile(argument: str) -> Controller:
-    return control.load_profile(argument) if argument else control.load_default_profile()
+    return pressure.load_profile(argument) if argument else pressure.load_default_profile()
 
 
 def _load_state_machine(argument: str) -> Controller:
@@ -60,10 +60,10 @@ CONTROLLER_FACTORIES: dict[str, Callable[[str], Controller]] = {
     "constant": _parse_constant,
     "machine": _load_state_machine,
 }
-"""Kind -> what makes a controller of it from the text after the colon, which may be empty."""
+"""Kind -> function that creates a controller from the text after the colon, which may be empty."""
 
 LOADER_OF_SUFFIX: dict[str, Callable[[str], Controller]] = {
     ".toml": state_machine.load_state_machine,
     ".npz": learned.load_policy_controller,
 }
-"""Ending of a file -> what reads a controller from it; all others are profiles."""
+"""Suffix of a file -> function that loads a controller; files with other suffixes are profiles."""

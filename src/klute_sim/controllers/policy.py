@@ -1,4 +1,4 @@
-"""A learned policy as plain numbers: a small network that runs on NumPy alone, in a file that runs no code."""
+"""A learned policy as plain numbers: a small network that runs on NumPy alone, in a file that contains no code."""
 
 import json
 import zipfile
@@ -16,48 +16,49 @@ from klute_sim.errors import InputError
 Float32Array = NDArray[np.float32]
 
 ACTIVATIONS = ("tanh", "relu")
+"""Allowed activation functions."""
 
 
 @dataclass(frozen=True)
 class Policy:
-    """Observations in, the action that it thinks best out."""
+    """A multilayer perceptron that maps observations to the mean action."""
 
     observation_scale: Float32Array
-    """(observations,) by which each observation is divided first."""
+    """Scale (observations,) by which each observation is divided."""
     layers: Sequence[tuple[Float32Array, Float32Array]]
-    """Weights (outputs, inputs) and biases (outputs,) of each layer, the last one without activation."""
+    """Weights (outputs, inputs) and biases (outputs,) of each layer; the last layer has no activation."""
     activation: str
-    """Between layers, one of :data:`ACTIVATIONS`."""
+    """Activation between layers, one of :data:`ACTIVATIONS`."""
     tanh_output: bool
-    """Whether actions are the last layer's hyperbolic tangent; otherwise they are clipped to -1 ... 1."""
+    """Whether the output is the hyperbolic tangent of the last layer; otherwise it is clipped to -1 ... 1."""
     metadata: Mapping[str, Any]
-    """How it was made (JSON types)."""
+    """Training configuration and software versions (JSON types)."""
 
     def __post_init__(self) -> None:
-        """Raise InputError for layers that do not fit together."""
+        """Raise InputError when the shapes of the layers do not match or a number is not finite."""
         if self.activation not in ACTIVATIONS:
             raise InputError(f"the policy's activation is '{self.activation}'; allowed: {', '.join(ACTIVATIONS)}")
-        if self.observation_scale.ndim != 1 or any(
-            weights.ndim != 2 or biases.ndim != 1 for weights, biases in self.layers
-        ):
-            raise InputError("the policy's scale and biases are no rows, or its weights no tables, of numbers")
-        inputs = len(self.observation_scale)
+        has_wrong_shapes = any(weights.ndim != 2 or biases.ndim != 1 for weights, biases in self.layers)
+        if self.observation_scale.ndim != 1 or has_wrong_shapes:
+            raise InputError(
+                "the policy has arrays of wrong shapes; allowed: one-dimensional scale and biases, two-dimensional "
+                "weights"
+            )
+        n_inputs = len(self.observation_scale)
         for number, (weights, biases) in enumerate(self.layers, start=1):
-            if (
-                weights.shape != (len(biases), inputs)
-                or not np.isfinite(weights).all()
-                or not np.isfinite(biases).all()
-            ):
+            is_finite = np.isfinite(weights).all() and np.isfinite(biases).all()
+            if weights.shape != (len(biases), n_inputs) or not is_finite:
                 raise InputError(
                     f"layer {number} of the policy has weights of shape {weights.shape} and {len(biases)} biases; "
-                    f"allowed: finite numbers for {inputs} inputs"
+                    f"allowed: finite numbers for {n_inputs} inputs"
                 )
-            inputs = len(biases)
-        if not self.layers or not (np.isfinite(self.observation_scale).all() and np.all(self.observation_scale > 0.0)):
+            n_inputs = len(biases)
+        is_valid_scale = np.isfinite(self.observation_scale).all() and np.all(self.observation_scale > 0.0)
+        if not self.layers or not is_valid_scale:
             raise InputError("the policy needs at least one layer and scales above 0")
 
     def __call__(self, observation: ArrayLike) -> Float32Array:
-        """Actions in -1 ... 1 for observations (observations,) or (n, observations)."""
+        """Return actions in -1 ... 1 for observations (observations,) or (n, observations)."""
         value = np.asarray(observation, dtype=np.float32) / self.observation_scale
         for weights, biases in self.layers[:-1]:
             value = value @ weights.T + biases
@@ -67,33 +68,39 @@ class Policy:
         return np.asarray(np.tanh(value) if self.tanh_output else np.clip(value, -1.0, 1.0), dtype=np.float32)
 
     def save(self, path: str | Path) -> None:
-        """Write it to ``path`` (.npz): arrays, and a JSON text under ``made``."""
-        arrays: dict[str, Any] = {"scale": self.observation_scale, "made": np.array(self._format_metadata())}
+        """Write the policy to ``path`` (.npz): its arrays, and a JSON text under ``metadata``."""
+        arrays: dict[str, Any] = {
+            "observation_scale": self.observation_scale,
+            "metadata": np.array(self._format_metadata()),
+        }
         for number, (weights, biases) in enumerate(self.layers):
             arrays[f"weights_{number}"], arrays[f"biases_{number}"] = weights, biases
         with Path(path).open("wb") as file:
             np.savez(file, **arrays)
 
     def _format_metadata(self) -> str:
-        return json.dumps(
-            {"activation": self.activation, "squashed": self.tanh_output, **self.metadata}, allow_nan=False
-        )
+        network = {"activation": self.activation, "tanh_output": self.tanh_output}
+        return json.dumps({**network, **self.metadata}, allow_nan=False)
 
 
 def load_policy(path: str | Path) -> Policy:
-    """The policy in a file of :meth:`Policy.save`; nothing in it is run. Raises InputError if it is none."""
+    """Return the policy in a file of :meth:`Policy.save`; no code in the file is run.
+
+    Raises InputError when the file cannot be read or is not a policy.
+    """
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-        made = json.loads(str(arrays["made"]))
-        count = sum(name.startswith("weights_") for name in arrays)
+        metadata = json.loads(str(arrays["metadata"]))
+        n_layers = sum(name.startswith("weights_") for name in arrays)
         layers = [
             (np.asarray(arrays[f"weights_{k}"], np.float32), np.asarray(arrays[f"biases_{k}"], np.float32))
-            for k in range(count)
+            for k in range(n_layers)
         ]
-        scale, activation, squashed = np.asarray(arrays["scale"], np.float32), made["activation"], made["squashed"]
+        observation_scale = np.asarray(arrays["observation_scale"], np.float32)
+        activation, tanh_output = metadata["activation"], metadata["tanh_output"]
     except OSError as error:
         raise InputError(f"policy {path} cannot be read: {error.strerror or error}") from None
     except (EOFError, KeyError, ValueError, TypeError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f"policy {path} is none: {error}") from None
-    return Policy(scale, layers, str(activation), bool(squashed), made)
+        raise InputError(f"{path} is not a policy file: {error}") from None
+    return Policy(observation_scale, layers, str(activation), bool(tanh_output), metadata)

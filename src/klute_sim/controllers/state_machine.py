@@ -1,48 +1,53 @@
-"""A finite-state machine on a prosthesis' own sensors: four states of a stride, a pressure in each.
+"""Finite-state machine on the sensors of a prosthesis: four states per stride with one pressure each.
 
-The kind of controller that powered ankles are sold with: heel strike, the shank passing over the foot, and toe-off are
-seen by a load cell and an inertial sensor, and each begins a state (Sup et al. 2008; Au et al. 2009).
+Commercial powered ankles use this kind of controller. A load cell and an inertial sensor detect heel strike, roll-over
+and toe-off, and each of these events starts a state (Sup et al. 2008; Au et al. 2009).
 """
 
-import tomllib
 from dataclasses import MISSING, dataclass, field, fields
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from klute_sim.constants import DEGREES_PER_RADIAN
 from klute_sim.controllers.feedback import SensorReadings
 from klute_sim.errors import InputError
+from klute_sim.toml_files import parse_toml, read_toml
 from klute_sim.units import BAR
 
 STATE_NAMES = ("loading", "rollover", "push_off", "swing")
+"""States in the order of a stride."""
 
 
 @dataclass(kw_only=True)
 class StateMachine:
-    """Pressures of the states [bar], and what begins them; InputError for a machine that could never go round."""
+    """Pressures of the states [bar] and the thresholds that start them."""
 
     loading_bar: float
-    """From foot strike on."""
+    """Pressure from foot strike on [bar]."""
     rollover_bar: float
-    """Where the shank begins to lean forward; rises to :attr:`rollover_end_bar` at push-off."""
+    """Pressure at the start of roll-over [bar]; it rises to :attr:`rollover_end_bar` until push-off."""
     rollover_end_bar: float
+    """Pressure at the end of roll-over [bar]."""
     push_off_bar: float
+    """Pressure during push-off [bar]."""
     swing_bar: float
+    """Pressure during swing [bar]."""
     strike_bw: float = 0.10
-    """Load above which the foot has struck [body weights]."""
+    """Load above which a foot strike is detected [body weights]."""
     lift_bw: float = 0.05
-    """Load below which it has left [body weights]."""
+    """Load below which toe-off is detected [body weights]."""
     upright_deg: float = 0.0
-    """Inclination of the shank, forward positive, at which it rolls over."""
+    """Inclination of the shank, forward positive, at which roll-over begins [deg]."""
     lean_deg: float = 10.0
-    """Inclination of the shank at which push-off begins."""
+    """Inclination of the shank at which push-off begins [deg]."""
     interval: float = 0.01
-    """Between commands [s]."""
+    """Time between commands [s]."""
     state: str = field(default="loading", init=False)
-    """One of :data:`STATES`."""
+    """Present state, one of :data:`STATE_NAMES`."""
 
     def __post_init__(self) -> None:
-        """See the class."""
+        """Raise InputError when a number is out of range or the thresholds are not in order."""
         pressures = {
             name: getattr(self, name)
             for name in ("loading_bar", "rollover_bar", "rollover_end_bar", "push_off_bar", "swing_bar")
@@ -60,28 +65,27 @@ class StateMachine:
                 f"the state machine's inclinations are {self.upright_deg:g} and {self.lean_deg:g}; allowed: "
                 "-30 < upright_deg < lean_deg < 60 degrees"
             )
-
         if not 1e-3 <= self.interval <= 0.1:
             raise InputError(f"interval of the state machine is {self.interval:g}; allowed: 0.001 to 0.1 s")
 
     def reset(self) -> None:
-        """See :class:`~klute_sim.controllers.feedback.FeedbackController`."""
+        """Start in the state *loading*."""
         self.state = "loading"
 
     def command(self, readings: SensorReadings) -> float:
-        """See :class:`~klute_sim.controllers.feedback.FeedbackController`."""
-        lean = 57.29577951308232 * readings.shank_angle
+        """Return the commanded gauge pressure [Pa] until the next call."""
+        lean = DEGREES_PER_RADIAN * readings.shank_angle
         self.state = self._select_next_state(readings.load, lean)
         if self.state != "rollover":
             return BAR * float(getattr(self, f"{self.state}_bar"))
-        way = min(max((lean - self.upright_deg) / (self.lean_deg - self.upright_deg), 0.0), 1.0)
-        return BAR * (self.rollover_bar + way * (self.rollover_end_bar - self.rollover_bar))
+        progress = min(max((lean - self.upright_deg) / (self.lean_deg - self.upright_deg), 0.0), 1.0)
+        return BAR * (self.rollover_bar + progress * (self.rollover_end_bar - self.rollover_bar))
 
     def _select_next_state(self, load: float, lean: float) -> str:
-        """The state after the present one, or the present one.
+        """Return the next state, which may be the present one.
 
-        A stance that is broken off early, by a stumble, ends in swing, too; only in loading, as the heel bounces, a
-        moment without load is no swing while the shank leans back.
+        A stance that ends early, in a stumble, leads to swing, too. In the state *loading* the heel may bounce: a short
+        time without load is not a swing while the shank leans back.
         """
         if self.state == "swing":
             return "loading" if load > self.strike_bw else "swing"
@@ -94,40 +98,38 @@ class StateMachine:
         return self.state
 
     def describe(self) -> dict[str, Any]:
-        """See :class:`~klute_sim.controllers.feedback.FeedbackController`."""
-        return {"kind": "machine"} | {each.name: getattr(self, each.name) for each in fields(self) if each.init}
+        """Return all numbers of the machine for the provenance of a recording (JSON types)."""
+        return {"kind": "machine"} | {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}
 
 
 def load_default_state_machine() -> StateMachine:
-    """The package's own."""
+    """Return the state machine of the package."""
     file = resources.files("klute_sim.controllers") / "state_machine.toml"
-    return parse_state_machine(file.read_text("utf-8"), "state_machine.toml")
+    return parse_state_machine(file.read_bytes(), "state_machine.toml")
 
 
 def load_state_machine(path: str | Path) -> StateMachine:
-    """The state machine in a TOML file of :class:`StateMachine`'s numbers; raises InputError."""
-    try:
-        text = Path(path).read_text("utf-8-sig")  # some editors put a mark in front
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
-        raise InputError(f"state machine {path} cannot be read: {reason}") from None
-    return parse_state_machine(text, str(path))
+    """Return the state machine in a TOML file with the fields of :class:`StateMachine`.
+
+    Raises InputError when the file cannot be read or is not a state machine.
+    """
+    return _create_state_machine(read_toml(path, f"state machine {path}"), str(path))
 
 
-def parse_state_machine(text: str, source: str) -> StateMachine:
-    """The state machine that TOML ``text`` holds; ``where`` names it in errors."""
-    try:
-        numbers = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"state machine {source} is no TOML file: {error}") from None
-    own = {each.name: each for each in fields(StateMachine) if each.init}
+def parse_state_machine(content: bytes, source: str) -> StateMachine:
+    """Return the state machine in ``content`` (TOML, UTF-8); ``source`` names the file in errors."""
+    return _create_state_machine(parse_toml(content, f"state machine {source}"), source)
+
+
+def _create_state_machine(numbers: dict[str, Any], source: str) -> StateMachine:
+    keys = {entry.name: entry for entry in fields(StateMachine) if entry.init}
     for name, value in numbers.items():
-        if name not in own:
-            raise InputError(f"state machine {source}: there is no '{name}'; there are: {', '.join(own)}")
+        if name not in keys:
+            raise InputError(f"state machine {source}: unknown key '{name}'; allowed: {', '.join(keys)}")
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"state machine {source}: '{name}' is {value!r}; allowed: a number")
-    for name, each in own.items():
-        if each.default is MISSING and name not in numbers:
+    for name, key in keys.items():
+        if key.default is MISSING and name not in numbers:
             raise InputError(f"state machine {source}: '{name}' is missing")
     try:
         return StateMachine(**numbers)

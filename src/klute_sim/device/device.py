@@ -1,42 +1,191 @@
-"""Finding and reading device files: presets by name, anything else by path."""
+"""The device: load it from a preset or a file, build it from keywords, change it, and save it."""
 
 import hashlib
-import tomllib
+import html
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import Any
 
 from klute_sim.device.dynamics import DeviceParameters
-from klute_sim.device.schema.document import DeviceSpec, parse_device_spec
+from klute_sim.device.schema.document import (
+    Damper,
+    DeviceSpec,
+    Mounting,
+    Muscle,
+    PublishedMeasurement,
+    Tendon,
+    parse_device_spec,
+)
+from klute_sim.device.schema.supply import Chamber, Leak, Line, Supply, Tank, Valve
 from klute_sim.errors import InputError, suggest
+from klute_sim.toml_files import format_toml, parse_toml
 
 DEFAULT_DEVICE = "klute-1-1-4-pair"
+"""Preset of the default prosthesis."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False, repr=False)
 class Device:
-    """A device file, read and checked."""
+    """A muscle-tendon unit: muscle, damper, tendon, supply and effects, as a device file describes them.
+
+    :func:`load_device` loads a preset or a file; the constructor builds a device from sections.
+    """
 
     spec: DeviceSpec
+    """Checked content of the device file."""
     content: bytes
-    """The file as it was read: a run keeps it verbatim."""
+    """Device file as TOML; a run keeps it verbatim."""
+
+    def __init__(
+        self,
+        *,
+        muscle: Muscle,
+        supply: Supply,
+        name: str = "device",
+        description: str = "",
+        damper: Damper | None = None,
+        tendon: Tendon | None = None,
+        valve: Valve | None = None,
+        line: Line | None = None,
+        chamber: Chamber | None = None,
+        tank: Tank | None = None,
+        leak: Leak | None = None,
+        mounting: Mounting | None = None,
+        effects: Mapping[str, Mapping[str, float | str]] | None = None,
+        published: Sequence[PublishedMeasurement] = (),
+        sources: Mapping[str, str] | None = None,
+    ) -> None:
+        """Build a device from the sections of a device file.
+
+        ``effects`` maps the name of an effect to its parameters and, optionally, its ``form``. ``sources`` maps
+        ``section.key`` to the source of the number.
+
+        Raises InputError when sections do not fit together.
+        """
+        sections = {
+            **{"muscle": muscle, "damper": damper, "tendon": tendon, "supply": supply, "valve": valve, "line": line},
+            **{"chamber": chamber, "tank": tank, "leak": leak, "mounting": mounting},
+        }
+        content: dict[str, Any] = {"name": name, "description": description}
+        for title, section in sections.items():
+            if section is not None:
+                content[title] = section.model_dump(exclude_unset=True, exclude_none=True)
+        content["effects"] = {effect: dict(parameters) for effect, parameters in (effects or {}).items()}
+        content["published"] = [measurement.model_dump() for measurement in published]
+        content["sources"] = dict(sources or {})
+        content = {key: value for key, value in content.items() if value}
+        self._initialize(parse_device_spec(content, name), format_toml(content).encode())
+
+    def _initialize(self, spec: DeviceSpec, content: bytes) -> None:
+        object.__setattr__(self, "spec", spec)
+        object.__setattr__(self, "content", content)
+
+    @classmethod
+    def from_spec(cls, spec: DeviceSpec, content: bytes) -> "Device":
+        """Return the device of a checked ``spec`` and the TOML ``content`` that it was read from."""
+        device = cls.__new__(cls)
+        device._initialize(spec, content)
+        return device
 
     @property
     def name(self) -> str:
-        """The device's own name."""
+        """Name of the device."""
         return self.spec.name
 
     @cached_property
     def parameters(self) -> DeviceParameters:
-        """What the law needs, SI."""
+        """Physical parameters in SI units."""
         return self.spec.to_parameters()
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the file."""
+        """SHA-256 of the device file."""
         return hashlib.sha256(self.content).hexdigest()
+
+    def with_spec(self, spec: DeviceSpec) -> "Device":
+        """Return a device with another checked ``spec`` and the file content of this one."""
+        return Device.from_spec(spec, self.content)
+
+    def with_changes(self, changes: Mapping[str, float], source: str = "changed") -> "Device":
+        """Return a device with changed numbers.
+
+        ``changes`` maps ``section.key`` to a value in the unit of the key, such as
+        ``{"tendon.stiffness_1_n_per_mm": 80}``. The file of the new device holds the changed numbers and names
+        ``source`` as their source. Without changes the device itself is returned.
+
+        Raises InputError when a key is not a number of the device or a value is not allowed.
+        """
+        if not changes:
+            return self
+        content, known = parse_toml(self.content, f"device {self.name}"), self.spec.collect_values()
+        for key, value in changes.items():
+            if key not in known:
+                raise InputError(
+                    f"{source}: '{key}' is not a number of device '{self.name}'; allowed: {', '.join(known)}"
+                )
+            set_number(content, key, value, source)
+        try:
+            spec = parse_device_spec(content, self.name)
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from None
+        return Device.from_spec(spec, format_toml(content).encode())
+
+    def with_effect(
+        self, name: str, *, form: str | None = None, source: str = "changed", **parameters: float
+    ) -> "Device":
+        """Return a device with effect ``name`` added or replaced.
+
+        ``form`` is the form of the effect (None: its default form); ``parameters`` are in the units of their keys, such
+        as ``with_effect("braid_hysteresis", slope_n_per_bar=8)``.
+
+        Raises InputError when there is no such effect, a parameter is unknown, missing or out of range, or the effect
+        contradicts a section.
+        """
+        content = parse_toml(self.content, f"device {self.name}")
+        section: dict[str, float | str] = {} if form is None else {"form": form}
+        content.setdefault("effects", {})[name] = section | parameters
+        sources: dict[str, str] = content.setdefault("sources", {})
+        prefix = f"effects.{name}."
+        for key in [key for key in sources if key.startswith(prefix)]:
+            del sources[key]
+        sources.update({prefix + key: source for key in parameters})
+        return Device.from_spec(parse_device_spec(content, self.name), format_toml(content).encode())
+
+    def save(self, path: str | Path) -> None:
+        """Write the device file to ``path``; raises InputError when the file cannot be written."""
+        try:
+            Path(path).write_bytes(self.content)
+        except OSError as error:
+            raise InputError(f"device file {path} cannot be written: {error.strerror}") from None
+
+    def __repr__(self) -> str:
+        """Return the name of the device and the names of its effects."""
+        effects = f", effects: {', '.join(self.spec.effects)}" if self.spec.effects else ""
+        return f"<Device '{self.name}'{effects}>"
+
+    def _repr_html_(self) -> str:
+        """Return a table of all numbers with their sources, for notebooks."""
+        rows = "".join(
+            f"<tr><td>{html.escape(key)}</td><td>{value:g}</td>"
+            f"<td>{html.escape(self.spec.sources.get(key, ''))}</td></tr>"
+            for key, value in self.spec.collect_values().items()
+        )
+        title = f"<p><b>{html.escape(self.name)}</b>: {html.escape(self.spec.description)}</p>"
+        return f"{title}<table><tr><th>number</th><th>value</th><th>source</th></tr>{rows}</table>"
+
+
+def set_number(content: dict[str, Any], key: str, value: float, source: str) -> None:
+    """Set number ``key`` (``section.key``) in the ``content`` of a device file and record its ``source``."""
+    section, _, name = key.rpartition(".")
+    table = content
+    for part in section.split("."):
+        table = table[part]
+    table[name] = value
+    content.setdefault("sources", {})[key] = source
 
 
 def _get_preset_folder() -> Traversable:
@@ -44,48 +193,44 @@ def _get_preset_folder() -> Traversable:
 
 
 def list_presets() -> list[str]:
-    """Names of the devices that come with the package."""
-    return sorted(f.name.removesuffix(".toml") for f in _get_preset_folder().iterdir() if f.name.endswith(".toml"))
+    """Return the names of the devices that come with the package."""
+    return sorted(
+        file.name.removesuffix(".toml") for file in _get_preset_folder().iterdir() if file.name.endswith(".toml")
+    )
 
 
 def load_device(name_or_path: str | Path) -> Device:
-    """The preset of that name, or the device file at that path.
+    """Return the preset of that name, or the device in the file at that path.
 
-    Raises InputError when there is neither, or when the file is not TOML or not a device.
+    Raises InputError when neither exists, or when the file is not a valid device file.
     """
-    wanted = str(name_or_path)
-    if wanted in ("", "."):  # a shell variable that is not set
+    name = str(name_or_path)
+    if name in ("", "."):  # a shell variable that is not set
         raise InputError("the name of the device is empty: give the path of a device file, or a preset")
-    if wanted in list_presets():
-        return parse_device((_get_preset_folder() / f"{wanted}.toml").read_bytes(), wanted)
+    if name in list_presets():
+        return parse_device((_get_preset_folder() / f"{name}.toml").read_bytes(), name)
     try:
-        content = Path(wanted).read_bytes()
+        content = Path(name).read_bytes()
     except FileNotFoundError:
-        every = (
+        hint = (
             "give the path of a device file (klute-sim device NAME --toml prints one to start from), or one of "
             f"{', '.join(list_presets())}"
         )
-        raise InputError(f"no device '{wanted}': {suggest(wanted, list_presets(), every)}") from None
+        raise InputError(f"no device '{name}': {suggest(name, list_presets(), hint)}") from None
     except OSError as error:
-        raise InputError(f"device file {wanted} cannot be read: {error.strerror}") from None
-    return parse_device(content, wanted)
+        raise InputError(f"device file {name} cannot be read: {error.strerror}") from None
+    return parse_device(content, name)
 
 
 def parse_device(content: bytes, source: str) -> Device:
-    """The device that ``content`` (TOML, UTF-8) describes; ``where`` names its place in errors."""
-    try:
-        keys = tomllib.loads(content.decode("utf-8-sig"))  # some editors put a mark in front
-    except UnicodeDecodeError:
-        raise InputError(f"device file {source} cannot be read: not a UTF-8 text file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"device file {source} is not valid TOML: {error}") from None
-    return Device(parse_device_spec(keys, source), content)
+    """Return the device that ``content`` (TOML, UTF-8) describes; ``source`` names the file in errors."""
+    return Device.from_spec(parse_device_spec(parse_toml(content, f"device file {source}"), source), content)
 
 
 def check_takes_pressure(device: Device, commander: str) -> None:
-    """Raise InputError if the device takes openings of its valve, where ``what`` commands pressures."""
+    """Raise InputError when ``commander`` commands pressures but the device expects valve openings."""
     if device.parameters.supply.command_is_opening != 0.0:
         raise InputError(
-            f"{commander} commands pressures, and '{device.name}' takes openings of its valve; "
-            "allowed: a device file with takes = 'pressure' in [valve]"
+            f"{commander} commands pressures, but the commands of '{device.name}' are openings of its valve; "
+            "allowed: a device file with command = 'pressure' in [valve]"
         )

@@ -1,7 +1,7 @@
-"""One rollout of the device alone with everything about it written down, its ledger included; without MuJoCo.
+"""Simulate one device under a prescribed length without MuJoCo, and record its outputs and its energy balance.
 
-:mod:`klute_sim.device.rollout` is for many rollouts of which only force, pressure and length matter. The steps are
-the same. Compiled and plain Python give the same bits.
+:mod:`klute_sim.device.rollout` is for many rollouts that need force, pressure and length only. The time steps are the
+same. The compiled and the Python backend give the same bits.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,11 +9,12 @@ from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from klute_sim.device.backend.packing import pack_parameters, unpack_parameters
-from klute_sim.device.backend.select import select_backend
+from klute_sim.device.backend.select import explain_missing_compiler, select_backend
 from klute_sim.device.batch_outputs import N_OUTPUTS, fill_outputs
+from klute_sim.device.delay import interpolate_samples
 from klute_sim.device.dynamics import (
     DEAD_TIME_INDEX,
     N_INTERNAL_STATES,
@@ -25,28 +26,27 @@ from klute_sim.device.dynamics import (
 )
 from klute_sim.device.energy.ledger import EnergyBalance, compute_energy_balance
 from klute_sim.device.energy.outputs import accumulate_effects
-from klute_sim.device.rollout import find_numba_incompatibility, interpolate_samples
 from klute_sim.errors import SimulationError
 from klute_sim.laws import pneumatic_step
-
-Array = NDArray[np.float64]
+from klute_sim.types import Array
 
 N_STATE_COLUMNS = 3
-"""Columns before those of a snapshot: gauge pressure [Pa], muscle length [m], its rate [m/s]."""
+"""Number of columns before the outputs: gauge pressure [Pa], muscle length [m] and muscle velocity [m/s]."""
 
 
 class RolloutRecord(NamedTuple):
-    """One entry per sample; SI."""
+    """Response of the device with one entry per sample; SI."""
 
     tension: Array
-    """[N]"""
+    """Tension of the muscle-tendon unit [N]."""
     pressure: Array
-    """Gauge pressure [Pa]."""
+    """Gauge pressure in the muscle [Pa]."""
     length: Array
     """Muscle length [m]."""
     velocity: Array
-    """Of the muscle's length in this step [m/s]."""
+    """Muscle velocity dl/dt during the time step [m/s]."""
     energy_balance: EnergyBalance
+    """Energy balance between consecutive samples."""
 
 
 def integrate(
@@ -59,19 +59,19 @@ def integrate(
     dt: float,
     out: Array,
 ) -> None:
-    """Fill ``out`` (samples, :data:`STATES` + :data:`FIELDS` + 2 for each effect) after each ``step``; SI.
+    """Fill ``out`` (samples, :data:`N_STATE_COLUMNS` + ``N_OUTPUTS`` + 2 for each effect) after each step ``dt``; SI.
 
-    ``rows`` are the parameters of :func:`klute_sim.device.energy.outputs.stages`; ``pressure``, ``length`` and ``memory`` are
-    where the device begins.
+    ``rows`` holds the packed parameters of :func:`klute_sim.device.energy.outputs.accumulate_effects`; ``pressure``,
+    ``length`` and ``internal_state`` are the initial state.
     """
     parameters = unpack_parameters(rows[-1])
-    late = parameters.effects[DEAD_TIME_INDEX] / dt
+    delay_steps = parameters.effects[DEAD_TIME_INDEX] / dt
     before = DeviceState(pressure, length, internal_state)
     for k in range(len(unit_length)):
-        after = advance_state(parameters, before, unit_length[k], interpolate_samples(command, k - late), dt)
-        rate = (after.length - before.length) / dt
-        out[k, 0], out[k, 1], out[k, 2] = after.pressure, after.length, rate
-        fill_outputs(rows, after, unit_length[k], rate, out[k, N_STATE_COLUMNS:])
+        after = advance_state(parameters, before, unit_length[k], interpolate_samples(command, k - delay_steps), dt)
+        velocity = (after.length - before.length) / dt
+        out[k, 0], out[k, 1], out[k, 2] = after.pressure, after.length, velocity
+        fill_outputs(rows, after, unit_length[k], velocity, out[k, N_STATE_COLUMNS:])
         before = after
 
 
@@ -79,19 +79,22 @@ def integrate(
 def _compile_integrate() -> Callable[..., None]:
     import numba
 
-    from klute_sim.device import batch_outputs, recorded_rollout, rollout
+    from klute_sim.device import batch_outputs, recorded_rollout
     from klute_sim.device.backend import compiled
 
-    law = compiled.compile_device_functions()
-    early = compiled.compile_module(rollout, **law).interpolate_samples
-    copy = compiled.compile_module(
-        recorded_rollout, **law, fill_outputs=batch_outputs.compile_functions().fill_outputs, interpolate_samples=early
+    module = compiled.compile_module(
+        recorded_rollout,
+        **compiled.compile_device_functions(),
+        fill_outputs=batch_outputs.compile_functions().fill_outputs,
     )
     number = numba.float64
-    memory, series = numba.types.UniTuple(number, N_INTERNAL_STATES), number[::1]
-    signature = numba.void(number[:, ::1], number, number, memory, series, series, number, number[:, ::1])
-    ready: Callable[..., None] = compiled.compile_cached(partial(numba.njit, nogil=True), copy.integrate, signature)
-    return ready
+    internal_state, series = numba.types.UniTuple(number, N_INTERNAL_STATES), number[::1]
+    table = number[:, ::1]
+    signature = numba.void(table, number, number, internal_state, series, series, number, table)
+    function: Callable[..., None] = compiled.compile_cached(
+        partial(numba.njit, nogil=True), module.integrate, signature
+    )
+    return function
 
 
 def record_rollout(
@@ -103,35 +106,40 @@ def record_rollout(
     initial_state: DeviceState | None = None,
     backend: str = "auto",
 ) -> RolloutRecord:
-    """Let the device follow lengths [m] and pressure commands [Pa], one sample per ``step`` [s] each.
+    """Simulate a device that follows unit lengths [m] and pressure commands [Pa], one sample per ``dt`` [s] each.
 
-    ``start`` is where it begins (left out: the tendon just taut at the first length and command).
+    The rollout starts in ``initial_state``; by default the tendon is just taut at the first length and command.
 
-    Raises SimulationError if a result is not finite.
+    Raises SimulationError when a result is not finite.
     """
     lengths, commands = (np.array(x, dtype=np.float64, order="C") for x in (unit_length, command))
-    begin = (
-        compute_taut_state(parameters, float(lengths[0]), float(commands[0]))
-        if initial_state is None
-        else initial_state
-    )
-    names, devices = accumulate_effects(parameters)
-    out = np.empty((len(lengths), N_STATE_COLUMNS + N_OUTPUTS + 2 * len(names)))
+    if initial_state is None:
+        initial_state = compute_taut_state(parameters, float(lengths[0]), float(commands[0]))
+    effect_names, devices = accumulate_effects(parameters)
+    out = np.empty((len(lengths), N_STATE_COLUMNS + N_OUTPUTS + 2 * len(effect_names)))
     rows: Any = np.array([pack_parameters(device) for device in devices])
     series: Any = (lengths, commands)
-    compiled = select_backend(backend, find_numba_incompatibility) == "compiled"
-    if not compiled:
+    is_compiled = select_backend(backend, explain_missing_compiler) == "compiled"
+    if not is_compiled:
         series, rows = (x.tolist() for x in series), rows.tolist()
-    function: Callable[..., None] = _compile_integrate() if compiled else integrate
-    function(rows, float(begin.pressure), float(begin.length), begin.internal_state, *series, float(dt), out)
+    function: Callable[..., None] = _compile_integrate() if is_compiled else integrate
+    state = float(initial_state.pressure), float(initial_state.length), initial_state.internal_state
+    function(rows, *state, *series, float(dt), out)
     if not np.isfinite(out).all():
         first = int(np.argwhere(~np.isfinite(out))[0][0])
         raise SimulationError(f"the device has no finite state at t = {first * dt:.4f} s")
-    pressure, length, rate = (np.ascontiguousarray(column) for column in out[:, :N_STATE_COLUMNS].T)
-    instants, own = (
-        out[:, N_STATE_COLUMNS : N_STATE_COLUMNS + N_OUTPUTS],
-        out[:, N_STATE_COLUMNS + N_OUTPUTS :].reshape(len(out), len(names), 2),
+    pressure, length, velocity = (np.ascontiguousarray(column) for column in out[:, :N_STATE_COLUMNS].T)
+    first_force = N_STATE_COLUMNS + N_OUTPUTS
+    outputs = out[:, N_STATE_COLUMNS:first_force]
+    effect_forces = out[:, first_force:].reshape(len(out), len(effect_names), 2)
+    supply = apply_supply_effects(parameters, initial_state.internal_state)
+    energy_balance = compute_energy_balance(
+        outputs,
+        effect_forces,
+        effect_names,
+        length,
+        lengths,
+        dt,
+        supply_meters_air=not pneumatic_step.is_ideal(supply),
     )
-    counts = not pneumatic_step.is_ideal(apply_supply_effects(parameters, begin.internal_state))
-    told = compute_energy_balance(instants, own, names, length, lengths, dt, supply_meters_air=counts)
-    return RolloutRecord(np.ascontiguousarray(instants[:, 0]), pressure, length, rate, told)
+    return RolloutRecord(np.ascontiguousarray(outputs[:, 0]), pressure, length, velocity, energy_balance)

@@ -1,7 +1,7 @@
-"""The device alone, under a prescribed length: many rollouts on all cores, without MuJoCo.
+"""Simulate devices under prescribed lengths without MuJoCo: many rollouts on all cores.
 
-The steps are those the device takes inside MuJoCo. One rollout is one thread's work from its first step to its last,
-so results do not depend on the number of threads.
+The time steps are those that the device takes inside MuJoCo. One thread computes one rollout from its first to its last
+step, so results do not depend on the number of threads.
 """
 
 import os
@@ -11,10 +11,11 @@ from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from klute_sim.device.backend.packing import pack_parameters, unpack_parameters
-from klute_sim.device.backend.select import select_backend
+from klute_sim.device.backend.select import explain_missing_compiler, select_backend
+from klute_sim.device.delay import interpolate_samples
 from klute_sim.device.dynamics import (
     DEAD_TIME_INDEX,
     N_INTERNAL_STATES,
@@ -25,20 +26,19 @@ from klute_sim.device.dynamics import (
     compute_tension,
 )
 from klute_sim.errors import InputError, SimulationError
+from klute_sim.types import Array
 
 MAX_TIME_STEP = 0.01
-"""[s]"""
-
-Array = NDArray[np.float64]
+"""Longest allowed time step [s]."""
 
 
 class RolloutTrace(NamedTuple):
-    """What the device did: one entry per sample, or (rollouts, samples)."""
+    """Response of the device: (samples,), or (rollouts, samples)."""
 
     tension: Array
-    """[N]"""
+    """Tension of the muscle-tendon unit [N]."""
     pressure: Array
-    """Gauge pressure [Pa]."""
+    """Gauge pressure in the muscle [Pa]."""
     length: Array
     """Muscle length [m]."""
 
@@ -53,40 +53,19 @@ def integrate(
     dt: float,
     out: Array,
 ) -> None:
-    """Fill ``out`` (samples, 3) with tension, pressure and muscle length after each ``step``; SI.
+    """Fill ``out`` (samples, 3) with tension, pressure and muscle length after each time step ``dt``; SI.
 
-    ``row`` is the device's parameters; ``pressure``, ``length`` and ``memory`` are where it begins.
+    ``row`` holds the packed parameters; ``pressure``, ``length`` and ``internal_state`` are the initial state.
     """
     parameters = unpack_parameters(row)
-    late = parameters.effects[DEAD_TIME_INDEX] / dt
+    delay_steps = parameters.effects[DEAD_TIME_INDEX] / dt
     before = DeviceState(pressure, length, internal_state)
     for k in range(len(unit_length)):
-        after = advance_state(parameters, before, unit_length[k], interpolate_samples(command, k - late), dt)
-        rate = (after.length - before.length) / dt
-        out[k, 0] = compute_tension(parameters, after, unit_length[k], rate)
+        after = advance_state(parameters, before, unit_length[k], interpolate_samples(command, k - delay_steps), dt)
+        velocity = (after.length - before.length) / dt
+        out[k, 0] = compute_tension(parameters, after, unit_length[k], velocity)
         out[k, 1], out[k, 2] = after.pressure, after.length
         before = after
-
-
-def interpolate_samples(samples: Sequence[float], index: float) -> float:
-    """``series`` between its samples at ``place``, counted in samples; its first value before it begins."""
-    if index <= 0.0:
-        return samples[0]
-    k = int(index)
-    share = index - k
-    if share == 0.0:
-        return samples[k]
-    return samples[k] + share * (samples[k + 1] - samples[k])
-
-
-@cache
-def find_numba_incompatibility() -> str:
-    """Why there is no compiled law here, or ''."""
-    try:
-        import numba  # noqa: F401
-    except ImportError as error:
-        return f"numba cannot be imported ({error})"
-    return ""
 
 
 @cache
@@ -96,14 +75,14 @@ def _compile_integrate() -> Callable[..., None]:
     from klute_sim.device import rollout
     from klute_sim.device.backend import compiled
 
-    copy = compiled.compile_module(rollout, **compiled.compile_device_functions())
-    # The lock of Python's is free while it runs, so threads run at once.
-    wrap = partial(numba.njit, nogil=True)
+    module = compiled.compile_module(rollout, **compiled.compile_device_functions())
+    # The function releases Python's lock, so threads run in parallel.
+    decorator = partial(numba.njit, nogil=True)
     number = numba.float64
-    memory, series = numba.types.UniTuple(number, N_INTERNAL_STATES), number[::1]
-    signature = numba.void(series, number, number, memory, series, series, number, number[:, ::1])
-    ready: Callable[..., None] = compiled.compile_cached(wrap, copy.integrate, signature)
-    return ready
+    internal_state, series = numba.types.UniTuple(number, N_INTERNAL_STATES), number[::1]
+    signature = numba.void(series, number, number, internal_state, series, series, number, number[:, ::1])
+    function: Callable[..., None] = compiled.compile_cached(decorator, module.integrate, signature)
+    return function
 
 
 def simulate_rollouts(
@@ -116,65 +95,72 @@ def simulate_rollouts(
     n_jobs: int = 0,
     backend: str = "auto",
 ) -> RolloutTrace:
-    """Let devices follow prescribed lengths [m] and pressure commands [Pa], one sample per ``step`` [s].
+    """Simulate devices that follow prescribed unit lengths [m] and pressure commands [Pa], one sample per ``dt`` [s].
 
-    ``parameters`` is one device or one per rollout; lengths and commands are (samples,) for all or (rollouts,
-    samples). Each begins at ``start``, by default with the tendon just taut at its first length and command. Uses
-    ``threads`` threads (0: all cores).
+    ``parameters`` is one device for all rollouts, or one per rollout. ``unit_length`` and ``command`` have the shape
+    (samples,) for all rollouts, or (rollouts, samples). Each rollout starts in ``initial_state``; by default the
+    tendon is just taut at the first length and command. ``n_jobs`` is the number of threads (0: all cores) and
+    ``backend`` one of :data:`klute_sim.device.backend.select.BACKENDS`.
 
-    Raises InputError for shapes that do not fit, what is not finite, or a step beyond :data:`LONGEST_STEP`;
-    SimulationError if a result is not finite.
+    Raises InputError when shapes do not match, inputs are not finite, or ``dt`` is beyond :data:`MAX_TIME_STEP`.
+    Raises SimulationError when a result is not finite.
     """
     if n_jobs < 0:
-        raise InputError(f"threads is {n_jobs}; allowed: 0 (all cores) or more")
-    single = isinstance(parameters, DeviceParameters)
+        raise InputError(f"n_jobs is {n_jobs}; allowed: 0 (all cores) or more")
+    is_single = isinstance(parameters, DeviceParameters)
     devices: list[DeviceParameters] = [parameters] if isinstance(parameters, DeviceParameters) else list(parameters)
     lengths, commands = np.asarray(unit_length, dtype=np.float64), np.asarray(command, dtype=np.float64)
+    shape = _check_inputs(len(devices), lengths, commands, dt)
+    is_single = is_single and shape[0] == 1 and max(lengths.ndim, commands.ndim) == 1
+    n_rollouts, _ = shape
+    devices = devices * n_rollouts if len(devices) == 1 else devices
+    lengths, commands = (np.array(np.broadcast_to(x, shape), order="C") for x in (lengths, commands))
+    states = [
+        compute_taut_state(device, float(x[0]), float(c[0]))
+        for device, x, c in zip(devices, lengths, commands, strict=True)
+    ]
+    if initial_state is not None:
+        states = [initial_state] * n_rollouts if isinstance(initial_state, DeviceState) else list(initial_state)
+    if len(states) != n_rollouts:
+        raise InputError(f"{len(states)} initial states for {n_rollouts} rollouts; allowed: one, or one per rollout")
+
+    out = np.empty((*shape, 3))
+    is_compiled = select_backend(backend, explain_missing_compiler) == "compiled"
+    function: Callable[..., None] = _compile_integrate() if is_compiled else integrate
+
+    def simulate_one(i: int) -> None:
+        row: Any = np.array(pack_parameters(devices[i])) if is_compiled else pack_parameters(devices[i])
+        x, c = (lengths[i], commands[i]) if is_compiled else (lengths[i].tolist(), commands[i].tolist())
+        state = states[i]
+        function(row, float(state.pressure), float(state.length), state.internal_state, x, c, float(dt), out[i])
+
+    n_threads = min(n_jobs or os.cpu_count() or 1, n_rollouts)
+    if n_threads == 1 or not is_compiled:
+        for i in range(n_rollouts):
+            simulate_one(i)
+    else:
+        with ThreadPoolExecutor(n_threads) as pool:
+            list(pool.map(simulate_one, range(n_rollouts)))
+    if not np.isfinite(out).all():
+        i, k = (int(index) for index in np.argwhere(~np.isfinite(out))[0][:2])
+        raise SimulationError(f"rollout {i} has no finite state at t = {k * dt:.4f} s")
+    result = out[0] if is_single else out
+    return RolloutTrace(*(np.ascontiguousarray(result[..., k]) for k in range(3)))
+
+
+def _check_inputs(n_devices: int, lengths: Array, commands: Array, dt: float) -> tuple[int, ...]:
+    """Return the common shape (rollouts, samples) of the inputs; raises InputError when they do not match."""
     if not 0.0 < dt <= MAX_TIME_STEP:
-        raise InputError(f"step is {dt:g}; allowed: above 0, up to {MAX_TIME_STEP:g} s")
+        raise InputError(f"dt is {dt:g}; allowed: above 0, up to {MAX_TIME_STEP:g} s")
     if not (np.isfinite(lengths).all() and np.isfinite(commands).all()):
         raise InputError("lengths and commands must be finite everywhere")
     try:
-        shape = np.broadcast_shapes((len(devices), 1), lengths.shape, commands.shape)
+        shape = np.broadcast_shapes((n_devices, 1), lengths.shape, commands.shape)
     except ValueError:
         shape = ()
     if len(shape) != 2 or 0 in shape or 0 in (lengths.ndim, commands.ndim):
         raise InputError(
-            f"{len(devices)} devices, lengths {lengths.shape} and commands {commands.shape} do not fit together; "
+            f"{n_devices} devices, lengths {lengths.shape} and commands {commands.shape} do not fit together; "
             "allowed: (samples,) or (rollouts, samples)"
         )
-    single = single and shape[0] == 1 and max(lengths.ndim, commands.ndim) == 1
-    count, _ = shape
-    devices = devices * count if len(devices) == 1 else devices
-    lengths, commands = (np.array(np.broadcast_to(x, shape), order="C") for x in (lengths, commands))
-    starts = [
-        compute_taut_state(d, float(x[0]), float(c[0])) for d, x, c in zip(devices, lengths, commands, strict=True)
-    ]
-    if initial_state is not None:
-        starts = [initial_state] * count if isinstance(initial_state, DeviceState) else list(initial_state)
-    if len(starts) != count:
-        raise InputError(f"{len(starts)} states to start from for {count} rollouts")
-
-    out = np.empty((*shape, 3))
-    compiled = select_backend(backend, find_numba_incompatibility) == "compiled"
-    function: Callable[..., None] = _compile_integrate() if compiled else integrate
-
-    def one(i: int) -> None:
-        row: Any = np.array(pack_parameters(devices[i])) if compiled else pack_parameters(devices[i])
-        x, c = (lengths[i], commands[i]) if compiled else (lengths[i].tolist(), commands[i].tolist())
-        function(
-            row, float(starts[i].pressure), float(starts[i].length), starts[i].internal_state, x, c, float(dt), out[i]
-        )
-
-    workers = min(n_jobs or os.cpu_count() or 1, count)
-    if workers == 1 or not compiled:
-        for i in range(count):
-            one(i)
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(one, range(count)))
-    if not np.isfinite(out).all():
-        i, k = (int(index) for index in np.argwhere(~np.isfinite(out))[0][:2])
-        raise SimulationError(f"rollout {i} has no finite state at t = {k * dt:.4f} s")
-    found = out[0] if single else out
-    return RolloutTrace(*(np.ascontiguousarray(found[..., k]) for k in range(3)))
+    return shape

@@ -1,1 +1,5 @@
-"""Experiments: what is prescribed and what is measured."""
+"""Gait: the simulated gait rig, the replay of measured gait, and the metrics of a gait run.
+
+From bottom to top: ``reference_folder`` and ``reference`` (normative gait), ``contacts``, ``spring_foot``, ``body``
+(the foot of the MJCF), ``rig`` (simulation in MuJoCo), ``replay`` (simulation of measured trials) and ``metrics``.
+"""

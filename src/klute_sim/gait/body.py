@@ -1,4 +1,4 @@
-"""Foot and ankle of the MJCF as numbers, and numbers put into the MJCF."""
+"""Read the foot and the ankle of an MJCF model as numbers, and write changed numbers into the model."""
 
 import math
 
@@ -8,49 +8,52 @@ import numpy as np
 from klute_sim.laws.foot import Foot
 
 PROSTHESIS_PREFIX = "prosthesis_"
-"""Prefix of everything that comes from ankle.xml."""
+"""Prefix of all names from ankle.xml."""
 FRICTION_SOLREF_SOLIMP = (0.002, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
-"""solref and solimp of friction in MuJoCo: as hard as a step of 1 ms allows, because the soft default creeps."""
+"""solref and solimp of friction in MuJoCo: as stiff as a time step of 1 ms allows, because the soft default creeps."""
 
-
-BUMPER_TENDON, UNREACHABLE_ANGLE = "bumper", 1e3
-"""Name of a bumper's tendon, and an ankle angle that is never reached [rad]."""
-KEEL_JOINT, SOCKET_JOINT = PROSTHESIS_PREFIX + "keel", PROSTHESIS_PREFIX + "socket"
-"""Joints of a foot that bends, and of a limb that sinks into its socket; models without have neither."""
+BUMPER_TENDON = "bumper"
+"""Name of the tendon of a bumper."""
+UNREACHABLE_ANGLE = 1e3
+"""Ankle angle that is never reached [rad]."""
+KEEL_JOINT = PROSTHESIS_PREFIX + "keel"
+"""Joint of an elastic keel; a model with a rigid keel does not have it."""
+SOCKET_JOINT = PROSTHESIS_PREFIX + "socket"
+"""Joint of an elastic socket; a model with a rigid socket does not have it."""
 COPY_SUFFIX = "_bent"
-"""At the end of names of what is copied, until its original is gone."""
+"""Suffix of copied elements until their originals are deleted."""
 HINGE_MASS_FRACTION = 0.3
-"""Of the mass of a foot that bends, what stays with the hinge (assumed): MuJoCo gives no moment to what has no mass."""
+"""Fraction of the mass of an elastic foot that stays with the hinge (assumed): MuJoCo needs a body with mass."""
 SOCKET_TIME_CONSTANT = 3e-3
-"""Time constant of a socket [s] (assumed): a tenth of what it takes 2 kg to swing on 100 N/mm."""
+"""Time constant of a socket [s] (assumed): a tenth of the period of 2 kg on 100 N/mm."""
 
 
 def read_foot(model: mujoco.MjModel) -> Foot:
-    """Of a model with ``ankle.xml`` in it, under the prefix :data:`ANKLE`.
+    """Return the foot of a ``model`` that contains ``ankle.xml`` under :data:`PROSTHESIS_PREFIX`.
 
-    The heel's spring is taken to be rigid: it gives 3 mm under 1 kN, and what that shifts is in a measured centre of
-    pressure already. What makes a socket come to rest is left out, too.
+    The heel spring is taken as rigid: it yields 3 mm under 1 kN, and a measured centre of pressure already contains the
+    shift. The damping of a socket is neglected, too.
     """
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     joint, foot = model.joint(PROSTHESIS_PREFIX + "ankle"), model.body(PROSTHESIS_PREFIX + "foot").id
-    dof, number = int(joint.dofadr[0]), int(joint.id)
-    whole = np.empty((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, whole)
-    ankle = data.xanchor[number]
+    dof, joint_id = int(joint.dofadr[0]), int(joint.id)
+    mass_matrix = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass_matrix)
+    ankle = data.xanchor[joint_id]
     centre = data.subtree_com[foot] - ankle
     origin, insertion = (
         data.site(PROSTHESIS_PREFIX + name).xpos - ankle for name in ("achilles_origin", "achilles_insertion")
     )
-    time, _ = model.jnt_solref[number]
-    least, most, width = model.jnt_solimp[number][:3]
-    lowest, highest = model.jnt_range[number]
+    time, _ = model.jnt_solref[joint_id]
+    min_impedance, max_impedance, width = model.jnt_solimp[joint_id][:3]
+    min_angle, max_angle = model.jnt_range[joint_id]
     bumper = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, BUMPER_TENDON)
     keel, socket = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in (KEEL_JOINT, SOCKET_JOINT))
-    bent = int(model.jnt_dofadr[keel])
+    keel_dof = int(model.jnt_dofadr[keel])
     keel_stiffness = math.inf if keel < 0 else float(model.jnt_stiffness[keel])
     return Foot(
-        inertia=float(whole[dof, dof]),
+        inertia=float(mass_matrix[dof, dof]),
         mass=float(model.body_subtreemass[foot]),
         com_x=float(centre[0]),
         com_z=float(centre[2]),
@@ -58,35 +61,35 @@ def read_foot(model: mujoco.MjModel) -> Foot:
         origin_z=float(origin[2]),
         insertion_x=float(insertion[0]),
         insertion_z=float(insertion[2]),
-        spring_stiffness=float(model.jnt_stiffness[number]),
+        spring_stiffness=float(model.jnt_stiffness[joint_id]),
         spring_rest_angle=float(model.qpos_spring[int(joint.qposadr[0])]),
         ankle_damping=float(model.dof_damping[dof]),
         ankle_friction=float(model.dof_frictionloss[dof]),
-        min_angle=float(lowest),
-        max_angle=float(highest),
+        min_angle=float(min_angle),
+        max_angle=float(max_angle),
         bumper_stiffness=0.0 if bumper < 0 else float(model.tendon_stiffness[bumper]),
         bumper_onset_angle=0.0 if bumper < 0 else float(model.tendon_lengthspring[bumper, 1]),
         stop_time_constant=float(time),
-        stop_min_impedance=float(least),
-        stop_max_impedance=float(most),
+        stop_min_impedance=float(min_impedance),
+        stop_max_impedance=float(max_impedance),
         stop_width=float(width),
         keel_compliance=1.0 / keel_stiffness,
-        keel_time_constant=0.0 if keel < 0 else float(model.dof_damping[bent]) / keel_stiffness,
-        keel_friction_angle=0.0 if keel < 0 else float(model.dof_frictionloss[bent]) / keel_stiffness,
+        keel_time_constant=0.0 if keel < 0 else float(model.dof_damping[keel_dof]) / keel_stiffness,
+        keel_friction_angle=0.0 if keel < 0 else float(model.dof_frictionloss[keel_dof]) / keel_stiffness,
         socket_compliance=0.0 if socket < 0 else 1.0 / float(model.jnt_stiffness[socket]),
         distal_mass=float(model.body_subtreemass[model.body(PROSTHESIS_PREFIX + "pylon").id]),
     )
 
 
 def apply_foot(spec: mujoco.MjSpec, original: Foot, foot: Foot) -> None:
-    """Make the foot of ``spec``, which is what it ``was``, into ``foot``; what is equal is not touched.
+    """Change the foot of ``spec`` from ``original`` to ``foot``; equal numbers stay untouched.
 
-    A bumper is a fixed tendon whose spring is slack up to where it begins. A foot that bends is two bodies, with a
-    second hinge on the ankle's axis between them. Centre of mass, origin and stops stay.
+    A bumper is a fixed tendon whose spring is slack up to its onset angle. An elastic foot consists of two bodies with
+    a second hinge between them on the axis of the ankle. Centre of mass, origin and stops do not change.
     """
     joint = spec.joint(PROSTHESIS_PREFIX + "ankle")
     if foot.spring_stiffness != original.spring_stiffness:
-        joint.stiffness = np.array([foot.spring_stiffness, 0.0, 0.0])  # a polynomial's terms
+        joint.stiffness = np.array([foot.spring_stiffness, 0.0, 0.0])  # coefficients of a polynomial
     if foot.spring_rest_angle != original.spring_rest_angle:
         joint.springref = foot.spring_rest_angle
     if foot.ankle_damping != original.ankle_damping:
@@ -120,21 +123,21 @@ def apply_foot(spec: mujoco.MjSpec, original: Foot, foot: Foot) -> None:
 
 
 def _add_keel_joint(spec: mujoco.MjSpec, foot: Foot) -> None:
-    """Let all of the foot but its lever turn about the ankle against a spring."""
+    """Let the foot without its lever turn about the ankle against a spring."""
     hinge, stiffness = spec.body(PROSTHESIS_PREFIX + "foot"), 1.0 / foot.keel_compliance
     keel = hinge.add_body(name=KEEL_JOINT, ipos=hinge.ipos, iquat=hinge.iquat, explicitinertial=True)
     spec.copy_during_attach = True
     keel.attach_frame(spec.frame(KEEL_JOINT), "", COPY_SUFFIX)
-    for own in (
+    for original in (
         spec.body(PROSTHESIS_PREFIX + "heel"),
         *(geom for geom in hinge.geoms if geom.frame == spec.frame(KEEL_JOINT)),
     ):
-        spec.delete(own)
+        spec.delete(original)
     for body in (keel, *keel.bodies):
-        for own in (*keel.bodies, *body.joints, *body.geoms):
-            own.name = own.name.removesuffix(COPY_SUFFIX)
-    for body, share in ((keel, 1.0 - HINGE_MASS_FRACTION), (hinge, HINGE_MASS_FRACTION)):
-        body.mass, body.inertia = share * hinge.mass, share * np.asarray(hinge.inertia)
+        for element in (*keel.bodies, *body.joints, *body.geoms):
+            element.name = element.name.removesuffix(COPY_SUFFIX)
+    for body, fraction in ((keel, 1.0 - HINGE_MASS_FRACTION), (hinge, HINGE_MASS_FRACTION)):
+        body.mass, body.inertia = fraction * hinge.mass, fraction * np.asarray(hinge.inertia)
     joint = keel.add_joint(name=KEEL_JOINT, type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0, 1, 0))
     joint.stiffness, joint.damping = (
         np.array([stiffness, 0.0, 0.0]),

@@ -6,35 +6,39 @@ from itertools import pairwise
 import numpy as np
 
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 MIN_CONTACT_TIME = 0.15
-"""Shorter ones [s] are noise or a knock."""
+"""Minimum duration of a contact [s]; a shorter one is noise or an impact."""
 MIN_GAP_TIME = 0.08
-"""Shorter losses of contact [s] are noise."""
+"""Minimum duration of a gap between two contacts [s]; a shorter one is noise."""
 
 
 @dataclass(frozen=True)
 class Contact:
-    """One foot's time on the ground [s]."""
+    """Contact of one foot with the ground."""
 
     foot_strike: float
-    """Heel strike, where ``begun``; otherwise the first sample."""
+    """Time of heel strike, or of the first sample without ``has_foot_strike`` [s]."""
     toe_off: float
+    """Time of toe-off, or of the last sample without ``has_toe_off`` [s]."""
     has_foot_strike: bool
-    """Whether the heel strike was seen; otherwise the foot was down when the record began."""
+    """Whether the heel strike is in the recording; otherwise the foot was on the ground at its start."""
     has_toe_off: bool
-    """Whether the toe-off was seen."""
+    """Whether the toe-off is in the recording."""
 
 
 def estimate_force_offset(vertical_force: Array) -> float:
-    """What a plate reads with nobody on it [N]: the median of what is below a twentieth of the largest load."""
-    free = vertical_force[vertical_force < 0.05 * np.nanmax(vertical_force)]
-    return float(np.median(free)) if len(free) > 0.05 * len(vertical_force) else 0.0
+    """Return the reading [N] of an unloaded force plate: the median of the values below a twentieth of the maximum."""
+    unloaded = vertical_force[vertical_force < 0.05 * np.nanmax(vertical_force)]
+    return float(np.median(unloaded)) if len(unloaded) > 0.05 * len(vertical_force) else 0.0
 
 
 def find_contacts(time: Array, vertical_force: Array, threshold: float = CONTACT_FORCE_THRESHOLD) -> list[Contact]:
-    """Contacts in ``vertical`` [N] at ``time`` [s]; events are where straight lines between samples cross."""
+    """Return the contacts in ``vertical_force`` [N] at ``time`` [s].
+
+    Events are the times at which straight lines between samples cross ``threshold`` [N].
+    """
     loaded = np.nan_to_num(vertical_force) > threshold
     edges = np.flatnonzero(np.diff(loaded.astype(int))) + 1
     bounds = [0, *edges.tolist(), len(loaded)]
@@ -45,17 +49,17 @@ def find_contacts(time: Array, vertical_force: Array, threshold: float = CONTACT
             joined[-1] = (joined[-1][0], b)
         else:
             joined.append((a, b))
-    found = []
+    contacts = []
     for a, b in joined:
         strike = _interpolate_crossing(time, vertical_force, a, threshold) if a > 0 else float(time[0])
         lift = _interpolate_crossing(time, vertical_force, b, threshold) if b < len(time) else float(time[-1])
         if lift - strike >= MIN_CONTACT_TIME:
-            found.append(Contact(strike, lift, a > 0, b < len(time)))
-    return found
+            contacts.append(Contact(strike, lift, a > 0, b < len(time)))
+    return contacts
 
 
 def _interpolate_crossing(time: Array, values: Array, index: int, threshold: float) -> float:
-    """When the line from the sample before to that at ``after`` passes ``threshold``."""
+    """Return the time at which the line from sample ``index - 1`` to sample ``index`` crosses ``threshold``."""
     low, high = float(values[index - 1]), float(values[index])
-    share = (threshold - low) / (high - low) if np.isfinite(low) and high != low else 1.0
-    return float(time[index - 1] + share * (time[index] - time[index - 1]))
+    fraction = (threshold - low) / (high - low) if np.isfinite(low) and high != low else 1.0
+    return float(time[index - 1] + fraction * (time[index] - time[index - 1]))

@@ -1,9 +1,9 @@
-"""What a gait recording amounts to: one set of outcomes per stride, and their mean.
+"""Metrics of a gait recording: one set per stride, and their mean.
 
 Ankle moment, power and work are those of the *net joint moment* (tendon, return spring, joint damping, stop),
-plantarflexor positive: what inverse dynamics would measure. The actuator's own work stands beside it.
+plantarflexor positive, as inverse dynamics would measure them. The work of the actuator is a separate metric.
 
-The first stride starts from the reference's posture and is left out of the mean when there is another one.
+The first stride starts in the posture of the reference. The mean excludes it when there are more strides.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,83 +12,98 @@ from typing import Any
 
 import numpy as np
 
+from klute_sim.constants import GRAVITY
 from klute_sim.device.energy.ledger import POWER_TERMS, SOLVER_TERM, format_effect_channel
 from klute_sim.effects import catalogue
-from klute_sim.gait.reference import GRAVITY, STANCE_LOAD_BW
+from klute_sim.gait.reference import STANCE_LOAD_BW
 from klute_sim.laws.mckibben import FRICTION_FADE_PRESSURE
-from klute_sim.recording.recording import Array, Recording
+from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 from klute_sim.units import BAR
 
 SMOOTHING_WINDOW_S = 0.015
-"""Moving average [s] under which peak power and vertical humps are read: the raw power spikes as the last sole sphere
-lifts off, and the raw load jumps as the forefoot comes down at 8 % of the cycle."""
+"""Window [s] of the moving average for peak power and vertical load peaks. The raw power has a spike where the last
+sphere of the sole lifts off, and the raw load jumps where the forefoot lands at 8 % of the cycle."""
 MID_STANCE_PCT = 30.0
-"""Phase [%] that stance is looked for around."""
+"""Gait phase [%] around which stance is detected."""
 MAX_CONTACT_GAP_PCT = 5.0
-"""Longest loss of contact [%] that does not end stance."""
+"""Longest loss of contact that does not end stance [% of the cycle]."""
 GRF_PEAK_WINDOWS_PCT = ((4.0, 33.0), (33.0, 65.0))
-"""Phases [%] between which the two humps of the vertical ground reaction are looked for."""
+"""Gait phases [%] of the two peaks of the vertical ground reaction."""
 FLAT_FOOT_WINDOW_PCT = (2.0, 25.0)
-"""Phases [%] in which the least dorsiflexion of stance, and with it flat foot, is looked for."""
+"""Gait phases [%] of the minimum dorsiflexion in stance, which is flat foot."""
 SWING_CLEARANCE_WINDOW_PCT = (65.0, 97.0)
-"""Phases [%] in which nothing may touch the ground."""
+"""Gait phases [%] in which the foot must not touch the ground."""
 MID_SWING_WINDOW_PCT = (75.0, 92.0)
-"""Phases [%] in which the toe swings past the ground at its lowest."""
+"""Gait phases [%] of the minimum toe clearance in swing."""
 MIN_REFERENCE_SD = {"angle_deg": 2.0, "moment_nm_per_kg": 0.05, "power_w_per_kg": 0.1}
-"""Least standard deviation that a distance is measured in: those of swing are tiny."""
+"""Minimum standard deviations for distances to the reference; those of swing are tiny."""
 COMMON_ASSUMPTIONS = {
-    "friction below 2 bar": "assumed: the printed fit is for 2-5 bar; below, it is faded to zero at zero pressure",
-    "length stops": "assumed: rigid at resting length (the stop itself is the source's) and at lock length",
+    "friction below 2 bar": "assumed: the printed fit is for 2-5 bar; below, it fades to zero at zero pressure",
+    "length stops": "assumed: rigid at resting length (a stop of the dissertation) and at lock length",
     "prosthesis": "assumed: masses, inertias, return spring, joint damping, end stops (models/ankle.xml)",
 }
-"""What was assumed in every run, besides the device's own numbers."""
+"""Assumptions of every run besides the numbers of the device."""
 REGULATOR_ASSUMPTIONS = {"air": "assumed: isothermal, no dead volume"}
+"""Assumptions about an ideal regulator with unlimited flow."""
 VALVE_ASSUMPTIONS = {
-    "air": "assumed: leaves at the muscle's own temperature, throttled by ISO 6358; a check valve before the tank",
+    "air": "assumed: leaves at the temperature of the muscle, throttled by ISO 6358; a check valve before the tank",
     "tube": "assumed: flow by an empirical fit for smooth tubes",
     "leak": "assumed: critical pressure ratio 0.5",
 }
-"""Likewise, where air comes from a regulator that gives any flow, or through a valve."""
+"""Assumptions about a supply with a valve."""
 ROLLOVER_END_PCT = 50.0
-"""Phase [%] of the opposite heel strike: the roll-over shape is taken up to it (Hansen & Meier 2010)."""
+"""Gait phase [%] of the opposite heel strike, where the roll-over shape ends (Hansen & Meier 2010)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceDistance:
-    """Distance to the reference in its standard deviations; None where the reference has none."""
+    """Distance to the reference in standard deviations of the reference; None where it has none."""
 
     stance_rms: float | None
+    """Root mean square in stance [1]."""
     swing_rms: float | None
+    """Root mean square in swing [1]."""
     largest: float | None
-    """Anywhere in the cycle."""
+    """Maximum over the cycle [1]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnkleMetrics:
-    """One stride of an ankle, human or not; phases in % of the cycle, work and power per kg of body mass."""
+    """One stride of an ankle, human or prosthetic; phases in % of the cycle, work and power per kg of body mass."""
 
     ankle_range_deg: float
+    """Range of the ankle angle."""
     ankle_plantarflexion_deg: float
-    """The most of it; negative if it is dorsiflexed throughout."""
+    """Maximum plantarflexion; negative if the ankle is dorsiflexed throughout."""
     ankle_moment_peak_nm_per_kg: float
+    """Maximum net ankle moment."""
     ankle_moment_peak_pct: float
+    """Gait phase of the maximum moment."""
     ankle_power_peak_w_per_kg: float
-    """Of power averaged over :data:`SHORT`."""
+    """Maximum ankle power, smoothed over :data:`SMOOTHING_WINDOW_S`."""
     ankle_power_peak_pct: float
+    """Gait phase of the maximum power."""
     ankle_work_net_j_per_kg: float
+    """Net work of the ankle."""
     ankle_work_positive_j_per_kg: float
+    """Positive work of the ankle."""
     energy_return: float | None
-    """Positive over negative work in stance [1]: above 1 only with power. None: none was put in."""
+    """Positive over negative work in stance [1]; above 1 only with a powered ankle. None: no negative work."""
     quasi_stiffness_nm_per_kg_deg: float | None
-    """Slope of moment over angle in the middle of stance, from flat foot to most dorsiflexion (Shamaei et al. 2013)."""
+    """Slope of moment over angle in mid-stance, from flat foot to maximum dorsiflexion (Shamaei et al. 2013)."""
     first_contact_pct: float | None
-    """Negative: before the reference's heel strike. None: never touched."""
+    """Gait phase of first contact; negative: before the heel strike of the reference. None: no contact."""
     toe_off_pct: float | None
+    """Gait phase of toe-off; None: no contact."""
     grf_vertical_peaks_bw: tuple[float, float]
-    """Averaged over :data:`SHORT`; the prosthesis': tracked, not predicted."""
+    """Two peaks of the vertical ground reaction, smoothed; tracked by the rig, not predicted."""
     grf_vertical_max_bw: float
+    """Maximum vertical ground reaction."""
     grf_forward_min_bw: float
+    """Minimum fore-aft ground reaction (braking)."""
     grf_forward_max_bw: float
+    """Maximum fore-aft ground reaction (push-off)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,59 +111,69 @@ class StrideMetrics(AnkleMetrics):
     """One stride of the prosthesis on the rig."""
 
     actuator_moment_peak_nm_per_kg: float
+    """Maximum moment of the actuator."""
     actuator_work_net_j_per_kg: float
+    """Net work of the actuator."""
     touches_in_swing: bool
+    """Whether the foot touches the ground in swing."""
     grf_vertical_tracking_rms_bw: float
+    """Root-mean-square tracking error of the vertical ground reaction."""
     sole_depth_max_mm: float
+    """Maximum penetration of the sole into the ground."""
     toe_clearance_mm: float
-    """Least height of the sole above the ground in :data:`MID_SWING`; negative: it is in the ground."""
+    """Minimum height of the sole above the ground in mid-swing; negative: penetration."""
     rollover_radius_m: float | None
-    """Of the centre of pressure in the shank's frame; None if it does not describe an arc."""
+    """Radius of the centre of pressure in the frame of the shank; None if it does not describe an arc."""
     angle_distance_sd: ReferenceDistance
+    """Distance of the ankle angle to the reference."""
     moment_distance_sd: ReferenceDistance
+    """Distance of the ankle moment to the reference."""
     power_distance_sd: ReferenceDistance
+    """Distance of the ankle power to the reference."""
     friction_offset_work_j_per_kg: float
-    """What the printed friction gave the device; either sign, because it is an offset."""
+    """Work of the printed friction offset; of either sign, because it is an offset."""
     below_friction_fit_pct: float
-    """Share of the stride below :data:`FRICTION_ONSET`, where the friction offset is an assumed fade."""
+    """Percentage of the stride below 2 bar, where the fade of the friction offset is assumed."""
     muscle_ratio_max: float | None
-    """Most L/L0 of the muscle: 1 is its rest-length stop. None: the recording does not tell L0."""
+    """Maximum muscle length over resting length; 1 is the stop. None: the resting length is unknown."""
     air_g: float
-    """Air taken from the supply; of an ideal regulator's isothermal and without dead volume (assumed)."""
+    """Air drawn from the supply; isothermal and without dead volume for an ideal regulator (assumed)."""
     air_leaked_g: float
+    """Air lost through a leak."""
     short_of_supply_pct: float
-    """Share of the stride in which more pressure was commanded than the supply had: its tank ran low."""
+    """Percentage of the stride in which the command exceeds the supply pressure, as with an empty tank."""
     ledger_j: Mapping[str, float]
-    """Energy that each line of the device's ledger gave in the stride [J], each effect by itself; and ``delivered``."""
+    """Energy of each term of the energy balance in the stride, of each effect, and ``delivered``."""
     ledger_residual_pct: float
-    """What its elements do not account for, over the work the device did both ways: the time step's error."""
+    """Error of the time step: the residual of the energy balance over the absolute delivered work."""
 
 
 @dataclass(frozen=True)
 class GaitMetrics:
-    """All strides of a recording."""
+    """Metrics of all strides of a recording."""
 
     strides: tuple[StrideMetrics, ...]
+    """Metrics of each stride."""
 
     @property
     def steady_strides(self) -> tuple[StrideMetrics, ...]:
-        """The strides that the mean is over: all but the first, if there is another."""
+        """Strides of the mean: all except the first, if there are more."""
         return self.strides[1:] or self.strides
 
     @property
     def has_swing_contact(self) -> bool:
-        """Whether the foot touches the ground in the swing of a settled stride."""
-        return any(s.touches_in_swing for s in self.steady_strides)
+        """Whether the foot touches the ground in the swing of a steady stride."""
+        return any(stride.touches_in_swing for stride in self.steady_strides)
 
     def mean(self, metric: Callable[[StrideMetrics], float | None]) -> float | None:
-        """Mean of ``value`` over the settled strides; None if any of them has none."""
-        values = [metric(s) for s in self.steady_strides]
-        known = [v for v in values if v is not None]
+        """Return the mean of ``metric`` over the steady strides; None if a stride has no value."""
+        values = [metric(stride) for stride in self.steady_strides]
+        known = [value for value in values if value is not None]
         return float(np.mean(known)) if len(known) == len(values) else None
 
 
 def compute_gait_metrics(recording: Recording) -> GaitMetrics:
-    """Outcomes of every stride of a gait ``recording``."""
+    """Return the metrics of all strides of a gait ``recording``."""
     mass = float(recording.provenance["options"]["mass_kg"])
     first, last = int(recording["stride"][0]), int(recording["stride"][-1])
     return GaitMetrics(
@@ -157,12 +182,12 @@ def compute_gait_metrics(recording: Recording) -> GaitMetrics:
 
 
 def is_level_ground(recording: Recording) -> bool:
-    """Whether the ground was level; on a slope nobody's gait was measured, and there is nothing to compare with."""
+    """Return whether the ground was level; there is no measured reference for a slope."""
     return bool(recording.provenance["options"].get("slope_deg", 0.0) == 0.0)
 
 
 def compute_reference_metrics(recording: Recording) -> AnkleMetrics:
-    """The same outcomes of the human reference that ``recording`` was compared with, or that it followed on a slope."""
+    """Return the same metrics of the human reference that ``recording`` followed."""
     mass = float(recording.provenance["options"]["mass_kg"])
     return AnkleMetrics(
         **_compute_ankle_metrics(recording.select(recording["stride"] == recording["stride"][0]), "reference_", mass)
@@ -170,35 +195,35 @@ def compute_reference_metrics(recording: Recording) -> AnkleMetrics:
 
 
 def _compute_ankle_metrics(stride: Recording, prefix: str, mass: float) -> dict[str, Any]:
-    """Fields of :class:`AnkleOutcome` from one stride's channels that begin with ``prefix``."""
-    phase, step, weight = stride["gait_phase"], _get_time_step(stride), mass * GRAVITY
+    """Return the fields of :class:`AnkleMetrics` from the channels of one stride that begin with ``prefix``."""
+    phase, dt, weight = stride["gait_phase"], _get_time_step(stride), mass * GRAVITY
     moment, power = stride[f"{prefix}ankle_moment"] / mass, stride[f"{prefix}ankle_power"] / mass
-    smooth = _smooth(power, SMOOTHING_WINDOW_S / step)
+    smooth_power = _smooth(power, SMOOTHING_WINDOW_S / dt)
     vertical, forward = stride[f"{prefix}grf_vertical"] / weight, stride[f"{prefix}grf_forward"] / weight
-    carried = _smooth(vertical, SMOOTHING_WINDOW_S / step)
-    first, lift = _find_contact_events(phase, vertical > STANCE_LOAD_BW)
-    # Over the angle, not over time: a reference has no stride time of its own.
+    smooth_load = _smooth(vertical, SMOOTHING_WINDOW_S / dt)
+    first, toe_off = _find_contact_events(phase, vertical > STANCE_LOAD_BW)
+    # Integrated over the angle and not over time, because a reference has no time.
     angle = stride[f"{prefix}ankle_angle"]
     work = -moment * np.gradient(np.radians(angle))
-    absorbed = float(np.minimum(work[vertical > STANCE_LOAD_BW], 0.0).sum())
+    negative_work = float(np.minimum(work[vertical > STANCE_LOAD_BW], 0.0).sum())
     return {
         "ankle_range_deg": float(np.ptp(angle)),
         "ankle_plantarflexion_deg": float(-angle.min()),
         "ankle_moment_peak_nm_per_kg": float(moment.max()),
         "ankle_moment_peak_pct": float(phase[moment.argmax()]),
-        "ankle_power_peak_w_per_kg": float(smooth.max()),
-        "ankle_power_peak_pct": float(phase[smooth.argmax()]),
+        "ankle_power_peak_w_per_kg": float(smooth_power.max()),
+        "ankle_power_peak_pct": float(phase[smooth_power.argmax()]),
         "ankle_work_net_j_per_kg": float(work.sum()),
         "ankle_work_positive_j_per_kg": float(np.maximum(work, 0.0).sum()),
-        "energy_return": float(np.maximum(work[vertical > STANCE_LOAD_BW], 0.0).sum()) / -absorbed
-        if absorbed < 0.0
+        "energy_return": float(np.maximum(work[vertical > STANCE_LOAD_BW], 0.0).sum()) / -negative_work
+        if negative_work < 0.0
         else None,
         "quasi_stiffness_nm_per_kg_deg": _fit_quasi_stiffness(phase, angle, moment),
         "first_contact_pct": first,
-        "toe_off_pct": lift,
+        "toe_off_pct": toe_off,
         "grf_vertical_peaks_bw": (
-            float(carried[_mask_between(phase, *GRF_PEAK_WINDOWS_PCT[0])].max()),
-            float(carried[_mask_between(phase, *GRF_PEAK_WINDOWS_PCT[1])].max()),
+            float(smooth_load[_mask_between(phase, *GRF_PEAK_WINDOWS_PCT[0])].max()),
+            float(smooth_load[_mask_between(phase, *GRF_PEAK_WINDOWS_PCT[1])].max()),
         ),
         "grf_vertical_max_bw": float(vertical.max()),
         "grf_forward_min_bw": float(forward.min()),
@@ -217,13 +242,13 @@ def _fit_quasi_stiffness(phase: Array, angle: Array, moment: Array) -> float | N
 
 
 def _compute_stride_metrics(stride: Recording, mass: float) -> StrideMetrics:
-    phase, step, weight = stride["gait_phase"], _get_time_step(stride), mass * GRAVITY
+    phase, dt, weight = stride["gait_phase"], _get_time_step(stride), mass * GRAVITY
     contact = stride["grf_vertical"] > STANCE_LOAD_BW * weight
     stance = stride["reference_grf_vertical"] > STANCE_LOAD_BW * weight
     return StrideMetrics(
         **_compute_ankle_metrics(stride, "", mass),
         actuator_moment_peak_nm_per_kg=float(stride["actuator_moment"].max() / mass),
-        actuator_work_net_j_per_kg=float(stride["actuator_power"].sum() * step / mass),
+        actuator_work_net_j_per_kg=float(stride["actuator_power"].sum() * dt / mass),
         touches_in_swing=bool((stride["grf_vertical"][_mask_between(phase, *SWING_CLEARANCE_WINDOW_PCT)] > 0.0).any()),
         grf_vertical_tracking_rms_bw=_compute_rms((stride["grf_vertical"] - stride["reference_grf_vertical"]) / weight),
         sole_depth_max_mm=float(-1e3 * min(0.0, stride["sole_height"].min())),
@@ -234,21 +259,21 @@ def _compute_stride_metrics(stride: Recording, mass: float) -> StrideMetrics:
             stride, "ankle_moment", mass, MIN_REFERENCE_SD["moment_nm_per_kg"], stance
         ),
         power_distance_sd=_compute_distance(stride, "ankle_power", mass, MIN_REFERENCE_SD["power_w_per_kg"], stance),
-        friction_offset_work_j_per_kg=float(stride["friction_power"].sum() * step / mass),
+        friction_offset_work_j_per_kg=float(stride["friction_power"].sum() * dt / mass),
         below_friction_fit_pct=float(100.0 * np.mean(stride["pressure"] < FRICTION_FADE_PRESSURE / BAR)),
         muscle_ratio_max=_compute_max_muscle_ratio(stride),
         air_g=float(1e3 * (stride["air_drawn"][-1] - stride["air_drawn"][0])),
         air_leaked_g=float(1e3 * (stride["air_leaked"][-1] - stride["air_leaked"][0])),
         short_of_supply_pct=float(100.0 * np.mean(stride["pressure_command"] > stride["supply_pressure"])),
-        ledger_j=_compute_energy_ledger(stride, step),
-        ledger_residual_pct=_compute_ledger_residual(stride, step),
+        ledger_j=_compute_energy_ledger(stride, dt),
+        ledger_residual_pct=_compute_ledger_residual(stride, dt),
     )
 
 
 def _compute_max_muscle_ratio(stride: Recording) -> float | None:
-    resting = stride.provenance["device"].get("resting_length_m")
-    passive = stride.provenance["options"].get("spring_foot_nm_per_deg") is not None
-    return None if resting is None or passive else float(stride["muscle_length"].max() / resting)
+    resting_length = stride.provenance["device"].get("resting_length_m")
+    is_passive = stride.provenance["options"].get("spring_foot_nm_per_deg") is not None
+    return None if resting_length is None or is_passive else float(stride["muscle_length"].max() / resting_length)
 
 
 def _get_time_step(stride: Recording) -> float:
@@ -264,27 +289,27 @@ def _compute_rms(values: Array) -> float:
 
 
 def _smooth(values: Array, width: float) -> Array:
-    """Centred periodic moving average over about ``width`` samples."""
+    """Return the centred periodic moving average over about ``width`` samples."""
     half = max(0, round((width - 1.0) / 2.0))
     padded = np.concatenate([values[len(values) - half :], values, values[:half]])
     return np.convolve(padded, np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
 
 
 def _find_contact_events(phase: Array, contact: np.ndarray) -> tuple[float | None, float | None]:
-    """First and last contact [%] of the stance around :data:`MID_STANCE`, over gaps up to :data:`GAP`.
+    """Return first contact and toe-off [%] of the stance around :data:`MID_STANCE_PCT`.
 
-    A scuff in swing is no stance: it is told apart by the gap before it.
+    Gaps up to :data:`MAX_CONTACT_GAP_PCT` do not end stance. A longer gap separates stance from a contact in swing.
     """
     if not contact.any():
         return None, None
     cycle = np.sort(phase[contact] - MID_STANCE_PCT)
-    cycle = np.concatenate([cycle[cycle >= 50.0] - 100.0, cycle[cycle < 50.0]])  # mid-stance in the middle
+    cycle = np.concatenate([cycle[cycle >= 50.0] - 100.0, cycle[cycle < 50.0]])  # with mid-stance in the middle
     before, after = cycle[cycle <= 0.0][::-1], cycle[cycle >= 0.0]
     return MID_STANCE_PCT - _measure_unbroken_extent(-before), MID_STANCE_PCT + _measure_unbroken_extent(after)
 
 
 def _measure_unbroken_extent(distances: Array) -> float:
-    """How far rising ``distances`` go from 0 before the first gap."""
+    """Return the last of the increasing ``distances`` from 0 before the first gap."""
     steps = np.diff(distances, prepend=0.0)
     gaps = np.flatnonzero(steps > MAX_CONTACT_GAP_PCT)
     unbroken = distances[: gaps[0]] if len(gaps) else distances
@@ -296,20 +321,20 @@ def _compute_distance(
 ) -> ReferenceDistance:
     if f"reference_{channel}_sd" not in stride:
         return ReferenceDistance(stance_rms=None, swing_rms=None, largest=None)
-    deviation = np.maximum(stride[f"reference_{channel}_sd"] / scale, min_sd)
-    z = (stride[channel] - stride[f"reference_{channel}"]) / scale / deviation
+    standard_deviation = np.maximum(stride[f"reference_{channel}_sd"] / scale, min_sd)
+    z = (stride[channel] - stride[f"reference_{channel}"]) / scale / standard_deviation
     return ReferenceDistance(
         stance_rms=_compute_rms(z[stance]), swing_rms=_compute_rms(z[~stance]), largest=float(np.abs(z).max())
     )
 
 
 def _fit_rollover_radius(stride: Recording, loaded: np.ndarray) -> float | None:
-    """Radius [m] of the circle that fits the centre of pressure in the shank's frame best (Kasa's fit)."""
-    use = loaded & np.isfinite(stride["cop_x"])
-    if use.sum() < 10:
+    """Return the radius [m] of the circle through the centre of pressure in the frame of the shank (Kasa's fit)."""
+    used = loaded & np.isfinite(stride["cop_x"])
+    if used.sum() < 10:
         return None
-    tilt = np.radians(stride["shank_angle"][use])
-    x, z = stride["cop_x"][use] - stride["ankle_x"][use], -stride["ankle_z"][use]
+    tilt = np.radians(stride["shank_angle"][used])
+    x, z = stride["cop_x"][used] - stride["ankle_x"][used], -stride["ankle_z"][used]
     along, up = np.cos(tilt) * x - np.sin(tilt) * z, np.sin(tilt) * x + np.cos(tilt) * z
     matrix = np.column_stack([along, up, np.ones_like(along)])
     (a, b, c), _, rank, _ = np.linalg.lstsq(matrix, along * along + up * up, rcond=None)
@@ -318,23 +343,24 @@ def _fit_rollover_radius(stride: Recording, loaded: np.ndarray) -> float | None:
 
 
 def _compute_energy_ledger(stride: Recording, dt: float) -> dict[str, float]:
-    own = [name for name in map(format_effect_channel, catalogue.get_effects()) if name in stride]
+    effect_channels = [name for name in map(format_effect_channel, catalogue.get_effects()) if name in stride]
     return {
-        name.removesuffix("_power"): float(stride[name].sum() * dt) for name in (*POWER_TERMS, *own, "delivered_power")
+        name.removesuffix("_power"): float(stride[name].sum() * dt)
+        for name in (*POWER_TERMS, *effect_channels, "delivered_power")
     }
 
 
 def _compute_ledger_residual(stride: Recording, dt: float) -> float:
-    """Percent of the device's work, both ways, that its elements do not account for."""
-    # A sample's power holds for the step that ends there: the first one only tells where the count begins.
-    given = sum(stride[line][1:] for line in POWER_TERMS if line != SOLVER_TERM)
+    """Return the residual of the energy balance [% of the absolute delivered work]."""
+    # The power of a sample belongs to the time step that ends there, so the first sample does not count.
+    released = sum(stride[line][1:] for line in POWER_TERMS if line != SOLVER_TERM)
     delivered = stride["delivered_power"][1:]
-    residual, exchanged = float((given - delivered).sum()) * dt, float(np.abs(delivered).sum()) * dt
+    residual, exchanged = float((released - delivered).sum()) * dt, float(np.abs(delivered).sum()) * dt
     return 100.0 * residual / exchanged if exchanged > 0.0 else 0.0
 
 
 def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, Any]:
-    """The run as one JSON object: means over the settled strides, then every stride."""
+    """Return the run as one JSON object: means over the steady strides, then all strides."""
     options, mean = recording.provenance["options"], metrics.mean
     air = VALVE_ASSUMPTIONS if recording.provenance["device"]["valve"] else REGULATOR_ASSUMPTIONS
     distances = {
@@ -379,9 +405,9 @@ def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, 
         ],
         "grf_vertical_max_bw": mean(lambda s: s.grf_vertical_max_bw),
         "grf_vertical_tracking_rms_bw": mean(lambda s: s.grf_vertical_tracking_rms_bw),
-        "grf_vertical_note": "tracked, not predicted: the reference's load is fed to the carriage",
-        "grf_forward_note": "partly prescribed: the reference's fore-aft load is fed to the carriage, too; push-off is "
-        "mostly the device's, braking is not",
+        "grf_vertical_note": "tracked, not predicted: the carriage receives the load of the reference",
+        "grf_forward_note": "partly prescribed: the carriage receives the fore-aft load of the reference, too; "
+        "push-off depends mostly on the device, braking does not",
         "grf_forward_bw": [mean(lambda s: s.grf_forward_min_bw), mean(lambda s: s.grf_forward_max_bw)],
         "sole_depth_max_mm": mean(lambda s: s.sole_depth_max_mm),
         "toe_clearance_mm": mean(lambda s: s.toe_clearance_mm),

@@ -1,9 +1,9 @@
-"""Measured human gait over one cycle, heel strike to heel strike: what the rig follows and is compared with.
+"""Normative human gait over one cycle, from heel strike to heel strike: the reference of the gait rig.
 
-The package's own reference is the mean of three published able-bodied adult groups walking level at
-comfortable speed: Winter (normal cadence, 19 adults), Bovi et al. 2011 (free speed, 20 adults) and Fukuchi et
-al. 2018 (1.2 m/s, 42 adults); ankle power is from the first two, standard deviations are Winter's, between
-subjects. The sources' peak moments run from 1.32 to 1.63 N.m/kg and toe-off from 59 to 67 %.
+The default reference is the mean of three published groups of able-bodied adults who walk on level ground at
+comfortable speed: Winter (normal cadence, 19 adults), Bovi et al. 2011 (free speed, 20 adults) and Fukuchi et al. 2018
+(1.2 m/s, 42 adults). Ankle power is from the first two; the standard deviations between subjects are Winter's. The peak
+moments of the sources range from 1.32 to 1.63 N.m/kg, toe-off from 59 to 67 %.
 """
 
 import csv
@@ -17,16 +17,16 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from klute_sim.constants import GRAVITY
 from klute_sim.errors import InputError
 from klute_sim.gait import reference_folder
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
-GRAVITY = 9.81
-"""Acceleration of gravity [m/s2], as in the models; body weights are in its terms."""
 DEFAULT_STRIDE_TIME = 1.10
-"""Stride time [s] that goes with the package's reference: it reproduces power from moment and angle."""
+"""Stride time [s] of the default reference; it reproduces power from moment and angle."""
 
 PHASE_COLUMN = "gait_pct"
+"""Column of the gait phase [%]."""
 REQUIRED_COLUMNS = (
     "hip_flexion_deg",
     "knee_flexion_deg",
@@ -37,80 +37,84 @@ REQUIRED_COLUMNS = (
     "grf_vertical_n_per_kg",
     "grf_forward_n_per_kg",
 )
+"""Columns that a reference file must have."""
 DEVIATION_COLUMNS = ("ankle_dorsiflexion_sd_deg", "ankle_moment_sd_nm_per_kg", "ankle_power_sd_w_per_kg")
+"""Optional columns with standard deviations."""
 
 MAX_PELVIS_RANGE_DEG = 30.0
-"""Most that shank minus (knee minus hip) may vary over the cycle [deg]; the pelvis tilts by a few degrees."""
+"""Maximum range of shank - (knee - hip) over the cycle [deg]; the pelvis tilts by a few degrees."""
 MAX_MAGNITUDE = 1e4
-"""No number of a gait cycle, in the units of a reference, is larger (assumed)."""
+"""Maximum absolute value of a column, in its unit (assumed)."""
 MIN_PHASE_SPACING_PCT = 1e-3
-"""Rows are no closer [% of the cycle] (assumed)."""
+"""Minimum distance of two rows [% of the cycle] (assumed)."""
 MAX_CLOSURE_FRACTION = 0.15
-"""Largest mismatch of a column's two ends, over its range, that is still taken for one periodic stride."""
+"""Maximum difference of the two ends of a column, over its range, for a periodic stride."""
 MOTION_CAPTURE_SUFFIXES = {".c3d", ".parquet"}
-"""Endings of files that ``klute-sim import`` makes a reference of, and that are no text."""
+"""Suffixes of binary files that ``klute-sim import`` turns into a reference."""
 STANCE_LOAD_BW = 0.02
-"""Vertical ground reaction, in body weights, above which the foot counts as loaded."""
+"""Vertical ground reaction above which the foot counts as loaded [body weights]."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """A gait cycle as periodic splines over phase (0-1)."""
+    """A gait cycle as periodic splines over gait phase (0-1)."""
 
     name: str
+    """Name of the reference, such as its file."""
     digest: str
     """SHA-256 of the file."""
     splines: Mapping[str, CubicSpline]
-    """Column -> periodic spline, in the column's units."""
+    """Periodic spline by column, in the unit of the column."""
     ranges: Mapping[str, tuple[float, float]]
-    """Column -> smallest and largest value at the rows of the file."""
+    """Minimum and maximum of the rows of the file, by column."""
     stride_time: float = DEFAULT_STRIDE_TIME
-    """Stride time [s] the reference was walked at."""
+    """Stride time [s]."""
     mass: float | None = None
-    """Of the walker [kg], where a reference folder states it."""
+    """Body mass of the subject [kg]; None: unknown."""
     stature: float | None = None
-    """Of the walker [m], likewise."""
+    """Body height of the subject [m]; None: unknown."""
     speed: float | None = None
-    """That the walker had [m/s], likewise; the rig's follows from angles, legs and stride time."""
+    """Measured walking speed [m/s]; None: unknown. That of the rig follows from angles, legs and stride time."""
 
     def __call__(self, column: str, phase: Array, derivative: int = 0) -> Array:
-        """``column``, or its ``order``-th derivative by phase, at ``phase`` (0-1, periodic)."""
+        """Return ``column``, or its ``derivative``-th derivative by phase, at ``phase`` (0-1, periodic)."""
         return np.asarray(self.splines[column](phase, derivative), dtype=np.float64)
 
     def has_column(self, column: str) -> bool:
-        """Whether the file had the optional ``column``."""
+        """Return whether the reference has the optional ``column``."""
         return column in self.splines
 
     def standard_deviation(self, column: str, phase: Array) -> Array:
-        """Standard deviation ``column`` at ``phase``; interpolation may not make it negative."""
-        lowest, _ = self.ranges[column]
-        return np.maximum(self(column, phase), lowest)
+        """Return the standard deviation ``column`` at ``phase``; interpolation cannot make it negative."""
+        minimum, _ = self.ranges[column]
+        return np.maximum(self(column, phase), minimum)
 
     def tilt_to_slope(self, slope: float) -> "Reference":
-        """The same gait in the frame of ground that rises by ``slope`` [rad] in the direction of walking.
+        """Return the same gait in the frame of ground with a ``slope`` [rad], uphill positive.
 
-        Nobody's gait on it was measured: the segments keep their inclination to gravity, the foot keeps to the ground,
-        so the ankle makes up for the slope, and the ground reaction is the same in space (assumed).
+        Gait on slopes is assumed, not measured: the segments keep their inclination to gravity, the foot follows the
+        ground, so the ankle compensates the slope, and the ground reaction is the same in space.
         """
         if slope == 0.0:
             return self
         tilt, along, across = np.degrees(slope), np.sin(slope), np.cos(slope)
         up, forward = (self.splines[column] for column in ("grf_vertical_n_per_kg", "grf_forward_n_per_kg"))
-        turned = {
+        tilted = {
             "shank_forward_deg": _offset_spline(self.splines["shank_forward_deg"], tilt),
             "ankle_dorsiflexion_deg": _offset_spline(self.splines["ankle_dorsiflexion_deg"], tilt),
             "hip_flexion_deg": _offset_spline(self.splines["hip_flexion_deg"], -tilt),
             "grf_vertical_n_per_kg": _combine_splines(across, up, -along, forward),
             "grf_forward_n_per_kg": _combine_splines(across, forward, along, up),
         }
-        kept = {name: spline for name, spline in self.splines.items() if name not in DEVIATION_COLUMNS}
-        return replace(self, splines=kept | turned)
+        # Standard deviations on level ground do not hold on a slope.
+        unchanged = {name: spline for name, spline in self.splines.items() if name not in DEVIATION_COLUMNS}
+        return replace(self, splines=unchanged | tilted)
 
     def find_toe_off_phase(self) -> float:
-        """Phase (0-1) at which the reference foot leaves the ground (:data:`LOADED`)."""
+        """Return the gait phase (0-1) of toe-off, where the load falls below :data:`STANCE_LOAD_BW`."""
         phase = np.arange(0.0, 1.0, 0.001)
         loaded = self("grf_vertical_n_per_kg", phase) > STANCE_LOAD_BW * GRAVITY
-        swing = (phase > 0.5) & ~loaded  # the first half may dip between the humps
+        swing = (phase > 0.5) & ~loaded  # in the first half, the load may dip between its two peaks
         return float(phase[np.argmax(swing)])
 
 
@@ -121,28 +125,30 @@ def _offset_spline(spline: CubicSpline, offset: float) -> CubicSpline:
 
 
 def _combine_splines(weight_a: float, spline_a: CubicSpline, weight_b: float, spline_b: CubicSpline) -> CubicSpline:
-    """Both splines have the rows of one file for knots; their ends are equal up to rounding."""
+    """Return a weighted sum of two splines, which have the same knots and whose ends are equal up to rounding."""
     values = weight_a * spline_a(spline_a.x) + weight_b * spline_b(spline_a.x)
     values[-1] = values[0]
     return CubicSpline(spline_a.x, values, bc_type="periodic")
 
 
 def load_default_reference() -> Reference:
-    """The package's reference."""
+    """Return the default reference."""
     file = resources.files("klute_sim.gait") / "normative_gait.csv"
     return parse_reference(file.read_text("utf-8"), "normative_gait.csv")
 
 
 def load_reference(path: str | Path, stride_time: float | None = None) -> Reference:
-    """The reference in a CSV file, or in a folder of ``klute-sim import``, walked at ``stride_time`` [s].
+    """Return the reference in a CSV file, or in a folder of ``klute-sim import``.
 
-    Left out, that is what the folder states, or :data:`STRIDE_TIME`. Raises InputError with what is wrong, and where.
+    ``stride_time`` [s] is by default that of the folder, or :data:`DEFAULT_STRIDE_TIME` for a CSV file.
+
+    Raises InputError when the file cannot be read or is not a reference.
     """
-    stated, folder = None, Path(path).absolute().name
+    metadata, folder_name = None, Path(path).absolute().name
     if Path(path).is_dir():
-        path, stated = reference_folder.read_reference_folder(Path(path))
+        path, metadata = reference_folder.read_reference_folder(Path(path))
     if stride_time is None:
-        stride_time = DEFAULT_STRIDE_TIME if stated is None else stated.stride_time
+        stride_time = DEFAULT_STRIDE_TIME if metadata is None else metadata.stride_time
     if not 0.5 <= stride_time <= 3.0:
         raise InputError(f"stride time is {stride_time:g}; allowed: 0.5 to 3 s")
     try:
@@ -154,48 +160,49 @@ def load_reference(path: str | Path, stride_time: float | None = None) -> Refere
         if Path(path).suffix.lower() in MOTION_CAPTURE_SUFFIXES:
             reason += f"; import it first: klute-sim import {path} --mass KG --out me, and give the folder 'me'"
         if Path(path).with_name(reference_folder.METADATA_FILE).is_file():
-            reason = f"these are its strides; give the folder they are in: {Path(path).parent}"
+            reason = f"the file holds single strides; give its folder instead: {Path(path).parent}"
         raise InputError(f"reference {path} cannot be read: {reason}") from None
-    found = parse_reference(text, str(path), stride_time)
-    if stated is None:
-        return found
-    return replace(found, name=folder, mass=stated.mass, stature=stated.stature, speed=stated.speed)
+    reference = parse_reference(text, str(path), stride_time)
+    if metadata is None:
+        return reference
+    return replace(reference, name=folder_name, mass=metadata.mass, stature=metadata.stature, speed=metadata.speed)
 
 
 def parse_reference(text: str, source: str, stride_time: float = DEFAULT_STRIDE_TIME) -> Reference:
-    """The reference that CSV ``text`` holds, walked at ``stride_time`` [s]; ``where`` names it in errors."""
+    """Return the reference in CSV ``text``, with stride time ``stride_time`` [s]; ``source`` names it in errors."""
     columns = _parse_columns(text, source)
     phase = columns.pop(PHASE_COLUMN)
     if phase[0] != 0.0 or phase[-1] != 100.0 or not np.all(np.diff(phase) >= MIN_PHASE_SPACING_PCT):
         raise InputError(
-            f"reference {source}: {PHASE_COLUMN} must rise from 0 to 100, by {MIN_PHASE_SPACING_PCT:g} or more from row to row"
+            f"reference {source}: {PHASE_COLUMN} must increase from 0 to 100, by {MIN_PHASE_SPACING_PCT:g} or more "
+            "from row to row"
         )
     splines, ranges = {}, {}
     for name, values in columns.items():
         splines[name] = _fit_periodic_spline(name, phase / 100.0, values, source)
         ranges[name] = (float(values.min()), float(values.max()))
-    weight = float(columns["grf_vertical_n_per_kg"].max())
-    if not 0.3 * GRAVITY < weight < 5.0 * GRAVITY:
+    peak_load = float(columns["grf_vertical_n_per_kg"].max())
+    if not 0.3 * GRAVITY < peak_load < 5.0 * GRAVITY:
         raise InputError(
-            f"reference {source}: grf_vertical_n_per_kg peaks at {weight:.3g}; walking is near 11 N/kg, up positive"
+            f"reference {source}: grf_vertical_n_per_kg peaks at {peak_load:.3g}; allowed: about 11 N/kg, up positive"
         )
     late = columns["grf_vertical_n_per_kg"][(phase > 60.0) & (phase < 95.0)]
     if not (late < STANCE_LOAD_BW * GRAVITY).any():
         raise InputError(
-            f"reference {source}: grf_vertical_n_per_kg never falls below {STANCE_LOAD_BW * GRAVITY:.2f} N/kg in swing: "
-            "take the force plate's offset off"
+            f"reference {source}: grf_vertical_n_per_kg never falls below {STANCE_LOAD_BW * GRAVITY:.2f} N/kg in "
+            "swing; subtract the offset of the force plate"
         )
     _check_segments(columns, source)
     return Reference(Path(source).name, hashlib.sha256(text.encode()).hexdigest(), splines, ranges, stride_time)
 
 
 def _check_segments(columns: Mapping[str, Array], source: str) -> None:
-    """The shank has to lean as knee and hip make it, up to the pelvis: a wrong sign shows here."""
+    """Raise InputError when the inclination of the shank contradicts knee and hip, as with a wrong sign."""
     lean = columns["shank_forward_deg"] - (columns["knee_flexion_deg"] - columns["hip_flexion_deg"])
     if np.ptp(lean) > MAX_PELVIS_RANGE_DEG:
         raise InputError(
-            f"reference {source}: shank_forward_deg departs from knee_flexion_deg - hip_flexion_deg by up to "
-            f"{np.ptp(lean):.0f} degrees over the cycle; more than {MAX_PELVIS_RANGE_DEG:g} is a wrong sign"
+            f"reference {source}: shank_forward_deg differs from knee_flexion_deg - hip_flexion_deg by up to "
+            f"{np.ptp(lean):.0f} degrees over the cycle; allowed: up to {MAX_PELVIS_RANGE_DEG:g}; check the signs"
         )
 
 
@@ -203,19 +210,19 @@ def _parse_columns(text: str, source: str) -> dict[str, Array]:
     try:
         rows = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text)), start=1) if row]
     except csv.Error as error:
-        raise InputError(f"reference {source} is no CSV file: {error}") from None
+        raise InputError(f"reference {source} is not a CSV file: {error}") from None
     if len(rows) < 10:
-        raise InputError(f"reference {source}: needs a heading and at least 9 rows over the cycle")
+        raise InputError(f"reference {source}: needs a heading and at least 9 rows")
     heading = [name.strip() for name in rows[0][1]]
     for name in (PHASE_COLUMN, *REQUIRED_COLUMNS):
         if name not in heading:
             raise InputError(f"reference {source}: column '{name}' is missing")
-    wanted = [n for n in (PHASE_COLUMN, *REQUIRED_COLUMNS, *DEVIATION_COLUMNS) if n in heading]
-    columns: dict[str, Array] = {name: np.empty(len(rows) - 1) for name in wanted}
+    names = [n for n in (PHASE_COLUMN, *REQUIRED_COLUMNS, *DEVIATION_COLUMNS) if n in heading]
+    columns: dict[str, Array] = {name: np.empty(len(rows) - 1) for name in names}
     for index, (number, row) in enumerate(rows[1:]):
         if len(row) != len(heading):
             raise InputError(f"reference {source}: row {number} has {len(row)} cells, the heading {len(heading)}")
-        for name in wanted:
+        for name in names:
             cell = row[heading.index(name)]
             try:
                 value = float(cell)
@@ -223,27 +230,27 @@ def _parse_columns(text: str, source: str) -> dict[str, Array]:
                 value = np.nan
             if not abs(value) <= MAX_MAGNITUDE:
                 raise InputError(
-                    f"reference {source}: column '{name}', row {number}: '{cell}' is not a number from -{MAX_MAGNITUDE:g} to "
-                    f"{MAX_MAGNITUDE:g}"
+                    f"reference {source}: column '{name}', row {number}: '{cell}' is not a number from "
+                    f"-{MAX_MAGNITUDE:g} to {MAX_MAGNITUDE:g}"
                 )
             columns[name][index] = value
     for name in DEVIATION_COLUMNS:
         if name in columns and columns[name].min() < 0:
-            raise InputError(f"reference {source}: column '{name}' is negative; a standard deviation is not")
+            raise InputError(f"reference {source}: column '{name}' is negative; allowed: 0 or more")
     return columns
 
 
 def _fit_periodic_spline(name: str, phase: Array, values: Array, source: str) -> CubicSpline:
-    """Periodic cubic spline through measured values whose two ends nearly agree.
+    """Return a periodic cubic spline through measured values whose two ends nearly agree.
 
-    An angle's mismatch is spread over the cycle, which leaves its rate smooth. A load's is taken up at the two ends
-    alone: in swing it is zero and has to stay so.
+    The mismatch of an angle is distributed over the cycle, which keeps its rate smooth. The mismatch of a load is
+    removed at the two ends only, because a load must stay zero in swing.
     """
     mismatch = values[-1] - values[0]
-    spread = float(np.ptp(values))
-    if abs(mismatch) > MAX_CLOSURE_FRACTION * spread and spread > 0:
+    value_range = float(np.ptp(values))
+    if abs(mismatch) > MAX_CLOSURE_FRACTION * value_range and value_range > 0:
         raise InputError(
-            f"reference {source}: column '{name}' does not close: {values[0]:g} at 0 %, {values[-1]:g} at 100 %"
+            f"reference {source}: column '{name}' is not periodic: {values[0]:g} at 0 %, {values[-1]:g} at 100 %"
         )
     closed = values.copy()
     if name.endswith("_deg"):

@@ -1,4 +1,4 @@
-"""A passive foot in place of the device: what most people with a below-knee prosthesis wear today."""
+"""A passive prosthetic foot that replaces the device: the kind that most people with a below-knee amputation use."""
 
 import math
 from dataclasses import dataclass
@@ -10,24 +10,24 @@ from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.errors import InputError
 
 NEVER_TAUT_SLACK_LENGTH = 10.0
-"""Slack [m] that keeps the device's tendon from ever pulling."""
+"""Slack length [m] at which the tendon of the device never becomes taut."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpringFoot:
-    """A rotational spring about the ankle; InputError for one that no foot has.
+    """A rotational spring about the ankle.
 
-    Feet that people wear are taken to have 3 to 15 N.m/deg (assumed). The same spring in both directions and no toe
-    joint are assumed, too, and the damping is the prosthesis' own.
+    Prosthetic feet are assumed to have a stiffness of 3 to 15 N.m/deg, the same in both directions, and no toe joint.
+    The damping is that of the prosthesis.
     """
 
     stiffness: float
-    """[N.m/rad]"""
+    """Rotational stiffness [N.m/rad]."""
     rest_angle: float = 0.0
-    """Dorsiflexion at which it is slack [rad]."""
+    """Dorsiflexion at which the spring is slack [rad]."""
 
     def __post_init__(self) -> None:
-        """See the class."""
+        """Raise InputError when the stiffness or the rest angle is out of range."""
         per_degree = math.radians(self.stiffness)
         if not 0.5 <= per_degree <= 40.0:
             raise InputError(f"stiffness of the spring foot is {per_degree:g}; allowed: 0.5 to 40 N.m/deg")
@@ -37,13 +37,11 @@ class SpringFoot:
             )
 
     def apply_to_joint(self, joint: mujoco.MjsJoint) -> None:
-        """Put the spring into the ankle ``joint``, whose positive direction is plantarflexion."""
-        joint.stiffness, joint.springref = (
-            np.array([self.stiffness, 0.0, 0.0]),
-            -self.rest_angle,
-        )  # a polynomial's terms
+        """Set the spring of the ankle ``joint``, whose positive direction is plantarflexion."""
+        joint.stiffness = np.array([self.stiffness, 0.0, 0.0])  # coefficients of a polynomial
+        joint.springref = -self.rest_angle
 
 
 def disable_tendon(parameters: DeviceParameters) -> DeviceParameters:
-    """A device that is not on the ankle: its tendon never comes taut."""
+    """Return a device whose tendon never becomes taut."""
     return parameters._replace(tendon=parameters.tendon._replace(slack_length=NEVER_TAUT_SLACK_LENGTH))

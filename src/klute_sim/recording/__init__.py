@@ -1,1 +1,4 @@
-"""One type for everything that was recorded or measured, and its readers and writers."""
+"""Recordings, simulated or measured, and their files.
+
+``recording`` is the type; ``parquet`` and ``csv`` write and read it; ``run_folder`` creates the folders of runs.
+"""

@@ -1,4 +1,4 @@
-"""Recordings as CSV with the same ``name [unit]`` headings as Parquet; no provenance."""
+"""Write recordings as CSV with the same ``name [unit]`` headings as Parquet; without provenance."""
 
 from pathlib import Path
 

@@ -1,4 +1,7 @@
-"""Recordings as Parquet: columns ``name [unit]``, the unit in each field's metadata, provenance in the schema's."""
+"""Read and write recordings as Parquet.
+
+Columns are called ``name [unit]``. The metadata of a column holds its unit, the metadata of the schema the provenance.
+"""
 
 import json
 from pathlib import Path
@@ -14,7 +17,7 @@ _METADATA_KEY = b"klute_sim"
 
 
 def write(recording: Recording, path: Path) -> None:
-    """Write ``recording`` to ``path``; the same recording gives the same bytes."""
+    """Write ``recording`` to ``path``; equal recordings give equal bytes."""
     fields = [
         pa.field(recording.format_heading(name), pa.float64(), metadata={"unit": recording.units[name]})
         for name in recording.channels
@@ -26,7 +29,10 @@ def write(recording: Recording, path: Path) -> None:
 
 
 def read(path: Path) -> Recording:
-    """Read a recording; raises InputError when ``path`` is no Parquet file with ``name [unit]`` columns."""
+    """Return the recording in ``path``.
+
+    Raises InputError when ``path`` is not a Parquet file with numeric ``name [unit]`` columns.
+    """
     try:
         table = pq.read_table(path)
     except (OSError, pa.ArrowException) as error:
@@ -37,5 +43,5 @@ def read(path: Path) -> Recording:
         try:
             columns.append((heading, column.to_numpy().astype(np.float64)))
         except (TypeError, ValueError, pa.ArrowException):
-            raise InputError(f"recording {path}: column '{heading}' does not hold numbers") from None
+            raise InputError(f"recording {path}: column '{heading}' is not numeric") from None
     return Recording.from_columns(columns, json.loads(stored))

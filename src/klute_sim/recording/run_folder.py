@@ -1,8 +1,8 @@
-"""Run folders: everything of one run side by side, complete or not there at all.
+"""Create run folders, which hold all files of a run or do not exist.
 
-The folder is reserved before the work starts, so that two runs at a time never want the same one, and files are
-written into a hidden folder inside it. They move to their places when all of them are done: an interrupt, an error
-or a full disk leaves nothing half-written.
+The folder is reserved before the work starts, so that two simultaneous runs never use the same folder. Files are
+written into a hidden folder inside it and move to their places when all of them are complete. An interrupt, an error or
+a full disk therefore leaves no incomplete file.
 """
 
 import errno
@@ -14,23 +14,26 @@ from pathlib import Path
 from klute_sim.errors import InputError, KluteSimError
 
 DEFAULT_RUNS_FOLDER = Path("runs")
-"""Where runs go when no folder is named."""
+"""Folder of runs without a requested folder."""
 SCRATCH_FOLDER_NAME = ".unfinished"
+"""Name of the folder that holds the files of an unfinished run."""
 
 
 @contextmanager
 def create_run_folder(kind: str, requested_folder: str | Path | None) -> Iterator[tuple[Path, Path]]:
-    """The folder of a new run of ``kind`` and the scratch folder to fill: ``wanted``, or the next ``runs/kind-NNN``.
+    """Create the folder of a new run of ``kind``, and yield it with the scratch folder to fill.
 
-    On success the scratch folder's files move into the run's folder; on any failure everything made here is removed.
-    Raises InputError at once if something is already there or nothing can be written there, and KluteSimError when
-    the disk is full.
+    The folder is ``requested_folder``, or the next ``runs/kind-NNN``. On success the files of the scratch folder move
+    into the folder of the run. On a failure everything that was created is removed.
+
+    Raises InputError at once when the folder is not empty or cannot be written. Raises KluteSimError when the disk is
+    full.
     """
-    made: list[Path] = []
+    created: list[Path] = []
     try:
-        folder = _reserve_next(kind, made) if requested_folder is None else _reserve(Path(requested_folder), made)
+        folder = _reserve_next(kind, created) if requested_folder is None else _reserve(Path(requested_folder), created)
     except OSError as error:
-        _remove_created(made)
+        _remove_created(created)
         raise InputError(
             f"output folder {requested_folder or DEFAULT_RUNS_FOLDER} cannot be written: {error.strerror}"
         ) from None
@@ -40,26 +43,26 @@ def create_run_folder(kind: str, requested_folder: str | Path | None) -> Iterato
         for file in sorted(scratch.iterdir()):
             file.rename(folder / file.name)
         scratch.rmdir()
-        made.clear()
+        created.clear()
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
             raise KluteSimError(f"the disk is full: {folder} was not written") from None
         raise KluteSimError(f"{folder} was not written: {error}") from None
     finally:
-        _remove_created(made)
+        _remove_created(created)
 
 
 def create_persistent_folder(kind: str, requested_folder: str | Path | None) -> Path:
-    """A new folder for work that is kept when it is interrupted: ``wanted``, or the next ``runs/kind-NNN``.
+    """Create and return a folder whose content survives an interrupt: ``requested_folder``, or ``runs/kind-NNN``.
 
-    Raises InputError if something is already there or nothing can be written there.
+    Raises InputError when the folder is not empty or cannot be written.
     """
-    made: list[Path] = []
+    created: list[Path] = []
     try:
-        folder = _reserve_next(kind, made) if requested_folder is None else _reserve(Path(requested_folder), made)
+        folder = _reserve_next(kind, created) if requested_folder is None else _reserve(Path(requested_folder), created)
         (folder / SCRATCH_FOLDER_NAME).rmdir()
     except OSError as error:
-        _remove_created(made)
+        _remove_created(created)
         raise InputError(
             f"output folder {requested_folder or DEFAULT_RUNS_FOLDER} cannot be written: {error.strerror}"
         ) from None
@@ -91,9 +94,9 @@ def _reserve(folder: Path, created: list[Path]) -> Path:
 
 
 def _create_folder(folder: Path, created: list[Path]) -> None:
-    """Make ``folder``, what is missing above it and the scratch folder in it; all of them are noted in ``made``."""
-    above = [parent for parent in folder.parents if not parent.exists()]
-    for parent in reversed(above):
+    """Create ``folder``, its missing parents and its scratch folder; append all of them to ``created``."""
+    missing = [parent for parent in folder.parents if not parent.exists()]
+    for parent in reversed(missing):
         parent.mkdir(exist_ok=True)
         created.append(parent)
     folder.mkdir()
@@ -103,7 +106,7 @@ def _create_folder(folder: Path, created: list[Path]) -> None:
 
 
 def _remove_created(created: list[Path]) -> None:
-    """Remove what was made: the scratch folder whole, the others if nobody else has put something there."""
+    """Remove the created folders: the scratch folder with its files, the others if they are empty."""
     for folder in reversed(created):
         if folder.name == SCRATCH_FOLDER_NAME:
             shutil.rmtree(folder, ignore_errors=True)

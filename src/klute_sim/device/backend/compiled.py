@@ -1,8 +1,8 @@
-"""The same laws, compiled: copies of the law modules whose functions run through numba.
+"""The compiled backend: copies of the model's modules whose functions run through numba.
 
-Nothing is written twice. A copy shares its module's code and classes; only its functions are compiled, and they
-call the other copies. No floating-point liberties are taken: compiled and plain Python agree to the last bit
-wherever ``sqrt`` is rounded correctly, as IEEE 754 asks.
+No formula is written twice. A copy shares the code and the classes of its module; its functions are compiled, and they
+call the compiled functions of the other copies. The compiler takes no liberties with floating-point numbers: the
+compiled and the Python backend agree to the last bit wherever ``sqrt`` is rounded correctly, as IEEE 754 requires.
 """
 
 import hashlib
@@ -24,18 +24,26 @@ EXPORTED_STEP_FUNCTIONS = (
     "advance_state",
     "compute_tension",
     "step_internal_state",
-    "compute_muscle_damper_force",
+    "compute_muscle_force",
     "compute_tendon_force",
     "apply_supply_effects",
     "get_gas_state",
 )
 """Functions of :mod:`klute_sim.device.dynamics` that other compiled code calls."""
 
+_COMPILABLE_PACKAGES = ("klute_sim.laws.", "klute_sim.effects.")
+_COMPILABLE_MODULES = ("klute_sim.device.delay",)
+_PYTHON_ONLY_MODULES = tuple(f"klute_sim.effects.{name}" for name in ("catalogue", "chain", "effect", "validation"))
+"""Modules that assemble the effects; they do not run with them."""
+_SOURCE_FOLDERS = ("laws", "effects", "device", "plant")
+"""Packages whose source decides the machine code."""
+
 
 def compile_module(module: types.ModuleType, **overrides: Any) -> types.ModuleType:
-    """A copy of ``module`` whose functions are compiled when first used; ``replaced`` names differ from its own.
+    """Return a copy of ``module`` whose functions are compiled at their first call.
 
-    What it uses of the laws and effects, modules or functions, is compiled likewise.
+    Laws and effects that the module uses, as modules or as functions, are compiled likewise. ``overrides`` replace
+    names of the copy.
     """
     copy = types.ModuleType(f"{module.__name__} (compiled)")
     names = vars(copy)
@@ -44,9 +52,9 @@ def compile_module(module: types.ModuleType, **overrides: Any) -> types.ModuleTy
         if inspect.ismodule(value) and _is_compilable_module(value.__name__):
             names[name] = _get_compiled_module(value)
         elif inspect.isfunction(value) and value.__module__ == module.__name__:
-            mine = types.FunctionType(value.__code__, names, name, value.__defaults__)
-            mine.__module__ = module.__name__
-            names[name] = _compile_function(mine)
+            function = types.FunctionType(value.__code__, names, name, value.__defaults__)
+            function.__module__ = module.__name__
+            names[name] = _compile_function(function)
         elif inspect.isfunction(value) and _is_compilable_module(value.__module__):
             names[name] = getattr(_get_compiled_module(sys.modules[value.__module__]), value.__name__)
     names.update(overrides)
@@ -59,12 +67,11 @@ def _compile_function(function: Any) -> Any:
 
 
 def _is_compilable_module(module: str) -> bool:
-    # Not the catalogue and its hooks: they are assembled from the laws, not run with them.
-    plain = module.startswith(("klute_sim.laws.", "klute_sim.effects.")) and module not in _PYTHON_ONLY_MODULES
-    return plain or module == "klute_sim_users_effects"
-
-
-_PYTHON_ONLY_MODULES = ("klute_sim.effects.catalogue", "klute_sim.effects.chain", "klute_sim.effects.effect")
+    if module in _PYTHON_ONLY_MODULES:
+        return False
+    if module.startswith(_COMPILABLE_PACKAGES) or module in _COMPILABLE_MODULES:
+        return True
+    return any(module == user_module.__name__ for user_module in catalogue.get_user_modules())
 
 
 @cache
@@ -73,41 +80,45 @@ def _get_compiled_module(module: types.ModuleType) -> types.ModuleType:
 
 
 def _get_compiled_function(function: Any) -> Any:
-    return getattr(_get_compiled_module(sys.modules[function.__module__]), function.__name__)
+    module, name = sys.modules[function.__module__], function.__name__
+    if getattr(module, name, None) is function:
+        return getattr(_get_compiled_module(module), name)
+    return _compile_function(function)  # a law that is a local function of the user
 
 
 @cache
 def compile_device_functions() -> dict[str, Any]:
-    """The compiled functions that make up a device: :data:`DEVICE` of its step, and ``unpack``."""
-    law = compile_module(
-        dynamics, effect_chain=catalogue.chain_device_effects(_get_compiled_function, _compile_function)
-    )
+    """Return the compiled functions of a device: :data:`EXPORTED_STEP_FUNCTIONS` and ``unpack_parameters``."""
+    chain = catalogue.chain_device_effects(_get_compiled_function, _compile_function)
+    compiled_dynamics = compile_module(dynamics, effect_chain=chain)
     return {
-        **{name: getattr(law, name) for name in EXPORTED_STEP_FUNCTIONS},
+        **{name: getattr(compiled_dynamics, name) for name in EXPORTED_STEP_FUNCTIONS},
         "unpack_parameters": compile_module(packing).unpack_parameters,
     }
 
 
 def compile_cached(decorator: Callable[..., Any], function: Any, signature: Any, constants: str = "") -> Any:
-    """``function`` of a copied module, compiled now by ``wrap`` (``numba.njit`` or ``cfunc``) or taken from the disk.
+    """Return ``function`` of a copied module, compiled for ``signature`` or loaded from the cache on disk.
 
-    numba's own cache looks only at the file of the function itself: it would keep the machine code of a law that has
-    changed since. The compiled function is therefore named after all sources and ``constants`` it is made of.
+    ``decorator`` is ``numba.njit`` or ``numba.cfunc``. The cache of numba follows only the file of the function
+    itself, so it would keep the machine code of a law that has changed since. The name of the compiled function
+    therefore contains a hash of all sources and ``constants`` that decide its code.
     """
-    mine = function.py_func
-    mine.__qualname__ = f"{mine.__name__}_{_hash_sources(constants)}"
+    python_function = function.py_func
+    python_function.__qualname__ = f"{python_function.__name__}_{_hash_sources(constants)}"
     try:
-        return decorator(signature, cache=True, error_model="numpy")(mine)
-    except (OSError, RuntimeError):  # nowhere to keep it: a full disk, or no folder that may be written
-        return decorator(signature, error_model="numpy")(mine)
+        return decorator(signature, cache=True, error_model="numpy")(python_function)
+    except (OSError, RuntimeError):  # a full disk, or no writable folder: compile without cache
+        return decorator(signature, error_model="numpy")(python_function)
 
 
 @cache
 def _hash_sources(constants: str) -> str:
-    folder = Path(dynamics.__file__).parents[1]
+    package = Path(dynamics.__file__).parents[1]
     files = [
-        folder / "units.py",
-        *(f for part in ("laws", "effects", "device", "plant") for f in (folder / part).rglob("*.py")),
+        package / "units.py",
+        package / "constants.py",
+        *(file for folder in _SOURCE_FOLDERS for file in (package / folder).rglob("*.py")),
     ]
     content = b"".join(file.read_bytes() for file in sorted(files))
     return hashlib.sha256(content + catalogue.read_user_source() + constants.encode()).hexdigest()[:16]

@@ -1,39 +1,48 @@
-"""A device's parameters as one row of numbers.
+"""Pack the parameters of a device into one row of numbers, and unpack them.
 
-MuJoCo carries the row in ``actuator_user``, so a model *is* its device: copies, pickles and simulations with
-parameters of their own need nothing else. The row is SI; its first number says that it is one of these.
+MuJoCo carries the row in ``actuator_user``. A model therefore contains its device: copies, pickles and simulations with
+changed parameters need nothing else. All numbers are in SI units. The first number identifies the layout of the row.
 """
 
 from collections.abc import Sequence
 
 from klute_sim.device.dynamics import N_EFFECT_VALUES, DeviceParameters
 from klute_sim.effects import catalogue
-from klute_sim.laws.damper import Damper
-from klute_sim.laws.mckibben import Muscle
-from klute_sim.laws.pneumatics import Supply
-from klute_sim.laws.tendon import Tendon
+from klute_sim.laws.damper import DamperParameters
+from klute_sim.laws.mckibben import MuscleParameters
+from klute_sim.laws.pneumatics import SupplyParameters
+from klute_sim.laws.tendon import TendonParameters
 
 LAYOUT_ID = 2000e6 + catalogue.layout_checksum()
-"""First number of a row. A row of another layout, or with other effects, gets another signature."""
-EFFECTS_OFFSET = 1 + len(Muscle._fields) + len(Damper._fields) + len(Tendon._fields) + len(Supply._fields)
-"""Where the effects begin in a row."""
+"""First number of a row; a row with another layout or other effects has another number."""
+EFFECTS_OFFSET = (
+    1
+    + len(MuscleParameters._fields)
+    + len(DamperParameters._fields)
+    + len(TendonParameters._fields)
+    + len(SupplyParameters._fields)
+)
+"""Index of the first effect value in a row."""
 ROW_SIZE = EFFECTS_OFFSET + N_EFFECT_VALUES
-"""Numbers in a row."""
+"""Length of a row."""
 
 
 def pack_parameters(parameters: DeviceParameters) -> tuple[float, ...]:
-    """The row of ``parameters``: the signature, then every field in its order."""
+    """Return the row of ``parameters``: the layout number, then all fields in their order."""
     return (LAYOUT_ID, *(float(value) for part in parameters for value in part))
 
 
 def unpack_parameters(row: Sequence[float]) -> DeviceParameters:
-    """The parameters of a ``row``, which must begin with :data:`SIGNATURE`; the inverse of :func:`pack`."""
-    # Spelled out, because a compiler has to follow it.
+    """Return the parameters in ``row``, which must begin with :data:`LAYOUT_ID`.
+
+    This is the inverse of :func:`pack_parameters`.
+    """
+    # The fields are spelled out because numba cannot build a named tuple from a slice of an array.
     return DeviceParameters(
-        Muscle(row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10]),
-        Damper(row[11], row[12]),
-        Tendon(row[13], row[14], row[15], row[16], row[17] != 0.0),
-        Supply(
+        MuscleParameters(row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10]),
+        DamperParameters(row[11], row[12]),
+        TendonParameters(row[13], row[14], row[15], row[16], row[17] != 0.0),
+        SupplyParameters(
             row[18],
             row[19],
             row[20],

@@ -1,27 +1,41 @@
-"""Which installation of the law runs: compiled, or the same source as plain Python."""
+"""Select the backend of the device model: compiled, or the same source as plain Python."""
 
 import warnings
 from collections.abc import Callable
+from functools import cache
 
 from klute_sim.errors import InputError, KluteSimWarning
 
 BACKENDS = ("auto", "compiled", "python")
-"""What can be asked for; *auto* is compiled where that is possible."""
+"""Backends that a caller can request; *auto* is *compiled* where that is available."""
 
 
 def select_backend(backend: str, find_incompatibility: Callable[[], str]) -> str:
-    """``compiled`` or ``python``, as asked for and possible; ``obstacle`` says why compiled is not, or ''.
+    """Return ``"compiled"`` or ``"python"`` for the requested ``backend``.
 
-    Warns (KluteSimWarning) when *auto* has to be ``python``; raises InputError when ``compiled`` is impossible.
+    ``find_incompatibility`` returns the reason why the compiled backend is not available, or ''.
+
+    Warns (KluteSimWarning) when *auto* falls back to Python. Raises InputError for an unknown backend, or when
+    ``"compiled"`` is requested but not available.
     """
     if backend not in BACKENDS:
-        raise InputError(f"law is '{backend}'; allowed: {', '.join(BACKENDS)}")
+        raise InputError(f"backend is '{backend}'; allowed: {', '.join(BACKENDS)}")
     if backend == "python":
         return backend
     reason = find_incompatibility()
     if not reason:
         return "compiled"
     if backend == "compiled":
-        raise InputError(f"there is no compiled law: {reason}; the law 'python' runs without")
-    warnings.warn(f"{reason}: the law runs as Python, which is slower", KluteSimWarning, stacklevel=3)
+        raise InputError(f"the compiled backend is not available: {reason}; the backend 'python' runs without it")
+    warnings.warn(f"{reason}: the python backend runs instead, which is slower", KluteSimWarning, stacklevel=3)
     return "python"
+
+
+@cache
+def explain_missing_compiler() -> str:
+    """Return the reason why numba cannot be imported, or ''."""
+    try:
+        import numba  # noqa: F401
+    except ImportError as error:
+        return f"numba cannot be imported ({error})"
+    return ""

@@ -1,82 +1,86 @@
-"""Where the energy of the device goes on its way from one sample to the next.
+"""Energy balance of a device between consecutive samples.
 
-Powers flow *out of* an element into the rest of the device and are those of the step that ends at a sample: the mean
-of the element's force at both ends times the way. The lines sum to what is delivered, to the last bits::
+A power is positive where energy flows *out of* an element into the rest of the device. It belongs to the time step that
+ends at a sample: the mean of the element's force at both ends times its displacement. The terms sum to the delivered
+power, to the last bits::
 
     delivered = gas + friction + damper + stop + bladder + tendon + effects + solver
 
-Bladder and tendon are potentials: their lines are differences of stored energy, whatever happened in between. What a
-straight line between two samples makes of their forces differs from that by the *solver's* line. It is no physics but
-the error of a finite step, shrinks with the square of the step, and says how far the other lines can be trusted.
+Bladder and tendon are potentials, so their terms are differences of stored energy. The *solver* term is the difference
+between these and the trapezoidal work of the bladder and tendon forces. It is not physical but the error of a finite
+time step; it shrinks with the square of the time step and shows how far the other terms can be trusted.
 """
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.device.dynamics import ZERO_INTERNAL_STATE, DeviceParameters, DeviceState, apply_supply_effects
-from klute_sim.device.energy.outputs import DeviceOutputs, accumulate_effects, compute_effect_forces, compute_outputs
+from klute_sim.device.energy.outputs import (
+    DeviceOutputs,
+    accumulate_effects,
+    compute_effect_forces,
+    compute_outputs,
+)
 from klute_sim.laws import pneumatic_step
+from klute_sim.types import Array
 from klute_sim.units import BAR
-
-Array = NDArray[np.float64]
 
 
 class EnergyBalance(NamedTuple):
-    """One entry per sample; the first knows of no step and is 0 in all powers."""
+    """Energy balance with one entry per sample; at the first sample all powers are 0."""
 
     gas_power: Array
-    """``P dV/dt``, from the compressed air [W]."""
+    """Power ``P dV/dt`` of the compressed air [W]."""
     friction_power: Array
-    """From the printed friction offset [W]; either sign, because it is an offset and not a friction."""
+    """Power of the printed friction offset [W]; of either sign, because the offset is not a dissipative friction."""
     damper_power: Array
-    """From the damper [W]."""
+    """Power of the damper [W]."""
     stop_power: Array
-    """From the length stops [W]; they are rigid, so they only take at the instant of impact."""
+    """Power of the length stops [W]; the stops are rigid, so they absorb energy only at an impact."""
     bladder_power: Array
-    """From the bladders' store [W]."""
+    """Power released from the energy stored in the bladders [W]."""
     tendon_power: Array
-    """From the tendon's store [W]."""
+    """Power released from the energy stored in the tendon [W]."""
     effects_power: Array
-    """From all effects on muscle, damper and tendon [W]; 0 without effects."""
+    """Power of all effects on muscle, damper and tendon [W]; 0 without effects."""
     solver_power: Array
-    """What the finite step seems to give [W]."""
+    """Apparent power of the finite time step [W]."""
     delivered_power: Array
-    """To what the unit pulls on [W]."""
+    """Power delivered to the load of the unit [W]."""
     bladder_energy: Array
-    """Stored in the bladders [J]."""
+    """Energy stored in the bladders [J]."""
     tendon_energy: Array
-    """Stored in the tendon [J]."""
+    """Energy stored in the tendon [J]."""
     air_mass: Array
-    """Air in muscles and dead volume [kg]; of an ideal regulator's isothermal and without dead volume (assumed)."""
+    """Mass of the air in muscles and dead volume [kg]; isothermal, no dead volume for an ideal regulator (assumed)."""
     air_drawn: Array
-    """Air taken from the supply since the first sample [kg]."""
+    """Mass of the air drawn from the supply since the first sample [kg]."""
     air_leaked: Array
-    """Air lost through a leak since the first sample [kg]; the rest of what came and is not there was let out."""
+    """Mass of the air lost through a leak since the first sample [kg]; the rest of the drawn air was exhausted."""
     supply_pressure: Array
-    """What the supply, or the tank behind it, still has [bar], gauge."""
+    """Gauge pressure left in the supply or its tank [bar]."""
     effect_powers: Mapping[str, Array]
-    """The share of each effect in ``effects_power`` [W], by name."""
+    """Contribution of each effect to ``effects_power`` [W], by name of the effect."""
 
     def to_columns(self) -> list[tuple[str, Array]]:
-        """Recording columns ``name [unit]``, each with its samples."""
-        own = [(format_effect_channel(name) + " [W]", power) for name, power in self.effect_powers.items()]
-        return [*zip(COLUMN_HEADINGS, self[:-1], strict=True), *own]
+        """Return recording columns ``name [unit]``, each with its samples."""
+        effect_columns = [(format_effect_channel(name) + " [W]", power) for name, power in self.effect_powers.items()]
+        return [*zip(COLUMN_HEADINGS, self[:-1], strict=True), *effect_columns]
 
 
 _UNIT_OF_QUANTITY = {"power": "W", "energy": "J", "mass": "kg", "drawn": "kg", "leaked": "kg", "pressure": "bar"}
 COLUMN_HEADINGS = tuple(f"{name} [{_UNIT_OF_QUANTITY[name.rsplit('_')[-1]]}]" for name in EnergyBalance._fields[:-1])
-"""Columns of every recording; each effect has one of its own besides, :func:`of_effect`."""
+"""Columns of every recording; each effect has one more, :func:`format_effect_channel`."""
 POWER_TERMS = tuple(name for name in EnergyBalance._fields if name.endswith("_power") and name != "delivered_power")
 """Powers that sum to ``delivered_power``."""
 SOLVER_TERM = "solver_power"
-"""The one of them that is no physics."""
+"""Power term that is a numerical error and not physical."""
 
 
 def format_effect_channel(name: str) -> str:
-    """The channel with the share of an effect, which may be called like one of the lines."""
+    """Return the channel name for the power of effect ``name``; the prefix keeps it apart from the power terms."""
     return f"effect_{name}_power"
 
 
@@ -90,57 +94,64 @@ def compute_energy_balance(
     *,
     supply_meters_air: bool,
 ) -> EnergyBalance:
-    """The ledger of a series of samples, one every ``step`` [s].
+    """Return the energy balance of samples that are ``dt`` [s] apart.
 
-    ``instants`` (samples, fields of :class:`Instant`); ``own`` (samples, effects, 2) is what each of ``effects`` adds
-    to the muscle side and to the tendon side [N]; muscle ``length`` and ``unit_length`` [m]. Unless the supply
-    ``counts`` its air, what is drawn is what the muscle gains.
+    ``outputs`` (samples, fields of :class:`DeviceOutputs`) and ``effect_forces`` (samples, effects, 2), the forces [N]
+    that each of ``effect_names`` adds to muscle and tendon, belong to muscle ``length`` and ``unit_length`` [m]. Where
+    the supply does not meter its air (``supply_meters_air``), the drawn air is the gain of air in the muscle.
     """
-    at: Any = DeviceOutputs(*np.ascontiguousarray(outputs.T))  # of arrays instead of numbers
-    muscle_moved, moved = np.diff(length, prepend=length[0]), np.diff(unit_length, prepend=unit_length[0])
-    stretched = moved - muscle_moved
+    series: Any = DeviceOutputs(*np.ascontiguousarray(outputs.T))  # arrays in place of numbers
+    muscle_step, unit_step = np.diff(length, prepend=length[0]), np.diff(unit_length, prepend=unit_length[0])
+    tendon_step = unit_step - muscle_step
 
-    def given(force: Array, way: Array) -> Array:
+    def work_rate(force: Array, displacement: Array) -> Array:
         before = np.concatenate([force[:1], force[:-1]])
-        return np.asarray(-0.5 * (before + force) * way / dt)
+        return np.asarray(-0.5 * (before + force) * displacement / dt)
 
-    def from_store(energy: Array) -> Array:
+    def release_rate(energy: Array) -> Array:
         return np.asarray(-np.diff(energy, prepend=energy[0]) / dt)
 
-    bladder, tendon = from_store(at.bladder_energy), from_store(at.tendon_energy)
-    gained = np.cumsum(np.maximum(np.diff(at.air_mass, prepend=at.air_mass[0]), 0.0))
-    stop = at.tension - (
-        at.gas_force + at.friction_force + at.bladder_force + at.damper_force + effect_forces[:, :, 0].sum(axis=1)
+    bladder, tendon = release_rate(series.bladder_energy), release_rate(series.tendon_energy)
+    gained_air = np.cumsum(np.maximum(np.diff(series.air_mass, prepend=series.air_mass[0]), 0.0))
+    stop_force = series.tension - (
+        series.gas_force
+        + series.friction_force
+        + series.bladder_force
+        + series.damper_force
+        + effect_forces[:, :, 0].sum(axis=1)
     )
-    shares = {
-        name: given(effect_forces[:, k, 0], muscle_moved) + given(effect_forces[:, k, 1], stretched)
+    effect_powers = {
+        name: work_rate(effect_forces[:, k, 0], muscle_step) + work_rate(effect_forces[:, k, 1], tendon_step)
         for k, name in enumerate(effect_names)
     }
     return EnergyBalance(
-        gas_power=given(at.gas_force, muscle_moved),
-        friction_power=given(at.friction_force, muscle_moved),
-        damper_power=given(at.damper_force, muscle_moved),
-        stop_power=given(stop, muscle_moved),
+        gas_power=work_rate(series.gas_force, muscle_step),
+        friction_power=work_rate(series.friction_force, muscle_step),
+        damper_power=work_rate(series.damper_force, muscle_step),
+        stop_power=work_rate(stop_force, muscle_step),
         bladder_power=bladder,
         tendon_power=tendon,
-        effects_power=np.sum(list(shares.values()), axis=0) if shares else np.zeros(len(length)),
-        solver_power=given(at.bladder_force, muscle_moved) - bladder + given(at.tendon_force, stretched) - tendon,
-        delivered_power=given(at.tension, moved),
-        bladder_energy=at.bladder_energy,
-        tendon_energy=at.tendon_energy,
-        air_mass=at.air_mass,
-        air_drawn=at.air_drawn - at.air_drawn[0] if supply_meters_air else gained,
-        air_leaked=at.air_leaked - at.air_leaked[0],
-        supply_pressure=at.supply_pressure / BAR,
-        effect_powers=shares,
+        effects_power=np.sum(list(effect_powers.values()), axis=0) if effect_powers else np.zeros(len(length)),
+        solver_power=work_rate(series.bladder_force, muscle_step)
+        - bladder
+        + work_rate(series.tendon_force, tendon_step)
+        - tendon,
+        delivered_power=work_rate(series.tension, unit_step),
+        bladder_energy=series.bladder_energy,
+        tendon_energy=series.tendon_energy,
+        air_mass=series.air_mass,
+        air_drawn=series.air_drawn - series.air_drawn[0] if supply_meters_air else gained_air,
+        air_leaked=series.air_leaked - series.air_leaked[0],
+        supply_pressure=series.supply_pressure / BAR,
+        effect_powers=effect_powers,
     )
 
 
 class EnergyRecorder:
-    """What a ledger is made from, written down sample by sample."""
+    """Record sample by sample what an energy balance needs."""
 
     def __init__(self, parameters: DeviceParameters, n_samples: int) -> None:
-        """With room for that many ``samples`` of a device."""
+        """Allocate memory for ``n_samples`` samples of a device."""
         self._effect_names, self._cumulative_parameters = accumulate_effects(parameters)
         self._outputs = np.empty((n_samples, len(DeviceOutputs._fields)))
         self._effect_forces = np.empty((n_samples, len(self._effect_names), 2))
@@ -148,16 +159,16 @@ class EnergyRecorder:
         self._supply_meters_air = not pneumatic_step.is_ideal(apply_supply_effects(parameters, ZERO_INTERNAL_STATE))
 
     def record_sample(self, index: int, state: DeviceState, unit_length: float, velocity: float) -> None:
-        """The device in ``state`` at ``unit_length`` [m], with its muscle moving at ``rate`` [m/s]."""
+        """Record the device in ``state`` at ``unit_length`` [m] and muscle ``velocity`` [m/s] as sample ``index``."""
         self._outputs[index] = compute_outputs(self._cumulative_parameters[-1], state, unit_length, velocity)
-        for k, fewer in enumerate(self._cumulative_parameters[:-1]):
+        for k, reduced_parameters in enumerate(self._cumulative_parameters[:-1]):
             self._effect_forces[index, k] = compute_effect_forces(
-                self._cumulative_parameters[k + 1], fewer, state, unit_length, velocity
+                self._cumulative_parameters[k + 1], reduced_parameters, state, unit_length, velocity
             )
         self._lengths[:, index] = state.length, unit_length
 
     def to_energy_balance(self, dt: float) -> EnergyBalance:
-        """The ledger, when every sample is noted; one every ``step`` [s]."""
+        """Return the energy balance of all samples, which are ``dt`` [s] apart."""
         length, unit_length = self._lengths
         return compute_energy_balance(
             self._outputs,

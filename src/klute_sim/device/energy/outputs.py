@@ -1,4 +1,4 @@
-"""What the device does at one instant: which element pulls how hard, what is stored, how much air it holds."""
+"""Outputs of a device at one instant: forces of its elements, stored energies and air."""
 
 from typing import NamedTuple
 
@@ -7,11 +7,11 @@ from klute_sim.device.dynamics import (
     DeviceParameters,
     DeviceState,
     apply_supply_effects,
-    compute_muscle_damper_force,
+    compute_muscle_force,
     compute_tendon_force,
     compute_tension,
+    get_gas_state,
 )
-from klute_sim.device.dynamics import get_gas_state as gas_of
 from klute_sim.effects import catalogue
 from klute_sim.laws import damper as _damper
 from klute_sim.laws import mckibben, pneumatic_step
@@ -19,56 +19,59 @@ from klute_sim.laws import tendon as _tendon
 
 
 class DeviceOutputs(NamedTuple):
-    """Tensions [N] as the dissertation's laws have them, energies and air; effects are :func:`added`."""
+    """Forces of the dissertation's laws, energies and air; :func:`compute_effect_forces` gives those of effects."""
 
     tension: float
-    """What the unit delivers [N]."""
+    """Tension of the muscle-tendon unit [N]."""
     gas_force: float
-    """From the compressed air [N]."""
+    """Tension of the compressed air [N]."""
     friction_force: float
-    """From the printed friction offset [N]."""
+    """Tension of the printed friction offset [N]."""
     bladder_force: float
-    """[N]"""
+    """Tension of the bladders [N]."""
     damper_force: float
-    """[N]"""
+    """Tension of the damper [N]."""
     tendon_force: float
-    """What the tendon carries [N]; a rigid tie carries all there is."""
+    """Tension of the tendon [N]; a rigid tie carries the whole tension of the unit."""
     bladder_energy: float
-    """Stored in the bladders [J]."""
+    """Energy tendon_energy in the bladders [J]."""
     tendon_energy: float
-    """Stored in the tendon [J]."""
+    """Energy stored in the tendon [J]."""
     air_mass: float
-    """Air in muscles and dead volume [kg]; of an ideal regulator's isothermal and without dead volume (assumed)."""
+    """Mass of the air in muscles and dead volume [kg]; isothermal, no dead volume for an ideal regulator (assumed)."""
     air_drawn: float
-    """Air taken since the start [kg], if the supply counts it; 0 if it remembers nothing."""
+    """Mass of the air drawn from the supply since the start [kg]; 0 for an ideal regulator, which does not count it."""
     air_leaked: float
-    """Air lost through a leak since the start [kg]."""
+    """Mass of the air lost through a leak since the start [kg]."""
     supply_pressure: float
-    """What the supply has [Pa]: its own pressure, or what a tank still has, if that is less."""
+    """Gauge pressure of the supply [Pa]: its maximum pressure, or the pressure left in the tank if that is lower."""
 
 
 def compute_outputs(
     parameters: DeviceParameters, state: DeviceState, unit_length: float, velocity: float
 ) -> DeviceOutputs:
-    """The device in ``state`` at ``unit_length`` [m], with its muscle moving at ``rate`` [m/s]."""
+    """Return the outputs of the device in ``state`` at ``unit_length`` [m] and muscle ``velocity`` [m/s]."""
     muscle, pressure, length = parameters.muscle, state.pressure, state.length
-    pull = compute_tension(parameters, state, unit_length, velocity)
-    carried, stored = pull, 0.0
+    unit_tension = compute_tension(parameters, state, unit_length, velocity)
+    tendon_force, tendon_energy = unit_tension, 0.0
     if not parameters.tendon.is_rigid:
         stretch = unit_length - length - parameters.tendon.slack_length
-        carried, stored = _tendon.force(parameters.tendon, stretch), _tendon.stored_energy(parameters.tendon, stretch)
-    supply, gas = apply_supply_effects(parameters, state.internal_state), gas_of(state)
-    volume, most = mckibben.volume(muscle, length), mckibben.volume(muscle, muscle.resting_length)
+        tendon_force, tendon_energy = (
+            _tendon.force(parameters.tendon, stretch),
+            _tendon.stored_energy(parameters.tendon, stretch),
+        )
+    supply, gas = apply_supply_effects(parameters, state.internal_state), get_gas_state(state)
+    volume, resting_volume = mckibben.volume(muscle, length), mckibben.volume(muscle, muscle.resting_length)
     return DeviceOutputs(
-        tension=pull,
+        tension=unit_tension,
         gas_force=mckibben.gas_force(muscle, pressure, length),
         friction_force=mckibben.friction_force(muscle, pressure),
         bladder_force=mckibben.bladder_force(muscle, length),
         damper_force=_damper.force(parameters.damper, velocity),
-        tendon_force=carried,
+        tendon_force=tendon_force,
         bladder_energy=mckibben.bladder_energy(muscle, length),
-        tendon_energy=stored,
-        air_mass=pneumatic_step.enclosed_air_mass(supply, gas, pressure, volume, most),
+        tendon_energy=tendon_energy,
+        air_mass=pneumatic_step.enclosed_air_mass(supply, gas, pressure, volume, resting_volume),
         air_drawn=gas.drawn_mass,
         air_leaked=gas.leaked_mass,
         supply_pressure=pneumatic_step.supply_pressure(supply, gas.drawn_mass),
@@ -82,26 +85,28 @@ def compute_effect_forces(
     unit_length: float,
     velocity: float,
 ) -> tuple[float, float]:
-    """By how much muscle side and tendon side [N] pull more in ``parameters`` than with the ``fewer`` effects of
-    another one of :func:`stages`."""
-    memory, pressure, length = state.internal_state, state.pressure, state.length
-    muscle = compute_muscle_damper_force(parameters, memory, pressure, length, velocity)
-    muscle -= compute_muscle_damper_force(reduced_parameters, memory, pressure, length, velocity)
+    """Return the forces [N] that the effects in ``parameters`` add to muscle and tendon beyond ``reduced_parameters``.
+
+    Both devices are entries of :func:`accumulate_effects`.
+    """
+    internal_state, pressure, length = state.internal_state, state.pressure, state.length
+    muscle = compute_muscle_force(parameters, internal_state, pressure, length, velocity)
+    muscle -= compute_muscle_force(reduced_parameters, internal_state, pressure, length, velocity)
     if parameters.tendon.is_rigid:
         return muscle, 0.0
-    tendon = compute_tendon_force(parameters, memory, length, unit_length) - compute_tendon_force(
-        reduced_parameters, memory, length, unit_length
+    tendon = compute_tendon_force(parameters, internal_state, length, unit_length) - compute_tendon_force(
+        reduced_parameters, internal_state, length, unit_length
     )
     return muscle, tendon
 
 
 def accumulate_effects(parameters: DeviceParameters) -> tuple[tuple[str, ...], tuple[DeviceParameters, ...]]:
-    """The device's effects, and the device with none, one, two ... and all of them, in the catalogue's order.
+    """Return the names of the device's effects, and the device with none, one, two ... and all of them.
 
-    What one effect does may depend on those before it; between two stages stands the share of one, and the shares
-    make up the whole.
+    The order is that of the catalogue. The action of an effect may depend on the effects before it. The difference of
+    two consecutive devices is the contribution of one effect, and the contributions sum to the total.
     """
-    names, with_more = [], [parameters._replace(effects=NO_EFFECTS)]
+    names, cumulative = [], [parameters._replace(effects=NO_EFFECTS)]
     effects = list(NO_EFFECTS)
     for slot in catalogue.get_device_slots():
         if parameters.effects[slot.switch_index] != 0.0:
@@ -109,5 +114,5 @@ def accumulate_effects(parameters: DeviceParameters) -> tuple[tuple[str, ...], t
             effects[slot.switch_index : end] = parameters.effects[slot.switch_index : end]
             effects[0] += 1.0
             names.append(slot.effect)
-            with_more.append(parameters._replace(effects=tuple(effects)))
-    return tuple(names), tuple(with_more)
+            cumulative.append(parameters._replace(effects=tuple(effects)))
+    return tuple(names), tuple(cumulative)

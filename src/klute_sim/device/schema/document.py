@@ -1,66 +1,69 @@
-"""The device file: which keys exist, what each may hold, and the SI parameters they stand for.
+"""The device file: its keys, their allowed values, and the SI parameters that they stand for.
 
-A key carries its unit at its end. What is not allowed is refused with the key, the value and what would be
-allowed; nothing is defaulted silently except what this page says may be left out.
+A key ends with its unit. A value that is not allowed is refused with the key, the value and the allowed range. Only
+sections and keys that this page marks as optional have defaults.
 """
 
 import math
 from typing import Annotated, Any, Self
 
 from pydantic import Field, FiniteFloat, ValidationError, model_validator
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import PydanticCustomError
 
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.schema import effects as schema_effects
 from klute_sim.device.schema import supply as schema_supply
 from klute_sim.device.schema.section import DeviceFileSection, NonNegative, Positive
 from klute_sim.device.schema.supply import (
-    ChamberSection,
-    LeakSection,
-    LineSection,
-    SupplySection,
-    TankSection,
-    ValveSection,
+    Chamber,
+    Leak,
+    Line,
+    Supply,
+    Tank,
+    Valve,
 )
 from klute_sim.effects.effect import Effect
 from klute_sim.errors import InputError
 from klute_sim.laws import damper as damper_law
-from klute_sim.laws.damper import Damper
-from klute_sim.laws.mckibben import Muscle
-from klute_sim.laws.tendon import Tendon
+from klute_sim.laws.damper import DamperParameters
+from klute_sim.laws.mckibben import MuscleParameters
+from klute_sim.laws.tendon import TendonParameters
+from klute_sim.toml_files import validation_sentence
 
 MAX_RADIUS_MISMATCH = 0.05
-"""How far the radius that braid and turns imply may be from the bladder's (Table 3.1: up to 2.6 %)."""
+"""Maximum relative difference of the radius that braid and turns imply from the bladder radius (Table 3.1: 2.6 %)."""
 
 MAX_BORE_TO_ORIFICE_RATIO = 1000
-"""Bore over orifice beyond which an orifice is none: the muscle creeps micrometres in a stride."""
+"""Maximum ratio of bore to orifice; beyond it the damper locks (the muscle creeps micrometres in a stride)."""
 
 
-class MuscleSection(DeviceFileSection):
+class Muscle(DeviceFileSection):
     """``count`` equal McKibben actuators side by side."""
 
     count: Annotated[int, Field(ge=1, le=100)] = 1
-    """Actuators in parallel."""
+    """Number of actuators in parallel."""
     resting_length_mm: Annotated[FiniteFloat, Field(ge=20, le=2000)]
-    """L0."""
+    """Resting length L0 of the actuator."""
     braid_length_ratio: Annotated[FiniteFloat, Field(gt=1.0, lt=math.sqrt(3.0))]
-    """B/L0; a braid as long as the muscle could not wind, one of sqrt(3) L0 is locked at rest."""
+    """Braid length over resting length, B/L0; at 1 the braid cannot wind, at sqrt(3) it is locked at rest."""
     turns_per_m: Positive
-    """N/L0."""
+    """Turns of a braid thread per metre of resting length, N/L0."""
     bladder_radius_mm: Positive
-    """R0, outer."""
+    """Outer bladder radius R0 at rest."""
     bladder_thickness_mm: Positive
-    """t0."""
+    """Bladder wall thickness t0 at rest."""
     c10_kpa: NonNegative
+    """First Mooney-Rivlin constant of the bladder."""
     c01_kpa: NonNegative
+    """Second Mooney-Rivlin constant of the bladder."""
     friction_slope_n_per_bar: FiniteFloat
-    """m, per actuator."""
+    """Slope m of the friction offset over pressure, per actuator."""
     friction_offset_n: FiniteFloat
-    """b, per actuator, signed as printed."""
+    """Friction offset b at zero pressure, per actuator, with the sign of the dissertation."""
     bladder: bool = True
-    """False leaves the bladder term out (the geometric model)."""
+    """Whether the bladder term acts; False gives the geometric model."""
     friction: bool = True
-    """False leaves the friction offset out."""
+    """Whether the friction offset acts."""
 
     @model_validator(mode="after")
     def _check_bladder_fits_braid(self) -> Self:
@@ -81,10 +84,10 @@ class MuscleSection(DeviceFileSection):
             )
         return self
 
-    def to_parameters(self) -> Muscle:
-        """The law's parameters, SI."""
+    def to_parameters(self) -> MuscleParameters:
+        """Return the parameters of the law in SI units."""
         length = self.get_si("resting_length_mm")
-        return Muscle(
+        return MuscleParameters(
             n_actuators=float(self.count),
             resting_length=length,
             braid_length=self.braid_length_ratio * length,
@@ -98,15 +101,17 @@ class MuscleSection(DeviceFileSection):
         )
 
 
-class DamperSection(DeviceFileSection):
-    """An orifice damper in parallel with the muscle, discharge coefficient 1 as in the design."""
+class Damper(DeviceFileSection):
+    """An orifice damper in parallel with the muscle, with a discharge coefficient of 1 as in the design."""
 
     bore_mm: Positive
+    """Bore of the cylinder."""
     orifice_concentric_mm: Positive
-    """Open while shortening."""
+    """Diameter of the orifice that is open while the muscle shortens."""
     orifice_eccentric_mm: Positive
-    """Open while lengthening."""
+    """Diameter of the orifice that is open while the muscle lengthens."""
     oil_density_kg_m3: Positive
+    """Density of the oil."""
 
     @model_validator(mode="after")
     def _check_orifice_fits_bore(self) -> Self:
@@ -124,10 +129,10 @@ class DamperSection(DeviceFileSection):
                 )
         return self
 
-    def to_parameters(self) -> Damper:
-        """The law's parameters, SI."""
+    def to_parameters(self) -> DamperParameters:
+        """Return the parameters of the law in SI units."""
         bore, density = self.get_si("bore_mm"), self.get_si("oil_density_kg_m3")
-        return Damper(
+        return DamperParameters(
             concentric_coefficient=damper_law.orifice_coefficient(
                 bore, self.get_si("orifice_concentric_mm"), density, 1.0
             ),
@@ -137,17 +142,21 @@ class DamperSection(DeviceFileSection):
         )
 
 
-class TendonSection(DeviceFileSection):
+class Tendon(DeviceFileSection):
     """Two offset parallel springs in series with muscle and damper."""
 
     slack_length_mm: Annotated[FiniteFloat, Field(ge=0, le=2000)]
+    """Length at which the tendon becomes taut."""
     stiffness_1_n_per_mm: Annotated[FiniteFloat, Field(ge=0.1, le=1e5)]
+    """Stiffness of the first spring."""
     stiffness_2_n_per_mm: Annotated[FiniteFloat, Field(ge=0, le=1e5)]
+    """Stiffness of the second spring."""
     engagement_mm: Annotated[FiniteFloat, Field(ge=0, le=200)]
+    """Stretch at which the second spring engages."""
 
-    def to_parameters(self) -> Tendon:
-        """The law's parameters, SI."""
-        return Tendon(
+    def to_parameters(self) -> TendonParameters:
+        """Return the parameters of the law in SI units."""
+        return TendonParameters(
             slack_length=self.get_si("slack_length_mm"),
             stiffness_1=self.get_si("stiffness_1_n_per_mm"),
             stiffness_2=self.get_si("stiffness_2_n_per_mm"),
@@ -156,25 +165,28 @@ class TendonSection(DeviceFileSection):
         )
 
 
-class MountingSection(DeviceFileSection):
-    """How the device is cut to length when it is built into an ankle."""
+class Mounting(DeviceFileSection):
+    """Length of the device when it is built into an ankle."""
 
     neutral_muscle_ratio: Annotated[FiniteFloat, Field(gt=0.6, le=1.0)]
-    """Muscle length over L0 with the ankle at neutral and the tendon just taut."""
+    """Muscle length over resting length with the ankle at neutral and the tendon just taut."""
 
 
 class PublishedMeasurement(DeviceFileSection):
-    """A published measurement of this device, to lay beside the model."""
+    """A published measurement of this device, for comparison with the model."""
 
     muscle_ratio: Annotated[FiniteFloat, Field(gt=0, le=1.0)]
-    """lambda_1 at which it was taken."""
+    """Muscle length over resting length, lambda_1."""
     pressure_bar: NonNegative
+    """Gauge pressure."""
     force_n: FiniteFloat
+    """Measured force."""
     note: str
+    """Source and remarks."""
 
 
 PNEUMATIC_SECTIONS = ("supply", "valve", "line", "chamber", "tank", "leak")
-"""Sections on air."""
+"""Sections of the supply and the air."""
 SECTION_OF_EFFECT = {
     "pressure_lag": "valve",
     "choked_valve": "valve",
@@ -182,47 +194,54 @@ SECTION_OF_EFFECT = {
     "leak": "leak",
     "supply_droop": "tank",
 }
-"""Effects that say of a regulator what a section says already."""
+"""Effect of an ideal regulator -> section that describes the same cause."""
 
 
 class DeviceSpec(DeviceFileSection):
     """One device file."""
 
     name: Annotated[str, Field(min_length=1)]
+    """Name of the device."""
     description: str = ""
-    muscle: MuscleSection
-    damper: DamperSection | None = None
-    """Left out: no damper."""
-    tendon: TendonSection | None = None
-    """Left out: a rigid tie of length 0 (a bare muscle on a tester)."""
-    supply: SupplySection
-    valve: ValveSection | None = None
-    """Left out: the regulator gives any flow."""
-    line: LineSection | None = None
-    chamber: ChamberSection | None = None
-    """Left out: air at constant temperature, no dead volume."""
-    tank: TankSection | None = None
-    """Left out: the supply never ends."""
-    leak: LeakSection | None = None
-    mounting: MountingSection | None = None
-    """Left out: the device cannot be built into an ankle."""
+    """Description for people."""
+    muscle: Muscle
+    """Muscle: one or more actuators."""
+    damper: Damper | None = None
+    """Damper in parallel with the muscle; None: no damper."""
+    tendon: Tendon | None = None
+    """Tendon in series; None: a rigid tie of length 0 (a bare muscle on a tester)."""
+    supply: Supply
+    """Pressure regulator."""
+    valve: Valve | None = None
+    """Valve between regulator and muscle; None: the flow is not limited."""
+    line: Line | None = None
+    """Tube between valve and muscle; None: no tube."""
+    chamber: Chamber | None = None
+    """Air in the muscle; None: constant temperature and no dead volume."""
+    tank: Tank | None = None
+    """Tank that feeds the supply; None: the supply is unlimited."""
+    leak: Leak | None = None
+    """Leak of the muscle; None: no leak."""
+    mounting: Mounting | None = None
+    """Length for an ankle; None: the device cannot be built into an ankle."""
     effects: dict[str, dict[str, FiniteFloat | str]] = Field(default_factory=dict)
-    """What the dissertation's model leaves out: effect -> ``form`` (left out: the usual one) and its parameters."""
+    """Effects beyond the dissertation's model: name -> parameters and, optionally, ``form``."""
     published: list[PublishedMeasurement] = Field(default_factory=list)
+    """Published measurements of the device."""
     sources: dict[str, str] = Field(default_factory=dict)
-    """``section.key`` -> where the number is from; begins with 'assumed' if nobody printed it."""
+    """``section.key`` -> source of the number; begins with 'assumed' where no source is published."""
 
     @model_validator(mode="after")
     def _check_pneumatic_sections(self) -> Self:
         for title in ("line", "chamber"):
             if getattr(self, title) is not None and self.valve is None:
                 raise PydanticCustomError(
-                    "valve", "[{title}] needs a [valve]: an ideal regulator has no use for it", {"title": title}
+                    "valve", "[{title}] needs a [valve]; add the section [valve], or remove [{title}]", {"title": title}
                 )
         for effect in self.effects:
-            obstacle = self.find_incompatibility(effect)
-            if obstacle:
-                raise PydanticCustomError("effect", "{why}", {"why": obstacle})
+            reason = self.find_incompatibility(effect)
+            if reason:
+                raise PydanticCustomError("effect", "{reason}", {"reason": reason})
         return self
 
     @model_validator(mode="after")
@@ -231,7 +250,7 @@ class DeviceSpec(DeviceFileSection):
             try:
                 schema_effects.check_effect(name, content)
             except InputError as error:
-                raise PydanticCustomError("effect", "{why}", {"why": str(error)}) from None
+                raise PydanticCustomError("effect", "{reason}", {"reason": str(error)}) from None
         return self
 
     @model_validator(mode="after")
@@ -240,100 +259,85 @@ class DeviceSpec(DeviceFileSection):
         for key in self.sources:
             if key not in known:
                 raise PydanticCustomError(
-                    "source", "sources names '{key}', which is no number of this file", {"key": key}
+                    "source", "[sources] refers to '{key}', which is not a numeric key of this file", {"key": key}
                 )
         return self
 
     def can_add_effect(self, effect: Effect) -> bool:
-        """Whether ``effect`` is one that this device is without and could have."""
-        there = effect.replaces_switch and getattr(self.muscle, effect.replaces_switch)
-        return effect.name not in self.effects and not there and not self.find_incompatibility(effect.name)
+        """Return whether ``effect`` can be added to this device, which does not have it yet."""
+        is_built_in = effect.replaces_switch and getattr(self.muscle, effect.replaces_switch)
+        return effect.name not in self.effects and not is_built_in and not self.find_incompatibility(effect.name)
 
     def find_incompatibility(self, effect_name: str) -> str:
-        """Why this device cannot have ``effect`` beside what its sections say, or ''."""
+        """Return why ``effect_name`` contradicts the sections of this device, or ''."""
         title = SECTION_OF_EFFECT.get(effect_name, "")
         if title and getattr(self, title) is not None:
-            return f"[effects.{effect_name}] and [{title}] say the same twice; leave one out"
-        opened = self.valve is not None and self.valve.takes == "opening"
-        if effect_name in ("regulator_error", "unknown_pressure") and opened:
-            return f"[effects.{effect_name}] needs commands that are pressures; this [valve] takes openings"
+            return f"[effects.{effect_name}] and [{title}] describe the same cause; remove one of them"
+        takes_openings = self.valve is not None and self.valve.command == "opening"
+        if effect_name in ("regulator_error", "unknown_pressure") and takes_openings:
+            return f"[effects.{effect_name}] needs pressure commands, but this [valve] has command = 'opening'"
         return ""
 
     def collect_values(self) -> dict[str, float]:
-        """Every number of the device, ``section.key`` -> value as written in the file."""
-        found: dict[str, float] = {}
+        """Return all numbers of the device: ``section.key`` -> value in the unit of the key."""
+        numbers: dict[str, float] = {}
         for title in ("muscle", "damper", "tendon", *PNEUMATIC_SECTIONS, "mounting"):
             section = getattr(self, title)
             if section is not None:
                 values = section.model_dump(exclude_none=True)
-                found.update({f"{title}.{k}": v for k, v in values.items() if not isinstance(v, bool | str)})
+                numbers.update({f"{title}.{k}": v for k, v in values.items() if not isinstance(v, bool | str)})
         for effect, content in self.effects.items():
-            found.update({f"effects.{effect}.{k}": v for k, v in content.items() if not isinstance(v, str)})
-        return found
+            numbers.update({f"effects.{effect}.{k}": v for k, v in content.items() if not isinstance(v, str)})
+        return numbers
 
     def collect_assumptions(self) -> dict[str, str]:
-        """The numbers nobody printed, ``section.key`` -> why."""
+        """Return the assumed numbers: ``section.key`` -> reason."""
         return {k: v for k, v in self.sources.items() if v.startswith("assumed")}
 
     def list_unsourced_keys(self) -> list[str]:
-        """The numbers that the file gives no source for, ``section.key``."""
+        """Return the ``section.key`` of all numbers without a source."""
         return [key for key in self.collect_values() if key not in self.sources]
 
     def to_parameters(self) -> DeviceParameters:
-        """The law's parameters, SI, with neutral stand-ins for what is left out."""
+        """Return the parameters in SI units, with neutral values for missing sections."""
         return DeviceParameters(
             muscle=self.muscle.to_parameters(),
-            damper=self.damper.to_parameters() if self.damper else Damper(0.0, 0.0),
-            tendon=self.tendon.to_parameters() if self.tendon else Tendon(0.0, 0.0, 0.0, 0.0, is_rigid=True),
+            damper=self.damper.to_parameters() if self.damper else DamperParameters(0.0, 0.0),
+            tendon=self.tendon.to_parameters() if self.tendon else TendonParameters(0.0, 0.0, 0.0, 0.0, is_rigid=True),
             supply=schema_supply.build_supply(*(getattr(self, title) for title in PNEUMATIC_SECTIONS)),
             effects=schema_effects.pack_effects(self.effects),
         )
 
 
+OLD_KEYS = {
+    "valve": {"takes": "command", "period_s": "pwm_period_s", "shortest_pulse_s": "min_pulse_s"},
+    "chamber": {"warming_s": "thermal_time_constant_s"},
+}
+"""Section -> keys of the first format of device files, and their present names."""
+
+MAX_REPORTED_PROBLEMS = 4
+"""Maximum number of problems of one file in an error message."""
+
+
 def parse_device_spec(content: dict[str, Any], source: str) -> DeviceSpec:
-    """Check the ``content`` of a device file found at ``where``; raises InputError with one sentence."""
+    """Check the ``content`` of a device file; ``source`` names the file in errors.
+
+    Raises InputError with one sentence when something is wrong, or when the file has the first format.
+    """
+    _check_format(content, source)
     try:
         return DeviceSpec.model_validate(content)
     except ValidationError as error:
-        raise InputError(_format_error(error, source)) from None
+        problems = validation_sentence(error, DeviceSpec, max_problems=MAX_REPORTED_PROBLEMS)
+        raise InputError(f"device file {source}: {problems}") from None
 
 
-MAX_REPORTED_PROBLEMS = 4
-"""Problems of one file that are told at once."""
-
-
-def _format_error(error: ValidationError, source: str) -> str:
-    # An unknown key is often the misspelt one that is also missing.
-    problems = sorted(error.errors(include_url=False), key=lambda problem: problem["type"] != "extra_forbidden")
-    told = "; ".join(_format_problem(problem) for problem in problems[:MAX_REPORTED_PROBLEMS])
-    more = f" (and {len(problems) - MAX_REPORTED_PROBLEMS} more)" if len(problems) > MAX_REPORTED_PROBLEMS else ""
-    return f"device file {source}: {told}{more}"
-
-
-def _format_problem(problem: ErrorDetails) -> str:
-    key = ".".join(str(part) for part in problem["loc"])
-    if problem["type"] == "extra_forbidden":
-        return f"unknown key '{key}'; allowed here: {', '.join(_list_allowed_keys(problem['loc']))}"
-    if problem["type"] == "missing":
-        return f"key '{key}' is missing"
-    if problem["type"] in {"wall", "radius", "orifice", "source", "effect", "valve"}:
-        return f"[{key}] {problem['msg']}" if key else problem["msg"]
-    return f"{key} = {problem['input']!r} is refused: {problem['msg'][0].lower()}{problem['msg'][1:]}"
-
-
-def _list_allowed_keys(location: tuple[int | str, ...]) -> list[str]:
-    sections: dict[str, type[DeviceFileSection]] = {
-        "muscle": MuscleSection,
-        "damper": DamperSection,
-        "tendon": TendonSection,
-        "supply": SupplySection,
-        "valve": ValveSection,
-        "line": LineSection,
-        "chamber": ChamberSection,
-        "tank": TankSection,
-        "leak": LeakSection,
-        "mounting": MountingSection,
-        "published": PublishedMeasurement,
-    }
-    owner = sections.get(str(location[0]), DeviceSpec) if len(location) > 1 else DeviceSpec
-    return list(owner.model_fields)
+def _check_format(content: dict[str, Any], source: str) -> None:
+    """Raise InputError when ``content`` has keys of the first format of device files."""
+    renamed = []
+    for title, keys in OLD_KEYS.items():
+        section = content.get(title)
+        if isinstance(section, dict):
+            renamed += [f"{title}.{old} to {title}.{new}" for old, new in keys.items() if old in section]
+    if renamed:
+        raise InputError(f"device file {source} has the first format; rename {', '.join(renamed)}")

@@ -1,4 +1,4 @@
-"""The ``[effects.NAME]`` sections of a device file."""
+"""Sections ``[effects.NAME]`` of a device file."""
 
 from collections.abc import Mapping
 
@@ -8,16 +8,22 @@ from klute_sim.errors import InputError
 from klute_sim.laws.foot import Foot
 
 EffectContent = Mapping[str, float | str]
+"""Content of one section: parameters and, optionally, ``form``."""
 
 
 def check_effect(name: str, content: EffectContent) -> EffectForm:
-    """The form that ``content`` of section ``name`` describes; raises InputError for what no such effect has."""
-    named = content.get("form")
-    if named is not None and not isinstance(named, str):
-        raise InputError(f"[effects.{name}] form = {named!r} is refused; allowed: the name of a form")
-    effect, form = catalogue.find_form(name, named)
+    """Return the form that the ``content`` of section ``name`` describes.
+
+    Raises InputError when there is no such effect or form, or a key is unknown, missing or out of range.
+    """
+    form_name = content.get("form")
+    if form_name is not None and not isinstance(form_name, str):
+        raise InputError(f"[effects.{name}] form = {form_name!r} is refused; allowed: the name of a form")
+    effect, form = catalogue.find_form(name, form_name)
     if effect.kind == "instrument":
-        raise InputError(f"'{name}' is an effect of instruments, not of a device")
+        raise InputError(
+            f"'{name}' is an effect of instruments; allowed in a device file: effects of the device or the body"
+        )
     known = {parameter.key: parameter for parameter in form.parameters}
     for key in content:
         if key != "form" and key not in known:
@@ -36,20 +42,20 @@ def check_effect(name: str, content: EffectContent) -> EffectForm:
 
 
 def pack_effects(sections: Mapping[str, EffectContent]) -> tuple[float, ...]:
-    """The law's values for all sections of a file that are of the device itself."""
+    """Return the effect values of a device (:func:`klute_sim.effects.catalogue.pack_effects`)."""
     return catalogue.pack_effects(select_effects(sections, "device"))
 
 
 def apply_body_effects(sections: Mapping[str, EffectContent], foot: Foot) -> Foot:
-    """``foot`` with all sections of a file that are of the body it is built into."""
+    """Return ``foot`` with the effects that change the body."""
     return catalogue.apply_body_effects(select_effects(sections, "body"), foot)
 
 
 def select_effects(sections: Mapping[str, EffectContent], kind: str) -> dict[tuple[str, str], dict[str, float]]:
-    """(effect, form) -> numbers by key, of all sections of a file that are of ``kind``."""
-    found = {}
+    """Return (effect, form) -> parameters by key, in the units of the keys, for all effects of ``kind``."""
+    selected = {}
     for name, content in sections.items():
         form = check_effect(name, content)
         if catalogue.get_effects()[name].kind == kind:
-            found[name, form.name] = {p.key: float(content[p.key]) for p in form.parameters if p.key in content}
-    return found
+            selected[name, form.name] = {p.key: float(content[p.key]) for p in form.parameters if p.key in content}
+    return selected

@@ -1,4 +1,4 @@
-"""A section of a device file: keys that carry their unit, nothing that is not known."""
+"""Base of all sections of a device file: keys carry their unit, and unknown keys are refused."""
 
 from typing import Annotated
 
@@ -16,5 +16,5 @@ class DeviceFileSection(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     def get_si(self, key: str) -> float:
-        """Value of ``key`` in SI."""
+        """Return the value of ``key`` in SI units."""
         return to_si(key, float(getattr(self, key)))

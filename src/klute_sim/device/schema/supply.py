@@ -1,4 +1,4 @@
-"""The device file on air: a regulator, and between it and the muscle a valve, a line, the chamber, a tank, a leak."""
+"""Sections of the supply and the air: regulator, valve, line, chamber, tank and leak."""
 
 import math
 from typing import Annotated, Literal, Self
@@ -8,136 +8,143 @@ from pydantic_core import PydanticCustomError
 
 from klute_sim.device.schema.section import DeviceFileSection, NonNegative, Positive
 from klute_sim.laws import valve as valve_law
-from klute_sim.laws.pneumatics import ZERO_CELSIUS, Supply
+from klute_sim.laws.pneumatics import ZERO_CELSIUS, SupplyParameters
 from klute_sim.laws.valve import Restriction
 
 CriticalRatio = Annotated[FiniteFloat, Field(ge=0.0, lt=0.99)]
 
 
-class SupplySection(DeviceFileSection):
-    """What the pressure regulator can do."""
+class Supply(DeviceFileSection):
+    """The pressure regulator."""
 
     pressure_bar: Annotated[FiniteFloat, Field(gt=0, le=20)]
-    """Highest gauge pressure."""
+    """Maximum gauge pressure."""
     rate_bar_per_s: Positive
-    """Fastest change either way; of a regulator without a [valve]."""
+    """Maximum rate of pressure change in both directions, without a [valve]."""
     gas_temperature_c: Annotated[FiniteFloat, Field(ge=-60, le=200)]
+    """Temperature of the supplied air."""
 
 
-class ValveSection(DeviceFileSection):
-    """A valve with a limited flow (ISO 6358) between supply and muscle, and between muscle and room."""
+class Valve(DeviceFileSection):
+    """A valve with limited flow (ISO 6358) from the supply to the muscle and from the muscle to the room."""
 
     fill_dm3_per_s_bar: Annotated[FiniteFloat, Field(ge=1e-4, le=1e3)]
-    """Sonic conductance C towards the muscle, fully open."""
+    """Sonic conductance C from supply to muscle, fully open."""
     fill_critical_ratio: CriticalRatio
-    """Critical pressure ratio b."""
+    """Critical pressure ratio b from supply to muscle."""
     exhaust_dm3_per_s_bar: Annotated[FiniteFloat, Field(ge=1e-4, le=1e3)]
+    """Sonic conductance C from muscle to room, fully open."""
     exhaust_critical_ratio: CriticalRatio
-    takes: Literal["pressure", "opening"] = "pressure"
-    """What a command is: a pressure, which the valve's own loop follows, or an opening, -1 (exhaust) to 1 (fill)."""
+    """Critical pressure ratio b from muscle to room."""
+    command: Literal["pressure", "opening"] = "pressure"
+    """Kind of command: a pressure that the valve controls, or an opening from -1 (exhaust) to 1 (fill)."""
     gain_per_bar: Annotated[FiniteFloat, Field(gt=0, le=1e4)] | None = None
-    """Opening per bar that is missing; only, and always, where commands are pressures."""
+    """Opening per bar of pressure error; required for pressure commands, not allowed for openings."""
     drive: Literal["proportional", "on-off"] = "proportional"
-    """Whether the valve opens in proportion, or in pulses as wide as the opening."""
-    period_s: Annotated[FiniteFloat, Field(ge=1e-3, le=1.0)] | None = None
-    """Of the pulses; only, and always, of an on-off valve."""
-    shortest_pulse_s: NonNegative | None = None
-    """That the valve can still make; likewise."""
+    """Kind of valve: a continuous opening, or pulses whose width is the opening (pulse-width modulation)."""
+    pwm_period_s: Annotated[FiniteFloat, Field(ge=1e-3, le=1.0)] | None = None
+    """Period of the pulse-width modulation; required for an on-off valve, not allowed otherwise."""
+    min_pulse_s: NonNegative | None = None
+    """Shortest pulse of the valve; required for an on-off valve, not allowed otherwise."""
 
     @model_validator(mode="after")
     def _check_options(self) -> Self:
-        if self.takes == "pressure" and self.gain_per_bar is None:
-            raise PydanticCustomError("valve", "takes = 'pressure' (also when left out) needs gain_per_bar")
-        if self.takes == "opening" and self.gain_per_bar is not None:
-            raise PydanticCustomError("valve", "gain_per_bar is of no use to takes = 'opening': leave it out")
-        pulses = self.period_s, self.shortest_pulse_s
-        if self.drive == "on-off" and None in pulses:
-            raise PydanticCustomError("valve", "drive = 'on-off' needs period_s and shortest_pulse_s")
-        if self.drive == "proportional" and pulses != (None, None):
-            raise PydanticCustomError("valve", "period_s and shortest_pulse_s need drive = 'on-off'")
-        if self.period_s is not None and 2.0 * (self.shortest_pulse_s or 0.0) > self.period_s:
-            raise PydanticCustomError("valve", "shortest_pulse_s must be at most half of period_s")
+        if self.command == "pressure" and self.gain_per_bar is None:
+            raise PydanticCustomError("valve", "command = 'pressure' (the default) needs gain_per_bar")
+        if self.command == "opening" and self.gain_per_bar is not None:
+            raise PydanticCustomError("valve", "gain_per_bar is not allowed with command = 'opening'; remove it")
+        pulse_keys = self.pwm_period_s, self.min_pulse_s
+        if self.drive == "on-off" and None in pulse_keys:
+            raise PydanticCustomError("valve", "drive = 'on-off' needs pwm_period_s and min_pulse_s")
+        if self.drive == "proportional" and pulse_keys != (None, None):
+            raise PydanticCustomError("valve", "pwm_period_s and min_pulse_s need drive = 'on-off'")
+        if self.pwm_period_s is not None and 2.0 * (self.min_pulse_s or 0.0) > self.pwm_period_s:
+            raise PydanticCustomError("valve", "min_pulse_s must be at most half of pwm_period_s")
         return self
 
 
-class LineSection(DeviceFileSection):
-    """The tube between valve and muscle: it throttles, and it has to be filled, too."""
+class Line(DeviceFileSection):
+    """The tube between valve and muscle, which throttles the flow and adds dead volume."""
 
     length_m: Annotated[FiniteFloat, Field(gt=0, le=100)]
+    """Length of the tube."""
     inner_diameter_mm: Annotated[FiniteFloat, Field(ge=0.5, le=50)]
+    """Inner diameter of the tube."""
 
     def to_restriction(self) -> Restriction:
-        """Its flow."""
+        """Return the flow restriction of the tube."""
         return valve_law.tube_restriction(self.length_m, self.get_si("inner_diameter_mm"))
 
     def compute_volume(self) -> float:
-        """Its volume [m3]."""
+        """Return the volume of the tube [m3]."""
         return 0.25 * math.pi * self.get_si("inner_diameter_mm") ** 2 * self.length_m
 
 
-class ChamberSection(DeviceFileSection):
+class Chamber(DeviceFileSection):
     """The air in the muscle."""
 
     dead_volume_cm3: Annotated[FiniteFloat, Field(ge=0, le=1e4)]
-    """Of fittings, without the line."""
+    """Dead volume of the fittings, without the line."""
     exponent: Annotated[FiniteFloat, Field(ge=1.0, le=1.67)]
-    """Polytropic: 1 isothermal, 1.4 adiabatic."""
-    warming_s: Annotated[FiniteFloat, Field(ge=0, le=1e4)]
-    """Time in which the air takes the walls' temperature all the same; 0: never."""
+    """Polytropic exponent: 1 isothermal, 1.4 adiabatic."""
+    thermal_time_constant_s: Annotated[FiniteFloat, Field(ge=0, le=1e4)]
+    """Time constant with which the air approaches the wall temperature; 0: never."""
 
 
-class TankSection(DeviceFileSection):
+class Tank(DeviceFileSection):
     """A tank that is not refilled."""
 
     volume_l: Annotated[FiniteFloat, Field(ge=1e-3, le=1e4)]
+    """Volume of the tank."""
     pressure_bar: Annotated[FiniteFloat, Field(gt=0, le=500)]
-    """When full, gauge."""
+    """Gauge pressure of the full tank."""
 
 
-class LeakSection(DeviceFileSection):
+class Leak(DeviceFileSection):
     """A leak of the muscle into the room."""
 
     conductance_dm3_per_s_bar: Annotated[FiniteFloat, Field(ge=0, le=10)]
+    """Sonic conductance of the leak."""
 
 
 def build_supply(
-    supply: SupplySection,
-    valve: ValveSection | None,
-    line: LineSection | None,
-    chamber: ChamberSection | None,
-    tank: TankSection | None,
-    leak: LeakSection | None,
-) -> Supply:
-    """The law's parameters, SI."""
-    found = Supply(
+    supply: Supply,
+    valve: Valve | None,
+    line: Line | None,
+    chamber: Chamber | None,
+    tank: Tank | None,
+    leak: Leak | None,
+) -> SupplyParameters:
+    """Return the parameters of the supply in SI units."""
+    parameters = SupplyParameters(
         max_pressure=supply.get_si("pressure_bar"),
         max_pressure_rate=supply.get_si("rate_bar_per_s"),
         temperature=supply.gas_temperature_c + ZERO_CELSIUS,
     )
     if tank is not None:
-        found = found._replace(tank_volume=tank.get_si("volume_l"), tank_pressure=tank.get_si("pressure_bar"))
+        parameters = parameters._replace(tank_volume=tank.get_si("volume_l"), tank_pressure=tank.get_si("pressure_bar"))
     if leak is not None:
-        found = found._replace(leak_conductance=leak.get_si("conductance_dm3_per_s_bar"))
+        parameters = parameters._replace(leak_conductance=leak.get_si("conductance_dm3_per_s_bar"))
     if valve is None:
-        return found
+        return parameters
     fill = Restriction(valve.get_si("fill_dm3_per_s_bar"), valve.fill_critical_ratio)
     exhaust = Restriction(valve.get_si("exhaust_dm3_per_s_bar"), valve.exhaust_critical_ratio)
     if line is not None:
-        fill, exhaust = (valve_law.combine_in_series(way, line.to_restriction()) for way in (fill, exhaust))
-        found = found._replace(dead_volume=line.compute_volume())
+        fill, exhaust = (valve_law.combine_in_series(port, line.to_restriction()) for port in (fill, exhaust))
+        parameters = parameters._replace(dead_volume=line.compute_volume())
     if chamber is not None:
-        found = found._replace(
-            dead_volume=found.dead_volume + chamber.get_si("dead_volume_cm3"),
+        parameters = parameters._replace(
+            dead_volume=parameters.dead_volume + chamber.get_si("dead_volume_cm3"),
             polytropic_exponent=chamber.exponent,
-            thermal_time_constant=chamber.warming_s,
+            thermal_time_constant=chamber.thermal_time_constant_s,
         )
-    return found._replace(
+    return parameters._replace(
         fill_conductance=fill.conductance,
         fill_critical_ratio=fill.critical_ratio,
         exhaust_conductance=exhaust.conductance,
         exhaust_critical_ratio=exhaust.critical_ratio,
         valve_gain=valve.get_si("gain_per_bar") if valve.gain_per_bar is not None else 0.0,
-        command_is_opening=float(valve.takes == "opening"),
-        pwm_period=valve.period_s or 0.0,
-        min_pulse=valve.shortest_pulse_s or 0.0,
+        command_is_opening=float(valve.command == "opening"),
+        pwm_period=valve.pwm_period_s or 0.0,
+        min_pulse=valve.min_pulse_s or 0.0,
     )

@@ -6,12 +6,14 @@ from klute_sim.gait.rig.build import MODEL_MASS, MODEL_STATURE, build_gait_model
 from klute_sim.laws.foot import Foot
 
 MODEL_TIME_STEP = 5e-4
-"""Of the model that the numbers are read from [s]; none depends on it."""
+"""Time step of the model that the numbers are read from [s]; no number depends on it."""
 
 
 def build_device_foot(device: Device) -> Foot:
-    """The foot that ``device`` is built onto; raises InputError for a device that does not fit.
+    """Return the foot of the prosthesis with ``device``.
 
-    The tendon's origin is put where the gait rig puts it: with the muscle at its mounting length at a neutral ankle.
+    The origin of the tendon is that of the gait rig: the muscle has its mounting length at a neutral ankle.
+
+    Raises InputError when the device does not fit into the prosthesis.
     """
     return read_foot(build_gait_model(device, mass=MODEL_MASS, stature=MODEL_STATURE, dt=MODEL_TIME_STEP))

@@ -1,12 +1,13 @@
-"""Measured motion and load made ready to be replayed.
+"""Prepare the measured motion and load of a trial for a replay.
 
-The ground's moment about the ankle is ``-z F_x - (x_cop - x) F_z`` (plantarflexing positive, ``x`` and ``z`` the
-ankle's place over the ground) and is interpolated linearly between samples of the load. Where that place was reckoned
-from the limb, and the limb sinks into its socket by ``d``, the ankle is ``d (sin t, cos t)`` from there (``t`` the
-shank's lean), and the moment is ``d (F_z sin t - F_x cos t)`` more: the reaction across the pylon times ``d``.
+The moment of the ground reaction about the ankle is ``-z F_x - (x_cop - x) F_z`` (plantarflexion positive; ``x`` and
+``z`` are the position of the ankle over the ground). It is interpolated linearly between samples of the load. A
+position of the ankle that was computed from the limb does not contain the displacement ``d`` of the limb in its socket.
+The ankle is then ``d (sin t, cos t)`` away from it (``t``: inclination of the shank), and the moment increases by ``d
+(F_z sin t - F_x cos t)``: the ground reaction across the pylon times ``d``.
 
-Accelerations are second derivatives of the motion after a zero-lag low-pass, as is usual for markers (Winter,
-Biomechanics and Motor Control of Human Movement, 4th ed. 2009, section 3.4); they only move 0.8 kg of foot.
+Accelerations are second derivatives of the motion after a zero-lag low-pass filter, as usual for markers (Winter,
+Biomechanics and Motor Control of Human Movement, 4th ed. 2009, section 3.4). They only move 0.8 kg of foot.
 """
 
 from collections.abc import Mapping
@@ -19,36 +20,42 @@ from scipy.signal import butter, sosfiltfilt
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
 from klute_sim.datasets.trial import Series
 from klute_sim.errors import InputError
-from klute_sim.gait.replay.rollout import Array, ReplayInputs
+from klute_sim.gait.replay.rollout import ReplayInputs
+from klute_sim.types import Array
 
 CUTOFF_FREQUENCY_HZ = 20.0
-"""Of the low-pass that motion is smoothed with before it is differentiated [Hz] (assumed: above the 6 to 10 Hz that
-are used for markers, so that less of a foot strike is lost)."""
+"""Cutoff frequency of the low-pass filter for motion before differentiation [Hz] (assumed: above the usual 6 to 10 Hz
+for markers, so that less of a foot strike is lost)."""
 MAX_SAMPLING_INTERVAL = 0.02
-"""Longest time between samples of the motion [s], for that low-pass."""
+"""Maximum sampling interval of motion [s], for that filter."""
 
 
 class PrescribedMotion(NamedTuple):
-    """What a trial prescribes, at any time."""
+    """Prescribed motion and load of a trial as functions of time."""
 
     shank_angle: CubicSpline
+    """Inclination of the shank, forward positive [rad]."""
     ankle_x: CubicSpline
+    """Forward position of the ankle [m]."""
     ankle_z: CubicSpline
+    """Height of the ankle [m]."""
     ground_moment: Series
-    """Moment of the ground reaction about the ankle [N.m], plantarflexing positive."""
+    """Moment of the ground reaction about the ankle, plantarflexion positive [N.m]."""
     axial_force: Series
+    """Ground reaction along the pylon, up positive [N]."""
     shear_force: Series
-    """See :class:`~klute_sim.gait.replay.rollout.Inputs` [N]."""
+    """Ground reaction across the pylon, backward positive [N]."""
     vertical_load: Series
-    """Load [N]."""
+    """Vertical ground reaction [N]."""
     pressure_command: Series
-    """Pressure [Pa]."""
+    """Commanded gauge pressure [Pa]."""
     start_time: float
+    """First time at which all channels are known [s]."""
     end_time: float
-    """Where all of it is known [s]."""
+    """Last time at which all channels are known [s]."""
 
     def interpolate(self, time: Array) -> ReplayInputs:
-        """At ``time`` [s]."""
+        """Return the inputs of a replay at ``time`` [s]."""
         return ReplayInputs(
             shank_angle=self.shank_angle(time),
             shank_angular_acceleration=self.shank_angle(time, 2),
@@ -61,11 +68,11 @@ class PrescribedMotion(NamedTuple):
         )
 
     def find_foot_strikes(self) -> Array:
-        """Times [s] at which the foot comes to carry load."""
+        """Return the times [s] at which the foot becomes loaded."""
         return self._find_load_crossings(+1)
 
     def find_toe_offs(self) -> Array:
-        """Times [s] at which it no longer does."""
+        """Return the times [s] at which the foot becomes unloaded."""
         return self._find_load_crossings(-1)
 
     def _find_load_crossings(self, direction: int) -> Array:
@@ -76,40 +83,41 @@ class PrescribedMotion(NamedTuple):
 def prepare_prescribed_motion(
     channels: Mapping[str, Series], source: str, *, cutoff: float = CUTOFF_FREQUENCY_HZ
 ) -> PrescribedMotion:
-    """What ``channels`` (:data:`klute_sim.datasets.channels.PRESCRIBED` of a gait trial) prescribe.
+    """Return the prescribed motion and load of a gait trial.
 
-    Motion is low-passed at ``cutoff`` [Hz].
+    ``channels`` are :data:`klute_sim.datasets.channels.PRESCRIBED_CHANNELS` of a gait trial. Motion is low-pass
+    filtered at ``cutoff`` [Hz]. ``source`` names the trial in errors.
 
-    Raises InputError for motion that is sampled too slowly, or a foot that never carries load; ``where`` names the
-    trial.
+    Raises InputError when motion is sampled too slowly or the foot is never loaded.
     """
     motion = {}
     for name in ("shank_angle", "ankle_x", "ankle_z"):
         series = channels[name]
         if series.sampling_interval > MAX_SAMPLING_INTERVAL:
             raise InputError(
-                f"{source}: '{name}' has {1.0 / series.sampling_interval:.0f} samples a second; a replay needs "
-                f"{1.0 / MAX_SAMPLING_INTERVAL:.0f} or more, because the foot is moved by the ankle's acceleration"
+                f"{source}: '{name}' has a sampling rate of {1.0 / series.sampling_interval:.0f} Hz; a replay needs "
+                f"{1.0 / MAX_SAMPLING_INTERVAL:.0f} Hz or more, because the acceleration of the ankle moves the foot"
             )
         motion[name] = _fit_low_pass_spline(series, cutoff)
     vertical, forward, cop = (channels[name] for name in ("grf_vertical", "grf_forward", "cop_x"))
-    if not (vertical.value > CONTACT_FORCE_THRESHOLD).any():
+    is_loaded = vertical.value > CONTACT_FORCE_THRESHOLD
+    if not is_loaded.any():
         raise InputError(
-            f"{source}: 'grf_vertical' is never above {CONTACT_FORCE_THRESHOLD:g} N: the foot has to stand on the ground"
+            f"{source}: 'grf_vertical' is never above {CONTACT_FORCE_THRESHOLD:g} N: the foot must stand on the ground"
         )
     known = np.isfinite(cop.value)
-    place = np.interp(vertical.time, cop.time[known], cop.value[known])
-    lever = np.where(vertical.value > CONTACT_FORCE_THRESHOLD, place - motion["ankle_x"](vertical.time), 0.0)
-    ahead = np.interp(vertical.time, forward.time, forward.value)
-    moment = -motion["ankle_z"](vertical.time) * ahead - lever * vertical.value
+    cop_x = np.interp(vertical.time, cop.time[known], cop.value[known])
+    lever = np.where(is_loaded, cop_x - motion["ankle_x"](vertical.time), 0.0)
+    forward_force = np.interp(vertical.time, forward.time, forward.value)
+    moment = -motion["ankle_z"](vertical.time) * forward_force - lever * vertical.value
     sine, cosine = np.sin(motion["shank_angle"](vertical.time)), np.cos(motion["shank_angle"](vertical.time))
     return PrescribedMotion(
         shank_angle=motion["shank_angle"],
         ankle_x=motion["ankle_x"],
         ankle_z=motion["ankle_z"],
         ground_moment=Series(vertical.time, np.asarray(moment)),
-        axial_force=Series(vertical.time, np.asarray(cosine * vertical.value + sine * ahead)),
-        shear_force=Series(vertical.time, np.asarray(sine * vertical.value - cosine * ahead)),
+        axial_force=Series(vertical.time, np.asarray(cosine * vertical.value + sine * forward_force)),
+        shear_force=Series(vertical.time, np.asarray(sine * vertical.value - cosine * forward_force)),
         vertical_load=vertical,
         pressure_command=channels["pressure_command"],
         start_time=float(max(series.time[0] for series in channels.values())),
@@ -118,10 +126,10 @@ def prepare_prescribed_motion(
 
 
 def _fit_low_pass_spline(series: Series, cutoff: float) -> CubicSpline:
-    """Through the low-passed samples, on a clock of equal steps."""
+    """Return a spline through the low-pass filtered samples at equal intervals."""
     interval = series.sampling_interval
-    clock = np.arange(series.time[0], series.time[-1] + 0.5 * interval, interval)
-    even = np.interp(clock, series.time, series.value)
-    # Rows of sections: a cutoff that is low against the sampling would make one long filter inexact.
-    filter_ = butter(2, cutoff * 2.0 * interval, output="sos")
-    return CubicSpline(clock, sosfiltfilt(filter_, even, padlen=min(len(even) - 1, round(0.1 / interval))))
+    time = np.arange(series.time[0], series.time[-1] + 0.5 * interval, interval)
+    values = np.interp(time, series.time, series.value)
+    # Second-order sections: with a cutoff far below the sampling rate, a single long filter would be inexact.
+    sections = butter(2, cutoff * 2.0 * interval, output="sos")
+    return CubicSpline(time, sosfiltfilt(sections, values, padlen=min(len(values) - 1, round(0.1 / interval))))

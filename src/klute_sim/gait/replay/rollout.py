@@ -1,9 +1,10 @@
-"""The prosthesis on a prescribed shank, step by step.
+"""Simulate the prosthesis on a shank with prescribed motion.
 
-With the base prescribed, the ankle is the only coordinate that is free, so a step is the device's implicit step and one
-equation (:mod:`klute_sim.laws.foot`). Taken from the MJCF and compiled, a step takes 0.9 us, where MuJoCo with its base
-put into place from Python takes 5 us and Python's lock: here trials are simulated on all cores. What it leaves out is
-the heel's spring; against a walk of the gait rig at the same step that is 0.005 degrees and 0.2 N (rms, a test).
+With a prescribed base, the ankle is the only free coordinate. A time step is therefore the implicit step of the device
+and one equation (:mod:`klute_sim.laws.foot`). Compiled, a step takes 0.9 us. MuJoCo takes 5 us, because Python moves
+its base, and holds Python's lock; here, trials are simulated on all cores. The model neglects the heel spring. Compared
+with a gait run of the rig at the same time step, this changes the ankle angle by 0.005 degrees and the tension by 0.2 N
+(rms, a test).
 """
 
 import inspect
@@ -13,10 +14,10 @@ from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.device.backend.packing import pack_parameters, unpack_parameters
-from klute_sim.device.backend.select import select_backend
+from klute_sim.device.backend.select import explain_missing_compiler, select_backend
+from klute_sim.device.delay import interpolate_samples
 from klute_sim.device.dynamics import (
     DEAD_TIME_INDEX,
     N_INTERNAL_STATES,
@@ -26,51 +27,51 @@ from klute_sim.device.dynamics import (
     compute_taut_state,
     compute_tension,
 )
-from klute_sim.device.rollout import find_numba_incompatibility, interpolate_samples
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.laws import foot as _foot
 from klute_sim.laws.foot import Foot, FootInputs
+from klute_sim.types import Array
 
 MAX_TIME_STEP = 2e-3
-"""[s]; beyond it the ankle's own oscillation, some 40 Hz on a stiff tendon, is no longer followed."""
+"""Longest allowed time step [s]; beyond it the oscillation of the ankle, 40 Hz on a stiff tendon, is not resolved."""
 SETTLING_TIME = 0.5
-"""Time [s] for which the first inputs are held before a replay begins, from rest."""
-
-Array = NDArray[np.float64]
+"""Time [s] for which the first inputs are held before a replay starts from rest."""
 
 
 class ReplayInputs(NamedTuple):
-    """What is prescribed, (samples,) each, one per step."""
+    """Prescribed inputs, (samples,) each, one per time step."""
 
     shank_angle: Array
-    """Lean of the shank, forward positive [rad]."""
+    """Inclination of the shank, forward positive [rad]."""
     shank_angular_acceleration: Array
-    """Its second derivative [rad/s2]."""
+    """Second time derivative of the inclination [rad/s2]."""
     ankle_acceleration_x: Array
+    """Forward acceleration of the ankle [m/s2]."""
     ankle_acceleration_z: Array
-    """Acceleration of the ankle [m/s2]."""
+    """Upward acceleration of the ankle [m/s2]."""
     ground_moment: Array
-    """Moment of the ground reaction about the ankle [N.m], plantarflexing positive."""
+    """Moment of the ground reaction about the ankle, plantarflexion positive [N.m]."""
     axial_force: Array
+    """Ground reaction along the pylon, up positive [N]."""
     shear_force: Array
-    """The ground reaction along the pylon, up it positive, and across it, backward positive [N]."""
+    """Ground reaction across the pylon, backward positive [N]."""
     pressure_command: Array
-    """Pressure [Pa]."""
+    """Commanded gauge pressure [Pa]."""
 
 
 class ReplayResult(NamedTuple):
-    """What the prosthesis did, (samples,) each, at the beginning of each step."""
+    """Response of the prosthesis, (samples,) each, at the start of each time step."""
 
     tension: Array
-    """[N]"""
+    """Tension of the muscle-tendon unit [N]."""
     pressure: Array
-    """Gauge [Pa]."""
+    """Gauge pressure in the muscle [Pa]."""
     length: Array
-    """Of the muscle [m]."""
+    """Muscle length [m]."""
     ankle_angle: Array
-    """Of the foot against the pylon, dorsiflexion positive [rad]: the hinge, and what the foot bends."""
+    """Angle of the foot relative to the pylon, dorsiflexion positive [rad]: hinge and keel together."""
     ankle_moment: Array
-    """Of tendon, spring, damping, friction and stops about the ankle [N.m], plantarflexor positive."""
+    """Moment of tendon, spring, damping, friction and stops about the ankle, plantarflexor positive [N.m]."""
 
 
 def integrate(
@@ -85,36 +86,36 @@ def integrate(
     dt: float,
     out: Array,
 ) -> None:
-    """Fill ``out`` (samples, 5) in the order of :class:`Replay`; SI.
+    """Fill ``out`` (samples, 5) in the order of :class:`ReplayResult`; SI.
 
-    ``row`` is the device's parameters, ``inputs`` (samples, 7) those of :class:`Inputs` but the command. The first
-    of them are held for ``settling`` steps before that, with nothing accelerating.
+    ``row`` holds the packed parameters. ``inputs`` (samples, 7) are the fields of :class:`ReplayInputs` without the
+    command. Before the replay, the first inputs are held for ``n_settling_steps`` steps without accelerations.
     """
     parameters = unpack_parameters(row)
-    late = parameters.effects[DEAD_TIME_INDEX] / dt
-    before, angle, rate, bent = DeviceState(pressure, length, internal_state), 0.0, 0.0, 0.0
+    delay_steps = parameters.effects[DEAD_TIME_INDEX] / dt
+    before, angle, velocity, keel_angle = DeviceState(pressure, length, internal_state), 0.0, 0.0, 0.0
     for n in range(-n_settling_steps, len(inputs)):
         k = max(n, 0)
         now = inputs[k]
         base = (
             FootInputs(now[0], now[1], now[2], now[3], now[4]) if n >= 0 else FootInputs(now[0], 0.0, 0.0, 0.0, now[4])
         )
-        ground = base.ground_moment + _foot.socket_displacement(foot, base, now[5]) * now[6]
+        ground_moment = base.ground_moment + _foot.socket_displacement(foot, base, now[5]) * now[6]
         base = FootInputs(
             base.shank_angle,
             base.shank_angular_acceleration,
             base.ankle_acceleration_x,
             base.ankle_acceleration_z,
-            ground,
+            ground_moment,
         )
-        whole = _foot.unit_length(foot, angle)
-        after = advance_state(parameters, before, whole, interpolate_samples(command, n - late), dt)
-        pull = compute_tension(parameters, after, whole, (after.length - before.length) / dt)
-        then = _foot.step_ankle(foot, angle, rate, pull, base, dt)
-        bent = _foot.step_keel_angle(foot, bent, then.moment, dt)
-        out[k, 0], out[k, 1], out[k, 2] = pull, after.pressure, after.length
-        out[k, 3], out[k, 4] = bent - angle, then.moment
-        before, angle, rate = after, then.angle, then.rate
+        unit_length = _foot.unit_length(foot, angle)
+        after = advance_state(parameters, before, unit_length, interpolate_samples(command, n - delay_steps), dt)
+        tension = compute_tension(parameters, after, unit_length, (after.length - before.length) / dt)
+        ankle = _foot.step_ankle(foot, angle, velocity, tension, base, dt)
+        keel_angle = _foot.step_keel_angle(foot, keel_angle, ankle.moment, dt)
+        out[k, 0], out[k, 1], out[k, 2] = tension, after.pressure, after.length
+        out[k, 3], out[k, 4] = keel_angle - angle, ankle.moment
+        before, angle, velocity = after, ankle.angle, ankle.velocity
 
 
 @cache
@@ -123,52 +124,53 @@ def _compile_integrate() -> Callable[..., None]:
 
     from klute_sim.device.backend import compiled
 
-    here = sys.modules[__name__]
-    # The lock of Python's is free while it runs, so threads run at once.
-    wrap = partial(numba.njit, nogil=True)
-    late = compiled.compile_module(sys.modules[interpolate_samples.__module__]).interpolate_samples
-    copy = compiled.compile_module(here, interpolate_samples=late, **compiled.compile_device_functions())
+    this_module = sys.modules[__name__]
+    # The function releases Python's lock, so threads run in parallel.
+    decorator = partial(numba.njit, nogil=True)
+    module = compiled.compile_module(this_module, **compiled.compile_device_functions())
     number = numba.float64
-    memory, series = numba.types.UniTuple(number, N_INTERNAL_STATES), number[::1]
+    internal_state, series = numba.types.UniTuple(number, N_INTERNAL_STATES), number[::1]
     foot = numba.types.NamedUniTuple(number, len(Foot._fields), Foot)
     table = number[:, ::1]
-    signature = numba.void(series, foot, number, number, memory, table, series, numba.int64, number, table)
-    ready: Callable[..., None] = compiled.compile_cached(wrap, copy.integrate, signature, inspect.getsource(here))
-    return ready
+    signature = numba.void(series, foot, number, number, internal_state, table, series, numba.int64, number, table)
+    function: Callable[..., None] = compiled.compile_cached(
+        decorator, module.integrate, signature, inspect.getsource(this_module)
+    )
+    return function
 
 
 def simulate_replay(
     parameters: DeviceParameters, foot: Foot, inputs: ReplayInputs, dt: float, *, backend: str = "auto"
 ) -> ReplayResult:
-    """``parameters`` on ``foot``, following ``inputs``, one of each per ``step`` [s].
+    """Simulate a device on ``foot`` that follows ``inputs``, one sample per time step ``dt`` [s].
 
-    It begins at rest under the first inputs, which are held for :data:`SETTLING` before.
+    The replay starts from rest under the first inputs, which are held for :data:`SETTLING_TIME` before. ``backend`` is
+    one of :data:`klute_sim.device.backend.select.BACKENDS`.
 
-    Raises InputError for inputs that do not fit together or are not finite, a device without a tendon of its own, or a
-    step beyond :data:`LONGEST_STEP`; SimulationError if a result is not finite.
+    Raises InputError when inputs do not match or are not finite, the device has no tendon, or ``dt`` is beyond
+    :data:`MAX_TIME_STEP`. Raises SimulationError when a result is not finite.
     """
     if not 0.0 < dt <= MAX_TIME_STEP:
-        raise InputError(f"step is {dt:g}; allowed: above 0, up to {MAX_TIME_STEP:g} s")
+        raise InputError(f"dt is {dt:g}; allowed: above 0, up to {MAX_TIME_STEP:g} s")
     if parameters.tendon.is_rigid:
         raise InputError("a device without a tendon cannot be replayed on an ankle; give it a [tendon] section")
     shapes = {np.shape(series) for series in inputs}
     if len(shapes) != 1 or len(next(iter(shapes))) != 1 or 0 in next(iter(shapes)):
-        raise InputError(f"inputs of shapes {sorted(shapes)} do not fit together; allowed: (samples,), alike")
+        raise InputError(f"inputs of shapes {sorted(shapes)} do not fit together; allowed: (samples,) for all")
     table = np.column_stack([np.asarray(series, dtype=np.float64) for series in inputs])
     if not np.isfinite(table).all():
-        raise InputError("what is prescribed must be finite everywhere")
+        raise InputError("prescribed inputs must be finite everywhere")
     motion, command = np.ascontiguousarray(table[:, :-1]), np.ascontiguousarray(table[:, -1])
     out = np.empty((len(table), len(ReplayResult._fields)))
-    start = compute_taut_state(parameters, _foot.unit_length(foot, 0.0), float(command[0]))
-    settling = round(SETTLING_TIME / dt)
-    begin = (float(start.pressure), float(start.length), start.internal_state)
-    if select_backend(backend, find_numba_incompatibility) == "compiled":
-        _compile_integrate()(
-            np.array(pack_parameters(parameters)), foot, *begin, motion, command, settling, float(dt), out
-        )
+    state = compute_taut_state(parameters, _foot.unit_length(foot, 0.0), float(command[0]))
+    initial_state = (float(state.pressure), float(state.length), state.internal_state)
+    n_settling_steps = round(SETTLING_TIME / dt)
+    if select_backend(backend, explain_missing_compiler) == "compiled":
+        packed = np.array(pack_parameters(parameters))
+        _compile_integrate()(packed, foot, *initial_state, motion, command, n_settling_steps, float(dt), out)
     else:
         row: Any = pack_parameters(parameters)
-        integrate(row, foot, *begin, motion.tolist(), command.tolist(), settling, float(dt), out)
+        integrate(row, foot, *initial_state, motion.tolist(), command.tolist(), n_settling_steps, float(dt), out)
     if not np.isfinite(out).all():
         k = int(np.argwhere(~np.isfinite(out))[0][0])
         raise SimulationError(f"the replay has no finite state at t = {k * dt:.4f} s")

@@ -1,4 +1,4 @@
-"""The gait rig's model, scaled to a subject and cut to a device."""
+"""Build the model of the gait rig for a subject and a device."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,24 +6,24 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from klute_sim.constants import GRAVITY
 from klute_sim.device.device import Device, list_presets
 from klute_sim.device.schema import effects
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.gait.body import PROSTHESIS_PREFIX, apply_foot, read_foot
-from klute_sim.gait.reference import GRAVITY
 from klute_sim.gait.rig.trajectory import LegGeometry
 from klute_sim.gait.spring_foot import SpringFoot, disable_tendon
 from klute_sim.plant import models
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 MODEL_MASS = 75.0
-"""Body mass of the model as it is in the file [kg]."""
+"""Body mass of the model in the MJCF file [kg]."""
 MODEL_STATURE = 1.75
-"""Stature of the model as it is in the file [m]."""
+"""Stature of the model in the MJCF file [m]."""
 
 ModelEdit = Callable[[mujoco.MjSpec], None]
-"""Changes a model before it is compiled."""
+"""Function that changes a model before it is compiled."""
 
 
 def build_gait_model(
@@ -36,13 +36,15 @@ def build_gait_model(
     spring_foot: SpringFoot | None = None,
     model_edit: ModelEdit | None = None,
 ) -> mujoco.MjModel:
-    """Model of a subject of ``mass`` [kg] and ``stature`` [m] wearing ``device``; ``step`` [s].
+    """Return the model of a subject of ``mass`` [kg] and ``stature`` [m] with ``device``; time step ``dt`` [s].
 
-    Ground that rises by ``slope`` [rad] stays level in the model, and gravity leans instead.
-    A ``foot`` takes the place of the device and of the prosthesis' return spring. An ``edit`` has the last word.
-    Limb lengths and the foot scale with stature, limb masses with body mass; the carriage carries the rest.
-    The device and the prosthesis' mass stay what they are. The Achilles origin is moved up or down the pylon
-    so that the muscle has its mounting length at a neutral ankle.
+    Ground with a ``slope`` [rad] stays level in the model; gravity is inclined instead. A ``spring_foot`` replaces the
+    device and the return spring of the prosthesis. ``model_edit`` is applied last. The lengths of the limbs and the
+    foot scale with stature, the masses of the limbs with body mass; the carriage holds the rest of the mass. The device
+    and the mass of the prosthesis do not scale. The Achilles origin moves along the pylon until the muscle has its
+    mounting length at a neutral ankle.
+
+    Raises InputError when the device does not fit into the prosthesis.
     """
     spec = models.load_spec("gait_rig")
     spec.option.timestep = dt
@@ -62,7 +64,7 @@ def build_gait_model(
 
 
 def _scale_limbs(spec: mujoco.MjSpec, scale: float, mass: float) -> None:
-    carried = 0.0
+    limb_mass = 0.0
     for body in spec.bodies:
         name = body.name
         if name in ("thigh", "residual_limb"):
@@ -72,8 +74,8 @@ def _scale_limbs(spec: mujoco.MjSpec, scale: float, mass: float) -> None:
         if name == "residual_limb":
             body.pos = np.asarray(body.pos) * scale
         if name not in ("world", "carriage"):
-            carried += float(body.mass)
-    spec.body("carriage").mass = mass - carried
+            limb_mass += float(body.mass)
+    spec.body("carriage").mass = mass - limb_mass
     frame = spec.frame("socket_end")
     frame.pos = np.asarray(frame.pos) * scale
     for geom in spec.geoms:
@@ -86,17 +88,17 @@ def _compute_achilles_origin(device: Device, spec: mujoco.MjSpec, scale: float) 
     if device.spec.tendon is None or device.spec.mounting is None:
         missing = "[tendon]" if device.spec.tendon is None else "[mounting]"
         pair = f"{device.name}-pair"
-        mend = f"; did you mean '{pair}'?" if pair in list_presets() else ""
+        hint = f"; did you mean '{pair}'?" if pair in list_presets() else ""
         raise InputError(
-            f"device '{device.name}' cannot be built into an ankle: its file has no {missing} section{mend}"
+            f"device '{device.name}' cannot be built into an ankle: its file has no {missing} section{hint}"
         )
     ratio = device.spec.mounting.neutral_muscle_ratio
     length = ratio * device.parameters.muscle.resting_length + device.parameters.tendon.slack_length
-    room = -float(spec.frame("socket_end").pos[2])
-    if length > room:
+    available = -float(spec.frame("socket_end").pos[2])
+    if length > available:
         raise InputError(
-            f"device '{device.name}' is {1e3 * length:.0f} mm long at a neutral ankle, but the shank has room for "
-            f"{1e3 * room:.0f} mm"
+            f"device '{device.name}' is {1e3 * length:.0f} mm long at a neutral ankle, but the shank has only "
+            f"{1e3 * available:.0f} mm"
         )
     origin = np.array(spec.site(PROSTHESIS_PREFIX + "achilles_origin").pos, dtype=np.float64)
     insertion = np.asarray(spec.site(PROSTHESIS_PREFIX + "achilles_insertion").pos, dtype=np.float64)
@@ -106,14 +108,15 @@ def _compute_achilles_origin(device: Device, spec: mujoco.MjSpec, scale: float) 
 
 
 def _apply_body_effects(spec: mujoco.MjSpec, device: Device) -> None:
-    """What the device file says of the body, at the models' own stature and mass: those of the prosthesis."""
+    """Apply the body effects of the device file, at the stature and mass of the MJCF file."""
     if any(catalogue.get_effects()[name].kind == "body" for name in device.spec.effects):
-        was = read_foot(models.attach_devices(spec.copy(), {PROSTHESIS_PREFIX + "muscle_tendon": device.parameters}))
-        apply_foot(spec, was, effects.apply_body_effects(device.spec.effects, was))
+        model = models.attach_devices(spec.copy(), {PROSTHESIS_PREFIX + "muscle_tendon": device.parameters})
+        original = read_foot(model)
+        apply_foot(spec, original, effects.apply_body_effects(device.spec.effects, original))
 
 
 def measure_leg(model: mujoco.MjModel) -> LegGeometry:
-    """Lengths and sole of a built model."""
+    """Return the lengths and the sole of a built model."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     hip, knee = data.body("thigh").xpos[2], data.body("residual_limb").xpos[2]

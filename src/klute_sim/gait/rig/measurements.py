@@ -1,14 +1,15 @@
-"""What the gait rig measures at each step.
+"""Measurements of the gait rig at each time step.
 
-A sample belongs to the start of its step: positions and velocities before it, forces and moments as MuJoCo
-evaluated them there, and the device as its implicit step balanced it (pressure and muscle length at the
-step's end, which are those the tension belongs to). Angle, velocity and power of the ankle are those of the foot
-against the pylon, as markers see them: where the foot bends, hinge and bending together.
+A sample belongs to the start of its time step: positions and velocities before it, and forces and moments as MuJoCo
+evaluates them there. The pressure and the muscle length are those at the end of the implicit step, to which the tension
+belongs. Angle, velocity and power of the ankle are those of the foot relative to the pylon, as markers see them: in an
+elastic foot, those of hinge and keel together.
 """
 
 import mujoco
 import numpy as np
 
+from klute_sim.constants import DEGREES_PER_RADIAN
 from klute_sim.device.dynamics import DeviceState
 from klute_sim.gait.body import KEEL_JOINT, PROSTHESIS_PREFIX
 from klute_sim.laws import damper as damper_law
@@ -45,14 +46,14 @@ MEASURED_COLUMNS = (
     "ankle_z [m]",
     "sole_height [m]",
 )
-"""Columns of :meth:`Gauges.read`, in its order."""
+"""Columns of :meth:`GaitMeasurements.measure`, in its order."""
 
 
 class GaitMeasurements:
-    """Reads one sample off a gait rig."""
+    """Measure one sample of a gait rig."""
 
     def __init__(self, model: mujoco.MjModel, actuator: DeviceActuator) -> None:
-        """For the rig's ``model`` with the device bound to ``actuator``."""
+        """Find the elements of ``model``, whose device is on ``actuator``."""
         self._model = model
         self._actuator = actuator
         self._ankle_joint_id = model.joint(PROSTHESIS_PREFIX + "ankle").id
@@ -72,9 +73,10 @@ class GaitMeasurements:
     def measure(
         self, data: mujoco.MjData, qpos: np.ndarray, qvel: np.ndarray, device_state: DeviceState, muscle_velocity: float
     ) -> tuple[float, ...]:
-        """The sample of the step just taken, from positions ``q`` and velocities ``v`` before it.
+        """Return the sample of the last time step.
 
-        It led to ``device``, with the muscle moving at ``muscle_rate`` [m/s].
+        ``qpos`` and ``qvel`` are the positions and velocities before it; ``device_state`` and ``muscle_velocity`` [m/s]
+        are those after it.
         """
         actuator, parameters = self._actuator, self._actuator.parameters
         tension = actuator.tension(data)
@@ -83,31 +85,31 @@ class GaitMeasurements:
             float(qpos[self._ankle_qpos_index]),
             float(qvel[self._ankle_dof_index]),
         )  # plantarflexion positive, as the hinge
-        turned, turning = angle, rate
+        foot_angle, foot_rate = angle, rate
         if self._keel_indices is not None:
-            turned, turning = turned + float(qpos[self._keel_indices[0]]), turning + float(qvel[self._keel_indices[1]])
-        by_actuator = float(data.qfrc_actuator[self._ankle_dof_index])
-        by_passive = float(data.qfrc_passive[self._ankle_dof_index])
-        by_stop = self._compute_stop_moment(data, angle)
-        moment = by_actuator + by_passive + by_stop
+            foot_angle += float(qpos[self._keel_indices[0]])
+            foot_rate += float(qvel[self._keel_indices[1]])
+        actuator_moment = float(data.qfrc_actuator[self._ankle_dof_index])
+        passive_moment = float(data.qfrc_passive[self._ankle_dof_index])
+        stop_moment = self._compute_stop_moment(data, angle)
+        moment = actuator_moment + passive_moment + stop_moment
         up, forward, cop = self._compute_ground_reaction(data)
         ankle = data.xpos[self._foot_body_id]
-        degrees = 57.29577951308232
         return (
             float(qpos[0]),
             float(qpos[1]),
-            float(qpos[2]) * degrees,
-            float(qpos[3]) * degrees,
-            float(qpos[2] + qpos[3]) * degrees,
-            -turned * degrees,
-            -turning * degrees,
+            float(qpos[2]) * DEGREES_PER_RADIAN,
+            float(qpos[3]) * DEGREES_PER_RADIAN,
+            float(qpos[2] + qpos[3]) * DEGREES_PER_RADIAN,
+            -foot_angle * DEGREES_PER_RADIAN,
+            -foot_rate * DEGREES_PER_RADIAN,
             float(qpos[self._heel_qpos_index]),
             moment,
-            by_actuator,
-            by_passive,
-            by_stop,
-            moment * turning,
-            by_actuator * rate,
+            actuator_moment,
+            passive_moment,
+            stop_moment,
+            moment * foot_rate,
+            actuator_moment * rate,
             self._compute_moment_arm(data),
             actuator.unit_length(data),
             device_state.length,
@@ -124,7 +126,7 @@ class GaitMeasurements:
         )
 
     def _compute_moment_arm(self, data: mujoco.MjData) -> float:
-        """Distance [m] of the Achilles line from the ankle axis, from the sites' positions."""
+        """Return the distance [m] of the Achilles line from the ankle axis."""
         x, _, z = data.xpos[self._foot_body_id]
         ox, _, oz = data.site_xpos[self._origin_site_id]
         ix, _, iz = data.site_xpos[self._insertion_site_id]
@@ -132,7 +134,7 @@ class GaitMeasurements:
         return float(abs((ix - x) * dz - (iz - z) * dx) / (dx * dx + dz * dz) ** 0.5)
 
     def _compute_stop_moment(self, data: mujoco.MjData, angle: float) -> float:
-        """Moment [N.m] of the ankle's end stop, plantarflexor positive."""
+        """Return the moment [N.m] of the end stop of the ankle, plantarflexor positive."""
         limits = data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT
         if not limits.any():
             return 0.0
@@ -141,10 +143,10 @@ class GaitMeasurements:
 
     @staticmethod
     def _compute_ground_reaction(data: mujoco.MjData) -> tuple[float, float, float]:
-        """Vertical and forward reaction [N], centre of pressure [m] (NaN unloaded).
+        """Return the vertical and the forward ground reaction [N] and the centre of pressure [m] (NaN if unloaded).
 
-        The floor is the only partner of the sole, and a plane is always the first of the two, so a contact's
-        normal points up, into the foot.
+        The sole touches only the floor, and a plane is always the first geom of a contact. The normal of a contact
+        therefore points up, into the foot.
         """
         contact = data.contact
         active = contact.efc_address >= 0

@@ -1,12 +1,11 @@
-"""The gait rig: a driven residual limb, a tracked load, a free ankle.
+"""The gait rig: a driven residual limb, a tracked load and a free ankle.
 
-As in a robotic gait simulator, the residual limb follows the reference's motion on stiff servos with velocity
-feed-forward, and the reference's ground reaction is fed forward to the carriage. The *vertical ground reaction is
-therefore tracked, not predicted*. The ankle is moved only by the device, its passive parts and the ground: its
-angle, moment, power and work, the fore-aft force's timing and the centre of pressure are outcomes.
+As in a robotic gait simulator, stiff servos with velocity feed-forward move the residual limb as in the reference, and
+the ground reaction of the reference is fed forward to the carriage. The *vertical ground reaction is therefore tracked,
+not predicted*. Only the device, its passive parts and the ground move the ankle: its angle, moment, power and work, the
+timing of the fore-aft force and the centre of pressure are outcomes.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from klute_sim.controllers.parse import Controller
+from klute_sim.device.delay import DelayLine
 from klute_sim.device.device import Device, check_takes_pressure
 from klute_sim.device.dynamics import get_dead_time
 from klute_sim.device.energy.ledger import EnergyRecorder
@@ -24,11 +24,14 @@ from klute_sim.gait.rig.measurements import MEASURED_COLUMNS, GaitMeasurements
 from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, GaitRig, build_gait_rig, reset_gait_rig
 from klute_sim.plant import callbacks
 from klute_sim.provenance import collect_versions
-from klute_sim.recording.recording import Array, Recording
+from klute_sim.recording.recording import Recording
+from klute_sim.types import Array, ProgressCallback
 from klute_sim.units import BAR
 
 MAX_SAMPLES = 2_000_000
-"""Longest run; a sample takes about 1 kB of memory until the run is written."""
+"""Maximum number of samples of a run; a sample takes about 1 kB of memory until the run is written."""
+PROGRESS_INTERVAL_STEPS = 200
+"""Number of time steps between two reports of progress."""
 
 REFERENCE_CHANNELS = (
     ("reference_ankle_angle", "deg", "ankle_dorsiflexion_deg"),
@@ -37,64 +40,69 @@ REFERENCE_CHANNELS = (
     ("reference_grf_vertical", "N", "grf_vertical_n_per_kg"),
     ("reference_grf_forward", "N", "grf_forward_n_per_kg"),
 )
+"""Channel, unit and column of the reference."""
 REFERENCE_DEVIATIONS = (
     ("reference_ankle_angle_sd", "deg", "ankle_dorsiflexion_sd_deg"),
     ("reference_ankle_moment_sd", "N*m", "ankle_moment_sd_nm_per_kg"),
     ("reference_ankle_power_sd", "W", "ankle_power_sd_w_per_kg"),
 )
-"""Channel, unit, reference column."""
+"""Channel, unit and column of the reference for standard deviations."""
 
 
 def simulate_gait(
     device: Device,
     controller: Controller,
     options: GaitOptions | None = None,
-    progress: Callable[[float], None] = lambda fraction: None,
+    progress: ProgressCallback = lambda fraction, stage: None,
     backend: str = "auto",
 ) -> Recording:
-    """Walk ``device`` under ``controller``; every step is a sample.
+    """Simulate a gait run of ``device`` under ``controller``, and return its recording with one sample per time step.
 
-    ``progress`` is told the finished fraction now and then, ``law`` is one of
-    :data:`klute_sim.device.backend.select.LAWS`. Raises InputError for a device that does not fit, SimulationError when
-    the rig leaves its path.
+    ``backend`` is one of :data:`klute_sim.device.backend.select.BACKENDS`.
+
+    Raises InputError when the device does not fit into the rig. Raises SimulationError when the rig leaves its path.
     """
     options = options or GaitOptions()
     check_takes_pressure(device, "the controller")
-    rig = build_gait_rig(device, options, options.dt)
-    model, data, actuator, per_stride = rig.model, mujoco.MjData(rig.model), rig.actuator, rig.commands_per_stride
-    if per_stride * options.strides > MAX_SAMPLES:
+    gait_rig = build_gait_rig(device, options, options.dt)
+    model, actuator, steps_per_stride = gait_rig.model, gait_rig.actuator, gait_rig.commands_per_stride
+    data, n_steps, n_drives = mujoco.MjData(model), steps_per_stride * options.strides, len(DRIVE_ACTUATORS)
+    if n_steps > MAX_SAMPLES:
         raise InputError(
-            f"{options.strides} strides of {per_stride} steps are more than {MAX_SAMPLES} samples: take fewer strides "
-            "or a longer step"
+            f"{options.strides} strides of {steps_per_stride} steps are more than {MAX_SAMPLES} samples; choose fewer "
+            "strides or a longer time step"
         )
-    gauges, count, drives = GaitMeasurements(model, actuator), per_stride * options.strides, len(DRIVE_ACTUATORS)
-    commands, late = PressureCommands(controller, rig, count), get_dead_time(actuator.parameters) / options.dt
-    reset_gait_rig(rig, data, 0.0)
-    reset_gait_rig(rig, data, commands.update(0, data))
-    samples, book = np.empty((count, len(MEASURED_COLUMNS))), EnergyRecorder(actuator.parameters, count)
-    with callbacks.device_callbacks(backend) as in_force:
-        for k in range(count):
-            j = k % per_stride
-            data.ctrl[:drives] = rig.command_rates[j]
+    measurements = GaitMeasurements(model, actuator)
+    commands = PressureCommands(controller, gait_rig, n_steps)
+    delay_line = DelayLine(commands.pressures, get_dead_time(actuator.parameters), options.dt)
+    # The sensors of a feedback controller need a posture before the first command, which the final reset then uses.
+    reset_gait_rig(gait_rig, data, 0.0)
+    reset_gait_rig(gait_rig, data, commands.update(0, data))
+    samples, energy = np.empty((n_steps, len(MEASURED_COLUMNS))), EnergyRecorder(actuator.parameters, n_steps)
+    with callbacks.device_callbacks(backend) as used_backend:
+        for k in range(n_steps):
+            j = k % steps_per_stride
+            data.ctrl[:n_drives] = gait_rig.command_rates[j]
             commands.update(k, data)
-            actuator.set_command(data, commands.sample(k - late))
-            q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.get_state(data)
+            actuator.set_command(data, delay_line.sample(k))
+            qpos, qvel, before = data.qpos.copy(), data.qvel.copy(), actuator.get_state(data)
             callbacks.step_model(model, data)
-            if not abs(data.qpos[1] - rig.carriage_height[j]) < setup.MAX_PATH_DEVIATION:
+            if not abs(data.qpos[1] - gait_rig.carriage_height[j]) < setup.MAX_PATH_DEVIATION:
                 raise SimulationError(
-                    f"the gait rig left its path at t = {data.time:.3f} s ({100 * rig.phase[j]:.0f} % of stride "
-                    f"{k // per_stride + 1}): device '{device.name}', {options.mass:g} kg, {rig.trajectory.speed:.2f} m/s"
+                    f"the gait rig left its path at t = {data.time:.3f} s ({100 * gait_rig.phase[j]:.0f} % of stride "
+                    f"{k // steps_per_stride + 1}): device '{device.name}', {options.mass:g} kg, "
+                    f"{gait_rig.trajectory.speed:.2f} m/s"
                 )
             after = actuator.state_after_step(model, data, before)
-            muscle_rate = (after.length - before.length) / options.dt
-            samples[k] = gauges.measure(data, q, v, after, muscle_rate)
-            book.record_sample(k, after, actuator.unit_length(data), muscle_rate)
-            if k % 200 == 0:
-                progress(k / count)
-    progress(1.0)
+            muscle_velocity = (after.length - before.length) / options.dt
+            samples[k] = measurements.measure(data, qpos, qvel, after, muscle_velocity)
+            energy.record_sample(k, after, actuator.unit_length(data), muscle_velocity)
+            if k % PROGRESS_INTERVAL_STEPS == 0:
+                progress(k / n_steps, "simulating gait")
+    progress(1.0, "simulating gait")
     columns = [(heading, samples[:, i]) for i, heading in enumerate(MEASURED_COLUMNS)]
-    columns += book.to_energy_balance(options.dt).to_columns()
-    return _build_recording(device, controller, rig, commands.pressures, columns, in_force)
+    columns += energy.to_energy_balance(options.dt).to_columns()
+    return _build_recording(device, controller, gait_rig, commands.pressures, columns, used_backend)
 
 
 def _build_recording(
@@ -105,19 +113,18 @@ def _build_recording(
     measured_columns: list[tuple[str, Array]],
     backend: str,
 ) -> Recording:
-    options, plan, per_stride = gait_rig.options, gait_rig.trajectory, gait_rig.commands_per_stride
-    count, reference = per_stride * options.strides, gait_rig.reference
-    index = np.arange(count)
-    phase = (index % per_stride) / per_stride
+    options, reference, steps_per_stride = gait_rig.options, gait_rig.reference, gait_rig.commands_per_stride
+    index = np.arange(steps_per_stride * options.strides)
+    phase = (index % steps_per_stride) / steps_per_stride
     columns: list[tuple[str, NDArray[np.floating[Any]]]] = [
         ("time [s]", index * options.dt),
         ("gait_phase [%]", 100.0 * phase),
-        ("stride [1]", index // per_stride + 1.0),
+        ("stride [1]", index // steps_per_stride + 1.0),
         ("pressure_command [bar]", command / BAR),
     ]
     columns += measured_columns
-    # The reference's moment over its angle at another stride time: its power is that much slower or faster.
-    power = options.mass * reference.stride_time / plan.stride_time
+    # Power is moment times angular velocity, so the power of the reference scales with the inverse of the stride time.
+    power = options.mass * reference.stride_time / gait_rig.trajectory.stride_time
     factors = {"deg": 1.0, "N*m": options.mass, "N": options.mass, "W": power}
     for name, unit, column in REFERENCE_CHANNELS:
         columns.append((f"{name} [{unit}]", factors[unit] * reference(column, phase)))
@@ -128,7 +135,7 @@ def _build_recording(
 
 
 def _collect_provenance(device: Device, controller: Controller, gait_rig: GaitRig, backend: str) -> dict[str, Any]:
-    options, plan = gait_rig.options, gait_rig.trajectory
+    options, trajectory, foot = gait_rig.options, gait_rig.trajectory, gait_rig.options.spring_foot
     return {
         "rig": "gait",
         "device": {
@@ -147,16 +154,14 @@ def _collect_provenance(device: Device, controller: Controller, gait_rig: GaitRi
         "options": {
             "mass_kg": options.mass,
             "stature_m": options.stature,
-            "speed_m_per_s": plan.speed,
-            "stride_time_s": plan.stride_time,
-            "stride_length_m": plan.stride_length,
-            "spring_foot_nm_per_deg": None
-            if options.spring_foot is None
-            else float(np.radians(options.spring_foot.stiffness)),
+            "speed_m_per_s": trajectory.speed,
+            "stride_time_s": trajectory.stride_time,
+            "stride_length_m": trajectory.stride_length,
+            "spring_foot_nm_per_deg": None if foot is None else float(np.radians(foot.stiffness)),
             "slope_deg": float(np.degrees(options.slope)),
             "strides": options.strides,
             "step_s": options.dt,
-            "law": backend,
+            "backend": backend,
         },
         "seed": None,
         "versions": collect_versions(),

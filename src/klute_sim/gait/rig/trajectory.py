@@ -1,11 +1,11 @@
-"""What the rig prescribes: the residual limb's motion and the load, from a reference.
+"""Plan the motion of the residual limb and the load from a gait reference.
 
-The reference gives joint angles and ground reaction but neither the hip's height nor its speed. Both follow
-from the sole: the hip is where the reference foot just touches the ground, and moves as fast as that foot
+A reference gives joint angles and ground reaction, but neither the height nor the speed of the hip. Both follow from
+the sole: the hip has the height at which the reference foot just touches the ground, and the speed at which that foot
 rolls without slipping.
 
-Angles lean forward when positive: ``thigh = knee - shank`` is turned into the hinge angle of the model, about
-+y; the foot's pitch is ``shank - dorsiflexion``.
+Positive angles lean forward: ``thigh = knee - shank`` becomes the hinge angle of the model, about +y; the pitch of the
+foot is ``shank - dorsiflexion``.
 """
 
 import math
@@ -14,53 +14,56 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
-from klute_sim.gait.reference import GRAVITY, Reference
-from klute_sim.recording.recording import Array
+from klute_sim.constants import GRAVITY
+from klute_sim.gait.reference import Reference
+from klute_sim.types import Array
 
 PHASE_GRID = np.arange(400) / 400.0
-"""Phases at which the sole's contact is worked out."""
+"""Phases at which the contact of the sole is computed."""
 
 STANCE_KNOT_PHASES = np.array(
     [0.05, 0.09, 0.13, 0.17, 0.21, 0.26, 0.31, 0.36, 0.41, 0.46, 0.50, 0.54, 0.57, 0.60, 0.63]
 )
-"""Phases at which the hip height is that of contact, for a reference that lifts off at :data:`KNOTS_LIFT`.
+"""Phases at which the hip has contact height, for a reference with toe-off at :data:`KNOT_TOE_OFF_PHASE`.
 
-Where they end, the foot leaves the ground, whatever the ankle does: with 0.59 as the last, net moment is zero from 60 %
-on, and that alone is 0.35 standard deviations from the reference."""
+After the last of them the foot leaves the ground, independent of the ankle. With a last phase of 0.59, the net moment
+is zero from 60 % on, which alone is 0.35 standard deviations from the reference."""
 SWING_KNOT_PHASES = np.array([0.70, 0.80, 0.88, 0.94, 1.0])
+"""Phases of the hip height in swing, for the same reference."""
 KNOT_TOE_OFF_PHASE = 0.633
+"""Toe-off phase that the knot phases belong to."""
 STANCE_CLEARANCE = 0.5e-3
-"""Hip above contact height in stance [m]; the load presses the foot down."""
+"""Height of the hip above contact height in stance [m]; the load presses the foot down."""
 SWING_HIP_HEIGHTS = (0.898, 0.908, 0.905)
-"""Hip height at the first swing knots [m] (the third is a least height), for legs of 0.43 + 0.43 m."""
+"""Hip heights at the first swing knots [m] (the third is a minimum), for legs of 0.43 + 0.43 m."""
 SWING_CLEARANCES = (12e-3, 9e-3, 5e-3)
-"""Hip above contact height at the last three knots [m]; the last one sets first contact."""
+"""Heights of the hip above contact height at the last three knots [m]; the last one sets first contact."""
 MAX_PASSIVE_DORSIFLEXION_DEG = 1.0
-"""Most dorsiflexion in swing [deg] that is counted on: a passive ankle does not lift its toe, many people do."""
+"""Maximum dorsiflexion in swing [deg] that is assumed: a passive ankle does not lift its toe."""
 MIN_TOE_CLEARANCE = 4e-3
-"""Of such a foot in swing [m], for legs of 0.43 + 0.43 m; below it the hip is hiked (assumed). The package's own
-reference needs no hiking."""
+"""Minimum toe clearance of a passive ankle in swing [m], for legs of 0.43 + 0.43 m; below it the hip is hiked
+(assumed). The default reference needs no hiking."""
 CLEARANCE_PHASES = (0.68, 0.97)
-"""Phases between which, for a reference that lifts off at :data:`KNOTS_LIFT`, it has to clear the ground."""
+"""Phases between which the foot must clear the ground, for a reference with toe-off at :data:`KNOT_TOE_OFF_PHASE`."""
 N_SPEED_HARMONICS = 6
-"""Fourier terms kept of the hip's forward speed."""
+"""Number of Fourier terms of the forward speed of the hip."""
 
 
 @dataclass(frozen=True)
 class LegGeometry:
-    """Lengths that turn angles into positions, and the sole's contact points."""
+    """Lengths of the leg and contact points of the sole."""
 
     thigh: float
-    """Hip to knee [m]."""
+    """Distance from hip to knee [m]."""
     shank: float
-    """Knee to ankle [m]."""
+    """Distance from knee to ankle [m]."""
     sole: Array
-    """(n, 3): x, z and radius of the sole's spheres in the foot's frame [m]."""
+    """(n, 3) x, z and radius of the spheres of the sole in the frame of the foot [m]."""
     scale: float
-    """Over the legs of 0.43 + 0.43 m [1]."""
+    """Leg length over 0.86 m [1]."""
 
     def compute_ankle_height(self, pitch: Array) -> Array:
-        """Height [m] of the ankle axis above flat ground when a foot at ``pitch`` [rad] just touches it."""
+        """Return the height [m] of the ankle axis above flat ground where a foot at ``pitch`` [rad] touches it."""
         x, z, radius = self.sole.T
         lowest = -np.sin(pitch)[:, None] * x + np.cos(pitch)[:, None] * z - radius
         return np.asarray(-lowest.min(axis=1), dtype=np.float64)
@@ -68,65 +71,67 @@ class LegGeometry:
 
 @dataclass(frozen=True)
 class HipTrajectory:
-    """One stride of prescribed motion as functions of phase; multiply a derivative by 1/stride_time per order."""
+    """Motion of the hip over one stride as functions of phase.
+
+    A time derivative is a derivative by phase over ``stride_time``, once per order.
+    """
 
     stride_time: float
-    """[s]"""
+    """Stride time [s]."""
     speed: float
     """Mean forward speed [m/s]."""
     height: CubicSpline
-    """Hip height [m]."""
+    """Height of the hip [m]."""
     velocity: CubicSpline
-    """Hip forward speed [m/s]."""
+    """Forward speed of the hip [m/s]."""
     travel: PPoly
-    """Integral of ``velocity`` over phase: hip forward position over stride time [m/s]."""
+    """Integral of ``velocity`` over phase: forward position of the hip over stride time [m/s]."""
 
     @property
     def stride_length(self) -> float:
-        """Distance the hip covers in one stride [m]."""
+        """Distance that the hip covers in one stride [m]."""
         return float(self.travel(1.0)) * self.stride_time
 
 
 def compute_thigh_angle(reference: Reference, phase: Array, derivative: int = 0) -> Array:
-    """Thigh hinge angle [rad], or its derivative by phase."""
+    """Return the thigh hinge angle [rad] at ``phase``, or its ``derivative``-th derivative by phase."""
     shank = reference("shank_forward_deg", phase, derivative)
     return np.radians(shank - reference("knee_flexion_deg", phase, derivative))
 
 
 def compute_knee_angle(reference: Reference, phase: Array, derivative: int = 0) -> Array:
-    """Knee hinge angle [rad], flexion positive, or its derivative by phase."""
+    """Return the knee angle [rad], flexion positive, at ``phase``, or its ``derivative``-th derivative by phase."""
     return np.radians(reference("knee_flexion_deg", phase, derivative))
 
 
 def plan_hip_trajectory(
     reference: Reference, leg: LegGeometry, stride_time: float, speed: float | None = None, slope: float = 0.0
 ) -> HipTrajectory:
-    """Motion of the hip that walks ``reference`` with ``leg``, in the frame of the ground.
+    """Return the motion of the hip that walks ``reference`` with ``leg``, in the frame of the ground.
 
-    The reference's angles and the leg fix how far the hip travels per stride. ``stride_time`` [s] then implies
-    the speed; a chosen ``speed`` [m/s] scales the stride time instead. ``reference`` is that of the ``slope`` [rad]
-    already (:meth:`Reference.on_slope`). A prosthesis does not lift its toe: in swing the hip is raised to where a foot
-    with the ankle as on the level clears the ground as it does there (assumed: people hike the hip), and to where one
-    that is not lifted clears level ground.
+    The angles of the reference and the leg determine the distance per stride. ``stride_time`` [s] then determines the
+    speed; a chosen ``speed`` [m/s] determines the stride time instead. ``reference`` is already that of the ``slope``
+    [rad] (:meth:`klute_sim.gait.reference.Reference.tilt_to_slope`). A prosthesis does not lift its toe. In swing the
+    hip is therefore raised so far that a foot with the ankle angle of level ground has the clearance of level ground
+    (assumed: people hike the hip), and that a foot without dorsiflexion clears level ground.
     """
     thigh = compute_thigh_angle(reference, PHASE_GRID)
     shank = thigh + compute_knee_angle(reference, PHASE_GRID)
     pitch = shank - np.radians(reference("ankle_dorsiflexion_deg", PHASE_GRID))
     ankle = leg.compute_ankle_height(pitch)
-    above = leg.shank * np.cos(shank) + leg.thigh * np.cos(thigh)
-    contact, swinging = ankle + above, leg.compute_ankle_height(pitch + slope) + above
+    hip_above_ankle = leg.shank * np.cos(shank) + leg.thigh * np.cos(thigh)
+    contact, swing_contact = ankle + hip_above_ankle, leg.compute_ankle_height(pitch + slope) + hip_above_ankle
     level = ankle + leg.shank * np.cos(shank - slope) + leg.thigh * np.cos(thigh - slope)
 
-    lowered = np.minimum(
-        shank - pitch - slope, math.radians(MAX_PASSIVE_DORSIFLEXION_DEG)
-    )  # on the level, as hiking is worked out there
+    # Hiking is computed on level ground.
+    lowered = np.minimum(shank - pitch - slope, math.radians(MAX_PASSIVE_DORSIFLEXION_DEG))
     hike = _compute_hip_hike(
         reference, level, level - ankle + leg.compute_ankle_height(shank - slope - lowered), leg.scale
     )
 
-    # Forward speed per cycle [m]: the ankle moves as the foot rolls, the hip as the leg swings over it.
-    behind = -leg.thigh * np.sin(thigh) - leg.shank * np.sin(shank)
-    rolling = -_differentiate_by_phase(behind) + _differentiate_by_phase(pitch) * ankle
+    # Forward speed per cycle [m]: the foot rolls under the ankle, and the leg swings over it.
+    hip_offset = -leg.thigh * np.sin(thigh) - leg.shank * np.sin(shank)
+    rolling = -_differentiate_by_phase(hip_offset) + _differentiate_by_phase(pitch) * ankle
     per_cycle = _blend_leg_speeds(reference, rolling, leg.scale)
     if speed is not None:
         stride_time = float(per_cycle.mean()) / speed
@@ -134,7 +139,7 @@ def plan_hip_trajectory(
     return HipTrajectory(
         stride_time=stride_time,
         speed=float(per_cycle.mean()) / stride_time,
-        height=_fit_hip_height(reference, contact, swinging, swinging - level, leg.scale, hike),
+        height=_fit_hip_height(reference, contact, swing_contact, swing_contact - level, leg.scale, hike),
         velocity=forward,
         travel=forward.antiderivative(),
     )
@@ -149,8 +154,8 @@ def _fit_periodic_spline(values: Array) -> CubicSpline:
 
 
 def _blend_leg_speeds(reference: Reference, rolling: Array, scale: float) -> Array:
-    """Hip travel per cycle [m]: each leg's rolling speed, weighted with the load it carries, smoothed."""
-    low, high = 0.55 * scale, 2.2 * scale  # outside of these a foot is about to leave or meet the ground
+    """Return the forward speed of the hip per cycle [m]: the rolling speeds of both legs, weighted with their loads."""
+    low, high = 0.55 * scale, 2.2 * scale  # outside this range a foot is about to leave or to meet the ground
     load = np.maximum(reference("grf_vertical_n_per_kg", PHASE_GRID), 0.0)
     speed = np.clip(rolling, low, high)
     half = len(PHASE_GRID) // 2
@@ -162,16 +167,17 @@ def _blend_leg_speeds(reference: Reference, rolling: Array, scale: float) -> Arr
 
 
 def _scale_knots(reference: Reference, knots: Array) -> Array:
-    """Phases of a reference that lifts off at :data:`KNOTS_LIFT` -> of ``reference``."""
+    """Return the phases of ``reference`` for phases with toe-off at :data:`KNOT_TOE_OFF_PHASE`."""
     return np.asarray(
         np.interp(knots, [0.0, KNOT_TOE_OFF_PHASE, 1.0], [0.0, reference.find_toe_off_phase(), 1.0]), dtype=np.float64
     )
 
 
 def _compute_hip_hike(reference: Reference, level_height: Array, passive_height: Array, scale: float) -> Array:
-    """What the first three swing knots are raised by [m], so that a foot that is not lifted clears level ground.
+    """Return the hike [m] of the first three swing knots with which a passive ankle clears level ground.
 
-    ``level`` and ``unlifted`` are the hip's heights [m] at which the reference's foot and that one touch it.
+    ``level_height`` and ``passive_height`` are the heights of the hip [m] at which the foot of the reference and the
+    foot of a passive ankle touch the ground.
     """
     hike = np.zeros(3)
     knots = _scale_knots(reference, SWING_KNOT_PHASES[:3])
@@ -179,42 +185,44 @@ def _compute_hip_hike(reference: Reference, level_height: Array, passive_height:
     nearest = np.abs(np.subtract.outer(PHASE_GRID, knots)).argmin(axis=1)
     for _ in range(8):
         path = _fit_hip_height(reference, level_height, level_height, np.zeros(len(PHASE_GRID)), scale, hike)
-        lacking = np.where(
+        shortfall = np.where(
             (low <= PHASE_GRID) & (high >= PHASE_GRID),
             MIN_TOE_CLEARANCE * scale - (path(PHASE_GRID) - passive_height),
             0.0,
         )
-        if lacking.max() <= 1e-4:
+        if shortfall.max() <= 1e-4:
             break
         for knot in range(3):
-            hike[knot] += max(0.0, float(lacking[nearest == knot].max()))
+            hike[knot] += max(0.0, float(shortfall[nearest == knot].max()))
     return hike
 
 
 def _fit_hip_height(
     reference: Reference, stance_contact: Array, swing_contact: Array, slope_offset: Array, scale: float, hike: Array
 ) -> CubicSpline:
-    """One periodic spline: contact height through stance, high enough to clear the toe in swing.
+    """Return the height of the hip as a periodic spline: contact height in stance, with toe clearance in swing.
 
-    ``contact`` is the height [m] at which the stance foot touches, ``swinging`` that of the swing foot, ``raised``
-    what a slope adds to the latter, and ``hike`` what the first three swing knots are raised by.
+    ``stance_contact`` and ``swing_contact`` are the heights [m] at which the foot touches the ground in stance and in
+    swing. ``slope_offset`` is the change of the latter on a slope, and ``hike`` that of the first three swing knots.
     """
 
-    def moved(knots: Array) -> Array:
+    def scale_knots(knots: Array) -> Array:
         return _scale_knots(reference, knots)
 
-    def at(phase: Array, cycle: Array) -> Array:
+    def interpolate(phase: Array, cycle: Array) -> Array:
         closed = np.append(cycle, cycle[0])
         return np.asarray(np.interp(phase, np.append(PHASE_GRID, 1.0), closed), dtype=np.float64)
 
-    stance, swing = moved(STANCE_KNOT_PHASES), moved(SWING_KNOT_PHASES)
-    first, second, least = scale * np.array(SWING_HIP_HEIGHTS) + at(swing[:3], slope_offset)
-    touch = at(swing[2:], swing_contact)
-    late = touch + np.array(SWING_CLEARANCES)
-    late[0] = max(late[0], least)
+    stance, swing = scale_knots(STANCE_KNOT_PHASES), scale_knots(SWING_KNOT_PHASES)
+    first, second, min_third = scale * np.array(SWING_HIP_HEIGHTS) + interpolate(swing[:3], slope_offset)
+    contact_height = interpolate(swing[2:], swing_contact)
+    late = contact_height + np.array(SWING_CLEARANCES)
+    late[0] = max(late[0], min_third)
     first, second, late[0] = np.array([first, second, late[0]]) + hike
     phases = np.concatenate([[swing[-1] - 1.0], stance, swing])
-    heights = np.concatenate([[late[-1]], at(stance, stance_contact) + STANCE_CLEARANCE, [first, second], late])
+    heights = np.concatenate(
+        [[late[-1]], interpolate(stance, stance_contact) + STANCE_CLEARANCE, [first, second], late]
+    )
     return CubicSpline(phases, heights, bc_type="periodic")
 
 
@@ -226,10 +234,10 @@ def compute_vertical_feedforward(
     phase: Array,
     slope: float = 0.0,
 ) -> Array:
-    """Force on the carriage [N], normal to the ground, that leaves the reference's load on the foot.
+    """Return the force on the carriage [N], normal to the ground, that leaves the reference load on the foot.
 
-    ``m (g cos(slope) + z'') - GRF``: ``moved`` [kg] is the rig's moving mass, ``body`` [kg] the mass whose reference
-    load is applied, ``slope`` [rad] the ground's. Without ``m z''`` the first contact is a spike of 1.5 body weights.
+    It is ``m (g cos(slope) + z'') - GRF``, with the ``moving_mass`` [kg] of the rig, the ``body_mass`` [kg] of the
+    subject and the ``slope`` [rad] of the ground. Without ``m z''`` the first contact is a spike of 1.5 body weights.
     """
     lift = np.asarray(trajectory.height(phase, 2)) / trajectory.stride_time**2
     return moving_mass * (GRAVITY * math.cos(slope) + lift) - body_mass * reference("grf_vertical_n_per_kg", phase)
@@ -243,6 +251,9 @@ def compute_forward_feedforward(
     phase: Array,
     slope: float = 0.0,
 ) -> Array:
-    """Force on the carriage [N] that leaves the reference's fore-aft load: ``m (g sin(slope) + x'') - GRF``."""
+    """Return the force on the carriage [N] that leaves the fore-aft load of the reference on the foot.
+
+    It is ``m (g sin(slope) + x'') - GRF``.
+    """
     push = np.asarray(trajectory.velocity(phase, 1)) / trajectory.stride_time
     return moving_mass * (GRAVITY * math.sin(slope) + push) - body_mass * reference("grf_forward_n_per_kg", phase)
