@@ -1,4 +1,4 @@
-"""Whole folders: the file that describes them, overrides, digest, speed, and random damage."""
+"""Datasets: the file that describes them, device changes, digest, speed, and random damage."""
 
 import random
 import time
@@ -10,13 +10,13 @@ import pytest
 
 from klute_sim.datasets.dataset import load_dataset, split_dataset
 from klute_sim.datasets.write import write_trial
-from klute_sim.device import changes
 from klute_sim.device import device as device_files
 from klute_sim.device.device import list_presets, load_device
 from klute_sim.errors import InputError
+from klute_sim.toml_files import format_toml
 
 TEXT = """\
-format = "klute-sim-dataset/1"
+format = "klute-sim-dataset/2"
 rig = "bench"
 device = "klute-3-4-pair"
 [uncertain]
@@ -36,12 +36,12 @@ use = "fit"
 "muscle.count" = 3
 [[trial]]
 files = ["c.csv"]
-use = "show"
+use = "test"
 """
 TIME = np.arange(15) * 0.01
 
 
-def make(folder: Path, text: str = TEXT) -> Path:
+def write_dataset(folder: Path, text: str = TEXT) -> Path:
     for name in "abc":
         columns = {"time [s]": TIME, "length [mm]": 340 + TIME, "pressure_command [bar]": 3 + TIME, "force [N]": TIME}
         write_trial(folder / f"{name}.csv", columns)
@@ -50,77 +50,77 @@ def make(folder: Path, text: str = TEXT) -> Path:
     return folder
 
 
-def test_a_folder_is_read_as_its_file_says(tmp_path: Path) -> None:
-    found = load_dataset(make(tmp_path))
-    assert (found.folder, found.rig, found.device.name) == (tmp_path, "bench", "klute-3-4-pair")
-    assert found.uncertainties == pytest.approx(
+def test_dataset_has_the_content_of_its_file(tmp_path: Path) -> None:
+    dataset = load_dataset(write_dataset(tmp_path))
+    assert (dataset.folder, dataset.rig, dataset.device.name) == (tmp_path, "bench", "klute-3-4-pair")
+    assert dataset.uncertainties == pytest.approx(
         {"tendon.stiffness_2_n_per_mm": 14.0, "muscle.c10_kpa": 5.5, "damper.bore_mm": 0.5}
     )
-    assert [t.name for t in found.trials] == ["a", "b+b_pressure", "c"]
-    assert [t.group for t in found.trials] == ["iso", "iso", "c"]
-    assert [t.use for t in found.trials] == ["fit", "fit", "show"]
-    assert found.trials[1].files == (tmp_path / "b.csv", tmp_path / "b_pressure.csv")
-    assert set(found.trials[1].measured) == {"force", "pressure"}
-    assert found.remarks == ()
-    assert split_dataset(found)[:3] == (("a", "b+b_pressure"), (), ("c",))
+    assert [t.name for t in dataset.trials] == ["a", "b+b_pressure", "c"]
+    assert [t.group for t in dataset.trials] == ["iso", "iso", "c"]
+    assert [t.use for t in dataset.trials] == ["fit", "fit", "test"]
+    assert dataset.trials[1].files == (tmp_path / "b.csv", tmp_path / "b_pressure.csv")
+    assert set(dataset.trials[1].measured) == {"force", "pressure"}
+    assert dataset.remarks == ()
+    assert split_dataset(dataset)[:3] == (("a", "b+b_pressure"), (), ("c",))
 
 
-def test_a_trials_device_has_its_changes_and_is_a_device_file(tmp_path: Path) -> None:
-    found = load_dataset(make(tmp_path))
-    plain, changed = found.trials[0].device, found.trials[1].device
-    assert plain is found.device
+def test_device_changes_of_a_trial_make_a_valid_device_file(tmp_path: Path) -> None:
+    dataset = load_dataset(write_dataset(tmp_path))
+    nominal, changed = dataset.trials[0].device, dataset.trials[1].device
+    assert nominal is dataset.device
     assert changed.parameters.muscle.resting_length == pytest.approx(0.18)
     assert changed.parameters.muscle.n_actuators == 3
-    assert changed.parameters.tendon == plain.parameters.tendon
+    assert changed.parameters.tendon == nominal.parameters.tendon
     again = device_files.parse_device(changed.content, "x")
     assert again.spec == changed.spec
     assert again.spec.sources["muscle.count"] == f"{tmp_path / 'dataset.toml'}, trial 'b+b_pressure'"
-    assert again.spec.sources["muscle.c10_kpa"] == plain.spec.sources["muscle.c10_kpa"]
+    assert again.spec.sources["muscle.c10_kpa"] == nominal.spec.sources["muscle.c10_kpa"]
 
 
 @pytest.mark.parametrize("name", list_presets())
-def test_devices_are_emitted_as_they_were_read(name: str) -> None:
+def test_writing_a_device_file_preserves_its_content(name: str) -> None:
     keys = tomllib.loads(load_device(name).content.decode())
-    assert tomllib.loads(changes.to_toml(keys)) == keys
+    assert tomllib.loads(format_toml(keys)) == keys
 
 
-def test_any_text_is_emitted_as_it_was_read() -> None:
+def test_writing_toml_preserves_any_text() -> None:
     keys = {
         "name": 'é"\\\n\t\x7f\x01\U0001f600',
         "muscle": {"bladder": False, "x": 1e-300, "n": 2},
         "sources": {"a.b": ""},
     }
-    assert tomllib.loads(changes.to_toml(keys)) == keys
+    assert tomllib.loads(format_toml(keys)) == keys
 
 
-def test_a_device_file_lies_relative_to_the_folder(tmp_path: Path) -> None:
+def test_device_path_is_relative_to_the_folder(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_bytes(load_device("klute-3-4").content)
     text = TEXT.replace("klute-3-4-pair", "mine.toml").split("[uncertain]")[0] + '[[trial]]\nfiles = ["a.csv"]\n'
-    assert load_dataset(make(tmp_path, text)).device.name == "klute-3-4"
+    assert load_dataset(write_dataset(tmp_path, text)).device.name == "klute-3-4"
 
 
-def test_the_digest_follows_every_file(tmp_path: Path) -> None:
+def test_digest_depends_on_each_file(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_bytes(load_device("klute-3-4-pair").content)
-    make(tmp_path, TEXT.replace("klute-3-4-pair", "mine.toml"))
-    seen = {load_dataset(tmp_path).digest}
-    assert load_dataset(tmp_path).digest in seen
+    write_dataset(tmp_path, TEXT.replace("klute-3-4-pair", "mine.toml"))
+    digests = {load_dataset(tmp_path).digest}
+    assert load_dataset(tmp_path).digest in digests
     for name in ("dataset.toml", "mine.toml", "a.csv", "b.csv", "b_pressure.csv", "c.csv"):
         with (tmp_path / name).open("a") as file:
             file.write("\n")
-        seen.add(load_dataset(tmp_path).digest)
-    assert len(seen) == 7
+        digests.add(load_dataset(tmp_path).digest)
+    assert len(digests) == 7
 
 
-def test_remarks_of_a_shared_file_are_told_once(tmp_path: Path) -> None:
+def test_remarks_on_a_shared_file_occur_once(tmp_path: Path) -> None:
     text = (
         TEXT.split("[uncertain]")[0] + '[[trial]]\nfiles = ["a.csv", "x.csv"]\n[[trial]]\nfiles = ["c.csv", "x.csv"]\n'
     )
-    make(tmp_path, text)
+    write_dataset(tmp_path, text)
     write_trial(tmp_path / "x.csv", {"time [s]": TIME, "pressure [bar]": TIME, "odd [1]": TIME})
     assert load_dataset(tmp_path).remarks == (f"trial file {tmp_path / 'x.csv'}: ignored columns 'odd [1]'",)
 
 
-def refused(folder: Path) -> str:
+def load_error(folder: Path) -> str:
     with pytest.raises(InputError) as caught:
         load_dataset(folder)
     sentence = str(caught.value)
@@ -129,58 +129,66 @@ def refused(folder: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
-        ("dataset/1", "dataset/2", "'format' = 'klute-sim-dataset/2' is refused; allowed: 'klute-sim-dataset/1'"),
-        ('format = "klute-sim-dataset/1"\n', "", "key 'format' is missing; allowed: 'klute-sim-dataset/1'"),
-        ('rig = "bench"', 'rig = "bank"', "'rig' = 'bank' is refused; allowed: 'bench' or 'gait'"),
+        ("dataset/2", "dataset/3", "format = 'klute-sim-dataset/3' is refused; allowed: 'klute-sim-dataset/2'"),
+        ('format = "klute-sim-dataset/2"\n', "", "key 'format' is missing; allowed: 'klute-sim-dataset/2'"),
+        ('rig = "bench"', 'rig = "bank"', "rig = 'bank' is refused; allowed: 'bench' or 'gait'"),
         ('rig = "bench"', 'rigg = "bench"', "unknown key 'rigg'; allowed here: format, rig, device, uncertain, trial"),
-        ('device = "klute-3-4-pair"', "device = 3", "'device' = 3 is refused; allowed: a preset, or the path"),
-        ('device = "klute-3-4-pair"', 'device = " "', "'device' = ' ' is refused; allowed is a name or path on one"),
-        ('device = "klute-3-4-pair"', 'device = "a\\u0000"', "'device' = 'a\\x00' is refused; allowed is a name or"),
+        ('device = "klute-3-4-pair"', "device = 3", "device = 3 is refused; allowed: a preset, or the path"),
+        ('device = "klute-3-4-pair"', 'device = " "', "[device] ' ' is refused; allowed: a name or path on one"),
+        ('device = "klute-3-4-pair"', 'device = "a\\u0000"', "[device] 'a\\x00' is refused; allowed: a name or"),
         ('device = "klute-3-4-pair"', 'device = "no.toml"', "no.toml': give the path of a device file"),
-        ('"10 %"', '"ten %"', "'uncertain.tendon.stiffness_2_n_per_mm' = 'ten %' is refused; allowed is a standard"),
-        ('"10 %"', '"-10 %"', "'-10 %' is refused; allowed is a standard deviation above 0"),
+        ('"10 %"', '"ten %"', "[uncertain.tendon.stiffness_2_n_per_mm] 'ten %' is refused; allowed: a standard"),
+        ('"10 %"', '"-10 %"', "'-10 %' is refused; allowed: a standard deviation above 0"),
         ('"10 %"', '"nan %"', "'nan %' is refused"),
-        ('"10 %"', '"10"', "= '10' is refused; 10 % or 10 N/mm? Write \"10 %\", or 10 without quotes"),
+        ('"10 %"', '"10"', "'10' is refused; write \"10 %\" for per cent, or 10 without quotes for the unit of"),
         ('"10 %"', '"10 % %"', "'10 % %' is refused"),
-        ('"10 %"', "0", "= 0 is refused; allowed is a standard deviation above 0, in per cent"),
-        ('"10 %"', "true", "= True is refused; allowed is a standard deviation"),
-        ('"10 %"', "[1]", "= [1] is refused; allowed is a standard deviation"),
-        ('"10 %"', "1" + "0" * 400, "is refused; allowed is a standard deviation"),
+        ('"10 %"', "0", "] 0 is refused; allowed: a standard deviation above 0, in per cent"),
+        ('"10 %"', "true", "] True is refused; allowed: a standard deviation"),
+        ('"10 %"', "[1]", "] [1] is refused; allowed: a standard deviation"),
+        ('"10 %"', "1" + "0" * 400, "is refused; allowed: a standard deviation"),
         (
             '"damper.bore_mm"',
             '"damper.boar_mm"',
-            "[uncertain] names 'damper.boar_mm', which is no number of the device",
+            "[uncertain] names 'damper.boar_mm', which is not a numeric key of the device",
         ),
         ('"damper.bore_mm"', '"damper.boar_mm"', "allowed: muscle.count, muscle.resting_length_mm, muscle.braid"),
         ('"damper.bore_mm" = 0.5', '"muscle.count" = 1', "[uncertain] 'muscle.count' is a count"),
-        ('"damper.bore_mm" = 0.5', '"muscle.bladder" = 1', "[uncertain] names 'muscle.bladder', which is no number"),
+        (
+            '"damper.bore_mm" = 0.5',
+            '"muscle.bladder" = 1',
+            "[uncertain] names 'muscle.bladder', which is not a",
+        ),
         ('[uncertain]\n"', 'uncertain = 3\n[sources]\n"', "unknown key 'sources'"),
         ('group = "iso"', 'grupp = "iso"', "unknown key 'trial.1.grupp'; allowed here: files, group, use, device"),
-        ('group = "iso"', "group = 7", "'trial.1.group' = 7 is refused; allowed: a name, as text"),
+        ('group = "iso"', "group = 7", "trial.1.group = 7 is refused; allowed: a name, as text"),
         (
-            'use = "show"',
-            'use = "show"\nchecked = ["force", "torque"]',
-            "'checked' names 'torque', which it did not measure",
+            'use = "test"',
+            'use = "test"\ntrusted = ["force", "torque"]',
+            "'trusted' names 'torque', which the trial does not measure; allowed: force",
         ),
         (
-            'use = "show"',
-            'use = "show"\nchecked = "force"',
-            "'trial.3.checked' = 'force' is refused; allowed: a list of",
+            'use = "test"',
+            'use = "test"\ntrusted = "force"',
+            "trial.3.trusted = 'force' is refused; allowed: a list of",
         ),
-        ('use = "show"', 'use = "test"', "'trial.3.use' = 'test' is refused; allowed: 'fit', 'select' or 'show'"),
+        ('use = "test"', 'use = "show"', "trial.3.use = 'show' is refused; allowed: 'fit', 'validation' or 'test'"),
         (
             'files = ["a.csv"]',
             "files = []",
-            "'trial.1.files' = [] is refused; allowed: a list of one or more file names",
+            "trial.1.files = [] is refused; allowed: a list of one or more file names",
         ),
-        ('files = ["a.csv"]', 'files = "a.csv"', "'trial.1.files' = 'a.csv' is refused; allowed: a list of one or mor"),
-        ('files = ["a.csv"]', 'files = [""]', "'trial.1.files.1' = '' is refused; allowed is a name or path"),
-        ('files = ["a.csv"]', "files = [1]", "'trial.1.files.1' = 1 is refused; allowed: a list of one or more file"),
+        (
+            'files = ["a.csv"]',
+            'files = "a.csv"',
+            "trial.1.files = 'a.csv' is refused; allowed: a list of one or",
+        ),
+        ('files = ["a.csv"]', 'files = [""]', "[trial.1.files.1] '' is refused; allowed: a name or path"),
+        ('files = ["a.csv"]', "files = [1]", "trial.1.files.1 = 1 is refused; allowed: a list of one or more file"),
         ('files = ["a.csv"]', "", "key 'trial.1.files' is missing; allowed: a list of one or more file names"),
-        ('files = ["a.csv"]', 'files = ["no.csv"]', "no.csv does not exist; files are named relative to the folder"),
-        ('files = ["a.csv"]', 'files = ["./c.parquet"]', "trials 1 and 3 are both 'c'; every trial needs files of its"),
+        ('files = ["a.csv"]', 'files = ["no.csv"]', "no.csv does not exist; give paths relative to the folder"),
+        ('files = ["a.csv"]', 'files = ["./c.parquet"]', "trials 1 and 3 are both 'c'; give each trial its own"),
         (
             'group = "iso"\nuse = "fit"\n[trial',
             'group = "iso"\n[trial',
@@ -191,12 +199,12 @@ def refused(folder: Path) -> str:
             "= 10.0",
             "trial 'b+b_pressure': device file klute-3-4-pair: muscle.resting_length_mm = 10.0 is ref",
         ),
-        ("= 180.0", "= nan", "'trial.2.device.muscle.resting_length_mm' = nan is refused; allowed is a finite number"),
-        ("= 180.0", "= true", "= True is refused; allowed is a finite number in the unit of the key"),
-        ("= 180.0", '= "180"', "= '180' is refused; allowed is a finite number in the unit of the key"),
+        ("= 180.0", "= nan", "[trial.2.device.muscle.resting_length_mm] nan is refused; allowed: a finite number"),
+        ("= 180.0", "= true", "] True is refused; allowed: a finite number in the unit of the key"),
+        ("= 180.0", '= "180"', "] '180' is refused; allowed: a finite number in the unit of the key"),
         ('"muscle.count" = 3', '"muscle.count" = 3.5', "muscle.count = 3.5 is refused"),
-        ('"muscle.count"', '"muscle.cuont"', "trial 'b+b_pressure' names 'muscle.cuont', which is no number"),
-        ('"muscle.count"', '"sources.x"', "trial 'b+b_pressure' names 'sources.x', which is no number"),
+        ('"muscle.count"', '"muscle.cuont"', "trial 'b+b_pressure': 'muscle.cuont' is not"),
+        ('"muscle.count"', '"sources.x"', "trial 'b+b_pressure': 'sources.x' is not"),
         ("[trial.device]", "device = 3\n[x]", "unknown key 'x'"),
         ("[uncertain]", "[uncertain", "is not valid TOML"),
         (
@@ -206,93 +214,111 @@ def refused(folder: Path) -> str:
         ),
     ],
 )
-def test_bad_files_are_refused_with_key_value_and_what_is_allowed(
-    tmp_path: Path, old: str, new: str, says: str
+def test_invalid_files_are_refused_with_key_value_and_allowed_values(
+    tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     assert old in TEXT
-    sentence = refused(make(tmp_path, TEXT.replace(old, new, 1)))
-    assert says in sentence
+    sentence = load_error(write_dataset(tmp_path, TEXT.replace(old, new, 1)))
+    assert message in sentence
     assert str(tmp_path) in sentence
 
 
-def test_a_file_without_trials_is_refused(tmp_path: Path) -> None:
+def test_first_format_is_refused_with_the_keys_to_rename(tmp_path: Path) -> None:
+    sentence = load_error(write_dataset(tmp_path, TEXT.replace("dataset/2", "dataset/1")))
+    assert "has the first format, 'klute-sim-dataset/1'; change it to 'klute-sim-dataset/2'" in sentence
+    assert "use = 'select' to 'validation', use = 'show' to 'test', and the key 'checked' to 'trusted'" in sentence
+
+
+def test_repr_is_short_and_html_lists_the_trials(tmp_path: Path) -> None:
+    dataset = load_dataset(write_dataset(tmp_path))
+    assert repr(dataset) == f"Dataset('{tmp_path}', rig='bench', device='klute-3-4-pair', 3 trials in 2 groups)"
+    assert "<td>b+b_pressure</td><td>iso</td><td>fit</td><td>0.14</td><td>force, pressure</td>" in dataset._repr_html_()
+    assert len(repr(dataset.trials[0])) < 5000
+
+
+def test_file_without_trials_is_refused(tmp_path: Path) -> None:
     head = TEXT.split("[[trial]]")[0]
-    assert "key 'trial' is missing; allowed: one or more tables [[trial]]" in refused(make(tmp_path, head))
-    says = "'trial' = [] is refused; allowed: one or more tables [[trial]]"
-    assert says in refused(make(tmp_path, "trial = []\n" + head))
-    assert "'trial' = 3 is refused" in refused(make(tmp_path, "trial = 3\n" + head))
-    assert "'trial.1' = 3 is refused; allowed: one or more" in refused(make(tmp_path, "trial = [3]\n" + head))
-    assert "is refused; allowed: a table of" in refused(make(tmp_path, "uncertain = 3\n" + TEXT.split("[unc")[0]))
+    assert "key 'trial' is missing; allowed: one or more tables [[trial]]" in load_error(write_dataset(tmp_path, head))
+    message = "trial = [] is refused; allowed: one or more tables [[trial]]"
+    assert message in load_error(write_dataset(tmp_path, "trial = []\n" + head))
+    assert "trial = 3 is refused" in load_error(write_dataset(tmp_path, "trial = 3\n" + head))
+    assert "trial.1 = 3 is refused; allowed: one or more" in load_error(write_dataset(tmp_path, "trial = [3]\n" + head))
+    assert "is refused; allowed: a table of" in load_error(
+        write_dataset(tmp_path, "uncertain = 3\n" + TEXT.split("[unc")[0])
+    )
 
 
-def test_a_misnamed_column_is_told_with_what_the_trial_lacks_by_it(tmp_path: Path) -> None:
-    make(tmp_path)
+def test_misnamed_column_is_reported_with_the_missing_channel(tmp_path: Path) -> None:
+    write_dataset(tmp_path)
     columns = {"time [s]": TIME, "length [mm]": 340 + TIME, "pressure_command [bar]": 3 + TIME, "kraft [N]": TIME}
     write_trial(tmp_path / "b.csv", columns)
-    remark, lacks = load_dataset(tmp_path).remarks
+    remark, missing_channel = load_dataset(tmp_path).remarks
     where = f"trial file {tmp_path / 'b.csv'}"
     assert remark == f"{where}: ignored columns 'kraft [N]'"
-    assert lacks == "trial 'b+b_pressure' has no force, which its repeats have"
-    make(tmp_path)
+    assert missing_channel == "trial 'b+b_pressure' has no force, which its repeats have"
+    write_dataset(tmp_path)
     write_trial(tmp_path / "b.csv", {**columns, "force [N]": TIME})
     assert load_dataset(tmp_path).remarks == (f"{where}: ignored columns 'kraft [N]'",)
 
 
-def test_a_percentage_of_zero_is_refused(tmp_path: Path) -> None:
+def test_percentage_of_zero_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(
         load_device("klute-3-4-pair").content.decode().replace("engagement_mm = 5.0", "engagement_mm = 0")
     )
     text = TEXT.replace("klute-3-4-pair", "mine.toml").replace("stiffness_2_n_per_mm", "engagement_mm")
-    assert "'tendon.engagement_mm' = '10 %', but the device's value is 0; give a standard" in refused(
-        make(tmp_path, text)
+    assert "'tendon.engagement_mm' = '10 %', but the device's value is 0; give a standard" in load_error(
+        write_dataset(tmp_path, text)
     )
 
 
-def test_a_percentage_of_a_negative_value_is_a_positive_deviation(tmp_path: Path) -> None:
+def test_percentage_of_a_negative_value_is_a_positive_deviation(tmp_path: Path) -> None:
     text = TEXT.replace("tendon.stiffness_2_n_per_mm", "muscle.friction_offset_n")
-    assert load_dataset(make(tmp_path, text)).uncertainties["muscle.friction_offset_n"] == pytest.approx(3.82)
+    assert load_dataset(write_dataset(tmp_path, text)).uncertainties["muscle.friction_offset_n"] == pytest.approx(3.82)
 
 
-def test_what_is_no_dataset_is_refused(tmp_path: Path) -> None:
-    assert f"no dataset in {tmp_path}: a dataset is a folder with a file dataset.toml" in refused(tmp_path)
-    assert f"there is no folder {tmp_path / 'no'}; a dataset is" in refused(tmp_path / "no")
-    (tmp_path / "a.CSV").touch()
-    assert "with a file dataset.toml in it; docs/datasets.md shows how to write one, and it names a.CSV" in refused(
-        tmp_path
+def test_folder_without_dataset_is_refused(tmp_path: Path) -> None:
+    assert f"folder {tmp_path} is not a dataset: it has no file dataset.toml" in load_error(tmp_path)
+    assert f"folder {tmp_path / 'no'} does not exist; give a folder with a file dataset.toml" in load_error(
+        tmp_path / "no"
     )
-    make(tmp_path)
-    assert "is a file; give the folder that holds dataset.toml" in refused(tmp_path / "dataset.toml")
+    (tmp_path / "a.CSV").touch()
+    assert (
+        "it has no file dataset.toml; write one that lists a.CSV and the other trial files (see docs/datasets.md)"
+        in load_error(tmp_path)
+    )
+    write_dataset(tmp_path)
+    assert "is a file; give the folder with dataset.toml" in load_error(tmp_path / "dataset.toml")
     (tmp_path / "dataset.toml").write_bytes(b"\xff\xfe")
-    assert "not a UTF-8 text file" in refused(tmp_path)
+    assert "not a UTF-8 text file" in load_error(tmp_path)
     (tmp_path / "dataset.toml").unlink()
     (tmp_path / "dataset.toml").mkdir()
-    assert "cannot be read: Is a directory" in refused(tmp_path)
+    assert "cannot be read: Is a directory" in load_error(tmp_path)
 
 
-def test_what_cannot_be_split_is_refused_before_files_are_read(tmp_path: Path) -> None:
-    make(tmp_path, TEXT.replace('use = "fit"', 'use = "select"'))
+def test_impossible_split_is_refused_before_files_are_read(tmp_path: Path) -> None:
+    write_dataset(tmp_path, TEXT.replace('use = "fit"', 'use = "validation"'))
     (tmp_path / "a.csv").unlink()
-    assert "no trial is left to fit" in refused(tmp_path)
+    assert "no trial is left to fit" in load_error(tmp_path)
 
 
-def damaged(content: bytes, draw: random.Random) -> bytes:
-    found = bytearray(content)
-    for _ in range(draw.choice((1, 1, 3))):
-        place = draw.randrange(len(found))
-        byte = draw.choice((draw.randrange(256), *b',;"\n\r\t[]%0-eE\0'))
-        removed = draw.choice((0, 1, 1, 9))
-        found[place : place + removed] = bytes([byte]) * draw.choice((0, 1))
-    return bytes(found)
+def damage(content: bytes, rng: random.Random) -> bytes:
+    content_bytes = bytearray(content)
+    for _ in range(rng.choice((1, 1, 3))):
+        index = rng.randrange(len(content_bytes))
+        byte = rng.choice((rng.randrange(256), *b',;"\n\r\t[]%0-eE\0'))
+        removed = rng.choice((0, 1, 1, 9))
+        content_bytes[index : index + removed] = bytes([byte]) * rng.choice((0, 1))
+    return bytes(content_bytes)
 
 
 @pytest.mark.parametrize("name", ["a.csv", "dataset.toml"])
 def test_random_damage_is_refused_or_harmless(tmp_path: Path, name: str) -> None:
-    make(tmp_path)
+    write_dataset(tmp_path)
     content = (tmp_path / name).read_bytes()
-    draw = random.Random(20)
+    rng = random.Random(20)
     sentences = []
     for _ in range(200):
-        (tmp_path / name).write_bytes(damaged(content, draw))
+        (tmp_path / name).write_bytes(damage(content, rng))
         try:
             load_dataset(tmp_path)
         except InputError as error:
@@ -301,13 +327,13 @@ def test_random_damage_is_refused_or_harmless(tmp_path: Path, name: str) -> None
     assert not any("\n" in sentence for sentence in sentences)
 
 
-def test_a_million_rows_take_seconds(tmp_path: Path) -> None:
+def test_million_rows_load_within_seconds(tmp_path: Path) -> None:
     text = TEXT.split("[uncertain]")[0] + '[[trial]]\nfiles = ["a.csv"]\n'
-    make(tmp_path, text)
+    write_dataset(tmp_path, text)
     values = np.random.default_rng(1).random(10**6)
     columns = {"time [s]": np.arange(10**6) * 1e-3, "length [mm]": 340 + values, "pressure_command [bar]": values}
     write_trial(tmp_path / "a.csv", columns | {"force [N]": values, "note [1]": values})
     start = time.perf_counter()
-    found = load_dataset(tmp_path)
+    dataset = load_dataset(tmp_path)
     assert time.perf_counter() - start < 8.0  # 1 s on two idle cores
-    assert np.array_equal(found.trials[0].measured["force"].value, values)
+    assert np.array_equal(dataset.trials[0].measured["force"].value, values)

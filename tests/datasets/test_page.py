@@ -1,4 +1,4 @@
-"""The page about datasets: its examples hold, and its tables are complete."""
+"""The documentation page about datasets: its examples work and its tables are complete."""
 
 import re
 from pathlib import Path
@@ -12,32 +12,32 @@ from klute_sim.datasets.write import write_trial
 PAGE = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text("utf-8")
 
 
-def blocks(kind: str) -> list[str]:
+def find_code_blocks(kind: str) -> list[str]:
     return re.findall(rf"^```{kind}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
-def test_the_example_is_a_dataset(tmp_path: Path) -> None:
-    (text,) = blocks("toml")
+def test_example_folder_is_a_valid_dataset(tmp_path: Path) -> None:
+    (text,) = find_code_blocks("toml")
     (tmp_path / "dataset.toml").write_text(text)
     time = np.arange(10.0)
     bench = {"time [s]": time, "length [mm]": 340 + time, "pressure_command [bar]": time, "force [N]": time}
-    for name in re.findall(r"\w+\.csv", blocks("")[0]):
+    for name in re.findall(r"\w+\.csv", find_code_blocks("")[0]):
         write_trial(tmp_path / name, {"time [s]": time, "pressure [bar]": time} if "pressure" in name else bench)
-    found = load_dataset(tmp_path)
-    assert [trial.group for trial in found.trials] == ["iso_3bar", "iso_3bar", "ramp+ramp_pressure", "short"]
-    assert found.trials[3].device.parameters.muscle.resting_length == 0.18
-    assert len(split_dataset(found).test) > 0
+    dataset = load_dataset(tmp_path)
+    assert [trial.group for trial in dataset.trials] == ["iso_3bar", "iso_3bar", "ramp+ramp_pressure", "short"]
+    assert dataset.trials[3].device.parameters.muscle.resting_length == 0.18
+    assert len(split_dataset(dataset).test) > 0
 
 
-def test_the_example_file_reads_as_said(tmp_path: Path) -> None:
-    (text,) = blocks("text")
+def test_example_file_is_read_as_documented(tmp_path: Path) -> None:
+    (text,) = find_code_blocks("text")
     (tmp_path / "a.csv").write_text(text)
-    found = table.read_trial_file(tmp_path / "a.csv", channels.get_column_units("bench"))
-    assert np.isnan(found.columns["force"]).tolist() == [False, True, False]
-    assert found.ignored == ("note",)
+    result = table.read_trial_file(tmp_path / "a.csv", channels.get_column_units("bench"))
+    assert np.isnan(result.columns["force"]).tolist() == [False, True, False]
+    assert result.ignored == ("note",)
 
 
-def test_every_key_and_channel_is_documented() -> None:
+def test_all_keys_and_channels_are_documented() -> None:
     keys = {*format.DatasetFile.model_fields, *format.TrialEntry.model_fields} - {"uncertain", "trial"}
     names = {name for rig in channels.RIGS for name in channels.get_column_units(rig)}
     assert all(f"`{name}`" in PAGE for name in keys | names)

@@ -1,4 +1,4 @@
-"""One file: units, headings, cells, and a sentence for everything that is wrong with them."""
+"""One trial file: units, headings, cells, and error messages."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from klute_sim.datasets import channels, quantity, table
+from klute_sim.datasets import channels, table, unit_conversion
 from klute_sim.errors import InputError
 
 BENCH = channels.get_column_units("bench")
@@ -21,7 +21,7 @@ def read(folder: Path, content: bytes | str, name: str = "a.csv") -> table.Table
     return table.read_trial_file(path, BENCH)
 
 
-def refused(folder: Path, content: bytes | str, name: str = "a.csv") -> str:
+def read_error(folder: Path, content: bytes | str, name: str = "a.csv") -> str:
     with pytest.raises(InputError) as caught:
         read(folder, content, name)
     sentence = str(caught.value)
@@ -56,8 +56,8 @@ def refused(folder: Path, content: bytes | str, name: str = "a.csv") -> str:
         ("lbf*ft", "N*m", 1.3558179483314),
     ],
 )
-def test_units_become_si(unit: str, si: str, value: float) -> None:
-    assert quantity.get_si_factor(unit, si) == pytest.approx(value, rel=1e-12)
+def test_units_convert_to_si(unit: str, si: str, value: float) -> None:
+    assert unit_conversion.get_si_factor(unit, si) == pytest.approx(value, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -82,31 +82,31 @@ def test_units_become_si(unit: str, si: str, value: float) -> None:
         ("__import__('os')", "m"),
     ],
 )
-def test_other_units_are_none(unit: str, si: str) -> None:
-    assert quantity.get_si_factor(unit, si) is None
+def test_units_of_another_kind_have_no_factor(unit: str, si: str) -> None:
+    assert unit_conversion.get_si_factor(unit, si) is None
 
 
-@given(st.text(max_size=12), st.sampled_from(sorted(quantity.EXAMPLE_UNITS)))
-def test_any_text_is_a_unit_or_none(unit: str, si: str) -> None:
-    factor = quantity.get_si_factor(unit, si)
+@given(st.text(max_size=12), st.sampled_from(sorted(unit_conversion.EXAMPLE_UNITS)))
+def test_any_text_has_a_positive_factor_or_none(unit: str, si: str) -> None:
+    factor = unit_conversion.get_si_factor(unit, si)
     assert factor is None or (isinstance(factor, float) and factor > 0)
 
 
-def test_every_channel_has_an_example_and_the_examples_hold() -> None:
+def test_example_units_are_valid_and_cover_all_channels() -> None:
     for rig in channels.RIGS:
-        assert set(channels.get_column_units(rig).values()) <= set(quantity.EXAMPLE_UNITS)
-    for si, units in quantity.EXAMPLE_UNITS.items():
-        assert all(quantity.get_si_factor(unit, si) for unit in units.split(", "))
+        assert set(channels.get_column_units(rig).values()) <= set(unit_conversion.EXAMPLE_UNITS)
+    for si, units in unit_conversion.EXAMPLE_UNITS.items():
+        assert all(unit_conversion.get_si_factor(unit, si) for unit in units.split(", "))
 
 
-def test_known_columns_come_in_si_and_others_are_listed(tmp_path: Path) -> None:
-    found = read(tmp_path, 'time [ms],note,force [kgf],pressure [psi]\n1,"a, b",2,3\n2,é,,5\n')
-    assert found.columns["time"] == pytest.approx([1e-3, 2e-3])
-    assert found.columns["force"] == pytest.approx([2 * 9.80665, np.nan], nan_ok=True)
-    assert found.columns["pressure"] == pytest.approx([3 * 6894.757293, 5 * 6894.757293])
-    assert found.ignored == ("note",)
-    assert found.headings["force"] == "force [kgf]"
-    assert set(found.columns) == {"time", "force", "pressure"}
+def test_requested_columns_are_in_si_and_others_are_listed(tmp_path: Path) -> None:
+    result = read(tmp_path, 'time [ms],note,force [kgf],pressure [psi]\n1,"a, b",2,3\n2,é,,5\n')
+    assert result.columns["time"] == pytest.approx([1e-3, 2e-3])
+    assert result.columns["force"] == pytest.approx([2 * 9.80665, np.nan], nan_ok=True)
+    assert result.columns["pressure"] == pytest.approx([3 * 6894.757293, 5 * 6894.757293])
+    assert result.ignored == ("note",)
+    assert result.headings["force"] == "force [kgf]"
+    assert set(result.columns) == {"time", "force", "pressure"}
 
 
 @pytest.mark.parametrize(
@@ -124,28 +124,28 @@ def test_known_columns_come_in_si_and_others_are_listed(tmp_path: Path) -> None:
         "time [s],force [N]\n1e0,+2.\n.3e1,4\n",
     ],
 )
-def test_dialects_read_the_same(tmp_path: Path, content: str) -> None:
-    found = read(tmp_path, content)
-    assert found.columns["time"].tolist() == [1, 3]
-    assert found.columns["force"].tolist() == [2, 4]
+def test_csv_dialects_are_read_alike(tmp_path: Path, content: str) -> None:
+    result = read(tmp_path, content)
+    assert result.columns["time"].tolist() == [1, 3]
+    assert result.columns["force"].tolist() == [2, 4]
 
 
 @pytest.mark.parametrize("cell", ["", "   ", '""', "nan", "NaN"])
-def test_an_empty_cell_is_missing(tmp_path: Path, cell: str) -> None:
-    found = read(tmp_path, f"time [s],force [N]\n1,{cell}\n2,3\n")
-    assert np.isnan(found.columns["force"]).tolist() == [True, False]
+def test_empty_cell_is_a_missing_sample(tmp_path: Path, cell: str) -> None:
+    result = read(tmp_path, f"time [s],force [N]\n1,{cell}\n2,3\n")
+    assert np.isnan(result.columns["force"]).tolist() == [True, False]
 
 
-def test_a_place_is_the_line_an_editor_shows(tmp_path: Path) -> None:
-    found = read(tmp_path, "\n\ntime [s],force [N]\r\n1,2\n\n3,4\n")
-    assert [found.locate_row(0), found.locate_row(1)] == ["line 4", "line 6"]
+def test_row_location_is_the_line_number_in_an_editor(tmp_path: Path) -> None:
+    result = read(tmp_path, "\n\ntime [s],force [N]\r\n1,2\n\n3,4\n")
+    assert [result.locate_row(0), result.locate_row(1)] == ["line 4", "line 6"]
 
 
 HEAD = "time [s],force [N]\n"
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    ("content", "message"),
     [
         ("", "is empty"),
         (" \n\n", "is empty"),
@@ -160,8 +160,8 @@ HEAD = "time [s],force [N]\n"
         ("time (s),force [N]\n1,2\n", "column 'time (s)' has no unit in square brackets; write for example 'time [s]'"),
         ("time [s],length\n1,2\n", "write for example 'length [mm]'"),
         ("time [s],pressure\n1,2\n", "write for example 'pressure [bar]'"),
-        ("time [s],force [mm]\n1,2\n", "column 'force [mm]' has a unit that does not fit; allowed are N, kN, kgf, lbf"),
-        ("time [s],force []\n1,2\n", "column 'force []' has a unit that does not fit"),
+        ("time [s],force [mm]\n1,2\n", "column 'force [mm]' has a unit of the wrong kind; allowed: N, kN, kgf, lbf"),
+        ("time [s],force []\n1,2\n", "column 'force []' has a unit of the wrong kind"),
         ("time [s],force [N],Force [kN]\n1,2,3\n", "columns 'force [N]' and 'Force [kN]' are the same channel"),
         (HEAD + "1,2\n\n3,abc\n", "column 'force [N]', line 4: 'abc' is not a number; leave the cell of a missing"),
         (HEAD + "1,2\n3,1_0\n", "line 3: '1_0' is not a number"),
@@ -177,17 +177,17 @@ HEAD = "time [s],force [N]\n"
         (HEAD.encode() + b"1,2\n3,\xff\n", "line 3: '\ufffd' is not a number"),
     ],
 )
-def test_bad_text_is_refused_with_place_and_mend(tmp_path: Path, content: bytes | str, says: str) -> None:
-    assert says in refused(tmp_path, content)
+def test_invalid_text_is_refused_with_location_and_fix(tmp_path: Path, content: bytes | str, message: str) -> None:
+    assert message in read_error(tmp_path, content)
 
 
-def test_commas_are_not_blamed_for_a_cell_too_many(tmp_path: Path) -> None:
-    sentence = refused(tmp_path, "time [s];force [N]\n1;2\n2;1;5\n")
+def test_surplus_cell_is_not_attributed_to_decimal_commas(tmp_path: Path) -> None:
+    sentence = read_error(tmp_path, "time [s];force [N]\n1;2\n2;1;5\n")
     assert "decimal" not in sentence
 
 
-def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"a\.csv does not exist; files are named relative to the folder"):
+def test_unreadable_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a\.csv does not exist; give paths relative to the folder"):
         table.read_trial_file(tmp_path / "a.csv", BENCH)
     with pytest.raises(InputError, match="cannot be read: Is a directory"):
         table.read_trial_file(tmp_path, BENCH)
@@ -199,29 +199,29 @@ def parquet(folder: Path, columns: dict[str, object]) -> bytes:
 
 
 @pytest.mark.parametrize("name", ["a.parquet", "a.pq", "a.csv"])
-def test_parquet_is_known_by_its_content(tmp_path: Path, name: str) -> None:
+def test_parquet_is_recognized_by_its_content(tmp_path: Path, name: str) -> None:
     content = parquet(tmp_path, {"time [s]": [1, 2], "force [kN]": [1.5, None], "note": ["x", "y"]})
-    found = read(tmp_path, content, name)
-    assert found.columns["time"].tolist() == [1, 2]
-    assert found.columns["force"] == pytest.approx([1500, np.nan], nan_ok=True)
-    assert found.ignored == ("note",)
-    assert found.locate_row(1) == "row 2"
+    result = read(tmp_path, content, name)
+    assert result.columns["time"].tolist() == [1, 2]
+    assert result.columns["force"] == pytest.approx([1500, np.nan], nan_ok=True)
+    assert result.ignored == ("note",)
+    assert result.locate_row(1) == "row 2"
 
 
-def test_bad_parquet_is_refused(tmp_path: Path) -> None:
-    assert "is no Parquet file" in refused(tmp_path, "time [s],force [N]\n1,2\n", "a.parquet")
-    assert "is empty" in refused(tmp_path, "", "a.parquet")
+def test_invalid_parquet_is_refused(tmp_path: Path) -> None:
+    assert "is not a Parquet file" in read_error(tmp_path, "time [s],force [N]\n1,2\n", "a.parquet")
+    assert "is empty" in read_error(tmp_path, "", "a.parquet")
     text = parquet(tmp_path, {"time [s]": [1.0], "force [N]": ["2"]})
-    assert "column 'force [N]' holds string; allowed are numbers" in refused(tmp_path, text, "a.parquet")
-    clock = parquet(tmp_path, {"time [s]": pa.array([1], pa.timestamp("us"))})
-    assert "column 'time [s]' holds timestamp[us]" in refused(tmp_path, clock, "a.parquet")
+    assert "column 'force [N]' holds string; allowed: numbers" in read_error(tmp_path, text, "a.parquet")
+    timestamps = parquet(tmp_path, {"time [s]": pa.array([1], pa.timestamp("us"))})
+    assert "column 'time [s]' holds timestamp[us]" in read_error(tmp_path, timestamps, "a.parquet")
     infinite = parquet(tmp_path, {"time [s]": [1.0, 2.0], "force [N]": [2.0, -np.inf]})
-    assert "column 'force [N]', row 2: the value is infinite" in refused(tmp_path, infinite, "a.parquet")
-    cut = parquet(tmp_path, {"time [s]": [1.0, 2.0]})
-    assert "is no Parquet file" in refused(tmp_path, cut[:-9], "a.parquet")
+    assert "column 'force [N]', row 2: the value is infinite" in read_error(tmp_path, infinite, "a.parquet")
+    truncated = parquet(tmp_path, {"time [s]": [1.0, 2.0]})
+    assert "is not a Parquet file" in read_error(tmp_path, truncated[:-9], "a.parquet")
 
 
-def test_digest_is_the_files(tmp_path: Path) -> None:
+def test_digest_depends_on_the_content_only(tmp_path: Path) -> None:
     first = read(tmp_path, HEAD + "1,2\n").digest
     assert read(tmp_path, HEAD + "1,2\n", "b.csv").digest == first
     assert read(tmp_path, HEAD + "1,3\n").digest != first

@@ -1,4 +1,4 @@
-"""Trials: roles of the channels, clocks, aliases, and our own recordings as measurements."""
+"""Trials: roles of channels, time axes, aliases, and simulated recordings as measurements."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,18 +26,18 @@ GAIT = {
 
 
 def columns(**changes: np.ndarray | None) -> dict[str, np.ndarray]:
-    found: dict[str, np.ndarray | None] = {
+    result: dict[str, np.ndarray | None] = {
         "time [s]": TIME,
         "length [mm]": 340 + TIME,
         "pressure_command [bar]": 3 + 0 * TIME,
         "force [N]": 500 + TIME,
     }
-    names = {heading.split(" ")[0]: heading for heading in found}
-    found |= {names[name]: value for name, value in changes.items()}
-    return {heading: value for heading, value in found.items() if value is not None}
+    names = {heading.split(" ")[0]: heading for heading in result}
+    result |= {names[name]: value for name, value in changes.items()}
+    return {heading: value for heading, value in result.items() if value is not None}
 
 
-def with_at(row: int, value: float, base: np.ndarray = TIME) -> np.ndarray:
+def replace_row(row: int, value: float, base: np.ndarray = TIME) -> np.ndarray:
     changed = base.copy()
     changed[row] = value
     return changed
@@ -50,7 +50,7 @@ def read(folder: Path, *files: Mapping[str, np.ndarray], rig: Rig = "bench") -> 
     return trial.read_trial(paths, rig)
 
 
-def refused(folder: Path, *files: Mapping[str, np.ndarray], rig: Rig = "bench") -> str:
+def read_error(folder: Path, *files: Mapping[str, np.ndarray], rig: Rig = "bench") -> str:
     with pytest.raises(InputError) as caught:
         read(folder, *files, rig=rig)
     sentence = str(caught.value)
@@ -59,140 +59,152 @@ def refused(folder: Path, *files: Mapping[str, np.ndarray], rig: Rig = "bench") 
     return sentence
 
 
-def test_channels_come_in_si_with_their_roles(tmp_path: Path) -> None:
-    found = read(tmp_path, columns(force=with_at(3, np.nan)))
-    assert list(found.prescribed) == ["length", "pressure_command"]
-    assert list(found.measured) == ["force"]
-    assert found.prescribed["length"].value == pytest.approx(0.34 + 1e-3 * TIME)
-    assert found.prescribed["pressure_command"].value == pytest.approx(3e5)
-    assert found.measured["force"].time == pytest.approx(TIME)
-    assert np.flatnonzero(np.isnan(found.measured["force"].value)).tolist() == [3]
-    assert found.remarks == ()
+def test_channels_are_in_si_and_have_roles(tmp_path: Path) -> None:
+    result = read(tmp_path, columns(force=replace_row(3, np.nan)))
+    assert list(result.prescribed) == ["length", "pressure_command"]
+    assert list(result.measured) == ["force"]
+    assert result.prescribed["length"].value == pytest.approx(0.34 + 1e-3 * TIME)
+    assert result.prescribed["pressure_command"].value == pytest.approx(3e5)
+    assert result.measured["force"].time == pytest.approx(TIME)
+    assert np.flatnonzero(np.isnan(result.measured["force"].value)).tolist() == [3]
+    assert result.remarks == ()
 
 
-def test_each_file_has_its_own_clock(tmp_path: Path) -> None:
+def test_each_file_has_its_own_time_axis(tmp_path: Path) -> None:
     late = {"time [ms]": 1e3 * TIME[::2] + 5, "pressure [kPa]": 300 + TIME[::2]}
-    found = read(tmp_path, columns(), late)
-    assert found.measured["force"].time == pytest.approx(TIME)
-    assert found.measured["pressure"].time == pytest.approx(TIME[::2] + 0.005)
-    assert found.measured["pressure"].value == pytest.approx(3e5 + 1e3 * TIME[::2])
-    assert len(set(found.digests)) == 2
+    result = read(tmp_path, columns(), late)
+    assert result.measured["force"].time == pytest.approx(TIME)
+    assert result.measured["pressure"].time == pytest.approx(TIME[::2] + 0.005)
+    assert result.measured["pressure"].value == pytest.approx(3e5 + 1e3 * TIME[::2])
+    assert len(set(result.digests)) == 2
 
 
-def test_measured_channels_may_be_any_subset(tmp_path: Path) -> None:
+def test_any_subset_of_measured_channels_is_allowed(tmp_path: Path) -> None:
     base = columns(force=None)
     for heading in ("force [N]", "pressure [bar]", "muscle_length [mm]"):
         assert list(read(tmp_path, base | {heading: TIME}).measured) == [heading.split(" ")[0]]
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    ("content", "message"),
     [
-        (columns(time=None), "has no column 'time [s]'; it has 'length [mm]', 'pressure_command [bar]', 'force [N]'"),
-        (columns(time=with_at(4, np.nan)), "column 'time [s]', line 6: the cell is empty; every sample needs a time"),
-        (columns(time=with_at(4, 0.03)), "the clock repeats at line 6 (0.03 s after 0.03 s); time must increase"),
-        (columns(time=with_at(4, 0.02)), "the clock runs backwards at line 6 (0.02 s after 0.03 s)"),
-        (columns(length=with_at(0, np.nan)), "column 'length [mm]', line 2: the cell is empty; 'length' is prescribed"),
+        (
+            columns(time=None),
+            "has no column 'time [s]'; its columns are 'length [mm]', 'pressure_command [bar]', '",
+        ),
+        (
+            columns(time=replace_row(4, np.nan)),
+            "column 'time [s]', line 6: the cell is empty; every sample needs",
+        ),
+        (columns(time=replace_row(4, 0.03)), "the time repeats at line 6 (0.03 s after 0.03 s); time must increase"),
+        (columns(time=replace_row(4, 0.02)), "the time decreases at line 6 (0.02 s after 0.03 s)"),
+        (
+            columns(length=replace_row(0, np.nan)),
+            "column 'length [mm]', line 2: the cell is empty; 'length' is pre",
+        ),
         (columns(length=None), "the prescribed channel 'length' is missing; a bench trial needs length, pressure_com"),
         (columns(pressure_command=None), "the prescribed channel 'pressure_command' is missing"),
-        (columns(force=None), "nothing was measured; a bench trial needs at least one of force, pressure, muscle_len"),
+        (
+            columns(force=None),
+            "no channel is measured; a bench trial needs at least one of force, pressure, muscle_",
+        ),
         (columns(force=np.where(TIME < 0.085, 1.0, np.nan)), "column 'force [N]' has 9 samples; at least 10"),
         ({k: v[:9] for k, v in columns().items()}, "has 9 rows; at least 10 are needed"),
         ({k: v[:0] for k, v in columns().items()}, "has 0 rows; at least 10 are needed"),
         (columns() | {"unit_length [m]": TIME}, "'length [mm]' and 'unit_length [m]' are the same channel"),
     ],
 )
-def test_bad_trials_are_refused(tmp_path: Path, content: dict[str, np.ndarray], says: str) -> None:
-    assert says in refused(tmp_path, content)
+def test_invalid_trials_are_refused(tmp_path: Path, content: dict[str, np.ndarray], message: str) -> None:
+    assert message in read_error(tmp_path, content)
 
 
-def test_ten_samples_are_enough(tmp_path: Path) -> None:
+def test_ten_samples_suffice(tmp_path: Path) -> None:
     assert len(read(tmp_path, {k: v[:10] for k, v in columns().items()}).measured["force"].value) == 10
 
 
 def test_a_channel_in_two_files_is_refused(tmp_path: Path) -> None:
     other = {"time [s]": TIME, "force [kN]": TIME}
-    assert f"a.csv and {tmp_path / 'b.csv'} both hold 'force'" in refused(tmp_path, columns(), other)
+    assert f"a.csv and {tmp_path / 'b.csv'} both have 'force'" in read_error(tmp_path, columns(), other)
 
 
-def test_clocks_without_common_time_are_refused(tmp_path: Path) -> None:
+def test_files_without_overlap_in_time_are_refused(tmp_path: Path) -> None:
     other = {"time [s]": TIME + 100, "pressure [bar]": TIME}
-    says = f"{tmp_path / 'b.csv'} share no time: 'length' ends at 0.19 s, 'pressure' begins at 100 s"
-    assert says in refused(tmp_path, columns(), other)
+    message = f"{tmp_path / 'b.csv'} do not overlap in time: 'length' ends at 0.19 s, 'pressure' starts at 100 s"
+    assert message in read_error(tmp_path, columns(), other)
 
 
-def test_unknown_columns_are_remarked(tmp_path: Path) -> None:
+def test_unknown_columns_cause_a_remark(tmp_path: Path) -> None:
     (remark,) = read(tmp_path, columns() | {"oil_temperature [degC]": TIME, "gas_power [W]": TIME}).remarks
     assert remark.endswith("a.csv: ignored columns 'oil_temperature [degC]', 'gas_power [W]'")
 
 
-def test_gait_prescribes_motion_and_load(tmp_path: Path) -> None:
-    found = read(tmp_path, {"time [s]": TIME, **GAIT}, rig="gait")
-    assert set(found.prescribed) == set(channels.PRESCRIBED_CHANNELS["gait"])
-    assert set(found.measured) == {"ankle_moment"}
-    assert found.prescribed["shank_angle"].value == pytest.approx(np.radians(TIME))
-    assert found.prescribed["ankle_z"].value == pytest.approx(0.1)
-    assert found.remarks == ()
+def test_gait_trial_prescribes_motion_and_load(tmp_path: Path) -> None:
+    result = read(tmp_path, {"time [s]": TIME, **GAIT}, rig="gait")
+    assert set(result.prescribed) == set(channels.PRESCRIBED_CHANNELS["gait"])
+    assert set(result.measured) == {"ankle_moment"}
+    assert result.prescribed["shank_angle"].value == pytest.approx(np.radians(TIME))
+    assert result.prescribed["ankle_z"].value == pytest.approx(0.1)
+    assert result.remarks == ()
 
 
 @pytest.mark.parametrize("missing", ["ankle_x [mm]", "grf_vertical [N]", "cop_x [mm]"])
-def test_gait_without_motion_or_load_is_refused(tmp_path: Path, missing: str) -> None:
+def test_gait_trial_without_motion_or_load_is_refused(tmp_path: Path, missing: str) -> None:
     content = {"time [s]": TIME, **GAIT}
     del content[missing]
-    says = "is missing; a gait trial needs shank_angle, ankle_x, ankle_z, grf_vertical, grf_forward, cop_x, pressure"
-    assert f"'{missing.split()[0]}' {says}" in refused(tmp_path, content, rig="gait")
+    message = "is missing; a gait trial needs shank_angle, ankle_x, ankle_z, grf_vertical, grf_forward, cop_x, pressure"
+    assert f"'{missing.split()[0]}' {message}" in read_error(tmp_path, content, rig="gait")
 
 
-def test_gait_without_measurement_is_refused(tmp_path: Path) -> None:
+def test_gait_trial_without_measurement_is_refused(tmp_path: Path) -> None:
     content = {"time [s]": TIME, **GAIT}
     del content["ankle_moment [N*m]"]
-    says = "nothing was measured; a gait trial needs at least one of ankle_angle, force, pressure, muscle_length, ank"
-    assert says in refused(tmp_path, content, rig="gait")
+    message = "no channel is measured; a gait trial needs at least one of ankle_angle, force, pressure, muscle_length"
+    assert message in read_error(tmp_path, content, rig="gait")
 
 
-def test_there_is_no_centre_of_pressure_without_a_load(tmp_path: Path) -> None:
-    gap = {"time [s]": TIME, **GAIT, "cop_x [mm]": with_at(2, np.nan)}
+def test_centre_of_pressure_may_be_missing_only_without_load(tmp_path: Path) -> None:
+    gap = {"time [s]": TIME, **GAIT, "cop_x [mm]": replace_row(2, np.nan)}
     assert np.isnan(
-        read(tmp_path, gap | {"grf_vertical [N]": with_at(2, 20.0)}, rig="gait").prescribed["cop_x"].value[2]
+        read(tmp_path, gap | {"grf_vertical [N]": replace_row(2, 20.0)}, rig="gait").prescribed["cop_x"].value[2]
     )
-    says = "column 'cop_x [mm]', line 4: the cell is empty under a load of 800 N; allowed: up to 20 N"
-    assert says in refused(tmp_path, gap, rig="gait")
-    gap = {"time [s]": TIME, **GAIT, "grf_vertical [N]": with_at(2, np.nan)}
-    assert "line 4: the cell is empty; 'grf_vertical' is prescribed" in refused(tmp_path, gap, rig="gait")
+    message = "column 'cop_x [mm]', line 4: the cell is empty under a load of 800 N; empty cells are allowed up to 20 N"
+    assert message in read_error(tmp_path, gap, rig="gait")
+    gap = {"time [s]": TIME, **GAIT, "grf_vertical [N]": replace_row(2, np.nan)}
+    assert "line 4: the cell is empty; 'grf_vertical' is prescribed" in read_error(tmp_path, gap, rig="gait")
 
 
-def test_our_rigs_record_what_trials_need() -> None:
+def test_simulated_rigs_record_all_channels_of_a_trial() -> None:
     for rig, headings in (("bench", bench.CHANNELS), ("gait", measurements.MEASURED_COLUMNS)):
         recorded = {heading.split(" ")[0] for heading in headings}
         assert set(channels.MEASURED_CHANNELS[rig]) <= recorded
-        # Bench and gait record these two themselves, beside what their gauges read.
+        # The rigs record these two themselves, in addition to the sensor readings.
         assert set(channels.PRESCRIBED_CHANNELS[rig]) - recorded <= {"length", "pressure_command"}
     assert "unit_length [m]" in measurements.MEASURED_COLUMNS
 
 
-def pulled() -> Recording:
+def simulate_pull() -> Recording:
     time = np.arange(200) * 5e-4
     return bench.simulate_tester(
         load_device("klute-3-4-pair"), 0.335 + 0.005 * np.sin(20 * time), np.full(200, 4e5), 5e-4
     )
 
 
-def test_a_bench_recording_is_a_trial(tmp_path: Path) -> None:
-    recording = pulled()
+def test_bench_recording_is_a_valid_trial(tmp_path: Path) -> None:
+    recording = simulate_pull()
     parquet.write(recording, tmp_path / "recording.parquet")
-    found = trial.read_trial([tmp_path / "recording.parquet"], "bench")
-    assert found.prescribed["length"].value == pytest.approx(1e-3 * recording["length"])
-    assert found.prescribed["pressure_command"].value == pytest.approx(4e5)
-    assert set(found.measured) == {"force", "pressure", "muscle_length"}
-    assert found.measured["pressure"].value == pytest.approx(1e5 * recording["pressure"])
-    assert found.measured["muscle_length"].value == pytest.approx(1e-3 * recording["muscle_length"])
-    assert "'gas_power [W]'" in found.remarks[0]
+    result = trial.read_trial([tmp_path / "recording.parquet"], "bench")
+    assert result.prescribed["length"].value == pytest.approx(1e-3 * recording["length"])
+    assert result.prescribed["pressure_command"].value == pytest.approx(4e5)
+    assert set(result.measured) == {"force", "pressure", "muscle_length"}
+    assert result.measured["pressure"].value == pytest.approx(1e5 * recording["pressure"])
+    assert result.measured["muscle_length"].value == pytest.approx(1e-3 * recording["muscle_length"])
+    assert "'gas_power [W]'" in result.remarks[0]
 
 
-def test_a_unit_length_is_a_bench_trials_length(tmp_path: Path) -> None:
-    recording = pulled()
+def test_unit_length_is_an_alias_of_length(tmp_path: Path) -> None:
+    recording = simulate_pull()
     renamed = [("unit_length [m]" if n == "length" else recording.format_heading(n), s * (1e-3 if n == "length" else 1))
                for n, s in recording.channels.items()]  # fmt: skip
     parquet.write(Recording.from_columns(renamed), tmp_path / "recording.parquet")
-    found = trial.read_trial([tmp_path / "recording.parquet"], "bench")
-    assert found.prescribed["length"].value == pytest.approx(1e-3 * recording["length"])
+    result = trial.read_trial([tmp_path / "recording.parquet"], "bench")
+    assert result.prescribed["length"].value == pytest.approx(1e-3 * recording["length"])

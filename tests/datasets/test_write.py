@@ -1,4 +1,4 @@
-"""Trial files written here read back to the same bits, or are not there at all."""
+"""Writer of trial files: exact numbers, and complete files or none."""
 
 from pathlib import Path
 
@@ -13,20 +13,20 @@ from klute_sim.errors import InputError
 
 
 @given(values=st.lists(st.floats(allow_infinity=False), min_size=1, max_size=20))
-def test_numbers_read_back_to_the_same_bits(tmp_path_factory: pytest.TempPathFactory, values: list[float]) -> None:
+def test_reading_restores_all_numbers_exactly(tmp_path_factory: pytest.TempPathFactory, values: list[float]) -> None:
     path = tmp_path_factory.mktemp("x") / "a.csv"
     write_trial(path, {"time [s]": np.arange(len(values)), "force [N]": np.array(values)})
-    back = table.read_trial_file(path, channels.get_column_units("bench")).columns["force"]
-    assert np.array_equal(back, np.array(values), equal_nan=True)
+    samples = table.read_trial_file(path, channels.get_column_units("bench")).columns["force"]
+    assert np.array_equal(samples, np.array(values), equal_nan=True)
 
 
-def test_missing_samples_are_empty_cells(tmp_path: Path) -> None:
+def test_missing_samples_become_empty_cells(tmp_path: Path) -> None:
     write_trial(tmp_path / "a.csv", {"time [s]": np.array([0.0, 0.5]), "force [N]": np.array([np.nan, 2.0])})
     assert (tmp_path / "a.csv").read_text() == "time [s],force [N]\n0,\n0.5,2\n"
     assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
 
 
-def test_what_cannot_be_written_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+def test_failed_write_raises_and_leaves_no_file(tmp_path: Path) -> None:
     time = np.arange(3.0)
     with pytest.raises(InputError, match="not of the form 'name"):
         write_trial(tmp_path / "a.csv", {"time": time})

@@ -1,6 +1,6 @@
-"""Measured datasets: a folder of trials with a file that says what they are.
+"""Measured datasets: a folder of trial files with a ``dataset.toml`` that describes them.
 
-Floors inside the package, each using only those above it: ``quantity`` (units), ``channels`` (what each rig has),
-``text`` and ``table`` (one file), ``trial``, ``format`` (``dataset.toml``), ``override``, ``split``, ``dataset``;
-``write`` stands alone.
+In order of dependence: ``unit_conversion``, ``channels`` (channels of each rig), ``text`` and ``table`` (one
+trial file), ``trial``, ``plausibility``, ``format`` (``dataset.toml``), ``split`` and ``dataset``; ``write`` stands
+alone.
 """

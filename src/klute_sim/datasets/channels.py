@@ -1,13 +1,16 @@
-"""What a trial of each rig holds: names, SI units, roles."""
+"""Channels of the trials of each rig: names, SI units and roles."""
 
 from types import MappingProxyType
 from typing import Literal, get_args
 
 Rig = Literal["bench", "gait"]
+"""Rig that trials are recorded on."""
 RIGS: tuple[Rig, ...] = get_args(Rig)
 
 TIME_COLUMN = "time"
+"""Column with the time of each row."""
 VERTICAL_FORCE = "grf_vertical"
+"""Channel of the vertical ground reaction force."""
 
 PRESCRIBED_CHANNELS = MappingProxyType(
     {
@@ -23,7 +26,7 @@ PRESCRIBED_CHANNELS = MappingProxyType(
         },
     }
 )
-"""Rig -> channel -> SI unit of what the rig imposes; all of them are needed, without gaps."""
+"""Rig -> channel -> SI unit of the inputs that the rig prescribes; all are required, without gaps."""
 
 MEASURED_CHANNELS = MappingProxyType(
     {
@@ -37,24 +40,24 @@ MEASURED_CHANNELS = MappingProxyType(
         },
     }
 )
-"""Rig -> channel -> SI unit of what may be measured; at least one is needed."""
+"""Rig -> channel -> SI unit of the measured outputs; at least one is required."""
 
 CHANNEL_ALIASES = MappingProxyType({"bench": {"unit_length": "length"}, "gait": {}})
-"""Rig -> name in a recording of ours -> channel, where the two mean the same."""
+"""Rig -> name in a simulated recording -> equivalent channel."""
 
 CONTACT_FORCE_THRESHOLD = 20.0
-"""Vertical load [N] above which a foot is on the ground (assumed, as is usual for force plates)."""
+"""Vertical force [N] above which the foot is in contact (assumed; common for force plates)."""
 
 GAP_TOLERANT_CHANNEL = "cop_x"
-"""The one prescribed channel that may have gaps: there is no centre of pressure where nothing presses."""
+"""The only prescribed channel that may have gaps: an unloaded foot has no centre of pressure."""
 
 
 def get_column_units(rig: Rig) -> dict[str, str]:
-    """Every column name a trial of ``rig`` may use -> SI unit."""
+    """Return all column names allowed in a trial of ``rig`` with their SI units."""
     units = {TIME_COLUMN: "s", **PRESCRIBED_CHANNELS[rig], **MEASURED_CHANNELS[rig]}
     return units | {alias: units[channel] for alias, channel in CHANNEL_ALIASES[rig].items()}
 
 
 def resolve_channel(rig: Rig, name: str) -> str:
-    """The channel that a column called ``name`` holds."""
+    """Return the channel of a column called ``name``."""
     return CHANNEL_ALIASES[rig].get(name, name)

@@ -1,101 +1,129 @@
-"""A folder of measured trials, read and checked."""
+"""A dataset: a folder of measured trials, read and checked."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path, PurePath
 
 from klute_sim.datasets import format as file_format
 from klute_sim.datasets import plausibility
-from klute_sim.datasets import split as splitting
-from klute_sim.datasets import trial as trials
 from klute_sim.datasets.channels import Rig
 from klute_sim.datasets.format import DatasetFile
-from klute_sim.datasets.split import Split, SplitEntry
-from klute_sim.datasets.trial import Series, Trial
+from klute_sim.datasets.split import Split, SplitEntry, assign_uses
+from klute_sim.datasets.trial import Series, Trial, read_trial
 from klute_sim.device import device as device_files
-from klute_sim.device.changes import apply_changes
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 
 DATASET_FILE_NAME = "dataset.toml"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Dataset:
-    """Trials with one device on one rig."""
+    """Measured trials of one device on one rig."""
 
     folder: Path
+    """Folder of the dataset."""
     rig: Rig
+    """Rig that all trials were recorded on."""
     device: Device
-    """Its numbers are nominal values; a trial may have others."""
+    """Nominal device; a trial may change its values."""
     uncertainties: Mapping[str, float]
     """``section.key`` of the device -> standard deviation in the key's own unit."""
     trials: tuple[Trial, ...]
+    """Trials in the order of the file."""
     digest: str
-    """SHA-256 of ``dataset.toml``, the device file and every trial file."""
+    """SHA-256 over ``dataset.toml``, the device file and every trial file."""
     remarks: tuple[str, ...]
-    """What the user should know about the files, one sentence each."""
+    """Remarks about the files for the user, one sentence each."""
+
+    def __repr__(self) -> str:
+        """Return folder, rig, device and number of trials on one line."""
+        return (
+            f"Dataset('{self.folder}', rig='{self.rig}', device='{self.device.name}', {len(self.trials)} trials in "
+            f"{len({trial.group for trial in self.trials})} groups)"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return a table of the trials for notebooks."""
+        headings = ("trial", "group", "use", "duration [s]", "measured channels")
+        rows = [
+            (
+                trial.name,
+                trial.group,
+                trial.use or "",
+                f"{max(float(series.time[-1] - series.time[0]) for series in trial.prescribed.values()):.3g}",
+                ", ".join(trial.measured),
+            )
+            for trial in self.trials
+        ]
+        head = "".join(f"<th>{escape(heading)}</th>" for heading in headings)
+        body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+        return f"<p><code>{escape(repr(self))}</code></p><table><tr>{head}</tr>{body}</table>"
 
 
 def load_dataset(folder: str | Path, device: Device | None = None) -> Dataset:
-    """Read the dataset in ``folder``; raises InputError with one sentence when anything is wrong with it.
+    """Read and check the dataset in ``folder``.
 
-    ``device`` takes the place of the one that the dataset names.
+    ``device`` replaces the one that the dataset names. Raises InputError with one sentence that says what is wrong,
+    where, and what is allowed.
     """
     folder = Path(folder)
     content = _read_content(folder)
     where = str(folder / DATASET_FILE_NAME)
     file = file_format.parse_dataset_file(content, where)
     device = device or _load_device(file.device, folder)
-    uncertain = file_format.compute_standard_deviations(file.uncertain, device.spec.collect_values(), where)
+    uncertainties = file_format.compute_standard_deviations(file.uncertain, device.spec.collect_values(), where)
     names = _name_trials(file, where)
-    entries = [SplitEntry(name, entry.group or name, entry.use) for name, entry in zip(names, file.trial, strict=True)]
-    splitting.assign_uses(entries, where)  # refuses what cannot be split before large files are read
+    split_entries = [
+        SplitEntry(name, entry.group or name, entry.use) for name, entry in zip(names, file.trial, strict=True)
+    ]
+    assign_uses(split_entries, where)  # refuses an impossible split before large files are read
     devices = [
-        apply_changes(device, entry.device, f"{where}, trial '{name}'")
+        device.with_changes(entry.device, f"{where}, trial '{name}'")
         for name, entry in zip(names, file.trial, strict=True)
     ]
 
     digest = hashlib.sha256(hashlib.sha256(content).digest() + bytes.fromhex(device.digest))
-    said: list[tuple[str, ...]] = []
+    file_remarks: list[tuple[str, ...]] = []
     units: dict[str, str] = {}
-    found = []
-    for entry, use, own in zip(file.trial, entries, devices, strict=True):
+    trials: list[Trial] = []
+    for entry, split_entry, trial_device in zip(file.trial, split_entries, devices, strict=True):
         files = tuple(folder / name for name in entry.files)
-        channels = trials.read_trial(files, file.rig)
-        said.append(channels.remarks)
-        for each in channels.digests:
-            digest.update(bytes.fromhex(each))
-        found.append(
-            Trial(
-                name=use.name,
-                group=use.group,
-                use=use.use,
-                device=own,
-                files=files,
-                prescribed=channels.prescribed,
-                measured=channels.measured,
-                trusted=_validate_trusted(entry.checked, channels.measured, f"{where}, trial '{use.name}'"),
-            )
+        channels = read_trial(files, file.rig)
+        file_remarks.append(channels.remarks)
+        for file_digest in channels.digests:
+            digest.update(bytes.fromhex(file_digest))
+        trial_where = f"{where}, trial '{split_entry.name}'"
+        trial = Trial(
+            name=split_entry.name,
+            group=split_entry.group,
+            use=split_entry.use,
+            device=trial_device,
+            files=files,
+            prescribed=channels.prescribed,
+            measured=channels.measured,
+            trusted=_validate_trusted(entry.trusted, channels.measured, trial_where),
         )
-        plausibility.check_plausibility(found[-1], channels.units)
+        plausibility.check_plausibility(trial, channels.units)
+        trials.append(trial)
         units = {**channels.units, **units}
-    doubt = plausibility.describe_implausible_commands(found, units)
+    warning = plausibility.describe_implausible_commands(trials, units)
     return Dataset(
         folder=folder,
         rig=file.rig,
         device=device,
-        uncertainties=uncertain,
-        trials=tuple(found),
+        uncertainties=uncertainties,
+        trials=tuple(trials),
         digest=digest.hexdigest(),
-        remarks=(*_collect_remarks(found, said), *filter(None, [doubt])),
+        remarks=(*_collect_remarks(trials, file_remarks), *filter(None, [warning])),
     )
 
 
 def split_dataset(dataset: Dataset) -> Split:
-    """Which trials to fit, to select by and to show; the same dataset is always split the same way."""
-    return splitting.assign_uses(
+    """Return the split of ``dataset`` into trials for fit, validation and test; it is always the same."""
+    return assign_uses(
         (SplitEntry(t.name, t.group, t.use) for t in dataset.trials), str(dataset.folder / DATASET_FILE_NAME)
     )
 
@@ -104,21 +132,27 @@ def _validate_trusted(names: Sequence[str], measured: Mapping[str, Series], wher
     for channel in names:
         if channel not in measured:
             raise InputError(
-                f"{where}: 'checked' names '{channel}', which it did not measure; allowed: {', '.join(measured)}"
+                f"{where}: 'trusted' names '{channel}', which the trial does not measure; allowed: "
+                f"{', '.join(measured)}"
             )
     return frozenset(names)
 
 
-def _collect_remarks(all_trials: Sequence[Trial], file_remarks: Sequence[tuple[str, ...]]) -> list[str]:
-    """What was ``said`` of each trial's files, each once (trials may share a file), and what a trial lacks by that."""
-    result: dict[str, None] = {}
-    for trial, own in zip(all_trials, file_remarks, strict=True):
-        lacks = {c: None for other in all_trials if other.group == trial.group for c in other.measured} if own else {}
-        missing = [channel for channel in lacks if channel not in trial.measured]
-        result |= dict.fromkeys(own)
+def _collect_remarks(trials: Sequence[Trial], file_remarks: Sequence[tuple[str, ...]]) -> list[str]:
+    """Return the remarks about each file once, and the channels that a trial with remarks lacks and its repeats have.
+
+    A misnamed column causes both.
+    """
+    remarks: dict[str, None] = {}
+    for trial, trial_remarks in zip(trials, file_remarks, strict=True):
+        if not trial_remarks:
+            continue
+        channels_of_repeats = {c: None for other in trials if other.group == trial.group for c in other.measured}
+        missing = [channel for channel in channels_of_repeats if channel not in trial.measured]
+        remarks |= dict.fromkeys(trial_remarks)
         if missing:
-            result[f"trial '{trial.name}' has no {' and no '.join(missing)}, which its repeats have"] = None
-    return list(result)
+            remarks[f"trial '{trial.name}' has no {' and no '.join(missing)}, which its repeats have"] = None
+    return list(remarks)
 
 
 def _read_content(folder: Path) -> bytes:
@@ -126,16 +160,12 @@ def _read_content(folder: Path) -> bytes:
         return (folder / DATASET_FILE_NAME).read_bytes()
     except FileNotFoundError:
         if not folder.exists():
-            raise InputError(
-                f"there is no folder {folder}; a dataset is a folder with a file {DATASET_FILE_NAME} in it"
-            ) from None
+            raise InputError(f"folder {folder} does not exist; give a folder with a file {DATASET_FILE_NAME}") from None
         files = sorted(file.name for file in folder.glob("*") if file.suffix.lower() in (".csv", ".parquet"))
-        mend = f"; docs/datasets.md shows how to write one, and it names {files[0]} and so on" if files else ""
-        raise InputError(
-            f"no dataset in {folder}: a dataset is a folder with a file {DATASET_FILE_NAME} in it{mend}"
-        ) from None
+        fix = f"; write one that lists {files[0]} and the other trial files (see docs/datasets.md)" if files else ""
+        raise InputError(f"folder {folder} is not a dataset: it has no file {DATASET_FILE_NAME}{fix}") from None
     except NotADirectoryError:
-        raise InputError(f"{folder} is a file; give the folder that holds {DATASET_FILE_NAME}") from None
+        raise InputError(f"{folder} is a file; give the folder with {DATASET_FILE_NAME}") from None
     except OSError as error:
         raise InputError(f"{folder / DATASET_FILE_NAME} cannot be read: {error.strerror}") from None
 
@@ -150,8 +180,8 @@ def _name_trials(file: DatasetFile, where: str) -> list[str]:
         name = "+".join(PurePath(path).with_suffix("").as_posix() for path in entry.files)
         if name in names:
             raise InputError(
-                f"{where}: trials {names.index(name) + 1} and {number} are both '{name}'; every trial needs files of "
-                "its own, and names that differ in more than their endings"
+                f"{where}: trials {names.index(name) + 1} and {number} are both '{name}'; give each trial its own "
+                "files, with names that differ in more than their endings"
             )
         names.append(name)
     return names

@@ -1,35 +1,42 @@
-"""``dataset.toml``: which keys exist and what each may hold."""
+"""Format of ``dataset.toml``: its keys and their allowed values."""
 
 import math
 import re
-import tomllib
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from klute_sim import units
 from klute_sim.datasets.channels import Rig
 from klute_sim.datasets.trial import Use
 from klute_sim.errors import InputError
+from klute_sim.toml_files import parse_toml, validation_sentence
 
-FORMAT_NAME = "klute-sim-dataset/1"
+FORMAT_NAME = "klute-sim-dataset/2"
+FIRST_FORMAT_NAME = "klute-sim-dataset/1"
+"""Former format, which is refused."""
 
 _PERCENT_PATTERN = re.compile(r"(?P<number>[^%]*)%")
 _SINGLE_BRACKET_PATTERN = re.compile(rb"^[ \t]*\[[ \t]*trial[ \t]*\]", re.MULTILINE)
 
 
-def _validate_text(value: Any) -> Any:
-    """A name or path: not empty, no line ends or other control characters."""
+def _validate_name(value: Any) -> Any:
+    """Refuse empty names and names with line ends or other control characters."""
     if isinstance(value, str) and not (value.strip() and value.isprintable()):
-        raise PydanticCustomError("name", "allowed is a name or path on one line, not empty")
+        raise PydanticCustomError(
+            "name", "{value} is refused; allowed: a name or path on one line", {"value": repr(value)}
+        )
     return value
 
 
 def _validate_number(value: Any) -> Any:
     if isinstance(value, bool) or not isinstance(value, int | float) or _parse_finite(value) is None:
-        raise PydanticCustomError("number", "allowed is a finite number in the unit of the key")
+        raise PydanticCustomError(
+            "number",
+            "{value} is refused; allowed: a finite number in the unit of the key",
+            {"value": _shorten(value)},
+        )
     return value
 
 
@@ -37,17 +44,22 @@ def _validate_deviation(value: Any) -> Any:
     number, is_percent = _parse_amount(value)
     if number is None or number <= 0.0:
         raise PydanticCustomError(
-            "spread",
-            "allowed is a standard deviation above 0, in per cent of the device's value ('10 %') or in the unit of "
-            "the key (0.5)",
+            "deviation",
+            "{value} is refused; allowed: a standard deviation above 0, in per cent of the device's value ('10 %') or "
+            "in the unit of the key (0.5)",
+            {"value": _shorten(value)},
         )
     if isinstance(value, str) and not is_percent:
-        raise PydanticCustomError("bare", "a forgotten per cent sign, or a number in the unit of the key?")
+        raise PydanticCustomError(
+            "unit",
+            '{value} is refused; write "{number} %" for per cent, or {number} without quotes for the unit of the key',
+            {"value": repr(value), "number": value.strip()},
+        )
     return value
 
 
 def _parse_amount(value: Any) -> tuple[float | None, bool]:
-    """The number in ``value`` and whether it is per cent."""
+    """Return the number in ``value``, or None, and whether it is in per cent."""
     percent = _PERCENT_PATTERN.fullmatch(value.strip()) if isinstance(value, str) else None
     return _parse_finite(percent["number"] if percent else value), percent is not None
 
@@ -62,7 +74,12 @@ def _parse_finite(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-Name = Annotated[str, BeforeValidator(_validate_text)]
+def _shorten(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+Name = Annotated[str, BeforeValidator(_validate_name)]
 
 
 class _Section(BaseModel):
@@ -73,93 +90,30 @@ class TrialEntry(_Section):
     """One ``[[trial]]``."""
 
     files: Annotated[list[Name], Field(min_length=1)]
-    """Paths relative to the folder; several where channels have their own clocks."""
+    """Paths relative to the folder; several files where channels have different time axes."""
     group: Name | None = None
-    """Trials with the same group are repeats; left out: a group of its own."""
+    """Group of repeats; by default a group of its own."""
     use: Use | None = None
-    """Left out: the program splits whole groups."""
+    """Use of the group; by default the program splits the groups."""
     device: dict[str, Annotated[int | float, BeforeValidator(_validate_number)]] = {}
-    """``section.key`` -> value in the key's unit: what differs about the device."""
-    checked: list[Name] = []
-    """Measured channels whose instrument, in this trial, is known to be right: a second gauge, a calibrated cell."""
+    """``section.key`` -> value in the key's unit, where the device of this trial differs."""
+    trusted: list[Name] = []
+    """Measured channels whose instrument is known to be correct in this trial, such as a calibrated load cell."""
 
 
 class DatasetFile(_Section):
     """The whole file."""
 
-    format: Literal["klute-sim-dataset/1"]
+    format: Literal["klute-sim-dataset/2"]
+    """Format and version."""
     rig: Rig
+    """Rig that all trials were recorded on."""
     device: Name
-    """A preset, or the path of a device file relative to the folder."""
+    """Preset, or path of a device file relative to the folder."""
     uncertain: dict[str, Annotated[float | int | str, BeforeValidator(_validate_deviation)]] = {}
-    """``section.key`` -> standard deviation, as written."""
+    """``section.key`` -> standard deviation, a number in the key's unit or a percentage."""
     trial: Annotated[list[TrialEntry], Field(min_length=1)]
-
-
-def parse_dataset_file(content: bytes, where: str) -> DatasetFile:
-    """Check the ``content`` of a ``dataset.toml`` found at ``where``; raises InputError with one sentence."""
-    try:
-        keys = tomllib.loads(content.decode("utf-8-sig"))
-    except UnicodeDecodeError:
-        raise InputError(f"{where} cannot be read: not a UTF-8 text file") from None
-    except (ValueError, RecursionError) as error:
-        mend = "; write [[trial]], with two brackets, for each trial" if _SINGLE_BRACKET_PATTERN.search(content) else ""
-        raise InputError(f"{where} is not valid TOML: {error}{mend}") from None
-    try:
-        return DatasetFile.model_validate(keys)
-    except ValidationError as error:
-        raise InputError(f"{where}: {_describe_error(error)}") from None
-
-
-def compute_standard_deviations(
-    uncertainties: Mapping[str, float | int | str], numbers: Mapping[str, float], where: str
-) -> dict[str, float]:
-    """``uncertain`` as standard deviations in each key's own unit; ``numbers`` are the device's.
-
-    Raises InputError for a key that is no number of the device, or a percentage of 0.
-    """
-    found = {}
-    for key, value in uncertainties.items():
-        check_known_key(key, numbers, f"{where}: [uncertain]")
-        if isinstance(numbers[key], int):
-            raise InputError(f"{where}: [uncertain] '{key}' is a count; allowed are measured numbers")
-        number, is_percent = _parse_amount(value)
-        deviation = (number or 0.0) * (abs(numbers[key]) / 100.0 if is_percent else 1.0)
-        if deviation == 0.0:
-            raise InputError(
-                f"{where}: [uncertain] '{key}' = {value!r}, but the device's value is {numbers[key]:g}; give a "
-                "standard deviation in the unit of the key"
-            )
-        found[key] = deviation
-    return found
-
-
-def check_known_key(key: str, numbers: Mapping[str, float], where: str) -> None:
-    """Raise InputError unless ``key`` is one of the device's ``numbers``."""
-    if key not in numbers:
-        raise InputError(f"{where} names '{key}', which is no number of the device; allowed: {', '.join(numbers)}")
-
-
-def _describe_error(error: ValidationError) -> str:
-    # An unknown key is often the misspelt one that is also missing.
-    problem = min(error.errors(include_url=False), key=lambda problem: problem["type"] != "extra_forbidden")
-    place = problem["loc"]
-    if problem["type"] == "extra_forbidden":
-        owner = TrialEntry if place[0] == "trial" and len(place) > 1 else DatasetFile
-        return f"unknown key '{_format_key(place)}'; allowed here: {', '.join(owner.model_fields)}"
-    if problem["type"] == "missing":
-        return f"key '{_format_key(place)}' is missing; allowed: {_describe_allowed(place)}"
-    return f"'{_format_key(place)}' = {_format_input(problem)} is refused; {_describe_allowed(place, problem)}"
-
-
-def _format_key(location: tuple[int | str, ...]) -> str:
-    """Dotted, with trials and files counted from 1."""
-    return ".".join(f"{part + 1}" if isinstance(part, int) else part for part in location)
-
-
-def _format_input(details: ErrorDetails) -> str:
-    told = repr(details["input"])
-    return told if len(told) <= 60 else told[:57] + "..."
+    """Trials."""
 
 
 _ALLOWED_VALUES: dict[str, str] = {
@@ -170,18 +124,68 @@ _ALLOWED_VALUES: dict[str, str] = {
     "trial": "one or more tables [[trial]]",
     "trial.files": "a list of one or more file names",
     "trial.group": "a name, as text",
-    "trial.use": "'fit', 'select' or 'show'",
-    "trial.checked": "a list of measured channels",
+    "trial.use": "'fit', 'validation' or 'test'",
+    "trial.trusted": "a list of measured channels",
     "trial.device": 'a table of "section.key" = number',
 }
 
 
-def _describe_allowed(location: tuple[int | str, ...], details: ErrorDetails | None = None) -> str:
-    if details and details["type"] in {"name", "number", "spread"}:
-        return details["msg"]
-    if details and details["type"] == "bare":
-        number, unit = details["input"].strip(), units.split_unit(str(location[-1]))[1]
-        return f'{number} % or {f"{number} {unit}".strip()}? Write "{number} %", or {number} without quotes'
-    what = ".".join(part for part in location if isinstance(part, str))
-    said = _ALLOWED_VALUES.get(what, _ALLOWED_VALUES["trial"])
-    return f"allowed: {said}" if details else said
+def parse_dataset_file(content: bytes, where: str) -> DatasetFile:
+    """Return the checked ``content`` of the ``dataset.toml`` at ``where``.
+
+    Raises InputError for a file of the first format and for an unknown, missing or invalid key.
+    """
+    try:
+        keys = parse_toml(content, where)
+    except InputError as error:
+        if _SINGLE_BRACKET_PATTERN.search(content):
+            raise InputError(f"{error}; write [[trial]], with two brackets, for each trial") from None
+        raise
+    if keys.get("format") == FIRST_FORMAT_NAME:
+        raise InputError(
+            f"{where} has the first format, '{FIRST_FORMAT_NAME}'; change it to '{FORMAT_NAME}', use = 'select' to "
+            "'validation', use = 'show' to 'test', and the key 'checked' to 'trusted'"
+        )
+    try:
+        return DatasetFile.model_validate(keys)
+    except ValidationError as error:
+        raise InputError(
+            f"{where}: {validation_sentence(error, DatasetFile, describe_allowed=_describe_allowed)}"
+        ) from None
+
+
+def _describe_allowed(problem: ErrorDetails) -> str:
+    key = ".".join(part for part in problem["loc"] if isinstance(part, str))
+    return _ALLOWED_VALUES.get(key, _ALLOWED_VALUES["trial"])
+
+
+def compute_standard_deviations(
+    uncertainties: Mapping[str, float | int | str], values: Mapping[str, float], where: str
+) -> dict[str, float]:
+    """Return ``uncertainties`` as standard deviations in each key's own unit.
+
+    ``values`` are those of the device. Raises InputError for a key that is not a numeric key of the device, for a
+    count, and for a percentage of 0.
+    """
+    deviations = {}
+    for key, uncertainty in uncertainties.items():
+        check_known_key(key, values, f"{where}: [uncertain]")
+        if isinstance(values[key], int):
+            raise InputError(f"{where}: [uncertain] '{key}' is a count; allowed: measured quantities")
+        number, is_percent = _parse_amount(uncertainty)
+        deviation = (number or 0.0) * (abs(values[key]) / 100.0 if is_percent else 1.0)
+        if deviation == 0.0:
+            raise InputError(
+                f"{where}: [uncertain] '{key}' = {uncertainty!r}, but the device's value is {values[key]:g}; give a "
+                "standard deviation in the unit of the key"
+            )
+        deviations[key] = deviation
+    return deviations
+
+
+def check_known_key(key: str, values: Mapping[str, float], where: str) -> None:
+    """Raise InputError unless ``key`` is one of the device's numeric keys in ``values``."""
+    if key not in values:
+        raise InputError(
+            f"{where} names '{key}', which is not a numeric key of the device; allowed: {', '.join(values)}"
+        )

@@ -1,83 +1,85 @@
-"""Whether lengths and pressures can be those of the device: a heading with another unit than the samples' is usual."""
+"""Plausibility of lengths and pressures: a heading often has another unit than the samples."""
 
 import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from klute_sim.datasets import quantity
+from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.trial import Trial
 from klute_sim.errors import InputError
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 MAX_PLAUSIBLE_RATIO = 3.0
-"""Times longer or shorter than the device at rest, or above what its supply gives, no trial is (assumed: a muscle
-shortens by a third, and usual units differ by more)."""
+"""Largest ratio of a length to the device's resting length, of that length to it, or of a pressure to the supply
+pressure (assumed: a muscle shortens by a third, and common units differ by more)."""
 MUSCLE_LENGTH_RATIOS = 0.4, 1.3
-"""Shortest and longest that a muscle may be, over its length at rest, in the unit that is guessed (assumed)."""
+"""Smallest and largest ratio of a muscle's length to its resting length in a guessed unit (assumed)."""
 MIN_PRESSURE_FRACTION = 0.02
-"""Share of what the supply gives below which all commands are doubted (assumed: bar for kPa is a hundredth)."""
+"""Fraction of the supply pressure below which all commands are implausible (assumed; bar for kPa is a hundredth)."""
 MAX_SPIKE_PERCENT = 5.0
-"""Per cent of the samples of a pressure that may be above, as a loose contact makes them (assumed)."""
-
+"""Percentage of pressure samples that may exceed the limit, as a loose contact causes (assumed)."""
 MAX_COMMAND_RATIO = 1.2
-"""Times what its supply gives that a device may have been commanded, where a unit is guessed (assumed)."""
+"""Largest ratio of a command to the supply pressure in a guessed unit (assumed)."""
 CANDIDATE_UNITS = {"m": ("mm", "cm", "m", "in"), "Pa": ("bar", "kPa", "MPa", "psi", "Pa")}
-"""SI unit -> units that samples may be in instead."""
+"""SI unit -> units that samples may have instead of that in the heading."""
 
 
 def check_plausibility(trial: Trial, units: Mapping[str, str]) -> None:
-    """Raise InputError where no sample of a length, or too many of a pressure, can be of the device of ``trial``.
+    """Raise InputError where no sample of a length, or too many of a pressure, are possible with the trial's device.
 
-    ``units``: channel -> unit in its heading. Channels that always show the same are for others to judge. A muscle's
-    sensor may count from anywhere, which a diagnosis can name: it is refused where another unit explains all samples.
+    ``units`` maps channels to the units in their headings. Constant measured channels are not examined. A muscle length
+    sensor may have any zero, which a diagnosis identifies: it is refused only if another unit explains all samples.
     """
     parameters = trial.device.parameters
-    muscle, supply = parameters.muscle.resting_length, parameters.supply.max_pressure
-    whole = muscle + parameters.tendon.slack_length
-    for channel, rest, what in (
-        ("length", whole, "this device, muscle and tendon together, is {} long at rest"),
-        ("muscle_length", muscle, "this device's muscle is {} long at rest"),
+    muscle_length, supply = parameters.muscle.resting_length, parameters.supply.max_pressure
+    unit_length = muscle_length + parameters.tendon.slack_length
+    for channel, resting_length, description in (
+        ("length", unit_length, "the resting length of this device, muscle and tendon together, is {}"),
+        ("muscle_length", muscle_length, "the resting length of this device's muscle is {}"),
     ):
         values = _select_finite_samples(trial, channel)
-        least, most = rest / MAX_PLAUSIBLE_RATIO, rest * MAX_PLAUSIBLE_RATIO
-        if values.size and (values.min() > most or values.max() < least):
-            guess = _guess_unit(float(np.median(values)), rest, (least, most), units[channel], "m")
+        limits = resting_length / MAX_PLAUSIBLE_RATIO, resting_length * MAX_PLAUSIBLE_RATIO
+        if values.size and (values.min() > limits[1] or values.max() < limits[0]):
+            guess = _guess_unit(float(np.median(values)), resting_length, limits, units[channel], "m")
             if channel == "muscle_length":
-                times = (
-                    (quantity.get_conversion_factor(guess, units[channel]) or math.nan) / rest if guess else math.nan
-                )
-                if not MUSCLE_LENGTH_RATIOS[0] < times * values.min() <= times * values.max() < MUSCLE_LENGTH_RATIOS[1]:
+                factor = unit_conversion.get_conversion_factor(guess, units[channel]) if guess else None
+                scale = (factor or math.nan) / resting_length
+                if not (
+                    MUSCLE_LENGTH_RATIOS[0] < scale * values.min() <= scale * values.max() < MUSCLE_LENGTH_RATIOS[1]
+                ):
                     continue
-            raise InputError(_format_message(trial, channel, values, units[channel], "m", what, rest, guess))
+            raise InputError(
+                _format_message(trial, channel, values, units[channel], "m", description, resting_length, guess)
+            )
     for channel in ("pressure_command", "pressure"):
         values = _select_finite_samples(trial, channel)
         peak = float(np.percentile(values, 100.0 - MAX_SPIKE_PERCENT)) if values.size else 0.0
         if peak > MAX_PLAUSIBLE_RATIO * supply:
             guess = _guess_unit(peak, supply, _get_pressure_limits(supply), units[channel], "Pa")
-            what = "this device's supply gives no more than {}"
-            raise InputError(_format_message(trial, channel, values, units[channel], "Pa", what, supply, guess))
+            description = "the supply pressure of this device is {}"
+            raise InputError(_format_message(trial, channel, values, units[channel], "Pa", description, supply, guess))
 
 
 def describe_implausible_commands(trials: Iterable[Trial], units: Mapping[str, str]) -> str:
-    """What is odd about the commands of all ``trials`` together, in one sentence without its end; '' if nothing is."""
+    """Return a sentence, without full stop, if the commands of all ``trials`` are implausibly small; '' otherwise."""
     peaks = [
         (float(t.prescribed["pressure_command"].value.max()), t.device.parameters.supply.max_pressure) for t in trials
     ]
-    highest, most = max(peaks)
-    if highest <= 0.0 or any(peak >= MIN_PRESSURE_FRACTION * own for peak, own in peaks):
+    highest, supply = max(peaks)
+    if highest <= 0.0 or any(peak >= MIN_PRESSURE_FRACTION * supply_k for peak, supply_k in peaks):
         return ""
     unit = units["pressure_command"]
-    guess = _guess_unit(highest, most, _get_pressure_limits(most), unit, "Pa")
-    mend = f"perhaps it is in {guess}" if guess else "perhaps the unit in its heading is wrong"
+    guess = _guess_unit(highest, supply, _get_pressure_limits(supply), unit, "Pa")
+    fix = f"perhaps its unit is {guess}" if guess else "perhaps the unit in its heading is wrong"
     return (
-        f"pressure_command is never above {_format_value(highest, unit, 'Pa')}, and this device's supply gives "
-        f"{_format_value(most, unit, 'Pa')}; {mend}"
+        f"pressure_command is never above {_format_value(highest, unit, 'Pa')}, but the supply pressure of this device "
+        f"is {_format_value(supply, unit, 'Pa')}; {fix}"
     )
 
 
 def _select_finite_samples(trial: Trial, channel: str) -> Array:
-    """Samples that are there [SI]; none of a measured channel that always shows the same."""
+    """Return the finite samples [SI]; none of a constant measured channel."""
     series = trial.prescribed.get(channel) or trial.measured.get(channel)
     values = series.value[np.isfinite(series.value)] if series else np.empty(0)
     return values[:0] if values.size and channel in trial.measured and np.ptp(values) == 0.0 else values
@@ -88,20 +90,20 @@ def _get_pressure_limits(supply: float) -> tuple[float, float]:
 
 
 def _guess_unit(value: float, reference: float, limits: tuple[float, float], unit_as_written: str, si_unit: str) -> str:
-    """The unit in which what was read as ``value`` in the ``written`` one is nearest to ``usual``; '' if none can be.
+    """Return the unit in which a sample is closest to ``reference``, or '' if none brings it within ``limits``.
 
-    All in SI but the unit; it can be if the value is then ``between`` these.
+    ``value`` is the sample in SI as read in ``unit_as_written``; ``reference`` and ``limits`` are in SI.
     """
-    found = {
-        unit: value * (quantity.get_conversion_factor(unit, unit_as_written) or math.nan)
+    candidates = {
+        unit: value * (unit_conversion.get_conversion_factor(unit, unit_as_written) or math.nan)
         for unit in CANDIDATE_UNITS[si_unit]
     }
-    near = {unit: one for unit, one in found.items() if limits[0] <= one <= limits[1]}
-    return min(near, key=lambda unit: abs(math.log(near[unit] / reference)), default="")
+    possible = {unit: candidate for unit, candidate in candidates.items() if limits[0] <= candidate <= limits[1]}
+    return min(possible, key=lambda unit: abs(math.log(possible[unit] / reference)), default="")
 
 
 def _format_value(value: float, unit: str, si_unit: str) -> str:
-    return f"{float(f'{value / (quantity.get_si_factor(unit, si_unit) or 1.0):.3g}'):g} {unit}"
+    return f"{float(f'{value / (unit_conversion.get_si_factor(unit, si_unit) or 1.0):.3g}'):g} {unit}"
 
 
 def _format_message(
@@ -114,9 +116,8 @@ def _format_message(
     limit: float,
     guessed_unit: str,
 ) -> str:
-    low, high = (
-        _format_value(values.min(), unit, si_unit).removesuffix(f" {unit}"),
-        _format_value(values.max(), unit, si_unit),
-    )
-    mend = f"is it in {guessed_unit}?" if guessed_unit else "its unit or its zero is another one"
-    return f"trial '{trial.name}': {channel} is {low} to {high}, and {description.format(_format_value(limit, unit, si_unit))}: {mend}"
+    low = _format_value(values.min(), unit, si_unit).removesuffix(f" {unit}")
+    high = _format_value(values.max(), unit, si_unit)
+    expected = description.format(_format_value(limit, unit, si_unit))
+    fix = f"is its unit {guessed_unit}?" if guessed_unit else "its unit or its zero is wrong"
+    return f"trial '{trial.name}': {channel} is {low} to {high}, but {expected}: {fix}"

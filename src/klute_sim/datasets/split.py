@@ -1,6 +1,7 @@
-"""Which trials are fitted, which choose among effects, which are kept back for the end.
+"""Split of a dataset's trials into those for the fit, for validation and for the final test.
 
-Repeats of one experiment are alike, so whole groups are assigned: a trial beside its own repeat tests nothing.
+Repeats of one input are nearly identical, so a group of repeats is never divided: a trial would be tested on its own
+repeat.
 """
 
 import hashlib
@@ -11,78 +12,90 @@ from klute_sim.datasets.trial import Use
 from klute_sim.errors import InputError
 
 MIN_GROUPS_FOR_TEST, MIN_GROUPS_FOR_VALIDATION = 3, 4
-"""Fewest groups from which one is kept back to show, and one more to select."""
+"""Smallest numbers of groups from which some are held out for the test, and for validation as well."""
 GROUPS_PER_HELD_OUT = 5
-"""One group in so many is drawn for show, and one for select."""
+"""Number of groups per group that is held out for the test, and per group held out for validation."""
 
 
 class SplitEntry(NamedTuple):
-    """A trial as far as splitting looks at it."""
+    """The properties of a trial that determine the split."""
 
     name: str
+    """Name of the trial."""
     group: str
+    """Group of repeats."""
     use: Use | None
+    """Use that the dataset specifies; None leaves it to the split."""
 
 
 class Split(NamedTuple):
-    """Names of trials by their use."""
+    """Names of trials by use."""
 
     fit: tuple[str, ...]
+    """Trials that parameters are fitted to."""
     validation: tuple[str, ...]
+    """Trials that effects are selected by."""
     test: tuple[str, ...]
+    """Trials that are evaluated after all decisions."""
     description: str
-    """How it came about, in one sentence."""
+    """How the split was made, in one sentence."""
 
 
 def assign_uses(trials: Iterable[SplitEntry], where: str) -> Split:
-    """Split ``trials`` as they say; whole groups that do not say are drawn in an order that their names decide.
+    """Split ``trials`` as they specify; groups without a use are drawn in an order that depends on their names only.
 
-    Raises InputError where trials of one group are used differently, or none is left to fit.
+    Raises InputError where trials of one group have different uses, or none is left to fit; ``where`` names the
+    dataset in errors.
     """
     trials = tuple(trials)
-    given = _collect_group_uses(trials, where)
-    free = sorted((group for group, use in given.items() if use is None), key=_hash_group)
-    assigned: dict[str, Use] = {group: use for group, use in given.items() if use is not None}
+    group_uses = _collect_group_uses(trials, where)
+    free = sorted((group for group, use in group_uses.items() if use is None), key=_hash_group)
+    assigned: dict[str, Use] = {group: use for group, use in group_uses.items() if use is not None}
     drawn: list[str] = []
-    share = max(1, len(free) // GROUPS_PER_HELD_OUT)
-    uses: tuple[tuple[Use, int], ...] = (("show", MIN_GROUPS_FOR_TEST), ("select", MIN_GROUPS_FOR_VALIDATION))
-    for use, fewest in uses:
-        to_keep = 0 if "fit" in assigned.values() else 1
-        if use in assigned.values() or len(given) < fewest:
+    n_drawn = max(1, len(free) // GROUPS_PER_HELD_OUT)
+    held_out: tuple[tuple[Use, int], ...] = (
+        ("test", MIN_GROUPS_FOR_TEST),
+        ("validation", MIN_GROUPS_FOR_VALIDATION),
+    )
+    for use, min_groups in held_out:
+        n_reserved = 0 if "fit" in assigned.values() else 1
+        if use in assigned.values() or len(group_uses) < min_groups:
             continue
-        for group in free[: min(share, len(free) - to_keep)]:
+        for group in free[: min(n_drawn, len(free) - n_reserved)]:
             assigned[group] = use
             drawn.append(f"'{group}' for {use}")
         free = [group for group in free if group not in assigned]
     assigned.update(dict.fromkeys(free, "fit"))
     if "fit" not in assigned.values():
-        raise InputError(f"{where}: no trial is left to fit; allowed: use = 'fit' for at least one group")
-    names = {use: tuple(t.name for t in trials if assigned[t.group] == use) for use in ("fit", "select", "show")}
-    return Split(**names, description=_describe_split(given, drawn))
+        raise InputError(f"{where}: no trial is left to fit; set use = 'fit' for at least one group")
+    fit, validation, test = (
+        tuple(trial.name for trial in trials if assigned[trial.group] == use) for use in ("fit", "validation", "test")
+    )
+    return Split(fit, validation, test, _describe_split(group_uses, drawn))
 
 
 def _collect_group_uses(trials: tuple[SplitEntry, ...], where: str) -> dict[str, Use | None]:
-    given: dict[str, Use | None] = {}
+    group_uses: dict[str, Use | None] = {}
     for trial in trials:
-        use = given.setdefault(trial.group, trial.use)
+        use = group_uses.setdefault(trial.group, trial.use)
         if use != trial.use:
-            told = " and ".join(f"use = '{u}'" if u else "no use" for u in (use, trial.use))
-            raise InputError(f"{where}: group '{trial.group}' has trials with {told}; give repeats the same use")
-    return given
+            both = " and ".join(f"use = '{u}'" if u else "no use" for u in (use, trial.use))
+            raise InputError(f"{where}: group '{trial.group}' has trials with {both}; give all repeats the same use")
+    return group_uses
 
 
 def _hash_group(group: str) -> str:
-    """By name, but neither alphabetical nor in the file's order: both often follow what was varied."""
+    """Return a sort key that is neither alphabetical nor in file order: both often follow the varied condition."""
     return hashlib.sha256(group.encode()).hexdigest()
 
 
 def _describe_split(group_uses: dict[str, Use | None], drawn: list[str]) -> str:
     count = f"{len(group_uses)} group" + ("s" if len(group_uses) > 1 else "")
     if None not in group_uses.values():
-        return f"the dataset says the use of all {count}"
-    some = "the dataset says the use of some groups; " if any(group_uses.values()) else ""
+        return f"the dataset specifies the use of all {count}"
+    prefix = "the dataset specifies the use of some groups; " if any(group_uses.values()) else ""
     if drawn:
-        return f"{some}of {count}, drawn by their names: {', '.join(drawn)}; the others are fitted"
+        return f"{prefix}of {count}, drawn by a hash of their names: {', '.join(drawn)}; the others are fitted"
     if len(group_uses) < MIN_GROUPS_FOR_TEST:
-        return f"{some}{count}: too few to keep one back, so everything without a use is fitted"
-    return f"{some}{count}: those without a use are fitted"
+        return f"{prefix}{count}: too few to hold one out, so all groups without a use are fitted"
+    return f"{prefix}{count}: those without a use are fitted"

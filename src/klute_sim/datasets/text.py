@@ -1,6 +1,6 @@
-"""Numbers in a text file: comma, semicolon or tab between cells, decimal points, a heading line first.
+"""Delimited text: a heading line, then numbers with decimal points, separated by comma, semicolon or tab.
 
-Reading is fast and says little when it fails; only then is the text gone through again, to name line and cell.
+The fast reader's errors are vague; after one, the text is searched line by line to name the line and the cell.
 """
 
 import csv
@@ -14,10 +14,12 @@ import pyarrow as pa
 import pyarrow.csv
 
 from klute_sim.errors import InputError
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 BOM = b"\xef\xbb\xbf"
+"""Byte order mark of UTF-8."""
 DELIMITERS = ",;\t"
+"""Allowed characters between cells."""
 
 _LEADING_BLANK_LINES = re.compile(rb"([ \t]*(\r\n|\n|\r))*")
 _ANY_DELIMITER = re.compile(r"[,;\s\"]")
@@ -25,7 +27,7 @@ _FIRST_LINE = re.compile(rb"[^\r\n]*(\r\n|\n|\r)?")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?nan", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?[\d.]*,\d+([eE][+-]?\d+)?")
 _MISSING_VALUES = [" " * width for width in range(33)]
-"""Empty cells, also where a program pads its columns with blanks."""
+"""Empty cells, with or without padding by blanks."""
 
 
 @dataclass(frozen=True)
@@ -33,40 +35,42 @@ class DelimitedText:
     """A text file with a heading line."""
 
     where: str
-    """Its place, as errors say it."""
+    """Path of the file for error messages."""
     headings: tuple[str, ...]
+    """Column headings."""
     delimiter: str
+    """Character between cells."""
     body: bytes
-    """Everything below the heading line."""
+    """Content below the heading line."""
     first_line: int
-    """Number of the body's first line."""
+    """Line number of the body's first line."""
 
     def iterate_lines(self) -> Iterator[tuple[int, str]]:
-        """The rows, with the number of each line as an editor shows it; empty lines are no rows."""
+        """Yield line number and text of each row; empty lines are skipped."""
         for number, line in enumerate(self.body.splitlines(), self.first_line):
             if line:
                 yield number, line.decode("utf-8", errors="replace")
 
     def locate_row(self, row: int) -> str:
-        """``line N`` of the ``row``-th row, counted from 0."""
+        """Return ``line N`` for the row with index ``row``."""
         return next(f"line {number}" for k, (number, _) in enumerate(self.iterate_lines()) if k == row)
 
     def read_columns(self, indices: Sequence[int]) -> list[Array]:
-        """The columns at the places ``wanted``; an empty cell is NaN."""
+        """Return the columns with ``indices``; an empty cell becomes NaN. Raises InputError for a malformed row."""
         self._check_quotes()
         if not self.body.strip():
             return [np.empty(0) for _ in indices]
-        names = [str(place) for place in range(len(self.headings))]
-        keep = [names[place] for place in indices]
+        names = [str(index) for index in range(len(self.headings))]
+        selected = [names[index] for index in indices]
         try:
             table = pyarrow.csv.read_csv(
                 pa.py_buffer(self.body),
-                # In several threads it was once seen to fail "for an unknown reason" on a busy machine (pyarrow 26).
+                # With several threads, pyarrow 26 once failed "for an unknown reason" on a busy machine.
                 read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=False),
                 parse_options=pyarrow.csv.ParseOptions(delimiter=self.delimiter),
                 convert_options=pyarrow.csv.ConvertOptions(
-                    include_columns=keep,
-                    column_types=dict.fromkeys(keep, pa.float64()),
+                    include_columns=selected,
+                    column_types=dict.fromkeys(selected, pa.float64()),
                     null_values=_MISSING_VALUES,
                     check_utf8=False,
                 ),
@@ -74,10 +78,10 @@ class DelimitedText:
         except (pa.ArrowException, OSError, ValueError) as error:
             reason = str(error).splitlines()[0]
             raise InputError(f"trial file {self.where}: {self._find_error(indices) or reason}") from None
-        return [table.column(name).to_numpy() for name in keep]
+        return [table.column(name).to_numpy() for name in selected]
 
     def _check_quotes(self) -> None:
-        # A quote that is never closed swallows the rest of the file as one cell, and nobody would know.
+        # An open quote would silently turn the rest of the file into one cell.
         if b'"' not in self.body:
             return
         for number, line in self.iterate_lines():
@@ -88,22 +92,26 @@ class DelimitedText:
                 )
 
     def _find_error(self, indices: Sequence[int]) -> str | None:
-        """The first thing wrong with a row, as the end of a sentence."""
-        expected = len(self.headings)
+        """Return the first error in a row as the end of a sentence, or None."""
+        n_columns = len(self.headings)
         for number, line in self.iterate_lines():
             cells = next(csv.reader([line], delimiter=self.delimiter), [])
-            if len(cells) != expected:
-                mend = "; write decimal points, not commas" if len(cells) > expected and self.delimiter == "," else ""
-                return f"line {number} has {_format_cell_count(len(cells))}, but the heading has {_format_cell_count(expected)}{mend}"
-            for place in indices:
-                said = _describe_cell_error(cells[place].strip())
-                if said:
-                    return f"column '{self.headings[place]}', line {number}: {said}"
+            if len(cells) != n_columns:
+                has_comma = len(cells) > n_columns and self.delimiter == ","
+                fix = "; write decimal points, not commas" if has_comma else ""
+                return (
+                    f"line {number} has {_format_cell_count(len(cells))}, but the heading has "
+                    f"{_format_cell_count(n_columns)}{fix}"
+                )
+            for index in indices:
+                cell_error = _describe_cell_error(cells[index].strip())
+                if cell_error:
+                    return f"column '{self.headings[index]}', line {number}: {cell_error}"
         return None
 
 
 def parse_delimited_text(content: bytes, where: str) -> DelimitedText:
-    """Find heading line and delimiter of ``content``; raises InputError where there is no such thing."""
+    """Return headings, delimiter and body of ``content``; raises InputError for anything but text with a heading."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError(f"trial file {where} is UTF-16 text; save it as UTF-8")
     if b"\0" in content:

@@ -1,4 +1,4 @@
-"""Trial files for templates and examples."""
+"""Writer of trial files."""
 
 import os
 from collections.abc import Mapping
@@ -18,8 +18,8 @@ from klute_sim.recording.recording import split_heading
 def write_trial(path: str | Path, columns: Mapping[str, NDArray[np.floating[Any]]]) -> None:
     """Write ``columns`` (``name [unit]`` -> samples) to ``path`` as CSV; NaN becomes an empty cell.
 
-    Numbers read back to the same bits. The file is complete or not there at all. Raises InputError when a heading is
-    not of that form, lengths differ, or ``path`` cannot be written.
+    Reading restores all numbers exactly. The file is written completely or not at all. Raises InputError for a heading
+    of another form, for columns of different lengths, and for a ``path`` that cannot be written.
     """
     path = Path(path)
     arrays = []
@@ -29,15 +29,15 @@ def write_trial(path: str | Path, columns: Mapping[str, NDArray[np.floating[Any]
         if array.ndim != 1 or len(array) != len(next(iter(columns.values()))):
             raise InputError(f"column '{heading}' has shape {array.shape}; all columns need the same number of samples")
         arrays.append(pa.array(array, from_pandas=True))
-    table = pa.table(arrays, names=[str(place) for place in range(len(arrays))])
-    scratch = path.with_name(f".{path.name}.{os.getpid()}")
+    table = pa.table(arrays, names=[str(index) for index in range(len(arrays))])
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with scratch.open("wb") as file:
+        with temporary.open("wb") as file:
             file.write((",".join(columns) + "\n").encode())
             pyarrow.csv.write_csv(table, file, pyarrow.csv.WriteOptions(include_header=False))
-        scratch.replace(path)
+        temporary.replace(path)
     except OSError as error:
         raise InputError(f"trial file {path} cannot be written: {error.strerror or error}") from None
     finally:
-        with suppress(OSError):  # moved to its place
-            scratch.unlink()
+        with suppress(OSError):  # absent after a successful write
+            temporary.unlink()

@@ -1,4 +1,4 @@
-"""The trials of a dataset made ready for simulation on its rig."""
+"""Preparation of all trials of a dataset for simulation on its rig."""
 
 from collections.abc import Callable, Mapping
 
@@ -17,22 +17,23 @@ TRIAL_PREPARERS: Mapping[Rig, Callable[[Trial, Use], Experiment]] = {
     "bench": prepare_bench_trial,
     "gait": prepare_gait_trial,
 }
+"""Rig -> function that prepares one trial."""
 
 
 def prepare_experiments(dataset: Dataset, split: Split) -> list[Experiment]:
-    """The trials of ``dataset``, in its order.
+    """Return the experiments of ``dataset`` in the order of its trials, used as ``split`` says.
 
-    Raises InputError for devices that are commanded by openings, trials that its rig cannot simulate, or numbers of the
-    body that are said to be uncertain where there is none.
+    Raises InputError for a device that is commanded by valve opening, for a trial that its rig cannot simulate, and
+    for uncertain body parameters on a bench.
     """
     for key in dataset.uncertainties if dataset.rig == "bench" else ():
         section, _, name = key.partition(".")
         if section == "effects" and catalogue.get_effects()[name.partition(".")[0]].kind == "body":
-            raise InputError(f"[uncertain] '{key}' is of the body, and a bench shows nothing of that; take it out")
+            raise InputError(f"[uncertain] '{key}' describes the body, which a bench does not test; remove the key")
     for trial in dataset.trials:
         check_takes_pressure(trial.device, f"trial '{trial.name}'")
     uses: dict[str, Use] = dict.fromkeys(split.fit, "fit")
-    uses |= dict.fromkeys(split.validation, "select")
-    uses |= dict.fromkeys(split.test, "show")
-    found = [TRIAL_PREPARERS[dataset.rig](trial, uses[trial.name]) for trial in dataset.trials]
-    return [e.with_repeats([other for other in found if other.group == e.group]) for e in found]
+    uses |= dict.fromkeys(split.validation, "validation")
+    uses |= dict.fromkeys(split.test, "test")
+    experiments = [TRIAL_PREPARERS[dataset.rig](trial, uses[trial.name]) for trial in dataset.trials]
+    return [e.with_repeats([other for other in experiments if other.group == e.group]) for e in experiments]

@@ -1,86 +1,94 @@
-"""How sure the fitted numbers are: from what sets repeats apart, and from what all of them have in common."""
+"""Confidence intervals of fitted parameters, from the deviations of repeats and from systematic errors."""
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.stats import t as student_t
 
-from klute_sim.diagnosis.experiments.base import Array
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
-from klute_sim.diagnosis.noise.repeats import align_repeats
-from klute_sim.diagnosis.noise.systematic_error import (
+from klute_sim.diagnosis.fitting.systematic_error import (
     CONFIDENCE_LEVEL,
     collect_shared_misfits,
     estimate_misfit_error,
     estimate_preparation_errors,
 )
+from klute_sim.diagnosis.noise.repeats import align_repeats
+from klute_sim.types import Array
 
 NOISE_BLOCK_TIME = 0.5
-"""Time [s] within which noise that is loud in places may be correlated (assumed)."""
+"""Time [s] within which heteroscedastic noise may be correlated (assumed)."""
 
 
 class ChannelInfluence(NamedTuple):
-    """A channel of a trial."""
+    """Influence of one channel of a trial on the parameters."""
 
     sensitivity: Array
-    """(unknowns, samples) how the unknowns, in steps, follow its residuals [1/SI]."""
+    """Derivative of the normalized parameters by the residuals [1/SI], (parameters, samples)."""
     noise: Array
-    """(repeats, samples) noise that it might have had [SI], of which all but one are independent."""
+    """Realizations of the noise [SI], (repeats, samples); all but one are independent."""
     sampling_interval: float
-    """Between samples [s]."""
+    """Time between samples [s]."""
 
 
 class VarianceComponents(NamedTuple):
-    """What the noise of a group of repeats does to the unknowns, in parts that are independent of each other."""
+    """Variance of the parameters due to the noise of a group of repeats, in independent components."""
 
     components: Array
-    """(unknowns, parts) [steps^2]"""
+    """Variance of the normalized parameters, (parameters, components)."""
     degrees_of_freedom: Array
-    """(parts) degrees of freedom with which each is known."""
+    """Degrees of freedom of each component, (components,)."""
 
 
 def compute_confidence_intervals(data: WeightedData, fit: Fit) -> list[tuple[float, float]]:
-    """95 % interval of every unknown in its own unit, the wider one of two.
+    """Return the 95 % confidence interval of each parameter in its own unit.
 
-    The unknowns follow noise along the fit's derivatives, and noise is what sets repeats apart. It might have come at
-    another time (:func:`shifted`), which is right for slow noise that is as loud everywhere; or it is loud just where
-    it was seen (:func:`in_place`). Either is a sum of squares that few repeats tell, so an interval is as wide as
-    Student's t asks for, with the degrees of freedom of that sum.
+    Noise propagates to the parameters along the fit's Jacobian, and the deviations of repeats are realizations of it.
+    They might have occurred at any other time (:func:`estimate_spectral_variances`), which suits slow stationary noise,
+    or only where they occurred (:func:`estimate_block_variances`), which suits heteroscedastic noise; the wider
+    interval counts. Both variances are sums of squares from few repeats, so the interval uses Student's t with the
+    degrees of freedom of the sum.
 
-    What a rig leaves out of its trials (:mod:`klute_sim.diagnosis.noise.systematic_error`) comes on top, as independent errors do
+    Systematic errors (:mod:`klute_sim.diagnosis.fitting.systematic_error`) are added as independent errors are
     (JCGM 100:2008, 5.1.2).
     """
-    solver: Array = np.asarray(np.linalg.pinv(fit.jacobian), float)
-    groups = _group_influences(data, fit, solver)
-    priors = (solver[:, solver.shape[1] - fit.hypothesis.n_device_parameters :] ** 2).sum(axis=1)
-    reach = np.zeros(len(solver))
-    for view in (estimate_spectral_variances, estimate_block_variances):
-        squares = [view(trials) for trials in groups]
-        freedom = np.concatenate([each.degrees_of_freedom for each in squares])
-        for k, own in enumerate(np.concatenate([each.components for each in squares], axis=1)):
-            wide = student.ppf(
-                0.5 + 0.5 * CONFIDENCE_LEVEL, combine_degrees_of_freedom(own, freedom, priors[k])
-            ) * np.sqrt(own.sum() + priors[k])
-            reach[k] = max(reach[k], wide)
-    left_out = [
-        *estimate_preparation_errors(data, fit, solver),
-        estimate_misfit_error(collect_shared_misfits(data, fit, solver)),
+    pseudoinverse: Array = np.asarray(np.linalg.pinv(fit.jacobian), float)
+    groups = _group_influences(data, fit, pseudoinverse)
+    n_priors = fit.hypothesis.n_device_parameters
+    prior_variances = (pseudoinverse[:, pseudoinverse.shape[1] - n_priors :] ** 2).sum(axis=1)
+    half_widths = np.zeros(len(pseudoinverse))
+    for estimate in (estimate_spectral_variances, estimate_block_variances):
+        variances = [estimate(trials) for trials in groups]
+        freedom = np.concatenate([entry.degrees_of_freedom for entry in variances])
+        for k, components in enumerate(np.concatenate([entry.components for entry in variances], axis=1)):
+            quantile = student_t.ppf(
+                0.5 + 0.5 * CONFIDENCE_LEVEL, combine_degrees_of_freedom(components, freedom, prior_variances[k])
+            )
+            half_widths[k] = max(half_widths[k], quantile * np.sqrt(components.sum() + prior_variances[k]))
+    systematic_errors = [
+        *estimate_preparation_errors(data, fit, pseudoinverse),
+        estimate_misfit_error(collect_shared_misfits(data, fit, pseudoinverse)),
     ]
-    reach = np.sqrt(reach**2 + sum((each**2 for each in left_out), np.zeros(len(solver))))
-    ends = [
-        (unknown.denormalize(step - own), unknown.denormalize(step + own))
-        for unknown, step, own in zip(fit.hypothesis.parameters, fit.x, reach, strict=True)
+    half_widths = np.sqrt(half_widths**2 + sum((error**2 for error in systematic_errors), np.zeros(len(half_widths))))
+    lower, upper = fit.hypothesis.bounds()
+    intervals = [
+        (parameter.denormalize(low), parameter.denormalize(high))
+        for parameter, low, high in zip(
+            fit.hypothesis.parameters,
+            np.clip(fit.x - half_widths, lower, upper),
+            np.clip(fit.x + half_widths, lower, upper),
+            strict=True,
+        )
     ]
-    return [(min(each), max(each)) for each in ends]
+    return [(min(ends), max(ends)) for ends in intervals]
 
 
 def combine_degrees_of_freedom(variances: Array, degrees_of_freedom: Array, exact_variance: float = 0.0) -> float:
-    """Degrees of freedom of a sum of ``squares``, each known with its own ``freedom``, and one that is ``exact``.
+    """Return the degrees of freedom of the sum of estimated ``variances`` and an ``exact_variance``.
 
-    After Welch (1947), Biometrika 34, 28-35: an estimated square, squared, is too large in the mean by
-    (freedom + 2)/freedom, which the two that are added and taken off again make good.
+    After Welch (1947), Biometrika 34, 28-35: the square of an estimated variance is too large in the mean by
+    (freedom + 2)/freedom, which adding and subtracting 2 corrects.
     """
     estimated = float((variances * variances / (degrees_of_freedom + 2.0)).sum())
     if estimated == 0.0:
@@ -89,33 +97,34 @@ def combine_degrees_of_freedom(variances: Array, degrees_of_freedom: Array, exac
 
 
 def estimate_spectral_variances(trials: Sequence[Sequence[ChannelInfluence]]) -> VarianceComponents:
-    """Squares by frequency, in the mean over all times at which the noise might have begun, around the trial.
+    """Return the variance components by frequency, averaged over all circular time shifts of the noise.
 
-    By Parseval's theorem that is a product of spectra. All channels of a trial are shifted together: they see the
-    same disturbances.
+    By Parseval's theorem the average is a product of spectra. All channels of a trial are shifted together, because
+    they respond to the same disturbances.
     """
 
-    def spectra(part: ChannelInfluence, row: Array) -> Array:
-        return np.asarray(np.fft.rfft(part.sensitivity) * np.fft.rfft(row).conj() / len(row))
+    def transform(influence: ChannelInfluence, noise: Array) -> Array:
+        return np.asarray(np.fft.rfft(influence.sensitivity) * np.fft.rfft(noise).conj() / len(noise))
 
-    def squares(spectrum: Array) -> Array:
-        # One side of the spectrum stands for both, but for the mean. (And for the highest frequency of an even number
-        # of samples, where noise that is sampled often enough has next to nothing: it is counted double.)
+    def square(spectrum: Array) -> Array:
+        # The one-sided spectrum counts twice, except at frequency 0. The highest frequency of an even number of samples
+        # is counted twice as well, where well-sampled noise has next to nothing.
         return np.asarray(np.abs(spectrum) ** 2 * np.where(np.arange(spectrum.shape[1]) == 0, 1.0, 2.0))
 
-    of, repeats = _combine_channels(trials, spectra, squares)
-    return VarianceComponents(of, repeats * np.where(np.arange(of.shape[1]) == 0, 1.0, 2.0))
+    components, freedom = _combine_channels(trials, transform, square)
+    return VarianceComponents(components, freedom * np.where(np.arange(components.shape[1]) == 0, 1.0, 2.0))
 
 
 def estimate_block_variances(trials: Sequence[Sequence[ChannelInfluence]]) -> VarianceComponents:
-    """Squares by blocks of :data:`BLOCK`, each of which is known from what was seen in that very block."""
+    """Return the variance components by blocks of :data:`NOISE_BLOCK_TIME`, each from the noise in that block."""
 
-    def blocks(part: ChannelInfluence, row: Array) -> Array:
-        count = max(1, round(len(row) * part.sampling_interval / NOISE_BLOCK_TIME))
-        return np.stack([each.sum(axis=1) for each in np.array_split(part.sensitivity * row, count, axis=1)], axis=1)
+    def transform(influence: ChannelInfluence, noise: Array) -> Array:
+        n_blocks = max(1, round(len(noise) * influence.sampling_interval / NOISE_BLOCK_TIME))
+        blocks = np.array_split(influence.sensitivity * noise, n_blocks, axis=1)
+        return np.stack([block.sum(axis=1) for block in blocks], axis=1)
 
-    of, repeats = _combine_channels(trials, blocks, np.square)
-    return VarianceComponents(of, np.full(of.shape[1], float(repeats)))
+    components, freedom = _combine_channels(trials, transform, np.square)
+    return VarianceComponents(components, np.full(components.shape[1], float(freedom)))
 
 
 def _combine_channels(
@@ -123,51 +132,56 @@ def _combine_channels(
     transform: Callable[[ChannelInfluence, Array], Array],
     square: Callable[[Array], Array],
 ) -> tuple[Array, int]:
-    """Squares of a group, and how many rows of noise they are known from.
+    """Return the variance components of a group and their degrees of freedom.
 
-    Channels of a trial add up before they are squared. Trials of a group add up after it: they were given the same
-    noise, so what it does to them is known together.
+    Channels of a trial are added before squaring, because their noise is correlated. Trials of a group are added after
+    squaring; they share the same realizations of the noise, so their degrees of freedom do not add.
     """
-    repeats = min(len(part.noise) for trial in trials for part in trial)
+    n_repeats = min(len(influence.noise) for trial in trials for influence in trial)
     rows = [
-        [_sum_padded([transform(part, part.noise[k]) for part in trial]) for k in range(repeats)] for trial in trials
+        [_sum_padded([transform(influence, influence.noise[k]) for influence in trial]) for k in range(n_repeats)]
+        for trial in trials
     ]
-    return _sum_padded([np.mean([square(row) for row in trial], axis=0) for trial in rows]), max(1, repeats - 1)
+    components = _sum_padded([np.mean([square(row) for row in trial], axis=0) for trial in rows])
+    return components, max(1, n_repeats - 1)
 
 
 def _sum_padded(arrays: Sequence[Array]) -> Array:
-    """What was sampled less often, or for less long, has nothing in the last columns."""
-    total = np.zeros((arrays[0].shape[0], max(each.shape[1] for each in arrays)), arrays[0].dtype)
-    for each in arrays:
-        total[:, : each.shape[1]] += each
+    """Return the sum of ``arrays``, padded with 0 in the columns that a slower or shorter recording lacks."""
+    total = np.zeros((arrays[0].shape[0], max(array.shape[1] for array in arrays)), arrays[0].dtype)
+    for array in arrays:
+        total[:, : array.shape[1]] += array
     return total
 
 
 def _group_influences(data: WeightedData, fit: Fit, pseudoinverse: Array) -> list[list[list[ChannelInfluence]]]:
-    """Groups of trials of channels."""
-    apart = _collect_deviations(data, fit)
+    """Return the influences by group, trial and channel."""
+    deviations = _collect_deviations(data, fit)
     groups: dict[str, list[list[ChannelInfluence]]] = defaultdict(list)
-    begin = 0
+    start = 0
     for experiment, weights, residual in zip(data.experiments, data.weights, fit.residuals, strict=True):
         trial = []
         for channel in weights:
-            left = residual[channel] / experiment.noise_scale.get(channel, 1.0)
-            # What was not repeated itself borrows from another group, or else takes what the fit leaves.
-            others = (own for (_, of), own in apart.items() if of == channel)
-            pool = apart.get((experiment.group, channel), next(others, left[np.newaxis]))
+            scaled_residual = residual[channel] / experiment.noise_scale.get(channel, 1.0)
+            # A channel without repeats takes the noise of another group, or else the residual of the fit.
+            of_other_groups = (rows for (_, name), rows in deviations.items() if name == channel)
+            default = next(of_other_groups, scaled_residual[np.newaxis])
+            realizations = deviations.get((experiment.group, channel), default)
             interval = experiment.measured[channel].sampling_interval
-            columns = pseudoinverse[:, begin : begin + len(left)] * data.noise[channel].weight(interval)
-            trial.append(ChannelInfluence(columns, np.array([np.resize(row, len(left)) for row in pool]), interval))
-            begin += len(left)
+            n_samples = len(scaled_residual)
+            sensitivity = pseudoinverse[:, start : start + n_samples] * data.noise[channel].weight(interval)
+            noise = np.array([np.resize(row, n_samples) for row in realizations])
+            trial.append(ChannelInfluence(sensitivity, noise, interval))
+            start += n_samples
         if trial:
             groups[experiment.group].append(trial)
     return list(groups.values())
 
 
 def _collect_deviations(data: WeightedData, fit: Fit) -> dict[tuple[str, str], Array]:
-    """(group, channel) -> what sets its repeats apart, in the size that the noise of one of them has."""
+    """Return (group, channel) -> deviations of its repeats [SI], (repeats, samples)."""
     return {
-        (stack.group, channel): stack.deviations
+        (repeats.group, channel): repeats.deviations
         for channel in data.noise
-        for stack in align_repeats(data.experiments, fit.residuals, channel)
+        for repeats in align_repeats(data.experiments, fit.residuals, channel)
     }

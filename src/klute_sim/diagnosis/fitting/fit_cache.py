@@ -1,4 +1,4 @@
-"""Fits that are finished, kept on the disk until the diagnosis is: an interrupted one goes on where it was."""
+"""Cache of finished fits on disk, so that an interrupted diagnosis resumes."""
 
 import contextlib
 import hashlib
@@ -10,15 +10,21 @@ from pathlib import Path
 
 import numpy as np
 
-from klute_sim.diagnosis.experiments.base import Array
+import klute_sim
 from klute_sim.effects import catalogue
+from klute_sim.types import Array
 
 CACHE_VARIABLE = "KLUTE_SIM_CACHE"
-"""Environment variable that names another place to keep them."""
+"""Environment variable with the path of the cache folder."""
+FIT_MODULES = (
+    *("laws", "effects", "device", "gait", "datasets", "diagnosis"),
+    *("constants.py", "parameters.py", "units.py"),
+)
+"""Packages and modules whose code determines the result of a fit."""
 
 
 def find_cache_folder() -> Path:
-    """Where finished fits are kept, as the system has it."""
+    """Return the cache folder: that of :data:`CACHE_VARIABLE`, or the operating system's standard place."""
     if os.environ.get(CACHE_VARIABLE):
         return Path(os.environ[CACHE_VARIABLE])
     if sys.platform == "win32":
@@ -30,45 +36,44 @@ def find_cache_folder() -> Path:
 
 @cache
 def _hash_code() -> bytes:
-    """Digest of all code that a fit depends on."""
-    folder = Path(__file__).parents[2]
-    parts = ("laws", "effects", "device", "gait", "datasets", "diagnosis")
-    files = sorted(file for part in parts for file in (folder / part).rglob("*.py"))
+    """Return the SHA-256 of all code that determines the result of a fit, user effects included."""
+    root = Path(klute_sim.__file__).parent
+    paths = [root / name for name in FIT_MODULES]
+    files = sorted(file for path in paths for file in (path.rglob("*.py") if path.is_dir() else [path]))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files) + catalogue.read_user_source()).digest()
 
 
 class FitCache:
-    """Of one dataset. What cannot be kept (a full disk) is only not kept."""
+    """Fits of one diagnosis. A fit that cannot be stored, for example on a full disk, is skipped."""
 
-    def __init__(self, dataset_digest: str) -> None:
-        """``dataset`` is its digest."""
-        self._folder = (
-            find_cache_folder() / "diagnose" / hashlib.sha256(_hash_code() + dataset_digest.encode()).hexdigest()[:24]
-        )
+    def __init__(self, diagnosis_digest: str) -> None:
+        """Open the cache of the diagnosis that ``diagnosis_digest`` identifies."""
+        digest = hashlib.sha256(_hash_code() + diagnosis_digest.encode()).hexdigest()
+        self._folder = find_cache_folder() / "diagnose" / digest[:24]
 
     def get(self, key: str) -> dict[str, Array] | None:
-        """The arrays that were put for ``question``."""
+        """Return the arrays stored under ``key``, or None."""
         try:
-            with np.load(self._path_of(key), allow_pickle=False) as kept:
-                return {name: kept[name] for name in kept.files}
+            with np.load(self._path_of(key), allow_pickle=False) as stored:
+                return {name: stored[name] for name in stored.files}
         except (OSError, ValueError, EOFError):
             return None
 
     def put(self, key: str, **arrays: Array) -> None:
-        """Keep ``arrays``; whole or not at all."""
-        file = self._path_of(key)
-        fresh = file.with_suffix(f".{os.getpid()}.tmp")
+        """Store ``arrays`` under ``key``, completely or not at all."""
+        path = self._path_of(key)
+        temporary = path.with_suffix(f".{os.getpid()}.tmp")
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            with fresh.open("wb") as out:
-                np.savez(out, **arrays)  # type: ignore[arg-type]
-            fresh.replace(file)
+            with temporary.open("wb") as file:
+                np.savez(file, **arrays)  # type: ignore[arg-type]
+            temporary.replace(path)
         except OSError:
             with contextlib.suppress(OSError):
-                fresh.unlink(missing_ok=True)
+                temporary.unlink(missing_ok=True)
 
     def clear(self) -> None:
-        """Remove what was kept: it has been used."""
+        """Delete all stored fits of this diagnosis."""
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _path_of(self, key: str) -> Path:

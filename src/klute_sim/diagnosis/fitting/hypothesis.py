@@ -1,8 +1,8 @@
-"""A hypothesis: which effects are there, and the unknown numbers that come with it.
+"""A hypothesis: the device with its uncertain values, additional effects, and the parameters to fit.
 
-Unknowns are counted in steps of their own size: a device's uncertain number in standard deviations from its nominal
-value, an effect's in typical sizes from neutral. A shape, which has no neutral value, is counted in natural
-logarithms from its typical value.
+Parameters are normalized. An uncertain value of the device is measured in standard deviations from its nominal value.
+A parameter of an effect is measured in typical sizes from its neutral value, or, if it has no neutral value, by the
+natural logarithm of its ratio to the typical value.
 """
 
 import math
@@ -18,7 +18,6 @@ from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.schema.document import DeviceSpec
 from klute_sim.diagnosis.experiments.base import (
     CHANNEL_UNITS,
-    Array,
     BodyEdit,
     Experiment,
     SensorModel,
@@ -26,23 +25,28 @@ from klute_sim.diagnosis.experiments.base import (
 )
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
+from klute_sim.parameters import Parameter
+from klute_sim.types import Array
 
 PRIOR_BOUND_SIGMAS = 3.0
-"""How many standard deviations an uncertain number may be away from its nominal value."""
+"""Bounds of an uncertain device value, in standard deviations from its nominal value."""
 
 
 class EffectTerm(NamedTuple):
-    """An effect in one of its forms; for an instrument, on one channel."""
+    """An effect in one of its forms; for an instrument effect, on one channel."""
 
     effect: str
+    """Name of the effect in the catalogue."""
     form: str
+    """Name of the form."""
     channel: str | None = None
+    """Measured channel of an instrument effect; None for other effects."""
     parameter_keys: tuple[str, ...] = ()
-    """The parameters that are fitted, of a data-driven one; none: all. The others stay neutral."""
+    """Keys of the fitted parameters of a discrepancy term, whose other parameters stay neutral; empty: all."""
 
     @property
     def effect_definition(self) -> Effect:
-        """In the catalogue."""
+        """The effect in the catalogue."""
         return catalogue.get_effects()[self.effect]
 
     @property
@@ -52,178 +56,185 @@ class EffectTerm(NamedTuple):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        """Those that are fitted."""
+        """The fitted parameters."""
         return tuple(
             p for p in self.form_definition.parameters if not self.parameter_keys or p.key in self.parameter_keys
         )
 
     def __str__(self) -> str:
-        """As a person would say it."""
-        of = f" of {self.channel}" if self.channel else ""
-        return f"{self.effect}{of}" if len(self.effect_definition.forms) == 1 else f"{self.effect} ({self.form}){of}"
+        """Return effect, form (where there are several) and channel."""
+        channel = f" of {self.channel}" if self.channel else ""
+        if len(self.effect_definition.forms) == 1:
+            return f"{self.effect}{channel}"
+        return f"{self.effect} ({self.form}){channel}"
 
 
-class FitParameter(NamedTuple):
-    """One number that is fitted."""
+@dataclass(frozen=True, kw_only=True)
+class FitParameter(Parameter):
+    """A parameter that is fitted; its name is the key in the device file or that of the effect's parameter."""
 
-    key: str
-    """As in the device file, or the effect's parameter."""
     term_index: int | None
-    """Which term it belongs to; None: the device itself."""
-    nominal: float
-    scale: float
-    lower: float
-    upper: float
-    """Bounds, in its own unit."""
-    is_logarithmic: bool = False
-
-    def denormalize(self, x: float) -> float:
-        """In its own unit, within the bounds."""
-        low, high = self.bounds  # first: what the data do not hold may be hundreds of steps away, more than exp can say
-        within = min(max(x, low), high)
-        found = self.nominal * math.exp(within) if self.is_logarithmic else self.nominal + self.scale * within
-        return min(max(found, self.lower), self.upper)
-
-    def normalize(self, value: float) -> float:
-        """The inverse of :meth:`value`."""
-        return math.log(value / self.nominal) if self.is_logarithmic else (value - self.nominal) / self.scale
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """In steps, the lower one first."""
-        low, high = self.normalize(self.lower), self.normalize(self.upper)
-        return (low, high) if low < high else (high, low)
+    """Index of the hypothesis' term that it belongs to; None for a device value."""
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """The device with its uncertain numbers, and ``terms`` added to it."""
+    """The device with its uncertain values and additional effects."""
 
     device: Device
+    """Nominal device."""
     uncertainties: tuple[tuple[str, float], ...]
-    """Key of the device file and its standard deviation."""
+    """Key of each uncertain value in the device file, and its standard deviation."""
     noise_std: tuple[tuple[str, float], ...]
-    """Channel and its noise [SI], by which an instrument's offset and drift are measured."""
+    """Channel and standard deviation of its noise [SI], the unit of an instrument's offset and drift."""
     terms: tuple[EffectTerm, ...] = ()
+    """Additional effects."""
 
     def with_term(self, term: EffectTerm) -> "Hypothesis":
-        """With one more term."""
+        """Return the hypothesis with ``term`` added."""
         return Hypothesis(self.device, self.uncertainties, self.noise_std, (*self.terms, term))
 
     def without_term(self, term: EffectTerm) -> "Hypothesis":
-        """Without ``term``."""
+        """Return the hypothesis without ``term``."""
         return Hypothesis(self.device, self.uncertainties, self.noise_std, tuple(t for t in self.terms if t != term))
 
     @cached_property
     def parameters(self) -> tuple[FitParameter, ...]:
-        """The device's first, then every term's in turn."""
-        numbers = self.device.spec.collect_values()
-        found = []
+        """Parameters of the device, then those of each term in order."""
+        nominal_values = self.device.spec.collect_values()
+        parameters = []
         for key, deviation in self.uncertainties:
-            nominal, reach = numbers[key], PRIOR_BOUND_SIGMAS * deviation
-            low = max(nominal - reach, 1e-3 * nominal) if nominal > 0.0 else nominal - reach
-            found.append(FitParameter(key, None, nominal, deviation, low, nominal + reach))
-        for number, term in enumerate(self.terms):
-            found += [self._make_parameter(p, number, term) for p in term.parameters]
-        return tuple(found)
+            nominal, half_range = nominal_values[key], PRIOR_BOUND_SIGMAS * deviation
+            lower = max(nominal - half_range, 1e-3 * nominal) if nominal > 0.0 else nominal - half_range
+            parameters.append(
+                FitParameter(
+                    name=key,
+                    term_index=None,
+                    initial=nominal,
+                    scale=deviation,
+                    lower=lower,
+                    upper=nominal + half_range,
+                )
+            )
+        for index, term in enumerate(self.terms):
+            parameters += [self._make_parameter(p, index, term) for p in term.parameters]
+        return tuple(parameters)
 
-    def _make_parameter(self, parameter_spec: EffectParameter, term_index: int, term: EffectTerm) -> FitParameter:
-        p = parameter_spec
-        if p.neutral is None:
-            return FitParameter(p.key, term_index, p.typical, 1.0, p.lower, p.upper, is_logarithmic=True)
-        size = p.typical - p.neutral
-        if term.channel is not None and not math.isfinite(p.upper):
-            size *= dict(self.noise_std)[term.channel] / CHANNEL_UNITS[term.channel][1]
-        return FitParameter(p.key, term_index, p.neutral, size, p.lower, p.upper)
+    def _make_parameter(self, parameter: EffectParameter, term_index: int, term: EffectTerm) -> FitParameter:
+        if parameter.neutral is None:
+            return FitParameter(
+                name=parameter.key,
+                term_index=term_index,
+                initial=parameter.typical,
+                scale=1.0,
+                lower=parameter.lower,
+                upper=parameter.upper,
+                is_logarithmic=True,
+            )
+        scale = parameter.typical - parameter.neutral
+        if term.channel is not None and not math.isfinite(parameter.upper):
+            scale *= dict(self.noise_std)[term.channel] / CHANNEL_UNITS[term.channel][1]
+        return FitParameter(
+            name=parameter.key,
+            term_index=term_index,
+            initial=parameter.neutral,
+            scale=scale,
+            lower=parameter.lower,
+            upper=parameter.upper,
+        )
 
     @property
     def n_device_parameters(self) -> int:
-        """How many of the unknowns are the device's."""
+        """Number of parameters of the device; they come first."""
         return len(self.uncertainties)
 
     def initial_point(self) -> Array:
-        """Nominal device, neutral effects, typical shapes."""
+        """Return the normalized parameters of the nominal device with neutral effects: (parameters,) of 0."""
         return np.zeros(len(self.parameters))
 
     def values(self, x: Array) -> list[float]:
-        """The unknowns in their own units."""
-        return [u.denormalize(float(s)) for u, s in zip(self.parameters, x, strict=True)]
+        """Return the parameter values at normalized parameters ``x`` (parameters,), each in its own unit."""
+        return [p.denormalize(float(x_p)) for p, x_p in zip(self.parameters, x, strict=True)]
 
     def bounds(self) -> tuple[Array, Array]:
-        """Of the unknowns, in steps."""
-        both = np.array([u.bounds for u in self.parameters]).reshape(-1, 2)
-        return both[:, 0], both[:, 1]
+        """Return lower and upper bounds of the normalized parameters, (parameters,) each."""
+        bounds = np.array([p.bounds for p in self.parameters]).reshape(-1, 2)
+        return bounds[:, 0], bounds[:, 1]
 
     def build_setups(self, x: Array, experiments: Sequence[Experiment]) -> list[SimulationSetup]:
-        """What to simulate in each of ``experiments``."""
+        """Return the simulation setup of each of ``experiments`` at normalized parameters ``x``."""
         values = self.values(x)
-        active: dict[tuple[str, str], dict[str, float]] = {}
-        readings, added = [], []
-        for number, term in enumerate(self.terms):
-            own = [(u, v) for u, v in zip(self.parameters, values, strict=True) if u.term_index == number]
+        device_effects: dict[tuple[str, str], dict[str, float]] = {}
+        sensors, body_edits = [], []
+        for index, term in enumerate(self.terms):
+            pairs = [(p, v) for p, v in zip(self.parameters, values, strict=True) if p.term_index == index]
             if term.effect_definition.kind == "body":
-                added.append(BodyEdit(term.effect, term.form, tuple((u.key, v) for u, v in own)))
+                body_edits.append(BodyEdit(term.effect, term.form, tuple((p.name, v) for p, v in pairs)))
             elif term.channel is None:
-                active[term.effect, term.form] = {u.key: v for u, v in own}
+                device_effects[term.effect, term.form] = {p.name: v for p, v in pairs}
             else:
                 unit = CHANNEL_UNITS[term.channel][1]
-                si = tuple(v * unit if not math.isfinite(u.upper) else v for u, v in own)
-                readings.append(SensorModel(term.channel, term.effect, si))
-        found = dict(zip((key for key, _ in self.uncertainties), values, strict=False))
+                si_values = tuple(v * unit if not math.isfinite(p.upper) else v for p, v in pairs)
+                sensors.append(SensorModel(term.channel, term.effect, term.form_definition.parameter_type(*si_values)))
+        fitted = dict(zip((key for key, _ in self.uncertainties), values, strict=False))
         nominal = self.device.spec.collect_values()
-        made: dict[str, tuple[DeviceParameters, list[BodyEdit]]] = {}  # most trials have the same device
-        result = []
+        devices: dict[str, tuple[DeviceParameters, list[BodyEdit]]] = {}  # most trials share one device
+        setups = []
         for experiment in experiments:
             device = experiment.device
-            if device.digest not in made:
-                # A number that a trial has of its own is wrong by the same share as the device's.
-                here = device.spec.collect_values()
+            if device.digest not in devices:
+                # A value that a trial overrides has the same relative error as that of the dataset's device.
+                trial_values = device.spec.collect_values()
                 corrected = {
-                    key: here[key] * value / nominal[key] if nominal[key] != 0.0 else here[key] + value
-                    for key, value in found.items()
+                    key: trial_values[key] * value / nominal[key] if nominal[key] != 0.0 else trial_values[key] + value
+                    for key, value in fitted.items()
                 }
                 spec = replace_values(device.spec, corrected)
-                effects = catalogue.pack_effects(_select_effects(spec, "device") | active)
-                made[device.digest] = (
+                effects = catalogue.pack_effects(_select_effects(spec, "device") | device_effects)
+                devices[device.digest] = (
                     spec.to_parameters()._replace(effects=effects),
                     _collect_body_edits(spec, corrected),
                 )
-            faulty = tuple(each for each in readings if each.channel not in experiment.trusted)
-            parameters, body = made[device.digest]
-            result.append(SimulationSetup(parameters, faulty, (*body, *added)))
-        return result
+            imperfect = tuple(sensor for sensor in sensors if sensor.channel not in experiment.trusted)
+            parameters, own_body_edits = devices[device.digest]
+            setups.append(SimulationSetup(parameters, imperfect, (*own_body_edits, *body_edits)))
+        return setups
 
 
 def replace_values(spec: DeviceSpec, new_values: Mapping[str, float]) -> DeviceSpec:
-    """``spec`` with other ``numbers`` (``section.key``), not checked again."""
+    """Return ``spec`` with ``new_values`` (``section.key`` -> value), without validation."""
     sections: dict[str, dict[str, Any]] = {}
     for key, value in new_values.items():
         section, _, name = key.partition(".")
         sections.setdefault(section, {})[name] = value
     effects = sections.pop("effects", {})
-    changed: dict[str, Any] = {s: getattr(spec, s).model_copy(update=update) for s, update in sections.items()}
+    update: dict[str, Any] = {s: getattr(spec, s).model_copy(update=values) for s, values in sections.items()}
     if effects:
         content = {name: dict(values) for name, values in spec.effects.items()}
         for path, value in effects.items():
             name, _, key = path.partition(".")
             content[name][key] = value
-        changed["effects"] = content
-    return spec.model_copy(update=changed)
+        update["effects"] = content
+    return spec.model_copy(update=update)
 
 
 def _select_effects(spec: DeviceSpec, kind: str) -> dict[tuple[str, str], dict[str, float]]:
-    """The effects of ``kind`` that the device itself has already; numbers that are fitted may be out of range."""
-    found = {}
+    """Return the device's own effects of ``kind``; their fitted values are not checked against the limits."""
+    selected = {}
     for name, content in spec.effects.items():
         if catalogue.get_effects()[name].kind != kind:
             continue
         form = catalogue.find_form(name, str(content["form"]) if "form" in content else None)[1]
-        found[name, form.name] = {p.key: float(content[p.key]) for p in form.parameters if p.key in content}
-    return found
+        selected[name, form.name] = {p.key: float(content[p.key]) for p in form.parameters if p.key in content}
+    return selected
 
 
 def _collect_body_edits(spec: DeviceSpec, changed_keys: Iterable[str]) -> list[BodyEdit]:
-    """The effects of the body that the device itself has, if one of their numbers is among the ``corrected`` keys."""
+    """Return the device's own body effects that have a value among ``changed_keys``."""
     changed = {key.split(".")[1] for key in changed_keys if key.startswith("effects.")}
-    own = _select_effects(spec, "body")
-    return [BodyEdit(*which, tuple(numbers.items())) for which, numbers in own.items() if which[0] in changed]
+    body_effects = _select_effects(spec, "body")
+    return [
+        BodyEdit(effect, form, tuple(values.items()))
+        for (effect, form), values in body_effects.items()
+        if effect in changed
+    ]

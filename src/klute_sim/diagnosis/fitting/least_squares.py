@@ -1,4 +1,4 @@
-"""The unknowns of a hypothesis, fitted to measured trials."""
+"""Bounded nonlinear least squares for the parameters of a hypothesis."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -8,31 +8,42 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import least_squares
 
-from klute_sim.diagnosis.experiments.base import Array, Experiment, Simulator
+from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.noise.repeats import Noise, Residuals
+from klute_sim.types import Array
 
 FINITE_DIFFERENCE_STEP = 1e-3
-"""Of an unknown, in steps of its own size, to take derivatives with."""
+"""Step of the finite differences in normalized parameters."""
 DEFAULT_MAX_NFEV = 25
+"""Largest number of evaluations of the residuals."""
 COST_TOLERANCE, FINE_COST_TOLERANCE = 1e-5, 1e-7
-"""Relative change of cost at which a fit has converged: one that is compared with others, and one that is kept."""
+"""Relative change of the cost at convergence: for comparing hypotheses, and for a final fit."""
+GRADIENT_TOLERANCE = 1e-15
+"""Gradient of chi squared that counts as 0. An effect without influence at the starting point has such a gradient, and
+the solver would divide by it."""
+MAX_CHI2_RISE = 0.5
+"""Largest rise of chi squared over a fit with coarse simulations, before it is repeated with normal ones."""
 
 
 @dataclass(frozen=True, eq=False)
 class WeightedData:
-    """Measured trials and what weighs their residuals."""
+    """Measured trials and the weights of their residuals."""
 
     simulator: Simulator
+    """Simulator of the trials."""
     experiments: Sequence[Experiment]
+    """Trials."""
     noise: Mapping[str, Noise]
+    """Channel -> noise; other channels are not weighted and do not count."""
     cache: FitCache | None = None
-    """Where finished fits are kept."""
+    """Cache of finished fits."""
 
     @property
     def n_effective(self) -> float:
-        """Independent samples in all."""
+        """Effective number of independent samples."""
         return sum(
             len(series.time) / self.noise[channel].correlation_time(series.sampling_interval)
             for e in self.experiments
@@ -43,77 +54,75 @@ class WeightedData:
     def compute_residuals(
         self, hypothesis: Hypothesis, points: Sequence[Array], *, coarse: bool = False
     ) -> list[list[dict[str, Array]]]:
-        """Measured minus simulated [SI] for each of ``rows`` of unknowns, in each experiment; ``coarse``: quickly."""
-        settings = [hypothesis.build_setups(row, self.experiments) for row in points]
+        """Return measured minus simulated [SI] per point of normalized parameters, experiment and channel.
+
+        ``coarse`` simulations are faster and less accurate.
+        """
+        setups = [hypothesis.build_setups(x, self.experiments) for x in points]
         return [
             [
-                {channel: series.value - shown[channel] for channel, series in e.measured.items()}
-                for e, shown in zip(self.experiments, found, strict=True)
+                {channel: series.value - simulated[channel] for channel, series in e.measured.items()}
+                for e, simulated in zip(self.experiments, readings, strict=True)
             ]
-            for found in self.simulator.simulate(settings, self.experiments, coarse=coarse)
+            for readings in self.simulator.simulate(setups, self.experiments, coarse=coarse)
         ]
 
     def weight_residuals(self, residuals: Residuals) -> Array:
-        """One vector whose square is chi squared, counting only independent samples."""
+        """Return one vector of weighted residuals; its square is chi squared over independent samples."""
         parts = [
-            weight * found[channel]
-            for found, weights in zip(residuals, self.weights, strict=True)
+            weight * row[channel]
+            for row, weights in zip(residuals, self.weights, strict=True)
             for channel, weight in weights.items()
         ]
         return np.concatenate(parts)
 
     @cached_property
     def weights(self) -> list[dict[str, Array | float]]:
-        """Per experiment: weighed channel -> what its residuals are multiplied by [1/SI], one or one per sample."""
+        """For each experiment: channel -> weight of its residuals [1/SI], a scalar or one per sample."""
         return [
             {
-                c: self.noise[c].weight(series.sampling_interval) / e.noise_scale.get(c, 1.0)
-                for c, series in e.measured.items()
-                if c in self.noise
+                channel: self.noise[channel].weight(series.sampling_interval) / e.noise_scale.get(channel, 1.0)
+                for channel, series in e.measured.items()
+                if channel in self.noise
             }
             for e in self.experiments
         ]
 
     def with_experiments(self, experiments: Sequence[Experiment]) -> "WeightedData":
-        """Other trials, weighed alike."""
+        """Return other ``experiments`` with the same noise."""
         return WeightedData(self.simulator, experiments, self.noise, self.cache)
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A hypothesis with its unknowns found."""
+    """A hypothesis with fitted parameters."""
 
     hypothesis: Hypothesis
+    """Fitted hypothesis."""
     x: Array
-    """The unknowns, in steps of their sizes."""
+    """Normalized parameters, (parameters,)."""
     weighted_residuals: Array
-    """Weighted residuals, those of the priors last."""
+    """Weighted residuals followed by the residuals of the priors."""
     jacobian: Array
-    """Of :attr:`vector` by the unknowns."""
+    """Derivative of the weighted residuals by the normalized parameters, (residuals, parameters)."""
     converged: bool
+    """Whether the solver converged."""
     residuals: Residuals = field(repr=False)
-    """[SI]"""
+    """Measured minus simulated [SI]."""
 
     @property
     def chi2(self) -> float:
-        """Chi squared, priors included."""
+        """Chi squared including the priors."""
         return float(self.weighted_residuals @ self.weighted_residuals)
 
     @property
     def values(self) -> list[float]:
-        """The unknowns in their own units."""
+        """Fitted parameter values, each in its own unit."""
         return self.hypothesis.values(self.x)
 
     def bic(self, n_effective: float) -> float:
-        """BIC with the effective number of samples; differences of it decide."""
+        """Return the Bayesian information criterion for ``n_effective`` independent samples, up to a constant."""
         return self.chi2 + (len(self.x) - self.hypothesis.n_device_parameters) * float(np.log(n_effective))
-
-
-GRADIENT_TOLERANCE = 1e-15
-"""Gradient of chi squared, per step, that is none: of an effect that changes nothing where its fit begins. The solver
-would divide by it."""
-MAX_CHI2_RISE = 0.5
-"""Rise of chi squared that a fit by long steps may end with, where it began as well as anywhere."""
 
 
 def fit_hypothesis(
@@ -125,78 +134,82 @@ def fit_hypothesis(
     max_nfev: int = DEFAULT_MAX_NFEV,
     fine: bool = False,
 ) -> Fit:
-    """Fit ``hypothesis`` from ``start`` (in steps; None: nominal and neutral) by bounded least squares.
+    """Fit ``hypothesis`` to ``data`` by bounded least squares.
 
-    ``slope`` is the Jacobian at ``start``, or near enough to find the first direction, where it is known. On the way
-    simulations are coarse, with what is wrong with them at the ``start`` taken off; the result's residuals never are. A
-    ``fine`` fit goes the last steps, and takes its derivatives, with the short steps of these.
+    ``x0`` holds the starting point in normalized parameters; by default the nominal device with neutral effects.
+    ``jac`` is the Jacobian at ``x0``, or an approximation for the first step. Intermediate simulations are coarse, with
+    their error at ``x0`` subtracted; the residuals of the result are not. A ``fine`` fit takes its last steps and its
+    Jacobian from normal simulations.
     """
-    given = [e.name for e in data.experiments]
-    question = repr((hypothesis, sorted(data.noise.items()), given, max_nfev, fine))
-    begin = hypothesis.initial_point() if x0 is None else x0
-    question += hashlib.sha256(begin.tobytes() + (b"" if jac is None else jac.tobytes())).hexdigest()
-    kept = data.cache.get(question) if data.cache else None
-    if kept is not None:
-        residuals = data.compute_residuals(hypothesis, [kept["steps"]])[0]
-        return Fit(hypothesis, kept["steps"], kept["vector"], kept["jacobian"], bool(kept["converged"]), residuals)
-    done = _solve(data, hypothesis, begin, jac, max_nfev, coarse=True)
-    if fine and len(begin):
-        done = _solve(data, hypothesis, done.x, None, max_nfev, coarse=False)
+    names = [e.name for e in data.experiments]
+    start = hypothesis.initial_point() if x0 is None else x0
+    key = repr((hypothesis, hypothesis.device.digest, sorted(data.noise.items()), names, max_nfev, fine))
+    key += hashlib.sha256(start.tobytes() + (b"" if jac is None else jac.tobytes())).hexdigest()
+    cached = data.cache.get(key) if data.cache else None
+    if cached is not None:
+        x, converged = cached["x"], bool(cached["converged"])
+        residuals = data.compute_residuals(hypothesis, [x])[0]
+        return Fit(hypothesis, x, cached["weighted_residuals"], cached["jacobian"], converged, residuals)
+    fit = _solve(data, hypothesis, start, jac, max_nfev, coarse=True)
+    if fine and len(start):
+        fit = _solve(data, hypothesis, fit.x, None, max_nfev, coarse=False)
     if data.cache:
-        whether = np.array(done.converged)
         data.cache.put(
-            question, steps=done.x, vector=done.weighted_residuals, jacobian=done.jacobian, converged=whether
+            key,
+            x=fit.x,
+            weighted_residuals=fit.weighted_residuals,
+            jacobian=fit.jacobian,
+            converged=np.array(fit.converged),
         )
-    return done
+    return fit
 
 
 def _solve(
     data: WeightedData, hypothesis: Hypothesis, x0: Array, jac: Array | None, max_nfev: int, *, coarse: bool
 ) -> Fit:
-    low, high = hypothesis.bounds()
-    # Not at a bound: the first step would be no longer than the distance from it.
-    margin = np.minimum(0.01, 0.25 * (high - low))
-    inside = np.clip(x0, low + margin, high - margin)
-    problem = _LeastSquaresProblem(data, hypothesis, inside, coarse=coarse)
-    first = problem.evaluate_fine(inside)
-    if not len(inside):
-        return Fit(hypothesis, inside, first[0], np.empty((len(first[0]), 0)), True, first[1])
-    known = [] if jac is None else [jac]
+    lower, upper = hypothesis.bounds()
+    # The first step is no longer than the distance from the bounds, so the solver starts inside them.
+    margin = np.minimum(0.01, 0.25 * (upper - lower))
+    start = np.clip(x0, lower + margin, upper - margin)
+    problem = _LeastSquaresProblem(data, hypothesis, start, coarse=coarse)
+    first, first_residuals = problem.evaluate_fine(start)
+    if not len(start):
+        return Fit(hypothesis, start, first, np.empty((len(first), 0)), True, first_residuals)
+    known_jacobians = [] if jac is None else [jac]
 
-    def slope_at(row: Array) -> Array:
-        return known.pop() if known else problem.jacobian(row)
+    def jacobian(x: Array) -> Array:
+        return known_jacobians.pop() if known_jacobians else problem.jacobian(x)
 
     result = least_squares(
         problem.evaluate,
-        inside,
-        slope_at,
-        bounds=(low, high),
+        start,
+        jacobian,
+        bounds=(lower, upper),
         ftol=COST_TOLERANCE if coarse else FINE_COST_TOLERANCE,
         xtol=1e-6,
         gtol=GRADIENT_TOLERANCE,
         max_nfev=max_nfev,
     )
-    last, found = problem.evaluate_fine(result.x), np.asarray(result.jac)
-    if (
-        coarse and last[0] @ last[0] > first[0] @ first[0] + MAX_CHI2_RISE
-    ):  # what long steps get wrong has changed too much on the way
+    last, last_residuals = problem.evaluate_fine(result.x)
+    if coarse and last @ last > first @ first + MAX_CHI2_RISE:  # the error of coarse simulations changed too much
         return _solve(data, hypothesis, x0, jac, max_nfev, coarse=False)
-    found[len(last[0]) - hypothesis.n_device_parameters :] = np.eye(
-        hypothesis.n_device_parameters, len(hypothesis.parameters)
-    )
-    return Fit(hypothesis, result.x, last[0], found, result.status > 0, last[1])
+    final_jacobian = np.asarray(result.jac)
+    n_priors = hypothesis.n_device_parameters
+    final_jacobian[len(last) - n_priors :] = np.eye(n_priors, len(hypothesis.parameters))
+    return Fit(hypothesis, result.x, last, final_jacobian, result.status > 0, last_residuals)
 
 
 def linearize(data: WeightedData, hypothesis: Hypothesis, x: Array) -> tuple[Array, Array]:
-    """Weighted residuals at ``row`` of unknowns, and their derivatives, these by long steps."""
+    """Return the weighted residuals at normalized parameters ``x`` and their Jacobian from coarse simulations."""
     problem = _LeastSquaresProblem(data, hypothesis, x, coarse=True)
     return problem.evaluate_fine(x)[0], problem.jacobian(x)
 
 
 class _LeastSquaresProblem:
-    """The vector whose square is least, and its derivatives, by few long steps or many short ones.
+    """Weighted residuals and their Jacobian as functions of the normalized parameters.
 
-    What long steps get wrong is known where a fit begins, and taken off everywhere: it hardly changes on the way.
+    Coarse simulations have an error that hardly changes during a fit. It is determined at the starting point and
+    subtracted everywhere.
     """
 
     def __init__(self, data: WeightedData, hypothesis: Hypothesis, x0: Array, *, coarse: bool) -> None:
@@ -208,7 +221,7 @@ class _LeastSquaresProblem:
             self._coarse_error = self._evaluate_points([x0])[0] - self.evaluate_fine(x0)[0]
 
     def evaluate_fine(self, x: Array) -> tuple[Array, Residuals]:
-        """The vector at ``row`` by short steps, and the residuals [SI] in it."""
+        """Return the weighted residuals from normal simulations, and the residuals [SI]."""
         key = x.tobytes()
         if key not in self._fine_cache:
             residuals = self._data.compute_residuals(self._hypothesis, [x])[0]
@@ -216,21 +229,21 @@ class _LeastSquaresProblem:
         return self._fine_cache[key]
 
     def evaluate(self, x: Array) -> Array:
-        """Weighted residuals at ``row``, those of the priors last."""
+        """Return the weighted residuals followed by those of the priors."""
         return self._evaluate_points([x])[0] - self._coarse_error if self._coarse else self.evaluate_fine(x)[0]
 
     def jacobian(self, x: Array) -> Array:
-        """Of :meth:`vector`: into the bounds, one unknown at a time, all at once on the bench."""
+        """Return the Jacobian of :meth:`evaluate` by one-sided differences within the bounds, in one batch."""
         signs = np.where(x + FINITE_DIFFERENCE_STEP > self._upper, -1.0, 1.0)
-        moved = [x + FINITE_DIFFERENCE_STEP * sign * unit for sign, unit in zip(signs, np.eye(len(x)), strict=True)]
-        here, *vectors = self._evaluate_points([x, *moved])
+        points = [x + FINITE_DIFFERENCE_STEP * sign * unit for sign, unit in zip(signs, np.eye(len(x)), strict=True)]
+        center, *vectors = self._evaluate_points([x, *points])
         return np.stack(
-            [(v - here) / (FINITE_DIFFERENCE_STEP * s) for v, s in zip(vectors, signs, strict=True)], axis=1
+            [(v - center) / (FINITE_DIFFERENCE_STEP * s) for v, s in zip(vectors, signs, strict=True)], axis=1
         )
 
     def _evaluate_points(self, points: Sequence[Array]) -> list[Array]:
-        found = self._data.compute_residuals(self._hypothesis, points, coarse=self._coarse)
-        return [self._assemble(row, each) for row, each in zip(points, found, strict=True)]
+        rows = self._data.compute_residuals(self._hypothesis, points, coarse=self._coarse)
+        return [self._assemble(x, residuals) for x, residuals in zip(points, rows, strict=True)]
 
     def _assemble(self, x: Array, residuals: Residuals) -> Array:
         return np.concatenate([self._data.weight_residuals(residuals), x[: self._hypothesis.n_device_parameters]])

@@ -1,10 +1,10 @@
-"""How loud noise is at each instant: a device lets the noise of its inputs through more in some states than in others.
+"""Heteroscedastic noise: its variance follows the device's sensitivity to the noise of its inputs.
 
-A hardly inflated muscle moves far for a little pressure, a stiff one pulls hard for a little length. The variance of
-a channel is taken to be ``A + B s_p^2 + C s_L^2``, with the channel's sensitivities to commanded pressure and
-prescribed length (in a walk, to the centre of pressure) from two simulations, and A, B and C, none negative, from
-what sets repeats apart. While the pressure changes at a regulator's rate, a moment counts: when it began to is known
-no better than a time step, and what that changes is added.
+A weakly inflated muscle moves far for a small pressure change; a stiff one pulls hard for a small length change. The
+variance of a channel is modelled as ``A + B s_p^2 + C s_L^2`` with nonnegative A, B and C. The sensitivities ``s_p`` to
+the commanded pressure and ``s_L`` to the prescribed length (in gait: to the centre of pressure) come from two
+simulations, the coefficients from the deviations of repeats. While a regulator limits the rate of the pressure, timing
+matters as well: the start of a pressure change is known to within one time step, and the resulting variance is added.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,110 +14,119 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import nnls
 
-from klute_sim.diagnosis.experiments.base import COARSE_STEP_FACTOR, Array, Experiment, SimulationSetup, Simulator
-from klute_sim.diagnosis.noise import repeats as noises
+from klute_sim.diagnosis.experiments.base import COARSE_STEP_FACTOR, Experiment, SimulationSetup
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.noise.repeats import Residuals, align_repeats, list_channels
+from klute_sim.types import Array
 
 MIN_VARIANCE_FRACTION = 0.05
-"""Of the mean variance, that is left wherever noise is least (assumed)."""
+"""Lower limit of the variance, as a fraction of its mean (assumed)."""
 N_REWEIGHTINGS = 3
-"""Of weighing what sets repeats apart by the variance found so far."""
+"""Iterations of the weighted fit of the variance model."""
 
 
 def add_noise_scales(
     experiments: Sequence[Experiment], fit_experiments: Sequence[Experiment], simulator: Simulator
 ) -> list[Experiment]:
-    """``experiments`` with the loudness of their noise, as repeats of ``fitted`` ones have it on average 1 (rms).
+    """Return ``experiments`` with noise scales whose root mean square over the repeats of ``fit_experiments`` is 1.
 
-    Nothing changes without repeats. In a channel that one of the inputs never moves noise is taken to be equally loud
-    everywhere, but for the moments of the pressure.
+    Channels without repeats keep a scale of 1. In a channel that does not respond to one of the inputs, only the
+    timing of the pressure changes the scale.
     """
-    seen = _compute_sensitivities(experiments, simulator)
-    known = {e.name: row for e, row in zip(experiments, seen, strict=True)}
-    residuals = [{c: series.value - known[e.name][c][0] for c, series in e.measured.items()} for e in fit_experiments]
-    shares = {
-        c: _fit_variance_model(fit_experiments, residuals, known, c) for c in noises.list_channels(fit_experiments)
+    rows = _compute_sensitivities(experiments, simulator)
+    sensitivities = {e.name: row for e, row in zip(experiments, rows, strict=True)}
+    residuals = [
+        {channel: series.value - sensitivities[e.name][channel][0] for channel, series in e.measured.items()}
+        for e in fit_experiments
+    ]
+    models = {
+        channel: _fit_variance_model(fit_experiments, residuals, sensitivities, channel)
+        for channel in list_channels(fit_experiments)
     }
-    result = []
-    for e, row in zip(experiments, seen, strict=True):
-        loud = {}
+    scaled = []
+    for e, row in zip(experiments, rows, strict=True):
+        scales = {}
         for channel in e.measured:
-            share = shares.get(channel)
-            if share is not None and len(e.measured[channel].time):
-                own = np.maximum(
-                    MIN_VARIANCE_FRACTION, row[channel][1:3].T @ share.coefficients[1:] + share.coefficients[0]
+            model = models.get(channel)
+            if model is not None and len(e.measured[channel].time):
+                variance = np.maximum(
+                    MIN_VARIANCE_FRACTION, row[channel][1:3].T @ model.coefficients[1:] + model.coefficients[0]
                 )
-                loud[channel] = np.sqrt(own + row[channel][3] / share.mean_variance)
-        result.append(replace(e, noise_scale=loud))
-    return result
+                scales[channel] = np.sqrt(variance + row[channel][3] / model.mean_variance)
+        scaled.append(replace(e, noise_scale=scales))
+    return scaled
 
 
 class _VarianceModel(NamedTuple):
-    """What the noise of a channel is made of."""
+    """Variance of a channel's noise as a function of its sensitivities."""
 
     coefficients: Array
     """A, B and C over the mean variance."""
     mean_variance: float
-    """Mean [SI]."""
+    """Mean variance [SI^2]."""
 
 
 def _compute_sensitivities(experiments: Sequence[Experiment], simulator: Simulator) -> list[dict[str, Array]]:
-    """Per experiment: channel -> (4, samples): as simulated, and the squares of what it changes when the pressure
-    command, what else is prescribed, or (by a step) the moment at which the command comes is moved [SI].
+    """Return channel -> (4, samples) for each experiment.
+
+    The rows are the simulated reading [SI] and the squares of its changes [SI^2] for a perturbed pressure, for a
+    perturbed mechanical input, and for a command that is one time step late.
     """
-    moved = [experiments, *zip(*(e.perturb_inputs(_delay_command) for e in experiments), strict=True)]
-    shown = [simulator.simulate([[SimulationSetup(e.device.parameters) for e in each]], each)[0] for each in moved]
+    variants = [experiments, *zip(*(e.perturb_inputs(_delay_command) for e in experiments), strict=True)]
+    readings = [
+        simulator.simulate([[SimulationSetup(e.device.parameters) for e in variant]], variant)[0]
+        for variant in variants
+    ]
     return [
         {
-            c: np.stack(
+            channel: np.stack(
                 [
-                    here[c],
-                    (more[c] - here[c]) ** 2,
-                    (shorter[c] - here[c]) ** 2,
-                    ((late[c] - here[c]) / COARSE_STEP_FACTOR) ** 2,
+                    nominal[channel],
+                    (pressure[channel] - nominal[channel]) ** 2,
+                    (mechanical[channel] - nominal[channel]) ** 2,
+                    ((delayed[channel] - nominal[channel]) / COARSE_STEP_FACTOR) ** 2,
                 ]
             )
-            for c in here
+            for channel in nominal
         }
-        for here, more, shorter, late in zip(*shown, strict=True)
+        for nominal, pressure, mechanical, delayed in zip(*readings, strict=True)
     ]
 
 
 def _delay_command(command: Array) -> Array:
-    """``command`` so many steps later that both step lengths see all of them."""
+    """Return ``command`` delayed by a whole number of steps at both the normal and the coarse time step."""
     return np.concatenate([np.repeat(command[:1], COARSE_STEP_FACTOR), command[:-COARSE_STEP_FACTOR]])
 
 
 def _fit_variance_model(
     fit_experiments: Sequence[Experiment],
-    residuals: noises.Residuals,
+    residuals: Residuals,
     sensitivities: Mapping[str, dict[str, Array]],
     channel: str,
 ) -> _VarianceModel | None:
-    """Of ``channel``; None where nothing was repeated."""
-    rows, apart = [], []
-    first = {e.group: e for e in reversed(fit_experiments) if channel in e.measured}
-    for stack in noises.align_repeats(fit_experiments, residuals, channel):
-        e = first[stack.group]
-        clock = e.align_time(e.measured[channel].time - e.start_time)
-        rows.append(
-            np.stack(
-                [
-                    np.ones(len(stack.time)),
-                    *(np.interp(stack.time, clock, s) for s in sensitivities[e.name][channel][1:3]),
-                ]
-            )
+    """Fit the variance model of ``channel`` by reweighted least squares; return None without repeats."""
+    regressors, variances = [], []
+    first_of_group = {e.group: e for e in reversed(fit_experiments) if channel in e.measured}
+    for repeats in align_repeats(fit_experiments, residuals, channel):
+        e = first_of_group[repeats.group]
+        time = e.align_time(e.measured[channel].time - e.start_time)
+        squared_sensitivities = sensitivities[e.name][channel][1:3]
+        regressors.append(
+            np.stack([np.ones(len(repeats.time)), *(np.interp(repeats.time, time, s) for s in squared_sensitivities)])
         )
-        apart.append(((stack.residuals - stack.residuals.mean(axis=0)) ** 2).sum(axis=0) / (len(stack.residuals) - 1))
-    if not rows:
+        deviations = repeats.residuals - repeats.residuals.mean(axis=0)
+        variances.append((deviations**2).sum(axis=0) / (len(repeats.residuals) - 1))
+    if not regressors:
         return None
-    columns, squares = np.concatenate(rows, axis=1).T, np.concatenate(apart)
-    mean, whole = columns.mean(axis=0), float(squares.mean())
-    if not whole > 0.0:
+    columns, squares = np.concatenate(regressors, axis=1).T, np.concatenate(variances)
+    column_means, mean_variance = columns.mean(axis=0), float(squares.mean())
+    if not mean_variance > 0.0:
         return None
-    if not mean.all():
-        return _VarianceModel(np.array([1.0, 0.0, 0.0]), whole)
-    variance, found = np.full(len(squares), whole), np.zeros(3)
+    if not column_means.all():
+        return _VarianceModel(np.array([1.0, 0.0, 0.0]), mean_variance)
+    variance, coefficients = np.full(len(squares), mean_variance), np.zeros(3)
     for _ in range(N_REWEIGHTINGS):
-        found = nnls(columns / mean / variance[:, np.newaxis], squares / variance)[0] / mean
-        variance = np.maximum(columns @ found, MIN_VARIANCE_FRACTION * whole)
-    return _VarianceModel(np.asarray(found / (columns @ found).mean()), whole)
+        solution = nnls(columns / column_means / variance[:, np.newaxis], squares / variance)[0]
+        coefficients = solution / column_means
+        variance = np.maximum(columns @ coefficients, MIN_VARIANCE_FRACTION * mean_variance)
+    return _VarianceModel(np.asarray(coefficients / (columns @ coefficients).mean()), mean_variance)

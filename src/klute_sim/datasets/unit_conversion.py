@@ -1,0 +1,52 @@
+"""Conversion of measured columns from any unit of the right dimension to SI."""
+
+import re
+from functools import cache
+from typing import Any
+
+EXAMPLE_UNITS = {
+    "s": "s, ms, min",
+    "m": "mm, cm, m, in",
+    "N": "N, kN, kgf, lbf",
+    "Pa": "bar, kPa, MPa, psi, Pa",
+    "rad": "deg, rad",
+    "N*m": "N*m, kgf*m, lbf*ft",
+}
+"""SI unit of a channel -> examples of allowed units for error messages."""
+
+_UNIT_TOKEN = re.compile(r"[^\W\d_][^\W\d_]*|[\s*·⋅/.°^\d-]")
+_EXCESSIVE_POWER = re.compile(r"\d{2}|(\^|\*\*)[\s\d.-]*(\^|\*\*)")
+"""Powers that occur in no unit and take too long to evaluate."""
+
+
+@cache
+def _get_registry() -> Any:
+    import pint  # the import takes half a second and is needed for datasets only
+
+    return pint.UnitRegistry()
+
+
+@cache
+def get_si_factor(unit: str, si_unit: str) -> float | None:
+    """Return the factor from ``unit`` to ``si_unit``; None where ``unit`` is not a unit of the same kind.
+
+    Base units are compared, so a percentage is not an angle although both are dimensionless. A unit with an offset,
+    such as a temperature, has no factor.
+    """
+    if _UNIT_TOKEN.sub("", unit) or _EXCESSIVE_POWER.search(unit):
+        return None
+    registry = _get_registry()
+    try:
+        value, base = registry.get_base_units(registry.parse_units(unit.replace("⋅", "*")))
+        si_base = registry.get_base_units(registry.parse_units(si_unit))[1]
+        if registry.Quantity(0.0, registry.parse_units(unit.replace("⋅", "*"))).to_base_units().magnitude != 0.0:
+            return None
+    except Exception:  # for an invalid unit, pint's parser raises a dozen types of exceptions
+        return None
+    return float(value) if base == si_base else None
+
+
+def get_conversion_factor(unit: str, target_unit: str) -> float | None:
+    """Return the factor from ``unit`` to ``target_unit``; None where they are not units of the same kind."""
+    numerator, denominator = get_si_factor(unit, target_unit), get_si_factor(target_unit, target_unit)
+    return None if numerator is None or denominator is None else numerator / denominator

@@ -1,0 +1,123 @@
+"""Simulation of experiments: one run, Richardson extrapolation in the time step, and many runs in parallel."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from klute_sim.diagnosis.experiments.base import (
+    COARSE_STEP_FACTOR,
+    RESPONSE_FIELDS,
+    DeviceResponse,
+    Experiment,
+    SimulationSetup,
+)
+from klute_sim.effects.catalogue import get_effects
+from klute_sim.types import Array
+
+MAX_CACHED_SIMULATIONS = 128
+"""Simulations kept in memory."""
+
+
+def extrapolate_to_zero_step(fine: DeviceResponse, coarse: DeviceResponse) -> DeviceResponse:
+    """Return the limit for a vanishing time step (Richardson, 1911).
+
+    The time step of ``coarse`` is :data:`COARSE_STEP_FACTOR` times that of ``fine``. The error is proportional to the
+    time step, so it is a multiple of the difference between the two responses.
+    """
+    extrapolated: list[Array | None] = []
+    for fine_values, coarse_values in zip(fine[1:], coarse[1:], strict=True):
+        if fine_values is None or coarse_values is None:
+            extrapolated.append(None)
+            continue
+        difference = np.interp(coarse.time, fine.time, fine_values) - coarse_values
+        extrapolated.append(
+            fine_values + np.interp(fine.time, coarse.time, difference).astype(np.float64) / (COARSE_STEP_FACTOR - 1)
+        )
+    tension, pressure, muscle_length, ankle_angle, ankle_moment = extrapolated
+    assert tension is not None
+    assert pressure is not None
+    assert muscle_length is not None
+    return DeviceResponse(fine.time, tension, pressure, muscle_length, ankle_angle, ankle_moment)
+
+
+def simulate_once(setup: SimulationSetup, experiment: Experiment) -> DeviceResponse:
+    """Simulate ``experiment`` at its own time step."""
+    return experiment.simulate(setup)
+
+
+def simulate_extrapolated(
+    setup: SimulationSetup,
+    experiment: Experiment,
+    simulate: Callable[[SimulationSetup, Experiment], DeviceResponse] = simulate_once,
+) -> DeviceResponse:
+    """Simulate ``experiment`` and extrapolate to a vanishing time step, where its time step is not long already.
+
+    ``simulate`` runs one simulation.
+    """
+    coarse = simulate(setup, experiment.coarse_variant)
+    if experiment.coarse_variant is experiment:
+        return coarse
+    return extrapolate_to_zero_step(simulate(setup, experiment), coarse)
+
+
+def observe(setup: SimulationSetup, experiment: Experiment, response: DeviceResponse) -> dict[str, Array]:
+    """Return the sensor readings [SI] of ``response`` per measured channel, at the times of the measured samples."""
+    readings = {}
+    for channel, series in experiment.measured.items():
+        value: Array = getattr(response, RESPONSE_FIELDS[channel])
+        for sensor in setup.sensors:
+            if sensor.channel == channel:
+                form = get_effects()[sensor.effect].forms[0]
+                value = form.laws["reading"](form.parameter_type(*sensor.parameters), response.time, value)
+        samples = np.interp(series.time, response.time, value)
+        quantizer = experiment.quantizers.get(channel)
+        readings[channel] = samples if quantizer is None else quantizer.quantize(samples)
+    return readings
+
+
+class Simulator:
+    """Simulates many setups in many experiments on a thread pool; results do not depend on the number of threads."""
+
+    def __init__(self, n_jobs: int = 0) -> None:
+        """Start ``n_jobs`` threads (0: one per core)."""
+        self._pool = ThreadPoolExecutor(n_jobs or os.cpu_count() or 1)
+        self._cache: dict[tuple[SimulationSetup, Experiment], DeviceResponse] = {}
+        self.n_rollouts = 0
+        """Simulations run so far."""
+
+    def simulate(
+        self, setups: Sequence[Sequence[SimulationSetup]], experiments: Sequence[Experiment], *, coarse: bool = False
+    ) -> list[list[dict[str, Array]]]:
+        """Return the sensor readings for each row of ``setups``, which holds one setup per experiment.
+
+        ``coarse`` simulations use the longer time step and are not extrapolated.
+        """
+        runs = [(s, e) for row in setups for s, e in zip(row, experiments, strict=True)]
+        # Setups that differ only in their sensors share one simulation.
+        keys = list(dict.fromkeys((s._replace(sensors=()), e) for s, e in runs))
+        responses = dict(
+            zip(keys, self._pool.map(lambda key: self._simulate_one(*key, coarse=coarse), keys), strict=True)
+        )
+        for key in list(self._cache)[:-MAX_CACHED_SIMULATIONS]:
+            del self._cache[key]
+        readings = [observe(s, e, responses[s._replace(sensors=()), e]) for s, e in runs]
+        width = len(experiments)
+        return [readings[k : k + width] for k in range(0, len(readings), width)]
+
+    def _simulate_one(self, setup: SimulationSetup, experiment: Experiment, *, coarse: bool) -> DeviceResponse:
+        if coarse:
+            return self._simulate_cached(setup, experiment.coarse_variant)
+        return simulate_extrapolated(setup, experiment, self._simulate_cached)
+
+    def _simulate_cached(self, setup: SimulationSetup, experiment: Experiment) -> DeviceResponse:
+        key = setup, experiment
+        if key not in self._cache:
+            self.n_rollouts += 1
+            self._cache[key] = experiment.simulate(setup)
+        return self._cache[key]
+
+    def close(self) -> None:
+        """Stop the threads and drop the simulations that have not started."""
+        self._pool.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,77 @@
+"""Misfit: the residual that all repeats of a trial share and that noise does not explain."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.noise.repeats import Noise, Residuals, align_repeats
+from klute_sim.types import Array
+
+SIGNIFICANCE_SIGMAS = 4.0
+"""Standard errors of a mean squared misfit above which it is significant."""
+MIN_MISFIT_FRACTION = 0.25
+"""Smallest relevant misfit, as a fraction of the noise."""
+LOCAL_VARIANCE_WINDOW = 3.0
+"""Window of the local noise variance [correlation times]."""
+
+
+class Misfit(NamedTuple):
+    """Residual of one channel that all repeats share."""
+
+    rms: float
+    """Root mean square [SI]; 0 without misfit."""
+    significance: float
+    """Mean square over its standard error under noise alone."""
+    noise_rms: float
+    """Root mean square residual of a perfect model, due to noise [SI]."""
+
+
+def is_significant(misfit: Misfit) -> bool:
+    """Return whether ``misfit`` exceeds both its uncertainty and the smallest relevant size."""
+    return misfit.significance > SIGNIFICANCE_SIGMAS and misfit.rms > MIN_MISFIT_FRACTION * misfit.noise_rms
+
+
+def estimate_misfit(
+    experiments: Sequence[Experiment], residuals: Residuals, noise: Mapping[str, Noise]
+) -> dict[str, Misfit]:
+    """Return the misfit of each repeated channel from the products of different repeats' residuals.
+
+    Noise cancels in the mean of these products. The standard error uses the local noise variance: some states amplify
+    input noise more than others, and two noisy intervals correlate by chance.
+    """
+    misfits = {}
+    for channel, channel_noise in noise.items():
+        product, variance, uniform_variance, n_samples = 0.0, 0.0, 0.0, 0
+        for repeats in align_repeats(experiments, residuals, channel):
+            pairs = list(itertools.combinations(repeats.residuals, 2))
+            count = repeats.residuals.shape[1]
+            correlation_time = channel_noise.correlation_time(repeats.sampling_interval)
+            product += count * float(np.mean([np.mean(a * b) for a, b in pairs]))
+            weight = count * correlation_time / len(pairs)
+            variance += weight * _mean_squared_variance(repeats.residuals, correlation_time)
+            uniform_variance += weight * channel_noise.std**4
+            n_samples += count
+        if n_samples:
+            mean = product / n_samples
+            standard_error = np.sqrt(max(variance, uniform_variance)) / n_samples
+            misfits[channel] = Misfit(float(np.sqrt(max(0.0, mean))), float(mean / standard_error), channel_noise.std)
+    return misfits
+
+
+def _mean_squared_variance(residuals: Array, correlation_time: float) -> float:
+    """Return the time average of the squared local noise variance [SI^4] of ``residuals`` (repeats, samples).
+
+    The local variance is that of a window of :data:`LOCAL_VARIANCE_WINDOW` correlation times, with one degree of
+    freedom per correlation time and repeat but one. Its squared estimate is too large by ``1 + 2 / freedom``.
+    """
+    n_repeats, n_samples = residuals.shape
+    width = min(n_samples, max(1, round(LOCAL_VARIANCE_WINDOW * correlation_time)))
+    variance = ((residuals - residuals.mean(axis=0)) ** 2).sum(axis=0) / (n_repeats - 1)
+    local_variance = uniform_filter1d(variance, width, mode="nearest")
+    freedom = (n_repeats - 1) * max(1.0, width / correlation_time)
+    bias: float = 1.0 + 2.0 / freedom
+    return float(np.mean(local_variance * local_variance)) / bias

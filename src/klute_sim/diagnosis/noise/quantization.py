@@ -1,0 +1,114 @@
+"""Quantization of channels: detection of a display's resolution in the data, and its model.
+
+Data on a grid show that without any simulation. Noise before the quantizer makes it switch between neighbouring
+values, so its mean output is a staircase with rounded corners; simulated values are mapped to that mean. The residuals
+of repeats are then noise again, although all repeats share the same quantization error.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
+from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
+from klute_sim.types import Array
+
+GRID_TOLERANCE = 0.02
+"""Largest distance of samples from the grid, as a fraction of the resolution: files have finite digits."""
+MIN_RESOLUTION_TO_NOISE = 1.0
+"""Resolution over the standard deviation of the noise, above which quantization matters."""
+MIN_SAMPLES = 200
+"""Fewest samples for the detection of a grid."""
+N_HARMONICS = 8
+"""Harmonics of the quantization error in the model."""
+MAX_DITHER, MIN_DITHER = 1.0, 0.05
+"""Limits of the dither: above, no quantization error is left in the mean; below, corners are sharper than matters."""
+
+
+class Quantizer(NamedTuple):
+    """Quantizer of one channel."""
+
+    resolution: float
+    """Step between neighbouring readings [SI]."""
+    resolution_error: float
+    """Largest error of the resolution, due to the digits in the file [SI]."""
+    offset: float
+    """Any one of the possible readings [SI]."""
+    dither: float
+    """Standard deviation of the noise before the quantizer, over the resolution."""
+
+    def quantize(self, value: Array) -> Array:
+        """Return the mean reading for ``value`` [SI].
+
+        Rounding adds a sawtooth, ``(s/pi) sum (-1)^k/k sin(2 pi k y/s)``; Gaussian noise before it multiplies each
+        term by ``exp(-2 pi^2 k^2 d^2)`` (Widrow & Kollar 2008, ch. 4).
+        """
+        phase = 2.0 * np.pi * (value - self.offset) / self.resolution
+        reading = value.copy()
+        for k in range(1, N_HARMONICS + 1):
+            amplitude = (-1.0) ** k / (np.pi * k) * np.exp(-2.0 * (np.pi * k * self.dither) ** 2)
+            reading += self.resolution * amplitude * np.sin(k * phase)
+        return reading
+
+
+def detect_quantizers(
+    experiments: Sequence[Experiment], fit_experiments: Sequence[Experiment]
+) -> tuple[list[Experiment], dict[str, Quantizer]]:
+    """Return ``experiments`` with the quantizers detected in ``fit_experiments``, and the quantizer of each channel.
+
+    Channels without repeats get none.
+    """
+    values = [{channel: series.value for channel, series in e.measured.items()} for e in fit_experiments]
+    quantizers = {}
+    for channel, noise in estimate_noise_from_repeats(fit_experiments, values).items():
+        if channel in CHANNEL_UNITS:
+            grid = _find_grid(np.concatenate([row[channel] for row in values if channel in row]))
+            if grid is not None and grid.resolution > MIN_RESOLUTION_TO_NOISE * noise.std:
+                quantizers[channel] = Quantizer(*grid, _solve_dither(noise.std / grid.resolution))
+    with_quantizers = [
+        replace(e, quantizers={channel: quantizers[channel] for channel in e.measured if channel in quantizers})
+        for e in experiments
+    ]
+    return with_quantizers, quantizers
+
+
+class _Grid(NamedTuple):
+    resolution: float
+    resolution_error: float
+    offset: float
+
+
+def _find_grid(values: Array) -> _Grid | None:
+    """Return the grid that all ``values`` lie on, or None."""
+    readings = np.unique(values)
+    if len(values) < MIN_SAMPLES or not 2 < len(readings) < 0.5 * len(values):
+        return None
+    gaps = np.diff(readings)
+    resolution = float(np.median(gaps[gaps < 1.5 * gaps[gaps > 0.3 * np.median(gaps)].min()]))
+    for _ in range(3):  # at first, the number of steps is exact for small distances only
+        count = np.round((readings - readings[0]) / resolution)
+        resolution, offset = (float(x) for x in np.polyfit(count, readings, 1))
+    distance = np.abs(readings - offset - resolution * count).max()
+    if not distance < GRID_TOLERANCE * resolution:
+        return None
+    return _Grid(resolution, GRID_TOLERANCE * resolution / float(count[-1]), offset)
+
+
+def _solve_dither(noise_ratio: float) -> float:
+    """Return the dither for which repeats deviate by ``noise_ratio`` after the quantizer, both over the resolution.
+
+    The variance between repeats is that of the noise plus the quantization error, minus its part common to all repeats.
+    """
+
+    def excess_variance(dither: float) -> float:
+        common = sum(np.exp(-((2.0 * np.pi * k * dither) ** 2)) / (2.0 * (np.pi * k) ** 2) for k in range(1, 9))
+        return float(dither**2 + 1.0 / 12.0 - common - noise_ratio**2)
+
+    if excess_variance(MIN_DITHER) >= 0.0:
+        return MIN_DITHER
+    if excess_variance(MAX_DITHER) <= 0.0:
+        return MAX_DITHER
+    return float(brentq(excess_variance, MIN_DITHER, MAX_DITHER))
