@@ -1,4 +1,4 @@
-"""The report of a diagnosis: its numbers are the diagnosis's own, its names are harmless, every verdict has a page."""
+"""Page of a diagnosis: its numbers are those of the diagnosis, names are escaped, and every verdict has a page."""
 
 import base64
 import re
@@ -6,176 +6,187 @@ from dataclasses import replace
 
 import pytest
 
-from klute_sim.diagnosis.workflow import Diagnosis
+from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.provenance import collect_versions
 from klute_sim.report.diagnosis import page
 from klute_sim.report.diagnosis import text as words
 from klute_sim.units import BAR
-from tests.report.synthetic_diagnosis import SLOPE, bare, clean, evil, rivalled, rows_of, text_of
+from tests.report.synthetic_diagnosis import (
+    SLOPE_N_PER_BAR,
+    insufficient,
+    rows_of,
+    text_of,
+    with_equivalent_model,
+    with_html_attack,
+    without_effects,
+)
 
 
-def test_the_example_is_what_it_should_be(found: Diagnosis) -> None:
-    assert found.verdict == "named"
-    assert [term.effect for term in found.added_terms] == ["braid_hysteresis"]
+def test_synthetic_dataset_is_identified(diagnosis: Diagnosis) -> None:
+    assert diagnosis.verdict == "identified"
+    assert [term.effect for term in diagnosis.added_terms] == ["braid_hysteresis"]
 
 
-def test_an_instruments_numbers_are_in_its_channels_unit(found: Diagnosis) -> None:
+def test_instrument_parameters_have_the_unit_of_their_channel(diagnosis: Diagnosis) -> None:
     for effect, expected in [
         ("sensor_offset", ("offset", "bar")),
         ("sensor_drift", ("rate", "bar/s")),
         ("sensor_lag", ("time constant", "s")),
         ("sensor_gain", ("gain", "")),
     ]:
-        term = found.added_terms[0]._replace(effect=effect, form="linear", channel="pressure")
-        assert found.base_fit is not None
-        (unknown,) = replace(found.base_fit.hypothesis, terms=(term,)).parameters[
-            found.base_fit.hypothesis.n_device_parameters :
+        term = diagnosis.added_terms[0]._replace(effect=effect, form="linear", channel="pressure")
+        assert diagnosis.base_fit is not None
+        (parameter,) = replace(diagnosis.base_fit.hypothesis, terms=(term,)).parameters[
+            diagnosis.base_fit.hypothesis.n_device_parameters :
         ]
-        assert words.format_parameter_name(unknown, "pressure") == expected
+        assert words.format_parameter_name(parameter, "pressure") == expected
 
 
-def test_the_effect_is_told_with_its_law_and_interval(found: Diagnosis, plain: str) -> None:
-    text = text_of(plain)
-    term, final = found.added_terms[0], found.final_fit
+def test_effect_is_shown_with_equation_and_interval(diagnosis: Diagnosis, html: str) -> None:
+    text = text_of(html)
+    term, final = diagnosis.added_terms[0], diagnosis.final_fit
     assert final is not None
     for part in (term.effect_definition.description, term.form_definition.equation, words.format_term(term)):
         assert part in text
-    place = final.hypothesis.n_device_parameters
-    rows = rows_of(plain, "effects")
-    value, low, high = words.format_interval(final.values[place], *found.confidence_intervals[place])
+    index = final.hypothesis.n_device_parameters
+    rows = rows_of(html, "effects")
+    value, lower, upper = words.format_interval(final.values[index], *diagnosis.confidence_intervals[index])
     name = "slope slope_n_per_bar"
-    assert [name, value, f"{low} to {high}", "N/bar", ""] in rows
-    assert float(rows[1][1]) == pytest.approx(SLOPE, rel=0.15)
+    assert [name, value, f"{lower} to {upper}", "N/bar", ""] in rows
+    assert float(rows[1][1]) == pytest.approx(SLOPE_N_PER_BAR, rel=0.15)
     assert all(p.source in text for p in term.form_definition.parameters if p.source.startswith("assumed"))
 
 
-def test_the_gap_is_that_of_the_diagnosis(found: Diagnosis, plain: str) -> None:
-    rows = {row[0]: row for row in rows_of(plain, "gap")}
+def test_gap_table_matches_the_diagnosis(diagnosis: Diagnosis, html: str) -> None:
+    rows = {row[0]: row for row in rows_of(html, "gap")}
     for channel, unit, si in (("force", "N", 1.0), ("pressure", "bar", BAR)):
-        gap = found.channel_rms[channel]
-        shown = [words.format_number(v / si, 3) for v in (gap.nominal, gap.refitted, gap.with_effects, gap.noise_floor)]
-        assert rows[channel][1:6] == [unit, *shown]
-    gap = found.channel_rms["force"]
-    gone = 1.0 - max(0.0, gap.with_effects**2 - gap.noise_floor**2) / (gap.refitted**2 - gap.noise_floor**2)
-    assert rows["force"][6] == f"{100.0 * gone:.1f} %"
-    assert f"{words.format_number(gap.refitted, 3)} N to {words.format_number(gap.with_effects, 3)} N" in text_of(plain)
+        gap = diagnosis.channel_rms[channel]
+        values = [
+            words.format_number(v / si, 3) for v in (gap.nominal, gap.refitted, gap.with_effects, gap.noise_floor)
+        ]
+        assert rows[channel][1:6] == [unit, *values]
+    gap = diagnosis.channel_rms["force"]
+    removed = 1.0 - max(0.0, gap.with_effects**2 - gap.noise_floor**2) / (gap.refitted**2 - gap.noise_floor**2)
+    assert rows["force"][6] == f"{100.0 * removed:.1f} %"
+    assert f"{words.format_number(gap.refitted, 3)} N to {words.format_number(gap.with_effects, 3)} N" in text_of(html)
 
 
-def test_noise_split_steps_device_and_versions_are_there(found: Diagnosis, plain: str) -> None:
-    noise = {row[0]: row for row in rows_of(plain, "noise")}["force"]
-    own = found.noise["force"]
-    assert noise[1:5] == [
+def test_page_shows_noise_split_steps_device_and_versions(diagnosis: Diagnosis, html: str) -> None:
+    row = {row[0]: row for row in rows_of(html, "noise")}["force"]
+    noise = diagnosis.noise["force"]
+    assert row[1:5] == [
         "N",
-        words.format_number(own.std, 3),
-        f"{100.0 * own.independent_fraction:.0f} %",
-        str(own.n_samples),
+        words.format_number(noise.std, 3),
+        f"{100.0 * noise.independent_fraction:.0f} %",
+        str(noise.n_samples),
     ]
-    assert float(noise[5].split()[0]) > 1.0 > float(noise[6].split()[0])
-    uses = {row[0].split(":")[0]: row[1] for row in rows_of(plain, "trials")[1:]}
-    assert uses == {"fit": "g0_0 (g0), g0_1 (g0)", "select": "none", "show": "g1_0 (g1), g1_1 (g1)"}
-    assert found.base_fit is not None
-    assert found.final_fit is not None
-    device = {row[0]: row for row in rows_of(plain, "device")}["muscle.c10_kpa"]
-    before, after = (f"{fit.x[0]:+.2f}" for fit in (found.base_fit, found.final_fit))
-    assert device[1:5] == ["kPa", "118.4", "11.8", words.format_number(found.base_fit.values[0])]
+    assert float(row[5].split()[0]) > 1.0 > float(row[6].split()[0])
+    uses = {row[0].split(":")[0]: row[1] for row in rows_of(html, "trials")[1:]}
+    assert uses == {"fit": "g0_0 (g0), g0_1 (g0)", "validation": "none", "test": "g1_0 (g1), g1_1 (g1)"}
+    assert diagnosis.base_fit is not None
+    assert diagnosis.final_fit is not None
+    device = {row[0]: row for row in rows_of(html, "device")}["muscle.c10_kpa"]
+    before, after = (f"{fit.x[0]:+.2f}" for fit in (diagnosis.base_fit, diagnosis.final_fit))
+    assert device[1:5] == ["kPa", "118.4", "11.8", words.format_number(diagnosis.base_fit.values[0])]
     assert [device[5], device[7]] == [before, after]
     for row, value, ends in zip(
-        rows_of(plain, "device")[1:], found.final_fit.values, found.confidence_intervals, strict=False
+        rows_of(html, "device")[1:], diagnosis.final_fit.values, diagnosis.confidence_intervals, strict=False
     ):
         assert [row[6], *row[8].split(" to ")] == list(words.format_interval(value, *ends))
-    text = text_of(plain)
-    assert f"{found.n_simulations} simulations" in text
+    text = text_of(html)
+    assert f"{diagnosis.n_simulations} simulations" in text
     assert all(f"{name} {version}" in text for name, version in collect_versions().items())
-    for step in found.selection_history:
+    for step in diagnosis.selection_history:
         assert words.format_sentence(step.reason) in text
-    fall = found.selection_history[0].initial_fit.bic(found.n_independent) - found.selection_history[0].refits[0].bic(
-        found.n_independent
-    )
-    assert ["braid hysteresis (Coulomb)", f"{fall:.1f}"] in [[row[0], row[2]] for row in rows_of(plain, "steps")]
+    bic_drop = diagnosis.selection_history[0].initial_fit.bic(diagnosis.n_independent) - diagnosis.selection_history[
+        0
+    ].refits[0].bic(diagnosis.n_independent)
+    assert ["braid hysteresis (Coulomb)", f"{bic_drop:.1f}"] in [[row[0], row[2]] for row in rows_of(html, "steps")]
 
 
-def test_what_was_not_looked_at_is_said(plain: str) -> None:
-    unseen = text_of(plain.split('<h2 id="unseen"')[1])
-    assert "seal friction" in unseen
-    assert "braid hysteresis" not in unseen
-    assert "not measured: muscle length" in unseen
-    assert "no second group" in unseen  # there is one to fit, and none to select by
+def test_page_lists_what_was_not_examined(html: str) -> None:
+    limitations = text_of(html.split('<h2 id="limitations"')[1])
+    assert "seal friction" in limitations
+    assert "braid hysteresis" not in limitations
+    assert "not measured: muscle length" in limitations
+    assert "no validation trial" in limitations
 
 
-def test_every_verdict_has_a_page(found: Diagnosis) -> None:
-    unexplained = replace(found, verdict="unexplained")
-    for one, sentence in [
-        (found, "The simulated device lacks braid hysteresis (Coulomb)."),
+def test_every_verdict_has_a_page(diagnosis: Diagnosis) -> None:
+    unexplained = replace(diagnosis, verdict="unexplained")
+    for variant, sentence in [
+        (diagnosis, "The simulated device lacks braid hysteresis (Coulomb)."),
         (
             unexplained,
-            "lacks something that is not fully explained; braid hysteresis (Coulomb) comes closest, as a proxy",
+            "the deviation is not fully explained; braid hysteresis (Coulomb) comes closest, as a proxy",
         ),
-        (replace(clean(found), verdict="unexplained"), "no effect that was looked for explains it."),
-        (replace(clean(found), verdict="nothing-missing"), "Nothing is missing"),
-        (bare(found), "These data cannot tell whether the simulation lacks anything."),
+        (replace(without_effects(diagnosis), verdict="unexplained"), "no candidate effect explains the deviation."),
+        (replace(without_effects(diagnosis), verdict="nothing-missing"), "Nothing is missing"),
+        (insufficient(diagnosis), "The data are insufficient to decide whether the simulation lacks an effect."),
     ]:
-        html = page.render_page(one, {})
+        html = page.render_page(variant, {})
         answer = text_of(html.split('<div class="answer')[1].split("</div>")[0])
-        assert sentence in answer, one.verdict
-        assert f"Verdict: {one.verdict}" in answer
-        assert all(words.format_sentence(reason) in text_of(html) for reason in one.reasons)
-        assert ('id="effects"' in html) == bool(one.added_terms)
-        assert ("(a proxy)" in html) == (one is unexplained)
-        assert ('id="gap"' in html) == (one.final_fit is not None)
+        assert sentence in answer, variant.verdict
+        assert f"Verdict: {variant.verdict}" in answer
+        assert all(words.format_sentence(reason) in text_of(html) for reason in variant.reasons)
+        assert ('id="effects"' in html) == bool(variant.added_terms)
+        assert ("(a proxy)" in html) == (variant is unexplained)
+        assert ('id="gap"' in html) == (variant.final_fit is not None)
 
 
-def test_rivals_are_named_with_their_distance(found: Diagnosis) -> None:
-    one = rivalled(found)
-    html, rival = page.render_page(one, {}), words.format_term(one.equivalent_models[0].fit.hypothesis.terms[-1])
-    assert f"{rival} would explain the data as well" in words.describe_verdict(one)
-    row = rows_of(html, "rivals")[1]
-    assert row[:3] == [rival, "braid hysteresis (Coulomb)", "worse by 2.2"]
-    last = one.equivalent_models[0].fit.values[-1]
-    assert words.format_number(last) in row[3]
-    assert 'id="rivals"' not in page.render_page(found, {})
+def test_equivalent_models_are_listed_with_their_bic_difference(diagnosis: Diagnosis) -> None:
+    ambiguous = with_equivalent_model(diagnosis)
+    fit = ambiguous.equivalent_models[0].fit
+    html, name = page.render_page(ambiguous, {}), words.format_term(fit.hypothesis.terms[-1])
+    assert f"{name} would explain the data equally well" in words.describe_verdict(ambiguous)
+    row = rows_of(html, "equivalent-models")[1]
+    assert row[:3] == [name, "braid hysteresis (Coulomb)", "worse by 2.2"]
+    assert words.format_number(fit.values[-1]) in row[3]
+    assert 'id="equivalent-models"' not in page.render_page(diagnosis, {})
 
 
-def test_the_next_experiment_is_proposed(found: Diagnosis, plain: str) -> None:
-    html = page.render_page(replace(found, next_experiment={"sentence": "Turn <the rig> over.", "inputs": {}}), {})
-    assert "Turn <the rig> over." in text_of(html.split('<div class="answer')[1].split("</div>")[0])
-    assert "What to record next" not in plain
+def test_next_experiment_is_recommended(diagnosis: Diagnosis, html: str) -> None:
+    proposal = {"sentence": "Turn <the rig> over.", "inputs": {}}
+    with_proposal = page.render_page(replace(diagnosis, next_experiment=proposal), {})
+    assert "Turn <the rig> over." in text_of(with_proposal.split('<div class="answer')[1].split("</div>")[0])
+    assert "Recommended next experiment" not in html
 
 
-def test_a_fit_that_did_not_converge_or_stands_at_a_bound_is_confessed(found: Diagnosis, plain: str) -> None:
-    assert found.final_fit is not None
-    steps = found.final_fit.x.copy()
-    steps[0] = 3.0
-    doubtful = replace(found, final_fit=replace(found.final_fit, converged=False, x=steps))
-    html = page.render_page(doubtful, {})
-    assert "with what was found did not converge" in html
-    assert "did not converge" not in plain
-    assert rows_of(html, "device")[1][-1] == "in the end at the end of what is allowed"
-    assert rows_of(plain, "device")[1][-1] == ""
+def test_page_warns_of_a_fit_that_did_not_converge_or_is_at_a_bound(diagnosis: Diagnosis, html: str) -> None:
+    assert diagnosis.final_fit is not None
+    x = diagnosis.final_fit.x.copy()
+    x[0] = 3.0
+    unreliable = replace(diagnosis, final_fit=replace(diagnosis.final_fit, converged=False, x=x))
+    unreliable_html = page.render_page(unreliable, {})
+    assert "with the added effects did not converge" in unreliable_html
+    assert "did not converge" not in html
+    assert rows_of(unreliable_html, "device")[1][-1] == "at a bound in the final fit"
+    assert rows_of(html, "device")[1][-1] == ""
 
 
 @pytest.fixture(scope="module")
-def attacked(found: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> str:
+def attacked_html(diagnosis: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> str:
     file = tmp_path_factory.mktemp("page") / "page.html"
-    page.write_page(evil(found), file)
+    page.write_page(with_html_attack(diagnosis), file)
     return file.read_text("utf-8")
 
 
-def test_names_from_the_data_are_harmless(attacked: str) -> None:
-    assert "<script" not in attacked
+def test_names_from_the_data_are_escaped(attacked_html: str) -> None:
+    assert "<script" not in attacked_html
     for section in ("trials", "steps"):
-        assert "&lt;script&gt;" in attacked.split(f'<h2 id="{section}"')[1].split("<h2")[0]
-    assert text_of(attacked).count("<script>") >= 8
+        assert "&lt;script&gt;" in attacked_html.split(f'<h2 id="{section}"')[1].split("<h2")[0]
+    assert text_of(attacked_html).count("<script>") >= 8
 
 
-def test_the_page_carries_its_pictures_and_nothing_from_elsewhere(attacked: str) -> None:
-    images = re.findall(r'<img src="data:image/png;base64,([^"]+)"', attacked)
+def test_page_embeds_its_figures_and_loads_nothing(attacked_html: str) -> None:
+    images = re.findall(r'<img src="data:image/png;base64,([^"]+)"', attacked_html)
     assert len(images) == 4
     assert all(base64.b64decode(image).startswith(b"\x89PNG") for image in images)
-    assert attacked.count("src=") == 4
-    assert "http:" not in attacked
-    assert "https:" not in attacked
+    assert attacked_html.count("src=") == 4
+    assert "http:" not in attacked_html
+    assert "https:" not in attacked_html
 
 
-def test_the_page_links_to_a_recording_that_is_there(found: Diagnosis, plain: str) -> None:
-    assert "rrd" not in plain
-    assert '<a href="recording.rrd">' in page.render_page(found, {}, "recording.rrd")
+def test_page_links_to_its_recording(diagnosis: Diagnosis, html: str) -> None:
+    assert "rrd" not in html
+    assert '<a href="recording.rrd">' in page.render_page(diagnosis, {}, "recording.rrd")

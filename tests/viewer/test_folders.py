@@ -1,4 +1,4 @@
-"""What is shown of every kind of folder is what is in its files."""
+"""Recordings of all kinds of folders show the content of their files."""
 
 import csv
 import json
@@ -24,56 +24,56 @@ from tests.command_line import run
 pytest.importorskip("rerun")
 
 
-def shown(folder: Path) -> RrdContents:
+def read_recording(folder: Path) -> RrdContents:
     with folders.ensure_recording(folder) as file:
         return rrd_reader.read_rrd(file)
 
 
-def values(found: RrdContents, entity: str) -> np.ndarray:
-    return np.array([row[0] for row in found.entities[entity].rows["scalars"]])
+def get_values(contents: RrdContents, entity: str) -> np.ndarray:
+    return np.array([row[0] for row in contents.entities[entity].rows["scalars"]])
 
 
-def text(found: RrdContents, entity: str) -> str:
-    return str(found.entities[entity].static["text"][0])
+def get_text(contents: RrdContents, entity: str) -> str:
+    return str(contents.entities[entity].static["text"][0])
 
 
-def names(found: RrdContents) -> list[str]:
-    return [view.name for view in rrd_reader.iter_views(found.root)]
+def get_view_names(contents: RrdContents) -> list[str]:
+    return [view.name for view in rrd_reader.iter_views(contents.root)]
 
 
-def every_view_has_something(found: RrdContents) -> bool:
-    return all(view.select_entities(found.entities) for view in rrd_reader.iter_views(found.root))
+def has_no_empty_view(contents: RrdContents) -> bool:
+    return all(view.select_entities(contents.entities) for view in rrd_reader.iter_views(contents.root))
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = tmp_path_factory.mktemp("bench")
-    done = run("bench", "isokinetic", "--out", "run", "--step", "2", cwd=home)
-    assert done.returncode == 0, done.stderr
+    completed = run("bench", "isokinetic", "--out", "run", "--step", "2", cwd=home)
+    assert completed.returncode == 0, completed.stderr
     return home / "run"
 
 
-def test_a_bench_run_shows_its_trials_and_readings(bench: Path) -> None:
-    found = shown(bench)
+def test_bench_run_shows_its_trials_and_metrics(bench: Path) -> None:
+    contents = read_recording(bench)
     assert (bench / "recording.rrd").is_file()
-    told = json.loads((bench / "summary.json").read_text())["trials"]
-    tabs = [child.name for child in found.root.children]  # type: ignore[union-attr]
+    trials = json.loads((bench / "summary.json").read_text())["trials"]
+    tabs = [child.name for child in contents.root.children]  # type: ignore[union-attr]
     assert tabs[0] == "all trials"
-    assert tabs[1] == told[0]["name"]
-    assert tabs[-1] == told[-1]["name"]
-    assert every_view_has_something(found)
-    kept = parquet.read(bench / f"{told[-1]['name']}.parquet")
-    here = f"trial_{len(told):03d}"
-    assert np.array_equal(values(found, f"{here}/pressure"), kept["pressure"])
-    assert np.array_equal(values(found, f"{here}/channels/delivered_power"), kept["delivered_power"])
-    assert found.entities[f"{here}/pressure"].get_times("time") == pytest.approx(kept["time"], abs=2e-9)
-    line = next(line for line in text(found, "readings").splitlines() if told[0]["name"] in line)
-    assert f"{told[0]['readings']['force_n']:.4g}" in line
-    curves = [path for path in found.entities if path.startswith("every/curve_")]
-    assert len(curves) == len(told)
+    assert tabs[1] == trials[0]["name"]
+    assert tabs[-1] == trials[-1]["name"]
+    assert has_no_empty_view(contents)
+    channels = parquet.read(bench / f"{trials[-1]['name']}.parquet")
+    prefix = f"trial_{len(trials):03d}"
+    assert np.array_equal(get_values(contents, f"{prefix}/pressure"), channels["pressure"])
+    assert np.array_equal(get_values(contents, f"{prefix}/channels/delivered_power"), channels["delivered_power"])
+    assert contents.entities[f"{prefix}/pressure"].get_times("time") == pytest.approx(channels["time"], abs=2e-9)
+    line = next(line for line in get_text(contents, "metrics").splitlines() if trials[0]["name"] in line)
+    assert f"{trials[0]['metrics']['force_n']:.4g}" in line
+    curves = [path for path in contents.entities if path.startswith("all_trials/curve_")]
+    assert len(curves) == len(trials)
 
 
-def training(folder: Path, *, finished: bool) -> dict[str, Any]:
+def write_training(folder: Path, *, finished: bool) -> dict[str, Any]:
     folder.mkdir()
     rows = [[0.1 * k, 100 * k, 4, 50.0 + k, 90.0] for k in range(1, 6)]
     with (folder / "learning_curve.csv").open("w", newline="") as file:
@@ -85,133 +85,147 @@ def training(folder: Path, *, finished: bool) -> dict[str, Any]:
     return summary
 
 
-def test_a_training_shows_its_curve_and_what_it_came_to(tmp_path: Path) -> None:
-    training(tmp_path / "done", finished=True)
-    found = shown(tmp_path / "done")
-    assert values(found, "curve/episode_return").tolist() == [51.0, 52.0, 53.0, 54.0, 55.0]
-    assert found.entities["curve/episode_return"].get_times("steps").tolist() == [100, 200, 300, 400, 500]
-    assert set(values(found, "evaluated/profile")) == {59.5}
-    assert "| return | 61 | 59.5 |" in text(found, "summary")
-    training(tmp_path / "going", finished=False)
-    going = shown(tmp_path / "going")
-    assert "evaluated/profile" not in going.entities
-    assert text(going, "summary").startswith("# Training, not finished\n\n500 steps in 0.5 minutes")
+def test_training_shows_learning_curve_and_result(tmp_path: Path) -> None:
+    write_training(tmp_path / "done", finished=True)
+    contents = read_recording(tmp_path / "done")
+    assert get_values(contents, "curve/episode_return").tolist() == [51.0, 52.0, 53.0, 54.0, 55.0]
+    assert contents.entities["curve/episode_return"].get_times("steps").tolist() == [100, 200, 300, 400, 500]
+    assert set(get_values(contents, "evaluated/profile")) == {59.5}
+    assert "| return | 61 | 59.5 |" in get_text(contents, "summary")
+    write_training(tmp_path / "unfinished", finished=False)
+    unfinished = read_recording(tmp_path / "unfinished")
+    assert "evaluated/profile" not in unfinished.entities
+    assert get_text(unfinished, "summary").startswith("# Training, not finished\n\n500 steps in 0.5 minutes")
 
 
-def test_a_long_training_is_shown_whole() -> None:
-    """The viewer alone would show a thousand steps before and after the cursor."""
+def test_plots_of_a_training_cover_all_steps() -> None:
+    """By default, the viewer shows a thousand steps before and after the cursor."""
     window = training_view.build_blueprint(8000).root_container
     curves = window.contents[0].contents
     for plot in (curves[0], *curves[1].contents):
         assert plot.properties["TimeAxis"].view_range.as_arrow_array().to_pylist() == [{"start": 0, "end": 8000}]
 
 
-def tuning(folder: Path) -> None:
+def write_tuning(folder: Path) -> None:
     folder.mkdir()
     knots = {"gait_pct": [0.0, 50.0], "pressure_bar": [1.0, 4.0]}
     (folder / "tune.json").write_text(json.dumps({"profile": {"kind": "profile", "name": "own", **knots}}))
     (folder / "tuned.csv").write_text("gait_pct,pressure_bar\n0,1.5\n50,3\n")
-    (folder / "tried.csv").write_text(
-        "walk,generation,cost,tracking_sd2,air_g\n0,0,2.0,1.8,1.5\n1,1,1e12,,\n2,1,3.0,2.5,1.4\n3,2,1.0,0.9,1.6\n"
+    (folder / "evaluations.csv").write_text(
+        "evaluation,generation,cost,tracking_sd2,air_g\n0,0,2.0,1.8,1.5\n1,1,1e12,,\n2,1,3.0,2.5,1.4\n3,2,1.0,0.9,1.6\n"
     )
-    table = [{"name": "air in a stride [g]", "before": 1.5, "tuned": 1.6, "human": None}]
-    told = {"cost": {"before": 2.0, "tuned": 1.0}, "walks": 4, "seed": 7, "table": table, "remarks": ["Take care."]}
-    told |= {"knobs": {"timing [%]": {"before": 0.0, "tuned": -1.5}}, "front": [{"air_g": 1.6, "tracking_sd2": 0.9}]}
-    (folder / "tuning.json").write_text(json.dumps(told))
+    table = [{"name": "air per stride [g]", "before": 1.5, "tuned": 1.6, "human": None}]
+    result = {
+        "cost": {"before": 2.0, "tuned": 1.0},
+        "evaluations": 4,
+        "seed": 7,
+        "table": table,
+        "remarks": ["A remark."],
+    }
+    result |= {
+        "design_variables": {"timing [%]": {"before": 0.0, "tuned": -1.5}},
+        "front": [{"air_g": 1.6, "tracking_sd2": 0.9}],
+    }
+    (folder / "tuning.json").write_text(json.dumps(result))
 
 
-def test_a_tuning_shows_the_objective_and_leaves_out_what_did_not_walk(tmp_path: Path) -> None:
-    tuning(tmp_path / "t")
-    found = shown(tmp_path / "t")
-    assert values(found, "objective/each") == pytest.approx([2.0, np.nan, 3.0, 1.0], nan_ok=True)
-    assert values(found, "objective/least").tolist() == [2.0, 2.0, 2.0, 1.0]
-    assert found.entities["objective/each"].get_times("generation").tolist() == [0, 1, 1, 2]
-    told = text(found, "result")
-    assert told.startswith("# The objective fell by 50 % in 4 walks (seed 7)\n\n1 of them")
-    assert "| timing [%] | 0 | -1.5 |" in told
-    assert every_view_has_something(found)
+def test_tuning_shows_the_objective_without_invalid_evaluations(tmp_path: Path) -> None:
+    write_tuning(tmp_path / "t")
+    contents = read_recording(tmp_path / "t")
+    assert get_values(contents, "objective/all") == pytest.approx([2.0, np.nan, 3.0, 1.0], nan_ok=True)
+    assert get_values(contents, "objective/minimum").tolist() == [2.0, 2.0, 2.0, 1.0]
+    assert contents.entities["objective/all"].get_times("generation").tolist() == [0, 1, 1, 2]
+    page = get_text(contents, "result")
+    assert page.startswith("# The objective fell by 50 % in 4 evaluations (seed 7)\n\n1 of them")
+    assert "| timing [%] | 0 | -1.5 |" in page
+    assert has_no_empty_view(contents)
 
 
-def row(controller: str, mass: float, power: float | None) -> dict[str, Any]:
+def make_row(controller: str, mass: float, power: float | None) -> dict[str, Any]:
     return {
-        **{"device": "d", "device_sha256": "0", "controller": controller, "speed_asked [m/s]": None},
-        **{"slope [deg]": 0.0, "mass [kg]": mass, "strides [1]": 2, "step [s]": 1e-3, "speed [m/s]": 1.2},
+        **{"device": "d", "device_sha256": "0", "controller": controller, "speed_requested [m/s]": None},
+        **{"slope [deg]": 0.0, "mass [kg]": mass, "strides [1]": 2, "time_step [s]": 1e-3, "speed [m/s]": 1.2},
         **dict.fromkeys(sweep.CHARTED_METRICS, power),
         "failure": "it fell" if power is None else None,
     }
 
 
-def test_a_sweep_shows_each_outcome_over_what_was_varied(tmp_path: Path) -> None:
-    rows = [row("profile", 90.0, 2.0), row("profile", 60.0, 3.0), row("off", 60.0, 1.0), row("off", 90.0, None)]
+def test_sweep_shows_each_metric_over_the_varied_input(tmp_path: Path) -> None:
+    rows = [
+        make_row("profile", 90.0, 2.0),
+        make_row("profile", 60.0, 3.0),
+        make_row("off", 60.0, 1.0),
+        make_row("off", 90.0, None),
+    ]
     pq.write_table(pa.Table.from_pylist(rows), tmp_path / "sweep.parquet")
-    drawn = sweep.build_charts(rows)
-    assert list(drawn) == ["mass [kg]"]
-    assert len(drawn["mass [kg]"]) == len(sweep.CHARTED_METRICS)
+    charts = sweep.build_charts(rows)
+    assert list(charts) == ["mass [kg]"]
+    assert len(charts["mass [kg]"]) == len(sweep.CHARTED_METRICS)
     profile = next(
-        curve for curve in drawn["mass [kg]"][0].curves if curve.name == "profile" and not curve.markers_only
+        curve for curve in charts["mass [kg]"][0].curves if curve.name == "profile" and not curve.markers_only
     )
     assert (profile.x.tolist(), profile.y.tolist()) == ([60.0, 90.0], [3.0, 2.0])
     assert list(sweep.build_charts(rows[1:3])) == ["row of the table"]
-    found = shown(tmp_path)
-    assert names(found)[-1] == "table"
-    assert "| 4 | off | 90 | 1.2 | - | - |" in text(found, "table")
-    assert "it fell" in text(found, "table")
-    assert every_view_has_something(found)
+    contents = read_recording(tmp_path)
+    assert get_view_names(contents)[-1] == "table"
+    assert "| 4 | off | 90 | 1.2 | - | - |" in get_text(contents, "table")
+    assert "it fell" in get_text(contents, "table")
+    assert has_no_empty_view(contents)
 
 
-def test_a_recording_is_made_anew_when_its_folder_has_gone_on(tmp_path: Path) -> None:
+def test_outdated_recording_is_rebuilt(tmp_path: Path) -> None:
     folder = tmp_path / "t"
-    training(folder, finished=False)
-    assert "not finished" in text(shown(folder), "summary")
-    made = (folder / "training.rrd").stat().st_mtime_ns
-    shown(folder)
-    assert (folder / "training.rrd").stat().st_mtime_ns == made
-    (folder / "summary.json").write_text(json.dumps(training(tmp_path / "other", finished=True)))
-    os.utime(folder / "summary.json", ns=(made + 10**9, made + 10**9))
-    assert "PPO, seed 3" in text(shown(folder), "summary")
+    write_training(folder, finished=False)
+    assert "not finished" in get_text(read_recording(folder), "summary")
+    modified = (folder / "training.rrd").stat().st_mtime_ns
+    read_recording(folder)
+    assert (folder / "training.rrd").stat().st_mtime_ns == modified
+    (folder / "summary.json").write_text(json.dumps(write_training(tmp_path / "other", finished=True)))
+    os.utime(folder / "summary.json", ns=(modified + 10**9, modified + 10**9))
+    assert "PPO, seed 3" in get_text(read_recording(folder), "summary")
 
 
-def test_a_folder_that_cannot_be_written_to_is_left_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_read_only_folder_is_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "t"
-    training(folder, finished=True)
+    write_training(folder, finished=True)
     monkeypatch.setattr(os, "access", lambda *_: False)
-    assert "PPO" in text(shown(folder), "summary")
+    assert "PPO" in get_text(read_recording(folder), "summary")
     assert not (folder / "training.rrd").exists()
 
 
 @pytest.mark.parametrize(
-    ("files", "says"),
+    ("files", "message"),
     [
-        ({}, "no folder that can be viewed; those are: gait run"),
-        ({"reference.toml": "", "reference.csv": ""}, "is a reference, which has no view; .* 'klute-sim compare"),
-        ({"comparison.json": "{}"}, r"has no comparison\.rrd: the comparison was made without"),
-        ({"verdict.json": "{}"}, r"has no recording\.rrd: the diagnosis was made without"),
-        ({"sweep.json": "{}"}, r"a sweep without sweep\.parquet: let the command"),
-        ({"tune.json": "{}"}, r"a tuning without tried\.csv: let the command"),
+        ({}, "it is not a folder of results; allowed: gait run"),
+        ({"reference.toml": "", "reference.csv": ""}, "is a gait reference, which has no view; .* 'klute-sim compare"),
+        ({"comparison.json": "{}"}, r"has no comparison\.rrd: the comparison was written without"),
+        ({"verdict.json": "{}"}, r"has no recording\.rrd: the diagnosis was written without"),
+        ({"sweep.json": "{}"}, r"an unfinished sweep \(no sweep\.parquet\)"),
+        ({"tune.json": "{}"}, r"an unfinished tuning \(no evaluations\.csv\)"),
         ({"recording.parquet": "nonsense"}, r"recording\.parquet cannot be read"),
-        ({"protocol.toml": "", "summary.json": "{}"}, "a bench run that cannot be shown: KeyError: 'trials'"),
+        ({"protocol.toml": "", "summary.json": "{}"}, "cannot view the bench run .*: KeyError: 'trials'"),
         ({"learning_curve.csv": "minutes,steps,episodes,episode_return,episode_steps\n"}, "no learning curve yet"),
-        ({"sweep.parquet": "nonsense"}, "a sweep that cannot be shown"),
+        ({"sweep.parquet": "nonsense"}, "cannot view the sweep"),
     ],
 )
-def test_what_cannot_be_shown_is_one_sentence(files: dict[str, str], says: str, tmp_path: Path) -> None:
+def test_unsupported_folder_is_refused_in_one_sentence(files: dict[str, str], message: str, tmp_path: Path) -> None:
     for name, content in files.items():
         (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=says), folders.ensure_recording(tmp_path):
+    with pytest.raises(InputError, match=message), folders.ensure_recording(tmp_path):
         pass
     assert {file.name for file in tmp_path.iterdir()} == set(files)
 
 
-def test_what_is_no_folder_is_one_sentence(tmp_path: Path) -> None:
+def test_missing_folder_is_refused_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "a.txt").touch()
-    for name, says in (("none", "no run folder"), ("a.txt", r"is no \.rrd file")):
-        with pytest.raises(InputError, match=says), folders.ensure_recording(tmp_path / name):
+    for name, message in (("none", "does not exist"), ("a.txt", r"neither a folder nor an \.rrd file")):
+        with pytest.raises(InputError, match=message), folders.ensure_recording(tmp_path / name):
             pass
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-17.3, 4.2), (3.21e-5, 3.29e-5), (1e6, 5e6)])
-def test_ticks_are_round_few_and_inside(low: float, high: float) -> None:
-    found = chart.compute_ticks(low, high)
-    assert 3 <= len(found) <= 7
-    assert low <= found[0] < found[-1] <= high
-    assert len({chart.format_tick(value, found) for value in found}) == len(found) or high < 1e-4
+def test_ticks_are_round_few_and_inside_the_range(low: float, high: float) -> None:
+    ticks = chart.compute_ticks(low, high)
+    assert 3 <= len(ticks) <= 7
+    assert low <= ticks[0] < ticks[-1] <= high
+    assert len({chart.format_tick(value, ticks) for value in ticks}) == len(ticks) or high < 1e-4

@@ -1,4 +1,4 @@
-"""The rerun recording: it reads back with the recording's own numbers, and moves as the model moves."""
+"""Viewer recording of a gait run: it reads back equal, and its poses match the model."""
 
 import sys
 from functools import cache
@@ -45,18 +45,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def file(folder: Path) -> Path:
     pytest.importorskip("rerun")
-    with ensure_recording(folder) as made:
-        return made
+    with ensure_recording(folder) as rrd_path:
+        return rrd_path
 
 
 def read(file: Path, *, static: bool) -> dict[str, list[Any]]:
     import rerun as rr
 
-    found: dict[str, list[Any]] = {}
+    chunks: dict[str, list[Any]] = {}
     for chunk in rr.chunk.RrdReader(file).stream():
         if chunk.is_static == static:
-            found.setdefault(str(chunk.entity_path).lstrip("/"), []).append(chunk.to_record_batch())
-    return found
+            chunks.setdefault(str(chunk.entity_path).lstrip("/"), []).append(chunk.to_record_batch())
+    return chunks
 
 
 @pytest.fixture(scope="module")
@@ -103,37 +103,39 @@ def scalars(chunks: dict[str, list[Any]], entity: str) -> np.ndarray:
     return np.array(column(chunks[entity], "Scalars:scalars"), dtype=np.float64).ravel()
 
 
-def test_every_channel_reads_back_as_the_parquet_file_has_it(folder: Path, chunks: dict[str, list[Any]]) -> None:
-    kept = parquet.read(folder / "recording.parquet")
-    assert set(kept.channels) == set(stride().channels)
-    for name, samples in kept.channels.items():
+def test_channels_read_back_as_in_the_parquet_file(folder: Path, chunks: dict[str, list[Any]]) -> None:
+    recording = parquet.read(folder / "recording.parquet")
+    assert set(recording.channels) == set(stride().channels)
+    for name, samples in recording.channels.items():
         if name != "time":
             assert np.array_equal(scalars(chunks, f"channels/{name}"), samples, equal_nan=True), name
 
 
-def test_energies_are_what_the_powers_gave_and_add_up(chunks: dict[str, list[Any]]) -> None:
+def test_energies_are_integrals_of_powers_and_balance(chunks: dict[str, list[Any]]) -> None:
     parts = {name: scalars(chunks, f"energy/{name}") for name in writer.LEDGER_STYLES}
     step = np.diff(stride()["time"]).mean()
     assert parts["gas"][-1] == pytest.approx(step * stride()["gas_power"][1:].sum())
     assert abs(parts["delivered"]).max() > 1.0
-    given = sum(energy for name, energy in parts.items() if name != "delivered")
-    assert parts["delivered"] == pytest.approx(given, abs=1e-6)
+    total = sum(energy for name, energy in parts.items() if name != "delivered")
+    assert parts["delivered"] == pytest.approx(total, abs=1e-6)
     assert parts["tendon"] == pytest.approx(stride()["tendon_energy"][0] - stride()["tendon_energy"], abs=1e-6)
 
 
-def test_the_work_loop_is_the_ankles_and_its_mark_walks_along_it(chunks: dict[str, list[Any]], file: Path) -> None:
-    marks = np.array(column(chunks[f"{writer.LOOP_ENTITY}/now"], "Points2D:positions"), dtype=np.float64).reshape(-1, 2)
+def test_work_loop_is_that_of_the_ankle_with_a_moving_marker(chunks: dict[str, list[Any]], file: Path) -> None:
+    markers = np.array(column(chunks[f"{writer.LOOP_ENTITY}/marker"], "Points2D:positions"), dtype=np.float64).reshape(
+        -1, 2
+    )
     angle, moment = stride()["ankle_angle"], stride()["ankle_moment"]
-    for place, value in ((marks[:, 0], angle), (-marks[:, 1], moment)):  # y is down
-        assert np.corrcoef(place, value)[0, 1] == pytest.approx(1.0, abs=1e-9)
-    drawn = read(file, static=True)[f"{writer.LOOP_ENTITY}/curve_001"]
-    (strips,) = [b for b in drawn if any(n.endswith("strips") for n in b.schema.names)]
+    for position, value in ((markers[:, 0], angle), (-markers[:, 1], moment)):  # y is down
+        assert np.corrcoef(position, value)[0, 1] == pytest.approx(1.0, abs=1e-9)
+    batches = read(file, static=True)[f"{writer.LOOP_ENTITY}/curve_001"]
+    (strips,) = [b for b in batches if any(n.endswith("strips") for n in b.schema.names)]
     (points,) = column([strips], "LineStrips2D:strips")[0]
     for point in np.array(points)[:: len(points) // 20]:
-        assert np.linalg.norm(marks - point, axis=1).min() < 1e-3
+        assert np.linalg.norm(markers - point, axis=1).min() < 1e-3
 
 
-def test_every_sample_and_every_pose_has_its_own_time(chunks: dict[str, list[Any]]) -> None:
+def test_samples_and_poses_have_their_times(chunks: dict[str, list[Any]]) -> None:
     time = stride()["time"]
     frames, _ = scene.compute_postures(stride(), rig())
     for entity, expected in [("channels/force", time), ("world/prosthesis_foot", time[frames])]:
@@ -141,18 +143,18 @@ def test_every_sample_and_every_pose_has_its_own_time(chunks: dict[str, list[Any
         assert 1e-9 * np.concatenate(stamps) == pytest.approx(expected, abs=2e-9)
 
 
-def test_there_is_one_layout(file: Path) -> None:
+def test_recording_has_one_layout(file: Path) -> None:
     import rerun as rr
 
     assert len(list(rr.chunk.RrdReader(file).blueprints())) == 1
 
 
-def test_tracked_ground_reaction_is_not_sold_as_predicted() -> None:
+def test_title_says_that_the_ground_reaction_is_tracked() -> None:
     (title,) = [title for title, _ in writer.MOTION_PLOTS if "ground reaction" in title]
     assert "vertical: tracked, not predicted" in title
 
 
-def test_the_band_is_one_deviation_wide(chunks: dict[str, list[Any]]) -> None:
+def test_band_is_one_standard_deviation_wide(chunks: dict[str, list[Any]]) -> None:
     low, high = (
         np.array(column(chunks[f"band/ankle_moment_{side}"], "Scalars:scalars"), dtype=np.float64).ravel()
         for side in ("low", "high")
@@ -160,7 +162,7 @@ def test_the_band_is_one_deviation_wide(chunks: dict[str, list[Any]]) -> None:
     assert high - low == pytest.approx(2 * stride()["reference_ankle_moment_sd"])
 
 
-def test_bodies_are_where_the_simulation_had_them(chunks: dict[str, list[Any]]) -> None:
+def test_body_positions_match_the_simulation(chunks: dict[str, list[Any]]) -> None:
     places = np.array(column(chunks["world/prosthesis_foot"], "Transform3D:translation"), dtype=np.float64)
     frames, _ = scene.compute_postures(stride(), rig())
     places = places.reshape(len(frames), 3)
@@ -168,7 +170,7 @@ def test_bodies_are_where_the_simulation_had_them(chunks: dict[str, list[Any]]) 
     assert places[:, 2] == pytest.approx(stride()["ankle_z"][frames], abs=1e-6)
 
 
-def test_bodies_are_and_turn_as_the_model_says(chunks: dict[str, list[Any]]) -> None:
+def test_body_poses_match_the_model(chunks: dict[str, list[Any]]) -> None:
     model = rig()
     for body in range(1, model.nbody):
         batches = chunks[scene.format_body_entity(model, body)]
@@ -179,12 +181,12 @@ def test_bodies_are_and_turn_as_the_model_says(chunks: dict[str, list[Any]]) -> 
             assert matrix(turn) == pytest.approx(data.xmat[body].reshape(3, 3), abs=1e-6)
 
 
-def test_shapes_sit_on_their_bodies_as_in_the_model(file: Path) -> None:
+def test_geometry_matches_the_model(file: Path) -> None:
     model = rig()
-    drawn = read(file, static=True)
+    static_chunks = read(file, static=True)
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
-        batches = drawn[f"{scene.format_body_entity(model, body) if body else 'world'}/{model.geom(geom).name}"]
+        batches = static_chunks[f"{scene.format_body_entity(model, body) if body else 'world'}/{model.geom(geom).name}"]
         (batch,) = [b for b in batches if any(n.endswith("Transform3D:quaternion") for n in b.schema.names)]
         (turn,), (place,) = column([batch], "Transform3D:quaternion")[0], column([batch], "Transform3D:translation")[0]
         turned = np.empty(9)
@@ -207,7 +209,7 @@ def test_muscle_and_tendon_span_the_sites(chunks: dict[str, list[Any]]) -> None:
     assert length == pytest.approx(stride()["muscle_length"][frames], abs=1e-6)
 
 
-def test_the_tendon_reddens_with_its_force(chunks: dict[str, list[Any]]) -> None:
+def test_tendon_colour_follows_its_force(chunks: dict[str, list[Any]]) -> None:
     colours = [c[0] for c in column(chunks["world/achilles"], "LineStrips3D:colors")]
     frames, _ = scene.compute_postures(stride(), rig())
     force = stride()["force"][frames]
@@ -219,7 +221,7 @@ def test_the_tendon_reddens_with_its_force(chunks: dict[str, list[Any]]) -> None
     assert len(set(colours)) > 20
 
 
-def test_the_ground_reaction_vanishes_in_swing(chunks: dict[str, list[Any]]) -> None:
+def test_ground_reaction_is_zero_in_swing(chunks: dict[str, list[Any]]) -> None:
     arrows = np.array(column(chunks["world/ground_reaction"], "Arrows3D:vectors"), dtype=np.float64).reshape(-1, 3)
     frames, _ = scene.compute_postures(stride(), rig())
     phase = stride()["gait_phase"][frames]
@@ -230,7 +232,7 @@ def test_the_ground_reaction_vanishes_in_swing(chunks: dict[str, list[Any]]) -> 
     assert arrows[:, 2].max() * scene.ARROW_SCALE_N_PER_M == pytest.approx(stride()["grf_vertical"][frames].max())
 
 
-def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(MissingExtraError, match=r"pip install '\.\[rerun\]'"):
         writer.write_recording(stride(), rig(), tmp_path / "r.rrd")
@@ -238,13 +240,15 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 
 
 @pytest.mark.parametrize("without", ["cop_x", "reference_ankle_angle", "reference_ankle_angle_sd"])
-def test_a_channel_that_may_be_missing_may_be_missing(without: str, tmp_path: Path) -> None:
+def test_optional_channel_may_be_missing(without: str, tmp_path: Path) -> None:
     pytest.importorskip("rerun")
-    kept = [(stride().format_heading(name), values) for name, values in stride().channels.items() if name != without]
-    writer.write_recording(Recording.from_columns(kept), rig(), tmp_path / "r.rrd")
+    recording = [
+        (stride().format_heading(name), values) for name, values in stride().channels.items() if name != without
+    ]
+    writer.write_recording(Recording.from_columns(recording), rig(), tmp_path / "r.rrd")
 
 
-def test_one_sample_is_one_pose() -> None:
+def test_single_sample_gives_one_pose() -> None:
     frames, positions = scene.compute_postures(stride().select(slice(0, 1)), rig())
     assert frames.tolist() == [0]
     assert len(positions) == 1

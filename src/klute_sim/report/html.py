@@ -1,10 +1,10 @@
-"""Pages from templates: names in data are escaped, and what a template asks for has to be there."""
+"""HTML pages from Jinja2 templates; values are escaped, and undefined variables are errors."""
 
 from typing import Any
 
 
 def render_template(template: str, **context: Any) -> str:
-    """The page that ``template`` of this package makes of ``content``. Jinja2 is imported when a page is made."""
+    """Return the page that ``template`` of this package renders from ``context``."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(

@@ -1,39 +1,48 @@
-"""The picture of a search: tracking against air, and what came out beside what it began with."""
+"""Figure of a tuning: tracking error over air consumption, and the gait before and after."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from klute_sim.recording.recording import Array, Recording
-from klute_sim.report.gait.figure import COMPACT_STYLE, EARLIER_COLOUR, HUMAN_COLOUR, PROSTHESIS_COLOUR
+from klute_sim.recording.recording import Recording
+from klute_sim.report.style import (
+    COMPACT_STYLE,
+    EARLIER_COLOUR,
+    HUMAN_COLOUR,
+    PROSTHESIS_COLOUR,
+    fix_tick_label_size,
+)
+from klute_sim.types import Array
 
 PARETO_FRONT_COLOUR = "#d62728"
 
 
-def save_figure(
+def build_figure(
     evaluations: Sequence[tuple[float, float]],
     pareto_front: Sequence[tuple[float, float]],
     before: tuple[float, float],
     after: tuple[float, float],
     recordings: tuple[Recording, Recording],
-    path: Path,
-) -> None:
-    """Write the picture to ``path``. Points are (air [g], tracking [sd^2]); ``walks`` are before and after."""
+) -> Figure:
+    """Plot all evaluations, the Pareto front, and the last stride of ``recordings`` (before and after tuning).
+
+    Points are (air per stride [g], tracking error [sd²]).
+    """
     with matplotlib.rc_context(COMPACT_STYLE):
         figure = Figure(figsize=(11, 7.5), layout="constrained")
         axes = figure.subplots(2, 2)
         _plot_pareto_front(axes[0, 0], evaluations, pareto_front, before, after)
-        first, last = (_select_last_stride(walk) for walk in recordings)
+        first, last = (_select_last_stride(recording) for recording in recordings)
         mass = float(recordings[0].provenance["options"]["mass_kg"])
         _plot_curves(axes[0, 1], first, last, "pressure_command", 1.0, "commanded pressure [bar]")
         _plot_curves(axes[1, 0], first, last, "ankle_moment", mass, "net ankle moment [N·m/kg]")
         _plot_curves(axes[1, 1], first, last, "ankle_power", mass, "net ankle power [W/kg]")
         for axis in axes.flat:
             axis.grid(alpha=0.25, linewidth=0.5)
-        figure.savefig(path, dpi=130)
+        fix_tick_label_size(figure)
+    return figure
 
 
 def _select_last_stride(recording: Recording) -> Recording:
@@ -47,16 +56,16 @@ def _plot_pareto_front(
     before: tuple[float, float],
     after: tuple[float, float],
 ) -> None:
-    air, apart = zip(*evaluations, strict=True) if evaluations else ((), ())
-    axis.scatter(air, apart, s=6, color=EARLIER_COLOUR, label=f"{len(evaluations)} walks")
-    air, apart = zip(*pareto_front, strict=True) if pareto_front else ((), ())
-    axis.plot(air, apart, color=PARETO_FRONT_COLOUR, drawstyle="steps-post", linewidth=1.2, label="nothing beats both")
+    air, tracking = zip(*evaluations, strict=True) if evaluations else ((), ())
+    axis.scatter(air, tracking, s=6, color=EARLIER_COLOUR, label=f"{len(evaluations)} simulations")
+    air, tracking = zip(*pareto_front, strict=True) if pareto_front else ((), ())
+    axis.plot(air, tracking, color=PARETO_FRONT_COLOUR, drawstyle="steps-post", linewidth=1.2, label="Pareto front")
     axis.plot(*before, "s", color=HUMAN_COLOUR, label="before")
     axis.plot(*after, "*", color=PROSTHESIS_COLOUR, markersize=12, label="tuned")
     axis.set_ylim(0.0, 2.0 * max(before[1], after[1]))
-    axis.set_xlabel("air in a stride [g]")
-    axis.set_ylabel("squared distance to the human, summed [sd²]")
-    axis.set_title("tracking against air")
+    axis.set_xlabel("air per stride [g]")
+    axis.set_ylabel("tracking error: summed squared distance to the human [sd²]")
+    axis.set_title("tracking error over air consumption")
     axis.legend(fontsize=7, frameon=False)
 
 

@@ -1,1 +1,6 @@
-"""Every folder in the rerun viewer: a recording, a layout made for it, and pictures of both without a screen."""
+"""Recordings of results for the rerun viewer, and pictures of these recordings without a screen.
+
+``stream`` writes recordings; ``chart``, ``heatmap`` and ``scene`` are kinds of views; ``layouts`` has one module for
+each kind of result; ``folders`` finds or makes the recording of a folder; ``window`` opens the viewer; ``picture``
+renders recordings.
+"""

@@ -1,6 +1,7 @@
-"""Curves and points over an axis that is not time: rerun has no such view, so the axes are drawn in a picture plane.
+"""Charts of curves and points over an axis that is not time.
 
-The plane is :data:`WIDE` by :data:`HIGH` units, y down as in rerun; what is charted is scaled into it.
+rerun has no such view, so axes and curves are drawn in a 2-D view. Its frame has :data:`FRAME_WIDTH` by
+:data:`FRAME_HEIGHT` units, y down as in rerun; the values are scaled to the frame.
 """
 
 from collections.abc import Sequence
@@ -8,49 +9,50 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 from klute_sim.viewer.stream import GREY, WHITE, Colour, import_rerun
 
 FRAME_WIDTH, FRAME_HEIGHT = 160.0, 100.0
-"""Of the frame."""
+"""Size of the frame."""
 MARGIN_BELOW, MARGIN_LEFT, MARGIN_RIGHT = 24.0, 22.0, 6.0
-"""Of the frame, what is left for words."""
+"""Margins of the frame for text."""
 LEGEND_ROW_HEIGHT, NAMES_PER_LEGEND_ROW = 11.0, 3
-"""Height of a row of the legend above the frame, and how many names are in it."""
+"""Height of a row of the legend above the frame, and number of names in a row."""
 RANGE_PADDING_FRACTION = 0.05
-"""Share of the range that stays free at each end."""
+"""Fraction of the range that stays free at each end."""
 MAX_POINTS_PER_CURVE = 600
-"""Of a curve: a loop does not get smoother with more."""
+"""Maximum number of points of a curve; more points do not make it smoother."""
 FRAME_COLOUR: Colour = (90, 90, 90)
 
 
 class ChartCurve(NamedTuple):
-    """What is charted; not finite points are left out."""
+    """A curve of a chart; points that are not finite are omitted."""
 
     name: str
     colour: Colour
     x: Array
     y: Array
     markers_only: bool = False
-    """Points that are not joined."""
+    """Whether the points are shown as markers that are not joined."""
     thin: bool = False
-    """What others are compared with."""
+    """Whether the line is thin, for curves with which others are compared."""
     in_legend: bool = True
-    """With its name in the legend."""
+    """Whether the legend has the name of the curve."""
 
 
 class Chart(NamedTuple):
-    """Curves and what their axes are."""
+    """Curves and the labels of their axes."""
 
     entity: str
     x_label: str
     """Label of the horizontal axis, with its unit."""
     y_label: str
+    """Label of the vertical axis, with its unit."""
     curves: tuple[ChartCurve, ...]
 
 
 def build_view(chart: Chart, name: str) -> Any:
-    """The view of ``chart``."""
+    """Build the view of ``chart``."""
     import rerun.blueprint as rrb
 
     above = LEGEND_ROW_HEIGHT * -(-len(_select_legend_curves(chart)) // NAMES_PER_LEGEND_ROW) + 3.0
@@ -61,48 +63,49 @@ def build_view(chart: Chart, name: str) -> Any:
 
 
 def log_chart(stream: Any, chart: Chart, axis: Any = None, cursor: tuple[Array, Array] | None = None) -> None:
-    """Log ``chart``; with ``axis`` (a rerun TimeColumn), a mark that is at ``cursor`` (x, y) at each of its times."""
+    """Log ``chart`` and, with ``axis`` (a rerun TimeColumn), a marker that is at ``cursor`` (x, y) at its times."""
     rr = import_rerun()
     (left, right), (low, high) = (
         _compute_padded_range(c.x for c in chart.curves),
         _compute_padded_range(c.y for c in chart.curves),
     )
 
-    def place(x: Any, y: Any) -> Array:
-        across = FRAME_WIDTH * (np.asarray(x, np.float64) - left) / (right - left)
-        return np.column_stack([across, FRAME_HEIGHT * (high - np.asarray(y, np.float64)) / (high - low)])
+    def to_plane(x: Any, y: Any) -> Array:
+        plane_x = FRAME_WIDTH * (np.asarray(x, np.float64) - left) / (right - left)
+        return np.column_stack([plane_x, FRAME_HEIGHT * (high - np.asarray(y, np.float64)) / (high - low)])
 
-    _log_frame(stream, chart, (left, right), (low, high), place)
+    _log_frame(stream, chart, (left, right), (low, high), to_plane)
     for number, curve in enumerate(chart.curves):
-        here = f"{chart.entity}/curve_{number:03d}"
-        good = np.isfinite(curve.x) & np.isfinite(curve.y)
-        points = place(curve.x[good], curve.y[good])
+        entity = f"{chart.entity}/curve_{number:03d}"
+        is_finite = np.isfinite(curve.x) & np.isfinite(curve.y)
+        points = to_plane(curve.x[is_finite], curve.y[is_finite])
         if curve.markers_only:
             content: Any = rr.Points2D(points, colors=curve.colour, radii=rr.Radius.ui_points(4.0))
         else:
-            every = max(1, -(-len(points) // MAX_POINTS_PER_CURVE))
-            points = np.concatenate([points[::every], points[-1:]])
+            stride = max(1, -(-len(points) // MAX_POINTS_PER_CURVE))
+            points = np.concatenate([points[::stride], points[-1:]])
             width = rr.Radius.ui_points(0.6 if curve.thin else 1.2)
             content = rr.LineStrips2D([points], colors=curve.colour, radii=width)
-        stream.log(here, content, static=True)
+        stream.log(entity, content, static=True)
     _log_legend(stream, chart)
     if axis is not None and cursor is not None:
-        where = f"{chart.entity}/now"
-        stream.log(where, rr.Points2D.from_fields(colors=WHITE, radii=rr.Radius.ui_points(5.0)), static=True)
-        stream.send_columns(where, indexes=[axis], columns=rr.Points2D.columns(positions=place(*cursor)))
+        entity = f"{chart.entity}/marker"
+        stream.log(entity, rr.Points2D.from_fields(colors=WHITE, radii=rr.Radius.ui_points(5.0)), static=True)
+        stream.send_columns(entity, indexes=[axis], columns=rr.Points2D.columns(positions=to_plane(*cursor)))
 
 
 def _compute_padded_range(values: Any) -> tuple[float, float]:
-    known = np.concatenate([v[np.isfinite(v)] for v in values] or [np.zeros(1)])
-    if not len(known):
+    """Return the range of all finite ``values`` (an iterable of arrays) with padding."""
+    finite = np.concatenate([v[np.isfinite(v)] for v in values] or [np.zeros(1)])
+    if not len(finite):
         return 0.0, 1.0
-    low, high = float(known.min()), float(known.max())
-    pad = RANGE_PADDING_FRACTION * (high - low) or 0.05 * abs(high) or 1.0
-    return low - pad, high + pad
+    low, high = float(finite.min()), float(finite.max())
+    padding = RANGE_PADDING_FRACTION * (high - low) or 0.05 * abs(high) or 1.0
+    return low - padding, high + padding
 
 
 def compute_ticks(lower: float, upper: float, max_ticks: int = 6) -> list[float]:
-    """Round numbers between ``low`` and ``high``, not more than ``most``."""
+    """Return at most ``max_ticks`` round numbers between ``lower`` and ``upper``."""
     raw = (upper - lower) / max_ticks
     size = 10.0 ** np.floor(np.log10(raw))
     step = float(next(size * f for f in (1.0, 2.0, 5.0, 10.0) if size * f >= raw * (1.0 - 1e-9)))
@@ -122,17 +125,17 @@ def _log_frame(
         rr.LineStrips2D(strips, colors=FRAME_COLOUR, radii=rr.Radius.ui_points(0.3)),
         static=True,
     )
-    spots = [to_plane([x], [low])[0] + [0.0, 1.5] for x in compute_ticks(left, right)]
-    spots += [to_plane([left], [y])[0] + [-7.0, -3.0] for y in compute_ticks(low, high, 5)]
+    positions = [to_plane([x], [low])[0] + [0.0, 1.5] for x in compute_ticks(left, right)]
+    positions += [to_plane([left], [y])[0] + [-7.0, -3.0] for y in compute_ticks(low, high, 5)]
     texts = [format_tick(v, compute_ticks(left, right)) for v in compute_ticks(left, right)]
     texts += [format_tick(v, compute_ticks(low, high, 5)) for v in compute_ticks(low, high, 5)]
-    log_labels(stream, f"{chart.entity}/ticks", spots, texts, [GREY] * len(texts))
+    log_labels(stream, f"{chart.entity}/ticks", positions, texts, [GREY] * len(texts))
     title = f"across: {chart.x_label}, up: {chart.y_label}"
     log_labels(stream, f"{chart.entity}/title", [[FRAME_WIDTH / 2.0, FRAME_HEIGHT + 12.0]], [title], [WHITE])
 
 
 def format_tick(value: float, ticks: Sequence[float]) -> str:
-    """``value`` with as many decimals as tell it from its neighbours ``among`` the ticks."""
+    """Return ``value`` with enough decimals to distinguish neighbouring ``ticks``."""
     step = ticks[1] - ticks[0] if len(ticks) > 1 else abs(value) or 1.0
     return f"{value + 0.0:.{max(0, min(6, int(np.ceil(-np.log10(step) - 1e-9))))}f}"
 
@@ -142,19 +145,19 @@ def _select_legend_curves(chart: Chart) -> list[ChartCurve]:
 
 
 def _log_legend(stream: Any, chart: Chart) -> None:
-    named = _select_legend_curves(chart)
-    spots = [
+    curves = _select_legend_curves(chart)
+    positions = [
         [
             FRAME_WIDTH * (k % NAMES_PER_LEGEND_ROW + 0.5) / NAMES_PER_LEGEND_ROW,
             -LEGEND_ROW_HEIGHT * (k // NAMES_PER_LEGEND_ROW + 1),
         ]
-        for k in range(len(named))
+        for k in range(len(curves))
     ]
-    log_labels(stream, f"{chart.entity}/legend", spots, [c.name for c in named], [c.colour for c in named])
+    log_labels(stream, f"{chart.entity}/legend", positions, [c.name for c in curves], [c.colour for c in curves])
 
 
 def log_labels(stream: Any, entity: str, positions: Any, texts: Sequence[str], colours: Sequence[Colour]) -> None:
-    """Words in the plane, each below its spot."""
+    """Log texts in the plane, each below its position."""
     rr = import_rerun()
     if texts:
         dots = rr.Radius.ui_points(0.01)

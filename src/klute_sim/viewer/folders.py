@@ -1,4 +1,4 @@
-"""What kinds of folders there are to look at, and where the rerun recording of each is, or how it is made."""
+"""Kinds of folders that the viewer can show, and how to find or make the recording of each."""
 
 import os
 import tempfile
@@ -15,19 +15,19 @@ from klute_sim.gait import reference_folder
 
 
 class FolderKind(NamedTuple):
-    """A kind of folder."""
+    """A kind of folder with results."""
 
     name: str
     marker_file: str
-    """The file by which it is known."""
+    """Name of the file that identifies the kind."""
     rrd_file: str
     builder_module: str
-    """Module beside this one whose ``remake`` makes the recording of the folder's files; '' if only the command that
-    made the folder could."""
+    """Module of :mod:`klute_sim.viewer.layouts` whose ``rebuild_recording`` makes the recording from the files of the
+    folder; '' if only the command that wrote the folder can make it."""
     source_files: tuple[str, ...] = ()
-    """Files that the recording is older than when it has to be made anew."""
+    """Names of the files that the recording is made from; an older recording is made again."""
     started_file: str = ""
-    """The file by which one is known that is not finished."""
+    """Name of the file that identifies an unfinished folder of this kind."""
 
 
 FOLDER_KINDS = (
@@ -36,7 +36,7 @@ FOLDER_KINDS = (
     FolderKind("comparison", "comparison.json", "comparison.rrd", ""),
     FolderKind("diagnosis", "verdict.json", "recording.rrd", ""),
     FolderKind("sweep", "sweep.parquet", "sweep.rrd", "sweep", ("sweep.parquet",), "sweep.json"),
-    FolderKind("tuning", "tried.csv", "tuning.rrd", "tuning", ("tuning.json", "tried.csv"), "tune.json"),
+    FolderKind("tuning", "evaluations.csv", "tuning.rrd", "tuning", ("tuning.json", "evaluations.csv"), "tune.json"),
     FolderKind(
         "training",
         "learning_curve.csv",
@@ -49,43 +49,48 @@ FOLDER_KINDS = (
 
 
 def detect_folder_kind(folder: Path) -> FolderKind:
-    """What ``folder`` is; raises InputError if it is nothing to look at."""
+    """Return the kind of ``folder``.
+
+    Raises InputError if the viewer cannot show it.
+    """
     for kind in FOLDER_KINDS:
         if (folder / kind.marker_file).is_file():
             return kind
     for kind in FOLDER_KINDS:
         if kind.started_file and (folder / kind.started_file).is_file():
             raise InputError(
-                f"{folder} is a {kind.name} without {kind.marker_file}: let the command that began it finish"
+                f"{folder} is an unfinished {kind.name} (no {kind.marker_file}); let its command finish first"
             )
     if (folder / reference_folder.METADATA_FILE).is_file():
         raise InputError(
-            f"{folder} is a reference, which has no view; its strides are shown by 'klute-sim compare {folder}', and a "
-            f"walk on it by 'klute-sim gait --reference {folder}'"
+            f"{folder} is a gait reference, which has no view; plot its strides with 'klute-sim compare {folder}', or "
+            f"simulate a gait on it with 'klute-sim gait --reference {folder}'"
         )
     names = ", ".join(f"{kind.name} ({kind.marker_file})" for kind in FOLDER_KINDS)
-    raise InputError(f"{folder} is no folder that can be viewed; those are: {names}")
+    raise InputError(f"cannot view {folder}: it is not a folder of results; allowed: {names}")
 
 
 @contextmanager
 def ensure_recording(path: Path) -> Iterator[Path]:
-    """The .rrd file of the folder ``path`` (or ``path`` itself), made if it can be.
+    """Provide the .rrd file of the folder ``path``, or ``path`` itself if it is an .rrd file.
 
-    One that is missing, or older than what it is made of, is made: in the folder, or where that cannot be
-    written to, in a temporary one. Raises InputError if there is none to be had and MissingExtraError without rerun.
+    A recording that is missing or outdated is made in the folder or, if that is read-only, in a temporary folder.
+    Raises InputError if there is no recording and none can be made, and MissingExtraError without rerun.
     """
     if path.is_file() and path.suffix == ".rrd":
         yield path
         return
     if not path.is_dir():
-        raise InputError(f"{path} is no .rrd file" if path.exists() else f"no run folder {path}")
+        raise InputError(
+            f"{path} is neither a folder nor an .rrd file" if path.exists() else f"folder {path} does not exist"
+        )
     kind = detect_folder_kind(path)
     file = path / kind.rrd_file
     if not kind.builder_module:
         if not file.is_file():
             raise InputError(
-                f"{path} has no {kind.rrd_file}: the {kind.name} was made without the extra 'rerun', without its "
-                "report, or had nothing to show; install the extra and make it again"
+                f"{path} has no {kind.rrd_file}: the {kind.name} was written without the extra 'rerun', without a "
+                "report, or had nothing to show; install the extra and run its command again"
             )
         yield file
     elif _is_up_to_date(kind, file):
@@ -100,9 +105,9 @@ def ensure_recording(path: Path) -> Iterator[Path]:
 
 
 def _is_up_to_date(kind: FolderKind, file: Path) -> bool:
-    """Whether there is a ``file`` and nothing that it is made of is newer."""
+    """Return whether ``file`` exists and is not older than its source files."""
     sources = [file.with_name(name) for name in kind.source_files]
-    newest = max((each.stat().st_mtime_ns for each in sources if each.is_file()), default=0)
+    newest = max((source.stat().st_mtime_ns for source in sources if source.is_file()), default=0)
     return file.is_file() and newest <= file.stat().st_mtime_ns
 
 
@@ -110,4 +115,4 @@ def _rebuild(kind: FolderKind, folder: Path, file: Path) -> None:
     try:
         import_module(f"klute_sim.viewer.layouts.{kind.builder_module}").rebuild_recording(folder, file)
     except (KeyError, TypeError, ValueError, OSError, pa.ArrowException) as error:
-        raise InputError(f"{folder} is a {kind.name} that cannot be shown: {type(error).__name__}: {error}") from None
+        raise InputError(f"cannot view the {kind.name} {folder}: {type(error).__name__}: {error}") from None

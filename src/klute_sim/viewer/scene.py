@@ -1,6 +1,6 @@
-"""The 3-D part of a rerun recording: the rig's bodies, muscle and tendon coloured by their state, the ground reaction.
+"""3-D scene of a recording: bodies of the rig, muscle and tendon coloured by their state, and ground reaction.
 
-Poses are not recorded; they follow from the recorded joint angles by the model's own kinematics.
+Body poses are computed from the recorded joint angles by the kinematics of the model.
 """
 
 from collections.abc import Collection
@@ -12,34 +12,33 @@ from numpy.typing import NDArray
 
 from klute_sim.gait.body import KEEL_JOINT, PROSTHESIS_PREFIX
 from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 
 FRAME_RATE_HZ = 100.0
-"""Poses per second; channels keep every sample."""
+"""Number of poses per second; channels keep all samples."""
 WORLD_ENTITY = "world"
-"""Entity that everything is under."""
+"""Default root entity of the scene."""
 TENDON_ENTITY, MUSCLE_ENTITY, GROUND_REACTION_ENTITY = "achilles", "muscle", "ground_reaction"
-"""Entities under it."""
+"""Entities under the root."""
 ARROW_SCALE_N_PER_M = 1500.0
-"""Length of the ground reaction's arrow."""
+"""Scale of the arrow of the ground reaction [N/m]."""
 SLACK_COLOUR, TAUT_COLOUR = np.array([150.0, 150.0, 150.0]), np.array([220.0, 30.0, 30.0])
 """Tendon colours at no force and at the recording's peak force, RGB."""
 EMPTY_COLOUR, FULL_COLOUR = np.array([70.0, 90.0, 70.0]), np.array([60.0, 230.0, 90.0])
 """Muscle colours without pressure and at the recording's peak pressure, RGB."""
 
-Array = NDArray[np.float64]
-
 
 def format_body_entity(model: mujoco.MjModel, body: int, root: str = WORLD_ENTITY) -> str:
-    """Entity path of a body."""
+    """Return the entity path of a body."""
     return f"{root}/{model.body(body).name}"
 
 
 def build_view(
     name: str, root: str = WORLD_ENTITY, *, origin: str = "carriage", height: float = -0.45, distance: float = 2.1
 ) -> Any:
-    """The view of what :func:`log_scene` logged, from the side, ``far`` away [m].
+    """Build the side view of what :func:`log_scene` logged, from a ``distance`` [m].
 
-    Its origin is a body, so that the camera walks along, and looks at what is ``height`` [m] above that.
+    The camera moves with the body ``origin`` and looks at the point ``height`` [m] above it.
     """
     import rerun.blueprint as rrb
 
@@ -52,20 +51,20 @@ def build_view(
 
 
 def compute_postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArray[np.int64], Array]:
-    """Samples that get a pose, and the joint positions (n, nq) at them."""
+    """Return the samples with a pose, and the joint positions (n, nq) at these samples."""
     duration = float(np.ptp(recording["time"]))
-    every = round((len(recording) - 1) / (FRAME_RATE_HZ * duration)) if duration > 0 else 1
-    frames = np.arange(0, len(recording), max(1, every))
+    stride = round((len(recording) - 1) / (FRAME_RATE_HZ * duration)) if duration > 0 else 1
+    frames = np.arange(0, len(recording), max(1, stride))
     joints = {
         "carriage_x": recording["carriage_x"],
         "carriage_z": recording["carriage_z"],
         "thigh": np.radians(recording["thigh_angle"]),
         "knee": np.radians(recording["knee_angle"]),
-        PROSTHESIS_PREFIX + "ankle": -np.radians(recording["ankle_angle"]),  # the hinge is plantarflexion positive
+        PROSTHESIS_PREFIX + "ankle": -np.radians(recording["ankle_angle"]),  # the hinge is positive in plantarflexion
         PROSTHESIS_PREFIX + "heel": recording["heel_compression"],
     }
     bends = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, KEEL_JOINT)
-    if bends >= 0 and "ankle_moment" in recording:  # as its spring does, without loss: near enough for a picture
+    if bends >= 0 and "ankle_moment" in recording:  # its spring without damping: accurate enough for a picture
         joints[KEEL_JOINT] = -recording["ankle_moment"] / model.jnt_stiffness[bends]
         joints[PROSTHESIS_PREFIX + "ankle"] = joints[PROSTHESIS_PREFIX + "ankle"] - joints[KEEL_JOINT]
     positions = np.zeros((len(frames), model.nq))
@@ -83,10 +82,10 @@ def log_scene(
     root: str = WORLD_ENTITY,
     hidden: Collection[str] = (),
 ) -> None:
-    """Log geometry once, and body poses, muscle, tendon and ground reaction over ``timeline``.
+    """Log geometry once, and body poses, muscle, tendon and ground reaction over ``timeline``, under ``root``.
 
-    All of it under the entity ``root``, without the geometry of bodies that are ``hidden``. What has no channel (force,
-    pressure, muscle length, centre of pressure) is not shown.
+    Bodies in ``hidden`` are omitted, and so is everything whose channel (force, pressure, muscle length, centre of
+    pressure) is missing.
     """
     import rerun as rr
 
@@ -120,14 +119,14 @@ def log_scene(
 def _log_unit(
     stream: Any, recording: Recording, frames: NDArray[np.int64], times: list[Any], ends: Array, root: str
 ) -> None:
-    """Muscle and tendon between the ``ends`` (frames, 2, 3) of the unit; or the tendon alone, of a muscle not known."""
+    """Log muscle and tendon between the ``ends`` (frames, 2, 3) of the unit; the tendon only without muscle length."""
     import rerun as rr
 
     begin = ends[:, 0]
     if "muscle_length" in recording and "pressure" in recording:
-        whole = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        share = np.clip(recording["muscle_length"][frames] / whole, 0.0, 1.0)[:, None]
-        begin = ends[:, 0] + share * (ends[:, 1] - ends[:, 0])
+        unit_length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        fraction = np.clip(recording["muscle_length"][frames] / unit_length, 0.0, 1.0)[:, None]
+        begin = ends[:, 0] + fraction * (ends[:, 1] - ends[:, 0])
         stream.log(f"{root}/{MUSCLE_ENTITY}", rr.LineStrips3D.from_fields(radii=0.012), static=True)
         strips = rr.LineStrips3D.columns(
             strips=list(np.stack([ends[:, 0], begin], axis=1)),
@@ -144,9 +143,9 @@ def _log_unit(
 
 
 def interpolate_colours(values: Array, zero_colour: Array, peak_colour: Array) -> NDArray[np.uint8]:
-    """(n, 3) RGB: ``least`` at 0, ``most`` at the peak, straight between them."""
-    share = np.clip(np.nan_to_num(values) / max(float(np.nanmax(values)), 1e-9), 0.0, 1.0)[:, None]
-    return np.asarray(np.round(zero_colour + share * (peak_colour - zero_colour)), dtype=np.uint8)
+    """Return colours (n, 3) RGB, interpolated from ``zero_colour`` at 0 to ``peak_colour`` at the maximum."""
+    fraction = np.clip(np.nan_to_num(values) / max(float(np.nanmax(values)), 1e-9), 0.0, 1.0)[:, None]
+    return np.asarray(np.round(zero_colour + fraction * (peak_colour - zero_colour)), dtype=np.uint8)
 
 
 def _log_ground_reaction(
@@ -173,7 +172,7 @@ def _log_geom(stream: Any, model: mujoco.MjModel, geom: int, root: str) -> None:
 
     kind, size, colour = model.geom_type[geom], model.geom_size[geom], model.geom_rgba[geom]
     kinds = mujoco.mjtGeom
-    place = rr.Transform3D(translation=model.geom_pos[geom], quaternion=model.geom_quat[geom][[1, 2, 3, 0]])
+    pose = rr.Transform3D(translation=model.geom_pos[geom], quaternion=model.geom_quat[geom][[1, 2, 3, 0]])
     shape: Any
     if kind == kinds.mjGEOM_PLANE:
         half = [size[0], size[1], 1e-3]
@@ -181,7 +180,7 @@ def _log_geom(stream: Any, model: mujoco.MjModel, geom: int, root: str) -> None:
     elif kind == kinds.mjGEOM_SPHERE:
         shape = rr.Ellipsoids3D(half_sizes=[[size[0]] * 3], colors=[colour], fill_mode="solid")
     elif kind == kinds.mjGEOM_CAPSULE:
-        # rerun's capsule starts at its origin, MuJoCo's is centred
+        # A capsule of rerun starts at its origin, one of MuJoCo is centred.
         length = 2.0 * size[1]
         shape = rr.Capsules3D(
             lengths=[length], radii=[size[0]], translations=[[0, 0, -size[1]]], colors=[colour], fill_mode="solid"
@@ -193,4 +192,4 @@ def _log_geom(stream: Any, model: mujoco.MjModel, geom: int, root: str) -> None:
     name = model.geom(geom).name or str(geom)
     body = int(model.geom_bodyid[geom])
     path = f"{root}/{name}" if body == 0 else f"{format_body_entity(model, body, root)}/{name}"
-    stream.log(path, place, shape, static=True)
+    stream.log(path, pose, shape, static=True)

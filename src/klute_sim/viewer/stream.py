@@ -1,6 +1,6 @@
-"""Recordings for the rerun viewer, whatever is in them: series over a timeline, words, and panels folded away.
+"""Write recordings for the rerun viewer: lines over a timeline, text, and the layout of the window.
 
-rerun is an optional extra and is imported when it is used.
+rerun is an optional extra, which is imported when a recording is written.
 """
 
 import hashlib
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from klute_sim.errors import MissingExtraError
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 
 Colour = tuple[int, int, int]
 
@@ -26,26 +26,29 @@ PALETTE: tuple[Colour, ...] = (
     *(BLUE, ORANGE, GREEN, RED, VIOLET, BROWN, CYAN),
     *((227, 119, 194), (188, 189, 34), (127, 127, 127)),
 )
-"""Told apart on black; for whatever has no colour of its own."""
+"""Colours that are distinguishable on black, for lines without a colour of their own."""
 
 
 class SeriesLine(NamedTuple):
-    """A series in a plot. The viewer draws in the order of the entities' names."""
+    """A line in a plot; the viewer draws lines in the order of their entities' names."""
 
     entity: str
     name: str
-    """In the legend."""
+    """Name in the legend."""
     colour: Colour
     width: float
-    """Of the line, or of the dots [points]."""
+    """Width of the line, or size of the markers [points]."""
     values: Array
-    """In the unit that it is shown in; NaN where there is none."""
+    """Values in the unit of the plot; NaN where undefined."""
     markers_only: bool = False
-    """Not joined."""
+    """Whether the values are shown as markers that are not joined."""
 
 
 def import_rerun() -> Any:
-    """The package rerun; raises MissingExtraError without it."""
+    """Import the package rerun.
+
+    Raises MissingExtraError without it.
+    """
     try:
         import rerun
     except ImportError:
@@ -55,28 +58,28 @@ def import_rerun() -> Any:
 
 @contextmanager
 def open_recording(path: Path, kind: str, identity: Any, make_blueprint: Callable[[], Any]) -> Iterator[Any]:
-    """A stream into ``path`` (.rrd), which appears whole or not at all.
+    """Open a recording stream to ``path`` (.rrd), which is replaced only when the recording is complete.
 
-    ``kind`` names what is recorded: the viewer keeps a user's changes of a layout by that. The same ``identity`` (JSON
-    types) is the same recording. Raises MissingExtraError without rerun.
+    The viewer stores a user's changes of the layout by ``kind``. Equal ``identity`` (JSON types) means the same
+    recording. Raises MissingExtraError without rerun.
     """
     rr = import_rerun()
     digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
     stream = rr.RecordingStream(f"klute-sim {kind}", recording_id=digest, send_properties=False)
-    fresh = path.with_name(f".{path.name}")
+    temporary = path.with_name(f".{path.name}")
     try:
-        stream.save(fresh, default_blueprint=make_blueprint())
+        stream.save(temporary, default_blueprint=make_blueprint())
         yield stream
         stream.flush()
         stream.disconnect()
-        fresh.replace(path)
+        temporary.replace(path)
     finally:
         stream.disconnect()
-        fresh.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
 def send_lines(stream: Any, axis: Any, lines: Iterable[SeriesLine]) -> None:
-    """Send ``lines`` over ``axis`` (a rerun TimeColumn), each with how it looks."""
+    """Send the values of ``lines`` over ``axis`` (a rerun TimeColumn), and their styles."""
     rr = import_rerun()
     for line in lines:
         stream.send_columns(line.entity, indexes=[axis], columns=rr.Scalars.columns(scalars=line.values))
@@ -84,7 +87,7 @@ def send_lines(stream: Any, axis: Any, lines: Iterable[SeriesLine]) -> None:
 
 
 def log_line_style(stream: Any, line: SeriesLine) -> None:
-    """How the series of ``line`` looks."""
+    """Log name, colour and width of ``line``."""
     rr, colour = import_rerun(), np.array(line.colour)
     style: Any = rr.SeriesLines(names=line.name, colors=colour, widths=line.width)
     if line.markers_only:
@@ -93,13 +96,13 @@ def log_line_style(stream: Any, line: SeriesLine) -> None:
 
 
 def log_text(stream: Any, entity: str, text: str) -> None:
-    """Log a page of Markdown."""
+    """Log a Markdown document."""
     rr = import_rerun()
     stream.log(entity, rr.TextDocument(text, media_type="text/markdown"), static=True)
 
 
 def format_markdown_table(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table in Markdown; what is a number is given four digits, and None a dash."""
+    """Return a Markdown table; numbers have four digits, and None is a dash."""
     lines = [headings, ["---"] * len(headings), *([_format_cell(cell) for cell in row] for row in rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
@@ -111,9 +114,9 @@ def _format_cell(value: Any) -> str:
 
 
 def build_plot_view(name: str, entities: Sequence[str], view_range: tuple[int, int] | None = None) -> Any:
-    """A view of series over the timeline.
+    """Build a view of the lines of ``entities`` over the timeline.
 
-    Of a timeline of whole numbers the viewer shows a thousand before and after the cursor, unless told the ``span``.
+    ``view_range`` is needed for integer timelines, of which the viewer otherwise shows 1000 steps around the cursor.
     """
     import rerun.blueprint as rrb
 
@@ -125,14 +128,14 @@ def build_plot_view(name: str, entities: Sequence[str], view_range: tuple[int, i
 
 
 def build_text_view(name: str, entity: str) -> Any:
-    """A view of what :func:`tell` logged."""
+    """Build a view of the document that :func:`log_text` logged."""
     import rerun.blueprint as rrb
 
     return rrb.TextDocumentView(origin=f"/{entity}", name=name)
 
 
 def build_window_blueprint(root: Any, timeline: str) -> Any:
-    """The layout of a window: ``root`` over ``timeline``, panels folded away."""
+    """Build the layout of a window: ``root`` over ``timeline``, with collapsed panels."""
     import rerun.blueprint as rrb
 
     return rrb.Blueprint(

@@ -1,1 +1,1 @@
-"""."""
+"""Report of a bench run: table, CSV and figure."""

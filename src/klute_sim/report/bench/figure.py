@@ -1,7 +1,6 @@
-"""The picture of a bench run, per kind of test."""
+"""Figures of bench runs: one layout for each kind of test."""
 
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -11,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from klute_sim.bench.run import BenchResult, BenchTrial
-from klute_sim.recording.recording import Array
-from klute_sim.report.gait.figure import COMPACT_STYLE
+from klute_sim.report.style import COMPACT_STYLE, fix_tick_label_size
+from klute_sim.types import Array
 
 TRIAL_COLOURS = (
     "#1f77b4",
@@ -28,23 +27,24 @@ TRIAL_COLOURS = (
 )
 
 
-def save_figure(result: BenchResult, path: Path) -> None:
-    """Write the picture of ``result`` to ``path``."""
+def build_figure(result: BenchResult) -> Figure:
+    """Plot the trials of ``result`` in the layout for its kind of test."""
     with matplotlib.rc_context(COMPACT_STYLE):
         figure = _PLOTTERS[result.protocol.kind](result)
-        where = "MuJoCo tester" if result.use_mujoco else "device alone"
-        figure.suptitle(f"{result.protocol.name}: {result.device.name}, {where}")
+        rig = "MuJoCo tester" if result.use_mujoco else "device only"
+        figure.suptitle(f"{result.protocol.name}: {result.device.name}, {rig}")
         for axis in figure.axes:
             axis.grid(alpha=0.25, linewidth=0.5)
-        figure.savefig(path, dpi=130)
+        fix_tick_label_size(figure)
+    return figure
 
 
 def _group_trials(trials: Iterable[BenchTrial], *keys: str) -> dict[tuple[float, ...], list[BenchTrial]]:
-    """Trials by their settings of ``keys``, in their order."""
-    found: dict[tuple[float, ...], list[BenchTrial]] = {}
+    """Group ``trials`` by their conditions ``keys``; groups are in the order of their first trials."""
+    groups: dict[tuple[float, ...], list[BenchTrial]] = {}
     for trial in trials:
-        found.setdefault(tuple(trial.conditions[key] for key in keys), []).append(trial)
-    return found
+        groups.setdefault(tuple(trial.conditions[key] for key in keys), []).append(trial)
+    return groups
 
 
 def _get_values(trials: list[BenchTrial], key: str) -> list[float]:
@@ -80,35 +80,37 @@ def _plot_isometric(result: BenchResult) -> Figure:
 
 def _plot_isokinetic(result: BenchResult) -> Figure:
     figure = Figure(figsize=(11, 5), layout="constrained")
-    plain, normal = figure.subplots(1, 2)
+    absolute, normalised = figure.subplots(1, 2)
     key = "muscle_ratio" if "muscle_ratio" in result.trials[0].conditions else "unit_length_mm"
-    at = "muscle at {:g} of rest" if key == "muscle_ratio" else "unit at {:g} mm"
-    rest = 1e3 * result.device.parameters.muscle.resting_length
+    length_label = "muscle at {:g} of rest" if key == "muscle_ratio" else "unit at {:g} mm"
+    resting_length = 1e3 * result.device.parameters.muscle.resting_length
     groups = _group_trials(result.trials, "pressure_bar", key)
-    for k, ((bar, place), trials) in enumerate(groups.items()):
+    for k, ((bar, length), trials) in enumerate(groups.items()):
         velocity, force = np.array(_get_values(trials, "velocity_mm_per_s")), np.array(_get_values(trials, "force_n"))
         style: Any = {
             "marker": "o",
             "markersize": 3,
             "color": _get_colour(k),
-            "label": f"{bar:g} bar, {at.format(place)}",
+            "label": f"{bar:g} bar, {length_label.format(length)}",
         }
-        plain.plot(velocity, force, **style)
-        # Rings inside of rings: curves that lie on each other all show.
+        absolute.plot(velocity, force, **style)
+        # Concentric rings keep coinciding curves visible.
         ring: Any = {"markersize": 3.0 + 9.0 * (1.0 - (k + 1) / len(groups)), "markerfacecolor": "none"}
-        normal.plot(velocity / rest, _get_values(trials, "force_ratio"), **{**style, **ring, "linewidth": 1.0})
-    _set_labels(plain, "shortening velocity of the unit [mm/s]", "force [N]", "force-velocity")
+        normalised.plot(
+            velocity / resting_length, _get_values(trials, "force_ratio"), **{**style, **ring, "linewidth": 1.0}
+        )
+    _set_labels(absolute, "shortening velocity of the unit [mm/s]", "force [N]", "force-velocity")
     _set_labels(
-        normal,
+        normalised,
         "shortening velocity of the unit [resting lengths of the muscle / s]",
         "force / isometric force at that length",
         "normalised",
     )
-    for axis in (plain, normal):
+    for axis in (absolute, normalised):
         axis.axvline(0.0, color="0.6", linewidth=0.6)
         low, high = axis.get_ylim()
-        axis.set_ylim(min(0.0, low), high + 0.05 * max(high, 0.0))  # clear of the markers
-    _add_legend(plain)
+        axis.set_ylim(min(0.0, low), high + 0.05 * max(high, 0.0))  # keeps the markers inside
+    _add_legend(absolute)
     return figure
 
 
@@ -116,24 +118,24 @@ def _plot_quick_release(result: BenchResult) -> Figure:
     groups = _group_trials(result.trials, "pressure_bar")
     figure = Figure(figsize=(11, 4 * len(groups)), layout="constrained")
     axes = figure.subplots(len(groups), 2, squeeze=False)
-    for (traces, left), ((bar,), trials) in zip(axes, groups.items(), strict=True):
+    for (traces, forces), ((bar,), trials) in zip(axes, groups.items(), strict=True):
         for k, trial in enumerate(trials):
             time = 1e3 * (trial.recording["time"] - _find_motion_interval(trial)[0])
-            show = (time >= -20.0) & (time <= 200.0)
+            is_shown = (time >= -20.0) & (time <= 200.0)
             label = f"{trial.conditions['release_mm']:.3g} mm"
-            traces.plot(time[show], trial.recording["force"][show], color=_get_colour(k), label=label)
-        _set_labels(traces, "time since the release began [ms]", "force [N]", f"{bar:g} bar")
+            traces.plot(time[is_shown], trial.recording["force"][is_shown], color=_get_colour(k), label=label)
+        _set_labels(traces, "time since the start of the release [ms]", "force [N]", f"{bar:g} bar")
         _add_legend(traces)
         release, before = _get_values(trials, "release_mm"), trials[0].metrics["force_before_n"]
-        for key, label in (("force_lowest_n", "lowest"), ("force_after_n", "come back")):
-            left.plot([0, *release], [1.0, *np.array(_get_values(trials, key)) / before], marker="o", label=label)
-        _set_labels(left, "release [mm]", "force / force before", f"{bar:g} bar")
-        _add_legend(left)
+        for key, label in (("force_lowest_n", "lowest"), ("force_after_n", "recovered")):
+            forces.plot([0, *release], [1.0, *np.array(_get_values(trials, key)) / before], marker="o", label=label)
+        _set_labels(forces, "release [mm]", "force / force before the release", f"{bar:g} bar")
+        _add_legend(forces)
     return figure
 
 
 def _find_motion_interval(trial: BenchTrial) -> tuple[float, float]:
-    """When [s] the crosshead is first and last told to move."""
+    """Return the times [s] of the first and last change of the length command."""
     moving = np.flatnonzero(np.diff(trial.recording["length_command"]))
     time = trial.recording["time"]
     return float(time[moving[0]]), float(time[moving[-1] + 1])
@@ -153,6 +155,22 @@ def _plot_step_test(result: BenchResult) -> Figure:
     return figure
 
 
+def _plot_identification(result: BenchResult) -> Figure:
+    figure = Figure(figsize=(10, 9), layout="constrained")
+    length, pressure, force = figure.subplots(3, 1, sharex=True)
+    for k, trial in enumerate(result.trials):
+        time = trial.recording["time"]
+        length.plot(time, trial.recording["length"], color=_get_colour(k), label=trial.name)
+        pressure.plot(time, trial.recording["pressure"], color=_get_colour(k))
+        pressure.plot(time, trial.recording["pressure_command"], color="0.3", linestyle="--", linewidth=0.6)
+        force.plot(time, trial.recording["force"], color=_get_colour(k))
+    _set_labels(length, "", "unit length [mm]")
+    _set_labels(pressure, "", "gauge pressure [bar]", "delivered, and commanded (dashed)")
+    _set_labels(force, "time [s]", "force [N]")
+    _add_legend(length)
+    return figure
+
+
 def _plot_frequency_response(result: BenchResult) -> Figure:
     figure = Figure(figsize=(11, 7), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True)
@@ -161,16 +179,16 @@ def _plot_frequency_response(result: BenchResult) -> Figure:
         for column, (channel, unit) in enumerate((("pressure", ""), ("force", "_n_per_bar"))):
             style: Any = {"marker": "o", "markersize": 3, "color": _get_colour(k), "label": f"around {bar:g} bar"}
             gain = np.array(_get_values(trials, f"{channel}_gain{unit}"))
-            against = 1.0 if channel == "pressure" else gain[0]
+            reference_gain = 1.0 if channel == "pressure" else gain[0]
             if channel == "force":
-                style["label"] += f": 0 dB is {against:.4g} N/bar"
-            axes[0, column].semilogx(frequency, 20.0 * np.log10(gain / against), **style)
+                style["label"] += f": 0 dB is {reference_gain:.4g} N/bar"
+            axes[0, column].semilogx(frequency, 20.0 * np.log10(gain / reference_gain), **style)
             axes[1, column].semilogx(frequency, _unwrap_degrees(_get_values(trials, f"{channel}_phase_deg")), **style)
     amplitude = result.trials[0].conditions["amplitude_bar"]
     _set_labels(axes[0, 0], "", "gain [dB]", f"pressure, command ±{amplitude:g} bar")
-    _set_labels(axes[0, 1], "", "gain [dB against the lowest frequency]", f"force, command ±{amplitude:g} bar")
+    _set_labels(axes[0, 1], "", "gain [dB re lowest frequency]", f"force, command ±{amplitude:g} bar")
     for axis in axes[1]:
-        _set_labels(axis, "frequency [Hz]", "phase [deg] (negative: late)")
+        _set_labels(axis, "frequency [Hz]", "phase [deg] (negative: lag)")
     for axis in axes[0]:
         axis.set_ylim(min(-3.0, axis.get_ylim()[0]), max(1.0, axis.get_ylim()[1]))
         _add_legend(axis)
@@ -186,11 +204,11 @@ def _plot_creep(result: BenchResult) -> Figure:
     axis = figure.subplots()
     for k, trial in enumerate(result.trials):
         time = trial.recording["time"] - _find_motion_interval(trial)[1]
-        show, slope = time > 0.05, trial.metrics["creep_pct_per_decade"]
+        is_shown, slope = time > 0.05, trial.metrics["creep_pct_per_decade"]
         label = f"{trial.conditions['pressure_bar']:g} bar: {slope:.2g} % per decade"
-        axis.semilogx(time[show], trial.recording["force"][show], color=_get_colour(k), label=label)
+        axis.semilogx(time[is_shown], trial.recording["force"][is_shown], color=_get_colour(k), label=label)
     axis.set_ylim(bottom=0.0)
-    _set_labels(axis, "time since the length step [s]", "force [N]", "force after a step of the length")
+    _set_labels(axis, "time since the length step [s]", "force [N]", "force after a length step")
     _add_legend(axis)
     return figure
 
@@ -204,14 +222,14 @@ def _plot_work_loops(result: BenchResult) -> Figure:
     figure = Figure(figsize=(3.3 * len(velocities) + 0.5, 5.4 * len(by_phase)), layout="constrained")
     axes = figure.subplots(2 * len(by_phase), len(velocities), squeeze=False, sharey="row")
     for row, trials in enumerate(by_phase.values()):
-        for column, ((velocity,), own) in enumerate(_group_trials(trials, "velocity_mm_per_s").items()):
+        for column, ((velocity,), group) in enumerate(_group_trials(trials, "velocity_mm_per_s").items()):
             loop, pressure = axes[2 * row, column], axes[2 * row + 1, column]
-            for k, trial in enumerate(own):
+            for k, trial in enumerate(group):
                 work = trial.metrics["work_j"]
                 _plot_last_cycle(
                     loop, pressure, trial, protocol, k, f"{trial.conditions['pressure_bar']:g} bar: {work:+.3g} J"
                 )
-            name = own[0].name.split("_")[0]
+            name = group[0].name.split("_")[0]
             _set_labels(loop, "unit length [mm]", "force [N]" if column == 0 else "", f"{name}, {velocity:g} mm/s")
             _set_labels(pressure, "cycle [%]", "gauge pressure [bar]" if column == 0 else "")
             low, high = loop.get_ylim()
@@ -223,23 +241,23 @@ def _plot_work_loops(result: BenchResult) -> Figure:
 def _plot_last_cycle(
     loop: Axes, pressure: Axes, trial: BenchTrial, protocol: Any, colour_index: int, label: str
 ) -> None:
-    """The last cycle of ``trial``."""
+    """Plot force over length, and pressure over the cycle, for the last cycle of ``trial``."""
     time = trial.recording["time"]
     period = (time[-1] - protocol.rest_s) / protocol.cycles
     last = trial.recording.select(time >= time[-1] - period - 1e-9)
     loop.plot(last["length"], last["force"], color=_get_colour(colour_index), linewidth=1.0, label=label)
     loop.xaxis.set_major_locator(MaxNLocator(5))
     _add_direction_arrows(loop, last["length"], last["force"], _get_colour(colour_index))
-    share = 100.0 * (last["time"] - last["time"][0]) / period
-    pressure.plot(share, last["pressure"], color=_get_colour(colour_index), linewidth=1.0)
+    cycle_pct = 100.0 * (last["time"] - last["time"][0]) / period
+    pressure.plot(cycle_pct, last["pressure"], color=_get_colour(colour_index), linewidth=1.0)
 
 
 def _add_direction_arrows(loop: Axes, length: Array, force: Array, colour: str) -> None:
-    """The direction in which a loop is run through: a head halfway along the shortening, and one along the return."""
+    """Mark the direction of a work loop with one arrow halfway along shortening and one halfway along lengthening."""
     middle, turn = 0.5 * (length.min() + length.max()), int(length.argmin())
-    for way in (slice(0, turn + 1), slice(turn, len(length))):
-        at = int(np.argmin(np.abs(length[way] - middle))) + way.start
-        before = max(at - max(1, len(length) // 50), 0)
+    for branch in (slice(0, turn + 1), slice(turn, len(length))):
+        tip = int(np.argmin(np.abs(length[branch] - middle))) + branch.start
+        tail = max(tip - max(1, len(length) // 50), 0)
         head: Any = {
             "arrowstyle": "-|>",
             "color": colour,
@@ -248,11 +266,11 @@ def _add_direction_arrows(loop: Axes, length: Array, force: Array, colour: str) 
             "shrinkB": 0,
             "linewidth": 0,
         }
-        loop.annotate("", (length[at], force[at]), (length[before], force[before]), arrowprops=head)
+        loop.annotate("", (length[tip], force[tip]), (length[tail], force[tail]), arrowprops=head)
 
 
 def _plot_phase_sweep(result: BenchResult) -> Figure:
-    """Net work over the phase of activation, and the loops of the first setting."""
+    """Plot net work over the phase of activation, and the loops of the first velocity and pressure."""
     figure = Figure(figsize=(11, 7), layout="constrained")
     (work, loop), (pressure, empty) = figure.subplots(2, 2)
     empty.set_axis_off()
@@ -265,7 +283,7 @@ def _plot_phase_sweep(result: BenchResult) -> Figure:
     for k, trial in enumerate(trials):
         _plot_last_cycle(loop, pressure, trial, result.protocol, k, f"{trial.conditions['phase_pct']:g} %")
     work.axhline(0.0, color="0.6", linewidth=0.6)
-    _set_labels(work, "phase at which the pressure comes on [% of the cycle]", "net work per cycle [J]", "work done")
+    _set_labels(work, "phase of pressure onset [% of the cycle]", "net work per cycle [J]", "net work")
     _set_labels(loop, "unit length [mm]", "force [N]", f"loops at {velocity:g} mm/s, {bar:g} bar, by phase")
     _set_labels(pressure, "cycle [%]", "gauge pressure [bar]", "pressure, by phase")
     empty.legend(*loop.get_legend_handles_labels(), title="phase", loc="upper left", frameon=False)
@@ -281,4 +299,5 @@ _PLOTTERS: dict[str, Callable[[BenchResult], Figure]] = {
     "frequency": _plot_frequency_response,
     "creep": _plot_creep,
     "workloop": _plot_work_loops,
+    "identification": _plot_identification,
 }

@@ -1,4 +1,4 @@
-"""What a bench run comes to: a row per trial, a table for a terminal, and what a reader has to know beside it."""
+"""Metrics of a bench run as JSON, as CSV and as a table for a terminal, and the remarks beside them."""
 
 import csv
 import io
@@ -13,10 +13,10 @@ from klute_sim import units
 from klute_sim.bench.run import BenchResult, BenchTrial
 
 MIN_OVERLAP_PCT = 99.0
-"""Overlap of pressure and movement [%] below which it is said to be incomplete."""
+"""Smallest overlap [%] of pressure and motion that counts as complete."""
 
 DISPLAY_ZERO_TOLERANCE = 5e-4
-"""What is less is shown as 0: the readings are in N, J, s, mm/s, deg and their like."""
+"""Magnitude below which a metric is shown as 0, in the metric's unit (N, J, s, mm/s, deg, ...)."""
 
 TABLE_METRICS: dict[str, tuple[str, ...]] = {
     "isometric": ("force_n", "unit_length_mm"),
@@ -25,19 +25,20 @@ TABLE_METRICS: dict[str, tuple[str, ...]] = {
     "step": ("pressure_up_rise_s", "force_up_delay_s", "force_up_rise_s", "force_up_settling_s", "force_down_rise_s"),
     "frequency": ("pressure_gain", "pressure_phase_deg", "force_gain_n_per_bar", "force_phase_deg", "force_coherence"),
     "creep": (),
+    "identification": (),
     "workloop": ("work_j", "work_shortening_j", "work_lengthening_j", "force_max_n", "overlap_pct"),
 }
-"""Kind -> readings in the table; all are in results.csv. Empty: all."""
+"""Kind of test -> metrics shown in the table (empty: all); results.csv has all of them."""
 
 PHASED_PREFIX = "phased"
-"""Activation of a work loop whose trials' names begin so."""
+"""Start of the names of work-loop trials with phased activation."""
 
 PER_DECADE_SUFFIX = "_pct_per_decade"
-"""End of a key whose unit is % per decade of time."""
+"""End of the keys of metrics in % per decade of time."""
 
 
 def summarize_bench_run(result: BenchResult) -> dict[str, Any]:
-    """Everything but the recordings, as JSON types; what could not be read is null."""
+    """Return everything except the recordings as JSON types; metrics that do not exist are null."""
     return {
         "protocol": result.protocol.name,
         "kind": result.protocol.kind,
@@ -47,13 +48,13 @@ def summarize_bench_run(result: BenchResult) -> dict[str, Any]:
         "trials": [
             {
                 "name": trial.name,
-                "setting": trial.conditions,
-                "readings": {key: None if math.isnan(value) else value for key, value in trial.metrics.items()},
+                "conditions": trial.conditions,
+                "metrics": {key: None if math.isnan(value) else value for key, value in trial.metrics.items()},
             }
             for trial in result.trials
         ],
         "assumptions": {
-            **{f"protocol.{key}": why for key, why in result.protocol.list_assumptions().items()},
+            **{f"protocol.{key}": reason for key, reason in result.protocol.list_assumptions().items()},
             **result.device.spec.collect_assumptions(),
         },
         "remarks": collect_remarks(result),
@@ -61,85 +62,89 @@ def summarize_bench_run(result: BenchResult) -> dict[str, Any]:
 
 
 def format_results_csv(result: BenchResult) -> str:
-    """One row per trial; what could not be read is an empty cell."""
+    """Return a CSV table with one row per trial; the cells of metrics that do not exist are empty."""
     keys = ["trial", *dict.fromkeys(key for trial in result.trials for key in (*trial.conditions, *trial.metrics))]
     text = io.StringIO()
     writer = csv.DictWriter(text, keys, restval="", lineterminator="\n")
     writer.writeheader()
     for trial in result.trials:
-        read = {key: "" if math.isnan(value) else repr(value) for key, value in trial.metrics.items()}
-        writer.writerow({"trial": trial.name, **trial.conditions, **read})
+        metrics = {key: "" if math.isnan(value) else repr(value) for key, value in trial.metrics.items()}
+        writer.writerow({"trial": trial.name, **trial.conditions, **metrics})
     return text.getvalue()
 
 
 def build_table(result: BenchResult) -> Table:
-    """The readings one looks at first, a row per trial."""
+    """Build the table of the most important metrics, with one row per trial."""
     first = result.trials[0]
-    shown = TABLE_METRICS[result.protocol.kind] or tuple(key for key in first.metrics if key != "ledger_residual_j")
-    where = "MuJoCo tester" if result.use_mujoco else "device alone"
-    made = Table(title=Text(f"{result.protocol.name}: {result.device.name}, {where}"), box=box.SIMPLE_HEAD)
-    # What is the same in all trials is in the files, unless it is all there is.
-    changed = [key for key in first.conditions if len({t.conditions[key] for t in result.trials}) > 1] or list(
+    metrics = TABLE_METRICS[result.protocol.kind] or tuple(key for key in first.metrics if key != "ledger_residual_j")
+    rig = "MuJoCo tester" if result.use_mujoco else "device only"
+    table = Table(title=Text(f"{result.protocol.name}: {result.device.name}, {rig}"), box=box.SIMPLE_HEAD)
+    # Conditions that are constant are left to the files, unless all of them are constant.
+    varied = [key for key in first.conditions if len({t.conditions[key] for t in result.trials}) > 1] or list(
         first.conditions
     )
-    named = result.protocol.kind == "workloop"
-    if named:
-        phased = any(_is_phased(trial) for trial in result.trials)
-        made.add_column("activation\n[% of cycle]" if phased else "activation", no_wrap=True)
-        changed = [key for key in changed if not key.startswith(("phase", "duty"))]
-    for key in (*changed, *shown):
-        made.add_column(_format_heading(key), justify="right")
+    has_activation = result.protocol.kind == "workloop"
+    if has_activation:
+        has_phases = any(_is_phased(trial) for trial in result.trials)
+        table.add_column("activation\n[% of cycle]" if has_phases else "activation", no_wrap=True)
+        varied = [key for key in varied if not key.startswith(("phase", "duty"))]
+    for key in (*varied, *metrics):
+        table.add_column(_format_heading(key), justify="right")
     for trial in result.trials:
-        cells = [*(f"{trial.conditions[key]:g}" for key in changed), *(_format_cell(trial, key) for key in shown)]
-        made.add_row(*([_format_activation(trial)] if named else []), *cells)
-    return made
+        cells = [*(f"{trial.conditions[key]:g}" for key in varied), *(_format_cell(trial, key) for key in metrics)]
+        table.add_row(*([_format_activation(trial)] if has_activation else []), *cells)
+    return table
 
 
 def collect_remarks(result: BenchResult) -> list[str]:
-    """What a reader has to know beside the table, one sentence each."""
-    said = []
-    assumed = result.protocol.list_assumptions()
-    if assumed:
-        said.append(f"Assumed in the protocol, not printed in the source: {', '.join(assumed)}.")
-    nothing = [t.name for t in result.trials if math.isnan(t.metrics.get("force_n", 0.0))]
-    if nothing:
-        said.append(
-            f"In {len(nothing)} of {len(result.trials)} trials the length to read at was not passed at full speed: "
-            f"{', '.join(nothing[:4])}{' ...' if len(nothing) > 4 else ''}."
+    """Return what a reader must know beside the table, one sentence each."""
+    remarks = []
+    assumptions = result.protocol.list_assumptions()
+    if assumptions:
+        remarks.append(
+            f"Values that the protocol assumes, because the source does not print them: {', '.join(assumptions)}."
         )
-    said.extend(_describe_pressure_tracking(result))
-    said.extend(_describe_negative_forces(result))
+    missed = [t.name for t in result.trials if math.isnan(t.metrics.get("force_n", 0.0))]
+    if missed:
+        remarks.append(
+            f"{len(missed)} of {len(result.trials)} trials did not pass the measurement length at full speed: "
+            f"{', '.join(missed[:4])}{' ...' if len(missed) > 4 else ''}."
+        )
+    remarks.extend(_describe_pressure_tracking(result))
+    remarks.extend(_describe_negative_forces(result))
     if result.protocol.kind == "workloop":
-        said.append("Positive work is done by the device on the crosshead.")
-    return said
+        remarks.append("Positive work is done by the device on the crosshead.")
+    return remarks
 
 
 def _describe_pressure_tracking(result: BenchResult) -> list[str]:
-    """Of work loops: where the pressure was not the commanded one, and whether a longer dwell would help."""
-    said = []
-    behind_valve = result.device.parameters.supply.fill_conductance > 0.0
-    empty = any((t.recording["pressure_command"] > t.recording["supply_pressure"]).any() for t in result.trials)
-    if empty:
-        cure = "the supply, or the tank behind it, had less than was commanded."
-    elif behind_valve:
-        cure = "the valve does not follow so fast or so closely."
+    """Return, for work loops, where the pressure deviated from its command and what would help."""
+    remarks = []
+    has_valve = result.device.parameters.supply.fill_conductance > 0.0
+    is_supply_short = any(
+        (t.recording["pressure_command"] > t.recording["supply_pressure"]).any() for t in result.trials
+    )
+    if is_supply_short:
+        cause = "the supply, or its tank, had less pressure than commanded."
+    elif has_valve:
+        cause = "the valve cannot follow the command fast or closely enough."
     else:
-        cure = "with a longer dwell_s it would be."
-    for phased in (False, True):
-        own = [t for t in result.trials if "overlap_pct" in t.metrics and _is_phased(t) == phased]
-        late = [t.name for t in own if t.metrics["overlap_pct"] < MIN_OVERLAP_PCT]
-        if not late:
+        cause = "a longer dwell_s would help."
+    for is_phased in (False, True):
+        trials = [t for t in result.trials if "overlap_pct" in t.metrics and _is_phased(t) == is_phased]
+        n_late = sum(t.metrics["overlap_pct"] < MIN_OVERLAP_PCT for t in trials)
+        if not n_late:
             continue
-        kind = "phased" if phased else "concentric or eccentric"
-        said.append(
-            f"In {len(late)} of {len(own)} {kind} trials the pressure was not the commanded one all the way: "
-            + ("with phased activation its rise and fall are part of the experiment." if phased else cure)
+        kind = "phased" if is_phased else "concentric or eccentric"
+        remarks.append(
+            f"In {n_late} of {len(trials)} {kind} trials the pressure deviated from its command during the motion: "
+            + ("with phased activation its rise and fall are part of the experiment." if is_phased else cause)
         )
-    return said
+    return remarks
 
 
 def _describe_negative_forces(result: BenchResult) -> list[str]:
-    """What a force below 0 is."""
+    """Return an explanation of forces below 0, if there are any."""
     lowest = {
         trial.name: min((v for k, v in trial.metrics.items() if k.startswith("force") and k.endswith("_n")), default=0)
         for trial in result.trials
@@ -148,14 +153,14 @@ def _describe_negative_forces(result: BenchResult) -> list[str]:
     if not below:
         return []
     return [
-        f"In {len(below)} of {len(lowest)} trials a force is below 0 (down to {min(below):.4g} N): there the bare "
-        "muscle pushes, by its rubber and by the friction offset of Table 3.1, which has no sign and grows with "
-        "pressure. A tendon would be slack."
+        f"In {len(below)} of {len(lowest)} trials a force is below 0 (down to {min(below):.4g} N): the bare muscle "
+        "pushes there, because of its bladder and of the friction offset of Table 3.1, which is independent of "
+        "direction and grows with pressure. A tendon would be slack."
     ]
 
 
 def _format_heading(key: str) -> str:
-    """Of a column, with its unit below."""
+    """Return the heading of a column: the name of ``key`` with its unit below."""
     name, unit = units.split_unit(key)
     if key.endswith(PER_DECADE_SUFFIX):
         name, unit = key.removesuffix(PER_DECADE_SUFFIX), "% per decade"
@@ -172,6 +177,6 @@ def _is_phased(trial: BenchTrial) -> bool:
 
 
 def _format_activation(trial: BenchTrial) -> str:
-    """The first word of its name, and of a phased one the phase, too."""
+    """Return the activation, which is the first word of the trial's name, and the phase of a phased activation."""
     word, second, *_ = trial.name.split("_")
     return f"phased {second.removesuffix('pct')}" if _is_phased(trial) else word

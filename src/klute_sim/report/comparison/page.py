@@ -1,4 +1,4 @@
-"""A comparison as one HTML file that needs nothing else, not even a network."""
+"""Page of a comparison: one self-contained HTML file that works offline."""
 
 import base64
 from collections.abc import Mapping
@@ -16,50 +16,54 @@ TEMPLATE = "comparison.html"
 
 
 def write_page(comparison: Comparison, pictures: Mapping[str, bytes], path: Path, rrd_file: str = "") -> None:
-    """Write the page of ``found`` to ``path``, with ``pictures`` (part -> PNG) in it.
+    """Write the page of ``comparison`` to ``path``, with ``pictures`` (part -> PNG) embedded.
 
-    It links to the rerun ``recording`` beside it, if there is one.
+    The page links to ``rrd_file`` in the same folder, unless the name is empty.
     """
     path.write_text(render_page(comparison, pictures, rrd_file), "utf-8")
 
 
 def render_page(comparison: Comparison, pictures: Mapping[str, bytes], rrd_file: str = "") -> str:
-    """The page; every name in the data is escaped."""
+    """Return the page as HTML, in which names from the data are escaped."""
     return render_template(TEMPLATE, **build_page_context(comparison, pictures), recording=rrd_file)
 
 
 def build_page_context(comparison: Comparison, pictures: Mapping[str, bytes]) -> dict[str, Any]:
-    """Everything on the page, in words."""
+    """Return the content of the page as text for the template."""
     labels = [series.label for series in comparison.parts[0].series]
     return {
         "title": labels[0] if comparison.is_single else f"{', '.join(labels[1:])} against {labels[0]}",
-        "alone": words.EXTENT_HEADINGS if comparison.is_single else (),
-        "series": [_build_series_entry(told) for told in as_json(comparison)["series"]],
+        "extent_headings": words.EXTENT_HEADINGS if comparison.is_single else (),
+        "series": [_build_series_entry(summary) for summary in as_json(comparison)["series"]],
         "remarks": comparison.remarks,
         "parts": [_build_part_entry(part, comparison.domain, pictures) for part in comparison.parts],
-        "undrawn": _describe_omitted_figures(comparison, pictures),
-        "rules": words.explain_numbers(comparison),
+        "omitted_figures": _describe_omitted_figures(comparison, pictures),
+        "explanations": words.explain_numbers(comparison),
         "versions": collect_versions(),
     }
 
 
 def _describe_omitted_figures(comparison: Comparison, pictures: Mapping[str, bytes]) -> list[str]:
-    """What has no picture, one sentence each."""
-    said = []
+    """Return which trials and channels have no figure, one sentence each."""
+    sentences = []
     if pictures and len(pictures) < len(comparison.parts):
-        said.append(f"Drawn are the {len(pictures)} trials with the largest differences of {len(comparison.parts)}.")
-    most = max(len(part.differences) for part in comparison.parts)
-    if pictures and most > MAX_CHANNELS_PER_FIGURE:
-        said.append(f"Drawn are the {MAX_CHANNELS_PER_FIGURE} channels with the largest differences of {most}.")
-    return said
+        sentences.append(
+            f"The figures show the {len(pictures)} trials with the largest differences of {len(comparison.parts)}."
+        )
+    n_channels = max(len(part.differences) for part in comparison.parts)
+    if pictures and n_channels > MAX_CHANNELS_PER_FIGURE:
+        sentences.append(
+            f"The figures show the {MAX_CHANNELS_PER_FIGURE} channels with the largest differences of {n_channels}."
+        )
+    return sentences
 
 
 def _build_series_entry(summary: dict[str, Any]) -> dict[str, Any]:
-    made = [*summary["devices"], *summary["controllers"]]
+    sources = [*summary["devices"], *summary["controllers"]]
     repeats = sorted({count for count in summary["repeats"] if count is not None})
     return {
         "label": summary["label"],
-        "what": "the human reference" if summary["reference"] else ", ".join(made),
+        "source": "the human reference" if summary["reference"] else ", ".join(sources),
         "runs": summary["runs"],
         "repeats": "-" if not repeats else str(repeats[0]) if len(repeats) == 1 else f"{repeats[0]} to {repeats[-1]}",
     }
@@ -68,15 +72,15 @@ def _build_series_entry(summary: dict[str, Any]) -> dict[str, Any]:
 def _build_part_entry(part: ComparisonPart, domain: str, pictures: Mapping[str, bytes]) -> dict[str, Any]:
     rows = [
         _build_row_entry(words.DifferenceRow(part, name, label, d), domain)
-        for name, own in part.differences.items()
-        for label, d in own.items()
+        for name, differences in part.differences.items()
+        for label, d in differences.items()
     ]
     image = base64.b64encode(pictures[part.name]).decode("ascii") if part.name in pictures else ""
-    alone = [
+    extents = [
         {"channel": words.humanize_channel(name), "unit": words.format_unit(part.units[name]), "cells": cells}
         for name, cells in (words.iter_extents(part, domain) if len(part.series) == 1 else ())
     ]
-    return {"name": part.name, "rows": rows, "alone": alone, "image": image}
+    return {"name": part.name, "rows": rows, "extents": extents, "image": image}
 
 
 def _build_row_entry(row: words.DifferenceRow, domain: str) -> dict[str, str]:

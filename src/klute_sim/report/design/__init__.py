@@ -1,1 +1,1 @@
-"""."""
+"""Report of a design: tables and figure."""

@@ -1,26 +1,24 @@
-"""The picture of a design: force over velocity, and the stride's demand."""
-
-from pathlib import Path
+"""Figure of a design: force and orifices over velocity, and the demand of a stride."""
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from klute_sim.report.gait.figure import COMPACT_STYLE, HUMAN_COLOUR, PROSTHESIS_COLOUR
+from klute_sim.report.style import COMPACT_STYLE, HUMAN_COLOUR, PROSTHESIS_COLOUR, fix_tick_label_size
 from klute_sim.sizing.evaluation.demand import StrideDemand
 from klute_sim.sizing.evaluation.velocity import required_orifice
 from klute_sim.sizing.sizing import Design
 from klute_sim.units import BAR
 
 
-def save_figure(design: Design, path: Path) -> None:
-    """Write the picture of ``found`` to ``path``."""
+def build_figure(design: Design) -> Figure:
+    """Plot force and orifice diameters of ``design`` over velocity and, for a gait, demand and supply over a stride."""
     with matplotlib.rc_context(COMPACT_STYLE):
-        _write_figure(design, path)
+        return _build_figure(design)
 
 
-def _write_figure(design: Design, path: Path) -> None:
+def _build_figure(design: Design) -> Figure:
     rows = 2 if design.demand else 1
     figure = Figure(figsize=(11, 4.2 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, squeeze=False)
@@ -36,13 +34,14 @@ def _write_figure(design: Design, path: Path) -> None:
         f"{design.device.name}: {option.count} × {option.actuator}, {1e3 * option.resting_length:.0f} mm, "
         f"F0 {design.isometric_force:.0f} N at {design.choices.supply_pressure / BAR:g} bar"
     )
-    figure.savefig(path, dpi=130)
+    fix_tick_label_size(figure)
+    return figure
 
 
 def _plot_force_velocity(axis: Axes, design: Design) -> None:
     curves, speed = design.curves, 1e3 * design.curves.velocity
     axis.plot(speed, curves.muscle / curves.isometric, color="0.75", linewidth=5, label="muscle (Hill)")
-    axis.plot(speed, curves.actuator_only / curves.isometric, color="#d62728", linewidth=1.1, label="actuator alone")
+    axis.plot(speed, curves.actuator_only / curves.isometric, color="#d62728", linewidth=1.1, label="actuator only")
     ideal = curves.ideal_damper / curves.isometric
     axis.plot(speed, ideal, color=HUMAN_COLOUR, linestyle="--", linewidth=1.1, label="with ideal damper")
     axis.plot(
@@ -61,10 +60,10 @@ def _plot_force_velocity(axis: Axes, design: Design) -> None:
 
 def _plot_orifice_diameters(axis: Axes, design: Design) -> None:
     point = design.damper.concentric
-    needed = 1e3 * required_orifice(design.curves, design.damper.bore, point.oil_density, point.discharge_coefficient)
+    required = 1e3 * required_orifice(design.curves, design.damper.bore, point.oil_density, point.discharge_coefficient)
     speed = 1e3 * design.curves.velocity
-    axis.plot(speed, needed, color=HUMAN_COLOUR, linestyle="--", linewidth=1.1, label="needed for Hill (4.6)")
-    # One orifice per direction: two levels, with nothing between them.
+    axis.plot(speed, required, color=HUMAN_COLOUR, linestyle="--", linewidth=1.1, label="required for Hill (4.6)")
+    # Each direction has its own orifice: two separate levels.
     for label, end, orifice in (
         ("fixed", speed[-1], design.damper.concentric.orifice_diameter),
         (None, speed[0], design.damper.eccentric.orifice_diameter),
@@ -79,27 +78,27 @@ def _plot_orifice_diameters(axis: Axes, design: Design) -> None:
 
 def _plot_force_demand(axis: Axes, demand: StrideDemand) -> None:
     phase = 100.0 * demand.phase
-    axis.plot(phase, demand.max_isometric_force, color="#d62728", linewidth=1.1, label="isometric, supply's pressure")
+    axis.plot(phase, demand.max_isometric_force, color="#d62728", linewidth=1.1, label="isometric, supply pressure")
     axis.plot(
-        phase, demand.commanded_isometric_force, color="#9467bd", linewidth=1.1, label="isometric, its own profile"
+        phase, demand.commanded_isometric_force, color="#9467bd", linewidth=1.1, label="isometric, commanded pressure"
     )
-    asked = np.where(demand.is_loaded, demand.tendon_force - demand.damping_force, np.nan)
-    axis.plot(phase, asked, color=PROSTHESIS_COLOUR, linestyle="--", linewidth=1.2, label="needed, with damper")
-    axis.plot(phase, demand.tendon_force, color=HUMAN_COLOUR, linewidth=1.6, label="needed by the tendon")
+    required = np.where(demand.is_loaded, demand.tendon_force - demand.damping_force, np.nan)
+    axis.plot(phase, required, color=PROSTHESIS_COLOUR, linestyle="--", linewidth=1.2, label="required, with damper")
+    axis.plot(phase, demand.tendon_force, color=HUMAN_COLOUR, linewidth=1.6, label="required by the tendon")
     axis.set_title("force over the stride [N]")
     _format_gait_cycle_axis(axis)
 
 
 def _plot_pressure_demand(axis: Axes, demand: StrideDemand, supply_pressure: float) -> None:
     phase = 100.0 * demand.phase
-    axis.plot(phase, demand.required_pressure / BAR, color=PROSTHESIS_COLOUR, linewidth=1.6, label="needed")
+    axis.plot(phase, demand.required_pressure / BAR, color=PROSTHESIS_COLOUR, linewidth=1.6, label="required")
     axis.axhline(supply_pressure / BAR, color="#d62728", linewidth=1.0, linestyle="--", label="supply")
     axis.set_title("gauge pressure over the stride [bar]")
     _format_gait_cycle_axis(axis)
-    beside = axis.twinx()
-    beside.plot(phase, demand.length_ratio, color="#2ca02c", linewidth=1.0)
-    beside.set_ylabel("muscle length / L0", color="#2ca02c")
-    beside.spines["right"].set_visible(True)
+    ratio_axis = axis.twinx()
+    ratio_axis.plot(phase, demand.length_ratio, color="#2ca02c", linewidth=1.0)
+    ratio_axis.set_ylabel("muscle length / L0", color="#2ca02c")
+    ratio_axis.spines["right"].set_visible(True)
 
 
 def _format_gait_cycle_axis(axis: Axes) -> None:

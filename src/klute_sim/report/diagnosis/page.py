@@ -1,4 +1,4 @@
-"""The report of a diagnosis as one HTML file that needs nothing else, not even a network."""
+"""Page of a diagnosis: one self-contained HTML file that works offline."""
 
 import base64
 import io
@@ -12,57 +12,57 @@ from klute_sim.datasets.channels import MEASURED_CHANNELS
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.diagnosis.noise.repeats import SIGNIFICANCE_SIGMAS, estimate_misfit
+from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS, estimate_misfit
+from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import MAX_EFFECTS
 from klute_sim.diagnosis.selection.sparse_regression import format_formula
-from klute_sim.diagnosis.workflow import Diagnosis
 from klute_sim.effects import catalogue
 from klute_sim.provenance import collect_versions
-from klute_sim.report.diagnosis import figures as pictures
+from klute_sim.report.diagnosis import figures
 from klute_sim.report.diagnosis import text as words
 from klute_sim.report.html import render_template
 
-AT_BOUND_NOTE = "at the end of what is allowed"
+AT_BOUND_NOTE = "at a bound"
 TEMPLATE = "diagnosis.html"
 BOUND_TOLERANCE = 1e-6
-"""Distance from a bound, over the whole range, at which a fitted number stands at it."""
+"""Largest distance from a bound, as a fraction of the range, at which a fitted parameter counts as at the bound."""
 
 UNOBSERVED_BY_RIG = {
-    "bench": "The body, its joints and the ground: the device alone was on the bench.",
-    "gait": "Whoever walked, and the ground: motion and load were taken as they were measured.",
+    "bench": "The body, its joints and the ground: only the device was on the bench.",
+    "gait": "The subject and the ground: motion and load were prescribed as measured.",
 }
-"""Rig -> what no diagnosis on it sees."""
+"""Rig -> what a diagnosis on it cannot observe."""
 
 FIGURE_CAPTIONS = {
-    "before_after": "Measured and simulated in one trial, and what is left between them.",
-    "gap": "The gap of every channel (root mean square). No model can go below the noise, which repeats show.",
-    "ranking": "Candidates in every step: what the screening promised and what a full fit kept of it.",
-    "where": "Where the fitted trials and the simulation differ, in standard deviations of the noise.",
+    "before_after": "Measured and simulated values in one trial, with their residuals.",
+    "gap": "Gap of every channel (root mean square). The noise between repeats is the lower limit of any model.",
+    "ranking": "Candidates of every step: improvement predicted by the screening and achieved by the fit.",
+    "localization": "Misfit of the fitted trials, in standard deviations of the noise.",
 }
 
 
 def write_page(diagnosis: Diagnosis, path: Path, rrd_file: str = "") -> None:
-    """Write the page of ``diagnosis`` to ``path``, with its pictures in it.
+    """Write the page of ``diagnosis`` to ``path``, with its figures embedded.
 
-    It links to the rerun ``recording`` beside it, if there is one.
+    The page links to ``rrd_file`` in the same folder, unless the name is empty.
     """
     images = {}
-    for name, figure in pictures.build_figures(diagnosis):
+    for name, figure in figures.build_figures(diagnosis):
         content = io.BytesIO()
-        figure.savefig(content, format="png", dpi=pictures.DPI)
+        figure.savefig(content, format="png", dpi=figures.DPI)
         images[name] = base64.b64encode(content.getvalue()).decode("ascii")
     path.write_text(render_page(diagnosis, images, rrd_file), "utf-8")
 
 
 def render_page(diagnosis: Diagnosis, images: Mapping[str, str], rrd_file: str = "") -> str:
-    """The page with ``images`` (name -> PNG in base 64) in it; every name in the data is escaped."""
+    """Return the page with ``images`` (name -> PNG in base 64) as HTML, in which names from the data are escaped."""
     return render_template(
         TEMPLATE, **build_page_context(diagnosis), images=images, captions=FIGURE_CAPTIONS, recording=rrd_file
     )
 
 
 def build_page_context(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Everything on the page but its pictures, in words."""
+    """Return the content of the page except its figures as text for the template."""
     d = diagnosis
     device = d.dataset.device
     return {
@@ -72,34 +72,34 @@ def build_page_context(diagnosis: Diagnosis) -> dict[str, Any]:
         "improvement": words.describe_improvement(d),
         "reasons": [words.format_sentence(reason) for reason in d.reasons],
         "warnings": _collect_warnings(d),
-        "next": d.next_experiment["sentence"] if d.next_experiment else "",
-        "title_of_effects": _format_effects_heading(d),
+        "next_experiment": d.next_experiment["sentence"] if d.next_experiment else "",
+        "effects_heading": _format_effects_heading(d),
         "effects": [_build_effect_entry(d, term) for term in d.added_terms],
-        "rivals": _build_equivalent_model_entries(d),
-        "equation": words.describe_equation_residuals(d),
-        "where": [
+        "equivalent_models": _build_equivalent_model_entries(d),
+        "equation_residuals": words.describe_equation_residuals(d),
+        "misfit_regions": [
             {
-                "channel": words.humanize_identifier(place.channel),
-                "share": f"{100.0 * place.fraction:.0f} %",
-                "region": place.region or "everywhere alike",
-                "concentration": words.format_number(place.concentration, 3),
+                "channel": words.humanize_identifier(region.channel),
+                "fraction": f"{100.0 * region.fraction:.0f} %",
+                "region": region.region or "uniform",
+                "concentration": words.format_number(region.concentration, 3),
             }
-            for place in d.misfit_regions
+            for region in d.misfit_regions
         ],
         "gap": _build_gap_rows(d),
-        "shown_on": d.evaluated_on,
+        "evaluated_on": d.evaluated_on,
         "noise": _build_noise_rows(d),
-        "certain": f"{SIGNIFICANCE_SIGMAS:.0f}",
-        "decisive": f"{d.bic_threshold:.0f}",
-        "repeated": d.has_repeats,
+        "significance": f"{SIGNIFICANCE_SIGMAS:.0f}",
+        "bic_threshold": f"{d.bic_threshold:.0f}",
+        "has_repeats": d.has_repeats,
         "split": _build_split_rows(d),
-        "how": d.split.description,
-        "steps": [_build_step_entry(d, number) for number in range(len(d.selection_history))],
-        "base": _build_device_parameter_rows(d),
-        "inside": [words.humanize_identifier(name) for name in device.spec.effects],
-        "unseen": _list_limitations(d),
-        "effective": words.format_number(d.n_independent, 3),
-        "rollouts": d.n_simulations,
+        "split_description": d.split.description,
+        "steps": [_build_step_entry(d, index) for index in range(len(d.selection_history))],
+        "device_parameters": _build_device_parameter_rows(d),
+        "device_effects": [words.humanize_identifier(name) for name in device.spec.effects],
+        "limitations": _list_limitations(d),
+        "n_independent": words.format_number(d.n_independent, 3),
+        "n_simulations": d.n_simulations,
         "device": device.name,
         "device_digest": device.digest,
         "digest": d.dataset.digest,
@@ -111,19 +111,19 @@ def _format_effects_heading(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict != "unexplained":
         return "Effects"
     kinds = {term.effect_definition.data_driven: None for term in diagnosis.added_terms}
-    names = {False: "proxies: effects that come closest", True: "a data-driven term, which names nothing"}
+    names = {False: "proxies: effects that come closest", True: "a data-driven term, which identifies no effect"}
     return words.format_sentence(words.join_words([names[kind] for kind in kinds]))
 
 
 def _collect_warnings(diagnosis: Diagnosis) -> list[str]:
-    found = list(diagnosis.dataset.remarks)
-    fits = {"the device as it was": diagnosis.base_fit}
+    warnings = list(diagnosis.dataset.remarks)
+    fits = {"without added effects": diagnosis.base_fit}
     if diagnosis.added_terms:
-        fits["the device with what was found"] = diagnosis.final_fit
+        fits["with the added effects"] = diagnosis.final_fit
     for name, fit in fits.items():
         if fit is not None and not fit.converged:
-            found.append(f"The fit of {name} did not converge: do not trust its numbers.")
-    return found
+            warnings.append(f"The fit {name} did not converge: its values are unreliable.")
+    return warnings
 
 
 def _build_effect_entry(diagnosis: Diagnosis, term: EffectTerm) -> dict[str, Any]:
@@ -147,16 +147,16 @@ def _build_effect_entry(diagnosis: Diagnosis, term: EffectTerm) -> dict[str, Any
 def _build_parameter_rows(
     fit: Fit, term: EffectTerm, intervals: Sequence[tuple[float, float]] = ()
 ) -> list[dict[str, str]]:
-    """The fitted numbers of ``term``, with ``intervals`` of all unknowns if there are any."""
+    """Return the fitted parameters of ``term``, with ``intervals`` of all parameters of ``fit`` if there are any."""
     rows = []
-    place = fit.hypothesis.terms.index(term)
-    for number, (unknown, value) in enumerate(zip(fit.hypothesis.parameters, fit.values, strict=True)):
-        if unknown.term_index == place:
-            name, unit = words.format_parameter_name(unknown, term.channel)
-            row = {"name": name, "key": unknown.key, "unit": unit, "value": words.format_number(value)}
+    term_index = fit.hypothesis.terms.index(term)
+    for index, (parameter, value) in enumerate(zip(fit.hypothesis.parameters, fit.values, strict=True)):
+        if parameter.term_index == term_index:
+            name, unit = words.format_parameter_name(parameter, term.channel)
+            row = {"name": name, "key": parameter.name, "unit": unit, "value": words.format_number(value)}
             if intervals:
-                row["value"], row["low"], row["high"] = words.format_interval(value, *intervals[number])
-            row["note"] = _format_bound_note(unknown.lower, unknown.upper, value)
+                row["value"], row["lower"], row["upper"] = words.format_interval(value, *intervals[index])
+            row["note"] = _format_bound_note(parameter.lower, parameter.upper, value)
             rows.append(row)
     return rows
 
@@ -168,23 +168,23 @@ def _format_bound_note(lower: float, upper: float, value: float) -> str:
 
 
 def _build_equivalent_model_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    found = []
-    for rival in diagnosis.equivalent_models:
-        other = rival.fit.hypothesis.terms[-1]
-        worse = (
-            f"worse by {rival.bic_difference:.1f}"
-            if rival.bic_difference >= 0.0
-            else f"better by {-rival.bic_difference:.1f}"
+    entries = []
+    for model in diagnosis.equivalent_models:
+        term = model.fit.hypothesis.terms[-1]
+        bic_difference = (
+            f"worse by {model.bic_difference:.1f}"
+            if model.bic_difference >= 0.0
+            else f"better by {-model.bic_difference:.1f}"
         )
-        found.append(
+        entries.append(
             {
-                "name": words.format_term(other),
-                "replaces": words.format_term(rival.replaces),
-                "worse": worse,
-                "numbers": _build_parameter_rows(rival.fit, other),
+                "name": words.format_term(term),
+                "replaces": words.format_term(model.replaces),
+                "bic_difference": bic_difference,
+                "parameters": _build_parameter_rows(model.fit, term),
             }
         )
-    return found
+    return entries
 
 
 def _build_gap_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
@@ -196,11 +196,13 @@ def _build_gap_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
             name: "not repeated" if value is None else words.format_number(value / si, 3)
             for name, value in parts.items()
         }
-        # In squares, because noise adds to a gap in squares.
-        floor = (gap.noise_floor or 0.0) ** 2
-        above = gap.refitted**2 - floor
-        gone = 1.0 - max(0.0, gap.with_effects**2 - floor) / above if above > 0.1 * floor and gap.noise_floor else None
-        row["gone"] = "-" if gone is None or not diagnosis.added_terms else f"{100.0 * gone:.1f} %"
+        # Mean squares, because those of noise and misfit add up.
+        noise = (gap.noise_floor or 0.0) ** 2
+        misfit = gap.refitted**2 - noise
+        removed = (
+            1.0 - max(0.0, gap.with_effects**2 - noise) / misfit if misfit > 0.1 * noise and gap.noise_floor else None
+        )
+        row["removed"] = "-" if removed is None or not diagnosis.added_terms else f"{100.0 * removed:.1f} %"
         rows.append({"channel": words.humanize_identifier(channel), "unit": unit, **row})
     return rows
 
@@ -208,7 +210,7 @@ def _build_gap_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
 def _build_noise_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
     rows = []
     fitted = [e for e in diagnosis.experiments if e.use == "fit" and e.measured]
-    left = [
+    misfits = [
         estimate_misfit(fitted, fit.residuals, diagnosis.noise) if fit is not None else {}
         for fit in (diagnosis.base_fit, diagnosis.final_fit)
     ]
@@ -217,13 +219,13 @@ def _build_noise_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
         row = {
             "channel": words.humanize_identifier(channel),
             "unit": unit,
-            "deviation": words.format_number(noise.std / si, 3),
-            "share": f"{100.0 * noise.independent_fraction:.0f} %",
+            "sd": words.format_number(noise.std / si, 3),
+            "independent": f"{100.0 * noise.independent_fraction:.0f} %",
             "samples": str(noise.n_samples),
         }
-        for name, each in zip(("before", "after"), left, strict=True):
-            own = each.get(channel)
-            row[name] = f"{own.rms / own.noise_rms:.2f} sd ({own.significance:.0f} se)" if own else "-"
+        for name, channel_misfits in zip(("before", "after"), misfits, strict=True):
+            misfit = channel_misfits.get(channel)
+            row[name] = f"{misfit.rms / misfit.noise_rms:.2f} sd ({misfit.significance:.0f} se)" if misfit else "-"
         rows.append(row)
     return rows
 
@@ -231,9 +233,9 @@ def _build_noise_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
 def _build_split_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     groups = {trial.name: trial.group for trial in diagnosis.dataset.trials}
     uses = (
-        ("fit", "fitted", diagnosis.split.fit),
-        ("select", "to choose among effects by, never fitted", diagnosis.split.validation),
-        ("show", "opened when everything was decided", diagnosis.split.test),
+        ("fit", "parameters are fitted to them", diagnosis.split.fit),
+        ("validation", "effects are selected by them; never fitted", diagnosis.split.validation),
+        ("test", "the result is evaluated on them; opened after all decisions", diagnosis.split.test),
     )
     return [
         {"use": use, "purpose": purpose, "trials": [{"name": name, "group": groups[name]} for name in names]}
@@ -243,18 +245,18 @@ def _build_split_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 def _build_step_entry(diagnosis: Diagnosis, index: int) -> dict[str, Any]:
     step = diagnosis.selection_history[index]
-    bars = pictures.rank_candidates(diagnosis, step)
+    bars = figures.rank_candidates(diagnosis, step)
     return {
         "number": index + 1,
         "added": words.format_term(step.added_term) if step.added_term else "",
-        "why": words.format_sentence(step.reason),
+        "reason": words.format_sentence(step.reason),
         "count": len(bars),
         "bars": [
             {
                 "name": bar.name,
-                "promised": _format_tenths(bar.predicted_drop),
-                "fall": "not refitted" if bar.bic_drop is None else _format_tenths(bar.bic_drop),
-                "note": "" if bar.bic_drop is None or bar.converged else "stopped early: too far behind",
+                "predicted_drop": _format_tenths(bar.predicted_drop),
+                "bic_drop": "not refitted" if bar.bic_drop is None else _format_tenths(bar.bic_drop),
+                "note": "" if bar.bic_drop is None or bar.converged else "stopped early: too far behind the best",
                 "accepted": bar.accepted,
             }
             for bar in bars
@@ -264,56 +266,63 @@ def _build_step_entry(diagnosis: Diagnosis, index: int) -> dict[str, Any]:
 
 
 def _format_tenths(value: float) -> str:
-    return f"{round(value, 1) + 0.0:.1f}"  # no minus before a zero
+    return f"{round(value, 1) + 0.0:.1f}"  # adding 0 removes the sign of a negative zero
 
 
 def _build_device_parameter_rows(diagnosis: Diagnosis) -> list[dict[str, str]]:
-    """The device's uncertain numbers: nominal, and fitted without and with effects."""
+    """Return the device's uncertain numbers: nominal values, and fitted values without and with effects."""
     nominal, rows = diagnosis.dataset.device.spec.collect_values(), []
-    for number, (key, deviation) in enumerate(diagnosis.dataset.uncertainties.items()):
+    for index, (key, sd) in enumerate(diagnosis.dataset.uncertainties.items()):
         row, notes = {"key": key, "unit": words.split_key(key)[1]}, []
-        row["nominal"], row["deviation"] = words.format_number(nominal[key]), words.format_number(deviation, 3)
-        for name, fit, which in (
-            ("before", diagnosis.base_fit, "with nothing added"),
-            ("after", diagnosis.final_fit, "in the end"),
+        row["nominal"], row["sd"] = words.format_number(nominal[key]), words.format_number(sd, 3)
+        for name, fit, model in (
+            ("before", diagnosis.base_fit, "without added effects"),
+            ("after", diagnosis.final_fit, "in the final fit"),
         ):
             if fit is None:
                 continue
-            unknown = fit.hypothesis.parameters[number]
-            row[name], row[f"{name}_steps"] = words.format_number(fit.values[number]), f"{fit.x[number]:+.2f}"
-            if _format_bound_note(unknown.lower, unknown.upper, fit.values[number]):
-                notes.append(f"{which} {AT_BOUND_NOTE}")
+            parameter = fit.hypothesis.parameters[index]
+            row[name], row[f"{name}_sds"] = words.format_number(fit.values[index]), f"{fit.x[index]:+.2f}"
+            if _format_bound_note(parameter.lower, parameter.upper, fit.values[index]):
+                notes.append(f"{AT_BOUND_NOTE} {model}")
         row["note"] = ", ".join(notes)
         if diagnosis.confidence_intervals and diagnosis.final_fit is not None:
-            row["after"], row["low"], row["high"] = words.format_interval(
-                diagnosis.final_fit.values[number], *diagnosis.confidence_intervals[number]
+            row["after"], row["lower"], row["upper"] = words.format_interval(
+                diagnosis.final_fit.values[index], *diagnosis.confidence_intervals[index]
             )
         rows.append(row)
     return rows
 
 
 def _list_limitations(diagnosis: Diagnosis) -> list[str]:
-    """What this diagnosis says nothing about, one sentence each."""
-    found = []
+    """Return what this diagnosis did not examine, one sentence each."""
+    limitations = []
     if diagnosis.final_fit is None:
-        found.append("No effect was looked for, because the data cannot answer.")
+        limitations.append("No effect was examined, because the data are insufficient.")
     else:
-        tried = {candidate.term.effect for step in diagnosis.selection_history for candidate in step.candidates}
-        rest = [words.humanize_identifier(name) for name in catalogue.get_named_effects() if name not in tried]
-        if rest:
-            found.append(
-                f"Effects left out, in the device already, or without any change in these trials: {words.join_words(rest)}."
+        candidates = {candidate.term.effect for step in diagnosis.selection_history for candidate in step.candidates}
+        skipped = [words.humanize_identifier(name) for name in catalogue.get_named_effects() if name not in candidates]
+        if skipped:
+            limitations.append(
+                "Effects that were excluded, are in the device already, or change nothing in these trials: "
+                f"{words.join_words(skipped)}."
             )
-        found.append(f"Effects that the catalogue does not know, and more than {MAX_EFFECTS} at a time.")
-        found.append("Candidates that were screened and not refitted, beyond what the screening promised.")
-        kept = {(term.effect, term.channel) for term in diagnosis.added_terms}
+        limitations.append(f"Effects that are not in the catalogue, and combinations of more than {MAX_EFFECTS}.")
+        limitations.append("Candidates that were screened and not refitted, beyond the prediction of the screening.")
+        accepted = {(term.effect, term.channel) for term in diagnosis.added_terms}
         if any(
-            s.added_term is not None and (s.added_term.effect, s.added_term.channel) in kept and not s.validation_gains
+            s.added_term is not None
+            and (s.added_term.effect, s.added_term.channel) in accepted
+            and not s.validation_gains
             for s in diagnosis.selection_history
         ):
-            found.append("Whether trials that were not fitted gain from each effect: there was no second group.")
+            limitations.append(
+                "Whether each effect improves trials that were not fitted: there are no validation trials."
+            )
         if diagnosis.evaluated_on == "fit":
-            found.append("How well the result predicts: no trial was kept back to show, the gap is of fitted ones.")
+            limitations.append(
+                "Predictions of the result: there are no test trials, so the gap is that of fitted trials."
+            )
     measured = {channel for trial in diagnosis.dataset.trials for channel in trial.measured}
     missing = [
         words.humanize_identifier(channel)
@@ -321,14 +330,12 @@ def _list_limitations(diagnosis: Diagnosis) -> list[str]:
         if channel not in measured
     ]
     if missing:
-        found.append(f"Channels that were not measured: {words.join_words(missing)}.")
-    weighed = diagnosis.noise if diagnosis.final_fit is not None else measured
-    idle = [
-        words.humanize_identifier(channel)
-        for channel in CHANNEL_UNITS
-        if channel in measured and channel not in weighed
+        limitations.append(f"Channels that were not measured: {words.join_words(missing)}.")
+    used = diagnosis.noise if diagnosis.final_fit is not None else measured
+    unused = [
+        words.humanize_identifier(channel) for channel in CHANNEL_UNITS if channel in measured and channel not in used
     ]
-    if idle:
-        found.append(f"Channels that were measured but could not be used: {words.join_words(idle)}.")
-    found.append(UNOBSERVED_BY_RIG[diagnosis.dataset.rig])
-    return found
+    if unused:
+        limitations.append(f"Channels that were measured but could not be used: {words.join_words(unused)}.")
+    limitations.append(UNOBSERVED_BY_RIG[diagnosis.dataset.rig])
+    return limitations

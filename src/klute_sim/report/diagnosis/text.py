@@ -1,4 +1,4 @@
-"""Words and numbers of a diagnosis as a person says them."""
+"""Numbers, phrases and sentences of a diagnosis, shared by its page, figures and recording."""
 
 import math
 import re
@@ -9,23 +9,22 @@ import numpy as np
 from klute_sim import units
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, FitParameter
-from klute_sim.diagnosis.selection.equation_residuals import EQUATION_UNITS as UNITS_OF_EQUATIONS
-from klute_sim.diagnosis.selection.equation_residuals import select_significant_equations as lacking_of
-from klute_sim.diagnosis.workflow import Diagnosis
+from klute_sim.diagnosis.result import Diagnosis
+from klute_sim.diagnosis.selection.equation_residuals import EQUATION_UNITS, select_significant_equations
 from klute_sim.effects import catalogue
 
 SIGNIFICANT_DIGITS = 4
-"""Significant ones."""
+"""Number of significant digits of a formatted number."""
 MAX_DECIMALS = 9
-"""Where numbers have to be told apart."""
+"""Maximum number of decimals of values that differ little from each other."""
 QUANTITY_BY_UNIT = {"N": "force", "bar": "pressure"}
-"""Unit that an equation's lack is shown in -> what it is of."""
+"""Unit of an equation residual -> its quantity."""
 PROPER_NAMES = {name.lower(): name for name in ("Bouc", "Coulomb", "Maxwell", "Stribeck", "Wen")}
-"""Parts of identifiers that are people's names."""
+"""Parts of identifiers that are names of people."""
 
 
 def format_number(value: float, digits: int = SIGNIFICANT_DIGITS) -> str:
-    """``value`` with so many significant digits and no needless zeros."""
+    """Return ``value`` with ``digits`` significant digits and without trailing zeros."""
     if not math.isfinite(value):
         return "unknown" if math.isnan(value) else ("∞" if value > 0.0 else "-∞")
     if value != 0.0 and not 1e-4 <= abs(value) < 1e7:
@@ -34,35 +33,35 @@ def format_number(value: float, digits: int = SIGNIFICANT_DIGITS) -> str:
 
 
 def format_interval(value: float, lower: float, upper: float) -> tuple[str, str, str]:
-    """``value`` and both ends of its interval, all with the decimals that tell the nearest two of them apart.
+    """Return ``value`` and the ends of its interval with enough decimals to distinguish all three.
 
-    The largest has :data:`DIGITS` digits or more; there are no more than :data:`MOST_DECIMALS` decimals.
+    The largest has at least :data:`SIGNIFICANT_DIGITS` digits; all have at most :data:`MAX_DECIMALS` decimals.
     """
-    every = (value, lower, upper)
-    most = max(map(abs, every))
-    between = [distance for distance in (abs(value - lower), abs(upper - value)) if distance > 0.0]
-    if not math.isfinite(sum(every)) or not between or not 1e-4 <= most < 1e7:
+    numbers = (value, lower, upper)
+    largest = max(map(abs, numbers))
+    distances = [distance for distance in (abs(value - lower), abs(upper - value)) if distance > 0.0]
+    if not math.isfinite(sum(numbers)) or not distances or not 1e-4 <= largest < 1e7:
         return format_number(value), format_number(lower), format_number(upper)
-    decimals = max(SIGNIFICANT_DIGITS - 1 - math.floor(math.log10(most)), -math.floor(math.log10(min(between))), 0)
+    decimals = max(SIGNIFICANT_DIGITS - 1 - math.floor(math.log10(largest)), -math.floor(math.log10(min(distances))), 0)
     decimals = min(decimals, MAX_DECIMALS)
-    shown, bottom, top = (f"{round(one, decimals) + 0.0:.{decimals}f}" for one in every)
-    return shown, bottom, top
+    value_text, lower_text, upper_text = (f"{round(number, decimals) + 0.0:.{decimals}f}" for number in numbers)
+    return value_text, lower_text, upper_text
 
 
 def humanize_identifier(identifier: str) -> str:
-    """``muscle_length`` -> ``muscle length``."""
+    """Return ``identifier`` in words: ``muscle_length`` -> ``muscle length``."""
     return " ".join(PROPER_NAMES.get(part, part) for part in identifier.split("_"))
 
 
 def format_term(term: EffectTerm) -> str:
-    """An effect, its form if there is a choice, and its channel."""
+    """Return the effect of ``term`` in words, with its form if the effect has several, and with its channel."""
     form = f" ({humanize_identifier(term.form)})" if len(term.effect_definition.forms) > 1 else ""
-    of = f" of {humanize_identifier(term.channel)}" if term.channel else ""
-    return f"{humanize_identifier(term.effect)}{form}{of}"
+    channel = f" of {humanize_identifier(term.channel)}" if term.channel else ""
+    return f"{humanize_identifier(term.effect)}{form}{channel}"
 
 
 def humanize_text(text: str) -> str:
-    """``text`` with the identifiers of effects, forms and channels in it spoken."""
+    """Return ``text`` with identifiers of effects, forms and channels in words."""
     effects = catalogue.get_effects().values()
     known = {*catalogue.get_effects(), *CHANNEL_UNITS, *(form.name for effect in effects for form in effect.forms)}
     names = "|".join(re.escape(name) for name in known if "_" in name or name in PROPER_NAMES)
@@ -72,88 +71,104 @@ def humanize_text(text: str) -> str:
 
 
 def format_sentence(text: str) -> str:
-    """:func:`spoken_in`, with a capital at the start."""
-    found = humanize_text(text)
-    return found[:1].upper() + found[1:]
+    """Return ``text`` with identifiers in words and an initial capital."""
+    humanized = humanize_text(text)
+    return humanized[:1].upper() + humanized[1:]
 
 
 def split_key(key: str) -> tuple[str, str]:
-    """A key's name without its unit, spoken, and the unit."""
+    """Return the name of ``key`` in words, and its unit."""
     name, unit = units.split_unit(key)
     return humanize_identifier(name), unit
 
 
 def format_parameter_name(parameter: FitParameter, channel: str | None) -> tuple[str, str]:
-    """Name and unit of a fitted number; one that an instrument counts in its channel's own unit is in that."""
+    """Return name and unit of a fitted parameter.
+
+    Parameters of instruments that are in the unit of their channel have the unit of ``channel``.
+    """
     if channel is None or math.isfinite(parameter.upper):
-        return split_key(parameter.key)
-    name, unit = split_key(parameter.key)
-    own = CHANNEL_UNITS[channel][0]
-    return name.removesuffix(" per"), f"{own}/s" if unit == "s" and parameter.key.endswith("_per_s") else own
+        return split_key(parameter.name)
+    name, unit = split_key(parameter.name)
+    channel_unit = CHANNEL_UNITS[channel][0]
+    is_rate = unit == "s" and parameter.name.endswith("_per_s")
+    return name.removesuffix(" per"), f"{channel_unit}/s" if is_rate else channel_unit
 
 
 def join_words(words: Sequence[str], conjunction: str = "and") -> str:
-    """``a, b and c``."""
+    """Return ``words`` as an enumeration: ``a, b and c``."""
     return f" {conjunction} ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))
 
 
 def describe_verdict(diagnosis: Diagnosis) -> str:
-    """The answer in one sentence."""
+    """Return the verdict in one sentence."""
     if diagnosis.verdict == "insufficient-data":
-        if not diagnosis.added_terms:
-            return "These data cannot tell whether the simulation lacks anything."
-        names = join_words([format_term(t) for t in diagnosis.added_terms])
-        return f"These data cannot tell for sure, because nothing was repeated; {names} would explain what stands out."
+        return _describe_insufficient_data(diagnosis)
     if diagnosis.verdict == "nothing-missing":
         return "Nothing is missing: the simulation agrees with the data as well as repeats agree with each other."
     if diagnosis.verdict == "unexplained":
-        if not diagnosis.added_terms:
-            return "The simulation lacks something, and no effect that was looked for explains it."
-        proxies = [format_term(t) for t in diagnosis.added_terms if not t.effect_definition.data_driven]
-        extra = "a data-driven term, which names nothing, stands in for it"
-        if not proxies:
-            return f"The simulation lacks something that no effect that was looked for explains; {extra}."
-        comes = "come" if len(proxies) > 1 else "comes"
-        beside = f"; for the rest {extra}" if len(proxies) < len(diagnosis.added_terms) else ""
-        closest = f"{join_words(proxies)} {comes} closest, as a proxy"
-        return f"The simulation lacks something that is not fully explained; {closest}{beside}."
-    parts = []
-    kinds = (("device", "the simulated device lacks"), ("body", "the simulated foot and ankle lack"))
-    for kind, words in (*kinds, ("instrument", "an instrument is at fault:")):
-        own = [format_term(t) for t in diagnosis.added_terms if t.effect_definition.kind == kind]
+        return _describe_unexplained(diagnosis)
+    clauses = []
+    subjects = (("device", "the simulated device lacks"), ("body", "the simulated foot and ankle lack"))
+    for kind, subject in (*subjects, ("instrument", "an instrument has a fault:")):
+        effects = [format_term(t) for t in diagnosis.added_terms if t.effect_definition.kind == kind]
         if kind == "instrument":
-            own += [f"quantisation of {humanize_identifier(channel)}" for channel in diagnosis.quantizers]
-        if own:
-            parts.append(f"{words} {join_words(own)}")
-    found = "; ".join(parts)
+            effects += [f"quantisation of {humanize_identifier(channel)}" for channel in diagnosis.quantizers]
+        if effects:
+            clauses.append(f"{subject} {join_words(effects)}")
+    sentence = "; ".join(clauses)
     if diagnosis.verdict == "ambiguous":
-        others = list(
-            dict.fromkeys(format_term(rival.fit.hypothesis.terms[-1]) for rival in diagnosis.equivalent_models)
+        alternatives = list(
+            dict.fromkeys(format_term(model.fit.hypothesis.terms[-1]) for model in diagnosis.equivalent_models)
         )
-        found += f"; {join_words(others, 'or')} would explain the data as well, and they cannot tell which it is"
-    return f"{found[0].upper()}{found[1:]}."
+        sentence += f"; {join_words(alternatives, 'or')} would explain the data equally well"
+    return f"{sentence[0].upper()}{sentence[1:]}."
+
+
+def _describe_insufficient_data(diagnosis: Diagnosis) -> str:
+    if not diagnosis.added_terms:
+        return "The data are insufficient to decide whether the simulation lacks an effect."
+    names = join_words([format_term(t) for t in diagnosis.added_terms])
+    return f"The data are insufficient, because no trial is repeated; {names} would explain the deviation."
+
+
+def _describe_unexplained(diagnosis: Diagnosis) -> str:
+    if not diagnosis.added_terms:
+        return "The simulation deviates from the data, and no candidate effect explains the deviation."
+    proxies = [format_term(t) for t in diagnosis.added_terms if not t.effect_definition.data_driven]
+    substitute = "a data-driven term, which identifies no effect, represents it"
+    if not proxies:
+        return f"The simulation deviates from the data, and no candidate effect explains the deviation; {substitute}."
+    verb = "come" if len(proxies) > 1 else "comes"
+    remainder = f"; for the remainder, {substitute}" if len(proxies) < len(diagnosis.added_terms) else ""
+    return (
+        "The simulation deviates from the data, and the deviation is not fully explained; "
+        f"{join_words(proxies)} {verb} closest, as a proxy{remainder}."
+    )
 
 
 def describe_equation_residuals(diagnosis: Diagnosis) -> str:
-    """In which of the device's equations something is missing, in one sentence.
+    """Return in one sentence which of the device's equations have significant residuals.
 
-    '' if none does, if none could be checked, or if an instrument is at fault: they are believed here.
+    The sentence is empty if none has, if none could be evaluated, or if an instrument has a fault: the residuals assume
+    correct instruments.
     """
-    lacking = lacking_of(diagnosis.equation_residuals)
-    if not lacking or any(term.channel for term in diagnosis.added_terms):
+    significant = select_significant_equations(diagnosis.equation_residuals)
+    if not significant or any(term.channel for term in diagnosis.added_terms):
         return ""
-    parts = []
-    for each in lacking:
-        unit, si = UNITS_OF_EQUATIONS[each.name]
-        parts.append(
-            f"{format_number(each.rms / si, 3)} {unit} rms of {QUANTITY_BY_UNIT[unit]} are missing in {_format_equation(each.name)}"
+    clauses = []
+    for residual in significant:
+        unit, si = EQUATION_UNITS[residual.name]
+        clauses.append(
+            f"{format_number(residual.rms / si, 3)} {unit} rms of {QUANTITY_BY_UNIT[unit]} are missing in "
+            f"{_format_equation(residual.name)}"
         )
-    parts += [
-        f"nothing is missing in {_format_equation(each.name)}"
-        for each in diagnosis.equation_residuals
-        if each not in lacking
+    clauses += [
+        f"nothing is missing in {_format_equation(residual.name)}"
+        for residual in diagnosis.equation_residuals
+        if residual not in significant
     ]
-    return f"If the instruments are right, {'; '.join(parts)}."
+    return f"If the instruments are correct, {'; '.join(clauses)}."
 
 
 def _format_equation(equation: str) -> str:
@@ -161,7 +176,7 @@ def _format_equation(equation: str) -> str:
 
 
 def describe_improvement(diagnosis: Diagnosis) -> str:
-    """What became of the gap of the channel that was worst, in one sentence; '' if nothing was fitted."""
+    """Return in one sentence how the gap of the worst channel changed; '' if nothing was fitted."""
     ratios = {
         channel: gap.refitted / gap.noise_floor for channel, gap in diagnosis.channel_rms.items() if gap.noise_floor
     }
@@ -169,12 +184,11 @@ def describe_improvement(diagnosis: Diagnosis) -> str:
         return ""
     worst = max(ratios, key=lambda channel: ratios[channel])
     unit, si = CHANNEL_UNITS[worst]
-    own = diagnosis.channel_rms[worst]
-    shown = (own.refitted, own.with_effects, own.noise_floor or 0.0)
-    before, after, floor = (f"{format_number(value / si, 3)} {unit}" for value in shown)
-    where = "trials that no fit saw" if diagnosis.evaluated_on == "show" else "the fitted trials (none was kept back)"
+    gap = diagnosis.channel_rms[worst]
+    values = (gap.refitted, gap.with_effects, gap.noise_floor or 0.0)
+    before, after, floor = (f"{format_number(value / si, 3)} {unit}" for value in values)
+    trials = "test trials" if diagnosis.evaluated_on == "test" else "the fitted trials (there are no test trials)"
+    channel = humanize_identifier(worst)
     if not diagnosis.added_terms:
-        return f"On {where}, simulated and measured {humanize_identifier(worst)} differ by {before} rms; noise alone is {floor}."
-    return (
-        f"On {where}, the {humanize_identifier(worst)} gap goes from {before} to {after} rms; noise alone is {floor}."
-    )
+        return f"On {trials}, simulated and measured {channel} differ by {before} rms; the noise alone is {floor}."
+    return f"On {trials}, the {channel} gap falls from {before} to {after} rms; the noise alone is {floor}."

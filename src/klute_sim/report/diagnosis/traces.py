@@ -1,38 +1,40 @@
-"""The trials that a diagnosis shows, simulated before and after effects are added."""
+"""Simulations of the trials that a diagnosis shows, before and after effects are added."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from klute_sim.diagnosis.experiments.base import Array, Experiment, Simulator
-from klute_sim.diagnosis.workflow import Diagnosis
+from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.result import Diagnosis
+from klute_sim.types import Array
 
 
 class SimulatedTrial(NamedTuple):
-    """A trial and what its instruments would have shown [SI], at the times of its samples."""
+    """A trial and the simulated readings of its instruments [SI] at its sample times."""
 
     experiment: Experiment
     before: Mapping[str, Array]
-    """Channel -> with the refitted device, without effects."""
+    """Channel -> readings with the refitted device and no added effect."""
     after: Mapping[str, Array]
-    """With the effects; the same if none was found."""
+    """Channel -> readings with the added effects; equal to :attr:`before` if there are none."""
 
     def sample_times(self, channel: str) -> Array:
-        """Of the samples, from the trial's begin [s]."""
+        """Return the sample times of ``channel`` from the start of the trial [s]."""
         return self.experiment.measured[channel].time - self.experiment.start_time
 
 
 def simulate_shown_trials(diagnosis: Diagnosis) -> list[SimulatedTrial]:
-    """The trials that :attr:`Diagnosis.gap` is of, in the dataset's order; none where nothing was fitted."""
+    """Simulate the trials of :attr:`Diagnosis.channel_rms`, in the order of the dataset; none if nothing was fitted."""
     base, final = diagnosis.base_fit, diagnosis.final_fit
     if base is None or final is None:
         return []
     shown = [e for e in diagnosis.experiments if e.use == diagnosis.evaluated_on and e.measured]
-    bench = Simulator()
+    simulator = Simulator()
     try:
-        before, after = bench.simulate(
+        before, after = simulator.simulate(
             [fit.hypothesis.build_setups(fit.x, shown) for fit in (base, final)],
             shown,
         )
     finally:
-        bench.close()
-    return [SimulatedTrial(*one) for one in zip(shown, before, after, strict=True)]
+        simulator.close()
+    return [SimulatedTrial(*traces) for traces in zip(shown, before, after, strict=True)]

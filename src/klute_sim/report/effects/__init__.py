@@ -1,1 +1,1 @@
-"""."""
+"""Description of effects: text, and figures of their signatures."""

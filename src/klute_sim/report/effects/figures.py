@@ -1,6 +1,6 @@
-"""Pictures of effects: what one changes in a standard protocol, and which look alike.
+"""Figures of effects: the signature of an effect in a standard protocol, and the similarity of signatures.
 
-Matplotlib is imported when something is drawn.
+Matplotlib is imported when a figure is built.
 """
 
 import csv
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 WITHOUT_EFFECT_COLOUR, WITH_EFFECT_COLOUR = "0.55", "#1f77b4"
 DPI = 80
 N_LINE_FIGURE_COLOURS, N_MATRIX_COLOURS = 48, 256
-"""Colours in the file of a picture: few make it small."""
+"""Number of colours in the file of a figure; few colours make a small file."""
 
 
 def format_file_name(effect: str, form: str) -> str:
-    """Of the file with the picture of a form."""
+    """Return the name of the file with the signature of a form."""
     return f"{effect}_{form}.png"
 
 
 def save_signature_figure(signature: EffectResponse, folder: Path) -> None:
-    """Put the picture of ``found`` into ``folder`` (:func:`file_name`)."""
+    """Write the figure of ``signature`` into ``folder`` (:func:`format_file_name`)."""
     _save_figure(
         build_signature_figure(signature),
         folder / format_file_name(signature.term.effect, signature.term.form),
@@ -41,28 +41,28 @@ def save_signature_figure(signature: EffectResponse, folder: Path) -> None:
 
 
 def write_matrices(similarities: Sequence[RigIdentifiability], folder: Path) -> None:
-    """Put a table of cosines ``matrix_N.csv`` and its picture ``matrix_N.png`` into ``folder``, of each rig in turn."""
-    for number, one in enumerate(similarities):
-        _save_figure(build_similarity_figure(one), folder / f"matrix_{number}.png", N_MATRIX_COLOURS)
-        names = [str(signature.term) for signature in one.signatures]
+    """Write the cosines of each rig into ``folder`` as ``matrix_N.csv``, and their figure as ``matrix_N.png``."""
+    for number, similarity in enumerate(similarities):
+        _save_figure(build_similarity_figure(similarity), folder / f"matrix_{number}.png", N_MATRIX_COLOURS)
+        names = [str(signature.term) for signature in similarity.signatures]
         with (folder / f"matrix_{number}.csv").open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([one.rig_change.description, *names])
+            writer.writerow([similarity.rig_change.description, *names])
             writer.writerows(
-                [name, *(f"{c:.3f}" for c in line)] for name, line in zip(names, one.cosine_matrix(), strict=True)
+                [name, *(f"{c:.3f}" for c in row)] for name, row in zip(names, similarity.cosine_matrix(), strict=True)
             )
 
 
 def _save_figure(figure: "Figure", path: Path, n_colours: int) -> None:
-    from PIL import Image  # Matplotlib writes its own pictures with it
+    from PIL import Image  # a dependency of Matplotlib
 
-    whole = io.BytesIO()
-    figure.savefig(whole, dpi=DPI, format="png")
-    Image.open(whole).convert("RGB").quantize(n_colours).save(path, optimize=True)
+    png = io.BytesIO()
+    figure.savefig(png, dpi=DPI, format="png")
+    Image.open(png).convert("RGB").quantize(n_colours).save(path, optimize=True)
 
 
 def build_signature_figure(signature: EffectResponse) -> "Figure":
-    """Inputs on top, then every channel without and with the effect, and the difference."""
+    """Plot the inputs, and each channel without and with the effect and its difference."""
     from matplotlib.figure import Figure
 
     count = len(signature.channels)
@@ -72,28 +72,32 @@ def build_signature_figure(signature: EffectResponse) -> "Figure":
     grid = experiment.dt * np.arange(1, len(experiment.command) + 1)
     axes[0].plot(grid, 1e3 * experiment.unit_length, color="0.3", linewidth=1.0)
     axes[0].set_ylabel("length [mm]")
-    beside = axes[0].twinx()
-    beside.plot(grid, experiment.command / BAR, color="#e6842a", linewidth=1.0)
-    beside.set_ylabel("command [bar]", color="#e6842a")
-    for axis, one in zip(axes[1:], signature.channels, strict=True):
-        unit, si = CHANNEL_UNITS[one.channel]
-        axis.plot(one.time, one.without_effect / si, color=WITHOUT_EFFECT_COLOUR, linewidth=1.0, label="without")
-        axis.plot(one.time, one.with_effect / si, color=WITH_EFFECT_COLOUR, linewidth=1.0, label="with")
-        axis.set_ylabel(f"{words.humanize_identifier(one.channel)} [{unit}]")
-        apart = axis.twinx()
-        apart.plot(one.time, (one.with_effect - one.without_effect) / si, color="#d62728", linewidth=0.8)
-        apart.set_ylabel("difference", color="#d62728")
-        axis.set_zorder(apart.get_zorder() + 1)
+    command_axis = axes[0].twinx()
+    command_axis.plot(grid, experiment.command / BAR, color="#e6842a", linewidth=1.0)
+    command_axis.set_ylabel("command [bar]", color="#e6842a")
+    for axis, channel in zip(axes[1:], signature.channels, strict=True):
+        unit, si = CHANNEL_UNITS[channel.channel]
+        axis.plot(
+            channel.time, channel.without_effect / si, color=WITHOUT_EFFECT_COLOUR, linewidth=1.0, label="without"
+        )
+        axis.plot(channel.time, channel.with_effect / si, color=WITH_EFFECT_COLOUR, linewidth=1.0, label="with")
+        axis.set_ylabel(f"{words.humanize_identifier(channel.channel)} [{unit}]")
+        difference_axis = axis.twinx()
+        difference_axis.plot(
+            channel.time, (channel.with_effect - channel.without_effect) / si, color="#d62728", linewidth=0.8
+        )
+        difference_axis.set_ylabel("difference", color="#d62728")
+        axis.set_zorder(difference_axis.get_zorder() + 1)
         axis.patch.set_visible(False)
     axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=2, frameon=False, fontsize=8)
     axes[-1].set_xlabel("time [s]")
-    where = f"protocol '{signature.protocol}', {experiment.device.name}"
-    figure.suptitle(f"{signature.term.effect} ({signature.term.form}) at its typical size, {where}")
+    protocol = f"protocol '{signature.protocol}', {experiment.device.name}"
+    figure.suptitle(f"{signature.term.effect} ({signature.term.form}) at its typical size, {protocol}")
     return figure
 
 
 def build_similarity_figure(similarity: RigIdentifiability) -> "Figure":
-    """Cosines between all signatures on one rig."""
+    """Plot the cosines between all signatures on one rig."""
     from matplotlib.figure import Figure
 
     names = [words.format_term(signature.term) for signature in similarity.signatures]
@@ -107,6 +111,6 @@ def build_similarity_figure(similarity: RigIdentifiability) -> "Figure":
     for row, column in np.argwhere(cosines > INDISTINGUISHABLE_COSINE):
         if row != column:
             axis.plot(column, row, marker="o", markersize=3.0, color="white")
-    figure.colorbar(image, ax=axis, shrink=0.6, label="|cosine| of signatures (a dot: alike)")
-    axis.set_title(f"Which effects look alike {similarity.rig_change.description}", fontsize=9.5)
+    figure.colorbar(image, ax=axis, shrink=0.6, label="|cosine| of signatures (dot: indistinguishable)")
+    axis.set_title(f"Similarity of effects {similarity.rig_change.description}", fontsize=9.5)
     return figure

@@ -1,4 +1,4 @@
-"""What there is to say of an effect: the same on the command line (``klute-sim effects``) and on its page in docs."""
+"""Description of an effect, shared by the command line (``klute-sim effects``) and its page in the documentation."""
 
 import math
 from typing import TYPE_CHECKING, Any
@@ -9,30 +9,30 @@ if TYPE_CHECKING:
     from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 
 SIGNATURE_DEVICE = "klute-3-4-pair"
-"""Preset on which signatures are computed, unless another is named."""
+"""Default device preset for signatures."""
 HOOK_DESCRIPTIONS = {
-    "acting_pressure": "the pressure that the muscle feels",
-    "muscle_force": "the muscle's tension",
-    "damper_force": "the damper's tension",
-    "tendon_stretch": "the tendon's stretch",
-    "tendon_force": "the tendon's tension",
-    "supply": "what the supply is",
-    "pressure_target": "the pressure that is regulated to",
-    "pressure_reached": "how the pressure follows",
-    "remember": "its own memory",
-    "reading": "what an instrument shows",
-    "foot": "what the foot and its ankle are",
+    "acting_pressure": "the pressure that acts on the muscle",
+    "muscle_force": "the tension of the muscle",
+    "damper_force": "the tension of the damper",
+    "tendon_stretch": "the stretch of the tendon",
+    "tendon_force": "the tension of the tendon",
+    "supply": "the parameters of the supply",
+    "pressure_target": "the setpoint of the pressure regulator",
+    "pressure_reached": "the pressure at the end of a time step",
+    "next_state": "the internal state of the effect",
+    "reading": "the reading of an instrument",
+    "foot": "the parameters of foot and ankle",
 }
-"""Hook -> what a law changes there."""
-COMMAND_DESCRIPTION = "the pressure command as a whole"
-"""Where an effect without laws acts."""
-PARAMETER_HEADINGS = ("parameter", "unit", "without effect", "range", "typical", "source")
+"""Hook -> the quantity that an effect changes there."""
+COMMAND_DESCRIPTION = "the entire history of the pressure command"
+"""Quantity that an effect without hooks changes."""
+PARAMETER_HEADINGS = ("parameter", "unit", "neutral", "range", "typical", "source")
 NO_DISTINGUISHING_CHANGE = "no change of the rig"
-"""What splits a class that nothing splits."""
+"""Text for indistinguishable effects that no change of the rig separates."""
 
 
 def describe_effect(effect: "Effect") -> dict[str, Any]:
-    """Everything there is to say of ``effect``, ready for JSON."""
+    """Return the complete description of ``effect`` as JSON types."""
     return {
         "name": effect.name,
         "sentence": effect.description,
@@ -54,16 +54,16 @@ def describe_effect(effect: "Effect") -> dict[str, Any]:
 
 
 def format_device_toml(effect: "Effect", form: "EffectForm") -> str | None:
-    """The lines of a device file that have ``effect`` in it at its typical size; None for one of instruments."""
+    """Return the lines of a device file that add ``effect`` with typical parameters; None for instrument effects."""
     if effect.kind == "instrument":
         return None
-    numbers = (f"{parameter.key} = {float(parameter.typical)!r}" for parameter in form.parameters)
-    needs = [f"# needs {effect.replaces_switch} = false in [muscle]"] if effect.replaces_switch else []
-    return "\n".join([*needs, f"[effects.{effect.name}]", f'form = "{form.name}"', *numbers])
+    lines = (f"{parameter.key} = {float(parameter.typical)!r}" for parameter in form.parameters)
+    requirement = [f"# requires {effect.replaces_switch} = false in [muscle]"] if effect.replaces_switch else []
+    return "\n".join([*requirement, f"[effects.{effect.name}]", f'form = "{form.name}"', *lines])
 
 
 def get_parameter_unit(effect: "Effect", parameter: "EffectParameter") -> str:
-    """The unit of ``parameter`` by the end of its key; an instrument's without bounds has that of its channel."""
+    """Return the unit of ``parameter`` from its key; unbounded parameters of instruments have that of their channel."""
     if effect.kind == "instrument" and math.isinf(parameter.upper):
         return "channel's unit/s" if parameter.key.endswith("_per_s") else "channel's unit"
     return units.split_unit(parameter.key)[1] or "1"
@@ -83,43 +83,42 @@ def _describe_parameter(effect: "Effect", parameter: "EffectParameter") -> dict[
 
 
 def describe_kind(description: dict[str, Any]) -> str:
-    """What sort of effect :func:`describe` has described, as a sentence."""
+    """Return the kind of the effect in :func:`describe_effect`'s ``description`` as a sentence."""
     if description["kind"] == "instrument":
         return (
-            "An effect of an instrument. It is never in a device file: a diagnosis looks for it in every measured "
-            "channel."
+            "An instrument effect. It is never part of a device file; a diagnosis tests it in every measured channel."
         )
     if description["kind"] == "body":
         return (
-            "An effect of the body that the device is built into. It shows on walks: a diagnosis of gait looks for it, "
-            "and `klute-sim gait` walks with it. On a bench there is no body."
+            "A body effect: it acts on the foot and ankle into which the device is built. `klute-sim gait` and a "
+            "diagnosis of gait trials include it; on a bench there is no body."
         )
     if description["data_driven"]:
         return (
-            "A data-driven term of the device, which names nothing: a diagnosis falls back on it where no effect is "
-            "enough. It is not guaranteed to be passive: nothing keeps it from giving "
-            "energy, and outside of the data it was fitted to it may do anything within its bounds. A device file may "
-            "leave out coefficients that are 0."
+            "A data-driven term of the device, which identifies no effect: a diagnosis uses it where no effect "
+            "explains the data. It is not guaranteed to be passive: it may generate energy, and outside the data to "
+            "which it was fitted it may take any value within its bounds. A device file may omit coefficients that are "
+            "0."
         )
     if description["supply"]:
-        return "An effect of the device, in its gas supply, which may do work."
-    return "An effect of the device, not of its gas supply."
+        return "A device effect in the gas supply, which may do work."
+    return "A device effect outside the gas supply."
 
 
 def describe_hooks(form: dict[str, Any]) -> str:
-    """Where a form acts, as a sentence."""
-    places = "; ".join(f"{hook}: {HOOK_DESCRIPTIONS[hook]}" for hook in form["hooks"]) or COMMAND_DESCRIPTION
-    return f"It acts on {places}."
+    """Return the quantities on which a form acts, as a sentence."""
+    quantities = "; ".join(f"{hook}: {HOOK_DESCRIPTIONS[hook]}" for hook in form["hooks"]) or COMMAND_DESCRIPTION
+    return f"It acts on {quantities}."
 
 
 def format_default_note(index: int, forms: list[dict[str, Any]]) -> str:
-    """What is behind the name of form ``number``: the first of several is the usual one."""
-    return " (the usual one)" if index == 0 and len(forms) > 1 else ""
+    """Return the note behind the name of form ``index``: the first of several forms is the default."""
+    return " (default)" if index == 0 and len(forms) > 1 else ""
 
 
 def format_parameter_cells(parameter: dict[str, Any]) -> tuple[str, ...]:
-    """A parameter under :data:`PARAMETER_HEAD`."""
-    neutral = "none: a shape" if parameter["neutral"] is None else f"{parameter['neutral']:g}"
+    """Return the cells of a parameter under :data:`PARAMETER_HEADINGS`."""
+    neutral = "none (shape parameter)" if parameter["neutral"] is None else f"{parameter['neutral']:g}"
     typical = f"{parameter['typical']:g}"
     return parameter["key"], parameter["unit"], neutral, _format_range(parameter), typical, parameter["source"]
 

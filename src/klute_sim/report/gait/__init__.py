@@ -1,1 +1,1 @@
-"""."""
+"""Report of a gait run: table and figure."""

@@ -1,28 +1,29 @@
-"""The picture of a gait run."""
-
-from pathlib import Path
-from typing import Any
+"""Figure of a gait run: joint mechanics, ground reaction, pressure and device forces over the gait cycle."""
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from klute_sim.constants import GRAVITY
 from klute_sim.gait.metrics import compute_gait_metrics, is_level_ground
-from klute_sim.gait.reference import GRAVITY
-from klute_sim.recording.recording import Array, Recording
+from klute_sim.recording.recording import Recording
+from klute_sim.report.style import (
+    COMPACT_STYLE,
+    EARLIER_COLOUR,
+    HUMAN_COLOUR,
+    PROSTHESIS_COLOUR,
+    fix_tick_label_size,
+)
+from klute_sim.types import Array
 
-COMPACT_STYLE: Any = {"font.size": 8, "axes.titlesize": 9, "axes.spines.top": False, "axes.spines.right": False}
 
-HUMAN_COLOUR, PROSTHESIS_COLOUR, EARLIER_COLOUR = "0.2", "#1f77b4", "#9ecae1"
-
-
-def save_figure(recording: Recording, path: Path) -> None:
-    """Write the last stride (earlier ones behind it, faint) over the reference and its +-1 sd band to ``path``."""
+def build_figure(recording: Recording) -> Figure:
+    """Plot the last stride of ``recording`` over the reference and its ±1 sd band, with earlier strides faintly."""
     with matplotlib.rc_context(COMPACT_STYLE):
-        _write_figure(recording, path)
+        return _build_figure(recording)
 
 
-def _write_figure(recording: Recording, path: Path) -> None:
+def _build_figure(recording: Recording) -> Figure:
     figure = Figure(figsize=(11, 11), layout="constrained")
     axes = figure.subplots(4, 2)
     mass = float(recording.provenance["options"]["mass_kg"])
@@ -32,7 +33,7 @@ def _write_figure(recording: Recording, path: Path) -> None:
     _plot_against_reference(axes[0, 0], strides, "ankle_angle", 1.0, "ankle angle [deg]", "dorsiflexion up")
     _plot_against_reference(axes[0, 1], strides, "ankle_moment", mass, "net ankle moment [N·m/kg]", "plantarflexor up")
     _plot_against_reference(axes[1, 0], strides, "ankle_power", mass, "net ankle power [W/kg]", "generation up")
-    _plot_work_loop(axes[1, 1], strides, mass)
+    _plot_moment_over_angle(axes[1, 1], strides, mass)
     _plot_against_reference(
         axes[2, 0], strides, "grf_vertical", weight, "vertical ground reaction [body weights]", "tracked, not predicted"
     )
@@ -48,15 +49,15 @@ def _write_figure(recording: Recording, path: Path) -> None:
             axis.set_xlim(0, 100)
             axis.set_xlabel("gait cycle [%]")
     options = recording.provenance["options"]
-    trips = (
-        "\nthe foot touches the ground in swing: it trips" if compute_gait_metrics(recording).has_swing_contact else ""
-    )
-    slope = "" if is_level_ground(recording) else f"slope {options['slope_deg']:+g}° (nobody's gait measured there), "
+    has_swing_contact = compute_gait_metrics(recording).has_swing_contact
+    contact_note = "\nthe foot touches the ground in swing: it trips" if has_swing_contact else ""
+    slope = "" if is_level_ground(recording) else f"slope {options['slope_deg']:+g}° (no measured reference), "
     figure.suptitle(
         f"{recording.provenance['device']['name']}, {mass:.4g} kg, {options['speed_m_per_s']:.2f} m/s, {slope}"
-        f"stride {len(strides)} of {len(strides)}; reference: {recording.provenance['reference']['name']}{trips}"
+        f"stride {len(strides)} of {len(strides)}; reference: {recording.provenance['reference']['name']}{contact_note}"
     )
-    figure.savefig(path, dpi=130)
+    fix_tick_label_size(figure)
+    return figure
 
 
 def _plot_against_reference(
@@ -77,10 +78,10 @@ def _plot_against_reference(
 
 
 def _format_reference_label(recording: Recording) -> str:
-    return "human" if is_level_ground(recording) else "human on the level, turned"
+    return "human" if is_level_ground(recording) else "human on level ground, rotated"
 
 
-def _plot_work_loop(axis: Axes, strides: list[Recording], mass: float) -> None:
+def _plot_moment_over_angle(axis: Axes, strides: list[Recording], mass: float) -> None:
     last = strides[-1]
     axis.plot(
         last["reference_ankle_angle"],
@@ -93,7 +94,7 @@ def _plot_work_loop(axis: Axes, strides: list[Recording], mass: float) -> None:
     axis.plot(
         last["ankle_angle"], last["ankle_moment"] / mass, color=PROSTHESIS_COLOUR, linewidth=1.4, label="prosthesis"
     )
-    axis.set_title("moment [N·m/kg] over angle [deg] (counter-clockwise: net work done)")
+    axis.set_title("moment [N·m/kg] over angle [deg] (counter-clockwise: positive net work)")
     axis.set_xlabel("dorsiflexion [deg]")
     axis.legend(fontsize=7, frameon=False)
 

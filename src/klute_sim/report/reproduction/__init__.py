@@ -1,1 +1,1 @@
-"""."""
+"""Report of the comparison with the dissertation: figures and page."""

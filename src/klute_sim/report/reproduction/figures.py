@@ -1,6 +1,6 @@
-"""Figures of the source, drawn in its axes.
+"""Figures of the dissertation, recomputed and plotted in its axes.
 
-Matplotlib is imported when something is drawn.
+Matplotlib is imported when a figure is built.
 """
 
 from collections.abc import Iterator
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 LINE_STYLES: Any = {"line": "-", "dashed": "--", "dotted": ":", "points": "none"}
 DPI = 110
 MAX_CURVES_IN_AXES_LEGEND = 5
-"""Curves in a legend that stands beside the axes if there are more."""
+"""Maximum number of curves for which the legend is inside the axes."""
 
 
 def build_figure(picture: FigureData) -> "Figure":
-    """``picture`` as curves, or as a surface."""
+    """Plot ``picture`` as curves or as a surface."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -76,7 +76,7 @@ def _plot_surface(figure: "Figure", picture: FigureData) -> None:
 
 
 def save_figures(pictures: tuple[FigureData, ...], folder: Path) -> Iterator[Path]:
-    """Write every picture into ``folder`` as ``fig-NUMBER.png``; yields each when it is there."""
+    """Write every figure into ``folder`` as ``fig-NUMBER.png``; yield the path of each after it is written."""
     for picture in pictures:
         path = folder / f"fig-{picture.number}.png"
         build_figure(picture).savefig(path, dpi=DPI)

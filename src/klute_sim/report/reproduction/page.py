@@ -1,4 +1,4 @@
-"""The dissertation beside the model as one HTML file that needs nothing else."""
+"""Page that compares the model with the dissertation: one self-contained HTML file that works offline."""
 
 import base64
 from collections import Counter
@@ -15,21 +15,21 @@ from klute_sim.reproduction.run import Reproduction
 
 TEMPLATE = "reproduction.html"
 VERDICT_MEANINGS = {
-    "agrees": "what we compute is what is printed",
-    "contradicts-source": "what we compute is not what is printed",
-    "source-contradicts-itself": "it is not, and another part of the source speaks against what is printed, too",
-    "not-printed": "nothing to compare: the page is missing from our copy, or it is about an experiment",
+    "agrees": "the computed value equals the printed value",
+    "contradicts-source": "the computed value differs from the printed value",
+    "source-contradicts-itself": "the values differ, and another part of the source contradicts the printed value, too",
+    "not-printed": "no comparison: the page is missing from our copy, or it describes an experiment",
 }
 
 
 def write_page(reproduction: Reproduction, pictures: Mapping[str, Path], path: Path) -> None:
-    """Write the page of ``found`` to ``path``, with ``pictures`` (number -> PNG) in it."""
+    """Write the page of ``reproduction`` to ``path``, with ``pictures`` (number -> path of a PNG file) embedded."""
     images = {name: base64.b64encode(file.read_bytes()).decode("ascii") for name, file in pictures.items()}
     path.write_text(render_template(TEMPLATE, **build_page_context(reproduction), images=images), "utf-8")
 
 
 def build_page_context(reproduction: Reproduction) -> dict[str, Any]:
-    """Everything on the page but its pictures, in words."""
+    """Return the content of the page except its figures as text for the template."""
     by_row: dict[str, list[ItemAssessment]] = {}
     for outcome in reproduction.assessments:
         by_row.setdefault(outcome.item.row_title, []).append(outcome)
@@ -62,28 +62,29 @@ def build_page_context(reproduction: Reproduction) -> dict[str, Any]:
 
 
 def count_verdicts(outcomes: Iterable[ItemAssessment]) -> dict[str, int]:
-    """How often each verdict was given."""
-    found = Counter(outcome.verdict for outcome in outcomes)
-    return {verdict: found[verdict] for verdict in VERDICTS}
+    """Return the number of outcomes with each verdict."""
+    counts = Counter(outcome.verdict for outcome in outcomes)
+    return {verdict: counts[verdict] for verdict in VERDICTS}
 
 
 def count_agreeing_inputs(outcomes: Iterable[ItemAssessment]) -> int:
-    """How many of those that agree were taken over as they are."""
+    """Return the number of agreeing items that are inputs of the model."""
     return sum(outcome.item.is_input and outcome.verdict == "agrees" for outcome in outcomes)
 
 
 def format_outcome_cells(outcome: ItemAssessment) -> dict[str, str]:
-    """An outcome as a person reads it."""
-    item, found = outcome.item, outcome.finding
+    """Return the cells of an outcome as text."""
+    item, finding = outcome.item, outcome.finding
     published = item.published
-    computed = "-" if found.value is None else format_number(found.value)
-    if found.holds is not None:
-        computed = f"{'holds' if found.holds else 'does not hold'}{'' if found.value is None else f' ({computed})'}"
+    computed = "-" if finding.value is None else format_number(finding.value)
+    if finding.holds is not None:
+        value = "" if finding.value is None else f" ({computed})"
+        computed = f"{'holds' if finding.holds else 'does not hold'}{value}"
     difference = outcome.difference
-    apart = "-"
+    difference_text = "-"
     if difference is not None:
-        share = f"{round(100.0 * difference, 1) + 0.0:+.1f} %"
-        apart = share if outcome.is_relative else f"{difference:+.2g}"
+        percentage = f"{round(100.0 * difference, 1) + 0.0:+.1f} %"
+        difference_text = percentage if outcome.is_relative else f"{difference:+.2g}"
     return {
         "id": item.id,
         "quantity": item.quantity,
@@ -94,7 +95,7 @@ def format_outcome_cells(outcome: ItemAssessment) -> dict[str, str]:
         if isinstance(published, str)
         else format_number(published, 5),
         "computed": computed,
-        "difference": apart,
+        "difference": difference_text,
         "verdict": outcome.verdict,
         "note": outcome.note,
     }

@@ -1,4 +1,4 @@
-"""A bench run for the rerun viewer: work loops of force over length, and every trial over time."""
+"""Viewer recording of a bench run: force over length, metrics, and some trials over time."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -18,13 +18,15 @@ from klute_sim.viewer.stream import GREEN, PALE_GREEN, PALETTE, SeriesLine
 
 TIMELINE = "time"
 MAX_TRIAL_TABS = 8
-"""Trials with a tab of their own, evenly chosen. The others are charted beside them and no more: over time each would
-take a megabyte, and their Parquet files have it all."""
+"""Maximum number of trials with a tab, evenly spaced.
+
+All trials are in the chart of the first tab; over time, each would take a megabyte, and the Parquet files have it all.
+"""
 MAX_LEGEND_NAMES = 12
-"""Trials up to which their names are in the legends."""
+"""Maximum number of trials with names in the legend."""
 MAX_HELD_RANGE_MM = 0.01
-"""Range of a unit's length [mm] up to which it was held, and force is not charted over length."""
-ALL_TRIALS_ENTITY, METRICS_ENTITY = "every", "readings"
+"""Range of the unit length [mm] up to which the length counts as constant."""
+ALL_TRIALS_ENTITY, METRICS_ENTITY = "all_trials", "metrics"
 
 TRIAL_PLOTS: tuple[gait.PlotSpec, ...] = (
     (
@@ -35,11 +37,11 @@ TRIAL_PLOTS: tuple[gait.PlotSpec, ...] = (
     ("lengths [mm]", (("length", "unit", stream.RED), ("muscle_length", "muscle", stream.VIOLET))),
     *gait.ENERGY_PLOTS[:3],
 )
-"""Of one trial: title and series."""
+"""Title and series of the plots of one trial."""
 
 
 class RecordedBenchTrial(NamedTuple):
-    """A trial as its folder tells of it."""
+    """A trial as read from the folder of its run."""
 
     name: str
     settings: Mapping[str, float]
@@ -47,29 +49,29 @@ class RecordedBenchTrial(NamedTuple):
     recording: Recording
 
     def get_value(self, key: str) -> float | None:
-        """A setting or reading."""
+        """Return the condition or metric ``key``; None if it does not exist."""
         return {**self.settings, **self.metrics}.get(key)
 
 
 def rebuild_recording(folder: Path, path: Path) -> None:
-    """Write ``path`` (.rrd) from the files of a bench run's ``folder``.
+    """Write ``path`` (.rrd) from the files in the ``folder`` of a bench run.
 
-    Raises MissingExtraError without rerun and InputError for files that are damaged.
+    Raises MissingExtraError without rerun, and InputError for damaged files.
     """
-    told = json.loads((folder / "summary.json").read_text("utf-8"))
+    summary = json.loads((folder / "summary.json").read_text("utf-8"))
     trials = [
         RecordedBenchTrial(
-            each["name"], each["setting"], each["readings"], parquet.read(folder / f"{each['name']}.parquet")
+            trial["name"], trial["conditions"], trial["metrics"], parquet.read(folder / f"{trial['name']}.parquet")
         )
-        for each in told["trials"]
+        for trial in summary["trials"]
     ]
     if not trials:
-        raise InputError(f"{folder} has no trials to show")
-    write_recording(told, trials, path)
+        raise InputError(f"{folder} has no trial to show")
+    write_recording(summary, trials, path)
 
 
 def write_recording(summary: Mapping[str, Any], trials: Sequence[RecordedBenchTrial], path: Path) -> None:
-    """Write ``trials`` of the run that ``told`` (its summary.json) is of to ``path``."""
+    """Write the ``trials`` of a run and its ``summary`` (content of summary.json) to ``path`` (.rrd)."""
     rr = stream.import_rerun()
     with stream.open_recording(path, "bench", summary, lambda: build_blueprint(summary, trials)) as out:
         stream.log_text(out, METRICS_ENTITY, format_page(summary, trials))
@@ -78,71 +80,71 @@ def write_recording(summary: Mapping[str, Any], trials: Sequence[RecordedBenchTr
             trial = trials[number - 1]
             axis = rr.TimeColumn(TIMELINE, duration=trial.recording["time"])
             stream.send_lines(out, axis, build_lines(trial, number))
-            across = "length" if has_motion([trial]) else "time"
-            own = build_chart([trial], f"trial_{number:03d}/chart")
-            chart.log_chart(out, own, axis, (trial.recording[across], trial.recording["force"]))
+            x_channel = "length" if has_motion([trial]) else "time"
+            trial_chart = build_chart([trial], f"trial_{number:03d}/chart")
+            chart.log_chart(out, trial_chart, axis, (trial.recording[x_channel], trial.recording["force"]))
 
 
 def select_tab_trials(trials: Sequence[RecordedBenchTrial]) -> list[int]:
-    """Numbers of the trials with a tab, from 1."""
-    places = np.linspace(1, len(trials), min(len(trials), MAX_TRIAL_TABS))
-    return [int(number) for number in np.unique(np.rint(places))]
+    """Return the numbers (from 1) of the trials with a tab."""
+    positions = np.linspace(1, len(trials), min(len(trials), MAX_TRIAL_TABS))
+    return [int(number) for number in np.unique(np.rint(positions))]
 
 
 def build_lines(trial: RecordedBenchTrial, number: int) -> list[SeriesLine]:
-    """All series of ``trial``, the ``number``-th, over time."""
-    found, energies = [], gait.compute_cumulative_energies(trial.recording)
-    for _, plotted in TRIAL_PLOTS:
-        for entity, name, colour in plotted:
+    """Build all lines over time of ``trial``, which is the ``number``-th."""
+    lines, energies = [], gait.compute_cumulative_energies(trial.recording)
+    for _, series in TRIAL_PLOTS:
+        for entity, name, colour in series:
             channel = entity.removeprefix("channels/")
             value = energies[entity] if entity in energies else trial.recording[channel]
             width = 1.0 if colour in gait.THIN_LINE_COLOURS else 2.0
-            found.append(SeriesLine(f"trial_{number:03d}/{entity}", name, colour, width, value))
-    return found
+            lines.append(SeriesLine(f"trial_{number:03d}/{entity}", name, colour, width, value))
+    return lines
 
 
 def has_motion(trials: Sequence[RecordedBenchTrial]) -> bool:
-    """Whether the crosshead moved in any of ``trials``."""
+    """Return whether the crosshead moved in any of ``trials``."""
     return any(np.ptp(trial.recording["length"]) > MAX_HELD_RANGE_MM for trial in trials)
 
 
 def build_chart(trials: Sequence[RecordedBenchTrial], entity: str) -> chart.Chart:
-    """Force over length of ``trials``; over time where the crosshead held still in all of them."""
-    across, label = ("length", "length of the unit [mm]") if has_motion(trials) else ("time", "time [s]")
+    """Build the chart of force over length of ``trials``, or over time if no crosshead moved."""
+    x_channel, x_label = ("length", "length of the unit [mm]") if has_motion(trials) else ("time", "time [s]")
     curves = tuple(
         chart.ChartCurve(
             trial.name,
             PALETTE[k % len(PALETTE)],
-            trial.recording[across],
+            trial.recording[x_channel],
             trial.recording["force"],
             in_legend=1 < len(trials) <= MAX_LEGEND_NAMES,
         )
         for k, trial in enumerate(trials)
     )
-    return chart.Chart(entity, label, "force [N]", curves)
+    return chart.Chart(entity, x_label, "force [N]", curves)
 
 
 def _build_chart_view(trials: Sequence[RecordedBenchTrial], entity: str) -> Any:
-    title = "force over length (counter-clockwise: work done)" if has_motion(trials) else "force over time"
+    title = "force over length (counter-clockwise: positive work)" if has_motion(trials) else "force over time"
     return chart.build_view(build_chart(trials, entity), title)
 
 
 def format_page(summary: Mapping[str, Any], trials: Sequence[RecordedBenchTrial]) -> str:
-    """What was run, what was read off each trial, and what was assumed."""
-    where = "MuJoCo tester" if summary["mujoco"] else "device alone"
+    """Return metrics, remarks and assumptions of the run as Markdown."""
+    rig = "MuJoCo tester" if summary["mujoco"] else "device only"
     keys = dict.fromkeys(
         key for trial in trials for key in (*trial.settings, *(TABLE_METRICS[summary["kind"]] or trial.metrics))
     )
-    differs = [key for key in keys if len({t.get_value(key) for t in trials}) > 1] or list(keys)
-    rows = [[trial.name, *(trial.get_value(key) for key in differs)] for trial in trials]
-    table = stream.format_markdown_table(["trial", *(_format_heading(key) for key in differs)], rows)
-    assumed = [f"{key} ({why})" for key, why in summary["assumptions"].items()]
+    varied = [key for key in keys if len({t.get_value(key) for t in trials}) > 1] or list(keys)
+    rows = [[trial.name, *(trial.get_value(key) for key in varied)] for trial in trials]
+    table = stream.format_markdown_table(["trial", *(_format_heading(key) for key in varied)], rows)
+    assumptions = [f"{key} ({reason})" for key, reason in summary["assumptions"].items()]
     return "\n\n".join(
         [
-            f"# {summary['protocol']}: {summary['device']}, {where}",
+            f"# {summary['protocol']}: {summary['device']}, {rig}",
             *summary["remarks"],
             table,
-            f"Assumed: {'; '.join(assumed) or 'nothing'}.",
+            f"Assumed: {'; '.join(assumptions) or 'nothing'}.",
         ]
     )
 
@@ -153,21 +155,21 @@ def _format_heading(key: str) -> str:
 
 
 def build_blueprint(summary: Mapping[str, Any], trials: Sequence[RecordedBenchTrial]) -> Any:
-    """Layout: a tab with all trials and what was read off them, then one for each of some trials."""
+    """Build the layout: a tab with all trials and their metrics, and a tab for each of some trials."""
     import rerun.blueprint as rrb
 
     tabs: list[Any] = [
         rrb.Horizontal(
             _build_chart_view(trials, ALL_TRIALS_ENTITY),
-            stream.build_text_view("readings", METRICS_ENTITY),
+            stream.build_text_view("metrics", METRICS_ENTITY),
             name="all trials",
         )
     ]
     for number in select_tab_trials(trials):
-        here, trial = f"trial_{number:03d}", trials[number - 1]
-        views = [_build_chart_view([trial], f"{here}/chart")]
+        prefix, trial = f"trial_{number:03d}", trials[number - 1]
+        views = [_build_chart_view([trial], f"{prefix}/chart")]
         views += [
-            stream.build_plot_view(title, [f"{here}/{entity}" for entity, _, _ in series])
+            stream.build_plot_view(title, [f"{prefix}/{entity}" for entity, _, _ in series])
             for title, series in TRIAL_PLOTS
         ]
         tabs.append(rrb.Grid(*views, grid_columns=3, name=trial.name))

@@ -1,4 +1,4 @@
-"""A diagnosis for the rerun viewer: the answer, where the gap is, and trials as measured, before and after."""
+"""Viewer recording of a diagnosis: verdict, heatmaps of the gap, and trials as measured and as simulated."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
-from klute_sim.diagnosis.workflow import Diagnosis
+from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.errors import InputError
 from klute_sim.report.diagnosis import text as words
 from klute_sim.report.diagnosis.traces import SimulatedTrial, simulate_shown_trials
@@ -16,7 +16,7 @@ from klute_sim.viewer.layouts import diagnosis_leg, diagnosis_map
 from klute_sim.viewer.stream import BLUE, GREY, ORANGE, SeriesLine
 
 TIMELINE = "time"
-"""From each trial's begin."""
+"""Timeline of the time from the start of each trial."""
 VERDICT_ENTITY = "verdict"
 CASE_COLOURS = {"measured": GREY, "before": ORANGE, "after": BLUE}
 
@@ -24,71 +24,71 @@ CASE_COLOURS = {"measured": GREY, "before": ORANGE, "after": BLUE}
 def write_recording(diagnosis: Diagnosis, path: Path) -> None:
     """Write the shown trials of ``diagnosis`` to ``path`` (.rrd).
 
-    Raises MissingExtraError without rerun, InputError where the data were not sufficient to simulate anything.
+    Raises MissingExtraError without rerun, and InputError if the data were insufficient to simulate any trial.
     """
     rr = stream.import_rerun()
     trials = simulate_shown_trials(diagnosis)
     if not trials:
-        raise InputError("a rerun recording needs trials that were simulated; the data were insufficient for that")
+        raise InputError("cannot write a rerun recording: no trial was simulated, because the data are insufficient")
     maps = list(diagnosis_map.build_maps(diagnosis, trials))
     identity = [diagnosis.dataset.digest, *map(str, diagnosis.added_terms)]
     with stream.open_recording(path, "diagnosis", identity, lambda: build_blueprint(diagnosis, trials, maps)) as out:
         stream.log_text(out, VERDICT_ENTITY, format_page(diagnosis))
-        for _, own in maps:
-            for _, one_map in own:
-                heatmap.log_heatmap(out, one_map)
-        for number, one in enumerate(trials, start=1):
-            for channel in _list_channels(one):
-                axis = rr.TimeColumn(TIMELINE, duration=one.sample_times(channel))
-                stream.send_lines(out, axis, build_lines(diagnosis, one, number, channel))
-            if diagnosis_leg.has_ankle_motion(diagnosis, one):
-                diagnosis_leg.log_leg(out, diagnosis, one, f"trial_{number}/leg", TIMELINE)
-            for loop in build_loop_charts(diagnosis, one, number):
+        for _, channel_maps in maps:
+            for _, case_map in channel_maps:
+                heatmap.log_heatmap(out, case_map)
+        for number, trial in enumerate(trials, start=1):
+            for channel in _list_channels(trial):
+                axis = rr.TimeColumn(TIMELINE, duration=trial.sample_times(channel))
+                stream.send_lines(out, axis, build_lines(diagnosis, trial, number, channel))
+            if diagnosis_leg.has_ankle_motion(diagnosis, trial):
+                diagnosis_leg.log_leg(out, diagnosis, trial, f"trial_{number}/leg", TIMELINE)
+            for loop in build_loop_charts(diagnosis, trial, number):
                 chart.log_chart(out, loop)
 
 
 def _list_cases(diagnosis: Diagnosis, simulated: SimulatedTrial) -> list[tuple[str, str, Any]]:
-    """What was simulated: its entity, what it is called, and its channels."""
+    """Return the simulated cases: entity, name, and readings of the channels."""
     if not diagnosis.added_terms:
         return [("before", "simulated", simulated.before)]
     return [("before", "refitted", simulated.before), ("after", "with effects added", simulated.after)]
 
 
 def build_lines(diagnosis: Diagnosis, simulated: SimulatedTrial, number: int, channel: str) -> Iterator[SeriesLine]:
-    """Of one channel of trial ``one``, the ``number``-th: the signal's, then the residuals'.
+    """Yield the lines of one channel of the ``number``-th trial: signals, then residuals.
 
-    Trials go by numbers, because their names may hold what an entity's name may not.
+    Entities are named by the numbers of trials: names may have characters that entity paths cannot have.
     """
     unit, measured = CHANNEL_UNITS[channel][1], simulated.experiment.measured[channel].value
-    here = f"trial_{number}/{channel}"
-    yield SeriesLine(f"{here}/signal/measured", "measured", GREY, 1.0, measured / unit)
+    prefix = f"trial_{number}/{channel}"
+    yield SeriesLine(f"{prefix}/signal/measured", "measured", GREY, 1.0, measured / unit)
     for entity, name, values in _list_cases(diagnosis, simulated):
-        yield SeriesLine(f"{here}/signal/{entity}", name, CASE_COLOURS[entity], 2.0, values[channel] / unit)
+        yield SeriesLine(f"{prefix}/signal/{entity}", name, CASE_COLOURS[entity], 2.0, values[channel] / unit)
     for entity, name, values in _list_cases(diagnosis, simulated):
         yield SeriesLine(
-            f"{here}/residual/{entity}", name, CASE_COLOURS[entity], 1.0, (measured - values[channel]) / unit
+            f"{prefix}/residual/{entity}", name, CASE_COLOURS[entity], 1.0, (measured - values[channel]) / unit
         )
 
 
 def build_loop_charts(diagnosis: Diagnosis, simulated: SimulatedTrial, number: int) -> list[chart.Chart]:
-    """The force over the length of a bench trial, measured and simulated; none of other trials."""
+    """Return the chart of force over length of a bench trial, measured and simulated; nothing for other trials."""
     if diagnosis.dataset.rig != "bench" or "force" not in _list_channels(simulated):
         return []
-    experiment, course = simulated.experiment, simulated.experiment.prescribed_input
-    steps = experiment.start_time + experiment.dt * np.arange(1, len(course.values) + 1)
-    length = np.interp(experiment.measured["force"].time, steps, course.values) / course.si_factor
+    experiment, prescribed = simulated.experiment, simulated.experiment.prescribed_input
+    grid = experiment.start_time + experiment.dt * np.arange(1, len(prescribed.values) + 1)
+    length = np.interp(experiment.measured["force"].time, grid, prescribed.values) / prescribed.si_factor
     curves = [chart.ChartCurve("measured", GREY, length, experiment.measured["force"].value, thin=True)]
     curves += [
         chart.ChartCurve(name, CASE_COLOURS[entity], length, values["force"])
         for entity, name, values in _list_cases(diagnosis, simulated)
     ]
-    return [chart.Chart(f"trial_{number}/loop", course.label, "force [N]", tuple(curves))]
+    return [chart.Chart(f"trial_{number}/loop", prescribed.label, "force [N]", tuple(curves))]
 
 
 def format_page(diagnosis: Diagnosis) -> str:
-    """The answer, the gap in numbers, and which trials it is told of."""
+    """Return verdict, gap, fitted parameters and use of the trials as Markdown."""
     d = diagnosis
-    said = [
+    paragraphs = [
         f"# {words.describe_verdict(d)}",
         words.describe_improvement(d),
         words.describe_equation_residuals(d),
@@ -97,34 +97,36 @@ def format_page(diagnosis: Diagnosis) -> str:
     rows = []
     for channel, gap in d.channel_rms.items():
         unit, si = CHANNEL_UNITS[channel]
-        known = [gap.nominal, gap.refitted, gap.with_effects if d.added_terms else None, gap.noise_floor]
+        values = [gap.nominal, gap.refitted, gap.with_effects if d.added_terms else None, gap.noise_floor]
         rows.append(
-            [words.humanize_identifier(channel), unit, *(None if value is None else value / si for value in known)]
+            [words.humanize_identifier(channel), unit, *(None if value is None else value / si for value in values)]
         )
-    on = "trials that no fit saw" if d.evaluated_on == "show" else "the fitted trials: none was kept back"
-    said.append(f"## The gap: root mean square of measured minus simulated, on {on}")
-    said.append(
+    trials = "test trials" if d.evaluated_on == "test" else "the fitted trials (there are no test trials)"
+    paragraphs.append(f"## Gap: root mean square of measured minus simulated values, on {trials}")
+    paragraphs.append(
         stream.format_markdown_table(
             ["channel", "unit", "nominal", "refitted", "with effects", "noise of repeats"], rows
         )
     )
     if d.added_terms and d.final_fit is not None:
-        said.append("## What was added")
-        numbers = []
-        for unknown, value, interval in zip(
+        paragraphs.append("## Added effects")
+        parameter_rows = []
+        for parameter, value, interval in zip(
             d.final_fit.hypothesis.parameters, d.final_fit.values, d.confidence_intervals, strict=True
         ):
-            if unknown.term_index is not None:
-                term = d.final_fit.hypothesis.terms[unknown.term_index]
-                name, unit = words.format_parameter_name(unknown, term.channel)
-                numbers.append([words.format_term(term), name, unit or "-", *words.format_interval(value, *interval)])
-        said.append(stream.format_markdown_table(["effect", "parameter", "unit", "value", "95 % from", "to"], numbers))
-    said.append("## Trials")
-    uses = (("fit", "fitted"), ("select", "chosen by, not fitted"), ("show", "shown, never fitted"))
-    for use, what in uses:
+            if parameter.term_index is not None:
+                term = d.final_fit.hypothesis.terms[parameter.term_index]
+                name, unit = words.format_parameter_name(parameter, term.channel)
+                parameter_rows.append(
+                    [words.format_term(term), name, unit or "-", *words.format_interval(value, *interval)]
+                )
+        headings = ["effect", "parameter", "unit", "value", "95 % from", "to"]
+        paragraphs.append(stream.format_markdown_table(headings, parameter_rows))
+    paragraphs.append("## Trials")
+    for use in ("fit", "validation", "test"):
         names = [e.name for e in d.experiments if e.use == use]
-        said.append(f"- {what}: {', '.join(names) or 'none'}")
-    return "\n\n".join(filter(None, said))
+        paragraphs.append(f"- {use}: {', '.join(names) or 'none'}")
+    return "\n\n".join(filter(None, paragraphs))
 
 
 def build_blueprint(
@@ -132,21 +134,26 @@ def build_blueprint(
     trials: Sequence[SimulatedTrial],
     maps: Sequence[tuple[str, list[tuple[str, heatmap.Heatmap]]]],
 ) -> Any:
-    """Layout: a tab with the answer beside the maps of the gap, then one for each trial.
+    """Build the layout: a tab with the verdict and the heatmaps of the gap, and a tab for each trial.
 
-    In that the leg or the work loop, under it the channels side by side, their residuals underneath.
+    The tab of a trial has the leg or the work loop, and its channels with their residuals below.
     """
     import rerun.blueprint as rrb
 
     rows = [
-        rrb.Horizontal(*(heatmap.build_view(one, f"{channel}, {name}: measured - simulated") for name, one in own))
-        for channel, own in maps
+        rrb.Horizontal(
+            *(
+                heatmap.build_view(case_map, f"{channel}, {name}: measured - simulated")
+                for name, case_map in channel_maps
+            )
+        )
+        for channel, channel_maps in maps
     ]
-    answer = stream.build_text_view("verdict", VERDICT_ENTITY)
-    tabs: list[Any] = [rrb.Horizontal(answer, rrb.Vertical(*rows), column_shares=[1, 2], name="verdict and gap")]
-    for number, one in enumerate(trials, start=1):
-        use = "shown, never fitted" if diagnosis.evaluated_on == "show" else "fitted"
-        tabs.append(_build_trial_view(diagnosis, one, number, f"{one.experiment.name} ({use})"))
+    verdict = stream.build_text_view("verdict", VERDICT_ENTITY)
+    tabs: list[Any] = [rrb.Horizontal(verdict, rrb.Vertical(*rows), column_shares=[1, 2], name="verdict and gap")]
+    for number, trial in enumerate(trials, start=1):
+        use = "test trial" if diagnosis.evaluated_on == "test" else "fitted trial"
+        tabs.append(_build_trial_view(diagnosis, trial, number, f"{trial.experiment.name} ({use})"))
     return stream.build_window_blueprint(rrb.Tabs(*tabs), TIMELINE)
 
 
@@ -155,16 +162,16 @@ def _build_trial_view(diagnosis: Diagnosis, simulated: SimulatedTrial, number: i
 
     columns = []
     for channel in _list_channels(simulated):
-        spoken, unit = words.humanize_identifier(channel), CHANNEL_UNITS[channel][0]
+        label, unit = words.humanize_identifier(channel), CHANNEL_UNITS[channel][0]
         views = [
             rrb.TimeSeriesView(
-                origin=f"/trial_{number}/{channel}/{part}",
+                origin=f"/trial_{number}/{channel}/{panel}",
                 name=title,
-                plot_legend=rrb.PlotLegend(visible=part == "signal"),
+                plot_legend=rrb.PlotLegend(visible=panel == "signal"),
             )
-            for part, title in (
-                ("signal", f"{spoken} [{unit}]"),
-                ("residual", f"{spoken}, measured - simulated [{unit}]"),
+            for panel, title in (
+                ("signal", f"{label} [{unit}]"),
+                ("residual", f"{label}, measured - simulated [{unit}]"),
             )
         ]
         columns.append(rrb.Vertical(*views, row_shares=[3, 2]))
@@ -173,12 +180,12 @@ def _build_trial_view(diagnosis: Diagnosis, simulated: SimulatedTrial, number: i
     if diagnosis_leg.has_ankle_motion(diagnosis, simulated):
         cases = [
             ("measured", "measured"),
-            *((entity, called) for entity, called, _ in _list_cases(diagnosis, simulated)),
+            *((entity, case) for entity, case, _ in _list_cases(diagnosis, simulated)),
         ]
-        legs = rrb.Horizontal(*(diagnosis_leg.build_view(root, entity, called) for entity, called in cases))
+        legs = rrb.Horizontal(*(diagnosis_leg.build_view(root, entity, case) for entity, case in cases))
         return rrb.Vertical(legs, curves, row_shares=[2, 3], name=name)
-    loop = [chart.build_view(each, "force over length") for each in build_loop_charts(diagnosis, simulated, number)]
-    return rrb.Horizontal(*loop, curves, column_shares=[1] * len(loop) + [2], name=name)
+    loops = [chart.build_view(loop, "force over length") for loop in build_loop_charts(diagnosis, simulated, number)]
+    return rrb.Horizontal(*loops, curves, column_shares=[1] * len(loops) + [2], name=name)
 
 
 def _list_channels(simulated: SimulatedTrial) -> list[str]:

@@ -1,30 +1,31 @@
-"""Where measured and simulated disagree: trial by trial, over the stride of a walk or over time on the bench."""
+"""Heatmaps of the residuals of a diagnosis: trial by trial, over the gait cycle or over time."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.diagnosis.experiments.base import Array, Experiment
+from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
-from klute_sim.diagnosis.workflow import Diagnosis
+from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.report.diagnosis import text as words
 from klute_sim.report.diagnosis.traces import SimulatedTrial
+from klute_sim.types import Array
 from klute_sim.viewer.heatmap import Heatmap, compute_binned_rms, compute_common_max
 
 N_COLUMNS = 32
-"""Of a map."""
+"""Number of columns of a map."""
 MAX_ROWS = 20
-"""Trials in a map, evenly chosen."""
+"""Maximum number of trials in a map; they are evenly spaced."""
 MIN_SCALE_MAX_SD = 3.0
-"""Times the noise that the last colour stands for, at least: less is no disagreement."""
+"""Smallest upper end of the colour scale, in standard deviations of the noise."""
 MAX_NAME_LENGTH = 12
-"""Letters of a trial's name beside a map."""
+"""Maximum length [characters] of a trial's name beside a map."""
 CASE_NAMES = {"before": "refitted", "after": "with effects added"}
 
 
 class ResidualRow(NamedTuple):
-    """A trial and what is left between it and the simulation."""
+    """A trial and the residuals of its simulations."""
 
     experiment: Experiment
     residuals: Mapping[str, Mapping[str, Array]]
@@ -32,58 +33,65 @@ class ResidualRow(NamedTuple):
 
 
 def build_rows(diagnosis: Diagnosis, simulated_trials: Sequence[SimulatedTrial]) -> list[ResidualRow]:
-    """Fitted trials, then those ``shown`` that no fit saw."""
-    base, final, found = diagnosis.base_fit, diagnosis.final_fit, []
+    """Return the fitted trials, followed by the test trials among ``simulated_trials``."""
+    rows: list[ResidualRow] = []
+    base, final = diagnosis.base_fit, diagnosis.final_fit
     if base is not None and final is not None:
         fitted = [e for e in diagnosis.experiments if e.use == "fit" and e.measured]
         for experiment, early, late in zip(fitted, base.residuals, final.residuals, strict=True):
-            found.append(ResidualRow(experiment, {"before": early, "after": late}))
-    if diagnosis.evaluated_on == "show":
-        for one in simulated_trials:
-            value = {channel: series.value for channel, series in one.experiment.measured.items()}
-            before = {channel: value[channel] - one.before[channel] for channel in value}
-            after = {channel: value[channel] - one.after[channel] for channel in value}
-            found.append(ResidualRow(one.experiment, {"before": before, "after": after}))
-    places = np.linspace(0, len(found) - 1, min(len(found), MAX_ROWS))
-    return [found[int(k)] for k in np.unique(np.rint(places))]
+            rows.append(ResidualRow(experiment, {"before": early, "after": late}))
+    if diagnosis.evaluated_on == "test":
+        for trial in simulated_trials:
+            value = {channel: series.value for channel, series in trial.experiment.measured.items()}
+            before = {channel: value[channel] - trial.before[channel] for channel in value}
+            after = {channel: value[channel] - trial.after[channel] for channel in value}
+            rows.append(ResidualRow(trial.experiment, {"before": before, "after": after}))
+    positions = np.linspace(0, len(rows) - 1, min(len(rows), MAX_ROWS))
+    return [rows[int(k)] for k in np.unique(np.rint(positions))]
 
 
 def build_maps(
     diagnosis: Diagnosis, simulated_trials: Sequence[SimulatedTrial]
 ) -> Iterator[tuple[str, list[tuple[str, Heatmap]]]]:
-    """For each channel, its title and its maps (name, map): before, and after if something was found."""
-    every = build_rows(diagnosis, simulated_trials)
+    """Yield for each channel its title and its maps (name, map): before and, if effects were added, after."""
+    all_rows = build_rows(diagnosis, simulated_trials)
     cases = list(CASE_NAMES) if diagnosis.added_terms else ["before"]
-    walked = all(isinstance(row.experiment, GaitExperiment) for row in every)
-    longest = max((row.experiment.duration for row in every), default=1.0)
-    edges = np.linspace(0.0, 100.0 if walked else longest, N_COLUMNS + 1)
+    is_gait = all(isinstance(row.experiment, GaitExperiment) for row in all_rows)
+    max_duration = max((row.experiment.duration for row in all_rows), default=1.0)
+    edges = np.linspace(0.0, 100.0 if is_gait else max_duration, N_COLUMNS + 1)
     for channel, noise in diagnosis.noise.items():
-        own = [row for row in every if channel in row.experiment.measured]
-        if not own:
+        rows = [row for row in all_rows if channel in row.experiment.measured]
+        if not rows:
             continue
-        found = {
-            case: np.array([_bin_residuals(row, case, channel, noise.std, edges, is_gait=walked) for row in own])
+        case_values = {
+            case: np.array([_bin_residuals(row, case, channel, noise.std, edges, is_gait=is_gait) for row in rows])
             for case in cases
         }
-        top = compute_common_max(list(found.values()), MIN_SCALE_MAX_SD)
-        names = tuple(map(_format_name, own))
-        across = "gait cycle [%]" if walked else "time from the trial's start [s]"
+        scale_max = compute_common_max(list(case_values.values()), MIN_SCALE_MAX_SD)
+        names = tuple(map(_format_name, rows))
+        x_label = "gait cycle [%]" if is_gait else "time from the start of the trial [s]"
         yield (
             words.humanize_identifier(channel),
             [
                 (
                     CASE_NAMES[case] if diagnosis.added_terms else "simulated",
                     Heatmap(
-                        f"gap/{channel}/{case}", across, edges, names, values, top, "sd of the noise; * no fit saw it"
+                        f"gap/{channel}/{case}",
+                        x_label,
+                        edges,
+                        names,
+                        values,
+                        scale_max,
+                        "sd of the noise; *: test trial",
                     ),
                 )
-                for case, values in found.items()
+                for case, values in case_values.items()
             ],
         )
 
 
 def _format_name(row: ResidualRow) -> str:
-    """Short enough to stand beside a map; a star says that it was not fitted."""
+    """Return the name of the trial, shortened; a star marks trials that were not fitted."""
     name = row.experiment.name
     short = name if len(name) <= MAX_NAME_LENGTH else f"{name[: MAX_NAME_LENGTH - 1]}…"
     return short if row.experiment.use == "fit" else f"{short} *"
@@ -91,9 +99,9 @@ def _format_name(row: ResidualRow) -> str:
 
 def _bin_residuals(row: ResidualRow, case: str, channel: str, noise_sd: float, edges: Array, *, is_gait: bool) -> Array:
     experiment = row.experiment
-    since = experiment.measured[channel].time - experiment.start_time
-    place = since
+    time = experiment.measured[channel].time - experiment.start_time
+    position = time
     if is_gait and isinstance(experiment, GaitExperiment):
-        place = 100.0 * (experiment.compute_stride_phase(since) % 1.0)
-    left = row.residuals[case][channel] / (noise_sd * experiment.noise_scale.get(channel, np.ones(len(since))))
-    return compute_binned_rms(place, left, edges)
+        position = 100.0 * (experiment.compute_stride_phase(time) % 1.0)
+    residual = row.residuals[case][channel] / (noise_sd * experiment.noise_scale.get(channel, np.ones(len(time))))
+    return compute_binned_rms(position, residual, edges)

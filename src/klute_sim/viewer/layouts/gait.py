@@ -1,4 +1,4 @@
-"""A walk for the rerun viewer: the rig in 3-D, every channel as a series, the ankle's work loop, energy and air."""
+"""Viewer recording of a gait run: rig in 3-D, all channels, work loop of the ankle, energy and air."""
 
 import itertools
 from collections.abc import Sequence
@@ -13,7 +13,8 @@ from klute_sim.device.energy.ledger import format_effect_channel
 from klute_sim.effects import catalogue
 from klute_sim.gait.rig.build import build_gait_model
 from klute_sim.recording import parquet
-from klute_sim.recording.recording import Array, Recording
+from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 from klute_sim.viewer import chart, scene, stream
 from klute_sim.viewer.stream import (
     BLUE,
@@ -32,9 +33,12 @@ from klute_sim.viewer.stream import (
 TIMELINE = "time"
 
 PlotSeries = tuple[str, str, Colour]
-"""Entity, name in the legend, colour."""
+"""Entity, name in the legend, and colour of a line."""
 THIN_LINE_COLOURS = (ORANGE, DARK_ORANGE, PALE_ORANGE, PALE_GREEN)
-"""What a series is compared with. The viewer draws in the order of the entities' names, which puts it on top."""
+"""Colours of thin lines, with which others are compared.
+
+The viewer draws in the order of the entities' names, which puts these lines on top.
+"""
 
 
 def _build_human_comparison(channel: str) -> tuple[PlotSeries, ...]:
@@ -47,19 +51,19 @@ def _build_human_comparison(channel: str) -> tuple[PlotSeries, ...]:
 
 
 PlotSpec = tuple[str, tuple[PlotSeries, ...]]
-"""Title, and what is in it."""
-POWERS_TITLE = "device powers [W], given up"
+"""Title and lines of a plot."""
+POWERS_TITLE = "device powers [W], output positive"
 LEDGER_STYLES = {
     "gas": ("gas", GREEN),
     "friction": ("friction offset", VIOLET),
     "damper": ("damper", BROWN),
     "stop": ("length stops", PALE_ORANGE),
-    "bladder": ("bladders' store", PALE_GREEN),
-    "tendon": ("tendon's store", ORANGE),
+    "bladder": ("elastic bladders", PALE_GREEN),
+    "tendon": ("elastic tendon", ORANGE),
     "solver": ("time step", DARK_ORANGE),
     "delivered": ("delivered", RED),
 }
-"""Element of the ledger -> its name and colour, as power and as energy."""
+"""Element of the energy ledger -> its name and colour, as power and as energy."""
 
 MOTION_PLOTS: tuple[PlotSpec, ...] = (
     ("ankle angle [deg], dorsiflexion up", _build_human_comparison("ankle_angle")),
@@ -90,15 +94,15 @@ MOTION_PLOTS: tuple[PlotSpec, ...] = (
         ),
     ),
 )
-"""Beside the leg."""
+"""Plots of the tab "motion and forces"."""
 ENERGY_PLOTS: tuple[PlotSpec, ...] = (
     (POWERS_TITLE, tuple((f"channels/{name}_power", *look) for name, look in LEDGER_STYLES.items())),
     (
-        "device energies [J], given up since the start",
+        "device energies [J], output since the start",
         tuple((f"energy/{name}", *look) for name, look in LEDGER_STYLES.items()),
     ),
     (
-        "air [kg] (its gas assumed)",
+        "air [kg] (gas model assumed)",
         (
             ("channels/air_mass", "in the muscles", GREEN),
             ("channels/air_drawn", "drawn since the start", BLUE),
@@ -108,29 +112,32 @@ ENERGY_PLOTS: tuple[PlotSpec, ...] = (
     (
         "lengths [m]",
         (
-            ("channels/unit_length", "muscle, tendon and all", RED),
+            ("channels/unit_length", "muscle-tendon unit", RED),
             ("channels/muscle_length", "muscle", VIOLET),
         ),
     ),
 )
-"""Beside the work loop."""
+"""Plots of the tab "energy and air"."""
 LOOP_ENTITY = "loop/moment_over_angle"
 
 
 def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> None:
-    """Write a gait ``recording`` on the rig ``model`` to ``path`` (.rrd); raises MissingExtraError without rerun."""
+    """Write a gait ``recording`` on the rig ``model`` to ``path`` (.rrd).
+
+    Raises MissingExtraError without rerun.
+    """
     rr = stream.import_rerun()
     series = {f"channels/{name}": values for name, values in recording.channels.items() if name != "time"}
     series |= compute_reference_bands(recording) | compute_cumulative_energies(recording)
-    shown = [line for _, plotted in (*MOTION_PLOTS, *build_energy_plots(recording)) for line in plotted]
-    looks = {entity: (name, colour) for entity, name, colour in shown}
+    plotted = [line for _, lines in (*MOTION_PLOTS, *build_energy_plots(recording)) for line in lines]
+    styles = {entity: (name, colour) for entity, name, colour in plotted}
     with stream.open_recording(path, "gait", recording.provenance, lambda: build_blueprint(recording)) as out:
         scene.log_scene(out, recording, model, TIMELINE)
         axis = rr.TimeColumn(TIMELINE, duration=recording["time"])
         for entity, values in series.items():
             out.send_columns(entity, indexes=[axis], columns=rr.Scalars.columns(scalars=values))
-            if entity in looks:
-                name, colour = looks[entity]
+            if entity in styles:
+                name, colour = styles[entity]
                 stream.log_line_style(
                     out, SeriesLine(entity, name, colour, 1.0 if colour in THIN_LINE_COLOURS else 3.0, values)
                 )
@@ -138,7 +145,10 @@ def write_recording(recording: Recording, model: mujoco.MjModel, path: Path) -> 
 
 
 def rebuild_recording(folder: Path, path: Path) -> None:
-    """Write ``path`` from the files of a gait run's ``folder``; raises InputError for files that are damaged."""
+    """Write ``path`` (.rrd) from the files in the ``folder`` of a gait run.
+
+    Raises MissingExtraError without rerun, and InputError for damaged files.
+    """
     recording = parquet.read(folder / "recording.parquet")
     options = recording.provenance["options"]
     model = build_gait_model(
@@ -148,19 +158,19 @@ def rebuild_recording(folder: Path, path: Path) -> None:
 
 
 def compute_reference_bands(recording: Recording) -> dict[str, Array]:
-    """Entity -> the reference less and plus its standard deviation, where it has one."""
-    found = {}
+    """Return entity -> reference minus and plus one standard deviation, for channels that have one."""
+    bands = {}
     for name in ("ankle_angle", "ankle_moment", "ankle_power"):
         if f"reference_{name}" in recording and f"reference_{name}_sd" in recording:
-            middle, deviation = recording[f"reference_{name}"], recording[f"reference_{name}_sd"]
-            found[f"band/{name}_low"], found[f"band/{name}_high"] = middle - deviation, middle + deviation
-    return found
+            mean, sd = recording[f"reference_{name}"], recording[f"reference_{name}_sd"]
+            bands[f"band/{name}_low"], bands[f"band/{name}_high"] = mean - sd, mean + sd
+    return bands
 
 
 def compute_cumulative_energies(recording: Recording) -> dict[str, Array]:
-    """Entity -> what an element of the ledger has given up since the start [J].
+    """Return entity -> energy [J] that an element of the ledger has put out since the start.
 
-    A power is that of the step that ends at its sample, so that energies are sums and not trapezia.
+    Each power is constant over the time step that ends at its sample, so energies are plain sums.
     """
     steps = np.diff(recording["time"], prepend=recording["time"][0])
     names = (f"{name}_power" for name in LEDGER_STYLES)
@@ -168,7 +178,7 @@ def compute_cumulative_energies(recording: Recording) -> dict[str, Array]:
 
 
 def build_energy_plots(recording: Recording) -> list[PlotSpec]:
-    """:data:`LEDGER`, and among the powers a line for each effect that the device has."""
+    """Return :data:`ENERGY_PLOTS` with a line among the powers for each effect of the device."""
     effects = [name for name in catalogue.get_effects() if format_effect_channel(name) in recording]
     colours = itertools.cycle((BLUE, PALE_ORANGE, DARK_ORANGE, PALE_GREEN))
     lines = tuple((f"channels/{format_effect_channel(name)}", name, next(colours)) for name in effects)
@@ -176,7 +186,7 @@ def build_energy_plots(recording: Recording) -> list[PlotSpec]:
 
 
 def build_loop_chart(recording: Recording) -> chart.Chart:
-    """Net moment over angle of the ankle; counter-clockwise is net work done."""
+    """Build the chart of net ankle moment over angle; counter-clockwise loops do positive net work."""
     curves = []
     if "reference_ankle_angle" in recording and "reference_ankle_moment" in recording:
         human = recording["reference_ankle_angle"], recording["reference_ankle_moment"]
@@ -186,12 +196,12 @@ def build_loop_chart(recording: Recording) -> chart.Chart:
 
 
 def build_blueprint(recording: Recording) -> Any:
-    """Layout: the leg seen from its side over the work loop on the left; motion and energy as tabs on the right."""
+    """Build the layout: side view of the leg and work loop on the left, plots in two tabs on the right."""
     import rerun.blueprint as rrb
 
     left = rrb.Vertical(
         scene.build_view("leg (tendon: red at peak force; muscle: green at peak pressure)"),
-        chart.build_view(build_loop_chart(recording), "work loop of the ankle (counter-clockwise: work done)"),
+        chart.build_view(build_loop_chart(recording), "work loop of the ankle (counter-clockwise: positive net work)"),
         row_shares=[3, 2],
     )
     right = rrb.Tabs(
@@ -203,5 +213,5 @@ def build_blueprint(recording: Recording) -> Any:
 def _build_grid(plots: Sequence[PlotSpec], name: str) -> Any:
     import rerun.blueprint as rrb
 
-    views = [stream.build_plot_view(title, [entity for entity, _, _ in plotted]) for title, plotted in plots]
+    views = [stream.build_plot_view(title, [entity for entity, _, _ in lines]) for title, lines in plots]
     return rrb.Grid(*views, grid_columns=2, name=name)

@@ -1,4 +1,4 @@
-"""A sweep for the rerun viewer: each outcome over what was varied, and every row of the table."""
+"""Viewer recording of a sweep: each metric over the varied inputs, and the table of all combinations."""
 
 import itertools
 from collections.abc import Sequence
@@ -13,63 +13,66 @@ from klute_sim.viewer import chart, stream
 from klute_sim.viewer.stream import PALETTE
 
 TIMELINE, TABLE_ENTITY = "combination", "table"
-NUMERIC_INPUTS = {"speed_asked [m/s]": "speed [m/s]", "slope [deg]": "slope [deg]", "mass [kg]": "mass [kg]"}
-"""What numbers were asked for -> where they are told; a speed that was not named is the walker's own."""
+NUMERIC_INPUTS = {"speed_requested [m/s]": "speed [m/s]", "slope [deg]": "slope [deg]", "mass [kg]": "mass [kg]"}
+"""Requested input -> column of its actual value; without a requested speed it is the subject's own."""
 TEXT_INPUTS = ("device", "controller")
 CHARTED_METRICS = {
     "ankle_power_peak [W/kg]": "peak net power [W/kg]",
     "ankle_work_net [J/kg]": "net work [J/kg]",
     "ankle_moment_peak [N*m/kg]": "peak net moment [N·m/kg]",
     "moment_distance [sd]": "moment to human [sd]",
-    "air_per_stride [g]": "air in a stride [g]",
+    "air_per_stride [g]": "air per stride [g]",
     "toe_clearance [mm]": "toe clearance [mm]",
 }
-"""Heading -> label of what is charted; the table has all."""
+"""Column -> label of the charted metrics; the table has all metrics."""
 MAX_LEGEND_NAMES = 9
-"""Curves up to which their names are shown."""
+"""Maximum number of curves with names in the legend."""
 
 SweepRow = dict[str, Any]
 
 
 def rebuild_recording(folder: Path, path: Path) -> None:
-    """Write ``path`` (.rrd) from the table of a sweep's ``folder``; raises MissingExtraError without rerun."""
+    """Write ``path`` (.rrd) from the table in the ``folder`` of a sweep.
+
+    Raises MissingExtraError without rerun.
+    """
     table = pq.read_table(folder / "sweep.parquet")
     rows = table.to_pylist()
     if not rows:
-        raise InputError(f"{folder} has no walks to show")
-    drawn = build_charts(rows)
-    with stream.open_recording(path, "sweep", rows, lambda: build_blueprint(drawn)) as out:
+        raise InputError(f"{folder} has no simulated combination to show")
+    charts = build_charts(rows)
+    with stream.open_recording(path, "sweep", rows, lambda: build_blueprint(charts)) as out:
         stream.log_text(out, TABLE_ENTITY, format_page(rows))
-        for one in itertools.chain.from_iterable(drawn.values()):
-            chart.log_chart(out, one)
+        for metric_chart in itertools.chain.from_iterable(charts.values()):
+            chart.log_chart(out, metric_chart)
 
 
 def find_varied_inputs(rows: Sequence[SweepRow]) -> list[str]:
-    """Headings of the inputs that differ between ``rows``."""
+    """Return the columns of the inputs that differ between ``rows``."""
     return [name for name in (*TEXT_INPUTS, *NUMERIC_INPUTS) if len({row[name] for row in rows}) > 1]
 
 
 def build_charts(rows: Sequence[SweepRow]) -> dict[str, list[chart.Chart]]:
-    """What was varied -> the outcomes over it; over the row's number where words alone were, or nothing.
+    """Return label of each varied number -> charts of the metrics over it.
 
-    Rows that are alike in all else are one curve.
+    Without a varied number, the charts are over the number of the row. Rows with equal other inputs form one curve.
     """
-    numbers = [name for name in find_varied_inputs(rows) if name in NUMERIC_INPUTS]
-    found = {}
-    for name in numbers or [TIMELINE]:
-        others = [each for each in find_varied_inputs(rows) if each != name]
+    numeric_inputs = [name for name in find_varied_inputs(rows) if name in NUMERIC_INPUTS]
+    charts = {}
+    for name in numeric_inputs or [TIMELINE]:
+        others = [other for other in find_varied_inputs(rows) if other != name]
         groups: dict[tuple[Any, ...], list[int]] = {}
         for k, row in enumerate(rows):
-            groups.setdefault(tuple(row[each] for each in others) if numbers else (), []).append(k)
+            groups.setdefault(tuple(row[other] for other in others) if numeric_inputs else (), []).append(k)
         label = NUMERIC_INPUTS.get(name, "row of the table")
-        found[label] = [
+        charts[label] = [
             _build_chart(
-                rows, groups, name, f"chart/{label.split(' [')[0].replace(' ', '_')}/{k}", label, heading, outcome
+                rows, groups, name, f"chart/{label.split(' [')[0].replace(' ', '_')}/{k}", label, heading, y_label
             )
-            for k, (heading, outcome) in enumerate(CHARTED_METRICS.items())
+            for k, (heading, y_label) in enumerate(CHARTED_METRICS.items())
             if any(row[heading] is not None for row in rows)
         ]
-    return found
+    return charts
 
 
 def _build_chart(
@@ -89,12 +92,12 @@ def _build_chart(
         ]
         y = [_to_float(rows[k][heading]) for k in members]
         order = np.argsort(x, kind="stable")
-        across, up = np.array(x)[order], np.array(y)[order]
-        called = ", ".join("own" if each is None else str(each) for each in group) or "all"
-        colour, shown = PALETTE[n % len(PALETTE)], 1 < len(groups) <= MAX_LEGEND_NAMES
-        curves.append(chart.ChartCurve(called, colour, across, up, markers_only=True, in_legend=False))
+        x_sorted, y_sorted = np.array(x)[order], np.array(y)[order]
+        name = ", ".join("default" if value is None else str(value) for value in group) or "all"
+        colour, in_legend = PALETTE[n % len(PALETTE)], 1 < len(groups) <= MAX_LEGEND_NAMES
+        curves.append(chart.ChartCurve(name, colour, x_sorted, y_sorted, markers_only=True, in_legend=False))
         if input_name in NUMERIC_INPUTS:
-            curves.append(chart.ChartCurve(called, colour, across, up, thin=True, in_legend=shown))
+            curves.append(chart.ChartCurve(name, colour, x_sorted, y_sorted, thin=True, in_legend=in_legend))
     return chart.Chart(entity, x_label, y_label, tuple(curves))
 
 
@@ -103,31 +106,33 @@ def _to_float(value: float | None) -> float:
 
 
 def format_page(rows: Sequence[SweepRow]) -> str:
-    """The table: what differs between the rows, and every outcome."""
+    """Return the table of varied inputs and all metrics as Markdown."""
     constant = {name: rows[0][name] for name in (*TEXT_INPUTS, *NUMERIC_INPUTS) if name not in find_varied_inputs(rows)}
-    fixed = ", ".join(f"{name} {'own' if value is None else value}" for name, value in constant.items())
-    ends = list(rows[0]).index("step [s]") + 1
+    inputs = ", ".join(f"{name} {'default' if value is None else value}" for name, value in constant.items())
+    first_metric = list(rows[0]).index("time_step [s]") + 1
     headings = [
         *find_varied_inputs(rows),
-        *[name for name in list(rows[0])[ends:] if any(row[name] is not None for row in rows)],
+        *[name for name in list(rows[0])[first_metric:] if any(row[name] is not None for row in rows)],
     ]
     table = stream.format_markdown_table(
         ["row", *headings], [[str(k), *(row[name] for name in headings)] for k, row in enumerate(rows, start=1)]
     )
-    failed = sum(bool(row["failure"]) for row in rows)
-    said = f"{failed} of them have no outcomes; the last column says why." if failed else ""
-    return f"# {len(rows)} combinations\n\nAlike in all: {fixed}. {said}\n\n{table}"
+    n_failed = sum(bool(row["failure"]) for row in rows)
+    failures = f"{n_failed} of them failed; the last column has the reason." if n_failed else ""
+    return f"# {len(rows)} combinations\n\nConstant inputs: {inputs}. {failures}\n\n{table}"
 
 
 def build_blueprint(charts: dict[str, list[chart.Chart]]) -> Any:
-    """Layout: a tab for each number that was varied, with a chart for each outcome; then the table."""
+    """Build the layout: a tab of charts for each varied number, and a tab with the table."""
     import rerun.blueprint as rrb
 
     tabs = [
         rrb.Grid(
-            *(chart.build_view(one, one.y_label) for one in own), grid_columns=min(3, len(own)), name=f"over {label}"
+            *(chart.build_view(metric_chart, metric_chart.y_label) for metric_chart in metric_charts),
+            grid_columns=min(3, len(metric_charts)),
+            name=f"over {label}",
         )
-        for label, own in charts.items()
-        if own
+        for label, metric_charts in charts.items()
+        if metric_charts
     ]
     return stream.build_window_blueprint(rrb.Tabs(*tabs, stream.build_text_view("table", TABLE_ENTITY)), TIMELINE)

@@ -1,4 +1,4 @@
-"""A training for the rerun viewer: its learning curve, and the policy beside the hand-tuned profile."""
+"""Viewer recording of a training: learning curve, and the policy compared with the hand-tuned profile."""
 
 import csv
 import json
@@ -9,31 +9,31 @@ from typing import Any
 import numpy as np
 
 from klute_sim.errors import InputError
-from klute_sim.recording.recording import Array
 from klute_sim.training.training import LEARNING_CURVE_COLUMNS, LEARNING_CURVE_FILE
+from klute_sim.types import Array
 from klute_sim.viewer import stream
 from klute_sim.viewer.stream import BLUE, GREEN, ORANGE, VIOLET, SeriesLine
 
 TIMELINE, SUMMARY_ENTITY = "steps", "summary"
 PLOTS = {
-    "return of an episode": ("curve/episode_return", "evaluated/policy", "evaluated/profile"),
-    "steps of an episode": ("curve/episode_steps",),
+    "episode return": ("curve/episode_return", "evaluated/policy", "evaluated/profile"),
+    "steps per episode": ("curve/episode_steps",),
     "minutes": ("curve/minutes",),
 }
 
 
 def rebuild_recording(folder: Path, path: Path) -> None:
-    """Write ``path`` (.rrd) from the files of a training's ``folder``, finished or not.
+    """Write ``path`` (.rrd) from the files in the ``folder`` of a training, which may be unfinished.
 
-    Raises MissingExtraError without rerun and InputError where nothing has been learned yet.
+    Raises MissingExtraError without rerun, and InputError before the end of the first episode.
     """
     rr = stream.import_rerun()
     lines = list(csv.DictReader((folder / LEARNING_CURVE_FILE).read_text("utf-8").splitlines()))
     curve = {name: np.array([float(line[name]) for line in lines]) for name in LEARNING_CURVE_COLUMNS}
     if not lines:
         raise InputError(f"{folder} has no learning curve yet: no episode has ended")
-    told = folder / "summary.json"
-    summary = json.loads(told.read_text("utf-8")) if told.is_file() else None
+    summary_file = folder / "summary.json"
+    summary = json.loads(summary_file.read_text("utf-8")) if summary_file.is_file() else None
     layout = partial(build_blueprint, int(curve["steps"][-1]))
     with stream.open_recording(path, "training", [folder.name, summary, lines], layout) as out:
         stream.log_text(out, SUMMARY_ENTITY, format_page(curve, summary))
@@ -42,10 +42,10 @@ def rebuild_recording(folder: Path, path: Path) -> None:
 
 
 def build_lines(curve: dict[str, Array], summary: dict[str, Any] | None) -> list[SeriesLine]:
-    """The learning curve's, and what policy and profile were worth in the end, if they were compared."""
-    found = [
-        SeriesLine("curve/episode_return", "policy, while it explores", BLUE, 2.0, curve["episode_return"]),
-        SeriesLine("curve/episode_steps", "steps of an episode", VIOLET, 2.0, curve["episode_steps"]),
+    """Build the lines of the learning curve and, after the evaluation, of the returns of policy and profile."""
+    lines = [
+        SeriesLine("curve/episode_return", "policy, exploring", BLUE, 2.0, curve["episode_return"]),
+        SeriesLine("curve/episode_steps", "steps per episode", VIOLET, 2.0, curve["episode_steps"]),
         SeriesLine("curve/minutes", "minutes of training", VIOLET, 2.0, curve["minutes"]),
     ]
     if summary is not None:
@@ -53,30 +53,30 @@ def build_lines(curve: dict[str, Array], summary: dict[str, Any] | None) -> list
             ("policy", "policy, evaluated", GREEN),
             ("profile", "hand-tuned profile", ORANGE),
         ):
-            worth = np.full(len(curve["steps"]), float(summary[name]["return"]))
-            found.append(SeriesLine(f"evaluated/{name}", label, colour, 1.0, worth))
-    return found
+            episode_return = np.full(len(curve["steps"]), float(summary[name]["return"]))
+            lines.append(SeriesLine(f"evaluated/{name}", label, colour, 1.0, episode_return))
+    return lines
 
 
 def format_page(curve: dict[str, Array], summary: dict[str, Any] | None) -> str:
-    """How far it came, and what an episode is like under policy and profile."""
+    """Return the progress of the training, and the metrics of policy and profile, as Markdown."""
     if summary is None:
         return (
             f"# Training, not finished\n\n{int(curve['steps'][-1])} steps in {curve['minutes'][-1]:.1f} minutes so far."
         )
     title = f"# {summary['algorithm'].upper()}, seed {summary['seed']}"
-    went = f"{summary['steps']} steps in {summary['minutes']:.1f} minutes."
-    better = (
+    progress = f"{summary['steps']} steps in {summary['minutes']:.1f} minutes."
+    gain = (
         f"The policy is better in {summary['better_in']} of {summary['episodes']} episodes, by {summary['gain']:.2f} ± "
-        f"{summary['gain_standard_error']:.2f} on the average (standard error)."
+        f"{summary['gain_standard_error']:.2f} on average (standard error)."
     )
     rows = [[name.replace("_", " "), value, summary["profile"][name]] for name, value in summary["policy"].items()]
-    table = stream.format_markdown_table(["mean of an episode", "policy", "hand-tuned profile"], rows)
-    return f"{title}\n\n{went}\n\n{better}\n\n{table}"
+    table = stream.format_markdown_table(["mean per episode", "policy", "hand-tuned profile"], rows)
+    return f"{title}\n\n{progress}\n\n{gain}\n\n{table}"
 
 
 def build_blueprint(last_step: int) -> Any:
-    """Layout: the learning curve to its ``last`` step, episodes' length and the clock under it; right, the summary."""
+    """Build the layout: learning curve up to ``last_step``, episode length, minutes, and the summary."""
     import rerun.blueprint as rrb
 
     first, *rest = (stream.build_plot_view(name, entities, (0, last_step)) for name, entities in PLOTS.items())

@@ -1,4 +1,4 @@
-"""A search for the rerun viewer: the objective walk by walk, tracking against air, and what was turned."""
+"""Viewer recording of a tuning: objective of every evaluation, tracking error over air, and tuned parameters."""
 
 import csv
 import json
@@ -8,76 +8,79 @@ from typing import Any
 import numpy as np
 
 from klute_sim.controllers.pressure import PressureProfile, load_profile
-from klute_sim.recording.recording import Array
+from klute_sim.types import Array
 from klute_sim.units import BAR
 from klute_sim.viewer import chart, stream
 from klute_sim.viewer.stream import BLUE, GREY, ORANGE, RED, SeriesLine
 
-TIMELINE, GENERATION_TIMELINE, RESULT_ENTITY = "walk", "generation", "result"
-EVALUATIONS_FILE = "tried.csv"
-"""A row for every walk, in the order they were tried."""
-EVALUATION_COLUMNS = ("walk", "generation", "cost", "tracking_sd2", "air_g")
-"""Of that; what did not walk, or caught in swing, has a cost alone."""
+TIMELINE, GENERATION_TIMELINE, RESULT_ENTITY = "evaluation", "generation", "result"
+EVALUATIONS_FILE = "evaluations.csv"
+"""File with one row per evaluation, in their order."""
+EVALUATION_COLUMNS = ("evaluation", "generation", "cost", "tracking_sd2", "air_g")
+"""Columns of that file; evaluations that failed or touched the ground in swing have a cost only."""
 MAX_VALID_COST = 1e8
-"""Cost below which a walk neither caught nor fell."""
+"""Cost below which an evaluation neither failed nor touched the ground in swing."""
 MAX_TRACKING_RATIO = 2.0
-"""Times the tracking where the search began, what is left out of the chart."""
+"""Ratio of tracking error to initial tracking error above which evaluations are omitted from the chart."""
 
 
 def rebuild_recording(folder: Path, path: Path) -> None:
-    """Write ``path`` (.rrd) from the files of a search's ``folder``; raises MissingExtraError without rerun."""
+    """Write ``path`` (.rrd) from the files in the ``folder`` of a tuning.
+
+    Raises MissingExtraError without rerun.
+    """
     rr = stream.import_rerun()
     result = json.loads((folder / "tuning.json").read_text("utf-8"))
     lines = list(csv.DictReader((folder / EVALUATIONS_FILE).read_text("utf-8").splitlines()))
-    tried = {name: np.array([float(line[name] or "nan") for line in lines]) for name in EVALUATION_COLUMNS}
-    began = json.loads((folder / "tune.json").read_text("utf-8"))["profile"]
-    before = PressureProfile(began["name"], tuple(began["gait_pct"]), tuple(began["pressure_bar"]))
-    drawn = build_front_chart(tried, result), build_pressure_chart(before, load_profile(folder / "tuned.csv"))
-    with stream.open_recording(path, "tuning", [result, lines], lambda: build_blueprint(*drawn)) as out:
-        stream.log_text(out, RESULT_ENTITY, format_page(result, tried))
-        for one in drawn:
-            chart.log_chart(out, one)
+    evaluations = {name: np.array([float(line[name] or "nan") for line in lines]) for name in EVALUATION_COLUMNS}
+    initial = json.loads((folder / "tune.json").read_text("utf-8"))["profile"]
+    before = PressureProfile(initial["name"], tuple(initial["gait_pct"]), tuple(initial["pressure_bar"]))
+    charts = build_front_chart(evaluations, result), build_pressure_chart(before, load_profile(folder / "tuned.csv"))
+    with stream.open_recording(path, "tuning", [result, lines], lambda: build_blueprint(*charts)) as out:
+        stream.log_text(out, RESULT_ENTITY, format_page(result, evaluations))
+        for result_chart in charts:
+            chart.log_chart(out, result_chart)
         axes = [
-            rr.TimeColumn(name, sequence=tried[column].astype(np.int64))
-            for name, column in ((TIMELINE, "walk"), (GENERATION_TIMELINE, "generation"))
+            rr.TimeColumn(name, sequence=evaluations[column].astype(np.int64))
+            for name, column in ((TIMELINE, "evaluation"), (GENERATION_TIMELINE, "generation"))
         ]
-        for line in build_lines(tried):
+        for line in build_lines(evaluations):
             out.send_columns(line.entity, indexes=axes, columns=rr.Scalars.columns(scalars=line.values))
             stream.log_line_style(out, line)
 
 
 def build_lines(evaluations: dict[str, Array]) -> list[SeriesLine]:
-    """The objective of each walk and the least so far, and the same of its two main parts."""
-    walked = evaluations["cost"] < MAX_VALID_COST
-    found = []
+    """Build the lines of the objective with its running minimum, and of its two main terms."""
+    is_valid = evaluations["cost"] < MAX_VALID_COST
+    lines = []
     for name, column, label in (
         ("objective", "cost", "objective"),
         ("tracking", "tracking_sd2", "squared distance to the human"),
-        ("air", "air_g", "air in a stride"),
+        ("air", "air_g", "air per stride"),
     ):
-        value = np.where(walked, evaluations[column], np.nan)
-        found.append(SeriesLine(f"{name}/each", f"{label}, each walk", GREY, 3.0, value, markers_only=True))
+        value = np.where(is_valid, evaluations[column], np.nan)
+        lines.append(SeriesLine(f"{name}/all", f"{label}, all evaluations", GREY, 3.0, value, markers_only=True))
         if column == "cost":
-            least = np.fmin.accumulate(value)
-            found.append(SeriesLine(f"{name}/least", "least so far", BLUE, 2.5, least))
-    return found
+            minimum = np.fmin.accumulate(value)
+            lines.append(SeriesLine(f"{name}/minimum", "running minimum", BLUE, 2.5, minimum))
+    return lines
 
 
 def build_front_chart(evaluations: dict[str, Array], result: dict[str, Any]) -> chart.Chart:
-    """Tracking against air of every walk, and those that nothing beats in both."""
-    air, apart = evaluations["air_g"], evaluations["tracking_sd2"]
-    near = apart < MAX_TRACKING_RATIO * apart[0]
-    best = np.array([[each["air_g"], each["tracking_sd2"]] for each in result["front"]]).reshape(-1, 2)
+    """Build the chart of tracking error over air, for all evaluations and for the Pareto front."""
+    air, tracking = evaluations["air_g"], evaluations["tracking_sd2"]
+    is_shown = tracking < MAX_TRACKING_RATIO * tracking[0]
+    front = np.array([[point["air_g"], point["tracking_sd2"]] for point in result["front"]]).reshape(-1, 2)
     curves = (
-        chart.ChartCurve("walks", GREY, air[near], apart[near], markers_only=True),
-        chart.ChartCurve("nothing beats both", RED, best[:, 0], best[:, 1]),
-        chart.ChartCurve("before", ORANGE, air[:1], apart[:1], markers_only=True),
+        chart.ChartCurve("evaluations", GREY, air[is_shown], tracking[is_shown], markers_only=True),
+        chart.ChartCurve("Pareto front", RED, front[:, 0], front[:, 1]),
+        chart.ChartCurve("before", ORANGE, air[:1], tracking[:1], markers_only=True),
     )
-    return chart.Chart("front", "air in a stride [g]", "squared distance to the human [sd²]", curves)
+    return chart.Chart("front", "air per stride [g]", "squared distance to the human [sd²]", curves)
 
 
 def build_pressure_chart(before: PressureProfile, tuned: PressureProfile) -> chart.Chart:
-    """The profile where the search began, and as tuned."""
+    """Build the chart of the pressure profile before and after tuning."""
     cycle = np.linspace(0.0, 1.0, 201)
     curves = (
         chart.ChartCurve("before", ORANGE, 100.0 * cycle, before.pressures_at(cycle) / BAR, thin=True),
@@ -87,35 +90,36 @@ def build_pressure_chart(before: PressureProfile, tuned: PressureProfile) -> cha
 
 
 def format_page(result: dict[str, Any], evaluations: dict[str, Array]) -> str:
-    """What came of it, what was turned, and what a reader has to know."""
-    cost, out = result["cost"], int((~(evaluations["cost"] < MAX_VALID_COST)).sum())
-    fell = 100.0 * (1.0 - cost["tuned"] / cost["before"])
+    """Return metrics, remarks and tuned parameters as Markdown."""
+    cost, n_invalid = result["cost"], int((~(evaluations["cost"] < MAX_VALID_COST)).sum())
+    reduction = 100.0 * (1.0 - cost["tuned"] / cost["before"])
     rows = [[row["name"], row["before"], row["tuned"], row["human"]] for row in result["table"]]
-    knobs = [[name, knob["before"], knob["tuned"]] for name, knob in result["knobs"].items()]
+    variables = [[name, variable["before"], variable["tuned"]] for name, variable in result["design_variables"].items()]
     return "\n\n".join(
         [
-            f"# The objective fell by {fell:.0f} % in {result['walks']} walks (seed {result['seed']})",
-            f"{out} of them caught the ground in swing, fell, or had no device, and are not in the plots.",
+            f"# The objective fell by {reduction:.0f} % in {result['evaluations']} evaluations (seed {result['seed']})",
+            f"{n_invalid} of them are not in the plots: the foot touched the ground in swing, the gait failed, or the "
+            "device was invalid.",
             stream.format_markdown_table(["", "before", "tuned", "human"], rows),
             *result["remarks"],
-            stream.format_markdown_table(["what was turned", "before", "tuned"], knobs),
+            stream.format_markdown_table(["tuned parameter", "before", "tuned"], variables),
         ]
     )
 
 
 def build_blueprint(front_chart: chart.Chart, profile_chart: chart.Chart) -> Any:
-    """Layout: the objective over the walks, tracking and air under it; the charts; the result on the right."""
+    """Build the layout: objective, tracking error and air over the evaluations; both charts; the result."""
     import rerun.blueprint as rrb
 
     names = {
         "objective": "objective",
         "tracking": "tracking [sd²]",
-        "air": "air in a stride [g]",
+        "air": "air per stride [g]",
     }
     first, *rest = (rrb.TimeSeriesView(origin=f"/{entity}", name=name) for entity, name in names.items())
     left = rrb.Vertical(first, rrb.Horizontal(*rest), row_shares=[3, 2])
     middle = rrb.Vertical(
-        chart.build_view(front_chart, "tracking against air"), chart.build_view(profile_chart, "pressure profile")
+        chart.build_view(front_chart, "tracking error over air"), chart.build_view(profile_chart, "pressure profile")
     )
     right = stream.build_text_view("result", RESULT_ENTITY)
     return stream.build_window_blueprint(rrb.Horizontal(left, middle, right, column_shares=[4, 3, 3]), TIMELINE)

@@ -1,7 +1,7 @@
-"""Pictures of a rerun recording without a screen: its own views, in its own layout, drawn by matplotlib.
+"""Pictures of a recording without a screen: its views in its layout, rendered by matplotlib.
 
-The viewer itself draws without a screen only where there is a Vulkan driver, which an ordinary server has not. So these
-are no screenshots of it; they are drawn from what is in the recording.
+They are not screenshots of the viewer, which renders without a screen only with a Vulkan driver; an ordinary server has
+none.
 """
 
 import re
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 DPI = 110
 WINDOW_SIZE_IN, VIEW_SIZE_IN = (16.0, 9.0), (6.4, 4.4)
-"""Of the picture of a window, and of a view [inches]."""
+"""Size of the picture of a window, and of a view [inches]."""
 UNSUPPORTED_SUFFIXES = {
     ".jpg",
     ".jpeg",
@@ -35,31 +35,31 @@ UNSUPPORTED_SUFFIXES = {
     ".tiff",
     ".webp",
 }
-"""Endings of files that are not drawn, and hardly meant as a folder's."""
+"""Suffixes of picture formats that are not supported; a folder hardly has such a name."""
 MAX_PAGE_HEIGHT_IN = 14.0
-"""Of a page of words [inches]."""
+"""Maximum height of the picture of a text [inches]."""
 
 
 def save_pictures(rrd_path: Path, out: Path, cursor: float | None = None) -> list[Path]:
-    """Draw ``file`` (.rrd) with the cursor ``at`` a place on its timeline (None: in the middle); what was written.
+    """Render ``rrd_path`` with the cursor at the position ``cursor`` on its timeline (None: middle); return the paths.
 
-    The window as it opens to ``out``, if that ends in .png; else every view to a picture of its own in the folder
-    ``out``. Raises InputError where nothing can be written, and for a picture of another kind than PNG.
+    If ``out`` ends in .png, it is the picture of the window as it opens; otherwise ``out`` is a folder with one picture
+    for each view. Raises InputError if ``out`` cannot be written or has the suffix of another picture format.
     """
     if out.suffix.lower() in UNSUPPORTED_SUFFIXES:
-        raise InputError(f"{out}: pictures are drawn as PNG; give a file that ends in .png, or a folder")
-    found = rrd_reader.read_rrd(rrd_path)
-    place = compute_middle_cursor(found) if cursor is None else cursor
+        raise InputError(f"cannot write {out}: pictures are PNG files; give a file name that ends in .png, or a folder")
+    rrd = rrd_reader.read_rrd(rrd_path)
+    position = compute_middle_cursor(rrd) if cursor is None else cursor
     try:
         if out.suffix.lower() == ".png":
             out.parent.mkdir(parents=True, exist_ok=True)
-            _save_figure(build_window_figure(found, place), out)
+            _save_figure(build_window_figure(rrd, position), out)
             return [out]
         out.mkdir(parents=True, exist_ok=True)
         paths = []
-        for number, view in enumerate(rrd_reader.iter_views(found.root), start=1):
+        for number, view in enumerate(rrd_reader.iter_views(rrd.root), start=1):
             paths.append(out / f"{number:02d}-{_slugify(view.name)}.png")
-            _save_figure(build_view_figure(found, view, place), paths[-1])
+            _save_figure(build_view_figure(rrd, view, position), paths[-1])
         return paths
     except OSError as error:
         raise InputError(f"{out} cannot be written: {error.strerror}") from None
@@ -70,18 +70,18 @@ def _save_figure(figure: "Figure", path: Path) -> None:
 
 
 def _slugify(name: str) -> str:
-    """``name`` as part of a file's name."""
+    """Return ``name`` as part of a file name."""
     return re.sub(r"[^a-z0-9]+", "-", name.split("[")[0].lower()).strip("-")[:40] or "view"
 
 
 def compute_middle_cursor(rrd: RrdContents) -> float:
-    """Of the timeline; 0 where nothing is on it."""
+    """Return the middle of the timeline, or 0 if nothing is on it."""
     stamps = [e.get_times(rrd.timeline) for e in rrd.entities.values() if rrd.timeline in e.times]
     return 0.5 * float(min(map(np.min, stamps)) + max(map(np.max, stamps))) if stamps else 0.0
 
 
 def build_window_figure(rrd: RrdContents, cursor: float) -> "Figure":
-    """The layout as it opens: of tabs, the first."""
+    """Render the window as it opens, with the first of several tabs."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=WINDOW_SIZE_IN, layout="constrained", facecolor=render.BACKGROUND_COLOUR)
@@ -90,18 +90,18 @@ def build_window_figure(rrd: RrdContents, cursor: float) -> "Figure":
 
 
 def build_view_figure(rrd: RrdContents, view: View, cursor: float) -> "Figure":
-    """One view; a page of words is as high as it has to be."""
+    """Render one view; a text is as high as its lines require."""
     from matplotlib.figure import Figure
 
     size = VIEW_SIZE_IN
     if view.kind == "TextDocument":
-        wide = 2.0 * VIEW_SIZE_IN[0]
+        width = 2.0 * VIEW_SIZE_IN[0]
         lines = list(
             render.strip_markdown(
-                render.join_text(view.select_entities(rrd.entities)), int(wide / render.LETTER_WIDTH_IN)
+                render.join_text(view.select_entities(rrd.entities)), int(width / render.LETTER_WIDTH_IN)
             )
         )
-        size = wide, min(MAX_PAGE_HEIGHT_IN, (len(lines) + 4) * render.LINE_HEIGHT_IN)
+        size = width, min(MAX_PAGE_HEIGHT_IN, (len(lines) + 4) * render.LINE_HEIGHT_IN)
     figure = Figure(figsize=size, layout="constrained", facecolor=render.BACKGROUND_COLOUR)
     _draw_layout(figure, rrd, view, cursor, size)
     return figure
@@ -110,7 +110,7 @@ def build_view_figure(rrd: RrdContents, view: View, cursor: float) -> "Figure":
 def _draw_layout(
     figure: "Figure | SubFigure", rrd: RrdContents, node: View | Container, cursor: float, size: tuple[float, float]
 ) -> None:
-    """Draw ``node`` into ``figure``, which is so large [inches]."""
+    """Draw ``node`` into ``figure``, which has ``size`` (width, height) [inches]."""
     if isinstance(node, View):
         _draw_view(figure, rrd, node, cursor, size)
         return
@@ -120,14 +120,14 @@ def _draw_layout(
     count = len(node.children)
     columns = {"row": count, "column": 1}.get(node.kind, min(node.columns, count))
     rows = -(-count // columns)
-    wide = node.shares if node.kind == "row" else (1.0,) * columns
-    high = node.shares if node.kind == "column" else (1.0,) * rows
-    parts = np.atleast_2d(figure.subfigures(rows, columns, width_ratios=wide, height_ratios=high, squeeze=False))
+    widths = node.shares if node.kind == "row" else (1.0,) * columns
+    heights = node.shares if node.kind == "column" else (1.0,) * rows
+    parts = np.atleast_2d(figure.subfigures(rows, columns, width_ratios=widths, height_ratios=heights, squeeze=False))
     for k, child in enumerate(node.children):
         row, column = divmod(k, columns)
-        own = size[0] * wide[column] / sum(wide), size[1] * high[row] / sum(high)
+        child_size = size[0] * widths[column] / sum(widths), size[1] * heights[row] / sum(heights)
         parts[row, column].set_facecolor(render.BACKGROUND_COLOUR)
-        _draw_layout(parts[row, column], rrd, child, cursor, own)
+        _draw_layout(parts[row, column], rrd, child, cursor, child_size)
 
 
 def _draw_view(

@@ -1,6 +1,6 @@
-"""Views of a rerun recording drawn by matplotlib: series, what is in a plane, and words.
+"""Render views of a recording with matplotlib: lines over the timeline, 2-D views, and text.
 
-The colours are those of the recording, which are made for the viewer's dark background.
+The colours are those of the recording, which are chosen for the dark background of the viewer.
 """
 
 import textwrap
@@ -17,26 +17,26 @@ if TYPE_CHECKING:
 
 BACKGROUND_COLOUR, GRID_COLOUR, TEXT_COLOUR = "#0d0d0d", "#444444", "#d8d8d8"
 FONT_SIZE_PT = 7.0
-"""Of words [points]."""
+"""Size of the font [points]."""
 LINE_HEIGHT_IN, LETTER_WIDTH_IN = 0.15, 0.057
-"""Height of a line of words, and width of a letter [inches]."""
+"""Height of a line of text, and width of a letter [inches]."""
 
 
 def unpack_colour(packed: int) -> tuple[float, float, float, float]:
-    """Rerun's 0xRRGGBBAA, as matplotlib has it."""
+    """Return the colour 0xRRGGBBAA of rerun as fractions for matplotlib."""
     red, green, blue, alpha = (((int(packed) >> shift) & 255) / 255.0 for shift in (24, 16, 8, 0))
     return red, green, blue, alpha
 
 
 def get_first_value(entity: Entity, component: str, default: Any) -> Any:
-    """The first of a static component's values."""
-    found = entity.static.get(component)
-    return found[0] if found else default
+    """Return the first value of a static component."""
+    values = entity.static.get(component)
+    return values[0] if values else default
 
 
 def draw_series(axis: "Axes", view: View, entities: dict[str, Entity], timeline: str, cursor: float) -> None:
-    """A plot over the timeline, with a mark where the cursor is."""
-    # As the viewer does: in the order of the entities' names.
+    """Plot lines over the timeline, with a mark at the cursor."""
+    # The viewer draws in the order of the entities' names.
     for path, entity in sorted(entities.items()):
         if "scalars" not in entity.rows or timeline not in entity.times:
             continue
@@ -53,31 +53,41 @@ def draw_series(axis: "Axes", view: View, entities: dict[str, Entity], timeline:
     axis.tick_params(labelsize=FONT_SIZE_PT, colors=TEXT_COLOUR)
     for spine in axis.spines.values():
         spine.set_color(GRID_COLOUR)
-    # As the viewer does: what is called alike is there once.
+    # The legend of the viewer shows equal names once.
     handles, labels = axis.get_legend_handles_labels()
-    named = dict(zip(labels, handles, strict=True))
-    if view.legend and named:
-        axis.legend(named.values(), named.keys(), fontsize=FONT_SIZE_PT, frameon=True, facecolor=BACKGROUND_COLOUR, edgecolor=GRID_COLOUR,
-                    labelcolor=TEXT_COLOUR, framealpha=0.6)  # fmt: skip
+    handle_by_label = dict(zip(labels, handles, strict=True))
+    if view.legend and handle_by_label:
+        axis.legend(
+            handle_by_label.values(),
+            handle_by_label.keys(),
+            fontsize=FONT_SIZE_PT,
+            frameon=True,
+            facecolor=BACKGROUND_COLOUR,
+            edgecolor=GRID_COLOUR,
+            labelcolor=TEXT_COLOUR,
+            framealpha=0.6,
+        )
     axis.set_xlabel(
         f"{timeline.replace('_', ' ')}{' [s]' if timeline == 'time' else ''}", fontsize=FONT_SIZE_PT, color=TEXT_COLOUR
     )
 
 
 def draw_plane(axis: "Axes", view: View, entities: dict[str, Entity], timeline: str, cursor: float) -> None:
-    """What is in a picture plane, y down: images, lines, points and words."""
+    """Plot images, lines, points and labels of a 2-D view, y down."""
     from matplotlib.collections import LineCollection
 
-    # As the viewer does: images first, then in the order of the entities' names.
-    for _, entity in sorted(entities.items(), key=lambda each: ("Image" not in each[1].archetypes, each[0])):
+    # The viewer draws images first, then in the order of the entities' names.
+    for _, entity in sorted(entities.items(), key=lambda item: ("Image" not in item[1].archetypes, item[0])):
         if "Image" in entity.archetypes:
             pixels, scale = decode_image(entity), float(get_first_value(entity, "scale", [1.0])[0])
-            high, wide = pixels.shape[:2]
-            axis.imshow(pixels, extent=(0.0, wide * scale, high * scale, 0.0), interpolation="nearest")
+            height, width = pixels.shape[:2]
+            axis.imshow(pixels, extent=(0.0, width * scale, height * scale, 0.0), interpolation="nearest")
         if "LineStrips2D" in entity.archetypes:
             strips = [np.array(strip) for strip in entity.get_value("strips", timeline, cursor) or []]
-            width = 0.7 * abs(float(get_first_value(entity, "radii", -1.0)))
-            axis.add_collection(LineCollection(strips, colors=[_unpack_colours(entity, 1)[0]], linewidths=2.0 * width))
+            line_width = 0.7 * abs(float(get_first_value(entity, "radii", -1.0)))
+            axis.add_collection(
+                LineCollection(strips, colors=[_unpack_colours(entity, 1)[0]], linewidths=2.0 * line_width)
+            )
         if "Points2D" in entity.archetypes:
             _draw_points(axis, entity, timeline, cursor)
     if view.bounds is not None:
@@ -89,14 +99,14 @@ def draw_plane(axis: "Axes", view: View, entities: dict[str, Entity], timeline: 
 
 
 def _draw_points(axis: "Axes", entity: Entity, timeline: str, cursor: float) -> None:
-    places = np.array(entity.get_value("positions", timeline, cursor) or np.empty((0, 2)))
-    labels, shades = entity.static.get("labels"), _unpack_colours(entity, len(places))
+    positions = np.array(entity.get_value("positions", timeline, cursor) or np.empty((0, 2)))
+    labels, shades = entity.static.get("labels"), _unpack_colours(entity, len(positions))
     if labels:
-        for (x, y), label, shade in zip(places, labels, shades, strict=True):
+        for (x, y), label, shade in zip(positions, labels, shades, strict=True):
             axis.text(x, y + 1.0, label, color=shade, fontsize=FONT_SIZE_PT, ha="center", va="top", clip_on=True)
-    elif len(places):
+    elif len(positions):
         size = abs(float(get_first_value(entity, "radii", -3.0)))
-        axis.scatter(places[:, 0], places[:, 1], s=2.0 * size**2, c=shades, zorder=3.0)
+        axis.scatter(positions[:, 0], positions[:, 1], s=2.0 * size**2, c=shades, zorder=3.0)
 
 
 def _unpack_colours(entity: Entity, n_colours: int) -> list[tuple[float, float, float, float]]:
@@ -105,33 +115,33 @@ def _unpack_colours(entity: Entity, n_colours: int) -> list[tuple[float, float, 
 
 
 def decode_image(entity: Entity) -> NDArray[np.uint8]:
-    """The pixels (rows, columns, 3) of an image of bytes."""
-    form = get_first_value(entity, "format", {})
+    """Return the pixels (rows, columns, 3) of an image."""
+    image_format = get_first_value(entity, "format", {})
     pixels = np.array(get_first_value(entity, "buffer", []), dtype=np.uint8)
-    return pixels.reshape(form["height"], form["width"], -1)
+    return pixels.reshape(image_format["height"], image_format["width"], -1)
 
 
 def join_text(entities: dict[str, Entity]) -> str:
-    """The Markdown of a page."""
+    """Return the Markdown text of all documents in ``entities``."""
     return "\n".join(str(get_first_value(entity, "text", "")) for entity in entities.values())
 
 
 def draw_text(axis: "Axes", text: str, size: tuple[float, float]) -> None:
-    """A page of Markdown as plain words, as much as there is place for in so many ``inches`` (wide, high)."""
+    """Draw Markdown as plain text, as many lines as fit into ``size`` (width, height) [inches]."""
     axis.set_axis_off()
-    most = max(1, int(size[1] / LINE_HEIGHT_IN) - 1)
+    max_lines = max(1, int(size[1] / LINE_HEIGHT_IN) - 1)
     lines = list(strip_markdown(text, max(20, int(size[0] / LETTER_WIDTH_IN))))
-    if len(lines) > most:
-        lines = [*lines[: most - 1], ("…", False)]
+    if len(lines) > max_lines:
+        lines = [*lines[: max_lines - 1], ("…", False)]
     for k, (line, heading) in enumerate(lines):
-        place, weight = 1.0 - (k + 0.5) * LINE_HEIGHT_IN / size[1], "bold" if heading else "normal"
+        y, weight = 1.0 - (k + 0.5) * LINE_HEIGHT_IN / size[1], "bold" if heading else "normal"
         family = "monospace" if "  " in line.strip() else "sans-serif"
-        axis.text(0.01, place, line, transform=axis.transAxes, fontsize=FONT_SIZE_PT, color=TEXT_COLOUR, va="center",
+        axis.text(0.01, y, line, transform=axis.transAxes, fontsize=FONT_SIZE_PT, color=TEXT_COLOUR, va="center",
                   weight=weight, family=family, clip_on=True)  # fmt: skip
 
 
 def strip_markdown(text: str, width: int) -> Iterator[tuple[str, bool]]:
-    """Lines of Markdown ``text`` without its marks, and whether each is a heading; tables are aligned."""
+    """Yield the lines of Markdown ``text`` without markup, and whether each is a heading; tables are aligned."""
     table: list[list[str]] = []
     for line in [*text.splitlines(), ""]:
         if line.startswith("|"):
@@ -142,9 +152,9 @@ def strip_markdown(text: str, width: int) -> Iterator[tuple[str, bool]]:
             sizes = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
             for row in rows:
                 aligned = "  ".join(cell.ljust(size) for cell, size in zip(row, sizes, strict=True)).rstrip()
-                fits = int(0.95 * width)  # of a wider family
-                yield (aligned if len(aligned) <= fits else aligned[: fits - 1] + "…"), False
+                max_length = int(0.95 * width)  # tables have a wider, monospaced font
+                yield (aligned if len(aligned) <= max_length else aligned[: max_length - 1] + "…"), False
             table = []
-        heading = line.startswith("#")
-        for piece in textwrap.wrap(line.lstrip("# "), width) or [""]:
-            yield piece, heading
+        is_heading = line.startswith("#")
+        for wrapped in textwrap.wrap(line.lstrip("# "), width) or [""]:
+            yield wrapped, is_heading

@@ -1,27 +1,26 @@
-"""The 3-D views of a rerun recording drawn by matplotlib: from the side, without perspective, at one instant."""
+"""Render the 3-D views of a recording with matplotlib: side view, orthographic, at one instant."""
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from klute_sim.types import Array
 from klute_sim.viewer.picture.render import get_first_value, unpack_colour
 from klute_sim.viewer.picture.rrd_reader import Entity, View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 N_CIRCLE_POINTS = 24
-"""Points of a circle."""
+"""Number of points of a circle."""
 MAX_BODY_SIZE_M = 5.0
-"""What is larger [m] is the ground: it does not decide what is in the picture."""
+"""Largest size of a body [m]; larger shapes are ground and do not affect the limits of the axes."""
 MARGIN_M = 0.08
-"""Around what is drawn [m]."""
+"""Margin around the bodies [m]."""
 
 
 def draw_scene(axis: "Axes", view: View, entities: dict[str, Entity], timeline: str, cursor: float) -> None:
-    """Bodies, lines and arrows in the sagittal plane (x across, z up), the nearest last."""
+    """Draw bodies, lines and arrows in the sagittal plane (x across, z up), the nearest last."""
     from matplotlib.patches import FancyArrowPatch, Polygon
 
     shapes: list[tuple[float, Array, Any]] = []
@@ -33,23 +32,23 @@ def draw_scene(axis: "Axes", view: View, entities: dict[str, Entity], timeline: 
                 parent, timeline, cursor, _transform_to_parent(entity, timeline, cursor, points)
             )
             shapes.append((float(placed[:, 1].mean()), compute_outline(placed[:, [0, 2]], radius), shade))
-    near = [outline for _, outline, _ in shapes if np.ptp(outline, axis=0).max() < MAX_BODY_SIZE_M]
+    bodies = [outline for _, outline, _ in shapes if np.ptp(outline, axis=0).max() < MAX_BODY_SIZE_M]
     for _, points, shade in sorted(shapes, key=lambda shape: (np.ptp(shape[1]) < MAX_BODY_SIZE_M, -shape[0])):
         axis.add_patch(Polygon(points, closed=True, facecolor=shade, edgecolor="none"))
     for entity in entities.values():
         if "Arrows3D" in entity.archetypes:
-            begin, way = (np.array(entity.get_value(name, timeline, cursor)[0]) for name in ("origins", "vectors"))
-            if np.linalg.norm(way) > 0.01:
-                ends = (begin + way)[[0, 2]]
+            begin, vector = (np.array(entity.get_value(name, timeline, cursor)[0]) for name in ("origins", "vectors"))
+            if np.linalg.norm(vector) > 0.01:
+                ends = (begin + vector)[[0, 2]]
                 shade = unpack_colour(get_first_value(entity, "colors", 0x999999FF))
                 axis.add_patch(
                     FancyArrowPatch(
                         (begin[0], begin[2]), (ends[0], ends[1]), color=shade, mutation_scale=8, linewidth=1.5
                     )
                 )
-                near.append(np.array([begin[[0, 2]], ends]))
-    if near:
-        corners = np.concatenate(near)
+                bodies.append(np.array([begin[[0, 2]], ends]))
+    if bodies:
+        corners = np.concatenate(bodies)
         (left, low), (right, high) = corners.min(axis=0) - MARGIN_M, corners.max(axis=0) + MARGIN_M
         axis.set_xlim(left, right)
         axis.set_ylim(low, high)
@@ -58,7 +57,7 @@ def draw_scene(axis: "Axes", view: View, entities: dict[str, Entity], timeline: 
 
 
 def extract_solids(entity: Entity, timeline: str, cursor: float) -> list[tuple[Array, float]]:
-    """Of the shapes of ``entity``, the corners (n, 3) in its own frame and what they are rounded with [m]."""
+    """Return corners (n, 3) in the frame of ``entity`` and rounding radius [m] of each of its shapes."""
     if "Capsules3D" in entity.archetypes:
         begin = np.array(get_first_value(entity, "translations", [0.0, 0.0, 0.0]))
         end = begin + np.array([0.0, 0.0, get_first_value(entity, "lengths", 0.0)])
@@ -76,25 +75,25 @@ def extract_solids(entity: Entity, timeline: str, cursor: float) -> list[tuple[A
 
 
 def _transform_to_parent(entity: Entity | None, timeline: str, cursor: float, points: Array) -> Array:
-    """``points`` (n, 3) of a frame in the frame that it is in."""
+    """Transform ``points`` (n, 3) from the frame of ``entity`` to its parent frame."""
     if entity is None or "Transform3D" not in entity.archetypes:
         return points
-    (move,), (turn,) = (
+    (translation,), (quaternion,) = (
         entity.get_value("translation", timeline, cursor),
         entity.get_value("quaternion", timeline, cursor),
     )
-    x, y, z, w = turn
-    across, twice = np.array([x, y, z]), 2.0 * w
-    turned = points + twice * np.cross(across, points) + 2.0 * np.cross(across, np.cross(across, points))
-    return np.asarray(turned + np.array(move))
+    x, y, z, w = quaternion
+    vector, scalar = np.array([x, y, z]), 2.0 * w
+    rotated = points + scalar * np.cross(vector, points) + 2.0 * np.cross(vector, np.cross(vector, points))
+    return np.asarray(rotated + np.array(translation))
 
 
 def compute_outline(points: Array, radius: float) -> Array:
-    """The convex hull (m, 2) of circles of ``radius`` around ``points`` (n, 2)."""
+    """Return the convex hull (m, 2) of circles of ``radius`` around ``points`` (n, 2)."""
     from scipy.spatial import ConvexHull
 
     angles = np.linspace(0.0, 2.0 * np.pi, N_CIRCLE_POINTS, endpoint=False)
-    least = max(radius, 1e-6)  # a hull of points on a line is none
-    circle = least * np.column_stack([np.cos(angles), np.sin(angles)])
-    every = (points[:, None, :] + circle[None, :, :]).reshape(-1, 2)
-    return np.asarray(every[ConvexHull(every).vertices])
+    min_radius = max(radius, 1e-6)  # collinear points have no hull
+    circle = min_radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    circle_points = (points[:, None, :] + circle[None, :, :]).reshape(-1, 2)
+    return np.asarray(circle_points[ConvexHull(circle_points).vertices])

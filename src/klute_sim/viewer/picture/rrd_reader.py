@@ -1,4 +1,4 @@
-"""What is in a recording for the rerun viewer: its entities, and its layout as a tree of views."""
+"""Read a recording for the rerun viewer: its entities, and its layout as a tree of views."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -11,61 +11,61 @@ from klute_sim.errors import InputError
 from klute_sim.viewer.stream import import_rerun
 
 CONTAINER_KINDS = {1: "tabs", 2: "row", 3: "column", 4: "grid"}
-"""rerun's numbers of containers."""
+"""Number that rerun gives to a kind of container -> name of the kind."""
 INTERNAL_PREFIXES = ("rerun.controls", "log_tick", "log_time", "blueprint")
 
 
 class Entity:
-    """Components of one entity: those that are always the same, and those over a timeline."""
+    """Components of one entity: static ones, and those over a timeline."""
 
     def __init__(self) -> None:
-        """Empty."""
+        """Create an entity without components."""
         self.static: dict[str, list[Any]] = {}
         self.rows: dict[str, list[Any]] = {}
         self.times: dict[str, list[NDArray[np.float64]]] = {}
         self.archetypes: set[str] = set()
-        """What it is, such as ``Boxes3D``."""
+        """Archetypes of the entity, such as ``Boxes3D``."""
 
     def get_times(self, timeline: str) -> NDArray[np.float64]:
-        """Of the rows: [s] of a timeline of durations, else its own numbers."""
+        """Return the times of the rows: [s] on a timeline of durations, otherwise the numbers of the timeline."""
         return np.concatenate(self.times[timeline])
 
     def get_value(self, component: str, timeline: str, position: float) -> Any:
-        """The last value at ``place`` on ``timeline`` or before it, else the static one; None if there is none."""
+        """Return the last value at or before ``position`` on ``timeline``, or the static value; None without both."""
         if component in self.rows and timeline in self.times:
-            known = np.flatnonzero(self.get_times(timeline) <= position)
-            row = int(known[np.argmax(self.get_times(timeline)[known])]) if len(known) else 0
+            past = np.flatnonzero(self.get_times(timeline) <= position)
+            row = int(past[np.argmax(self.get_times(timeline)[past])]) if len(past) else 0
             return self.rows[component][row]
         return self.static.get(component)
 
 
 class View(NamedTuple):
-    """A window of the layout with data in it."""
+    """A view of the layout."""
 
     kind: str
     """``TimeSeries``, ``2D``, ``3D``, ``TextDocument``."""
     name: str
     origin: str
     query: tuple[str, ...]
-    """Which entities: paths, with ``/**`` for all that is below."""
+    """Paths of the entities in the view; ``/**`` includes all entities below."""
     legend: bool
     bounds: tuple[tuple[float, float], tuple[float, float]] | None
-    """Of a plane, (across, up)."""
+    """Ranges of x and y of a 2-D view."""
 
     def select_entities(self, entities: dict[str, Entity]) -> dict[str, Entity]:
-        """The entities in this view."""
-        found = {}
+        """Return the entities in this view."""
+        selected = {}
         for path, entity in entities.items():
-            for wanted in self.query:
-                root = wanted.replace("$origin", self.origin).strip("/")
+            for expression in self.query:
+                root = expression.replace("$origin", self.origin).strip("/")
                 below = root.removesuffix("**").rstrip("/")
                 if path == root or (root.endswith("**") and (f"{path}/".startswith(f"{below}/") or not below)):
-                    found[path] = entity
-        return found
+                    selected[path] = entity
+        return selected
 
 
 class Container(NamedTuple):
-    """Windows side by side, above each other, in a grid, or one at a time."""
+    """Views in a row, in a column, in a grid, or as tabs."""
 
     kind: str
     name: str
@@ -75,7 +75,7 @@ class Container(NamedTuple):
 
 
 class RrdContents(NamedTuple):
-    """A recording."""
+    """Content of a recording."""
 
     entities: dict[str, Entity]
     root: View | Container
@@ -83,22 +83,25 @@ class RrdContents(NamedTuple):
 
 
 def read_rrd(path: Path) -> RrdContents:
-    """What is in ``file`` (.rrd); raises InputError for one without a layout, MissingExtraError without rerun."""
+    """Read the recording ``path`` (.rrd).
+
+    Raises InputError for a recording without a layout, and MissingExtraError without rerun.
+    """
     rr = import_rerun()
     try:
         reader = rr.chunk.RrdReader(path)
         layouts = list(reader.blueprints())
         entities = _collect_entities(reader.stream())
-        plan = _collect_entities(reader.stream(store=layouts[-1])) if layouts else {}
+        layout = _collect_entities(reader.stream(store=layouts[-1])) if layouts else {}
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(f"{path} cannot be read: {error}") from None
-    if not plan:
+    if not layout:
         raise InputError(f"{path} has no layout: it was not made by klute-sim")
-    return RrdContents(entities, _build_root(plan), str(_get_single(plan["time_panel"], "timeline")))
+    return RrdContents(entities, _build_root(layout), str(_get_single(layout["time_panel"], "timeline")))
 
 
 def iter_views(node: View | Container) -> Iterator[View]:
-    """All of them, in the order of the layout."""
+    """Yield all views below ``node``, in the order of the layout."""
     if isinstance(node, View):
         yield node
     else:
@@ -107,9 +110,9 @@ def iter_views(node: View | Container) -> Iterator[View]:
 
 
 def _collect_entities(chunks: Any) -> dict[str, Entity]:
-    found: dict[str, Entity] = {}
+    entities: dict[str, Entity] = {}
     for chunk in chunks:
-        entity = found.setdefault(str(chunk.entity_path).lstrip("/"), Entity())
+        entity = entities.setdefault(str(chunk.entity_path).lstrip("/"), Entity())
         batch = chunk.to_record_batch()
         components = [n for n in batch.schema.names if ":" in n]
         for name in components:
@@ -127,13 +130,13 @@ def _collect_entities(chunks: Any) -> dict[str, Entity]:
                     stamps = np.asarray(column.cast("int64").to_numpy(zero_copy_only=False))
                     scale = 1e-9 if str(column.type).startswith("duration") else 1.0
                     entity.times.setdefault(name, []).append(scale * stamps)
-    return found
+    return entities
 
 
 def _get_single(entity: Entity, component: str, default: Any = None) -> Any:
-    """The single value of a component of the layout."""
-    found = entity.rows.get(component, [None])[-1]
-    return default if not found else found[0]
+    """Return the single value of a component of the layout."""
+    values = entity.rows.get(component, [None])[-1]
+    return default if not values else values[0]
 
 
 def _build_root(layout: dict[str, Entity]) -> View | Container:

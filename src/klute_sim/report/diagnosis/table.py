@@ -1,0 +1,56 @@
+"""Terminal summary of a diagnosis: sentences and tables."""
+
+from collections.abc import Iterator
+
+from rich.table import Table
+
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.result import Diagnosis
+from klute_sim.diagnosis.selection.sparse_regression import format_formula
+from klute_sim.report.diagnosis import text
+
+
+def iterate_summary(diagnosis: Diagnosis) -> Iterator[Table | str]:
+    """Yield the verdict, its reasons, the added effects, the residuals, the next experiment and the split."""
+    yield text.describe_verdict(diagnosis)
+    for reason in filter(None, [*diagnosis.reasons, text.describe_equation_residuals(diagnosis)]):
+        yield f"  {reason}"
+    if diagnosis.added_terms and diagnosis.final_fit is not None:
+        yield build_effects_table(diagnosis, diagnosis.final_fit)
+        formula = format_formula(diagnosis.final_fit)
+        if formula:
+            yield f"Data-driven term: {formula}"
+    if diagnosis.channel_rms:
+        yield build_gap_table(diagnosis)
+    if diagnosis.next_experiment:
+        yield f"Next: {diagnosis.next_experiment['sentence']}"
+    split = diagnosis.split
+    counts = f"{len(split.fit)} fitted, {len(split.validation)} for validation, {len(split.test)} for the test"
+    yield f"Trials: {counts}; {split.description}."
+
+
+def build_effects_table(diagnosis: Diagnosis, final_fit: Fit) -> Table:
+    """Return the parameters of the added effects with their 95 % confidence intervals."""
+    table = Table("effect", "parameter", "value", "95 % interval", "unit", title="Added effects")
+    rows = list(zip(final_fit.hypothesis.parameters, final_fit.values, diagnosis.confidence_intervals, strict=True))
+    for index, term in enumerate(final_fit.hypothesis.terms):
+        for parameter, value, interval in rows:
+            if parameter.term_index == index:
+                value_text, lower, upper = text.format_interval(value, *interval)
+                unit = text.format_parameter_name(parameter, term.channel)[1]
+                table.add_row(str(term), parameter.name, value_text, f"{lower} to {upper}", unit or "-")
+    return table
+
+
+def build_gap_table(diagnosis: Diagnosis) -> Table:
+    """Return the root mean square of measured minus simulated values of each channel."""
+    trials = "test trials" if diagnosis.evaluated_on == "test" else "fitted trials (no test trial)"
+    headings = ("channel", "unit", "nominal", "refitted", "with effects", "noise of repeats")
+    table = Table(*headings, title=f"Measured - simulated (rms) on {trials}")
+    for channel, rms in diagnosis.channel_rms.items():
+        unit, si = CHANNEL_UNITS[channel]
+        nominal, refitted, with_effects = (f"{v / si:.3g}" for v in (rms.nominal, rms.refitted, rms.with_effects))
+        noise = "no repeats" if rms.noise_floor is None else f"{rms.noise_floor / si:.3g}"
+        table.add_row(channel, unit, nominal, refitted, with_effects if diagnosis.added_terms else "-", noise)
+    return table
