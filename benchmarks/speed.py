@@ -1,11 +1,11 @@
-"""How fast the simulations are, as ratios against named alternatives measured in turn in the same run.
+"""Speed of the simulations as ratios against named alternatives, measured alternately in the same run.
 
     python3 scripts/env.py python benchmarks/speed.py            # a table
-    python3 scripts/env.py python benchmarks/speed.py --json     # for machines
+    python3 scripts/env.py python benchmarks/speed.py --json     # machine-readable
     python3 scripts/env.py python benchmarks/speed.py --quick    # a tenth of the repetitions
 
-Machines are shared and noisy: only the ratios mean anything, and each is the median over rounds in which the two
-alternate. CPU seconds are the process's own.
+Machines are shared and noisy, so only ratios are meaningful. Each is the median over rounds in which the two alternate.
+CPU seconds are those of the process.
 """
 
 import argparse
@@ -54,7 +54,7 @@ class SpeedRatio(NamedTuple):
 
 
 def compile_with_muscle(spec: mujoco.MjSpec, actuator: str) -> mujoco.MjModel:
-    """``spec`` with MuJoCo's built-in muscle in the device's place."""
+    """Return ``spec`` compiled with MuJoCo's built-in muscle in place of the device."""
     muscle = spec.actuator(actuator)
     muscle.dyntype = mujoco.mjtDyn.mjDYN_MUSCLE
     muscle.gaintype = mujoco.mjtGain.mjGAIN_MUSCLE
@@ -68,7 +68,7 @@ def compile_with_muscle(spec: mujoco.MjSpec, actuator: str) -> mujoco.MjModel:
 
 
 def step_ankle(model: mujoco.MjModel, max_command: float, n_steps: int) -> None:
-    """``count`` steps of the ankle on the ground under a command that swings between 0.1 and 0.9 of ``most``."""
+    """Simulate ``n_steps`` steps of the ankle on the ground with a command between 0.1 and 0.9 of ``max_command``."""
     data = mujoco.MjData(model)
     for k in range(n_steps // STEPS_PER_CALL):
         data.ctrl[0] = max_command * (0.5 + 0.4 * np.sin(0.1 * k))
@@ -76,31 +76,31 @@ def step_ankle(model: mujoco.MjModel, max_command: float, n_steps: int) -> None:
 
 
 def _run_on_threads(n_threads: int, task: Callable[[], None]) -> None:
-    """Do ``work`` once on each of ``threads`` threads."""
+    """Run ``task`` once on each of ``n_threads`` threads."""
     if n_threads == 1:
         task()
         return
     with ThreadPoolExecutor(n_threads) as pool:
-        for done in [pool.submit(task) for _ in range(n_threads)]:
-            done.result()
+        for future in [pool.submit(task) for _ in range(n_threads)]:
+            future.result()
 
 
 def measure_wall_time(task: Callable[[], Any]) -> float:
-    """Seconds that ``work`` takes."""
-    begin = time.perf_counter()
+    """Return the wall time of ``task`` [s]."""
+    start = time.perf_counter()
     task()
-    return time.perf_counter() - begin
+    return time.perf_counter() - start
 
 
 def measure_cpu_time(task: Callable[[], Any]) -> float:
-    """CPU seconds that ``work`` takes."""
-    begin = time.process_time()
+    """Return the CPU time of ``task`` [s]."""
+    start = time.process_time()
     task()
-    return time.process_time() - begin
+    return time.process_time() - start
 
 
 def measure_interleaved(n_rounds: int, clock: Callable[..., float], *tasks: Callable[[], Any]) -> list[float]:
-    """Median over ``rounds`` of each work's time over the first one's in the same round."""
+    """Return the median over ``n_rounds`` of the time of each task relative to the first task in the same round."""
     for work in tasks:
         work()
     measured = [[clock(work) for work in tasks] for _ in range(n_rounds)]
@@ -108,7 +108,7 @@ def measure_interleaved(n_rounds: int, clock: Callable[..., float], *tasks: Call
 
 
 def add_all_effects() -> DeviceParameters:
-    """The device behind a valve with the usual form of every effect that may be beside one, at typical size."""
+    """Return the device behind a valve with the default form of every compatible effect at typical size."""
     sections = "".join(
         f"[effects.{effect.name}]\n" + "".join(f"{p.key} = {float(p.typical)}\n" for p in effect.forms[0].parameters)
         for effect in catalogue.get_effects().values()
@@ -118,7 +118,7 @@ def add_all_effects() -> DeviceParameters:
 
 
 def measure_step_ratios(n_rounds: int) -> list[SpeedRatio]:
-    """The device against the built-in muscle in the same ankle."""
+    """Compare the device with the built-in muscle in the same ankle."""
     device = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": DEVICE.parameters})
     valve = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": VALVE_DEVICE.parameters})
     everything = models.attach_devices(models.load_spec("ankle"), {"muscle_tendon": add_all_effects()})
@@ -155,7 +155,7 @@ def measure_step_ratios(n_rounds: int) -> list[SpeedRatio]:
 
 
 def measure_gait_ratio(n_rounds: int) -> SpeedRatio:
-    """Speed of the gait rig against the same rig with the built-in muscle."""
+    """Compare the gait rig with the same rig with the built-in muscle."""
     rig = build_gait_rig(DEVICE, GaitOptions(), 0.01)
     spec = models.load_spec("gait_rig")
     spec.option.timestep = rig.model.opt.timestep
@@ -185,7 +185,7 @@ def measure_gait_ratio(n_rounds: int) -> SpeedRatio:
 
 
 def measure_environment_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[str, float]]:
-    """Environment steps against Walker2d and against themselves in a batch."""
+    """Compare environment steps with Walker2d and with a batch."""
     ours, walker = gymnasium.make(ENVIRONMENT_ID), gymnasium.make("Walker2d-v5")
     hold, noise = np.array([-0.6], dtype=np.float32), np.zeros(6, dtype=np.float32)
 
@@ -204,7 +204,7 @@ def measure_environment_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[st
 
     many = 16
     turn = gymnasium.make_vec(ENVIRONMENT_ID, many, "sync")
-    batches = [gymnasium.make_vec(ENVIRONMENT_ID, many, "vector_entry_point", threads=n) for n in (1, 2)]
+    batches = [gymnasium.make_vec(ENVIRONMENT_ID, many, "vector_entry_point", n_jobs=n) for n in (1, 2)]
 
     def vector(env: gymnasium.vector.VectorEnv[Any, Any, Any]) -> None:
         env.reset(seed=0)
@@ -226,7 +226,7 @@ def measure_environment_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[st
 
 
 def measure_rollout_ratios(n_rounds: int) -> list[SpeedRatio]:
-    """The device alone against the bench in MuJoCo."""
+    """Compare the device alone with the bench in MuJoCo."""
     count, step = 4000, 5e-4
     time_ = np.arange(count) * step
     rest, slack = DEVICE.parameters.muscle.resting_length, DEVICE.parameters.tendon.slack_length
@@ -271,32 +271,32 @@ print(resident() - base)
 
 
 def measure_memory() -> dict[str, float]:
-    """Resident memory [MiB] that environments add to a process that has imported Gymnasium and klute-sim (Linux)."""
+    """Return the resident memory [MiB] that environments add to a process with Gymnasium and klute-sim (Linux)."""
     if not sys.platform.startswith("linux"):
         return {}
     makes = {
         "one environment, compiled law": f"env = gymnasium.make({ENVIRONMENT_ID!r})",
-        "one environment, Python law": f"env = gymnasium.make({ENVIRONMENT_ID!r}, law='python')",
+        "one environment, Python law": f"env = gymnasium.make({ENVIRONMENT_ID!r}, backend='python')",
         "Walker2d-v5": "env = gymnasium.make('Walker2d-v5')",
         "batch of 16": f"env = gymnasium.make_vec({ENVIRONMENT_ID!r}, 16, 'vector_entry_point')",
         "batch of 1024": f"env = gymnasium.make_vec({ENVIRONMENT_ID!r}, 1024, 'vector_entry_point')",
     }
-    found = {}
-    for what, make in makes.items():
+    usage = {}
+    for label, make in makes.items():
         command = [sys.executable, "-c", MEMORY_SCRIPT.format(make=make)]
-        found[what] = float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    return found
+        usage[label] = float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    return usage
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure and print the ratios."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--quick", action="store_true", help="a tenth of the repetitions")
-    chosen = parser.parse_args()
-    rounds = 3 if chosen.quick else 31
+    arguments = parser.parse_args()
+    rounds = 3 if arguments.quick else 31
     notes = Console(stderr=True)
-    found: list[SpeedRatio] = []
+    ratios: list[SpeedRatio] = []
     figures: dict[str, float] = {}
     parts: list[Callable[[], Any]] = [
         lambda: measure_step_ratios(rounds),
@@ -309,24 +309,25 @@ def main() -> None:
         if isinstance(result, tuple):
             result, more = result
             figures |= more
-        found += result
-    kept = measure_memory()
-    if chosen.json:
+        ratios += result
+    memory_usage = measure_memory()
+    if arguments.json:
         print(
             json.dumps(
-                {"ratios": [r._asdict() for r in found], "memory_mib": kept, **figures, **collect_versions()}, indent=2
+                {"ratios": [r._asdict() for r in ratios], "memory_mib": memory_usage, **figures, **collect_versions()},
+                indent=2,
             )
         )
         return
     out = Console(width=118, highlight=False)
     table = Table("what", "against", "ratio", "aim", "")
-    for row in found:
+    for row in ratios:
         mark = "" if not row.aim else ("met" if row.met else "missed")
         table.add_row(row.what, row.against, f"{row.ratio:.2f}", row.aim, mark)
     out.print(table)
     sizes = Table("memory added", "MiB")
-    for what, mib in kept.items():
-        sizes.add_row(what, f"{mib:.0f}")
+    for label, usage in memory_usage.items():
+        sizes.add_row(label, f"{usage:.0f}")
     out.print(sizes)
 
 

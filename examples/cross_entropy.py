@@ -1,7 +1,7 @@
-"""Learn to walk without a learning library: the cross-entropy method, one simulation per candidate.
+"""Train a policy without a learning library: the cross-entropy method with one simulation per candidate.
 
-A candidate is a line through the observations, and changes the hand-tuned profile by at most a bar. Every generation
-walks all candidates at once, keeps the best and draws the next ones around them.
+A candidate is a linear function of the observations that changes the hand-tuned profile by at most 1 bar. Each
+generation simulates all candidates at once, selects the best, and samples the next candidates around them.
 
     python examples/cross_entropy.py                  # about two minutes on two cores
     python examples/cross_entropy.py --generations 5
@@ -18,44 +18,44 @@ import klute_sim  # noqa: F401  (registers the environments)
 
 Array = NDArray[np.float64]
 
-SCALE = np.array([0.2, 2.0, 0.5, 3.0, 1.0, 3.0, 1.0, 1.0])
-"""Usual sizes of the observations."""
-KEPT = 0.2
-"""Share of the candidates that the next ones are drawn around."""
+OBSERVATION_SCALE = np.array([0.2, 2.0, 0.5, 3.0, 1.0, 3.0, 1.0, 1.0])
+"""Typical magnitudes of the observations."""
+ELITE_FRACTION = 0.2
+"""Fraction of the candidates around which the next ones are sampled."""
 
 
-def returns(envs: gymnasium.vector.VectorEnv[Any, Any, Any], candidates: Array, seed: int) -> Array:
-    """Of an episode of each candidate (n, 9): a weight for each observation, and a constant."""
-    observed, _ = envs.reset(seed=seed)
-    total, live = np.zeros(len(candidates)), np.ones(len(candidates), dtype=bool)
-    while live.any():
-        lines = np.sum(candidates[:, :-1] * observed / SCALE, axis=1) + candidates[:, -1]
-        observed, reward, terminated, truncated, _ = envs.step(np.tanh(lines)[:, None].astype(np.float32))
-        total += np.where(live, reward, 0.0)
-        live &= ~(terminated | truncated)
+def compute_returns(envs: gymnasium.vector.VectorEnv[Any, Any, Any], candidates: Array, seed: int) -> Array:
+    """Return the total reward of an episode of each candidate (n, 9): a weight for each observation, and a constant."""
+    observations, _ = envs.reset(seed=seed)
+    total, active = np.zeros(len(candidates)), np.ones(len(candidates), dtype=bool)
+    while active.any():
+        linear_outputs = np.sum(candidates[:, :-1] * observations / OBSERVATION_SCALE, axis=1) + candidates[:, -1]
+        observations, reward, terminated, truncated, _ = envs.step(np.tanh(linear_outputs)[:, None].astype(np.float32))
+        total += np.where(active, reward, 0.0)
+        active &= ~(terminated | truncated)
     return total
 
 
 def main() -> None:
-    """Learn, and say how it goes."""
+    """Train and print the progress."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--generations", type=int, default=30)
     parser.add_argument("--candidates", type=int, default=32)
     parser.add_argument("--strides", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
-    chosen = parser.parse_args()
-    random, count = np.random.default_rng(chosen.seed), chosen.candidates
-    options = {"action": "residual", "residual_bar": 1.0, "strides": chosen.strides}
-    envs = gymnasium.make_vec("klute_sim/AnkleGait-v1", count, "vector_entry_point", **options)
-    print(f"hand-tuned profile: {returns(envs, np.zeros((count, 9)), chosen.seed).mean():.1f}")
-    middle, spread = np.zeros(9), np.full(9, 0.5)
-    for generation in range(1, chosen.generations + 1):
-        candidates = middle + spread * random.standard_normal((count, 9))
-        found = returns(envs, candidates, chosen.seed + generation)
-        best = candidates[np.argsort(found)[-max(2, round(KEPT * count)) :]]
-        middle, spread = best.mean(axis=0), best.std(axis=0) + 0.02
-        print(f"generation {generation}: mean {found.mean():.1f}, best {found.max():.1f}")
-    print(f"learned: {returns(envs, np.tile(middle, (count, 1)), chosen.seed).mean():.1f}")
+    arguments = parser.parse_args()
+    rng, n_candidates = np.random.default_rng(arguments.seed), arguments.candidates
+    options = {"action": "residual", "residual_bar": 1.0, "strides": arguments.strides}
+    envs = gymnasium.make_vec("klute_sim/AnkleGait-v1", n_candidates, "vector_entry_point", **options)
+    print(f"hand-tuned profile: {compute_returns(envs, np.zeros((n_candidates, 9)), arguments.seed).mean():.1f}")
+    mean, deviation = np.zeros(9), np.full(9, 0.5)
+    for generation in range(1, arguments.generations + 1):
+        candidates = mean + deviation * rng.standard_normal((n_candidates, 9))
+        totals = compute_returns(envs, candidates, arguments.seed + generation)
+        elite = candidates[np.argsort(totals)[-max(2, round(ELITE_FRACTION * n_candidates)) :]]
+        mean, deviation = elite.mean(axis=0), elite.std(axis=0) + 0.02
+        print(f"generation {generation}: mean {totals.mean():.1f}, best {totals.max():.1f}")
+    print(f"learned: {compute_returns(envs, np.tile(mean, (n_candidates, 1)), arguments.seed).mean():.1f}")
 
 
 if __name__ == "__main__":

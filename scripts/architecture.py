@@ -1,9 +1,9 @@
-"""The house as it is: which package imports from which, held against its floors and drawn.
+"""Check and draw the architecture: the packages, their layers and their imports.
 
-    python scripts/house.py docs/pictures/house.png
+    python scripts/architecture.py docs/pictures/architecture.png
 
-An arrow leads from a package to one that it imports from. One that follows from others (a over b to c) is left out,
-or nothing could be seen. The picture carries what it shows, so that a test can say when it is old.
+An arrow points from a package to a package that it imports. Imports that follow from other imports (a over b to c) are
+left out of the figure. The figure stores its graph as metadata, so a test can detect an outdated figure.
 """
 
 import ast
@@ -14,86 +14,97 @@ from typing import Any
 
 SOURCE = Path(__file__).parents[1] / "src" / "klute_sim"
 LAYERS = {
-    **{"laws": 1, "effects": 2, "device": 3, "plant": 4, "recording": 4, "dataset": 5, "formats": 5, "control": 5},
-    **{"rigs": 6, "compare": 6, "diagnose": 7, "envs": 7, "design": 7, "motion": 7, "reproduce": 8, "learn": 8},
-    **{"report": 9, "sweep": 10, "tuning": 11, "baselines": 11, "cli": 12},
+    **{"laws": 1, "effects": 2, "device": 3, "plant": 4, "recording": 4, "controllers": 4, "datasets": 5},
+    **{"gait": 6, "bench": 6, "comparison": 7, "diagnosis": 7, "envs": 7, "mocap": 7, "parameter_sweep": 7},
+    **{"sizing": 7, "reproduction": 8, "training": 8, "report": 9, "viewer": 10, "tuning": 11, "baselines": 11},
+    **{"api": 12, "cli": 13},
 }
-"""Package -> floor. Imports go down, never up or across."""
-COMMON_MODULES = {"errors", "units", "provenance", "registration", ""}
-"""Modules beside the packages, which all may import."""
-METADATA_KEY = "house"
-"""Under which the picture carries what it shows."""
+"""Layer of each package. A package imports only from lower layers."""
+COMMON_MODULES = {"constants", "errors", "parameters", "provenance", "toml_files", "types", "units", ""}
+"""Modules outside the packages that every package may import; they import no package."""
+METADATA_KEY = "architecture"
+"""Key of the import graph in the metadata of the figure."""
 ImportGraph = dict[str, list[str]]
 
 
 def find_imports(file: Path) -> set[str]:
-    """Packages and modules of klute_sim that ``file`` imports from."""
-    found = set()
+    """Return the packages of klute_sim that ``file`` imports."""
+    imports = set()
     for node in ast.walk(ast.parse(file.read_text("utf-8"))):
         names = [node.module] if isinstance(node, ast.ImportFrom) else []
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         for name in names:
             if name and name.split(".")[0] == "klute_sim":
-                found.add(([*name.split("."), ""])[1])
-    return found - COMMON_MODULES
+                imports.add(([*name.split("."), ""])[1])
+    return imports - COMMON_MODULES
+
+
+def find_package_imports(package: str) -> set[str]:
+    """Return the other packages that ``package`` imports."""
+    return set().union(*(find_imports(file) for file in (SOURCE / package).rglob("*.py"))) - {package}
 
 
 def build_import_graph() -> ImportGraph:
-    """Package -> those it imports from, without what follows from others."""
-    direct = {
-        name: set().union(*(find_imports(file) for file in (SOURCE / name).rglob("*.py"))) - {name} for name in LAYERS
-    }
-    reach: dict[str, set[str]] = {}
-    for name in sorted(LAYERS, key=LAYERS.__getitem__):  # from the ground up: what is below is known
-        reach[name] = direct[name].union(*(reach[below] for below in direct[name]))
+    """Return the packages that each package imports, without imports that follow from others."""
+    imports = {name: find_package_imports(name) for name in LAYERS}
+    reachable: dict[str, set[str]] = {}
+    for name in sorted(LAYERS, key=LAYERS.__getitem__):  # from the lowest layer, so that imports are complete
+        reachable[name] = imports[name].union(*(reachable[lower] for lower in imports[name]))
     return {
-        name: sorted(below - set().union(*(reach[other] for other in below))) for name, below in sorted(direct.items())
+        name: sorted(lower - set().union(*(reachable[other] for other in lower)))
+        for name, lower in sorted(imports.items())
     }
 
 
 def compute_positions(graph: ImportGraph) -> dict[str, tuple[float, float]]:
-    """Package -> where its box is: its floor, and on it where its arrows are short."""
+    """Return the position of each package: its layer, and a horizontal position that keeps arrows short."""
     order: dict[int, list[str]] = {}
-    for name, floor in LAYERS.items():
-        order.setdefault(floor, []).append(name)
-    found: dict[str, tuple[float, float]] = {}
+    for name, layer in LAYERS.items():
+        order.setdefault(layer, []).append(name)
+    positions: dict[str, tuple[float, float]] = {}
 
-    def spread(floor: int) -> None:
-        names = order[floor]
+    def spread(layer: int) -> None:
+        names = order[layer]
         for k, name in enumerate(names):
-            found[name] = (k + 0.5) / len(names), float(floor)
+            positions[name] = (k + 0.5) / len(names), float(layer)
 
-    for floor in order:
-        spread(floor)
-    near = {name: set(graph[name]) | {other for other, below in graph.items() if name in below} for name in LAYERS}
+    for layer in order:
+        spread(layer)
+    neighbours = {
+        name: set(graph[name]) | {other for other, lower in graph.items() if name in lower} for name in LAYERS
+    }
+
+    def mean_position(name: str) -> float:
+        return sum(positions[other][0] for other in neighbours[name]) / max(len(neighbours[name]), 1)
+
     for _ in range(20):
-        for floor in sorted(order):
-            order[floor].sort(key=lambda name: sum(found[each][0] for each in near[name]) / max(len(near[name]), 1))
-            spread(floor)
-    return found
+        for layer in sorted(order):
+            order[layer].sort(key=mean_position)
+            spread(layer)
+    return positions
 
 
 def draw_architecture(file: Path) -> None:
-    """Draw the house into ``file``, a PNG."""
+    """Draw the architecture into ``file``, a PNG."""
     from matplotlib import pyplot as plt
 
     graph = build_import_graph()
-    where = compute_positions(graph)
+    positions = compute_positions(graph)
     figure, axes = plt.subplots(figsize=(9.0, 8.0), layout="constrained")
     style: dict[str, Any] = {"boxstyle": "round,pad=0.35", "edgecolor": "0.35"}
     boxes = {}
-    for name, (x, y) in where.items():
+    for name, (x, y) in positions.items():
         shade = plt.get_cmap("YlGnBu")(0.05 + 0.35 * (y - 1) / max(LAYERS.values()))
         boxes[name] = axes.text(
             *(x, y, name), ha="center", va="center", fontsize=11, zorder=3, bbox={**style, "facecolor": shade}
         )
-    for name, below in graph.items():
-        for other in below:
+    for name, imports in graph.items():
+        for other in imports:
             bend = 0.0 if LAYERS[name] - LAYERS[other] == 1 else 0.12
             axes.annotate(
-                *("", where[other]),
-                xytext=where[name],
+                *("", positions[other]),
+                xytext=positions[name],
                 zorder=2,
                 arrowprops={
                     **{"arrowstyle": "-|>", "color": "0.5", "connectionstyle": f"arc3,rad={bend}", "shrinkB": 3},
@@ -101,7 +112,7 @@ def draw_architecture(file: Path) -> None:
                 },
             )
     axes.set(xlim=(-0.02, 1.02), ylim=(0.4, max(LAYERS.values()) + 0.6), yticks=sorted(set(LAYERS.values())))
-    axes.set_ylabel("floor")
+    axes.set_ylabel("layer")
     axes.set_xticks([])
     axes.spines[:].set_visible(False)
     axes.grid(axis="y", color="0.92")

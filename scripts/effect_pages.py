@@ -1,9 +1,9 @@
-"""Write a page for every effect of the catalogue, and one about all of them: which look alike, and what splits them.
+"""Write a page for each effect of the catalogue, and an overview of effects that are hard to distinguish.
 
     python scripts/effect_pages.py docs/effects
 
-The pages say what ``klute-sim effects NAME`` says. What has to be simulated for them is kept in ``confusable.json``
-beside them, with the digest of the laws that it is of. It takes less than a minute on one core.
+The pages contain the text of ``klute-sim effects NAME``. The simulated results are stored beside them in
+``confusable.json``, with the digest of the code that produced them. The script takes less than a minute on one core.
 """
 
 import argparse
@@ -12,14 +12,14 @@ import hashlib
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import klute_sim
 from klute_sim.cli.console import progress_bar
 from klute_sim.device.device import load_device
-from klute_sim.diagnosis.experiments.base import Simulator
+from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.planning.identifiability import (
     INDISTINGUISHABLE_COSINE,
     compute_identifiability,
@@ -34,34 +34,35 @@ from klute_sim.effects.effect import Effect
 from klute_sim.report.diagnosis.text import join_words
 from klute_sim.report.effects import figures as effects_figures
 from klute_sim.report.effects import text as words
+from klute_sim.types import ProgressCallback
 
 COMMAND = "python scripts/effect_pages.py docs/effects"
 GENERATED_MARK = f"<!-- Written by `{COMMAND}`. Change the catalogue instead. -->\n"
 DATA_FILE, INDEX_FILE, PICTURES_FOLDER = "confusable.json", "README.md", "pictures"
 SIGNIFICANT_DIGITS = 3
-"""Significant ones of a number that is kept: so many are the same on every machine."""
+"""Significant digits of stored numbers, which are equal on all machines."""
 CONFUSION_TABLE_HEAD = (
     "typical size over noise",
     "left after refitting",
     "class size",
-    "looks like",
+    "similar to",
     "|cos|",
     "split by",
     "then",
 )
-"""Of what an effect is easily taken for; :data:`INDEX` says what it means."""
+"""Columns of the table of confusions; :data:`INDEX_FILE` explains them."""
 EFFECTS_DRAWN_PER_ANALYSIS = 10.0
-"""Effects that are drawn while all signatures are computed once."""
+"""Number of effects that are drawn in the time of one analysis of all signatures."""
 SIMULATION_SOURCES = (
-    *("laws/*.py", "effects/*.py", "device/step.py", "device/rollout.py", "diagnose/confusable.py"),
-    *("diagnose/experiment.py", "diagnose/on_bench.py", "diagnose/hypothesis.py", "diagnose/protocols.py"),
-    "diagnose/signature.py",
+    *("laws/*.py", "effects/**/*.py", "device/dynamics.py", "device/rollout.py", "diagnosis/planning/signatures.py"),
+    *("diagnosis/planning/identifiability.py", "diagnosis/experiments/base.py", "diagnosis/experiments/bench.py"),
+    *("diagnosis/fitting/hypothesis.py", "bench/protocols/*.py"),
 )
-"""Files whose code decides what is simulated."""
+"""Files whose code determines the simulated results."""
 
 
 def compute_digest() -> str:
-    """Of the code in :data:`OF_THE_LAWS` and the numbers of the device: comments, docstrings and sentences are not."""
+    """Return the digest of :data:`SIMULATION_SOURCES` and of the device parameters, without comments and docstrings."""
     source = Path(klute_sim.__file__).parent
     files = [file for pattern in SIMULATION_SOURCES for file in sorted(source.glob(pattern))]
     text = "".join(
@@ -71,7 +72,7 @@ def compute_digest() -> str:
 
 
 def _serialise_code(node: Any) -> str:
-    """A syntax tree in the same words in every version of Python, without what is only there to be read."""
+    """Return a syntax tree in a form that is equal in all versions of Python, without docstrings and sentences."""
     if isinstance(node, list):
         return "".join(map(_serialise_code, node))
     if isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
@@ -82,30 +83,32 @@ def _serialise_code(node: Any) -> str:
     return "" if node is None or (isinstance(node, str) and not node.isidentifier()) else repr(node)
 
 
-def simulate_effects(folder: Path, progress: Callable[[float], None]) -> dict[str, Any]:
-    """All that takes long: the pictures and matrices go into ``folder``, the content of :data:`DATA` comes back."""
-    device, bench = load_device(words.SIGNATURE_DEVICE), Simulator()
+def simulate_effects(folder: Path, progress: ProgressCallback) -> dict[str, Any]:
+    """Simulate all effects, write figures and matrices into ``folder``, and return the content of :data:`DATA_FILE`."""
+    device, simulator = load_device(words.SIGNATURE_DEVICE), Simulator()
     effects = [effect for effect in catalogue.get_effects().values() if effect.kind != "body"]
-    replaced = [effect for effect in effects if effect.replaces_switch]
-    parts = 1.0 + len(replaced) + len(effects) / EFFECTS_DRAWN_PER_ANALYSIS
+    replacing_effects = [effect for effect in effects if effect.replaces_switch]
+    total = 1.0 + len(replacing_effects) + len(effects) / EFFECTS_DRAWN_PER_ANALYSIS
 
-    def after(begun: float) -> Callable[[float], None]:
-        return lambda share: progress((begun + share) / parts)
+    def report_from(start: float) -> ProgressCallback:
+        return lambda fraction, stage: progress((start + fraction) / total, stage)
 
-    found = compute_identifiability(device, bench, after(0.0))
-    effects_figures.write_matrices(found, folder)
-    every = to_json_rows(found)
-    for k, effect in enumerate(replaced):
-        there = to_json_rows(compute_identifiability(remove_base_effect(device, effect), bench, after(1.0 + k)))
-        every += [row for row in there if row["effect"] == effect.name]
-    shown_in = {}
+    identifiability = compute_identifiability(device, simulator, report_from(0.0))
+    effects_figures.write_matrices(identifiability, folder)
+    rows = to_json_rows(identifiability)
+    for k, effect in enumerate(replacing_effects):
+        effect_rows = to_json_rows(
+            compute_identifiability(remove_base_effect(device, effect), simulator, report_from(1.0 + k))
+        )
+        rows += [row for row in effect_rows if row["effect"] == effect.name]
+    figure_protocols = {}
     for k, effect in enumerate(effects):
-        after(1.0 + len(replaced))(k / EFFECTS_DRAWN_PER_ANALYSIS)
-        for signature in simulate_effect_responses(device, effect, bench):
+        report_from(1.0 + len(replacing_effects))(k / EFFECTS_DRAWN_PER_ANALYSIS, effect.name)
+        for signature in simulate_effect_responses(device, effect, simulator):
             effects_figures.save_signature_figure(signature, folder)
-            shown_in[effects_figures.format_file_name(effect.name, signature.term.form)] = signature.protocol
-    bench.close()
-    alike = [
+            figure_protocols[effects_figures.format_file_name(effect.name, signature.term.form)] = signature.protocol
+    simulator.close()
+    classes = [
         {
             "effects": list(map(str, group.terms)),
             "size": group.n_effects,
@@ -113,23 +116,23 @@ def simulate_effects(folder: Path, progress: Callable[[float], None]) -> dict[st
             "split_by": group.separated_by.description if group.separated_by else None,
             "cosine_then": group.remaining_cosine,
         }
-        for group in find_indistinguishable_classes(found)
+        for group in find_indistinguishable_classes(identifiability)
     ]
-    kept = {
+    data = {
         "digest": compute_digest(),
         "device": words.SIGNATURE_DEVICE,
-        "shown_in": shown_in,
-        "classes": alike,
-        "effects": every,
+        "shown_in": figure_protocols,
+        "classes": classes,
+        "effects": rows,
     }
     rounded: dict[str, Any] = json.loads(
-        json.dumps(kept), parse_float=lambda text: float(f"{float(text):.{SIGNIFICANT_DIGITS}g}")
+        json.dumps(data), parse_float=lambda text: float(f"{float(text):.{SIGNIFICANT_DIGITS}g}")
     )
     return rounded
 
 
 def render_pages(data: dict[str, Any]) -> dict[str, str]:
-    """File -> text, from the catalogue and the content of :data:`DATA`."""
+    """Return the text of each file, from the catalogue and the content of :data:`DATA_FILE`."""
     effects = catalogue.get_effects().values()
     return {INDEX_FILE: _render_index(data)} | {f"{effect.name}.md": _render_page(effect, data) for effect in effects}
 
@@ -140,10 +143,11 @@ def _render_table(head: tuple[str, ...], table_rows: Sequence[tuple[str, ...]]) 
 
 
 def _render_page(effect: Effect, data: dict[str, Any]) -> str:
-    shown = words.describe_effect(effect)
-    text = f"{GENERATED_MARK}\n# {effect.name}\n\n{effect.description}\n\n{words.describe_kind(shown)}\n"
-    for number, form in enumerate(shown["forms"]):
-        text += f"\n## Form {form['name']}{words.format_default_note(number, shown['forms'])}\n\n```\n{form['equation']}\n```\n\n"
+    description = words.describe_effect(effect)
+    text = f"{GENERATED_MARK}\n# {effect.name}\n\n{effect.description}\n\n{words.describe_kind(description)}\n"
+    for number, form in enumerate(description["forms"]):
+        default_note = words.format_default_note(number, description["forms"])
+        text += f"\n## Form {form['name']}{default_note}\n\n```\n{form['equation']}\n```\n\n"
         text += f"{words.describe_hooks(form)}\n\n"
         text += _render_table(
             words.PARAMETER_HEADINGS, [words.format_parameter_cells(row) for row in form["parameters"]]
@@ -152,14 +156,14 @@ def _render_page(effect: Effect, data: dict[str, Any]) -> str:
             text += f"\nIn a [device file](../devices.md):\n\n```toml\n{form['device_file']}\n```\n"
         if effect.kind == "body":
             continue
-        picture = effects_figures.format_file_name(effect.name, form["name"])
-        of = " of the force" if effect.kind == "instrument" else ""
-        where = f"protocol `{data['shown_in'].get(picture)}` on device {_device_label(effect, data)}"
-        text += f"\n![{effect.name} ({form['name']}): with and without]({PICTURES_FOLDER}/{picture})\n"
+        figure = effects_figures.format_file_name(effect.name, form["name"])
+        quantity = " of the force" if effect.kind == "instrument" else ""
+        test_setup = f"protocol `{data['shown_in'].get(figure)}` on device {_device_label(effect, data)}"
+        text += f"\n![{effect.name} ({form['name']}): with and without]({PICTURES_FOLDER}/{figure})\n"
         text += (
-            f"\nWhat the typical size{of} changes in {where}: of the standard protocols, it shows most in this one.\n"
+            f"\nInfluence of the typical size{quantity} in {test_setup}, the standard protocol that shows it best.\n"
         )
-    return f"{text}\n## Easily taken for\n\n{_render_confusions(effect, data)}"
+    return f"{text}\n## Similar effects\n\n{_render_confusions(effect, data)}"
 
 
 def _device_label(effect: Effect, data: dict[str, Any]) -> str:
@@ -170,16 +174,16 @@ def _device_label(effect: Effect, data: dict[str, Any]) -> str:
 
 def _render_confusions(effect: Effect, data: dict[str, Any]) -> str:
     if effect.data_driven:
-        return "It is a combination of functions and can look like many effects, so it is compared with none.\n"
+        return "It combines functions and can resemble many effects, so it is compared with none.\n"
     if effect.kind == "body":
-        return "It shows on walks only: no standard protocol of the bench compares it with others.\n"
-    of = "channel" if effect.kind == "instrument" else "form"
+        return "It shows only in gait: no standard protocol of the bench compares it with others.\n"
+    kind = "channel" if effect.kind == "instrument" else "form"
     lines: list[tuple[str, ...]] = []
     for row in data["effects"]:
         if row["effect"] != effect.name:
             continue
-        own = (row[of], f"{row['size']:.0f}", f"{100.0 * row['kept']:.0f} %", str(row["class_size"]))
-        likes = [
+        effect_cells = (row[kind], f"{row['size']:.0f}", f"{100.0 * row['kept']:.0f} %", str(row["class_size"]))
+        similar_effects = [
             (
                 _link_term(pair["effect"]),
                 f"{pair['cosine']:.3f}",
@@ -188,12 +192,15 @@ def _render_confusions(effect: Effect, data: dict[str, Any]) -> str:
             )
             for pair in row["alike"]
         ] or [(f"nothing; closest: {_link_term(row['closest'])}", f"{row['closest_cosine']:.3f}", "", "")]
-        lines += [(*own, *likes[0]), *(("",) * len(own) + like for like in likes[1:])]
-    where = f"n all standard protocols together, on device {_device_label(effect, data)}"
+        lines += [
+            (*effect_cells, *similar_effects[0]),
+            *(("",) * len(effect_cells) + like for like in similar_effects[1:]),
+        ]
+    test_setup = f"n all standard protocols together, on device {_device_label(effect, data)}"
     if not lines:
-        return f"I{where}, it changes nothing that the device's own numbers could not imitate.\n"
-    table = _render_table((of, *CONFUSION_TABLE_HEAD), lines)
-    return f"I{where}:\n\n{table}\nWhat the columns mean is said [here]({INDEX_FILE}#which-look-alike).\n"
+        return f"I{test_setup}, the uncertain numbers of the device reproduce all of its influence.\n"
+    table = _render_table((kind, *CONFUSION_TABLE_HEAD), lines)
+    return f"I{test_setup}:\n\n{table}\n[The overview]({INDEX_FILE}#indistinguishable-effects) explains the columns.\n"
 
 
 def _format_split_cosine(pair: dict[str, Any]) -> str:
@@ -201,7 +208,7 @@ def _format_split_cosine(pair: dict[str, Any]) -> str:
 
 
 def _link_term(term: str) -> str:
-    """A term as one says it, leading to its effect's page."""
+    """Return the label of a term as a link to the page of its effect."""
     return f"[{term}]({term.split()[0]}.md)"
 
 
@@ -225,8 +232,10 @@ def _render_index(data: dict[str, Any]) -> str:
         )
         for group in data["classes"]
     ]
-    replaced = join_words([f"`{effect.name}`" for effect in catalogue.get_effects().values() if effect.replaces_switch])
-    driven = join_words([f"`{effect.name}`" for effect in catalogue.get_effects().values() if effect.data_driven])
+    base_terms = join_words(
+        [f"`{effect.name}`" for effect in catalogue.get_effects().values() if effect.replaces_switch]
+    )
+    data_driven = join_words([f"`{effect.name}`" for effect in catalogue.get_effects().values() if effect.data_driven])
     matrices = "".join(
         f"- {change.description}: [table](matrix_{k}.csv), [picture]({PICTURES_FOLDER}/matrix_{k}.png)\n"
         for k, change in enumerate(RIG_CHANGES)
@@ -234,49 +243,52 @@ def _render_index(data: dict[str, Any]) -> str:
     return f"""{GENERATED_MARK}
 # The catalogue of effects
 
-How to use them is on the page about [effects](../effects.md). The first form is the usual one.
+[Effects](../effects.md) explains how to use them. The first form is the default.
 
-{_render_table(("effect", "kind", "forms", "what it is"), rows)}
-## Which look alike
+{_render_table(("effect", "kind", "forms", "description"), rows)}
+## Indistinguishable effects
 
-On device {data["device"]}, every form of every effect is tried a little in all standard protocols. What the device's
-uncertain numbers could do instead is projected off. What is left, over the noise of an ordinary load cell and gauge, is
-the effect's signature. Two effects whose signatures have a cosine of {INDISTINGUISHABLE_COSINE:g} or more look alike, whatever their
-sizes. What hangs together so is a class. These protocols do not tell it apart well; another instrument may.
+On device {data["device"]}, every form of every effect is simulated at a small size in all standard protocols. The part
+that the uncertain numbers of the device can reproduce is projected off. The remainder, over the noise of an ordinary
+load cell and gauge, is the signature of the effect. Two effects are indistinguishable if their signatures have a cosine
+of {INDISTINGUISHABLE_COSINE:g} or more, whatever their sizes. A class is a connected group of
+indistinguishable effects. These protocols do not separate its effects well; another instrument may.
 
-- *Typical size over noise* is the root of chi squared that the typical size makes, after projection.
-- *Left after refitting* is the share of the change that projection leaves: little of what the device's own numbers
-  imitate.
-- *Split by* is the change of the rig that makes a class least alike, if it gets all its cosines below {INDISTINGUISHABLE_COSINE:g}. *Then*
-  is its largest cosine with that change; where no change is enough, with the best one.
+- *Typical size over noise* is the root of chi squared of the typical size after projection.
+- *Left after refitting* is the fraction of the change that projection leaves: small where the numbers of the device
+  reproduce the effect.
+- *Split by* is the change of the rig that separates a class best, if all its cosines fall below
+  {INDISTINGUISHABLE_COSINE:g}. *Then* is its largest cosine with that change, or with the best one where none is
+  sufficient.
 
 {_render_table(("class", "size", "largest |cos|", "split by", "then"), groups)}
-All others look like nothing else (their largest cosine is below {INDISTINGUISHABLE_COSINE:g}). The numbers are in [{DATA_FILE}]({DATA_FILE}).
+All other effects are distinguishable (their largest cosine is below {INDISTINGUISHABLE_COSINE:g}).
+[{DATA_FILE}]({DATA_FILE}) has the numbers.
 
 ![Cosines between all signatures]({PICTURES_FOLDER}/matrix_0.png)
 
 All cosines between signatures:
 
 {matrices}
-{replaced} are terms of the base model, so they are in no matrix. On their own
-pages they are compared with all others on the device without that term. {driven}
-are data-driven: they name nothing and are compared with nothing.
+{base_terms} are terms of the base model and are not in the matrices. Their pages
+compare them with all other effects on the device without that term. {data_driven}
+are data-driven: they identify no physical effect and are not compared.
 
-All of this is made by `{COMMAND}`, which has to be run again when a law changes.
+`{COMMAND}` writes these pages and has to be run again when a law changes.
 """
 
 
-def write_pages(folder: Path, progress: Callable[[float], None] = lambda share: None) -> None:
-    """Put everything into ``folder``; pages and pictures of effects that are gone go."""
+def write_pages(folder: Path, progress: ProgressCallback = lambda fraction, stage: None) -> None:
+    """Write all files into ``folder`` and remove pages and figures of effects that no longer exist."""
     with tempfile.TemporaryDirectory() as scratch:
         data = simulate_effects(Path(scratch), progress)
         pictures = folder / PICTURES_FOLDER
         pictures.mkdir(parents=True, exist_ok=True)
-        for old in (*pictures.glob("*.png"), *folder.glob("matrix_*.csv")):
-            old.unlink()
-        for made in Path(scratch).iterdir():
-            (pictures if made.suffix == ".png" else folder).joinpath(made.name).write_bytes(made.read_bytes())
-    # A row of each list is a line: so few that one sees what has changed.
+        for outdated in (*pictures.glob("*.png"), *folder.glob("matrix_*.csv")):
+            outdated.unlink()
+        for file in Path(scratch).iterdir():
+            (pictures if file.suffix == ".png" else folder).joinpath(file.name).write_bytes(file.read_bytes())
+    # One line per row keeps differences readable.
     parts = ",\n".join(f'"{key}": {_format_json(value)}' for key, value in data.items())
     (folder / DATA_FILE).write_text(f"{{\n{parts}\n}}\n", "utf-8")
     texts = render_pages(data)
@@ -290,15 +302,15 @@ def write_pages(folder: Path, progress: Callable[[float], None] = lambda share: 
 def _format_json(value: Any) -> str:
     if not isinstance(value, list):
         return json.dumps(value)
-    return "[\n" + ",\n".join(json.dumps(each) for each in value) + "\n]"
+    return "[\n" + ",\n".join(json.dumps(row) for row in value) + "\n]"
 
 
 def main() -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="where the pages go: docs/effects")
-    with progress_bar("simulating every effect") as told:
-        write_pages(parser.parse_args().folder, told)
+    with progress_bar("simulating every effect") as progress:
+        write_pages(parser.parse_args().folder, progress)
     return 0
 
 

@@ -1,11 +1,11 @@
-"""Make the project's environment if it is missing or out of date, then run a command in it.
+"""Create the environment of the project if it is missing or outdated, then run a command in it.
 
-    python3 scripts/env.py pytest                        # any command, its exit code is passed on
-    python3 scripts/env.py                               # only make .venv
+    python3 scripts/env.py pytest                        # any command; its exit code is passed on
+    python3 scripts/env.py                               # only create .venv
     python3 scripts/env.py --resolution newest pytest    # in .venv-newest, without the lock file
 
-Needs Python 3.11 or later and nothing else; uses uv where it is installed and pip otherwise.
-The environment belongs to this script: an unfinished or outdated one is deleted and made anew.
+Requires only Python 3.11 or later; uses uv if it is installed and pip otherwise. The script owns the environment: an
+incomplete or outdated one is deleted and created again.
 """
 
 import argparse
@@ -22,13 +22,13 @@ from typing import Any
 
 
 def unsupported_python_message(major: int, minor: int) -> str:
-    """Return why this version of Python will not do, or an empty string."""
+    """Return the reason why this version of Python is unsupported, or an empty string."""
     if (major, minor) >= (3, 11):
         return ""
-    return f"klute-sim needs Python 3.11 or later, and this is {major}.{minor}."
+    return f"klute-sim requires Python 3.11 or later; this is {major}.{minor}."
 
 
-# The whole file keeps to the syntax of Python 3.6, so that an old Python can get to this sentence.
+# The whole file uses the syntax of Python 3.6, so that an old Python reaches this message.
 if unsupported_python_message(*sys.version_info[:2]):
     sys.stderr.write(unsupported_python_message(*sys.version_info[:2]) + "\n")
     sys.exit(2)
@@ -41,11 +41,11 @@ SCRIPTS_FOLDER = "Scripts" if IS_WINDOWS else "bin"
 
 
 class EnvironmentSetupError(Exception):
-    """The environment cannot be made; the message is one sentence on what to do."""
+    """The environment cannot be created; the message is the advice to the user."""
 
 
 def read_project(root: Path) -> dict[str, Any]:
-    """Return the tables of pyproject.toml that an installation depends on."""
+    """Return the tables of pyproject.toml that determine the installation."""
     import tomllib  # new in Python 3.11
 
     content = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
@@ -53,21 +53,23 @@ def read_project(root: Path) -> dict[str, Any]:
 
 
 def compute_stamp(root: Path, resolution: str) -> str:
-    """Return a hash of all that decides what is in the environment."""
+    """Return a hash of everything that determines the content of the environment."""
     lock = (root / LOCK_FILE).read_text(encoding="utf-8") if resolution == "locked" else ""
     inputs = [resolution, sys.version_info[:2], str(root), read_project(root), lock]
     return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()
 
 
 def run_setup_step(description: str, command: list[str], advice: str) -> None:
-    """Say what is done and do it, keeping the output of this script's own steps off stdout."""
+    """Print ``description`` and run ``command``, with its output on stderr; raises EnvironmentSetupError with
+    ``advice``.
+    """
     print(f"env: {description}", file=sys.stderr, flush=True)
     if subprocess.run(command, cwd=ROOT, stdout=sys.stderr, check=False).returncode:
         raise EnvironmentSetupError(advice)
 
 
 def create_environment(folder: Path, resolution: str) -> None:
-    """Make the environment from nothing."""
+    """Create the environment from scratch."""
     uv = shutil.which("uv")
     if resolution == "floor" and not uv:
         raise EnvironmentSetupError("--resolution floor needs uv: pip install uv, and try again.")
@@ -78,24 +80,24 @@ def create_environment(folder: Path, resolution: str) -> None:
     python = str(folder / SCRIPTS_FOLDER / "python")
     # Not sys.executable itself, which may lie in the folder just deleted.
     base = getattr(sys, "_base_executable", sys.executable)
-    maker = [uv, "venv", "--quiet", "--python", base] if uv else [base, "-m", "venv"]
-    installer = [uv, "pip", "install", "--python", python] if uv else [python, "-m", "pip", "install"]
+    create_command = [uv, "venv", "--quiet", "--python", base] if uv else [base, "-m", "venv"]
+    install_command = [uv, "pip", "install", "--python", python] if uv else [python, "-m", "pip", "install"]
     tool = "uv" if uv else "pip"
-    again = "see the message above, check the network connection and the disk, and try again."
-    run_setup_step(f"making {folder.name} with {tool}", [*maker, str(folder)], again)
+    retry_advice = "see the message above, check the network connection and the disk, and try again."
+    run_setup_step(f"making {folder.name} with {tool}", [*create_command, str(folder)], retry_advice)
     if resolution == "locked":
-        installs = [["-r", LOCK_FILE], ["--no-deps", "-e", "."]]
+        install_arguments = [["-r", LOCK_FILE], ["--no-deps", "-e", "."]]
     else:
         lowest = ["--resolution", "lowest-direct"] if resolution == "floor" else []
         # The group is spelt out because pip before 25.1 cannot read one.
-        installs = [[*lowest, "-e", ".[all]", *read_project(ROOT)["dependency-groups"]["dev"]]]
-    for what in installs:
-        name = f"the packages of {LOCK_FILE}" if LOCK_FILE in what else "klute-sim"
-        run_setup_step(f"installing {name}", [*installer, "--quiet", *what], again)
+        install_arguments = [[*lowest, "-e", ".[all]", *read_project(ROOT)["dependency-groups"]["dev"]]]
+    for arguments in install_arguments:
+        name = f"the packages of {LOCK_FILE}" if LOCK_FILE in arguments else "klute-sim"
+        run_setup_step(f"installing {name}", [*install_command, "--quiet", *arguments], retry_advice)
 
 
 def run_in_environment(command: list[str], folder: Path) -> int:
-    """Run a command inside the environment and return its exit code."""
+    """Run a command in the environment and return its exit code."""
     variables = {name: value for name, value in os.environ.items() if name != "PYTHONHOME"}
     variables["VIRTUAL_ENV"] = str(folder)
     variables["PATH"] = os.pathsep.join([str(folder / SCRIPTS_FOLDER), os.environ.get("PATH", os.defpath)])
@@ -114,7 +116,7 @@ def run_in_environment(command: list[str], folder: Path) -> int:
 
 
 def main(arguments: list[str]) -> int:
-    """Make the environment if need be and run the command in it."""
+    """Create the environment if necessary and run the command in it."""
     layout = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=layout)
     parser.add_argument("--resolution", choices=ENVIRONMENT_FOLDERS, default="locked", help="which versions to install")
@@ -123,13 +125,13 @@ def main(arguments: list[str]) -> int:
     folder = ROOT / ENVIRONMENT_FOLDERS[options.resolution]
     stamp = folder / "klute-sim-stamp"
     try:
-        wanted = compute_stamp(ROOT, options.resolution)
+        expected_stamp = compute_stamp(ROOT, options.resolution)
         python = folder / SCRIPTS_FOLDER / ("python.exe" if IS_WINDOWS else "python")
-        if not (python.exists() and stamp.is_file() and stamp.read_text(encoding="utf-8") == wanted):
+        if not (python.exists() and stamp.is_file() and stamp.read_text(encoding="utf-8") == expected_stamp):
             create_environment(folder, options.resolution)
-            stamp.write_text(wanted, encoding="utf-8")
-    except (EnvironmentSetupError, OSError, ValueError) as problem:
-        print(f"env: the environment is not ready: {problem}", file=sys.stderr)
+            stamp.write_text(expected_stamp, encoding="utf-8")
+    except (EnvironmentSetupError, OSError, ValueError) as error:
+        print(f"env: the environment is not ready: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130

@@ -1,8 +1,8 @@
-"""Make every picture, and every page that is made, of the documentation again.
+"""Regenerate all figures and generated pages of the documentation.
 
     python scripts/pictures.py
 
-Needs the extra 'rerun'. Takes some minutes; look at what has changed before it is committed.
+Requires the extra 'rerun' and takes some minutes. Inspect the changes before committing them.
 """
 
 import subprocess
@@ -12,20 +12,20 @@ from pathlib import Path
 SCRIPTS_FOLDER = Path(__file__).parent
 DOCS_FOLDER = SCRIPTS_FOLDER.parent / "docs"
 SCRIPT_OUTPUTS = {
-    "house.py": DOCS_FOLDER / "pictures" / "house.png",
+    "architecture.py": DOCS_FOLDER / "pictures" / "architecture.png",
     "view_pictures.py": DOCS_FOLDER / "pictures",
     "effect_pages.py": DOCS_FOLDER / "effects",
 }
-"""Script -> what it writes."""
+"""Output of each script."""
 
 
 def main() -> int:
-    """Run them all; the first that fails ends it."""
-    for script, place in SCRIPT_OUTPUTS.items():
+    """Run all scripts; stop at the first failure and return its exit code."""
+    for script, output in SCRIPT_OUTPUTS.items():
         print(script, flush=True)
-        code = subprocess.run([sys.executable, str(SCRIPTS_FOLDER / script), str(place)], check=False).returncode
-        if code:
-            return code
+        exit_code = subprocess.run([sys.executable, str(SCRIPTS_FOLDER / script), str(output)], check=False).returncode
+        if exit_code:
+            return exit_code
     return 0
 
 

@@ -1,11 +1,11 @@
-"""Build the source distribution, a wheel from that alone, and try the wheel away from the checkout.
+"""Build the source distribution and a wheel from it, and test the wheel outside of the checkout.
 
     python scripts/try_packages.py                        # the oldest and the newest dependencies; needs uv
-    python scripts/try_packages.py --python 3.14 newest   # with another Python that uv finds
-    python scripts/try_packages.py --suite "tests/laws" floor  # and tests of the source distribution, with the wheel
+    python scripts/try_packages.py --python 3.14 newest   # another Python version that uv finds
+    python scripts/try_packages.py --suite "tests/laws" floor  # also run tests of the source distribution
 
-Each time a bare environment gets the wheel with the extras that --extras names, and commands run in an empty folder. A
-line says what was installed, and how each went; the exit code is 1 if one failed.
+Each run installs the wheel with the extras of --extras into an empty environment and executes commands in an empty
+folder. The output lists the installed versions and the result of each command; the exit code is 1 after a failure.
 """
 
 import argparse
@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[1]
 RESOLUTIONS = {"floor": "lowest-direct", "newest": "highest"}
 SCRIPTS_FOLDER = "Scripts" if os.name == "nt" else "bin"
 REPORTED_PACKAGES = ("mujoco", "numpy", "scipy", "gymnasium", "numba", "pyarrow", "pydantic")
-"""Packages whose versions are told."""
+"""Packages whose versions are reported."""
 VERSION_SCRIPT = """
 import importlib.metadata as of, sys, klute_sim
 assert klute_sim.__file__.startswith(sys.prefix), klute_sim.__file__
@@ -43,63 +43,65 @@ COMMAND_CHECKS = (
 
 
 class PackageCheckError(Exception):
-    """Something failed; the message is what it printed."""
+    """A check failed; the message is its output."""
 
 
 def run_command(command: list[str], cwd: Path, **variables: str) -> str:
-    """What ``command`` prints, run in ``where``; raises TryingError if it fails."""
-    kept = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
-    done = subprocess.run(command, cwd=cwd, env=kept | variables, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise PackageCheckError(f"{' '.join(command)}\n{done.stdout[-3000:]}{done.stderr[-3000:]}")
-    return done.stdout
+    """Return the output of ``command`` in the folder ``cwd``; raises PackageCheckError when it fails."""
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    completed = subprocess.run(
+        command, cwd=cwd, env=environment | variables, capture_output=True, text=True, check=False
+    )
+    if completed.returncode:
+        raise PackageCheckError(f"{' '.join(command)}\n{completed.stdout[-3000:]}{completed.stderr[-3000:]}")
+    return completed.stdout
 
 
 def build_packages(folder: Path) -> tuple[Path, Path]:
-    """The unpacked source distribution, and the wheel that was made of it."""
-    build = [sys.executable, "-m", "hatchling", "build", "--directory"]
-    run_command([*build, str(folder), "--target", "sdist"], ROOT)
-    (packed,) = folder.glob("*.tar.gz")
-    with tarfile.open(packed) as archive:
+    """Return the unpacked source distribution and the wheel built from it."""
+    build_command = [sys.executable, "-m", "hatchling", "build", "--directory"]
+    run_command([*build_command, str(folder), "--target", "sdist"], ROOT)
+    (archive_path,) = folder.glob("*.tar.gz")
+    with tarfile.open(archive_path) as archive:
         archive.extractall(folder, filter="data")
-    source = folder / packed.name.removesuffix(".tar.gz")
-    run_command([*build, str(folder), "--target", "wheel"], source)
+    source = folder / archive_path.name.removesuffix(".tar.gz")
+    run_command([*build_command, str(folder), "--target", "wheel"], source)
     (wheel,) = folder.glob("*.whl")
     return source, wheel
 
 
 def check_wheel(wheel: Path, source: Path, resolution: str, options: argparse.Namespace) -> None:
-    """Install ``wheel`` and run everything; raises TryingError at the first that fails."""
-    with tempfile.TemporaryDirectory() as place:
-        away, programs = Path(place) / "empty", Path(place) / "environment" / SCRIPTS_FOLDER
-        away.mkdir()
-        run_command(["uv", "venv", "--quiet", "--python", options.python, str(programs.parent)], away)
+    """Install ``wheel`` and run all checks; raises PackageCheckError at the first failure."""
+    with tempfile.TemporaryDirectory() as temporary:
+        empty_folder, programs = Path(temporary) / "empty", Path(temporary) / "environment" / SCRIPTS_FOLDER
+        empty_folder.mkdir()
+        run_command(["uv", "venv", "--quiet", "--python", options.python, str(programs.parent)], empty_folder)
         install = ["uv", "pip", "install", "--quiet", "--python", str(programs / "python")]
-        # What a wheel needs is not direct to uv, so what is to be old is taken from where the wheel has it from.
+        # uv's lowest-direct does not apply to dependencies of a wheel, so they are installed from pyproject.toml.
         project = tomllib.loads((source / "pyproject.toml").read_text("utf-8"))
-        needed = list(project["project"]["dependencies"])
+        requirements = list(project["project"]["dependencies"])
         for extra in filter(None, options.extras.split(",")):
-            needed += project["project"]["optional-dependencies"][extra]
-        needed += project["dependency-groups"]["dev"] if options.suite else []
-        run_command([*install, "--resolution", RESOLUTIONS[resolution], *needed], away)
-        run_command([*install, f"{wheel}[{options.extras}]" if options.extras else str(wheel)], away)
+            requirements += project["project"]["optional-dependencies"][extra]
+        requirements += project["dependency-groups"]["dev"] if options.suite else []
+        run_command([*install, "--resolution", RESOLUTIONS[resolution], *requirements], empty_folder)
+        run_command([*install, f"{wheel}[{options.extras}]" if options.extras else str(wheel)], empty_folder)
         path = f"{programs}{os.pathsep}{os.environ.get('PATH', os.defpath)}"
         print(
             f"{resolution}: Python",
-            run_command(["python", "-c", VERSION_SCRIPT, *REPORTED_PACKAGES], away, PATH=path).strip(),
+            run_command(["python", "-c", VERSION_SCRIPT, *REPORTED_PACKAGES], empty_folder, PATH=path).strip(),
             flush=True,
         )
         for check in COMMAND_CHECKS:
-            run_command(list(check), away, PATH=path)
+            run_command(list(check), empty_folder, PATH=path)
             print("  passed:", " ".join(check[:2]) if check[0] == "klute-sim" else "the environments", flush=True)
         if options.suite:
             shutil.rmtree(source / "src", ignore_errors=True)  # so that nothing but the wheel can be imported
-            told = run_command(["python", "-m", "pytest", "-q", *options.suite.split()], source, PATH=path)
-            print("  passed:", told.strip().splitlines()[-1], flush=True)
+            output = run_command(["python", "-m", "pytest", "-q", *options.suite.split()], source, PATH=path)
+            print("  passed:", output.strip().splitlines()[-1], flush=True)
 
 
 def main(arguments: list[str]) -> int:
-    """Build once, try every resolution that is asked for."""
+    """Build the packages once and check each requested resolution."""
     layout = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=layout)
     parser.add_argument("resolution", nargs="*", choices=[*RESOLUTIONS, []], help="which dependencies (default: both)")
@@ -112,13 +114,13 @@ def main(arguments: list[str]) -> int:
     if shutil.which("uv") is None:
         print("This needs uv: pip install uv, and try again.", file=sys.stderr)
         return 1
-    with tempfile.TemporaryDirectory() as place:
+    with tempfile.TemporaryDirectory() as temporary:
         try:
-            source, wheel = build_packages(Path(place))
+            source, wheel = build_packages(Path(temporary))
             for resolution in options.resolution or RESOLUTIONS:
                 check_wheel(wheel, source, resolution, options)
-        except PackageCheckError as problem:
-            print(f"failed: {problem}", file=sys.stderr)
+        except PackageCheckError as error:
+            print(f"failed: {error}", file=sys.stderr)
             return 1
     return 0
 

@@ -1,8 +1,8 @@
-"""Make the pictures of docs/view.md again: the windows of a walk and of the example's diagnosis.
+"""Regenerate the figures of docs/view.md: the windows of a gait run and of the example diagnosis.
 
     python scripts/view_pictures.py docs/pictures
 
-Needs the extra 'rerun'.
+Requires the extra 'rerun'.
 """
 
 import argparse
@@ -18,32 +18,32 @@ from klute_sim import viewer
 from klute_sim.cli import main as klute_sim
 
 MAX_COLOURS = 128
-"""Of a picture: enough for lines and maps, and a quarter of the size."""
+"""Number of colours of a figure; sufficient for lines and maps at a quarter of the file size."""
 WIDTH_PIXELS = 1200
-"""[pixels]"""
+"""Width of a figure [pixels]."""
 EFFECT_OPTIONS = ["--only", "braid_hysteresis", "--only", "seal_friction"]
-"""Effects that are looked for, so that it does not take long."""
+"""Effects that the diagnosis considers, which limits its duration."""
 VIEWS = {
     "gait": (["gait", "--strides", "2"], ["--at", "1.65"]),
     "diagnose": (["diagnose", "data", "--example", *EFFECT_OPTIONS], []),
 }
-"""Name of the picture -> the command that makes the folder, and options of the view."""
+"""Command that creates the folder, and options of the view, by name of the figure."""
 DIGEST_KEY = "workbench"
-"""Under which a picture carries the digest of the code that drew it."""
+"""Metadata key of the digest of the code that drew a figure."""
 
 
 def compute_digest() -> str:
-    """Of the code that the pictures show."""
+    """Return the digest of the code that draws the figures."""
     sources = sorted(Path(viewer.__file__).parent.glob("*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in sources)).hexdigest()
 
 
 def run_cli(*arguments: str) -> None:
-    """One command; raises SystemExit if it fails."""
+    """Run one command; raises SystemExit when it fails."""
     try:
         klute_sim(arguments)
-    except SystemExit as left:
-        if left.code:
+    except SystemExit as exit_error:
+        if exit_error.code:
             raise
 
 
@@ -53,18 +53,18 @@ def main() -> int:
     parser.add_argument("folder", type=Path, help="where the pictures go")
     folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as home:
-        for name, (command, view) in VIEWS.items():
-            made, picture = Path(home) / name, folder / f"view-{name}.png"
-            own = [str(Path(home) / word) if word == "data" else word for word in command]
-            run_cli(*own, "--out", str(made))
-            run_cli("view", str(made), "--picture", str(picture), *view)
-            with Image.open(picture) as drawn:
-                small = drawn.convert("RGB").resize((WIDTH_PIXELS, round(WIDTH_PIXELS * drawn.height / drawn.width)))
-            few = small.quantize(MAX_COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-            about = PngInfo()
-            about.add_text(DIGEST_KEY, compute_digest())
-            few.save(picture, optimize=True, pnginfo=about)
+    with tempfile.TemporaryDirectory() as temporary:
+        for name, (command, view_options) in VIEWS.items():
+            run_folder, figure = Path(temporary) / name, folder / f"view-{name}.png"
+            arguments = [str(Path(temporary) / word) if word == "data" else word for word in command]
+            run_cli(*arguments, "--out", str(run_folder))
+            run_cli("view", str(run_folder), "--picture", str(figure), *view_options)
+            with Image.open(figure) as image:
+                resized = image.convert("RGB").resize((WIDTH_PIXELS, round(WIDTH_PIXELS * image.height / image.width)))
+            reduced = resized.quantize(MAX_COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+            metadata = PngInfo()
+            metadata.add_text(DIGEST_KEY, compute_digest())
+            reduced.save(figure, optimize=True, pnginfo=metadata)
     return 0
 
 

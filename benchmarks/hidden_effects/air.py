@@ -1,18 +1,18 @@
-"""The supply: pressure that follows a command by itself, or air that goes through valves and feels the muscle move.
+"""Air supply: pressure that follows a command, or air that flows through valves and is compressed by the muscle.
 
-SI; pressure is gauge unless it is called absolute. Without valve, recovery time or tank the pressure does not depend on
-the motion, and is solved before it, on a grid of ``AIR_STEP`` (``pressure_trace``). Else it is integrated with the
-motion: ``air_stage`` finds what it is at the end of one implicit stage that moves the muscle at ``v``. With T the air's
-temperature and n its exponent, the regulator is
+SI units; pressure is gauge unless it is called absolute. Without valve, recovery time or tank, the pressure is
+independent of the motion and is solved before it, on a grid of ``AIR_STEP`` (``simulate_pressure``). Otherwise it is
+integrated with the motion: ``solve_air_stage`` returns the pressure at the end of one implicit stage in which the
+muscle moves at ``v``. With the air temperature T and its exponent n, the regulator is
 
     p = r + d,    dr/dt = regulator,    dd/dt = -n p_abs V'/V - d / recovery,
 
-and the muscle behind a valve, whose walls keep the air's temperature,
+and the muscle behind a valve, whose walls keep the temperature of the air, is
 
     dp/dt = R T m' / V - p_abs V'/V,    m' = C rho0 p1 sqrt(T0/T) phi(p2/p1) (ISO 6358) less a leak of the same law,
 
-with a pilot that opens the valve just as far as the target asks for, if it can. A tank that has sunk below the muscle
-gives nothing, and takes nothing back.
+with a pilot that opens the valve as far as the target requires and the flow allows. A tank with less pressure than the
+muscle neither supplies nor accepts air.
 """
 
 import math
@@ -35,7 +35,7 @@ CLOSING_TOLERANCE = 1.0  # Pa: by which a muscle may have passed its tank when i
 
 
 class AirSupply(NamedTuple):
-    """The supply: limits and hidden effects of the pressure."""
+    """Limits of the supply and hidden effects of the pressure."""
 
     supply_pressure: float
     max_rate: float
@@ -58,7 +58,7 @@ class AirSupply(NamedTuple):
 
 @cached_njit
 def interpolate_on_grid(t: float, values: np.ndarray, spacing: float) -> float:
-    """Linear interpolation on a regular grid that starts at 0; held outside."""
+    """Interpolate linearly on a regular grid from 0 with constant extrapolation."""
     place = t / spacing
     if place <= 0.0:
         return values[0]
@@ -70,56 +70,58 @@ def interpolate_on_grid(t: float, values: np.ndarray, spacing: float) -> float:
 
 @cached_njit
 def simulate_pressure(command: np.ndarray, command_step: float, n_samples: int, air: AirSupply) -> np.ndarray:
-    """Pressure behind the regulator on the air grid, from a command that is linear between its samples.
+    """Return the pressure behind the regulator on the air grid for a command that is linear between its samples.
 
-    Exact wherever the target is linear within a grid step and the rate limit neither begins nor ends to bind in it.
+    Exact wherever the target is linear within a grid step and the rate limit neither starts nor stops acting in it.
     """
     out = np.empty(n_samples)
     speed = 0.0
     decay = math.exp(-AIR_STEP / air.lag_time) if air.lag_time > 0.0 else 0.0
-    before = 0.0
+    previous_target = 0.0
     for k in range(n_samples):
-        asked = air.gain * interpolate_on_grid(k * AIR_STEP - air.dead_time, command, command_step) + air.offset
-        target = min(max(asked, 0.0), air.supply_pressure)
+        commanded = air.gain * interpolate_on_grid(k * AIR_STEP - air.dead_time, command, command_step) + air.offset
+        target = min(max(commanded, 0.0), air.supply_pressure)
         if k == 0:
-            out[0] = before = target
+            out[0] = previous_target = target
             continue
-        p, most = out[k - 1], air.max_rate * AIR_STEP
+        p, max_change = out[k - 1], air.max_rate * AIR_STEP
         if air.natural_frequency > 0.0:  # midpoint rule on p'' = w^2 (target - p) - 2 z w p'
-            w, mean = air.natural_frequency, 0.5 * (before + target)
-            speed_mid = speed + 0.5 * AIR_STEP * (w * w * (before - p) - 2.0 * air.damping_ratio * w * speed)
+            w, mean = air.natural_frequency, 0.5 * (previous_target + target)
+            speed_mid = speed + 0.5 * AIR_STEP * (w * w * (previous_target - p) - 2.0 * air.damping_ratio * w * speed)
             p_mid = p + 0.5 * AIR_STEP * speed
             speed = speed + AIR_STEP * (w * w * (mean - p_mid) - 2.0 * air.damping_ratio * w * speed_mid)
             speed = min(max(speed, -air.max_rate), air.max_rate)
-            wanted = AIR_STEP * min(max(speed_mid, -air.max_rate), air.max_rate)
+            change = AIR_STEP * min(max(speed_mid, -air.max_rate), air.max_rate)
         elif air.lag_time > 0.0:  # exact response to a linear target
-            slope = (target - before) / AIR_STEP
-            wanted = (target - slope * air.lag_time) + (p - before + slope * air.lag_time) * decay - p
+            slope = (target - previous_target) / AIR_STEP
+            change = (target - slope * air.lag_time) + (p - previous_target + slope * air.lag_time) * decay - p
         else:
-            wanted = target - p
-        out[k] = min(max(p + min(max(wanted, -most), most), 0.0), air.supply_pressure)
-        before = target
+            change = target - p
+        out[k] = min(max(p + min(max(change, -max_change), max_change), 0.0), air.supply_pressure)
+        previous_target = target
     return out
 
 
 @cached_njit
 def is_coupled_to_motion(air: AirSupply) -> bool:
-    """Whether the pressure depends on the muscle's motion."""
+    """Return whether the pressure depends on the motion of the muscle."""
     return air.fill_conductance > 0.0 or air.recovery_time > 0.0 or air.tank_volume > 0.0
 
 
 @cached_njit
 def target_pressure(t: float, command: np.ndarray, command_step: float, air: AirSupply) -> float:
-    """What the supply is told to reach."""
-    asked = air.gain * interpolate_on_grid(t - air.dead_time, command, command_step) + air.offset
-    return min(max(asked, 0.0), air.supply_pressure)
+    """Return the pressure that the supply has to reach."""
+    commanded = air.gain * interpolate_on_grid(t - air.dead_time, command, command_step) + air.offset
+    return min(max(commanded, 0.0), air.supply_pressure)
 
 
 @cached_njit
 def mass_flow(
     conductance: float, critical_ratio: float, inlet_pressure: float, outlet_pressure: float, temperature: float
 ) -> float:
-    """Mass flow [kg/s] from one absolute pressure to another, negative if the other is higher; ISO 6358."""
+    """Return the mass flow [kg/s] between two absolute pressures, negative if the outlet pressure is higher; ISO
+    6358.
+    """
     up, down = max(inlet_pressure, outlet_pressure), min(inlet_pressure, outlet_pressure)
     beyond = max(0.0, min(down / up, LAMINAR_PRESSURE_RATIO) - critical_ratio) / (1.0 - critical_ratio)
     flow = conductance * REFERENCE_DENSITY_FACTOR / math.sqrt(temperature) * up * math.sqrt(1.0 - beyond * beyond)
@@ -129,7 +131,7 @@ def mass_flow(
 
 @cached_njit
 def leak_flow(p: float, air: AirSupply) -> float:
-    """Mass flow [kg/s] out of the leak."""
+    """Return the mass flow [kg/s] out of the leak."""
     if air.leak_conductance == 0.0:
         return 0.0
     opening = max(0.0, p) / air.supply_pressure if air.leak_is_crack != 0.0 else 1.0
@@ -138,7 +140,7 @@ def leak_flow(p: float, air: AirSupply) -> float:
 
 @cached_njit
 def source_pressure(drawn_mass: float, air: AirSupply) -> float:
-    """Pressure of the tank, or of the endless supply."""
+    """Return the pressure of the tank or of the unlimited supply."""
     if air.tank_volume == 0.0:
         return air.supply_pressure
     return min(
@@ -149,7 +151,7 @@ def source_pressure(drawn_mass: float, air: AirSupply) -> float:
 
 @cached_njit
 def excess_over_tank(state: np.ndarray, air: AirSupply) -> float:
-    """By how much [Pa] a muscle behind a regulator has more than the tank."""
+    """Return the pressure [Pa] of a muscle behind a regulator above that of the tank."""
     if air.tank_volume == 0.0 or air.fill_conductance > 0.0:
         return -ATMOSPHERE
     return state[PRESSURE_INDEX] + state[DISTURBANCE_INDEX] - source_pressure(state[DRAWN_MASS_INDEX], air)
@@ -157,9 +159,9 @@ def excess_over_tank(state: np.ndarray, air: AirSupply) -> float:
 
 @cached_njit
 def close_muscle(state: np.ndarray, air: AirSupply) -> None:
-    """Forget the disturbance of air that is closed in: there is nothing that would make up for it.
+    """Clear the disturbance of enclosed air, which no regulator compensates.
 
-    Between steps, because a stage would take the jump for a speed.
+    Called between steps, because a stage would interpret the jump as a rate.
     """
     if excess_over_tank(state, air) >= 0.0:
         state[PRESSURE_INDEX] += state[DISTURBANCE_INDEX]
@@ -177,23 +179,24 @@ def source_after_regulation(
     new: np.ndarray,
     air: AirSupply,
 ) -> float:
-    """What the supply still has once the regulator has gone from ``start`` to ``r``; memories of the air in ``new``.
+    """Return the source pressure after the regulator has moved from ``start`` to ``r``; ``new`` receives the air
+    states.
 
-    ``pushed_before`` is the disturbance [Pa] at the start; ``new`` still holds what was drawn until then. Being
-    squeezed takes no air: the air that is held is ``(r + d/n) V / (R T)``, absolute.
+    ``disturbance_before`` [Pa] is the disturbance at the start; ``new`` still holds the mass drawn until then.
+    Compression draws no air: the enclosed air is ``(r + d/n) V / (R T)``, absolute.
     """
     d = 0.0
     if air.recovery_time > 0.0:
-        pushed = gh * air.exponent * relative_volume_rate
-        d = (disturbance_before - pushed * (r + ATMOSPHERE)) / (1.0 + gh / air.recovery_time + pushed)
+        compression = gh * air.exponent * relative_volume_rate
+        d = (disturbance_before - compression * (r + ATMOSPHERE)) / (1.0 + gh / air.recovery_time + compression)
     drawn = new[DRAWN_MASS_INDEX]
     if air.tank_volume > 0.0:
-        held = r + d / air.exponent
-        rise = (held - start - disturbance_before / air.exponent) / gh
-        came = volume * (rise + (held + ATMOSPHERE) * relative_volume_rate) / (
+        enclosed = r + d / air.exponent
+        rise = (enclosed - start - disturbance_before / air.exponent) / gh
+        inflow = volume * (rise + (enclosed + ATMOSPHERE) * relative_volume_rate) / (
             GAS_CONSTANT * air.temperature
         ) + leak_flow(r + d, air)
-        drawn += gh * max(0.0, came)
+        drawn += gh * max(0.0, inflow)
     new[PRESSURE_INDEX], new[DISTURBANCE_INDEX], new[DRAWN_MASS_INDEX] = r, d, drawn
     return source_pressure(drawn, air)
 
@@ -209,38 +212,40 @@ def solve_regulator_stage(
     new: np.ndarray,
     air: AirSupply,
 ) -> float:
-    """Pressure behind a regulator at the end of a stage.
+    """Return the pressure behind a regulator at the end of a stage.
 
-    It goes no higher than its source. A muscle with more than that is closed: its air can only be let out, and keeps
-    the walls' temperature. Whether it is closed is told by the state before (``old``), not by ``base``, which is only
+    It does not exceed its source. A muscle with a higher pressure is closed: its air can only be released, and keeps
+    the temperature of the walls. The state before (``old``) determines whether it is closed, because ``base`` is
     extrapolated.
     """
     start, before = base[PRESSURE_INDEX], base[DISTURBANCE_INDEX]
     share = gh / air.lag_time if air.lag_time > 0.0 else 1e30
     if excess_over_tank(old, air) >= 0.0:
         start, before = start + before, 0.0
-        wanted = (start / share + target) / (1.0 / share + 1.0)
-        let_out = min(0.0, max(wanted - start, -gh * air.max_rate))
-        lost = gh * leak_flow(start, air) * GAS_CONSTANT * air.temperature / volume
-        closed = (start + let_out - lost - gh * relative_volume_rate * ATMOSPHERE) / (1.0 + gh * relative_volume_rate)
+        unlimited = (start / share + target) / (1.0 / share + 1.0)
+        release = min(0.0, max(unlimited - start, -gh * air.max_rate))
+        leak_loss = gh * leak_flow(start, air) * GAS_CONSTANT * air.temperature / volume
+        closed = (start + release - leak_loss - gh * relative_volume_rate * ATMOSPHERE) / (
+            1.0 + gh * relative_volume_rate
+        )
         if closed >= source_pressure(base[DRAWN_MASS_INDEX], air):
             new[PRESSURE_INDEX], new[DISTURBANCE_INDEX], new[DRAWN_MASS_INDEX] = closed, 0.0, base[DRAWN_MASS_INDEX]
             return closed
-        # Else the muscle has grown until the tank can fill it again.
-    wanted = (start / share + target) / (1.0 / share + 1.0)
-    r = min(max(wanted, start - gh * air.max_rate), start + gh * air.max_rate)
+        # Otherwise the muscle has grown until the tank can fill it again.
+    unlimited = (start / share + target) / (1.0 / share + 1.0)
+    r = min(max(unlimited, start - gh * air.max_rate), start + gh * air.max_rate)
     new[DRAWN_MASS_INDEX] = base[DRAWN_MASS_INDEX]
-    left = source_after_regulation(r, start, before, gh, volume, relative_volume_rate, new, air)
-    if left < r:
-        low, high = left, r
-        while high - low > PRESSURE_TOLERANCE:  # the more is taken, the less is left
+    source = source_after_regulation(r, start, before, gh, volume, relative_volume_rate, new, air)
+    if source < r:
+        low, high = source, r
+        while high - low > PRESSURE_TOLERANCE:  # the source pressure falls with the mass drawn
             r = 0.5 * (low + high)
             new[DRAWN_MASS_INDEX] = base[DRAWN_MASS_INDEX]
             if source_after_regulation(r, start, before, gh, volume, relative_volume_rate, new, air) < r:
                 high = r
             else:
                 low = r
-        # The upper one, so that a muscle that is as full as its tank counts as closed.
+        # The upper bound, so that a muscle at tank pressure counts as closed.
         new[DRAWN_MASS_INDEX] = base[DRAWN_MASS_INDEX]
         source_after_regulation(high, start, before, gh, volume, relative_volume_rate, new, air)
     return new[PRESSURE_INDEX] + new[DISTURBANCE_INDEX]
@@ -257,25 +262,26 @@ def valve_rate_residual(
     new: np.ndarray,
     air: AirSupply,
 ) -> float:
-    """By how much faster [Pa/s] than the valve can the pressure would have to change to end at ``p``; rises with it.
+    """Return the excess [Pa/s] of the pressure rate that ends at ``p`` over the rate of the valve; it increases with
+    ``p``.
 
-    ``rising`` says that the valve fills; the memories of the air are left in ``new``.
+    ``is_filling`` tells whether the valve fills; ``new`` receives the air states.
     """
     per_mass = GAS_CONSTANT * air.temperature / volume
-    lost = leak_flow(p, air)
-    needed = (p - base[PRESSURE_INDEX]) / gh + (p + ATMOSPHERE) * relative_volume_rate
+    leak_loss = leak_flow(p, air)
+    required_rate = (p - base[PRESSURE_INDEX]) / gh + (p + ATMOSPHERE) * relative_volume_rate
     new[PRESSURE_INDEX] = p
     if not is_filling:
         out = mass_flow(air.exhaust_conductance, air.critical_ratio, p + ATMOSPHERE, ATMOSPHERE, air.temperature)
         new[DRAWN_MASS_INDEX] = base[DRAWN_MASS_INDEX]
-        return needed - max(-per_mass * (out + lost), -air.max_rate)
-    came = needed / per_mass + lost
-    new[DRAWN_MASS_INDEX] = base[DRAWN_MASS_INDEX] + gh * max(0.0, came)
-    room = source_pressure(new[DRAWN_MASS_INDEX], air)
+        return required_rate - max(-per_mass * (out + leak_loss), -air.max_rate)
+    inflow = required_rate / per_mass + leak_loss
+    new[DRAWN_MASS_INDEX] = base[DRAWN_MASS_INDEX] + gh * max(0.0, inflow)
+    source = source_pressure(new[DRAWN_MASS_INDEX], air)
     flow = 0.0  # a check valve lets no air go back
-    if room > p:
-        flow = mass_flow(air.fill_conductance, air.critical_ratio, room + ATMOSPHERE, p + ATMOSPHERE, air.temperature)
-    return needed - min(per_mass * (flow - lost), air.max_rate)
+    if source > p:
+        flow = mass_flow(air.fill_conductance, air.critical_ratio, source + ATMOSPHERE, p + ATMOSPHERE, air.temperature)
+    return required_rate - min(per_mass * (flow - leak_loss), air.max_rate)
 
 
 @cached_njit
@@ -288,19 +294,23 @@ def solve_valve_stage(
     new: np.ndarray,
     air: AirSupply,
 ) -> float:
-    """Pressure behind the valve at the end of a stage: where the pilot wants it, or as near as the flow allows."""
+    """Return the pressure behind the valve at the end of a stage: that of the pilot, or the nearest that the flow
+    allows.
+    """
     share = gh / air.lag_time if air.lag_time > 0.0 else 1e30
-    pushed = gh * relative_volume_rate
-    wanted = target
+    compression = gh * relative_volume_rate
+    unlimited = target
     if air.lag_time > 0.0:
-        wanted = (base[PRESSURE_INDEX] - pushed * ATMOSPHERE + share * target) / (1.0 + share + pushed)
-    lost = gh * GAS_CONSTANT * air.temperature / volume * leak_flow(wanted, air)
-    kept = (base[PRESSURE_INDEX] - pushed * ATMOSPHERE - lost) / (1.0 + pushed)  # if nothing came through the valve
-    rising = wanted >= kept
-    beyond = valve_rate_residual(wanted, rising, gh, volume, relative_volume_rate, base, new, air)
-    if (beyond <= 0.0) if rising else (beyond >= 0.0):
-        return wanted
-    low, high = (-0.99 * ATMOSPHERE, wanted) if rising else (wanted, kept)
+        unlimited = (base[PRESSURE_INDEX] - compression * ATMOSPHERE + share * target) / (1.0 + share + compression)
+    leak_loss = gh * GAS_CONSTANT * air.temperature / volume * leak_flow(unlimited, air)
+    closed_pressure = (base[PRESSURE_INDEX] - compression * ATMOSPHERE - leak_loss) / (
+        1.0 + compression
+    )  # with a closed valve
+    rising = unlimited >= closed_pressure
+    residual = valve_rate_residual(unlimited, rising, gh, volume, relative_volume_rate, base, new, air)
+    if (residual <= 0.0) if rising else (residual >= 0.0):
+        return unlimited
+    low, high = (-0.99 * ATMOSPHERE, unlimited) if rising else (unlimited, closed_pressure)
     f_low = valve_rate_residual(low, rising, gh, volume, relative_volume_rate, base, new, air)
     f_high = valve_rate_residual(high, rising, gh, volume, relative_volume_rate, base, new, air)
     side = 0
@@ -323,9 +333,9 @@ def solve_valve_stage(
             if side == -1:
                 f_high *= 0.5
             side = -1
-    found = high if f_low >= 0.0 or abs(f_high) < abs(f_low) else low
-    valve_rate_residual(found, rising, gh, volume, relative_volume_rate, base, new, air)
-    return found
+    solution = high if f_low >= 0.0 or abs(f_high) < abs(f_low) else low
+    valve_rate_residual(solution, rising, gh, volume, relative_volume_rate, base, new, air)
+    return solution
 
 
 @cached_njit
@@ -340,11 +350,13 @@ def solve_air_stage(
     law: Law,
     air: AirSupply,
 ) -> float:
-    """Pressure at the end of a stage that moves the muscle at ``v`` to ``L``; the air's memories in ``new``."""
+    """Return the pressure at the end of a stage that moves the muscle at ``v`` to ``L``; ``new`` receives the air
+    states.
+    """
     area = law.braid_length * law.braid_length - L * L  # times 4 pi N^2, as is the volume
     volume = law.n_muscles * L * area / (4.0 * math.pi * law.turns * law.turns)
     growth = (area - 2.0 * L * L) / (L * area) * v  # V'/V
-    growth = max(growth, -0.3 / gh)  # while a root is bracketed, the muscle may seem to leap
+    growth = max(growth, -0.3 / gh)  # the bracketing of a root may try very large speeds
     if air.fill_conductance > 0.0:
         return solve_valve_stage(target, gh, volume, growth, base, new, air)
     return solve_regulator_stage(target, gh, volume, growth, old, base, new, air)

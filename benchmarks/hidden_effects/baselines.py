@@ -1,8 +1,9 @@
-"""Two other ways to name a missing effect, on the same datasets, judged by the same rules.
+"""Two baseline methods that identify a missing effect on the same datasets under the same rules.
 
-``plain_bic`` is what a careful engineer does without the workflow: its catalogue, simulator and fitter, but the
-textbook's BIC decides alone. ``sindy`` is PySINDy on the force balance (:mod:`force_balance`). Both answer with what
-``verdict.json`` has of it: the verdict, effects, alternatives, and the gap on trials that no fit saw.
+``select_by_bic`` is a careful engineer's approach without the workflow: the catalogue, simulator and fit of the
+package, but the textbook BIC decides alone. ``regress_sparsely`` applies PySINDy to the force balance
+(:mod:`force_balance`). Both return the same entries as ``verdict.json``: the verdict, effects, alternatives, and the
+gap on the test trials.
 """
 
 import functools
@@ -19,25 +20,27 @@ from benchmarks.hidden_effects.force_balance import BALANCE_TERMS, CandidateEffe
 from benchmarks.hidden_effects.score import format_effect
 
 from klute_sim.datasets.dataset import Dataset, load_dataset, split_dataset
-from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment, Simulator
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
 from klute_sim.diagnosis.noise import repeats as noises
-from klute_sim.diagnosis.noise.repeats import Autocorrelation, Noise, Residuals
+from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
+from klute_sim.diagnosis.noise.repeats import Noise, Residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, select_shortlist
 from klute_sim.diagnosis.selection.screening import list_candidate_terms, screen_candidates
 from klute_sim.errors import InputError
 
 MAX_EFFECTS = 3
-"""Of plain BIC: as many as the workflow may name."""
-# Settings of the sparse regression, from datasets of a seed that no result is shown of; others do about as well there.
+"""Largest number of effects of the BIC, equal to that of the workflow."""
+# Settings of the sparse regression, chosen on datasets of an otherwise unused seed, where others perform similarly.
 THRESHOLDS = (0.2, 0.4, 0.8, 1.6)
-"""In typical sizes of the terms."""
+"""Thresholds in typical sizes of the terms."""
 RIDGE_PENALTY = 1.0
-"""A term of typical size is believed like one standard deviation."""
+"""Ridge penalty; a coefficient of typical size costs as much as one standard deviation."""
 MAX_RMS_RATIO = 1.1
-"""How much worse than the best on selection trials a sparser regression may be, as a ratio of rms."""
+"""Largest RMS on validation trials, relative to the best regression, of a sparser regression that is accepted."""
 PYSINDY_INSTALL_HINT = (
     "PySINDy is not installed: install it with 'pip install --group benchmark' (pip 25.1 or later) or "
     "'uv pip install --group benchmark'."
@@ -47,94 +50,98 @@ Verdict = dict[str, Any]
 
 
 def require_pysindy() -> None:
-    """Raise ModuleNotFoundError, with how to install it, if there is no PySINDy."""
+    """Raise ModuleNotFoundError with installation advice if PySINDy is missing."""
     if importlib.util.find_spec("pysindy") is None:
         raise ModuleNotFoundError(PYSINDY_INSTALL_HINT)
 
 
 def _as_timed_method(method: Callable[[Dataset, list[Experiment], Sequence[str]], Verdict]) -> Callable[..., Verdict]:
-    """Read the dataset for ``method`` and note the seconds; what cannot be read is refused, as the program does."""
+    """Return ``method`` as a function of the dataset folder that adds the duration and refuses unreadable datasets."""
 
     def run(folder: Path, exclude: Sequence[str] = ()) -> Verdict:
-        begin = time.perf_counter()
+        start = time.perf_counter()
         try:
             dataset = load_dataset(folder)
-            found = method(dataset, prepare_experiments(dataset, split_dataset(dataset)), exclude)
+            answer = method(dataset, prepare_experiments(dataset, split_dataset(dataset)), exclude)
         except InputError as error:
-            found = {"verdict": "insufficient-data", "effects": [], "said": str(error)}
-        return {"alternatives": [], "gap": {}, **found, "s": time.perf_counter() - begin}
+            answer = {"verdict": "insufficient-data", "effects": [], "said": str(error)}
+        return {"alternatives": [], "gap": {}, **answer, "s": time.perf_counter() - start}
 
     return functools.update_wrapper(run, method)
 
 
 @_as_timed_method
 def select_by_bic(dataset: Dataset, experiments: list[Experiment], exclude: Sequence[str]) -> Verdict:
-    """Greedy forward selection by ``sum over channels of n log(RSS / n) + k log n``, every sample counted.
+    """Greedy forward selection by ``sum over channels of n log(RSS / n) + k log n`` over all samples.
 
-    Repeats are more samples and nothing else. No selection trials, no test of what is left, no rivals. ``exclude``
-    names effects that are not looked for.
+    Repeats only add samples. There are no validation trials, no residual tests and no equivalent models. Effects in
+    ``exclude`` are not considered.
     """
-    fitted = [e for e in experiments if e.use == "fit"]
-    bench = Simulator()
+    fit_experiments = [e for e in experiments if e.use == "fit"]
+    simulator = Simulator()
     try:
-        base, evidence = _refit_base(dataset, fitted, bench)
-        current, open_ = base, list_candidate_terms(evidence, dataset.device, (), exclude)
+        base, evidence = _refit_base(dataset, fit_experiments, simulator)
+        current, candidates = base, list_candidate_terms(evidence, dataset.device, (), exclude)
         for _ in range(MAX_EFFECTS):
-            evidence = WeightedData(bench, fitted, _estimate_noise(current.residuals))
-            best = _find_best_refit(evidence, current, open_)
+            evidence = WeightedData(simulator, fit_experiments, _estimate_noise(current.residuals))
+            best = _find_best_refit(evidence, current, candidates)
             if best is None or _compute_bic(best) >= _compute_bic(current):
                 break
-            current, added = best, best.hypothesis.terms[-1]
-            open_ = [t for t in open_ if (t.effect, t.channel) != (added.effect, added.channel)]
-        shown = [e for e in experiments if e.use == "show"]
+            current, new_term = best, best.hypothesis.terms[-1]
+            candidates = [t for t in candidates if (t.effect, t.channel) != (new_term.effect, new_term.channel)]
+        test_experiments = [e for e in experiments if e.use == "test"]
         before, after = (
-            evidence.with_experiments(shown).compute_residuals(f.hypothesis, [f.x])[0] for f in (base, current)
+            evidence.with_experiments(test_experiments).compute_residuals(f.hypothesis, [f.x])[0]
+            for f in (base, current)
         )
     finally:
-        bench.close()
-    own = current.hypothesis.terms[len(base.hypothesis.terms) :]
+        simulator.close()
+    added_terms = current.hypothesis.terms[len(base.hypothesis.terms) :]
     effects = [
         {
             "name": term.effect,
             "form": term.form,
             "channel": term.channel,
             "parameters": {
-                u.key: {"value": value}
+                u.name: {"value": value}
                 for u, value in zip(current.hypothesis.parameters, current.values, strict=True)
                 if u.term_index == number
             },
         }
-        for number, term in enumerate(own)
+        for number, term in enumerate(added_terms)
     ]
     return {
-        "verdict": "named" if own else "nothing-missing",
+        "verdict": "identified" if added_terms else "nothing-missing",
         "effects": effects,
-        "gap": _compute_gap(shown, before, after),
+        "gap": _compute_gap(test_experiments, before, after),
     }
 
 
 def _refit_base(dataset: Dataset, fit_experiments: list[Experiment], simulator: Simulator) -> tuple[Fit, WeightedData]:
-    """The device without effects; channels weighed by what is left of them, in turn."""
-    plain = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), ())
+    """Fit the device without effects; its residuals weight the channels, alternately."""
+    hypothesis = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), ())
     residuals: Residuals = WeightedData(simulator, fit_experiments, {}).compute_residuals(
-        plain, [plain.initial_point()]
+        hypothesis, [hypothesis.initial_point()]
     )[0]
-    steps = plain.initial_point()
+    steps = hypothesis.initial_point()
     for _ in range(2):
         evidence = WeightedData(simulator, fit_experiments, _estimate_noise(residuals))
-        sizes = tuple((channel, each.std) for channel, each in evidence.noise.items())
-        found = fit_hypothesis(evidence, Hypothesis(plain.device, plain.uncertainties, sizes), steps)
-        residuals, steps = found.residuals, found.x
-    return found, evidence
+        deviations = tuple((channel, noise.std) for channel, noise in evidence.noise.items())
+        result = fit_hypothesis(evidence, Hypothesis(hypothesis.device, hypothesis.uncertainties, deviations), steps)
+        residuals, steps = result.residuals, result.x
+    return result, evidence
 
 
 def _join_channels(residuals: Residuals) -> dict[str, np.ndarray]:
-    channels = dict.fromkeys(channel for found in residuals for channel in found)
-    return {channel: np.concatenate([f[channel] for f in residuals if channel in f]) for channel in channels}
+    channels = dict.fromkeys(channel for residual in residuals for channel in residual)
+    return {
+        channel: np.concatenate([residual[channel] for residual in residuals if channel in residual])
+        for channel in channels
+    }
 
 
 def _estimate_noise(residuals: Residuals) -> dict[str, Noise]:
-    """The textbook's noise: what the fit leaves, every sample on its own."""
+    """Return the textbook noise: residuals of the fit, independent in every sample."""
     return {
         c: Noise(_rms(values), (Autocorrelation(1e-9, 1.0, len(values)),))
         for c, values in _join_channels(residuals).items()
@@ -142,7 +149,7 @@ def _estimate_noise(residuals: Residuals) -> dict[str, Noise]:
 
 
 def _compute_bic(candidate: Fit) -> float:
-    """BIC with a variance of each channel's own; constants left out."""
+    """Return the BIC with a separate variance of each channel, without constants."""
     joined = _join_channels(candidate.residuals).values()
     count = sum(map(len, joined))
     return sum(len(v) * np.log(np.mean(v * v)) for v in joined) + len(candidate.x) * np.log(count)
@@ -156,112 +163,120 @@ def _find_best_refit(evidence: WeightedData, current: Fit, open_terms: Sequence[
 
 @_as_timed_method
 def regress_sparsely(dataset: Dataset, experiments: list[Experiment], exclude: Sequence[str]) -> Verdict:
-    """Sparse regression (PySINDy's STLSQ) of the force that the balance lacks on :data:`force_balance.TERMS`.
+    """Sparse regression (PySINDy's STLSQ) of the missing force on :data:`force_balance.BALANCE_TERMS`.
 
-    What the device's uncertain numbers can do, within what is believed of them, is taken off first. The threshold is
-    the sparsest that selection trials hardly mind. A term whose coefficient has an impossible sign is struck and the
-    regression repeated. Terms that several effects share make the verdict ambiguous. ``exclude`` names effects that
-    are not looked for. Raises ModuleNotFoundError without PySINDy.
+    The influence of the uncertain device numbers, within their uncertainty, is projected off first. The threshold is
+    the sparsest with nearly the best RMS on validation trials. A term with a coefficient of impossible sign is removed
+    and the regression repeated. Terms of several effects make the verdict ambiguous. Effects in ``exclude`` are not
+    considered. Raises ModuleNotFoundError without PySINDy.
     """
     require_pysindy()
-    having = [e for e in experiments if {"force", "pressure"} <= e.measured.keys()]
-    measured = any("muscle_length" in e.measured for e in having)
-    trials = {use: [compute_balance(dataset, e) for e in having if e.use == use] for use in ("fit", "select", "show")}
+    usable = [e for e in experiments if {"force", "pressure"} <= e.measured.keys()]
+    measured = any("muscle_length" in e.measured for e in usable)
+    trials = {
+        use: [compute_balance(dataset, e) for e in usable if e.use == use] for use in ("fit", "validation", "test")
+    }
     if not sum(len(b.missing_force) for b in trials["fit"]):
         raise InputError("no trial has a tendon under load")
-    judges = trials["select"] or trials["fit"]
+    validation_balances = trials["validation"] or trials["fit"]
     system = RegressionSystem(trials["fit"])
-    tried = [np.zeros(len(BALANCE_TERMS)), *(system.solve_sparse(t, measured, exclude) for t in THRESHOLDS)]
-    judged = [_rms(np.concatenate(system.residuals(judges, row))) for row in tried]
-    chosen = min(
-        (row for row, size in zip(tried, judged, strict=True) if size <= MAX_RMS_RATIO * min(judged)),
+    rows = [np.zeros(len(BALANCE_TERMS)), *(system.solve_sparse(t, measured, exclude) for t in THRESHOLDS)]
+    errors = [_rms(np.concatenate(system.residuals(validation_balances, row))) for row in rows]
+    best_row = min(
+        (row for row, size in zip(rows, errors, strict=True) if size <= MAX_RMS_RATIO * min(errors)),
         key=np.count_nonzero,
     )
-    kept = [(BALANCE_TERMS[i], chosen[i]) for i in np.flatnonzero(chosen)]
-    sets = _enumerate_effect_sets([term.possible_effects(measured, exclude, steps > 0.0) for term, steps in kept])
-    before, after = ([{"force": f} for f in system.residuals(trials["show"], row)] for row in (tried[0], chosen))
+    terms = [(BALANCE_TERMS[i], best_row[i]) for i in np.flatnonzero(best_row)]
+    effect_sets = _enumerate_effect_sets(
+        [term.possible_effects(measured, exclude, steps > 0.0) for term, steps in terms]
+    )
+    before, after = ([{"force": f} for f in system.residuals(trials["test"], row)] for row in (rows[0], best_row))
     return {
-        "verdict": "ambiguous" if len(sets) > 1 else ("named" if kept else "nothing-missing"),
-        "effects": [meaning._asdict() for meaning in sets[0]],
-        "alternatives": [[format_effect(m._asdict()) for m in other] for other in sets[1:]],
-        "terms": {term.formula: term.typical_size * steps for term, steps in kept},
-        "gap": _compute_gap([b.experiment for b in trials["show"]], before, after),
+        "verdict": "ambiguous" if len(effect_sets) > 1 else ("identified" if terms else "nothing-missing"),
+        "effects": [meaning._asdict() for meaning in effect_sets[0]],
+        "alternatives": [[format_effect(m._asdict()) for m in other] for other in effect_sets[1:]],
+        "terms": {term.formula: term.typical_size * steps for term, steps in terms},
+        "gap": _compute_gap([b.experiment for b in trials["test"]], before, after),
     }
 
 
 class RegressionSystem:
-    """What the fitted trials lack, with the device's uncertain numbers taken off."""
+    """Missing force of the fit trials after projection of the uncertain device numbers."""
 
     def __init__(self, trials: Sequence[ForceBalance]) -> None:
-        """In units of the noise that repeats show; of what is lacking itself, where nothing was repeated."""
-        lacking, base, self._terms = (
+        """Set up the system in units of the noise of repeats, or of the missing force itself without repeats."""
+        missing_force, base_columns, self._terms = (
             np.concatenate([getattr(b, name) for b in trials]) for name in ("lacking", "base", "terms")
         )
-        repeated = noises.estimate_noise_from_repeats(
+        repeat_noise = noises.estimate_noise_from_repeats(
             [b.experiment for b in trials], [{"force": b.missing_force} for b in trials]
         ).values()
-        self._noise = sum(each.std / np.sqrt(each.independent_fraction) for each in repeated) or _rms(lacking)
-        self._missing_force = lacking
-        # Each number of the device is believed to one standard deviation: a row that asks for 0.
-        self._prior_rows = np.vstack([base / self._noise, np.eye(base.shape[1])])
+        self._noise = sum(noise.std / np.sqrt(noise.independent_fraction) for noise in repeat_noise) or _rms(
+            missing_force
+        )
+        self._missing_force = missing_force
+        # The prior of each device number is one standard deviation: a row with target 0.
+        self._prior_rows = np.vstack([base_columns / self._noise, np.eye(base_columns.shape[1])])
 
     def _pad_with_prior(self, columns: np.ndarray) -> np.ndarray:
         return np.vstack([columns / self._noise, np.zeros((self._prior_rows.shape[1], columns.shape[1]))])
 
     def _project_out_base(self, columns: np.ndarray) -> np.ndarray:
-        """What is left of ``columns`` [N] once the numbers of the device have taken what they can."""
+        """Return ``columns`` [N] without the part that the device numbers can reproduce."""
         basis, _ = np.linalg.qr(self._prior_rows)
         padded = self._pad_with_prior(columns)
         return padded - basis @ (basis.T @ padded)
 
     def solve_sparse(self, threshold: float, length_measured: bool, exclude: Sequence[str]) -> np.ndarray:
-        """Coefficients of all terms, in typical sizes."""
+        """Return the coefficients of all terms in typical sizes."""
         from pysindy.optimizers import STLSQ
 
         target, terms = self._project_out_base(self._missing_force[:, None]), self._project_out_base(self._terms)
-        found = np.zeros(len(BALANCE_TERMS))
-        open_ = [
+        coefficients = np.zeros(len(BALANCE_TERMS))
+        candidates = [
             i
             for i, term in enumerate(BALANCE_TERMS)
             if term.possible_effects(length_measured, exclude, is_positive=True)
         ]
-        while open_:
+        while candidates:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # that nothing is left is an answer
-                fitted = (
-                    STLSQ(threshold=threshold, alpha=RIDGE_PENALTY, unbias=False).fit(terms[:, open_], target).coef_[0]
+                warnings.simplefilter("ignore")  # an empty solution is a valid answer
+                fitted_coefficients = (
+                    STLSQ(threshold=threshold, alpha=RIDGE_PENALTY, unbias=False)
+                    .fit(terms[:, candidates], target)
+                    .coef_[0]
                 )
             impossible = {
                 i
-                for i, c in zip(open_, fitted, strict=True)
+                for i, c in zip(candidates, fitted_coefficients, strict=True)
                 if c < 0 and not BALANCE_TERMS[i].possible_effects(length_measured, exclude, False)
             }
             if not impossible:
-                found[open_] = fitted
+                coefficients[candidates] = fitted_coefficients
                 break
-            open_ = [i for i in open_ if i not in impossible]
-        return found
+            candidates = [i for i in candidates if i not in impossible]
+        return coefficients
 
     def residuals(self, trials: Sequence[ForceBalance], coefficients: np.ndarray) -> list[np.ndarray]:
-        """What ``trials`` lack [N] with the terms' coefficients in ``row`` and the device refitted beside them."""
-        rest = self._pad_with_prior((self._missing_force - self._terms @ coefficients)[:, None])[:, 0]
-        base = np.linalg.lstsq(self._prior_rows, rest, rcond=None)[0]
-        return [b.missing_force - b.base_columns @ base - b.term_columns @ coefficients for b in trials]
+        """Return the residual force [N] of ``trials`` for term ``coefficients``, with the device numbers refitted."""
+        remaining = self._pad_with_prior((self._missing_force - self._terms @ coefficients)[:, None])[:, 0]
+        base_coefficients = np.linalg.lstsq(self._prior_rows, remaining, rcond=None)[0]
+        return [b.missing_force - b.base_columns @ base_coefficients - b.term_columns @ coefficients for b in trials]
 
 
 def _enumerate_effect_sets(choices: Sequence[Sequence[CandidateEffect]]) -> list[list[CandidateEffect]]:
-    """Every way to give each term one of its meanings, as sets of effects; one empty set for no terms."""
-    found = {}
-    for picked in itertools.product(*choices):
-        named = {format_effect(m._asdict()): m for m in picked}  # two terms of one effect are one effect
-        found.setdefault(tuple(sorted(named)), list(named.values()))
-    return list(found.values())
+    """Return all assignments of one effect to each term as sets of effects; one empty set without terms."""
+    effect_sets = {}
+    for assignment in itertools.product(*choices):
+        effects = {format_effect(m._asdict()): m for m in assignment}  # terms of the same effect count once
+        effect_sets.setdefault(tuple(sorted(effects)), list(effects.values()))
+    return list(effect_sets.values())
 
 
 def _compute_gap(
     test_experiments: Sequence[Experiment], before: Residuals, after: Residuals
 ) -> dict[str, dict[str, Any]]:
-    """As in ``verdict.json``; of channels that were repeated."""
+    """Return the gap as in ``verdict.json``, for channels with repeats."""
     floors, old, new = (
         noises.estimate_noise_from_repeats(test_experiments, after),
         _join_channels(before),

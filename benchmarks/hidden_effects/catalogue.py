@@ -1,8 +1,8 @@
-"""What can be hidden in a dataset: names, forms, parameters; and how they enter the law.
+"""Effects that can be hidden in a dataset: names, forms, parameters, and their entry into the law.
 
-The names, units, ranges and typical sizes of the ``EFFECTS`` are those of the program's public catalogue;
-``OTHER_FORMS`` are functional forms that are in no catalogue. ``neutral`` is the value at which a parameter does
-nothing, or ``None`` for a parameter that only shapes an effect (a time constant, a reach).
+Names, units, ranges and typical sizes of ``EFFECTS`` equal those of the public catalogue. ``OTHER_FORMS`` are
+functional forms that are in no catalogue. ``neutral`` is the value without effect, or ``None`` for a parameter that
+only shapes an effect (a time constant, a reach).
 """
 
 import math
@@ -26,7 +26,7 @@ class HiddenParameter(NamedTuple):
     typical: float
     neutral: float | None = 0.0
     is_signed: bool = False
-    """Whether the effect may go either way from neutral."""
+    """Whether the parameter may deviate from neutral in both directions."""
 
 
 Forms = dict[tuple[str, str], dict[str, HiddenParameter]]
@@ -119,10 +119,10 @@ BODY_EFFECTS: Forms = {
     },
     ("socket_pistoning", "axial"): {"compliance_mm_per_kn": HiddenParameter(0, 60, 10)},
 }
-"""Of foot, ankle and socket: they show on walks."""
+"""Effects of foot, ankle and socket, which show in gait."""
 
 VALVE_EFFECTS = {"leak"}
-"""Effects that a regulator makes up for: they are hidden in a device that is known to have a valve."""
+"""Effects that a regulator compensates; they are hidden in a device with a known valve."""
 KNOWN_VALVE: dict[str, Any] = {
     "name": "choked_valve",
     "form": "symmetric",
@@ -161,7 +161,7 @@ OTHER_FORMS: Forms = {
 
 
 class Channel(NamedTuple):
-    """A measured channel: its unit, and in that unit its noise rms and the typical faults of its instrument."""
+    """A measured channel: unit, RMS noise, and typical faults of its instrument in that unit."""
 
     unit: str
     noise: float
@@ -187,7 +187,7 @@ GAIT_CHANNELS = {
 
 
 def instrument_forms(channel: str) -> Forms:
-    """Faults of the instrument on ``channel``; offsets, drifts and steps are in the channel's unit."""
+    """Return the instrument faults of ``channel``; offsets, drifts and steps are in its unit."""
     _, _, gain, offset, drift, step = {**GAIT_CHANNELS, **BENCH_CHANNELS}[channel]
     return {
         ("sensor_gain", "gain"): {"gain": HiddenParameter(0.8, 1.2, gain, 1.0, True)},
@@ -211,65 +211,65 @@ RELATIVE_UNCERTAINTIES: dict[str, float] = {
 
 
 def load_device(path: Path = PRESET_FILE) -> dict[str, float]:
-    """Numbers of a device file as ``table.key``, in the units of the keys."""
+    """Return the numbers of a device file as ``table.key`` in the units of the keys."""
     document = tomllib.loads(path.read_text("utf-8"))
-    words = {"sources", "effects"}
-    tables = {name: table for name, table in document.items() if isinstance(table, dict) and name not in words}
+    non_numeric = {"sources", "effects"}
+    tables = {name: table for name, table in document.items() if isinstance(table, dict) and name not in non_numeric}
     return {f"{name}.{key}": float(value) for name, table in tables.items() for key, value in table.items()}
 
 
 def build_neutral_law(device: Mapping[str, float]) -> tuple[Law, AirSupply]:
-    """The device without hidden effects, in SI."""
+    """Return the device without hidden effects in SI units."""
 
-    def get(key: str, factor: float = 1.0) -> float:
+    def get_si(key: str, factor: float = 1.0) -> float:
         return device[key] * factor
 
-    rest = get("muscle.resting_length_mm", 1e-3)
-    turns = get("muscle.turns_per_m") * rest
-    outer = get("muscle.bladder_radius_mm", 1e-3)
-    inner = outer - get("muscle.bladder_thickness_mm", 1e-3)
-    bore, density = get("damper.bore_mm", 1e-3), get("damper.oil_density_kg_m3")
+    resting_length = get_si("muscle.resting_length_mm", 1e-3)
+    turns = get_si("muscle.turns_per_m") * resting_length
+    outer = get_si("muscle.bladder_radius_mm", 1e-3)
+    inner = outer - get_si("muscle.bladder_thickness_mm", 1e-3)
+    bore, density = get_si("damper.bore_mm", 1e-3), get_si("damper.oil_density_kg_m3")
 
-    def orifice(key: str) -> float:  # inverse of (4.6), with the design's discharge coefficient of 1
-        ratio = bore / get(key, 1e-3)
+    def orifice(key: str) -> float:  # inverse of (4.6) with a discharge coefficient of 1
+        ratio = bore / get_si(key, 1e-3)
         return math.pi * bore**2 / 4 * density / 2 * (ratio**4 - 1.0)
 
     law = Law(
-        n_muscles=get("muscle.count"),
-        resting_length=rest,
-        braid_length=get("muscle.braid_length_ratio") * rest,
+        n_muscles=get_si("muscle.count"),
+        resting_length=resting_length,
+        braid_length=get_si("muscle.braid_length_ratio") * resting_length,
         turns=turns,
         bladder_gain=math.pi * (outer**2 - inner**2),
-        hoop_factor=(rest / (2 * math.pi * turns * outer)) ** 2,
+        hoop_factor=(resting_length / (2 * math.pi * turns * outer)) ** 2,
         outer_radius=outer,
         inner_radius=inner,
-        c10=get("muscle.c10_kpa", 1e3),
-        c01=get("muscle.c01_kpa", 1e3),
-        friction_slope=get("muscle.friction_slope_n_per_bar", 1 / BAR),
-        friction_offset=get("muscle.friction_offset_n"),
+        c10=get_si("muscle.c10_kpa", 1e3),
+        c01=get_si("muscle.c01_kpa", 1e3),
+        friction_slope=get_si("muscle.friction_slope_n_per_bar", 1 / BAR),
+        friction_offset=get_si("muscle.friction_offset_n"),
         damping_in=orifice("damper.orifice_concentric_mm"),
         damping_out=orifice("damper.orifice_eccentric_mm"),
-        slack=get("tendon.slack_length_mm", 1e-3),
-        stiffness_1=get("tendon.stiffness_1_n_per_mm", 1e3),
-        stiffness_2=get("tendon.stiffness_2_n_per_mm", 1e3),
-        engagement=get("tendon.engagement_mm", 1e-3),
+        slack=get_si("tendon.slack_length_mm", 1e-3),
+        stiffness_1=get_si("tendon.stiffness_1_n_per_mm", 1e3),
+        stiffness_2=get_si("tendon.stiffness_2_n_per_mm", 1e3),
+        engagement=get_si("tendon.engagement_mm", 1e-3),
         **dict.fromkeys(Law._fields[Law._fields.index("coulomb_slope") :], 0.0),
     )
     divisors = ("slip_stiffness", "bouc_stiffness", "softening_energy", "relax_time", "stribeck_speed", "tendon_time")
     divisors += ("dahl_reach", "play_reach", "lugre_speed", "lugre_reach")
     law = law._replace(**dict.fromkeys(divisors, 1.0))
     air = AirSupply(
-        supply_pressure=get("supply.pressure_bar", BAR),
-        max_rate=get("supply.rate_bar_per_s", BAR),
+        supply_pressure=get_si("supply.pressure_bar", BAR),
+        max_rate=get_si("supply.rate_bar_per_s", BAR),
         **dict.fromkeys(AirSupply._fields[2:], 0.0),
     )
-    warm = device["supply.gas_temperature_c"] + 273.15
-    air = air._replace(gain=1.0, damping_ratio=1.0, temperature=warm, exponent=1.0)
+    temperature = device["supply.gas_temperature_c"] + 273.15
+    air = air._replace(gain=1.0, damping_ratio=1.0, temperature=temperature, exponent=1.0)
     return law, air
 
 
 def add_effects(law: Law, air: AirSupply, effects: Sequence[Mapping[str, Any]]) -> tuple[Law, AirSupply]:
-    """The same device with ``effects`` in it, each ``{"name", "form", "parameters"}``."""
+    """Return the device with ``effects``, each ``{"name", "form", "parameters"}``."""
     for effect in effects:
         key, p = (effect["name"], effect["form"]), effect["parameters"]
         expected = {**EFFECTS, **OTHER_FORMS}.get(key)
@@ -281,11 +281,11 @@ def add_effects(law: Law, air: AirSupply, effects: Sequence[Mapping[str, Any]]) 
             if not expected[name].low <= value <= expected[name].high and value != expected[name].neutral:
                 raise ValueError(f"{key[0]}/{key[1]}: {name} = {value} outside its range")
         law, air = _apply_effect(law, air, key, p)
-    if air.fill_conductance > 0.0:  # behind a valve there is no regulator that makes up for what the motion does
+    if air.fill_conductance > 0.0:  # behind a valve, no regulator compensates the motion
         air = air._replace(recovery_time=0.0, exponent=1.0)
     if is_coupled_to_motion(air) and air.natural_frequency > 0.0:
         raise ValueError("second-order dynamics are for a pressure that does not depend on the motion")
-    # Floats only: an integer would be another type to the compiled functions, and compile them again.
+    # Floats only: an integer type would recompile the compiled functions.
     return Law(*map(float, law)), AirSupply(*map(float, air))
 
 
@@ -385,7 +385,7 @@ def _apply_effect(
 
 
 def _apply_supply_effect(air: AirSupply, key: tuple[str, str], parameters: Mapping[str, float]) -> AirSupply:
-    """The same for what couples the pressure to the motion."""
+    """Apply an effect that couples the pressure to the motion."""
     match key:
         case ("choked_valve", "symmetric"):
             air = _add_valve(air, parameters["resistance_s_bar_per_dm3"], 1.0, parameters["critical_ratio"])
@@ -410,9 +410,9 @@ def _apply_supply_effect(air: AirSupply, key: tuple[str, str], parameters: Mappi
 
 
 def _add_valve(air: AirSupply, resistance: float, exhaust_factor: float, critical_ratio: float) -> AirSupply:
-    """A valve whose resistance to exhaust is ``factor`` times that to fill.
+    """Return the supply with a valve whose exhaust resistance is ``exhaust_factor`` times its fill resistance.
 
-    Conductances are the resistances' inverses; 1 dm3/(s bar) is 1e-8 m3/(s Pa).
+    Conductances are the inverses of the resistances; 1 dm3/(s bar) is 1e-8 m3/(s Pa).
     """
     if resistance == 0.0:
         return air

@@ -1,12 +1,12 @@
-"""The force balance of a measured trial: what muscle and damper lack in it, and what that may be made of.
+"""Force balance of a measured trial: the force that muscle and damper of the nominal device lack, and candidate terms.
 
-The tendon is in series with muscle and damper, so these pull what the load cell shows. With pressure and muscle length
-measured (or the length inferred from the force by the tendon's law, where nobody measured it), what is ``lacking`` is
-the force shown less the force by the nominal device's law. :data:`TERMS` are functions of the same signals. Each
-belongs to one effect by its physics, or to several that ask for the same force.
+The tendon is in series with muscle and damper, so their force is that of the load cell. With measured pressure and
+muscle length (or the length inferred from the force by the tendon law), the ``missing_force`` is the measured force
+less that of the nominal device. :data:`BALANCE_TERMS` are functions of the same signals. Each belongs to one effect, or
+to several that require the same force.
 
-Blind by construction: what comes before the measured pressure (lag, dead time, regulator), readings that are late, and
-the tendon where the muscle's length is measured.
+The balance cannot detect effects before the measured pressure (lag, dead time, regulator), delayed readings, and the
+tendon where the muscle length is measured.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,131 +19,132 @@ from scipy.signal import lfilter
 
 from klute_sim.datasets.dataset import Dataset
 from klute_sim.datasets.trial import Series
-from klute_sim.device.dynamics import ZERO_INTERNAL_STATE, DeviceParameters, compute_muscle_damper_force
-from klute_sim.diagnosis.experiments.base import Array, Experiment
+from klute_sim.device.dynamics import ZERO_INTERNAL_STATE, DeviceParameters, compute_muscle_force
+from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.laws import damper, mckibben, tendon
+from klute_sim.types import Array
 from klute_sim.units import BAR
 
 MIN_TAUT_FORCE = 30.0
-"""Force [N] below which the tendon may be slack and tells no length."""
+"""Force [N] below which the tendon may be slack and does not determine a length."""
 STOP_CLEARANCE = 3e-4
-"""Distance from the muscle's resting length [m] below which the stop may carry part of the force."""
+"""Distance from the resting length [m] below which the stop may carry part of the force."""
 SIGN_SPEED = 1e-3
-"""Speed [m/s] over which the sign of a velocity turns round."""
+"""Speed [m/s] over which the sign of a velocity changes smoothly."""
 RELAXATION_TIME = 1.0
-"""Time constant [s] of a relaxing bladder: the typical one, because a linear regression cannot find it."""
+"""Time constant [s] of a relaxing bladder: the typical value, because a linear regression cannot determine it."""
 
 
 @dataclass(frozen=True, eq=False)
 class BalanceSignals:
-    """What is known at the samples of the force, as ``parameters`` see it [SI]."""
+    """Signals at the samples of the force in SI units, for the device with ``parameters``."""
 
     parameters: DeviceParameters
     time: Array
-    """Since the beginning of the trial."""
+    """Time since the start of the trial [s]."""
     unit_length: Array
     force: Array
     pressure: Array
     measured_length: Array | None
-    """Of the muscle."""
+    """Measured muscle length [m]; None if it was not measured."""
 
     @cached_property
     def stretch(self) -> Array:
-        """Of the tendon [m], by its law."""
+        """Return the tendon stretch [m] by its law."""
         return np.array([tendon.stretch_at_tension(self.parameters.tendon, max(0.0, f)) for f in self.force.tolist()])
 
     @cached_property
     def length(self) -> Array:
-        """Of the muscle [m]."""
+        """Return the muscle length [m]."""
         if self.measured_length is not None:
             return self.measured_length
         return self.unit_length - self.parameters.tendon.slack_length - self.stretch
 
     @cached_property
     def velocity(self) -> Array:
-        """Of the muscle's length [m/s].
+        """Return the rate of the muscle length [m/s] by central differences.
 
-        By central differences: a wider window of Savitzky and Golay blurs the corners by more force than it saves in
-        noise (on clean data at 200 Hz 8 N rms are left with 3 samples, 10 with 5, 15 with 7).
+        A wider Savitzky-Golay window smooths the corners by more force than it saves in noise: on clean data at 200 Hz,
+        8 N RMS remain with 3 samples, 10 with 5 and 15 with 7.
         """
         return np.gradient(self.length, self.time)
 
     def model_force(self, pressure_offset: float = 0.0, length_offset: float = 0.0) -> Array:
-        """Force [N] of muscle and damper, with so much added to pressure [Pa] and length [m]."""
+        """Return the force [N] of muscle and damper with offsets of pressure [Pa] and length [m]."""
         rows = zip(
             (self.pressure + pressure_offset).tolist(),
             (self.length + length_offset).tolist(),
             self.velocity.tolist(),
             strict=True,
         )
-        return np.array([compute_muscle_damper_force(self.parameters, ZERO_INTERNAL_STATE, *row) for row in rows])
+        return np.array([compute_muscle_force(self.parameters, ZERO_INTERNAL_STATE, *row) for row in rows])
 
     @cached_property
     def is_usable(self) -> np.ndarray:
-        """Where neither a slack tendon nor a stop is in the balance."""
+        """Return where neither a slack tendon nor a stop affects the balance."""
         return (self.force > MIN_TAUT_FORCE) & (self.length < self.parameters.muscle.resting_length - STOP_CLEARANCE)
 
     @cached_property
     def total_pressure_bar(self) -> Array:
-        """Pressure of all muscles together [bar]."""
+        """Return the pressure times the number of muscles [bar]."""
         return self.parameters.muscle.n_actuators * self.pressure / BAR
 
     @cached_property
     def contraction(self) -> Array:
-        """``1 - L/L0``."""
+        """Return ``1 - L/L0``."""
         return 1.0 - self.length / self.parameters.muscle.resting_length
 
     @cached_property
     def force_per_bar(self) -> Array:
-        """Slope of the law with pressure [N/bar]."""
+        """Return the derivative of the force with pressure [N/bar]."""
         return (self.model_force(pressure_offset=1e3) - self.model_force(pressure_offset=-1e3)) / 2e3 * BAR
 
     @cached_property
     def force_per_mm(self) -> Array:
-        """Slope of the law with muscle length [N/mm]."""
+        """Return the derivative of the force with muscle length [N/mm]."""
         return (self.model_force(length_offset=1e-5) - self.model_force(length_offset=-1e-5)) / 2e-2
 
     @cached_property
     def gas_force(self) -> Array:
-        """Gas tension [N]."""
+        """Return the gas tension [N]."""
         rows = zip(self.pressure.tolist(), self.length.tolist(), strict=True)
         return np.array([mckibben.gas_force(self.parameters.muscle, *row) for row in rows])
 
     @cached_property
     def damper_force(self) -> Array:
-        """Damper tension [N]."""
+        """Return the damper tension [N]."""
         return np.array([damper.force(self.parameters.damper, v) for v in self.velocity.tolist()])
 
     @cached_property
     def compliant_stretch_mm(self) -> Array:
-        """Millimetres that the tendon would give if it pulled as much again, by its slope."""
-        more = np.array(
+        """Return the tendon stretch under its current force at its current slope [mm]."""
+        increased_stretch = np.array(
             [tendon.stretch_at_tension(self.parameters.tendon, max(0.0, f) + 1.0) for f in self.force.tolist()]
         )
-        return 1e3 * (more - self.stretch) * self.force
+        return 1e3 * (increased_stretch - self.stretch) * self.force
 
     @cached_property
     def unrelaxed_length_mm(self) -> Array:
-        """Muscle length less the length that the bladder has relaxed to [mm]."""
-        keep = float(np.exp(-np.median(np.diff(self.time)) / RELAXATION_TIME))
-        first = self.length[0]
-        relaxed, _ = lfilter([1.0 - keep], [1.0, -keep], self.length, zi=[keep * first])
+        """Return the muscle length less the relaxed length of the bladder [mm]."""
+        decay = float(np.exp(-np.median(np.diff(self.time)) / RELAXATION_TIME))
+        initial_length = self.length[0]
+        relaxed, _ = lfilter([1.0 - decay], [1.0, -decay], self.length, zi=[decay * initial_length])
         return 1e3 * (self.length - relaxed)
 
     def cone_force_per_mm(self) -> Array:
-        """Gas tension lost per millimetre of conical tip [N/mm]: ``n P 2 (4/3) L / (4 pi N^2)``."""
+        """Return the gas tension lost per millimetre of conical tip [N/mm]: ``n P 2 (4/3) L / (4 pi N^2)``."""
         turns = self.parameters.muscle.braid_turns
         return self.total_pressure_bar * BAR * 2.0 * (4.0 / 3.0 * 1e-3) * self.length / (4.0 * np.pi * turns * turns)
 
 
 def smooth_sign(velocity: Array) -> Array:
-    """Direction of motion, smooth around rest."""
+    """Return the direction of motion, smooth around rest."""
     return velocity / np.hypot(velocity, SIGN_SPEED)
 
 
 class CandidateEffect(NamedTuple):
-    """An effect that asks for a term's force."""
+    """An effect that requires the force of a term."""
 
     name: str
     form: str
@@ -151,22 +152,22 @@ class CandidateEffect(NamedTuple):
 
 
 class BalanceTerm(NamedTuple):
-    """A function of the signals, with a coefficient to be found."""
+    """A function of the signals with an unknown coefficient."""
 
     formula: str
     typical_size: float
-    """Of the coefficient, typically, in the unit of the effect's parameter."""
+    """Typical coefficient in the unit of the parameter of the effect."""
     evaluate_force: Callable[[BalanceSignals], Array]
-    """[N] per unit of the coefficient."""
+    """Force [N] per unit of the coefficient."""
     candidates: tuple[CandidateEffect, ...]
 
     def possible_effects(
         self, length_measured: bool, exclude: Sequence[str], is_positive: bool
     ) -> list[CandidateEffect]:
-        """Effects that may be meant.
+        """Return the effects that the term may represent.
 
-        A fault of an instrument may have either sign, an effect on the device only a ``positive`` coefficient. The
-        tendon is in the balance only where the muscle's length is not ``measured``; otherwise that instrument is.
+        An instrument fault may have either sign, an effect of the device only a positive coefficient. The tendon is in
+        the balance only where the muscle length is not measured; otherwise its instrument is.
         """
         return [
             m
@@ -185,7 +186,7 @@ BALANCE_TERMS = (
         lambda s: s.total_pressure_bar * smooth_sign(s.velocity),
         (CandidateEffect("braid_hysteresis", "coulomb"),),
     ),
-    # Below its transition speed an orifice is linear, so a small one of the two cannot be told from the other.
+    # Below its transition speed an orifice is linear, so the two effects are indistinguishable.
     BalanceTerm(
         "n v",
         150.0,
@@ -243,7 +244,7 @@ BALANCE_TERMS = (
         lambda s: -s.time * s.force_per_mm,
         (CandidateEffect("sensor_drift", "linear", "muscle_length"),),
     ),
-    # By the law, because the force shown is in what is to be explained.
+    # By the law, because the measured force is part of the missing force.
     BalanceTerm("F_law", 0.05, lambda s: s.model_force(), (CandidateEffect("sensor_gain", "linear", "force"),)),
     BalanceTerm("1", 15.0, lambda s: np.ones_like(s.force), (CandidateEffect("sensor_offset", "linear", "force"),)),
     BalanceTerm("t", 4.0, lambda s: s.time, (CandidateEffect("sensor_drift", "linear", "force"),)),
@@ -257,35 +258,37 @@ BALANCE_TERMS = (
         "-t dF/dp", 0.02, lambda s: -s.time * s.force_per_bar, (CandidateEffect("sensor_drift", "linear", "pressure"),)
     ),
 )
-"""Sizes are those of the catalogue; of an instrument's fault, what its sheet might allow."""
+"""Terms with the typical sizes of the catalogue, and for instrument faults the tolerance of a data sheet."""
 
 
 class ForceBalance(NamedTuple):
-    """The balance of one trial, where it can be made up."""
+    """Balance of one trial where it can be evaluated."""
 
     experiment: Experiment
-    """Its one channel is ``lacking``, called force."""
+    """Experiment whose only channel, named force, is the missing force."""
     missing_force: Array
-    """[N]"""
+    """Missing force [N]."""
     base_columns: Array
-    """(samples, uncertain numbers of the device) [N] per standard deviation."""
+    """Derivatives [N] per standard deviation, shape (samples, uncertain numbers)."""
     term_columns: Array
-    """(samples, :data:`TERMS`) [N] per typical size."""
+    """Forces [N] per typical size, shape (samples, :data:`BALANCE_TERMS`)."""
 
 
 def compute_balance(dataset: Dataset, experiment: Experiment) -> ForceBalance:
-    """Make up the balance of a trial that has force and pressure."""
+    """Return the balance of a trial with force and pressure."""
     hypothesis = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), ())
     rows = [hypothesis.initial_point(), *np.eye(hypothesis.n_device_parameters)]
     devices = [hypothesis.build_setups(row, [experiment])[0].parameters for row in rows]
-    nominal, *moved = (_extract_signals(device, experiment) for device in devices)
-    lacking = nominal.force - nominal.model_force()
-    base = [lacking - (each.force - each.model_force()) for each in moved]
-    terms = [term.typical_size * term.evaluate_force(nominal) for term in BALANCE_TERMS]
-    use = nominal.is_usable
-    time = experiment.start_time + nominal.time[use]
-    alone = replace(experiment, measured={"force": Series(time, lacking[use])})
-    return ForceBalance(alone, lacking[use], np.array(base).T[use], np.array(terms).T[use])
+    nominal, *perturbed = (_extract_signals(device, experiment) for device in devices)
+    missing_force = nominal.force - nominal.model_force()
+    base_columns = [missing_force - (signals.force - signals.model_force()) for signals in perturbed]
+    term_columns = [term.typical_size * term.evaluate_force(nominal) for term in BALANCE_TERMS]
+    usable = nominal.is_usable
+    time = experiment.start_time + nominal.time[usable]
+    reduced_experiment = replace(experiment, measured={"force": Series(time, missing_force[usable])})
+    return ForceBalance(
+        reduced_experiment, missing_force[usable], np.array(base_columns).T[usable], np.array(term_columns).T[usable]
+    )
 
 
 def _extract_signals(parameters: DeviceParameters, experiment: Experiment) -> BalanceSignals:

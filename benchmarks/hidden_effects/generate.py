@@ -1,9 +1,9 @@
-"""Write synthetic measurements whose truth is known, and sealed.
+"""Generate synthetic measurements with known, separately stored ground truth.
 
-    python benchmarks/hidden_effects/generate.py OUT --block single --count 20 --seed 1
+    python -m benchmarks.hidden_effects.generate OUT --block single --count 20 --seed 1
 
-Each dataset is a folder in the documented format of measured datasets; its truth lies beside it, never in it, as
-``<folder>.truth.json``. A dataset whose truth exists is complete and is not made again.
+Each dataset is a folder in the documented format of measured datasets. Its ground truth is beside the folder in
+``<folder>.truth.json``. A dataset with ground truth is complete and is not generated again.
 """
 
 import argparse
@@ -48,14 +48,14 @@ COLUMN_UNITS = {"time": "s", "length": "mm", "pressure_command": "bar"} | {
 
 
 def draw_true_base(rng: np.random.Generator, device: Mapping[str, float]) -> dict[str, float]:
-    """The device as it really is: uncertain keys drawn around nominal, no further than two standard deviations."""
-    true = dict(device)
-    for key, share in RELATIVE_UNCERTAINTIES.items():
+    """Return the actual device: uncertain numbers drawn around nominal within two standard deviations."""
+    numbers = dict(device)
+    for key, fraction in RELATIVE_UNCERTAINTIES.items():
         z = rng.normal()
         while abs(z) > 2.0:
             z = rng.normal()
-        true[key] = device[key] * (1.0 + share * z)
-    return true
+        numbers[key] = device[key] * (1.0 + fraction * z)
+    return numbers
 
 
 def make_dataset(
@@ -75,13 +75,12 @@ def make_dataset(
     truth: Path | None = None,
     device_file: Path = PRESET_FILE,
 ) -> dict[str, Any]:
-    """Write the dataset ``folder`` and its truth file; return the truth.
+    """Write the dataset ``folder`` and its ground truth; return the ground truth.
 
-    Base parameters, inputs and noise depend on ``seed`` only, not on the effects: the same seed with another effect is
-    the same bench on the same day. What has a ``wanted`` size gets it. ``deleted`` effects are to be looked for with a
-    catalogue that lacks them. ``known`` are effects that the dataset's device file has, for everybody to see.
-    ``muscle_length`` says whether that channel is recorded; by default in a third of the datasets, and where an
-    instrument fault needs it. ``truth`` defaults to ``<folder>.truth.json``.
+    Device, inputs and noise depend on ``seed`` only, so the same seed with another effect is the same bench. Effects
+    with a ``wanted`` size are scaled to it. ``deleted`` effects are removed from the catalogue of the diagnosis.
+    ``known`` effects are in the device file. ``muscle_length`` selects that channel; by default it is recorded in a
+    third of the datasets and where a fault requires it. ``truth`` defaults to ``<folder>.truth.json``.
     """
     if defect is not None and defect not in DEFECTS:
         raise ValueError(f"defect {defect!r} is none of {', '.join(DEFECTS)}")
@@ -89,47 +88,47 @@ def make_dataset(
     child = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
     device = load_device(device_file)
     base = draw_true_base(child[0], device)
-    bench = generate_programs(child[1])
-    drawn = child[2].random() < 1 / 3
-    needed = any(fault["channel"] == "muscle_length" for fault in instruments)
-    recorded = ["force", "pressure"]
-    if needed or (drawn if muscle_length is None else muscle_length):
-        recorded.append("muscle_length")
+    programs = generate_programs(child[1])
+    is_recorded = child[2].random() < 1 / 3
+    is_required = any(fault["channel"] == "muscle_length" for fault in instruments)
+    recorded_channels = ["force", "pressure"]
+    if is_required or (is_recorded if muscle_length is None else muscle_length):
+        recorded_channels.append("muscle_length")
     if defect == "no_excitation":
-        bench = [hold_still(program) for program in bench]
+        programs = [hold_still(program) for program in programs]
 
-    plain = add_effects(*build_neutral_law(base), known)
+    neutral = add_effects(*build_neutral_law(base), known)
     hidden = Hidden(effects, instruments, strangers)
     size = 0.0
-    if any("wanted" in each for every in hidden for each in every):
-        scale = EffectSizer(base, device, bench, recorded, noise, known)
-        hidden = Hidden(*([scale.scale_effect(each) for each in every] for every in hidden))
+    if any("wanted" in effect for group in hidden for effect in group):
+        scale = EffectSizer(base, device, programs, recorded_channels, noise, known)
+        hidden = Hidden(*([scale.scale_effect(effect) for effect in group] for group in hidden))
         size = scale.measure_size(hidden)
     tables: dict[str, dict[str, np.ndarray]] = {}
-    trials, seen = [], {name: [] for name in recorded}
-    for program in bench:
+    trials, differences = [], {name: [] for name in recorded_channels}
+    for program in programs:
         for repeat in "a" if defect == "no_repeats" else ascii_lowercase[:repeats]:
-            slow = draw_wander(child[3], round(program.duration / AIR_STEP) + 1, noise.wander)
-            told = simulate_measurements(program, plain, hidden, slow)
-            shown = {name: quantise(name, values, hidden.instruments) for name, values in told.items()}
+            wander = draw_wander(child[3], round(program.duration / AIR_STEP) + 1, noise.wander)
+            signals = simulate_measurements(program, neutral, hidden, wander)
+            displayed = {name: quantise(name, values, hidden.instruments) for name, values in signals.items()}
             if repeat == "a" and any(hidden):
-                without = simulate_measurements(program, plain, Hidden(), slow)
-                for name in recorded:
-                    seen[name].append((shown[name] - without[name])[::DECIMATION_FACTOR])
+                reference = simulate_measurements(program, neutral, Hidden(), wander)
+                for name in recorded_channels:
+                    differences[name].append((displayed[name] - reference[name])[::DECIMATION_FACTOR])
             tables[f"{program.name}_{repeat}.csv"] = record_trial(
-                child[3], program, told, noise, recorded, hidden.instruments
+                child[3], program, signals, noise, recorded_channels, hidden.instruments
             )
             trials.append((f"{program.name}_{repeat}.csv", program.name, program.use))
     if defect is not None:
         _apply_defect(tables, defect)
 
-    floor = {name: getattr(noise, name) or BENCH_CHANNELS[name].noise for name in recorded}
-    raw = {name: _rms(np.concatenate(d)) / floor[name] if d else 0.0 for name, d in seen.items()}
-    worst = max(raw, key=lambda name: raw[name])
-    sealed = {
+    noise_levels = {name: getattr(noise, name) or BENCH_CHANNELS[name].noise for name in recorded_channels}
+    raw_sizes = {name: _rms(np.concatenate(d)) / noise_levels[name] if d else 0.0 for name, d in differences.items()}
+    most_affected = max(raw_sizes, key=lambda name: raw_sizes[name])
+    ground_truth = {
         "seed": seed,
         "block": block,
-        **{kind: list(every) for kind, every in hidden._asdict().items()},
+        **{kind: list(group) for kind, group in hidden._asdict().items()},
         "deleted": deleted,
         "repeats": repeats,
         **({"known": list(known)} if known else {}),
@@ -137,14 +136,16 @@ def make_dataset(
         "base": {key: base[key] for key in RELATIVE_UNCERTAINTIES},
         "nominal": {key: device[key] for key in RELATIVE_UNCERTAINTIES},
         "size": size,
-        "raw_size": raw[worst],
-        "most_affected": worst if raw[worst] > 0.0 else None,
-        "raw_size_by_channel": raw,
+        "raw_size": raw_sizes[most_affected],
+        "most_affected": most_affected if raw_sizes[most_affected] > 0.0 else None,
+        "raw_size_by_channel": raw_sizes,
         "noise": noise._asdict(),
-        "groups": {program.name: program.use for program in bench},
+        "groups": {program.name: program.use for program in programs},
     }
-    _write_dataset(Path(folder), truth or Path(f"{folder}.truth.json"), tables, trials, device_file, known, sealed)
-    return sealed
+    _write_dataset(
+        Path(folder), truth or Path(f"{folder}.truth.json"), tables, trials, device_file, known, ground_truth
+    )
+    return ground_truth
 
 
 def _rms(values: np.ndarray) -> float:
@@ -159,14 +160,14 @@ def record_trial(
     recorded_channels: list[str],
     instruments: Effects,
 ) -> dict[str, np.ndarray]:
-    """The columns of one trial: inputs as they were logged, and what was ``reported`` with its noise, as displayed."""
+    """Return the columns of one trial: logged inputs, and ``signals`` with noise as displayed."""
     n = len(program.command)
     table = {
         "time": np.arange(n) / 200.0,
         "length": program.length[::DECIMATION_FACTOR] * 1e3 + rng.normal(0.0, noise.logged_length, n),
         "pressure_command": program.command / 1e5 + rng.normal(0.0, noise.logged_command, n),
     }
-    for name in BENCH_CHANNELS:  # drawn for all, so that a channel left out changes no other
+    for name in BENCH_CHANNELS:  # drawn for all channels, so that omitting one does not change the others
         values = signals[name][::DECIMATION_FACTOR] + draw_coloured_noise(rng, n, getattr(noise, name))
         if name in recorded_channels:
             table[name] = quantise(name, values, instruments)
@@ -197,10 +198,10 @@ def _write_dataset(
     known: Effects,
     ground_truth: Mapping[str, Any],
 ) -> None:
-    """Data first, under another name until it is whole; the truth last, as the sign that all is there."""
+    """Write the data under a temporary name, rename it, and write the ground truth last to mark completion."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     device = "device.toml" if known else device_file.stem
-    lines = ['format = "klute-sim-dataset/1"', 'rig = "bench"', f'device = "{device}"', "", "[uncertain]"]
+    lines = ['format = "klute-sim-dataset/2"', 'rig = "bench"', f'device = "{device}"', "", "[uncertain]"]
     lines += [f'"{key}" = "{share * 100:g} %"' for key, share in RELATIVE_UNCERTAINTIES.items()]
     for file, group, use in trials:
         lines += ["", "[[trial]]", f'files = ["{file}"]', f'group = "{group}"', f'use = "{use}"']
@@ -222,7 +223,7 @@ def _write_dataset(
 
 
 def format_table(table: Mapping[str, np.ndarray]) -> str:
-    """A trial file with the columns of ``table``."""
+    """Return the text of a trial file with the columns of ``table``."""
     header = ",".join(f"{name} [{COLUMN_UNITS[name]}]" for name in table)
     columns = [[f"{value:.{COLUMN_DECIMALS[name]}f}" for value in values] for name, values in table.items()]
     rows = [",".join(row) for row in zip(*columns, strict=True)]
@@ -230,7 +231,7 @@ def format_table(table: Mapping[str, np.ndarray]) -> str:
 
 
 def _format_effect_sections(known: Effects) -> str:
-    """``known`` effects in the format of device files."""
+    """Return ``known`` effects in the format of device files."""
     lines = []
     for effect in known:
         lines += ["", f"[effects.{effect['name']}]", f'form = "{effect["form"]}"']
@@ -239,7 +240,7 @@ def _format_effect_sections(known: Effects) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Write a block of datasets."""
+    """Generate a block of datasets."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder that will hold the datasets")
     parser.add_argument(
@@ -254,7 +255,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     specs = plan_datasets(options.block, options.count, options.seed, typical=options.typical)
     if options.truth is not None and options.truth.suffix == ".json" and len(specs) != 1:
         parser.error("--truth FILE.json needs --count 1; give a folder for several")
-    began = time.perf_counter()
+    start = time.perf_counter()
     for i, spec in enumerate(specs, start=1):
         name = spec.pop("name")
         folder = options.out / name
@@ -265,7 +266,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         else:
             sealed = make_dataset(folder, **spec, truth=truth, device_file=options.device)
             word = f"raw size {sealed['raw_size']:.2f} on {sealed['most_affected']}"
-        print(f"{i}/{len(specs)} {name}: {word} ({time.perf_counter() - began:.0f} s)", file=sys.stderr, flush=True)
+        print(f"{i}/{len(specs)} {name}: {word} ({time.perf_counter() - start:.0f} s)", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

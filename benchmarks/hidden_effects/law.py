@@ -1,7 +1,7 @@
-"""Muscle, damper and tendon with every hidden effect, written again from the published formulas.
+"""Muscle, damper and tendon with all hidden effects, implemented independently from the published formulas.
 
-Nothing here comes from the simulator. SI throughout; tension is positive, ``v = dL/dt`` is negative while the muscle
-shortens, pressure is gauge. ``memory`` holds what the effects remember; its places are named below.
+This module uses no code of the simulator. SI units; tension is positive, ``v = dL/dt`` is negative while the muscle
+shortens, pressure is gauge. ``state`` holds the internal states of the effects at the indices named below.
 """
 
 import math
@@ -42,7 +42,7 @@ N_INTERNAL_STATES = PRESSURE_INDEX + 3
 
 
 class Law(NamedTuple):
-    """Everything the force balance needs; the second half is neutral for a device without hidden effects."""
+    """Parameters of the force balance; the second half is neutral for a device without hidden effects."""
 
     n_muscles: float
     resting_length: float
@@ -109,20 +109,20 @@ class Law(NamedTuple):
 
 @cached_njit
 def smooth_sign(v: float) -> float:
-    """The sign of ``v``, smooth over 1 mm/s."""
+    """Return the sign of ``v``, smoothed over 1 mm/s."""
     return v / math.sqrt(v * v + SIGN_SPEED * SIGN_SPEED)
 
 
 @cached_njit
 def effective_pressure(pressure: float, L: float, law: Law) -> float:
-    """What is left of the pressure for the muscle once the bladder has met the braid."""
+    """Return the pressure that acts on the muscle after the bladder has met the braid."""
     threshold = law.threshold + law.threshold_rise * (1.0 - L / law.resting_length)
     return max(pressure - threshold, 0.0) if threshold != 0.0 else pressure
 
 
 @cached_njit
 def thin_bladder_tension(L: float, law: Law) -> float:
-    """Tension of one bladder whose wall all follows the braid: ``Vb dW/dL``."""
+    """Return the tension of one thin bladder that follows the braid: ``Vb dW/dL``."""
     stretch = L / law.resting_length
     a = stretch * stretch  # squares of the axial, hoop and radial stretches are a, u, 1/(a u)
     u = 1.0 + law.hoop_factor * (1.0 - a)
@@ -135,7 +135,7 @@ def thin_bladder_tension(L: float, law: Law) -> float:
 
 @cached_njit
 def rubber_energy(axial: float, hoop: float, law: Law) -> float:
-    """Energy density [J/m3] of rubber at two squared stretches; the third follows, because it keeps its volume."""
+    """Return the energy density [J/m3] of incompressible rubber at two squared stretches."""
     radial = 1.0 / (axial * hoop)
     first = axial + hoop + radial - 3.0
     return law.c10 * first + law.c01 * (1.0 / axial + 1.0 / hoop + 1.0 / radial - 3.0)
@@ -143,17 +143,18 @@ def rubber_energy(axial: float, hoop: float, law: Law) -> float:
 
 @cached_njit
 def bladder_energy_density(L: float, law: Law) -> float:
-    """Energy density [J/m3] of the thin bladder."""
+    """Return the energy density [J/m3] of the thin bladder."""
     axial = (L / law.resting_length) ** 2
     return rubber_energy(axial, 1.0 + law.hoop_factor * (1.0 - axial), law)
 
 
 @cached_njit
 def wall_energy(stretch: float, law: Law) -> float:
-    """Energy per resting length [J/m] of a wall whose outside follows the braid, layer by layer (Simpson's rule).
+    """Return the energy per resting length [J/m] of a wall whose outside follows the braid (Simpson's rule over
+    layers).
 
-    Between a layer and the outside there is as much rubber as before, so that the squared radius of the layer differs
-    from the outside's by its old difference, divided by the stretch.
+    The rubber volume between a layer and the outside is constant: the squared radius of the layer differs from that of
+    the outside by the original difference divided by the stretch.
     """
     axial = stretch * stretch
     outside = law.outer_radius * law.outer_radius * (1.0 + law.hoop_factor * (1.0 - axial))
@@ -168,7 +169,7 @@ def wall_energy(stretch: float, law: Law) -> float:
 
 @cached_njit
 def static_muscle_tension(pressure: float, L: float, law: Law) -> float:
-    """Gas, bladder and friction offset (eq. 3.3) of all actuators at rest."""
+    """Return gas, bladder and friction offset (eq. 3.3) of all actuators at rest."""
     stretch = L / law.resting_length
     gas = (
         pressure
@@ -179,7 +180,7 @@ def static_muscle_tension(pressure: float, L: float, law: Law) -> float:
     if law.bulge != 0.0:
         gas *= 1.0 - law.bulge * (1.0 - stretch) ** 2
     if law.thread_strain != 0.0:
-        # All threads together carry P dV/dB, in proportion to P B L; they are longer by that times their own length.
+        # All threads together carry P dV/dB, proportional to P B L, and stretch in proportion to load and length.
         gain = 1.0 / (1.0 - law.thread_strain * pressure * stretch)
         gas -= (
             pressure
@@ -200,13 +201,13 @@ def static_muscle_tension(pressure: float, L: float, law: Law) -> float:
 
 @cached_njit
 def orifice_tension(v: float, law: Law) -> float:
-    """Tension of the damper's orifices."""
+    """Return the tension of the orifices of the damper."""
     return (law.damping_out if v > 0.0 else law.damping_in) * v * math.sqrt(v * v + law.transition * law.transition)
 
 
 @cached_njit
 def rate_dependent_tension(pressure: float, v: float, law: Law) -> float:
-    """Tension that depends on the velocity alone: damper, seal, and the muscle's own losses."""
+    """Return the tension that depends on the velocity alone: damper, seal, and losses of the muscle."""
     total = orifice_tension(v, law)
     sign = smooth_sign(v)
     total += law.seal * sign
@@ -218,9 +219,10 @@ def rate_dependent_tension(pressure: float, v: float, law: Law) -> float:
 
 @cached_njit
 def stateful_damping_tension(v: float, x: float, old: np.ndarray, new: np.ndarray, law: Law) -> float:
-    """What memories take from or add to the tension of :func:`moving`.
+    """Return the change of :func:`rate_dependent_tension` by internal states.
 
-    The film is that of before (``old``): friction that falls with the speed of the same moment has no one balance.
+    The film state is that of the previous step (``old``): friction that decreases with the current speed has no unique
+    balance.
     """
     total = 0.0
     if law.dead_stroke != 0.0:
@@ -237,7 +239,7 @@ def stateful_damping_tension(v: float, x: float, old: np.ndarray, new: np.ndarra
 
 @cached_njit
 def elastic_tendon_tension(stretch: float, law: Law) -> float:
-    """Two offset springs (Frisén 1969); never pushes."""
+    """Return the tension of two offset springs (Frisén 1969), which never push."""
     if stretch <= 0.0:
         return 0.0
     force = law.stiffness_1 * stretch + law.stiffness_2 * max(0.0, stretch - law.engagement)
@@ -248,7 +250,7 @@ def elastic_tendon_tension(stretch: float, law: Law) -> float:
 
 @cached_njit
 def tendon_tension(stretch: float, state: np.ndarray, law: Law) -> float:
-    """Tendon force with its losses; ``stretch`` is already less the dead length."""
+    """Return the tendon tension with its losses; ``stretch`` excludes the dead length."""
     if stretch <= 0.0:
         return 0.0
     force = elastic_tendon_tension(stretch, law)
@@ -262,13 +264,15 @@ def tendon_tension(stretch: float, state: np.ndarray, law: Law) -> float:
 
 @cached_njit
 def play_slider_reach(i: int, law: Law) -> float:
-    """Stretch at which the ``i``-th of the braid's many elements slips: even steps about their mean."""
+    """Return the stretch at which the ``i``-th element of the braid slips; the elements are evenly spaced about
+    their mean.
+    """
     return law.play_reach * 2.0 * (i + 1.0) / (N_PLAY_SLIDERS + 1.0)
 
 
 @cached_njit
 def creep_time(i: int) -> float:
-    """Time constants of the creep [s]: five to a factor, over nearly three decades."""
+    """Return the time constant of creep branch ``i`` [s]: a factor of five each, over nearly three decades."""
     return 0.02 * 5.0**i
 
 
@@ -284,7 +288,9 @@ def update_internal_state(
     pressure: float,
     law: Law,
 ) -> None:
-    """Memories at the end of a stage: sliders dragged from ``old``, the others implicit over ``gh`` from ``base``."""
+    """Compute the states at the end of a stage: sliders move from ``old``, other states are implicit over ``gh``
+    from ``base``.
+    """
     if law.slip_slope != 0.0:
         stiffness = law.n_muscles * law.slip_stiffness / 3.0
         for i in range(3):
@@ -331,7 +337,7 @@ def update_internal_state(
 
 @cached_njit
 def internal_state_tension(state: np.ndarray, x: float, pressure: float, law: Law) -> float:
-    """Muscle tension held in the memories."""
+    """Return the muscle tension of the internal states."""
     total = law.relax_stiffness * (x - state[RELAXED_INDEX]) + law.dahl_slope * pressure * state[DAHL_INDEX]
     if law.slip_slope != 0.0:
         for i in range(3):
@@ -356,7 +362,7 @@ def internal_state_tension(state: np.ndarray, x: float, pressure: float, law: La
 
 @cached_njit
 def set_rest_state(state: np.ndarray, x: float, stretch: float, law: Law) -> None:
-    """Memories of a device that has rested long: nothing is stretched, no film, the oil is cold."""
+    """Set the state of a device at rest: relaxed branches, no lubricating film, cold oil."""
     for i in range(N_INTERNAL_STATES):
         state[i] = 0.0
     state[SLIP_INDEX] = state[SLIP_INDEX + 1] = state[SLIP_INDEX + 2] = state[RELAXED_INDEX] = state[PISTON_INDEX] = x
@@ -368,9 +374,10 @@ def set_rest_state(state: np.ndarray, x: float, stretch: float, law: Law) -> Non
 
 @cached_njit
 def state_distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Largest difference of two memories as a length.
+    """Return the largest difference of two states, expressed as a length.
 
-    A tenth of a slider's; of dimensionless numbers, pascals and kilograms, what moves the tendon about as far.
+    Slider differences count a tenth; dimensionless numbers, pascals and kilograms are scaled by their effect on the
+    tendon.
     """
     worst = 0.0
     for i in range(DAHL_INDEX):

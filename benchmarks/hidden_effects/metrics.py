@@ -1,4 +1,4 @@
-"""What a benchmark's results say, against what was aimed at."""
+"""Metrics of the benchmark results against their targets."""
 
 import statistics
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -20,116 +20,123 @@ from benchmarks.hidden_effects.score import (
 from scipy.stats import binomtest
 
 MIN_RELEVANT_SIZE = 1.0
-"""Size, over the noise, from which an effect ought to be found."""
+"""Size over the noise from which an effect should be identified."""
 
 
 MIN_DECISIVE_CHI2 = 6.0
-"""Chi squared that a proposed experiment has to promise; the program says so beside it."""
+"""Chi squared that a proposed experiment must promise, as the program itself states."""
 
 
 class DatasetResult(NamedTuple):
-    """A dataset, what was answered, and what that is worth."""
+    """A dataset, its verdict and its score."""
 
     name: str
     truth: Truth
     verdict: Verdict
     outcome: str
     second_outcome: str | None = None
-    """What became of an ambiguous verdict when the experiment that it asks for was done."""
+    """Score of an ambiguous verdict after the proposed experiment."""
 
 
 class Metric(NamedTuple):
-    """A number, what it is of, and what was aimed at."""
+    """A value with its basis and its target."""
 
     name: str
     value: float | None
-    """None: of nothing."""
+    """Value; None without data."""
     of: int
-    """Datasets, or numbers, it was counted over."""
+    """Number of datasets or values."""
     target: str
     met: bool | None
     low: float | None = None
-    """95 % interval of a share (Wilson)."""
+    """Lower end of the 95 % interval of a fraction (Wilson)."""
     high: float | None = None
 
 
 class ParameterInterval(NamedTuple):
-    """One number of an effect that was named as it is."""
+    """One parameter of a correctly identified effect."""
 
     key: str
     true_value: float
     relative_error: float
-    """Relative, of the distance from neutral."""
+    """Error relative to the distance from neutral."""
     is_covered: bool
 
 
 def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
-    """All that was aimed at, in the order of the table of targets."""
-    walked = [row for row in rows if row.truth["block"] in GAIT_BLOCKS]
+    """Return all metrics in the order of the table of targets."""
+    gait_rows = [row for row in rows if row.truth["block"] in GAIT_BLOCKS]
     rows = [row for row in rows if row.truth["block"] not in GAIT_BLOCKS]
-    by = {block: [r for r in rows if r.truth["block"] == block] for block in {r.truth["block"] for r in rows}}
+    rows_by_block = {
+        block: [r for r in rows if r.truth["block"] == block] for block in {r.truth["block"] for r in rows}
+    }
 
-    def of(*blocks: str) -> list[DatasetResult]:
-        return [row for block in blocks for row in by.get(block, ())]
+    def rows_of(*blocks: str) -> list[DatasetResult]:
+        return [row for block in blocks for row in rows_by_block.get(block, ())]
 
-    alone = [row for row in of("single", "instrument") if row.truth["size"] >= MIN_RELEVANT_SIZE]
+    single = [row for row in rows_of("single", "instrument") if row.truth["size"] >= MIN_RELEVANT_SIZE]
     ambiguous = [row for row in rows if row.verdict["verdict"] == "ambiguous" and list_hidden_effects(row.truth)]
-    known = [row for row in ambiguous if not row.truth.get("deleted") and not row.truth["strangers"]]
-    judged = [row for row in rows if row.truth["block"] not in ("wrong_form", "outside", "repeats")]
-    numbers = list(iter_parameter_intervals(rows))
-    gaps = [share for row in rows if row.outcome == "right" and (share := removed_gap_fraction(row)) is not None]
-    other = [share for row in of("wrong_form") if (share := removed_gap_fraction(row)) is not None]
-    errors = [each.relative_error for each in numbers]
+    catalogued = [row for row in ambiguous if not row.truth.get("deleted") and not row.truth["strangers"]]
+    scored = [row for row in rows if row.truth["block"] not in ("wrong_form", "outside", "repeats")]
+    parameter_intervals = list(iter_parameter_intervals(rows))
+    gaps = [fraction for row in rows if row.outcome == "right" and (fraction := removed_gap_fraction(row)) is not None]
+    other_gaps = [fraction for row in rows_of("wrong_form") if (fraction := removed_gap_fraction(row)) is not None]
+    errors = [interval.relative_error for interval in parameter_intervals]
     return [
-        _fraction_metric("first name right, effect at least as large as the noise", alone, _is_first_right, 0.95),
-        _fraction_metric("exact set, singles at least as large as the noise", alone, _is_right, 0.90),
-        _fraction_metric("exact set, pairs", of("pair"), _is_right, 0.85),
-        _fraction_metric("exact set, triples", of("triple"), _is_right, None),
+        _fraction_metric("first name right, effect at least as large as the noise", single, _is_first_right, 0.95),
+        _fraction_metric("exact set, singles at least as large as the noise", single, _is_right, 0.90),
+        _fraction_metric("exact set, pairs", rows_of("pair"), _is_right, 0.85),
+        _fraction_metric("exact set, triples", rows_of("triple"), _is_right, None),
         _fraction_metric(
-            "false alarms on clean data", of("clean"), lambda r: r.outcome == "false-alarm", 0.0, at_most=True
+            "false alarms on clean data", rows_of("clean"), lambda r: r.outcome == "false-alarm", 0.0, at_most=True
         ),
-        _fraction_metric("wrong name, at any size", judged, lambda r: r.outcome in WRONG_OUTCOMES, 0.02, at_most=True),
+        _fraction_metric("wrong name, at any size", scored, lambda r: r.outcome in WRONG_OUTCOMES, 0.02, at_most=True),
         _fraction_metric(
             "in no catalogue: flagged, or nothing left to flag",
-            of("outside"),
+            rows_of("outside"),
             lambda r: r.outcome in ("flagged", "absorbed"),
             0.95,
         ),
-        _fraction_metric("instrument taken for physics or back", judged, _is_kind_confused, 0.02, at_most=True),
+        _fraction_metric("instrument taken for physics or back", scored, _is_kind_confused, 0.02, at_most=True),
         _quantile_metric("error of a number, median", errors, 0.5, 0.03, at_most=True),
         _quantile_metric("error of a number, 90th percentile", errors, 0.9, 0.15, at_most=True),
-        _coverage_metric(numbers),
+        _coverage_metric(parameter_intervals),
         _quantile_metric("gap above the floor removed on unseen trials, named, median", gaps, 0.5, 0.95),
-        _quantile_metric("gap above the floor removed on unseen trials, wrong form, median", other, 0.5, 0.85),
+        _quantile_metric("gap above the floor removed on unseen trials, wrong form, median", other_gaps, 0.5, 0.85),
         _fraction_metric(
             "rival sets contain the truth",
-            known,
+            catalogued,
             lambda r: list_hidden_effects(r.truth) in list_effect_sets(r.verdict),
             0.98,
         ),
         _fraction_metric(
             "resolved by the experiment that was asked for",
-            _select_decisive(known),
+            _select_decisive(catalogued),
             lambda r: r.second_outcome == "right",
             0.90,
         ),
         _quantile_metric("seconds for a dataset, median", [row.verdict["s"] for row in rows], 0.5, 30.0, at_most=True),
-        *(_compute_gait_metrics(walked) if walked else ()),
+        *(_compute_gait_metrics(gait_rows) if gait_rows else ()),
     ]
 
 
 def _compute_gait_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
-    """The same questions and targets, of the gait rig; but a dataset may take two minutes."""
-    there = [row for row in rows if list_hidden_effects(row.truth) and row.truth["size"] >= MIN_RELEVANT_SIZE]
-    clean, numbers = [row for row in rows if not list_hidden_effects(row.truth)], list(iter_parameter_intervals(rows))
-    errors = [each.relative_error for each in numbers]
+    """Return the same metrics for gait datasets, which may take two minutes each."""
+    relevant = [row for row in rows if list_hidden_effects(row.truth) and row.truth["size"] >= MIN_RELEVANT_SIZE]
+    clean, parameter_intervals = (
+        [row for row in rows if not list_hidden_effects(row.truth)],
+        list(iter_parameter_intervals(rows)),
+    )
+    errors = [interval.relative_error for interval in parameter_intervals]
     seconds = [row.verdict["s"] for row in rows]
-    gaps = [share for row in there if row.outcome == "right" and (share := removed_gap_fraction(row)) is not None]
+    gaps = [
+        fraction for row in relevant if row.outcome == "right" and (fraction := removed_gap_fraction(row)) is not None
+    ]
     return [
         _fraction_metric(
-            "walks: first name right, effect at least as large as the noise", there, _is_first_right, 0.95
+            "walks: first name right, effect at least as large as the noise", relevant, _is_first_right, 0.95
         ),
-        _fraction_metric("walks: exact set, effect at least as large as the noise", there, _is_right, 0.90),
+        _fraction_metric("walks: exact set, effect at least as large as the noise", relevant, _is_right, 0.90),
         _fraction_metric(
             "walks: false alarms on clean data", clean, lambda r: r.outcome == "false-alarm", 0.0, at_most=True
         ),
@@ -139,7 +146,7 @@ def _compute_gait_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
         _fraction_metric("walks: instrument taken for the rest or back", rows, _is_kind_confused, 0.02, at_most=True),
         _quantile_metric("walks: error of a number, median", errors, 0.5, 0.03, at_most=True),
         _quantile_metric("walks: error of a number, 90th percentile", errors, 0.9, 0.15, at_most=True),
-        _coverage_metric(numbers, "walks: 95 % intervals that cover the truth"),
+        _coverage_metric(parameter_intervals, "walks: 95 % intervals that cover the truth"),
         _quantile_metric("walks: gap above the floor removed on unseen trials, median", gaps, 0.5, 0.95),
         _quantile_metric("walks: seconds for a dataset, median", seconds, 0.5, 120.0, at_most=True),
     ]
@@ -158,7 +165,7 @@ def _is_kind_confused(row: DatasetResult) -> bool:
 
 
 def _select_decisive(rows: Iterable[DatasetResult]) -> list[DatasetResult]:
-    """Where the program promised that the experiment would decide; of some rivals it says that none does."""
+    """Return the results whose proposed experiment was predicted to be decisive."""
     return [
         r
         for r in rows
@@ -199,7 +206,7 @@ def _coverage_metric(
     words = "90 to 98 %"
     if not parameter_intervals:
         return Metric(name, None, 0, words, None)
-    count = sum(each.is_covered for each in parameter_intervals)
+    count = sum(interval.is_covered for interval in parameter_intervals)
     value, around = (
         count / len(parameter_intervals),
         binomtest(count, len(parameter_intervals)).proportion_ci(method="wilson"),
@@ -208,21 +215,23 @@ def _coverage_metric(
 
 
 def iter_parameter_intervals(rows: Iterable[DatasetResult]) -> Iterator[ParameterInterval]:
-    """Of every effect that was named in the form it was hidden in, where nothing else was named."""
+    """Yield the parameters of all effects that were identified in their hidden form and nothing else."""
     for row in rows:
-        if row.outcome != "right" or row.verdict["verdict"] != "named":
+        if row.outcome != "right" or row.verdict["verdict"] != "identified":
             continue
         for true in [*row.truth["effects"], *row.truth["instruments"]]:
-            found = next(e for e in row.verdict["effects"] if _is_same_effect(e, true))
-            if len(found["parameters"]) != len(true["parameters"]) or not _is_same_form(found, true):
+            reported = next(e for e in row.verdict["effects"] if _is_same_effect(e, true))
+            if len(reported["parameters"]) != len(true["parameters"]) or not _is_same_form(reported, true):
                 continue
             forms = instrument_forms(true["channel"]) if true.get("channel") else EFFECTS | BODY_EFFECTS
-            own = forms[true["name"], true["form"]]
-            values = zip(found["parameters"].items(), true["parameters"].items(), strict=True)
-            for (_, told), (key, value) in values:  # a fault's numbers are called otherwise there
-                neutral = own[key].neutral or 0.0
-                error = abs(told["value"] - value) / abs(value - neutral)
-                yield ParameterInterval(f"{true['name']}.{key}", value, error, told["low"] <= value <= told["high"])
+            parameters = forms[true["name"], true["form"]]
+            values = zip(reported["parameters"].items(), true["parameters"].items(), strict=True)
+            for (_, estimate), (key, value) in values:  # a fault's numbers are called otherwise there
+                neutral = parameters[key].neutral or 0.0
+                error = abs(estimate["value"] - value) / abs(value - neutral)
+                yield ParameterInterval(
+                    f"{true['name']}.{key}", value, error, estimate["low"] <= value <= estimate["high"]
+                )
 
 
 def _is_same_effect(reported: Mapping[str, Any], true: Mapping[str, Any]) -> bool:
@@ -234,36 +243,40 @@ def _is_same_form(reported: Mapping[str, Any], true: Mapping[str, Any]) -> bool:
 
 
 def removed_gap_fraction(row: DatasetResult) -> float | None:
-    """Of the channel that a refit leaves worst: the share of its gap above the floor that was removed.
+    """Return the fraction of the gap above the noise floor that was removed, in the worst channel after a refit.
 
-    Channels are in the scale of their noise. None where a refit leaves next to nothing.
+    Channels are scaled by their noise. None where a refit leaves almost nothing.
     """
     gaps = [gap for gap in row.verdict.get("gap", {}).values() if gap["floor"]]
     if not gaps or residual_over_noise(row.verdict) < MIN_RELEVANT_SIZE:
         return None
-    gap = max(gaps, key=lambda each: each["before"] / each["floor"])
+    gap = max(gaps, key=lambda channel_gap: channel_gap["before"] / channel_gap["floor"])
     return float((gap["before"] - gap["after"]) / (gap["before"] - gap["floor"]))
 
 
 def tabulate_power(rows: Iterable[DatasetResult]) -> dict[str, dict[float, str]]:
-    """Effect -> size that was wanted -> what became of it."""
-    found: dict[str, dict[float, str]] = {}
+    """Return the outcome by effect and required size."""
+    outcomes: dict[str, dict[float, str]] = {}
     for row in rows:
-        for one in [*row.truth["effects"], *row.truth["instruments"]]:
+        for effect in [*row.truth["effects"], *row.truth["instruments"]]:
             if row.truth["block"] in ("single", "instrument", "walk"):
-                name = f"{one['name']} of {one['channel']}" if one.get("channel") else f"{one['name']}, {one['form']}"
-                found.setdefault(name, {})[row.truth["size"]] = row.outcome
-    return found
+                name = (
+                    f"{effect['name']} of {effect['channel']}"
+                    if effect.get("channel")
+                    else f"{effect['name']}, {effect['form']}"
+                )
+                outcomes.setdefault(name, {})[row.truth["size"]] = row.outcome
+    return outcomes
 
 
 def tabulate_confusion(rows: Iterable[DatasetResult]) -> dict[str, dict[str, int]]:
-    """What is hidden -> what was told -> how often; of single effects and faults."""
-    found: dict[str, dict[str, int]] = {}
+    """Return the number of reports by hidden and by reported effect, for single effects and faults."""
+    counts: dict[str, dict[str, int]] = {}
     for row in rows:
         true = list_hidden_effects(row.truth)
         if len(true) == 1 and row.truth["block"] in ("single", "instrument", "twin", "walk"):
-            told = " or ".join(" and ".join(each) for each in list_effect_sets(row.verdict))
-            word = told if row.verdict["verdict"] in NAMING_VERDICTS else row.verdict["verdict"]
-            own = found.setdefault(true[0], {})
-            own[word] = own.get(word, 0) + 1
-    return found
+            reported = " or ".join(" and ".join(each) for each in list_effect_sets(row.verdict))
+            label = reported if row.verdict["verdict"] in NAMING_VERDICTS else row.verdict["verdict"]
+            hidden_counts = counts.setdefault(true[0], {})
+            hidden_counts[label] = hidden_counts.get(label, 0) + 1
+    return counts

@@ -1,4 +1,4 @@
-"""Which datasets a block holds."""
+"""Specification of the datasets of each block."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from benchmarks.hidden_effects.catalogue import (
     HiddenParameter,
     instrument_forms,
 )
-from benchmarks.hidden_effects.strangers import OUT_OF_CATALOGUE_FORMS
+from benchmarks.hidden_effects.out_of_catalogue import OUT_OF_CATALOGUE_FORMS
 
 BLOCK_SIZES = {
     "clean": 120,
@@ -30,13 +30,13 @@ BLOCK_SIZES = {
     "walk": 54,
     "walk_clean": 40,
 }
-"""Name -> how many datasets of it tell enough."""
+"""Number of datasets of each block that gives sufficient statistics."""
 HALF_SEEDS = {"development": 101, "test": 303}
-"""Seeds: thresholds are set on the one half, and frozen before the other is looked at."""
+"""Seeds: thresholds are set on the development half and frozen before the test half is evaluated."""
 TARGET_SIZES = (2.0, 8.0, 0.7)
-"""Of single effects, over the noise."""
+"""Sizes of single effects over the noise."""
 REPEAT_COUNTS = (1, 2, 3, 4)
-"""Of every trial, in block ``repeats``."""
+"""Numbers of repeats of every trial in block ``repeats``."""
 FAINT_EFFECTS = (
     ("braid_hysteresis", "coulomb"),
     ("muscle_damping", "viscous"),
@@ -45,7 +45,7 @@ FAINT_EFFECTS = (
     ("tendon_hysteresis", "slip"),
     ("volume_coupling", "polytropic"),
 )
-"""Effects that are hidden at half the noise in block ``repeats``."""
+"""Effects that block ``repeats`` hides at half the noise."""
 GAIT_BLOCKS = ("walk", "walk_clean")
 """Blocks of the gait rig; the others are of the bench."""
 GAIT_CASES: tuple[tuple[str, str, str | None], ...] = (
@@ -58,10 +58,10 @@ GAIT_CASES: tuple[tuple[str, str, str | None], ...] = (
     ("sensor_gain", "gain", "force"),
     ("sensor_lag", "first_order", "ankle_angle"),
 )
-"""What is hidden in walks: all of the body, some of the device and of instruments."""
+"""Hidden cases in gait: all effects of the body, some of the device and of instruments."""
 DEFECTS = ("dead_channel", "no_repeats", "no_excitation", "clock_backwards", "saturated_force")
 EXCLUSIVE_PAIRS = ({"volume_coupling", "choked_valve"}, {"volume_coupling", "leak"})
-"""Not hidden together: behind a valve no regulator makes up for what the motion does."""
+"""Effects that are not hidden together: behind a valve, no regulator compensates the motion."""
 TWIN_CASES = (
     ("regulator_error", "offset", None),
     ("sensor_offset", "offset", "pressure"),
@@ -74,12 +74,12 @@ TWIN_CASES = (
     ("end_taper", "strain", None),
     ("sensor_gain", "gain", "force"),
 )
-"""Effects that have a near twin on this rig."""
+"""Effects with a near twin on this rig."""
 DatasetSpec = dict[str, Any]
 
 
 def draw_value(parameter: HiddenParameter, scale: float, sign: float = 1.0) -> float:
-    """The value whose distance from neutral is ``scale`` times the typical one, kept within the range."""
+    """Return the value at ``scale`` times the typical distance from neutral, within the range."""
     if parameter.neutral == np.inf:  # a frequency: slower is more
         value = parameter.typical / scale
     else:
@@ -91,32 +91,32 @@ def draw_value(parameter: HiddenParameter, scale: float, sign: float = 1.0) -> f
 def draw_effect(
     forms: Forms, key: tuple[str, str], rng: np.random.Generator | None, target_size: float | None = None
 ) -> dict[str, Any]:
-    """One effect at its typical size, or at 0.7 to 3 times that where ``rng`` is given.
+    """Return one effect at its typical size, or at 0.7 to 3 times that with ``rng``.
 
-    ``wanted`` is the size, over the noise, that it is to have in the end; what only shapes it stays as drawn.
+    ``target_size`` is its required size over the noise; parameters that only shape it stay as drawn.
     """
 
-    def scale() -> float:
+    def draw_scale() -> float:
         return 1.0 if rng is None else float(np.exp(rng.uniform(np.log(0.7), np.log(3.0))))
 
     sign = 1.0 if rng is None else float(rng.choice([-1.0, 1.0]))
-    parameters = {name: draw_value(parameter, scale(), sign) for name, parameter in forms[key].items()}
-    found = {"name": key[0], "form": key[1], "parameters": parameters}
-    return found if target_size is None or rng is None else found | {"wanted": target_size}
+    parameters = {name: draw_value(parameter, draw_scale(), sign) for name, parameter in forms[key].items()}
+    effect = {"name": key[0], "form": key[1], "parameters": parameters}
+    return effect if target_size is None or rng is None else effect | {"wanted": target_size}
 
 
 def make_spec(*effects: dict[str, Any]) -> DatasetSpec:
-    """A dataset with ``effects``, in a device with a known valve where one of them needs it."""
-    names = {each["name"] for each in effects}
+    """Return a dataset with ``effects``, in a device with a known valve where an effect requires it."""
+    names = {effect["name"] for effect in effects}
     spec: DatasetSpec = {"effects": list(effects)}
     return spec | {"known": [KNOWN_VALVE]} if names & VALVE_EFFECTS and "choked_valve" not in names else spec
 
 
 def plan_datasets(block: str, count: int, seed: int, *, typical: bool = False) -> list[DatasetSpec]:
-    """Specifications of ``count`` datasets: arguments of ``generate.make``, and a name.
+    """Return the specifications of ``count`` datasets: arguments of ``generate.make_dataset``, and a name.
 
-    Dataset ``i`` depends on the block, the seed and ``i`` only, so a longer plan begins with the shorter one.
-    ``typical`` puts every parameter at its typical value.
+    Dataset ``i`` depends only on block, seed and ``i``, so a longer plan begins with the shorter one. ``typical`` sets
+    every parameter to its typical value.
     """
     if block not in BLOCK_SIZES:
         raise ValueError(f"block {block!r} is none of {', '.join(BLOCK_SIZES)}")
@@ -125,8 +125,8 @@ def plan_datasets(block: str, count: int, seed: int, *, typical: bool = False) -
         _block_content(block, i, None if typical else np.random.default_rng([seed, number, i, 1])) for i in range(count)
     )
     for i, content in enumerate(contents):
-        own = int(np.random.SeedSequence([seed, number, i]).generate_state(1)[0])
-        specs.append({"name": f"{block}_{seed}_{i:03d}", "seed": own, "block": block, **content})
+        dataset_seed = int(np.random.SeedSequence([seed, number, i]).generate_state(1)[0])
+        specs.append({"name": f"{block}_{seed}_{i:03d}", "seed": dataset_seed, "block": block, **content})
     return specs
 
 
@@ -136,8 +136,8 @@ def _block_content(block: str, index: int, rng: np.random.Generator | None) -> D
         case "clean" | "walk_clean":
             return {}
         case "walk":
-            turn, which = divmod(index, len(GAIT_CASES))
-            name, form, channel = GAIT_CASES[which]
+            turn, position = divmod(index, len(GAIT_CASES))
+            name, form, channel = GAIT_CASES[position]
             wanted = TARGET_SIZES[turn % len(TARGET_SIZES)]
             if channel:
                 return _draw_fault((name, form), channel, rng, wanted)
@@ -145,17 +145,17 @@ def _block_content(block: str, index: int, rng: np.random.Generator | None) -> D
         case "defective":
             return {"defect": DEFECTS[index % len(DEFECTS)]}
         case "single":
-            turn, which = divmod(index, len(singles))
-            return make_spec(draw_effect(EFFECTS, singles[which], rng, TARGET_SIZES[turn % len(TARGET_SIZES)]))
+            turn, position = divmod(index, len(singles))
+            return make_spec(draw_effect(EFFECTS, singles[position], rng, TARGET_SIZES[turn % len(TARGET_SIZES)]))
         case "wrong_form":
-            turn, which = divmod(index, len(others))
-            return make_spec(draw_effect(OTHER_FORMS, others[which], rng, (8.0, 2.0)[turn % 2]))
+            turn, position = divmod(index, len(others))
+            return make_spec(draw_effect(OTHER_FORMS, others[position], rng, (8.0, 2.0)[turn % 2]))
         case "instrument":
             # Neighbours in the order differ in both fault and channel, so that a short plan sees some of each.
             names, channels = list(instrument_forms("force")), list(BENCH_CHANNELS)
-            turn, which = divmod(index, len(names))
+            turn, position = divmod(index, len(names))
             return _draw_fault(
-                names[which], channels[(index + turn) % len(channels)], rng, (8.0, 2.0)[(index + turn // 3) % 2]
+                names[position], channels[(index + turn) % len(channels)], rng, (8.0, 2.0)[(index + turn // 3) % 2]
             )
         case "twin":
             name, form, channel = TWIN_CASES[index % len(TWIN_CASES)]
@@ -163,15 +163,15 @@ def _block_content(block: str, index: int, rng: np.random.Generator | None) -> D
                 return _draw_fault((name, form), channel, rng, 2.0)
             return make_spec(draw_effect(EFFECTS, (name, form), rng, 2.0))
         case "repeats":
-            turn, which = divmod(index, len(FAINT_EFFECTS))
-            found = make_spec(draw_effect(EFFECTS, FAINT_EFFECTS[which], rng, 0.5))
-            return found | {"repeats": REPEAT_COUNTS[turn % len(REPEAT_COUNTS)], "muscle_length": False}
+            turn, position = divmod(index, len(FAINT_EFFECTS))
+            spec = make_spec(draw_effect(EFFECTS, FAINT_EFFECTS[position], rng, 0.5))
+            return spec | {"repeats": REPEAT_COUNTS[turn % len(REPEAT_COUNTS)], "muscle_length": False}
         case "outside":
-            turn, which = divmod(index, 6)
-            if which == 0:
+            turn, position = divmod(index, 6)
+            if position == 0:
                 key = list(OUT_OF_CATALOGUE_FORMS)[turn % len(OUT_OF_CATALOGUE_FORMS)]
                 return {"strangers": [draw_effect(OUT_OF_CATALOGUE_FORMS, key, rng, 8.0)]}
-            known = singles[(5 * turn + which - 1) % len(singles)]
+            known = singles[(5 * turn + position - 1) % len(singles)]
             return make_spec(draw_effect(EFFECTS, known, rng, 8.0)) | {"deleted": True}
         case _:
             return _draw_combination(2 if block == "pair" else 3, index, rng)
@@ -182,7 +182,7 @@ def _draw_fault(key: tuple[str, str], channel: str, rng: np.random.Generator | N
 
 
 def _draw_combination(count: int, index: int, rng: np.random.Generator | None) -> DatasetSpec:
-    """Effects of different names that can be in one device, each 2 to 8 times the noise when alone."""
+    """Return effects of different names that can be in one device, each 2 to 8 times the noise when alone."""
     generator, keys = rng or np.random.default_rng(index), list(EFFECTS)
     chosen: list[tuple[str, str]] = []
     while len(chosen) < count:

@@ -1,4 +1,4 @@
-"""What became of the datasets: one row for each, and how every method did."""
+"""Report of the outcome of each dataset and of the performance of each method."""
 
 import json
 import statistics
@@ -23,22 +23,22 @@ REFIT_METHOD = "refit only"
 def print_report(
     rows: Sequence[DatasetResult], baseline_rows: Mapping[str, Sequence[DatasetResult]], *, as_json: bool
 ) -> None:
-    """Print the outcome of every dataset, and how often each; the same of ``others``, by the name of the method."""
-    whole: dict[str, Any] = {
+    """Print the outcome of each dataset and the totals; ``baseline_rows`` are those of the baseline methods."""
+    totals: dict[str, Any] = {
         "datasets": len(rows),
         "outcomes": _count_outcomes(rows),
         "kinds_confused": sum(are_kinds_confused(row.truth, row.verdict) for row in rows),
         "median_s": statistics.median(row.verdict["s"] for row in rows),
-        "metrics": [one._asdict() for one in compute_metrics(rows)],
+        "metrics": [metric._asdict() for metric in compute_metrics(rows)],
     }
     if baseline_rows:
         refit = {"names": 0, "gap_over_floor": _median(_worst_gap(row)[0] for row in rows)}
-        whole["methods"] = {
+        totals["methods"] = {
             OWN_METHOD: _summarise_method(rows),
-            **{name: _summarise_method(each) for name, each in baseline_rows.items()},
+            **{name: _summarise_method(method_rows) for name, method_rows in baseline_rows.items()},
             REFIT_METHOD: refit,
         }
-    listed = [
+    records = [
         {
             "dataset": row.name,
             "hidden": list_hidden_effects(row.truth),
@@ -50,30 +50,34 @@ def print_report(
             "outcome": row.outcome,
             "second": row.second_outcome,
             **{
-                method: {"named": list_named_effects(each[k].verdict), "outcome": each[k].outcome}
-                for method, each in baseline_rows.items()
+                method: {"named": list_named_effects(method_rows[k].verdict), "outcome": method_rows[k].outcome}
+                for method, method_rows in baseline_rows.items()
             },
         }
         for k, row in enumerate(rows)
     ]
     if as_json:
-        print(json.dumps({**whole, "rows": listed}, indent=2))
+        print(json.dumps({**totals, "rows": records}, indent=2))
         return
     table = Table("dataset", "hidden", "size", "left", "verdict", "named", "outcome", *baseline_rows)
-    for row in listed:
-        told = ", ".join(row["named"]) + ("".join(f" | {', '.join(a)}" for a in row["alternatives"]))
+    for row in records:
+        named = ", ".join(row["named"]) + ("".join(f" | {', '.join(a)}" for a in row["alternatives"]))
         sizes = f"{row['size']:.1f}", f"{row['left']:.1f}"
-        words = [row[method]["outcome"] for method in baseline_rows]
-        table.add_row(row["dataset"], ", ".join(row["hidden"]), *sizes, row["verdict"], told, row["outcome"], *words)
+        outcomes = [row[method]["outcome"] for method in baseline_rows]
+        table.add_row(
+            row["dataset"], ", ".join(row["hidden"]), *sizes, row["verdict"], named, row["outcome"], *outcomes
+        )
     out = Console(width=150, highlight=False)
     out.print(table)
-    methods = whole.pop("methods", {})
-    aims = Table("", "measured", "of", "aimed at", "met")
-    for one in compute_metrics(rows):
-        value = "-" if one.value is None else f"{one.value:.3g}"
-        aims.add_row(one.name, value, str(one.of), one.target, {None: "", True: "yes", False: "no"}[one.met])
-    out.print(aims)
-    out.print({key: value for key, value in whole.items() if key != "metrics"})
+    methods = totals.pop("methods", {})
+    targets = Table("", "measured", "of", "aimed at", "met")
+    for metric in compute_metrics(rows):
+        value = "-" if metric.value is None else f"{metric.value:.3g}"
+        targets.add_row(
+            metric.name, value, str(metric.of), metric.target, {None: "", True: "yes", False: "no"}[metric.met]
+        )
+    out.print(targets)
+    out.print({key: value for key, value in totals.items() if key != "metrics"})
     if methods:
         out.print(_build_methods_table(methods))
 
@@ -85,12 +89,14 @@ def _build_methods_table(methods: Mapping[str, Mapping[str, Any]]) -> Table:
         "median s",
         f"share of the gap above the floor removed on show trials, median ({REFIT_METHOD}: gap left / floor, 0 names)",
     )
-    for name, found in methods.items():
+    for name, method_result in methods.items():
         if name == REFIT_METHOD:
-            table.add_row(name, "", "", _format_number(found["gap_over_floor"]))
+            table.add_row(name, "", "", _format_number(method_result["gap_over_floor"]))
         else:
-            words = ", ".join(f"{count} {word}" for word, count in found["outcomes"].items())
-            table.add_row(name, words, f"{found['median_s']:.0f}", _format_number(found["gap_removed"]))
+            outcomes = ", ".join(f"{count} {outcome}" for outcome, count in method_result["outcomes"].items())
+            table.add_row(
+                name, outcomes, f"{method_result['median_s']:.0f}", _format_number(method_result["gap_removed"])
+            )
     return table
 
 
@@ -99,12 +105,12 @@ def _format_number(value: float | None) -> str:
 
 
 def _count_outcomes(rows: Sequence[DatasetResult]) -> dict[str, int]:
-    words = [row.outcome for row in rows]
-    return {word: words.count(word) for word in dict.fromkeys(words)}
+    outcomes = [row.outcome for row in rows]
+    return {outcome: outcomes.count(outcome) for outcome in dict.fromkeys(outcomes)}
 
 
 def _summarise_method(rows: Sequence[DatasetResult]) -> dict[str, Any]:
-    """Counts, time, and the share of the gap removed, of datasets that have one."""
+    """Return the counts, the duration, and the removed fraction of the gap where there is one."""
     return {
         "outcomes": _count_outcomes(rows),
         "median_s": statistics.median(row.verdict["s"] for row in rows),
@@ -115,15 +121,15 @@ def _summarise_method(rows: Sequence[DatasetResult]) -> dict[str, Any]:
 
 
 def _worst_gap(row: DatasetResult) -> tuple[float | None, float | None]:
-    """Of the channel that a refit leaves worst: its gap over the floor, and the share above it that was removed."""
+    """Return the gap over the noise floor and its removed fraction, in the worst channel after a refit."""
     gaps = [gap for gap in row.verdict.get("gap", {}).values() if gap["floor"]]
     if not gaps:
         return None, None
-    gap = max(gaps, key=lambda each: each["before"] / each["floor"])
-    above = gap["before"] - gap["floor"]
-    return gap["before"] / gap["floor"], (gap["before"] - gap["after"]) / above if above > 0.0 else None
+    gap = max(gaps, key=lambda channel_gap: channel_gap["before"] / channel_gap["floor"])
+    excess = gap["before"] - gap["floor"]
+    return gap["before"] / gap["floor"], (gap["before"] - gap["after"]) / excess if excess > 0.0 else None
 
 
 def _median(values: Iterable[float | None]) -> float | None:
-    """Of those that there are."""
-    return statistics.median(there) if (there := [value for value in values if value is not None]) else None
+    """Return the median of the values that are not None."""
+    return statistics.median(present) if (present := [value for value in values if value is not None]) else None

@@ -1,14 +1,14 @@
-"""Diagnose datasets with hidden effects and hold the verdicts against the truth.
+"""Diagnose datasets with hidden effects and compare the verdicts with the ground truth.
 
-    python benchmarks/hidden_effects/run.py OUT --half test                      # everything: all blocks
-    python benchmarks/hidden_effects/run.py OUT --block single --count 31        # a part of it
+    python -m benchmarks.hidden_effects.run OUT --half test                      # all blocks
+    python -m benchmarks.hidden_effects.run OUT --block single --count 31        # a part
 
-Datasets are made where they are missing, every result is saved as soon as it is there, and what has been done with
-this code is not done again: interrupt it and start it again as you like. ``--shard 2/4`` does the second quarter of
-every block, for several machines that share OUT. Thresholds are set on the development half; the test half is for
-numbers to be told. The truth is opened only after the verdict is on the disk. What an ambiguous verdict asks for is
-measured in a second round. ``--baselines`` puts two other methods beside it (:mod:`baselines`), kept alike; they need
-``pip install --group benchmark``, and know nothing of walks, which are left out then.
+Missing datasets are generated, every result is saved immediately, and results of the current code are reused, so the
+run can be interrupted and restarted. ``--shard 2/4`` processes the second quarter of every block, for several machines
+that share OUT. Thresholds are set on the development half; the test half is for published numbers. The ground truth is
+read only after the verdict is saved. The experiment that an ambiguous verdict proposes is performed as a follow-up.
+``--baselines`` adds two baseline methods (:mod:`baselines`), which require ``pip install --group benchmark`` and
+exclude gait.
 """
 
 import argparse
@@ -26,13 +26,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.hidden_effects import walks
+from benchmarks.hidden_effects.follow_up import make_follow_up
 from benchmarks.hidden_effects.generate import make_dataset
 from benchmarks.hidden_effects.metrics import DatasetResult
 from benchmarks.hidden_effects.page import render_page
 from benchmarks.hidden_effects.plan import BLOCK_SIZES, GAIT_BLOCKS, HALF_SEEDS, DatasetSpec, plan_datasets
 from benchmarks.hidden_effects.report import print_report
 from benchmarks.hidden_effects.score import score_follow_up, score_verdict
-from benchmarks.hidden_effects.second_round import make_follow_up
 from rich.console import Console
 from rich.progress import track
 
@@ -42,17 +42,18 @@ Verdict = dict[str, Any]
 
 
 def compute_code_digest(*, include_gait: bool = False) -> str:
-    """Digest of everything that decides a verdict; of ``walks``, the replay too."""
-    parts = ("laws", "effects", "device", "dataset", "diagnose", *(("rigs/replay",) if include_gait else ()))
+    """Return the digest of all code that determines a verdict, including the gait replay with ``include_gait``."""
+    parts = ("laws", "effects", "device", "datasets", "bench", "diagnosis")
+    parts += ("gait/replay",) if include_gait else ()
     files = sorted(file for part in parts for file in (ROOT / "src" / "klute_sim" / part).rglob("*.py"))
     if include_gait:
-        rig = ROOT / "src" / "klute_sim" / "rigs" / "gait"
-        files += [rig / "build.py", rig / "body.py", ROOT / "models" / "ankle.xml"]
+        gait = ROOT / "src" / "klute_sim" / "gait"
+        files += [gait / "rig" / "build.py", gait / "body.py", ROOT / "models" / "ankle.xml"]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
 def compute_baselines_digest() -> str:
-    """Digest of everything that decides what the other methods say."""
+    """Return the digest of all code that determines the answers of the baseline methods."""
     files = (HERE / "baselines.py", HERE / "force_balance.py")
     return hashlib.sha256(
         b"".join([compute_code_digest().encode(), *(file.read_bytes() for file in files)])
@@ -66,33 +67,33 @@ def run_diagnosis(dataset: Path, exclude: tuple[str, ...], n_jobs: int) -> Verdi
         command += ["--jobs", str(n_jobs), "--out", str(Path(folder) / "found")]
         for name in exclude:
             command += ["--exclude", name]
-        begin = time.perf_counter()
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        seconds = time.perf_counter() - begin
-    if done.returncode == 2:  # data that cannot be read is refused in a sentence
-        said = {"reasons": [done.stderr], "effects": [], "alternatives": []}
-        return {"verdict": "insufficient-data", **said, "s": seconds}
-    if done.returncode != 0:
-        raise RuntimeError(f"{dataset}: {done.stderr}")
-    found: Verdict = json.loads(done.stdout)
-    return found | {"s": seconds}
+        start = time.perf_counter()
+        completed = subprocess.run(command, capture_output=True, text=True, check=False)
+        seconds = time.perf_counter() - start
+    if completed.returncode == 2:  # unreadable data is refused with one sentence
+        answer = {"reasons": [completed.stderr], "effects": [], "alternatives": []}
+        return {"verdict": "insufficient-data", **answer, "s": seconds}
+    if completed.returncode != 0:
+        raise RuntimeError(f"{dataset}: {completed.stderr}")
+    verdict: Verdict = json.loads(completed.stdout)
+    return verdict | {"s": seconds}
 
 
 def load_or_compute(path: Path, compute: Callable[[], Verdict]) -> Verdict:
-    """What ``file`` holds; what ``answer`` says is put there first if it is not there."""
+    """Return the content of ``path``; if it is missing, store the result of ``compute`` first."""
     if not path.exists():
-        fresh = path.with_suffix(".unfinished")
-        fresh.write_text(json.dumps(compute(), indent=1), "utf-8")
-        fresh.rename(path)
-    found: Verdict = json.loads(path.read_text("utf-8"))
-    return found
+        temporary = path.with_suffix(".unfinished")
+        temporary.write_text(json.dumps(compute(), indent=1), "utf-8")
+        temporary.rename(path)
+    stored: Verdict = json.loads(path.read_text("utf-8"))
+    return stored
 
 
 class BenchmarkRun:
-    """One folder of datasets and results, with the code as it is."""
+    """One folder of datasets and results for the current code."""
 
     def __init__(self, folder: Path, n_jobs: int, methods: dict[str, Callable[..., Verdict]]) -> None:
-        """``methods`` are others that are done beside it, by their names."""
+        """Set up the folder; ``methods`` are the baseline methods by name."""
         self._folder, self._n_jobs, self._methods = folder, n_jobs, methods
         self._code_digests, self._baselines_digest = (
             {False: compute_code_digest(), True: compute_code_digest(include_gait=True)},
@@ -101,37 +102,37 @@ class BenchmarkRun:
         (folder / "results").mkdir(parents=True, exist_ok=True)
 
     def process_dataset(self, spec: DatasetSpec) -> tuple[DatasetResult, dict[str, DatasetResult]]:
-        """What was found in the dataset of ``spec``, by the program and by every other method."""
-        name, of_walks = spec["name"], spec["block"] in GAIT_BLOCKS
+        """Return the results of the dataset ``spec`` for the program and for every baseline method."""
+        name, is_gait = spec["name"], spec["block"] in GAIT_BLOCKS
         dataset, truth_file = self._folder / name, self._folder / f"{name}.truth.json"
         if not truth_file.exists():
-            what = {key: value for key, value in spec.items() if key != "name"}
-            (walks.make_dataset if of_walks else make_dataset)(dataset, **what, truth=truth_file)
-        deleted = tuple(e["name"] for e in spec["effects"]) if spec.get("deleted") else ()
+            arguments = {key: value for key, value in spec.items() if key != "name"}
+            (walks.make_dataset if is_gait else make_dataset)(dataset, **arguments, truth=truth_file)
+        excluded = tuple(e["name"] for e in spec["effects"]) if spec.get("deleted") else ()
         verdict = load_or_compute(
-            self._result_path(name, self._code_digests[of_walks]),
-            partial(run_diagnosis, dataset, deleted, self._n_jobs),
+            self._result_path(name, self._code_digests[is_gait]),
+            partial(run_diagnosis, dataset, excluded, self._n_jobs),
         )
-        found = {
+        answers = {
             method: load_or_compute(
-                self._result_path(f"{name}_{method}", self._baselines_digest), partial(answer, dataset, deleted)
+                self._result_path(f"{name}_{method}", self._baselines_digest), partial(answer, dataset, excluded)
             )
             for method, answer in self._methods.items()
         }
         truth = json.loads(truth_file.read_text("utf-8"))
-        second = None
+        second_outcome = None
         if verdict["verdict"] == "ambiguous" and verdict["next_experiment"]:
-            again = load_or_compute(
-                self._result_path(f"{name}_second", self._code_digests[of_walks]),
-                partial(self._run_follow_up, dataset, truth, verdict, deleted),
+            second_verdict = load_or_compute(
+                self._result_path(f"{name}_second", self._code_digests[is_gait]),
+                partial(self._run_follow_up, dataset, truth, verdict, excluded),
             )
-            second = score_follow_up(truth, again)
-        own = DatasetResult(name, truth, verdict, score_verdict(truth, verdict), second)
-        # Whether anything is left to name is the dataset's own: all are held against the same refitted device.
-        same = {"gap": verdict.get("gap", {}), "alike": verdict.get("alike", ())}
-        return own, {
-            method: DatasetResult(name, truth, other, score_verdict(truth, {**other, **same}))
-            for method, other in found.items()
+            second_outcome = score_follow_up(truth, second_verdict)
+        own_result = DatasetResult(name, truth, verdict, score_verdict(truth, verdict), second_outcome)
+        # All methods are compared with the same refitted device.
+        shared_entries = {"gap": verdict.get("gap", {}), "indistinguishable": verdict.get("indistinguishable", ())}
+        return own_result, {
+            method: DatasetResult(name, truth, other, score_verdict(truth, {**other, **shared_entries}))
+            for method, other in answers.items()
         }
 
     def _result_path(self, name: str, digest: str) -> Path:
@@ -146,7 +147,7 @@ class BenchmarkRun:
 
 
 def load_baselines() -> dict[str, Callable[..., Verdict]]:
-    """Name -> method; raises ModuleNotFoundError, with what to install, if one cannot run."""
+    """Return the baseline methods by name; raises ModuleNotFoundError with installation advice if one cannot run."""
     from benchmarks.hidden_effects import baselines
 
     baselines.require_pysindy()
@@ -160,7 +161,7 @@ def _iter_specs(blocks: list[str], count: int | None, seed: int, shard: str) -> 
 
 
 def main() -> None:
-    """Make, diagnose, score, print."""
+    """Generate, diagnose, score and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder of datasets and results")
     parser.add_argument("--block", choices=tuple(BLOCK_SIZES), action="append", help="may be repeated  [default: all]")
@@ -171,26 +172,35 @@ def main() -> None:
     parser.add_argument("--baselines", action="store_true", help="do other methods, too")
     parser.add_argument("--page", type=Path, metavar="FILE", help="write the page of results")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    chosen = parser.parse_args()
+    arguments = parser.parse_args()
     try:
-        methods = load_baselines() if chosen.baselines else {}
+        methods = load_baselines() if arguments.baselines else {}
     except ModuleNotFoundError as error:
         parser.error(str(error))
-    blocks = [block for block in chosen.block or BLOCK_SIZES if not (methods and block in GAIT_BLOCKS)]
-    specs = list(_iter_specs(blocks, chosen.count, HALF_SEEDS[chosen.half], chosen.shard))
-    notes = Console(stderr=True)
-    run = BenchmarkRun(chosen.out, max(1, (os.cpu_count() or 1) // chosen.at_once), methods)
-    with ThreadPoolExecutor(chosen.at_once) as pool:
-        going = track(
-            pool.map(run.process_dataset, specs), "diagnosing", len(specs), console=notes, disable=not notes.is_terminal
+    blocks = [block for block in arguments.block or BLOCK_SIZES if not (methods and block in GAIT_BLOCKS)]
+    specs = list(_iter_specs(blocks, arguments.count, HALF_SEEDS[arguments.half], arguments.shard))
+    console = Console(stderr=True)
+    run = BenchmarkRun(arguments.out, max(1, (os.cpu_count() or 1) // arguments.at_once), methods)
+    with ThreadPoolExecutor(arguments.at_once) as pool:
+        results = track(
+            pool.map(run.process_dataset, specs),
+            "diagnosing",
+            len(specs),
+            console=console,
+            disable=not console.is_terminal,
         )
-        done = list(going)
-    rows = [row for row, _ in done]
-    others = {method: [each[method] for _, each in done] for method in methods}
-    if chosen.page:
-        head = {"half": chosen.half, "code": compute_code_digest(), "datasets": len(rows), "at once": chosen.at_once}
-        chosen.page.write_text(render_page(rows, others, head), "utf-8")
-    print_report(rows, others, as_json=chosen.json)
+        completed = list(results)
+    rows = [row for row, _ in completed]
+    others = {method: [method_results[method] for _, method_results in completed] for method in methods}
+    if arguments.page:
+        head = {
+            "half": arguments.half,
+            "code": compute_code_digest(),
+            "datasets": len(rows),
+            "at once": arguments.at_once,
+        }
+        arguments.page.write_text(render_page(rows, others, head), "utf-8")
+    print_report(rows, others, as_json=arguments.json)
 
 
 if __name__ == "__main__":

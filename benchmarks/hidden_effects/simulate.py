@@ -1,4 +1,4 @@
-"""From a program and a device to what the bench would read: traces, instruments, noise."""
+"""Simulation of the measurements of a program: traces, instruments and noise."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -8,7 +8,7 @@ from benchmarks.hidden_effects.air import AIR_STEP, AirSupply, is_coupled_to_mot
 from benchmarks.hidden_effects.catalogue import BENCH_CHANNELS, add_effects, instrument_forms
 from benchmarks.hidden_effects.inputs import SAMPLE_INTERVAL, InputProgram
 from benchmarks.hidden_effects.law import Law
-from benchmarks.hidden_effects.strangers import apply_to_channels, apply_to_motion
+from benchmarks.hidden_effects.out_of_catalogue import apply_to_channels, apply_to_motion
 from benchmarks.hidden_effects.truth import TRACE_STEP, DeviceInputs, integrate_device
 from scipy.signal import lfilter
 
@@ -17,30 +17,30 @@ Floats = np.ndarray
 
 
 class Noise(NamedTuple):
-    """Rms of what the instruments and the world add, in the units of the columns."""
+    """RMS noise of instruments and environment, in the units of the columns."""
 
     force: float = BENCH_CHANNELS["force"].noise
     pressure: float = BENCH_CHANNELS["pressure"].noise
     muscle_length: float = BENCH_CHANNELS["muscle_length"].noise
     wander: float = 0.004
-    """Slow wander of the true pressure [bar]; stays below 0.01 bar."""
+    """Slow disturbance of the true pressure [bar]; stays below 0.01 bar."""
     logged_length: float = 0.01
     logged_command: float = 0.002
 
 
 class Hidden(NamedTuple):
-    """What is hidden in a dataset."""
+    """Hidden content of a dataset."""
 
     effects: Sequence[Mapping[str, Any]] = ()
-    """Of the device."""
+    """Effects of the device."""
     instruments: Sequence[Mapping[str, Any]] = ()
-    """Faults, each with its channel."""
+    """Instrument faults, each with its channel."""
     strangers: Sequence[Mapping[str, Any]] = ()
-    """Of no kind that a catalogue has."""
+    """Effects that no catalogue contains."""
 
 
 def draw_wander(rng: np.random.Generator, n_samples: int, rms_bar: float) -> Floats:
-    """A slow disturbance of the true pressure on the air grid [Pa]: three sines of 0.1 to 0.8 Hz."""
+    """Return a slow disturbance of the true pressure on the air grid [Pa]: three sines of 0.1 to 0.8 Hz."""
     t = np.arange(n_samples) * AIR_STEP
     frequency, phase = np.exp(rng.uniform(np.log(0.1), np.log(0.8), 3)), rng.uniform(0, 2 * np.pi, 3)
     return rms_bar * 1e5 * np.sqrt(2 / 3) * np.sin(2 * np.pi * frequency[:, None] * t + phase[:, None]).sum(axis=0)
@@ -53,25 +53,25 @@ def simulate_trace(
     disturbance: Floats | float = 0.0,
     tolerance: float = LENGTH_TOLERANCE,
 ) -> dict[str, Floats]:
-    """True channels on the trace grid, in the units of the columns."""
-    every = round(TRACE_STEP / AIR_STEP)
-    n = (len(program.length) - 1) * every + 1
+    """Return the true channels on the trace grid, in the units of the columns."""
+    air_steps = round(TRACE_STEP / AIR_STEP)
+    n = (len(program.length) - 1) * air_steps + 1
     if is_coupled_to_motion(air):
-        # Air that is shut in may be thinned below the room's pressure: no floor.
-        given = np.broadcast_to(np.asarray(disturbance, float), n).copy()
+        # Enclosed air may expand below ambient pressure, so it has no lower limit.
+        prescribed_pressure = np.broadcast_to(np.asarray(disturbance, float), n).copy()
     else:
-        given = np.maximum(simulate_pressure(program.command, SAMPLE_INTERVAL, n, air) + disturbance, 0.0)
-    inputs = DeviceInputs(program.spline_coefficients(), given, program.command, SAMPLE_INTERVAL)
+        prescribed_pressure = np.maximum(simulate_pressure(program.command, SAMPLE_INTERVAL, n, air) + disturbance, 0.0)
+    inputs = DeviceInputs(program.spline_coefficients(), prescribed_pressure, program.command, SAMPLE_INTERVAL)
     force, length, pressure, _ = integrate_device(inputs, law, air, tolerance)
     if not is_coupled_to_motion(air):
-        pressure = given[::every]
+        pressure = prescribed_pressure[::air_steps]
     return {"force": force, "pressure": pressure / 1e5, "muscle_length": length * 1e3}
 
 
 def simulate_measurements(
     program: InputProgram, base_device: tuple[Law, AirSupply], hidden: Hidden, disturbance: Floats | float = 0.0
 ) -> dict[str, Floats]:
-    """Channels of the ``plain`` device with what is ``hidden``, as instruments report them (see :func:`read`)."""
+    """Return the channels of ``base_device`` with the ``hidden`` effects as its instruments report them."""
     true = simulate_trace(
         apply_to_motion(program, hidden.strangers), *add_effects(*base_device, hidden.effects), disturbance
     )
@@ -79,7 +79,7 @@ def simulate_measurements(
 
 
 def apply_faults(channels: Mapping[str, Floats], faults: Sequence[Mapping[str, Any]]) -> dict[str, Floats]:
-    """The channels as faulty instruments report them, still on the trace grid, without noise and not yet rounded."""
+    """Return the channels as faulty instruments report them on the trace grid, without noise and rounding."""
     out = {name: values.copy() for name, values in channels.items()}
     for fault in faults:
         channel, p = fault["channel"], fault["parameters"]
@@ -103,7 +103,7 @@ def apply_faults(channels: Mapping[str, Floats], faults: Sequence[Mapping[str, A
 
 
 def quantise(channel: str, values: Floats, faults: Sequence[Mapping[str, Any]]) -> Floats:
-    """``values`` of ``channel`` as a display with coarse steps shows them; noise has to be in them already."""
+    """Return ``values`` of ``channel`` as a display with coarse steps shows them; ``values`` must include the noise."""
     for fault in faults:
         if fault["name"] == "quantisation" and fault["channel"] == channel and fault["parameters"]["step"] > 0.0:
             step = fault["parameters"]["step"]
@@ -112,7 +112,7 @@ def quantise(channel: str, values: Floats, faults: Sequence[Mapping[str, Any]]) 
 
 
 def _apply_lag(values: Floats, time_constant: float) -> Floats:
-    """First-order lag, exact for a signal that is linear between samples; at rest before the start."""
+    """Apply a first-order lag, exact for linear interpolation, from rest."""
     if time_constant <= 0.0:
         return values
     ratio = time_constant / TRACE_STEP
@@ -122,8 +122,8 @@ def _apply_lag(values: Floats, time_constant: float) -> Floats:
 
 
 def draw_coloured_noise(rng: np.random.Generator, n_samples: int, rms: float) -> Floats:
-    """AR(1) noise at the sample rate with a correlation time of 10 to 30 ms."""
-    keep = np.exp(-SAMPLE_INTERVAL / rng.uniform(0.010, 0.030))
-    white = rng.normal(0.0, rms * np.sqrt(1.0 - keep**2), n_samples)
+    """Return AR(1) noise at the sampling rate with a correlation time of 10 to 30 ms."""
+    decay = np.exp(-SAMPLE_INTERVAL / rng.uniform(0.010, 0.030))
+    white = rng.normal(0.0, rms * np.sqrt(1.0 - decay**2), n_samples)
     start = rng.normal(0.0, rms)
-    return lfilter([1.0], [1.0, -keep], white, zi=[keep * start])[0]
+    return lfilter([1.0], [1.0, -decay], white, zi=[decay * start])[0]

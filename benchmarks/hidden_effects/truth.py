@@ -1,16 +1,18 @@
-"""The device and every hidden effect, written again from the published formulas, and an adaptive integrator.
+"""The device with all hidden effects, implemented independently from the published formulas, and an adaptive
+integrator.
 
-Nothing here comes from the simulator: a diagnosis that is tested on data of its own code proves nothing. The forces are
-in ``law.py``, the supply is in ``air.py``. SI throughout.
+This package uses no code of the simulator: a diagnosis tested on data of its own code would prove nothing. ``law.py``
+has the forces and ``air.py`` the supply. SI units throughout.
 
-State: muscle length ``L`` and the memories of the effects, among them the air's where the pressure depends on the
-motion. The massless junction
+State: muscle length ``L`` and the internal states of the effects, including those of the air where the pressure depends
+on the motion. The massless junction
 
     muscle(P, L) + damper(v) + velocity effects(v) = tendon(unit length - L - slack length)
 
-gives ``v``. The damper is ``v |v|``, whose inverse has an infinite slope at rest: explicit and Jacobian-based steps
-crawl or chatter there. Each stage of a two-stage L-stable SDIRK (Alexander 1977, order 2) is instead a scalar equation
-in ``v`` that rises with ``v``, solved in a bracket (Chandrupatla's method); steps are controlled by step doubling.
+determines ``v``. The damper is ``v |v|``, whose inverse has an infinite slope at rest, where explicit and
+Jacobian-based integrators become slow or oscillate. Each stage of a two-stage L-stable SDIRK (Alexander 1977, order 2)
+is therefore a scalar equation that increases with ``v`` and is solved in a bracket (Chandrupatla's method). Step
+doubling controls the step size.
 """
 
 import math
@@ -53,25 +55,27 @@ MIN_TIME_STEP = 1e-8  # s: a step this short is taken whatever its error (an imp
 
 
 class DeviceInputs(NamedTuple):
-    """What a device is put through."""
+    """Prescribed inputs of a device."""
 
     length_spline: np.ndarray
-    """Of the unit's length: see :func:`unit_length`."""
+    """Spline coefficients of the unit length; see :func:`evaluate_length_spline`."""
     pressure: np.ndarray
-    """On the air grid; where the air is integrated with the motion, what is added to its pressure."""
+    """Pressure on the air grid, or a disturbance where the air is integrated with the motion."""
     command: np.ndarray
+    """Pressure command [Pa]."""
     command_step: float
+    """Sampling interval of the command [s]."""
 
 
 class BoundaryConditions(NamedTuple):
-    """What is given from outside at one moment."""
+    """Prescribed quantities at one instant."""
 
     unit_length: float
-    """Length of the whole unit."""
+    """Length of the unit [m]."""
     pressure: float
-    """Of the air; or what is added to it, where the air is integrated with the motion."""
+    """Air pressure, or its disturbance where the air is integrated with the motion."""
     target: float
-    """What the supply is told to reach; unused where the pressure is given."""
+    """Target pressure of the supply; unused where the pressure is prescribed."""
 
 
 @cached_njit
@@ -86,7 +90,9 @@ def force_residual(
     law: Law,
     air: AirSupply,
 ) -> float:
-    """Muscle side less tendon side if the stage moves from ``L`` at ``v`` for ``gh``; memories end in ``new``."""
+    """Return muscle tension less tendon tension after a stage from ``L`` at ``v`` for ``gh``; ``new`` receives the
+    states.
+    """
     L = L + gh * v
     pressure = boundary.pressure
     if is_coupled_to_motion(air):
@@ -116,13 +122,13 @@ def solve_stage(
     law: Law,
     air: AirSupply,
 ) -> float:
-    """Velocity of a stage, within the stops; memories in ``new``."""
+    """Return the velocity of a stage within the stops; ``new`` receives the states."""
     low, high = (law.braid_length / math.sqrt(3.0) - L) / gh, (law.resting_length - L) / gh
     a = min(max(guess, low), high)
     fa = force_residual(a, L, boundary, gh, old, base, new, law, air)
     width = 1e-4 + 0.01 * abs(a)
     b, fb = a, fa
-    while fa * fb > 0.0:  # walk towards the root until it is passed, or a stop is reached
+    while fa * fb > 0.0:  # extend the bracket until it contains the root or reaches a stop
         a, fa = b, fb
         b = min(a + width, high) if fa < 0.0 else max(a - width, low)
         if a == b:
@@ -160,7 +166,7 @@ def solve_stage(
 
 @cached_njit
 def evaluate_length_spline(t: float, length_spline: np.ndarray) -> float:
-    """Prescribed length of the unit: cubic pieces on the trace grid, highest power first."""
+    """Return the prescribed unit length: cubic pieces on the trace grid, highest power first."""
     i = min(max(int(t / TRACE_STEP), 0), length_spline.shape[1] - 1)
     s = t - i * TRACE_STEP
     return ((length_spline[0, i] * s + length_spline[1, i]) * s + length_spline[2, i]) * s + length_spline[3, i]
@@ -168,7 +174,7 @@ def evaluate_length_spline(t: float, length_spline: np.ndarray) -> float:
 
 @cached_njit
 def boundary_conditions_at(t: float, inputs: DeviceInputs, air: AirSupply) -> BoundaryConditions:
-    """What is given at ``t``."""
+    """Return the boundary conditions at ``t``."""
     target = target_pressure(t, inputs.command, inputs.command_step, air) if is_coupled_to_motion(air) else 0.0
     return BoundaryConditions(
         evaluate_length_spline(t, inputs.length_spline), interpolate_on_grid(t, inputs.pressure, AIR_STEP), target
@@ -188,7 +194,7 @@ def step_sdirk(
     law: Law,
     air: AirSupply,
 ) -> tuple[float, float]:
-    """One SDIRK step: length and velocity at its end, memories in ``out``."""
+    """Take one SDIRK step; return length and velocity at its end, with the states in ``new_state``."""
     gh = GAMMA * h
     middle, base = workspace[0], workspace[1]
     v1 = solve_stage(v, L, boundary_conditions_at(t + gh, inputs, air), gh, state, state, middle, law, air)
@@ -201,7 +207,7 @@ def step_sdirk(
 
 @cached_njit
 def solve_rest_length(unit: float, pressure: float, law: Law) -> float:
-    """Muscle length at rest with empty memories, found by halving between the stops."""
+    """Return the muscle length at rest with relaxed states, by bisection between the stops."""
     low, high = law.braid_length / math.sqrt(3.0), law.resting_length
     none = np.zeros(N_INTERNAL_STATES)
     for _ in range(100):
@@ -222,10 +228,10 @@ def solve_rest_length(unit: float, pressure: float, law: Law) -> float:
 def integrate_device(
     inputs: DeviceInputs, law: Law, air: AirSupply, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Tendon force, muscle length and pressure on the trace grid, and how many steps were taken.
+    """Return tendon force, muscle length and pressure on the trace grid, and the number of steps.
 
-    ``tolerance`` is the allowed length error of one step, in metres. Steps end on the trace grid, so that corners of
-    the command, which lie on it, are never inside a step.
+    ``tolerance`` is the allowed length error of one step [m]. Steps end on the trace grid, which contains the corners
+    of the command.
     """
     n = inputs.length_spline.shape[1] + 1
     force, length, pressure = np.empty(n), np.empty(n), np.empty(n)
@@ -236,11 +242,11 @@ def integrate_device(
         np.zeros(N_INTERNAL_STATES),
     )
     work = np.zeros((2, N_INTERNAL_STATES))
-    told, together = boundary_conditions_at(0.0, inputs, air), is_coupled_to_motion(air)
-    filled = min(told.target, source_pressure(0.0, air))
-    L = solve_rest_length(told.unit, told.pressure + (filled if together else 0.0), law)
-    set_rest_state(memory, L - law.resting_length, told.unit - L - law.slack - law.tendon_slack, law)
-    if together:
+    boundary, is_coupled = boundary_conditions_at(0.0, inputs, air), is_coupled_to_motion(air)
+    filled = min(boundary.target, source_pressure(0.0, air))
+    L = solve_rest_length(boundary.unit_length, boundary.pressure + (filled if is_coupled else 0.0), law)
+    set_rest_state(memory, L - law.resting_length, boundary.unit_length - L - law.slack - law.tendon_slack, law)
+    if is_coupled:
         memory[PRESSURE_INDEX] = filled
     longest = 0.5 * FILM_TIME if law.stribeck != 0.0 else TRACE_STEP  # the film is looked up a stage late
     v, h, steps = 0.0, 1e-5, 0
@@ -266,9 +272,9 @@ def integrate_device(
                     memory[:] = final
                     steps += 1
                 h = min(max(step * scale, MIN_TIME_STEP), longest)
-        told = boundary_conditions_at(k * TRACE_STEP, inputs, air)
-        length[k], pressure[k] = L, told.pressure
-        if together:
+        boundary = boundary_conditions_at(k * TRACE_STEP, inputs, air)
+        length[k], pressure[k] = L, boundary.pressure
+        if is_coupled:
             pressure[k] += memory[PRESSURE_INDEX] + memory[DISTURBANCE_INDEX]
-        force[k] = tendon_tension(told.unit - L - law.slack - law.tendon_slack, memory, law)
+        force[k] = tendon_tension(boundary.unit_length - L - law.slack - law.tendon_slack, memory, law)
     return force, length, pressure, steps

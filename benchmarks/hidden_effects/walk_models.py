@@ -1,7 +1,7 @@
-"""Effects of the body, put into the MJCF in other ways than the package's.
+"""Effects of the body, applied to the MJCF differently from the package.
 
-Where the package hangs a foot that bends on the ankle's lever, here the lever hangs on the foot. For the rest there is
-one word of MuJoCo's each.
+The package attaches a compliant foot to the lever of the ankle; here the lever is attached to the foot. The other
+effects are single MuJoCo attributes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,11 +14,11 @@ import numpy as np
 EffectParameters = Mapping[str, float]
 SpecEdit = Callable[[mujoco.MjSpec, EffectParameters], None]
 FRICTION_SOLVER_PARAMETERS = (5e-4, 1.0), (0.99, 0.9995, 0.001, 0.5, 2.0)
-"""solref and solimp of friction."""
+"""MuJoCo's solref and solimp of friction."""
 FOOT_TIME_CONSTANT = 5e-4
-"""Time constant that a foot which bends has by itself [s]."""
+"""Time constant of a compliant foot [s]."""
 ROCKER_MASS_FRACTION = 0.25
-"""Share of the foot's mass that is the rocker's."""
+"""Fraction of the mass of the foot that is the rocker's."""
 
 
 def _ankle_joint(spec: mujoco.MjSpec) -> mujoco.MjsJoint:
@@ -62,9 +62,9 @@ def _scale_foot_inertia(spec: mujoco.MjSpec, parameters: EffectParameters) -> No
 
 
 def _add_foot_compliance(spec: mujoco.MjSpec, parameters: EffectParameters) -> None:
-    """The foot hangs on the ankle; a rocker, which the tendon pulls, hangs on the foot by a torsion spring.
+    """Attach the foot to the ankle, and a rocker, which the tendon pulls, to the foot by a torsion spring.
 
-    Return spring and stops are a fixed tendon's, between rocker and pylon.
+    Return spring and stops become a fixed tendon between rocker and pylon.
     """
     foot, ankle = spec.body("prosthesis_foot"), _ankle_joint(spec)
     mass, inertia = np.array(foot.mass), np.array(foot.inertia)
@@ -88,13 +88,13 @@ def _add_foot_compliance(spec: mujoco.MjSpec, parameters: EffectParameters) -> N
     for key in ("stiffness", "damping", "range", "solref_limit"):
         setattr(hinge, key, np.array(getattr(ankle, key)))
     ankle.stiffness, ankle.damping, ankle.range = np.zeros(3), np.zeros(3), (-1.0, 1.0)
-    was = spec.site("prosthesis_achilles_insertion")
-    was.name = "unused"
-    rocker.add_site(name="prosthesis_achilles_insertion", pos=np.array(was.pos))
+    insertion = spec.site("prosthesis_achilles_insertion")
+    insertion.name = "unused"
+    rocker.add_site(name="prosthesis_achilles_insertion", pos=np.array(insertion.pos))
 
 
 def _add_socket_slide(spec: mujoco.MjSpec, parameters: EffectParameters) -> None:
-    """Between limb and pylon, with a tenth of critical damping for 2 kg."""
+    """Add a slide between limb and pylon with a tenth of critical damping for 2 kg."""
     stump = spec.body("prosthesis_pylon").add_joint(name="stump", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
     stiffness = 1e6 / parameters["compliance_mm_per_kn"]
     stump.stiffness, stump.damping = np.array([stiffness, 0, 0]), np.array([0.2 * np.sqrt(2.0 * stiffness), 0, 0])
@@ -116,13 +116,15 @@ SPEC_EDITS: Mapping[tuple[str, str], SpecEdit] = {
 
 
 def compose_spec_edits(effects: Sequence[Mapping[str, Any]]) -> Callable[[mujoco.MjSpec], None]:
-    """What puts all of ``effects`` that are of the body into a model."""
-    own = [
-        partial(SPEC_EDITS[key], own=e["parameters"]) for e in effects if (key := (e["name"], e["form"])) in SPEC_EDITS
+    """Return the function that applies all ``effects`` of the body to a model."""
+    edits = [
+        partial(SPEC_EDITS[key], parameters=e["parameters"])
+        for e in effects
+        if (key := (e["name"], e["form"])) in SPEC_EDITS
     ]
 
-    def every(spec: mujoco.MjSpec) -> None:
-        for each in own:
-            each(spec)
+    def apply_all(spec: mujoco.MjSpec) -> None:
+        for apply_edit in edits:
+            apply_edit(spec)
 
-    return every
+    return apply_all

@@ -1,9 +1,9 @@
-"""Walks whose truth is known, and sealed: made by the contact model in shorter steps.
+"""Gait datasets with known, separately stored ground truth, from the contact model with shorter time steps.
 
-What makes the data is another MuJoCo model than what explains them: the whole rig with its contacts, servos and the
-heel's spring, in steps of half the length, with effects of the body put into the MJCF here (:mod:`walk_models`) and not
-by the package. The device in it is the package's own law, its uncertain numbers drawn anew. Markers are on the limb:
-where the ankle is, is reckoned from there. Repeats are walks at slightly other speeds.
+The data come from another MuJoCo model than their explanation: the complete rig with contacts, servos and the heel
+spring, half the time step, and effects of the body that :mod:`walk_models` adds to the MJCF. The device follows the law
+of the package with uncertain numbers drawn anew. Markers are on the limb, from which the ankle position is computed.
+Repeats have slightly different speeds.
 """
 
 import json
@@ -21,7 +21,6 @@ from benchmarks.hidden_effects.walk_sizes import GaitEffectSizer
 
 from klute_sim.controllers.pressure import PressureProfile, load_default_profile
 from klute_sim.datasets.write import write_trial
-from klute_sim.device.changes import apply_changes
 from klute_sim.device.device import Device, load_device, parse_device
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
@@ -31,17 +30,17 @@ Effects = Sequence[Mapping[str, Any]]
 DEVICE_PRESET = "klute-1-1-4-pair"
 TIME_STEP, N_STRIDES = 2.5e-4, 4
 SEGMENT_LENGTH = 0.43
-"""Length of thigh and shank of the usual walker [m]."""
+"""Length of thigh and shank of the default subject [m]."""
 RELATIVE_UNCERTAINTIES = {
     "muscle.friction_slope_n_per_bar": 0.1,
     "tendon.stiffness_1_n_per_mm": 0.1,
     "muscle.c10_kpa": 0.1,
 }
-"""Relative standard deviations; the truth is no further off than two of them."""
-GROUP_SPEEDS = {"fit_1": 1.2, "fit_2": 1.0, "fit_3": 1.1, "select_1": 1.3, "show_1": 1.15}
-"""Group -> speed [m/s]."""
+"""Relative standard deviations; the true values are within two of them."""
+GROUP_SPEEDS = {"fit_1": 1.2, "fit_2": 1.0, "fit_3": 1.1, "validation_1": 1.3, "test_1": 1.15}
+"""Speed [m/s] of each group."""
 SPEED_DEVIATION = 0.01
-"""Relative standard deviation of a repeat's speed."""
+"""Relative standard deviation of the speed of a repeat."""
 CHANNEL_NOISE = {
     **{"shank_angle": 0.1, "ankle_x": 3e-4, "ankle_z": 3e-4, "grf_vertical": 2.0, "grf_forward": 1.0, "cop_x": 1e-3},
     **{
@@ -51,20 +50,20 @@ CHANNEL_NOISE = {
     },
     **{"pressure": GAIT_CHANNELS["pressure"].noise, "muscle_length": 1e-3 * GAIT_CHANNELS["muscle_length"].noise},
 }
-"""Of every channel, in the units of a recording."""
+"""Noise of each channel in the units of a recording."""
 FILE_CHANNELS = {
     "motion": (5e-3, ("shank_angle", "ankle_x", "ankle_z", "ankle_angle")),
     "load": (1e-3, ("grf_vertical", "grf_forward", "cop_x", "pressure_command", "force", "pressure", "muscle_length")),
 }
-"""File -> interval [s] and channels."""
+"""Sampling interval [s] and channels of each file."""
 
 
 def make_dataset(
     folder: Path, seed: int, *, truth: Path, effects: Effects = (), instruments: Effects = (), block: str = "walk"
 ) -> dict[str, Any]:
-    """Write the dataset ``folder`` and its ``truth``; return that.
+    """Write the dataset ``folder`` and its ground truth ``truth``; return the ground truth.
 
-    Device, speeds, pressures and noise depend on ``seed`` only. What has a ``wanted`` size gets it.
+    Device, speeds, pressures and noise depend on ``seed`` only. Effects with a ``wanted`` size are scaled to it.
     """
     child = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3)]
     nominal = load_device(DEVICE_PRESET)
@@ -73,7 +72,7 @@ def make_dataset(
         k: numbers[k] * (1.0 + share * np.clip(child[0].normal(), -2.0, 2.0))
         for k, share in RELATIVE_UNCERTAINTIES.items()
     }
-    plain = apply_changes(nominal, base, "the truth")
+    device = nominal.with_changes(base, "the truth")
     profiles = {}
     for group in GROUP_SPEEDS:
         share = float(child[1].uniform(0.5, 1.0))
@@ -81,8 +80,8 @@ def make_dataset(
             load_default_profile(), pressure_bar=tuple(share * bar for bar in load_default_profile().pressure_bar)
         )
     hidden, faults = list(effects), list(instruments)
-    if any("wanted" in each for each in (*hidden, *faults)):
-        scale = _build_sizer(plain, base, profiles)
+    if any("wanted" in effect for effect in (*hidden, *faults)):
+        scale = _build_sizer(device, base, profiles)
         hidden = [
             scale_to_target(e, (EFFECTS | BODY_EFFECTS)[e["name"], e["form"]], scale.measure_size) for e in hidden
         ]
@@ -94,13 +93,13 @@ def make_dataset(
     lines = _dataset_header()
     for group, speed in GROUP_SPEEDS.items():
         for repeat in "ab":
-            own = speed * (1.0 + SPEED_DEVIATION * float(child[1].normal()))
-            walked = _simulate_gait_trial(plain, profiles[group], own, hidden)
+            repeat_speed = speed * (1.0 + SPEED_DEVIATION * float(child[1].normal()))
+            recording = _simulate_gait_trial(device, profiles[group], repeat_speed, hidden)
             lines += _write_trial_files(
-                folder, f"{group}_{repeat}", group, measure_channels(walked, CHANNEL_NOISE, faults, child[2])
+                folder, f"{group}_{repeat}", group, measure_channels(recording, CHANNEL_NOISE, faults, child[2])
             )
     (folder / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
-    sealed = {
+    ground_truth = {
         "seed": seed,
         "block": block,
         "effects": hidden,
@@ -111,45 +110,45 @@ def make_dataset(
         "defect": None,
         "base": base,
         "nominal": {key: numbers[key] for key in RELATIVE_UNCERTAINTIES},
-        "size": max([0.0, *(each.get("size", 0.0) for each in (*hidden, *faults))]),
+        "size": max([0.0, *(effect.get("size", 0.0) for effect in (*hidden, *faults))]),
     }
-    truth.write_text(json.dumps(sealed, indent=1), "utf-8")
-    return sealed
+    truth.write_text(json.dumps(ground_truth, indent=1), "utf-8")
+    return ground_truth
 
 
 def _simulate_gait_trial(device: Device, profile: PressureProfile, speed: float, effects: Effects) -> Recording:
-    """With ``effects`` in the device's own file, or in the MJCF."""
+    """Simulate gait with ``effects`` in the device file or in the MJCF."""
     text = device.content.decode()
-    for one in effects:
-        if (one["name"], one["form"]) not in SPEC_EDITS:
-            own = "".join(f"{key} = {value!r}\n" for key, value in one["parameters"].items())
-            text += f'\n[effects.{one["name"]}]\nform = "{one["form"]}"\n{own}'
+    for effect in effects:
+        if (effect["name"], effect["form"]) not in SPEC_EDITS:
+            parameter_lines = "".join(f"{key} = {value!r}\n" for key, value in effect["parameters"].items())
+            text += f'\n[effects.{effect["name"]}]\nform = "{effect["form"]}"\n{parameter_lines}'
     options = GaitOptions(speed=speed, strides=N_STRIDES, dt=TIME_STEP, model_edit=compose_spec_edits(effects))
     return simulate_gait(parse_device(text.encode(), "the truth"), profile, options)
 
 
 def _build_sizer(device: Device, base: Mapping[str, float], profiles: Mapping[str, PressureProfile]) -> GaitEffectSizer:
-    """From one walk of every group that is fitted."""
+    """Return the sizer from one simulation of each fit group."""
     with tempfile.TemporaryDirectory() as folder:
-        lines, random = _dataset_header(), np.random.default_rng(0)
+        lines, rng = _dataset_header(), np.random.default_rng(0)
         for group in (group for group in GROUP_SPEEDS if group.startswith("fit")):
-            walked = _simulate_gait_trial(device, profiles[group], GROUP_SPEEDS[group], ())
+            recording = _simulate_gait_trial(device, profiles[group], GROUP_SPEEDS[group], ())
             lines += _write_trial_files(
-                Path(folder), group, group, measure_channels(walked, dict.fromkeys(CHANNEL_NOISE, 0.0), (), random)
+                Path(folder), group, group, measure_channels(recording, dict.fromkeys(CHANNEL_NOISE, 0.0), (), rng)
             )
         (Path(folder) / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")
         return GaitEffectSizer(Path(folder), base, {name: channel.noise for name, channel in GAIT_CHANNELS.items()})
 
 
 def _dataset_header() -> list[str]:
-    lines = ['format = "klute-sim-dataset/1"', 'rig = "gait"', f'device = "{DEVICE_PRESET}"', "", "[uncertain]"]
+    lines = ['format = "klute-sim-dataset/2"', 'rig = "gait"', f'device = "{DEVICE_PRESET}"', "", "[uncertain]"]
     return lines + [f'"{key}" = "{100.0 * share:g} %"' for key, share in RELATIVE_UNCERTAINTIES.items()]
 
 
 def _write_trial_files(
     folder: Path, name: str, group: str, columns: Mapping[str, Mapping[str, np.ndarray]]
 ) -> list[str]:
-    """Write its files; the lines that name them."""
+    """Write the files of a trial and return the lines that list them."""
     files = [f"{name}_{part}.csv" for part in FILE_CHANNELS]
     for file, part in zip(files, FILE_CHANNELS, strict=True):
         write_trial(folder / file, columns[part])
@@ -159,33 +158,33 @@ def _write_trial_files(
 def measure_channels(
     recording: Recording, noise: Mapping[str, float], faults: Effects, rng: np.random.Generator
 ) -> dict[str, dict[str, np.ndarray]]:
-    """The columns of every file, as instruments show them."""
+    """Return the columns of each file as the instruments report them."""
     thigh, shank = np.radians(recording["thigh_angle"]), np.radians(recording["shank_angle"])
     limb = {
         "ankle_x": recording["carriage_x"] - SEGMENT_LENGTH * (np.sin(thigh) + np.sin(shank)),
         "ankle_z": recording["carriage_z"] - SEGMENT_LENGTH * (np.cos(thigh) + np.cos(shank)),
     }
-    found = {}
+    files = {}
     for part, (interval, names) in FILE_CHANNELS.items():
-        every = round(interval / TIME_STEP)
-        columns = found[part] = {"time [s]": recording["time"][::every]}
+        decimation = round(interval / TIME_STEP)
+        columns = files[part] = {"time [s]": recording["time"][::decimation]}
         for name in names:
             values = limb[name] if name in limb else recording[name]
-            for fault in (one for one in faults if one["channel"] == name):
+            for fault in (candidate for candidate in faults if candidate["channel"] == name):
                 values = apply_fault(values, fault)
-            values = values[::every]
+            values = values[::decimation]
             columns[recording.format_heading(name)] = values + noise[name] * rng.normal(0.0, 1.0, len(values))
-    return found
+    return files
 
 
 def apply_fault(values: np.ndarray, fault: Mapping[str, Any]) -> np.ndarray:
-    """``values``, one per step, through an instrument with a ``fault``."""
-    own = fault["parameters"]
+    """Return ``values``, one per time step, as an instrument with ``fault`` reports them."""
+    parameters = fault["parameters"]
     if fault["name"] == "sensor_lag":
-        found, share = np.empty_like(values), TIME_STEP / (own["time_constant_s"] + TIME_STEP)
-        late = values[0]
+        lagged, weight = np.empty_like(values), TIME_STEP / (parameters["time_constant_s"] + TIME_STEP)
+        output = values[0]
         for k, value in enumerate(values):
-            late += share * (value - late)
-            found[k] = late
-        return found
-    return own.get("gain", 1.0) * values + own.get("offset", 0.0)
+            output += weight * (value - output)
+            lagged[k] = output
+        return lagged
+    return parameters.get("gain", 1.0) * values + parameters.get("offset", 0.0)

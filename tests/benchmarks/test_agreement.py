@@ -1,20 +1,13 @@
-"""The generator's laws against the package's own: two programs, two integrators, one device.
-
-The package takes implicit steps of first order; what is compared is extrapolated from two step lengths. Neither knows
-what friction had been through before a trial, and they begin otherwise, so the first half of a trial is not compared.
-"""
+"""Tests that the independent device of the benchmark agrees with the package."""
 
 from collections.abc import Iterable, Mapping
-from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.interpolate import PPoly
-
-HOME = Path(__file__).parents[2] / "benchmarks" / "hidden_effects"
-
 from benchmarks.hidden_effects import catalogue, inputs, plan, simulate
+from scipy.interpolate import PPoly
 
 from klute_sim.device.device import load_device
 from klute_sim.device.dynamics import DeviceParameters, compute_equilibrium_state
@@ -73,7 +66,7 @@ def marked(cases: Iterable[Any], marks: Mapping[Any, pytest.MarkDecorator]) -> l
 
 
 @pytest.mark.parametrize("key", marked(catalogue.EFFECTS, {}))
-def test_every_form_is_the_packages(key: tuple[str, str]) -> None:
+def test_each_form_agrees_with_package(key: tuple[str, str]) -> None:
     known = [catalogue.KNOWN_VALVE] if key[0] in catalogue.VALVE_EFFECTS else []
     limits = STICK_SLIP if key == ("seal_friction", "stribeck") else CHANNELS
     for name, gap in apart([*known, *typical(key)]).items():
@@ -116,12 +109,12 @@ LEFT = {"adiabatic recovery and tank": CLOSED_IN}
 
 
 @pytest.mark.parametrize("name", marked(COMBINATIONS, LEFT))
-def test_several_at_once_are_the_packages(name: str) -> None:
+def test_combined_effects_agree_with_package(name: str) -> None:
     for channel, gap in apart(COMBINATIONS[name]).items():
         assert gap < 2.0 * CHANNELS[channel], (channel, gap)
 
 
-def test_names_and_parameters_are_those_of_the_packages_catalogue() -> None:
+def test_names_and_parameters_equal_those_of_catalogue() -> None:
     left_out = {"bladder", "friction_offset"}  # for devices that are without what the preset has
     left_out |= {"unknown_force", "unknown_tendon_force", "unknown_pressure"}  # what a diagnosis falls back on
     device = {k: e for k, e in own.get_effects().items() if e.kind == "device" and k not in left_out}
@@ -135,8 +128,8 @@ def test_names_and_parameters_are_those_of_the_packages_catalogue() -> None:
     assert {name for name, _ in catalogue.instrument_forms("force")} == faults
 
 
-def test_coarse_steps_are_the_packages() -> None:
+def test_quantization_agrees_with_package() -> None:
     force = np.linspace(-3.0, 40.0, 1001)
     fault = {"name": "quantisation", "form": "linear", "channel": "force", "parameters": {"step": 1.7}}
     made = simulate.quantise("force", force, [fault])
-    np.testing.assert_allclose(made, instrument.quantize((1.7,), force, force), atol=1e-12)
+    np.testing.assert_allclose(made, instrument.quantize(SimpleNamespace(step=1.7), force, force), atol=1e-12)

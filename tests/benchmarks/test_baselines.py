@@ -1,4 +1,4 @@
-"""The methods that the benchmark shows beside the project's own, and how they are told of."""
+"""Tests of the baseline methods and of their report."""
 
 import importlib.util
 import json
@@ -7,15 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.hidden_effects import baselines, catalogue, force_balance, generate, report, run, score, simulate
+from benchmarks.hidden_effects.metrics import DatasetResult
 
 from klute_sim.datasets.dataset import load_dataset, split_dataset
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.effects import catalogue as public
-
-HOME = Path(__file__).parents[2] / "benchmarks" / "hidden_effects"
-
-from benchmarks.hidden_effects import baselines, catalogue, force_balance, generate, report, run, score, simulate
-from benchmarks.hidden_effects.metrics import DatasetResult
 
 SILENT = simulate.Noise(1e-9, 1e-9, 1e-9, 0.0, 1e-9, 1e-9)
 
@@ -61,7 +58,7 @@ def without_most(folder: Path) -> Path:
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_a_terms_coefficient_is_the_effects_parameter(
+def test_coefficient_of_term_is_parameter_of_effect(
     tmp_path: Path, formula: str, true: float, hidden: list[Any], faults: list[Any]
 ) -> None:
     folder = tmp_path / "silent"
@@ -77,7 +74,7 @@ def test_a_terms_coefficient_is_the_effects_parameter(
     assert fitted[-1] * force_balance.BALANCE_TERMS[number].typical_size == pytest.approx(true, rel=0.25)
 
 
-def test_every_meaning_of_a_term_is_an_effect_of_the_catalogue() -> None:
+def test_candidates_of_terms_are_in_catalogue() -> None:
     for term in force_balance.BALANCE_TERMS:
         for meaning in term.candidates:
             public.find_form(meaning.name, meaning.form)
@@ -95,7 +92,7 @@ def test_every_meaning_of_a_term_is_an_effect_of_the_catalogue() -> None:
         ("sign(v)", True, (), False, []),
     ],
 )
-def test_a_term_means_only_what_is_possible(
+def test_term_lists_only_possible_effects(
     formula: str, measured: bool, exclude: tuple[str, ...], positive: bool, names: list[str]
 ) -> None:
     (term,) = (term for term in force_balance.BALANCE_TERMS if term.formula == formula)
@@ -103,7 +100,7 @@ def test_a_term_means_only_what_is_possible(
 
 
 @pytest.mark.long
-def test_the_sparse_regression_names_what_is_there_and_says_what_it_cannot_tell_apart(tmp_path: Path) -> None:
+def test_sparse_regression_identifies_effects_and_ambiguities(tmp_path: Path) -> None:
     pytest.importorskip("pysindy")
     hidden = effect("muscle_damping", "viscous", coefficient_n_s_per_m=600.0)
     truth = generate.make_dataset(tmp_path / "thick", 2, effects=hidden)
@@ -123,12 +120,12 @@ def test_the_sparse_regression_names_what_is_there_and_says_what_it_cannot_tell_
 
 
 @pytest.mark.long
-def test_plain_bic_names_a_strong_effect(tmp_path: Path) -> None:
+def test_bic_identifies_strong_effect(tmp_path: Path) -> None:
     hidden = effect("braid_hysteresis", "coulomb", slope_n_per_bar=12.0)
     generate.make_dataset(tmp_path / "rough", 3, effects=hidden)
     few = [name for name in public.get_effects() if name not in ("braid_hysteresis", "seal_friction")]
     found = baselines.select_by_bic(without_most(tmp_path / "rough"), few)
-    assert found["verdict"] == "named"
+    assert found["verdict"] == "identified"
     (braid,) = (each for each in found["effects"] if each["name"] == "braid_hysteresis")
     if braid["form"] == "coulomb":
         assert braid["parameters"]["slope_n_per_bar"]["value"] == pytest.approx(12.0, rel=0.1)
@@ -137,25 +134,25 @@ def test_plain_bic_names_a_strong_effect(tmp_path: Path) -> None:
     assert json.loads(json.dumps(found)) == found
 
 
-def test_data_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
+def test_unreadable_data_is_refused(tmp_path: Path) -> None:
     found = baselines.select_by_bic(tmp_path / "nowhere")
     assert found["verdict"] == "insufficient-data"
     assert "nowhere" in found["said"]
 
 
-def test_how_to_get_pysindy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_pysindy_raises_installation_advice(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ModuleNotFoundError, match=r"^PySINDy is not installed: install it with 'pip install"):
         run.load_baselines()
 
 
-def test_what_is_done_is_kept(tmp_path: Path) -> None:
-    answers = iter([{"verdict": "named"}])
+def test_results_are_stored(tmp_path: Path) -> None:
+    answers = iter([{"verdict": "identified"}])
     for _ in range(2):
-        assert run.load_or_compute(tmp_path / "a.json", lambda: next(answers)) == {"verdict": "named"}
+        assert run.load_or_compute(tmp_path / "a.json", lambda: next(answers)) == {"verdict": "identified"}
 
 
-def test_methods_are_told_of_side_by_side(capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_compares_methods(capsys: pytest.CaptureFixture[str]) -> None:
     truth = {"effects": effect("seal_friction", "coulomb", force_n=15.0), "instruments": [], "strangers": []}
     truth |= {"block": "single", "size": 3.0}
 
@@ -171,8 +168,8 @@ def test_methods_are_told_of_side_by_side(capsys: pytest.CaptureFixture[str]) ->
         found = {"verdict": verdict, "effects": told, "alternatives": [], "gap": gap, "s": 2.0}
         return DatasetResult("one", truth, found, outcome)
 
-    rows = [row("named", 3.0, "right"), row("named", 5.0, "right"), row("nothing-missing", 11.0, "missed")]
-    others = {"sindy": [row("named", 7.0, "wrong")] * 3}
+    rows = [row("identified", 3.0, "right"), row("identified", 5.0, "right"), row("nothing-missing", 11.0, "missed")]
+    others = {"sindy": [row("identified", 7.0, "wrong")] * 3}
     report.print_report(rows, others, as_json=True)
     told = json.loads(capsys.readouterr().out)
     methods = told["methods"]

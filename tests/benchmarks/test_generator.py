@@ -1,4 +1,4 @@
-"""The generator of hidden effects: its laws, its accuracy, its files, and that it owes the simulator nothing."""
+"""Tests of the generator: its device, integrator, instruments and files."""
 
 import csv
 import json
@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.hidden_effects import air, catalogue, compiled, generate, inputs, plan, simulate, truth
+from benchmarks.hidden_effects import law as laws
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 HOME = Path(__file__).parents[2] / "benchmarks" / "hidden_effects"
-
-from benchmarks.hidden_effects import air, catalogue, compiled, generate, inputs, plan, simulate, truth
-from benchmarks.hidden_effects import law as laws
 
 FORMS = {**catalogue.EFFECTS, **catalogue.OTHER_FORMS}
 LAW, AIR = catalogue.build_neutral_law(catalogue.load_device())
@@ -50,7 +49,7 @@ def files(folder: Path) -> dict[str, bytes]:
     ("ratio", "geometric", "bladder", "total"),
     [(0.7, 209, 111, 9), (0.8, 470, 354, 252), (0.9, 765, 629, 527), (0.96, 959, 838, 736), (1.0, 1096, 1096, 994)],
 )
-def test_static_force_is_the_published_one(ratio: float, geometric: float, bladder: float, total: float) -> None:
+def test_static_force_equals_published_force(ratio: float, geometric: float, bladder: float, total: float) -> None:
     """The 3/4 in actuator at 5 bar; the preset's are the same braid and bladder, only longer."""
     hard = LAW._replace(friction_slope=0.0, friction_offset=0.0)
     for law, force in ((hard._replace(bladder_gain=0.0), geometric), (hard, bladder), (LAW, total)):
@@ -59,13 +58,13 @@ def test_static_force_is_the_published_one(ratio: float, geometric: float, bladd
         )
 
 
-def test_the_damper_meets_its_design_points() -> None:
+def test_damper_meets_design_points() -> None:
     assert laws.rate_dependent_tension(5e5, -0.3, LAW) == pytest.approx(-1472.0, rel=2e-3)
     assert laws.rate_dependent_tension(5e5, 0.15, LAW) == pytest.approx(400.0, rel=2e-3)
 
 
 @pytest.mark.parametrize("key", FORMS, ids="/".join)
-def test_every_effect_shows_at_its_typical_size_and_is_nothing_at_neutral(
+def test_effects_show_at_typical_size_and_vanish_at_neutral(
     key: tuple[str, str], plain: dict[str, np.ndarray], behind_valve: dict[str, np.ndarray]
 ) -> None:
     effect, known = plan.draw_effect(FORMS, key, None), key[0] in catalogue.VALVE_EFFECTS
@@ -89,14 +88,14 @@ def test_every_effect_shows_at_its_typical_size_and_is_nothing_at_neutral(
     ],
     ids=lambda names: names[0][0],
 )
-def test_ten_times_tighter_is_the_same(names: list[tuple[str, str]]) -> None:
+def test_solution_is_converged(names: list[tuple[str, str]]) -> None:
     """With effects that are hard to integrate, several at once."""
     device = catalogue.add_effects(LAW, AIR, [plan.draw_effect(FORMS, key, None) for key in names])
     usual, tighter = (simulate.simulate_trace(PROGRAM, *device, tolerance=t) for t in (1e-9, 1e-10))
     assert rms(usual["force"] - tighter["force"]) < 0.02
 
 
-def test_scipys_radau_agrees(plain: dict[str, np.ndarray]) -> None:
+def test_solution_agrees_with_scipy_radau(plain: dict[str, np.ndarray]) -> None:
     """An unrelated integrator, on a device whose law is smooth at rest (the v|v| law is not Lipschitz there)."""
     law = LAW._replace(transition=0.04, viscous=300.0, relax_stiffness=3e3, relax_time=0.3)
     pieces, end = PROGRAM.spline_coefficients(), 1.5
@@ -140,7 +139,7 @@ def test_pressure_follows_its_laws() -> None:
 
 
 @pytest.mark.parametrize("channel", catalogue.BENCH_CHANNELS)
-def test_instruments_touch_their_channel_only(channel: str, plain: dict[str, np.ndarray]) -> None:
+def test_instrument_fault_changes_only_its_channel(channel: str, plain: dict[str, np.ndarray]) -> None:
     forms = catalogue.instrument_forms(channel)
     for key in forms:
         fault = {**plan.draw_effect(forms, key, None), "channel": channel}
@@ -159,7 +158,7 @@ def test_noise_is_coloured() -> None:
     assert 0.010 < -inputs.SAMPLE_INTERVAL / math.log(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.031
 
 
-def test_inputs_are_what_a_bench_can_do() -> None:
+def test_inputs_are_feasible_on_a_bench() -> None:
     for seed in range(20):
         for program in inputs.generate_programs(np.random.default_rng(seed)):
             v = np.gradient(program.length, truth.TRACE_STEP)
@@ -182,7 +181,7 @@ def test_inputs_are_what_a_bench_can_do() -> None:
             assert len(program.length) == 5 * (len(program.command) - 1) + 1
 
 
-def test_the_same_seed_writes_the_same_bytes_in_the_documented_format(tmp_path: Path) -> None:
+def test_seed_determines_dataset_bytes(tmp_path: Path) -> None:
     effects = [plan.draw_effect(FORMS, ("pressure_lag", "first_order"), None)]
     first = generate.make_dataset(tmp_path / "a", 1, effects=effects, muscle_length=True)
     generate.make_dataset(tmp_path / "b", 1, effects=effects, muscle_length=True)
@@ -198,11 +197,11 @@ def test_the_same_seed_writes_the_same_bytes_in_the_documented_format(tmp_path: 
         assert abs(first["base"][key] / first["nominal"][key] - 1.0) <= 2.0 * share
 
     document = tomllib.loads((tmp_path / "a" / "dataset.toml").read_text("utf-8"))
-    assert document["format"] == "klute-sim-dataset/1"
+    assert document["format"] == "klute-sim-dataset/2"
     assert document["device"] == "klute-3-4-pair"
     assert document["uncertain"]["tendon.slack_length_mm"] == "1 %"
     uses = [(trial["group"], trial["use"]) for trial in document["trial"]]
-    assert [use for _, use in uses] == ["fit"] * 6 + ["select"] * 2 + ["show"] * 2
+    assert [use for _, use in uses] == ["fit"] * 6 + ["validation"] * 2 + ["test"] * 2
     assert all(uses.count(pair) == 2 for pair in uses)
     for trial in document["trial"]:
         with (tmp_path / "a" / trial["files"][0]).open(encoding="utf-8") as stream:
@@ -223,7 +222,7 @@ def test_the_same_seed_writes_the_same_bytes_in_the_documented_format(tmp_path: 
     assert len(document["trial"]) + 1 == len(files(tmp_path / "a"))
 
 
-def test_a_leak_is_hidden_in_a_device_that_is_known_to_have_a_valve(tmp_path: Path) -> None:
+def test_leak_is_hidden_behind_known_valve(tmp_path: Path) -> None:
     (spec,) = (s for s in plan.plan_datasets("single", 60, 1, typical=True)[:31] if s["effects"][0]["name"] == "leak")
     spec.pop("name")
     sealed = generate.make_dataset(tmp_path / "leak", **spec)
@@ -235,7 +234,7 @@ def test_a_leak_is_hidden_in_a_device_that_is_known_to_have_a_valve(tmp_path: Pa
     assert catalogue.load_device(tmp_path / "leak" / "device.toml") == catalogue.load_device()
 
 
-def test_coarse_steps_come_after_the_noise(tmp_path: Path) -> None:
+def test_quantization_follows_noise(tmp_path: Path) -> None:
     fault = {"name": "quantisation", "form": "linear", "channel": "force", "parameters": {"step": 12.0}}
     sealed = generate.make_dataset(tmp_path / "steps", 5, instruments=[fault])
     assert 0.7 < sealed["raw_size"] < 1.6  # evenly spread over a step of four times the noise: 4 / sqrt(12)
@@ -245,14 +244,14 @@ def test_coarse_steps_come_after_the_noise(tmp_path: Path) -> None:
     assert len(np.unique(force)) > 10
 
 
-def test_machine_code_is_kept_under_a_name_that_says_what_it_is_made_of() -> None:
-    users = {file.name for file in HOME.glob("*.py") if "@compiled" in file.read_text("utf-8")}
+def test_compiled_cache_depends_on_all_sources() -> None:
+    users = {file.name for file in HOME.glob("*.py") if "@cached_njit" in file.read_text("utf-8")}
     assert users <= set(compiled.COMPILED_SOURCES)
     assert laws.rate_dependent_tension.py_func.__qualname__.endswith(compiled.SOURCES_DIGEST)
 
 
 @pytest.mark.long
-def test_defects_spoil_what_they_say(tmp_path: Path) -> None:
+def test_defects_damage_their_data(tmp_path: Path) -> None:
     def column(folder: str, name: str) -> list[np.ndarray]:
         out = []
         for file in sorted((tmp_path / folder).glob("*.csv")):
@@ -270,7 +269,7 @@ def test_defects_spoil_what_they_say(tmp_path: Path) -> None:
     assert sum((force == highest).sum() for force in column("saturated_force", "force [N]")) > 50
 
 
-def test_plans_cover_the_catalogue_and_only_grow() -> None:
+def test_plans_cover_catalogue_and_extend() -> None:
     for block in plan.BLOCK_SIZES:
         assert plan.plan_datasets(block, 9, 1)[:4] == plan.plan_datasets(block, 4, 1)
         assert plan.plan_datasets(block, 9, 1) != plan.plan_datasets(block, 9, 2)
@@ -288,14 +287,14 @@ def test_plans_cover_the_catalogue_and_only_grow() -> None:
     assert len(catalogue.OTHER_FORMS) >= 6
 
 
-def test_it_shares_no_code_with_the_simulator_and_resumes(tmp_path: Path) -> None:
+def test_generator_is_independent_of_package_and_resumes(tmp_path: Path) -> None:
     code = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import generate;"
+        "import sys; sys.path.insert(0, sys.argv[1]); from benchmarks.hidden_effects import generate;"
         "generate.main([sys.argv[2], '--block', 'instrument', '--count', '1', '--typical']);"
         "assert not [m for m in sys.modules if m.split('.')[0] == 'klute_sim']"
     )
     for word in ("raw size", "is there"):
-        command = [sys.executable, "-c", code, str(HOME), str(tmp_path)]
+        command = [sys.executable, "-c", code, str(HOME.parents[1]), str(tmp_path)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
         assert word in done.stderr

@@ -1,13 +1,20 @@
-"""What a verdict is worth, and what many of them say."""
+"""Tests of the score of a verdict, the metrics, the sizes and the follow-up."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-HOME = Path(__file__).parents[2] / "benchmarks" / "hidden_effects"
-
-from benchmarks.hidden_effects import catalogue, generate, inputs, metrics, page, plan, second_round, sizes, strangers
+from benchmarks.hidden_effects import (
+    catalogue,
+    follow_up,
+    generate,
+    inputs,
+    metrics,
+    out_of_catalogue,
+    page,
+    plan,
+    sizes,
+)
 from benchmarks.hidden_effects.metrics import DatasetResult
 from benchmarks.hidden_effects.score import are_kinds_confused, is_first_right, score_follow_up, score_verdict
 from benchmarks.hidden_effects.simulate import Hidden, Noise, simulate_measurements
@@ -17,7 +24,7 @@ from klute_sim.datasets.dataset import load_dataset
 HYSTERESIS = {"name": "braid_hysteresis", "channel": None}
 DAMPING = {"name": "muscle_damping", "channel": None}
 GAIN = {"name": "sensor_gain", "channel": "force"}
-ASKED = {"next_experiment": {"separation_chi2": 50.0}}
+PROPOSED_EXPERIMENT = {"next_experiment": {"separation_chi2": 50.0}}
 """What an ambiguous verdict asks for."""
 MASS = {"name": "moving_mass", "form": "rigid", "parameters": {"mass_kg": 2.0}}
 
@@ -25,7 +32,7 @@ MASS = {"name": "moving_mass", "form": "rigid", "parameters": {"mass_kg": 2.0}}
 def verdict(kind: str, *effects: dict, alternatives: tuple = (), left: float = 1.0, after: float = 1.0) -> dict:
     gap = {"force": {"before": left, "after": after, "floor": 1.0}}
     told = {"verdict": kind, "effects": list(effects), "alternatives": list(alternatives)}
-    return told | {"gap": gap, "alike": [["braid_hysteresis", "seal_friction"]], "s": 10.0}
+    return told | {"gap": gap, "indistinguishable": [["braid_hysteresis", "seal_friction"]], "s": 10.0}
 
 
 def truth(effects: tuple = (), instruments: tuple = (), **more: object) -> dict:
@@ -37,11 +44,11 @@ def truth(effects: tuple = (), instruments: tuple = (), **more: object) -> dict:
     ("hidden", "found", "outcome"),
     [
         (truth(), verdict("nothing-missing"), "right"),
-        (truth(), verdict("named", HYSTERESIS), "false-alarm"),
+        (truth(), verdict("identified", HYSTERESIS), "false-alarm"),
         (truth(), verdict("unexplained", HYSTERESIS), "flagged"),
-        (truth((HYSTERESIS,)), verdict("named", HYSTERESIS), "right"),
-        (truth((HYSTERESIS,)), verdict("named", GAIN), "wrong"),
-        (truth((HYSTERESIS,)), verdict("named", {"name": "seal_friction", "channel": None}), "twin"),
+        (truth((HYSTERESIS,)), verdict("identified", HYSTERESIS), "right"),
+        (truth((HYSTERESIS,)), verdict("identified", GAIN), "wrong"),
+        (truth((HYSTERESIS,)), verdict("identified", {"name": "seal_friction", "channel": None}), "twin"),
         (truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)), "right"),
         (truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["end_taper"],)), "wrong"),
         (
@@ -53,73 +60,73 @@ def truth(effects: tuple = (), instruments: tuple = (), **more: object) -> dict:
         (truth((HYSTERESIS,)), verdict("nothing-missing", left=1.02), "absorbed"),
         (truth((HYSTERESIS,)), verdict("unexplained", GAIN), "flagged"),
         (truth((HYSTERESIS,), deleted=True), verdict("unexplained", GAIN), "flagged"),
-        (truth((HYSTERESIS,), deleted=True), verdict("named", GAIN), "wrong"),
+        (truth((HYSTERESIS,), deleted=True), verdict("identified", GAIN), "wrong"),
         (truth((HYSTERESIS,), deleted=True), verdict("nothing-missing", left=3.0), "missed"),
-        (truth(strangers=[MASS]), verdict("named", GAIN), "wrong"),
+        (truth(strangers=[MASS]), verdict("identified", GAIN), "wrong"),
         (truth(strangers=[MASS]), verdict("unexplained"), "flagged"),
-        (truth((HYSTERESIS,), (GAIN,)), verdict("named", HYSTERESIS, after=1.5), "part"),
-        (truth((HYSTERESIS,), (GAIN,)), verdict("named", HYSTERESIS), "absorbed"),
-        (truth((HYSTERESIS,), (GAIN,)), verdict("named", GAIN, HYSTERESIS), "right"),
+        (truth((HYSTERESIS,), (GAIN,)), verdict("identified", HYSTERESIS, after=1.5), "part"),
+        (truth((HYSTERESIS,), (GAIN,)), verdict("identified", HYSTERESIS), "absorbed"),
+        (truth((HYSTERESIS,), (GAIN,)), verdict("identified", GAIN, HYSTERESIS), "right"),
         (truth(defect="dead_channel"), verdict("insufficient-data"), "right"),
-        (truth(defect="dead_channel"), verdict("named", GAIN), "false-alarm"),
+        (truth(defect="dead_channel"), verdict("identified", GAIN), "false-alarm"),
     ],
 )
-def test_verdicts_are_scored_as_they_should(hidden: dict, found: dict, outcome: str) -> None:
+def test_verdict_scores(hidden: dict, found: dict, outcome: str) -> None:
     assert score_verdict(hidden, found) == outcome
 
 
-def test_a_first_name_and_a_kind_may_be_right_where_the_rest_is_not() -> None:
+def test_first_effect_and_kind_are_scored_separately() -> None:
     both = truth((HYSTERESIS, DAMPING))
-    assert is_first_right(both, verdict("named", HYSTERESIS))
+    assert is_first_right(both, verdict("identified", HYSTERESIS))
     assert is_first_right(both, verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis", "muscle_damping"],)))
-    assert not is_first_right(both, verdict("named", GAIN, HYSTERESIS))
+    assert not is_first_right(both, verdict("identified", GAIN, HYSTERESIS))
     assert not is_first_right(both, verdict("unexplained", HYSTERESIS))
-    assert are_kinds_confused(both, verdict("named", HYSTERESIS, GAIN))
-    assert are_kinds_confused(truth((), (GAIN,)), verdict("named", HYSTERESIS))
+    assert are_kinds_confused(both, verdict("identified", HYSTERESIS, GAIN))
+    assert are_kinds_confused(truth((), (GAIN,)), verdict("identified", HYSTERESIS))
     assert not are_kinds_confused(
         truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],))
     )
 
 
-def test_a_fault_s_number_is_compared_whatever_it_is_called() -> None:
+def test_parameter_of_fault_is_compared_despite_its_name() -> None:
     true = {"name": "sensor_drift", "form": "linear", "channel": "force", "parameters": {"drift_per_s": -10.0}}
     told = {"value": -11.0, "low": -12.0, "high": -9.0}
     found = {"name": "sensor_drift", "form": "linear", "channel": "force", "parameters": {"rate_per_s": told}}
-    row = DatasetResult("instrument_0", truth((), (true,), block="instrument"), verdict("named", found), "right")
+    row = DatasetResult("instrument_0", truth((), (true,), block="instrument"), verdict("identified", found), "right")
     (one,) = metrics.iter_parameter_intervals([row])
     assert one.relative_error == pytest.approx(0.1)
     assert one.is_covered
 
 
-def test_what_is_still_ambiguous_is_not_resolved() -> None:
+def test_ambiguous_follow_up_is_open() -> None:
     both = verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],))
     assert score_follow_up(truth((HYSTERESIS,)), both) == "open"
-    assert score_follow_up(truth((HYSTERESIS,)), verdict("named", HYSTERESIS)) == "right"
-    assert score_follow_up(truth((HYSTERESIS,)), verdict("named", GAIN)) == "wrong"
+    assert score_follow_up(truth((HYSTERESIS,)), verdict("identified", HYSTERESIS)) == "right"
+    assert score_follow_up(truth((HYSTERESIS,)), verdict("identified", GAIN)) == "wrong"
 
 
-def test_the_numbers_are_those_of_the_rows(tmp_path: Path) -> None:
+def test_metrics_match_results(tmp_path: Path) -> None:
     slope = {"slope_n_per_bar": 10.0}
     true = {**HYSTERESIS, "form": "coulomb", "parameters": slope}
     told = {**true, "parameters": {"slope_n_per_bar": {"value": 11.0, "low": 9.0, "high": 12.0}}}
     off = {**true, "parameters": {"slope_n_per_bar": {"value": 14.0, "low": 13.0, "high": 15.0}}}
     rows = [
         DatasetResult("clean_0", truth(block="clean", size=0.0), verdict("nothing-missing"), "right"),
-        DatasetResult("clean_1", truth(block="clean", size=0.0), verdict("named", GAIN), "false-alarm"),
-        DatasetResult("single_0", truth((true,)), verdict("named", told, left=5.0, after=1.4), "right"),
-        DatasetResult("single_1", truth((true,)), verdict("named", off, left=5.0, after=1.0), "right"),
+        DatasetResult("clean_1", truth(block="clean", size=0.0), verdict("identified", GAIN), "false-alarm"),
+        DatasetResult("single_0", truth((true,)), verdict("identified", told, left=5.0, after=1.4), "right"),
+        DatasetResult("single_1", truth((true,)), verdict("identified", off, left=5.0, after=1.0), "right"),
         DatasetResult("single_2", truth((true,), size=0.7), verdict("nothing-missing"), "absorbed"),
         DatasetResult(
             "twin_0",
             truth((true,), block="twin"),
-            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)) | ASKED,
+            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)) | PROPOSED_EXPERIMENT,
             "right",
             "right",
         ),
         DatasetResult(
             "twin_1",
             truth((true,), block="twin"),
-            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)) | ASKED,
+            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)) | PROPOSED_EXPERIMENT,
             "right",
             "open",
         ),
@@ -131,7 +138,7 @@ def test_the_numbers_are_those_of_the_rows(tmp_path: Path) -> None:
             "right",
             "open",
         ),
-        DatasetResult("outside_0", truth(block="outside", strangers=[MASS]), verdict("named", GAIN), "wrong"),
+        DatasetResult("outside_0", truth(block="outside", strangers=[MASS]), verdict("identified", GAIN), "wrong"),
     ]
     found = {one.name: one for one in metrics.compute_metrics(rows)}
     alarms = found["false alarms on clean data"]
@@ -167,14 +174,14 @@ def test_the_numbers_are_those_of_the_rows(tmp_path: Path) -> None:
     assert told[block, "klute-sim"] | {"method": ""} == told[block, "plain_bic"] | {"method": ""}
 
 
-def test_walks_are_counted_by_themselves() -> None:
+def test_gait_metrics_are_separate() -> None:
     friction = {"name": "ankle_friction", "form": "coulomb", "parameters": {"moment_n_m": 2.0}}
     told = {**friction, "channel": None, "parameters": {"moment_n_m": {"value": 2.1, "low": 1.9, "high": 2.3}}}
     bench = [DatasetResult("clean_0", truth(block="clean", size=0.0), verdict("nothing-missing"), "right")]
     walks = [
-        DatasetResult("walk_0", truth((friction,), block="walk", size=2.0), verdict("named", told), "right"),
+        DatasetResult("walk_0", truth((friction,), block="walk", size=2.0), verdict("identified", told), "right"),
         DatasetResult("walk_1", truth((friction,), block="walk", size=0.7), verdict("nothing-missing"), "absorbed"),
-        DatasetResult("walk_clean_0", truth(block="walk_clean", size=0.0), verdict("named", told), "false-alarm"),
+        DatasetResult("walk_clean_0", truth(block="walk_clean", size=0.0), verdict("identified", told), "false-alarm"),
     ]
     plain, found = ({one.name: one for one in metrics.compute_metrics(rows)} for rows in (bench, bench + walks))
     assert {name: found[name] for name in plain} == plain
@@ -184,7 +191,7 @@ def test_walks_are_counted_by_themselves() -> None:
     assert found["walks: 95 % intervals that cover the truth"].value == 1.0
 
 
-def test_effects_get_the_size_that_is_wanted() -> None:
+def test_effects_reach_target_size() -> None:
     """By the definition: what is left after the device's numbers followed, over noise, in the worst channel."""
     base = catalogue.load_device()
     bench = inputs.generate_programs(np.random.default_rng(3))
@@ -211,7 +218,7 @@ def test_effects_get_the_size_that_is_wanted() -> None:
     assert scale.scale_effect(gain)["size"] == pytest.approx(2.0, rel=0.1)
 
 
-def test_a_size_is_sought_as_far_as_parameters_may_go() -> None:
+def test_size_search_stops_at_parameter_limits() -> None:
     def steep(scale: float) -> float:  # nothing at first, and then a lot, as where the numbers run to their bounds
         return 0.1 * scale + max(0.0, 5.0 * (scale - 2.0))
 
@@ -223,7 +230,7 @@ def test_a_size_is_sought_as_far_as_parameters_may_go() -> None:
     assert sizes._scale_value(limit, 0.95, 100.0) == 0.7
 
 
-def test_strangers_do_what_they_are_called() -> None:
+def test_out_of_catalogue_effects_change_expected_channels() -> None:
     program = inputs.generate_programs(np.random.default_rng(3))[0]
     plain = catalogue.add_effects(*catalogue.build_neutral_law(catalogue.load_device()), ())
     without = simulate_measurements(program, plain, Hidden())
@@ -245,21 +252,21 @@ def test_strangers_do_what_they_are_called() -> None:
     assert np.abs(change("crosshead_play", "dead_band", width_mm=1.0)["force"]).max() > 10.0
     creep = change("load_cell_creep", "first_order", share=0.1, time_constant_s=0.5)
     assert creep["force"][0] == pytest.approx(0.1 * without["force"][0])
-    assert all(name not in dict(catalogue.EFFECTS) for name in strangers.OUT_OF_CATALOGUE_FORMS)
+    assert all(name not in dict(catalogue.EFFECTS) for name in out_of_catalogue.OUT_OF_CATALOGUE_FORMS)
 
 
-def test_a_second_round_is_what_was_asked_for(tmp_path: Path) -> None:
+def test_follow_up_performs_proposed_experiment(tmp_path: Path) -> None:
     fault = {"name": "sensor_offset", "form": "offset", "channel": "pressure", "parameters": {"offset": 0.5}}
     sealed = generate.make_dataset(tmp_path / "first", 5, instruments=[fault], muscle_length=False)
-    words = {change.description: change for change in second_round.RIG_CHANGES}
+    words = {change.description: change for change in follow_up.RIG_CHANGES}
     gauge = next(w for w, change in words.items() if "pressure" in change.reference_channels)
     sensor = next(w for w, change in words.items() if "muscle_length" in change.added_channels)
     for change in (None, gauge, sensor):
         asked = {"protocol": "steps", "rig_change": change}
-        second_round.make_follow_up(tmp_path / "first", sealed, asked, tmp_path / "second")
+        follow_up.make_follow_up(tmp_path / "first", sealed, asked, tmp_path / "second")
         found = {trial.name: trial for trial in load_dataset(tmp_path / "second").trials}
-        new = [found[f"second_round_{repeat}"] for repeat in "ab"]
-        assert {trial.group for trial in new} == {"second_round"}
+        new = [found[f"follow_up_{repeat}"] for repeat in "ab"]
+        assert {trial.group for trial in new} == {"follow_up"}
         for trial in new:
             pressure, command = trial.measured["pressure"], trial.prescribed["pressure_command"]
             off = float(np.median(pressure.value - np.interp(pressure.time, command.time, command.value))) / 1e5
@@ -270,12 +277,12 @@ def test_a_second_round_is_what_was_asked_for(tmp_path: Path) -> None:
     assert (tmp_path / "second" / "fit_1_a.csv").read_text("utf-8") == first
 
 
-def test_what_is_outside_of_the_catalogue_is_deleted_or_a_stranger() -> None:
+def test_block_outside_has_deleted_and_out_of_catalogue_effects() -> None:
     specs = plan.plan_datasets("outside", plan.BLOCK_SIZES["outside"], 1)
     deleted = {(e["name"], e["form"]) for spec in specs if spec.get("deleted") for e in spec["effects"]}
     assert len(deleted) >= 25
     assert {spec["strangers"][0]["name"] for spec in specs if "strangers" in spec} == {
-        n for n, _ in strangers.OUT_OF_CATALOGUE_FORMS
+        n for n, _ in out_of_catalogue.OUT_OF_CATALOGUE_FORMS
     }
     triples = plan.plan_datasets("triple", 10, 1)
     assert all(len({e["name"] for e in spec["effects"]}) == 3 for spec in triples)

@@ -1,4 +1,4 @@
-"""The walks of the hidden-effect benchmark: what hides in them is what the package would name."""
+"""Tests of the gait datasets of the benchmark."""
 
 import json
 from pathlib import Path
@@ -22,7 +22,7 @@ FOOT = build_device_foot(DEVICE)
 IDS = [f"{name}-{form}" for name, form in benchmark.BODY_EFFECTS]
 
 
-def test_what_hides_is_all_of_the_body_with_the_catalogues_numbers() -> None:
+def test_hidden_body_effects_equal_those_of_catalogue() -> None:
     every = [(e.name, form.name) for e in catalogue.get_effects().values() if e.kind == "body" for form in e.forms]
     assert set(every) - set(benchmark.BODY_EFFECTS) == {("ankle_friction", "both")}  # made of the other two
     assert set(benchmark.BODY_EFFECTS) == set(walk_models.SPEC_EDITS)
@@ -34,7 +34,7 @@ def test_what_hides_is_all_of_the_body_with_the_catalogues_numbers() -> None:
 
 
 @pytest.mark.parametrize(("name", "form"), benchmark.BODY_EFFECTS, ids=IDS)
-def test_the_benchmarks_own_mjcf_means_the_same(name: str, form: str) -> None:
+def test_mjcf_edits_agree_with_package(name: str, form: str) -> None:
     own = {key: p.typical for key, p in benchmark.BODY_EFFECTS[name, form].items()}
     edit = walk_models.compose_spec_edits([{"name": name, "form": form, "parameters": own}])
     model = build_gait_model(DEVICE, mass=75.0, stature=1.75, dt=walks.TIME_STEP, model_edit=edit)
@@ -76,7 +76,7 @@ def bends_like(model: mujoco.MjModel, foot: Foot) -> None:
     assert whole[ankle.dofadr[0], ankle.dofadr[0]] == pytest.approx(FOOT.inertia)
 
 
-def test_a_dataset_is_read_and_its_truth_lies_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_dataset_is_readable_with_separate_ground_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(walks, "GROUP_SPEEDS", {"fit_1": 1.2})
     monkeypatch.setattr(walks, "N_STRIDES", 3)
     monkeypatch.setattr(walks, "TIME_STEP", 1e-3)  # quickly
@@ -97,7 +97,7 @@ def test_a_dataset_is_read_and_its_truth_lies_beside_it(tmp_path: Path, monkeypa
     assert not list((tmp_path / "faulty").glob("*truth*"))
 
 
-def test_sizes_are_sought_as_on_the_bench() -> None:
+def test_gait_sizes_are_scaled_to_target() -> None:
     own = benchmark.BODY_EFFECTS["end_stop", "bumper"]
     effect = {"name": "end_stop", "parameters": {"stiffness_n_m_per_deg": 4.0, "begin_deg": 6.0}, "wanted": 2.0}
     found = sizes.scale_to_target(effect, own, lambda one: 0.25 * one["parameters"]["stiffness_n_m_per_deg"])
@@ -105,7 +105,7 @@ def test_sizes_are_sought_as_on_the_bench() -> None:
     assert found["size"] == pytest.approx(2.0)
 
 
-def test_a_plan_hides_everything_in_every_size() -> None:
+def test_plan_covers_all_cases_and_sizes() -> None:
     specs = plan.plan_datasets("walk", plan.BLOCK_SIZES["walk"], 7)
     every = [(e["name"], e["form"], e.get("channel"), e["wanted"]) for s in specs for e in contents(s)]
     assert sorted(every, key=str) == sorted(
@@ -118,9 +118,10 @@ def contents(spec: plan.DatasetSpec) -> list[dict[str, object]]:
     return [*spec.get("effects", []), *spec.get("instruments", [])]
 
 
-def test_lags_are_those_of_the_catalogue() -> None:
+def test_lag_agrees_with_catalogue() -> None:
     time = walks.TIME_STEP * np.arange(4000)
     values = np.sin(9.0 * time)
     fault = {"name": "sensor_lag", "parameters": {"time_constant_s": 0.02}}
-    wanted = catalogue.get_effects()["sensor_lag"].forms[0].laws["reading"]((0.02,), time, values)
-    assert walks.apply_fault(values, fault) == pytest.approx(wanted, abs=3e-3)
+    form = catalogue.get_effects()["sensor_lag"].forms[0]
+    expected = form.laws["reading"](form.parameter_type(0.02), time, values)
+    assert walks.apply_fault(values, fault) == pytest.approx(expected, abs=3e-3)

@@ -1,4 +1,4 @@
-"""The environment: Gymnasium's rules, honest senses, and the same walk as the gait rig."""
+"""Tests of the gait environment: rules of Gymnasium, observations, and agreement with the gait rig."""
 
 import pickle
 import subprocess
@@ -28,34 +28,34 @@ from klute_sim.units import BAR
 NAME = "klute_sim/AnkleGait-v1"
 
 
-def action(pressure_bar: float) -> np.ndarray:
+def make_action(pressure_bar: float) -> np.ndarray:
     return np.array([2.0 * pressure_bar / 5.0 - 1.0], dtype=np.float32)
 
 
-def follow(env: AnkleGaitEnv, controller: pressure.PressureController) -> list[tuple]:
-    """An episode under a controller of gait phase."""
-    seen, count = [], env._gait_rig.commands_per_stride
+def run_episode(env: AnkleGaitEnv, controller: pressure.PressureController) -> list[tuple]:
+    """Return the steps of an episode under a controller of the gait phase."""
+    steps, count = [], env._gait_rig.commands_per_stride
     env.reset(seed=3)
     for k in range(count * env._gait_rig.options.strides):
-        seen.append(env.step(action(controller.pressure_at((k % count) / count) / BAR)))
-        if seen[-1][2]:
+        steps.append(env.step(make_action(controller.pressure_at((k % count) / count) / BAR)))
+        if steps[-1][2]:
             break
-    return seen
+    return steps
 
 
 @pytest.fixture(scope="module")
 def episode() -> list[tuple]:
-    return follow(AnkleGaitEnv(reset_noise=0.0), pressure.load_default_profile())
+    return run_episode(AnkleGaitEnv(reset_noise=0.0), pressure.load_default_profile())
 
 
-def test_gymnasiums_checker_says_nothing() -> None:
+def test_environment_passes_gymnasium_checker() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         env = gymnasium.make(NAME)
         check_env(env.unwrapped, skip_render_check=True)
 
 
-def test_it_is_what_gymnasium_users_expect() -> None:
+def test_environment_follows_gymnasium_conventions() -> None:
     env = gymnasium.make(NAME, strides=2)
     assert env.unwrapped.dt == 0.01
     assert env.unwrapped.model.opt.timestep == 5e-4
@@ -64,13 +64,13 @@ def test_it_is_what_gymnasium_users_expect() -> None:
     assert info == {}
     again, _ = env.reset(seed=7)
     assert np.array_equal(first, again)
-    other, _ = env.reset(seed=8)
-    assert not np.array_equal(first, other)
+    changed_env, _ = env.reset(seed=8)
+    assert not np.array_equal(first, changed_env)
     env.step(env.action_space.sample())
     assert env.unwrapped.data.time == pytest.approx(0.01)
 
 
-def test_the_documented_tables_are_the_spaces() -> None:
+def test_documented_tables_match_spaces_and_weights() -> None:
     text = AnkleGaitEnv.__doc__ or ""
     for number, (name, unit, low, high, noise) in enumerate(OBSERVATIONS):
         assert f"| {number} | {name} | {unit} | {low:g} | {high:g} | {noise:g} |" in text
@@ -79,36 +79,36 @@ def test_the_documented_tables_are_the_spaces() -> None:
         assert f"{weight:g} " in row
 
 
-def test_an_episode_is_the_walk_of_the_gait_rig(episode: list[tuple]) -> None:
-    walked = compute_gait_metrics(
+def test_episode_equals_gait_rig_simulation(episode: list[tuple]) -> None:
+    metrics = compute_gait_metrics(
         simulate_gait(load_device("klute-1-1-4-pair"), pressure.load_default_profile(), GaitOptions(strides=5))
     )
     moment = np.array([info["ankle_moment_nm_per_kg"] for *_, info in episode]).reshape(5, 110)
     # Commands are held for 10 ms and the moment is read every 10 ms.
-    assert moment[2].max() == pytest.approx(walked.strides[2].ankle_moment_peak_nm_per_kg, rel=0.03)
+    assert moment[2].max() == pytest.approx(metrics.strides[2].ankle_moment_peak_nm_per_kg, rel=0.03)
     air = sum(info["air_g"] for *_, info in episode[220:330])
-    assert air == pytest.approx(walked.strides[2].air_g, rel=0.05)
-    # Energy read once per interval, of commands that are held, is nearly that of every step of the gait rig.
-    last = simulate_gait(load_device("klute-1-1-4-pair"), pressure.load_default_profile(), GaitOptions(strides=5))
-    last = last.select(last["stride"] == 3)
-    gas = last["gas_power"].sum() * 5e-4
+    assert air == pytest.approx(metrics.strides[2].air_g, rel=0.05)
+    # Energy sampled once per interval is close to that of every step of the gait rig.
+    recording = simulate_gait(load_device("klute-1-1-4-pair"), pressure.load_default_profile(), GaitOptions(strides=5))
+    recording = recording.select(recording["stride"] == 3)
+    gas = recording["gas_power"].sum() * 5e-4
     lines = {"gas": "gas", "friction": "friction", "damper": "damper", "delivered": "delivered"}
     for key, line in lines.items():
-        counted = sum(info[f"work_{key}_j"] for *_, info in episode[220:330])
-        assert counted == pytest.approx(last[f"{line}_power"].sum() * 5e-4, abs=0.06 * gas), key
+        total = sum(info[f"work_{key}_j"] for *_, info in episode[220:330])
+        assert total == pytest.approx(recording[f"{line}_power"].sum() * 5e-4, abs=0.06 * gas), key
     assert abs(sum(info["work_unresolved_j"] for *_, info in episode[220:330])) < 0.02 * gas
     assert [info["gait_pct"] for *_, info in episode[:3]] == pytest.approx([100 / 110, 200 / 110, 300 / 110])
     assert not any(terminated for _, _, terminated, _, _ in episode)
     assert [truncated for _, _, _, truncated, _ in episode] == [False] * 549 + [True]
 
 
-def test_what_it_senses_is_what_the_simulation_is_in() -> None:
+def test_observations_match_simulation_state() -> None:
     env = AnkleGaitEnv(reset_noise=0.0)
     env.reset(seed=0)
     model, data = env.model, env.data
-    seen, states = [], []
+    observations, states = [], []
     for k in range(110):
-        seen.append(env.step(action(1.0 + 0.3 * np.sin(k / 9)))[0])
+        observations.append(env.step(make_action(1.0 + 0.3 * np.sin(k / 9)))[0])
         ankle = model.joint("prosthesis_ankle")
         states.append(
             (
@@ -119,29 +119,29 @@ def test_what_it_senses_is_what_the_simulation_is_in() -> None:
                 data.act[-2],
             )
         )
-    assert np.array(seen)[:, [0, 1, 2, 3, 5]] == pytest.approx(np.array(states), abs=1e-5)
-    load_cell, step = np.array(seen)[:, 4], np.arange(1, 111)
-    # Standing carries the body, swing only the foot's own weight and inertia.
+    assert np.array(observations)[:, [0, 1, 2, 3, 5]] == pytest.approx(np.array(states), abs=1e-5)
+    load_cell, step = np.array(observations)[:, 4], np.arange(1, 111)
+    # The load cell carries the body in stance, and only weight and inertia of the foot in swing.
     assert load_cell[(step > 10) & (step < 40)].min() > 0.45
     assert load_cell.max() < 1.2
     assert np.abs(load_cell[(step > 75) & (step < 100)]).max() < 0.1
 
 
-def test_the_phase_estimate_knows_the_strides(episode: list[tuple]) -> None:
-    late = [(o, info) for o, *_, info in episode[115:]]
-    estimate = np.array([np.arctan2(o[6], o[7]) / (2 * np.pi) * 100 % 100 for o, _ in late])
-    true = np.array([info["gait_pct"] for _, info in late])
+def test_phase_estimate_follows_strides(episode: list[tuple]) -> None:
+    later_steps = [(o, info) for o, *_, info in episode[115:]]
+    estimate = np.array([np.arctan2(o[6], o[7]) / (2 * np.pi) * 100 % 100 for o, _ in later_steps])
+    true = np.array([info["gait_pct"] for _, info in later_steps])
     assert np.abs((estimate - true + 50) % 100 - 50).max() < 4.0  # first contact is 2 % into the stride
 
 
-def test_the_reward_is_the_sum_of_its_terms_and_likes_a_human_ankle(episode: list[tuple]) -> None:
+def test_reward_is_sum_of_terms_and_prefers_human_ankle(episode: list[tuple]) -> None:
     for _, reward, _, _, info in episode[::17]:
         assert reward == pytest.approx(sum(value for name, value in info.items() if name.startswith("reward_")))
         assert info["reward_moment"] <= DEFAULT_WEIGHTS["moment"]
         assert info["reward_air"] <= 0.0
         assert info["reward_smoothness"] <= 0.0
     returns = {
-        name: sum(reward for _, reward, *_ in follow(AnkleGaitEnv(reset_noise=0.0), controller))
+        name: sum(reward for _, reward, *_ in run_episode(AnkleGaitEnv(reset_noise=0.0), controller))
         for name, controller in (
             ("off", pressure.create_off_controller()),
             ("constant", pressure.ConstantPressure(3e5)),
@@ -150,114 +150,114 @@ def test_the_reward_is_the_sum_of_its_terms_and_likes_a_human_ankle(episode: lis
     assert sum(reward for _, reward, *_ in episode) > 1.2 * returns["off"] > 1.2 * returns["constant"]
 
 
-def test_reward_terms_are_what_they_say(episode: list[tuple]) -> None:
+def test_reward_terms_match_their_definitions(episode: list[tuple]) -> None:
     reference = GaitOptions().reference
     for observed, _, _, _, info in episode[30:500:47]:
         phase = np.array([info["gait_pct"] / 100])
-        human = reference("ankle_plantarflexor_moment_nm_per_kg", phase)[0]
-        off_moment = (info["ankle_moment_nm_per_kg"] - human) / 0.2
-        assert info["reward_moment"] == pytest.approx(0.4 * np.exp(-(off_moment**2) / 2))
-        off_angle = (np.degrees(observed[0]) - reference("ankle_dorsiflexion_deg", phase)[0]) / 5.0
-        assert info["reward_angle"] == pytest.approx(0.3 * np.exp(-(off_angle**2) / 2), abs=1e-4)
-        off_power = (info["ankle_power_w_per_kg"] - reference("ankle_power_w_per_kg", phase)[0]) / 0.5
-        assert info["reward_power"] == pytest.approx(0.3 * np.exp(-(off_power**2) / 2))
+        human_moment = reference("ankle_plantarflexor_moment_nm_per_kg", phase)[0]
+        moment_error = (info["ankle_moment_nm_per_kg"] - human_moment) / 0.2
+        assert info["reward_moment"] == pytest.approx(0.4 * np.exp(-(moment_error**2) / 2))
+        angle_error = (np.degrees(observed[0]) - reference("ankle_dorsiflexion_deg", phase)[0]) / 5.0
+        assert info["reward_angle"] == pytest.approx(0.3 * np.exp(-(angle_error**2) / 2), abs=1e-4)
+        power_error = (info["ankle_power_w_per_kg"] - reference("ankle_power_w_per_kg", phase)[0]) / 0.5
+        assert info["reward_power"] == pytest.approx(0.3 * np.exp(-(power_error**2) / 2))
         assert info["ankle_power_w_per_kg"] == pytest.approx(-info["ankle_moment_nm_per_kg"] * observed[1], abs=1e-4)
         assert info["reward_air"] == pytest.approx(-0.1 * info["air_g"] * 10)
         human_power = reference("ankle_power_w_per_kg", np.arange(0.0, 1.0, 1 / 110))
-        push = max(min(info["ankle_power_w_per_kg"], reference("ankle_power_w_per_kg", phase)[0]), 0.0)
-        assert info["reward_work"] == pytest.approx(0.1 * push / np.maximum(human_power, 0.0).mean(), rel=1e-6)
+        push_power = max(min(info["ankle_power_w_per_kg"], reference("ankle_power_w_per_kg", phase)[0]), 0.0)
+        assert info["reward_work"] == pytest.approx(0.1 * push_power / np.maximum(human_power, 0.0).mean(), rel=1e-6)
 
 
-def test_weights_are_replaced_by_name() -> None:
-    usual, other = AnkleGaitEnv(strides=1), AnkleGaitEnv(strides=1, reward={"air": -1.0, "work": 0.0})
-    usual.reset(seed=1)
-    other.reset(seed=1)
+def test_reward_option_replaces_weights() -> None:
+    default_env, changed_env = AnkleGaitEnv(strides=1), AnkleGaitEnv(strides=1, reward={"air": -1.0, "work": 0.0})
+    default_env.reset(seed=1)
+    changed_env.reset(seed=1)
     for k in range(110):
-        one, two = (env.step(action(k % 9 * 0.5))[4] for env in (usual, other))
-        assert two["reward_air"] == pytest.approx(10.0 * one["reward_air"])
-        assert two["reward_work"] == 0.0
-        assert two["reward_moment"] == one["reward_moment"]
-    assert one["air_g"] >= 0.0
+        default_info, changed_info = (env.step(make_action(k % 9 * 0.5))[4] for env in (default_env, changed_env))
+        assert changed_info["reward_air"] == pytest.approx(10.0 * default_info["reward_air"])
+        assert changed_info["reward_work"] == 0.0
+        assert changed_info["reward_moment"] == default_info["reward_moment"]
+    assert default_info["air_g"] >= 0.0
     with pytest.raises(InputError, match="reward has no term 'speed'; allowed: moment, angle, power, work, air"):
         AnkleGaitEnv(reward={"speed": 1.0})
     with pytest.raises(InputError, match="weight of air is nan"):
         AnkleGaitEnv(reward={"air": np.nan})
 
 
-@pytest.mark.parametrize("asked", [-7.0, 1.5, np.inf, -np.inf])
-def test_what_is_out_of_range_is_clipped(asked: float) -> None:
+@pytest.mark.parametrize("action_value", [-7.0, 1.5, np.inf, -np.inf])
+def test_action_out_of_range_is_clipped(action_value: float) -> None:
     env = AnkleGaitEnv()
     env.reset(seed=0)
-    info = env.step(np.array([asked]))[4]
-    assert info["pressure_command_bar"] == (5.0 if asked > 0 else 0.0)
+    info = env.step(np.array([action_value]))[4]
+    assert info["pressure_command_bar"] == (5.0 if action_value > 0 else 0.0)
 
 
-def test_bad_input_is_refused_in_one_sentence() -> None:
+def test_invalid_input_raises_one_sentence() -> None:
     env = AnkleGaitEnv()
     env.reset(seed=0)
     before = env.data.qpos.copy()
-    for bad, words in ((np.array([np.nan]), "not a number"), (np.zeros(2), "shape")):
-        with pytest.raises(InputError, match=words):
-            env.step(bad)
+    for invalid_action, message in ((np.array([np.nan]), "not a number"), (np.zeros(2), "shape")):
+        with pytest.raises(InputError, match=message):
+            env.step(invalid_action)
     assert np.array_equal(env.data.qpos, before)
-    for options, words in (
-        ({"step": 3e-4}, "divides 10 ms"),
+    for options, message in (
+        ({"time_step": 3e-4}, "divisors of 10 ms"),
         ({"mass": 500.0}, "mass is 500"),
         ({"render_mode": "human"}, "render_mode is 'human'"),
         ({"device": "nothing"}, "no device 'nothing'"),
-        ({"law": "fast"}, "law is 'fast'"),
+        ({"backend": "fast"}, "backend is 'fast'"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=message):
             AnkleGaitEnv(**options)
 
 
-@pytest.mark.parametrize("law", ["compiled", "python"])
-def test_a_device_that_fails_ends_the_episode(law: str) -> None:
-    env = AnkleGaitEnv(backend=law, strides=1)
+@pytest.mark.parametrize("backend", ["compiled", "python"])
+def test_failed_device_ends_episode(backend: str) -> None:
+    env = AnkleGaitEnv(backend=backend, strides=1)
     env.reset(seed=0)
     env.data.act[env._gait_rig.actuator.act_address] = np.nan
-    observed, reward, terminated, truncated, _ = env.step(action(1.0))
+    observed, reward, terminated, truncated, _ = env.step(make_action(1.0))
     assert terminated
     assert not truncated
     assert reward == 0.0
     assert observed in env.observation_space
     env.reset()
-    assert not env.step(action(1.0))[2]
+    assert not env.step(make_action(1.0))[2]
 
 
-def test_a_walk_that_leaves_its_path_ends_the_episode() -> None:
+def test_leaving_the_path_ends_episode() -> None:
     env = AnkleGaitEnv()
     env.reset(seed=0)
     env.data.qpos[1] += 0.5
-    assert env.step(action(1.0))[2]
+    assert env.step(make_action(1.0))[2]
 
 
-def test_both_laws_give_the_same_bits() -> None:
-    seen = []
-    for law in ("compiled", "python"):
-        env = AnkleGaitEnv(backend=law, strides=1)
+def test_backends_are_bit_identical() -> None:
+    observations = []
+    for backend in ("compiled", "python"):
+        env = AnkleGaitEnv(backend=backend, strides=1)
         env.reset(seed=4)
-        seen.append(np.array([env.step(action(k % 7 * 0.8))[0] for k in range(110)]))
-    assert np.array_equal(*seen)
+        observations.append(np.array([env.step(make_action(k % 7 * 0.8))[0] for k in range(110)]))
+    assert np.array_equal(*observations)
 
 
-def test_it_survives_a_pickle_with_its_options() -> None:
+def test_pickle_keeps_options() -> None:
     env = pickle.loads(pickle.dumps(AnkleGaitEnv(mass=60.0, strides=2)))
-    assert env._rig.options.mass == 60.0
-    assert env._rig.options.strides == 2
+    assert env._gait_rig.options.mass == 60.0
+    assert env._gait_rig.options.strides == 2
 
 
 @pytest.mark.parametrize("context", ["fork", "spawn"])
-def test_it_runs_in_worker_processes(context: str) -> None:
+def test_environment_runs_in_worker_processes(context: str) -> None:
     if sys.platform == "win32" and context == "fork":
         pytest.skip("needs fork")
-    workers = gymnasium.make_vec(NAME, 2, "async", vector_kwargs={"context": context}, strides=1, step=1e-3)
-    batch = gymnasium.make_vec(NAME, 2, "vector_entry_point", strides=1, step=1e-3)
-    assert np.array_equal(workers.reset(seed=2)[0], batch.reset(seed=2)[0])
+    async_envs = gymnasium.make_vec(NAME, 2, "async", vector_kwargs={"context": context}, strides=1, time_step=1e-3)
+    vector_env = gymnasium.make_vec(NAME, 2, "vector_entry_point", strides=1, time_step=1e-3)
+    assert np.array_equal(async_envs.reset(seed=2)[0], vector_env.reset(seed=2)[0])
     for k in range(20):
         actions = np.full((2, 1), k / 20, dtype=np.float32)
-        assert np.array_equal(workers.step(actions)[0], batch.step(actions)[0])
-    workers.close()
+        assert np.array_equal(async_envs.step(actions)[0], vector_env.step(actions)[0])
+    async_envs.close()
 
 
 @pytest.mark.parametrize(
@@ -268,23 +268,23 @@ def test_it_runs_in_worker_processes(context: str) -> None:
         "import importlib.util as u, klute_sim; assert u.find_spec('gymnasium'); import gymnasium",
     ],
 )
-def test_it_is_registered_in_whatever_order(order: str) -> None:
+def test_registration_is_independent_of_import_order(order: str) -> None:
     code = f"{order}; gymnasium.make({NAME!r}); print('made')"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "made"
-    assert done.stderr == ""
+    completed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert completed.stdout.strip() == "made"
+    assert completed.stderr == ""
 
 
-def test_importing_the_package_imports_nothing_heavy() -> None:
+def test_package_import_is_light() -> None:
     code = (
         "import sys, klute_sim, klute_sim.cli\n"
         "print([m for m in ('gymnasium', 'mujoco', 'numba', 'numpy', 'scipy') if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    completed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert completed.stdout.strip() == "[]"
 
 
-def test_it_renders_the_leg() -> None:
+def test_render_shows_leg() -> None:
     code = (
         "import os; os.environ.setdefault('MUJOCO_GL', 'egl')\n"
         "import gymnasium, klute_sim, numpy as np\n"
@@ -292,15 +292,15 @@ def test_it_renders_the_leg() -> None:
         "env.reset(seed=0); env.step(np.zeros(1, dtype=np.float32)); picture = env.render(); env.close()\n"
         "print(picture.shape, picture.dtype, len(np.unique(picture)) > 50)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    if done.returncode != 0 and "GL" in done.stderr:
+    completed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    if completed.returncode != 0 and "GL" in completed.stderr:
         pytest.skip("no off-screen rendering on this machine")
-    assert done.stdout.strip() == "(480, 480, 3) uint8 True", done.stderr
+    assert completed.stdout.strip() == "(480, 480, 3) uint8 True", completed.stderr
 
 
-def test_a_device_that_takes_openings_is_acted_on_with_openings() -> None:
+def test_opening_device_takes_openings() -> None:
     text = load_device("klute-1-1-4-pair-valve").content.decode()
-    text = text.replace('takes = "pressure"\ngain_per_bar = 5.0\n', 'takes = "opening"\n')
+    text = text.replace('command = "pressure"\ngain_per_bar = 5.0\n', 'command = "opening"\n')
     device = parse_device(text.replace('"valve.gain_per_bar" =', "#").encode(), "opens")
     env = AnkleGaitEnv(device=device, reset_noise=0.0)
     env.reset(seed=0)
@@ -317,43 +317,45 @@ def test_a_device_that_takes_openings_is_acted_on_with_openings() -> None:
     assert pressures[2] < 0.8 * pressures[1]
 
 
-def test_the_books_of_an_environment_are_those_of_the_ledger() -> None:
-    """An effect on the muscle, one on the tendon, a valve, a leak; every step read, against every interval."""
-    more = (
+def test_energy_accounting_matches_energy_recorder() -> None:
+    """Compare every interval with every step: an effect on the muscle, one on the tendon, a valve, a leak."""
+    effects = (
         b"\n[effects.muscle_damping]\ncoefficient_n_s_per_m = 150.0\n[effects.tendon_hysteresis]\nloss_fraction = 0.1\n"
     )
     text = load_device("klute-1-1-4-pair-valve").content.replace(b"= 0.001", b"= 0.02")
-    device = parse_device(text + more, "everything")
+    device = parse_device(text + effects, "everything")
     env = AnkleGaitEnv(device=device, reset_noise=0.0)
     env.reset(seed=0)
-    actuator, book = env._gait_rig.actuator, EnergyRecorder(device.parameters, 60 * 20 + 1)
-    book.record_sample(0, actuator.get_state(env.data), actuator.unit_length(env.data), 0.0)
-    told, step = [], callbacks.step_model
+    actuator, recorder = env._gait_rig.actuator, EnergyRecorder(device.parameters, 60 * 20 + 1)
+    recorder.record_sample(0, actuator.get_state(env.data), actuator.unit_length(env.data), 0.0)
+    infos, step = [], callbacks.step_model
 
-    def noted(model: mujoco.MjModel, data: mujoco.MjData, count: int) -> None:
+    def record_steps(model: mujoco.MjModel, data: mujoco.MjData, count: int) -> None:
         for _ in range(count):
             before = actuator.get_state(data)
             step(model, data, 1)
             after = actuator.state_after_step(model, data, before)
-            noted.sample += 1
-            book.record_sample(noted.sample, after, actuator.unit_length(data), (after.length - before.length) / 5e-4)
+            record_steps.sample += 1
+            recorder.record_sample(
+                record_steps.sample, after, actuator.unit_length(data), (after.length - before.length) / 5e-4
+            )
 
-    noted.sample = 0
+    record_steps.sample = 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(callbacks, "step_model", noted)
+        patch.setattr(callbacks, "step_model", record_steps)
         for k in range(60):
-            told.append(env.step(action(1.5 + 1.5 * np.sin(k / 8)))[4])
-    ledger = book.to_energy_balance(5e-4)
+            infos.append(env.step(make_action(1.5 + 1.5 * np.sin(k / 8)))[4])
+    ledger = recorder.to_energy_balance(5e-4)
     gas = 5e-4 * np.abs(ledger.gas_power).sum()
     parts = {**{name: getattr(ledger, f"{name}_power") for name in ("gas", "friction", "damper", "bladder", "tendon")}}
     parts |= {f"effect_{name}": power for name, power in ledger.effect_powers.items()}
     assert set(ledger.effect_powers) == {"muscle_damping", "tendon_hysteresis"}
     for name, power in {**parts, "delivered": ledger.delivered_power}.items():
-        assert sum(info[f"work_{name}_j"] for info in told) == pytest.approx(5e-4 * power.sum(), abs=0.02 * gas), name
+        assert sum(info[f"work_{name}_j"] for info in infos) == pytest.approx(5e-4 * power.sum(), abs=0.02 * gas), name
     for name in ledger.effect_powers:
         assert abs(5e-4 * parts[f"effect_{name}"].sum()) > 0.0
-        own = sum(info[f"work_effect_{name}_j"] for info in told)
-        assert own == pytest.approx(5e-4 * parts[f"effect_{name}"].sum(), rel=0.2), name
-    assert sum(info["air_g"] for info in told) == pytest.approx(1e3 * ledger.air_drawn[-1], rel=1e-9)
-    assert sum(info["air_leaked_g"] for info in told) == pytest.approx(1e3 * ledger.air_leaked[-1], rel=1e-9)
-    assert told[-1]["air_held_g"] == pytest.approx(1e3 * ledger.air_mass[-1], rel=1e-9)
+        total = sum(info[f"work_effect_{name}_j"] for info in infos)
+        assert total == pytest.approx(5e-4 * parts[f"effect_{name}"].sum(), rel=0.2), name
+    assert sum(info["air_g"] for info in infos) == pytest.approx(1e3 * ledger.air_drawn[-1], rel=1e-9)
+    assert sum(info["air_leaked_g"] for info in infos) == pytest.approx(1e3 * ledger.air_leaked[-1], rel=1e-9)
+    assert infos[-1]["air_held_g"] == pytest.approx(1e3 * ledger.air_mass[-1], rel=1e-9)

@@ -1,4 +1,4 @@
-"""The list of what is printed, the verdicts, and what a user supplies."""
+"""Tests of the published items, their assessment and the numbers that a user supplies."""
 
 import re
 import tomllib
@@ -20,37 +20,37 @@ FIGURES = (
     *("7.1", "7.4", "7.5", "7.6"),
     *(f"8.{k}" for k in range(1, 9)),
 )
-"""All that the source is known to have; Figs. 7.2 and 7.3 are not in our copy's list."""
+"""Figures of the source except Figs. 7.2 and 7.3, which this copy of it does not list."""
 
 
 def numbers(title: str, word: str) -> set[str]:
-    """The numbers of tables or figures that ``title`` names, ranges spelt out."""
-    found = set()
+    """Return the numbers of the tables or figures that ``title`` names, with ranges expanded."""
+    numbers_found = set()
     for part in re.findall(rf"{word}s?\.? ((?:\d\.\d+(?:-\d\.\d+)?(?:, )?)+)", title):
-        for each in part.strip(", ").split(", "):
-            first, _, last = each.partition("-")
+        for item_range in part.strip(", ").split(", "):
+            first, _, last = item_range.partition("-")
             chapter, low = first.split(".")
             high = last.split(".")[1] if last else low
-            found |= {f"{chapter}.{k}" for k in range(int(low), int(high) + 1)}
-    return found
+            numbers_found |= {f"{chapter}.{k}" for k in range(int(low), int(high) + 1)}
+    return numbers_found
 
 
-def item(published: float | str | None, within: float = 0.01, against: str = "") -> PublishedItem:
-    return PublishedItem("row.name", "Row", "quantity", "N", published, within, against, "", False, False)
+def item(published: float | str | None, tolerance: float = 0.01, contradiction: str = "") -> PublishedItem:
+    return PublishedItem("row.name", "Row", "quantity", "N", published, tolerance, contradiction, "", False, False)
 
 
-def test_no_table_or_figure_is_missing() -> None:
+def test_published_items_cover_all_tables_and_figures() -> None:
     titles = [row.title for row in printed.load_tables().values()]
     assert set().union(*(numbers(title, "Table") for title in titles)) >= set(TABLES)
     assert set().union(*(numbers(title, "Fig") for title in titles)) >= set(FIGURES)
     assert all(row.items for row in printed.load_tables().values())
-    names = [each.id for each in printed.list_items()]
+    names = [published_item.id for published_item in printed.list_items()]
     assert len(names) == len(set(names)) >= 60
-    assert all(each.quantity and each.tolerance > 0.0 for each in printed.list_items())
+    assert all(published_item.quantity and published_item.tolerance > 0.0 for published_item in printed.list_items())
 
 
 @pytest.mark.parametrize(
-    ("published", "found", "against", "verdict"),
+    ("published", "finding", "contradiction", "verdict"),
     [
         (100.0, Finding(100.9), "", "agrees"),
         (100.0, Finding(101.1), "", "contradicts-source"),
@@ -68,16 +68,16 @@ def test_no_table_or_figure_is_missing() -> None:
         ("rises", Finding(), "", "not-printed"),
     ],
 )
-def test_a_verdict_follows_from_the_two_numbers(
-    published: float | str | None, found: Finding, against: str, verdict: str
+def test_verdict_follows_from_published_and_computed(
+    published: float | str | None, finding: Finding, contradiction: str, verdict: str
 ) -> None:
-    outcome = assess(item(published, against=against), found)
-    assert outcome.verdict == verdict
-    assert (against in outcome.note) == (verdict == "source-contradicts-itself" or not against)
+    assessment = assess(item(published, contradiction=contradiction), finding)
+    assert assessment.verdict == verdict
+    assert (contradiction in assessment.note) == (verdict == "source-contradicts-itself" or not contradiction)
 
 
 @pytest.mark.parametrize(
-    ("published", "found", "implied", "verdict"),
+    ("published", "finding", "implied", "verdict"),
     [
         (1.0, Finding(0.84), 0.84, "source-contradicts-itself"),
         (1.0, Finding(1.30), 0.84, "contradicts-source"),
@@ -88,40 +88,40 @@ def test_a_verdict_follows_from_the_two_numbers(
         ("holds", Finding(None, True), True, "agrees"),
     ],
 )
-def test_the_source_contradicts_itself_only_by_its_own_numbers(
-    published: float | str, found: Finding, implied: float | bool, verdict: str
+def test_source_contradicts_itself_only_by_implied_values(
+    published: float | str, finding: Finding, implied: float | bool, verdict: str
 ) -> None:
-    assert assess(item(published, against="elsewhere"), found, implied).verdict == verdict
+    assert assess(item(published, contradiction="elsewhere"), finding, implied).verdict == verdict
 
 
-def test_the_difference_is_relative_to_what_is_printed() -> None:
+def test_difference_is_relative_to_published() -> None:
     assert assess(item(-200.0), Finding(-190.0)).difference == pytest.approx(0.05)
     assert assess(item(0.0), Finding(0.02)).difference == pytest.approx(0.02)
     assert assess(item("rises"), Finding(1.0, True)).difference is None
     assert assess(item(None), Finding(1.0)).difference is None
 
 
-def test_a_user_fills_in_what_is_missing(tmp_path: Path) -> None:
+def test_template_can_be_completed_and_loaded(tmp_path: Path) -> None:
     template = printed.render_template()
     assert tomllib.loads(template) == {}
-    names = [each.id for each in printed.list_missing_items()]
-    filled = re.sub(r'^# ("[^"]+" =)', r"\1 1.5", template, flags=re.MULTILINE)
+    names = [published_item.id for published_item in printed.list_missing_items()]
+    completed = re.sub(r'^# ("[^"]+" =)', r"\1 1.5", template, flags=re.MULTILINE)
     file = tmp_path / "numbers.toml"
-    file.write_text(filled, "utf-8")
-    given = printed.load_supplied_values(file)
-    assert given == dict.fromkeys(names, 1.5)
-    with_them = {each.id: each for each in printed.list_items(given)}
-    one = with_them["table-8.1.p5-v100"]
-    assert one.published == 1.5
-    assert "supplied by the user" in one.note
-    assert "within 10 %" in one.note
-    assert assess(one, Finding(1.6)).verdict == "agrees"
-    assert assess(one, Finding(1.7)).verdict == "contradicts-source"
-    assert printed.list_items()[0] == printed.list_items(given)[0]
+    file.write_text(completed, "utf-8")
+    supplied = printed.load_supplied_values(file)
+    assert supplied == dict.fromkeys(names, 1.5)
+    items = {published_item.id: published_item for published_item in printed.list_items(supplied)}
+    supplied_item = items["table-8.1.p5-v100"]
+    assert supplied_item.published == 1.5
+    assert "supplied by the user" in supplied_item.note
+    assert "within 10 %" in supplied_item.note
+    assert assess(supplied_item, Finding(1.6)).verdict == "agrees"
+    assert assess(supplied_item, Finding(1.7)).verdict == "contradicts-source"
+    assert printed.list_items()[0] == printed.list_items(supplied)[0]
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    ("content", "message"),
     [
         ('"table-8.1.p5-v10" = 1.0', r"no missing number is called 'table-8.1.p5-v10'.*did you mean 'table-8.1.p5-v1"),
         ('"fig-3.9.slow" = 1.0', "no missing number is called 'fig-3.9.slow'"),
@@ -132,10 +132,10 @@ def test_a_user_fills_in_what_is_missing(tmp_path: Path) -> None:
         ("= 3", "is not valid TOML"),
     ],
 )
-def test_a_wrong_file_is_refused_in_a_sentence(tmp_path: Path, content: str, says: str) -> None:
+def test_invalid_supplied_file_raises_one_sentence(tmp_path: Path, content: str, message: str) -> None:
     file = tmp_path / "numbers.toml"
     file.write_text(content, "utf-8")
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError, match=message):
         printed.load_supplied_values(file)
     with pytest.raises(InputError, match="cannot be read"):
         printed.load_supplied_values(tmp_path / "none.toml")

@@ -1,4 +1,4 @@
-"""Through the whole source: nothing is left out, and what moves comes out as it should."""
+"""Tests of the complete reproduction: every item is assessed, and the results in motion are as expected."""
 
 import numpy as np
 import pytest
@@ -23,94 +23,103 @@ EXPERIMENTS = (
     *(".r2", "fig-2.6.cat", "fig-2.7.", "table-2.1.rat", "fig-3.3.ratio", "fig-3.5.fit", "fig-3.7.ripple"),
     "figs-6.3-6.4.repeats",
 )
-"""Printed, but about measured points that are not."""
+"""Published items about measured points that are not printed."""
 
 
 @pytest.fixture(scope="module")
-def found() -> Reproduction:
+def reproduction() -> Reproduction:
     return run_reproduction(PAIR)
 
 
-def test_every_printed_item_is_compared(found: Reproduction) -> None:
-    assert [o.item.id for o in found.assessments] == [item.id for item in printed.list_items()]
-    compared = [o for o in found.assessments if o.verdict != "not-printed"]
+def test_every_published_item_is_assessed(reproduction: Reproduction) -> None:
+    assert [o.item.id for o in reproduction.assessments] == [item.id for item in printed.list_items()]
+    compared = [o for o in reproduction.assessments if o.verdict != "not-printed"]
     assert len(compared) >= 60
-    worth = [o for o in compared if not o.item.is_input]
-    assert len(worth) >= 60  # besides what is taken over as it is
-    left = {o.item.id for o in found.assessments if o.item.published is not None} - {o.item.id for o in compared}
-    assert left == {name for name in left if any(part in name for part in EXPERIMENTS)}
-    lost = [o for o in found.assessments if o.item.published is None]
-    assert all(o.verdict == "not-printed" for o in lost)
-    assert len([o for o in lost if o.finding.value is not None]) >= 60  # computed from what is assumed
+    non_inputs = [o for o in compared if not o.item.is_input]
+    assert len(non_inputs) >= 60  # besides what is taken over as it is
+    not_compared = {o.item.id for o in reproduction.assessments if o.item.published is not None} - {
+        o.item.id for o in compared
+    }
+    assert not_compared == {name for name in not_compared if any(part in name for part in EXPERIMENTS)}
+    missing = [o for o in reproduction.assessments if o.item.published is None]
+    assert all(o.verdict == "not-printed" for o in missing)
+    assert len([o for o in missing if o.finding.value is not None]) >= 60  # computed from what is assumed
 
 
-def test_nothing_is_computed_that_nobody_asked_for(found: Reproduction) -> None:
+def test_every_finding_has_a_published_item(reproduction: Reproduction) -> None:
     chapters = [
         *(chapter.compute() for chapter in (chapter2, chapter3, chapter3_dynamic)),
         *(chapter.compute(PAIR) for chapter in (chapter4, chapter56, chapter7)),
     ]
     computed = set().union(*(chapter.findings for chapter in chapters))
-    asked = {o.item.id for o in found.assessments}
-    assert computed <= asked
-    assert {name for name in asked - computed if not name.startswith(("table-8", "timing", "figs-8"))} == set()
+    published = {o.item.id for o in reproduction.assessments}
+    assert computed <= published
+    assert {name for name in published - computed if not name.startswith(("table-8", "timing", "figs-8"))} == set()
 
 
-def test_the_verdicts_on_what_was_measured(found: Reproduction) -> None:
-    by = {o.item.id: o for o in found.assessments}
-    assert [o.item.id for o in found.assessments if o.item.is_measured] == [
+def test_verdicts_on_measured_items(reproduction: Reproduction) -> None:
+    assessments = {o.item.id: o for o in reproduction.assessments}
+    assert [o.item.id for o in reproduction.assessments if o.item.is_measured] == [
         "fig-3.4.geometric",
         "fig-3.4.bladder",
         "fig-3.9.slow",
         "fig-3.9.fast",
         "fig-3.9.loss",
     ]
-    assert by["fig-3.9.slow"].finding.value == pytest.approx(736.0, abs=1.0)
-    assert by["fig-3.9.slow"].verdict == "agrees"
-    assert by["fig-3.9.fast"].finding.value == pytest.approx(736.0, abs=1.0)  # the law has no velocity in the muscle
-    assert by["fig-3.9.fast"].verdict == by["fig-3.9.loss"].verdict == "contradicts-source"
+    assert assessments["fig-3.9.slow"].finding.value == pytest.approx(736.0, abs=1.0)
+    assert assessments["fig-3.9.slow"].verdict == "agrees"
+    assert assessments["fig-3.9.fast"].finding.value == pytest.approx(
+        736.0, abs=1.0
+    )  # the law has no velocity in the muscle
+    assert assessments["fig-3.9.fast"].verdict == assessments["fig-3.9.loss"].verdict == "contradicts-source"
     # It holds for the model, and the same source's Fig. 3.9 says that it does not for the actuator.
-    assert by["fig-3.7.velocity"].finding.holds
-    assert by["fig-3.7.velocity"].verdict == "source-contradicts-itself"
-    wrong = {o.item.id for o in found.assessments if o.verdict == "contradicts-source"}
-    assert wrong == {"fig-3.9.fast", "fig-3.9.loss", "fig-4.12.near"}
-    assert all(not item["note"].startswith(" ") for item in found.to_records())
+    assert assessments["fig-3.7.velocity"].finding.holds
+    assert assessments["fig-3.7.velocity"].verdict == "source-contradicts-itself"
+    contradictions = {o.item.id for o in reproduction.assessments if o.verdict == "contradicts-source"}
+    assert contradictions == {"fig-3.9.fast", "fig-3.9.loss", "fig-4.12.near"}
+    assert all(not item["note"].startswith(" ") for item in reproduction.to_records())
 
 
-def test_the_claims_about_the_unit_and_its_work_hold(found: Reproduction) -> None:
-    by = {o.item.id: o for o in found.assessments}
+def test_claims_about_unit_and_work_hold(reproduction: Reproduction) -> None:
+    assessments = {o.item.id: o for o in reproduction.assessments}
     for name in ("pressure", "shortening", "lengthening", "length"):
-        assert by[f"figs-7.4-7.5.{name}"].verdict == "agrees", name
-    assert by["fig-7.6.lengths"].verdict == by["timing.timing"].verdict == by["figs-8.1-8.4.square"].verdict == "agrees"
+        assert assessments[f"figs-7.4-7.5.{name}"].verdict == "agrees", name
+    assert (
+        assessments["fig-7.6.lengths"].verdict
+        == assessments["timing.timing"].verdict
+        == assessments["figs-8.1-8.4.square"].verdict
+        == "agrees"
+    )
     for table, sign in (("table-8.1", 1.0), ("table-8.2", -1.0)):
-        work = [o.finding.value for o in found.assessments if o.item.id.startswith(f"{table}.p")]
+        work = [o.finding.value for o in reproduction.assessments if o.item.id.startswith(f"{table}.p")]
         assert len(work) == 16
         assert all(value is not None and sign * value > 0.0 for value in work)
-        assert by[f"{table}.grows"].verdict == by[f"{table}.velocity"].verdict == "agrees"
+        assert assessments[f"{table}.grows"].verdict == assessments[f"{table}.velocity"].verdict == "agrees"
 
 
-def test_pictures_are_there_and_finite(found: Reproduction) -> None:
-    numbers = [picture.number for picture in found.figures]
+def test_figures_are_complete_and_finite(reproduction: Reproduction) -> None:
+    numbers = [figure.number for figure in reproduction.figures]
     assert len(numbers) == len(set(numbers)) >= 22
-    for picture in found.figures:
-        values = [line.y for line in picture.lines] + ([picture.surface.z] if picture.surface else [])
+    for figure in reproduction.figures:
+        values = [line.y for line in figure.lines] + ([figure.surface.z] if figure.surface else [])
         assert values
-        assert all(np.isfinite(value).all() for value in values), picture.number
+        assert all(np.isfinite(value).all() for value in values), figure.number
 
 
-def test_a_supplied_number_is_compared(found: Reproduction) -> None:
-    computed = next(o for o in found.assessments if o.item.id == "table-8.1.p5-v100").finding
+def test_supplied_number_is_assessed(reproduction: Reproduction) -> None:
+    computed = next(o for o in reproduction.assessments if o.item.id == "table-8.1.p5-v100").finding
     assert computed.value is not None
-    for given, verdict in ((1.05 * computed.value, "agrees"), (1.2 * computed.value, "contradicts-source")):
-        supplied = printed.list_items({"table-8.1.p5-v100": given})
-        item = next(item for item in supplied if item.id == "table-8.1.p5-v100")
+    for supplied_value, verdict in ((1.05 * computed.value, "agrees"), (1.2 * computed.value, "contradicts-source")):
+        items = printed.list_items({"table-8.1.p5-v100": supplied_value})
+        item = next(item for item in items if item.id == "table-8.1.p5-v100")
         assert assess(item, computed).verdict == verdict
 
 
 @pytest.mark.parametrize("name", ["klute-3-4", "klute-1-1-4"])
-def test_a_bare_muscle_is_no_unit(name: str) -> None:
+def test_bare_muscle_is_refused(name: str) -> None:
     with pytest.raises(InputError, match=r"has no (damper|tendon), which chapter"):
         run_reproduction(load_device(name))
 
 
-def test_chapter_8_is_the_bench_s_own_protocol() -> None:
+def test_chapter_8_uses_workloop_protocol() -> None:
     assert chapter8.compute(PAIR).findings["table-8.1.p5-v200"].value == pytest.approx(15.8, abs=0.2)

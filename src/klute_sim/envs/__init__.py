@@ -1,1 +1,4 @@
-"""Gymnasium environments; importing klute_sim registers them."""
+"""Gymnasium environments of the prosthesis; importing ``klute_sim`` registers them.
+
+Dependence, from the bottom: tasks; ankle_gait; ankle_gait_vector and ankle_bench; registration imports them by name.
+"""

@@ -1,4 +1,4 @@
-"""``klute_sim/AnkleGait-v1``: walk a powered ankle on the gait rig, one command every 10 ms."""
+"""``klute_sim/AnkleGait-v1``: control of a powered ankle on the gait rig with one command every 10 ms."""
 
 from collections.abc import Mapping
 from copy import copy
@@ -25,43 +25,45 @@ from klute_sim.units import BAR
 
 Observation = NDArray[np.float32]
 MAX_PIXELS = 4096
+"""Largest width and height of a rendered image [pixels]."""
 
 
 def make_observation_space() -> "spaces.Box[np.float32]":
-    """What a prosthesis can sense."""
+    """Return the space of the observations of a prosthesis."""
     low, high = (np.array([row[k] for row in OBSERVATIONS], dtype=np.float32) for k in (2, 3))
     return spaces.Box(low, high, dtype=np.float32)
 
 
 def make_action_space() -> "spaces.Box[np.float32]":
-    """One number; what it means is :data:`klute_sim.envs.tasks.actions.ACTIONS`."""
+    """Return the space of one action; :data:`klute_sim.envs.tasks.actions.ACTION_KINDS` has its meaning."""
     return spaces.Box(-1.0, 1.0, (1,), np.float32)
 
 
 class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.utils.EzPickle):
     """A powered below-knee prosthesis on the gait rig of ``klute-sim gait``.
 
-    The residual limb follows measured human gait and the reference's load is applied to it; the policy commands the
-    artificial muscle and is rewarded for an ankle that moves and pushes like the human one.
+    The residual limb follows measured human gait, and the load of the reference acts on it. The policy commands the
+    artificial muscle. It is rewarded for an ankle that moves and pushes like the human one.
 
     ## Action space
 
-    ``Box(-1, 1, (1,), float32)``, held for 10 ms. What is beyond is clipped; NaN is refused. The regulator's own limits
-    (rate) act after that. The keyword ``action`` says what is commanded:
+    ``Box(-1, 1, (1,), float32)``, held for 10 ms. Values outside are clipped; NaN is refused. The rate limit of the
+    regulator acts on the command. The keyword ``action`` selects the meaning:
 
     | action | meaning |
     |---|---|
-    | ``pressure`` | gauge pressure, from none (-1) to all that the supply has (1) |
+    | ``pressure`` | gauge pressure, from 0 (-1) to the supply pressure (1) |
     | ``valve`` | opening of the valve, from exhaust (-1) to fill (1) |
-    | ``residual`` | change of a base profile's pressure, from -residual_bar (-1) to residual_bar (1) |
+    | ``residual`` | change of the pressure of a base profile, from -residual_bar (-1) to residual_bar (1) |
 
-    Left out it is ``valve`` for a device that takes openings, which can have no other, and ``pressure`` for the rest.
-    The base ``profile`` is that of ``klute-sim gait``, at the *estimated* phase of the gait; pressures stay within what
-    the supply has.
+    Default: ``valve`` for a device that takes valve openings, which allows no other kind, and ``pressure`` otherwise.
+    The base ``profile`` is that of ``klute-sim gait`` at the *estimated* gait phase. Pressures are clipped to the
+    supply
+    pressure.
 
     ## Observation space
 
-    ``Box((8,), float32)``: what a prosthesis can sense, clipped to the bounds.
+    ``Box((8,), float32)``: signals that a prosthesis can measure, clipped to the bounds.
 
     | # | observation | unit | low | high | typical noise |
     |---|---|---|---|---|---|
@@ -74,57 +76,58 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     | 6 | sine of the estimated gait phase | 1 | -1 | 1 | 0 |
     | 7 | cosine of the estimated gait phase | 1 | -1 | 1 | 0 |
 
-    ``sensor_noise`` is the standard deviation in units of the typical one (0: none), normal and new every 10 ms;
-    ``sensor_delay`` is by how many whole intervals of 10 ms everything is late. The phase is estimated as the
-    prosthesis could, from the load as it is sensed: time since the last foot strike (load above 0.1 body weights) over
-    the time between the last two.
+    ``sensor_noise`` multiplies the typical standard deviation (0: no noise); the noise is normal and drawn every 10 ms.
+    ``sensor_delay`` is the delay in whole intervals of 10 ms. The phase is estimated from the measured load, as in a
+    prosthesis: time since the last foot strike (load above 0.1 body weights) over the time between the last two
+    strikes.
 
     ## Reward
 
-    The sum of these terms, each in ``info``; the keyword ``reward`` replaces weights by name, as in ``{"air": -0.2}``:
+    The reward is the sum of these terms, each in ``info``. The keyword ``reward`` replaces weights, as in
+    ``{"air": -0.2}``.
 
     | term | value |
     |---|---|
-    | ``reward_moment`` | 0.4 exp(-d²/2), d = distance of the net ankle moment from the human one, in 0.2 N·m/kg |
-    | ``reward_angle`` | 0.3 exp(-d²/2), d in 5 degrees |
-    | ``reward_power`` | 0.3 exp(-d²/2), d in 0.5 W/kg |
-    | ``reward_work`` | 0.1 times positive power, as far as the human ankle has it then, in its mean over the stride |
+    | ``reward_moment`` | 0.4 exp(-d²/2), d = deviation of the net ankle moment from the human one, in 0.2 N·m/kg |
+    | ``reward_angle`` | 0.3 exp(-d²/2), d = deviation of the ankle angle, in 5 degrees |
+    | ``reward_power`` | 0.3 exp(-d²/2), d = deviation of the ankle power, in 0.5 W/kg |
+    | ``reward_work`` | 0.1 times positive power, limited to that of the human ankle, over its mean in the stride |
     | ``reward_air`` | -0.1 per gram of air drawn per 0.1 s |
     | ``reward_smoothness`` | -0.05 times the squared change of the action |
 
     ``info`` also holds ``gait_pct`` (true phase), ``ankle_moment_nm_per_kg``, ``ankle_power_w_per_kg``,
-    ``pressure_command_bar`` (or ``valve_command``), and what the interval came to: air drawn, leaked,
-    and held at its end (``air_g``, ``air_leaked_g``, ``air_held_g``); the work that gas, friction offset, damper, the
-    stores of bladder and tendon, and each effect gave (``work_gas_j``, ``work_friction_j``, ``work_damper_j``,
-    ``work_bladder_j``, ``work_tendon_j``, ``work_effect_<name>_j``), what was delivered (``work_delivered_j``), and
-    what reading once per interval leaves open (``work_unresolved_j``).
+    ``pressure_command_bar`` (or ``valve_command``), and the totals of the interval: air drawn, leaked, and held at its
+    end (``air_g``, ``air_leaked_g``, ``air_held_g``); work of gas, friction offset, damper, the elastic energies of
+    bladder and tendon, and each effect (``work_gas_j``, ``work_friction_j``, ``work_damper_j``, ``work_bladder_j``,
+    ``work_tendon_j``, ``work_effect_<name>_j``); delivered work (``work_delivered_j``); and the error of sampling once
+    per interval (``work_unresolved_j``).
 
     ## Episode
 
-    Starts at heel strike, the ankle within ``reset_noise`` of the reference's angle and the pressure anywhere between
-    0 and a quarter of the supply's (0 if the device takes openings). Truncated after ``strides`` strides; terminated
-    when the rig leaves its path or a state is not finite.
+    An episode starts at heel strike, with the ankle within ``reset_noise`` of the reference angle and a random pressure
+    between 0 and a quarter of the supply pressure (0 for a device that takes valve openings). It is truncated after
+    ``strides`` strides and terminated when the rig leaves its path or a state is not finite.
 
     ## Randomisation
 
-    ``randomise`` is a :class:`klute_sim.envs.tasks.domain_randomization.Randomise`, or a mapping with its names. What was drawn is in
-    the ``info`` of the reset, under the names on the right.
+    ``randomise`` is a :class:`klute_sim.envs.tasks.domain_randomization.RandomisationRanges`, or a mapping with its
+    field names. The ``info`` of the reset holds the sampled values under the names on the right.
 
-    | name | draws | in ``info`` |
+    | name | samples | in ``info`` |
     |---|---|---|
-    | ``mass_share`` | body mass within a share of ``mass`` | ``mass_kg`` |
+    | ``mass_share`` | body mass within a fraction of ``mass`` | ``mass_kg`` |
     | ``speed_m_per_s`` | walking speed, from a range | ``speed_m_per_s`` |
     | ``slope_deg`` | slope of the ground, from a range, uphill positive | ``slope_deg`` |
-    | ``device`` | numbers of the device file within a share, as in ``{"muscle.c10_kpa": 0.1}`` | the keys |
+    | ``device`` | numbers of the device file within a fraction, as in ``{"muscle.c10_kpa": 0.1}`` | the keys |
     | ``effects`` | as in ``{"pressure_lag": {"time_constant_s": (0, 0.05)}}`` | ``effects.<name>.<key>`` |
 
-    Mass, speed and slope each have 9 values, evenly over their range: a rig for each is put together when it is first
-    drawn, and kept. The Achilles origin stays where the usual device has it.
+    Mass, speed and slope each have 9 evenly spaced values. The rig of each combination is built and cached when it is
+    first sampled. The Achilles origin stays where the nominal device has it.
 
     ## Versions
 
     * v1: kinds of actions, noise and delay of sensors, weights of the reward, randomisation, slope; positive work is
-      rewarded. With ``reward={"work": 0}`` and all else left out, episodes are those of v0.
+      rewarded. With ``reward={"work": 0}`` and default options, episodes equal those of v0.
     * v0: first version.
     """
 
@@ -153,15 +156,16 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         width: int = 480,
         height: int = 480,
     ) -> None:
-        """For a ``device`` (preset, file or Device), a subject (kg, m, m/s), a ``slope`` [rad] and a ``step`` [s].
+        """Create the environment of a ``device`` (preset, path or Device) and a subject (mass [kg], stature [m]).
 
-        ``law`` is one of :data:`klute_sim.device.backend.select.LAWS`; ``reset_noise`` [rad], and what is not named
-        here is in the tables above (:class:`klute_sim.envs.tasks.options.TaskOptions`). Raises InputError for what cannot be.
+        ``speed`` [m/s], ``slope`` [rad], ``time_step`` [s] and ``reset_noise`` [rad]; ``backend`` is auto, compiled or
+        python. The class docstring and :class:`klute_sim.envs.tasks.options.TaskOptions` describe the other options.
+        Raises InputError when an option is invalid.
         """
         gymnasium.utils.EzPickle.__init__(**locals())
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is '{render_mode}'; allowed: None, rgb_array")
-        walker = GaitOptions(mass=mass, stature=stature, speed=speed, slope=slope, strides=strides, dt=time_step)
+        gait_options = GaitOptions(mass=mass, stature=stature, speed=speed, slope=slope, strides=strides, dt=time_step)
         options = TaskOptions(
             action=action,
             residual_bar=residual_bar,
@@ -174,18 +178,20 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         )
         self._backend, self._reset_noise = callbacks.choose_backend(backend), reset_noise
         self._task, self._single_mask = (
-            GaitTask(resolve_device(device), walker, options, 1, self._backend),
+            GaitTask(resolve_device(device), gait_options, options, 1, self._backend),
             np.ones(1, dtype=np.bool_),
         )
         self._gait_rig = self._task.randomiser.gait_rigs[0]
         self.model = copy(self._gait_rig.model)
-        """The MuJoCo model, with the device in it; randomisation changes it at every reset."""
+        """MuJoCo model including the device; randomisation changes it at every reset."""
         self.data = mujoco.MjData(self.model)
-        """The simulation."""
+        """State of the simulation."""
         self.render_mode = render_mode
         self.action_space, self.observation_space = make_action_space(), make_observation_space()
         if not (0 < width <= MAX_PIXELS and 0 < height <= MAX_PIXELS):
-            raise InputError(f"pictures are {width} x {height}; allowed: 1 to {MAX_PIXELS} pixels a side")
+            raise InputError(
+                f"the image size is {width} x {height}; allowed: 1 to {MAX_PIXELS} pixels in each direction"
+            )
         self._image_size = (height, width)
         self.model.vis.global_.offwidth = max(width, self.model.vis.global_.offwidth)
         self.model.vis.global_.offheight = max(height, self.model.vis.global_.offheight)
@@ -193,13 +199,13 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
 
     @property
     def dt(self) -> float:
-        """Time between two actions [s]."""
+        """Return the interval between two actions [s]."""
         return CONTROL_INTERVAL
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Heel strike; there are no ``options``."""
+        """Start an episode at heel strike; ``options`` are not used."""
         super().reset(seed=seed)
         episode = self._task.randomiser.sample(self.np_random)
         self._gait_rig = self._task.randomiser.apply(episode, self.model)
@@ -209,30 +215,32 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         return self._task.observations[0], dict(episode.drawn_values)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Hold ``action`` for one interval; raises InputError if it is no number."""
-        chosen = validate_action(action, (1,))
-        command = self._task.decode_action(chosen)
+        """Hold ``action`` for one interval; raises InputError when it is NaN."""
+        valid_action = validate_action(action, (1,))
+        command = self._task.decode_action(valid_action)
         self.data.ctrl[: len(DRIVE_ACTUATORS)] = self._task.drive_command_rates()[0]
         with callbacks.device_callbacks(self._backend):
             try:
-                for steps, asked in self._task.schedule_commands(command, self._single_mask):
-                    self.data.ctrl[self._gait_rig.actuator.ctrl_address] = asked[0]
+                for steps, scheduled_command in self._task.schedule_commands(command, self._single_mask):
+                    self.data.ctrl[self._gait_rig.actuator.ctrl_address] = scheduled_command[0]
                     callbacks.step_model(self.model, self.data, steps)
             except SimulationError:
                 self.data.act[self._gait_rig.actuator.act_address] = (
                     np.nan
                 )  # under either law, a failed device ends the episode
-        now, random = self._read_states(), [self.np_random]
-        reward, terminated, truncated, told = self._task.evaluate(chosen, command, now, self._single_mask, random)
-        info = {name: float(value[0]) for name, value in told.items()}
+        states, rngs = self._read_states(), [self.np_random]
+        reward, terminated, truncated, arrays = self._task.evaluate(
+            valid_action, command, states, self._single_mask, rngs
+        )
+        info = {name: float(value[0]) for name, value in arrays.items()}
         return self._task.observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def _read_states(self) -> SimulationStates:
-        d = self.data
-        return SimulationStates(*(getattr(d, field.name)[None] for field in fields(SimulationStates)))
+        data = self.data
+        return SimulationStates(*(getattr(data, field.name)[None] for field in fields(SimulationStates)))
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The leg from its side, (height, width, 3); None without a render mode."""
+        """Return a lateral view of the leg, shape (height, width, 3); None without a render mode."""
         if self.render_mode is None:
             return None
         if self._renderer is None:
@@ -241,18 +249,18 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         camera.lookat[:] = (self.data.qpos[0], 0.0, 0.55)
         camera.distance, camera.azimuth, camera.elevation = 1.9, 90.0, -5.0
         self._renderer.update_scene(self.data, camera)
-        picture: NDArray[np.uint8] = self._renderer.render()
-        return picture
+        image: NDArray[np.uint8] = self._renderer.render()
+        return image
 
     def close(self) -> None:
-        """Free the renderer."""
+        """Release the renderer."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
 
 
 def reset_simulation(gait_rig: GaitRig, data: mujoco.MjData, rng: np.random.Generator, reset_noise: float) -> None:
-    """Put ``data`` at the beginning of an episode."""
+    """Set ``data`` to the beginning of an episode."""
     pressure = rng.uniform(0.0, 0.25 * gait_rig.actuator.parameters.supply.max_pressure)
     reset_gait_rig(gait_rig, data, pressure, rng.uniform(-reset_noise, reset_noise))
     data.ctrl[gait_rig.actuator.ctrl_address] = (
@@ -263,12 +271,12 @@ def reset_simulation(gait_rig: GaitRig, data: mujoco.MjData, rng: np.random.Gene
 def validate_action(
     action: NDArray[np.floating[Any]], shape: tuple[int, ...], mask: NDArray[np.bool_] | None = None
 ) -> NDArray[np.float64]:
-    """The action as numbers, 0 in rows that do not count; raises InputError for another shape, or NaN where it does."""
-    chosen = np.array(action, dtype=np.float64)
-    if chosen.shape != shape:
-        raise InputError(f"action has shape {chosen.shape}; allowed: {shape}")
+    """Return the action as float64, with 0 outside ``mask``; raises InputError for a wrong shape or NaN."""
+    valid_action = np.array(action, dtype=np.float64)
+    if valid_action.shape != shape:
+        raise InputError(f"action has shape {valid_action.shape}; allowed: {shape}")
     if mask is not None:
-        chosen[~mask] = 0.0
-    if np.isnan(chosen).any():
+        valid_action[~mask] = 0.0
+    if np.isnan(valid_action).any():
         raise InputError("action is not a number; allowed: -1 to 1")
-    return chosen
+    return valid_action

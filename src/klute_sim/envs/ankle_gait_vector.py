@@ -1,4 +1,4 @@
-"""``klute_sim/AnkleGait`` on all cores: one model, many simulations, no Python between their steps."""
+"""``klute_sim/AnkleGait`` on all cores: one model, many simulations, and no Python between their steps."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -27,16 +27,18 @@ from klute_sim.plant import batch, callbacks
 Observations = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 STATE_SPEC = mujoco.mjtState.mjSTATE_INTEGRATION
+"""Parts of the MuJoCo state that restore a simulation."""
 STATE_FIELDS = [field.name for field in fields(SimulationStates)]
+"""Names of the arrays that the task reads."""
 
 
 class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
-    """``num_envs`` environments of :class:`klute_sim.envs.ankle_gait.AnkleGaitEnv` stepped together.
+    """``num_envs`` environments of :class:`klute_sim.envs.ankle_gait.AnkleGaitEnv` that are stepped together.
 
     ``gymnasium.make_vec("klute_sim/AnkleGait-v1", num_envs=64, vectorization_mode="vector_entry_point")``
 
-    Spaces, reward and episodes are those of the single environment, and so is every bit of the result at any number
-    of threads: environment *i* behaves as a single one that was seeded with ``seed + i``.
+    Spaces, reward and episodes equal those of the single environment bit for bit, with any number of threads:
+    environment *i* behaves as a single one with seed ``seed + i``.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "render_fps": round(1.0 / CONTROL_INTERVAL)}  # noqa: RUF012
@@ -64,8 +66,11 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: None = None,
     ) -> None:
-        """As the single environment, on ``threads`` threads (0: all cores); raises InputError for what cannot be."""
-        walker = GaitOptions(mass=mass, stature=stature, speed=speed, slope=slope, strides=strides, dt=time_step)
+        """Create the environments on ``n_jobs`` threads (0: all cores); raises InputError when an option is invalid.
+
+        :class:`klute_sim.envs.ankle_gait.AnkleGaitEnv` describes the other options.
+        """
+        gait_options = GaitOptions(mass=mass, stature=stature, speed=speed, slope=slope, strides=strides, dt=time_step)
         options = TaskOptions(
             action=action,
             residual_bar=residual_bar,
@@ -77,7 +82,7 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
             reset_noise=reset_noise,
         )
         self._task, self._reset_noise = (
-            GaitTask(resolve_device(device), walker, options, num_envs, callbacks.choose_backend()),
+            GaitTask(resolve_device(device), gait_options, options, num_envs, callbacks.choose_backend()),
             reset_noise,
         )
         self._gait_rig = self._task.randomiser.gait_rigs[0]
@@ -99,13 +104,13 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
 
     @property
     def dt(self) -> float:
-        """Time between two actions [s]."""
+        """Return the interval between two actions [s]."""
         return CONTROL_INTERVAL
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
-        """Heel strike everywhere, or where ``options["reset_mask"]`` is true."""
+        """Start episodes at heel strike in all environments, or where ``options["reset_mask"]`` is true."""
         mask = np.ones(self.num_envs, dtype=np.bool_)
         if options and "reset_mask" in options:
             mask = np.asarray(options["reset_mask"])
@@ -115,89 +120,89 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
                     "with at least one to reset"
                 )
             if self._rngs is None and not mask.all():
-                raise InputError("the first reset is of all environments")
+                raise InputError("the first reset must include all environments: leave out reset_mask")
         if seed is None or isinstance(seed, int):
             seeds = [None if seed is None else seed + i for i in range(self.num_envs)]
         else:
             seeds = list(seed)
         if len(seeds) != self.num_envs:
-            raise InputError(f"{len(seeds)} seeds for {self.num_envs} environments")
+            raise InputError(f"seed has {len(seeds)} values; allowed: one value, or {self.num_envs}")
         if self._rngs is None:
-            self._rngs = [seeding.np_random(each)[0] for each in seeds]
+            self._rngs = [seeding.np_random(env_seed)[0] for env_seed in seeds]
         else:
             for i in np.flatnonzero(mask):
                 if seeds[i] is not None:
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
-        told = self._start_episodes(mask, self._rngs)
-        return self._task.observations, told
+        info = self._start_episodes(mask, self._rngs)
+        return self._task.observations, info
 
     def _start_episodes(self, mask: Mask, rngs: list[np.random.Generator]) -> dict[str, Any]:
-        """Start the episodes of ``mask`` anew; tells what was drawn for them."""
-        casting = self._task.randomiser
-        told: dict[str, NDArray[np.float64]] = {}
+        """Start the episodes in ``mask`` and return their sampled values."""
+        randomiser = self._task.randomiser
+        info: dict[str, NDArray[np.float64]] = {}
         for i in np.flatnonzero(mask):
-            episode = casting.sample(rngs[i])
-            rig = casting.apply(episode, self._model)
-            for name, own in self._randomised_fields.items():
-                own[i] = casting.field_value(episode, name)
+            episode = randomiser.sample(rngs[i])
+            rig = randomiser.apply(episode, self._model)
+            for name, values in self._randomised_fields.items():
+                values[i] = randomiser.field_value(episode, name)
             reset_simulation(rig, self._scratch_data, rngs[i], self._reset_noise)
             self._task.assign_episode(int(i), episode)
             mujoco.mj_getState(self._model, self._scratch_data, self._batch.state[i], STATE_SPEC)
             for name in STATE_FIELDS:
                 getattr(self._states, name)[i] = getattr(self._scratch_data, name)
             for name, value in episode.drawn_values.items():
-                told.setdefault(name, np.zeros(self.num_envs))[i] = value
+                info.setdefault(name, np.zeros(self.num_envs))[i] = value
         self._task.reset(mask, self._states, rngs)
         self._done &= ~mask
-        return _with_masks(told, mask)
+        return _with_masks(info, mask)
 
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observations, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Hold ``actions`` (num_envs, 1) for one interval; raises InputError if one that counts is no number.
+        """Hold ``actions`` (num_envs, 1) for one interval; raises InputError when an action is NaN.
 
-        What is said to an environment that is about to be reset does not count.
+        Actions of environments that are about to be reset are ignored.
         """
-        live = ~self._done
-        chosen = validate_action(actions, (self.num_envs, 1), live)[:, 0]
-        randoms = self._rngs
-        if randoms is None:
+        active = ~self._done
+        valid_actions = validate_action(actions, (self.num_envs, 1), active)[:, 0]
+        rngs = self._rngs
+        if rngs is None:
             raise InputError("reset the environments before stepping them")
-        if not live.all() and self._autoreset_mode != AutoresetMode.NEXT_STEP:
+        if not active.all() and self._autoreset_mode != AutoresetMode.NEXT_STEP:
             raise InputError("an episode has ended: reset it (options={'reset_mask': ...}) before the next step")
-        infos = self._start_episodes(~live, randoms)
-        command = self._task.decode_action(chosen)
-        self._ctrl[live, : len(DRIVE_ACTUATORS)] = self._task.drive_command_rates()[live]
-        for steps, asked in self._task.schedule_commands(command, live):
-            self._ctrl[live, self._gait_rig.actuator.ctrl_address] = asked[live]
+        infos = self._start_episodes(~active, rngs)
+        command = self._task.decode_action(valid_actions)
+        self._ctrl[active, : len(DRIVE_ACTUATORS)] = self._task.drive_command_rates()[active]
+        for steps, scheduled_command in self._task.schedule_commands(command, active):
+            self._ctrl[active, self._gait_rig.actuator.ctrl_address] = scheduled_command[active]
             with suppress(SimulationError):  # a failed device ends its episode
-                batch.step_batch(self._batch, np.flatnonzero(live), steps)
+                batch.step_batch(self._batch, np.flatnonzero(active), steps)
         for name, value in self._bound_states.items():
-            getattr(self._states, name)[live] = value[live]
-        reward, terminated, truncated, told = self._task.evaluate(chosen, command, self._states, live, randoms)
+            getattr(self._states, name)[active] = value[active]
+        reward, terminated, truncated, info = self._task.evaluate(valid_actions, command, self._states, active, rngs)
         self._done = terminated | truncated
         if self._autoreset_mode == AutoresetMode.SAME_STEP and self._done.any():
             ended = self._done.copy()
-            final = np.full(self.num_envs, None, dtype=object)
-            observed = self._task.observations
+            final_observations = np.full(self.num_envs, None, dtype=object)
+            observations = self._task.observations
             for i in np.flatnonzero(ended):
-                final[i] = observed[i]
+                final_observations[i] = observations[i]
             infos |= {
-                "final_obs": final,
+                "final_obs": final_observations,
                 "_final_obs": ended,
-                "final_info": _with_masks(told, ended),
+                "final_info": _with_masks(info, ended),
                 "_final_info": ended,
             }
-            live = live & ~ended
-            infos |= self._start_episodes(ended, randoms)
-        return self._task.observations, reward, terminated, truncated, infos | _with_masks(told, live)
+            active = active & ~ended
+            infos |= self._start_episodes(ended, rngs)
+        return self._task.observations, reward, terminated, truncated, infos | _with_masks(info, active)
 
 
 def _with_masks(info: dict[str, NDArray[np.float64]], mask: Mask) -> dict[str, Any]:
-    """``told`` as Gymnasium has it: 0 where an environment did not say it, and a mask ``_name`` of those that did."""
-    marked: dict[str, Any] = {}
+    """Return ``info`` in the form of Gymnasium: 0 outside ``mask``, and the mask under ``_name``."""
+    masked: dict[str, Any] = {}
     if not mask.any():
-        return marked
+        return masked
     for name, value in info.items():
-        marked[name], marked[f"_{name}"] = np.where(mask, value, 0.0), mask.copy()
-    return marked
+        masked[name], masked[f"_{name}"] = np.where(mask, value, 0.0), mask.copy()
+    return masked

@@ -1,7 +1,7 @@
-"""Makes ``gymnasium.make("klute_sim/...")`` work after ``import klute_sim``, without importing Gymnasium.
+"""Registration of the environments with Gymnasium, without importing it.
 
-Importing Gymnasium takes longer than everything ``klute-sim --help`` does. So the environments are registered now if
-Gymnasium is there already, and otherwise at the moment somebody imports it.
+Importing Gymnasium takes longer than ``klute-sim --help``. The environments are therefore registered at once if
+Gymnasium is already imported, and otherwise when it is imported.
 """
 
 import importlib.abc
@@ -18,23 +18,25 @@ ENVIRONMENTS = {
     },
     "klute_sim/AnkleBench-v0": {"entry_point": "klute_sim.envs.ankle_bench:AnkleBenchEnv"},
 }
-"""Name -> where it is."""
+"""Entry points of each environment."""
 
 
 def register_environments() -> None:
-    """Tell Gymnasium of our environments, now or as soon as it is imported."""
+    """Register the environments with Gymnasium, now or when it is imported."""
     if "gymnasium" in sys.modules:
         import gymnasium
 
-        for name, places in ENVIRONMENTS.items():
+        for name, entry_points in ENVIRONMENTS.items():
             if name not in gymnasium.registry:
-                gymnasium.register(name, places["entry_point"], vector_entry_point=places.get("vector_entry_point"))
+                gymnasium.register(
+                    name, entry_points["entry_point"], vector_entry_point=entry_points.get("vector_entry_point")
+                )
     elif not any(isinstance(finder, _GymnasiumImportHook) for finder in sys.meta_path):
         sys.meta_path.insert(0, _GymnasiumImportHook())
 
 
 class _GymnasiumImportHook(importlib.abc.MetaPathFinder):
-    """Waits until Gymnasium has been imported; finds nothing itself."""
+    """Import hook that registers the environments after Gymnasium is imported; it finds no modules itself."""
 
     def __init__(self) -> None:
         self._finding_spec = False
@@ -42,22 +44,22 @@ class _GymnasiumImportHook(importlib.abc.MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: types.ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """What the others find; Gymnasium's loader then ends with our registration."""
+        """Return the module spec of the other finders, with a loader that registers the environments at its end."""
         if fullname != "gymnasium" or self._finding_spec:
             return None
         self._finding_spec = True
         try:
-            found = importlib.util.find_spec(fullname)
+            spec = importlib.util.find_spec(fullname)
         finally:
             self._finding_spec = False
-        if found is not None and found.loader is not None:
-            execute = found.loader.exec_module
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
 
             def exec_module(module: types.ModuleType) -> None:
                 execute(module)
-                if self in sys.meta_path:  # the module may be loaded again, or twice
+                if self in sys.meta_path:  # the module may be loaded repeatedly
                     sys.meta_path.remove(self)
                 register_environments()
 
-            found.loader.exec_module = exec_module  # type: ignore[method-assign]
-        return found
+            spec.loader.exec_module = exec_module  # type: ignore[method-assign]
+        return spec

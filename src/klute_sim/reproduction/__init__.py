@@ -1,1 +1,5 @@
-"""The dissertation, item by item: what it prints, what we compute, and a verdict."""
+"""Reproduction of the dissertation: each printed item, the computed value and an assessment.
+
+Dependence, from the bottom: item and curves; printed (the published items); implied_values; chapters (the
+computations); run (all items); assumptions (influence of assumed device values).
+"""

@@ -1,59 +1,68 @@
-"""What a figure of the source shows, as numbers; how it is drawn is not known here."""
+"""Curves, surfaces and figures of the source as numbers, independent of how they are drawn."""
 
 from typing import Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from klute_sim.reproduction.item import Finding
+from klute_sim.types import Array
 
-Array = NDArray[np.float64]
 LineStyle = Literal["line", "dashed", "dotted", "points"]
 
 
 class PlotLine(NamedTuple):
-    """A curve."""
+    """A curve of a figure."""
 
     label: str
+    """Label in the legend."""
     x: Array
+    """Abscissa, shape (n,)."""
     y: Array
+    """Ordinate, shape (n,)."""
     style: LineStyle = "line"
+    """Style of the line."""
     colour_index: int | None = None
-    """Curves of the same number are drawn alike; None: a colour of its own."""
+    """Index of a colour that several curves share; None selects a colour of its own."""
 
 
 class PlotSurface(NamedTuple):
     """A height over two axes."""
 
     x: Array
-    """(n,)"""
+    """Abscissa, shape (n,)."""
     y: Array
-    """(m,)"""
+    """Ordinate, shape (m,)."""
     z: Array
-    """(m, n)"""
+    """Height, shape (m, n)."""
 
 
 class FigureData(NamedTuple):
     """A figure in the axes of the source."""
 
     number: str
-    """Of the figure, such as ``3.9``."""
+    """Number of the figure, such as ``3.9``."""
     title: str
+    """Title."""
     x_label: str
+    """Label of the abscissa."""
     y_label: str
+    """Label of the ordinate."""
     lines: tuple[PlotLine, ...] = ()
+    """Curves of a two-dimensional figure."""
     x_range: tuple[float, float] | None = None
-    """The source's own range, where it is known."""
+    """Range of the abscissa in the source; None where it is unknown."""
     y_range: tuple[float, float] | None = None
+    """Range of the ordinate in the source; None where it is unknown."""
     surface: PlotSurface | None = None
+    """Surface of a three-dimensional figure."""
     z_label: str = ""
+    """Label of the height."""
     assumption_note: str = ""
-    """What had to be assumed to draw it."""
+    """Assumptions of the figure."""
 
 
 class ChapterResult(NamedTuple):
-    """What a chapter's equations give."""
+    """Findings and figures of a chapter."""
 
     findings: dict[str, Finding]
-    """Identifier of an item -> what was computed of it."""
+    """Finding by item identifier."""
     figures: tuple[FigureData, ...]
+    """Figures of the chapter."""

@@ -1,7 +1,7 @@
-"""What the source prints of one thing, what was computed of it, and the verdict.
+"""Published items, computed findings and their assessment.
 
-The list of what is printed is data (``printed.toml``). Chapters compute; nothing in them knows what was printed, and no
-verdict is written down anywhere: it follows from both.
+The published items are data (``printed.toml``). The chapters compute findings without access to the published numbers,
+so every verdict follows from both alone.
 """
 
 from typing import Literal, NamedTuple
@@ -11,85 +11,96 @@ VERDICTS: tuple[Verdict, ...] = ("agrees", "contradicts-source", "source-contrad
 
 
 class PublishedItem(NamedTuple):
-    """One number or statement."""
+    """One published number or statement."""
 
     id: str
-    """Row and name, such as ``table-2.1.frog-k1``."""
+    """Identifier of table and item, such as ``table-2.1.frog.k1``."""
     row_title: str
-    """Title of the table or figure it belongs to."""
+    """Title of the table or figure that contains the item."""
     quantity: str
+    """Name of the quantity."""
     unit: str
+    """Unit of the quantity."""
     published: float | str | None
-    """A number; a statement, which holds or does not; None: the page with it is missing."""
+    """Published number, or a statement that holds or does not; None where the page is missing."""
     tolerance: float
-    """What a computed number may differ by: a share of the published one, or as it is where that is 0."""
+    """Allowed difference of the computed number, relative to the published one, or absolute where that is 0."""
     contradiction: str
-    """What else in the source speaks against it; '' if nothing does."""
+    """Contradicting evidence in the source; empty without any."""
     note: str
+    """Remark on the item."""
     is_measured: bool
-    """Whether the source measured it on an actuator."""
+    """Whether the source measured the item on an actuator."""
     is_input: bool
-    """Whether we take it over as it is, so that it cannot but agree."""
+    """Whether the model takes the value from the source, so that it necessarily agrees."""
 
 
 class Finding(NamedTuple):
-    """What was computed."""
+    """Computed value or statement of an item."""
 
     value: float | None = None
-    """None: nothing can be computed, because it is about an experiment whose data are not printed."""
+    """Computed number; None where nothing can be computed because the data of the experiment are not printed."""
     holds: bool | None = None
     """Whether a statement holds; None for a number."""
     note: str = ""
-    """What the number means, where the item alone does not say it."""
+    """Meaning of the number where the item does not explain it."""
 
 
 class ItemAssessment(NamedTuple):
-    """An item, what was found and the verdict."""
+    """A published item, its finding and the verdict."""
 
     item: PublishedItem
+    """Published item."""
     finding: Finding
+    """Computed finding."""
     verdict: Verdict
+    """Verdict on the item."""
 
     @property
     def difference(self) -> float | None:
-        """Computed less published, over published unless that is 0 or a percentage; None without two numbers."""
+        """Return the computed less the published number, relative unless the latter is 0 or a percentage.
+
+        None without two numbers.
+        """
         published = self.item.published
         if self.finding.value is None or not isinstance(published, float):
             return None
-        apart = self.finding.value - published
-        return apart / abs(published) if self.is_relative else apart
+        difference = self.finding.value - published
+        return difference / abs(published) if self.is_relative else difference
 
     @property
     def is_relative(self) -> bool:
-        """Whether the difference is a share of what is published."""
+        """Return whether the difference is relative to the published number."""
         return bool(self.item.published) and self.item.unit != "%"
 
     @property
     def note(self) -> str:
-        """Everything there is to say beside the numbers."""
-        against = self.item.contradiction if self.verdict == "source-contradicts-itself" else ""
-        return " ".join(filter(None, [self.item.note, self.finding.note, against]))
+        """Return the remarks on item, finding and verdict."""
+        contradiction = self.item.contradiction if self.verdict == "source-contradicts-itself" else ""
+        return " ".join(filter(None, [self.item.note, self.finding.note, contradiction]))
 
 
 def assess(item: PublishedItem, finding: Finding, implied: float | bool | None = None) -> ItemAssessment:
-    """The verdict on ``item``: of a number by its distance, of a statement by whether it holds.
+    """Return the verdict on ``item``: a number agrees within its tolerance, a statement agrees if it holds.
 
-    ``implied`` is what the source's other printed numbers make of it, where they make anything. The source contradicts
-    itself where something else in it speaks against the item and, if that can be computed, agrees with what we find,
-    or makes a statement false that holds for us. What otherwise does not agree contradicts the source; what is not
-    printed, or cannot be computed, is ``not-printed``.
+    ``implied`` is the value that other printed numbers of the source imply for the item. The source contradicts itself
+    where it has contradicting evidence that, if it can be computed, agrees with the finding, or where it makes a
+    statement false that the finding supports. Any other disagreement contradicts the source. Items that are not printed
+    or cannot be computed are ``not-printed``.
     """
     if isinstance(item.published, str):
         if finding.holds is None:
             return ItemAssessment(item, finding, "not-printed")
         if finding.holds and implied is not False:
             return ItemAssessment(item, finding, "agrees")
-        own = bool(item.contradiction) and implied is not True
+        is_self_contradiction = bool(item.contradiction) and implied is not True
     elif item.published is None or finding.value is None:
         return ItemAssessment(item, finding, "not-printed")
     else:
-        room = item.tolerance * (abs(item.published) or 1.0) * (1.0 + 1e-9)
-        if abs(finding.value - item.published) <= room:
+        tolerance = item.tolerance * (abs(item.published) or 1.0) * (1.0 + 1e-9)
+        if abs(finding.value - item.published) <= tolerance:
             return ItemAssessment(item, finding, "agrees")
-        own = bool(item.contradiction) and (implied is None or abs(finding.value - implied) <= room)
-    return ItemAssessment(item, finding, "source-contradicts-itself" if own else "contradicts-source")
+        is_self_contradiction = bool(item.contradiction) and (
+            implied is None or abs(finding.value - implied) <= tolerance
+        )
+    return ItemAssessment(item, finding, "source-contradicts-itself" if is_self_contradiction else "contradicts-source")

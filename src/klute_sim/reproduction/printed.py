@@ -1,4 +1,4 @@
-"""The list of what the source prints, and what a user adds to it."""
+"""The published items of the source and the numbers that a user supplies."""
 
 import difflib
 import tomllib
@@ -13,7 +13,7 @@ from klute_sim.errors import InputError
 from klute_sim.reproduction.item import PublishedItem
 
 DEFAULT_TOLERANCE, SUPPLIED_TOLERANCE = 1e-6, 0.1
-"""What a number may differ by, relative, where the list does not say: printed, and supplied by a user."""
+"""Default relative tolerances of printed numbers and of numbers that a user supplies."""
 
 
 class _PublishedEntry(BaseModel):
@@ -22,17 +22,17 @@ class _PublishedEntry(BaseModel):
     quantity: str
     unit: str
     published: float | str | None = None
-    within: float | None = None
-    against: str = ""
+    tolerance: float | None = None
+    contradiction: str = ""
     note: str = ""
-    measured: bool = False
-    input: bool = False
-    lost: bool = True
-    """Where nothing is published: whether the source has it, on a page that we have not."""
+    is_measured: bool = False
+    is_input: bool = False
+    is_missing: bool = True
+    """Whether an item without published value is on a page that this copy of the source lacks."""
 
 
 class PublishedTable(BaseModel):
-    """A table or figure, or several that belong together."""
+    """A table or figure, or several related ones."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
     title: str
@@ -42,57 +42,59 @@ class PublishedTable(BaseModel):
 
 @cache
 def load_tables() -> dict[str, PublishedTable]:
-    """Identifier -> row, in the order of the source's pages."""
+    """Return the published tables by identifier, in the order of the source."""
     content = (resources.files("klute_sim.reproduction") / "printed.toml").read_text("utf-8")
     return TypeAdapter(dict[str, PublishedTable]).validate_python(tomllib.loads(content))
 
 
 def list_items(supplied_values: Mapping[str, float] | None = None) -> list[PublishedItem]:
-    """Every item, with the numbers ``supplied`` (identifier -> number) in the place of missing ones."""
-    given, found = supplied_values or {}, []
-    for row_id, row in load_tables().items():
-        for entry in row.items:
-            name, published, note = f"{row_id}.{entry.id}", entry.published, entry.note
-            within = DEFAULT_TOLERANCE if entry.within is None else entry.within
-            if name in given:
-                published, within = given[name], SUPPLIED_TOLERANCE
-                told = f"The published number was supplied by the user and is compared within {100.0 * within:g} %."
-                note = " ".join(filter(None, [note, told]))
+    """Return all items, with ``supplied_values`` (identifier to number) in place of missing numbers."""
+    supplied, items = supplied_values or {}, []
+    for table_id, table in load_tables().items():
+        for entry in table.items:
+            item_id, published, note = f"{table_id}.{entry.id}", entry.published, entry.note
+            tolerance = DEFAULT_TOLERANCE if entry.tolerance is None else entry.tolerance
+            if item_id in supplied:
+                published, tolerance = supplied[item_id], SUPPLIED_TOLERANCE
+                supplied_note = (
+                    f"The published number was supplied by the user and is compared within {100.0 * tolerance:g} %."
+                )
+                note = " ".join(filter(None, [note, supplied_note]))
             number = float(published) if isinstance(published, int | float) else published
-            found.append(
+            items.append(
                 PublishedItem(
-                    name,
-                    row.title,
+                    item_id,
+                    table.title,
                     entry.quantity,
                     entry.unit,
                     number,
-                    within,
-                    entry.against,
+                    tolerance,
+                    entry.contradiction,
                     note,
-                    entry.measured,
-                    entry.input,
+                    entry.is_measured,
+                    entry.is_input,
                 )
             )
-    return found
+    return items
 
 
 def published_numbers() -> dict[str, float]:
-    """The printed numbers, by item."""
+    """Return the printed numbers by item identifier."""
     return {item.id: item.published for item in list_items() if isinstance(item.published, float)}
 
 
 def list_missing_items() -> list[PublishedItem]:
-    """The items whose number the source has on a page that our copy lacks."""
-    lost = {f"{name}.{entry.id}" for name, row in load_tables().items() for entry in row.items if entry.lost}
-    return [item for item in list_items() if item.published is None and item.id in lost]
+    """Return the items whose number is on a page that this copy of the source lacks."""
+    missing = {f"{name}.{entry.id}" for name, row in load_tables().items() for entry in row.items if entry.is_missing}
+    return [item for item in list_items() if item.published is None and item.id in missing]
 
 
 def render_template() -> str:
-    """A file for :func:`supplied` with nothing filled in."""
+    """Return a file for :func:`load_supplied_values` without any numbers."""
     lines = [
-        "# Numbers that are missing from the copy of the source that this package was made from.",
-        "# Fill in what you have, as 'name = number' in the unit that stands there, and take away the # before it.",
-        "# A number of the device itself (Table 4.1, springs) is only compared; to use it, put it into a device file.",
+        "# Numbers that are missing from the copy of the source on which this package is based.",
+        "# Fill in a number as 'name = number' in the unit of its line, and remove the # at the start of the line.",
+        "# Numbers of the device (Table 4.1, springs) are only compared; to use one, enter it in a device file.",
     ]
     title = ""
     for item in list_missing_items():
@@ -104,9 +106,9 @@ def render_template() -> str:
 
 
 def load_supplied_values(path: Path) -> dict[str, float]:
-    """The numbers of a file that :func:`template` began.
+    """Return the numbers of a file that :func:`render_template` began.
 
-    Raises InputError for a file that cannot be read, a name that is not missing, and what is not a finite number.
+    Raises InputError when the file cannot be read, a name is not missing, or a value is not a finite number.
     """
     try:
         content = tomllib.loads(path.read_text("utf-8-sig"))
@@ -115,16 +117,16 @@ def load_supplied_values(path: Path) -> dict[str, float]:
         raise InputError(f"file of published numbers {path} cannot be read: {why}") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"file of published numbers {path} is not valid TOML: {error}") from None
-    known, found = {item.id for item in list_missing_items()}, {}
+    known, values = {item.id for item in list_missing_items()}, {}
     for name, value in content.items():
         if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
+            suggestions = difflib.get_close_matches(name, known, 1)
+            hint = f"; did you mean '{suggestions[0]}'?" if suggestions else ""
             raise InputError(
                 f"{path}: no missing number is called '{name}' (put it in quotation marks; klute-sim reproduce "
                 f"--missing lists all){hint}"
             )
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < float("inf"):
             raise InputError(f"{path}: '{name}' is {value!r}; allowed: a number")
-        found[name] = float(value)
-    return found
+        values[name] = float(value)
+    return values

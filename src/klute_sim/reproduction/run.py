@@ -1,4 +1,4 @@
-"""Through the whole source, item by item."""
+"""Assessment of all published items."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -18,35 +18,37 @@ from klute_sim.reproduction.chapters import (
 from klute_sim.reproduction.curves import ChapterResult, FigureData
 from klute_sim.reproduction.implied_values import compute_implied_values
 from klute_sim.reproduction.item import Finding, ItemAssessment, assess
+from klute_sim.types import ProgressCallback
 
 
 class Reproduction(NamedTuple):
-    """The source and what became of it."""
+    """Assessments and figures of all published items."""
 
     device: Device
-    """Of chapters 4 to 8; chapter 3 is about the presets of Table 3.1."""
+    """Device of chapters 4 to 8; chapter 3 uses the presets of Table 3.1."""
     assessments: tuple[ItemAssessment, ...]
-    """In the order of the source's pages."""
+    """Assessments in the order of the source."""
     figures: tuple[FigureData, ...]
+    """Figures of all chapters."""
 
     def to_records(self) -> list[dict[str, Any]]:
-        """One object per item."""
+        """Return one JSON object per item."""
         return [
             {
-                "item": outcome.item.id,
-                "row": outcome.item.row_title,
-                "quantity": outcome.item.quantity,
-                "unit": outcome.item.unit,
-                "published": outcome.item.published,
-                "computed": _finite_or_none(outcome.finding.value),
-                "holds": outcome.finding.holds,
-                "difference": _finite_or_none(outcome.difference),
-                "tolerance": outcome.item.tolerance,
-                "input": outcome.item.is_input,
-                "verdict": outcome.verdict,
-                "note": outcome.note,
+                "item": assessment.item.id,
+                "row": assessment.item.row_title,
+                "quantity": assessment.item.quantity,
+                "unit": assessment.item.unit,
+                "published": assessment.item.published,
+                "computed": _finite_or_none(assessment.finding.value),
+                "holds": assessment.finding.holds,
+                "difference": _finite_or_none(assessment.difference),
+                "tolerance": assessment.item.tolerance,
+                "input": assessment.item.is_input,
+                "verdict": assessment.verdict,
+                "note": assessment.note,
             }
-            for outcome in self.assessments
+            for assessment in self.assessments
         ]
 
 
@@ -57,37 +59,40 @@ def _finite_or_none(value: float | None) -> float | None:
 def run_reproduction(
     device: Device,
     supplied_values: Mapping[str, float] | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: ProgressCallback = lambda fraction, stage: None,
 ) -> Reproduction:
-    """Compute and judge every item; ``told`` hears how far it is.
+    """Compute and assess every published item.
 
-    ``device`` is the musculo-tendon unit of chapters 4 to 8. Raises InputError if it has no damper or tendon, or if it
-    cannot take the lengths of chapter 7.
+    ``device`` is the muscle-tendon unit of chapters 4 to 8; ``supplied_values`` maps item identifiers to published
+    numbers that the user supplies; ``progress`` receives the completed fraction. Raises InputError when the device has
+    no damper or tendon or cannot take the lengths of chapter 7.
     """
-    parts: tuple[tuple[float, Callable[[Callable[[float], None]], ChapterResult]], ...] = (
-        (0.02, lambda told: chapter2.compute()),
-        (0.02, lambda told: chapter3.compute()),
-        (0.26, lambda told: chapter3_dynamic.compute(told)),
-        (0.02, lambda told: chapter4.compute(device)),
-        (0.01, lambda told: chapter56.compute(device)),
-        (0.2, lambda told: chapter7.compute(device, told)),
-        (0.47, lambda told: chapter8.compute(device, told)),
+    chapters: tuple[tuple[str, float, Callable[[ProgressCallback], ChapterResult]], ...] = (
+        ("chapter 2", 0.02, lambda chapter_progress: chapter2.compute()),
+        ("chapter 3", 0.02, lambda chapter_progress: chapter3.compute()),
+        ("chapter 3 in motion", 0.26, chapter3_dynamic.compute),
+        ("chapter 4", 0.02, lambda chapter_progress: chapter4.compute(device)),
+        ("chapters 5 and 6", 0.01, lambda chapter_progress: chapter56.compute(device)),
+        ("chapter 7", 0.2, lambda chapter_progress: chapter7.compute(device, chapter_progress)),
+        ("chapter 8", 0.47, lambda chapter_progress: chapter8.compute(device, chapter_progress)),
     )
     findings: dict[str, Finding] = {}
-    pictures: list[FigureData] = []
-    begin = 0.0
-    for weight, part in parts:
+    figures: list[FigureData] = []
+    start = 0.0
+    for title, weight, compute_chapter in chapters:
 
-        def heard(share: float, begin: float = begin, weight: float = weight) -> None:
-            progress(begin + weight * share)
+        def report_fraction(
+            fraction: float, stage: str, start: float = start, weight: float = weight, title: str = title
+        ) -> None:
+            progress(start + weight * fraction, title)
 
-        found = part(heard)
-        findings.update(found.findings)
-        pictures += found.figures
-        begin += weight
-        progress(begin)
-    others = compute_implied_values()
-    outcomes = tuple(
-        assess(item, findings[item.id], others.get(item.id)) for item in printed.list_items(supplied_values)
+        chapter = compute_chapter(report_fraction)
+        findings.update(chapter.findings)
+        figures += chapter.figures
+        start += weight
+        progress(start, title)
+    implied_values = compute_implied_values()
+    assessments = tuple(
+        assess(item, findings[item.id], implied_values.get(item.id)) for item in printed.list_items(supplied_values)
     )
-    return Reproduction(device, outcomes, tuple(pictures))
+    return Reproduction(device, assessments, tuple(figures))

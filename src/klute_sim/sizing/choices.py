@@ -1,6 +1,6 @@
-"""What a design is made from besides its target: what the user fixes, and what has to be assumed.
+"""Inputs of a design besides its target: the choices of the user and the assumptions.
 
-Lengths in m, forces in N, pressures in Pa (gauge), speeds in m/s.
+Units: lengths in m, forces in N, gauge pressures in Pa, speeds in m/s.
 """
 
 from dataclasses import dataclass, field, fields
@@ -10,45 +10,50 @@ from klute_sim.sizing.parts.limits import check_range
 from klute_sim.units import BAR
 
 ACTUATOR_LABELS = {"klute-1-1-4": "1-1/4 in", "klute-3-4": "3/4 in", "klute-1-2": "1/2 in"}
-"""Presets of the actuators of Table 3.1, and what the table calls them."""
+"""Presets of the actuators of Table 3.1 with their labels in that table."""
 MAX_ACTUATORS = 100
-"""As many as a device file may have."""
+"""Largest number of parallel actuators that a device file allows."""
 PA_PER_MPA = 1e6
+"""Pascals per megapascal."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DesignAssumptions:
-    """Numbers that the source does not print, or prints without saying that they are the design's."""
+    """Values that the source does not print, or does not identify as those of its design."""
 
     design_ratio: float = 0.96
-    """L/L0 at which F0 counts [1]: that of Fig. 3.9."""
+    """Muscle length over resting length at which F0 is evaluated [1]; value of Fig. 3.9."""
     eccentric_speed_fraction: float = 0.5
-    """Fastest lengthening over Vmax [1]: the tests of one actuator went to 150 of 300 mm/s."""
+    """Fastest lengthening speed over Vmax [1]; the tests of one actuator reached 150 of 300 mm/s."""
     cylinder_pressure: float = 4.7 * PA_PER_MPA
-    """Gauge pressure in the damper under the designed force [Pa]: 20 mm of bore for the 3/4 in pair."""
+    """Gauge pressure in the damper at the design force [Pa]; gives the 3/4 in pair a bore of 20 mm."""
     discharge_coefficient: float = 1.0
-    """Cd that the orifices, sized with 1, turn out to have [1]; the source: in reality as low as 0.61."""
+    """Actual discharge coefficient Cd of orifices that were sized with 1 [1]; the source reports values down to
+    0.61.
+    """
     neutral_ratio: float = 0.975
-    """Muscle length over L0 with the ankle at neutral and the tendon just taut [1]."""
+    """Muscle length over L0 at the neutral ankle angle with a just taut tendon [1]."""
     excursion_fraction: float = 0.10
-    """Most travel of the tendon's insertion over L0 [1]: 23.5 mm on the 250 mm of Fig. 3.8 are 0.094."""
+    """Largest travel of the tendon insertion over L0 [1]; Fig. 3.8 has 23.5 mm of 250 mm, which is 0.094."""
     slack_length: float = 0.100
-    """Of the tendon [m]."""
+    """Slack length of the tendon [m]."""
     tendon_strain: float = 0.040
-    """Stretch at the design force over tendon plus muscle [1]: the Achilles tendon's peak in walking."""
+    """Stretch at the design force over the length of tendon plus muscle [1]; peak strain of the Achilles tendon in
+    walking.
+    """
     second_spring_ratio: float = 140.0 / 60.0
-    """Slope that the tendon's second spring adds, over the first spring's [1]."""
+    """Stiffness that the second tendon spring adds, over the stiffness of the first spring [1]."""
     engagement_fraction: float = 0.05
-    """Stretch at which the second spring joins, over the slack length [1]."""
+    """Stretch at which the second tendon spring engages, over the slack length [1]."""
     moment_arm: float = 0.048
-    """Of the tendon about the ankle [m], the same at every angle: the Achilles tendon's at neutral."""
+    """Moment arm of the tendon about the ankle [m], equal at all angles; value of the Achilles tendon at neutral."""
     pressure_rate: float = 50.0 * BAR
-    """Of the regulator [Pa/s]."""
+    """Rate limit of the pressure regulator [Pa/s]."""
     gas_temperature: float = 20.0
-    """Of the gas [degrees Celsius]."""
+    """Gas temperature [degrees Celsius]."""
 
     def __post_init__(self) -> None:
-        """Raise InputError for a number that no such device has."""
+        """Raise InputError when a value is outside its physical range."""
         check_range("design ratio L/L0", self.design_ratio, 0.8, 1.0, "")
         check_range("eccentric speed over Vmax", self.eccentric_speed_fraction, 0.01, 2.0, "")
         check_range("cylinder pressure", self.cylinder_pressure, 0.1, 70.0, "MPa", PA_PER_MPA)
@@ -66,39 +71,44 @@ class DesignAssumptions:
 
 @dataclass(frozen=True, kw_only=True)
 class DesignChoices:
-    """What the user fixes; None: by rule."""
+    """Choices of the user; None selects the design rule."""
 
     supply_pressure: float = 5.0 * BAR
-    """Highest gauge pressure [Pa]; Table 3.1 was fitted at 2 to 5 bar."""
+    """Highest supply gauge pressure [Pa]; Table 3.1 was fitted at 2 to 5 bar."""
     actuator: str | None = None
-    """One of :data:`ROWS`."""
+    """Actuator preset, one of :data:`ACTUATOR_LABELS`."""
     count: int | None = None
-    """Actuators in parallel."""
+    """Number of parallel actuators."""
     resting_length: float | None = None
-    """L0 [m]."""
+    """Resting length L0 of the actuators [m]."""
     bore: float | None = None
-    """Of the damper [m]."""
+    """Bore of the damper [m]."""
     eccentric_speed: float | None = None
-    """Lengthening speed at which the damper is sized [m/s]."""
+    """Lengthening speed of the eccentric design point [m/s]."""
     eccentric_force: float | None = None
-    """Damping there [N]."""
+    """Damping force of the eccentric design point [N]."""
     oil_density: float = 900.0
-    """Mineral oil (chapter 4) [kg/m3]."""
+    """Density of the damper oil [kg/m3]; mineral oil in chapter 4."""
     assumptions: DesignAssumptions = field(default_factory=DesignAssumptions)
+    """Values that the source does not give."""
     explicit_fields: frozenset[str] = frozenset()
-    """Fields of :class:`Assumptions`, and ``a`` and ``b`` of Hill's equation, that the user gave, at whatever value."""
+    """Names that the user specified, whatever the value: fields of :class:`DesignAssumptions`, and ``a`` and ``b``
+    of (2.4).
+    """
 
     @property
     def fixed_fields(self) -> frozenset[str]:
-        """What is no assumption any more: :attr:`named`, and every field that is not at its default."""
+        """Return the names that are not assumed: :attr:`explicit_fields` and all fields that differ from their
+        defaults.
+        """
         default = DesignAssumptions()
         names = (f.name for f in fields(DesignAssumptions))
         return self.explicit_fields | {n for n in names if getattr(self.assumptions, n) != getattr(default, n)}
 
     def __post_init__(self) -> None:
-        """Raise InputError for a choice that cannot be made."""
+        """Raise InputError when a choice is unknown or outside its range."""
         if self.actuator is not None and self.actuator not in ACTUATOR_LABELS:
-            raise InputError(f"there is no actuator '{self.actuator}'; there are: {', '.join(ACTUATOR_LABELS)}")
+            raise InputError(f"unknown actuator '{self.actuator}'; allowed: {', '.join(ACTUATOR_LABELS)}")
         limits = (
             ("supply pressure", self.supply_pressure, 2.0, 8.0, "bar", BAR),
             ("count of actuators", self.count, 1, MAX_ACTUATORS, "", 1.0),

@@ -1,4 +1,4 @@
-"""How much each assumed number matters: one at a time, both ways, what becomes of the outcomes."""
+"""Sensitivity of a design to each assumption: one assumption at a time, in both directions."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -8,79 +8,83 @@ from klute_sim.laws.hill_tables import GENERIC_HILL_CURVE
 from klute_sim.sizing.choices import ACTUATOR_LABELS, PA_PER_MPA, DesignChoices
 from klute_sim.sizing.sizing import Design, design_device
 from klute_sim.sizing.target import MuscleTarget, WalkerTarget
+from klute_sim.types import ProgressCallback
 
 HILL_SHAPE_LABELS = {"a": "a/F0", "b": "b/Vmax"}
-"""Constants of Hill's equation (2.4), and what they are called."""
+"""Constants of Hill's equation (2.4) with their labels."""
 SIMULATION_ONLY_ASSUMPTIONS = ("pressure_rate",)
-"""Assumptions that only a simulation of the device uses: klute-sim gait shows what they change."""
+"""Assumptions that only a simulation uses; ``klute-sim gait`` shows their influence."""
 STRIDE_ASSUMPTIONS = (
     "neutral_ratio",
     "slack_length",
     "tendon_strain",
-    "second_spring",
-    "engagement_share",
-    "temperature",
+    "second_spring_ratio",
+    "engagement_fraction",
+    "gas_temperature",
 )
-"""Assumptions that are in every device file, but count only in a stride."""
+"""Assumptions of every device file that influence only the demand of a stride."""
 
 
 @dataclass(frozen=True)
 class Variation:
-    """One assumed number and the values it is changed to."""
+    """One assumption and its alternative values."""
 
     name: str
+    """Label of the assumption."""
     unit: str
+    """Unit of the table."""
     si_factor: float
-    """SI per unit."""
+    """SI value of one unit."""
     nominal: float
-    """[SI]"""
+    """Nominal value [SI]."""
     values: tuple[float, ...]
-    """Instead of ``base`` [SI]."""
+    """Alternative values [SI]."""
     reason: str
-    """Where the number, and how far it is changed, are from."""
+    """Source of the assumption and of the size of its variation."""
     build_inputs: Callable[[float], tuple[MuscleTarget | WalkerTarget, DesignChoices]]
-    """The inputs of a design with that value."""
+    """Function that returns target and choices of a design with the given value [SI]."""
     assumption: str | None = None
-    """Of the assumptions; None: another number."""
+    """Field of :class:`~klute_sim.sizing.choices.DesignAssumptions`; None for another value."""
     affects_length: bool = False
-    """Whether the resting length follows from it, and is found anew."""
+    """Whether the resting length follows from this value and is sized again."""
 
 
 @dataclass(frozen=True)
 class DesignMetrics:
-    """What is looked at; None where it is not defined."""
+    """Metrics of a design that are compared; None where a metric is not defined."""
 
     orifice_concentric: float
-    """[m]"""
+    """Diameter of the concentric orifice [m]."""
     orifice_eccentric: float
-    """[m]"""
+    """Diameter of the eccentric orifice [m]."""
     cylinder_pressure: float
-    """Gauge pressure in the damper as made, the larger of its two design points' [Pa]."""
+    """Larger actual gauge pressure of the two damper design points [Pa]."""
     peak_moment_fraction: float | None
-    """See :class:`klute_sim.sizing.evaluation.demand.Demand`."""
+    """Static ankle moment over the peak moment [1]; see :class:`~klute_sim.sizing.evaluation.demand.StrideDemand`."""
     rms_error_concentric: float
-    """Of the fixed orifices [F0]."""
+    """Deviation of the fixed orifices while shortening [F0]."""
     rms_error_eccentric: float
-    """Of the fixed orifices [F0]."""
+    """Deviation of the fixed orifices while lengthening [F0]."""
     air_mass: float | None
-    """Per stride [kg]."""
+    """Air consumption per stride [kg]."""
     recommended_actuators: str | None
-    """Actuators that the rule would take for the force, or None: no force was asked for."""
+    """Actuators that the design rule selects for the force; None without a required force."""
 
 
 @dataclass(frozen=True)
 class SensitivityResult:
-    """One row: an assumption at another value."""
+    """Metrics of a design in which one assumption has another value."""
 
     variation: Variation
+    """Varied assumption."""
     value: float
-    """[SI]"""
+    """Value of the assumption [SI]."""
     metrics: DesignMetrics | None
-    """None: no device can be made so."""
+    """Metrics of the design; None where no device can be sized."""
 
 
 def compute_design_metrics(design: Design) -> DesignMetrics:
-    """The outcomes of a design."""
+    """Return the compared metrics of a design."""
     fixed, demand = design.compute_force_velocity_errors()["fixed"], design.demand
     return DesignMetrics(
         orifice_concentric=design.damper.concentric.orifice_diameter,
@@ -95,7 +99,7 @@ def compute_design_metrics(design: Design) -> DesignMetrics:
 
 
 def _recommend_actuators(target: MuscleTarget | WalkerTarget, choices: DesignChoices) -> str | None:
-    """The actuators that the rule takes where nobody chose."""
+    """Return the actuators that the design rule selects when the user fixes none."""
     if isinstance(target, MuscleTarget) and target.isometric_force is None:
         return None
     option = design_device(target, replace(choices, actuator=None, count=None)).selected
@@ -103,78 +107,94 @@ def _recommend_actuators(target: MuscleTarget | WalkerTarget, choices: DesignCho
 
 
 def iter_variations(design: Design) -> Iterator[Variation]:
-    """What was assumed in ``found`` and not given by its user; :func:`left_out` has the rest."""
-    target, choices, assumed = design.target, design.choices, design.choices.assumptions
+    """Yield the variations of everything that ``design`` assumes; :func:`list_excluded_assumptions` has the rest."""
+    target, choices, assumptions = design.target, design.choices, design.choices.assumptions
 
-    def number(
-        field: str, name: str, unit: str, factor: float, values: tuple[float, ...], why: str, *, length: bool = False
+    def vary_assumption(
+        field: str,
+        name: str,
+        unit: str,
+        factor: float,
+        values: tuple[float, ...],
+        reason: str,
+        *,
+        affects_length: bool = False,
     ) -> Iterator[Variation]:
-        def changed(value: float) -> tuple[MuscleTarget | WalkerTarget, DesignChoices]:
-            return target, replace(choices, assumptions=replace(assumed, **{field: value}))
+        def build_inputs(value: float) -> tuple[MuscleTarget | WalkerTarget, DesignChoices]:
+            return target, replace(choices, assumptions=replace(assumptions, **{field: value}))
 
         if field not in choices.fixed_fields:
-            yield Variation(name, unit, factor, getattr(assumed, field), values, why, changed, field, length)
+            yield Variation(
+                name, unit, factor, getattr(assumptions, field), values, reason, build_inputs, field, affects_length
+            )
 
-    def around(field: str, share: float) -> tuple[float, ...]:
-        base = getattr(assumed, field)
-        return (1.0 - share) * base, (1.0 + share) * base
+    def vary_relative(field: str, fraction: float) -> tuple[float, ...]:
+        nominal = getattr(assumptions, field)
+        return (1.0 - fraction) * nominal, (1.0 + fraction) * nominal
 
-    ratio, neutral, strain = assumed.design_ratio, assumed.neutral_ratio, assumed.tendon_strain
-    yield from number(
+    ratio, neutral, strain = assumptions.design_ratio, assumptions.neutral_ratio, assumptions.tendon_strain
+    yield from vary_assumption(
         "design_ratio", "L/L0 at which F0 counts", "1", 1.0, (ratio - 0.02, min(1.0, ratio + 0.02)), "Fig. 3.9"
     )
     if choices.eccentric_speed is None:
-        yield from number(
-            "eccentric_speed_share",
+        yield from vary_assumption(
+            "eccentric_speed_fraction",
             "fastest lengthening/Vmax",
             "1",
             1.0,
-            around("eccentric_speed_share", 0.2),
+            vary_relative("eccentric_speed_fraction", 0.2),
             "the tests' 150 of 300 mm/s; a fifth either way",
         )
     if choices.eccentric_force is None:
-        base = design.damper.eccentric.design_force
+        nominal = design.damper.eccentric.design_force
         yield Variation(
             "eccentric damping",
             "N",
             1.0,
-            base,
-            (0.9 * base, 1.1 * base),
+            nominal,
+            (0.9 * nominal, 1.1 * nominal),
             "(s - 1) F0; 400 N instead of 441 N for the 3/4 in pair is -9 %",
             lambda value: (target, replace(choices, eccentric_force=value)),
         )
     if choices.bore is None:
-        pressure = around("cylinder_pressure", 0.2)
-        yield from number(
+        pressure = vary_relative("cylinder_pressure", 0.2)
+        yield from vary_assumption(
             "cylinder_pressure", "cylinder pressure", "MPa", PA_PER_MPA, pressure, "Table 4.1 is missing; a fifth"
         )
-    yield from number("discharge", "Cd as made", "1", 1.0, (0.8, 0.61), "chapter 4: as low as 0.61")
+    yield from vary_assumption(
+        "discharge_coefficient", "Cd as made", "1", 1.0, (0.8, 0.61), "chapter 4: as low as 0.61"
+    )
     yield from _iter_muscle_variations(design)
     if not isinstance(target, WalkerTarget):
         return
-    yield from number(
+    yield from vary_assumption(
         "neutral_ratio", "L/L0 at neutral ankle", "1", 1.0, (neutral - 0.01, neutral + 0.01), "the stop is near"
     )
-    yield from number("moment_arm", "moment arm", "mm", 1e-3, (0.0434, 0.0524), "Wolfram 2018: 47.9 +- 4.5 mm")
-    slack = around("slack_length", 0.2)
-    yield from number("slack_length", "tendon slack length", "mm", 1e-3, slack, "a fifth either way")
-    yield from number(
+    yield from vary_assumption("moment_arm", "moment arm", "mm", 1e-3, (0.0434, 0.0524), "Wolfram 2018: 47.9 +- 4.5 mm")
+    slack = vary_relative("slack_length", 0.2)
+    yield from vary_assumption("slack_length", "tendon slack length", "mm", 1e-3, slack, "a fifth either way")
+    yield from vary_assumption(
         "tendon_strain", "tendon strain", "%", 0.01, (strain - 0.01, strain + 0.01), "Kharazi 2021: 4.0 %; a point"
     )
-    for field, name in (("second_spring", "second spring/first"), ("engagement_share", "engagement/slack length")):
-        yield from number(field, name, "1", 1.0, around(field, 0.5), "Figs 6.3, 6.4: no values")
-    yield from number("temperature", "gas temperature", "degC", 1.0, (0.0, 40.0), "room temperature")
+    for field, name in (
+        ("second_spring_ratio", "second spring/first"),
+        ("engagement_fraction", "engagement/slack length"),
+    ):
+        yield from vary_assumption(field, name, "1", 1.0, vary_relative(field, 0.5), "Figs 6.3, 6.4: no values")
+    yield from vary_assumption("gas_temperature", "gas temperature", "degC", 1.0, (0.0, 40.0), "room temperature")
     if _is_length_free(design):
-        share = around("excursion_share", 0.2)
-        why = "Fig. 3.8: 0.094; a fifth either way, L0 by rule"
-        yield from number("excursion_share", "ankle's travel/L0", "1", 1.0, share, why, length=True)
-        base = design.selected.resting_length
+        fraction = vary_relative("excursion_fraction", 0.2)
+        reason = "Fig. 3.8: 0.094; a fifth either way, L0 by rule"
+        yield from vary_assumption(
+            "excursion_fraction", "ankle's travel/L0", "1", 1.0, fraction, reason, affects_length=True
+        )
+        nominal = design.selected.resting_length
         yield Variation(
             "resting length L0",
             "mm",
             1e-3,
-            base,
-            (0.9 * base, 1.1 * base),
+            nominal,
+            (0.9 * nominal, 1.1 * nominal),
             "the same braid, a tenth shorter or longer",
             lambda value: (target, replace(choices, resting_length=value)),
         )
@@ -190,11 +210,11 @@ def iter_variations(design: Design) -> Iterator[Variation]:
 
 
 def list_excluded_assumptions(design: Design) -> dict[str, str]:
-    """Fields of the assumptions that ``found`` uses, that nobody gave and that are not varied -> why."""
-    why = dict.fromkeys(SIMULATION_ONLY_ASSUMPTIONS, "no size and no outcome of a design depends on it")
+    """Return the assumptions of ``design`` that are not varied, with the reason."""
+    reasons = dict.fromkeys(SIMULATION_ONLY_ASSUMPTIONS, "no size and no outcome of a design depends on it")
     if not isinstance(design.target, WalkerTarget):
-        why |= dict.fromkeys(STRIDE_ASSUMPTIONS, "without a walker no outcome depends on it")
-    return {field: reason for field, reason in why.items() if field not in design.choices.fixed_fields}
+        reasons |= dict.fromkeys(STRIDE_ASSUMPTIONS, "without a walker no outcome depends on it")
+    return {field: reason for field, reason in reasons.items() if field not in design.choices.fixed_fields}
 
 
 def _is_length_free(design: Design) -> bool:
@@ -204,61 +224,62 @@ def _is_length_free(design: Design) -> bool:
 def _iter_muscle_variations(design: Design) -> Iterator[Variation]:
     target, choices, muscle = design.target, design.choices, design.muscle
 
-    def with_muscle(changed: MuscleTarget) -> tuple[MuscleTarget | WalkerTarget, DesignChoices]:
-        return (replace(target, muscle=changed) if isinstance(target, WalkerTarget) else changed), choices
+    def with_muscle(new_muscle: MuscleTarget) -> tuple[MuscleTarget | WalkerTarget, DesignChoices]:
+        return (replace(target, muscle=new_muscle) if isinstance(target, WalkerTarget) else new_muscle), choices
 
     if muscle.peak_velocity is None:
-        base = muscle.design_peak_velocity
+        nominal = muscle.design_peak_velocity
         yield Variation(
             "Vmax",
             "mm/s",
             1e-3,
-            base,
-            (0.8 * base, 0.780),
+            nominal,
+            (0.8 * nominal, 0.780),
             "fastest test; human triceps surae models: 756-780 mm/s",
             lambda value: with_muscle(replace(muscle, peak_velocity=value)),
         )
-    free = [
+    free_keys = [
         key
         for key in HILL_SHAPE_LABELS
         if getattr(muscle.hill, key) == getattr(GENERIC_HILL_CURVE, key) and key not in choices.fixed_fields
     ]
-    if free:
+    if free_keys:
         yield Variation(
-            " = ".join(HILL_SHAPE_LABELS[key] for key in free),
+            " = ".join(HILL_SHAPE_LABELS[key] for key in free_keys),
             "1",
             1.0,
-            getattr(muscle.hill, free[0]),
+            getattr(muscle.hill, free_keys[0]),
             (0.12, 0.41),
             "Fig. 2.8; the ends of (2.5)",
-            lambda value: with_muscle(replace(muscle, hill=muscle.hill._replace(**dict.fromkeys(free, value)))),
+            lambda value: with_muscle(replace(muscle, hill=muscle.hill._replace(**dict.fromkeys(free_keys, value)))),
         )
 
 
 def analyse_sensitivity(
-    design: Design, progress: Callable[[float], None] = lambda fraction: None
+    design: Design, progress: ProgressCallback = lambda fraction, stage: None
 ) -> list[SensitivityResult]:
-    """Every variation of ``found``, redesigned by rule; actuators, count and length are kept.
+    """Return the metrics of all variations of ``design``; each design keeps actuator, count and resting length.
 
-    Only where the length itself follows from the number varied, it is found anew.
+    The resting length is sized again only where it follows from the varied value. ``progress`` receives the completed
+    fraction.
     """
-    tried = [(variation, value) for variation in iter_variations(design) for value in variation.values]
-    effects = []
-    for number, (variation, value) in enumerate(tried):
-        progress(number / len(tried))
-        effects.append(SensitivityResult(variation, value, _redesign(design, variation, value)))
-    progress(1.0)
-    return effects
+    cases = [(variation, value) for variation in iter_variations(design) for value in variation.values]
+    results = []
+    for index, (variation, value) in enumerate(cases):
+        progress(index / len(cases), variation.name)
+        results.append(SensitivityResult(variation, value, _redesign(design, variation, value)))
+    progress(1.0, "sensitivity analysis")
+    return results
 
 
 def _redesign(design: Design, variation: Variation, value: float) -> DesignMetrics | None:
     target, choices = variation.build_inputs(value)
-    kept = replace(choices, actuator=design.selected.actuator, count=design.selected.count)
+    fixed_choices = replace(choices, actuator=design.selected.actuator, count=design.selected.count)
     if choices.resting_length is None and not variation.affects_length:
-        kept = replace(kept, resting_length=design.selected.resting_length)
+        fixed_choices = replace(fixed_choices, resting_length=design.selected.resting_length)
     try:
         return replace(
-            compute_design_metrics(design_device(target, kept)),
+            compute_design_metrics(design_device(target, fixed_choices)),
             recommended_actuators=_recommend_actuators(target, choices),
         )
     except InputError:

@@ -1,4 +1,4 @@
-"""From a target to a device: actuators, damper, tendon, and how well they do."""
+"""The complete sizing: from a target to a device with actuators, damper and tendon, and its evaluation."""
 
 from dataclasses import dataclass
 
@@ -22,133 +22,152 @@ from klute_sim.units import BAR
 
 @dataclass(frozen=True)
 class Design:
-    """A device, why it is so, and what it does. Everything is evaluated on the numbers of its file."""
+    """A sized device with its requirement and its performance, evaluated on the numbers of its device file."""
 
     target: MuscleTarget | WalkerTarget
+    """Muscle or walker for which the device was sized."""
     choices: DesignChoices
+    """Choices of the user."""
     device: Device
+    """Sized device."""
     required_force: float | None
-    """Force that was asked for [N]; None: what the chosen actuators have."""
+    """Required isometric force [N]; None where the target leaves it to the chosen actuators."""
     isometric_force: float
-    """F0 that the actuators have [N], at the supply's pressure and the design ratio."""
+    """F0 of the selected actuators [N] at the supply pressure and the design ratio."""
     selected: ActuatorOption
-    """The actuators taken."""
+    """Selected actuators."""
     candidates: tuple[ActuatorOption, ...]
-    """What every row of Table 3.1 would have taken, the preferred first."""
+    """Options of all presets of Table 3.1 in order of preference."""
     damper: DamperDesign
+    """Sized damper."""
     curves: ForceVelocityCurves
+    """Force-velocity curves."""
     envelope: tuple[EnvelopeBound, ...]
+    """Comparison with the design envelope (2.5)."""
     demand: StrideDemand | None
-    """Under :attr:`profile`; None: no walker."""
+    """Demand of a stride under :attr:`profile`; None without a walker."""
     profile: PressureProfile | None
-    """The tuned one, carried over to this device and this walker; None: no walker."""
+    """Tuned profile transferred to this device and this walker; None without a walker."""
 
     @property
     def muscle(self) -> MuscleTarget:
-        """The muscle whose force over velocity is copied."""
+        """Return the muscle whose force-velocity curve is emulated."""
         return self.target.muscle if isinstance(self.target, WalkerTarget) else self.target
 
     def compute_force_velocity_errors(self) -> dict[str, ForceVelocityError]:
-        """Distance to the muscle of actuator alone, with ideal damper, with fixed orifices."""
-        c = self.curves
-        return {name: velocity.compute_rms_error(c, getattr(c, name)) for name in ("alone", "ideal", "fixed")}
+        """Return the deviation from the muscle of the bare actuator, of an ideal damper and of fixed orifices."""
+        curves = self.curves
+        forces = {"alone": curves.actuator_only, "ideal": curves.ideal_damper, "fixed": curves.fixed_orifices}
+        return {name: velocity.compute_rms_error(curves, force) for name, force in forces.items()}
 
 
 def design_device(
     target: MuscleTarget | WalkerTarget, choices: DesignChoices | None = None, name: str = "klute-design"
 ) -> Design:
-    """Size a device for ``target``; raises InputError where that cannot be done.
+    """Size a device for ``target``; raises InputError when no such device can be sized.
 
-    1. Force: F0 of the muscle at the design ratio, or the walker's peak moment over the moment arm, at the length that
-       the muscle then has.
-    2. Actuators: :func:`klute_sim.sizing.parts.actuator.choose`.
-    3. Damper: :func:`klute_sim.sizing.parts.damper.size`, on the F0 that these actuators have.
-    4. Tendon: :func:`klute_sim.sizing.parts.tendon.size`, on a walker's peak force, or on the actuators' F0.
+    1. Force: F0 of the muscle at the design ratio, or the peak moment of the walker over the moment arm at the muscle
+    length of that moment.
+    2. Actuators: :func:`klute_sim.sizing.parts.actuator.select_actuators`.
+    3. Damper: :func:`klute_sim.sizing.parts.damper.size_damper` on F0 of the selected actuators.
+    4. Tendon: :func:`klute_sim.sizing.parts.tendon.size_tendon` on the peak force of a walker, or on F0 of the
+    actuators.
     """
     choices = choices or DesignChoices()
-    assumed = choices.assumptions
+    assumptions = choices.assumptions
     muscle = target.muscle if isinstance(target, WalkerTarget) else target
-    need = _derive_requirement(target, choices)
-    if need is None and (choices.actuator is None or choices.count is None):
-        raise InputError("without a force or a walker, both actuator and count have to be given")
-    anything = ActuatorRequirement(0.0, lambda resting: assumed.design_ratio, _fixed_resting_length(muscle, choices))
-    option, options = actuator.select_actuators(need or anything, choices)
-    if option.isometric_force <= 0.0:
+    requirement = _derive_requirement(target, choices)
+    if requirement is None and (choices.actuator is None or choices.count is None):
+        raise InputError("no force and no walker specify the size: give both actuator and count")
+    unconstrained = ActuatorRequirement(
+        0.0, lambda resting_length: assumptions.design_ratio, _fixed_resting_length(muscle, choices)
+    )
+    selected, candidates = actuator.select_actuators(requirement or unconstrained, choices)
+    if selected.isometric_force <= 0.0:
         raise InputError(
-            f"{option.actuator} has no force left at {choices.supply_pressure / BAR:g} bar and "
-            f"{assumed.design_ratio:g} of its resting length"
+            f"{selected.actuator} has no force left at {choices.supply_pressure / BAR:g} bar and "
+            f"{assumptions.design_ratio:g} of its resting length"
         )
-    damping = damper.size_damper(muscle, option.total_force, choices)
-    pull = need.force if need and isinstance(target, WalkerTarget) else option.total_force
-    springs = tendon.size_tendon(pull, option.resting_length, assumed)
-    made = device_file.build_device(name, target, option, damping, springs, pull, need.force if need else 0.0, choices)
-    parameters = made.parameters
-    if assumed.discharge_coefficient != damper.DESIGN_DISCHARGE_COEFFICIENT:
-        parameters = parameters._replace(damper=damping.to_damper())
+    damper_design = damper.size_damper(muscle, selected.total_force, choices)
+    tendon_force = requirement.force if requirement and isinstance(target, WalkerTarget) else selected.total_force
+    tendon_parameters = tendon.size_tendon(tendon_force, selected.resting_length, assumptions)
+    device = device_file.build_device(
+        name,
+        target,
+        selected,
+        damper_design,
+        tendon_parameters,
+        tendon_force,
+        requirement.force if requirement else 0.0,
+        choices,
+    )
+    parameters = device.parameters
+    if assumptions.discharge_coefficient != damper.DESIGN_DISCHARGE_COEFFICIENT:
+        parameters = parameters._replace(damper=damper_design.to_damper())
 
-    slow, fast = damping.eccentric.speed, damping.concentric.speed
+    lengthening_speed, shortening_speed = damper_design.eccentric.speed, damper_design.concentric.speed
     force_velocity = velocity.compute_force_velocity(
         parameters.muscle,
         parameters.damper,
         muscle.hill,
         muscle.design_peak_velocity,
-        velocity.velocity_grid(slow, fast),
+        velocity.velocity_grid(lengthening_speed, shortening_speed),
         choices.supply_pressure,
-        assumed.design_ratio,
+        assumptions.design_ratio,
     )
-    shortening = force_velocity.velocity >= 0.0
+    is_shortening = force_velocity.velocity >= 0.0
     shape = isometric.fit_hyperbola(
-        np.asarray(force_velocity.velocity[shortening] / muscle.design_peak_velocity),
-        np.asarray(force_velocity.fixed_orifices[shortening] / force_velocity.isometric),
+        np.asarray(force_velocity.velocity[is_shortening] / muscle.design_peak_velocity),
+        np.asarray(force_velocity.fixed_orifices[is_shortening] / force_velocity.isometric),
     )
     saturation = float(force_velocity.fixed_orifices[0] / force_velocity.isometric)
-    asked, own = None, None
+    stride_demand, transferred_profile = None, None
     if isinstance(target, WalkerTarget):
-        lies = demand.compute_stride_geometry(parameters, assumed.neutral_ratio, assumed.moment_arm, target)
-        own = profile.transfer_profile(parameters, target.mass, lies)
-        asked = demand.compute_stride_demand(parameters, target, lies, own)
+        geometry = demand.compute_stride_geometry(parameters, assumptions.neutral_ratio, assumptions.moment_arm, target)
+        transferred_profile = profile.transfer_profile(parameters, target.mass, geometry)
+        stride_demand = demand.compute_stride_demand(parameters, target, geometry, transferred_profile)
     return Design(
         target=target,
         choices=choices,
-        device=made,
-        required_force=need.force if need else None,
-        isometric_force=option.total_force,
-        selected=option,
-        candidates=tuple(options),
-        damper=damping,
+        device=device,
+        required_force=requirement.force if requirement else None,
+        isometric_force=selected.total_force,
+        selected=selected,
+        candidates=tuple(candidates),
+        damper=damper_design,
         curves=force_velocity,
         envelope=tuple(
             isometric.compare_with_envelope(
                 isometric.fit_parabola(parameters.muscle, choices.supply_pressure), shape, saturation
             )
         ),
-        demand=asked,
-        profile=own,
+        demand=stride_demand,
+        profile=transferred_profile,
     )
 
 
 def _fixed_resting_length(muscle: MuscleTarget, choices: DesignChoices) -> float | None:
-    """L0 [m] where somebody fixed it."""
+    """Return the resting length L0 [m] where choices or target fix it."""
     return muscle.resting_length if choices.resting_length is None else choices.resting_length
 
 
 def _derive_requirement(target: MuscleTarget | WalkerTarget, choices: DesignChoices) -> ActuatorRequirement | None:
-    """What ``target`` asks of the actuators; None where it leaves that open."""
-    assumed = choices.assumptions
+    """Return the requirement of ``target`` on the actuators; None where the target has no force."""
+    assumptions = choices.assumptions
     if isinstance(target, WalkerTarget):
         moment, angle = target.compute_peak_moment()
-        travel = assumed.moment_arm * angle
+        travel = assumptions.moment_arm * angle
 
-        def at_peak(resting: float) -> float:
-            stretch = assumed.tendon_strain * (assumed.slack_length + resting)
-            return min(1.0, assumed.neutral_ratio + (travel - stretch) / resting)
+        def ratio_at_peak(resting_length: float) -> float:
+            stretch = assumptions.tendon_strain * (assumptions.slack_length + resting_length)
+            return min(1.0, assumptions.neutral_ratio + (travel - stretch) / resting_length)
 
-        excursion = target.ankle_range_of_motion() * assumed.moment_arm
+        excursion = target.ankle_range_of_motion() * assumptions.moment_arm
         return ActuatorRequirement(
-            moment / assumed.moment_arm, at_peak, _fixed_resting_length(target.muscle, choices), excursion
+            moment / assumptions.moment_arm, ratio_at_peak, _fixed_resting_length(target.muscle, choices), excursion
         )
     if target.isometric_force is None:
         return None
     return ActuatorRequirement(
-        target.isometric_force, lambda resting: assumed.design_ratio, _fixed_resting_length(target, choices)
+        target.isometric_force, lambda resting_length: assumptions.design_ratio, _fixed_resting_length(target, choices)
     )

@@ -1,4 +1,4 @@
-"""A design as one JSON object, units in the keys."""
+"""Summary of a design as one JSON object with units in the keys."""
 
 import math
 from typing import Any
@@ -23,10 +23,11 @@ CAVITATION_NOTE = (
     "assumed: the oil leaves into a reservoir at atmosphere, its vapour pressure is negligible, and (4.6) puts the "
     "narrowest place of the jet at the pressure behind the orifice; no back pressure is designed in"
 )
+"""Assumptions of the cavitation number."""
 
 
 def build_summary(design: Design, sensitivities: list[SensitivityResult]) -> dict[str, Any]:
-    """Everything the command reports."""
+    """Return everything that the command reports."""
     muscle, choices = design.muscle, design.choices
     walker = design.target if isinstance(design.target, WalkerTarget) else None
     return {
@@ -104,7 +105,9 @@ def build_summary(design: Design, sensitivities: list[SensitivityResult]) -> dic
 
 
 def _pressure_for_required_force(design: Design) -> float | None:
-    """Gauge pressure [bar] that would just give the force asked for; None: there is none, or it is beyond 20 bar."""
+    """Return the gauge pressure [bar] that just gives the required force; None without a requirement or above 20
+    bar.
+    """
     if design.required_force is None:
         return None
     muscle = design.device.parameters.muscle
@@ -127,7 +130,7 @@ def _encode_point(point: DamperDesignPoint) -> dict[str, float]:
 
 def _encode_demand(demand: StrideDemand) -> dict[str, Any]:
     peak, weakest = int(demand.tendon_force.argmax()), int(np.nanargmin(demand.force_margin))
-    needed = demand.required_pressure
+    required_pressure = demand.required_pressure
     return {
         "tendon_peak_n": float(demand.tendon_force[peak]),
         "tendon_peak_pct": 100.0 * float(demand.phase[peak]),
@@ -136,7 +139,7 @@ def _encode_demand(demand: StrideDemand) -> dict[str, Any]:
         "peak_share": demand.peak_moment_fraction,
         "least_margin": float(demand.force_margin[weakest]),
         "least_margin_pct": 100.0 * float(demand.phase[weakest]),
-        "needed_pressure_bar": None if np.isnan(needed).any() else float(needed.max()) / BAR,
+        "needed_pressure_bar": None if np.isnan(required_pressure).any() else float(required_pressure.max()) / BAR,
         "ratio_min": float(demand.length_ratio.min()),
         "ratio_max": float(demand.length_ratio.max()),
         "at_stop_pct": 100.0 * float(demand.at_stop.mean()),
@@ -160,13 +163,13 @@ def _encode_metrics(metrics: DesignMetrics) -> dict[str, Any]:
 
 
 def _encode_sensitivity(sensitivity: SensitivityResult) -> dict[str, Any]:
-    varied = sensitivity.variation
-    digits = 6 - math.ceil(math.log10(abs(sensitivity.value / varied.si_factor))) if sensitivity.value else 6
+    variation = sensitivity.variation
+    digits = 6 - math.ceil(math.log10(abs(sensitivity.value / variation.si_factor))) if sensitivity.value else 6
     return {
-        "assumption": varied.name,
-        "unit": varied.unit,
-        "base": round(varied.nominal / varied.si_factor, digits),
-        "value": round(sensitivity.value / varied.si_factor, digits),
-        "why": varied.reason,
+        "assumption": variation.name,
+        "unit": variation.unit,
+        "base": round(variation.nominal / variation.si_factor, digits),
+        "value": round(sensitivity.value / variation.si_factor, digits),
+        "why": variation.reason,
         "outcome": None if sensitivity.metrics is None else _encode_metrics(sensitivity.metrics),
     }

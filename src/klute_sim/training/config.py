@@ -1,7 +1,6 @@
-"""The configuration of a training: a TOML file."""
+"""Configuration of a training: a TOML file."""
 
 import inspect
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,41 +9,49 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from klute_sim.envs.ankle_gait_vector import AnkleGaitVectorEnv
 from klute_sim.errors import InputError
+from klute_sim.toml_files import parse_toml, validation_sentence
 
 EXCLUDED_KEYWORDS = ("self", "num_envs", "autoreset_mode", "render_mode")
-"""Keywords of the batch that are no part of the task."""
+"""Keywords of the vector environment that a configuration cannot set."""
 
 
 class TrainingConfig(BaseModel):
-    """What is trained, in which environment, how; validated when made."""
+    """Algorithm, policy and environment of a training, validated at construction."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     algorithm: Literal["ppo", "sac"]
+    """Algorithm of Stable-Baselines3."""
     num_envs: Annotated[int, Field(ge=1, le=4096)]
+    """Number of parallel environments."""
     hidden: Annotated[list[Annotated[int, Field(ge=1, le=4096)]], Field(min_length=1, max_length=8)]
+    """Number of neurons of each hidden layer."""
     activation: Literal["tanh", "relu"]
+    """Activation function of the hidden layers."""
     checkpoint_minutes: Annotated[FiniteFloat, Field(gt=0)]
+    """Time between two checkpoints [min]."""
     evaluation_episodes: Annotated[int, Field(ge=2, le=4096)]
+    """Number of episodes of the evaluation."""
     environment: dict[str, Any] = {}
     """Keywords of the environment."""
     ppo: dict[str, Any] = {}
-    """Keywords of the algorithm; likewise ``sac``."""
+    """Keywords of the algorithm PPO."""
     sac: dict[str, Any] = {}
+    """Keywords of the algorithm SAC."""
 
     @property
     def algorithm_options(self) -> dict[str, Any]:
-        """Keywords of the chosen algorithm."""
+        """Return the keywords of the selected algorithm."""
         return dict(getattr(self, self.algorithm))
 
 
 def read_default_config() -> bytes:
-    """The shipped file."""
+    """Return the content of the default configuration file."""
     return (resources.files("klute_sim.training") / "default.toml").read_bytes()
 
 
 def load_config(path: str | Path | None) -> tuple[TrainingConfig, bytes]:
-    """The configuration in a file (None: the shipped one), and its bytes; raises InputError with what is wrong."""
+    """Return the configuration of a file (None: the default) and its content; raises InputError when it is invalid."""
     if path is None:
         return parse_config(read_default_config(), "default.toml"), read_default_config()
     try:
@@ -55,21 +62,18 @@ def load_config(path: str | Path | None) -> tuple[TrainingConfig, bytes]:
 
 
 def parse_config(content: bytes, source: str) -> TrainingConfig:
-    """The configuration that ``content`` (TOML, UTF-8) is; ``where`` names its place in errors."""
+    """Return the configuration in ``content`` (TOML, UTF-8); ``source`` names it in errors.
+
+    Raises InputError when the content is invalid.
+    """
     try:
-        found = TrainingConfig.model_validate(tomllib.loads(content.decode("utf-8-sig")))
-    except UnicodeDecodeError:
-        raise InputError(f"configuration {source} cannot be read: not a UTF-8 text file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"configuration {source} is not valid TOML: {error}") from None
+        config = TrainingConfig.model_validate(parse_toml(content, f"configuration {source}"))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"configuration {source}: {key}: {first['msg'][0].lower()}{first['msg'][1:]}") from None
+        raise InputError(f"configuration {source}: {validation_sentence(error, TrainingConfig)}") from None
     known = [
         name for name in inspect.signature(AnkleGaitVectorEnv.__init__).parameters if name not in EXCLUDED_KEYWORDS
     ]
-    for name in found.environment:
+    for name in config.environment:
         if name not in known:
             raise InputError(f"configuration {source}: the environment has no '{name}'; allowed: {', '.join(known)}")
-    return found
+    return config

@@ -1,4 +1,4 @@
-"""A training: Stable-Baselines3 on the batch of environments, kept as it goes, told from and gone on with.
+"""Training with Stable-Baselines3 on the vector environment: checkpoints, learning curve and resumption.
 
 Stable-Baselines3 and torch are an optional extra and are imported when they are used.
 """
@@ -23,30 +23,35 @@ CONFIG_FILE, CHECKPOINT_FILE, PROGRESS_FILE, LEARNING_CURVE_FILE = (
     "progress.json",
     "learning_curve.csv",
 )
+"""Files of a training folder."""
 LEARNING_CURVE_COLUMNS = ("minutes", "steps", "episodes", "episode_return", "episode_steps")
-"""Of the learning curve: since the start; of the episodes that ended since the last row, their mean."""
+"""Columns of the learning curve: totals since the start, and means over the episodes that ended since the last row."""
 UNLIMITED_STEPS = 10**12
-"""Steps that nobody waits for."""
+"""Number of steps that a training never reaches."""
 
 
 @dataclass
 class TrainingProgress:
-    """How far a training has come; in :data:`PROGRESS`."""
+    """Progress of a training, stored in :data:`PROGRESS_FILE`."""
 
     seed: int
+    """Random seed."""
     minutes: float = 0.0
-    """Of training, interruptions left out."""
+    """Training time without interruptions [min]."""
     steps: int = 0
-    """Of environments, all of them together."""
+    """Number of steps of all environments together."""
     learning_curve: list[tuple[float, ...]] = field(default_factory=list)
-    """The learning curve."""
+    """Rows of the learning curve."""
 
 
 class Training:
-    """One training in one folder, begun or gone on with."""
+    """A new or resumed training in one folder."""
 
     def __init__(self, folder: Path, config: TrainingConfig, progress: TrainingProgress) -> None:
-        """Raises MissingExtraError without Stable-Baselines3, InputError for keywords that its algorithm has not."""
+        """Set up the training, from its checkpoint if there is one.
+
+        Raises MissingExtraError without Stable-Baselines3, and InputError when its algorithm lacks a keyword.
+        """
         try:
             import stable_baselines3
             import torch
@@ -54,93 +59,97 @@ class Training:
             raise MissingExtraError("klute-sim train", "rl") from None
         from klute_sim.training.vec_env import GaitVecEnv
 
-        torch.set_num_threads(
-            1
-        )  # the networks are small: more threads wait for one another, and take the simulations' cores
+        torch.set_num_threads(1)  # the networks are small: more threads would only take cores from the simulations
         self.folder, self.config, self.progress = folder, config, progress
         algorithm = getattr(stable_baselines3, config.algorithm.upper())
-        # A training that is gone on with draws other episodes than it began with.
+        # A resumed training samples other episodes than it started with.
         envs = GaitVecEnv(config.num_envs, progress.seed + progress.steps, config.environment)
         if (folder / CHECKPOINT_FILE).exists():
             self.model = algorithm.load(folder / CHECKPOINT_FILE, env=envs, device="cpu")
             return
-        function = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[config.activation]
-        shape = {"net_arch": list(config.hidden), "activation_fn": function}
+        activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[config.activation]
+        policy_options = {"net_arch": list(config.hidden), "activation_fn": activation}
         try:
             self.model = algorithm(
-                "MlpPolicy", envs, seed=progress.seed, device="cpu", policy_kwargs=shape, **config.algorithm_options
+                "MlpPolicy",
+                envs,
+                seed=progress.seed,
+                device="cpu",
+                policy_kwargs=policy_options,
+                **config.algorithm_options,
             )
         except TypeError as error:
             raise InputError(f"configuration: [{config.algorithm}] {error}") from None
 
     def run(self, minutes: float | None, steps: int | None, report_progress: Callable[[float], None]) -> None:
-        """Train until so many ``minutes`` or ``steps`` have been in all; ``told`` hears the finished share.
+        """Train up to a total of ``minutes`` or ``steps``; ``report_progress`` receives the completed fraction.
 
-        Whatever ends it, also the user, what has been learned is kept.
+        The model is saved however the training ends, also on an interruption by the user.
         """
         from stable_baselines3.common.callbacks import BaseCallback
 
-        began, saved, progress = time.monotonic(), time.monotonic(), self.progress
+        start, last_checkpoint, progress = time.monotonic(), time.monotonic(), self.progress
         minutes_before, steps_before = progress.minutes, progress.steps
-        ended: list[tuple[float, int]] = []
+        finished_episodes: list[tuple[float, int]] = []
 
-        def now() -> float:
-            return minutes_before + (time.monotonic() - began) / 60.0
+        def elapsed_minutes() -> float:
+            return minutes_before + (time.monotonic() - start) / 60.0
 
-        class Watch(BaseCallback):  # type: ignore[misc]
-            def _on_step(watch) -> bool:  # noqa: N805, the training is `self` here
-                for info in watch.locals["infos"]:
+        class ProgressMonitor(BaseCallback):  # type: ignore[misc]
+            def _on_step(monitor) -> bool:  # noqa: N805, `self` is the training here
+                for info in monitor.locals["infos"]:
                     if "episode" in info:
-                        ended.append((info["episode"]["r"], info["episode"]["l"]))
-                progress.minutes, progress.steps = now(), steps_before + watch.num_timesteps - first
-                share = max(progress.minutes / minutes if minutes else 0.0, progress.steps / steps if steps else 0.0)
-                report_progress(min(share, 1.0))
-                return share < 1.0
+                        finished_episodes.append((info["episode"]["r"], info["episode"]["l"]))
+                progress.minutes = elapsed_minutes()
+                progress.steps = steps_before + monitor.num_timesteps - first_timestep
+                fraction = max(progress.minutes / minutes if minutes else 0.0, progress.steps / steps if steps else 0.0)
+                report_progress(min(fraction, 1.0))
+                return fraction < 1.0
 
-            def _on_rollout_end(watch) -> None:  # noqa: N805
-                nonlocal saved
-                if len(ended) >= self.config.num_envs:
-                    self._record_episodes(ended)
-                    ended.clear()
-                if time.monotonic() - saved > 60.0 * self.config.checkpoint_minutes:
+            def _on_rollout_end(monitor) -> None:  # noqa: N805
+                nonlocal last_checkpoint
+                if len(finished_episodes) >= self.config.num_envs:
+                    self._record_episodes(finished_episodes)
+                    finished_episodes.clear()
+                if time.monotonic() - last_checkpoint > 60.0 * self.config.checkpoint_minutes:
                     self.save()
-                    saved = time.monotonic()
+                    last_checkpoint = time.monotonic()
 
-        first = self.model.num_timesteps
+        first_timestep = self.model.num_timesteps
         try:
-            self.model.learn(UNLIMITED_STEPS, callback=Watch(), reset_num_timesteps=False)
+            self.model.learn(UNLIMITED_STEPS, callback=ProgressMonitor(), reset_num_timesteps=False)
         finally:
-            if ended:
-                self._record_episodes(ended)
+            if finished_episodes:
+                self._record_episodes(finished_episodes)
             self.save()
 
-    def _record_episodes(self, finished: list[tuple[float, int]]) -> None:
-        returns, lengths = np.mean(finished, axis=0)
+    def _record_episodes(self, episodes: list[tuple[float, int]]) -> None:
+        returns, lengths = np.mean(episodes, axis=0)
         self.progress.learning_curve.append(
-            (round(self.progress.minutes, 4), self.progress.steps, len(finished), float(returns), float(lengths))
+            (round(self.progress.minutes, 4), self.progress.steps, len(episodes), float(returns), float(lengths))
         )
 
     def save(self) -> None:
-        """Write checkpoint, progress and learning curve, each whole or not at all."""
-        unfinished = self.folder / f".{CHECKPOINT_FILE}"
-        self.model.save(unfinished)
-        unfinished.replace(self.folder / CHECKPOINT_FILE)
+        """Write checkpoint, progress and learning curve, each atomically."""
+        temporary = self.folder / f".{CHECKPOINT_FILE}"
+        self.model.save(temporary)
+        temporary.replace(self.folder / CHECKPOINT_FILE)
         text = json.dumps({"seed": self.progress.seed, "minutes": self.progress.minutes, "steps": self.progress.steps})
         _write_atomically(self.folder / PROGRESS_FILE, text + "\n")
         rows = "".join(",".join(str(value) for value in row) + "\n" for row in self.progress.learning_curve)
         _write_atomically(self.folder / LEARNING_CURVE_FILE, ",".join(LEARNING_CURVE_COLUMNS) + "\n" + rows)
 
     def export_policy(self) -> Policy:
-        """What has been learned, as plain numbers."""
+        """Return the learned policy as plain numbers."""
         from klute_sim.training.vec_env import OBSERVATION_SCALE
 
-        network, squashed = self.model.policy, self.config.algorithm == "sac"
-        parts = [network.actor.latent_pi, network.actor.mu] if squashed else [network.mlp_extractor.policy_net]
-        linear = [each for part in parts for each in part.modules() if hasattr(each, "in_features")]
-        if not squashed:
-            linear.append(network.action_net)
-        layers = [(each.weight.detach().numpy().copy(), each.bias.detach().numpy().copy()) for each in linear]
-        made = {
+        network, is_squashed = self.model.policy, self.config.algorithm == "sac"
+        modules = [network.actor.latent_pi, network.actor.mu] if is_squashed else [network.mlp_extractor.policy_net]
+        linear_layers = [layer for module in modules for layer in module.modules() if hasattr(layer, "in_features")]
+        if not is_squashed:
+            linear_layers.append(network.action_net)
+        layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear_layers]
+        metadata = {
             "environment": "klute_sim/AnkleGait-v1",
             "config": self.config.model_dump(),
             "seed": self.progress.seed,
@@ -148,24 +157,24 @@ class Training:
             "minutes": self.progress.minutes,
             "versions": collect_versions(),
         }
-        return Policy(OBSERVATION_SCALE, layers, self.config.activation, squashed, made)
+        return Policy(OBSERVATION_SCALE, layers, self.config.activation, is_squashed, metadata)
 
 
 def start_training(folder: Path, config: TrainingConfig, content: bytes, seed: int) -> Training:
-    """A training in the new ``folder`` that keeps its configuration's ``content``."""
+    """Start a training in the new ``folder``, which stores the configuration file ``content``."""
     training = Training(folder, config, TrainingProgress(seed))
     (folder / CONFIG_FILE).write_bytes(content)
     return training
 
 
 def resume_training(folder: Path) -> Training:
-    """The training that was kept in ``folder``. Its checkpoint is a pickle: *it can run code*.
+    """Return the training stored in ``folder``. Its checkpoint is a pickle: *it can run code*.
 
-    Raises InputError if there is none.
+    Raises InputError when the folder has no valid training.
     """
     try:
-        kept = json.loads((folder / PROGRESS_FILE).read_text("utf-8"))
-        progress = TrainingProgress(int(kept["seed"]), float(kept["minutes"]), int(kept["steps"]))
+        stored = json.loads((folder / PROGRESS_FILE).read_text("utf-8"))
+        progress = TrainingProgress(int(stored["seed"]), float(stored["minutes"]), int(stored["steps"]))
         rows = list(csv.reader((folder / LEARNING_CURVE_FILE).read_text("utf-8").splitlines()))[1:]
         progress.learning_curve = [tuple(float(cell) for cell in row) for row in rows]
     except OSError as error:
@@ -176,6 +185,6 @@ def resume_training(folder: Path) -> Training:
 
 
 def _write_atomically(path: Path, text: str) -> None:
-    unfinished = path.with_name(f".{path.name}")
-    unfinished.write_text(text, "utf-8")
-    unfinished.replace(path)
+    temporary = path.with_name(f".{path.name}")
+    temporary.write_text(text, "utf-8")
+    temporary.replace(path)

@@ -1,4 +1,4 @@
-"""The batch of environments as Stable-Baselines3 takes it; import it only where that is installed."""
+"""The vector environment in the interface of Stable-Baselines3; import this module only where that is installed."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,66 +13,68 @@ from klute_sim.envs.ankle_gait_vector import AnkleGaitVectorEnv
 from klute_sim.errors import KluteSimError
 
 OBSERVATION_SCALE = np.array([0.2, 2.0, 0.5, 3.0, 1.0, 3.0, 1.0, 1.0], dtype=np.float32)
-"""Usual sizes of the observations, in their units (assumed: those of walking)."""
+"""Typical magnitudes of the observations in walking, in their units (assumed)."""
 
 
 class GaitVecEnv(VecEnv):  # type: ignore[misc]
-    """Observations over :data:`SCALE`; episodes begin anew in the step that ends them."""
+    """Vector environment with observations divided by :data:`OBSERVATION_SCALE`; ended episodes restart in the same
+    step.
+    """
 
     def __init__(self, n_envs: int, seed: int, options: dict[str, Any]) -> None:
-        """``count`` environments with these keywords; the first reset is with ``seed``."""
+        """Create ``n_envs`` environments with the keywords ``options``; the first reset uses ``seed``."""
         self.envs = AnkleGaitVectorEnv(n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **options)
-        inner = self.envs.single_observation_space
-        assert isinstance(inner, spaces.Box)
-        space: Any = spaces.Box(inner.low / OBSERVATION_SCALE, inner.high / OBSERVATION_SCALE, dtype=np.float32)
+        unscaled = self.envs.single_observation_space
+        assert isinstance(unscaled, spaces.Box)
+        space: Any = spaces.Box(unscaled.low / OBSERVATION_SCALE, unscaled.high / OBSERVATION_SCALE, dtype=np.float32)
         super().__init__(n_envs, space, self.envs.single_action_space)
         self._seed: int | None = seed
         self._actions: Any = None
         self._returns, self._lengths = np.zeros(n_envs), np.zeros(n_envs, dtype=np.int64)
 
     def reset(self) -> NDArray[np.float32]:
-        """All of them."""
-        observed, _ = self.envs.reset(seed=self._seed)
+        """Reset all environments."""
+        observations, _ = self.envs.reset(seed=self._seed)
         self._seed = None
         self._returns[:], self._lengths[:] = 0.0, 0
-        return observed / OBSERVATION_SCALE
+        return observations / OBSERVATION_SCALE
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        """What is done in :meth:`step_wait`."""
+        """Store the actions of the next :meth:`step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """One step of all, with what Stable-Baselines3 wants to know of those that have ended."""
-        observed, reward, terminated, truncated, told = self.envs.step(self._actions)
-        done = terminated | truncated
+        """Step all environments and report ended episodes in the form of Stable-Baselines3."""
+        observations, reward, terminated, truncated, info = self.envs.step(self._actions)
+        is_done = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         self._returns += reward
         self._lengths += 1
-        for i in np.flatnonzero(done).tolist():
+        for i in np.flatnonzero(is_done).tolist():
             infos[i] = {
-                "terminal_observation": told["final_obs"][i] / OBSERVATION_SCALE,
+                "terminal_observation": info["final_obs"][i] / OBSERVATION_SCALE,
                 "TimeLimit.truncated": bool(truncated[i]),
                 "episode": {"r": float(self._returns[i]), "l": int(self._lengths[i])},
             }
-        self._returns[done], self._lengths[done] = 0.0, 0
-        return observed / OBSERVATION_SCALE, reward.astype(np.float32), done, infos
+        self._returns[is_done], self._lengths[is_done] = 0.0, 0
+        return observations / OBSERVATION_SCALE, reward.astype(np.float32), is_done, infos
 
     def close(self) -> None:
-        """Nothing to free."""
+        """Release the environments."""
         self.envs.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Of the batch, once for each."""
+        """Return the attribute of the batch once for each environment."""
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Raises KluteSimError: one simulation of a batch cannot be set apart."""
-        raise KluteSimError(f"'{attr_name}' cannot be set: the simulations of a batch have no attributes of their own")
+        """Raise KluteSimError: attributes of single environments cannot be set."""
+        raise KluteSimError(f"'{attr_name}' cannot be set: single environments of a batch have no attributes")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Raises KluteSimError, likewise."""
-        raise KluteSimError(f"'{method_name}' cannot be called: simulations of a batch have no methods of their own")
+        """Raise KluteSimError: methods of single environments cannot be called."""
+        raise KluteSimError(f"'{method_name}' cannot be called: single environments of a batch have no methods")
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Sequence[int] | int | None = None) -> list[bool]:
-        """They are not."""
+        """Return False for each environment."""
         return [False for _ in self._get_indices(indices)]

@@ -1,1 +1,5 @@
-"""."""
+"""Tasks of the environments: actions, instruments, reward, energy accounting and domain randomisation.
+
+Dependence, from the bottom: actions, reward, instruments, energy_accounting and domain_randomization; options;
+gait_task and bench_task.
+"""

@@ -1,4 +1,4 @@
-"""From actions to what the device is told: pressures, openings, or a change of a base profile; late by a dead time."""
+"""Conversion of actions to device commands: pressures, valve openings, or changes of a base profile; with dead time."""
 
 from collections.abc import Mapping
 from itertools import pairwise
@@ -17,18 +17,19 @@ Mask = NDArray[np.bool_]
 
 ACTION_KINDS: Mapping[str, str] = MappingProxyType(
     {
-        "pressure": "gauge pressure, from none (-1) to all that the supply has (1)",
+        "pressure": "gauge pressure, from 0 (-1) to the supply pressure (1)",
         "valve": "opening of the valve, from exhaust (-1) to fill (1)",
-        "residual": "change of a base profile's pressure, from -residual_bar (-1) to residual_bar (1)",
+        "residual": "change of the pressure of a base profile, from -residual_bar (-1) to residual_bar (1)",
     }
 )
-"""Kinds of actions."""
+"""Kinds of actions with their meaning."""
 
 
 def select_action_kind(requested: str | None, command_is_opening: bool, device_name: str) -> str:
-    """The kind of action for a device that ``opens`` its valve, or takes pressures; None: the one that fits.
+    """Return the kind of action; None requests the default of the device.
 
-    Raises InputError for one that does not fit.
+    ``command_is_opening`` tells whether the device takes valve openings or pressures. Raises InputError when the device
+    cannot take the requested kind.
     """
     if requested is None:
         return "valve" if command_is_opening else "pressure"
@@ -42,7 +43,7 @@ def select_action_kind(requested: str | None, command_is_opening: bool, device_n
 
 
 class ActionDecoder:
-    """Of ``count`` devices."""
+    """Decoder of the actions of ``n_devices`` devices."""
 
     def __init__(
         self,
@@ -54,7 +55,10 @@ class ActionDecoder:
         steps_per_action: int,
         dt: float,
     ) -> None:
-        """Given every ``each`` steps of ``step`` [s]; ``parameters`` are the usual device's."""
+        """Set up the decoder for one action every ``steps_per_action`` steps of ``dt`` [s].
+
+        ``parameters`` are those of the nominal device.
+        """
         self.kind = kind
         self._profile, self._residual_bar, self._steps_per_action, self._dt = (
             profile,
@@ -65,18 +69,20 @@ class ActionDecoder:
         self._max_pressure_bar = parameters.supply.max_pressure / BAR
         self._delay_steps = np.zeros(n_devices, dtype=np.int64)
         self._command_history = np.zeros((n_devices, 2))
-        for place in range(n_devices):
-            self.set_parameters(place, parameters)
+        for index in range(n_devices):
+            self.set_parameters(index, parameters)
 
     def set_parameters(self, index: int, parameters: DeviceParameters) -> None:
-        """Device ``place`` hears its commands as late as these ``parameters`` have it."""
+        """Set the dead time of device ``index`` to that of ``parameters``."""
         self._delay_steps[index] = round(get_dead_time(parameters) / self._dt)
         missing = 2 + int(self._delay_steps[index]) // self._steps_per_action - self._command_history.shape[1]
         if missing > 0:
             self._command_history = np.pad(self._command_history, ((0, 0), (missing, 0)), "edge")
 
     def decode(self, action: Array, phase: Array) -> Array:
-        """(n,) gauge pressure [bar], or opening [1], that ``action`` in [-1, 1] asks for at the estimated ``phase``."""
+        """Return the gauge pressure [bar] or opening [1], shape (n,), of ``action`` in [-1, 1] at the estimated
+        ``phase``.
+        """
         if self.kind == "valve":
             return action
         if self.kind == "pressure":
@@ -85,22 +91,26 @@ class ActionDecoder:
         return np.asarray(np.clip(base + self._residual_bar * action, 0.0, self._max_pressure_bar))
 
     def reset(self, mask: Mask, pressure: Array) -> Array:
-        """Forget what was told before; the action (n,) that changes nothing at this gauge ``pressure`` (n,) [bar]."""
+        """Clear the command history and return the action (n,) that holds the gauge ``pressure`` (n,) [bar]."""
         self._command_history[mask] = 0.0 if self.kind == "valve" else pressure[mask, None]
         if self.kind == "pressure":
             return np.asarray(2.0 * pressure / self._max_pressure_bar - 1.0)
         return np.zeros(len(pressure))
 
     def schedule_commands(self, command: Array, mask: Mask) -> list[tuple[int, Array]]:
-        """What reaches the devices in the next interval, if ``which`` are now told ``command``: steps, (n,) commands.
+        """Return the commands (n,) that reach the devices in the next interval, each with its number of steps.
 
-        One piece, or more where a dead time of one of them ends within the interval.
+        The devices in ``mask`` receive ``command`` now. The interval is divided where the dead time of a device ends in
+        it.
         """
         if not self._delay_steps.any():
             return [(self._steps_per_action, command)]
         self._command_history[mask] = np.column_stack([self._command_history[mask, 1:], command[mask]])
-        whole, part = np.divmod(self._delay_steps, self._steps_per_action)
-        places = np.arange(len(part))
-        newer, older = self._command_history[places, -1 - whole], self._command_history[places, -2 - whole]
-        edges = np.unique([0, *part[mask], self._steps_per_action]).tolist()
-        return [(end - begin, np.where(begin < part, older, newer)) for begin, end in pairwise(edges)]
+        delay_intervals, delay_remainder = np.divmod(self._delay_steps, self._steps_per_action)
+        indices = np.arange(len(delay_remainder))
+        newer, older = (
+            self._command_history[indices, -1 - delay_intervals],
+            self._command_history[indices, -2 - delay_intervals],
+        )
+        edges = np.unique([0, *delay_remainder[mask], self._steps_per_action]).tolist()
+        return [(end - start, np.where(start < delay_remainder, older, newer)) for start, end in pairwise(edges)]

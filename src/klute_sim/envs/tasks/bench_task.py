@@ -1,4 +1,4 @@
-"""What ``klute_sim/AnkleBench`` asks for: lengths that the crosshead prescribes, forces or work over them."""
+"""Task of ``klute_sim/AnkleBench``: prescribed crosshead lengths, and target forces or work."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -18,28 +18,31 @@ BENCH_TASKS: Mapping[str, str] = MappingProxyType(
         "work": "do as much work per gram of air as possible over a cycle of the crosshead",
     }
 )
+"""Tasks with their meaning."""
 
 OBSERVATIONS = (
     # name, unit, lowest, highest
-    ("length of the unit beyond the middle of its way", "cm", -20.0, 20.0),
+    ("length of the unit beyond the middle of its travel", "cm", -20.0, 20.0),
     ("velocity of the unit, lengthening positive", "m/s", -5.0, 5.0),
     ("force on the load cell, pulling positive", "kN", -20.0, 20.0),
     ("gauge pressure", "bar", 0.0, 20.0),
-    ("force wanted; 0 in the task work", "kN", 0.0, 20.0),
+    ("target force; 0 in the task work", "kN", 0.0, 20.0),
 )
-"""Name, unit, lowest and highest value; what is beyond is clipped."""
+"""Name, unit, lowest and highest value of each observation; values outside are clipped."""
 
 MIN_LENGTH_RATIO, MAX_LENGTH_RATIO = 0.88, 0.97
-"""Muscle lengths over the resting length between which a just taut unit moves."""
+"""Range of muscle length over resting length in which the just taut unit moves."""
 MIN_FORCE_FRACTION, MAX_FORCE_FRACTION = 0.1, 0.5
-"""Wanted forces over what the muscle pulls with in the middle of its way under all the supply's pressure."""
+"""Range of the target force over the maximum force, that of the muscle at mid travel and supply pressure."""
 N_SINES, MAX_FREQUENCY = 4, 1.5
-"""Sines of random phase in a random course, and the frequency of the fastest [Hz]; the others are fractions of it."""
+"""Number of sines of random phase in a random trajectory, and the highest frequency [Hz]; the others are fractions
+of it.
+"""
 
 FORCE_ERROR_SCALE = 0.05
-"""Distance from the wanted force that counts as one, over the strongest force."""
+"""Force error at which the reward falls to exp(-1/2), over the maximum force."""
 AIR_MASS_OFFSET_G = 0.1
-"""Added to the air of a cycle [g]: work that needs no air is worth something finite."""
+"""Air mass added to that of a cycle [g], which keeps the reward of work without air finite."""
 WORK_REWARD_WEIGHT = 0.1
 """Reward of a cycle per J/g."""
 SMOOTHNESS_WEIGHT = -0.05
@@ -47,51 +50,59 @@ SMOOTHNESS_WEIGHT = -0.05
 
 
 class BenchTrajectory(NamedTuple):
-    """What one episode prescribes, and what it wants."""
+    """Prescribed lengths and target forces of one episode."""
 
     unit_length: Array
-    """Of the unit [m], one for each step of the simulation."""
+    """Length of the unit [m] at each simulation step."""
     target_force: Array
-    """Force [N] at the end of each interval, and at the start; 0 in the task *work*."""
+    """Target force [N] at the start and at the end of each interval; 0 in the task *work*."""
 
 
 class TrajectoryGenerator:
-    """Draws courses for one device."""
+    """Random generator of trajectories for one device."""
 
     def __init__(
         self, device: Device, task: str, n_intervals: int, interval: float, dt: float, cycle_duration: float
     ) -> None:
-        """Of so many ``intervals``, each of ``interval`` [s], in steps of ``step`` [s]; ``cycle`` [s] in *work*."""
+        """Set up trajectories of ``n_intervals`` intervals of ``interval`` [s] in steps of ``dt`` [s].
+
+        ``cycle_duration`` [s] is the period of the task *work*.
+        """
         parameters = device.parameters
-        rest, slack = parameters.muscle.resting_length, parameters.tendon.slack_length
-        self.mean_length = slack + 0.5 * (MIN_LENGTH_RATIO + MAX_LENGTH_RATIO) * rest
-        """Of its way [m]."""
+        resting_length, slack_length = parameters.muscle.resting_length, parameters.tendon.slack_length
+        self.mean_length = slack_length + 0.5 * (MIN_LENGTH_RATIO + MAX_LENGTH_RATIO) * resting_length
+        """Length of the unit at mid travel [m]."""
         self._amplitude, self._task, self._cycle_duration = (
-            0.5 * (MAX_LENGTH_RATIO - MIN_LENGTH_RATIO) * rest,
+            0.5 * (MAX_LENGTH_RATIO - MIN_LENGTH_RATIO) * resting_length,
             task,
             cycle_duration,
         )
         self.max_force = isometric_force(
             device, 0.5 * (MIN_LENGTH_RATIO + MAX_LENGTH_RATIO), parameters.supply.max_pressure
         )
-        """What the muscle pulls with there under all the supply's pressure [N]."""
+        """Isometric force of the muscle at mid travel and supply pressure [N]."""
         self._time: Array = dt * np.arange(1.0 + n_intervals * round(interval / dt), dtype=np.float64)
         self._control_time: Array = interval * np.arange(1.0 + n_intervals, dtype=np.float64)
 
     def sample(self, rng: np.random.Generator) -> BenchTrajectory:
-        """A course; every cycle of the task *work* is like the first, which begins in the middle, lengthening."""
+        """Return a trajectory; all cycles of the task *work* are equal and begin at mid travel, lengthening."""
         if self._task == "work":
             return BenchTrajectory(
                 self.mean_length + self._amplitude * np.sin(2.0 * np.pi * self._time / self._cycle_duration),
                 np.zeros(len(self._control_time)),
             )
         length = self.mean_length + self._amplitude * _random_wave(self._time, rng)
-        middle, swing = 0.5 * (MAX_FORCE_FRACTION + MIN_FORCE_FRACTION), 0.5 * (MAX_FORCE_FRACTION - MIN_FORCE_FRACTION)
-        return BenchTrajectory(length, self.max_force * (middle + swing * _random_wave(self._control_time, rng)))
+        mean_force, force_amplitude = (
+            0.5 * (MAX_FORCE_FRACTION + MIN_FORCE_FRACTION),
+            0.5 * (MAX_FORCE_FRACTION - MIN_FORCE_FRACTION),
+        )
+        return BenchTrajectory(
+            length, self.max_force * (mean_force + force_amplitude * _random_wave(self._control_time, rng))
+        )
 
 
 def _random_wave(time: Array, rng: np.random.Generator) -> Array:
-    """A smooth random course within -1 ... 1."""
+    """Return a smooth random signal within -1 and 1."""
     frequency = MAX_FREQUENCY * np.arange(1, N_SINES + 1) / N_SINES
-    phase, share = rng.uniform(0.0, 2.0 * np.pi, N_SINES), rng.dirichlet(np.ones(N_SINES))
-    return np.asarray(np.sin(2.0 * np.pi * np.outer(time, frequency) + phase) @ share)
+    phase, weights = rng.uniform(0.0, 2.0 * np.pi, N_SINES), rng.dirichlet(np.ones(N_SINES))
+    return np.asarray(np.sin(2.0 * np.pi * np.outer(time, frequency) + phase) @ weights)

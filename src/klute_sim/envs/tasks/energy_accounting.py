@@ -1,8 +1,8 @@
-"""Energy and air of many simulations, from one control interval to the next.
+"""Energy and air of many simulations over one control interval.
 
-Forces are known where an interval ends, so work is their mean at both ends times the way: coarser than the ledger of a
-recording, which has every step. What that leaves open is told as ``work_unresolved_j``; what length stops take is in
-there, too.
+Forces are known only at the ends of an interval. The work is their mean times the travel, which is coarser than the
+energy balance of a recording at every step. The difference, including the work of length stops, is
+``work_unresolved_j``.
 """
 
 from dataclasses import dataclass
@@ -27,25 +27,25 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class DeviceStates:
-    """Of ``n`` devices, SI."""
+    """States of ``n`` devices in SI units."""
 
     pressure: Array
-    """Gauge [Pa]."""
+    """Gauge pressure [Pa]."""
     muscle_length: Array
-    """Of the muscle [m]."""
+    """Muscle length [m]."""
     muscle_velocity: Array
-    """Of the muscle's length [m/s]."""
+    """Rate of the muscle length [m/s]."""
     unit_length: Array
-    """[m]"""
+    """Length of muscle and tendon together [m]."""
     internal_state: Array
-    """(n, MEMORY), or (n, 0) of devices that remember nothing."""
+    """Internal states of the effects, shape (n, N_INTERNAL_STATES), or (n, 0) for devices without internal state."""
 
 
 class EnergyAccounting:
-    """Of ``count`` simulations of one device, whose numbers may differ."""
+    """Energy accounting of ``n_simulations`` simulations of one device whose parameters may differ."""
 
     def __init__(self, parameters: DeviceParameters, n_simulations: int, backend: str) -> None:
-        """``law`` is the one in force, ``compiled`` or ``python``."""
+        """Set up the accounting with the ``backend`` in use, ``compiled`` or ``python``."""
         self._snapshots = BatchOutputs(parameters, backend)
         self._supply_is_metered = not pneumatic_step.is_ideal(apply_supply_effects(parameters, ZERO_INTERNAL_STATE))
         self._has_internal_state = has_internal_state(parameters)
@@ -55,42 +55,50 @@ class EnergyAccounting:
         )
 
     def set_parameters(self, index: int, parameters: DeviceParameters) -> None:
-        """Simulation ``place`` has this device from its next beginning on, with the effects that all have."""
+        """Set the device of simulation ``index`` from its next reset on; all devices have the same effects."""
         self._snapshots.set_parameters(index, parameters, len(self._previous_outputs))
 
     def reset(self, mask: Mask, device_states: DeviceStates) -> None:
-        """Start the books of ``which`` anew."""
-        told, way = self._evaluate(device_states)
-        self._previous_outputs[mask], self._previous_lengths[mask] = told[mask], way[mask]
+        """Restart the accounting of the simulations in ``mask``."""
+        outputs, lengths = self._evaluate(device_states)
+        self._previous_outputs[mask], self._previous_lengths[mask] = outputs[mask], lengths[mask]
 
     def update(self, mask: Mask, device_states: DeviceStates) -> dict[str, Array]:
-        """What the interval that ends ``now`` came to in ``which``: work given by each part [J], air drawn [g]."""
-        told, way = self._evaluate(device_states)
-        mean, muscle_way, unit_way = 0.5 * (told + self._previous_outputs), *(way - self._previous_lengths).T
-        at, after, before = (DeviceOutputs(*each.T[:N_OUTPUTS]) for each in (mean, told, self._previous_outputs))
+        """Return the energies [J] and air masses [g] of the interval that ends now.
+
+        Work is positive where a part delivers it. Only the simulations in ``mask`` advance.
+        """
+        outputs, lengths = self._evaluate(device_states)
+        mean_columns, muscle_travel, unit_travel = (
+            0.5 * (outputs + self._previous_outputs),
+            *(lengths - self._previous_lengths).T,
+        )
+        mean_outputs, after, before = (
+            DeviceOutputs(*columns.T[:N_OUTPUTS]) for columns in (mean_columns, outputs, self._previous_outputs)
+        )
         work = {
-            "work_gas_j": -at.gas_force * muscle_way,
-            "work_friction_j": -at.friction_force * muscle_way,
-            "work_damper_j": -at.damper_force * muscle_way,
+            "work_gas_j": -mean_outputs.gas_force * muscle_travel,
+            "work_friction_j": -mean_outputs.friction_force * muscle_travel,
+            "work_damper_j": -mean_outputs.damper_force * muscle_travel,
             "work_bladder_j": before.bladder_energy - after.bladder_energy,
             "work_tendon_j": before.tendon_energy - after.tendon_energy,
         }
         for k, name in enumerate(self._snapshots.effect_names):
-            side, other = mean[:, N_OUTPUTS + 2 * k], mean[:, N_OUTPUTS + 2 * k + 1]
-            work[f"work_effect_{name}_j"] = -side * muscle_way - other * (unit_way - muscle_way)
-        delivered = -at.tension * unit_way
-        # One after the other: NumPy's own sum takes another order for one simulation than for many.
-        work["work_unresolved_j"] = delivered - sum(work.values())
-        drawn = after.air_drawn - before.air_drawn if self._supply_is_metered else after.air_mass - before.air_mass
-        found = {
+            muscle_side, tendon_side = mean_columns[:, N_OUTPUTS + 2 * k], mean_columns[:, N_OUTPUTS + 2 * k + 1]
+            work[f"work_effect_{name}_j"] = -muscle_side * muscle_travel - tendon_side * (unit_travel - muscle_travel)
+        delivered_work = -mean_outputs.tension * unit_travel
+        # Summed in a fixed order: the order of np.sum differs between one simulation and many.
+        work["work_unresolved_j"] = delivered_work - sum(work.values())
+        air_drawn = after.air_drawn - before.air_drawn if self._supply_is_metered else after.air_mass - before.air_mass
+        result = {
             **work,
-            "work_delivered_j": delivered,
-            "air_g": 1e3 * np.fmax(drawn, 0.0),
+            "work_delivered_j": delivered_work,
+            "air_g": 1e3 * np.fmax(air_drawn, 0.0),
             "air_leaked_g": 1e3 * (after.air_leaked - before.air_leaked),
             "air_held_g": 1e3 * after.air_mass,
         }
-        self._previous_outputs[mask], self._previous_lengths[mask] = told[mask], way[mask]
-        return {name: np.asarray(value) for name, value in found.items()}
+        self._previous_outputs[mask], self._previous_lengths[mask] = outputs[mask], lengths[mask]
+        return {name: np.asarray(value) for name, value in result.items()}
 
     def _evaluate(self, device_states: DeviceStates) -> tuple[Array, Array]:
         states = np.column_stack(
@@ -101,7 +109,7 @@ class EnergyAccounting:
                 device_states.unit_length,
             ]
         )
-        memory = (
+        internal_state = (
             device_states.internal_state if self._has_internal_state else np.zeros((len(states), N_INTERNAL_STATES))
         )
-        return self._snapshots.evaluate(states, memory), states[:, [1, 3]]
+        return self._snapshots.evaluate(states, internal_state), states[:, [1, 3]]

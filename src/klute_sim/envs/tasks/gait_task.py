@@ -1,6 +1,6 @@
-"""The task of ``klute_sim/AnkleGait``: what a prosthesis senses, and how well it did, for many simulations at once.
+"""Task of ``klute_sim/AnkleGait``: observations, reward and termination of many simulations at once.
 
-Everything is an array with one entry per simulation, so that one environment and a batch of them are the same code.
+Every quantity is an array with one entry per simulation, so a single environment and a batch share this code.
 """
 
 from collections.abc import Sequence
@@ -28,12 +28,12 @@ Mask = NDArray[np.bool_]
 Rngs = Sequence[np.random.Generator]
 
 CONTROL_INTERVAL = 0.01
-"""Between two actions [s]."""
+"""Interval between two actions [s]."""
 
 
 @dataclass
 class SimulationStates:
-    """What was read off ``n`` simulations after an interval."""
+    """Arrays of ``n`` simulations at the end of an interval, named as in MuJoCo."""
 
     qpos: Array
     qvel: Array
@@ -46,25 +46,25 @@ class SimulationStates:
 
 
 class StrideTables:
-    """What the task needs of every rig that is walked on, side by side; their strides may last differently long."""
+    """Tables over the stride of all rigs in use; their strides may have different durations."""
 
     def __init__(self) -> None:
-        """Of no rig yet."""
+        """Set up empty tables."""
         self._tables: list[tuple[Array, ...]] = []
         self._scalars: list[tuple[float, ...]] = []
 
     def add_rigs(self, gait_rigs: Sequence[GaitRig]) -> None:
-        """Take up what is new among ``rigs``, which have been added at their end."""
+        """Add the rigs at the end of ``gait_rigs`` that are new."""
         if len(gait_rigs) == len(self._tables):
             return
         for rig in gait_rigs[len(self._tables) :]:
             ankle = tabulate_reference_ankle(rig)
             self._tables.append((rig.phase, rig.carriage_height, rig.command_rates, ankle))
-            push = float(np.maximum(ankle[:, 2], 0.0).mean())
-            self._scalars.append((rig.commands_per_stride, rig.options.mass, push))
-        longest = max(rig.commands_per_stride for rig in gait_rigs)
+            push_power = float(np.maximum(ankle[:, 2], 0.0).mean())
+            self._scalars.append((rig.commands_per_stride, rig.options.mass, push_power))
+        max_commands = max(rig.commands_per_stride for rig in gait_rigs)
         self.phase, self.carriage_height, self.command_rates, self.reference_ankle = (
-            np.stack([np.resize(table, (longest, *table.shape[1:])) for table in tables])
+            np.stack([np.resize(table, (max_commands, *table.shape[1:])) for table in tables])
             for tables in zip(*self._tables, strict=True)
         )
         count, self.mass, self.mean_push_power = np.array(self._scalars).T
@@ -73,36 +73,40 @@ class StrideTables:
     def is_off_path(
         self, carriage_height: Array, rig_index: NDArray[np.int64], command_index: NDArray[np.int64]
     ) -> Mask:
-        """Whether carriages at these heights [m] after these commands of a rig have left their path, or are nowhere."""
+        """Return whether carriages at these heights [m] after these commands have left their path or are not finite."""
         planned = self.carriage_height[rig_index, command_index % self.commands_per_stride[rig_index]]
         return np.asarray(~(np.abs(carriage_height - planned) < MAX_PATH_DEVIATION))
 
 
 def tabulate_reference_ankle(gait_rig: GaitRig) -> Array:
-    """(n, 3) net moment [N*m/kg], angle [rad] and power [W/kg] of the human ankle at each command of ``rig``."""
+    """Return net moment [N*m/kg], angle [rad] and power [W/kg] (n, 3) of the human ankle at each command of
+    ``gait_rig``.
+    """
     reference, phase = gait_rig.reference, gait_rig.phase
-    # The reference's moment over its angle at another stride time: its power is that much slower or faster.
-    slower = reference.stride_time / gait_rig.trajectory.stride_time
+    # The rig follows moment and angle of the reference at another stride time, which scales the power.
+    speed_ratio = reference.stride_time / gait_rig.trajectory.stride_time
     return np.column_stack(
         [
             reference("ankle_plantarflexor_moment_nm_per_kg", phase),
             np.radians(reference("ankle_dorsiflexion_deg", phase)),
-            slower * reference("ankle_power_w_per_kg", phase),
+            speed_ratio * reference("ankle_power_w_per_kg", phase),
         ]
     )
 
 
 class GaitTask:
-    """Senses and judges ``count`` simulations."""
+    """Observation and evaluation of ``n_simulations`` simulations."""
 
     def __init__(
         self, device: Device, gait_options: GaitOptions, options: TaskOptions, n_simulations: int, backend: str
     ) -> None:
-        """For ``count`` simulations under ``law``, ``compiled`` or ``python``; raises InputError for what cannot be."""
-        each = round(CONTROL_INTERVAL / gait_options.dt)
-        if abs(each * gait_options.dt - CONTROL_INTERVAL) > 1e-12:
+        """Set up the task with a ``backend``, ``compiled`` or ``python``; raises InputError when the options are
+        invalid.
+        """
+        steps_per_action = round(CONTROL_INTERVAL / gait_options.dt)
+        if abs(steps_per_action * gait_options.dt - CONTROL_INTERVAL) > 1e-12:
             raise InputError(
-                f"step is {1e3 * gait_options.dt:g} ms; allowed: what divides {1e3 * CONTROL_INTERVAL:g} ms evenly"
+                f"time_step is {1e3 * gait_options.dt:g} ms; allowed: divisors of {1e3 * CONTROL_INTERVAL:g} ms"
             )
         self.randomiser = DomainRandomiser(
             device, gait_options, RandomisationRanges.from_mapping(options.randomise), CONTROL_INTERVAL
@@ -113,7 +117,7 @@ class GaitTask:
         self._angle_index, self._dof_index = int(joint.qposadr[0]), int(joint.dofadr[0])
         self._mid_angle = float(joint.range.mean())
         self._stop_sensor_index = int(model.sensor(PROSTHESIS_PREFIX + "ankle_stop").adr[0])
-        # The drives' states and the device's are in one vector.
+        # One vector holds the states of drives and device.
         self._pressure_index, self._length_index = rig.actuator.act_address, rig.actuator.act_address + 1
         self._weights, self._command_is_opening = (
             reward.resolve_weights(options.reward),
@@ -130,33 +134,38 @@ class GaitTask:
         kind = select_action_kind(options.action, self._command_is_opening, device.name)
         base = options.profile or load_default_profile()
         self._action_decoder = ActionDecoder(
-            kind, parameters, base, options.residual_bar, n_simulations, each, gait_options.dt
+            kind, parameters, base, options.residual_bar, n_simulations, steps_per_action, gait_options.dt
         )
         self.elapsed_intervals = np.zeros(n_simulations, dtype=np.int64)
-        """Intervals since the reset."""
+        """Number of intervals since the reset."""
         self._previous_action = np.zeros(n_simulations)
 
     @property
     def observations(self) -> NDArray[np.float32]:
-        """(n, 8) what the prostheses sense: :data:`klute_sim.envs.tasks.instruments.OBSERVATIONS`."""
+        """Return the observations of the prostheses, shape (n, 8); see
+        :data:`klute_sim.envs.tasks.instruments.OBSERVATIONS`.
+        """
         return self._instruments.observations
 
     def decode_action(self, action: Array) -> Array:
-        """Gauge pressure [bar] that ``action`` in [-1, 1] asks for, or the opening [1]; what is beyond is clipped."""
+        """Return the gauge pressure [bar] or opening [1] of ``action``, which is clipped to [-1, 1]."""
         return self._action_decoder.decode(np.clip(action, -1.0, 1.0), self._sensors.estimate_phase())
 
     def schedule_commands(self, command: Array, mask: Mask) -> list[tuple[int, Array]]:
-        """See :meth:`klute_sim.envs.tasks.actions.Actions.due`."""
+        """Return the commands of the next interval with their numbers of steps.
+
+        See :meth:`klute_sim.envs.tasks.actions.ActionDecoder.schedule_commands`.
+        """
         return self._action_decoder.schedule_commands(command, mask)
 
     def drive_command_rates(self) -> Array:
-        """(n, 6) what the drives are told for the next interval."""
+        """Return the command rates of the drives in the next interval, shape (n, 6)."""
         return np.asarray(
             self._stride_tables.command_rates[self._rig_index, self.elapsed_intervals % self._commands_per_stride()]
         )
 
     def assign_episode(self, index: int, episode: Episode) -> None:
-        """Simulation ``place`` walks ``episode`` from its next beginning on."""
+        """Assign ``episode`` to simulation ``index`` from its next reset on."""
         self._stride_tables.add_rigs(self.randomiser.gait_rigs)
         self._rig_index[index] = episode.rig_index
         self._sensors.assign_gait_rig(index, self.randomiser.gait_rigs[episode.rig_index])
@@ -167,57 +176,61 @@ class GaitTask:
             self._action_decoder.set_parameters(index, parameters)
 
     def reset(self, mask: Mask, states: SimulationStates, rngs: Rngs) -> None:
-        """Forget what was estimated of the simulations that start anew."""
+        """Reset observation and accounting of the simulations in ``mask``."""
         self.elapsed_intervals[mask] = 0
         self._instruments.reset(mask, self._measure(states), rngs)
         self._energy.reset(mask, self._device_states(states))
-        still = self._action_decoder.reset(mask, states.act[:, self._pressure_index])
-        self._previous_action[mask] = still[mask]
+        hold_action = self._action_decoder.reset(mask, states.act[:, self._pressure_index])
+        self._previous_action[mask] = hold_action[mask]
 
     def evaluate(
         self, action: Array, command: Array, states: SimulationStates, mask: Mask, rngs: Rngs
     ) -> tuple[Array, Mask, Mask, dict[str, Array]]:
-        """Reward, terminated, truncated and the terms behind them, after an interval under ``action`` [-1, 1].
+        """Return reward, terminated, truncated and ``info`` of an interval with ``action`` in [-1, 1].
 
-        ``command`` is what it asked for. Only the simulations in ``which`` move on.
+        ``command`` is the decoded action. Only the simulations in ``mask`` advance.
         """
         self.elapsed_intervals += mask
-        walks, number = self._stride_tables, self._rig_index
-        j = self.elapsed_intervals % self._commands_per_stride()
+        tables, rig_index = self._stride_tables, self._rig_index
+        command_index = self.elapsed_intervals % self._commands_per_stride()
         self._instruments.update(mask, self._measure(states), rngs)
-        moment = self._net_moment(states) / walks.mass[number]
+        moment = self._net_moment(states) / tables.mass[rig_index]
         power = moment * states.qvel[:, self._dof_index]
         ankle = np.column_stack([moment, -states.qpos[:, self._angle_index], power])
-        books = self._energy.update(mask, self._device_states(states))
+        energy = self._energy.update(mask, self._device_states(states))
         action = np.clip(action, -1.0, 1.0)
-        air, change = books["air_g"] * (0.1 / CONTROL_INTERVAL), action - self._previous_action
+        air_rate, action_change = energy["air_g"] * (0.1 / CONTROL_INTERVAL), action - self._previous_action
         terms = self._weights * reward.compute_terms(
-            ankle, walks.reference_ankle[number, j], walks.mean_push_power[number], air, change
+            ankle,
+            tables.reference_ankle[rig_index, command_index],
+            tables.mean_push_power[rig_index],
+            air_rate,
+            action_change,
         )
         finite = np.isfinite(states.qpos.sum(axis=1) + states.act.sum(axis=1))
-        terminated: Mask = (walks.is_off_path(states.qpos[:, 1], number, j) | ~finite) & mask
+        terminated: Mask = (tables.is_off_path(states.qpos[:, 1], rig_index, command_index) | ~finite) & mask
         terms[terminated | ~mask] = 0.0
         truncated: Mask = (self.elapsed_intervals >= self._strides * self._commands_per_stride()) & mask & ~terminated
 
         self._previous_action = np.where(mask, action, self._previous_action)
-        told = {
-            "gait_pct": 100.0 * walks.phase[number, j],
+        info = {
+            "gait_pct": 100.0 * tables.phase[rig_index, command_index],
             "ankle_moment_nm_per_kg": moment,
             "ankle_power_w_per_kg": power,
-            **books,
+            **energy,
             "valve_command" if self._command_is_opening else "pressure_command_bar": command,
         }
-        return terms.sum(axis=1), terminated, truncated, dict(zip(reward.REWARD_TERMS, terms.T, strict=True)) | told
+        return terms.sum(axis=1), terminated, truncated, dict(zip(reward.REWARD_TERMS, terms.T, strict=True)) | info
 
     def _commands_per_stride(self) -> NDArray[np.int64]:
         return np.asarray(self._stride_tables.commands_per_stride[self._rig_index])
 
     def _measure(self, states: SimulationStates) -> Array:
-        """(n, 6) what perfect sensors read."""
+        """Return the ideal measurements, shape (n, 6)."""
         return np.column_stack(self._sensors.read(states.qpos, states.qvel, states.act, states.sensordata)[:N_MEASURED])
 
     def _net_moment(self, states: SimulationStates) -> Array:
-        """Net ankle moment [N.m], plantarflexor positive: device, passive parts and end stop."""
+        """Return the net ankle moment [N*m], positive in plantarflexion: device, passive parts and end stop."""
         stop = (
             np.where(states.qpos[:, self._angle_index] < self._mid_angle, 1.0, -1.0)
             * states.sensordata[:, self._stop_sensor_index]

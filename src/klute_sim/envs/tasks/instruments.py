@@ -1,4 +1,4 @@
-"""The instruments of the environment's prostheses: noisy and late if asked for."""
+"""Instruments of the prosthesis in the environments, with optional noise and delay."""
 
 from collections.abc import Sequence
 
@@ -22,43 +22,49 @@ OBSERVATIONS = (
     ("sine of the estimated gait phase", "1", -1.0, 1.0, 0.0),
     ("cosine of the estimated gait phase", "1", -1.0, 1.0, 0.0),
 )
-"""Name, unit, lowest and highest value (what is beyond is clipped), and the noise's standard deviation (assumed: an
-encoder of 0.1 degrees, an inertial sensor's fusion to half a degree, gauges of half a percent of their range). Noise
-reaches the phase through the load that it is told from."""
+"""Name, unit, lowest and highest value (values outside are clipped) and standard deviation of the noise.
+
+The noise is assumed: an encoder of 0.1 degrees, inertial sensor fusion of half a degree, and gauges of half a percent
+of their range. Noise reaches the phase through the load from which it is estimated.
+"""
 N_MEASURED = 6
-"""The first of them come from sensors, the others are worked out."""
+"""Number of leading observations that sensors measure; the others are computed."""
 LOAD_INDEX = 4
+"""Index of the axial load among the observations."""
 
 
 class Instruments:
-    """Of ``count`` prostheses."""
+    """Instruments of ``n_simulations`` prostheses."""
 
     def __init__(
         self, gait_rig: GaitRig, n_simulations: int, interval: float, noise_scale: float, delay_intervals: int
     ) -> None:
-        """Read every ``interval`` [s], with ``noise`` times the typical noise, ``delay`` whole intervals late."""
+        """Set up instruments that are read every ``interval`` [s].
+
+        ``noise_scale`` multiplies the typical noise; ``delay_intervals`` is the delay in whole intervals.
+        """
         self.sensors, self._noise_scale = ProsthesisSensors(gait_rig, n_simulations, interval), noise_scale
-        """Without either."""
+        """Ideal sensors, without noise and delay."""
         self._lower, self._upper = (np.array([row[k] for row in OBSERVATIONS]) for k in (2, 3))
         self._noise_deviation = np.array([row[4] for row in OBSERVATIONS[:N_MEASURED]])
         self._measurement_buffer = np.zeros((n_simulations, 1 + delay_intervals, N_MEASURED))
 
     @property
     def observations(self) -> NDArray[np.float32]:
-        """(n, 8) :data:`OBSERVATIONS`."""
-        turn = 2.0 * np.pi * self.sensors.estimate_phase()
-        sensed = np.column_stack([self._measurement_buffer[:, 0], np.sin(turn), np.cos(turn)])
-        if not np.isfinite(sensed.sum()):  # the last observation of an episode that failed
-            sensed = np.nan_to_num(sensed)
-        return np.asarray(np.clip(sensed, self._lower, self._upper), dtype=np.float32)
+        """Return the observations, shape (n, 8); see :data:`OBSERVATIONS`."""
+        phase_angle = 2.0 * np.pi * self.sensors.estimate_phase()
+        observations = np.column_stack([self._measurement_buffer[:, 0], np.sin(phase_angle), np.cos(phase_angle)])
+        if not np.isfinite(observations.sum()):  # the last observation of an episode that failed
+            observations = np.nan_to_num(observations)
+        return np.asarray(np.clip(observations, self._lower, self._upper), dtype=np.float32)
 
     def reset(self, mask: Mask, measured: Array, rngs: Sequence[np.random.Generator]) -> None:
-        """Forget the episodes of ``which``; ``measured`` (n, 6) is how they start."""
+        """Restart the instruments in ``mask`` from the measurements ``measured`` (n, 6)."""
         self._measurement_buffer[mask] = self._add_noise(mask, measured, rngs)[mask, None]
         self.sensors.reset(mask)
 
     def update(self, mask: Mask, measured: Array, rngs: Sequence[np.random.Generator]) -> None:
-        """An interval has passed in ``which``; ``measured`` (n, 6) is what perfect sensors read."""
+        """Advance the instruments in ``mask`` by one interval to the ideal measurements ``measured`` (n, 6)."""
         noisy = self._add_noise(mask, measured, rngs)
         self._measurement_buffer[mask, :-1] = self._measurement_buffer[mask, 1:]
         self._measurement_buffer[mask, -1] = noisy[mask]
@@ -68,6 +74,6 @@ class Instruments:
         if self._noise_scale == 0.0:
             return measured
         noisy = measured.copy()
-        for i in np.flatnonzero(mask).tolist():  # every simulation has its own random numbers
+        for i in np.flatnonzero(mask).tolist():  # each simulation has its own generator
             noisy[i] += self._noise_scale * self._noise_deviation * rngs[i].standard_normal(N_MEASURED)
         return noisy

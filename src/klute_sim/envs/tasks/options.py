@@ -1,4 +1,4 @@
-"""What may be asked of the walking task beside the walker and the device."""
+"""Options of the gait task besides subject and device."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,36 +13,36 @@ from klute_sim.envs.tasks.domain_randomization import RandomisationRanges
 from klute_sim.errors import InputError
 
 MAX_RESIDUAL_BAR = 20.0
-"""[bar]"""
+"""Largest change of the base profile [bar]."""
 MAX_NOISE_SCALE, MAX_DELAY_INTERVALS = 100.0, 20
-"""Times the typical noise; intervals."""
+"""Largest multiple of the typical noise, and largest sensor delay in intervals."""
 MAX_RESET_NOISE = 0.3
-"""[rad]"""
+"""Largest initial deviation of the ankle angle [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TaskOptions:
-    """Validated when made."""
+    """Options of the gait task, validated at construction."""
 
     action: str | None = None
-    """Of :data:`klute_sim.envs.tasks.actions.ACTIONS`; None: what the device takes."""
+    """Kind of action, one of :data:`klute_sim.envs.tasks.actions.ACTION_KINDS`; None selects that of the device."""
     residual_bar: float = 1.0
     """Largest change of the base profile [bar]."""
     profile: PressureProfile | None = None
-    """The base profile; None: that of ``klute-sim gait``."""
+    """Base profile; None selects that of ``klute-sim gait``."""
     sensor_noise: float = 0.0
-    """Times the typical noise of each sensor (:data:`klute_sim.envs.tasks.instruments.OBSERVATIONS`)."""
+    """Multiple of the typical sensor noise (:data:`klute_sim.envs.tasks.instruments.OBSERVATIONS`)."""
     sensor_delay: int = 0
-    """Whole intervals."""
+    """Sensor delay in whole intervals."""
     reward: Mapping[str, float] | None = None
-    """Weights in the place of those of :data:`klute_sim.envs.tasks.reward.WEIGHTS`."""
+    """Weights that replace those of :data:`klute_sim.envs.tasks.reward.DEFAULT_WEIGHTS`."""
     randomise: RandomisationRanges | Mapping[str, Any] | None = None
-    """What differs from episode to episode."""
+    """Ranges of the domain randomisation."""
     reset_noise: float = 0.02
-    """Of the ankle's angle when an episode starts [rad]."""
+    """Largest initial deviation of the ankle angle from the reference [rad]."""
 
     def __post_init__(self) -> None:
-        """Raise InputError for what cannot be."""
+        """Raise InputError when an option is outside its range."""
         if self.action is not None and self.action not in ACTION_KINDS:
             raise InputError(f"action is '{self.action}'; allowed: {', '.join(ACTION_KINDS)}")
         if not 0.0 < self.residual_bar <= MAX_RESIDUAL_BAR:
@@ -60,5 +60,5 @@ class TaskOptions:
 
 
 def resolve_device(device: Device | str | Path) -> Device:
-    """The device, or the one of that name or file."""
+    """Return ``device``, loaded if it is the name of a preset or a path."""
     return device if isinstance(device, Device) else load_device(device)

@@ -1,4 +1,4 @@
-"""What a walk is worth: an ankle that moves and pushes like the human one, on little air and without jerks."""
+"""Reward of a gait run: an ankle that moves and pushes like the human one, with little air and smooth actions."""
 
 import math
 from collections.abc import Mapping
@@ -18,33 +18,36 @@ DEFAULT_WEIGHTS: Mapping[str, float] = {
     "air": -0.1,
     "smoothness": -0.05,
 }
-"""Closeness to the human ankle in net moment, angle and power, each 0-1; positive power as far as the human ankle has
-it, in its mean; air drawn [g per 0.1 s]; squared change of the action [1]."""
+"""Weights of the reward terms: closeness to the human ankle in net moment, angle and power, each 0 to 1; mean
+positive power up to that of the human ankle; air drawn [g per 0.1 s]; squared change of the action [1].
+"""
 REWARD_TERMS = tuple(f"reward_{name}" for name in DEFAULT_WEIGHTS)
+"""Names of the terms in ``info``."""
 
 ERROR_SCALES = np.array([0.2, np.radians(5.0), 0.5])
-"""Distances from the reference in moment [N*m/kg], angle [rad] and power [W/kg] that count as one."""
+"""Errors of moment [N*m/kg], angle [rad] and power [W/kg] at which closeness falls to exp(-1/2)."""
 
 
 def resolve_weights(overrides: Mapping[str, float] | None) -> Array:
-    """:data:`WEIGHTS` with those that are ``asked`` for in their places; raises InputError for another term."""
+    """Return :data:`DEFAULT_WEIGHTS` with ``overrides``; raises InputError when a term is unknown or not finite."""
     for name, value in (overrides or {}).items():
         if name not in DEFAULT_WEIGHTS:
             raise InputError(f"reward has no term '{name}'; allowed: {', '.join(DEFAULT_WEIGHTS)}")
         if not math.isfinite(value):
-            raise InputError(f"the reward's weight of {name} is {value:g}; allowed: a finite number")
+            raise InputError(f"the reward weight of {name} is {value:g}; allowed: a finite number")
     return np.array([float(value) for value in {**DEFAULT_WEIGHTS, **(overrides or {})}.values()])
 
 
 def compute_terms(
     ankle: Array, reference: Array, mean_push_power: Array, air_rate: Array, action_change: Array
 ) -> Array:
-    """(n, 6) what :data:`WEIGHTS` are of.
+    """Return the reward terms (n, 6) before they are weighted.
 
-    ``ankle`` and ``human`` (n, 3) are net moment [N*m/kg], angle [rad] and power [W/kg]; ``usual_push`` (n,) the mean
-    positive power of the human ankle [W/kg], ``air`` (n,) [g per 0.1 s] and ``change`` (n,) of the action.
+    ``ankle`` and ``reference`` (n, 3) are net moment [N*m/kg], angle [rad] and power [W/kg]; ``mean_push_power`` (n,)
+    is the mean positive power of the human ankle [W/kg], ``air_rate`` (n,) is in g per 0.1 s, and ``action_change``
+    (n,) is dimensionless.
     """
-    apart = (ankle - reference) / ERROR_SCALES
-    close = np.exp(-0.5 * apart * apart)
+    error = (ankle - reference) / ERROR_SCALES
+    closeness = np.exp(-0.5 * error * error)
     push = np.maximum(np.minimum(ankle[:, 2], reference[:, 2]), 0.0) / mean_push_power
-    return np.column_stack([close, push, air_rate, action_change * action_change])
+    return np.column_stack([closeness, push, air_rate, action_change * action_change])

@@ -1,4 +1,4 @@
-"""Chapter 2: biological muscle. Constants are recovered from the curves that our laws draw."""
+"""Chapter 2: biological muscle. Constants are recovered from curves of the implemented laws."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,18 +8,19 @@ import numpy as np
 from klute_sim.laws import hill
 from klute_sim.laws import hill_tables as tables
 from klute_sim.laws.hill import ClosedInterval, ContractileElement, HillCurve, ParallelElement, SeriesElement
-from klute_sim.reproduction.curves import Array, ChapterResult, FigureData, PlotLine, PlotSurface
+from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine, PlotSurface
 from klute_sim.reproduction.implied_values import MAX_INSIGNIFICANT_FORCE
 from klute_sim.reproduction.item import Finding
+from klute_sim.types import Array
 
 DEFAULT_PARALLEL_SPAN = ClosedInterval(1.0, 1.6)
-"""Of Fig. 2.2 [l0]; where a row of Table 2.1 prints none."""
+"""Length range of Fig. 2.2 [l0], for rows of Table 2.1 that print none."""
 SERIES_FORCE_RANGE = (0.5, 1.0)
-"""Of Fig. 2.3 [F0]."""
+"""Force range of Fig. 2.3 [F0]."""
 LENGTH_RANGE = (0.5, 1.5)
-"""Of Fig. 2.4 [l0]."""
+"""Length range of Fig. 2.4 [l0]."""
 SATURATION_SPEED = 1e6
-"""Lengthening velocity [Vmax] at which force has saturated."""
+"""Lengthening velocity [Vmax] at which the force is saturated."""
 MUSCLE_LABELS = {
     "rat": "rat",
     "frog": "frog",
@@ -30,40 +31,41 @@ MUSCLE_LABELS = {
     "bobbert_van_ingen_schenau_1990": "Bobbert & v. I. Schenau",
     "hof_van_den_berg_1981": "Hof & v. d. Berg",
 }
+"""Labels of the muscles in the figures."""
 
 
 def _evaluate_curve(function: Callable[[Any, float], float], law: Any, x: Array) -> Array:
-    return np.array([function(law, float(each)) for each in x])
+    return np.array([function(law, float(value)) for value in x])
 
 
 def _relative_force(law: HillCurve, velocity: float) -> float:
-    """Force over isometric force at ``velocity`` [Vmax], shortening positive."""
+    """Return the force over the isometric force at ``velocity`` [Vmax], positive while shortening."""
     return hill.force_velocity(law, 1.0, velocity)
 
 
 def fit_parallel_constants(law: ParallelElement, span: ClosedInterval) -> tuple[float, float]:
-    """k1 and k2 of (2.1), from the logarithms of a curve over ``span`` [l0]."""
+    """Return k1 and k2 of (2.1), fitted to the logarithm of a curve over ``span`` [l0]."""
     x = np.linspace(span.lower, span.upper, 50)
-    k2, logarithm = np.polyfit(np.log(x), np.log(_evaluate_curve(hill.parallel_force, law, x)), 1)
-    return float(np.exp(logarithm)), float(k2)
+    k2, log_k1 = np.polyfit(np.log(x), np.log(_evaluate_curve(hill.parallel_force, law, x)), 1)
+    return float(np.exp(log_k1)), float(k2)
 
 
 def fit_series_constants(law: SeriesElement) -> tuple[float, float]:
-    """k3 and k4 of (2.2), from a curve over the range of Fig. 2.3."""
+    """Return k3 and k4 of (2.2), fitted to a curve over the range of Fig. 2.3."""
     force = np.linspace(*SERIES_FORCE_RANGE, 50)
     k3, k4 = np.polyfit(np.log(force), _evaluate_curve(hill.series_elongation, law, force), 1)
     return float(k3), float(k4)
 
 
 def fit_contractile_constants(law: ContractileElement, span: ClosedInterval) -> tuple[float, float, float]:
-    """k5, k6 and k7 of (2.3), from a parabola through a curve over ``span`` [l0]."""
+    """Return k5, k6 and k7 of (2.3), fitted to a curve over ``span`` [l0]."""
     x = np.linspace(span.lower, span.upper, 50)
     k5, k6, k7 = np.polyfit(x, _evaluate_curve(hill.isometric_force, law, x), 2)
     return float(k5), float(k6), float(k7)
 
 
 def fit_hill_constants(law: HillCurve) -> tuple[float, float]:
-    """a/F0 and b/Vmax of (2.4), which is linear in both: ``F V = b (1 - F) - a V`` at l0."""
+    """Return a/F0 and b/Vmax of (2.4), which is linear in both: ``F V = b (1 - F) - a V`` at l0."""
     velocity = np.linspace(0.0, 1.0, 50)
     force = _evaluate_curve(_relative_force, law, velocity)
     a, b = np.linalg.lstsq(np.stack([-velocity, 1.0 - force], axis=1), force * velocity)[0]
@@ -71,35 +73,35 @@ def fit_hill_constants(law: HillCurve) -> tuple[float, float]:
 
 
 def compute() -> ChapterResult:
-    """Everything of chapter 2."""
-    found: dict[str, Finding] = {}
+    """Return the findings and figures of chapter 2."""
+    findings: dict[str, Finding] = {}
     for name, scale in tables.MUSCLE_SCALES.items():
-        found[f"scales.{name}.l0"] = Finding(1e3 * scale.resting_length)
-        found[f"scales.{name}.f0"] = Finding(scale.isometric_force)
-    _add_parallel(found)
-    _add_series(found)
-    _add_contractile(found)
-    _add_hill(found)
-    _add_eccentric(found)
-    _add_envelope(found)
-    return ChapterResult(found, tuple(_build_figures()))
+        findings[f"scales.{name}.l0"] = Finding(1e3 * scale.resting_length)
+        findings[f"scales.{name}.f0"] = Finding(scale.isometric_force)
+    _add_parallel(findings)
+    _add_series(findings)
+    _add_contractile(findings)
+    _add_hill(findings)
+    _add_eccentric(findings)
+    _add_envelope(findings)
+    return ChapterResult(findings, tuple(_build_figures()))
 
 
 def _add_parallel(findings: dict[str, Finding]) -> None:
-    at = {}
+    forces = {}
     for name, row in tables.PARALLEL_ELEMENTS.items():
         k1, k2 = fit_parallel_constants(row.constants, row.valid_range or DEFAULT_PARALLEL_SPAN)
         findings[f"table-2.1.{name}.k1"], findings[f"table-2.1.{name}.k2"] = Finding(k1), Finding(k2)
         findings[f"table-2.1.{name}.r2"] = Finding()
         if row.valid_range is not None:
             findings[f"table-2.1.{name}.from"], findings[f"table-2.1.{name}.to"] = map(Finding, row.valid_range)
-        at[name] = hill.parallel_force(row.constants, 1.2)
+        forces[name] = hill.parallel_force(row.constants, 1.2)
     findings["table-2.1.rat"] = Finding(note="There are no constants to compute it from.")
-    told = ", ".join(f"{MUSCLE_LABELS[name]} {100.0 * force:.1f} %" for name, force in at.items())
+    force_text = ", ".join(f"{MUSCLE_LABELS[name]} {100.0 * force:.1f} %" for name, force in forces.items())
     findings["table-2.1.insignificant"] = Finding(
-        max(at.values()),
-        max(at.values()) <= MAX_INSIGNIFICANT_FORCE,
-        f"At 1.2 l0 (of F0): {told}. Taken for insignificant: 5 %.",
+        max(forces.values()),
+        max(forces.values()) <= MAX_INSIGNIFICANT_FORCE,
+        f"At 1.2 l0 (of F0): {force_text}. Taken for insignificant: 5 %.",
     )
 
 
@@ -109,10 +111,10 @@ def _add_series(findings: dict[str, Finding]) -> None:
             Finding, fit_series_constants(row.constants)
         )
         findings[f"table-2.2.{name}.r2"] = Finding()
-    most = max(hill.series_elongation(row.constants, 1.0) for row in tables.SERIES_ELEMENTS.values())
-    findings["table-2.2.most"] = Finding(100.0 * most)
+    max_elongation = max(hill.series_elongation(row.constants, 1.0) for row in tables.SERIES_ELEMENTS.values())
+    findings["table-2.2.most"] = Finding(100.0 * max_elongation)
     findings["table-2.2.with-tendon"] = Finding(
-        100.0 * most / 11.0, note="Muscle and a tendon ten times as long together."
+        100.0 * max_elongation / 11.0, note="Muscle and a tendon ten times as long together."
     )
 
 
@@ -129,9 +131,13 @@ def _add_contractile(findings: dict[str, Finding]) -> None:
             root = np.sqrt(law.k6**2 - 4.0 * law.k5 * law.k7) / -law.k5
             widths[name] = float(root)
             slopes[name] = max(abs(2.0 * law.k5 * x + law.k6) for x in row.valid_range)
-    told = ", ".join(f"{MUSCLE_LABELS[name]} {widths[name]:.2f} l0 and {slopes[name]:.1f} F0/l0" for name in widths)
-    human = min(widths, key=widths.__getitem__) == "human" == max(slopes, key=slopes.__getitem__)
-    findings["table-2.3.human"] = Finding(widths["human"], human, f"Width between the roots, greatest slope: {told}.")
+    shape_text = ", ".join(
+        f"{MUSCLE_LABELS[name]} {widths[name]:.2f} l0 and {slopes[name]:.1f} F0/l0" for name in widths
+    )
+    is_human_narrowest = min(widths, key=widths.__getitem__) == "human" == max(slopes, key=slopes.__getitem__)
+    findings["table-2.3.human"] = Finding(
+        widths["human"], is_human_narrowest, f"Width between the roots, greatest slope: {shape_text}."
+    )
     findings["table-2.3.digitised"] = Finding(note="The curves were digitised in the source and have no equation.")
 
 
@@ -149,23 +155,24 @@ def _add_hill(findings: dict[str, Finding]) -> None:
         name: _evaluate_curve(_relative_force, tables.HILL_CURVES[name].constants, velocity)
         for name in ("human", "rat", "frog", "cat")
     }
-    inverted = [
-        f"{MUSCLE_LABELS[below]} above {MUSCLE_LABELS[above]} at {int((curves[above] <= curves[below]).sum())} of 19 speeds"
+    inversions = [
+        f"{MUSCLE_LABELS[below]} above {MUSCLE_LABELS[above]} "
+        f"at {int((curves[above] <= curves[below]).sum())} of 19 speeds"
         for above, below in (("human", "rat"), ("rat", "frog"), ("frog", "cat"))
         if (curves[above] <= curves[below]).any()
     ]
-    findings["table-2.4.order"] = Finding(None, not inverted, f"{'; '.join(inverted)}." if inverted else "")
+    findings["table-2.4.order"] = Finding(None, not inversions, f"{'; '.join(inversions)}." if inversions else "")
 
 
 def _add_eccentric(findings: dict[str, Finding]) -> None:
-    slow = np.linspace(-0.5, 0.0, 51)
+    velocity = np.linspace(-0.5, 0.0, 51)
     for name, saturation in tables.ECCENTRIC_SATURATIONS.items():
         law = tables.GENERIC_HILL_CURVE._replace(saturation=saturation)
         findings[f"fig-2.6.{name}"] = Finding(hill.force_velocity(law, 1.0, -SATURATION_SPEED))
-    force = _evaluate_curve(_relative_force, tables.GENERIC_HILL_CURVE, slow)
+    force = _evaluate_curve(_relative_force, tables.GENERIC_HILL_CURVE, velocity)
     findings["fig-2.6.rises"] = Finding(float(force[0]), bool((np.diff(force) < 0.0).all()), "At half of Vmax.")
     findings["fig-2.6.cat"] = Finding(note="The measured points of the cat are on a figure without a table.")
-    findings["fig-2.7.protocol"] = Finding(note="An experiment on animals: nothing of it can be computed.")
+    findings["fig-2.7.protocol"] = Finding(note="An animal experiment, which cannot be computed.")
     findings["fig-2.7.outside"] = Finding(note="The curves are not printed as numbers.")
 
 
@@ -178,8 +185,8 @@ def _add_envelope(findings: dict[str, Finding]) -> None:
     for key, value in zip(("k5", "k6", "k7"), generic, strict=True):
         findings[f"fig-2.8.{key}"] = Finding(value)
     findings["fig-2.8.a"], findings["fig-2.8.b"] = map(Finding, fit_hill_constants(tables.GENERIC_HILL_CURVE))
-    inside = hill.is_in_envelope(hill.DESIGN_ENVELOPE, tables.GENERIC_CONTRACTILE_ELEMENT, tables.GENERIC_HILL_CURVE)
-    findings["fig-2.8.inside"] = Finding(None, inside)
+    is_inside = hill.is_in_envelope(hill.DESIGN_ENVELOPE, tables.GENERIC_CONTRACTILE_ELEMENT, tables.GENERIC_HILL_CURVE)
+    findings["fig-2.8.inside"] = Finding(None, is_inside)
     outside = []
     for name, row in tables.CONTRACTILE_ELEMENTS.items():
         for key in ("k5", "k6", "k7"):
@@ -268,7 +275,7 @@ def _build_figures() -> list[FigureData]:
             ),
             (-0.5, 0.0),
             (0.0, 1.8),
-            assumption_note="the shape between rest and saturation: an inverted hyperbola that joins (2.4) without a kink",
+            assumption_note="the shape between rest and saturation: an inverted hyperbola that joins (2.4) smoothly",
         ),
         FigureData(
             "2.8",

@@ -1,42 +1,44 @@
-"""Chapter 4: the damper that is to make a McKibben actuator move like a muscle."""
+"""Chapter 4: the damper that gives a McKibben actuator the force-velocity curve of a muscle."""
 
 import math
 
 import numpy as np
 
 from klute_sim.device.device import Device
-from klute_sim.device.schema.document import DamperSection
+from klute_sim.device.schema.document import Damper
 from klute_sim.errors import InputError
 from klute_sim.laws import damper, hill, mckibben
 from klute_sim.laws import hill_tables as tables
-from klute_sim.laws.damper import Damper
+from klute_sim.laws.damper import DamperParameters
 from klute_sim.reproduction import printed
 from klute_sim.reproduction.chapters.chapter3 import check_stop
-from klute_sim.reproduction.curves import Array, ChapterResult, FigureData, PlotLine, PlotSurface
+from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine, PlotSurface
 from klute_sim.reproduction.item import Finding
 from klute_sim.sizing.evaluation.velocity import compute_force_velocity, compute_rms_error, required_orifice
+from klute_sim.types import Array
 from klute_sim.units import BAR
 
 LENGTH_RATIO, PRESSURE_BAR = 0.96, 5.0
 """Muscle length over resting length, and gauge pressure [bar], of F0 (Fig. 3.9)."""
 PEAK_VELOCITY = 0.3
-"""Vmax [m/s] (assumed: the fastest test of chapter 3)."""
+"""Vmax [m/s] (assumed: fastest test of chapter 3)."""
 RELATIVE_SPEEDS = np.linspace(0.0, 1.0, 101)
 """Shortening velocities [Vmax]."""
 MAX_ERROR_RATIO = 0.5
-"""Error over that of the actuator alone, up to which fixed orifices are near Hill's curve (assumed: the text gives no
-number)."""
+"""Largest error relative to the bare actuator at which fixed orifices count as near Hill's curve (assumed: the text
+gives no number).
+"""
 IDEAL_DISCHARGE_COEFFICIENT = 1.0
-"""Discharge coefficient that orifices are designed with."""
+"""Discharge coefficient with which orifices are designed."""
 
 
 def compute(device: Device) -> ChapterResult:
-    """Everything of chapter 4, of ``device``; raises InputError if it has no damper."""
+    """Return the findings and figures of chapter 4; raises InputError when ``device`` has no damper."""
     spec, parameters = device.spec, device.parameters
     if spec.damper is None:
         raise InputError(f"device '{device.name}' has no damper, which chapter 4 is about")
     bore, density = 1e-3 * spec.damper.bore_mm, spec.damper.oil_density_kg_m3
-    drawn = compute_force_velocity(
+    curves = compute_force_velocity(
         parameters.muscle,
         parameters.damper,
         tables.GENERIC_HILL_CURVE,
@@ -46,60 +48,60 @@ def compute(device: Device) -> ChapterResult:
         LENGTH_RATIO,
     )
     f0, target, desired, fixed = (
-        drawn.isometric,
-        drawn.muscle / drawn.isometric,
-        drawn.damping,
-        drawn.actuator_only - drawn.fixed_orifices,
+        curves.isometric,
+        curves.muscle / curves.isometric,
+        curves.damping,
+        curves.actuator_only - curves.fixed_orifices,
     )
-    found: dict[str, Finding] = {}
+    findings: dict[str, Finding] = {}
 
-    needed = required_orifice(drawn, bore, density, IDEAL_DISCHARGE_COEFFICIENT)[1:]
-    for share in (10, 50, 100):
-        found[f"fig-4.3.needed-{share}"] = Finding(1e3 * float(needed[share - 1]))
-    found["fig-4.3.varies"] = Finding(float(needed[-1] / needed[9]))
+    diameters = required_orifice(curves, bore, density, IDEAL_DISCHARGE_COEFFICIENT)[1:]
+    for percent in (10, 50, 100):
+        findings[f"fig-4.3.needed-{percent}"] = Finding(1e3 * float(diameters[percent - 1]))
+    findings["fig-4.3.varies"] = Finding(float(diameters[-1] / diameters[9]))
 
-    found["table-4.1.bore"] = Finding(spec.damper.bore_mm)
-    found["table-4.1.concentric"] = Finding(spec.damper.orifice_concentric_mm)
-    found["table-4.1.eccentric"] = Finding(spec.damper.orifice_eccentric_mm)
-    found["table-4.1.pressure"] = Finding(1e-6 * float(fixed[-1]) / (0.25 * math.pi * bore * bore))
+    findings["table-4.1.bore"] = Finding(spec.damper.bore_mm)
+    findings["table-4.1.concentric"] = Finding(spec.damper.orifice_concentric_mm)
+    findings["table-4.1.eccentric"] = Finding(spec.damper.orifice_eccentric_mm)
+    findings["table-4.1.pressure"] = Finding(1e-6 * float(fixed[-1]) / (0.25 * math.pi * bore * bore))
     for speed in (100, 300):
-        found[f"figs-4.4-4.7.concentric-{speed}"] = Finding(-damper.force(parameters.damper, -1e-3 * speed))
+        findings[f"figs-4.4-4.7.concentric-{speed}"] = Finding(-damper.force(parameters.damper, -1e-3 * speed))
     for speed in (50, 150):
-        found[f"figs-4.4-4.7.eccentric-{speed}"] = Finding(damper.force(parameters.damper, 1e-3 * speed))
+        findings[f"figs-4.4-4.7.eccentric-{speed}"] = Finding(damper.force(parameters.damper, 1e-3 * speed))
 
     exponent = np.polyfit(np.log(RELATIVE_SPEEDS[1:]), np.log(fixed[1:]), 1)[0]
-    found["fig-4.8.exponent"] = Finding(float(exponent))
-    found["fig-4.8.error"] = Finding(_rms(fixed - desired) / f0)
-    found["fig-4.9.stop"] = check_stop(device)
-    for share in (25, 50, 75):
-        found[f"figs-4.10-4.11.ideal-{share}"] = Finding(float(target[share]))
-        found[f"figs-4.10-4.11.fixed-{share}"] = Finding(float(1.0 - fixed[share] / f0))
-    found["figs-4.10-4.11.passive"] = check_passivity(parameters.damper)
+    findings["fig-4.8.exponent"] = Finding(float(exponent))
+    findings["fig-4.8.error"] = Finding(_rms(fixed - desired) / f0)
+    findings["fig-4.9.stop"] = check_stop(device)
+    for percent in (25, 50, 75):
+        findings[f"figs-4.10-4.11.ideal-{percent}"] = Finding(float(target[percent]))
+        findings[f"figs-4.10-4.11.fixed-{percent}"] = Finding(float(1.0 - fixed[percent] / f0))
+    findings["figs-4.10-4.11.passive"] = check_passivity(parameters.damper)
 
-    alone, ideal, orifices = (
-        compute_rms_error(drawn, each).concentric
-        for each in (drawn.actuator_only, drawn.ideal_damper, drawn.fixed_orifices)
+    actuator_error, ideal_error, orifice_error = (
+        compute_rms_error(curves, force).concentric
+        for force in (curves.actuator_only, curves.ideal_damper, curves.fixed_orifices)
     )
-    assumed = "From rest to Vmax, at 0.96 of resting length and 5 bar; Vmax and the orifices are assumed."
-    found["fig-4.12.alone"] = Finding(alone, note=assumed)
-    found["fig-4.12.ideal"] = Finding(ideal, note="By definition (4.1).")
-    found["fig-4.12.fixed"] = Finding(orifices, note=assumed)
+    assumption_note = "From rest to Vmax, at 0.96 of resting length and 5 bar; Vmax and the orifices are assumed."
+    findings["fig-4.12.alone"] = Finding(actuator_error, note=assumption_note)
+    findings["fig-4.12.ideal"] = Finding(ideal_error, note="By definition (4.1).")
+    findings["fig-4.12.fixed"] = Finding(orifice_error, note=assumption_note)
     shape = RELATIVE_SPEEDS * RELATIVE_SPEEDS
-    best = _rms(desired - shape * float(shape @ desired) / float(shape @ shape)) / f0
-    found["fig-4.12.best"] = Finding(best, note="Of all fixed orifices, the one that comes closest.")
-    found["fig-4.12.near"] = Finding(
-        orifices / alone,
-        orifices < MAX_ERROR_RATIO * alone,
-        f"{orifices:.2f} F0 rms are left of {alone:.2f}, and the best of all orifices would leave {best:.2f}: force "
-        f"that grows with v² cannot follow Hill's steep fall from rest. Vmax and orifices are assumed; taken for near: "
-        f"below {MAX_ERROR_RATIO:g}.",
+    best_error = _rms(desired - shape * float(shape @ desired) / float(shape @ shape)) / f0
+    findings["fig-4.12.best"] = Finding(best_error, note="Of all fixed orifices, the one that comes closest.")
+    findings["fig-4.12.near"] = Finding(
+        orifice_error / actuator_error,
+        orifice_error < MAX_ERROR_RATIO * actuator_error,
+        f"Fixed orifices leave {orifice_error:.2f} F0 rms of {actuator_error:.2f}; the best of all would leave "
+        f"{best_error:.2f}: force that grows with v² cannot follow Hill's steep fall from rest. Vmax and orifices are "
+        f"assumed; taken for near: below {MAX_ERROR_RATIO:g}.",
     )
-    _add_equations(found, spec.damper, parameters.damper)
-    return ChapterResult(found, tuple(_build_figures(device, f0, target, desired, fixed, needed)))
+    _add_equations(findings, spec.damper, parameters.damper)
+    return ChapterResult(findings, tuple(_build_figures(device, f0, target, desired, fixed, diameters)))
 
 
-def check_passivity(law: Damper) -> Finding:
-    """The greatest power [W] out of a damper, both ways."""
+def check_passivity(law: DamperParameters) -> Finding:
+    """Return the largest power [W] that a damper delivers in either direction."""
     rates = np.linspace(-PEAK_VELOCITY, PEAK_VELOCITY, 201)
     power = max(-damper.force(law, float(rate)) * float(rate) for rate in rates)
     return Finding(power, power <= 0.0)
@@ -109,12 +111,14 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values * values)))
 
 
-def _add_equations(findings: dict[str, Finding], spec: DamperSection, law: Damper) -> None:
+def _add_equations(findings: dict[str, Finding], spec: Damper, law: DamperParameters) -> None:
     bore, density = 1e-3 * spec.bore_mm, spec.oil_density_kg_m3
     findings["eq-4.density"] = Finding(density)
     ratio = spec.bore_mm / spec.orifice_concentric_mm
-    per_area = law.concentric_coefficient / (0.25 * math.pi * bore * bore * 0.5 * density)
-    findings["eq-4.ideal"] = Finding(math.sqrt(ratio**4 / (per_area + 1.0)), note="Recovered from the damper's force.")
+    loss_coefficient = law.concentric_coefficient / (0.25 * math.pi * bore * bore * 0.5 * density)
+    findings["eq-4.ideal"] = Finding(
+        math.sqrt(ratio**4 / (loss_coefficient + 1.0)), note="Recovered from the damper's force."
+    )
     errors = []
     for force in (100.0, 400.0, 1500.0):
         for speed in (0.05, 0.3):
@@ -123,13 +127,13 @@ def _add_equations(findings: dict[str, Finding], spec: DamperSection, law: Dampe
                 damper.orifice_coefficient(bore, orifice, density, IDEAL_DISCHARGE_COEFFICIENT) * speed * speed / force
                 - 1.0
             )
-    most = max(map(abs, errors))
-    findings["eq-4.round-trip"] = Finding(most, most < 1e-9)
-    real = printed.published_numbers()["eq-4.real"]
+    max_error = max(map(abs, errors))
+    findings["eq-4.round-trip"] = Finding(max_error, max_error < 1e-9)
+    real_discharge = printed.published_numbers()["eq-4.real"]
     orifice = 1e-3 * spec.orifice_concentric_mm
     forces = [
         damper.orifice_coefficient(bore, orifice, density, discharge)
-        for discharge in (real, IDEAL_DISCHARGE_COEFFICIENT)
+        for discharge in (real_discharge, IDEAL_DISCHARGE_COEFFICIENT)
     ]
     findings["eq-4.loss"] = Finding(forces[0] / forces[1])
     findings["eq-4.real"] = Finding(

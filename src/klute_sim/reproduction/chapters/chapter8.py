@@ -1,6 +1,4 @@
-"""Chapter 8: work loops, with pressure while shortening or while lengthening."""
-
-from collections.abc import Callable
+"""Chapter 8: work loops with activation while shortening or while lengthening."""
 
 import numpy as np
 
@@ -9,65 +7,76 @@ from klute_sim.bench.run import BenchResult, BenchTrial, run_protocol
 from klute_sim.device.device import Device
 from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine
 from klute_sim.reproduction.item import Finding
+from klute_sim.types import ProgressCallback
 
 ACTIVATION_TABLES = {"concentric": ("table-8.1", "8.5", "8.6"), "eccentric": ("table-8.2", "8.7", "8.8")}
-"""Activation -> row, number of the figure with loops, and of the one with work."""
+"""Row and numbers of the loop figure and the work figure of each activation."""
 PHASE_ACTIVATIONS = {0.0: "concentric", 50.0: "eccentric"}
-"""Where in the cycle the pressure comes on [%] -> activation."""
+"""Activation by the phase of the cycle [%] at which the pressure rises."""
 PLOTTED_VELOCITY = 100.0
-"""Velocity [mm/s] of the loops that are drawn at every pressure; of the others, the highest is."""
+"""Velocity [mm/s] of the plotted loops; the highest pressure is plotted at all velocities."""
 
 
-def compute(device: Device, progress: Callable[[float], None] = lambda share: None) -> ChapterResult:
-    """Everything of chapter 8, of ``device``."""
+def compute(device: Device, progress: ProgressCallback = lambda fraction, stage: None) -> ChapterResult:
+    """Return the findings and figures of chapter 8; ``progress`` receives the completed fraction."""
     result = run_protocol(device, protocols_library.load_protocol("workloop"), progress=progress)
-    by: dict[str, dict[tuple[float, float], BenchTrial]] = {name: {} for name in ACTIVATION_TABLES}
+    trials_by_activation: dict[str, dict[tuple[float, float], BenchTrial]] = {name: {} for name in ACTIVATION_TABLES}
     for trial in result.trials:
         setting = trial.conditions
-        by[PHASE_ACTIVATIONS[setting["phase_pct"]]][setting["pressure_bar"], setting["velocity_mm_per_s"]] = trial
-    found: dict[str, Finding] = {}
-    work = {name: {place: trial.metrics["work_j"] for place, trial in trials.items()} for name, trials in by.items()}
+        trials_by_activation[PHASE_ACTIVATIONS[setting["phase_pct"]]][
+            setting["pressure_bar"], setting["velocity_mm_per_s"]
+        ] = trial
+    findings: dict[str, Finding] = {}
+    work = {
+        name: {setting_key: trial.metrics["work_j"] for setting_key, trial in trials.items()}
+        for name, trials in trials_by_activation.items()
+    }
     for name, (row, _, _) in ACTIVATION_TABLES.items():
-        _add_table(found, row, work[name])
-    least = min(work["concentric"][place] - work["eccentric"][place] for place in work["concentric"])
-    found["timing.timing"] = Finding(
-        least,
-        least > 0.0,
+        _add_table(findings, row, work[name])
+    min_difference = min(
+        work["concentric"][setting_key] - work["eccentric"][setting_key] for setting_key in work["concentric"]
+    )
+    findings["timing.timing"] = Finding(
+        min_difference,
+        min_difference > 0.0,
         f"While shortening {min(work['concentric'].values()):+.1f} to {max(work['concentric'].values()):+.1f} J, while "
         f"lengthening {min(work['eccentric'].values()):+.1f} to {max(work['eccentric'].values()):+.1f} J.",
     )
-    found["figs-8.1-8.4.square"] = _check_square_wave(result)
-    pictures = []
+    findings["figs-8.1-8.4.square"] = _check_square_wave(result)
+    figures = []
     for name, (_, loops, works) in ACTIVATION_TABLES.items():
-        pictures += [_build_loop_figure(loops, name, by[name]), _build_work_figure(works, name, work[name])]
-    return ChapterResult(found, tuple(pictures))
+        figures += [
+            _build_loop_figure(loops, name, trials_by_activation[name]),
+            _build_work_figure(works, name, work[name]),
+        ]
+    return ChapterResult(findings, tuple(figures))
 
 
 def _add_table(findings: dict[str, Finding], row: str, work: dict[tuple[float, float], float]) -> None:
-    pressures, velocities = (sorted({place[k] for place in work}) for k in (0, 1))
+    pressures, velocities = (sorted({setting_key[k] for setting_key in work}) for k in (0, 1))
     for (pressure, velocity), joules in work.items():
         findings[f"{row}.p{pressure:g}-v{velocity:g}"] = Finding(joules)
-    size = np.abs([[work[p, v] for p in pressures] for v in velocities])
-    rises = np.diff(size, axis=1) / np.diff(pressures)
-    findings[f"{row}.grows"] = Finding(float(rises.min()), bool((rises > 0.0).all()))
-    at_5 = size[:, -1]
-    ratio = float(at_5.max() / at_5.min())
-    told = ", ".join(f"{work[5.0, v]:+.1f} J at {v:g} mm/s" for v in velocities)
-    findings[f"{row}.velocity"] = Finding(ratio, ratio > 1.05, f"{told}.")
+    work_magnitude = np.abs([[work[p, v] for p in pressures] for v in velocities])
+    increase = np.diff(work_magnitude, axis=1) / np.diff(pressures)
+    findings[f"{row}.grows"] = Finding(float(increase.min()), bool((increase > 0.0).all()))
+    work_at_5_bar = work_magnitude[:, -1]
+    ratio = float(work_at_5_bar.max() / work_at_5_bar.min())
+    work_text = ", ".join(f"{work[5.0, v]:+.1f} J at {v:g} mm/s" for v in velocities)
+    findings[f"{row}.velocity"] = Finding(ratio, ratio > 1.05, f"{work_text}.")
 
 
 def _check_square_wave(result: BenchResult) -> Finding:
-    """Share of the time that the crosshead is on its way from one speed to another."""
-    between, whole = 0.0, 0.0
+    """Return the fraction of time [%] in which the crosshead changes its speed."""
+    transition_time, total_time = 0.0, 0.0
     for trial in result.trials:
         time, length = trial.recording["time"], trial.recording["length_command"]
         speed = np.abs(np.diff(length) / np.diff(time))
         set_speed = trial.conditions["velocity_mm_per_s"]
-        other = (np.abs(speed - set_speed) > 0.02 * set_speed) & (speed > 0.02 * set_speed)
-        between += float(np.diff(time)[other].sum())
-        whole += float(time[-1] - time[0])
-    share = 100.0 * between / whole
-    return Finding(share, share < 5.0)
+        is_transition = (np.abs(speed - set_speed) > 0.02 * set_speed) & (speed > 0.02 * set_speed)
+        transition_time += float(np.diff(time)[is_transition].sum())
+        total_time += float(time[-1] - time[0])
+    percent = 100.0 * transition_time / total_time
+    return Finding(percent, percent < 5.0)
 
 
 def _build_loop_figure(number: str, activation: str, trials: dict[tuple[float, float], BenchTrial]) -> FigureData:
@@ -75,13 +84,17 @@ def _build_loop_figure(number: str, activation: str, trials: dict[tuple[float, f
     for (pressure, velocity), trial in sorted(trials.items()):
         if velocity == PLOTTED_VELOCITY or pressure == max(trials)[0]:
             time, length, force = (trial.recording[c] for c in ("time", "length", "force"))
-            last = time >= 0.5 * (time[0] + time[-1])
-            usual = velocity == PLOTTED_VELOCITY
-            label = f"{pressure:g} bar" if usual else f"{pressure:g} bar, {velocity:g} mm/s"
-            lines.append(PlotLine(label, length[last], force[last], "line" if usual else "dotted"))
+            is_last_cycle = time >= 0.5 * (time[0] + time[-1])
+            is_plotted_velocity = velocity == PLOTTED_VELOCITY
+            label = f"{pressure:g} bar" if is_plotted_velocity else f"{pressure:g} bar, {velocity:g} mm/s"
+            lines.append(
+                PlotLine(
+                    label, length[is_last_cycle], force[is_last_cycle], "line" if is_plotted_velocity else "dotted"
+                )
+            )
     return FigureData(
         number,
-        f"work loops, {activation} activation, {PLOTTED_VELOCITY:g} mm/s where nothing is said",
+        f"work loops, {activation} activation, {PLOTTED_VELOCITY:g} mm/s unless labelled",
         "unit length [mm]",
         "force [N]",
         tuple(lines),

@@ -1,7 +1,7 @@
-"""What a walker's stride asks of the device (chapter 7's use): force, length, pressure and air over the cycle.
+"""Demand of a stride on the device (as in chapter 7): force, length, pressure and air over the gait cycle.
 
-Assumed throughout: the ankle moves as the reference, the tendon alone carries the plantarflexor moment (the return
-spring of the prosthesis helps in truth), its arm is constant, and where it carries nothing it is just taut.
+Assumed throughout: the ankle follows the reference; the tendon alone carries the plantarflexor moment (in reality the
+return spring of the prosthesis helps); its moment arm is constant; it is just taut where it carries no load.
 """
 
 from dataclasses import dataclass
@@ -14,124 +14,129 @@ from klute_sim.device.dynamics import DeviceParameters, compute_equilibrium_stat
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben, pneumatics
 from klute_sim.laws import tendon as tendon_law
-from klute_sim.recording.recording import Array
 from klute_sim.sizing.parts.actuator import pressure_for_force
 from klute_sim.sizing.target import MOMENT_COLUMN, WalkerTarget
+from klute_sim.types import Array
 
 SAMPLES_PER_STRIDE = 200
-"""Phases of the stride that are looked at."""
+"""Number of phases at which a stride is evaluated."""
 MIN_LOADED_FORCE_FRACTION = 0.05
-"""Tendon force over its peak above which strength is compared with demand."""
+"""Tendon force over its peak above which the force margin is evaluated."""
 
 
 class StrideGeometry(NamedTuple):
-    """How muscle and tendon lie over one stride, whatever the pressure; arrays over phase."""
+    """Lengths and tendon force over one stride, independent of pressure; arrays over phase."""
 
     phase: Array
-    """0-1."""
+    """Gait phase, 0 to 1."""
     tendon_force: Array
-    """Tension that the moment asks for [N]."""
+    """Tension that the ankle moment requires [N]."""
     unit_length: Array
     """Length of muscle and tendon together [m]."""
     free_muscle_length: Array
-    """Length that is left to the muscle [m]; above L0 the stop carries."""
+    """Length that the stretched tendon leaves to the muscle [m]; above L0 the stop carries load."""
 
 
 @dataclass(frozen=True)
 class StrideDemand:
-    """One stride; arrays over phase."""
+    """Demand of one stride; arrays over phase."""
 
     phase: Array
-    """0-1."""
+    """Gait phase, 0 to 1."""
     tendon_force: Array
-    """Tension that the moment asks for [N]."""
+    """Tension that the ankle moment requires [N]."""
     length_ratio: Array
-    """Muscle length over L0 under that tension, not above 1."""
+    """Muscle length over L0 under that tension, at most 1."""
     muscle_velocity: Array
-    """Of the muscle's length [m/s], negative while shortening."""
+    """Rate of the muscle length [m/s], negative while shortening."""
     damping_force: Array
-    """What the damper adds to the tension [N]; negative while shortening."""
+    """Tension that the damper adds [N], negative while shortening."""
     max_isometric_force: Array
-    """Isometric force at the supply's pressure [N]."""
+    """Isometric force at the supply pressure [N]."""
     commanded_isometric_force: Array
-    """Isometric force at the profile's pressure [N]."""
+    """Isometric force at the pressure of the profile [N]."""
     required_pressure: Array
-    """Gauge pressure [Pa] at which muscle and damper carry the tension; NaN beyond 20 bar, 0 where there is none."""
+    """Gauge pressure [Pa] at which muscle and damper carry the tension; NaN above 20 bar, 0 without tension."""
     at_stop: np.ndarray
-    """Where the muscle would be longer than L0: the stop carries, too."""
+    """Whether the muscle would exceed L0, so that the stop carries load."""
     peak_moment_fraction: float
-    """Ankle moment that the device holds at rest at the supply's pressure, over the peak, at the peak's phase [1]."""
+    """Static ankle moment at the supply pressure over the peak moment, at the phase of the peak [1]."""
     air_mass: float
-    """Taken from the supply in a stride under the profile [kg]; isothermal, no dead volume (assumed)."""
+    """Air drawn from the supply in one stride of the profile [kg]; isothermal, no dead volume (assumed)."""
 
     @property
     def is_loaded(self) -> np.ndarray:
-        """Where the tendon carries more than :data:`LOADED` of its peak."""
+        """Return where the tendon carries more than :data:`MIN_LOADED_FORCE_FRACTION` of its peak."""
         return np.asarray(self.tendon_force > MIN_LOADED_FORCE_FRACTION * self.tendon_force.max())
 
     @property
     def force_margin(self) -> Array:
-        """Isometric force at the supply's pressure over what tension and damper ask for [1]; NaN where unloaded."""
-        asked = self.tendon_force - self.damping_force
+        """Return the isometric force at the supply pressure over the force that tension and damper require [1].
+
+        NaN where the tendon is unloaded.
+        """
+        required_force = self.tendon_force - self.damping_force
         return np.where(
-            self.is_loaded & (asked > 0.0), self.max_isometric_force / np.where(asked > 0.0, asked, 1.0), np.nan
+            self.is_loaded & (required_force > 0.0),
+            self.max_isometric_force / np.where(required_force > 0.0, required_force, 1.0),
+            np.nan,
         )
 
 
 def compute_stride_geometry(
     parameters: DeviceParameters, neutral_ratio: float, moment_arm: float, walker: WalkerTarget
 ) -> StrideGeometry:
-    """The stride of ``walker`` with the device mounted at ``neutral_ratio`` [L0] with a moment ``arm`` [m]."""
+    """Return the stride of ``walker`` for a device mounted at ``neutral_ratio`` [L0] with ``moment_arm`` [m]."""
     tendon = parameters.tendon
     phase = np.arange(SAMPLES_PER_STRIDE) / SAMPLES_PER_STRIDE
     angle = np.radians(walker.reference("ankle_dorsiflexion_deg", phase))
     moment = walker.mass * walker.moment_scale * walker.reference(MOMENT_COLUMN, phase)
-    pull = np.maximum(moment, 0.0) / moment_arm
-    unit = neutral_ratio * parameters.muscle.resting_length + tendon.slack_length + moment_arm * angle
-    stretch = np.array([tendon_law.stretch_at_tension(tendon, float(force)) for force in pull])
-    return StrideGeometry(phase, pull, unit, unit - tendon.slack_length - stretch)
+    tendon_force = np.maximum(moment, 0.0) / moment_arm
+    unit_length = neutral_ratio * parameters.muscle.resting_length + tendon.slack_length + moment_arm * angle
+    stretch = np.array([tendon_law.stretch_at_tension(tendon, float(force)) for force in tendon_force])
+    return StrideGeometry(phase, tendon_force, unit_length, unit_length - tendon.slack_length - stretch)
 
 
 def compute_stride_demand(
     parameters: DeviceParameters, walker: WalkerTarget, geometry: StrideGeometry, profile: PressureController
 ) -> StrideDemand:
-    """The demand of ``walker`` on the device that ``lies`` so, under ``profile``."""
+    """Return the demand of ``walker`` on a device with ``geometry`` under the pressure ``profile``."""
     muscle, tendon, supply = parameters.muscle, parameters.tendon, parameters.supply
-    phase, pull, unit, free = geometry
-    rest = muscle.resting_length
-    length = np.minimum(free, rest)
-    step = walker.reference.stride_time / SAMPLES_PER_STRIDE
-    rate = (np.roll(length, -1) - np.roll(length, 1)) / (2.0 * step)
-    damping = np.array([damper_law.force(parameters.damper, float(v)) for v in rate])
+    phase, tendon_force, unit_length, free_length = geometry
+    resting_length = muscle.resting_length
+    length = np.minimum(free_length, resting_length)
+    dt = walker.reference.stride_time / SAMPLES_PER_STRIDE
+    velocity = (np.roll(length, -1) - np.roll(length, 1)) / (2.0 * dt)
+    damping = np.array([damper_law.force(parameters.damper, float(v)) for v in velocity])
     pressure = np.array([min(profile.pressure_at(float(p)), supply.max_pressure) for p in phase])
 
-    def isometric(gauge: Array) -> Array:
-        return np.array([mckibben.force(muscle, float(p), float(x)) for p, x in zip(gauge, length, strict=True)])
+    def compute_isometric_forces(pressures: Array) -> Array:
+        return np.array([mckibben.force(muscle, float(p), float(x)) for p, x in zip(pressures, length, strict=True)])
 
-    needed = [
-        pressure_for_force(muscle, float(force - braked), float(x)) if force > 0.0 else 0.0
-        for force, braked, x in zip(pull, damping, length, strict=True)
+    required_pressure = [
+        pressure_for_force(muscle, float(force - damper_force), float(x)) if force > 0.0 else 0.0
+        for force, damper_force, x in zip(tendon_force, damping, length, strict=True)
     ]
-    mass = [
+    air_mass = [
         pneumatics.air_mass(float(p), mckibben.volume(muscle, float(x)), supply.temperature)
         for p, x in zip(pressure, length, strict=True)
     ]
-    at = int(pull.argmax())
-    held = (
-        unit[at]
-        - compute_equilibrium_state(parameters, float(unit[at]), supply.max_pressure).length
+    peak = int(tendon_force.argmax())
+    tendon_stretch = (
+        unit_length[peak]
+        - compute_equilibrium_state(parameters, float(unit_length[peak]), supply.max_pressure).length
         - tendon.slack_length
     )
     return StrideDemand(
         phase=phase,
-        tendon_force=pull,
-        length_ratio=length / rest,
-        muscle_velocity=rate,
+        tendon_force=tendon_force,
+        length_ratio=length / resting_length,
+        muscle_velocity=velocity,
         damping_force=damping,
-        max_isometric_force=isometric(np.full(SAMPLES_PER_STRIDE, supply.max_pressure)),
-        commanded_isometric_force=isometric(pressure),
-        required_pressure=np.array(needed),
-        at_stop=np.asarray(free > rest),
-        peak_moment_fraction=tendon_law.force(tendon, float(held)) / float(pull[at]),
-        air_mass=float(np.maximum(np.diff(np.append(mass, mass[0])), 0.0).sum()),
+        max_isometric_force=compute_isometric_forces(np.full(SAMPLES_PER_STRIDE, supply.max_pressure)),
+        commanded_isometric_force=compute_isometric_forces(pressure),
+        required_pressure=np.array(required_pressure),
+        at_stop=np.asarray(free_length > resting_length),
+        peak_moment_fraction=tendon_law.force(tendon, float(tendon_stretch)) / float(tendon_force[peak]),
+        air_mass=float(np.maximum(np.diff(np.append(air_mass, air_mass[0])), 0.0).sum()),
     )

@@ -1,6 +1,6 @@
-"""Which actuators of Table 3.1, how many and how long.
+"""Selection of the actuator of Table 3.1, the number of actuators and their resting length.
 
-A longer actuator is the same braid: N and B grow with L0, so that force over L/L0 stays what it is.
+A longer actuator has the same braid: N and B grow in proportion to L0, so force over L/L0 does not change.
 """
 
 import math
@@ -9,25 +9,25 @@ from dataclasses import dataclass
 from functools import cache
 
 from klute_sim.device.device import load_device
-from klute_sim.device.schema.document import MuscleSection
+from klute_sim.device.schema.document import Muscle
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
-from klute_sim.laws.mckibben import Muscle
+from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.sizing.choices import ACTUATOR_LABELS, MAX_ACTUATORS, DesignChoices
 from klute_sim.units import BAR
 
 MIN_TESTED_SLENDERNESS = 14.0
-"""Least length over diameter of the actuators that were tested (Table 3.1)."""
+"""Smallest ratio of length to diameter among the tested actuators (Table 3.1)."""
 
 
 @cache
-def load_muscle_section(preset: str) -> MuscleSection:
-    """One actuator of Table 3.1."""
+def load_muscle_section(preset: str) -> Muscle:
+    """Return the muscle section of an actuator preset of Table 3.1."""
     return load_device(preset).spec.muscle
 
 
-def build_muscle(preset: str, count: int, resting_length: float) -> Muscle:
-    """``count`` actuators of that row, cut to ``resting_length`` [m]."""
+def build_muscle(preset: str, count: int, resting_length: float) -> MuscleParameters:
+    """Return ``count`` parallel actuators of a preset, cut to ``resting_length`` [m]."""
     return (
         load_muscle_section(preset)
         .model_copy(update={"count": count, "resting_length_mm": 1e3 * resting_length})
@@ -35,15 +35,17 @@ def build_muscle(preset: str, count: int, resting_length: float) -> Muscle:
     )
 
 
-def isometric_force(muscle: Muscle, pressure: float, length_ratio: float) -> float:
-    """F0 [N]: isometric force at gauge ``pressure`` [Pa] and ``ratio`` = L/L0."""
+def isometric_force(muscle: MuscleParameters, pressure: float, length_ratio: float) -> float:
+    """Return the isometric force [N] at gauge ``pressure`` [Pa] and ``length_ratio`` L/L0."""
     return mckibben.force(muscle, pressure, length_ratio * muscle.resting_length)
 
 
-def pressure_for_force(muscle: Muscle, force: float, length: float, max_pressure: float = 20e5) -> float:
-    """Gauge pressure [Pa] at which ``muscle`` pulls with ``force`` [N] at ``length`` [m]; NaN beyond ``most``.
+def pressure_for_force(muscle: MuscleParameters, force: float, length: float, max_pressure: float = 20e5) -> float:
+    """Return the gauge pressure [Pa] at which ``muscle`` pulls with ``force`` [N] at ``length`` [m], to 1 Pa by
+    bisection.
 
-    By bisection, to 1 Pa. A much shortened muscle may lose force with pressure below 2 bar, where friction fades in.
+    Return NaN above ``max_pressure``. Below 2 bar, where friction fades in, the force of a strongly shortened muscle
+    may fall with pressure.
     """
     if force <= mckibben.force(muscle, 0.0, length):
         return 0.0
@@ -51,97 +53,97 @@ def pressure_for_force(muscle: Muscle, force: float, length: float, max_pressure
         return math.nan
     low, high = 0.0, max_pressure
     while high - low > 1.0:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if mckibben.force(muscle, middle, length) >= force else (middle, high)
+        midpoint = 0.5 * (low + high)
+        low, high = (low, midpoint) if mckibben.force(muscle, midpoint, length) >= force else (midpoint, high)
     return high
 
 
 @dataclass(frozen=True)
 class ActuatorRequirement:
-    """What the actuators have to do."""
+    """Force, length and travel that the actuators must provide."""
 
     force: float
-    """Isometric force [N]; 0: any will do."""
+    """Required isometric force [N]; 0 accepts any actuator."""
     length_ratio: Callable[[float], float]
-    """L0 [m] -> L/L0 at which it has to be reached."""
+    """Function of L0 [m] that returns the ratio L/L0 at which the force is required."""
     resting_length: float | None = None
-    """L0 [m] where it is fixed; None: the row's own, or longer where ``excursion`` asks for it."""
+    """Fixed resting length L0 [m]; None takes that of the preset, or a longer one where the excursion requires it."""
     excursion: float = 0.0
-    """Travel of the ankle's end of the tendon [m]."""
+    """Travel of the ankle end of the tendon [m]."""
 
 
 @dataclass(frozen=True)
 class ActuatorOption:
-    """What one row of Table 3.1 would take."""
+    """One actuator of Table 3.1 with the number of units that the requirement needs."""
 
     actuator: str
-    """Preset."""
+    """Name of the preset."""
     resting_length: float
-    """L0 [m]."""
+    """Resting length L0 [m]."""
     isometric_force: float
-    """F0 of one actuator [N]: at the design ratio."""
+    """Isometric force F0 of one actuator at the design ratio [N]."""
     length_ratio: float
-    """L/L0 at which the force is needed."""
+    """Ratio L/L0 at which the force is required."""
     available_force: float
-    """Force of one actuator there [N]."""
+    """Isometric force of one actuator at that ratio [N]."""
     count: int
-    """How many reach the force; those that were asked for, where a count is fixed."""
+    """Number of actuators that reach the force; the chosen number where the user fixed it."""
     gas_volume: float
-    """Gas in all of them at the design ratio [m3]."""
+    """Gas volume of all actuators at the design ratio [m3]."""
     slenderness: float
     """Length over diameter [1]."""
     is_sufficient: bool
-    """Whether that many reach the force."""
+    """Whether this number of actuators reaches the required force."""
 
     @property
     def total_force(self) -> float:
-        """F0 of all of them [N]."""
+        """Return F0 of all actuators together [N]."""
         return self.count * self.isometric_force
 
 
 def select_actuators(
     requirement: ActuatorRequirement, choices: DesignChoices
 ) -> tuple[ActuatorOption, list[ActuatorOption]]:
-    """The actuators to take, and what every row would have taken, the preferred one first.
+    """Return the selected option and the options of all presets in order of preference.
 
-    Preferred (assumed): enough force, then fewest actuators, then least gas. Where a count is fixed and no row is
-    strong enough, the strongest is taken; where none is fixed, InputError is raised.
+    Order of preference (assumed): sufficient force, fewest actuators, smallest gas volume. With a fixed count and no
+    sufficient preset, the strongest preset is selected. Raises InputError when the count is free and no preset is
+    sufficient.
     """
-    found = [_evaluate_option(preset, requirement, choices) for preset in ACTUATOR_LABELS]
-    found.sort(key=lambda o: (not o.is_sufficient, o.count, o.gas_volume))
+    options = [_evaluate_option(preset, requirement, choices) for preset in ACTUATOR_LABELS]
+    options.sort(key=lambda o: (not o.is_sufficient, o.count, o.gas_volume))
     if choices.actuator is not None:
-        return next(o for o in found if o.actuator == choices.actuator), found
-    if found[0].is_sufficient:
-        return found[0], found
+        return next(o for o in options if o.actuator == choices.actuator), options
+    if options[0].is_sufficient:
+        return options[0], options
     if choices.count is None:
         raise InputError(
             f"no actuator of Table 3.1 reaches {requirement.force:.0f} N with {MAX_ACTUATORS} in parallel at "
             f"{choices.supply_pressure / BAR:g} bar"
         )
-    return max(found, key=lambda o: o.available_force), found
+    return max(options, key=lambda o: o.available_force), options
 
 
 def _evaluate_option(preset: str, requirement: ActuatorRequirement, choices: DesignChoices) -> ActuatorOption:
-    own, assumed, pressure = (
-        load_muscle_section(preset).get_si("resting_length_mm"),
-        choices.assumptions,
-        choices.supply_pressure,
+    assumptions, pressure = choices.assumptions, choices.supply_pressure
+    preset_length = load_muscle_section(preset).get_si("resting_length_mm")
+    # Actuators are cut to whole millimetres.
+    min_length = math.ceil(1e3 * requirement.excursion / assumptions.excursion_fraction - 1e-9) * 1e-3
+    resting_length = (
+        max(preset_length, min_length) if requirement.resting_length is None else requirement.resting_length
     )
-    # Rounded up to a whole millimetre: nobody cuts a muscle finer.
-    stretched = math.ceil(1e3 * requirement.excursion / assumed.excursion_fraction - 1e-9) * 1e-3
-    resting = max(own, stretched) if requirement.resting_length is None else requirement.resting_length
-    one, ratio = build_muscle(preset, 1, resting), requirement.length_ratio(resting)
-    strength = isometric_force(one, pressure, ratio)
-    enough = math.ceil(requirement.force / strength - 1e-9) if strength > 0.0 else MAX_ACTUATORS + 1
-    count = min(max(1, enough), MAX_ACTUATORS) if choices.count is None else choices.count
+    muscle, ratio = build_muscle(preset, 1, resting_length), requirement.length_ratio(resting_length)
+    strength = isometric_force(muscle, pressure, ratio)
+    required_count = math.ceil(requirement.force / strength - 1e-9) if strength > 0.0 else MAX_ACTUATORS + 1
+    count = min(max(1, required_count), MAX_ACTUATORS) if choices.count is None else choices.count
     return ActuatorOption(
         actuator=preset,
-        resting_length=resting,
-        isometric_force=isometric_force(one, pressure, assumed.design_ratio),
+        resting_length=resting_length,
+        isometric_force=isometric_force(muscle, pressure, assumptions.design_ratio),
         length_ratio=ratio,
         available_force=strength,
         count=count,
-        gas_volume=count * mckibben.volume(one, assumed.design_ratio * resting),
-        slenderness=resting / (2.0 * one.bladder_radius),
-        is_sufficient=enough <= count,
+        gas_volume=count * mckibben.volume(muscle, assumptions.design_ratio * resting_length),
+        slenderness=resting_length / (2.0 * muscle.bladder_radius),
+        is_sufficient=required_count <= count,
     )

@@ -1,4 +1,4 @@
-"""The damper of chapter 4: its bore (4.2), its two orifices (4.6), and what the oil does in them."""
+"""Sizing of the damper of chapter 4: bore (4.2), two orifices (4.6) and the state of the oil in them."""
 
 import math
 from dataclasses import dataclass
@@ -6,70 +6,73 @@ from dataclasses import dataclass
 from klute_sim.errors import InputError
 from klute_sim.laws import damper as law
 from klute_sim.laws import hill
-from klute_sim.laws.damper import Damper
+from klute_sim.laws.damper import DamperParameters
 from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE
 from klute_sim.sizing.choices import DesignChoices
 from klute_sim.sizing.parts.limits import check_range
 from klute_sim.sizing.target import MuscleTarget
 
 DESIGN_DISCHARGE_COEFFICIENT = 1.0
-"""Cd that orifices are sized with: the source's design."""
+"""Discharge coefficient Cd with which orifices are sized, as in the source."""
 
 
 @dataclass(frozen=True)
 class DamperDesignPoint:
-    """What one orifice is sized for, and what the oil then does."""
+    """Design point of one orifice and the resulting flow."""
 
     speed: float
-    """Of the piston [m/s]."""
+    """Piston speed [m/s]."""
     design_force: float
-    """Fd that it is sized to give [N]."""
+    """Damping force Fd for which the orifice is sized [N]."""
     orifice_diameter: float
-    """Diameter by (4.6) [m], rounded as in the file."""
+    """Orifice diameter by (4.6) [m], rounded as in the device file."""
     bore: float
-    """[m]"""
+    """Bore of the cylinder [m]."""
     oil_density: float
-    """Of the oil [kg/m3]."""
+    """Density of the oil [kg/m3]."""
     discharge_coefficient: float
-    """Cd that the orifice has as made [1]."""
+    """Actual discharge coefficient Cd of the orifice [1]."""
 
     @property
     def damping_coefficient(self) -> float:
-        """Force over speed squared [N s2/m2] as made: with the orifice's own discharge."""
+        """Return the actual force over speed squared [N s2/m2]."""
         return law.orifice_coefficient(self.bore, self.orifice_diameter, self.oil_density, self.discharge_coefficient)
 
     @property
     def as_built_force(self) -> float:
-        """Force at the speed as made [N]: ``damping``, up to the orifice's rounding, if Cd is as designed."""
+        """Return the actual force at the design speed [N]; equals the design force, up to rounding, if Cd is as
+        designed.
+        """
         return self.damping_coefficient * self.speed * self.speed
 
     @property
     def pressure(self) -> float:
-        """Gauge pressure [Pa] on the loaded side as made: braking over the piston, the other side at atmosphere."""
+        """Return the actual gauge pressure on the loaded side [Pa], with the other side at atmosphere."""
         return 4.0 * self.as_built_force / (math.pi * self.bore * self.bore)
 
     @property
     def jet_speed(self) -> float:
-        """Of the jet where it is narrowest [m/s]: continuity, the jet's area Cd times the orifice's."""
+        """Return the oil speed in the narrowest section of the jet [m/s]; its area is Cd times the orifice area."""
         ratio = self.bore / self.orifice_diameter
         return self.speed * ratio * ratio / self.discharge_coefficient
 
     @property
     def cavitation_number(self) -> float:
-        """Pressure behind the orifice, less the oil's vapour pressure, over the pressure drop [1].
+        """Return the pressure behind the orifice less the vapour pressure, over the pressure drop [1].
 
-        Assumed: the oil flows into a reservoir at atmosphere, and its vapour pressure is negligible. (4.6) itself puts
-        the narrowest place of the jet at the pressure behind the orifice. Below 1, the oil there is a small share of
-        the drop away from boiling.
+        Assumed: the oil flows into a reservoir at atmosphere, and its vapour pressure is negligible. (4.6) places the
+        narrowest section of the jet at the pressure behind the orifice. Below 1, this pressure exceeds the vapour
+        pressure by only a small fraction of the pressure drop.
         """
         return ATMOSPHERIC_PRESSURE / self.pressure
 
     @property
     def min_refill_diameter(self) -> float:
-        """Least diameter [m] of the passage through which the unloaded side fills from a reservoir at atmosphere.
+        """Return the smallest diameter [m] of the passage that refills the unloaded side from a reservoir at
+        atmosphere.
 
-        (4.6) with the whole atmosphere as the drop: a narrower one leaves a vacuum behind the piston. Flow-control
-        valves let oil in freely (assumed to be wider than this).
+        (4.6) with the atmospheric pressure as the drop: a narrower passage leaves a vacuum behind the piston.
+        Flow-control valves admit oil freely (assumed to be wider).
         """
         area = 0.25 * math.pi * self.bore * self.bore
         return law.required_orifice(
@@ -82,55 +85,70 @@ class DamperDesign:
     """A damper with its two design points."""
 
     bore: float
-    """[m]"""
+    """Bore of the cylinder [m]."""
     required_bore: float
-    """By (4.2) [m]."""
+    """Bore by (4.2) [m]."""
     concentric: DamperDesignPoint
+    """Design point of shortening."""
     eccentric: DamperDesignPoint
+    """Design point of lengthening."""
 
-    def to_damper(self) -> Damper:
-        """The damper as built: with the discharge that its orifices have."""
-        return Damper(self.concentric.damping_coefficient, self.eccentric.damping_coefficient)
+    def to_damper(self) -> DamperParameters:
+        """Return the damper as built, with the actual discharge coefficients of its orifices."""
+        return DamperParameters(self.concentric.damping_coefficient, self.eccentric.damping_coefficient)
 
     @property
     def max_pressure(self) -> float:
-        """Larger gauge pressure [Pa] of the two design points, as made."""
+        """Return the larger actual gauge pressure of the two design points [Pa]."""
         return max(self.concentric.pressure, self.eccentric.pressure)
 
 
 def concentric_damping_force(target: MuscleTarget, isometric_force: float) -> float:
-    """Fd [N] at Vmax by (4.1), with F0 = ``force`` [N]; the muscle's own force there is 0 or what (2.4) leaves."""
-    left = max(0.0, hill.concentric_force(target.hill, 1.0, 1.0))
-    return law.desired_force(isometric_force, isometric_force * left)
+    """Return the damping force Fd at Vmax by (4.1) [N] for actuators of ``isometric_force`` F0 [N]."""
+    remaining_fraction = max(0.0, hill.concentric_force(target.hill, 1.0, 1.0))
+    return law.desired_force(isometric_force, isometric_force * remaining_fraction)
 
 
 def size_damper(target: MuscleTarget, isometric_force: float, choices: DesignChoices) -> DamperDesign:
-    """The damper for actuators of F0 = ``force`` [N]: concentric at Vmax, eccentric at the fastest lengthening."""
-    assumed = choices.assumptions
-    fast = target.design_peak_velocity
-    slow = assumed.eccentric_speed_fraction * fast if choices.eccentric_speed is None else choices.eccentric_speed
-    shortening = concentric_damping_force(target, isometric_force)
-    # (4.1) the other way: the muscle is to pull with s F0, the actuator with F0.
-    lengthening = -law.desired_force(isometric_force, target.hill.saturation * isometric_force)
+    """Size the damper for actuators of ``isometric_force`` F0 [N].
+
+    The concentric design point is at Vmax, the eccentric one at the fastest lengthening. Raises InputError when the
+    bore or an orifice is outside its range.
+    """
+    assumptions = choices.assumptions
+    concentric_speed = target.design_peak_velocity
+    eccentric_speed = (
+        assumptions.eccentric_speed_fraction * concentric_speed
+        if choices.eccentric_speed is None
+        else choices.eccentric_speed
+    )
+    concentric_force = concentric_damping_force(target, isometric_force)
+    # (4.1) with opposite sign: the muscle pulls with s F0, the actuator with F0.
+    eccentric_force = -law.desired_force(isometric_force, target.hill.saturation * isometric_force)
     if choices.eccentric_force is not None:
-        lengthening = choices.eccentric_force
-    needed = law.required_bore(max(shortening, lengthening), assumed.cylinder_pressure)
-    bore = _round_bore_up(needed) if choices.bore is None else choices.bore
+        eccentric_force = choices.eccentric_force
+    required_bore = law.required_bore(max(concentric_force, eccentric_force), assumptions.cylinder_pressure)
+    bore = _round_bore_up(required_bore) if choices.bore is None else choices.bore
     check_range("bore", bore, 1.0, 200.0, "mm", 1e-3)
 
-    def point(damping: float, speed: float) -> DamperDesignPoint:
-        exact = law.required_orifice(damping, speed, bore, choices.oil_density, DESIGN_DISCHARGE_COEFFICIENT)
+    def build_point(force: float, speed: float) -> DamperDesignPoint:
+        exact = law.required_orifice(force, speed, bore, choices.oil_density, DESIGN_DISCHARGE_COEFFICIENT)
         orifice = round(exact, 6)
         if orifice > bore or orifice < 1e-3 * bore:
             raise InputError(
                 f"the damper needs an orifice of {1e3 * exact:.3g} mm in a bore of {1e3 * bore:.3g} mm for "
-                f"{damping:.3g} N at {1e3 * speed:.3g} mm/s; allowed: bore / 1000 to bore"
+                f"{force:.3g} N at {1e3 * speed:.3g} mm/s; allowed: bore / 1000 to bore"
             )
-        return DamperDesignPoint(speed, damping, orifice, bore, choices.oil_density, assumed.discharge_coefficient)
+        return DamperDesignPoint(speed, force, orifice, bore, choices.oil_density, assumptions.discharge_coefficient)
 
-    return DamperDesign(bore, needed, point(shortening, fast), point(lengthening, slow))
+    return DamperDesign(
+        bore,
+        required_bore,
+        build_point(concentric_force, concentric_speed),
+        build_point(eccentric_force, eccentric_speed),
+    )
 
 
 def _round_bore_up(bore: float) -> float:
-    """Rounded up to 0.01 mm, so that the designed force stays within the allowed pressure."""
+    """Return ``bore`` [m] rounded up to 0.01 mm, which keeps the design force within the allowed pressure."""
     return math.ceil(1e5 * bore - 1e-9) / 1e5

@@ -1,4 +1,6 @@
-"""The experiment that a verdict asks for, done: the same bench, with the change of the rig that was proposed."""
+"""Follow-up measurement: the experiment that a verdict proposes, on the same bench with the proposed change of the
+rig.
+"""
 
 import json
 import shutil
@@ -13,49 +15,51 @@ from benchmarks.hidden_effects.inputs import SAMPLE_INTERVAL, InputProgram
 from benchmarks.hidden_effects.simulate import Hidden, Noise, draw_wander, simulate_measurements
 from benchmarks.hidden_effects.truth import TRACE_STEP
 
-from klute_sim.bench.protocols.identification import PROTOCOLS
+from klute_sim.bench.protocols.library import load_identification_protocols
 from klute_sim.datasets.dataset import load_dataset
 from klute_sim.diagnosis.planning.proposals import RIG_CHANGES, RigChange
 
-FOLLOW_UP_GROUP = "second_round"
+FOLLOW_UP_GROUP = "follow_up"
 
 
 def make_follow_up(folder: Path, truth: dict[str, Any], requested: dict[str, Any], target_folder: Path) -> None:
-    """Copy the dataset in ``folder`` to ``out`` and add two repeats of what ``verdict.json`` ``asked`` for."""
+    """Copy the dataset in ``folder`` to ``target_folder`` and add two repeats of the ``requested`` experiment."""
     change = next(
-        one for one in RIG_CHANGES if one.description == (requested["rig_change"] or RIG_CHANGES[0].description)
+        rig_change
+        for rig_change in RIG_CHANGES
+        if rig_change.description == (requested["rig_change"] or RIG_CHANGES[0].description)
     )
     program = _build_program(folder, requested["protocol"])
     known = truth.get("known", ())
     base = {**load_device(), **truth["base"]}
-    plain = add_effects(*build_neutral_law(base), known)
-    faults = [each for each in truth["instruments"] if each["channel"] not in change.reference_channels]
+    neutral = add_effects(*build_neutral_law(base), known)
+    faults = [fault for fault in truth["instruments"] if fault["channel"] not in change.reference_channels]
     hidden = Hidden(truth["effects"], faults, truth["strangers"])
-    noise, random = Noise(**truth["noise"]), np.random.default_rng([truth["seed"], 2])
-    recorded = _list_recorded_channels(folder, change)
+    noise, rng = Noise(**truth["noise"]), np.random.default_rng([truth["seed"], 2])
+    channels = _list_recorded_channels(folder, change)
     shutil.rmtree(target_folder, ignore_errors=True)
     shutil.copytree(folder, target_folder)
     lines = []
     for repeat in "ab":
-        slow = draw_wander(random, round(program.duration / AIR_STEP) + 1, noise.wander)
-        told = simulate_measurements(program, plain, hidden, slow)
-        table = record_trial(random, program, told, noise, recorded, faults)
+        wander = draw_wander(rng, round(program.duration / AIR_STEP) + 1, noise.wander)
+        signals = simulate_measurements(program, neutral, hidden, wander)
+        table = record_trial(rng, program, signals, noise, channels, faults)
         name = f"{FOLLOW_UP_GROUP}_{repeat}.csv"
         (target_folder / name).write_text(format_table(table), "utf-8")
         lines += ["", "[[trial]]", f'files = ["{name}"]', f'group = "{FOLLOW_UP_GROUP}"', 'use = "fit"']
-        lines += [f"checked = {json.dumps(list(change.reference_channels))}"] if change.reference_channels else []
+        lines += [f"trusted = {json.dumps(list(change.reference_channels))}"] if change.reference_channels else []
     with (target_folder / "dataset.toml").open("a", encoding="utf-8") as file:
         file.write("\n".join(lines) + "\n")
 
 
 def _build_program(folder: Path, protocol: str) -> InputProgram:
-    """The inputs of ``protocol`` for the dataset's device, as this bench is told them."""
-    asked = PROTOCOLS[protocol].build_program(load_dataset(folder).device)
-    samples = np.arange(int(asked.time[-1] / SAMPLE_INTERVAL + 1e-6) + 1)
+    """Return the inputs of ``protocol`` for the device of the dataset."""
+    commands = load_identification_protocols()[protocol].build_program(load_dataset(folder).device)
+    samples = np.arange(int(commands.time[-1] / SAMPLE_INTERVAL + 1e-6) + 1)
     duration = float(samples[-1] * SAMPLE_INTERVAL)
     grid = np.arange(round(duration / TRACE_STEP) + 1) * TRACE_STEP
-    length = np.interp(grid, asked.time, asked.unit_length)
-    command = np.interp(samples * SAMPLE_INTERVAL, asked.time, asked.command)
+    length = np.interp(grid, commands.time, commands.unit_length)
+    command = np.interp(samples * SAMPLE_INTERVAL, commands.time, commands.command)
     return InputProgram(FOLLOW_UP_GROUP, "fit", duration, length, command)
 
 

@@ -1,4 +1,4 @@
-"""What is in no catalogue, and is no other form of what is in one: things that happen on benches."""
+"""Bench effects that are in no catalogue and are no other form of a catalogued effect."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -25,40 +25,40 @@ OUT_OF_CATALOGUE_FORMS: Forms = {
 
 
 def apply_to_motion(program: InputProgram, effects: Sequence[OutOfCatalogueEffect]) -> InputProgram:
-    """The motion as the device gets it; the log has what was asked for."""
-    for each in effects:
-        if each["name"] == "crosshead_play":
-            program = program._replace(length=_apply_play(program.length, each["parameters"]["width_mm"] * 1e-3))
+    """Return the program with the motion that reaches the device; the log keeps the commanded motion."""
+    for effect in effects:
+        if effect["name"] == "crosshead_play":
+            program = program._replace(length=_apply_play(program.length, effect["parameters"]["width_mm"] * 1e-3))
     return program
 
 
 def apply_to_channels(
     channels: Mapping[str, Floats], program: InputProgram, effects: Sequence[OutOfCatalogueEffect]
 ) -> dict[str, Floats]:
-    """``channels`` on the trace grid, in the units of the columns, with what ``strangers`` do to them."""
-    found = dict(channels)
-    for each in effects:
-        p = each["parameters"]
-        match each["name"]:
+    """Return ``channels`` on the trace grid, in the units of the columns, changed by ``effects``."""
+    changed = dict(channels)
+    for effect in effects:
+        p = effect["parameters"]
+        match effect["name"]:
             case "moving_mass":  # between load cell and device, moved by the crosshead
                 acceleration = np.gradient(np.gradient(program.length, TRACE_STEP), TRACE_STEP)
-                found["force"] = found["force"] + p["mass_kg"] * acceleration
+                changed["force"] = changed["force"] + p["mass_kg"] * acceleration
             case "cross_talk":
-                found["force"] = found["force"] + p["force_n_per_bar"] * channels["pressure"]
+                changed["force"] = changed["force"] + p["force_n_per_bar"] * channels["pressure"]
             case "sticking_gauge":
-                found["pressure"] = _apply_play(found["pressure"], p["width_bar"])
+                changed["pressure"] = _apply_play(changed["pressure"], p["width_bar"])
             case "load_cell_creep":
-                share = TRACE_STEP / (p["time_constant_s"] + TRACE_STEP)
-                start = [(1.0 - share) * found["force"][0]]
-                late, _ = lfilter([share], [1.0, share - 1.0], found["force"], zi=start)
-                found["force"] = found["force"] + p["share"] * late
-    return found
+                weight = TRACE_STEP / (p["time_constant_s"] + TRACE_STEP)
+                start = [(1.0 - weight) * changed["force"][0]]
+                lagged, _ = lfilter([weight], [1.0, weight - 1.0], changed["force"], zi=start)
+                changed["force"] = changed["force"] + p["share"] * lagged
+    return changed
 
 
 def _apply_play(values: Floats, width: float) -> Floats:
-    """What follows ``values`` through a dead band ``width`` wide; in its middle at the start."""
-    out, here = np.empty_like(values), values[0]
+    """Return the output of a dead band of ``width`` that starts at its middle."""
+    out, position = np.empty_like(values), values[0]
     for k, value in enumerate(values):
-        here = min(max(here, value - 0.5 * width), value + 0.5 * width)
-        out[k] = here
+        position = min(max(position, value - 0.5 * width), value + 0.5 * width)
+        out[k] = position
     return out
