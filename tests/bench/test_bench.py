@@ -14,7 +14,7 @@ BARE = load_device("klute-3-4")
 STEP = 5e-4
 
 
-def test_isometric_bare_muscle_reads_the_law() -> None:
+def test_bare_muscle_force_equals_the_mckibben_law() -> None:
     length = np.full(400, 0.96 * 0.181)
     recording = bench.simulate_tester(BARE, length, np.full(400, 5e5), STEP)
     assert recording["force"][-1] == pytest.approx(736, abs=1)  # the crosshead gives way a little
@@ -22,7 +22,7 @@ def test_isometric_bare_muscle_reads_the_law() -> None:
     assert recording["force"][-1] == pytest.approx(mckibben.force(BARE.parameters.muscle, 5e5, reached), rel=1e-9)
 
 
-def test_pressure_is_clipped_to_the_supply_and_limited_in_rate() -> None:
+def test_pressure_is_limited_by_supply_and_rate() -> None:
     command = np.full(400, 9e5)
     command[:100] = 1e5
     recording = bench.simulate_tester(PAIR, np.full(400, 0.34), command, STEP)
@@ -33,7 +33,7 @@ def test_pressure_is_clipped_to_the_supply_and_limited_in_rate() -> None:
     assert recording["pressure_command"][-1] == 9.0
 
 
-def test_muscle_and_damper_carry_what_the_tendon_carries() -> None:
+def test_muscle_and_damper_force_equals_tendon_force() -> None:
     time = np.arange(2000) * STEP
     recording = bench.simulate_tester(PAIR, 0.335 + 0.01 * np.sin(2 * np.pi * 2 * time), np.full(2000, 4e5), STEP)
     assert recording["muscle_length"].max() < 1e3 * PAIR.parameters.muscle.resting_length
@@ -41,7 +41,7 @@ def test_muscle_and_damper_carry_what_the_tendon_carries() -> None:
     assert np.abs(balance).max() < 1e-6
 
 
-def test_energy_closes_over_a_cycle() -> None:
+def test_energy_balance_closes_over_a_cycle() -> None:
     step = 2e-4
     time = np.arange(round(1.0 / step)) * step
     recording = bench.simulate_tester(
@@ -63,18 +63,18 @@ def test_energy_closes_over_a_cycle() -> None:
         (np.full(10, 0.05), np.full(10, 1e5), "allowed for 'klute-3-4'"),
     ],
 )
-def test_impossible_series_are_refused(length: np.ndarray, command: np.ndarray, says: str) -> None:
+def test_invalid_series_are_refused(length: np.ndarray, command: np.ndarray, says: str) -> None:
     with pytest.raises(InputError, match=says):
         bench.simulate_tester(BARE, length, command, STEP)
 
 
-def test_a_step_of_nothing_is_refused() -> None:
+def test_invalid_time_step_is_refused() -> None:
     for step in (0.0, -1e-3, float("nan")):
         with pytest.raises(InputError, match="step is"):
             bench.simulate_tester(BARE, np.full(10, 0.18), np.full(10, 1e5), step)
 
 
-def test_the_bench_covers_the_muscle_and_not_less() -> None:
+def test_all_possible_muscle_lengths_are_accepted() -> None:
     lock = mckibben.lock_length(BARE.parameters.muscle)
     recording = bench.simulate_tester(BARE, np.linspace(lock, 0.181, 500), np.full(500, 5e5), STEP)
     assert recording["force"][-1] > recording["force"][0]

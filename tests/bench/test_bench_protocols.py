@@ -31,11 +31,11 @@ def of(found: list[BenchTrial], reading: str, **setting: float) -> list[float]:
     return [t.metrics[reading] for t in found if setting.items() <= t.conditions.items()]
 
 
-def frictionless(device: Device) -> Device:
+def remove_friction(device: Device) -> Device:
     text = device.content.decode().replace("[damper]", "friction = false\n[damper]", 1)
     if "[damper]" not in text:
         text = text.replace("[supply]", "friction = false\n\n[supply]", 1)
-    return parse_device(text.encode(), "frictionless")
+    return parse_device(text.encode(), "remove_friction")
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def loops() -> list[BenchTrial]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", protocols_library.list_protocols())
-def test_every_protocol_runs_on_every_device_and_its_ledger_closes(name: str) -> None:
+def test_protocols_run_on_all_devices_and_conserve_energy(name: str) -> None:
     slow = {"concentric_mm_per_s": [100], "eccentric_mm_per_s": [100]} if name == "isokinetic" else {}
     slow = {"velocities_mm_per_s": [200]} if name == "workloop" else slow
     for device in (load_device(preset) for preset in list_presets()):
@@ -62,7 +62,7 @@ def test_every_protocol_runs_on_every_device_and_its_ledger_closes(name: str) ->
             assert abs(trial.metrics["ledger_residual_j"]) < 1e-3 * turned + 1e-3, trial.name
 
 
-def test_every_number_of_a_protocol_has_a_source() -> None:
+def test_numeric_keys_of_protocols_have_sources() -> None:
     for name in protocols_library.list_protocols():
         protocol = protocols_library.load_protocol(name)
         written = {key for key in protocol.model_fields_set if key in protocol.numeric_keys()} - {"activations"}
@@ -70,7 +70,7 @@ def test_every_number_of_a_protocol_has_a_source() -> None:
         assert protocol.list_assumptions()
 
 
-def test_isometric_force_is_the_laws() -> None:
+def test_isometric_force_equals_the_mckibben_law() -> None:
     for trial in trials(BARE, "isometric"):
         muscle, pressure = BARE.parameters.muscle, 1e5 * trial.conditions["pressure_bar"]
         wanted = mckibben.force(muscle, pressure, trial.conditions["muscle_ratio"] * muscle.resting_length)
@@ -79,14 +79,14 @@ def test_isometric_force_is_the_laws() -> None:
         assert trial.metrics["muscle_ratio_reached"] == pytest.approx(trial.conditions["muscle_ratio"], abs=1e-9)
 
 
-def test_a_bare_muscle_reads_736_newton_at_any_velocity() -> None:
+def test_bare_muscle_force_is_736_newton_at_any_velocity() -> None:
     forces = of(trials(BARE, "isokinetic", pressures_bar=[5]), "force_n")
     assert len(forces) == 15
     assert forces == pytest.approx([736] * 15, abs=0.5)
     assert np.ptp(forces) < 0.01
 
 
-def test_force_grows_with_pressure_and_falls_with_shortening(isokinetic: list[BenchTrial]) -> None:
+def test_force_increases_with_pressure_and_decreases_with_shortening(isokinetic: list[BenchTrial]) -> None:
     for bar in (2, 3, 4, 5):
         forces = of(isokinetic, "force_n", pressure_bar=bar)  # from fast shortening to fast lengthening
         assert all(np.diff(forces) > 0)
@@ -97,19 +97,19 @@ def test_force_grows_with_pressure_and_falls_with_shortening(isokinetic: list[Be
     assert slow == pytest.approx(1.0, abs=1e-3)
 
 
-def test_force_at_unit_lengths_is_longer_stronger() -> None:
+def test_force_increases_with_unit_length() -> None:
     found = trials(PAIR, "isokinetic-unit", concentric_mm_per_s=[50], eccentric_mm_per_s=[50])
     for velocity in (50, -50):
         assert all(np.diff(of(found, "force_n", velocity_mm_per_s=velocity)) > 0)
     assert all(t.metrics["unit_length_mm"] == pytest.approx(t.conditions["unit_length_mm"], abs=1e-6) for t in found)
 
 
-def test_a_length_that_is_not_passed_at_full_speed_reads_nothing() -> None:
+def test_metrics_are_nan_without_full_speed() -> None:
     found = trials(BARE, "isokinetic", pressures_bar=[5], muscle_ratios=[0.994], concentric_mm_per_s=[300])
     assert np.isnan(of(found, "force_n", velocity_mm_per_s=300)).all()
 
 
-def test_work_is_positive_concentric_and_negative_eccentric_at_full_overlap(loops: list[BenchTrial]) -> None:
+def test_work_is_positive_concentric_and_negative_eccentric(loops: list[BenchTrial]) -> None:
     assert len(loops) == 32
     for trial in loops:
         sign = 1.0 if trial.conditions["phase_pct"] == 0.0 else -1.0
@@ -123,7 +123,7 @@ def test_work_is_positive_concentric_and_negative_eccentric_at_full_overlap(loop
         assert all(np.diff(of(loops, "work_j", phase_pct=0.0, pressure_bar=bar)) < 0)  # the damper takes more
 
 
-def test_work_is_the_loops_area_and_closes_with_the_ledger(loops: list[BenchTrial]) -> None:
+def test_work_equals_loop_area_and_energy_balance(loops: list[BenchTrial]) -> None:
     for trial in loops:
         time, read = trial.recording["time"], trial.metrics
         begin = time[-1] - (time[-1] - 0.5) / 2
@@ -137,7 +137,7 @@ def test_work_is_the_loops_area_and_closes_with_the_ledger(loops: list[BenchTria
         assert read["ledger_residual_j"] == pytest.approx(read["solver_work_j"], abs=1e-9)
 
 
-def test_work_both_ways_and_power_are_those_of_the_loop(loops: list[BenchTrial]) -> None:
+def test_work_of_both_halves_and_power_match_the_loop(loops: list[BenchTrial]) -> None:
     for trial in loops:
         time, read = trial.recording["time"], trial.metrics
         period = (time[-1] - 0.5) / 2
@@ -149,7 +149,7 @@ def test_work_both_ways_and_power_are_those_of_the_loop(loops: list[BenchTrial])
         assert read["mean_power_w"] == pytest.approx(read["work_j"] / period, rel=1e-3)
 
 
-def test_halving_the_step_hardly_changes_work_and_the_ledger_closes_better(loops: list[BenchTrial]) -> None:
+def test_halving_the_time_step_converges(loops: list[BenchTrial]) -> None:
     fine = trials(PAIR, "workloop", step=2.5e-4, velocities_mm_per_s=[50, 100, 200])
     by_name = {trial.name: trial.metrics for trial in loops}
     for trial in fine:
@@ -159,9 +159,9 @@ def test_halving_the_step_hardly_changes_work_and_the_ledger_closes_better(loops
         assert abs(coarse["ledger_residual_j"]) < 5e-5 * abs(coarse["work_j"])
 
 
-def test_without_friction_and_at_one_pressure_nothing_is_gained() -> None:
+def test_frictionless_cycle_at_constant_pressure_has_no_net_work() -> None:
     for device in (PAIR, load_device("klute-1-1-4-pair"), BARE):
-        passive = frictionless(device)
+        passive = remove_friction(device)
         assert passive.parameters.muscle.friction_slope == 0.0
         muscle, slack = passive.parameters.muscle, passive.parameters.tendon.slack_length
         time = np.arange(6001) * 2.5e-4
@@ -179,18 +179,18 @@ def test_without_friction_and_at_one_pressure_nothing_is_gained() -> None:
         assert (work < -0.5) == (passive.parameters.damper.concentric_coefficient > 0.0)
 
 
-def test_a_short_dwell_is_no_full_overlap() -> None:
+def test_short_dwell_reduces_overlap() -> None:
     found = trials(PAIR, "workloop", velocities_mm_per_s=[200], pressures_bar=[5], dwell_s=0.0)
     assert max(of(found, "overlap_pct")) < 80
 
 
-def test_phases_go_from_work_done_to_work_taken() -> None:
+def test_work_changes_sign_with_phase() -> None:
     found = trials(PAIR, "workloop-phased", dwell_s=0.3, phases_pct=[0, 50])
     halves = trials(PAIR, "workloop", velocities_mm_per_s=[100], pressures_bar=[5], cycles=3)
     assert of(found, "work_j") == pytest.approx(of(halves, "work_j"), rel=1e-9)
 
 
-def test_a_step_is_as_fast_as_the_supply() -> None:
+def test_rise_time_follows_the_supply_rate() -> None:
     for trial in trials(BARE, "step"):
         bar = trial.conditions["pressure_bar"]
         assert trial.metrics["pressure_up_rise_s"] == pytest.approx(0.8 * bar / 100, abs=1e-3)
@@ -199,7 +199,7 @@ def test_a_step_is_as_fast_as_the_supply() -> None:
 
 
 @pytest.mark.parametrize("step", [5e-4, 2e-3, 1e-2])
-def test_a_step_is_read_before_the_next_one_at_any_time_step(step: float) -> None:
+def test_step_response_ends_before_the_next_step(step: float) -> None:
     (trial,) = trials(BARE, "step", pressures_bar=[5], step=step)
     assert trial.metrics["force_up_n"] == pytest.approx(736, abs=0.5)
     assert trial.metrics["force_down_n"] == pytest.approx(-121.7, abs=0.5)
@@ -210,7 +210,7 @@ def test_a_step_is_read_before_the_next_one_at_any_time_step(step: float) -> Non
         assert trial.metrics[f"force_{way}_overshoot_pct"] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_window_ends_before_its_end_and_a_sum_at_it() -> None:
+def test_half_open_interval_excludes_its_end() -> None:
     time = np.arange(11) * 0.1
     whole = Recording({"time": time}, {"time": "s"})
     assert select_half_open_interval(whole, 0.2, 0.6)["time"] == pytest.approx([0.2, 0.3, 0.4, 0.5])
@@ -219,7 +219,7 @@ def test_a_window_ends_before_its_end_and_a_sum_at_it() -> None:
     assert select_closed_interval(whole, 0.16, 0.64)["time"] == pytest.approx([0.2, 0.3, 0.4, 0.5, 0.6])
 
 
-def test_a_response_is_read_as_defined() -> None:
+def test_step_response_metrics_follow_their_definitions() -> None:
     time = np.linspace(0.0, 2.0, 20001)
     told = compute_step_response(time, 3.0 - 2.0 * np.exp(-time / 0.1))
     assert told["rise_s"] == pytest.approx(0.1 * np.log(9), rel=1e-3)
@@ -230,7 +230,7 @@ def test_a_response_is_read_as_defined() -> None:
     assert np.isnan(compute_step_response(time, np.ones(len(time)))["rise_s"])
 
 
-def test_a_lag_shows_in_the_frequency_response() -> None:
+def test_first_order_lag_has_its_frequency_response() -> None:
     lagging = parse_device(BARE.content + b"[effects.pressure_lag]\ntime_constant_s = 0.05\n", "lagging")
     for trial in trials(lagging, "frequency", frequencies_hz=[1, 5, 10], step=1e-4):
         pace = 2 * np.pi * trial.conditions["frequency_hz"] * 0.05
@@ -242,13 +242,13 @@ def test_a_lag_shows_in_the_frequency_response() -> None:
         assert trial.metrics["force_phase_deg"] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_a_sinusoid_is_found_beside_a_drift() -> None:
+def test_sinusoid_fit_ignores_drift() -> None:
     time = np.arange(3000) * 1e-3
     found = fit_sinusoid(time, 2.0 + 0.5 * time + 3.0 * np.sin(2 * np.pi * 2 * time + 0.4), 2.0)
     assert (abs(found.phasor), np.angle(found.phasor), found.coherence) == pytest.approx((3.0, 0.4, 1.0))
 
 
-def test_only_what_relaxes_creeps() -> None:
+def test_creep_needs_a_relaxing_element() -> None:
     short = {"times_s": [0.1, 1.0, 10.0], "pressures_bar": [3]}
     for device in (PAIR, BARE):
         assert of(trials(device, "creep", **short), "creep_pct_per_decade") == pytest.approx([0.0], abs=1e-6)
@@ -260,7 +260,7 @@ def test_only_what_relaxes_creeps() -> None:
     assert trial.metrics["creep_pct_per_decade"] == pytest.approx(100.0 * (second - first) / first)
 
 
-def test_a_release_feels_the_tendon_first() -> None:
+def test_release_stiffness_is_that_of_the_tendon() -> None:
     found = trials(PAIR, "quick-release", pressures_bar=[5])
     for trial in found:
         assert trial.metrics["force_lowest_n"] < trial.metrics["force_after_n"] < trial.metrics["force_before_n"]
@@ -269,7 +269,7 @@ def test_a_release_feels_the_tendon_first() -> None:
     assert 60 < found[0].metrics["stiffness_n_per_mm"] < 200  # of the tendon's springs
 
 
-def test_recovery_is_until_nine_tenths_of_the_force_are_back() -> None:
+def test_recovery_time_ends_at_90_percent() -> None:
     released = {
         plan.name: plan.event_times["released"]
         for plan in protocols_library.load_protocol("quick-release").plan_trials(PAIR)
@@ -282,14 +282,14 @@ def test_recovery_is_until_nine_tenths_of_the_force_are_back() -> None:
         assert share[back - 1] < 0.9 <= share[back], trial.name
 
 
-def test_trials_that_differ_have_names_that_differ() -> None:
+def test_different_trials_have_different_names() -> None:
     update = {"pressures_bar": [5], "release_ratios": [0.04, 0.0401, 0.04000001]}
     assert len({trial.name for trial in trials(PAIR, "quick-release", **update)}) == 3
     assert {t.name for t in trials(PAIR, "quick-release", pressures_bar=[5], release_ratios=[0.04])} == {"5bar_10mm"}
 
 
 @pytest.mark.parametrize("device", [PAIR, BARE], ids=lambda d: d.name)
-def test_mujoco_and_the_device_alone_agree_at_the_length_reached(device: Device) -> None:
+def test_mujoco_and_device_only_agree_at_the_reached_length(device: Device) -> None:
     p, step = device.parameters, 5e-4
     time = np.arange(1600) * step
     long = p.tendon.slack_length + 0.98 * p.muscle.resting_length
@@ -305,7 +305,7 @@ def test_mujoco_and_the_device_alone_agree_at_the_length_reached(device: Device)
     assert np.abs(rig["load_cell"] - rig["force"]).max() < 1e-6 * np.abs(rig["force"]).max()
 
 
-def test_the_tester_reads_what_the_device_alone_reads() -> None:
+def test_tester_metrics_agree_with_device_only() -> None:
     update = {"velocities_mm_per_s": [200], "pressures_bar": [4]}
     pairs = zip(trials(PAIR, "workloop", **update), trials(PAIR, "workloop", mujoco=True, **update), strict=True)
     for one, other in pairs:
@@ -314,7 +314,7 @@ def test_the_tester_reads_what_the_device_alone_reads() -> None:
         assert abs(other.metrics["ledger_residual_j"]) < 0.02 * abs(other.metrics["work_j"])
 
 
-def test_unit_lengths_put_the_muscle_where_they_say() -> None:
+def test_unit_length_gives_the_requested_muscle_length() -> None:
     for device in (PAIR, load_device("klute-1-1-4-pair")):
         for bar in (0.0, 2.0, 5.0):
             state = compute_equilibrium_state(device.parameters, unit_length(device, 0.95, bar * 1e5), bar * 1e5)
@@ -324,7 +324,7 @@ def test_unit_lengths_put_the_muscle_where_they_say() -> None:
     assert unit_length(PAIR, 0.95, 0.0) == pytest.approx(slack + 0.95 * rest, abs=1e-12)
 
 
-def test_thinning_keeps_the_ends_and_the_jumps() -> None:
+def test_decimation_keeps_ends_and_jumps() -> None:
     time = np.arange(20001) * 5e-4
     whole = device_only.simulate_device_only(BARE, np.full(20001, 0.17), np.where(time < 3.3335, 1e5, 4e5), 5e-4)
     kept = decimate_recording(whole)
@@ -337,18 +337,18 @@ def test_thinning_keeps_the_ends_and_the_jumps() -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (("kind = ", "kind = 'stretch' #"), "kind = 'stretch'; allowed: isometric, isokinetic"),
+        (("kind = ", "kind = 'stretch' #"), "kind = 'stretch' is refused; allowed: isometric, isokinetic"),
         (("dwell_s", "dwel_s"), "unknown key 'dwel_s'; allowed here: kind, name"),
         (("low_bar = 0.0\n", ""), "key 'low_bar' is missing"),
         (("velocities_mm_per_s = [1, 50, 100, 200]", "velocities_mm_per_s = [1, -5]"), "velocities_mm_per_s.2 = -5 is"),
         (("pressures_bar = [2, 3, 4, 5]", "pressures_bar = []"), r"pressures_bar = \[\] is refused"),
         (('["concentric", "eccentric"]', '["phased"]'), "phases_pct and the activation 'phased' need each other"),
         (("short_muscle_ratio = 0.91", "short_muscle_ratio = 0.999"), "short_muscle_ratio must be less"),
-        (("[sources]", '[sources]\nspeed = "x"'), "sources names 'speed'"),
+        (("[sources]", '[sources]\nspeed = "x"'), r"\[sources\] refers to 'speed'"),
         (("kind", "kind ="), "is not valid TOML"),
     ],
 )
-def test_a_protocol_that_is_none_is_refused(change: tuple[str, str], says: str) -> None:
+def test_invalid_protocol_is_refused(change: tuple[str, str], says: str) -> None:
     text = protocols_library.read_protocol_bytes("workloop").decode().replace(*change, 1)
     with pytest.raises(InputError, match=says):
         protocols_library.parse_protocol(text.encode(), "mine.toml")
@@ -357,25 +357,25 @@ def test_a_protocol_that_is_none_is_refused(change: tuple[str, str], says: str) 
 @pytest.mark.parametrize(
     ("name", "update", "says"),
     [
-        ("workloop", {"pressures_bar": [6]}, "asks for 6 bar; the supply of 'klute-3-4-pair' has 5 bar"),
+        ("workloop", {"pressures_bar": [6]}, "needs 6 bar, but the supply of 'klute-3-4-pair' has 5 bar"),
         ("workloop", {"velocities_mm_per_s": [900]}, "a velocity is 900 mm/s, but over 20 mm at 20 m/s2"),
         ("workloop", {"low_bar": 2}, "low_bar is 2; allowed: less than"),
         ("isometric", {"muscle_ratios": [0.5]}, r"muscle_ratio is 0\.5; allowed for 'klute-3-4-pair': 0\.608 to 1"),
-        ("step", {"low_bar": 3.0}, "which is no step"),
-        ("frequency", {"amplitude_bar": 4.0}, "asks for 7 bar"),
+        ("step", {"low_bar": 3.0}, "which changes nothing"),
+        ("frequency", {"amplitude_bar": 4.0}, "needs 7 bar"),
         ("frequency", {"pressures_bar": [0.2]}, r"amplitude_bar is 0\.5"),
         ("quick-release", {"release_ratios": [0.04, 0.02, 0.04]}, "2 trials '3bar_10mm'; allowed: every value once"),
         ("isometric", {"pressures_bar": [3, 3.0]}, "the protocol has 2 trials '3bar_"),
         ("creep", {"times_s": [1.0, 1e5]}, "steps of 0.5 ms; allowed"),
     ],
 )
-def test_what_a_device_cannot_do_is_said(name: str, update: dict[str, Any], says: str) -> None:
+def test_impossible_protocol_is_refused(name: str, update: dict[str, Any], says: str) -> None:
     with pytest.raises(InputError, match=says):
         trials(PAIR, name, **update)
 
 
 @pytest.mark.parametrize("ratio", [0.1, 0.85, 0.995, 1.0])
-def test_a_length_that_the_stroke_does_not_pass_is_refused(ratio: float) -> None:
+def test_measurement_length_outside_the_stroke_is_refused(ratio: float) -> None:
     text = (
         protocols_library.read_protocol_bytes("isokinetic")
         .decode()
@@ -385,18 +385,19 @@ def test_a_length_that_the_stroke_does_not_pass_is_refused(ratio: float) -> None
         protocols_library.parse_protocol(text.encode(), "mine.toml")
 
 
-def test_a_sinusoid_needs_ten_samples_per_period() -> None:
-    says = r"step is 10 ms, which is 2 samples per period at 50 Hz; allowed: up to 2 ms \(10 samples\)"
+def test_sinusoid_needs_ten_samples_per_period() -> None:
+    says = r"time step is 10 ms, which is 2 samples per period at 50 Hz; allowed: up to 2 ms \(10 samples\)"
     with pytest.raises(InputError, match=says):
         trials(BARE, "frequency", step=1e-2)
-    # At the limit the regulator's 100 bar/s show: 0.5 bar at 50 Hz asks for 157.
+    # At the limit the regulator's 100 bar/s show: 0.5 bar at 50 Hz requires 157 bar/s.
     for step in (1e-4, 2e-3):
         (trial,) = trials(BARE, "frequency", frequencies_hz=[50], step=step)
         assert trial.metrics["pressure_gain"] < 0.9
 
 
-def test_progress_is_told_to_its_end() -> None:
-    heard: list[float] = []
-    run_protocol(PAIR, protocols_library.load_protocol("step"), use_mujoco=True, progress=heard.append)
-    assert heard == sorted(heard)
-    assert heard[-1] == pytest.approx(1.0)
+def test_progress_reaches_one() -> None:
+    fractions: list[float] = []
+    protocol = protocols_library.load_protocol("step")
+    run_protocol(PAIR, protocol, use_mujoco=True, progress=lambda fraction, stage: fractions.append(fraction))
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == pytest.approx(1.0)

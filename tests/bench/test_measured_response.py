@@ -78,7 +78,7 @@ def simulated(numbers: dict[str, float], frequency: Array) -> Complex:
     )
 
 
-def closed_form(numbers: dict[str, float], frequency: Array) -> Complex:
+def compute_closed_form(numbers: dict[str, float], frequency: Array) -> Complex:
     gain, lag, delay = ({**NEUTRAL, **numbers}[name] for name in NEUTRAL)
     pace = 2j * np.pi * frequency
     return np.asarray(gain * np.exp(-pace * delay) / (1.0 + pace * lag))
@@ -105,13 +105,13 @@ def fits(measured: Measured) -> dict[str, Fitted]:
 
 
 @pytest.mark.parametrize("words", LEFT)
-def test_what_each_leaves(fits: dict[str, Fitted], words: str) -> None:
+def test_residuals_of_models(fits: dict[str, Fitted], words: str) -> None:
     decibels, degrees = LEFT[words]
     assert fits[words].decibels == pytest.approx(decibels, abs=0.04)
     assert fits[words].degrees == pytest.approx(degrees, abs=0.4)
 
 
-def test_gain_lag_and_dead_time_come_close_and_dead_time_does_most(fits: dict[str, Fitted]) -> None:
+def test_gain_lag_and_dead_time_fit_and_dead_time_matters_most(fits: dict[str, Fitted]) -> None:
     gain, lag, delay, whole = fits.values()
     assert whole.decibels < 0.9
     assert whole.degrees < 11.0
@@ -121,9 +121,9 @@ def test_gain_lag_and_dead_time_come_close_and_dead_time_does_most(fits: dict[st
     assert whole.numbers == pytest.approx({"gain": 0.84, "lag": 0.025, "delay": 0.034}, rel=0.05)
 
 
-def test_what_is_left_is_no_noise(fits: dict[str, Fitted], measured: Measured) -> None:
+def test_residual_is_not_noise(fits: dict[str, Fitted], measured: Measured) -> None:
     """A first-order lag is too simple: the phase is measured later in the middle and earlier at the end."""
-    model = closed_form(fits["gain lag delay"].numbers, measured.frequency)
+    model = compute_closed_form(fits["gain lag delay"].numbers, measured.frequency)
     early = np.degrees(np.angle(measured.response / model))
     middle = (measured.frequency > 1.5) & (measured.frequency < 6.5)
     assert (early[middle] < 0.0).all()
@@ -132,11 +132,11 @@ def test_what_is_left_is_no_noise(fits: dict[str, Fitted], measured: Measured) -
 
 
 @pytest.mark.parametrize("words", LEFT)
-def test_the_simulation_is_the_closed_form(fits: dict[str, Fitted], measured: Measured, words: str) -> None:
+def test_simulation_equals_the_closed_form(fits: dict[str, Fitted], measured: Measured, words: str) -> None:
     numbers = fits[words].numbers
-    ratio = simulated(numbers, measured.frequency) / closed_form(numbers, measured.frequency)
+    ratio = simulated(numbers, measured.frequency) / compute_closed_form(numbers, measured.frequency)
     assert np.abs(ratio) == pytest.approx(1.0, abs=0.005)
     assert np.degrees(np.angle(ratio)) == pytest.approx(0.0, abs=0.5)
-    again = fitted(measured, words.split(), closed_form).numbers
+    again = fitted(measured, words.split(), compute_closed_form).numbers
     # The implicit step is a lag of half its length.
     assert all(again[name] == pytest.approx(value, rel=1e-2, abs=2.0 * STEPS[1]) for name, value in numbers.items())

@@ -45,7 +45,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, obje
     return folder, json.loads(done.stdout)
 
 
-def test_the_run_folder_holds_what_is_promised(made: tuple[Path, dict[str, object]]) -> None:
+def test_run_folder_holds_all_files(made: tuple[Path, dict[str, object]]) -> None:
     folder, shown = made
     home = folder / str(shown["run"])
     assert home == folder / "runs" / "bench-001"
@@ -68,7 +68,7 @@ def test_the_run_folder_holds_what_is_promised(made: tuple[Path, dict[str, objec
     assert "supply.rate_bar_per_s" in shown["assumptions"]  # type: ignore[operator]
 
 
-def test_results_and_recordings_say_the_same(made: tuple[Path, dict[str, object]]) -> None:
+def test_results_agree_with_recordings(made: tuple[Path, dict[str, object]]) -> None:
     folder, shown = made
     home = folder / str(shown["run"])
     with (home / "results.csv").open() as file:
@@ -76,13 +76,13 @@ def test_results_and_recordings_say_the_same(made: tuple[Path, dict[str, object]
     assert [float(row["work_j"]) > 0 for row in rows] == [True, True, False, False]
     for row, told in zip(rows, shown["trials"], strict=True):  # type: ignore[call-overload]
         assert row["trial"] == told["name"]
-        assert float(row["work_j"]) == told["readings"]["work_j"]
+        assert float(row["work_j"]) == told["metrics"]["work_j"]
         recording = parquet.read(home / f"{row['trial']}.parquet")
         half = recording.select(recording["time"] >= 0.5 + (recording["time"][-1] - 0.5) / 2 - 1e-9)
         assert -np.trapezoid(half["force"], 1e-3 * half["length"]) == pytest.approx(float(row["work_j"]), rel=1e-3)
 
 
-def test_every_recording_is_a_trial_of_a_dataset(made: tuple[Path, dict[str, object]]) -> None:
+def test_recordings_are_dataset_trials(made: tuple[Path, dict[str, object]]) -> None:
     folder, shown = made
     for file in (folder / str(shown["run"])).glob("*.parquet"):
         found = trial.read_trial([file], "bench")
@@ -90,12 +90,12 @@ def test_every_recording_is_a_trial_of_a_dataset(made: tuple[Path, dict[str, obj
         assert set(found.measured) == {"force", "pressure", "muscle_length"}
 
 
-def test_the_tester_says_so_and_records_what_it_reached(tmp_path: Path) -> None:
+def test_mujoco_run_records_the_reached_length(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(SMALL.replace('["concentric", "eccentric"]', '["concentric"]'), "utf-8")
     done = run("small.toml", "--mujoco", "--out", "here", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "small: klute-3-4-pair, MuJoCo tester" in done.stdout
-    assert "Assumed in the protocol, not printed in the source: dwell_s." in done.stdout
+    assert "Values that the protocol assumes, because the source does not print them: dwell_s." in done.stdout
     assert "Positive work is done by the device" in done.stdout
     recording = parquet.read(tmp_path / "here" / "concentric_200mm_per_s_5bar.parquet")
     assert 1e-4 < np.abs(recording["length"] - recording["length_command"]).max() < 0.5
@@ -104,14 +104,14 @@ def test_the_tester_says_so_and_records_what_it_reached(tmp_path: Path) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["isometric", "step", "frequency", "quick-release", "creep", "isokinetic-unit"])
-def test_every_kind_has_a_table_and_a_picture(name: str, tmp_path: Path) -> None:
+def test_every_kind_has_a_table_and_a_figure(name: str, tmp_path: Path) -> None:
     done = run(name, "--out", "r", "--step", "1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert f"{name}: klute-3-4-pair, device alone" in done.stdout
+    assert f"{name}: klute-3-4-pair, device only" in done.stdout
     assert (tmp_path / "r" / "figure.png").stat().st_size > 20_000
 
 
-def test_a_file_that_is_none_or_something_else_is_recognised(tmp_path: Path) -> None:
+def test_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "empty.toml").touch()
     (tmp_path / "huge.toml").write_text("#" * 1_000_001)
     (tmp_path / "mine.toml").write_text(SMALL, "utf-8")
@@ -128,7 +128,7 @@ def test_a_file_that_is_none_or_something_else_is_recognised(tmp_path: Path) -> 
 
 
 @pytest.mark.long
-def test_phased_activation_is_not_advised_a_longer_dwell(tmp_path: Path) -> None:
+def test_phased_activation_gets_no_advice_on_dwell(tmp_path: Path) -> None:
     done = run("workloop-phased", "--step", "1", "--out", "p", cwd=tmp_path)
     assert "its rise and fall are part of the experiment" in done.stdout
     assert "dwell_s it would be" not in done.stdout
@@ -139,7 +139,7 @@ def test_phased_activation_is_not_advised_a_longer_dwell(tmp_path: Path) -> None
     assert "with a longer dwell_s it would be" in done.stdout
 
 
-def test_a_muscle_that_pushes_is_said(made: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+def test_negative_force_is_reported(made: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
     """The vented muscle pushes in every loop; a unit with a tendon never does."""
     (said,) = [remark for remark in made[1]["remarks"] if "below 0" in remark]  # type: ignore[attr-defined]
     assert said.startswith("In 4 of 4 trials a force is below 0 (down to -1")
@@ -148,7 +148,7 @@ def test_a_muscle_that_pushes_is_said(made: tuple[Path, dict[str, object]], tmp_
     assert "below 0" not in done.stdout
 
 
-def test_the_slope_of_a_creep_has_its_unit(tmp_path: Path) -> None:
+def test_creep_slope_has_its_unit(tmp_path: Path) -> None:
     assert "[% per decade]" in run("creep", "--step", "10", "--out", "c", cwd=tmp_path).stdout
 
 
@@ -175,14 +175,14 @@ def test_protocols_are_listed_and_printed(tmp_path: Path) -> None:
         (["isokinetic-unit", "klute-3-4"], "unit length runs from 298.0 to 322.0 mm; allowed for 'klute-3-4'"),
         (["--toml"], "--toml needs a protocol"),
         (["klute-3-4"], "'klute-3-4' is a device: name a protocol before it (klute-sim bench PROTOCOL klute-3-4)"),
-        (["/dev/zero"], "protocol file /dev/zero cannot be read: it is no regular file"),
-        (["step", "/dev/zero"], "device file /dev/zero cannot be read: it is no regular file"),
+        (["/dev/zero"], "protocol file /dev/zero cannot be read: it is not a regular file"),
+        (["step", "/dev/zero"], "device file /dev/zero cannot be read: it is not a regular file"),
         (["step", "isometric"], "'isometric' is a protocol where a device is expected"),
-        (["step", "--list"], "--list goes without a protocol"),
-        (["step", "--toml", "--json"], "--toml and --json do not go together"),
+        (["step", "--list"], "--list takes no protocol"),
+        (["step", "--toml", "--json"], "--toml and --json exclude each other"),
     ],
 )
-def test_bad_input_is_one_sentence_and_leaves_nothing(arguments: list[str], says: str, tmp_path: Path) -> None:
+def test_invalid_input_gives_one_sentence_and_no_files(arguments: list[str], says: str, tmp_path: Path) -> None:
     done = run(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert says in done.stderr

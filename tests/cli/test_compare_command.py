@@ -1,4 +1,4 @@
-"""``klute-sim compare`` end to end, as a user types it."""
+"""``klute-sim compare`` end to end."""
 
 import csv
 import json
@@ -26,120 +26,128 @@ REPORT = {"comparison.html", "comparison.png"}
 
 
 @pytest.fixture(scope="module")
-def walks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def gait_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two strides with the tuned profile, two without pressure, and the first as a measurement without provenance."""
-    folder = tmp_path_factory.mktemp("walks")
+    folder = tmp_path_factory.mktemp("gait_runs")
     for name, controller in (("profile", "profile"), ("off", "off")):
-        made = simulate_gait(
+        recording = simulate_gait(
             load_device(DEFAULT_DEVICE), parse.parse_controller(controller), GaitOptions(strides=2, dt=1e-3)
         )
         (folder / name).mkdir()
-        parquet.write(made, folder / name / "recording.parquet")
-    made = parquet.read(folder / "profile" / "recording.parquet")
-    kept = {n: made[n] for n in ("time", "gait_phase", "ankle_angle", "cop_x", "ankle_x")}
-    text.write(Recording(kept, {n: made.units[n] for n in kept}), folder / "measured.csv")
+        parquet.write(recording, folder / name / "recording.parquet")
+    recording = parquet.read(folder / "profile" / "recording.parquet")
+    channels = {n: recording[n] for n in ("time", "gait_phase", "ankle_angle", "cop_x", "ankle_x")}
+    text.write(Recording(channels, {n: recording.units[n] for n in channels}), folder / "measured.csv")
     return folder
 
 
 @pytest.fixture(scope="module")
-def compared(walks: Path) -> tuple[Path, dict[str, Any]]:
-    done = run("compare", "profile", "off", "--reference", "--json", cwd=walks)
-    assert done.returncode == 0, done.stderr
-    return walks, json.loads(done.stdout)
+def compared(gait_runs: Path) -> tuple[Path, dict[str, Any]]:
+    process = run("compare", "profile", "off", "--reference", "--json", cwd=gait_runs)
+    assert process.returncode == 0, process.stderr
+    return gait_runs, json.loads(process.stdout)
 
 
-def difference(told: dict[str, Any], channel: str, label: str) -> dict[str, Any]:
-    (part,) = told["parts"]
-    (own,) = [row for row in part["channels"] if row["channel"] == channel]
-    return next(d for d in own["differences"] if d["series"] == label)
+def get_difference(summary: dict[str, Any], channel: str, label: str) -> dict[str, Any]:
+    (part,) = summary["parts"]
+    (row,) = [row for row in part["channels"] if row["channel"] == channel]
+    return next(d for d in row["differences"] if d["series"] == label)
 
 
-def test_everything_is_in_the_run_folder(compared: tuple[Path, dict[str, Any]]) -> None:
-    folder, told = compared
-    made = folder / told["run"]
-    assert made == folder / "runs" / "compare-001"
-    wanted = NUMBERS | REPORT | ({"comparison.rrd"} if find_spec("rerun") else set())
-    assert {file.name for file in made.iterdir()} == wanted == set(told["files"])
-    assert json.loads((made / "comparison.json").read_text()) == told
-    assert (made / "comparison.png").read_bytes().startswith(b"\x89PNG")
+def test_run_folder_is_complete(compared: tuple[Path, dict[str, Any]]) -> None:
+    folder, summary = compared
+    run_folder = folder / summary["run"]
+    assert run_folder == folder / "runs" / "compare-001"
+    expected = NUMBERS | REPORT | ({"comparison.rrd"} if find_spec("rerun") else set())
+    assert {file.name for file in run_folder.iterdir()} == expected == set(summary["files"])
+    assert json.loads((run_folder / "comparison.json").read_text()) == summary
+    assert (run_folder / "comparison.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_numbers_are_those_of_the_recordings(compared: tuple[Path, dict[str, Any]]) -> None:
-    folder, told = compared
-    assert (told["over"], told["first"]) == ("phase", "profile")
-    assert [(s["label"], s["repeats"]) for s in told["series"]] == [("profile", [1]), ("off", [1]), ("human", [None])]
-    assert told["series"][1]["controllers"] == ["constant 0 bar"]
+def test_numbers_match_recordings(compared: tuple[Path, dict[str, Any]]) -> None:
+    folder, summary = compared
+    assert (summary["domain"], summary["baseline"]) == ("phase", "profile")
+    assert [(s["label"], s["repeats"]) for s in summary["series"]] == [
+        ("profile", [1]),
+        ("off", [1]),
+        ("human", [None]),
+    ]
+    assert summary["series"][1]["controllers"] == ["constant 0 bar"]
     strides = {}
     for name in ("profile", "off"):
         recording = parquet.read(folder / name / "recording.parquet")
         strides[name] = recording.select(recording["stride"] == 2)
-    # 1100 samples a stride: every eleventh is at a whole percent.
-    apart_ = (strides["off"]["pressure"] - strides["profile"]["pressure"])[::11]
-    d = difference(told, "pressure", "off")
-    assert d["largest"] == pytest.approx(apart_.min(), rel=1e-9)
-    assert d["at"] == int(apart_.argmin())
-    assert d["rms"] == pytest.approx(np.sqrt(np.mean(apart_**2)), rel=0.01)
+    # A stride has 1100 samples, so every eleventh is at an integer percentage.
+    pressure_difference = (strides["off"]["pressure"] - strides["profile"]["pressure"])[::11]
+    d = get_difference(summary, "pressure", "off")
+    assert d["max_difference"] == pytest.approx(pressure_difference.min(), rel=1e-9)
+    assert d["max_position"] == int(pressure_difference.argmin())
+    assert d["rms"] == pytest.approx(np.sqrt(np.mean(pressure_difference**2)), rel=0.01)
     assert d["band"] == "none"
-    assert difference(told, "ankle_angle", "human")["band"] == "reference"
-    assert 0.5 < difference(told, "cop_x", "off")["share_compared"] < 0.75
-    table = pq.read_table(folder / told["run"] / "bands.parquet").to_pylist()
+    assert get_difference(summary, "ankle_angle", "human")["band"] == "reference"
+    assert 0.5 < get_difference(summary, "cop_x", "off")["compared_fraction"] < 0.75
+    table = pq.read_table(folder / summary["run"] / "bands.parquet").to_pylist()
     angle = [row["mean"] for row in table if (row["series"], row["channel"]) == ("profile", "ankle_angle")]
     assert angle[:100] == pytest.approx(strides["profile"]["ankle_angle"][::11], rel=1e-9)
-    rows = list(csv.DictReader((folder / told["run"] / "comparison.csv").open()))
+    rows = list(csv.DictReader((folder / summary["run"] / "comparison.csv").open()))
     assert {row["channel"] for row in rows} >= {"ankle_angle", "pressure"}
 
 
-def test_a_run_against_itself_and_its_measurement(walks: Path) -> None:
-    done = run("compare", "profile", "profile", "m=measured.csv", "--skip", "1", "--no-report", "--json", cwd=walks)
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert [s["label"] for s in told["series"]] == ["profile", "profile (2)", "m"]
-    for channel in told["parts"][0]["channels"]:
+def test_equal_recordings_have_zero_difference(gait_runs: Path) -> None:
+    process = run(
+        "compare", "profile", "profile", "m=measured.csv", "--skip", "1", "--no-report", "--json", cwd=gait_runs
+    )
+    assert process.returncode == 0, process.stderr
+    summary = json.loads(process.stdout)
+    assert [s["label"] for s in summary["series"]] == ["profile", "profile (2)", "m"]
+    for channel in summary["parts"][0]["channels"]:
         for d in channel["differences"]:
-            assert (d["rms"], d["bias"], d["half"], d["regions"]) == (0.0, 0.0, None, []), channel["channel"]
+            assert (d["rms"], d["bias"], d["half_interval"], d["regions"]) == (0.0, 0.0, None, []), channel["channel"]
             assert d["correlation"] in (1.0, None)
-    assert {file.name for file in (walks / told["run"]).iterdir()} == NUMBERS
-    assert any("'profile' has channels that 'm' lacks" in remark for remark in told["remarks"])
+    assert {file.name for file in (gait_runs / summary["run"]).iterdir()} == NUMBERS
+    assert any("'profile' has channels that 'm' lacks" in remark for remark in summary["remarks"])
 
 
-def test_the_table_names_channels_units_and_how_to_read_it(walks: Path, tmp_path: Path) -> None:
+def test_table_explains_channels_and_units(gait_runs: Path, tmp_path: Path) -> None:
     out = tmp_path / "c"
-    done = run(
-        "compare", "a=profile", "b=off", "--out", str(out), "--channel", "ankle_moment", "--no-report", cwd=walks
+    process = run(
+        "compare", "a=profile", "b=off", "--out", str(out), "--channel", "ankle_moment", "--no-report", cwd=gait_runs
     )
-    assert done.returncode == 0, done.stderr
-    assert "b (1 stride) against a (1 stride)" in done.stdout
-    assert "ankle moment [N·m]" in done.stdout
-    assert "pressure" not in done.stdout
-    assert "No band: where nothing is repeated" in done.stdout
-    assert f"Run folder: {out}" in done.stdout
+    assert process.returncode == 0, process.stderr
+    assert "b (1 stride) against a (1 stride)" in process.stdout
+    assert "ankle moment [N·m]" in process.stdout
+    assert "pressure" not in process.stdout
+    assert "No band: without repeats and a known s" in process.stdout
+    assert f"Run folder: {out}" in process.stdout
 
 
-def test_over_time_the_whole_recordings_are_compared(walks: Path) -> None:
-    done = run(
-        "compare", "profile", "off", "--over", "time", "--channel", "pressure", "--no-report", "--json", cwd=walks
+def test_recordings_are_compared_over_time(gait_runs: Path) -> None:
+    process = run(
+        "compare", "profile", "off", "--over", "time", "--channel", "pressure", "--no-report", "--json", cwd=gait_runs
     )
-    told = json.loads(done.stdout)
-    (part,) = told["parts"]
-    assert told["axis_unit"] == "s"
+    summary = json.loads(process.stdout)
+    (part,) = summary["parts"]
+    assert summary["axis_unit"] == "s"
     assert (part["begin"], part["points"]) == (0.0, 2200)
     assert part["end"] == pytest.approx(2.199)
 
 
-def test_names_in_the_data_are_escaped_and_shown_as_they_are(walks: Path, tmp_path: Path) -> None:
+def test_labels_are_escaped(gait_runs: Path, tmp_path: Path) -> None:
     for label in ("<script>alert(1)</script>", "_$x^2$ [b]bold[/b]"):
         out = tmp_path / str(len(label))
-        done = run("compare", f"{label}=profile", "off", "--out", str(out), "--channel", "ankle_angle", cwd=walks)
-        assert done.returncode == 0, done.stderr
-        assert done.stderr == ""
-        assert label in done.stdout
+        process = run(
+            "compare", f"{label}=profile", "off", "--out", str(out), "--channel", "ankle_angle", cwd=gait_runs
+        )
+        assert process.returncode == 0, process.stderr
+        assert process.stderr == ""
+        assert label in process.stdout
         page = (out / "comparison.html").read_text()
         assert "<script" not in page
         assert "default-src 'none'" in page
     assert "_$x^2$ [b]bold[/b]" in page
 
 
-def test_a_bench_run_is_compared_trial_by_trial(tmp_path: Path) -> None:
+def test_bench_runs_are_compared_by_trial(tmp_path: Path) -> None:
     time = np.arange(200) / 100.0
     for run_, names in (("one", ("slow", "fast", "odd")), ("two", ("fast", "slow"))):
         (tmp_path / run_).mkdir()
@@ -147,23 +155,23 @@ def test_a_bench_run_is_compared_trial_by_trial(tmp_path: Path) -> None:
             force = 10.0 * (run_ == "two" and name == "fast") * (time > 1.5) + number
             columns = [("time [s]", time), ("force [N]", np.sin(time) + 0.0 * number + force - number)]
             parquet.write(Recording.from_columns(columns), tmp_path / run_ / f"{name}.parquet")
-    done = run("compare", "one", "two", "--out", "c", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    found = {part["name"]: part["channels"][0]["differences"][0] for part in told["parts"]}
+    process = run("compare", "one", "two", "--out", "c", "--json", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    summary = json.loads(process.stdout)
+    found = {part["name"]: part["channels"][0]["differences"][0] for part in summary["parts"]}
     assert sorted(found) == ["fast", "slow"]
     assert found["slow"]["rms"] == pytest.approx(0.0, abs=1e-12)
-    assert found["fast"]["largest"] == pytest.approx(10.0)
-    assert found["fast"]["half"] == pytest.approx([1.51, 1.75], abs=0.02)
-    assert told["remarks"] == ["Trials of 'one' that not all have are left out: odd."]
-    assert {"fast.png", "slow.png"} < set(told["files"])
+    assert found["fast"]["max_difference"] == pytest.approx(10.0)
+    assert found["fast"]["half_interval"] == pytest.approx([1.51, 1.75], abs=0.02)
+    assert summary["remarks"] == ["Trials of 'one' that the other runs lack are excluded: odd."]
+    assert {"fast.png", "slow.png"} < set(summary["files"])
     assert (tmp_path / "c" / "comparison.html").read_text().count("data:image/png") == 2
 
 
-def test_the_rerun_recording_holds_the_curves(compared: tuple[Path, dict[str, Any]]) -> None:
+def test_rerun_recording_contains_curves(compared: tuple[Path, dict[str, Any]]) -> None:
     rr = pytest.importorskip("rerun")
-    folder, told = compared
-    file = folder / told["run"] / "comparison.rrd"
+    folder, summary = compared
+    file = folder / summary["run"] / "comparison.rrd"
     chunks = {str(c.entity_path).lstrip("/"): c for c in rr.chunk.RrdReader(file).stream() if not c.is_static}
 
     def read(entity: str) -> np.ndarray:
@@ -172,7 +180,7 @@ def test_the_rerun_recording_holds_the_curves(compared: tuple[Path, dict[str, An
         (name,) = [n for n in batch.schema.names if n.endswith("Scalars:scalars")]
         return np.array([value for (value,) in batch.column(name).to_pylist()])
 
-    table = pq.read_table(folder / told["run"] / "bands.parquet").to_pylist()
+    table = pq.read_table(folder / summary["run"] / "bands.parquet").to_pylist()
     for number, label in enumerate(("profile", "off", "human")):
         rows = [r for r in table if (r["series"], r["channel"]) == (label, "ankle_angle")]
         assert read(f"part_1/ankle_angle/curves/series_{number}/mean").tolist() == [r["mean"] for r in rows]
@@ -186,45 +194,47 @@ def test_the_rerun_recording_holds_the_curves(compared: tuple[Path, dict[str, An
     assert 'href="comparison.rrd"' in (file.parent / "comparison.html").read_text()
 
 
-def test_without_rerun_everything_else_is_written_and_the_extra_is_named(walks: Path, tmp_path: Path) -> None:
+def test_missing_rerun_is_reported(gait_runs: Path, tmp_path: Path) -> None:
     (tmp_path / "rerun").mkdir()
     (tmp_path / "rerun" / "__init__.py").write_text("raise ImportError('not here')")
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     out = str(tmp_path / "c")
-    done = apart("compare", "profile", "off", "--channel", "pressure", "--out", out, cwd=walks, PYTHONPATH=paths)
-    assert done.returncode == 0, done.stderr
-    assert "No comparison.rrd" in done.stderr
-    assert "pip install '.[rerun]'" in done.stderr
+    process = apart("compare", "profile", "off", "--channel", "pressure", "--out", out, cwd=gait_runs, PYTHONPATH=paths)
+    assert process.returncode == 0, process.stderr
+    assert "No comparison.rrd" in process.stderr
+    assert "pip install '.[rerun]'" in process.stderr
     assert {file.name for file in (tmp_path / "c").iterdir()} == NUMBERS | REPORT
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         ([], "Missing argument"),
-        (["profile"], "nothing to compare 'profile' with"),
-        (["profile", "none"], "no run none"),
+        (["profile"], "'profile' has only one stride: there is nothing to compare it with"),
+        (["profile", "none"], "none does not exist"),
         (["profile", "bad.csv"], "trial file bad.csv"),
-        (["profile", "full"], "full is no run folder"),
-        (["profile", "off", "--channel", "nobody"], "no channel 'nobody'; there are"),
+        (["profile", "full"], "full is not a run folder"),
+        (["profile", "off", "--channel", "nobody"], "unknown channel 'nobody'; allowed: "),
         (["profile", "off", "--over", "space"], "'space' is not one of"),
-        (["profile", "off", "--to", "nobody"], "no series is called 'nobody'; allowed: profile, off"),
+        (["profile", "off", "--baseline", "nobody"], "unknown baseline 'nobody'; allowed labels: profile, off"),
         (["profile", "off", "--skip", "2"], "leaves none"),
         (["profile", "off", "--skip", "-1"], "not in the range"),
-        (["profile", "off", "--over", "time", "--reference"], "--reference is for strides"),
+        (["profile", "off", "--over", "time", "--reference"], "--reference requires a comparison over phase"),
         (["profile", "", "--reference"], "the path of the run '' is empty"),
         (["profile", "off", "--out", "full"], "output folder full is not empty"),
         (["profile", "off", "--out", "bad.csv"], "is a file"),
     ],
 )
-def test_bad_input_is_one_sentence_and_leaves_nothing(arguments: list[str], says: str, walks: Path) -> None:
-    (walks / "bad.csv").write_text("time [s],force [N]\n1,two\n")
-    (walks / "full").mkdir(exist_ok=True)
-    (walks / "full" / "x").touch()
-    before = sorted(walks.rglob("*"))
-    done = run("compare", *arguments, cwd=walks)
-    assert done.returncode == 2
-    assert says in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert done.stdout == ""
-    assert sorted(walks.rglob("*")) == before
+def test_invalid_input_raises_one_sentence_and_leaves_nothing(
+    arguments: list[str], message: str, gait_runs: Path
+) -> None:
+    (gait_runs / "bad.csv").write_text("time [s],force [N]\n1,two\n")
+    (gait_runs / "full").mkdir(exist_ok=True)
+    (gait_runs / "full" / "x").touch()
+    before = sorted(gait_runs.rglob("*"))
+    process = run("compare", *arguments, cwd=gait_runs)
+    assert process.returncode == 2
+    assert message in process.stderr
+    assert len(process.stderr.strip().splitlines()) == 1
+    assert process.stdout == ""
+    assert sorted(gait_runs.rglob("*")) == before

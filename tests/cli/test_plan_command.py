@@ -1,4 +1,4 @@
-"""``klute-sim measure`` as a user types it."""
+"""``klute-sim plan`` as a user types it."""
 
 import json
 import subprocess
@@ -7,20 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from klute_sim.bench.protocols.identification import PROTOCOLS
-from klute_sim.cli import plan as cli_plan
+from klute_sim.bench.protocols.library import load_identification_protocols
 from klute_sim.datasets import dataset, table
 from klute_sim.device.device import list_presets, load_device, parse_device
-from klute_sim.diagnosis.experiments.base import SimulationSetup, observe, simulate_extrapolated
+from klute_sim.diagnosis.experiments.base import SimulationSetup
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.simulator import observe, simulate_extrapolated
+from klute_sim.diagnosis.planning import measurement_plan
 from klute_sim.units import BAR
 from tests import command_line as command
 
+PROTOCOLS = load_identification_protocols()
 COMMAND = {"time": "s", "length": "m", "pressure_command": "Pa"}
 
 
 def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return command.run("measure", *arguments, cwd=cwd)
+    return command.run("plan", *arguments, cwd=cwd)
 
 
 @pytest.fixture(scope="module")
@@ -32,20 +34,20 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, obje
 
 
 @pytest.fixture(scope="module")
-def rehearsal(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("rehearsal")
-    done = run("klute-3-4-pair", "--out", "tried", "--rehearse", cwd=folder)
+def simulated_plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("simulated_plan")
+    done = run("klute-3-4-pair", "--out", "trial-run", "--simulate", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "simulated, not measured" in done.stdout
-    return folder / "tried"
+    return folder / "trial-run"
 
 
-def test_help_names_every_protocol(tmp_path: Path) -> None:
+def test_help_names_all_protocols(tmp_path: Path) -> None:
     words = " ".join(run("--help", cwd=tmp_path).stdout.split())
     assert f"({', '.join(PROTOCOLS)})" in words
 
 
-def test_the_plan_is_whole(plan: tuple[Path, dict[str, object]]) -> None:
+def test_plan_has_all_files(plan: tuple[Path, dict[str, object]]) -> None:
     folder, told = plan
     files = {file.name for file in folder.iterdir()}
     assert files == {f"{name}.csv" for name in PROTOCOLS} | {"README.txt", "dataset.toml", "device.toml"}
@@ -57,7 +59,7 @@ def test_the_plan_is_whole(plan: tuple[Path, dict[str, object]]) -> None:
         assert "simulated, not" not in (folder / text).read_text("utf-8")
 
 
-def test_commands_are_the_protocols(plan: tuple[Path, dict[str, object]]) -> None:
+def test_command_files_equal_the_protocols(plan: tuple[Path, dict[str, object]]) -> None:
     folder, told = plan
     for row in told["protocols"]:  # type: ignore[attr-defined]
         path = folder / row["command"]
@@ -70,50 +72,50 @@ def test_commands_are_the_protocols(plan: tuple[Path, dict[str, object]]) -> Non
         assert columns["length"].max() <= wanted.unit_length.max() + 1e-9
         assert row["duration_s"] == pytest.approx(wanted.time[-1])
         assert row["use"] == PROTOCOLS[row["name"]].use
-        assert row["record"] == [f"{row['name']}_a.csv", f"{row['name']}_b.csv"]
-        assert row["shows"] == list(PROTOCOLS[row["name"]].revealed_effects)
+        assert row["recordings"] == [f"{row['name']}_a.csv", f"{row['name']}_b.csv"]
+        assert row["reveals"] == list(PROTOCOLS[row["name"]].revealed_effects)
 
 
-def test_the_readme_says_what_to_do(plan: tuple[Path, dict[str, object]]) -> None:
+def test_readme_has_instructions(plan: tuple[Path, dict[str, object]]) -> None:
     text = (plan[0] / "README.txt").read_text("utf-8")
     for name, protocol in PROTOCOLS.items():
         assert f"{name}.csv (" in text
         assert f"-> {name}_a.csv, {name}_b.csv\n" in text
         assert protocol.description in text
-    for piece in ("length [mm]", "pressure_command [bar]", "force [N]", "pressure [bar]", "muscle_length [mm]",
+    for phrase in ("length [mm]", "pressure_command [bar]", "force [N]", "pressure [bar]", "muscle_length [mm]",
                   "Start at rest", "between 321.5 and 350.0 mm", "between 0.30 and 4.50 bar", "second gauge",
                   "dead weight", "klute-sim diagnose"):  # fmt: skip
-        assert piece in text, piece
+        assert phrase in text, phrase
     assert "no tendon" not in text
     assert max(map(len, text.splitlines())) <= 120
 
 
-def test_a_plan_has_no_recordings_yet(plan: tuple[Path, dict[str, object]]) -> None:
+def test_plan_has_no_recordings(plan: tuple[Path, dict[str, object]]) -> None:
     with pytest.raises(Exception, match=r"steps_a\.csv does not exist"):
         dataset.load_dataset(plan[0])
 
 
-def test_a_rehearsal_is_a_dataset_split_as_planned(rehearsal: Path) -> None:
-    data = dataset.load_dataset(rehearsal)
+def test_simulated_plan_is_a_dataset_with_the_planned_split(simulated_plan: Path) -> None:
+    data = dataset.load_dataset(simulated_plan)
     assert data.remarks == ()
     parts = dataset.split_dataset(data)
-    for use in ("fit", "select", "show"):
+    for use in ("fit", "validation", "test"):
         wanted = {f"{name}_{letter}" for name, p in PROTOCOLS.items() for letter in "ab" if p.use == use}
         assert set(getattr(parts, use)) == wanted
         assert wanted
     assert all(trial.group == trial.name[:-2] for trial in data.trials)
     assert {*data.trials[0].measured} == {"force", "pressure"}
-    assert set(data.uncertainties) == set(cli_plan.DEFAULT_UNCERTAINTIES)
+    assert set(data.uncertainties) == set(measurement_plan.DEFAULT_UNCERTAINTIES)
     assert data.uncertainties["tendon.stiffness_1_n_per_mm"] == pytest.approx(6.0)
 
 
-def test_a_rehearsal_says_that_it_is_simulated(rehearsal: Path) -> None:
+def test_simulated_plan_is_marked(simulated_plan: Path) -> None:
     for file in ("dataset.toml", "README.txt"):
-        assert "simulated, not measured" in (rehearsal / file).read_text("utf-8").splitlines()[0]
+        assert "simulated, not measured" in (simulated_plan / file).read_text("utf-8").splitlines()[0]
 
 
-def test_a_rehearsal_is_the_device_and_noise(rehearsal: Path) -> None:
-    data = dataset.load_dataset(rehearsal)
+def test_simulated_recordings_are_device_plus_noise(simulated_plan: Path) -> None:
+    data = dataset.load_dataset(simulated_plan)
     left: dict[str, list[np.ndarray]] = {"force": [], "pressure": []}
     for experiment in prepare_experiments(data, dataset.split_dataset(data)):
         setting = SimulationSetup(experiment.device.parameters)
@@ -128,24 +130,24 @@ def test_a_rehearsal_is_the_device_and_noise(rehearsal: Path) -> None:
         assert abs(between) < 0.15  # repeats have noise of their own
 
 
-def test_the_first_row_of_a_rehearsal_is_at_rest() -> None:
+def test_simulated_recording_starts_at_rest() -> None:
     device = load_device("klute-3-4-pair")
-    found = cli_plan.simulate_recording(device, PROTOCOLS["hold"].build_program(device), (0, 0))
+    found = measurement_plan.simulate_recording(device, PROTOCOLS["hold"].build_program(device), (0, 0))
     early = found["time [s]"] < 0.45
     assert found["force [N]"][0] == pytest.approx(found["force [N]"][early].mean(), abs=12.0)
     assert found["force [N]"][early].std() == pytest.approx(3.0, rel=0.3)
 
 
-def test_a_rehearsal_is_the_same_every_time(rehearsal: Path) -> None:
-    done = run("klute-3-4-pair", "--out", "again", "--rehearse", "--only", "steps", cwd=rehearsal.parent)
+def test_simulated_plan_is_reproducible(simulated_plan: Path) -> None:
+    done = run("klute-3-4-pair", "--out", "again", "--simulate", "--only", "steps", cwd=simulated_plan.parent)
     assert done.returncode == 0, done.stderr
-    again = rehearsal.parent / "again"
+    again = simulated_plan.parent / "again"
     for file in ("steps_a.csv", "steps_b.csv", "steps.csv"):
-        assert (again / file).read_bytes() == (rehearsal / file).read_bytes()
+        assert (again / file).read_bytes() == (simulated_plan / file).read_bytes()
 
 
-def test_some_protocols_and_more_repeats(tmp_path: Path) -> None:
-    options = ("--only", "sines", "--only", "steps", "--only", "steps", "--repeats", "4", "--rehearse")
+def test_selected_protocols_and_more_repeats(tmp_path: Path) -> None:
+    options = ("--only", "sines", "--only", "steps", "--only", "steps", "--repeats", "4", "--simulate")
     done = run("klute-3-4", *options, "--out", "bare", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert [p["name"] for p in json.loads(done.stdout)["protocols"]] == ["steps", "sines"]
@@ -160,33 +162,34 @@ def test_some_protocols_and_more_repeats(tmp_path: Path) -> None:
     assert "steps_a.csv to steps_d.csv" in text
 
 
-def test_without_a_protocol_to_fit_the_program_decides(tmp_path: Path) -> None:
-    done = run("klute-3-4-pair", "--only", "mixed", "--rehearse", "--out", "one", cwd=tmp_path)
+def test_without_a_protocol_to_fit_the_split_decides(tmp_path: Path) -> None:
+    done = run("klute-3-4-pair", "--only", "mixed", "--simulate", "--out", "one", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "drawn later" in done.stdout
+    assert "assigned later" in done.stdout
     data = dataset.load_dataset(tmp_path / "one")
     assert dataset.split_dataset(data).fit == ("mixed_a", "mixed_b")
 
 
 @pytest.mark.parametrize("name", list_presets())
-def test_every_preset_has_a_file_that_can_be_read(name: str) -> None:
+def test_dataset_file_is_valid_for_all_presets(name: str) -> None:
     from klute_sim.datasets import format as file_format
 
     device = load_device(name)
-    text = cli_plan.format_dataset_toml(device, list(PROTOCOLS.values()), 3, simulated=False)
+    text = measurement_plan.format_dataset_toml(device, list(PROTOCOLS.values()), 3, simulated=False)
     file = file_format.parse_dataset_file(text.encode(), "here")
     assert len(file.trial) == 3 * len(PROTOCOLS)
     assert file_format.compute_standard_deviations(file.uncertain, device.spec.collect_values(), "here")
 
 
-def test_a_term_that_is_off_or_zero_is_not_uncertain() -> None:
+def test_disabled_or_zero_term_is_not_uncertain() -> None:
     text = load_device("klute-3-4-pair").content.decode()
     off = text.replace("friction_offset_n = -38.2", "friction_offset_n = -38.2\nbladder = false\nfriction = false")
     zero = off.replace("stiffness_2_n_per_mm = 140.0", "stiffness_2_n_per_mm = 0.0")
-    told = cli_plan.format_dataset_toml(parse_device(zero.encode(), "x"), list(PROTOCOLS.values()), 2, simulated=False)
+    device = parse_device(zero.encode(), "x")
+    content = measurement_plan.format_dataset_toml(device, list(PROTOCOLS.values()), 2, simulated=False)
     for key in ("muscle.c10_kpa", "muscle.friction_slope_n_per_bar", "tendon.stiffness_2_n_per_mm"):
-        assert key not in told
-    assert "tendon.stiffness_1_n_per_mm" in told
+        assert key not in content
+    assert "tendon.stiffness_1_n_per_mm" in content
 
 
 @pytest.mark.parametrize(
@@ -196,15 +199,15 @@ def test_a_term_that_is_off_or_zero_is_not_uncertain() -> None:
         (["--out", "x"], "Missing argument 'DEVICE'"),
         (["klute-3-4-pair", "--out", ""], "the path is empty"),
         (["klute-9", "--out", "x"], "no device 'klute-9'"),
-        (["klute-3-4-pair", "--out", "x", "--repeats", "1"], "--repeats is 1; allowed: 2 to 26"),
-        (["klute-3-4-pair", "--out", "x", "--repeats", "27"], "--repeats is 27; allowed: 2 to 26"),
+        (["klute-3-4-pair", "--out", "x", "--repeats", "1"], "the number of repeats is 1; allowed: 2 to 26"),
+        (["klute-3-4-pair", "--out", "x", "--repeats", "27"], "the number of repeats is 27; allowed: 2 to 26"),
         (["klute-3-4-pair", "--out", "x", "--only", "jumps"], "there is no protocol 'jumps'; there are: steps, ramps"),
         (["klute-3-4-pair", "--out", "full"], "output folder full is not empty"),
         (["klute-3-4-pair", "--out", "full/notes.txt"], "is a file; name a new or an empty folder"),
         (["locked.toml", "--out", "x"], "cannot be tested: its muscle locks"),
     ],
 )
-def test_bad_input_is_one_sentence(arguments: list[str], says: str, tmp_path: Path) -> None:
+def test_invalid_input_gives_one_sentence(arguments: list[str], says: str, tmp_path: Path) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "notes.txt").write_text("mine")
     text = load_device("klute-3-4").content.decode()

@@ -1,4 +1,4 @@
-"""``klute-sim reproduce`` and ``klute-sim assumptions``, from the command line to the files."""
+"""Tests of ``klute-sim reproduce`` and ``klute-sim assumptions`` from the command line to the files."""
 
 import json
 from pathlib import Path
@@ -10,39 +10,39 @@ from tests.command_line import run
 VERDICTS = {"agrees", "contradicts-source", "source-contradicts-itself", "not-printed"}
 
 
-def test_the_dissertation_is_written_as_a_page_with_pictures(tmp_path: Path) -> None:
+def test_reproduction_writes_page_with_figures(tmp_path: Path) -> None:
     numbers = tmp_path / "numbers.toml"
     numbers.write_text('"table-4.1.bore" = 20.0\n', "utf-8")
-    done = run("reproduce", "--out", "found", "--published", "numbers.toml", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    items = json.loads(done.stdout)
+    completed = run("reproduce", "--out", "result", "--published", "numbers.toml", "--json", cwd=tmp_path)
+    assert completed.returncode == 0, completed.stderr
+    items = json.loads(completed.stdout)
     assert len(items) >= 60
     assert all({"item", "quantity", "unit", "published", "computed", "verdict", "note"} <= set(item) for item in items)
     assert {item["verdict"] for item in items} == VERDICTS
     assert next(item for item in items if item["item"] == "table-4.1.bore")["verdict"] == "agrees"
-    assert json.loads((tmp_path / "found" / "items.json").read_text("utf-8")) == items
-    page = (tmp_path / "found" / "report.html").read_text("utf-8")
+    assert json.loads((tmp_path / "result" / "items.json").read_text("utf-8")) == items
+    page = (tmp_path / "result" / "report.html").read_text("utf-8")
     assert all(f'id="{item["item"]}"' in page for item in items)
-    assert "How far is the model from the measurements at 5 bar?" in page
-    pictures = sorted(file.name for file in (tmp_path / "found").glob("fig-*.png"))
-    assert "fig-3.9.png" in pictures
-    assert page.count("data:image/png;base64,") == len(pictures) >= 22
+    assert "Deviation of the model from the measurements at 5 bar" in page
+    figures = sorted(file.name for file in (tmp_path / "result").glob("fig-*.png"))
+    assert "fig-3.9.png" in figures
+    assert page.count("data:image/png;base64,") == len(figures) >= 22
     assert "<script" not in page
     assert "http:" not in page
 
 
 @pytest.mark.long
-def test_the_table_begins_with_what_was_measured(tmp_path: Path) -> None:
-    done = run("reproduce", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    first = done.stdout.splitlines()[0].strip()
-    assert first == "Measured at 5 bar, and the model"
-    assert "734" in done.stdout
+def test_table_begins_with_measured_items(tmp_path: Path) -> None:
+    completed = run("reproduce", cwd=tmp_path)
+    assert completed.returncode == 0, completed.stderr
+    first_line = completed.stdout.splitlines()[0].strip()
+    assert first_line == "Measured at 5 bar, and the model"
+    assert "734" in completed.stdout
     assert (tmp_path / "runs" / "reproduce-001" / "report.html").is_file()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (("reproduce", "--device", "klute-3-4"), "has no damper"),
         (("reproduce", "--published", "none.toml"), "none.toml cannot be read"),
@@ -50,28 +50,28 @@ def test_the_table_begins_with_what_was_measured(tmp_path: Path) -> None:
         (("reproduce", "--missing", "--json"), "no other option goes with it"),
     ],
 )
-def test_bad_input_is_one_sentence(tmp_path: Path, arguments: tuple[str, ...], says: str) -> None:
-    done = run(*arguments, cwd=tmp_path)
-    assert done.returncode == 2
-    assert says in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_invalid_input_raises_one_sentence(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
+    completed = run(*arguments, cwd=tmp_path)
+    assert completed.returncode == 2
+    assert message in completed.stderr
+    assert completed.stderr.count("\n") == 1
     assert not (tmp_path / "runs").exists()
 
 
-def test_missing_numbers_are_listed_to_fill_in(tmp_path: Path) -> None:
-    done = run("reproduce", "--missing", cwd=tmp_path)
-    assert done.returncode == 0
+def test_missing_numbers_are_printed_as_template(tmp_path: Path) -> None:
+    completed = run("reproduce", "--missing", cwd=tmp_path)
+    assert completed.returncode == 0
     assert (
         '# "table-8.1.p5-v100" =   # pressure while shortening: net work of the device per cycle at 5 bar, 100 mm/s [J]'
-        in done.stdout
+        in completed.stdout
     )
     assert not (tmp_path / "runs").exists()
 
 
-def test_assumptions_say_why_and_what_they_change(tmp_path: Path) -> None:
-    done = run("assumptions", "klute-3-4-pair", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    rows = {row["key"]: row for row in json.loads(done.stdout)["klute-3-4-pair"]}
+def test_assumptions_have_reasons_and_changes(tmp_path: Path) -> None:
+    completed = run("assumptions", "klute-3-4-pair", "--json", cwd=tmp_path)
+    assert completed.returncode == 0, completed.stderr
+    rows = {row["key"]: row for row in json.loads(completed.stdout)["klute-3-4-pair"]}
     assert "Table 4.1 is missing" in rows["damper.bore_mm"]["why"]
     assert abs(rows["damper.bore_mm"]["changes"]["force shortening at 300 mm/s"]) > 0.05
     table = run("assumptions", "klute-1-2", cwd=tmp_path).stdout
@@ -82,12 +82,12 @@ def test_assumptions_say_why_and_what_they_change(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_walk_is_tried_with_every_assumption_if_asked(tmp_path: Path) -> None:
+def test_gait_option_adds_gait_metrics(tmp_path: Path) -> None:
     text = run("device", "klute-1-1-4-pair", "--toml", cwd=tmp_path).stdout
-    kept = [line for line in text.splitlines() if '= "assumed' not in line or "slack_length" in line]
-    (tmp_path / "one.toml").write_text("\n".join(kept) + "\n", "utf-8")
-    done = run("assumptions", "one.toml", "--gait", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    (row,) = next(iter(json.loads(done.stdout).values()))
+    lines = [line for line in text.splitlines() if '= "assumed' not in line or "slack_length" in line]
+    (tmp_path / "one.toml").write_text("\n".join(lines) + "\n", "utf-8")
+    completed = run("assumptions", "one.toml", "--gait", "--json", cwd=tmp_path)
+    assert completed.returncode == 0, completed.stderr
+    (row,) = next(iter(json.loads(completed.stdout).values()))
     assert row["key"] == "tendon.slack_length_mm"
-    assert "walking: peak net moment" in row["changes"]
+    assert "gait: peak net moment" in row["changes"]

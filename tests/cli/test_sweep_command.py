@@ -18,42 +18,43 @@ from klute_sim.device.device import load_device
 from klute_sim.gait.metrics import compute_gait_metrics
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
+from klute_sim.parameter_sweep.store import RESULTS_FOLDER
 from tests.command_line import run
 
-ASKED = (
+ARGUMENTS = (
     *("--device", "klute-3-4", "--device", "klute-1-1-4-pair"),
-    *("--controller", "constant:2", "--controller", "profile", "--speed", "1.1,own", "--slope", "-4,0"),
+    *("--controller", "constant:2", "--controller", "profile", "--speed", "1.1,reference", "--slope", "-4,0"),
     *("--mass", "60", "--strides", "1", "--step", "1", "--jobs", "1", "--out", "s"),
 )
 
 
 @pytest.fixture(scope="module")
-def swept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def finished_sweep(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("sweep")
-    done = run("sweep", *ASKED, "--csv", "--json", cwd=folder)
+    done = run("sweep", *ARGUMENTS, "--csv", "--json", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return folder, json.loads(done.stdout)
 
 
-def test_the_table_holds_the_outcomes_of_single_walks_bit_for_bit(swept: tuple[Path, dict[str, Any]]) -> None:
-    folder, found = swept
+def test_table_holds_the_metrics_of_single_runs_bit_for_bit(finished_sweep: tuple[Path, dict[str, Any]]) -> None:
+    folder, output = finished_sweep
     rows = pq.read_table(folder / "s" / "sweep.parquet").to_pylist()
-    assert rows == found["rows"]
+    assert rows == output["rows"]
     assert [r["device"] for r in rows] == ["klute-3-4"] * 8 + ["klute-1-1-4-pair"] * 8
     rows = rows[8:]
-    asked = [(r["controller"], r["speed_asked [m/s]"], r["slope [deg]"]) for r in rows]
-    assert asked == [(c, v, s) for c in ("constant:2", "profile") for v in (1.1, None) for s in (-4.0, 0.0)]
-    for row, (controller, speed, slope) in zip(rows, asked, strict=True):
+    inputs = [(r["controller"], r["speed_requested [m/s]"], r["slope [deg]"]) for r in rows]
+    assert inputs == [(c, v, s) for c in ("constant:2", "profile") for v in (1.1, None) for s in (-4.0, 0.0)]
+    for row, (controller, speed, slope) in zip(rows, inputs, strict=True):
         options = GaitOptions(mass=60.0, speed=speed, slope=math.radians(slope), strides=1, dt=1e-3)
         recording = simulate_gait(load_device("klute-1-1-4-pair"), parse_controller(controller), options)
-        outcome = compute_gait_metrics(recording)
-        (stride,) = outcome.strides
-        human = speed is None and slope == 0.0
+        metrics = compute_gait_metrics(recording)
+        (stride,) = metrics.strides
+        has_distances = speed is None and slope == 0.0
         assert row["speed [m/s]"] == recording.provenance["options"]["speed_m_per_s"]
-        assert row["angle_distance [sd]"] == (stride.angle_distance_sd.stance_rms if human else None)
-        assert row["moment_distance [sd]"] == (stride.moment_distance_sd.stance_rms if human else None)
-        assert row["power_distance [sd]"] == (stride.power_distance_sd.stance_rms if human else None)
+        assert row["angle_distance [sd]"] == (stride.angle_distance_sd.stance_rms if has_distances else None)
+        assert row["moment_distance [sd]"] == (stride.moment_distance_sd.stance_rms if has_distances else None)
+        assert row["power_distance [sd]"] == (stride.power_distance_sd.stance_rms if has_distances else None)
         assert row["ankle_power_peak [W/kg]"] == stride.ankle_power_peak_w_per_kg
         assert row["ankle_work_net [J/kg]"] == stride.ankle_work_net_j_per_kg
         assert row["ankle_work_positive [J/kg]"] == stride.ankle_work_positive_j_per_kg
@@ -68,79 +69,80 @@ def test_the_table_holds_the_outcomes_of_single_walks_bit_for_bit(swept: tuple[P
         assert row["grf_vertical_tracking_rms [1]"] == stride.grf_vertical_tracking_rms_bw
         assert row["air_per_stride [g]"] == stride.air_g
         assert row["short_of_supply [%]"] == stride.short_of_supply_pct
-        assert row["trips"] is outcome.has_swing_contact
+        assert row["trips"] is metrics.has_swing_contact
         assert row["failure"] is None
 
 
-def test_a_device_that_does_not_fit_is_a_row_with_the_reason(swept: tuple[Path, dict[str, Any]]) -> None:
-    assert swept[1]["failed"] == 8
-    for row in swept[1]["rows"][:8]:
+def test_unsuitable_device_is_a_row_with_the_reason(finished_sweep: tuple[Path, dict[str, Any]]) -> None:
+    assert finished_sweep[1]["failed"] == 8
+    for row in finished_sweep[1]["rows"][:8]:
         assert row["failure"].endswith("its file has no [tendon] section; did you mean 'klute-3-4-pair'?")
         assert row["toe_off [%]"] is None
         assert row["trips"] is None
 
 
-def test_the_csv_reads_back_and_the_folder_says_what_was_asked_for(swept: tuple[Path, dict[str, Any]]) -> None:
-    folder, found = swept
+def test_csv_reads_back_and_the_plan_contains_the_inputs(finished_sweep: tuple[Path, dict[str, Any]]) -> None:
+    folder, output = finished_sweep
     with (folder / "s" / "sweep.csv").open(newline="") as file:
-        read = list(csv.DictReader(file))
-    assert [float(r["toe_off [%]"]) for r in read[8:]] == [r["toe_off [%]"] for r in found["rows"][8:]]
-    assert read[0]["moment_distance [sd]"] == ""
+        rows = list(csv.DictReader(file))
+    assert [float(r["toe_off [%]"]) for r in rows[8:]] == [r["toe_off [%]"] for r in output["rows"][8:]]
+    assert rows[0]["moment_distance [sd]"] == ""
     plan = json.loads((folder / "s" / "sweep.json").read_text())
     assert plan["devices"]["klute-1-1-4-pair"]["file"] == load_device("klute-1-1-4-pair").content.decode()
     assert plan["controllers"]["constant:2"] == {"kind": "constant", "pressure_bar": 2.0}
-    assert {file.name for file in (folder / "s").iterdir()} == {"sweep.parquet", "sweep.csv", "sweep.json", "walks"}
+    files = {file.name for file in (folder / "s").iterdir()}
+    assert files == {"sweep.parquet", "sweep.csv", "sweep.json", RESULTS_FOLDER}
 
 
-def test_the_same_command_shows_the_table_and_walks_nothing(
-    swept: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+def test_same_command_shows_the_table_without_simulating(
+    finished_sweep: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from klute_sim.parameter_sweep import local
 
-    monkeypatch.setattr(local.LocalRunner, "run", lambda *_, **__: pytest.fail("something was walked"))
-    done = run("sweep", *ASKED, cwd=swept[0], COLUMNS="220")
+    monkeypatch.setattr(local.LocalRunner, "run", lambda *_, **__: pytest.fail("a case was simulated"))
+    done = run("sweep", *ARGUMENTS, cwd=finished_sweep[0], COLUMNS="220")
     assert done.returncode == 0, done.stderr
-    assert done.stderr == "16 walks were there from before.\n"
-    assert "16 combinations" in done.stdout
+    assert done.stderr == "16 cases were finished before.\n"
+    assert "16 cases" in done.stdout
     assert "its file has no [tendon] section" in done.stdout
-    assert "8 of 16 combinations have no outcomes" in done.stdout
-    assert "own" in done.stdout
+    assert "8 of 16 cases failed" in done.stdout
+    assert "reference" in done.stdout
     assert "Sweep folder: s  (sweep.csv, sweep.json, sweep.parquet)" in done.stdout
 
 
-def test_a_reference_that_has_changed_is_another_sweep(tmp_path: Path) -> None:
+def test_changed_reference_file_is_another_sweep(tmp_path: Path) -> None:
     text = (resources.files("klute_sim.gait") / "normative_gait.csv").read_text("utf-8")
     (tmp_path / "me.csv").write_text(text)
-    asked = ("sweep", "--reference", "me.csv", "--reference", "able-bodied", "--stature", "1.8", "--spring-foot", "6")
+    inputs = ("sweep", "--reference", "me.csv", "--reference", "able-bodied", "--stature", "1.8", "--spring-foot", "6")
     small = ("--strides", "1", "--step", "1", "--jobs", "1", "--out", "s")
-    done = run(*asked, *small, "--json", cwd=tmp_path)
+    done = run(*inputs, *small, "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout)["rows"]
     assert [(r["device"], r["reference"], r["stature [m]"], r["failure"]) for r in rows] == [
         ("spring foot 6", "me.csv", 1.8, None),
         ("spring foot 6", "able-bodied", 1.8, None),
     ]
-    heading = "ankle_moment_peak [N*m/kg]"
-    assert rows[0][heading] == rows[1][heading]  # the same gait under two names
+    column = "ankle_moment_peak [N*m/kg]"
+    assert rows[0][column] == rows[1][column]  # the same gait under two names
     assert rows[0]["reference_sha256"] == rows[1]["reference_sha256"]
     assert rows[0]["air_per_stride [g]"] == 0.0
     (tmp_path / "me.csv").write_text(text + "\n")
-    done = run(*asked, *small, cwd=tmp_path)
+    done = run(*inputs, *small, cwd=tmp_path)
     assert done.returncode == 2
     assert "output folder s holds another sweep (other references)" in done.stderr
 
 
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
-def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
+def test_ctrl_c_keeps_finished_cases_and_names_the_folder(tmp_path: Path) -> None:
     code = (
         "import os, signal\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a job in the background ignores it
-        "from klute_sim.parameter_sweep.store import Store\n"
-        "put = Store.put\n"
-        "def interrupted(*arguments):\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a background job ignores the signal
+        "from klute_sim.parameter_sweep.store import ResultStore\n"
+        "put = ResultStore.put\n"
+        "def put_and_interrupt(*arguments):\n"
         "    put(*arguments)\n"
-        "    os.killpg(0, signal.SIGINT)\n"  # as a terminal does: every process gets it
-        "Store.put = interrupted\n"
+        "    os.killpg(0, signal.SIGINT)\n"  # as from a terminal: every process receives it
+        "ResultStore.put = put_and_interrupt\n"
         "from klute_sim.cli import main\n"
         "main(['sweep', '--mass', '60,75,90', '--strides', '1', '--step', '1', '--jobs', '1', '--out', 's'])\n"
     )
@@ -149,15 +151,15 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
         command, cwd=tmp_path, capture_output=True, text=True, check=False, start_new_session=True, timeout=120
     )
     assert done.returncode == 130
-    assert "with --out s goes on where it was" in done.stderr
+    assert "the same command with --out s resumes there" in done.stderr
     assert done.stderr.strip().splitlines()[-1] == "klute-sim: interrupted; no file was left half-written"
     assert "Traceback" not in done.stderr
-    assert len(list((tmp_path / "s" / "walks").iterdir())) == 1
+    assert len(list((tmp_path / "s" / RESULTS_FOLDER).iterdir())) == 1
     assert not (tmp_path / "s" / "sweep.parquet").exists()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (["--device", "nobody"], "no device 'nobody'"),
         (["--controller", "pid"], "no controller 'pid'; allowed: profile, off, constant:BAR"),
@@ -167,30 +169,30 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
         (["--reference", "nobody"], "reference nobody cannot be read: No such file or directory"),
         (["--spring-foot", "x"], "'x' is not a number"),
         (["--mass", "60,,75"], "'' is not a number"),
-        (["--mass", "own"], "'own' is not a number"),
-        (["--speed", "fast"], "'fast' is not a number or 'own'"),
+        (["--mass", "reference"], "'reference' is not a number"),
+        (["--speed", "fast"], "'fast' is not a number or 'reference'"),
         (["--speed", "nan"], "speed is nan"),
         (["--slope", "30"], "slope is 30; allowed: -10 to 10 degrees"),
         (["--strides", "0"], "strides is 0; allowed: 1 to 200"),
         (["--step", "7"], "step is 7; allowed: 0.01 to 1 ms"),
         (["--jobs", "-1"], "--jobs"),
-        (["--jobs", "2", "--ray", "local"], "--jobs goes without --ray"),
+        (["--jobs", "2", "--ray", "local"], "--jobs and --ray exclude each other"),
         (["--out", ""], "the path is empty"),
         (["--out", "full"], "output folder full is not empty and holds no sweep"),
         (["--out", "file"], "output folder file is a file"),
         (["--out", "file/s"], "output folder file/s cannot be written"),
-        (["--out", "odd"], "sweep.json is no plan"),
+        (["--out", "odd"], "sweep.json is not the plan of a sweep"),
         (["--out", "other"], "output folder other holds another sweep (other devices, controllers, references"),
     ],
 )
-def test_bad_input_is_one_sentence_and_leaves_nothing(arguments: list[str], says: str, tmp_path: Path) -> None:
+def test_bad_input_is_one_sentence_and_leaves_no_file(arguments: list[str], message: str, tmp_path: Path) -> None:
     for name, text in (("full/x", ""), ("odd/sweep.json", "[]"), ("other/sweep.json", "{}"), ("file", "")):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
     before = sorted(tmp_path.rglob("*"))
     done = run("sweep", *arguments, cwd=tmp_path)
     assert done.returncode == 2
-    assert says in done.stderr
+    assert message in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert done.stdout == ""
     assert sorted(tmp_path.rglob("*")) == before

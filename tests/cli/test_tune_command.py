@@ -1,4 +1,4 @@
-"""``klute-sim tune`` from end to end: few walks, short ones."""
+"""``klute-sim tune`` end to end with few short evaluations."""
 
 import json
 from pathlib import Path
@@ -7,47 +7,49 @@ import pytest
 
 from klute_sim.controllers.pressure import load_profile
 from klute_sim.device.device import load_device
+from klute_sim.parameter_sweep.store import RESULTS_FOLDER
+from klute_sim.viewer.layouts.tuning import EVALUATIONS_FILE
 from tests.command_line import run
 
 pytest.importorskip("cma")
 
 
-def test_a_few_walks_make_it_better_and_more_of_them_go_on(tmp_path: Path) -> None:
+def test_few_evaluations_reduce_the_objective_and_the_search_can_be_resumed(tmp_path: Path) -> None:
     done = run("tune", "--budget", "14", "--also", "tendon.stiffness_1_n_per_mm", "--out", "t", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    assert found["cost"]["tuned"] < found["cost"]["before"]
-    assert found["walks"] >= 14
-    assert found["files"] == ["device.toml", "tried.csv", "tuned.csv", "tuning.json", "tuning.png"]
-    assert {each.name for each in (tmp_path / "t").iterdir()} == {*found["files"], "tune.json", "walks"}
-    knobs = found["knobs"]
-    pressures = [knob["tuned"] for name, knob in knobs.items() if name.startswith("pressure at")]
+    output = json.loads(done.stdout)
+    assert output["cost"]["tuned"] < output["cost"]["before"]
+    assert output["evaluations"] >= 14
+    assert output["files"] == sorted(["device.toml", EVALUATIONS_FILE, "tuned.csv", "tuning.json", "tuning.png"])
+    assert {file.name for file in (tmp_path / "t").iterdir()} == {*output["files"], "tune.json", RESULTS_FOLDER}
+    variables = output["design_variables"]
+    pressures = [variable["tuned"] for name, variable in variables.items() if name.startswith("pressure at")]
     assert sorted(load_profile(tmp_path / "t" / "tuned.csv").pressure_bar) == pytest.approx(sorted(pressures), abs=1e-4)
     device = load_device(tmp_path / "t" / "device.toml")
     tuned = device.spec.collect_values()["tendon.stiffness_1_n_per_mm"]
-    assert tuned == pytest.approx(knobs["tendon.stiffness_1_n_per_mm"]["tuned"], rel=1e-4)
+    assert tuned == pytest.approx(variables["tendon.stiffness_1_n_per_mm"]["tuned"], rel=1e-4)
     assert device.spec.sources["tendon.stiffness_1_n_per_mm"].startswith("assumed: found by klute-sim tune")
-    rows = {row["name"]: row for row in found["table"]}
+    rows = {row["name"]: row for row in output["table"]}
     for row in rows.values():
         assert row["before"] != row["tuned"]
     squares = [
-        sum(rows[f"{each} to human, stance rms [sd]"][side] ** 2 for each in ("moment", "angle", "power"))
+        sum(rows[f"{name} to human, stance rms [sd]"][side] ** 2 for name in ("moment", "angle", "power"))
         for side in ("before", "tuned")
     ]
     assert squares[1] < squares[0]
     assert rows["peak net power [W/kg]"]["human"] == pytest.approx(3.29, abs=0.02)
-    walks = len(list((tmp_path / "t" / "walks").iterdir()))
-    again = run("tune", "--budget", "14", "--also", "tendon.stiffness_1_n_per_mm", "--out", "t", cwd=tmp_path)
-    assert again.returncode == 0, again.stderr
-    assert len(list((tmp_path / "t" / "walks").iterdir())) == walks
-    assert "The objective fell by" in again.stdout
-    assert "most plantarflexion [deg]" in again.stdout
+    n_results = len(list((tmp_path / "t" / RESULTS_FOLDER).iterdir()))
+    resumed = run("tune", "--budget", "14", "--also", "tendon.stiffness_1_n_per_mm", "--out", "t", cwd=tmp_path)
+    assert resumed.returncode == 0, resumed.stderr
+    assert len(list((tmp_path / "t" / RESULTS_FOLDER).iterdir())) == n_results
+    assert "The objective fell by" in resumed.stdout
+    assert "peak plantarflexion [deg]" in resumed.stdout
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
-        (["--weight", "air"], "--weight is 'air'; allowed: a part and a number, as in air=0.5"),
+        (["--weight", "air"], "--weight is 'air'; allowed: a term and a number, such as air=0.5"),
         (["--weight", "oil=1"], "there is no weight of 'oil'"),
         (["--also", "damper.colour"], "has no number 'damper.colour'"),
         (["--profile", "none.csv"], "pressure profile none.csv cannot be read"),
@@ -61,9 +63,9 @@ def test_a_few_walks_make_it_better_and_more_of_them_go_on(tmp_path: Path) -> No
         (["--budget", "0"], "0"),
     ],
 )
-def test_bad_input_is_one_sentence_and_leaves_nothing(arguments: list[str], says: str, tmp_path: Path) -> None:
+def test_bad_input_is_one_sentence_and_leaves_no_file(arguments: list[str], message: str, tmp_path: Path) -> None:
     done = run("tune", *arguments, cwd=tmp_path)
     assert done.returncode == 2
-    assert says in done.stderr
+    assert message in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""Small gait datasets whose truth is known: walks of the contact model, in other steps, seen by noisy instruments."""
+"""Small synthetic gait datasets: contact model, another time step, noisy instruments, known parameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -13,42 +13,43 @@ from klute_sim.device.device import load_device, parse_device
 from klute_sim.gait.rig.build import ModelEdit
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
-from klute_sim.recording.recording import Array, Recording
+from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 
 DEVICE = "klute-1-1-4-pair"
-STEP = 2.5e-4
+TIME_STEP = 2.5e-4
 MOTION = {"shank_angle [deg]": 0.1, "ankle_x [m]": 3e-4, "ankle_z [m]": 3e-4, "ankle_angle [deg]": 0.1}
 LOAD = {
     **{"grf_vertical [N]": 2.0, "grf_forward [N]": 1.0, "cop_x [m]": 1e-3, "pressure_command [bar]": 0.0},
     **{"force [N]": 5.0, "pressure [bar]": 0.01, "muscle_length [m]": 5e-5},
 }
-"""Columns and their noise, by the instrument: markers at 200 Hz, gauges and plates at 1 kHz."""
-WALKS = {
+"""Columns and their noise: markers at 200 Hz; sensors and force plates at 1 kHz."""
+GROUP_CONDITIONS = {
     "fit_1": (1.19, 1.0),
     "fit_2": (1.0, 0.7),
-    "select_1": (1.3, 0.85),
-    "show_1": (1.1, 0.5),
+    "validation_1": (1.3, 0.85),
+    "test_1": (1.1, 0.5),
 }
-"""Group -> speed [m/s], share of the tuned profile's pressure."""
+"""Group -> walking speed [m/s] and fraction of the tuned profile's pressure."""
 
 
 @lru_cache(maxsize=16)
-def walked(group: str, effects: str = "", edit: ModelEdit | None = None, strides: int = 4) -> Recording:
-    """``effects`` are sections of a device file."""
-    speed, share = WALKS[group]
+def simulate_group(group: str, effects: str = "", edit: ModelEdit | None = None, strides: int = 4) -> Recording:
+    """Simulate gait; ``effects`` are sections of a device file."""
+    speed, fraction = GROUP_CONDITIONS[group]
     text = load_device(DEVICE).content.decode() + effects
     profile = load_default_profile()
-    profile = replace(profile, pressure_bar=tuple(share * bar for bar in profile.pressure_bar))
+    profile = replace(profile, pressure_bar=tuple(fraction * bar for bar in profile.pressure_bar))
     assert isinstance(profile, PressureProfile)
     return simulate_gait(
         parse_device(text.encode(), DEVICE),
         profile,
-        GaitOptions(speed=speed, strides=strides, dt=STEP, model_edit=edit),
+        GaitOptions(speed=speed, strides=strides, dt=TIME_STEP, model_edit=edit),
     )
 
 
-def reckoned(recording: Recording, channel: str) -> Array:
-    """``channel``, the ankle's place as a rigid shank below the knee has it."""
+def compute_from_limb(recording: Recording, channel: str) -> Array:
+    """Return ``channel``, with the ankle position computed from a rigid thigh and shank."""
     thigh, shank = (np.radians(recording[name]) for name in ("thigh_angle", "shank_angle"))
     if channel == "ankle_x":
         return np.asarray(recording["carriage_x"] - 0.43 * (np.sin(thigh) + np.sin(shank)))
@@ -57,12 +58,12 @@ def reckoned(recording: Recording, channel: str) -> Array:
     return recording[channel]
 
 
-def dataset(
+def write_dataset(
     folder: Path,
     *,
     effects: str = "",
     edit: ModelEdit | None = None,
-    groups: Sequence[str] = tuple(WALKS),
+    groups: Sequence[str] = tuple(GROUP_CONDITIONS),
     repeats: int = 2,
     strides: int = 4,
     seed: int = 0,
@@ -70,25 +71,28 @@ def dataset(
     offset: Mapping[str, float] | None = None,
     limb: bool = False,
 ) -> Path:
-    """Write it; ``offset`` is added to columns. ``limb``: where the ankle is, is reckoned from the limb."""
-    random = np.random.default_rng(seed)
+    """Write a dataset to ``folder``.
+
+    ``offset`` is added to columns; with ``limb`` the ankle position is computed from limb angles.
+    """
+    rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
-    lines = ['format = "klute-sim-dataset/1"', 'rig = "gait"', f'device = "{DEVICE}"', "", "[uncertain]"]
-    told = {"muscle.friction_slope_n_per_bar": "10 %", "tendon.stiffness_1_n_per_mm": "10 %"}
-    lines += [f'"{key}" = "{value}"' for key, value in (told if uncertain is None else uncertain).items()]
+    lines = ['format = "klute-sim-dataset/2"', 'rig = "gait"', f'device = "{DEVICE}"', "", "[uncertain]"]
+    default_uncertain = {"muscle.friction_slope_n_per_bar": "10 %", "tendon.stiffness_1_n_per_mm": "10 %"}
+    lines += [f'"{key}" = "{value}"' for key, value in (default_uncertain if uncertain is None else uncertain).items()]
     for group in groups:
-        recording = walked(group, effects, edit, strides)
-        by_limb = partial(reckoned, recording)
+        recording = simulate_group(group, effects, edit, strides)
+        channel_by_limb = partial(compute_from_limb, recording)
         for repeat in range(repeats):
             files = []
-            for part, interval, noises in (("motion", 5e-3, MOTION), ("load", 1e-3, LOAD)):
-                every = round(interval / STEP)
-                columns = {"time [s]": recording["time"][::every]}
-                for heading, noise in noises.items():
-                    values = (by_limb if limb else recording.__getitem__)(heading.split(" ")[0])[::every]
-                    seen = values + random.normal(0.0, 1.0, len(values)) * noise
-                    columns[heading] = seen + (offset or {}).get(heading, 0.0)
-                files.append(f"{group}_{repeat}_{part}.csv")
+            for file_kind, interval, noise_by_heading in (("motion", 5e-3, MOTION), ("load", 1e-3, LOAD)):
+                decimation = round(interval / TIME_STEP)
+                columns = {"time [s]": recording["time"][::decimation]}
+                for heading, noise in noise_by_heading.items():
+                    values = (channel_by_limb if limb else recording.__getitem__)(heading.split(" ")[0])[::decimation]
+                    samples = values + rng.normal(0.0, 1.0, len(values)) * noise
+                    columns[heading] = samples + (offset or {}).get(heading, 0.0)
+                files.append(f"{group}_{repeat}_{file_kind}.csv")
                 write_trial(folder / files[-1], columns)
             lines += ["", "[[trial]]", f"files = {files!r}", f'group = "{group}"', f'use = "{group.split("_")[0]}"']
     (folder / "dataset.toml").write_text("\n".join(lines) + "\n", "utf-8")

@@ -1,4 +1,4 @@
-"""Diagnosis of walks: the contact model's, in other steps and seen by noisy instruments, replayed and explained."""
+"""Diagnosis of gait trials simulated with the contact model, another time step and noisy instruments."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,36 +11,38 @@ from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.trial import Series
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.device_file import augment_device
-from klute_sim.diagnosis.experiments.base import SimulationSetup, Simulator, observe, simulate_extrapolated
+from klute_sim.diagnosis.experiments.base import SimulationSetup
 from klute_sim.diagnosis.experiments.gait import (
     MARGIN_AFTER_CONTACT_CHANGE,
     MARGIN_BEFORE_CONTACT_CHANGE,
     GaitExperiment,
 )
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.simulator import Simulator, observe, simulate_extrapolated
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.noise import repeats as noises
+from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.localization import _find_region, _list_splits
-from klute_sim.diagnosis.workflow import Diagnosis, DiagnosisOptions, diagnose
+from klute_sim.diagnosis.workflow import diagnose
 from klute_sim.errors import InputError
 from klute_sim.gait.replay.foot import build_device_foot
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.recording import parquet
-from tests.diagnosis import synthetic_gait_dataset as gait_made
+from tests.diagnosis import synthetic_gait_dataset as synthetic_gait_dataset
 
 
 @pytest.fixture(autouse=True)
-def kept_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def use_temporary_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("KLUTE_SIM_CACHE", str(tmp_path / "cache"))
 
 
 @pytest.fixture(scope="module")
-def clean(tmp_path_factory: pytest.TempPathFactory) -> datasets.Dataset:
-    return datasets.load_dataset(gait_made.dataset(tmp_path_factory.mktemp("gait") / "clean"))
+def clean_dataset(tmp_path_factory: pytest.TempPathFactory) -> datasets.Dataset:
+    return datasets.load_dataset(synthetic_gait_dataset.write_dataset(tmp_path_factory.mktemp("gait") / "clean"))
 
 
-def trials(dataset: datasets.Dataset) -> list[GaitExperiment]:
+def prepare_trials(dataset: datasets.Dataset) -> list[GaitExperiment]:
     return [e for e in prepare_experiments(dataset, datasets.split_dataset(dataset)) if isinstance(e, GaitExperiment)]
 
 
@@ -48,223 +50,271 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values * values)))
 
 
-def named(found: Diagnosis) -> list[str]:
-    return [str(term) for term in found.added_terms]
+def list_terms(result: Diagnosis) -> list[str]:
+    return [str(term) for term in result.added_terms]
 
 
-def test_what_is_not_simulated_is_less_than_the_instruments_noise(clean: datasets.Dataset) -> None:
-    """Of a walk in steps of 0.25 ms that is replayed from samples of 5 ms: all that is left is noise."""
-    one = trials(clean)[0]
-    setting = SimulationSetup(one.device.parameters)
-    found = observe(setting, one, simulate_extrapolated(setting, one))
+def test_replay_error_is_below_the_instrument_noise(clean_dataset: datasets.Dataset) -> None:
+    """Gait simulated with a time step of 0.25 ms is replayed from samples at 5 ms: only noise remains."""
+    trial_experiment = prepare_trials(clean_dataset)[0]
+    setup = SimulationSetup(trial_experiment.device.parameters)
+    result = observe(setup, trial_experiment, simulate_extrapolated(setup, trial_experiment))
     for channel, noise in (
         ("ankle_angle", np.radians(0.1)),
         ("force", 5.0),
         ("pressure", 1e3),
         ("muscle_length", 5e-5),
     ):
-        assert rms(one.measured[channel].value - found[channel]) < 1.25 * noise  # what is prescribed is noisy, too
+        assert (
+            rms(trial_experiment.measured[channel].value - result[channel]) < 1.25 * noise
+        )  # the prescribed channels are noisy, too
 
 
-def test_two_steps_tell_what_shorter_ones_tend_to(clean: datasets.Dataset) -> None:
-    one = trials(clean)[0]
-    assert one.coarse_variant.dt == 2.0 * one.dt
-    assert one.coarse_variant.coarse_variant is one.coarse_variant
-    setting = SimulationSetup(one.device.parameters)
-    fine = replace(one, dt=one.dt / 10.0, **_finer(one, 10)).simulate(setting)
-    late = one.start_time + np.arange(0.5, one.duration - 0.1, 0.002)
-    there = np.interp(late, fine.time, fine.angle)
-    off = [
-        rms(np.interp(late, each.time, each.angle) - there)
-        for each in (one.simulate(setting), simulate_extrapolated(setting, one))
+def test_extrapolation_removes_most_of_the_integration_error(clean_dataset: datasets.Dataset) -> None:
+    trial_experiment = prepare_trials(clean_dataset)[0]
+    assert trial_experiment.coarse_variant.dt == 2.0 * trial_experiment.dt
+    assert trial_experiment.coarse_variant.coarse_variant is trial_experiment.coarse_variant
+    setup = SimulationSetup(trial_experiment.device.parameters)
+    refined = replace(trial_experiment, dt=trial_experiment.dt / 10.0, **_refine_inputs(trial_experiment, 10)).simulate(
+        setup
+    )
+    times = trial_experiment.start_time + np.arange(0.5, trial_experiment.duration - 0.1, 0.002)
+    reference = np.interp(times, refined.time, refined.ankle_angle)
+    errors = [
+        rms(np.interp(times, response.time, response.ankle_angle) - reference)
+        for response in (trial_experiment.simulate(setup), simulate_extrapolated(setup, trial_experiment))
     ]
-    assert off[1] < 0.3 * off[0]
-    assert off[1] < np.radians(0.01)
+    assert errors[1] < 0.3 * errors[0]
+    assert errors[1] < np.radians(0.01)
 
 
-def _finer(one: GaitExperiment, parts: int) -> dict:
-    fine = np.arange(len(one.command) * parts) / parts
-    whole = np.arange(len(one.command))
-    inputs = type(one.inputs)(*(np.interp(fine, whole, series) for series in one.inputs))
-    return {"inputs": inputs, "command": np.interp(fine, whole, one.command)}
+def _refine_inputs(trial_experiment: GaitExperiment, factor: int) -> dict:
+    refined = np.arange(len(trial_experiment.command) * factor) / factor
+    coarse_index = np.arange(len(trial_experiment.command))
+    inputs = type(trial_experiment.inputs)(
+        *(np.interp(refined, coarse_index, series) for series in trial_experiment.inputs)
+    )
+    return {"inputs": inputs, "command": np.interp(refined, coarse_index, trial_experiment.command)}
 
 
-def test_nothing_is_compared_around_where_the_load_comes_and_goes(clean: datasets.Dataset) -> None:
-    one = trials(clean)[0]
-    loaded = one.vertical_load > 20.0
-    changes = one.start_time + one.dt * np.flatnonzero(np.diff(loaded.astype(int)))
-    for series in one.measured.values():
+def test_samples_near_contact_changes_are_not_compared(clean_dataset: datasets.Dataset) -> None:
+    trial_experiment = prepare_trials(clean_dataset)[0]
+    loaded = trial_experiment.vertical_load > 20.0
+    changes = trial_experiment.start_time + trial_experiment.dt * np.flatnonzero(np.diff(loaded.astype(int)))
+    for series in trial_experiment.measured.values():
         for event in changes:
-            near = (series.time > event - MARGIN_BEFORE_CONTACT_CHANGE + 0.004) & (
+            is_near = (series.time > event - MARGIN_BEFORE_CONTACT_CHANGE + 0.004) & (
                 series.time < event + MARGIN_AFTER_CONTACT_CHANGE - 0.004
             )
-            assert not near.any()
-        assert len(series.time) * series.sampling_interval > 0.6 * one.duration
+            assert not is_near.any()
+        assert len(series.time) * series.sampling_interval > 0.6 * trial_experiment.duration
 
 
-def test_strides_of_repeats_are_matched_by_their_phase(clean: datasets.Dataset) -> None:
-    """One that walks 5 % slower shows the same misfit at the same time of the common clock."""
-    one = trials(clean)[0]
-    slow = replace(
-        one, foot_strikes=1.05 * one.foot_strikes, mean_stride_time=1.05 * one.mean_stride_time, dt=1.05 * one.dt
+def test_strides_of_repeats_are_aligned_by_phase(clean_dataset: datasets.Dataset) -> None:
+    """A repeat that is 5 % slower has the same misfit at the same aligned time."""
+    trial_experiment = prepare_trials(clean_dataset)[0]
+    slower = replace(
+        trial_experiment,
+        foot_strikes=1.05 * trial_experiment.foot_strikes,
+        mean_stride_time=1.05 * trial_experiment.mean_stride_time,
+        dt=1.05 * trial_experiment.dt,
     )
-    one, slow = (e.with_repeats([one, slow]) for e in (one, slow))
-    assert isinstance(one, GaitExperiment)
-    assert isinstance(slow, GaitExperiment)
-    assert one.mean_stride_time == slow.mean_stride_time
-    since = np.linspace(-0.2, one.duration + 0.2, 50)
-    assert one.align_time(since) == pytest.approx(slow.align_time(1.05 * since), abs=1e-12)
-    assert one.align_time(one.foot_strikes) == pytest.approx(
-        one.mean_stride_time * np.arange(len(one.foot_strikes)), abs=1e-12
+    trial_experiment, slower = (e.with_repeats([trial_experiment, slower]) for e in (trial_experiment, slower))
+    assert isinstance(trial_experiment, GaitExperiment)
+    assert isinstance(slower, GaitExperiment)
+    assert trial_experiment.mean_stride_time == slower.mean_stride_time
+    elapsed = np.linspace(-0.2, trial_experiment.duration + 0.2, 50)
+    assert trial_experiment.align_time(elapsed) == pytest.approx(slower.align_time(1.05 * elapsed), abs=1e-12)
+    assert trial_experiment.align_time(trial_experiment.foot_strikes) == pytest.approx(
+        trial_experiment.mean_stride_time * np.arange(len(trial_experiment.foot_strikes)), abs=1e-12
     )
-    swing = np.sin(2.0 * np.pi * one.compute_stride_phase(np.arange(0.6, 3.0, 0.005)))
+    misfit = np.sin(2.0 * np.pi * trial_experiment.compute_stride_phase(np.arange(0.6, 3.0, 0.005)))
     experiments = [
-        replace(e, measured={"force": Series(e.start_time + scale * np.arange(0.6, 3.0, 0.005), swing)})
-        for e, scale in ((one, 1.0), (slow, 1.05))
+        replace(e, measured={"force": Series(e.start_time + scale * np.arange(0.6, 3.0, 0.005), misfit)})
+        for e, scale in ((trial_experiment, 1.0), (slower, 1.05))
     ]
-    residuals = [{"force": swing}, {"force": swing}]
-    (stack,) = noises.align_repeats(experiments, residuals, "force")
-    assert np.abs(stack.residuals[0] - stack.residuals[1]).max() < 0.002
-    assert stack.residuals.std() > 0.5
+    residuals = [{"force": misfit}, {"force": misfit}]
+    (aligned,) = noises.align_repeats(experiments, residuals, "force")
+    assert np.abs(aligned.residuals[0] - aligned.residuals[1]).max() < 0.002
+    assert aligned.residuals.std() > 0.5
 
 
-def test_a_part_of_the_stride_is_found() -> None:
-    """Also one that goes on beyond the foot strike."""
+def test_misfit_region_is_a_part_of_the_stride() -> None:
+    """The part may extend beyond foot strike."""
     phase = np.linspace(0.0, 5.0, 4000) % 1.0
-    for begin, words in ((0.48, "at 48-60 % of the stride"), (0.94, "at 94-6 % of the stride")):
-        square = 1.0 + 50.0 * ((phase - begin) % 1.0 < 0.12)
-        region, share, concentration = _find_region(square, {"phase": phase})
-        assert region == words
+    for start, description in ((0.48, "at 48-60 % of the stride"), (0.94, "at 94-6 % of the stride")):
+        squared_misfit = 1.0 + 50.0 * ((phase - start) % 1.0 < 0.12)
+        region, share, concentration = _find_region(squared_misfit, {"phase": phase})
+        assert region == description
         assert share == pytest.approx(51.0 * 0.12 / (51.0 * 0.12 + 0.88), rel=0.02)
         assert concentration > 6.0
     assert _list_splits(np.zeros(4000), np.ones(4000, dtype=bool), {"phase": phase}) == []
 
 
-def test_a_trial_without_strides_is_refused(clean: datasets.Dataset) -> None:
-    trial = clean.trials[0]
+def test_trial_without_strides_is_refused(clean_dataset: datasets.Dataset) -> None:
+    trial = clean_dataset.trials[0]
     load = trial.prescribed["grf_vertical"]
-    short = {**trial.prescribed, "grf_vertical": Series(load.time, np.maximum(load.value, 100.0))}
-    one = replace(clean, trials=(replace(trial, prescribed=short), *clean.trials[1:]))
-    with pytest.raises(InputError, match="its load shows 0 foot strikes; a gait trial needs 2 or more"):
-        prepare_experiments(one, datasets.split_dataset(one))
+    loaded_channels = {**trial.prescribed, "grf_vertical": Series(load.time, np.maximum(load.value, 100.0))}
+    trial_experiment = replace(
+        clean_dataset, trials=(replace(trial, prescribed=loaded_channels), *clean_dataset.trials[1:])
+    )
+    with pytest.raises(
+        InputError, match="the vertical load shows 0 foot strikes after a swing; a gait trial needs at least 2"
+    ):
+        prepare_experiments(trial_experiment, datasets.split_dataset(trial_experiment))
 
 
-def test_uncertain_numbers_of_the_body_move_the_foot(clean: datasets.Dataset) -> None:
-    """As much as those that a device file has; and a bench, which shows nothing of them, refuses them."""
-    text = gait_made.load_device(gait_made.DEVICE).content.decode() + "[effects.ankle_friction]\nmoment_n_m = {}\n"
-    rubs, rubs_more = (gait_made.parse_device(text.format(moment).encode(), "one") for moment in (2.0, 3.0))
+def test_uncertain_body_parameters_change_the_foot(clean_dataset: datasets.Dataset) -> None:
+    """They act like values in the device file; a bench refuses them."""
+    text = (
+        synthetic_gait_dataset.load_device(synthetic_gait_dataset.DEVICE).content.decode()
+        + "[effects.ankle_friction]\nmoment_n_m = {}\n"
+    )
+    with_friction, with_more_friction = (
+        synthetic_gait_dataset.parse_device(text.format(moment).encode(), "one") for moment in (2.0, 3.0)
+    )
     key = "effects.ankle_friction.moment_n_m"
-    having = [
-        replace(clean, device=device, trials=(replace(clean.trials[0], device=device),), uncertainties={key: 0.5})
-        for device in (rubs, rubs_more)
+    changed_datasets = [
+        replace(
+            clean_dataset,
+            device=device,
+            trials=(replace(clean_dataset.trials[0], device=device),),
+            uncertainties={key: 0.5},
+        )
+        for device in (with_friction, with_more_friction)
     ]
-    (one,), (other,) = (prepare_experiments(each, datasets.split_dataset(clean)) for each in having)
-    hypothesis = Hypothesis(rubs, ((key, 0.5),), ())
-    (setting,) = hypothesis.build_setups(np.array([2.0]), [one])
-    found, wanted = one.simulate(setting), other.simulate(SimulationSetup(rubs_more.parameters))
-    assert found.angle is not None
-    assert wanted.angle is not None
-    assert np.array_equal(found.angle, wanted.angle)
-    assert rms(found.angle - one.simulate(SimulationSetup(rubs.parameters)).angle) > np.radians(0.05)
-    with pytest.raises(InputError, match=r"'effects\.ankle_friction\.moment_n_m' is of the body, and a bench shows"):
-        prepare_experiments(replace(having[0], rig="bench"), datasets.split_dataset(clean))
+    (trial_experiment,), (other_experiment,) = (
+        prepare_experiments(response, datasets.split_dataset(clean_dataset)) for response in changed_datasets
+    )
+    hypothesis = Hypothesis(with_friction, ((key, 0.5),), ())
+    (setup,) = hypothesis.build_setups(np.array([2.0]), [trial_experiment])
+    result, expected = (
+        trial_experiment.simulate(setup),
+        other_experiment.simulate(SimulationSetup(with_more_friction.parameters)),
+    )
+    assert result.ankle_angle is not None
+    assert expected.ankle_angle is not None
+    assert np.array_equal(result.ankle_angle, expected.ankle_angle)
+    assert rms(
+        result.ankle_angle - trial_experiment.simulate(SimulationSetup(with_friction.parameters)).ankle_angle
+    ) > np.radians(0.05)
+    with pytest.raises(
+        InputError, match=r"'effects\.ankle_friction\.moment_n_m' describes the body, which a bench does not test"
+    ):
+        prepare_experiments(replace(changed_datasets[0], rig="bench"), datasets.split_dataset(clean_dataset))
 
 
-def test_a_recording_of_ours_is_a_trial_and_lacks_nothing(tmp_path: Path) -> None:
-    """Without noise or a repeat: nothing can be said for sure, and nothing goes wrong."""
-    walked = simulate_gait(load_device(gait_made.DEVICE), load_default_profile(), GaitOptions(strides=3))
-    parquet.write(walked, tmp_path / "a.parquet")
-    head = f'format = "klute-sim-dataset/1"\nrig = "gait"\ndevice = "{gait_made.DEVICE}"\n'
-    (tmp_path / "dataset.toml").write_text(f'{head}[[trial]]\nfiles = ["a.parquet"]\n', "utf-8")
-    found = diagnose(datasets.load_dataset(tmp_path), DiagnosisOptions(only=("ankle_friction", "seal_friction")))
-    assert found.verdict == "insufficient-data"
-    assert "pressure" not in found.noise
-    assert found.channel_rms["ankle_angle"].nominal < np.radians(0.05)
-    assert found.channel_rms["force"].nominal < 3.0
+def test_simulated_recording_is_a_trial_without_misfit(tmp_path: Path) -> None:
+    """Without noise and repeats the verdict is insufficient data."""
+    recording = simulate_gait(
+        load_device(synthetic_gait_dataset.DEVICE), load_default_profile(), GaitOptions(strides=3)
+    )
+    parquet.write(recording, tmp_path / "a.parquet")
+    header = f'format = "klute-sim-dataset/2"\nrig = "gait"\ndevice = "{synthetic_gait_dataset.DEVICE}"\n'
+    (tmp_path / "dataset.toml").write_text(f'{header}[[trial]]\nfiles = ["a.parquet"]\n', "utf-8")
+    result = diagnose(datasets.load_dataset(tmp_path), DiagnosisOptions(only=("ankle_friction", "seal_friction")))
+    assert result.verdict == "insufficient-data"
+    assert "pressure" not in result.noise
+    assert result.channel_rms["ankle_angle"].nominal < np.radians(0.05)
+    assert result.channel_rms["force"].nominal < 3.0
 
 
-def test_noise_is_loudest_where_the_load_is_far_from_the_ankle(clean: datasets.Dataset) -> None:
-    """A centre of pressure that is 1 mm off turns the ankle at push-off, and nothing in swing."""
-    one = trials(clean)[0]
-    bench, setting = Simulator(1), SimulationSetup(one.device.parameters)
+def test_sensitivity_is_largest_where_the_load_is_far_from_the_ankle(clean_dataset: datasets.Dataset) -> None:
+    """An error of 1 mm in the centre of pressure moves the ankle at push-off but not in swing."""
+    trial_experiment = prepare_trials(clean_dataset)[0]
+    simulator, setup = Simulator(1), SimulationSetup(trial_experiment.device.parameters)
     try:
-        moved_, here = ([e] for e in (one.perturb_inputs(lambda command: command)[1], one))
-        found = [bench.simulate([[setting]], each)[0][0]["ankle_angle"] for each in (moved_, here)]
+        shifted, nominal = (
+            [e] for e in (trial_experiment.perturb_inputs(lambda command: command)[1], trial_experiment)
+        )
+        result = [simulator.simulate([[setup]], response)[0][0]["ankle_angle"] for response in (shifted, nominal)]
     finally:
-        bench.close()
-    change, time = np.abs(found[0] - found[1]), one.measured["ankle_angle"].time
-    loaded = np.interp(time, one.start_time + one.dt * np.arange(len(one.vertical_load)), one.vertical_load)
+        simulator.close()
+    change, time = np.abs(result[0] - result[1]), trial_experiment.measured["ankle_angle"].time
+    loaded = np.interp(
+        time,
+        trial_experiment.start_time + trial_experiment.dt * np.arange(len(trial_experiment.vertical_load)),
+        trial_experiment.vertical_load,
+    )
     assert change[loaded > 600.0].mean() > np.radians(0.05)
     assert change[loaded < 1.0].mean() < 0.1 * change[loaded > 600.0].mean()
 
 
-def test_clean_walks_lack_nothing(clean: datasets.Dataset) -> None:
-    """With the whole catalogue to choose from."""
-    found = diagnose(clean)
-    assert found.verdict == "nothing-missing"
-    for channel, gap in found.channel_rms.items():
-        assert gap.noise_floor is not None
-        assert gap.with_effects < 1.05 * gap.noise_floor, channel
+def test_clean_gait_has_no_missing_effect(clean_dataset: datasets.Dataset) -> None:
+    """The whole catalogue is searched."""
+    result = diagnose(clean_dataset)
+    assert result.verdict == "nothing-missing"
+    for channel, rms_values in result.channel_rms.items():
+        assert rms_values.noise_floor is not None
+        assert rms_values.with_effects < 1.05 * rms_values.noise_floor, channel
 
 
-def test_a_hidden_friction_of_the_damper_is_named(tmp_path: Path) -> None:
+def test_hidden_damper_friction_is_identified(tmp_path: Path) -> None:
     effects = '\n[effects.seal_friction]\nform = "coulomb"\nforce_n = 40.0\n'
-    data = datasets.load_dataset(gait_made.dataset(tmp_path / "data", effects=effects, groups=("fit_1", "select_1")))
-    found = diagnose(data, DiagnosisOptions(only=("seal_friction", "pressure_lag", "sensor_gain")))
-    assert found.verdict == "named"
-    assert named(found) == ["seal_friction (coulomb)"]
-    assert found.final_fit is not None
-    assert found.final_fit.values[-1] == pytest.approx(40.0, rel=0.03)
-    assert "of the stride" in " ".join(place.region for place in found.misfit_regions)
+    data = datasets.load_dataset(
+        synthetic_gait_dataset.write_dataset(tmp_path / "data", effects=effects, groups=("fit_1", "validation_1"))
+    )
+    result = diagnose(data, DiagnosisOptions(only=("seal_friction", "pressure_lag", "sensor_gain")))
+    assert result.verdict == "identified"
+    assert list_terms(result) == ["seal_friction (coulomb)"]
+    assert result.final_fit is not None
+    assert result.final_fit.values[-1] == pytest.approx(40.0, rel=0.03)
+    assert "of the stride" in " ".join(place.region for place in result.misfit_regions)
 
 
-def test_an_encoder_that_is_zeroed_wrongly_is_the_encoder(tmp_path: Path) -> None:
+def test_encoder_offset_is_identified_as_a_sensor_offset(tmp_path: Path) -> None:
     offset = {"ankle_angle [deg]": 1.0}
-    data = datasets.load_dataset(gait_made.dataset(tmp_path / "data", offset=offset, groups=("fit_1", "select_1")))
-    found = diagnose(data, DiagnosisOptions(only=("sensor_offset", "sensor_gain", "tendon_slack")))
-    assert named(found) == ["sensor_offset of ankle_angle"]
-    assert found.final_fit is not None
-    assert found.final_fit.values[-1] == pytest.approx(1.0, rel=0.03)
+    data = datasets.load_dataset(
+        synthetic_gait_dataset.write_dataset(tmp_path / "data", offset=offset, groups=("fit_1", "validation_1"))
+    )
+    result = diagnose(data, DiagnosisOptions(only=("sensor_offset", "sensor_gain", "tendon_slack")))
+    assert list_terms(result) == ["sensor_offset of ankle_angle"]
+    assert result.final_fit is not None
+    assert result.final_fit.values[-1] == pytest.approx(1.0, rel=0.03)
 
 
-def test_a_hidden_friction_of_the_ankle_is_named_and_walks_again(tmp_path: Path) -> None:
-    """Friction in the MJCF, as MuJoCo has it; found in the replay's equation, and put back into a device file."""
+def test_hidden_ankle_friction_is_identified_and_written_to_a_device_file(tmp_path: Path) -> None:
+    """Friction in the MJCF is identified with the replay's equation and written to a device file."""
     effects = '\n[effects.ankle_friction]\nform = "coulomb"\nmoment_n_m = 2.0\n'
-    data = datasets.load_dataset(gait_made.dataset(tmp_path / "data", effects=effects, groups=("fit_1", "select_1")))
-    found = diagnose(data, DiagnosisOptions(only=("ankle_friction", "return_spring_error", "seal_friction")))
-    assert found.verdict == "named"
-    assert named(found) == ["ankle_friction (coulomb)"]
-    assert found.final_fit is not None
-    assert found.final_fit.values[-1] == pytest.approx(2.0, rel=0.05)
-    assert found.confidence_intervals[-1][0] < 2.0 < found.confidence_intervals[-1][1]
-    device = augment_device(found.final_fit, "data")
-    assert build_device_foot(device).ankle_friction == pytest.approx(found.final_fit.values[-1], rel=1e-12)
-    for gap in found.channel_rms.values():
-        assert gap.noise_floor is not None
-        assert gap.with_effects < 1.1 * gap.noise_floor
+    data = datasets.load_dataset(
+        synthetic_gait_dataset.write_dataset(tmp_path / "data", effects=effects, groups=("fit_1", "validation_1"))
+    )
+    result = diagnose(data, DiagnosisOptions(only=("ankle_friction", "return_spring_error", "seal_friction")))
+    assert result.verdict == "identified"
+    assert list_terms(result) == ["ankle_friction (coulomb)"]
+    assert result.final_fit is not None
+    assert result.final_fit.values[-1] == pytest.approx(2.0, rel=0.05)
+    assert result.confidence_intervals[-1][0] < 2.0 < result.confidence_intervals[-1][1]
+    device = augment_device(result.final_fit, "data")
+    assert build_device_foot(device).ankle_friction == pytest.approx(result.final_fit.values[-1], rel=1e-12)
+    for rms_values in result.channel_rms.values():
+        assert rms_values.noise_floor is not None
+        assert rms_values.with_effects < 1.1 * rms_values.noise_floor
 
 
-def test_a_foot_that_bends_is_named_where_markers_are_on_it(tmp_path: Path) -> None:
-    """Two bodies in MuJoCo, one number in the replay."""
+def test_foot_compliance_is_identified_with_markers_on_the_foot(tmp_path: Path) -> None:
+    """MuJoCo has two bodies, the replay one parameter."""
     effects = "\n[effects.foot_stiffness]\ncompliance_deg_per_n_m = 0.01\n"
-    data = datasets.load_dataset(gait_made.dataset(tmp_path / "data", effects=effects, groups=("fit_1", "select_1")))
-    found = diagnose(data, DiagnosisOptions(only=("foot_stiffness", "return_spring_error", "sensor_gain")))
-    assert found.verdict == "named"
-    assert named(found) == ["foot_stiffness"]
-    assert found.final_fit is not None
-    assert found.final_fit.values[-1] == pytest.approx(0.01, rel=0.03)
-    assert found.confidence_intervals[-1][0] < 0.01 < found.confidence_intervals[-1][1]
+    data = datasets.load_dataset(
+        synthetic_gait_dataset.write_dataset(tmp_path / "data", effects=effects, groups=("fit_1", "validation_1"))
+    )
+    result = diagnose(data, DiagnosisOptions(only=("foot_stiffness", "return_spring_error", "sensor_gain")))
+    assert result.verdict == "identified"
+    assert list_terms(result) == ["foot_stiffness"]
+    assert result.final_fit is not None
+    assert result.final_fit.values[-1] == pytest.approx(0.01, rel=0.03)
+    assert result.confidence_intervals[-1][0] < 0.01 < result.confidence_intervals[-1][1]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("limb", [True, False])
-def test_a_limb_that_sinks_into_its_socket_shows_above_the_socket_alone(tmp_path: Path, limb: bool) -> None:
-    """With the whole catalogue to choose from; with markers on the prosthesis nothing is missing."""
+def test_socket_pistoning_is_visible_with_markers_on_the_limb_only(tmp_path: Path, limb: bool) -> None:
+    """The whole catalogue is searched; with markers on the prosthesis nothing is missing."""
     effects = "\n[effects.socket_pistoning]\ncompliance_mm_per_kn = 10.0\n"
-    data = datasets.load_dataset(gait_made.dataset(tmp_path / "data", effects=effects, limb=limb))
-    found = diagnose(data)
-    assert found.verdict == ("named" if limb else "nothing-missing")
-    assert named(found) == (["socket_pistoning"] if limb else [])
+    data = datasets.load_dataset(synthetic_gait_dataset.write_dataset(tmp_path / "data", effects=effects, limb=limb))
+    result = diagnose(data)
+    assert result.verdict == ("identified" if limb else "nothing-missing")
+    assert list_terms(result) == (["socket_pistoning"] if limb else [])
     if limb:
-        assert found.final_fit is not None
-        assert found.final_fit.values[-1] == pytest.approx(10.0, rel=0.05)
+        assert result.final_fit is not None
+        assert result.final_fit.values[-1] == pytest.approx(10.0, rel=0.05)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from klute_sim.device.device import load_device
-from klute_sim.diagnosis.experiments.base import Simulator
+from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.planning.identifiability import (
     INDISTINGUISHABLE_COSINE,
@@ -27,7 +27,7 @@ def of(found: RigIdentifiability, *names: str) -> list[int]:
     return [k for name in names for k, s in enumerate(found.signatures) if str(s.term).startswith(name)]
 
 
-def test_cosines_are_those_of_unit_vectors(found: list[RigIdentifiability]) -> None:
+def test_signatures_are_unit_vectors(found: list[RigIdentifiability]) -> None:
     for one in found:
         cosines = one.cosine_matrix()
         assert np.diag(cosines) == pytest.approx(1.0)
@@ -36,7 +36,7 @@ def test_cosines_are_those_of_unit_vectors(found: list[RigIdentifiability]) -> N
         assert all(0.0 < s.orthogonal_fraction <= 1.0 + 1e-12 for s in one.signatures)
 
 
-def test_what_the_device_s_numbers_imitate_is_projected_off(found: list[RigIdentifiability]) -> None:
+def test_device_numbers_are_projected_out(found: list[RigIdentifiability]) -> None:
     kept = {str(s.term): s.orthogonal_fraction for s in found[0].signatures}
     for name in ("end_taper (cone)", "tendon_slack", "sensor_gain of force"):
         assert kept[name] < 0.2, name
@@ -44,7 +44,7 @@ def test_what_the_device_s_numbers_imitate_is_projected_off(found: list[RigIdent
         assert kept[name] > 0.9, name
 
 
-def test_a_wrong_gauge_looks_like_a_wrong_regulator_until_there_is_a_second_one(
+def test_second_gauge_separates_sensor_from_regulator(
     found: list[RigIdentifiability],
 ) -> None:
     alike = find_indistinguishable_pairs(found)
@@ -63,7 +63,7 @@ def test_a_wrong_gauge_looks_like_a_wrong_regulator_until_there_is_a_second_one(
     )
 
 
-def test_what_a_device_does_not_have_has_no_signature() -> None:
+def test_incompatible_effects_have_no_signature() -> None:
     bench = Simulator(2)
     bare = compute_identifiability(load_device("klute-3-4"), bench)
     bench.close()
@@ -71,7 +71,7 @@ def test_what_a_device_does_not_have_has_no_signature() -> None:
     assert not of(bare[0], "tendon_", "laminar_orifice", "discharge_loss")
 
 
-def test_a_signature_is_the_difference_that_the_effect_makes() -> None:
+def test_effect_response_is_the_difference_of_simulations() -> None:
     bench = Simulator(2)
     found = simulate_effect_response(load_device("klute-3-4-pair"), EffectTerm("regulator_error", "offset"), bench)
     bench.close()

@@ -1,4 +1,4 @@
-"""Bench protocols keep the limits of every device and show what they are for."""
+"""Identification protocols keep the limits of every device and excite what they should."""
 
 import math
 from itertools import pairwise
@@ -6,8 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from klute_sim.bench.protocols import identification
-from klute_sim.bench.protocols.identification import PROTOCOLS, SAMPLE_INTERVAL, Program
+from klute_sim.bench.protocols.excitation import ExcitationTrajectory, compute_limits
+from klute_sim.bench.protocols.identification import SAMPLE_INTERVAL, IdentificationProtocol, Program
+from klute_sim.bench.protocols.library import load_identification_protocols
+from klute_sim.bench.trajectory import sample_staircase
 from klute_sim.device.device import Device, list_presets, load_device, parse_device
 from klute_sim.device.dynamics import compute_equilibrium_state
 from klute_sim.device.rollout import RolloutTrace, simulate_rollouts
@@ -16,26 +18,27 @@ from klute_sim.errors import InputError
 from klute_sim.laws.mckibben import lock_length
 from klute_sim.units import BAR
 
-STEP = 2.5e-4
-EVERY = pytest.mark.parametrize("name", list_presets())
-EACH = pytest.mark.parametrize("protocol", PROTOCOLS.values(), ids=lambda p: p.name)
+TIME_STEP = 2.5e-4
+PROTOCOLS = load_identification_protocols()
+ALL_PRESETS = pytest.mark.parametrize("name", list_presets())
+ALL_PROTOCOLS = pytest.mark.parametrize("protocol", PROTOCOLS.values(), ids=lambda p: p.name)
 
 
-def changed(name: str, **numbers: float) -> Device:
+def change_preset(name: str, **numbers: float) -> Device:
     """A preset with other numbers."""
     lines = load_device(name).content.decode().splitlines()
     for key, value in numbers.items():
         (at,) = (k for k, line in enumerate(lines) if line.startswith(f"{key} ="))
         lines[at] = f"{key} = {value!r}"
-    return parse_device("\n".join(lines).encode(), "changed")
+    return parse_device("\n".join(lines).encode(), "change_preset")
 
 
 OTHERS = (
-    changed("klute-3-4-pair", resting_length_mm=1900.0),
-    changed("klute-3-4", resting_length_mm=20.0),
-    changed("klute-3-4-pair", pressure_bar=20.0),
-    changed("klute-3-4-pair", pressure_bar=0.5, rate_bar_per_s=0.2),
-    changed("klute-3-4-pair", braid_length_ratio=1.7, turns_per_m=34.2),  # locks close to its resting length
+    change_preset("klute-3-4-pair", resting_length_mm=1900.0),
+    change_preset("klute-3-4", resting_length_mm=20.0),
+    change_preset("klute-3-4-pair", pressure_bar=20.0),
+    change_preset("klute-3-4-pair", pressure_bar=0.5, rate_bar_per_s=0.2),
+    change_preset("klute-3-4-pair", braid_length_ratio=1.7, turns_per_m=34.2),  # locks close to its resting length
 )
 
 
@@ -64,41 +67,39 @@ def check_limits(program: Program, device: Device) -> None:
     assert np.ptp(command) > 0.2 * supply.max_pressure
 
 
-@EVERY
-@EACH
-def test_limits(name: str, protocol: identification.IdentificationProtocol) -> None:
+@ALL_PRESETS
+@ALL_PROTOCOLS
+def test_limits(name: str, protocol: IdentificationProtocol) -> None:
     check_limits(protocol.build_program(load_device(name)), load_device(name))
 
 
-@EACH
-def test_limits_of_unusual_devices(protocol: identification.IdentificationProtocol) -> None:
+@ALL_PROTOCOLS
+def test_limits_of_unusual_devices(protocol: IdentificationProtocol) -> None:
     for device in OTHERS:
         check_limits(protocol.build_program(device), device)
 
 
-@EVERY
-def test_pressures_are_asked_below_and_above_two_bar(name: str) -> None:
+@ALL_PRESETS
+def test_pressures_are_below_and_above_two_bar(name: str) -> None:
     for protocol in PROTOCOLS.values():
         command = protocol.build_program(load_device(name)).command
         assert command.min() < 1.5 * BAR, protocol.name
         assert command.max() > 2.0 * BAR, protocol.name
 
 
-def simulated(program: Program, device: Device) -> RolloutTrace:
-    fine = STEP * np.arange(1, round(program.time[-1] / STEP) + 1)
+def simulate_program(program: Program, device: Device) -> RolloutTrace:
+    fine = TIME_STEP * np.arange(1, round(program.time[-1] / TIME_STEP) + 1)
     length, command = (np.interp(fine, program.time, x) for x in program[1:])
     start = compute_equilibrium_state(device.parameters, float(length[0]), float(command[0]))
-    return simulate_rollouts(device.parameters, length, command, STEP, initial_state=start)
+    return simulate_rollouts(device.parameters, length, command, TIME_STEP, initial_state=start)
 
 
 @pytest.mark.parametrize("name", [n for n in list_presets() if not load_device(n).parameters.tendon.is_rigid])
-@EACH
-def test_the_muscle_touches_no_stop_and_the_tendon_is_mostly_taut(
-    name: str, protocol: identification.IdentificationProtocol
-) -> None:
+@ALL_PROTOCOLS
+def test_muscle_stays_clear_of_stops_and_tendon_is_mostly_taut(name: str, protocol: IdentificationProtocol) -> None:
     device = load_device(name)
     muscle = device.parameters.muscle
-    found = simulated(protocol.build_program(device), device)
+    found = simulate_program(protocol.build_program(device), device)
     assert found.length.max() < muscle.resting_length
     assert found.length.min() > 1.05 * lock_length(muscle)
     loose = float(np.mean(found.tension <= 0.0))
@@ -109,20 +110,20 @@ def test_the_muscle_touches_no_stop_and_the_tendon_is_mostly_taut(
         assert np.count_nonzero(np.diff(taut.astype(int)) == 1) >= 2  # it becomes taut again, twice
 
 
-@EVERY
-def test_a_protocol_stands_still_until_it_begins(name: str) -> None:
+@ALL_PRESETS
+def test_protocols_start_at_rest(name: str) -> None:
     for protocol in PROTOCOLS.values():
-        found = simulated(protocol.build_program(load_device(name)), load_device(name))
-        early = found.tension[: round(0.49 / STEP)]
+        found = simulate_program(protocol.build_program(load_device(name)), load_device(name))
+        early = found.tension[: round(0.49 / TIME_STEP)]
         assert np.ptp(early) < 1e-3 * max(1.0, np.abs(found.tension).max()), protocol.name
 
 
-def at_levels(program: Program) -> np.ndarray:
+def list_pressure_levels(program: Program) -> np.ndarray:
     """Pressures [bar] that are stepped to."""
     return np.unique(np.round(program.command / BAR, 3))
 
 
-def test_steps_is_steps_at_three_lengths() -> None:
+def test_pressure_steps_are_at_three_lengths() -> None:
     _, length, command = PROTOCOLS["steps"].build_program(load_device("klute-3-4-pair"))
     jumps = np.flatnonzero(np.abs(np.diff(command)) > 0.5 * BAR)
     lengths = np.unique(np.round(1e3 * length[jumps], 1))
@@ -134,7 +135,7 @@ def test_steps_is_steps_at_three_lengths() -> None:
     assert np.abs(np.diff(length))[jumps].max() == 0.0
 
 
-def moves(program: Program) -> list[tuple[float, float, float]]:
+def list_moves(program: Program) -> list[tuple[float, float, float]]:
     """(signed top speed [m/s], way [m], mean pressure [Pa]) of every move."""
     speed = np.diff(program.unit_length) / SAMPLE_INTERVAL
     sign = np.sign(np.where(np.abs(speed) < 1e-7, 0.0, speed))
@@ -148,7 +149,7 @@ def moves(program: Program) -> list[tuple[float, float, float]]:
 
 
 def test_ramps_go_both_ways_slow_and_fast() -> None:
-    found = moves(PROTOCOLS["ramps"].build_program(load_device("klute-3-4-pair")))
+    found = list_moves(PROTOCOLS["ramps"].build_program(load_device("klute-3-4-pair")))
     for sign in (-1, 1):
         speeds = sorted(sign * top for top, _, _ in found if sign * top > 0)
         assert len(speeds) == 5
@@ -157,21 +158,21 @@ def test_ramps_go_both_ways_slow_and_fast() -> None:
     assert len({round(pressure / BAR, 2) for _, _, pressure in found}) == 3
 
 
-@EVERY
-def test_release_is_quick(name: str) -> None:
-    found = moves(PROTOCOLS["release"].build_program(load_device(name)))
+@ALL_PRESETS
+def test_releases_are_quick(name: str) -> None:
+    found = list_moves(PROTOCOLS["release"].build_program(load_device(name)))
     for sign in (-1, 1):
         assert max(sign * top for top, _, _ in found) > 0.28
     assert len({round(pressure / BAR, 2) for _, _, pressure in found}) == 3
 
 
 def test_sines_have_four_frequencies() -> None:
-    found = moves(PROTOCOLS["sines"].build_program(load_device("klute-3-4-pair")))
+    found = list_moves(PROTOCOLS["sines"].build_program(load_device("klute-3-4-pair")))
     assert len(found) == 2 * (1 + 2 + 4 + 6)
     assert all(way > 0.004 for _, way, _ in found)
 
 
-def test_hold_holds_for_seconds() -> None:
+def test_holds_last_seconds() -> None:
     _, length, command = PROTOCOLS["hold"].build_program(load_device("klute-3-4-pair"))
     still = np.concatenate([[0.0], np.abs(np.diff(length)) + np.abs(np.diff(command))]) < 1e-9
     runs = np.split(still, np.flatnonzero(~still))
@@ -188,15 +189,15 @@ def test_mixed_steps_the_pressure_while_the_length_moves() -> None:
         float(x)
         for n, p in PROTOCOLS.items()
         if n not in ("mixed", "slack")
-        for x in at_levels(p.build_program(device))
+        for x in list_pressure_levels(p.build_program(device))
     }
-    assert len({float(x) for x in at_levels(program)} - others) >= 3  # levels of its own
-    assert len({round(abs(top), 2) for top, _, _ in moves(program)}) >= 6
+    assert len({float(x) for x in list_pressure_levels(program)} - others) >= 3  # levels of its own
+    assert len({round(abs(top), 2) for top, _, _ in list_moves(program)}) >= 6
 
 
-def test_every_use_is_there_and_every_effect_named_exists() -> None:
-    assert {p.use for p in PROTOCOLS.values()} == {"fit", "select", "show"}
-    assert PROTOCOLS["mixed"].use == "show"
+def test_uses_and_revealed_effects_are_complete() -> None:
+    assert {p.use for p in PROTOCOLS.values()} == {"fit", "validation", "test"}
+    assert PROTOCOLS["mixed"].use == "test"
     named = {effect for p in PROTOCOLS.values() for effect in p.revealed_effects}
     assert named <= set(catalogue.get_effects())
     assert {n for n, e in catalogue.get_named_effects().items() if e.kind == "device"} <= named
@@ -205,27 +206,29 @@ def test_every_use_is_there_and_every_effect_named_exists() -> None:
         assert protocol.description.endswith(".")
 
 
-def test_a_muscle_that_cannot_contract_is_refused() -> None:
+def test_muscle_that_cannot_contract_is_refused() -> None:
     ratio = 1.7316
     turns = 1e3 * math.sqrt(ratio**2 - 1) / (2 * math.pi * 6.4)
-    device = changed("klute-3-4-pair", braid_length_ratio=ratio, turns_per_m=turns)
+    device = change_preset("klute-3-4-pair", braid_length_ratio=ratio, turns_per_m=turns)
     with pytest.raises(InputError, match=r"^device 'klute-3-4-pair' cannot be tested: its muscle locks 0\.06\d* mm"):
-        identification.compute_limits(device)
+        compute_limits(device)
 
 
-def test_a_program_ends_whole_and_a_move_nowhere_takes_no_time() -> None:
-    length = identification._ProtocolTrajectory(0.3).move(0.3, 0.1).hold(0.0512)
-    program = length.to_program((0.0, 1e5), (0.52, 2e5))
+def test_move_to_the_same_length_takes_no_time() -> None:
+    trajectory = ExcitationTrajectory(0.3, 0.5).move(0.3, 0.1).hold(0.0512)
+    time, length = trajectory.sample(SAMPLE_INTERVAL)
+    program = Program(time, length, sample_staircase(time, ((0.0, 1e5), (0.52, 2e5))))
     assert program.time[-1] == pytest.approx(0.555)
     assert (program.unit_length == 0.3).all()
     assert program.command[103] == 1e5
     assert program.command[104] == 2e5
 
 
-def test_a_move_is_exact() -> None:
-    length = identification._ProtocolTrajectory(0.3).move(0.31, 0.05, 2.0)
-    assert length.end_time == pytest.approx(0.5 + 0.01 / 0.05 + 0.05 / 2.0)
-    program = length.hold(0.1).to_program((0.0, 0.0))
+def test_move_is_exact() -> None:
+    trajectory = ExcitationTrajectory(0.3, 0.5).move(0.31, 0.05, 2.0)
+    assert trajectory.end_time == pytest.approx(0.5 + 0.01 / 0.05 + 0.05 / 2.0)
+    time, length = trajectory.hold(0.1).sample(SAMPLE_INTERVAL)
+    program = Program(time, length, sample_staircase(time, ((0.0, 0.0),)))
     assert program.unit_length[-1] == 0.31
     assert np.diff(program.unit_length).max() == pytest.approx(0.05 * SAMPLE_INTERVAL, rel=1e-9)
     assert program.unit_length[np.searchsorted(program.time, 0.6)] == pytest.approx(

@@ -1,4 +1,4 @@
-"""A measured prosthetic foot; it is not part of the project (see ``KLUTE_SIM_DATA`` and docs/real-data.md)."""
+"""Published measurements of a prosthetic foot, not part of the project (see ``KLUTE_SIM_DATA``, docs/real-data.md)."""
 
 import csv
 import os
@@ -7,27 +7,25 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.io import loadmat
 from scipy.optimize import curve_fit
 
 from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.write import write_trial
 from klute_sim.diagnosis.workflow import diagnose
-
-Array = NDArray[np.float64]
+from klute_sim.types import Array
 
 DATA = Path(os.environ.get("KLUTE_SIM_DATA", "nowhere")) / "prosthetic_foot_desr"
-ZERO, COMPLIANCE = 1.2, 218.0
-"""The authors' corrections: of the torque [N m], and the dynamometer's stiffness [N m/deg]."""
-STEEP = 5.0, 10.0
-"""Angles [deg] between which the authors take the stiffness, both ways."""
-BLOCK = 0.02
-"""Of the log, whose medians are taken [s]; it was sampled every 1.2 ms."""
-ARM = 40.0
-"""Lever arm [mm] by which torque is made tension and angle length (assumed, constant; no result depends on it)."""
-SLACK, REST = 100.0, 200.0
-"""Tendon and muscle [mm] (assumed: only their sum matters)."""
+TORQUE_OFFSET, COMPLIANCE = 1.2, 218.0
+"""The authors' corrections: torque offset [N m] and stiffness of the dynamometer [N m/deg]."""
+STIFFNESS_ANGLES = 5.0, 10.0
+"""Angles [deg] between which the authors determine the stiffness, in both directions."""
+BLOCK_TIME = 0.02
+"""Length of the blocks whose medians are used [s]; the log has a sampling interval of 1.2 ms."""
+LEVER_ARM = 40.0
+"""Lever arm [mm] that converts torque to tension and angle to length (assumed constant; no result depends on it)."""
+TENDON_LENGTH, MUSCLE_LENGTH = 100.0, 200.0
+"""Lengths of tendon and muscle [mm] (assumed; only their sum matters)."""
 
 DEVICE = """
 name = "foot as a tendon"
@@ -53,8 +51,8 @@ rate_bar_per_s = 1000.0
 gas_temperature_c = 20.0
 """
 
-HEAD = """
-format = "klute-sim-dataset/1"
+HEADER = """
+format = "klute-sim-dataset/2"
 rig = "bench"
 device = "foot.toml"
 [uncertain]
@@ -67,115 +65,117 @@ files = ["loop.csv"]
 
 
 class Loop(NamedTuple):
-    """One loop of one setting, corrected as the authors do; dorsiflexion positive."""
+    """One loop of one setting with the authors' corrections; dorsiflexion positive."""
 
     time: Array
-    """[s]"""
+    """Time [s]."""
     angle: Array
-    """[deg]"""
+    """Angle [deg]."""
     torque: Array
-    """[N m]"""
+    """Torque [N m]."""
 
     @property
-    def whole(self) -> float:
-        """What the loop loses [J]."""
+    def energy_loss(self) -> float:
+        """Energy loss of the loop [J]."""
         return float(np.trapezoid(self.torque, np.radians(self.angle)))
 
     @property
     def stiffness(self) -> float:
-        """[N m/deg] between the angles :data:`STEEP`."""
-        steep = (self.angle > STEEP[0]) & (self.angle < STEEP[1])
-        return float(np.polyfit(self.angle[steep], self.torque[steep], 1)[0])
+        """Stiffness [N m/deg] between the angles :data:`STIFFNESS_ANGLES`."""
+        is_in_range = (self.angle > STIFFNESS_ANGLES[0]) & (self.angle < STIFFNESS_ANGLES[1])
+        return float(np.polyfit(self.angle[is_in_range], self.torque[is_in_range], 1)[0])
 
-    def both_ways(self) -> tuple[Array, Array, Array]:
-        """Dorsiflexion on even steps: angle [deg], torque [N m] on the way there, and on the way back."""
+    def split_directions(self) -> tuple[Array, Array, Array]:
+        """Return angle [deg], loading torque [N m] and unloading torque [N m] of dorsiflexion, at equal angle steps."""
         top, bottom = int(np.argmax(self.angle)), int(np.argmin(self.angle))
         end = top + int(np.argmax(self.angle[top:] < 0.1))
-        even = np.linspace(0.2, self.angle[top] - 0.2, 200)
-        there = np.interp(even, np.maximum.accumulate(self.angle[bottom:top]), self.torque[bottom:top])
-        back = np.interp(even, np.maximum.accumulate(self.angle[top:end][::-1]), self.torque[top:end][::-1])
-        return even, there, back
+        angles = np.linspace(0.2, self.angle[top] - 0.2, 200)
+        loading = np.interp(angles, np.maximum.accumulate(self.angle[bottom:top]), self.torque[bottom:top])
+        unloading = np.interp(angles, np.maximum.accumulate(self.angle[top:end][::-1]), self.torque[top:end][::-1])
+        return angles, loading, unloading
 
 
-def settings() -> list[dict[str, str]]:
-    """What is known of each setting."""
+def read_settings() -> list[dict[str, str]]:
+    """Return the published properties of each setting."""
     with (DATA / "summary_desr.csv").open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
-def loop(setting: dict[str, str]) -> Loop:
-    """As recorded, angle [rad] and torque [N m], corrected."""
+def read_loop(setting: dict[str, str]) -> Loop:
+    """Read the loop of ``setting`` and apply the corrections."""
     series = loadmat(DATA / "DESR_Characterization_Data.mat", squeeze_me=True, struct_as_record=False)
     raw = getattr(series[setting["set"]], f"x{setting['spring_pos_mm']}")
-    torque = raw.torque - ZERO
+    torque = raw.torque - TORQUE_OFFSET
     return Loop(raw.timeJIM, np.degrees(raw.angleJIM) - torque / COMPLIANCE, torque)
 
 
-def imported(of: Loop, folder: Path) -> Path:
-    """Dorsiflexion as a dataset; the device's two springs are those that fit the loop best."""
+def write_dataset_folder(loop: Loop, folder: Path) -> Path:
+    """Write dorsiflexion as a dataset; the device's two springs are fitted to the loop."""
     folder.mkdir(parents=True)
-    block = (of.time / BLOCK).astype(int)
-    columns = np.stack(of)
+    block = (loop.time / BLOCK_TIME).astype(int)
+    columns = np.stack(loop)
     time, angle, torque = np.stack([np.median(columns[:, block == b], axis=1) for b in np.unique(block)]).T
     bottom, top = int(np.argmin(angle)), int(np.argmax(angle))
-    begin, end = bottom + int(np.argmax(angle[bottom:] > 0.0)), top + int(np.argmax(angle[top:] < 0.1))
-    taut = begin + int(np.argmax(torque[begin:] > 2.0))
-    stretch, force = ARM * np.radians(angle - angle[taut])[begin:end], 1e3 * torque[begin:end] / ARM
+    start, end = bottom + int(np.argmax(angle[bottom:] > 0.0)), top + int(np.argmax(angle[top:] < 0.1))
+    taut = start + int(np.argmax(torque[start:] > 2.0))
+    stretch, force = LEVER_ARM * np.radians(angle - angle[taut])[start:end], 1e3 * torque[start:end] / LEVER_ARM
 
-    def springs(x: Array, first: float, second: float, joins: float) -> Array:
-        found: Array = first * np.maximum(0.0, x) + second * np.maximum(0.0, x - joins)
-        return found
+    def spring_force(x: Array, first: float, second: float, joins: float) -> Array:
+        result: Array = first * np.maximum(0.0, x) + second * np.maximum(0.0, x - joins)
+        return result
 
     best = curve_fit(
-        springs, stretch, np.maximum(0.0, force), p0=[100.0, 200.0, 3.0], bounds=([0.1, 0, 0], [1e4, 1e4, 8.0])
+        spring_force, stretch, np.maximum(0.0, force), p0=[100.0, 200.0, 3.0], bounds=([0.1, 0, 0], [1e4, 1e4, 8.0])
     )
     first, second, joins = best[0]
-    device = DEVICE.format(rest=REST, slack=SLACK, first=first, second=second, joins=joins)
+    device = DEVICE.format(rest=MUSCLE_LENGTH, slack=TENDON_LENGTH, first=first, second=second, joins=joins)
     (folder / "foot.toml").write_text(device, "utf-8")
-    (folder / "dataset.toml").write_text(HEAD, "utf-8")
-    loaded = {
-        "time [s]": time[begin:end],
-        "length [mm]": REST + SLACK + stretch,
-        "pressure_command [bar]": np.zeros(end - begin),
+    (folder / "dataset.toml").write_text(HEADER, "utf-8")
+    trial_columns = {
+        "time [s]": time[start:end],
+        "length [mm]": MUSCLE_LENGTH + TENDON_LENGTH + stretch,
+        "pressure_command [bar]": np.zeros(end - start),
         "force [N]": np.where(force > 0.0, force, np.nan),  # a tendon does not push
     }
-    write_trial(folder / "loop.csv", loaded)
+    write_trial(folder / "loop.csv", trial_columns)
     return folder
 
 
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason="KLUTE_SIM_DATA does not hold these measurements")
 
 
-def test_the_loops_are_those_that_the_authors_printed() -> None:
-    every = settings()
-    assert len(every) == 11
-    for setting in every:
-        found = loop(setting)
-        assert found.whole == pytest.approx(float(setting["loop_J"]), rel=0.02)
-        assert found.stiffness == pytest.approx(float(setting["stiff_df_Nm_per_deg"]), rel=0.005)
+def test_loops_have_the_published_energy_loss_and_stiffness() -> None:
+    all_settings = read_settings()
+    assert len(all_settings) == 11
+    for setting in all_settings:
+        result = read_loop(setting)
+        assert result.energy_loss == pytest.approx(float(setting["loop_J"]), rel=0.02)
+        assert result.stiffness == pytest.approx(float(setting["stiff_df_Nm_per_deg"]), rel=0.005)
 
 
-def test_most_of_the_foots_loops_are_no_tendons_hysteresis() -> None:
-    """A passive tendon never pulls harder on the way back. This foot does: it stores and releases elsewhere."""
-    for setting in settings():
-        even, there, back = loop(setting).both_ways()
-        stored, returned = (float(np.trapezoid(torque, np.radians(even))) for torque in (there, back))
-        more = even[back > there + 0.05 * there.max()]
+def test_most_loops_are_not_tendon_hysteresis() -> None:
+    """A passive tendon never pulls harder during unloading; this foot does, because it stores energy elsewhere."""
+    for setting in read_settings():
+        angles, loading, unloading = read_loop(setting).split_directions()
+        stored, returned = (float(np.trapezoid(torque, np.radians(angles))) for torque in (loading, unloading))
+        stronger_unloading = angles[unloading > loading + 0.05 * loading.max()]
         if setting["set"] == "DESR_N":
-            assert 3.0 < more.min() < more.max() < 8.5
+            assert 3.0 < stronger_unloading.min() < stronger_unloading.max() < 8.5
             assert -0.05 < 1.0 - returned / stored < 0.08
         else:
-            assert not len(more)
+            assert not len(stronger_unloading)
             assert 0.08 < 1.0 - returned / stored < 0.16
 
 
 @pytest.mark.parametrize("which", ["DESR_N_CAM1", "DESR_N_CAM2"])
-def test_one_loop_is_too_little_to_name_a_hysteresis(which: str, tmp_path: Path) -> None:
-    """Two straight springs miss the loop by more than it loses, and without a repeat nobody knows what is noise."""
-    found = diagnose(
-        datasets.load_dataset(imported(loop(next(s for s in settings() if s["set"] == which)), tmp_path / "data"))
+def test_one_loop_is_insufficient_to_identify_a_hysteresis(which: str, tmp_path: Path) -> None:
+    """The misfit of two linear springs exceeds the hysteresis, and without repeats the noise is unknown."""
+    result = diagnose(
+        datasets.load_dataset(
+            write_dataset_folder(read_loop(next(s for s in read_settings() if s["set"] == which)), tmp_path / "data")
+        )
     )
-    assert found.verdict == "insufficient-data"
-    assert any("No trial is repeated" in reason for reason in found.reasons)
-    assert found.added_terms == ()
-    assert 50.0 < found.channel_rms["force"].with_effects < 150.0
+    assert result.verdict == "insufficient-data"
+    assert any("No trial is repeated" in reason for reason in result.reasons)
+    assert result.added_terms == ()
+    assert 50.0 < result.channel_rms["force"].with_effects < 150.0

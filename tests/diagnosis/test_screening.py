@@ -7,8 +7,8 @@ import pytest
 from benchmarks.hidden_effects.generate import make_dataset
 
 from klute_sim.datasets import dataset as datasets
-from klute_sim.diagnosis.experiments.base import Simulator
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
 from klute_sim.diagnosis.selection.screening import (
     MAX_PRIOR_CANDIDATES,
@@ -23,9 +23,7 @@ THICK = {"name": "thick_wall_bladder", "form": "mooney_rivlin", "parameters": {"
 
 
 @pytest.mark.parametrize(("effect", "seed"), [(RISING, 2252072962), pytest.param(THICK, 8, marks=pytest.mark.long)])
-def test_what_the_numbers_imitate_far_from_what_was_believed_is_promised(
-    tmp_path: Path, effect: dict, seed: int
-) -> None:
+def test_effect_that_numbers_imitate_far_from_their_priors_is_screened(tmp_path: Path, effect: dict, seed: int) -> None:
     make_dataset(tmp_path / "d", seed, effects=[effect], muscle_length=False)
     data, bench = datasets.load_dataset(tmp_path / "d"), Simulator(2)
     every = [e for e in prepare_experiments(data, datasets.split_dataset(data)) if e.use == "fit"]

@@ -20,114 +20,119 @@ from klute_sim.datasets.trial import Series
 from klute_sim.device.device import load_device
 from klute_sim.device.dynamics import DeviceParameters, compute_equilibrium_state
 from klute_sim.diagnosis.experiments import bench as experiments_bench
-from klute_sim.diagnosis.experiments.base import Experiment, Simulator
+from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis, replace_values
 from klute_sim.diagnosis.fitting.least_squares import WeightedData, fit_hypothesis
-from klute_sim.diagnosis.noise.repeats import Autocorrelation, Noise
+from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
+from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.plant import callbacks, models
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.units import BAR
-from tests.diagnosis import synthetic_dataset as made
+from tests.diagnosis import synthetic_dataset as synthetic_dataset
 
 sysid = pytest.importorskip("mujoco.sysid")
-if not hasattr(sysid, "optimize"):  # without the packages of its extra it can be imported, and is empty
+if not hasattr(sysid, "optimize"):  # it can be imported without the packages of its extra, but is empty
     pytest.skip("mujoco.sysid is empty without the packages of mujoco[sysid]", allow_module_level=True)
 if (
     callbacks.choose_backend() != "compiled"
-):  # Python callbacks let nothing be compiled meanwhile, and sysid compiles for each try
+):  # sysid compiles a model for each trial point, which Python callbacks do not allow
     pytest.skip("mujoco.sysid needs the compiled law", allow_module_level=True)
 
 DEVICE = load_device("klute-3-4-pair")
 NOMINAL = DEVICE.spec.collect_values()
 TRUTH = {"tendon.stiffness_1_n_per_mm": 65.4, "muscle.friction_slope_n_per_bar": 25.1}
-REACH = 0.5
-"""How far a number may be off, as a share of it; as a standard deviation, so wide that the prior says nothing."""
+RELATIVE_RANGE = 0.5
+"""Relative range of a parameter; as a standard deviation, so wide that the prior has no influence."""
 INERTIA = 1e12
-"""Of the crosshead [kg]: the device pulls it aside by a nanometre."""
+"""Inertia of the crosshead [kg]: the device displaces it by a nanometre."""
 
 
-def device_with(numbers: dict[str, float]) -> DeviceParameters:
-    return replace_values(DEVICE.spec, numbers).to_parameters()
+def make_parameters(values: dict[str, float]) -> DeviceParameters:
+    return replace_values(DEVICE.spec, values).to_parameters()
 
 
-def bench_with_a_drive(step: float) -> mujoco.MjSpec:
-    """The bench whose crosshead is driven by a control, its acceleration [m/s2], and whose load cell is a sensor."""
+def build_driven_bench(dt: float) -> mujoco.MjSpec:
+    """Return the bench with the crosshead's acceleration [m/s^2] as control and the load cell as sensor."""
     spec = models.load_spec("bench")
-    spec.option.timestep = step
+    spec.option.timestep = dt
     spec.joint("crosshead").armature = INERTIA
-    drive = spec.add_actuator(name="drive", target="crosshead", trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    drive.gainprm[0] = INERTIA
-    kinds = {"type": mujoco.mjtSensor.mjSENS_ACTUATORFRC, "objtype": mujoco.mjtObj.mjOBJ_ACTUATOR}
-    spec.add_sensor(name="force", objname="muscle_tendon", **kinds)
+    actuator = spec.add_actuator(name="drive", target="crosshead", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    actuator.gainprm[0] = INERTIA
+    sensor_type = {"type": mujoco.mjtSensor.mjSENS_ACTUATORFRC, "objtype": mujoco.mjtObj.mjOBJ_ACTUATOR}
+    spec.add_sensor(name="force", objname="muscle_tendon", **sensor_type)
     return spec
 
 
-def accelerations(way: np.ndarray, step: float) -> np.ndarray:
-    """What leads MuJoCo's semi-implicit Euler steps along ``way`` [m], from rest; rounding does not add up."""
-    found, x, v = np.zeros(len(way)), way[0], 0.0
-    for k, target in enumerate(way[1:]):
-        found[k] = ((target - x) / step - v) / step
-        v += step * found[k]
-        x += step * v
-    return found
+def compute_accelerations(path: np.ndarray, dt: float) -> np.ndarray:
+    """Return the accelerations that move MuJoCo's semi-implicit Euler steps along ``path`` [m] from rest."""
+    result, x, v = np.zeros(len(path)), path[0], 0.0
+    for k, target in enumerate(path[1:]):
+        result[k] = ((target - x) / dt - v) / dt
+        v += dt * result[k]
+        x += dt * v
+    return result
 
 
-def at_rest(model: mujoco.MjModel, length: float, command: float) -> np.ndarray:
-    """Initial state of a rollout: the device of ``model`` settled at ``length`` [m] under ``command`` [Pa]."""
+def make_initial_state(model: mujoco.MjModel, length: float, command: float) -> np.ndarray:
+    """Return the state of ``model`` with the device in equilibrium at ``length`` [m] and ``command`` [Pa]."""
     data, actuator = mujoco.MjData(model), DeviceActuator(model, "muscle_tendon")
     actuator.set_state(data, compute_equilibrium_state(actuator.parameters, length, command))
     return np.asarray(sysid.create_initial_state(model, np.array([length]), np.zeros(1), data.act))
 
 
-def refitted_by_sysid(trial: Experiment, optimizer: str) -> dict[str, float]:
-    spec, length, command = bench_with_a_drive(trial.dt), trial.unit_length, trial.command
+def fit_with_sysid(trial: Experiment, optimizer: str) -> dict[str, float]:
+    spec, length, command = build_driven_bench(trial.dt), trial.unit_length, trial.command
 
-    def build(numbers: Any, spec: mujoco.MjSpec) -> mujoco.MjModel:
-        device = device_with({key: float(numbers[key].value[0]) for key in TRUTH})
+    def build(values: Any, spec: mujoco.MjSpec) -> mujoco.MjModel:
+        device = make_parameters({key: float(values[key].value[0]) for key in TRUTH})
         return models.attach_devices(spec.copy(), {"muscle_tendon": device})
 
-    plain = models.attach_devices(spec.copy(), {"muscle_tendon": DEVICE.parameters})
-    controls = np.column_stack([command / BAR, accelerations(length, trial.dt)])
-    controls = np.vstack([controls, controls[-1]])  # its rollouts leave the last one out
+    nominal_model = models.attach_devices(spec.copy(), {"muscle_tendon": DEVICE.parameters})
+    controls = np.column_stack([command / BAR, compute_accelerations(length, trial.dt)])
+    controls = np.vstack([controls, controls[-1]])  # its rollouts omit the last control
     force = trial.measured["force"]
     measured = sysid.ModelSequences(
         "bench",
         spec,
         trial.name,
-        at_rest(plain, length[0], command[0]),
-        sysid.TimeSeries.from_control_names(trial.dt * np.arange(len(controls)), controls, plain),
-        sysid.TimeSeries.from_names(force.time - trial.start_time, -force.value[:, None], plain),
+        make_initial_state(nominal_model, length[0], command[0]),
+        sysid.TimeSeries.from_control_names(trial.dt * np.arange(len(controls)), controls, nominal_model),
+        sysid.TimeSeries.from_names(force.time - trial.start_time, -force.value[:, None], nominal_model),
     )
     residual = sysid.build_residual_fn(models_sequences=[measured], build_model=build)
-    numbers = [sysid.Parameter(k, NOMINAL[k], (1 - REACH) * NOMINAL[k], (1 + REACH) * NOMINAL[k]) for k in TRUTH]
+    values = [
+        sysid.Parameter(k, NOMINAL[k], (1 - RELATIVE_RANGE) * NOMINAL[k], (1 + RELATIVE_RANGE) * NOMINAL[k])
+        for k in TRUTH
+    ]
     with callbacks.device_callbacks():
-        found, _ = sysid.optimize(
-            sysid.ParameterDict({each.name: each for each in numbers}), residual, optimizer, gtol=1e-14
+        result, _ = sysid.optimize(
+            sysid.ParameterDict({parameter.name: parameter for parameter in values}), residual, optimizer, gtol=1e-14
         )
-    return {key: float(found[key].value[0]) for key in TRUTH}
+    return {key: float(result[key].value[0]) for key in TRUTH}
 
 
 @pytest.mark.parametrize("optimizer", ["mujoco", "scipy"])
-def test_it_finds_the_same_numbers_on_mujocos_bench(
-    tmp_path: Path, optimizer: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mujoco_sysid_fits_the_same_values(tmp_path: Path, optimizer: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         experiments_bench, "COARSE_STEP_FACTOR", 1
-    )  # MuJoCo's steps have the error of their length, so ours may, too
-    dataset = load_dataset(made.dataset(tmp_path, base=device_with(TRUTH), groups=("fit_1",), repeats=1))
+    )  # as MuJoCo, without extrapolation to a vanishing time step
+    dataset = load_dataset(
+        synthetic_dataset.write_dataset(tmp_path, base=make_parameters(TRUTH), groups=("fit_1",), repeats=1)
+    )
     (trial,) = prepare_experiments(dataset, split_dataset(dataset))
-    # The last sample is at the end of the rollout, which rounding may put before or after it: nobody gets it.
+    # Rounding may put the last sample before or after the end of the rollout, so both fits omit it.
     force = trial.measured["force"]
     trial = replace(trial, measured={"force": Series(force.time[:-1], force.value[:-1])})
-    evidence = WeightedData(
-        Simulator(), [trial], {"force": Noise(made.NOISE["force"], (Autocorrelation(1e-9, 1.0, 1),))}
+    data = WeightedData(
+        Simulator(), [trial], {"force": Noise(synthetic_dataset.NOISE["force"], (Autocorrelation(1e-9, 1.0, 1),))}
     )
-    free = Hypothesis(DEVICE, tuple((key, REACH * NOMINAL[key]) for key in TRUTH), ())
-    ours = fit_hypothesis(evidence, free, fine=True)
-    evidence.simulator.close()
-    theirs = refitted_by_sysid(trial, optimizer)
-    for key, value in zip(TRUTH, ours.values, strict=True):
-        assert abs(NOMINAL[key] / TRUTH[key] - 1.0) > 0.05  # there is something to find
+    hypothesis = Hypothesis(DEVICE, tuple((key, RELATIVE_RANGE * NOMINAL[key]) for key in TRUTH), ())
+    fit = fit_hypothesis(data, hypothesis, fine=True)
+    data.simulator.close()
+    sysid_values = fit_with_sysid(trial, optimizer)
+    for key, value in zip(TRUTH, fit.values, strict=True):
+        assert abs(NOMINAL[key] / TRUTH[key] - 1.0) > 0.05  # the nominal value is wrong
         assert value == pytest.approx(TRUTH[key], rel=0.015)
-        assert theirs[key] == pytest.approx(value, rel=3e-5)
+        assert sysid_values[key] == pytest.approx(value, rel=3e-5)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import stage_progress
+from klute_sim.api.optional import import_pandas
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.api.sweep import explain_interrupt
 from klute_sim.baselines import table
@@ -91,11 +92,8 @@ class BaselineTable:
         return render_html(self.format_summary())
 
     def to_pandas(self) -> "pd.DataFrame":
-        """Return the rows as a DataFrame; raises InputError when pandas is not installed."""
-        try:
-            import pandas as pd
-        except ImportError:
-            raise InputError("a DataFrame needs pandas: pip install pandas") from None
+        """Return the rows as a DataFrame; raises MissingExtraError without pandas."""
+        pd = import_pandas("BaselineTable.to_pandas")
         return pd.DataFrame(self.rows)
 
     def plot(self, metric: str = "ankle_work_net [J/kg]") -> "Figure":

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
 
 from klute_sim.api.inputs import stage_progress
+from klute_sim.api.optional import import_pandas
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.comparison import results
 from klute_sim.comparison.comparison import Comparison, ComparisonOptions, ComparisonPart, Domain
@@ -103,11 +104,8 @@ class ComparisonResult:
             return build_part_figure(parts[name], self.comparison.domain)
 
     def to_pandas(self) -> "pd.DataFrame":
-        """Return the content of comparison.csv; raise InputError without pandas."""
-        try:
-            import pandas as pd
-        except ImportError:
-            raise InputError("to_pandas needs pandas: pip install pandas") from None
+        """Return the content of comparison.csv; raises MissingExtraError without pandas."""
+        pd = import_pandas("ComparisonResult.to_pandas")
         return pd.DataFrame(list(results.iter_rows(self.comparison)))
 
     def save(self, folder: str | Path | None = None, *, report: bool = True) -> Path:

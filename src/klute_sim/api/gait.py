@@ -22,7 +22,8 @@ from klute_sim.controllers.parse import Controller
 from klute_sim.controllers.pressure import ConstantPressure, PressureProfile, create_off_controller
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError, MissingExtraError
-from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics, summarize_gait_run
+from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics
+from klute_sim.gait.summary import summarize_gait_run
 from klute_sim.gait.reference import Reference
 from klute_sim.gait.rig import rig
 from klute_sim.gait.rig.setup import GaitOptions

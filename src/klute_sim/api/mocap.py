@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from klute_sim.api.optional import import_pandas
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.errors import InputError
 from klute_sim.gait.reference import Reference
@@ -75,11 +76,8 @@ class GaitImport:
         return compare({imported.side: to_recording(imported.strides[imported.side], imported.side)}).plot()
 
     def to_pandas(self) -> "pd.DataFrame":
-        """Return the columns of reference.csv; raise InputError without pandas."""
-        try:
-            import pandas as pd
-        except ImportError:
-            raise InputError("to_pandas needs pandas: pip install pandas") from None
+        """Return the columns of reference.csv; raises MissingExtraError without pandas."""
+        pd = import_pandas("GaitImport.to_pandas")
         return pd.DataFrame(self.imported.table)
 
     def save(self, folder: str | Path | None = None) -> Path:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import ControllerLike, DeviceLike, stage_progress, to_controller, to_device
+from klute_sim.api.optional import import_pandas
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.device.device import DEFAULT_DEVICE
 from klute_sim.errors import InputError
@@ -60,11 +61,8 @@ class SweepResult:
         return render_html(self.format_summary())
 
     def to_pandas(self) -> "pd.DataFrame":
-        """Return the rows as a DataFrame; raises InputError when pandas is not installed."""
-        try:
-            import pandas as pd
-        except ImportError:
-            raise InputError("a DataFrame needs pandas: pip install pandas") from None
+        """Return the rows as a DataFrame; raises MissingExtraError without pandas."""
+        pd = import_pandas("SweepResult.to_pandas")
         return pd.DataFrame(self.rows, columns=list(table.COLUMN_TYPES))
 
     def plot(self, metric: str = "ankle_work_net [J/kg]", over: str = "mass [kg]") -> "Figure":

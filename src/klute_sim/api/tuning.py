@@ -12,7 +12,8 @@ from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.api.sweep import explain_interrupt
 from klute_sim.controllers.pressure import PressureProfile, load_default_profile, load_profile, profile_to_csv
 from klute_sim.device.device import Device
-from klute_sim.gait.metrics import compute_gait_metrics, summarize_gait_run
+from klute_sim.gait.metrics import compute_gait_metrics
+from klute_sim.gait.summary import summarize_gait_run
 from klute_sim.parameter_sweep.local import LocalRunner
 from klute_sim.parameter_sweep.store import ResultStore, write_atomically
 from klute_sim.recording.recording import Recording

@@ -1,4 +1,4 @@
-"""What the bench records, the same with MuJoCo and without."""
+"""Channels of a bench recording, identical with and without MuJoCo."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +10,8 @@ from klute_sim.device.energy.ledger import COLUMN_HEADINGS, EnergyBalance
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben
 from klute_sim.provenance import collect_versions
-from klute_sim.recording.recording import Array, Recording
+from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 from klute_sim.units import BAR
 
 CHANNELS = (
@@ -23,7 +24,7 @@ CHANNELS = (
     "damper_force [N]",
     *COLUMN_HEADINGS,
 )
-"""Beside ``time``, ``length`` (reached) and ``pressure_command`` (or ``valve_command``)."""
+"""Headings of the channels besides ``time``, ``length`` (reached) and ``pressure_command`` (or ``valve_command``)."""
 
 
 def create_recording(
@@ -41,25 +42,24 @@ def create_recording(
     ledger: EnergyBalance,
     options: Mapping[str, Any],
 ) -> Recording:
-    """A recording of series [SI], one entry per ``step`` [s]."""
+    """Return the recording of a bench run from series in SI units with one sample per time step ``dt`` [s]."""
     muscle, damper = device.parameters.muscle, device.parameters.damper
     states = zip(pressure.tolist(), muscle_length.tolist(), strict=True)
-    pull = np.array([mckibben.force(muscle, p, x) for p, x in states])
-    damping = np.array([damper_law.force(damper, rate) for rate in muscle_rate.tolist()])
-    # What was asked for is an opening, if that is what the supply takes.
-    opens = device.parameters.supply.command_is_opening != 0.0
-    asked = ("valve_command [1]", command) if opens else ("pressure_command [bar]", command / BAR)
+    muscle_force = np.array([mckibben.force(muscle, p, x) for p, x in states])
+    damper_force = np.array([damper_law.force(damper, rate) for rate in muscle_rate.tolist()])
+    command_is_opening = device.parameters.supply.command_is_opening != 0.0
+    command_column = ("valve_command [1]", command) if command_is_opening else ("pressure_command [bar]", command / BAR)
     columns = [
         ("time [s]", np.arange(len(length)) * dt),
         ("length [mm]", 1e3 * length),
         ("length_command [mm]", 1e3 * length_command),
-        asked,
+        command_column,
         ("force [N]", tension),
         ("load_cell [N]", load_cell),
         ("pressure [bar]", pressure / BAR),
         ("muscle_length [mm]", 1e3 * muscle_length),
-        ("muscle_force [N]", pull),
-        ("damper_force [N]", damping),
+        ("muscle_force [N]", muscle_force),
+        ("damper_force [N]", damper_force),
         *ledger.to_columns(),
     ]
     provenance = {

@@ -1,6 +1,4 @@
-"""The bench without MuJoCo: the device's law alone under a prescribed length; a perfect crosshead and load cell."""
-
-from collections.abc import Callable
+"""Bench without MuJoCo: the device alone under a prescribed length, with an ideal crosshead and load cell."""
 
 from numpy.typing import ArrayLike
 
@@ -10,6 +8,7 @@ from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceState
 from klute_sim.device.recorded_rollout import record_rollout
 from klute_sim.recording.recording import Recording
+from klute_sim.types import ProgressCallback
 
 
 def simulate_device_only(
@@ -20,23 +19,23 @@ def simulate_device_only(
     backend: str = "auto",
     *,
     initial_state: DeviceState | None = None,
-    progress: Callable[[float], None] = lambda fraction: None,
+    progress: ProgressCallback = lambda fraction, stage: None,
 ) -> Recording:
-    """As :func:`klute_sim.bench.tester.pull`, with a length that is reached exactly."""
+    """Record ``device`` at exactly the unit ``length`` [m]; else as :func:`klute_sim.bench.tester.simulate_tester`."""
     length, command = validate_inputs(device, length, command, dt)
-    found = record_rollout(device.parameters, length, command, dt, initial_state=initial_state, backend=backend)
-    progress(1.0)
+    rollout = record_rollout(device.parameters, length, command, dt, initial_state=initial_state, backend=backend)
+    progress(1.0, "testing")
     return create_recording(
         device,
         dt=dt,
         length=length,
         length_command=length,
         command=command,
-        tension=found.tension,
-        load_cell=found.tension,
-        pressure=found.pressure,
-        muscle_length=found.length,
-        muscle_rate=found.velocity,
-        ledger=found.energy_balance,
+        tension=rollout.tension,
+        load_cell=rollout.tension,
+        pressure=rollout.pressure,
+        muscle_length=rollout.length,
+        muscle_rate=rollout.velocity,
+        ledger=rollout.energy_balance,
         options={"mujoco": False},
     )

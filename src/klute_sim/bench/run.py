@@ -1,7 +1,6 @@
-"""Running a protocol on a device, trial by trial."""
+"""Run a protocol on a device, trial by trial."""
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,38 +14,39 @@ from klute_sim.device.dynamics import compute_equilibrium_state
 from klute_sim.device.rollout import MAX_TIME_STEP
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
+from klute_sim.types import ProgressCallback
 
 MAX_RECORDED_SAMPLES = 4000
-"""Kept of a trial, beside those at jumps of the command; readings are made before, from all."""
+"""Approximate number of samples in a trial's recording; metrics are computed at the full rate before."""
 COMMAND_JUMP_BAR = 0.1
-"""Of the pressure command from one sample to the next [bar]."""
+"""Change of the pressure command between samples [bar] above which both samples are recorded."""
 MAX_TIME_STEPS = 20_000_000
-"""Of a whole run: some minutes without MuJoCo."""
+"""Maximum number of time steps of a run: some minutes without MuJoCo."""
 
 
 @dataclass(frozen=True)
 class BenchTrial:
-    """One trial, done."""
+    """Result of one trial."""
 
     name: str
     conditions: dict[str, float]
-    """What was set, keys with units; shortening velocities are positive."""
+    """Set values by keys with units; shortening velocities are positive."""
     metrics: dict[str, float]
-    """What was read off the recording at its full rate, keys with units; NaN where there was nothing to read."""
+    """Values computed from the recording at its full rate, by keys with units; NaN where there is no value."""
     recording: Recording
-    """Thinned to about :data:`MOST_SAMPLES`."""
+    """Recording, decimated to about :data:`MAX_RECORDED_SAMPLES` samples."""
 
 
 @dataclass(frozen=True)
 class BenchResult:
-    """A protocol, done."""
+    """Results of all trials of a protocol."""
 
     device: Device
     protocol: BenchProtocol
     use_mujoco: bool
-    """In the MuJoCo tester, with its servo and load cell; otherwise the device alone."""
+    """Whether the MuJoCo tester with its servo and load cell was used; otherwise the device was simulated alone."""
     dt: float
-    """Of the simulation [s]."""
+    """Time step of the simulation [s]."""
     trials: tuple[BenchTrial, ...]
 
 
@@ -56,14 +56,14 @@ def run_protocol(
     *,
     use_mujoco: bool = False,
     dt: float = 5e-4,
-    progress: Callable[[float], None] = lambda fraction: None,
+    progress: ProgressCallback = lambda fraction, stage: None,
 ) -> BenchResult:
-    """Run every trial of ``protocol`` on ``device``, a sample every ``step`` [s]; ``told`` hears the finished fraction.
+    """Run every trial of ``protocol`` on ``device``, with a time step of ``dt`` [s]; each starts in equilibrium.
 
-    Each begins in equilibrium. Raises InputError for what the device cannot do.
+    Raises InputError when the device cannot run the protocol.
     """
     if not 0.0 < dt <= MAX_TIME_STEP:
-        raise InputError(f"step is {1e3 * dt:g} ms; allowed: above 0, up to {1e3 * MAX_TIME_STEP:g} ms")
+        raise InputError(f"the time step is {1e3 * dt:g} ms; allowed: above 0, up to {1e3 * MAX_TIME_STEP:g} ms")
     protocol.check_time_step(dt)
     plans = protocol.plan_trials(device)
     for name, count in Counter(plan.name for plan in plans).items():
@@ -74,42 +74,40 @@ def run_protocol(
     sizes = [plan.trajectory.count_samples(dt) for plan in plans]
     if sum(sizes) > MAX_TIME_STEPS:
         raise InputError(
-            f"the protocol takes {sum(sizes):.3g} steps of {1e3 * dt:g} ms; allowed: up to {MAX_TIME_STEPS:.0e} "
-            "(make it shorter or the step longer)"
+            f"the protocol takes {sum(sizes):.3g} time steps of {1e3 * dt:g} ms; allowed: up to {MAX_TIME_STEPS:.0e} "
+            "(make the protocol shorter or the time step longer)"
         )
-    done, trials = 0, []
+    completed, trials = 0, []
     for plan, size in zip(plans, sizes, strict=True):
-        before = done
 
-        def heard(fraction: float, before: int = before, size: int = size) -> None:
-            progress((before + fraction * size) / sum(sizes))
+        def report(fraction: float, stage: str, completed: int = completed, size: int = size) -> None:
+            progress((completed + fraction * size) / sum(sizes), stage)
 
-        recording = _simulate_trial(device, plan, dt, use_mujoco, heard)
-        readings = {"ledger_residual_j": compute_ledger_residual(recording)} | protocol.compute_metrics(
-            device, plan, recording
-        )
-        trials.append(BenchTrial(plan.name, dict(plan.conditions), readings, decimate_recording(recording)))
-        done += size
+        recording = _simulate_trial(device, plan, dt, use_mujoco, report)
+        metrics = {"ledger_residual_j": compute_ledger_residual(recording)}
+        metrics |= protocol.compute_metrics(device, plan, recording)
+        trials.append(BenchTrial(plan.name, dict(plan.conditions), metrics, decimate_recording(recording)))
+        completed += size
     return BenchResult(device, protocol, use_mujoco, dt, tuple(trials))
 
 
 def _simulate_trial(
-    device: Device, plan: TrialPlan, dt: float, use_mujoco: bool, progress: Callable[[float], None]
+    device: Device, plan: TrialPlan, dt: float, use_mujoco: bool, progress: ProgressCallback
 ) -> Recording:
     time, length = plan.trajectory.sample(dt)
     command = plan.command(time)
-    start = compute_equilibrium_state(device.parameters, float(length[0]), float(command[0]))
-    pull: Any = tester.simulate_tester if use_mujoco else device_only.simulate_device_only
-    found: Recording = pull(device, length, command, dt, start=start, told=progress)
-    return found
+    initial_state = compute_equilibrium_state(device.parameters, float(length[0]), float(command[0]))
+    simulate: Any = tester.simulate_tester if use_mujoco else device_only.simulate_device_only
+    recording: Recording = simulate(device, length, command, dt, initial_state=initial_state, progress=progress)
+    return recording
 
 
 def decimate_recording(recording: Recording) -> Recording:
-    """Every n-th sample, the last, and those on either side of a jump of the pressure command."""
+    """Return every n-th sample, the last one, and those on both sides of a jump of the pressure command."""
     count = len(recording)
-    keep = np.zeros(count, dtype=np.bool_)
-    keep[:: -(-count // MAX_RECORDED_SAMPLES)] = True
-    keep[-1] = True
+    selected = np.zeros(count, dtype=np.bool_)
+    selected[:: -(-count // MAX_RECORDED_SAMPLES)] = True
+    selected[-1] = True
     jumps = np.flatnonzero(np.abs(np.diff(recording["pressure_command"])) > COMMAND_JUMP_BAR)
-    keep[jumps] = keep[jumps + 1] = True
-    return recording.select(keep)
+    selected[jumps] = selected[jumps + 1] = True
+    return recording.select(selected)

@@ -1,6 +1,4 @@
-"""The bench in MuJoCo: a crosshead on a servo, a load cell, and the device between them as in the ankle."""
-
-from collections.abc import Callable
+"""Bench in MuJoCo: a crosshead on a servo, a load cell, and the device between them, attached as in the ankle."""
 
 import mujoco
 import numpy as np
@@ -9,16 +7,17 @@ from numpy.typing import ArrayLike
 from klute_sim.bench.build import build_tester, compute_servo_commands, place_crosshead
 from klute_sim.bench.channels import create_recording
 from klute_sim.bench.validation import validate_inputs
+from klute_sim.device.delay import DelayLine
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceState, compute_taut_state, compute_tension, get_dead_time
 from klute_sim.device.energy.ledger import EnergyRecorder
-from klute_sim.device.rollout import interpolate_samples
 from klute_sim.plant import callbacks
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.recording.recording import Recording
+from klute_sim.types import ProgressCallback
 
 PROGRESS_INTERVAL_STEPS = 500
-"""Steps from one word about progress to the next."""
+"""Number of time steps between progress reports."""
 
 
 def simulate_tester(
@@ -29,72 +28,71 @@ def simulate_tester(
     backend: str = "auto",
     *,
     initial_state: DeviceState | None = None,
-    progress: Callable[[float], None] = lambda fraction: None,
+    progress: ProgressCallback = lambda fraction, stage: None,
 ) -> Recording:
-    """Record ``device`` while a servo follows unit ``length`` [m] and a regulator ``command`` [Pa].
+    """Record ``device`` while a servo follows the unit ``length`` [m] and a regulator follows ``command`` [Pa].
 
-    Both have one sample per ``step`` [s].
+    ``length`` and ``command`` have one sample per time step ``dt`` [s]. A device with valve openings as commands
+    takes ``command`` in [-1, 1].
 
-    The servo feeds velocity and acceleration forward and gives way a little to the load: the channel ``length`` is the
-    length reached, ``length_command`` the one that was asked for. ``force`` is the unit's tension, ``load_cell`` what
-    the load cell reads. The device begins at ``start``, by default where the tendon is just taut at the first length
-    and command.
-    ``law`` is one of :data:`klute_sim.device.backend.select.LAWS`; ``told`` hears the finished fraction.
+    The servo feeds velocity and acceleration forward and deflects under the load: channel ``length`` is the length
+    reached, ``length_command`` the commanded one. ``force`` is the tension of the unit, ``load_cell`` the reading of
+    the load cell. The device starts in ``initial_state``; by default, the tendon is just taut at the first length and
+    command. ``backend`` is ``"auto"``, ``"compiled"`` or ``"python"``.
 
-    Raises InputError when the two series differ in length, are not finite, or ask for a unit that is shorter than the
-    muscle can get or, with a rigid tie, longer than it rests.
+    Raises InputError when the series differ in length, are not finite, need a unit shorter than the lock length of the
+    muscle or, with a rigid tie, longer than its resting length.
     """
     length, command = validate_inputs(device, length, command, dt)
     parameters = device.parameters
-    begin = (
-        compute_taut_state(parameters, float(length[0]), float(command[0])) if initial_state is None else initial_state
-    )
+    if initial_state is None:
+        initial_state = compute_taut_state(parameters, float(length[0]), float(command[0]))
 
     model = build_tester(device, dt)
     data = mujoco.MjData(model)
     actuator = DeviceActuator(model, "muscle_tendon")
-    actuator.set_state(data, begin)
-    speed, load = (length[1] - length[0]) / dt, compute_tension(parameters, begin, float(length[0]), 0.0)
+    actuator.set_state(data, initial_state)
+    speed, load = (length[1] - length[0]) / dt, compute_tension(parameters, initial_state, float(length[0]), 0.0)
     place_crosshead(data, float(length[0]), float(speed), load)
-    target = compute_servo_commands(length, dt)
-    late, commands = get_dead_time(parameters) / dt, command.tolist()
-    servo = int(model.actuator_ctrladr[model.actuator("servo").id])
-    cell = int(model.sensor("load_cell").adr[0])
+    servo_commands = compute_servo_commands(length, dt)
+    delay_line = DelayLine(command.tolist(), get_dead_time(parameters), dt)
+    servo_index = int(model.actuator_ctrladr[model.actuator("servo").id])
+    load_cell_index = int(model.sensor("load_cell").adr[0])
 
-    found = np.empty((len(length), 6))
-    book = EnergyRecorder(parameters, len(length))
-    with callbacks.device_callbacks(backend) as in_force:
+    samples = np.empty((len(length), 6))
+    energy = EnergyRecorder(parameters, len(length))
+    with callbacks.device_callbacks(backend) as used_backend:
         for k in range(len(length)):
-            data.ctrl[servo] = target[k]
-            actuator.set_command(data, interpolate_samples(commands, k - late))
+            data.ctrl[servo_index] = servo_commands[k]
+            actuator.set_command(data, delay_line.sample(k))
             before = actuator.get_state(data)
             callbacks.step_model(model, data)
             after = actuator.state_after_step(model, data, before)
             rate = (after.length - before.length) / dt
-            book.record_sample(k, after, actuator.unit_length(data), rate)
-            found[k] = (
+            energy.record_sample(k, after, actuator.unit_length(data), rate)
+            samples[k] = (
                 actuator.unit_length(data),
                 actuator.tension(data),
-                -data.sensordata[cell],  # the sensor tells what the unit does to the cell, along x
+                -data.sensordata[load_cell_index],  # the sensor measures the force of the unit on the cell, along x
                 after.pressure,
                 after.length,
                 rate,
             )
             if k % PROGRESS_INTERVAL_STEPS == 0:
-                progress(k / len(length))
-    progress(1.0)
-    reached, pulled, weighed, pressure, muscle, muscle_rate = (np.ascontiguousarray(x) for x in found.T)
+                progress(k / len(length), "testing")
+    progress(1.0, "testing")
+    reached, tension, load_cell, pressure, muscle_length, muscle_rate = (np.ascontiguousarray(x) for x in samples.T)
     return create_recording(
         device,
         dt=dt,
         length=reached,
         length_command=length,
         command=command,
-        tension=pulled,
-        load_cell=weighed,
+        tension=tension,
+        load_cell=load_cell,
         pressure=pressure,
-        muscle_length=muscle,
+        muscle_length=muscle_length,
         muscle_rate=muscle_rate,
-        ledger=book.to_energy_balance(dt),
-        options={"law": in_force, "mujoco": True},
+        ledger=energy.to_energy_balance(dt),
+        options={"backend": used_backend, "mujoco": True},
     )

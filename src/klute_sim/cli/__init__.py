@@ -1,6 +1,7 @@
-"""The command line: thin, and quick to say what it can do.
+"""The command line: click options and calls of the public API.
 
-Commands import what they need when they run, so that ``--help`` does not wait for MuJoCo.
+``main`` is the entry point. Each module defines one command and imports what the command needs when it runs, so that
+``--help`` does not load MuJoCo. ``common`` holds shared options, ``console`` the output.
 """
 
 import io
@@ -15,29 +16,32 @@ from klute_sim import __version__
 from klute_sim.errors import InputError, KluteSimError, suggest
 
 COMMANDS = {
-    "gait": ("klute_sim.cli.gait", "Walk the prosthesis on measured human gait."),
-    "sweep": ("klute_sim.cli.sweep", "Walk every combination of devices, controllers, speeds, slopes, masses."),
-    "bench": ("klute_sim.cli.bench", "Run tests of a tensile tester on a device: forces, work, responses."),
-    "reproduce": ("klute_sim.cli.reproduce", "Lay the dissertation's numbers and figures beside ours, item by item."),
-    "design": ("klute_sim.cli.design", "Size actuator, damper and tendon for a muscle or a walker."),
-    "assumptions": ("klute_sim.cli.assumptions", "List every assumed number, why, and what it changes."),
-    "device": ("klute_sim.cli.device", "List devices, or show one: numbers, sources, forces."),
-    "diagnose": ("klute_sim.cli.diagnose", "Find what the simulation of measured data lacks."),
-    "effects": ("klute_sim.cli.effects", "List physical effects the base model leaves out, or show one."),
-    "import": ("klute_sim.cli.import_", "Make a reference of a motion laboratory's files: C3D, OpenSim, CSV, Parquet."),
-    "export": ("klute_sim.cli.export", "Write a run's motion and loads as OpenSim, CSV or Parquet files."),
-    "measure": ("klute_sim.cli.plan", "Plan bench measurements: commands, files to fill, what to record."),
-    "tune": ("klute_sim.cli.tune", "Tune a pressure profile, or device and profile together, on the gait rig."),
-    "train": ("klute_sim.cli.train", "Train a policy to walk, and compare it with the hand-tuned profile."),
-    "baselines": ("klute_sim.cli.baselines", "Walk what a new controller or device is held against."),
-    "compare": ("klute_sim.cli.compare", "Compare recordings over phase or time: how much they differ, and where."),
-    "view": ("klute_sim.cli.view", "Open a folder in the rerun viewer, or draw it."),
+    "gait": ("klute_sim.cli.gait", "Simulate gait with the prosthesis on the gait rig."),
+    "sweep": ("klute_sim.cli.sweep", "Simulate every combination of devices, controllers, speeds, slopes, masses."),
+    "bench": ("klute_sim.cli.bench", "Test a device on a tensile tester: forces, work, step responses."),
+    "reproduce": ("klute_sim.cli.reproduce", "Compare the model with the dissertation's numbers and figures."),
+    "design": ("klute_sim.cli.design", "Size actuator, damper and tendon for a muscle or a body mass."),
+    "assumptions": (
+        "klute_sim.cli.assumptions",
+        "List the assumed numbers of devices and their sensitivities.",
+    ),
+    "device": ("klute_sim.cli.device", "List the devices, or show one: numbers, sources, forces."),
+    "diagnose": ("klute_sim.cli.diagnose", "Identify the effects that a simulation lacks from measured data."),
+    "effects": ("klute_sim.cli.effects", "List the physical effects beyond the base model, or show one."),
+    "import": ("klute_sim.cli.import_", "Create a gait reference or a dataset from motion-capture files."),
+    "export": ("klute_sim.cli.export", "Export motion and loads of a run as OpenSim, CSV or Parquet files."),
+    "plan": ("klute_sim.cli.plan", "Plan bench measurements: commands, files to fill in, quantities to record."),
+    "tune": ("klute_sim.cli.tune", "Tune a pressure profile, optionally with the device, on the gait rig."),
+    "train": ("klute_sim.cli.train", "Train a control policy and compare it with the hand-tuned profile."),
+    "baselines": ("klute_sim.cli.baselines", "Simulate the baseline feet and controllers."),
+    "compare": ("klute_sim.cli.compare", "Compare recordings over gait phase or time."),
+    "view": ("klute_sim.cli.view", "Open a result folder in the rerun viewer, or draw it."),
 }
-"""Name -> (module that defines it as ``command``, one line of help)."""
+"""Module that defines the command as ``command``, and one line of help, by the name of the command."""
 
 
 class _LazyGroup(click.Group):
-    """Imports a command's module only when that command is asked for."""
+    """A group that imports the module of a command only when that command is needed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -54,9 +58,8 @@ class _LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if ctx.resilient_parsing or args[0] in COMMANDS or args[0].startswith("-"):
             return super().resolve_command(ctx, args)
-        raise InputError(
-            f"there is no command '{args[0]}'; {suggest(args[0], COMMANDS, 'all are in klute-sim --help')}"
-        )
+        hint = suggest(args[0], COMMANDS, "klute-sim --help lists all commands")
+        raise InputError(f"there is no command '{args[0]}'; {hint}")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
@@ -71,8 +74,8 @@ def group(context: click.Context) -> None:
 
     \b
     Examples:
-      klute-sim gait                     five strides of the default prosthesis
-      klute-sim device klute-3-4-pair    what a device is made of, and what is assumed
+      klute-sim gait                     simulate five strides with the default prosthesis
+      klute-sim device klute-3-4-pair    show the numbers of a device and their sources
       klute-sim view runs/gait-001       scrub through a run
     """
     if context.invoked_subcommand is None:
@@ -80,22 +83,25 @@ def group(context: click.Context) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point: anything the user can do wrong ends in one sentence on stderr and exit code 2."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that what was begun is cleaned up
+    """Run the command line; every user error ends in one sentence on stderr and exit code 2."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # an exception, so that unfinished files are removed
     warnings.showwarning = _show_warning  # type: ignore[assignment]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal without our symbols still gets the numbers
+            stream.reconfigure(errors="replace")  # a terminal without our symbols still shows the numbers
     try:
         code = group.main(args=arguments, prog_name="klute-sim", standalone_mode=False)
     except click.ClickException as error:
         _exit_with_error(error.format_message().replace("\n", " "), 2)
     except KluteSimError as error:
         _exit_with_error(str(error), 2)
-    except (KeyboardInterrupt, click.Abort):
+    except (KeyboardInterrupt, click.Abort) as interrupt:
+        original = interrupt.__cause__ or interrupt  # click raises Abort from the KeyboardInterrupt
+        for note in getattr(original, "__notes__", ()):  # such as where the finished part is kept
+            click.echo(note, err=True)
         _exit_with_error("interrupted; no file was left half-written", 130)
     except MemoryError:
-        _exit_with_error("there is not enough memory for this; take fewer strides or a longer step", 2)
+        _exit_with_error("not enough memory; use fewer strides or a longer time step", 2)
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output has gone; Python would complain while closing stdout
         sys.exit(0)
@@ -105,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _show_warning(message: Warning | str, *_: object) -> None:
-    """A warning as one sentence, without the place in our source that gave it."""
+    """Print a warning as one sentence, without the line of source code that issued it."""
     click.echo(f"klute-sim: {message}", err=True)
 
 

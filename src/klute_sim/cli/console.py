@@ -1,27 +1,30 @@
-"""What commands print with: results on stdout, progress and remarks on stderr."""
+"""Consoles of the commands: results go to stdout, progress and remarks to stderr."""
 
 import os
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import Any, Protocol
 
 from rich.console import Console
 from rich.progress import Progress
 
+NON_TERMINAL_WIDTH_CHARS = 110
+"""Width of tables where no terminal sets it [characters]."""
+
 
 class _Console(Console):
-    """On a terminal, breaks lines printed with ``soft_wrap`` between words; the terminal would break them inside words.
+    """On a terminal, wraps lines printed with ``soft_wrap`` between words; the terminal would break words.
 
-    Elsewhere they stay whole, for what reads them; a word, such as a path, is never broken.
+    Elsewhere lines stay whole for programs that read them. A word, such as a path, is never broken.
     """
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """See :class:`rich.console.Console`."""
+        """Print ``objects``, wrapped between words on a terminal."""
         if options.get("soft_wrap") and self.is_terminal:
-            objects = tuple(_wrap_lines(one, self.width) if isinstance(one, str) else one for one in objects)
+            objects = tuple(_wrap_lines(item, self.width) if isinstance(item, str) else item for item in objects)
         super().print(*objects, **options)
 
 
@@ -37,20 +40,31 @@ def _wrap_lines(text: str, width: int) -> str:
 
 @cache
 def stdout_console() -> Console:
-    """For results; wide enough for every stride where nobody's terminal sets the width."""
-    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 110
-    return _Console(width=width, highlight=False, markup=False, emoji=False)  # names and paths are the user's own
+    """Return the console for results; without a terminal it is wide enough for every stride column."""
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else NON_TERMINAL_WIDTH_CHARS
+    return _Console(width=width, highlight=False, markup=False, emoji=False)  # names and paths may contain markup
 
 
 @cache
 def stderr_console() -> Console:
-    """For remarks that are no result."""
+    """Return the console for remarks and progress."""
     return _Console(stderr=True, highlight=False, markup=False, emoji=False)
 
 
+class ProgressBar(Protocol):
+    """A :data:`klute_sim.types.ProgressCallback` whose second argument may be left out."""
+
+    def __call__(self, fraction: float, stage: str = ..., /) -> None:
+        """Show the completed ``fraction`` and the current ``stage``."""
+
+
 @contextmanager
-def progress_bar(description: str) -> Iterator[Callable[[float], None]]:
-    """A bar on stderr, where that is a terminal, told the finished fraction; gone when done."""
+def progress_bar(description: str) -> Iterator[ProgressBar]:
+    """Yield a progress callback that draws a bar on stderr if that is a terminal; the bar disappears at the end."""
     with Progress(console=stderr_console(), transient=True, disable=not stderr_console().is_terminal) as progress:
         task = progress.add_task(description, total=1.0)
-        yield lambda fraction: progress.update(task, completed=fraction)
+
+        def update(fraction: float, stage: str = description, /) -> None:
+            progress.update(task, completed=fraction, description=stage)
+
+        yield update

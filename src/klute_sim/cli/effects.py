@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.nonempty_path import NonEmptyPath
-from klute_sim.report.effects import text as words
+from klute_sim.cli.common import NonEmptyPath
+from klute_sim.report.effects import text
 
 if TYPE_CHECKING:
     from klute_sim.effects.effect import Effect
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
 @click.option(
     "--confusable",
     is_flag=True,
-    help="Compute which effects look alike in the standard protocols, and the change of the rig that splits them.",
+    help="Compute which effects are indistinguishable on the bench, and the change of the rig that separates them.",
 )
 @click.option(
     "--device",
     "device_name",
-    default=words.SIGNATURE_DEVICE,
+    default=text.SIGNATURE_DEVICE,
     show_default=True,
     metavar="NAME|FILE",
-    help="Device of --confusable and of the pictures.",
+    help="Device of --confusable and of the figures.",
 )
 @click.option(
     "--out",
     type=NonEmptyPath(),
     default=None,
     metavar="FOLDER",
-    help="New or empty folder for pictures and data: of NAME what it changes, of --confusable who looks like whom.",
+    help="New or empty folder for figures and data: the responses to NAME, or the matrices of --confusable.",
 )
 def command(
     name: str | None,
@@ -48,10 +48,10 @@ def command(
     device_name: str,
     out: Path | None,
 ) -> None:
-    """List the physical effects that the base model leaves out, or show one.
+    """List the physical effects beyond the base model, or show the effect NAME.
 
-    Shows each form's equation, where it acts, its parameters (unit, the value without effect, range, typical size,
-    source; assumed ones marked), and the lines that put it into a device file.
+    Shows the equation of each form, where it acts, its parameters (unit, value without effect, range, typical size,
+    source; assumed ones are marked), and the lines that add it to a device file.
 
     \b
     Examples:
@@ -59,9 +59,9 @@ def command(
       klute-sim effects braid_hysteresis
       klute-sim effects pressure_lag --json
       klute-sim effects warming --catalogue my_effects.py
-      klute-sim effects muscle_damping --out signature    pictures of what it changes
-      klute-sim effects seal_friction --confusable        what it is easily taken for
-      klute-sim effects --confusable --out who-is-who     all of them, as matrix and table
+      klute-sim effects muscle_damping --out signature    figures of its responses
+      klute-sim effects seal_friction --confusable        effects that look like it
+      klute-sim effects --confusable --out similarity     all effects, as matrix and table
     """
     from klute_sim.effects import catalogue as known
     from klute_sim.errors import InputError
@@ -69,25 +69,25 @@ def command(
     if catalogue is not None:
         load_catalogue(catalogue)
     if out is not None and name is None and not confusable:
-        raise InputError("--out goes with NAME or --confusable")
-    chosen = known.find_form(name, None)[0] if name else None
+        raise InputError("--out needs NAME or --confusable")
+    effect = known.find_form(name, None)[0] if name else None
     if confusable:
-        _analyze_identifiability(device_name, chosen, out, as_json=as_json)
+        _analyze_identifiability(device_name, effect, out, as_json=as_json)
         return
-    if out is not None and chosen is not None:
-        _draw_signatures(device_name, chosen, out)
-    if name is None:
-        shown = [words.describe_effect(effect) for effect in known.get_effects().values()]
+    if out is not None and effect is not None:
+        _draw_signatures(device_name, effect, out)
+    if effect is None:
+        descriptions = [text.describe_effect(entry) for entry in known.get_effects().values()]
         if as_json:
-            _print_json(shown)
+            _print_json(descriptions)
         else:
-            _print_effects(shown)
+            _print_effects(descriptions)
         return
-    one = words.describe_effect(known.find_form(name, None)[0])
+    description = text.describe_effect(effect)
     if as_json:
-        _print_json(one)
+        _print_json(description)
     else:
-        _print_effect(one)
+        _print_effect(description)
 
 
 def _analyze_identifiability(device_name: str, effect: "Effect | None", out: Path | None, *, as_json: bool) -> None:
@@ -95,30 +95,30 @@ def _analyze_identifiability(device_name: str, effect: "Effect | None", out: Pat
 
     from klute_sim.cli.console import progress_bar, stdout_console
     from klute_sim.device.device import load_device
-    from klute_sim.diagnosis.experiments.base import Simulator
+    from klute_sim.diagnosis.experiments.simulator import Simulator
     from klute_sim.diagnosis.planning.identifiability import compute_identifiability, remove_base_effect, to_json_rows
     from klute_sim.recording import run_folder
     from klute_sim.report.effects import figures as effects_figures
 
-    device, bench = load_device(device_name), Simulator()
+    device, simulator = load_device(device_name), Simulator()
     if effect is not None:
         device = remove_base_effect(device, effect)
-    folder = run_folder.create_run_folder("effects", out) if out is not None else nullcontext((None, None))
-    with folder as (place, scratch):
-        with progress_bar("simulating") as told:
-            found = compute_identifiability(device, bench, told)
-        every = to_json_rows(found)
+    run = run_folder.create_run_folder("effects", out) if out is not None else nullcontext((None, None))
+    with run as (folder, scratch):
+        with progress_bar("simulating") as progress:
+            rigs = compute_identifiability(device, simulator, progress)
+        all_rows = to_json_rows(rigs)
         if scratch is not None:
-            (scratch / "confusable.json").write_text(json.dumps(every, indent=2, allow_nan=False) + "\n", "utf-8")
-            effects_figures.write_matrices(found, scratch)
-    bench.close()
-    shown = [row for row in every if effect is None or row["effect"] == effect.name]
+            (scratch / "confusable.json").write_text(json.dumps(all_rows, indent=2, allow_nan=False) + "\n", "utf-8")
+            effects_figures.write_matrices(rigs, scratch)
+    simulator.close()
+    rows = [row for row in all_rows if effect is None or row["effect"] == effect.name]
     if as_json:
-        _print_json(shown)
+        _print_json(rows)
         return
-    _print_identifiability(shown)
-    if place is not None:
-        stdout_console().print(f"Matrix and table: {place}", soft_wrap=True)
+    _print_identifiability(rows)
+    if folder is not None:
+        stdout_console().print(f"Matrix and table: {folder}", soft_wrap=True)
 
 
 def _print_identifiability(rows: list[dict[str, Any]]) -> None:
@@ -126,43 +126,43 @@ def _print_identifiability(rows: list[dict[str, Any]]) -> None:
 
     from klute_sim.cli.console import stdout_console
 
-    table = Table("effect", "typical size over noise", "left after refitting", "looks like", "split by")
+    table = Table("effect", "typical size over noise", "after refitting", "indistinguishable from", "separated by")
     for row in rows:
         name = f"{row['effect']} ({row['form']})" + (f" of {row['channel']}" if row["channel"] else "")
-        likes = "\n".join(f"{t['effect']} ({t['cosine']:.2f})" for t in row["alike"])
-        likes = likes or f"nothing; closest: {row['closest']} ({row['closest_cosine']:.2f})"
-        split = "\n".join(
-            f"{t['split_by']} ({t['cosine_then']:.2f})" if t["split_by"] else words.NO_DISTINGUISHING_CHANGE
-            for t in row["alike"]
+        alike = "\n".join(f"{pair['effect']} ({pair['cosine']:.2f})" for pair in row["alike"])
+        alike = alike or f"nothing; closest: {row['closest']} ({row['closest_cosine']:.2f})"
+        separated_by = "\n".join(
+            f"{pair['split_by']} ({pair['cosine_then']:.2f})" if pair["split_by"] else text.NO_DISTINGUISHING_CHANGE
+            for pair in row["alike"]
         )
-        table.add_row(name, f"{row['size']:.0f}", f"{100.0 * row['kept']:.0f} %", likes, split or "-")
+        table.add_row(name, f"{row['size']:.0f}", f"{100.0 * row['kept']:.0f} %", alike, separated_by or "-")
     stdout_console().print(table)
 
 
 def _draw_signatures(device_name: str, effect: "Effect", out: Path) -> None:
-    """A picture of every form of ``effect`` (of an instrument: on the force)."""
+    """Write a figure of the response to each form of ``effect``; instrument effects act on the force."""
     from klute_sim.cli.console import stderr_console
     from klute_sim.device.device import load_device
-    from klute_sim.diagnosis.experiments.base import Simulator
+    from klute_sim.diagnosis.experiments.simulator import Simulator
     from klute_sim.diagnosis.planning.signatures import simulate_effect_responses
     from klute_sim.recording import run_folder
     from klute_sim.report.effects import figures as effects_figures
 
-    device, bench = load_device(device_name), Simulator()
-    with run_folder.create_run_folder("effects", out) as (place, scratch):
-        for found in simulate_effect_responses(device, effect, bench):
-            effects_figures.save_signature_figure(found, scratch)
-    bench.close()
-    stderr_console().print(f"Pictures: {place}", soft_wrap=True)
+    device, simulator = load_device(device_name), Simulator()
+    with run_folder.create_run_folder("effects", out) as (folder, scratch):
+        for response in simulate_effect_responses(device, effect, simulator):
+            effects_figures.save_signature_figure(response, scratch)
+    simulator.close()
+    stderr_console().print(f"Figures: {folder}", soft_wrap=True)
 
 
 def load_catalogue(path: Path) -> None:
-    """Let the effects of the file ``catalogue`` in, and say on stderr that its code is run."""
+    """Register the effects of the file at ``path``, and report on stderr that its code runs."""
     from klute_sim.cli.console import stderr_console
     from klute_sim.effects import catalogue as known
 
     if path.is_file():
-        stderr_console().print(f"The code in {path} is run.", soft_wrap=True)
+        stderr_console().print(f"Running the code in {path}.", soft_wrap=True)
     known.use_catalogue(path)
 
 
@@ -175,7 +175,7 @@ def _print_effects(effects: list[dict[str, Any]]) -> None:
 
     from klute_sim.cli.console import stdout_console
 
-    table = Table("effect", "kind", "forms", "what it is")
+    table = Table("effect", "kind", "forms", "description")
     for effect in effects:
         forms = ", ".join(form["name"] for form in effect["forms"])
         table.add_row(effect["name"], effect["kind"], forms, effect["sentence"])
@@ -187,17 +187,17 @@ def _print_effect(effect: dict[str, Any]) -> None:
 
     from klute_sim.cli.console import stdout_console
 
-    out = stdout_console()
-    out.print(f"{effect['name']}: {effect['sentence']}", soft_wrap=True)
-    out.print(words.describe_kind(effect), soft_wrap=True)
-    for number, form in enumerate(effect["forms"]):
-        usual = words.format_default_note(number, effect["forms"])
-        out.print(f"\nForm {form['name']}{usual}: {form['equation']}", soft_wrap=True)
-        out.print(words.describe_hooks(form), soft_wrap=True)
-        table = Table(*words.PARAMETER_HEADINGS)
+    console = stdout_console()
+    console.print(f"{effect['name']}: {effect['sentence']}", soft_wrap=True)
+    console.print(text.describe_kind(effect), soft_wrap=True)
+    for index, form in enumerate(effect["forms"]):
+        default_note = text.format_default_note(index, effect["forms"])
+        console.print(f"\nForm {form['name']}{default_note}: {form['equation']}", soft_wrap=True)
+        console.print(text.describe_hooks(form), soft_wrap=True)
+        table = Table(*text.PARAMETER_HEADINGS)
         for row in form["parameters"]:
-            table.add_row(*words.format_parameter_cells(row), style="yellow" if row["assumed"] else None)
-        out.print(table)
+            table.add_row(*text.format_parameter_cells(row), style="yellow" if row["assumed"] else None)
+        console.print(table)
         if form["device_file"]:
-            out.print("In a device file:\n")
-            click.echo(form["device_file"])  # to be copied as it is
+            console.print("In a device file:\n")
+            click.echo(form["device_file"])  # without line breaks, so that it can be copied

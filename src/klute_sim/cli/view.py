@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.nonempty_path import NonEmptyPath
+from klute_sim.cli.common import NonEmptyPath
 
 
 @click.command("view")
@@ -16,41 +16,41 @@ from klute_sim.cli.nonempty_path import NonEmptyPath
     type=NonEmptyPath(),
     default=None,
     metavar="FILE.png|FOLDER",
-    help="Draw the window as it opens to FILE.png, or every view to a picture of its own in FOLDER; no screen, no "
-    "graphics card and no viewer are needed.",
+    help="Render the window as it opens to FILE.png, or each view to a PNG file in FOLDER, without a screen, graphics "
+    "card or viewer.",
 )
 @click.option(
     "--at",
     type=common.NumberWithUnit(),
     default=None,
-    metavar="PLACE",
-    help="With --picture: where the cursor is on the timeline [s, or its own numbers].  [default: in the middle]",
+    metavar="POSITION",
+    help="With --picture: position of the cursor on the timeline [s, or number of the step].  [default: the middle]",
 )
 def command(path: Path, web: bool, picture: Path | None, at: float | None) -> None:
-    """Open a folder in the rerun viewer, on the loopback address only: the layout is made for what is in it.
+    """Open results in the rerun viewer, with a layout for their kind.
 
-    PATH is the folder of a walk (gait), a bench run, a comparison, a diagnosis, a sweep, a tuning or a training, or an
-    .rrd file. A recording that the folder lacks is made of its other files.
+    PATH is the folder of a gait run, a bench run, a comparison, a diagnosis, a sweep, a tuning or a training, or an
+    .rrd file. A missing recording is made from the other files of the folder.
 
-    A picture is drawn from the recording, in the layout that the viewer would show; it is no screenshot of the viewer,
-    and 3-D is seen from the side.
+    Pictures are rendered from the recording in the layout of the viewer; they are not screenshots, and 3-D views are
+    side views.
 
-    Needs the optional extra 'rerun' (pip install '.[rerun]' in the project's folder). Sends none of rerun's usage
-    statistics and leaves rerun's own settings as they are; with --web, open the address printed here, which is told
-    the same.
+    The viewer listens on the loopback address only and sends no usage statistics; rerun's settings are not changed.
+    With --web, open the printed address. Needs the optional extra 'rerun' (pip install '.[rerun]' in the project
+    folder).
 
     \b
     Examples:
       klute-sim view runs/gait-001
       klute-sim view runs/diagnose-001 --web
-      klute-sim view runs/gait-001 --picture walk.png --at 0.55
+      klute-sim view runs/gait-001 --picture gait.png --at 0.55
       klute-sim view runs/sweep-001 --picture pictures
     """
     from klute_sim.errors import InputError
 
     if picture is None:
         if at is not None:
-            raise InputError("--at goes with --picture")
+            raise InputError("--at sets the cursor of a picture: give --picture, too")
         from klute_sim.viewer.window import open_viewer
 
         open_viewer(path, web=web)
@@ -58,8 +58,8 @@ def command(path: Path, web: bool, picture: Path | None, at: float | None) -> No
     if web:
         raise InputError("--web and --picture exclude each other")
     from klute_sim.viewer.folders import ensure_recording
-    from klute_sim.viewer.picture import picture as drawing
+    from klute_sim.viewer.picture.picture import save_pictures
 
-    with ensure_recording(path) as recording:
-        for file in drawing.save_pictures(recording, picture, at):
+    with ensure_recording(path) as rrd_path:
+        for file in save_pictures(rrd_path, picture, at):
             click.echo(file)

@@ -1,27 +1,32 @@
-"""The device with what was found in it, as a device file."""
+"""Device file of a fitted device."""
 
-import tomllib
 from typing import Any
 
-from klute_sim.device.changes import set_value, to_toml
-from klute_sim.device.device import Device, parse_device
+from klute_sim.device.device import Device, parse_device, set_number
 from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.toml_files import format_toml, parse_toml
 
 
 def augment_device(fit: Fit, source: str) -> Device:
-    """The device of ``fit`` with its fitted numbers and its effects; ``where`` names the data they are from.
+    """Return the device of ``fit`` with its fitted numbers and effects; ``source`` names the data.
 
-    Effects of instruments are no part of a device and are left out.
+    Effects of instruments are not part of a device and are omitted.
+
+    Raises InputError when a fitted number is out of the range of a device file.
     """
     hypothesis, values = fit.hypothesis, fit.values
-    keys: dict[str, Any] = tomllib.loads(hypothesis.device.content.decode("utf-8-sig"))
-    fitted = f"fitted by klute-sim diagnose to {source}"
+    content: dict[str, Any] = parse_toml(hypothesis.device.content, f"device {hypothesis.device.name}")
+    note = f"fitted by klute-sim diagnose to {source}"
     for (key, _), value in zip(hypothesis.uncertainties, values, strict=False):
-        set_value(keys, key, value, fitted)
-    for number, term in enumerate(hypothesis.terms):
+        set_number(content, key, value, note)
+    for index, term in enumerate(hypothesis.terms):
         if term.channel is not None:
             continue
-        own = {u.key: value for u, value in zip(hypothesis.parameters, values, strict=True) if u.term_index == number}
-        keys.setdefault("effects", {})[term.effect] = {"form": term.form, **own}
-        keys.setdefault("sources", {}).update({f"effects.{term.effect}.{key}": fitted for key in own})
-    return parse_device(to_toml(keys).encode(), f"{hypothesis.device.name} with effects")
+        parameters = {
+            parameter.name: value
+            for parameter, value in zip(hypothesis.parameters, values, strict=True)
+            if parameter.term_index == index
+        }
+        content.setdefault("effects", {})[term.effect] = {"form": term.form, **parameters}
+        content.setdefault("sources", {}).update({f"effects.{term.effect}.{key}": note for key in parameters})
+    return parse_device(format_toml(content).encode(), f"{hypothesis.device.name} with effects")

@@ -1,4 +1,4 @@
-"""Sinusoids of the pressure command at a held length: gain and phase of pressure and force."""
+"""Frequency response: gain and phase of pressure and force for sinusoidal pressure commands at a held length."""
 
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
@@ -7,18 +7,19 @@ from pydantic import Field
 
 from klute_sim.bench.limits import check_supply_pressure, unit_length
 from klute_sim.bench.metrics import select_half_open_interval
-from klute_sim.bench.protocols.protocol import BenchProtocol, NonEmpty, Positive, Ratio, TrialPlan, format_value
-from klute_sim.bench.trajectory import Array, LengthTrajectory
+from klute_sim.bench.protocols.protocol import NonEmpty, Positive, PressureProtocol, Ratio, TrialPlan, format_value
+from klute_sim.bench.trajectory import LengthTrajectory
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 from klute_sim.units import BAR
 
 MIN_SAMPLES_PER_PERIOD = 10
-"""Per period of a sinusoid that is fitted."""
+"""Minimum number of samples per period of a fitted sinusoid."""
 
 
-class FrequencyResponseProtocol(BenchProtocol):
+class FrequencyResponseProtocol(PressureProtocol):
     """One trial per mean pressure (``pressures_bar``) and frequency."""
 
     summary: ClassVar[str] = "Pressure sinusoids: gain and phase of pressure and force."
@@ -26,16 +27,16 @@ class FrequencyResponseProtocol(BenchProtocol):
     kind: Literal["frequency"] = "frequency"
     frequencies_hz: Annotated[list[Positive], NonEmpty]
     amplitude_bar: Positive
-    """Around each of ``pressures_bar``."""
+    """Amplitude [bar] around each of ``pressures_bar``."""
     muscle_ratio: Ratio
     """Muscle length over resting length, at rest under the mean pressure."""
     settling_cycles: Annotated[int, Field(ge=0, le=1000)] = 2
-    """Before the cycles that count."""
+    """Number of periods before the fitted ones."""
     cycles: Annotated[int, Field(ge=1, le=1000)] = 3
-    """That are read."""
+    """Number of fitted periods."""
 
     def plan_trials(self, device: Device) -> list[TrialPlan]:
-        """One trial per mean pressure and frequency."""
+        """Return one trial per mean pressure and frequency."""
         check_supply_pressure(device, [bar + self.amplitude_bar for bar in self.pressures_bar])
         if min(self.pressures_bar) < self.amplitude_bar:
             raise InputError(f"amplitude_bar is {self.amplitude_bar:g}; allowed: up to the lowest of pressures_bar")
@@ -66,38 +67,39 @@ class FrequencyResponseProtocol(BenchProtocol):
         fastest = max(self.frequencies_hz)
         if dt * fastest * MIN_SAMPLES_PER_PERIOD > 1.0 + 1e-9:
             raise InputError(
-                f"step is {1e3 * dt:g} ms, which is {1.0 / (dt * fastest):.3g} samples per period at "
-                f"{fastest:g} Hz; allowed: up to {1e3 / (MIN_SAMPLES_PER_PERIOD * fastest):.4g} ms ({MIN_SAMPLES_PER_PERIOD} samples)"
+                f"the time step is {1e3 * dt:g} ms, which is {1.0 / (dt * fastest):.3g} samples per period at "
+                f"{fastest:g} Hz; allowed: up to {1e3 / (MIN_SAMPLES_PER_PERIOD * fastest):.4g} ms "
+                f"({MIN_SAMPLES_PER_PERIOD} samples)"
             )
 
     def compute_metrics(self, device: Device, plan: TrialPlan, recording: Recording) -> dict[str, float]:
-        """Gains and phases against the command; negative phase: late.
+        """Return gains and phases relative to the command; the phase of a lag is negative.
 
-        ``coherence``: share of a signal's variance that is the fitted sinusoid.
+        ``coherence`` is the fraction of a signal's variance that the fitted sinusoid explains.
         """
         part = select_half_open_interval(recording, plan.event_times["begin"], plan.event_times["end"])
         frequency = plan.conditions["frequency_hz"]
-        asked = fit_sinusoid(part["time"], part["pressure_command"], frequency)
-        found = {}
+        reference = fit_sinusoid(part["time"], part["pressure_command"], frequency)
+        metrics = {}
         for channel, unit in (("pressure", ""), ("force", "_n_per_bar")):
-            got = fit_sinusoid(part["time"], part[channel], frequency)
-            found[f"{channel}_gain{unit}"] = abs(got.phasor) / abs(asked.phasor)
-            found[f"{channel}_phase_deg"] = float(np.degrees(np.angle(got.phasor / asked.phasor)))
-            found[f"{channel}_coherence"] = got.coherence
-        return found
+            response = fit_sinusoid(part["time"], part[channel], frequency)
+            metrics[f"{channel}_gain{unit}"] = abs(response.phasor) / abs(reference.phasor)
+            metrics[f"{channel}_phase_deg"] = float(np.degrees(np.angle(response.phasor / reference.phasor)))
+            metrics[f"{channel}_coherence"] = response.coherence
+        return metrics
 
 
 class Sinusoid(NamedTuple):
-    """The sinusoid in a signal."""
+    """Sinusoid fitted to a signal."""
 
     phasor: complex
-    """Amplitude and phase, against the sine from time 0."""
+    """Amplitude and phase relative to a sine that starts at time 0."""
     coherence: float
-    """Of the signal's variance around its line."""
+    """Fraction of the variance around the fitted line that the sinusoid explains."""
 
 
 def fit_sinusoid(time: Array, samples: Array, frequency: float) -> Sinusoid:
-    """Least squares of a line and a sinusoid of ``frequency`` [Hz]."""
+    """Fit a line and a sinusoid of ``frequency`` [Hz] to ``samples`` by least squares."""
     angle = 2.0 * np.pi * frequency * time
     line = np.stack([np.ones(len(time)), time - time.mean()], axis=1)
     wave = np.stack([np.sin(angle), np.cos(angle)], axis=1)

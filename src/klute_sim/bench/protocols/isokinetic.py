@@ -1,4 +1,4 @@
-"""Constant velocity both ways, force read as the muscle or the unit passes a length (Figs 3.7-3.9, 7.6)."""
+"""Isokinetic test: force at constant velocity, read when the muscle or the unit passes a length (Figs 3.7-3.9, 7.6)."""
 
 from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal, Self
@@ -10,8 +10,8 @@ from pydantic_core import PydanticCustomError
 from klute_sim.bench.limits import check_reachable_speed, check_supply_pressure, isometric_force, unit_length
 from klute_sim.bench.metrics import compute_shortening_velocity, find_crossing
 from klute_sim.bench.protocols.protocol import (
-    BenchProtocol,
     Positive,
+    PressureProtocol,
     Ratio,
     TrialPlan,
     format_value,
@@ -24,29 +24,29 @@ from klute_sim.recording.recording import Recording
 from klute_sim.units import BAR
 
 
-class IsokineticProtocol(BenchProtocol):
-    """Force at constant velocity, one trial per pressure, velocity and length to read at.
+class IsokineticProtocol(PressureProtocol):
+    """Force at constant velocity; one trial per pressure, velocity and measurement length.
 
-    Lengths are given as ``muscle_ratios``, of the muscle under way, or as ``unit_lengths_mm``, of the whole unit.
+    Measurement lengths are ``muscle_ratios`` (of the moving muscle) or ``unit_lengths_mm`` (of the unit).
     """
 
-    summary: ClassVar[str] = "Force at constant velocity, both ways, read as a length is passed."
+    summary: ClassVar[str] = "Force at constant velocity, shortening and lengthening, read at a length."
 
     kind: Literal["isokinetic"] = "isokinetic"
     concentric_mm_per_s: list[Positive] = Field(default=[])
-    """Shortening."""
+    """Shortening velocities [mm/s]."""
     eccentric_mm_per_s: list[Positive] = Field(default=[])
-    """Lengthening."""
+    """Lengthening velocities [mm/s]."""
     muscle_ratios: list[Ratio] = Field(default=[])
     """Muscle lengths over resting length at which force is read."""
     long_muscle_ratio: Ratio = 0.995
-    """Where a shortening begins and a lengthening ends, as the muscle would rest there under the pressure."""
+    """Muscle length over resting length at the long end of the stroke, at rest under the pressure."""
     short_muscle_ratio: Ratio = 0.85
-    """The other end."""
+    """Muscle length over resting length at the short end of the stroke."""
     unit_lengths_mm: list[Positive] = Field(default=[])
-    """Lengths of the whole unit at which force is read instead."""
+    """Unit lengths [mm] at which force is read, instead of ``muscle_ratios``."""
     approach_mm: Positive = 12.0
-    """With ``unit_lengths_mm``: the crosshead begins and ends that far from each."""
+    """Distance [mm] of both ends of the stroke from each of ``unit_lengths_mm``."""
     acceleration_m_per_s2: Annotated[Positive, Field(le=1000)] = 20.0
 
     @model_validator(mode="after")
@@ -61,25 +61,25 @@ class IsokineticProtocol(BenchProtocol):
             if not self.short_muscle_ratio < ratio < self.long_muscle_ratio:
                 raise PydanticCustomError(
                     "protocol",
-                    "a muscle_ratio is {ratio}, which the stroke does not pass; allowed: above short_muscle_ratio, "
+                    "a muscle_ratio is {ratio}, which is outside the stroke; allowed: above short_muscle_ratio, "
                     "below long_muscle_ratio ({short} to {long})",
                     {"ratio": ratio, "short": self.short_muscle_ratio, "long": self.long_muscle_ratio},
                 )
         return self
 
     def plan_trials(self, device: Device) -> list[TrialPlan]:
-        """One trial per pressure, length and velocity, from fast shortening to fast lengthening."""
+        """Return one trial per pressure, length and velocity, from fast shortening to fast lengthening."""
         check_supply_pressure(device, self.pressures_bar)
         velocities = [*sorted(self.concentric_mm_per_s, reverse=True), *(-v for v in sorted(self.eccentric_mm_per_s))]
         return [
-            self._plan_trial(bar, key, place, long, short, 1e-3 * shortening)
+            self._plan_trial(bar, key, length, long, short, 1e-3 * shortening)
             for bar in self.pressures_bar
-            for key, place, long, short in self._list_measurement_lengths(device, bar * BAR)
+            for key, length, long, short in self._list_measurement_lengths(device, bar * BAR)
             for shortening in velocities
         ]
 
     def _list_measurement_lengths(self, device: Device, pressure: float) -> Iterator[tuple[str, float, float, float]]:
-        """Where force is read (key, value), and the unit lengths [m] before and after."""
+        """Yield key and value of each measurement length, and the unit lengths [m] of the long and short end."""
         for ratio in self.muscle_ratios:
             long, short = (unit_length(device, r, pressure) for r in (self.long_muscle_ratio, self.short_muscle_ratio))
             yield "muscle_ratio", ratio, long, short
@@ -101,9 +101,10 @@ class IsokineticProtocol(BenchProtocol):
         path = LengthTrajectory(begin, self.rest_s).move(end, speed, acceleration)
         marks = {"begin": self.rest_s + speed / acceleration, "end": path.end_time - speed / acceleration}
         path.hold(0.05)
-        way = "concentric" if shortening_velocity > 0.0 else "eccentric"
+        position = format_value(measurement_length)
+        direction = "concentric" if shortening_velocity > 0.0 else "eccentric"
         return TrialPlan(
-            name=f"{format_value(pressure_bar)}bar_{format_value(measurement_length)}_{way}_{format_value(1e3 * speed)}mm_per_s",
+            name=f"{format_value(pressure_bar)}bar_{position}_{direction}_{format_value(1e3 * speed)}mm_per_s",
             conditions={
                 "pressure_bar": pressure_bar,
                 "velocity_mm_per_s": 1e3 * shortening_velocity,
@@ -115,26 +116,26 @@ class IsokineticProtocol(BenchProtocol):
         )
 
     def compute_metrics(self, device: Device, plan: TrialPlan, recording: Recording) -> dict[str, float]:
-        """As the length is passed at full speed; NaN if it is not."""
-        rest, pressure = 1e3 * device.parameters.muscle.resting_length, plan.conditions["pressure_bar"] * BAR
+        """Return the metrics at the measurement length; NaN if it is not passed at full speed."""
+        resting_length, pressure = 1e3 * device.parameters.muscle.resting_length, plan.conditions["pressure_bar"] * BAR
         if "muscle_ratio" in plan.conditions:
             ratio = plan.conditions["muscle_ratio"]
-            when = find_crossing(
-                recording, "muscle_length", ratio * rest, plan.event_times["begin"], plan.event_times["end"]
+            time = find_crossing(
+                recording, "muscle_length", ratio * resting_length, plan.event_times["begin"], plan.event_times["end"]
             )
             isometric = isometric_force(device, ratio, pressure)
         else:
             length = plan.conditions["unit_length_mm"]
-            when = find_crossing(recording, "length", length, plan.event_times["begin"], plan.event_times["end"])
-            held = compute_equilibrium_state(device.parameters, 1e-3 * length, pressure)
-            isometric = compute_tension(device.parameters, held, 1e-3 * length, 0.0)
+            time = find_crossing(recording, "length", length, plan.event_times["begin"], plan.event_times["end"])
+            state = compute_equilibrium_state(device.parameters, 1e-3 * length, pressure)
+            isometric = compute_tension(device.parameters, state, 1e-3 * length, 0.0)
         series = {
             "force_n": recording["force"],
             "unit_length_mm": recording["length"],
-            "muscle_ratio_reached": recording["muscle_length"] / rest,
+            "muscle_ratio_reached": recording["muscle_length"] / resting_length,
             "velocity_reached_mm_per_s": compute_shortening_velocity(recording, "length"),
             "muscle_velocity_mm_per_s": compute_shortening_velocity(recording, "muscle_length"),
         }
-        found = {key: float(np.interp(when, recording["time"], samples)) for key, samples in series.items()}
-        share = found["force_n"] / isometric if isometric > 0.0 else float("nan")
-        return {**found, "isometric_force_n": isometric, "force_ratio": share}
+        metrics = {key: float(np.interp(time, recording["time"], samples)) for key, samples in series.items()}
+        ratio = metrics["force_n"] / isometric if isometric > 0.0 else float("nan")
+        return {**metrics, "isometric_force_n": isometric, "force_ratio": ratio}

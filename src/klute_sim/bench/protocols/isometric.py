@@ -1,11 +1,11 @@
-"""Held at one length under one pressure (dissertation Figs 3.4, 3.5)."""
+"""Isometric test: force at a held length and pressure (dissertation Figs 3.4, 3.5)."""
 
 from typing import Annotated, ClassVar, Literal
 
 from klute_sim.bench.limits import check_supply_pressure, unit_length
 from klute_sim.bench.protocols.protocol import (
-    BenchProtocol,
     NonEmpty,
+    PressureProtocol,
     Ratio,
     TrialPlan,
     format_value,
@@ -17,8 +17,8 @@ from klute_sim.recording.recording import Recording
 from klute_sim.units import BAR
 
 
-class IsometricProtocol(BenchProtocol):
-    """Force over length, one trial per pressure and length; ``rest_s`` is how long each is held."""
+class IsometricProtocol(PressureProtocol):
+    """Force over length; one trial per pressure and length, each held for ``rest_s``."""
 
     summary: ClassVar[str] = "Force at held lengths, per pressure."
 
@@ -27,13 +27,13 @@ class IsometricProtocol(BenchProtocol):
     """Muscle lengths over resting length."""
 
     def plan_trials(self, device: Device) -> list[TrialPlan]:
-        """One trial per pressure and length."""
+        """Return one trial per pressure and length."""
         check_supply_pressure(device, self.pressures_bar)
-        found = []
+        plans = []
         for bar in self.pressures_bar:
             for ratio in self.muscle_ratios:
                 pressure = bar * BAR
-                found.append(
+                plans.append(
                     TrialPlan(
                         name=f"{format_value(bar)}bar_{format_value(ratio)}",
                         conditions={"pressure_bar": bar, "muscle_ratio": ratio},
@@ -42,13 +42,13 @@ class IsometricProtocol(BenchProtocol):
                         event_times={},
                     )
                 )
-        return found
+        return plans
 
     def compute_metrics(self, device: Device, plan: TrialPlan, recording: Recording) -> dict[str, float]:
-        """At the end of the hold."""
-        rest = 1e3 * device.parameters.muscle.resting_length
+        """Return the metrics at the end of the hold."""
+        resting_length = 1e3 * device.parameters.muscle.resting_length
         return {
             "force_n": float(recording["force"][-1]),
             "unit_length_mm": float(recording["length"][-1]),
-            "muscle_ratio_reached": float(recording["muscle_length"][-1]) / rest,
+            "muscle_ratio_reached": float(recording["muscle_length"][-1]) / resting_length,
         }

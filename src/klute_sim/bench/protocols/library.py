@@ -1,16 +1,17 @@
-"""Finding and reading protocol files: those of the package by name, anything else by path."""
+"""Registry of bench protocols: protocols of the package by name, other protocol files by path."""
 
 import stat
 import tomllib
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, TypeAdapter, ValidationError
-from pydantic_core import ErrorDetails
 
 from klute_sim.bench.protocols.creep import CreepProtocol
 from klute_sim.bench.protocols.frequency import FrequencyResponseProtocol
+from klute_sim.bench.protocols.identification import IdentificationProtocol
 from klute_sim.bench.protocols.isokinetic import IsokineticProtocol
 from klute_sim.bench.protocols.isometric import IsometricProtocol
 from klute_sim.bench.protocols.pressure_step import PressureStepProtocol
@@ -19,6 +20,7 @@ from klute_sim.bench.protocols.quick_release import QuickReleaseProtocol
 from klute_sim.bench.protocols.workloop import WorkLoopProtocol
 from klute_sim.device.device import list_presets
 from klute_sim.errors import InputError
+from klute_sim.toml_files import parse_toml, validation_sentence
 
 PROTOCOL_TYPES: dict[str, type[BenchProtocol]] = {
     "isometric": IsometricProtocol,
@@ -28,10 +30,13 @@ PROTOCOL_TYPES: dict[str, type[BenchProtocol]] = {
     "frequency": FrequencyResponseProtocol,
     "creep": CreepProtocol,
     "workloop": WorkLoopProtocol,
+    "identification": IdentificationProtocol,
 }
-"""What a protocol file can say under ``kind``."""
+"""Protocol classes by the ``kind`` in a protocol file."""
+IDENTIFICATION_PROTOCOLS = ("steps", "ramps", "sines", "release", "hold", "slack", "mixed")
+"""Names of the identification protocols, in the order in which they are recorded."""
 MAX_FILE_BYTES = 1_000_000
-"""Size of a file that is read [bytes]."""
+"""Maximum size of a protocol file [bytes]."""
 
 _protocol_adapter: TypeAdapter[BenchProtocol] = TypeAdapter(
     Annotated[
@@ -41,48 +46,65 @@ _protocol_adapter: TypeAdapter[BenchProtocol] = TypeAdapter(
         | PressureStepProtocol
         | FrequencyResponseProtocol
         | CreepProtocol
-        | WorkLoopProtocol,
+        | WorkLoopProtocol
+        | IdentificationProtocol,
         Field(discriminator="kind"),
     ]
 )
 
 
 def list_protocols() -> list[str]:
-    """Names of the protocols that come with the package."""
+    """Return the names of the protocols of the package."""
     folder = resources.files(__package__)
     return sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml"))
 
 
+@cache
+def load_identification_protocols() -> dict[str, IdentificationProtocol]:
+    """Return the identification protocols by name, in the order in which they are recorded."""
+    protocols = {}
+    for name in IDENTIFICATION_PROTOCOLS:
+        protocol = load_protocol(name)
+        assert isinstance(protocol, IdentificationProtocol)
+        protocols[name] = protocol
+    return protocols
+
+
 def read_protocol_bytes(name_or_path: str | Path) -> bytes:
-    """The protocol file of that name, or at that path; raises InputError when there is neither."""
-    wanted = str(name_or_path)
-    if wanted in ("", "."):  # a shell variable that is not set
+    """Return the content of the protocol of that name, or of the file at that path.
+
+    Raises InputError when there is neither.
+    """
+    name = str(name_or_path)
+    if name in ("", "."):  # a shell variable that is not set
         raise InputError("the name of the protocol is empty: give the path of a protocol file, or a name")
-    if wanted in list_protocols():
-        return (resources.files(__package__) / f"{wanted}.toml").read_bytes()
-    if wanted in list_presets():
-        raise InputError(f"'{wanted}' is a device: name a protocol before it (klute-sim bench PROTOCOL {wanted})")
+    if name in list_protocols():
+        return (resources.files(__package__) / f"{name}.toml").read_bytes()
+    if name in list_presets():
+        raise InputError(f"'{name}' is a device: name a protocol before it (klute-sim bench PROTOCOL {name})")
     try:
-        return read_small_file(wanted, "protocol")
+        return read_small_file(name, "protocol")
     except FileNotFoundError:
         raise InputError(
-            f"no protocol '{wanted}': give the path of a protocol file (klute-sim bench NAME --toml prints one to "
+            f"no protocol '{name}': give the path of a protocol file (klute-sim bench NAME --toml prints one to "
             f"start from), or one of {', '.join(list_protocols())}"
         ) from None
 
 
 def read_small_file(path: str, file_type: str) -> bytes:
-    """The file at ``path``, which is a file of a ``what``; raises FileNotFoundError.
+    """Return the content of the file at ``path``; raise FileNotFoundError when there is none.
 
-    Raises InputError for what cannot be read, is no regular file or is larger than :data:`LARGEST`: a device of the
-    system may have no end.
+    ``file_type`` names the file in errors.
+
+    Raises InputError when the file cannot be read, is not a regular file (a device node may never end) or is larger
+    than :data:`MAX_FILE_BYTES`.
     """
     try:
-        about = Path(path).stat()
-        if not stat.S_ISREG(about.st_mode):
-            raise InputError(f"{file_type} file {path} cannot be read: it is no regular file")
-        if about.st_size > MAX_FILE_BYTES:
-            raise InputError(f"{file_type} file {path} has {about.st_size} bytes; allowed: up to {MAX_FILE_BYTES}")
+        status = Path(path).stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(f"{file_type} file {path} cannot be read: it is not a regular file")
+        if status.st_size > MAX_FILE_BYTES:
+            raise InputError(f"{file_type} file {path} has {status.st_size} bytes; allowed: up to {MAX_FILE_BYTES}")
         return Path(path).read_bytes()
     except FileNotFoundError:
         raise
@@ -91,7 +113,7 @@ def read_small_file(path: str, file_type: str) -> bytes:
 
 
 def is_protocol(content: bytes) -> bool:
-    """Whether a file with this ``text`` is meant to be a protocol: TOML with a ``kind`` of :data:`KINDS`."""
+    """Return whether ``content`` is TOML with a ``kind`` of :data:`PROTOCOL_TYPES`."""
     try:
         return tomllib.loads(content.decode("utf-8-sig")).get("kind") in PROTOCOL_TYPES
     except (ValueError, TypeError, RecursionError):
@@ -99,43 +121,47 @@ def is_protocol(content: bytes) -> bool:
 
 
 def load_protocol(name_or_path: str | Path) -> BenchProtocol:
-    """The protocol of that name, or the protocol file at that path; raises InputError with one sentence."""
+    """Return the protocol of that name, or of the file at that path; raise InputError when it is invalid."""
     return parse_protocol(read_protocol_bytes(name_or_path), str(name_or_path))
 
 
 def parse_protocol(content: bytes, source: str) -> BenchProtocol:
-    """The protocol that ``text`` (TOML, UTF-8) describes; ``where`` names its place in errors."""
-    try:
-        keys = tomllib.loads(content.decode("utf-8-sig"))
-    except UnicodeDecodeError:
-        raise InputError(f"protocol file {source} cannot be read: not a UTF-8 text file") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"protocol file {source} is not valid TOML: {error}") from None
+    """Return the protocol that ``content`` (TOML in UTF-8) describes; ``source`` names the file in errors.
+
+    Raises InputError when the content is not TOML or not a valid protocol.
+    """
+    description = f"protocol file {source}"
+    keys = parse_toml(content, description)
     if "kind" not in keys:
         hint = "; it looks like a device file, which stands after the protocol" if "muscle" in keys else ""
-        raise InputError(f"protocol file {source}: key 'kind' is missing; allowed: {', '.join(PROTOCOL_TYPES)}{hint}")
+        raise InputError(f"{description}: key 'kind' is missing; allowed: {', '.join(PROTOCOL_TYPES)}{hint}")
     if keys["kind"] not in list(PROTOCOL_TYPES):
-        raise InputError(f"protocol file {source}: kind = {keys['kind']!r}; allowed: {', '.join(PROTOCOL_TYPES)}")
+        raise InputError(f"{description}: kind = {keys['kind']!r} is refused; allowed: {', '.join(PROTOCOL_TYPES)}")
+    return _validate_protocol(keys, description)
+
+
+def change_protocol(protocol: BenchProtocol, changes: dict[str, object]) -> BenchProtocol:
+    """Return ``protocol`` with other values of some keys; a single number may stand for a list with one entry.
+
+    Raises InputError for an unknown key and for a refused value.
+    """
+    keys = protocol.model_dump()
+    for key, value in changes.items():
+        is_list = isinstance(keys.get(key), list)
+        keys[key] = [value] if is_list and not isinstance(value, list | tuple) else value
+        if is_list and isinstance(value, tuple):
+            keys[key] = list(value)
+        keys["sources"].pop(key, None)
+    return _validate_protocol(keys, f"protocol {protocol.name}")
+
+
+def _validate_protocol(keys: dict[str, object], description: str) -> BenchProtocol:
     try:
         protocol = _protocol_adapter.validate_python(keys)
     except ValidationError as error:
-        raise InputError(
-            f"protocol file {source}: {_format_validation_error(error, PROTOCOL_TYPES[keys['kind']])}"
-        ) from None
+        protocol_type = PROTOCOL_TYPES[str(keys["kind"])]
+        raise InputError(f"{description}: {validation_sentence(error, protocol_type, location_offset=1)}") from None
     for key in protocol.sources:
         if key not in protocol.numeric_keys():
-            raise InputError(f"protocol file {source}: sources names '{key}', which is no number of this file")
+            raise InputError(f"{description}: [sources] refers to '{key}', which is not a numeric key of this file")
     return protocol
-
-
-def _format_validation_error(error: ValidationError, protocol_type: type[BenchProtocol]) -> str:
-    # An unknown key is often the misspelt one that is also missing.
-    problem: ErrorDetails = min(error.errors(include_url=False), key=lambda p: p["type"] != "extra_forbidden")
-    key = ".".join(str(part + 1 if isinstance(part, int) else part) for part in problem["loc"][1:])
-    if problem["type"] == "extra_forbidden":
-        return f"unknown key '{key}'; allowed here: {', '.join(protocol_type.model_fields)}"
-    if problem["type"] == "missing":
-        return f"key '{key}' is missing"
-    if problem["type"] == "protocol":
-        return problem["msg"]
-    return f"{key} = {problem['input']!r} is refused: {problem['msg'][0].lower()}{problem['msg'][1:]}"

@@ -1,4 +1,4 @@
-"""A step of the pressure command up and down, at a held length."""
+"""Pressure step test: a step of the pressure command up and down at a held length."""
 
 from typing import ClassVar, Literal
 
@@ -6,39 +6,44 @@ import numpy as np
 
 from klute_sim.bench.limits import check_supply_pressure, unit_length
 from klute_sim.bench.metrics import get_sampling_interval, select_half_open_interval
-from klute_sim.bench.protocols.protocol import BenchProtocol, NonNegative, Positive, Ratio, TrialPlan, format_value
-from klute_sim.bench.trajectory import Array, LengthTrajectory, sample_staircase
+from klute_sim.bench.protocols.protocol import NonNegative, Positive, PressureProtocol, Ratio, TrialPlan, format_value
+from klute_sim.bench.trajectory import LengthTrajectory, sample_staircase
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 from klute_sim.units import BAR
 
 SETTLING_TOLERANCE = 0.05
-"""Share of a step within which it counts as settled."""
+"""Fraction of a step within which the response counts as settled."""
 
 
-class PressureStepProtocol(BenchProtocol):
-    """Steps from a low pressure to each of ``pressures_bar`` and back, one trial per pressure."""
+class PressureStepProtocol(PressureProtocol):
+    """Steps from a low pressure to each of ``pressures_bar`` and back; one trial per pressure."""
 
     summary: ClassVar[str] = "Pressure steps up and down: rise, fall, delay, overshoot, settling."
 
     kind: Literal["step"] = "step"
     low_bar: NonNegative
+    """Gauge pressure [bar] before and after the step."""
     muscle_ratio: Ratio
     """Muscle length over resting length, with the tendon just taut."""
     hold_s: Positive
-    """After either step."""
+    """Time [s] after each step."""
 
     def plan_trials(self, device: Device) -> list[TrialPlan]:
-        """One trial per pressure."""
+        """Return one trial per pressure."""
         check_supply_pressure(device, [self.low_bar, *self.pressures_bar])
         if self.low_bar in self.pressures_bar:
-            raise InputError(f"the protocol steps from {self.low_bar:g} bar to {self.low_bar:g} bar, which is no step")
-        found = []
+            raise InputError(
+                f"the protocol steps from {self.low_bar:g} bar to {self.low_bar:g} bar, which changes nothing; "
+                "remove low_bar from pressures_bar"
+            )
+        plans = []
         for bar in self.pressures_bar:
             low = self.low_bar * BAR
             levels = [(0.0, low), (self.rest_s, bar * BAR), (self.rest_s + self.hold_s, low)]
-            found.append(
+            plans.append(
                 TrialPlan(
                     name=f"{format_value(self.low_bar)}to{format_value(bar)}bar",
                     conditions={"pressure_bar": bar, "low_bar": self.low_bar},
@@ -49,45 +54,46 @@ class PressureStepProtocol(BenchProtocol):
                     event_times={"up": self.rest_s, "down": self.rest_s + self.hold_s},
                 )
             )
-        return found
+        return plans
 
     def compute_metrics(self, device: Device, plan: TrialPlan, recording: Recording) -> dict[str, float]:
-        """Of pressure and force, both ways (:func:`response`)."""
-        found: dict[str, float] = {}
-        for way in ("up", "down"):
-            begin = plan.event_times[way]
-            # A sample is what the step that ends there has made: the one before is where the response begins.
+        """Return the step responses of pressure and force, up and down (:func:`compute_step_response`)."""
+        metrics: dict[str, float] = {}
+        for direction in ("up", "down"):
+            begin = plan.event_times[direction]
+            # A sample is the state after its time step, so the response starts at the sample before the command.
             part = select_half_open_interval(recording, begin - get_sampling_interval(recording), begin + self.hold_s)
             for channel in ("pressure", "force"):
-                told = compute_step_response(part["time"] - part["time"][0], part[channel])
-                found |= {f"{channel}_{way}_{key}": value for key, value in told.items()}
-            found[f"force_{way}_n"] = float(part["force"][-1])
-        return found
+                response = compute_step_response(part["time"] - part["time"][0], part[channel])
+                metrics |= {f"{channel}_{direction}_{key}": value for key, value in response.items()}
+            metrics[f"force_{direction}_n"] = float(part["force"][-1])
+        return metrics
 
 
 def compute_step_response(time: Array, samples: Array) -> dict[str, float]:
-    """How ``samples`` go from their first to their last; ``time`` [s] is since the command's step.
+    """Return the metrics of a step response from the first to the last of ``samples``, all NaN without a response.
 
-    ``delay_s``: until a tenth is done; ``rise_s``: from a tenth to nine tenths; ``settling_s``: until less than
-    :data:`NEAR` is left for good; ``overshoot_pct`` of the step. NaN if nothing moves.
+    ``time`` [s] starts at the step of the command. ``delay_s`` is the time to 10 %, ``rise_s`` from 10 % to 90 %,
+    ``settling_s`` until the response stays within :data:`SETTLING_TOLERANCE`; ``overshoot_pct`` is relative to the
+    step.
     """
-    whole = samples[-1] - samples[0]
-    if whole == 0.0:
+    step = samples[-1] - samples[0]
+    if step == 0.0:
         return dict.fromkeys(("delay_s", "rise_s", "settling_s", "overshoot_pct"), float("nan"))
-    done = (samples - samples[0]) / whole
-    tenth, ninth = (_first_crossing(time, done, level) for level in (0.1, 0.9))
-    far = np.flatnonzero(np.abs(done - 1.0) > SETTLING_TOLERANCE)
-    settled = float(time[min(int(far[-1]) + 1, len(time) - 1)]) if len(far) else 0.0
+    fraction = (samples - samples[0]) / step
+    time_10, time_90 = (_first_crossing(time, fraction, level) for level in (0.1, 0.9))
+    outside = np.flatnonzero(np.abs(fraction - 1.0) > SETTLING_TOLERANCE)
+    settling_time = float(time[min(int(outside[-1]) + 1, len(time) - 1)]) if len(outside) else 0.0
     return {
-        "delay_s": tenth,
-        "rise_s": ninth - tenth,
-        "settling_s": settled,
-        "overshoot_pct": 100.0 * max(0.0, float(done.max()) - 1.0),
+        "delay_s": time_10,
+        "rise_s": time_90 - time_10,
+        "settling_s": settling_time,
+        "overshoot_pct": 100.0 * max(0.0, float(fraction.max()) - 1.0),
     }
 
 
 def _first_crossing(time: Array, fraction: Array, level: float) -> float:
-    """When ``done`` first comes to ``level``, between samples on a straight line."""
+    """Return the time at which ``fraction`` first reaches ``level``, linearly interpolated."""
     k = int(np.argmax(fraction >= level))
     if k == 0:
         return float(time[0])

@@ -1,8 +1,8 @@
-"""Work loops (dissertation chapter 8): stretch-shorten cycles with a square velocity, pressurised for part of each.
+"""Work loops (dissertation chapter 8): stretch-shorten cycles with a square velocity, pressurised for a part of each.
 
-A cycle is: dwell at the long end, shorten, dwell at the short end, lengthen. The regulator fills and empties the
-muscle during the dwells, where no work is done: so the pressure stands when the movement begins, and *concentric*
-activation is pressure over the whole shortening and none over the lengthening, at any velocity.
+A cycle is a dwell at the long end, shortening, a dwell at the short end and lengthening. The regulator fills and
+empties the muscle during the dwells, where no work is done. The pressure is therefore steady when a movement starts:
+*concentric* activation applies pressure during shortening only, at any velocity.
 """
 
 from typing import Annotated, ClassVar, Literal, Self
@@ -14,50 +14,53 @@ from pydantic_core import PydanticCustomError
 from klute_sim.bench.limits import check_reachable_speed, check_supply_pressure, unit_length
 from klute_sim.bench.metrics import compute_ledger_residual, compute_work, integrate_power, select_closed_interval
 from klute_sim.bench.protocols.protocol import (
-    BenchProtocol,
     NonEmpty,
     NonNegative,
     Positive,
+    PressureProtocol,
     Ratio,
     TrialPlan,
     format_value,
 )
-from klute_sim.bench.trajectory import Array, LengthTrajectory
+from klute_sim.bench.trajectory import LengthTrajectory
 from klute_sim.device.device import Device
 from klute_sim.device.energy.ledger import POWER_TERMS
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording
+from klute_sim.types import Array
 from klute_sim.units import BAR
 
 ACTIVATION_PHASES_PCT = {"concentric": 0.0, "eccentric": 50.0}
-"""Activation -> where in the cycle its half begins [%]."""
+"""Phase of the cycle [%] at which each activation starts."""
 PRESSURE_TOLERANCE = 0.05
-"""Share of the pressure's swing within which the pressure counts as the commanded one."""
+"""Fraction of the pressure amplitude within which the pressure counts as equal to the command."""
 
 
-class WorkLoopProtocol(BenchProtocol):
-    """One trial per activation, velocity and pressure."""
+class WorkLoopProtocol(PressureProtocol):
+    """Net work per cycle; one trial per activation, velocity and pressure."""
 
     summary: ClassVar[str] = "Stretch-shorten cycles: net work per cycle."
 
     kind: Literal["workloop"] = "workloop"
     velocities_mm_per_s: Annotated[list[Positive], NonEmpty]
+    """Velocities [mm/s] of shortening and lengthening."""
     activations: Annotated[list[Literal["concentric", "eccentric", "phased"]], NonEmpty]
+    """Parts of the cycle in which the muscle is pressurised."""
     phases_pct: list[Annotated[FiniteFloat, Field(ge=0, lt=100)]] = Field(default=[])
-    """Of *phased* activation: where in the cycle the pressure comes on, 0 being the begin of the long dwell."""
+    """Phases [%] at which *phased* activation starts; 0 is the start of the dwell at the long end."""
     duty_pct: Annotated[FiniteFloat, Field(gt=0, lt=100)] = 50.0
-    """Of *phased* activation: for how much of the cycle it stays."""
+    """Duration of *phased* activation [% of the cycle]."""
     low_bar: NonNegative
-    """While not activated."""
+    """Gauge pressure [bar] without activation."""
     long_muscle_ratio: Ratio
     """Muscle length over resting length at the long end, with the tendon just taut."""
     short_muscle_ratio: Ratio
-    """At the short end, likewise."""
+    """Muscle length over resting length at the short end, with the tendon just taut."""
     acceleration_m_per_s2: Positive
     dwell_s: NonNegative
-    """At either end: while the pressure changes."""
+    """Dwell [s] at each end, in which the pressure changes."""
     cycles: Annotated[int, Field(ge=2, le=1000)] = 2
-    """Of which the last is read."""
+    """Number of cycles; the metrics are those of the last."""
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Self:
@@ -68,10 +71,10 @@ class WorkLoopProtocol(BenchProtocol):
         return self
 
     def plan_trials(self, device: Device) -> list[TrialPlan]:
-        """One trial per activation (and phase), velocity and pressure."""
+        """Return one trial per activation (and phase), velocity and pressure."""
         check_supply_pressure(device, [self.low_bar, *self.pressures_bar])
         if min(self.pressures_bar) <= self.low_bar:
-            raise InputError(f"low_bar is {self.low_bar:g}; allowed: less than every one of pressures_bar")
+            raise InputError(f"low_bar is {self.low_bar:g}; allowed: less than the lowest of pressures_bar")
         pulses: list[tuple[str, float, float]]
         pulses = [(name, ACTIVATION_PHASES_PCT[name], 50.0) for name in self.activations if name != "phased"]
         pulses += [(f"phased_{format_value(phase)}pct", phase, self.duty_pct) for phase in self.phases_pct]
@@ -95,11 +98,11 @@ class WorkLoopProtocol(BenchProtocol):
         period = (path.end_time - self.rest_s) / self.cycles
 
         def command(time: Array) -> Array:
-            time = np.minimum(time, path.end_time - 1e-6)  # the last sample still belongs to the last cycle
-            place = ((time - self.rest_s + 1e-9) / period - 0.01 * phase) % 1.0
-            # Before the first cycle it is as at the end of one.
-            place = np.where(time < self.rest_s - 1e-9, (1.0 - 1e-9 - 0.01 * phase) % 1.0, place)
-            return np.asarray(BAR * np.where(place < 0.01 * duty, pressure_bar, self.low_bar))
+            time = np.minimum(time, path.end_time - 1e-6)  # the last sample belongs to the last cycle
+            phase_fraction = ((time - self.rest_s + 1e-9) / period - 0.01 * phase) % 1.0
+            # Before the first cycle, the command is that of the end of a cycle.
+            phase_fraction = np.where(time < self.rest_s - 1e-9, (1.0 - 1e-9 - 0.01 * phase) % 1.0, phase_fraction)
+            return np.asarray(BAR * np.where(phase_fraction < 0.01 * duty, pressure_bar, self.low_bar))
 
         return TrialPlan(
             name=f"{name}_{format_value(velocity)}mm_per_s_{format_value(pressure_bar)}bar",
@@ -115,16 +118,16 @@ class WorkLoopProtocol(BenchProtocol):
         )
 
     def compute_metrics(self, device: Device, plan: TrialPlan, recording: Recording) -> dict[str, float]:
-        """Of the last cycle. Positive: the device works on the crosshead.
+        """Return the metrics of the last cycle; positive work is done by the device on the crosshead.
 
-        ``overlap_pct``: the share of the way at which the pressure was what was commanded; less than 100 means that
-        the dwell is too short for this supply; with *phased* activation, that the pressure changes under way.
+        ``overlap_pct`` is the part of the path during which the pressure equals the command. Less than 100 means that
+        the dwell is too short for this supply or, with *phased* activation, that the pressure changes during the path.
         """
         begin, half, end = (plan.event_times[key] for key in ("begin", "half", "end"))
         cycle = select_closed_interval(recording, begin, end)
-        way = np.abs(np.diff(cycle["length_command"]))
-        swing = plan.conditions["pressure_bar"] - self.low_bar
-        follows = np.abs(cycle["pressure"] - cycle["pressure_command"])[1:] <= PRESSURE_TOLERANCE * swing
+        distance = np.abs(np.diff(cycle["length_command"]))
+        amplitude = plan.conditions["pressure_bar"] - self.low_bar
+        is_tracking = np.abs(cycle["pressure"] - cycle["pressure_command"])[1:] <= PRESSURE_TOLERANCE * amplitude
         return {
             "work_j": compute_work(cycle),
             "work_shortening_j": compute_work(select_closed_interval(recording, begin, half)),
@@ -132,7 +135,7 @@ class WorkLoopProtocol(BenchProtocol):
             "mean_power_w": compute_work(cycle) / (end - begin),
             "force_max_n": float(cycle["force"].max()),
             "force_min_n": float(cycle["force"].min()),
-            "overlap_pct": 100.0 * float(way[follows].sum() / way.sum()),
+            "overlap_pct": 100.0 * float(distance[is_tracking].sum() / distance.sum()),
             **{f"{channel.removesuffix('_power')}_work_j": integrate_power(cycle, channel) for channel in POWER_TERMS},
             "air_drawn_g": 1e3 * float(cycle["air_drawn"][-1] - cycle["air_drawn"][0]),
             "ledger_residual_j": compute_ledger_residual(cycle),

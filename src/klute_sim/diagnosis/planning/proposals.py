@@ -1,8 +1,8 @@
-"""The experiment that would tell two rivals apart: a command, or a change of the rig.
+"""Proposal of the experiment that separates two models: a protocol, or a change of the rig.
 
-Both rivals are simulated in every protocol; the first may then be refitted to what the second predicts, held by the
-data there are already. What is left in units of the noise is how well the experiment would separate them. Some pairs
-no command can separate: an instrument's fault is told from physics by a second instrument.
+Both models are simulated in every identification protocol, and the first is refitted, in linear approximation and with
+the existing data, to the predictions of the second. The remaining difference, in units of the noise, is their
+separation. No command separates some pairs: a second instrument distinguishes a sensor error from a device effect.
 """
 
 from collections.abc import Sequence
@@ -10,29 +10,44 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from klute_sim.bench.protocols.identification import PROTOCOLS, IdentificationProtocol
+from klute_sim.bench.protocols.identification import IdentificationProtocol
+from klute_sim.bench.protocols.library import load_identification_protocols
 from klute_sim.datasets.trial import Series
 from klute_sim.device.device import Device
-from klute_sim.diagnosis.experiments.base import Array, Experiment, SimulationSetup, Simulator
+from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
+from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.least_squares import FINITE_DIFFERENCE_STEP, Fit, WeightedData
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD
 from klute_sim.errors import InputError
+from klute_sim.types import Array
 
 TIME_STEP = 2.5e-4
-"""Of the simulation [s]."""
+"""Time step of the simulation [s]."""
 MUSCLE_LENGTH_NOISE = 2e-5
-"""Noise of a muscle-length sensor where there is none yet [m] (assumed)."""
+"""Noise of a muscle-length sensor that is not installed yet [m] (assumed)."""
+N_REPEATS = 2.0
+"""Number of repeats of the proposed experiment."""
+MIN_SEPARATION_RATIO = 2.0
+"""Separation with a change of the rig over that without, above which the change is proposed."""
+SUFFICIENT_SEPARATION = 10.0 * BIC_THRESHOLD
+"""Separation without a change of the rig, from which no change is proposed."""
 
 
 class RigChange(NamedTuple):
     """A change of the rig."""
 
     description: str
+    """Description of the change, to follow a verb."""
     reference_channels: tuple[str, ...]
-    """Channels that are read by a second, faultless instrument."""
+    """Channels that a second, ideal instrument also reads."""
     added_channels: tuple[str, ...] = ()
     """Channels that were not recorded before."""
+
+    @property
+    def is_none(self) -> bool:
+        """Whether the rig stays as it is."""
+        return not (self.reference_channels or self.added_channels)
 
 
 RIG_CHANGES = (
@@ -41,56 +56,60 @@ RIG_CHANGES = (
     RigChange("with a second gauge at the muscle's own port", ("pressure",)),
     RigChange("with the load cell checked by a dead weight before and after", ("force",)),
 )
+"""Changes of the rig that may be proposed; the first is none."""
 
 
 class ExperimentProposal(NamedTuple):
-    """An experiment and what it would tell."""
+    """An experiment that separates two models."""
 
     protocol: IdentificationProtocol
+    """Protocol to record."""
     rig_change: RigChange
+    """Change of the rig."""
     separation_chi2: float
-    """Chi squared, in independent samples, that the rivals differ by when refitted; two repeats."""
+    """Chi squared, in independent samples of two repeats, by which the refitted models differ."""
 
     def to_dict(self) -> dict[str, Any]:
-        """For ``verdict.json``."""
+        """Return the entry of ``verdict.json``."""
         if self.separation_chi2 <= BIC_THRESHOLD:
             sentence = (
-                "No protocol or change of the rig that is known separates these; treat them as one until another "
-                "kind of measurement does."
+                "No known protocol or change of the rig separates these models; treat them as one until another kind "
+                "of measurement does."
             )
         else:
             sentence = (
-                f"Record protocol '{self.protocol.name}' twice, {self.rig_change.description}: the rivals then differ by a chi "
-                f"squared of about {self.separation_chi2:.0f} ({BIC_THRESHOLD:.0f} decide)."
+                f"Record protocol '{self.protocol.name}' twice, {self.rig_change.description}: the models then differ "
+                f"by a chi squared of about {self.separation_chi2:.0f} ({BIC_THRESHOLD:.0f} are decisive)."
             )
         return {
             "protocol": self.protocol.name,
-            "rig_change": self.rig_change.description
-            if self.rig_change.reference_channels or self.rig_change.added_channels
-            else None,
+            "rig_change": None if self.rig_change.is_none else self.rig_change.description,
             "separation_chi2": round(self.separation_chi2, 1),
             "sentence": sentence,
         }
 
 
 def propose_experiment(data: WeightedData, device: Device, best_fit: Fit, alternative: Fit) -> ExperimentProposal:
-    """The protocol and change of the rig that separate ``found`` from ``rival`` best.
+    """Return the protocol and change of the rig that separate ``best_fit`` from ``alternative`` best.
 
-    A change of the rig is only proposed where it separates at least twice as well as the best command without one.
+    A change of the rig is proposed only if the separation without one is insufficient and at most half as large.
+
+    Raises InputError when no protocol can be run on ``device``.
     """
-    every = [p for name in PROTOCOLS for p in _evaluate_protocol(data, device, PROTOCOLS[name], best_fit, alternative)]
-    if not every:
+    proposals = [
+        proposal
+        for protocol in load_identification_protocols().values()
+        for proposal in _evaluate_protocol(data, device, protocol, best_fit, alternative)
+    ]
+    if not proposals:
         raise InputError(f"no protocol can be run on device '{device.name}'")
-    plain = max(
-        (p for p in every if not (p.rig_change.reference_channels or p.rig_change.added_channels)),
-        key=lambda p: p.separation_chi2,
+    unchanged = max((p for p in proposals if p.rig_change.is_none), key=lambda p: p.separation_chi2)
+    best = max(proposals, key=lambda p: p.separation_chi2)
+    is_change_worthwhile = (
+        best.separation_chi2 > MIN_SEPARATION_RATIO * unchanged.separation_chi2
+        and unchanged.separation_chi2 < SUFFICIENT_SEPARATION
     )
-    best = max(every, key=lambda p: p.separation_chi2)
-    return (
-        best
-        if best.separation_chi2 > 2.0 * plain.separation_chi2 and plain.separation_chi2 < 10.0 * BIC_THRESHOLD
-        else plain
-    )
+    return best if is_change_worthwhile else unchanged
 
 
 def _evaluate_protocol(
@@ -102,9 +121,9 @@ def _evaluate_protocol(
         return []
     grid = np.arange(TIME_STEP, program.time[-1], TIME_STEP)
     channels = dict.fromkeys([*data.noise, "muscle_length"])
-    # As often as the data have it: for how long noise stays alike is known of that.
-    interval = next(series for e in data.experiments for series in e.measured.values()).sampling_interval
-    samples = np.arange(interval, program.time[-1], interval)
+    # The correlation time of the noise is known at the sampling interval of the data.
+    sampling_interval = next(series for e in data.experiments for series in e.measured.values()).sampling_interval
+    samples = np.arange(sampling_interval, program.time[-1], sampling_interval)
     experiment = BenchExperiment(
         name=protocol.name,
         group=protocol.name,
@@ -116,65 +135,66 @@ def _evaluate_protocol(
         command=np.interp(grid, program.time, program.command),
         measured={channel: Series(samples, samples) for channel in channels},
     )
-    rows = [best_fit.x, *(best_fit.x + FINITE_DIFFERENCE_STEP * unit for unit in np.eye(len(best_fit.x)))]
-    settings = [*(best_fit.hypothesis.build_setups(row, [experiment]) for row in rows)]
-    settings.append(alternative.hypothesis.build_setups(alternative.x, [experiment]))
-    shown = _simulate_channels(data.simulator, settings, experiment, with_sensor_errors=True)
-    true = _simulate_channels(data.simulator, settings, experiment, with_sensor_errors=False)
-    return [
-        ExperimentProposal(
-            protocol, change, _compute_separation(best_fit, _weight_predictions(data, interval, change, shown, true))
-        )
-        for change in RIG_CHANGES
-        if not set(change.added_channels) & set(data.noise)
-    ]
+    points = [best_fit.x, *(best_fit.x + FINITE_DIFFERENCE_STEP * unit for unit in np.eye(len(best_fit.x)))]
+    setups = [*(best_fit.hypothesis.build_setups(x, [experiment]) for x in points)]
+    setups.append(alternative.hypothesis.build_setups(alternative.x, [experiment]))
+    observed = _simulate_channels(data.simulator, setups, experiment, with_sensor_errors=True)
+    true_values = _simulate_channels(data.simulator, setups, experiment, with_sensor_errors=False)
+    proposals = []
+    for rig_change in RIG_CHANGES:
+        if not set(rig_change.added_channels) & set(data.noise):
+            predictions = _weight_predictions(data, sampling_interval, rig_change, observed, true_values)
+            proposals.append(ExperimentProposal(protocol, rig_change, _compute_separation(best_fit, predictions)))
+    return proposals
 
 
 def _simulate_channels(
     simulator: Simulator,
-    settings: Sequence[Sequence[SimulationSetup]],
+    setups: Sequence[Sequence[SimulationSetup]],
     experiment: Experiment,
     *,
     with_sensor_errors: bool,
 ) -> list[dict[str, Array]]:
+    """Return the channels of ``experiment`` for each of ``setups``."""
     if not with_sensor_errors:
-        settings = [[one._replace(sensors=()) for one in row] for row in settings]
-    return [row[0] for row in simulator.simulate(settings, [experiment])]
+        setups = [[setup._replace(sensors=()) for setup in row] for row in setups]
+    return [row[0] for row in simulator.simulate(setups, [experiment])]
 
 
 def _weight_predictions(
     data: WeightedData,
-    interval: float,
+    sampling_interval: float,
     rig_change: RigChange,
     observed: list[dict[str, Array]],
     true_values: list[dict[str, Array]],
 ) -> list[Array]:
-    """Weighted predictions, one vector per setting: of the channels there are, and of what the change adds."""
-    found = []
-    for seen, there in zip(observed, true_values, strict=True):
+    """Return one vector of weighted predictions per setup: existing channels, and those that the change adds."""
+    predictions = []
+    for observed_row, true_row in zip(observed, true_values, strict=True):
         parts = []
         for channel, noise in data.noise.items():
-            weight = noise.weight(interval)
-            parts.append(weight * seen[channel])
+            weight = noise.weight(sampling_interval)
+            parts.append(weight * observed_row[channel])
             if channel in rig_change.reference_channels:
-                parts.append(weight * there[channel])
+                parts.append(weight * true_row[channel])
         for channel in rig_change.added_channels:
-            slowest = max(noise.correlation_time(interval) for noise in data.noise.values())
-            parts.append(there[channel] / (MUSCLE_LENGTH_NOISE * np.sqrt(slowest)))
-        found.append(np.concatenate(parts))
-    return found
+            correlation_time = max(noise.correlation_time(sampling_interval) for noise in data.noise.values())
+            parts.append(true_row[channel] / (MUSCLE_LENGTH_NOISE * np.sqrt(correlation_time)))
+        predictions.append(np.concatenate(parts))
+    return predictions
 
 
 def _compute_separation(best_fit: Fit, predictions: list[Array]) -> float:
-    here, *moved, other = predictions
-    slope = (
-        np.stack([(each - here) / FINITE_DIFFERENCE_STEP for each in moved], axis=1)
-        if moved
-        else np.empty((len(here), 0))
+    """Return chi squared between the last of ``predictions`` and the first, refitted with the others' derivatives."""
+    current, *perturbed, alternative = predictions
+    jacobian = (
+        np.stack([(prediction - current) / FINITE_DIFFERENCE_STEP for prediction in perturbed], axis=1)
+        if perturbed
+        else np.empty((len(current), 0))
     )
-    repeats = np.sqrt(2.0)
-    matrix = np.concatenate([repeats * slope, best_fit.jacobian])
-    target = np.concatenate([repeats * (other - here), np.zeros(len(best_fit.jacobian))])
-    answer = np.linalg.lstsq(matrix, target, rcond=None)[0]
-    left = target - matrix @ answer
-    return float(left @ left)
+    scale = np.sqrt(N_REPEATS)
+    matrix = np.concatenate([scale * jacobian, best_fit.jacobian])
+    target = np.concatenate([scale * (alternative - current), np.zeros(len(best_fit.jacobian))])
+    solution = np.linalg.lstsq(matrix, target, rcond=None)[0]
+    residual = target - matrix @ solution
+    return float(residual @ residual)

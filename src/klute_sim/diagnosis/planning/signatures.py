@@ -1,4 +1,4 @@
-"""What one effect changes in a standard protocol, at its typical size."""
+"""Response of the device to one effect at its typical size, in the identification protocol that shows it best."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -6,58 +6,67 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.device.device import Device
-from klute_sim.diagnosis.experiments.base import Array, Simulator
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
+from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.planning.identifiability import NOISE_STD, prepare_experiments, remove_base_effect
 from klute_sim.effects.effect import Effect
+from klute_sim.types import Array
 
 
 class ChannelResponse(NamedTuple):
     """A channel with and without the effect."""
 
     channel: str
+    """Channel."""
     time: Array
-    """[s]"""
+    """Time [s]."""
     without_effect: Array
-    """[SI]"""
+    """Values without the effect [SI]."""
     with_effect: Array
-    """[SI]"""
+    """Values with the effect [SI]."""
 
 
 class EffectResponse(NamedTuple):
-    """One protocol, as the instruments would show it."""
+    """Observed channels of one protocol with and without an effect."""
 
     term: EffectTerm
+    """Effect in one of its forms."""
     protocol: str
+    """Name of the protocol."""
     experiment: BenchExperiment
+    """Prescribed length and command."""
     channels: tuple[ChannelResponse, ...]
+    """Responses of all channels."""
 
 
 def simulate_effect_response(device: Device, term: EffectTerm, simulator: Simulator) -> EffectResponse:
-    """The protocol in which ``term`` shows most, over the channels' usual noise.
+    """Return the response to ``term`` in the protocol with the largest response relative to noise.
 
-    What the base model has of it is switched off before.
+    The part of the effect that the base model contains is removed first.
     """
     device = remove_base_effect(device, term.effect_definition)
-    plain = Hypothesis(device, (), tuple(NOISE_STD.items()))
-    hypothesis = plain.with_term(term)
-    typical = np.array([0.0 if u.is_logarithmic else 1.0 for u in hypothesis.parameters])
-    every = prepare_experiments(device)
-    settings = [plain.build_setups(plain.initial_point(), every), hypothesis.build_setups(typical, every)]
-    without, having = simulator.simulate(settings, every)
+    base = Hypothesis(device, (), tuple(NOISE_STD.items()))
+    hypothesis = base.with_term(term)
+    typical = np.array([0.0 if parameter.is_logarithmic else 1.0 for parameter in hypothesis.parameters])
+    experiments = prepare_experiments(device)
+    setups = [base.build_setups(base.initial_point(), experiments), hypothesis.build_setups(typical, experiments)]
+    without_effect, with_effect = simulator.simulate(setups, experiments)
     sizes = [
         sum(float(np.mean((after[c] - before[c]) ** 2)) / NOISE_STD[c] ** 2 for c in before)
-        for before, after in zip(without, having, strict=True)
+        for before, after in zip(without_effect, with_effect, strict=True)
     ]
     k = int(np.argmax(sizes))
-    e = every[k]
-    shown = tuple(ChannelResponse(c, e.measured[c].time, without[k][c], having[k][c]) for c in e.measured)
-    return EffectResponse(term, e.name, e, shown)
+    experiment = experiments[k]
+    channels = tuple(
+        ChannelResponse(c, series.time, without_effect[k][c], with_effect[k][c])
+        for c, series in experiment.measured.items()
+    )
+    return EffectResponse(term, experiment.name, experiment, channels)
 
 
 def simulate_effect_responses(device: Device, effect: Effect, simulator: Simulator) -> Iterator[EffectResponse]:
-    """One of every form of ``effect``; an instrument's is that of the force."""
+    """Yield the response to each form of ``effect``; instrument effects act on the force."""
     channel = None if effect.kind == "device" else "force"
     for form in effect.forms:
         yield simulate_effect_response(device, EffectTerm(effect.name, form.name, channel), simulator)

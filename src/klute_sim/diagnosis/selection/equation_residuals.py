@@ -1,10 +1,10 @@
-"""Which of the device's equations lacks something: what each would need added, estimated from what was measured.
+"""Residuals of the device's equations, estimated from measured channels.
 
-A disturbance in one equation shows in several channels. Here the equations of muscle, damper and tendon are evaluated
-with the *measured* pressure, force and length put into them, so that what one lacks is not passed on to the others; the
-supply's, with the command. The same is done with what the device would have shown under the measured pressure, and
-taken off: what smoothing and sampling do drops out. The device is that of the final fit, less the effects that were
-found: its own numbers are then not bent to make up for them. Instruments are believed.
+A disturbance in one equation shows in several channels. Here, the equations of muscle, damper and tendon are evaluated
+with the *measured* pressure, force and length, so that the misfit of one equation is not passed on to the others; the
+supply's equation is evaluated with the command. The same is done with channels simulated under the measured pressure,
+and the difference removes the influence of smoothing and sampling. The device is that of the final fit without the
+added effects, so its own numbers are not biased by them. Instruments are assumed to be correct.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,106 +18,117 @@ from klute_sim.datasets.trial import Series
 from klute_sim.device.dynamics import (
     ZERO_INTERNAL_STATE,
     DeviceParameters,
-    compute_muscle_damper_force,
+    compute_muscle_force,
     compute_tendon_force,
     has_internal_state,
 )
-from klute_sim.diagnosis.experiments.base import Array, SimulationSetup, simulate_extrapolated
+from klute_sim.diagnosis.experiments.base import SimulationSetup
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
+from klute_sim.diagnosis.experiments.simulator import simulate_extrapolated
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
-from klute_sim.diagnosis.noise.repeats import Misfit, estimate_misfit, estimate_noise_from_repeats, is_significant
+from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_significant
+from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.effects import catalogue
-from klute_sim.laws.pneumatics import Supply
+from klute_sim.laws.pneumatics import SupplyParameters
+from klute_sim.types import Array
 from klute_sim.units import BAR
 
 INSTANT_PRESSURE_RATE = 1e12
-"""Rate of a regulator [Pa/s] that follows every step."""
+"""Pressure rate [Pa/s] of a regulator that follows every step instantly."""
 SMOOTHING_TIME = 0.05
-"""Time over which lengths are smoothed to take their rate [s]."""
+"""Window [s] over which lengths are smoothed for their rate."""
+MIN_SAMPLES = 10
+"""Minimum number of samples of a trial."""
+NEGLIGIBLE_FRACTION = 0.1
+"""Fraction of the largest residual, relative to noise, below which a residual is negligible."""
 EQUATION_UNITS = {
     "supply": ("bar", BAR),
     "muscle and damper": ("N", 1.0),
     "muscle, damper or tendon": ("N", 1.0),
     "tendon": ("N", 1.0),
 }
-"""Equation -> unit that what it lacks is shown in, and that unit in SI."""
+"""Display unit of each equation's residual, and this unit in SI."""
 
 
 class EquationResidual(NamedTuple):
-    """What an equation lacks."""
+    """Residual of one equation."""
 
     name: str
+    """Name of the equation, a key of :data:`EQUATION_UNITS`."""
     rms: float
-    """Root mean square of what every repeat shows to be missing [SI]; 0 if it holds."""
+    """Root mean square [SI] of the residual that all repeats share; 0 if the equation holds."""
     z_score: float
-    """Its square over the square's standard error under noise alone."""
+    """Mean square over its standard error under noise alone."""
     noise_std: float
-    """Standard deviation between repeats of the same estimate [SI]."""
+    """Standard deviation [SI] of the residual between repeats."""
 
 
 def select_significant_equations(equation_residuals: Sequence[EquationResidual]) -> list[EquationResidual]:
-    """Those of ``found`` whose lack is neither noise nor negligible.
+    """Return the residuals that are neither noise nor negligible.
 
-    Less than a tenth of the largest (in units of the noise) is negligible, too: a large lack in one equation moves the
-    whole device, and what smoothing does to the others is then not quite what is taken off.
+    A residual below :data:`NEGLIGIBLE_FRACTION` of the largest (relative to noise) is negligible: a large misfit in one
+    equation moves the whole device, and the influence of smoothing on the others is then not removed completely.
     """
-    largest = max((each.rms / each.noise_std for each in equation_residuals), default=0.0)
+    largest = max((r.rms / r.noise_std for r in equation_residuals), default=0.0)
     return [
-        each
-        for each in equation_residuals
-        if is_significant(Misfit(each.rms, each.z_score, each.noise_std)) and each.rms > 0.1 * largest * each.noise_std
+        r
+        for r in equation_residuals
+        if is_significant(Misfit(r.rms, r.z_score, r.noise_std)) and r.rms > NEGLIGIBLE_FRACTION * largest * r.noise_std
     ]
 
 
 def compute_equation_residuals(data: WeightedData, final_fit: Fit) -> list[EquationResidual]:
-    """The equations that the measured channels can check, by how surely they lack something.
+    """Return the residuals of the equations that the measured channels can check, most significant first.
 
-    The supply needs the pressure measured; muscle and damper, force and muscle length, and the tendon likewise. Where
-    the muscle's length was not measured, it follows from the force through the tendon, and only the three together
-    can be checked. Empty without repeats (noise cannot be taken off then), where channels have clocks of their own,
-    and for all but the supply of a device that remembers; and for walks, where the unit's length is not prescribed.
+    The supply needs the pressure; muscle and damper, and the tendon, need force and muscle length. Without a measured
+    muscle length, the force gives it through the tendon, and only the three together can be checked. The list is
+    empty without repeats, where channels have different clocks, and for gait trials, in which the unit length is not
+    prescribed. Only the supply is checked in a device with internal states.
     """
-    given = [e for e in data.experiments if isinstance(e, BenchExperiment)]
-    plain = Hypothesis(final_fit.hypothesis.device, final_fit.hypothesis.uncertainties, final_fit.hypothesis.noise_std)
-    settings = plain.build_setups(final_fit.x[: plain.n_device_parameters], given)
-    lacking = [_compute_residual_series(e, setting.parameters) for e, setting in zip(given, settings, strict=True)]
-    residuals = [{name: series.value for name, series in each.items()} for each in lacking]
-    experiments = [replace(e, measured=each) for e, each in zip(given, lacking, strict=True)]
+    bench_experiments = [e for e in data.experiments if isinstance(e, BenchExperiment)]
+    hypothesis = final_fit.hypothesis
+    base = Hypothesis(hypothesis.device, hypothesis.uncertainties, hypothesis.noise_std)
+    setups = base.build_setups(final_fit.x[: base.n_device_parameters], bench_experiments)
+    series = [_compute_residual_series(e, setup.parameters) for e, setup in zip(bench_experiments, setups, strict=True)]
+    residuals = [{name: equation.value for name, equation in trial.items()} for trial in series]
+    experiments = [replace(e, measured=trial) for e, trial in zip(bench_experiments, series, strict=True)]
     noise = estimate_noise_from_repeats(experiments, residuals)
-    found = estimate_misfit(experiments, residuals, noise)
-    rows = [EquationResidual(name, own.rms, own.significance, own.noise_rms) for name, own in found.items()]
-    return sorted(rows, key=lambda row: -row.z_score)
+    misfits = estimate_misfit(experiments, residuals, noise)
+    equations = [EquationResidual(name, m.rms, m.significance, m.noise_rms) for name, m in misfits.items()]
+    return sorted(equations, key=lambda equation: -equation.z_score)
 
 
 def _compute_residual_series(experiment: BenchExperiment, parameters: DeviceParameters) -> dict[str, Series]:
-    """What each equation needs added for the measured samples, by equation."""
+    """Return the residual of each equation at the measured samples."""
     measured = {channel: series.value for channel, series in experiment.measured.items()}
-    clock = next(iter(experiment.measured.values())).time
-    alike = all(np.array_equal(series.time, clock) for series in experiment.measured.values())
-    if not alike or len(clock) < 10:
+    time = next(iter(experiment.measured.values())).time
+    has_common_clock = all(np.array_equal(series.time, time) for series in experiment.measured.values())
+    if not has_common_clock or len(time) < MIN_SAMPLES:
         return {}
-    found, shown, fed = {}, _simulate_samples(experiment, parameters), parameters
+    residuals, simulated = {}, _simulate_samples(experiment, parameters)
     if "pressure" in measured:
-        found["supply"] = measured["pressure"] - shown["pressure"]
-        under, fed = _with_measured_pressure(experiment, parameters)
-        shown = _simulate_samples(under, fed)
-    if "force" in measured and not has_internal_state(fed):  # what an effect remembers was not measured
-        simulated = {channel: shown[channel] for channel in measured}
-        sides = [_compute_force_residuals({**shown, **given}, given, fed) for given in (measured, simulated)]
-        for name in sides[0]:
-            found[name] = sides[0][name] - sides[1][name]
-    return {name: Series(clock, value) for name, value in found.items()}
+        residuals["supply"] = measured["pressure"] - simulated["pressure"]
+        experiment, parameters = _with_measured_pressure(experiment, parameters)
+        simulated = _simulate_samples(experiment, parameters)
+    if "force" in measured and not has_internal_state(parameters):  # internal states are not measured
+        measured_residuals, simulated_residuals = (
+            _compute_force_residuals({**simulated, **channels}, channels, parameters)
+            for channels in (measured, {channel: simulated[channel] for channel in measured})
+        )
+        for name in measured_residuals:
+            residuals[name] = measured_residuals[name] - simulated_residuals[name]
+    return {name: Series(time, value) for name, value in residuals.items()}
 
 
 def _with_measured_pressure(
     experiment: BenchExperiment, parameters: DeviceParameters
 ) -> tuple[BenchExperiment, DeviceParameters]:
-    """``experiment`` with the measured pressure for its command, and a supply without effects that follows at once."""
+    """Return ``experiment`` with the measured pressure as command, and an ideal supply without effects."""
     series = experiment.measured["pressure"]
     grid = experiment.start_time + experiment.dt * np.arange(1, len(experiment.command) + 1)
     pressure = np.where(grid < series.time[0], experiment.command, np.interp(grid, series.time, series.value))
-    supply = Supply(parameters.supply.max_pressure, INSTANT_PRESSURE_RATE, parameters.supply.temperature)
+    supply = SupplyParameters(parameters.supply.max_pressure, INSTANT_PRESSURE_RATE, parameters.supply.temperature)
     effects = list(parameters.effects)
     for slot in catalogue.get_device_slots():
         if effects[slot.switch_index] and catalogue.get_effects()[slot.effect].acts_in_supply:
@@ -130,49 +141,47 @@ def _with_measured_pressure(
 
 
 def _simulate_samples(experiment: BenchExperiment, parameters: DeviceParameters) -> dict[str, Array]:
-    """Length, and what the device would have shown, at the samples of the first measured channel of ``experiment``."""
-    found = simulate_extrapolated(SimulationSetup(parameters), experiment)
-    clock = next(iter(experiment.measured.values())).time
+    """Return time, unit length and simulated channels at the samples of the first measured channel."""
+    response = simulate_extrapolated(SimulationSetup(parameters), experiment)
+    time = next(iter(experiment.measured.values())).time
     grid = experiment.start_time + experiment.dt * np.arange(1, len(experiment.command) + 1)
-    values = {"force": found.tension, "pressure": found.pressure, "muscle_length": found.length}
-    inputs = {"time": clock, "unit_length": np.interp(clock, grid, experiment.unit_length)}
-    return inputs | {name: np.interp(clock, found.time, value) for name, value in values.items()}
+    values = {"force": response.tension, "pressure": response.pressure, "muscle_length": response.muscle_length}
+    inputs = {"time": time, "unit_length": np.interp(time, grid, experiment.unit_length)}
+    return inputs | {name: np.interp(time, response.time, value) for name, value in values.items()}
 
 
 def _compute_force_residuals(
     values: Mapping[str, Array], channels: Mapping[str, Array], parameters: DeviceParameters
 ) -> dict[str, Array]:
-    """Force [N] that muscle and damper, and the tendon, need besides their laws to be what the load cell shows."""
-    force, whole, found, name = values["force"], values["unit_length"], {}, "muscle and damper"
+    """Return the load cell's force minus that of muscle and damper, and of the tendon [N]."""
+    force, unit_length, residuals, name = values["force"], values["unit_length"], {}, "muscle and damper"
     tendon = parameters.tendon
     if "muscle_length" in channels:
         length = channels["muscle_length"]
         if not tendon.is_rigid:
-            own = [
-                compute_tendon_force(parameters, ZERO_INTERNAL_STATE, a, b) for a, b in zip(length, whole, strict=True)
+            tendon_force = [
+                compute_tendon_force(parameters, ZERO_INTERNAL_STATE, *row)
+                for row in zip(length, unit_length, strict=True)
             ]
-            found["tendon"] = force - np.array(own)
+            residuals["tendon"] = force - np.array(tendon_force)
     elif tendon.is_rigid:
-        length = whole - tendon.slack_length
+        length = unit_length - tendon.slack_length
     else:
-        length, name = (
-            whole - tendon.slack_length - _solve_tendon_stretch(parameters, force),
-            "muscle, damper or tendon",
-        )
-    interval = float(np.median(np.diff(values["time"])))
-    window = max(5, 2 * round(0.5 * SMOOTHING_TIME / interval) + 1)
+        length = unit_length - tendon.slack_length - _solve_tendon_stretch(parameters, force)
+        name = "muscle, damper or tendon"
+    sampling_interval = float(np.median(np.diff(values["time"])))
+    window = max(5, 2 * round(0.5 * SMOOTHING_TIME / sampling_interval) + 1)
     if len(length) > window:
-        rate = savgol_filter(length, window, 2, deriv=1, delta=interval)
+        rate = savgol_filter(length, window, 2, deriv=1, delta=sampling_interval)
         rows = zip(values["pressure"], length, rate, strict=True)
-        found[name] = force - np.array(
-            [compute_muscle_damper_force(parameters, ZERO_INTERNAL_STATE, *row) for row in rows]
-        )
-    return found
+        muscle_force = [compute_muscle_force(parameters, ZERO_INTERNAL_STATE, *row) for row in rows]
+        residuals[name] = force - np.array(muscle_force)
+    return residuals
 
 
 def _solve_tendon_stretch(parameters: DeviceParameters, force: Array) -> Array:
-    """Tendon stretch [m] at ``force`` [N]: the law turned round, a line between its points."""
-    slack = parameters.tendon.slack_length
-    grid = np.linspace(0.0, 0.5 * slack, 2001)
-    table = [compute_tendon_force(parameters, ZERO_INTERNAL_STATE, 0.0, slack + x) for x in grid]
-    return np.interp(force, table, grid)
+    """Return the tendon stretch [m] at ``force`` [N], interpolated in a table of the tendon's force."""
+    slack_length = parameters.tendon.slack_length
+    stretch = np.linspace(0.0, 0.5 * slack_length, 2001)
+    table = [compute_tendon_force(parameters, ZERO_INTERNAL_STATE, 0.0, slack_length + x) for x in stretch]
+    return np.interp(force, table, stretch)

@@ -1,4 +1,4 @@
-"""Doubting the answer: would less do, does it come back from elsewhere, and could it be something else."""
+"""Robustness checks: smaller models, multi-start convergence, equivalent models."""
 
 from typing import NamedTuple
 
@@ -10,99 +10,103 @@ from klute_sim.diagnosis.selection.forward_selection import ForwardSelection, re
 from klute_sim.diagnosis.selection.screening import screen_candidates
 
 MAX_REPLACEMENTS = 5
-"""Candidates that are tried in a term's place."""
+"""Maximum number of candidates that replace a term."""
 RESTART_SIGMAS = 3.0
+"""Distance of the restart from the fit, in standard errors of each parameter."""
+MIN_RESTART_OFFSET = 0.02
+"""Minimum distance of the restart from the fit, in normalized parameters."""
 CHI2_TOLERANCE = 1.0
-"""Difference of chi squared by which two fits are the same."""
+"""Difference of chi squared below which two fits agree."""
 
 
 class EquivalentModel(NamedTuple):
-    """Another set of effects that the data cannot tell from the one that was found."""
+    """Another set of effects that explains the data as well as the best fit."""
 
     fit: Fit
+    """Fit of the other set."""
     replaces: EffectTerm
+    """Term of the best fit that the last term of ``fit`` replaces."""
     bic_difference: float
-    """Of BIC; positive: a little worse than what was found."""
+    """BIC minus that of the best fit; positive where the best fit is better."""
 
 
 def find_smaller_model(search: ForwardSelection, best_fit: Fit) -> Fit | None:
-    """A set with one term less that does as well as ``found``: one of its terms, and another in place of the rest.
+    """Return a fit with two terms that is as good as ``best_fit``: one of its terms and one other term.
 
-    Two proxies that were taken one after the other are found out by that. None if there is no such set, or if
-    ``found`` has less than three terms: with two, every single one has been tried before.
+    Two proxies that were added one after the other may hide a single effect. Returns None if there is no such fit, or
+    if ``best_fit`` has fewer than three terms; the selection has tested single effects already.
     """
-    evidence, terms = search.data, best_fit.hypothesis.terms
+    data, terms = search.data, best_fit.hypothesis.terms
     if len(terms) < 3:
         return None
-    most = best_fit.bic(evidence.n_effective) + search.bic_threshold
-    sets = []
-    for kept in terms:
-        less = best_fit
+    max_bic = best_fit.bic(data.n_effective) + search.bic_threshold
+    smaller_fits = []
+    for retained in terms:
+        reduced_fit = best_fit
         for term in terms:
-            if term != kept:
-                less = refit_without_term(evidence, less, term)
-        for refit in _refit_replacements(search, less, best_fit, most):
-            if refit.bic(evidence.n_effective) <= most and not search.rejection_reason(
-                less, refit, search.compute_validation_gains(less, refit)
+            if term != retained:
+                reduced_fit = refit_without_term(data, reduced_fit, term)
+        for refit in _refit_replacements(search, reduced_fit, best_fit, max_bic):
+            if refit.bic(data.n_effective) <= max_bic and not search.rejection_reason(
+                reduced_fit, refit, search.compute_validation_gains(reduced_fit, refit)
             ):
-                sets.append(refit)
-    return min(sets, key=lambda one: one.bic(evidence.n_effective), default=None)
+                smaller_fits.append(refit)
+    return min(smaller_fits, key=lambda fit: fit.bic(data.n_effective), default=None)
 
 
 def _refit_replacements(search: ForwardSelection, reduced_fit: Fit, best_fit: Fit, bic_goal: float) -> list[Fit]:
-    """``less`` with one more term each, refitted, of those that promise half of what ``found`` has over it."""
-    taken = {(t.effect, t.channel) for t in reduced_fit.hypothesis.terms}
-    open_ = [t for t in search.candidate_terms if (t.effect, t.channel) not in taken]
-    promising = [
-        c
-        for c in screen_candidates(search.data, reduced_fit, open_)
-        if c.predicted_gain > 0.5 * (reduced_fit.chi2 - best_fit.chi2)
-    ]
-    return (
-        search.refit_candidates(reduced_fit, select_shortlist(promising)[:MAX_REPLACEMENTS], bic_goal)
-        if promising
-        else []
-    )
+    """Return refits of ``reduced_fit`` with one more term that may reach at least half the gain of ``best_fit``."""
+    used = {(t.effect, t.channel) for t in reduced_fit.hypothesis.terms}
+    unused = [t for t in search.candidate_terms if (t.effect, t.channel) not in used]
+    min_gain = 0.5 * (reduced_fit.chi2 - best_fit.chi2)
+    promising = [c for c in screen_candidates(search.data, reduced_fit, unused) if c.predicted_gain > min_gain]
+    if not promising:
+        return []
+    return search.refit_candidates(reduced_fit, select_shortlist(promising)[:MAX_REPLACEMENTS], bic_goal)
 
 
 def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[EquivalentModel]:
-    """Sets with one of the terms of ``found`` exchanged that are within a decisive difference of BIC, or better.
+    """Return the models with one replaced term whose BIC is not decisively worse, best first.
 
-    Only those that would have been accepted themselves: trials that were not fitted must gain from them, too.
+    The replacement must pass the acceptance tests of the selection, including validation.
     """
-    evidence, best = search.data, best_fit.bic(search.data.n_effective)
-    result = []
+    data, best_bic = search.data, best_fit.bic(search.data.n_effective)
+    models = []
     for term in best_fit.hypothesis.terms:
-        known = next(
+        step = next(
             (s for s in search.history if s.added_term == term and s.refits[0].hypothesis == best_fit.hypothesis), None
         )
-        if known is not None and search.has_repeats:  # else it has been weighed anew since
-            less, refits = known.initial_fit, known.refits
+        if step is not None and search.has_repeats:  # without repeats, the noise has been re-estimated since
+            reduced_fit, refits = step.initial_fit, step.refits
         else:
-            less = refit_without_term(evidence, best_fit, term)
-            refits = tuple(_refit_replacements(search, less, best_fit, best))
+            reduced_fit = refit_without_term(data, best_fit, term)
+            refits = tuple(_refit_replacements(search, reduced_fit, best_fit, best_bic))
         for refit in refits:
-            other, difference = refit.hypothesis.terms[-1], refit.bic(evidence.n_effective) - best
-            if (other.effect, other.channel) == (term.effect, term.channel) or difference > search.bic_threshold:
+            replacement, bic_difference = refit.hypothesis.terms[-1], refit.bic(data.n_effective) - best_bic
+            is_same_effect = (replacement.effect, replacement.channel) == (term.effect, term.channel)
+            if is_same_effect or bic_difference > search.bic_threshold:
                 continue
-            if not search.rejection_reason(less, refit, search.compute_validation_gains(less, refit)):
-                result.append(EquivalentModel(refit, term, difference))
-    return sorted(result, key=lambda rival: rival.bic_difference)
+            if not search.rejection_reason(reduced_fit, refit, search.compute_validation_gains(reduced_fit, refit)):
+                models.append(EquivalentModel(refit, term, bic_difference))
+    return sorted(models, key=lambda model: model.bic_difference)
 
 
 def check_convergence(data: WeightedData, best_fit: Fit, rng: np.random.Generator) -> tuple[Fit, bool]:
-    """``found`` finished finely, or a better fit near it, and whether fits from elsewhere come back to it.
+    """Refine ``best_fit`` and restart it from a perturbed point.
 
-    Elsewhere is :data:`AWAY` standard errors or more from where it is, in every unknown, as far as bounds allow.
+    Returns the better fit, and whether both fits converged and agree. The restart is :data:`RESTART_SIGMAS` standard
+    errors away in each parameter, within its bounds.
     """
     if not len(best_fit.x):
         return best_fit, best_fit.converged
     best_fit = fit_hypothesis(data, best_fit.hypothesis, best_fit.x, fine=True)
-    # Of unknowns that the data hardly hold, rounding may leave a variance below zero.
-    errors = np.sqrt(np.maximum(0.0, np.diag(np.linalg.pinv(best_fit.jacobian.T @ best_fit.jacobian))))
-    away = rng.choice([-1.0, 1.0], len(errors)) * np.maximum(RESTART_SIGMAS * errors, 0.02)
-    again = fit_hypothesis(data, best_fit.hypothesis, best_fit.x + away)
-    sure = best_fit.converged and again.converged and abs(again.chi2 - best_fit.chi2) < CHI2_TOLERANCE
-    if again.chi2 < best_fit.chi2 - CHI2_TOLERANCE:
-        best_fit = fit_hypothesis(data, best_fit.hypothesis, again.x, fine=True)
-    return best_fit, sure
+    # Rounding may make the variance of a poorly determined parameter negative.
+    std_errors = np.sqrt(np.maximum(0.0, np.diag(np.linalg.pinv(best_fit.jacobian.T @ best_fit.jacobian))))
+    signs = rng.choice([-1.0, 1.0], len(std_errors))
+    offset = signs * np.maximum(RESTART_SIGMAS * std_errors, MIN_RESTART_OFFSET)
+    restarted = fit_hypothesis(data, best_fit.hypothesis, best_fit.x + offset)
+    is_agreed = abs(restarted.chi2 - best_fit.chi2) < CHI2_TOLERANCE
+    has_converged = best_fit.converged and restarted.converged and is_agreed
+    if restarted.chi2 < best_fit.chi2 - CHI2_TOLERANCE:
+        best_fit = fit_hypothesis(data, best_fit.hypothesis, restarted.x, fine=True)
+    return best_fit, has_converged

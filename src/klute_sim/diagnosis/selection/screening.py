@@ -1,8 +1,8 @@
-"""Which effects could explain what is left: one simulation for each, and a projection.
+"""Screening of candidate effects by their predicted gain: one simulation each, and a projection.
 
-The change that a little of an effect makes is projected off all that the fitted unknowns could do instead; what is
-left of it is compared with the residual. Effects that the device's uncertain numbers can imitate are told apart by
-what they cannot.
+The sensitivity to a small effect is projected onto the complement of the sensitivities to all fitted parameters, and
+the remainder is compared with the residual. So an effect that the uncertain numbers of the device can imitate counts
+only by the part that they cannot.
 """
 
 import math
@@ -12,128 +12,136 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.device.device import Device
-from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Array
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, linearize
 from klute_sim.effects import catalogue
 from klute_sim.effects.families import instrument
 from klute_sim.errors import InputError
+from klute_sim.types import Array
 
 PROBE_FRACTION = 0.3
-"""Of the typical size, at which an effect is tried."""
+"""Fraction of its typical size at which an effect is probed."""
 PRIOR_DEVIATION_SIGMAS = 1.5
-"""Standard deviations of a device's number from what was believed of it."""
+"""Deviation of a device's number from its prior [standard deviations] above which effects are also probed there."""
 MIN_PRIOR_GAIN_FRACTION, MAX_PRIOR_CANDIDATES = 0.5, 3
-"""Share of what the numbers leave, seen from what was believed, that an effect has to explain, and how many may."""
+"""Minimum fraction of the residual at the prior that an effect explains, and maximum number of such effects."""
 REPROBE_ORTHOGONAL_FRACTION = 0.6
-"""Share of its change that projection leaves of an effect, below which it is tried once more."""
+"""Orthogonal fraction of a sensitivity below which an effect is probed again at its typical size."""
+MIN_ORTHOGONAL_FRACTION = 1e-6
+"""Orthogonal fraction of a sensitivity below which an effect counts as imitated by the fitted parameters."""
 
 
 class Candidate(NamedTuple):
-    """A term that might be added."""
+    """An effect that may be added."""
 
     term: EffectTerm
+    """The effect in one of its forms."""
     predicted_gain: float
-    """By how much chi squared would fall if everything were linear."""
+    """Fall of chi squared that linearisation predicts."""
     size: float
-    """Its first parameter then, in steps of its size."""
+    """Predicted first parameter, normalized."""
     sensitivity: Array
-    """Of the weighted residuals, per step of it."""
+    """Derivative of the weighted residuals by :attr:`size`."""
     direction: Array
-    """What is left of that after projection, of length 1."""
+    """Unit vector of the part of the sensitivity that is orthogonal to those of the fitted parameters."""
     orthogonal_fraction: float
-    """Share of the change that the projection left."""
+    """Norm of this part over the norm of the sensitivity."""
     x0: Array
-    """The unknowns there were, where everything was taken to be linear."""
+    """Normalized parameters at the point of linearisation, without the effect."""
     nuisance_shift: Array
-    """Their move from there that goes with it."""
+    """Predicted change of these parameters with the effect."""
 
 
 def check_effect_names(device: Device, only: Sequence[str], exclude: Sequence[str]) -> None:
-    """Raise InputError for a name of an effect that there is not, or for one to look for that ``device`` has."""
+    """Raise InputError for an unknown effect, and for a candidate in ``only`` that ``device`` cannot lack."""
     for name in (*only, *exclude):
         catalogue.find_form(name, None)
     for name in only:
         if name not in catalogue.get_named_effects():
             raise InputError(
-                f"'{name}' is no effect to look for: it is data-driven, and is fitted where no effect explains the data"
+                f"'{name}' is not a candidate effect: it is data-driven, and fitted where no effect explains the data"
             )
         if name in device.spec.effects:
             raise InputError(
-                f"device '{device.name}' has effect '{name}' already, so it cannot be looked for; take it out of the "
-                f'device file, or put its numbers under [uncertain] (as "effects.{name}.<number>") to refit them'
+                f"device '{device.name}' has effect '{name}' already, so it is not a candidate; remove it from the "
+                f'device file, or list its numbers under [uncertain] (as "effects.{name}.<number>") to refit them'
             )
-        obstacle = device.spec.find_incompatibility(name)
-        if obstacle:
-            raise InputError(f"device '{device.name}': {obstacle}")
+        incompatibility = device.spec.find_incompatibility(name)
+        if incompatibility:
+            raise InputError(f"device '{device.name}': {incompatibility}")
 
 
 def list_candidate_terms(
     data: WeightedData, device: Device, only: Sequence[str] = (), exclude: Sequence[str] = ()
 ) -> list[EffectTerm]:
-    """Everything in the catalogue that ``evidence`` could show and ``device`` is without.
+    """Return the effects of the catalogue that ``device`` may lack and ``data`` may show.
 
-    ``only`` and ``exclude`` name effects.
+    ``only`` and ``exclude`` are names of effects.
     """
-    found = []
+    terms = []
     for effect in catalogue.get_named_effects().values():
         if (only and effect.name not in only) or effect.name in exclude or not device.spec.can_add_effect(effect):
             continue
         if effect.kind == "device" or (effect.kind == "body" and data.experiments[0].has_body):
-            found += [EffectTerm(effect.name, form.name) for form in effect.forms]
+            terms += [EffectTerm(effect.name, form.name) for form in effect.forms]
         elif effect.kind == "instrument":
-            # Displays are seen without a simulation.
+            # Quantisation is detected without a simulation.
             channels = [c for c in data.noise if c in CHANNEL_UNITS and effect is not instrument.QUANTISATION]
-            found += [EffectTerm(effect.name, effect.forms[0].name, c) for c in channels]
-    return found
+            terms += [EffectTerm(effect.name, effect.forms[0].name, c) for c in channels]
+    return terms
 
 
 def screen_candidates(data: WeightedData, current: Fit, terms: Sequence[EffectTerm]) -> list[Candidate]:
-    """``candidates`` by what they promise, best first.
+    """Return the candidates for ``terms``, largest predicted gain first.
 
-    What the fitted unknowns could imitate, they imitate only for a little of it: of effects of which they take most,
-    the typical size is looked at, too, with the unknowns where they would follow to. And where the device's numbers had
-    to go far from what was believed of them, that may be because of what is missing: effects are then looked at from
-    what was believed, too.
+    The fitted parameters imitate an effect in linear approximation only. An effect that they imitate for the most part
+    is probed again at its typical size, with the fitted parameters shifted accordingly. Where numbers of the device
+    deviate far from their priors, the missing effect may be the reason, so effects are also probed at the priors.
     """
-    known, base = len(current.x), current.hypothesis.n_device_parameters
-    here = _LinearizationPoint(current.x, current.weighted_residuals, current.jacobian)
-    every = _evaluate_probes(
-        data, current.hypothesis, here, [(term, PROBE_FRACTION, np.zeros(known)) for term in terms]
-    )
-    again: list[tuple[EffectTerm, float, Array]] = []
-    for one in every:
-        if one.orthogonal_fraction < REPROBE_ORTHOGONAL_FRACTION and one.term.channel is None:
-            size = math.copysign(1.0, one.size)
-            again.append((one.term, size, -size * _solve_least_squares(current.jacobian, one.sensitivity)))
-    every += _evaluate_probes(data, current.hypothesis, here, again) if again else []
-    if np.abs(current.x[:base]).max(initial=0.0) > PRIOR_DEVIATION_SIGMAS:
-        home = np.concatenate([np.zeros(base), current.x[base:]])
-        there = _LinearizationPoint(home, *linearize(data, current.hypothesis, home))
-        tried = [(term, PROBE_FRACTION, np.zeros(known)) for term in terms]
-        # From afar little is linear: what explains most of what the numbers leave there may explain that share here.
-        left = there.residual + there.jacobian @ -_solve_least_squares(there.jacobian, there.residual)
-        whole = float(left @ left)
-        found = [
-            c
-            for c in _evaluate_probes(data, current.hypothesis, there, tried)
-            if c.predicted_gain > MIN_PRIOR_GAIN_FRACTION * whole
+    n_known, n_device = len(current.x), current.hypothesis.n_device_parameters
+    current_point = _LinearizationPoint(current.x, current.weighted_residuals, current.jacobian)
+    probes = [(term, PROBE_FRACTION, np.zeros(n_known)) for term in terms]
+    candidates = _evaluate_probes(data, current.hypothesis, current_point, probes)
+    full_size_probes: list[tuple[EffectTerm, float, Array]] = []
+    for candidate in candidates:
+        if candidate.orthogonal_fraction < REPROBE_ORTHOGONAL_FRACTION and candidate.term.channel is None:
+            size = math.copysign(1.0, candidate.size)
+            shift = -size * _solve_least_squares(current.jacobian, candidate.sensitivity)
+            full_size_probes.append((candidate.term, size, shift))
+    if full_size_probes:
+        candidates += _evaluate_probes(data, current.hypothesis, current_point, full_size_probes)
+    if np.abs(current.x[:n_device]).max(initial=0.0) > PRIOR_DEVIATION_SIGMAS:
+        prior = np.concatenate([np.zeros(n_device), current.x[n_device:]])
+        prior_point = _LinearizationPoint(prior, *linearize(data, current.hypothesis, prior))
+        # Far from the fit, linearisation overestimates gains, so the fraction explained there scales the gain here.
+        nuisance = -_solve_least_squares(prior_point.jacobian, prior_point.residual)
+        remainder = prior_point.residual + prior_point.jacobian @ nuisance
+        total = float(remainder @ remainder)
+        probes = [(term, PROBE_FRACTION, np.zeros(n_known)) for term in terms]
+        promising = [
+            candidate
+            for candidate in _evaluate_probes(data, current.hypothesis, prior_point, probes)
+            if candidate.predicted_gain > MIN_PRIOR_GAIN_FRACTION * total
         ]
-        found = sorted(found, key=lambda one: -one.predicted_gain)[:MAX_PRIOR_CANDIDATES]
-        every += [one._replace(predicted_gain=one.predicted_gain * min(1.0, current.chi2 / whole)) for one in found]
+        promising = sorted(promising, key=lambda candidate: -candidate.predicted_gain)[:MAX_PRIOR_CANDIDATES]
+        candidates += [c._replace(predicted_gain=c.predicted_gain * min(1.0, current.chi2 / total)) for c in promising]
     best: dict[EffectTerm, Candidate] = {}
-    for one in every:
-        if one.term not in best or one.predicted_gain > best[one.term].predicted_gain:
-            best[one.term] = one
+    for candidate in candidates:
+        if candidate.term not in best or candidate.predicted_gain > best[candidate.term].predicted_gain:
+            best[candidate.term] = candidate
     return sorted(best.values(), key=lambda candidate: -candidate.predicted_gain)
 
 
 class _LinearizationPoint(NamedTuple):
-    """Where everything is taken to be linear."""
+    """Point at which the residuals are linearised."""
 
     x: Array
+    """Normalized parameters."""
     residual: Array
+    """Weighted residuals."""
     jacobian: Array
+    """Derivative of the residuals by the parameters."""
 
 
 def _evaluate_probes(
@@ -142,35 +150,42 @@ def _evaluate_probes(
     point: _LinearizationPoint,
     probes: Sequence[tuple[EffectTerm, float, Array]],
 ) -> list[Candidate]:
-    """Of every term that is ``tried`` beside ``before``: in which size, and with which move of the known unknowns."""
-    known, experiments = len(point.x), data.experiments
+    """Return the candidates of ``probes`` (term, normalized size, shift of the known parameters)."""
+    n_known, experiments = len(point.x), data.experiments
     basis, _ = np.linalg.qr(point.jacobian)
     hypotheses = [base_hypothesis.with_term(term) for term, _, _ in probes]
-    rows = [_probe_parameters(h, point.x, size, moved) for h, (_, size, moved) in zip(hypotheses, probes, strict=True)]
-    settings = [h.build_setups(row, experiments) for h, row in zip(hypotheses, rows, strict=True)]
-    settings.append(base_hypothesis.build_setups(point.x, experiments))
-    *shown, plain = data.simulator.simulate(settings, experiments, coarse=True)
-    found = []
-    for (term, _, _), hypothesis, row, each in zip(probes, hypotheses, rows, shown, strict=True):
-        less = [{c: before[c] - after[c] for c in after} for before, after in zip(plain, each, strict=True)]
-        steps, moved = float(row[known]), row[:known] - point.x
-        if steps == 0.0:
+    points = [
+        _probe_parameters(h, point.x, size, shift) for h, (_, size, shift) in zip(hypotheses, probes, strict=True)
+    ]
+    setups = [h.build_setups(x, experiments) for h, x in zip(hypotheses, points, strict=True)]
+    setups.append(base_hypothesis.build_setups(point.x, experiments))
+    *probe_readings, base_readings = data.simulator.simulate(setups, experiments, coarse=True)
+    candidates = []
+    for (term, _, _), hypothesis, x, readings in zip(probes, hypotheses, points, probe_readings, strict=True):
+        changes = [
+            {channel: before[channel] - after[channel] for channel in after}
+            for before, after in zip(base_readings, readings, strict=True)
+        ]
+        probe_size, shift = float(x[n_known]), x[:n_known] - point.x
+        if probe_size == 0.0:
             continue
-        # What the move of the others did is taken off again, as if it were linear: that is projected off anyway.
-        change = np.concatenate([data.weight_residuals(less), moved[: hypothesis.n_device_parameters]])
-        change = (change - point.jacobian @ moved) / steps
-        left = change - basis @ (basis.T @ change)
-        size, whole = float(np.linalg.norm(left)), float(np.linalg.norm(change))
-        if not (np.isfinite(size) and size > 1e-6 * max(whole, 1.0)):
+        # The linear part of the shift's influence is subtracted; the projection would remove it anyway.
+        change = np.concatenate([data.weight_residuals(changes), shift[: hypothesis.n_device_parameters]])
+        sensitivity = (change - point.jacobian @ shift) / probe_size
+        orthogonal = sensitivity - basis @ (basis.T @ sensitivity)
+        norm, full_norm = float(np.linalg.norm(orthogonal)), float(np.linalg.norm(sensitivity))
+        if not (np.isfinite(norm) and norm > MIN_ORTHOGONAL_FRACTION * max(full_norm, 1.0)):
             continue
-        signature = left / size
-        along = -float(signature @ point.residual)
-        low, high = hypothesis.bounds()
-        best = min(max(along / size, low[known]), high[known])
-        gain = 2.0 * best * size * along - (best * size) ** 2
-        follow = -_solve_least_squares(point.jacobian, point.residual + best * change)
-        found.append(Candidate(term, gain, best, change, signature, size / whole, point.x, follow))
-    return found
+        direction = orthogonal / norm
+        projection = -float(direction @ point.residual)
+        lower, upper = hypothesis.bounds()
+        size = min(max(projection / norm, lower[n_known]), upper[n_known])
+        gain = 2.0 * size * norm * projection - (size * norm) ** 2
+        nuisance_shift = -_solve_least_squares(point.jacobian, point.residual + size * sensitivity)
+        candidates.append(
+            Candidate(term, gain, size, sensitivity, direction, norm / full_norm, point.x, nuisance_shift)
+        )
+    return candidates
 
 
 def _solve_least_squares(matrix: Array, target: Array) -> Array:
@@ -178,10 +193,10 @@ def _solve_least_squares(matrix: Array, target: Array) -> Array:
 
 
 def _probe_parameters(hypothesis: Hypothesis, x: Array, size: float, shift: Array) -> Array:
-    """The unknowns ``moved``, with ``size`` of the last term; every size parameter of it moves, shapes stay typical."""
-    row = hypothesis.initial_point()
-    row[: len(x)] = x + shift
-    for k in range(len(x), len(row)):
+    """Return normalized parameters: ``x`` shifted, the last term at ``size``, shapes at typical values."""
+    point = hypothesis.initial_point()
+    point[: len(x)] = x + shift
+    for k in range(len(x), len(point)):
         if not hypothesis.parameters[k].is_logarithmic:
-            row[k] = size
-    return np.clip(row, *hypothesis.bounds())
+            point[k] = size
+    return np.clip(point, *hypothesis.bounds())

@@ -1,0 +1,154 @@
+"""Compare the model with the dissertation: :func:`reproduce` and its result :class:`ReproductionResult`."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from klute_sim.api.inputs import DeviceLike, to_device
+from klute_sim.api.optional import import_pandas
+from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.device.device import Device
+from klute_sim.errors import InputError
+from klute_sim.recording.run_folder import create_run_folder
+from klute_sim.reproduction.item import ItemAssessment
+from klute_sim.reproduction.printed import load_supplied_values
+from klute_sim.reproduction.run import Reproduction, run_reproduction
+from klute_sim.types import ProgressCallback
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+DEFAULT_UNIT = "klute-3-4-pair"
+"""Muscle-tendon unit of chapters 4 to 8."""
+DISAGREEMENTS = ("contradicts-source", "source-contradicts-itself")
+"""Verdicts that the summary lists."""
+
+
+@dataclass(frozen=True, repr=False)
+class ReproductionResult:
+    """Assessment of every number and statement that the dissertation prints."""
+
+    reproduction: Reproduction
+    """Assessments and figures of all published items."""
+
+    @property
+    def device(self) -> Device:
+        """Muscle-tendon unit of chapters 4 to 8."""
+        return self.reproduction.device
+
+    @property
+    def assessments(self) -> tuple[ItemAssessment, ...]:
+        """Published item, computed finding and verdict of every item."""
+        return self.reproduction.assessments
+
+    def to_records(self) -> list[dict[str, Any]]:
+        """Return one dictionary per item, the content of items.json."""
+        return self.reproduction.to_records()
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return the items as a DataFrame; raises MissingExtraError without pandas."""
+        pd = import_pandas("ReproductionResult.to_pandas")
+        return pd.DataFrame(self.to_records())
+
+    def format_summary(self, *, all_items: bool = False) -> Summary:
+        """Yield the measured items, the items that do not agree (or ``all_items``), and the number of each verdict."""
+        from klute_sim.report.reproduction.page import VERDICT_MEANINGS, count_agreeing_inputs, count_verdicts
+
+        listed = [
+            assessment
+            for assessment in self.assessments
+            if all_items or (assessment.verdict in DISAGREEMENTS and not assessment.item.is_measured)
+        ]
+        yield from _format_items(
+            "Measured at 5 bar, and the model", [a for a in self.assessments if a.item.is_measured]
+        )
+        yield from _format_items("All items" if all_items else "Other items that do not agree", listed)
+        for verdict, count in count_verdicts(self.assessments).items():
+            inputs = f"; {count_agreeing_inputs(self.assessments)} of them are inputs of the model"
+            yield f"{count:4d} {verdict}: {VERDICT_MEANINGS[verdict]}{inputs if verdict == 'agrees' else ''}"
+
+    def __repr__(self) -> str:
+        """Return one line: device and number of items."""
+        return f"ReproductionResult({self.device.name!r}, {len(self.assessments)} items)"
+
+    def __str__(self) -> str:
+        """Return the summary that the terminal shows."""
+        return render_text(self.format_summary())
+
+    def _repr_html_(self) -> str:
+        return render_html(self.format_summary())
+
+    def plot(self, number: str = "3.9") -> "Figure":
+        """Return the figure with ``number`` of the dissertation; raises InputError when there is none."""
+        from klute_sim.report.reproduction.figures import build_figure
+
+        figures = {figure.number: figure for figure in self.reproduction.figures}
+        if number not in figures:
+            raise InputError(f"there is no figure '{number}'; allowed: {', '.join(figures)}")
+        return build_figure(figures[number])
+
+    def save(self, folder: str | Path | None = None, progress: ProgressCallback | None = None) -> Path:
+        """Write the files of ``klute-sim reproduce`` into ``folder`` (new or empty; default: ``runs/reproduce-NNN``).
+
+        Returns the folder.
+        """
+        with create_run_folder("reproduce", folder) as (final_folder, scratch):
+            self.write_files(scratch, progress)
+        return final_folder
+
+    def write_files(self, scratch: Path, progress: ProgressCallback | None = None) -> None:
+        """Write page, figures, items and device into ``scratch``."""
+        from klute_sim.report.reproduction.figures import save_figures
+        from klute_sim.report.reproduction.page import write_page
+
+        figures = self.reproduction.figures
+        paths = {}
+        for index, path in enumerate(save_figures(figures, scratch)):
+            paths[figures[index].number] = path
+            if progress is not None:
+                progress((index + 1) / len(figures), "drawing")
+        write_page(self.reproduction, paths, scratch / "report.html")
+        (scratch / "items.json").write_text(format_records(self.to_records()) + "\n", "utf-8")
+        (scratch / "device.toml").write_bytes(self.device.content)
+
+
+def reproduce(
+    device: DeviceLike = DEFAULT_UNIT,
+    *,
+    published: Mapping[str, float] | str | Path | None = None,
+    progress: ProgressCallback | None = None,
+) -> ReproductionResult:
+    """Compute every number and statement that the dissertation prints and assess it.
+
+    ``device`` is the muscle-tendon unit of chapters 4 to 8. ``published`` supplies numbers that are missing from this
+    copy of the source: a mapping from item to number, or the path of a file that ``klute-sim reproduce --missing``
+    began. Raises InputError when the device has no damper or tendon or cannot take the lengths of chapter 7.
+    """
+    supplied = load_supplied_values(Path(published)) if isinstance(published, str | Path) else published
+    report = progress if progress is not None else lambda fraction, stage: None
+    return ReproductionResult(run_reproduction(to_device(device), supplied, report))
+
+
+def format_records(records: list[dict[str, Any]]) -> str:
+    """Return ``records`` as the JSON text of items.json."""
+    return json.dumps(records, indent=1, allow_nan=False, ensure_ascii=False)
+
+
+def _format_items(title: str, assessments: list[ItemAssessment]) -> Summary:
+    from rich.table import Table
+
+    from klute_sim.report.reproduction.page import format_outcome_cells
+
+    table = Table("table or figure", "quantity", "unit", "published", "computed", "difference", title=title)
+    table.add_column("verdict", no_wrap=True)
+    for assessment in assessments:
+        cells = format_outcome_cells(assessment)
+        columns = ("quantity", "unit", "published", "computed", "difference", "verdict")
+        table.add_row(assessment.item.row_title, *(cells[column] for column in columns))
+    yield table
+    for assessment in assessments:
+        if assessment.note and assessment.verdict not in ("agrees", "not-printed"):
+            yield f"{assessment.item.row_title}, {assessment.item.quantity}: {assessment.note}"

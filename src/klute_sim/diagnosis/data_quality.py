@@ -1,0 +1,245 @@
+"""Data quality: which channels and samples are usable, and whether the data suffice for a diagnosis."""
+
+from collections.abc import Container, Iterable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from klute_sim.datasets.dataset import Dataset
+from klute_sim.datasets.trial import MIN_SAMPLES
+from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import WeightedData
+from klute_sim.diagnosis.noise.repeats import (
+    Residuals,
+    estimate_noise_from_repeats,
+    find_inconsistent_repeats,
+    group_repeats,
+    list_channels,
+)
+from klute_sim.types import Array
+
+MIN_TOTAL_TIME = 2.0
+"""Shortest total duration of the fitted trials [s]."""
+MIN_PRESSURE_RANGE, MIN_LENGTH_RANGE = 0.5e5, 1e-3
+"""Smallest ranges of the inputs [Pa, m]; below both, the device does not move."""
+MIN_RELATIVE_RANGE = 1e-9
+"""Smallest relative range of a working channel."""
+SATURATION_COUNT_RATIO, MIN_SATURATED_SAMPLES = 5, 10
+"""Samples at the highest or lowest value of a saturated channel: their ratio to those at any other value, and their
+smallest number. Coarsely digitized or vented channels repeat other values, too."""
+NO_USABLE_CHANNEL = "No channel is usable. Check cables and columns."
+
+
+class UsableData(NamedTuple):
+    """Experiments with their usable channels."""
+
+    experiments: list[Experiment]
+    """All experiments."""
+    fit_experiments: list[Experiment]
+    """Experiments for the fit that have a usable channel."""
+    remarks: list[str]
+    """Sentences about excluded data and about effects that the data cannot show."""
+    blocking_problems: list[str]
+    """Reasons why no diagnosis is possible, with the fix; empty if one is possible."""
+
+
+def select_usable_data(dataset: Dataset, experiments: Sequence[Experiment], simulator: Simulator) -> UsableData:
+    """Remove dead channels, saturated samples, inconsistent repeats and channels without repeats.
+
+    Test trials lose the channels that are excluded everywhere and are not examined otherwise.
+    """
+    for_fit = [e for e in experiments if e.use == "fit"]
+    dead, saturated = find_faulty_channels(for_fit)
+    usable = remove_channels(
+        remove_saturated_samples(experiments, for_fit), pair_trials_with_channels(experiments, dead)
+    )
+    remarks = [f"{reason}; it is not used." for reason in dead.values()] + [f"{remark}." for remark in saturated]
+
+    examined = [e for e in usable if e.use != "test" and e.measured]
+    if not any(e.use == "fit" for e in examined):
+        return UsableData(usable, [], remarks, [NO_USABLE_CHANNEL])
+    nominal = Hypothesis(dataset.device, (), ())
+    residuals = WeightedData(simulator, examined, {}).compute_residuals(nominal, [nominal.initial_point()])[0]
+    contradicted, problems = find_contradicted_channels(examined, residuals)
+    usable = remove_channels(usable, contradicted)
+    remarks += dict.fromkeys(contradicted.values())
+
+    unrepeated = find_unrepeated_channels([e for e in usable if e.use == "fit"])
+    usable = remove_channels(usable, pair_trials_with_channels(usable, unrepeated))
+    remarks += [f"{reason}; it is not used." for reason in unrepeated.values()]
+    fit_experiments = [e for e in usable if e.use == "fit" and e.measured]
+    if not fit_experiments:
+        return UsableData(usable, [], remarks, [*problems, NO_USABLE_CHANNEL])
+    return UsableData(
+        usable,
+        fit_experiments,
+        [*remarks, *find_limitations(fit_experiments)],
+        [*problems, *find_blocking_problems(fit_experiments)],
+    )
+
+
+def find_blocking_problems(experiments: Sequence[Experiment]) -> list[str]:
+    """Return the reasons why fits to ``experiments`` cannot diagnose the device, with the fix; empty if they can."""
+    problems = []
+    informative = experiments[0].informative_channels
+    if not set(informative) & set(list_channels(experiments)):
+        names = [channel.replace("_", " ") for channel in informative]
+        problems.append(
+            f"Neither {', '.join(names[:-1])} nor {names[-1]} is usable, so the data contain no information about "
+            "muscle, damper and tendon. Record the force."
+        )
+    time = sum(e.duration for e in experiments)
+    if time < MIN_TOTAL_TIME:
+        problems.append(
+            f"The trials to fit last {time:.1f} s in total. Record at least {MIN_TOTAL_TIME:g} s, better 20 s, with "
+            "varying pressure and length."
+        )
+    pressure_range = max(float(np.ptp(e.command)) for e in experiments)
+    length_range = max(e.length_range for e in experiments)
+    if pressure_range < MIN_PRESSURE_RANGE and length_range < MIN_LENGTH_RANGE:
+        problems.append(
+            f"The device does not move: within a trial, pressure changes by {pressure_range / 1e5:.2f} bar and length "
+            f"by {1e3 * length_range:.2f} mm. Step the pressure and move the crosshead in both directions, at several "
+            "speeds."
+        )
+    return problems
+
+
+def has_repeats(experiments: Sequence[Experiment]) -> bool:
+    """Return whether any channel was measured more than once under the same input."""
+    return bool(_find_repeated_channels(experiments))
+
+
+def find_unrepeated_channels(experiments: Sequence[Experiment]) -> dict[str, str]:
+    """Return channel -> reason for channels without repeats, if other channels have repeats."""
+    repeated = _find_repeated_channels(experiments)
+    return {
+        channel: f"'{channel}' was never recorded twice under the same input, so its noise is unknown"
+        for channel in list_channels(experiments)
+        if repeated and channel not in repeated
+    }
+
+
+def _find_repeated_channels(experiments: Sequence[Experiment]) -> set[str]:
+    groups = group_repeats(experiments).values()
+    channels_of_groups = [[channel for k in members for channel in experiments[k].measured] for members in groups]
+    return {channel for channels in channels_of_groups for channel in channels if channels.count(channel) > 1}
+
+
+def find_contradicted_channels(
+    experiments: Sequence[Experiment], residuals: Residuals
+) -> tuple[dict[tuple[str, str], str], list[str]]:
+    """Return (trial, channel) -> reason for channels that contradict their repeats, and reasons to stop."""
+    contradicted, problems = {}, []
+    for (group, channel), (deviation, others) in find_inconsistent_repeats(experiments, residuals).items():
+        unit, si = CHANNEL_UNITS[channel]
+        repeats = [e for e in experiments if e.group == group and channel in e.measured]
+        constant = [e for e in repeats if np.ptp(e.measured[channel].value) == 0.0]
+        sentence = (
+            f"Repeats of '{group}' differ in {channel} by {deviation / si:.3g} {unit}, those of other groups by "
+            f"{others / si:.3g} {unit}"
+        )
+        if constant and len(constant) < len(repeats):
+            names = ", ".join(e.name for e in constant)
+            value = constant[0].measured[channel].value[0] / si
+            wrong = constant
+            sentence += f": it is constant at {value:g} {unit} in {names}"
+        else:
+            wrong = repeats
+            sentence += " (wrong unit, loose cable or a file of another trial?)"
+        contradicted.update({(e.name, channel): f"{sentence}; it is not used there." for e in wrong})
+    for channel, noise in estimate_noise_from_repeats(experiments, residuals).items():
+        if noise.std == 0.0:
+            problems.append(
+                f"Repeats of '{channel}' agree to the last digit: they are copies, or have too few digits to resolve "
+                "the noise. Record every input again, with more digits."
+            )
+    return contradicted, problems
+
+
+def find_limitations(experiments: Sequence[Experiment]) -> list[str]:
+    """Return sentences about effects that ``experiments`` cannot show."""
+    pressure_range = max(float(np.ptp(e.command)) for e in experiments)
+    length_range = max(e.length_range for e in experiments)
+    limitations = []
+    if length_range < MIN_LENGTH_RANGE:
+        limitations.append(
+            f"The length changes by at most {1e3 * length_range:.2f} mm within a trial: effects that depend on speed "
+            "are hardly visible."
+        )
+    if pressure_range < MIN_PRESSURE_RANGE:
+        limitations.append(
+            f"The pressure changes by at most {pressure_range / 1e5:.2f} bar within a trial: effects of the supply are "
+            "hardly visible."
+        )
+    if not has_repeats(experiments):
+        limitations.append(
+            "No trial is repeated, so noise and misfit cannot be separated: only large effects can be identified, and "
+            "remaining misfit cannot be detected. Record every input at least twice and give the repeats the same "
+            "group."
+        )
+    return limitations
+
+
+def find_faulty_channels(experiments: Sequence[Experiment]) -> tuple[dict[str, str], list[str]]:
+    """Return channel -> reason for dead channels, and remarks on saturated ones."""
+    dead, remarks = {}, []
+    for channel in list_channels(experiments):
+        samples = np.concatenate([e.measured[channel].value for e in experiments if channel in e.measured])
+        unit, si = CHANNEL_UNITS[channel]
+        if np.ptp(samples) <= MIN_RELATIVE_RANGE * max(1.0, float(np.abs(samples).max())):
+            dead[channel] = f"'{channel}' is constant at {samples[0] / si:g} {unit}: the channel is dead"
+            continue
+        for value in _find_saturation_values(samples):
+            count = int((samples == value).sum())
+            remarks.append(
+                f"'{channel}' equals {value / si:g} {unit} in {count} of {len(samples)} samples: it may be saturated, "
+                "and those samples are not compared"
+            )
+    return dead, remarks
+
+
+def _find_saturation_values(samples: Array) -> list[float]:
+    """Return the highest and the lowest of ``samples`` where the channel is saturated."""
+    values, counts = np.unique(samples, return_counts=True)
+    other_counts = counts[1:-1][values[1:-1] != 0.0]
+    min_count = max(MIN_SATURATED_SAMPLES, SATURATION_COUNT_RATIO * int(other_counts.max(initial=0)))
+    return [float(values[k]) for k in (-1, 0) if values[k] != 0.0 and counts[k] >= min_count]
+
+
+def remove_channels(experiments: Sequence[Experiment], excluded: Container[tuple[str, str]]) -> list[Experiment]:
+    """Return ``experiments`` without the ``excluded`` channels, each given as (trial, channel)."""
+    return [
+        replace(e, measured={c: series for c, series in e.measured.items() if (e.name, c) not in excluded})
+        for e in experiments
+    ]
+
+
+def pair_trials_with_channels(experiments: Sequence[Experiment], channels: Iterable[str]) -> set[tuple[str, str]]:
+    """Return (trial, channel) for each of ``experiments`` and ``channels``."""
+    return {(e.name, channel) for e in experiments for channel in channels}
+
+
+def remove_saturated_samples(
+    experiments: Sequence[Experiment], fit_experiments: Sequence[Experiment]
+) -> list[Experiment]:
+    """Return ``experiments`` without the samples at which a channel of ``fit_experiments`` is saturated.
+
+    A channel with fewer than :data:`~klute_sim.datasets.trial.MIN_SAMPLES` remaining samples is removed from its trial.
+    """
+    saturation_values: dict[str, list[float]] = {}
+    for channel in list_channels(fit_experiments):
+        samples = np.concatenate([e.measured[channel].value for e in fit_experiments if channel in e.measured])
+        saturation_values[channel] = _find_saturation_values(samples)
+    unsaturated = []
+    for e in experiments:
+        measured = {}
+        for channel, series in e.measured.items():
+            is_valid = ~np.isin(series.value, saturation_values.get(channel, []))
+            if is_valid.sum() >= MIN_SAMPLES:
+                measured[channel] = type(series)(series.time[is_valid], series.value[is_valid])
+        unsaturated.append(replace(e, measured=measured))
+    return unsaturated

@@ -1,0 +1,246 @@
+"""Measurement plan for a tensile tester: command files, a dataset file to fill, and instructions."""
+
+import string
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from klute_sim.bench.protocols.identification import SAMPLE_INTERVAL, IdentificationProtocol, Program
+from klute_sim.bench.protocols.library import load_identification_protocols
+from klute_sim.datasets.format import FORMAT_NAME
+from klute_sim.datasets.trial import Use
+from klute_sim.datasets.write import write_trial
+from klute_sim.device.device import Device
+from klute_sim.device.dynamics import compute_equilibrium_state, compute_tension
+from klute_sim.device.rollout import simulate_rollouts
+from klute_sim.errors import InputError
+from klute_sim.types import Array
+from klute_sim.units import BAR
+
+MIN_REPEATS, MAX_REPEATS = 2, 26
+"""Limits of the number of repeats: noise needs two, and the files are lettered."""
+FORCE_NOISE_N, PRESSURE_NOISE_BAR = 3.0, 0.01
+"""Standard deviations of the noise of simulated recordings [N, bar]."""
+TIME_STEP = 2.5e-4
+"""Time step of simulated recordings [s]; the sampling interval of the commands is a multiple of it."""
+DEFAULT_UNCERTAINTIES = {
+    "muscle.c10_kpa": "10 %",
+    "muscle.friction_slope_n_per_bar": "10 %",
+    "tendon.slack_length_mm": "1 %",
+    "tendon.stiffness_1_n_per_mm": "10 %",
+    "tendon.stiffness_2_n_per_mm": "10 %",
+    "damper.orifice_concentric_mm": "3 %",
+    "damper.orifice_eccentric_mm": "3 %",
+}
+"""Usual standard deviations of the numbers of a device that are rarely known exactly."""
+SIMULATED_NOTE = "# simulated, not measured: klute-sim plan --simulate made the recordings from device.toml"
+
+
+def select_protocols(names: Sequence[str]) -> list[IdentificationProtocol]:
+    """Return the identification protocols of these names (all without names), in the order of recording.
+
+    Raises InputError for an unknown name.
+    """
+    protocols = load_identification_protocols()
+    for name in names:
+        if name not in protocols:
+            raise InputError(f"there is no protocol '{name}'; there are: {', '.join(protocols)}")
+    return [protocol for name, protocol in protocols.items() if not names or name in names]
+
+
+def assign_uses(protocols: Sequence[IdentificationProtocol]) -> list[Use | None]:
+    """Return the use of each protocol's trials; None (decided by the split) where no trial would remain to fit."""
+    uses = [protocol.use for protocol in protocols]
+    return list(uses) if "fit" in uses else [None] * len(uses)
+
+
+def list_recording_files(protocol: IdentificationProtocol, n_repeats: int) -> list[str]:
+    """Return the names of the files for the repeats of ``protocol``."""
+    return [f"{protocol.name}_{letter}.csv" for letter in string.ascii_lowercase[:n_repeats]]
+
+
+def round_program(program: Program) -> Program:
+    """Return ``program`` with the resolution of its CSV file: 0.1 um and 10 Pa, rounded down."""
+    length = np.floor(1e7 * program.unit_length + 1e-3) / 1e7
+    return Program(np.round(program.time, 6), length, np.floor(0.1 * program.command + 1e-3) * 10.0)
+
+
+def command_columns(program: Program) -> dict[str, Array]:
+    """Return the columns of the command file of ``program``."""
+    return {
+        "time [s]": program.time,
+        "length [mm]": np.round(1e3 * program.unit_length, 4),
+        "pressure_command [bar]": np.round(1e-5 * program.command, 4),
+    }
+
+
+def simulate_recording(device: Device, program: Program, seed: Sequence[int]) -> dict[str, Array]:
+    """Return the columns of a simulated recording of ``program`` on ``device``, with noise from ``seed``."""
+    time, length, command = program
+    grid = TIME_STEP * np.arange(1, round(time[-1] / TIME_STEP) + 1)
+    state = compute_equilibrium_state(device.parameters, float(length[0]), float(command[0]))
+    rollout = simulate_rollouts(
+        device.parameters,
+        np.interp(grid, time, length),
+        np.interp(grid, time, command),
+        TIME_STEP,
+        initial_state=state,
+        n_jobs=1,
+    )
+    initial_tension = compute_tension(device.parameters, state, float(length[0]), 0.0)
+    force = np.interp(time, [0.0, *grid], [initial_tension, *rollout.tension])
+    pressure = np.interp(time, [0.0, *grid], [state.pressure, *rollout.pressure]) / BAR
+    rng = np.random.default_rng(seed)
+    return {
+        **command_columns(program),
+        "force [N]": np.round(force + rng.normal(0.0, FORCE_NOISE_N, len(time)), 3),
+        "pressure [bar]": np.round(pressure + rng.normal(0.0, PRESSURE_NOISE_BAR, len(time)), 5),
+    }
+
+
+def write_plan_files(
+    device: Device,
+    protocols: Sequence[IdentificationProtocol],
+    programs: Sequence[Program],
+    n_repeats: int,
+    folder: Path,
+    *,
+    simulate: bool,
+) -> None:
+    """Write the command files, device.toml, dataset.toml and README.txt; with ``simulate`` also recordings."""
+    for index, (protocol, program) in enumerate(zip(protocols, programs, strict=True)):
+        write_trial(folder / f"{protocol.name}.csv", command_columns(program))
+        if simulate:
+            for repeat, file in enumerate(list_recording_files(protocol, n_repeats)):
+                write_trial(folder / file, simulate_recording(device, program, (index, repeat)))
+    dataset_file = format_dataset_toml(device, protocols, n_repeats, simulated=simulate)
+    (folder / "device.toml").write_bytes(device.content)
+    (folder / "dataset.toml").write_text(dataset_file, "utf-8")
+    (folder / "README.txt").write_text(
+        format_readme(device, protocols, programs, n_repeats, simulated=simulate), "utf-8"
+    )
+
+
+def format_dataset_toml(
+    device: Device, protocols: Sequence[IdentificationProtocol], n_repeats: int, *, simulated: bool
+) -> str:
+    """Return the content of dataset.toml with the trials to record."""
+    values, muscle = device.spec.collect_values(), device.spec.muscle
+    is_off = {"muscle.c10_kpa": not muscle.bladder, "muscle.friction_slope_n_per_bar": not muscle.friction}
+    uncertain = {
+        key: deviation for key, deviation in DEFAULT_UNCERTAINTIES.items() if values.get(key) and not is_off.get(key)
+    }
+    lines = [SIMULATED_NOTE, ""] if simulated else []
+    lines += [
+        "# Paths are relative to this folder. Delete the trials that you did not record.",
+        f'format = "{FORMAT_NAME}"',
+        'rig = "bench"',
+        'device = "device.toml"',
+        "",
+        "# Standard deviations of the device's uncertain numbers. The diagnosis refits these numbers before it adds an",
+        "# effect. Delete the numbers that you know exactly, and add other uncertain ones.",
+        "[uncertain]",
+        *(f'"{key}" = "{deviation}"' for key, deviation in uncertain.items()),
+    ]
+    for protocol, use in zip(protocols, assign_uses(protocols), strict=True):
+        lines += ["", f"# {protocol.description}"]
+        for file in list_recording_files(protocol, n_repeats):
+            lines += ["[[trial]]", f'files = ["{file}"]', f'group = "{protocol.name}"']
+            lines += [f'use = "{use}"'] if use else []
+    return "\n".join(lines) + "\n"
+
+
+README_TEMPLATE = """\
+{note}Measurements of '{device}' on a tensile tester
+{line}
+
+1. Feed each command file to the tester and the pressure regulator. Its columns:
+   time [s]                from 0, one row every 5 ms
+   length [mm]             {length}
+   pressure_command [bar]  gauge pressure for the regulator
+   {ranges}
+   Speeds reach {speed:.2f} m/s and accelerations {acceleration:.0f} m/s2; a slower tester may play a file more slowly.
+
+2. Record each protocol {repeats} times, into the files named here:
+{protocols}
+   The diagnosis measures noise from the differences between repeats. Run all protocols once, then all of them again,
+   so that drift becomes visible.
+
+3. Each recording is a CSV file with a heading line and these columns:
+   time [s]                same clock for all columns
+   length [mm]             as measured at the crosshead, not as commanded
+   pressure_command [bar]  as given to the regulator, at the time it was given
+   force [N]               load cell; tension is positive
+   pressure [bar]          gauge on the muscle
+   muscle_length [mm]      length of the muscle alone (optional)
+   Other units are allowed (kgf, kPa, in, ms): write them in the brackets. Leave cells without a sample empty. Log
+   1000 rows per second if possible, 200 at least: the length is interpolated linearly between rows.
+
+4. Start at rest. Hold the first length and pressure until nothing changes, then start; the first 0.5 s of every file
+   are at rest. The simulation starts in equilibrium, so remaining creep would be diagnosed as an effect.
+
+5. Measure the device's own numbers (lengths, stiffnesses) as well as possible and put them into device.toml. In
+   dataset.toml, under [uncertain], give the standard deviations of the others. The lengths above belong to the
+   device.toml of this plan: if its resting or slack length changes, make a new plan.
+{bare}
+Effects that no command distinguishes
+-------------------------------------
+Some effects look alike under every command. A change of the rig distinguishes them:
+- Regulator error or pressure sensor error: put a second gauge on the muscle's port for one protocol. Where both
+  gauges agree, the regulator is wrong.
+- Load cell gain or tapering ends of the muscle: hang a dead weight on the load cell. Tapering ends do not change the
+  reading of a weight.
+- Slack in the tendon, a threshold pressure or a tapering end: record muscle_length [mm] as well.
+- Offset of the load cell or of the device: record the load cell with the device unhooked.
+- Clock skew or a slow pressure line: knock on the crosshead once while all channels record; all must show the knock at
+  the same time.
+Give a trial from another rig its own group, and describe the difference under [trial.device].
+
+Then run, in this folder: klute-sim diagnose .
+"""
+BARE_MUSCLE_NOTE = """
+6. This device has no tendon: the clamps hold the muscle itself. At short lengths and low pressures it pushes (negative
+   force). The clamps must take that, and the muscle must not buckle; if it does, empty the force cells in those rows
+   (keep the rows: length and pressure are still needed).
+"""
+
+
+def format_readme(
+    device: Device,
+    protocols: Sequence[IdentificationProtocol],
+    programs: Sequence[Program],
+    n_repeats: int,
+    *,
+    simulated: bool,
+) -> str:
+    """Return the content of README.txt: instructions for the measurements."""
+    is_rigid = device.parameters.tendon.is_rigid
+    lines = []
+    for protocol, program in zip(protocols, programs, strict=True):
+        files = list_recording_files(protocol, n_repeats)
+        file_list = ", ".join(files) if n_repeats <= 3 else f"{files[0]} to {files[-1]}"
+        lines.append(f"   {protocol.name}.csv ({program.time[-1]:.1f} s) -> {file_list}\n      {protocol.description}")
+        if protocol.revealed_effects:
+            sentence = f"Reveals: {', '.join(protocol.revealed_effects)}."
+            lines += textwrap.wrap(sentence, 115, initial_indent=" " * 6, subsequent_indent=" " * 6)
+    lengths = [program.unit_length for program in programs]
+    pressures = [program.command for program in programs]
+    title = f"Measurements of '{device.name}' on a tensile tester"
+    return README_TEMPLATE.format(
+        note=f"{SIMULATED_NOTE.removeprefix('# ')}\n\n" if simulated else "",
+        device=device.name,
+        line="=" * len(title),
+        length="of the muscle, clamp to clamp" if is_rigid else "of the whole unit, muscle and tendon",
+        ranges=(
+            f"All lengths are between {1e3 * min(x.min() for x in lengths):.1f} and "
+            f"{1e3 * max(x.max() for x in lengths):.1f} mm, all pressures between "
+            f"{1e-5 * min(x.min() for x in pressures):.2f} and {1e-5 * max(x.max() for x in pressures):.2f} bar."
+        ),
+        speed=max(np.abs(np.diff(length)).max() for length in lengths) / SAMPLE_INTERVAL,
+        acceleration=max(np.abs(np.diff(length, 2)).max() for length in lengths) / SAMPLE_INTERVAL**2,
+        repeats=n_repeats,
+        protocols="\n".join(lines),
+        bare=BARE_MUSCLE_NOTE if is_rigid else "",
+    )

@@ -1,0 +1,97 @@
+"""Result of a diagnosis, and the options of the workflow."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from klute_sim.datasets.dataset import Dataset
+from klute_sim.datasets.split import Split
+from klute_sim.device.device import Device
+from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.noise.quantization import Quantizer
+from klute_sim.diagnosis.noise.repeats import Noise
+from klute_sim.diagnosis.selection.equation_residuals import EquationResidual
+from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, SelectionStep
+from klute_sim.diagnosis.selection.localization import MisfitRegion
+from klute_sim.diagnosis.selection.robustness import EquivalentModel
+
+Verdict = Literal["nothing-missing", "identified", "ambiguous", "unexplained", "insufficient-data"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DiagnosisOptions:
+    """Options of the workflow."""
+
+    only: tuple[str, ...] = ()
+    """Names of the candidate effects; empty: all of the catalogue."""
+    exclude: tuple[str, ...] = ()
+    """Names of effects that are not candidates."""
+    n_jobs: int = 0
+    """Number of threads; 0: all cores."""
+    seed: int = 0
+    """Random seed for multi-start fits."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ChannelRms:
+    """Root mean square [SI] of measured minus simulated values of one channel on the evaluated trials."""
+
+    nominal: float
+    """Residual with the nominal device."""
+    refitted: float
+    """Residual with the refitted uncertain numbers of the device and no added effect."""
+    with_effects: float
+    """Residual with the added effects."""
+    noise_floor: float | None
+    """Noise between repeats, the lower limit of any model; None without repeats."""
+
+
+@dataclass(eq=False, kw_only=True)
+class Diagnosis:
+    """Result of a diagnosis."""
+
+    dataset: Dataset
+    split: Split
+    """Partition of the trials into fitted, validation and test trials."""
+    verdict: Verdict
+    reasons: list[str]
+    """Sentences that explain the verdict."""
+    noise: dict[str, Noise] = field(default_factory=dict)
+    """Noise of each channel."""
+    base_fit: Fit | None = None
+    """Fit of the uncertain numbers of the device, without added effects."""
+    final_fit: Fit | None = None
+    """Fit with the accepted effects."""
+    added_terms: tuple[EffectTerm, ...] = ()
+    """Added effects; a data-driven term, if any, is the last."""
+    confidence_intervals: list[tuple[float, float]] = field(default_factory=list)
+    """95 % confidence intervals of the parameters of the final fit."""
+    equivalent_models: list[EquivalentModel] = field(default_factory=list)
+    """Other models that explain the data as well, best first."""
+    misfit_regions: list[MisfitRegion] = field(default_factory=list)
+    """Channels and conditions in which the base fit deviates, largest deviation first."""
+    equation_residuals: list[EquationResidual] = field(default_factory=list)
+    """Residual of each equation of the device without added effects; empty without repeats or a common clock."""
+    selection_history: list[SelectionStep] = field(default_factory=list)
+    """Steps of the forward selection."""
+    channel_rms: dict[str, ChannelRms] = field(default_factory=dict)
+    """Residuals of each channel on the evaluated trials."""
+    evaluated_on: Literal["test", "fit"] = "test"
+    """Trials of :attr:`channel_rms`: test trials, or fitted trials where no test trial exists."""
+    experiments: list[Experiment] = field(default_factory=list)
+    """All trials, ready to be simulated."""
+    quantizers: dict[str, Quantizer] = field(default_factory=dict)
+    """Quantised channels."""
+    n_independent: float = 0.0
+    """Number of independent samples in the fitted trials."""
+    has_repeats: bool = True
+    """Whether noise was measured from repeats; otherwise the residuals of the base fit count as noise."""
+    bic_threshold: float = BIC_THRESHOLD
+    """Difference of BIC that decides between models."""
+    next_experiment: dict[str, Any] | None = None
+    """Experiment that would separate the equivalent models."""
+    fitted_device: Device | None = None
+    """Device with its refitted numbers and the added effects; None without effects or if it is out of range."""
+    n_simulations: int = 0
+    """Number of simulations."""

@@ -1,0 +1,74 @@
+"""Data quality: insufficient data, dead and saturated channels."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from klute_sim.datasets.trial import Series
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis import data_quality
+from klute_sim.diagnosis.experiments.bench import BenchExperiment
+
+
+def make_experiment(name: str, force: np.ndarray, group: str = "g", moving: bool = True) -> BenchExperiment:
+    n_steps = 2000
+    wave = np.sin(np.arange(n_steps) / 100) if moving else np.zeros(n_steps)
+    time = np.arange(len(force)) * (0.5 / len(force)) + 1e-3
+    length, command, measured = 0.34 + 0.005 * wave, 2.5e5 + 2e5 * wave, {"force": Series(time, force)}
+    return BenchExperiment(
+        name, group, "fit", load_device("klute-3-4-pair"), 0.0, 2.5e-4, command, measured, unit_length=length
+    )
+
+
+def test_insufficient_data_are_reported_with_the_fix() -> None:
+    rng = np.random.default_rng(0)
+    sufficient = [make_experiment(n, rng.normal(size=200)) for n in "ab"] * 4
+    assert data_quality.find_blocking_problems(sufficient) == []
+    (reduced,) = data_quality.find_limitations([replace(e, group=str(k)) for k, e in enumerate(sufficient)])
+    assert "Record every input at least twice" in reduced
+    (too_short,) = data_quality.find_blocking_problems(sufficient[:2])
+    assert "last 1.0 s in total" in too_short
+    (motionless,) = data_quality.find_blocking_problems(
+        [make_experiment(n, rng.normal(size=200), moving=False) for n in "ab"] * 4
+    )
+    assert motionless.startswith("The device does not move")
+    (uninformative,) = data_quality.find_blocking_problems(
+        [replace(e, measured={"pressure": e.measured["force"]}) for e in sufficient]
+    )
+    assert uninformative.startswith("Neither force nor muscle length")
+    assert data_quality.find_limitations(sufficient) == []
+    assert (
+        len(data_quality.find_limitations([make_experiment("a", np.zeros(20), moving=False)])) == 3
+    )  # constant pressure, constant length, no repeats
+
+
+def test_dead_and_saturated_channels_are_detected() -> None:
+    rng = np.random.default_rng(0)
+    dead = [make_experiment(n, np.full(200, 7.0)) for n in "ab"]
+    dead_channels, _ = data_quality.find_faulty_channels(dead)
+    assert dead_channels == {"force": "'force' is constant at 7 N: the channel is dead"}
+    assert data_quality.remove_channels(dead, {("a", "force")})[0].measured == {}
+    assert data_quality.remove_channels(dead, {("a", "force")})[1].measured
+    clipped = [make_experiment(n, np.minimum(rng.normal(0.0, 3.0, 200), 2.0)) for n in "ab"]
+    dead_channels, remarks = data_quality.find_faulty_channels(clipped)
+    assert dead_channels == {}
+    assert "equals 2 N in" in remarks[0]
+    unsaturated = data_quality.remove_saturated_samples(clipped, clipped)[0].measured["force"]
+    assert unsaturated.value.max() < 2.0
+    assert len(unsaturated.time) == len(unsaturated.value)
+    assert data_quality.find_faulty_channels([make_experiment("a", rng.normal(size=200))]) == ({}, [])
+    # Coarse digits repeat everywhere, and a vented sensor reads 0: neither is saturated.
+    quantized = np.round(8.0 * np.sin(np.arange(400) / 40.0))
+    assert data_quality.find_faulty_channels([make_experiment("a", quantized)]) == ({}, [])
+    assert data_quality.find_faulty_channels(
+        [make_experiment("a", np.abs(rng.normal(size=200)) * (np.arange(200) > 80))]
+    ) == (
+        {},
+        [],
+    )
+    force = rng.normal(0.0, 3.0, 5000)  # 12 of 5000 samples are saturated
+    ceiling = np.sort(force)[-12]
+    assert (
+        "12 of 5000 samples"
+        in data_quality.find_faulty_channels([make_experiment("a", np.minimum(force, ceiling))])[1][0]
+    )

@@ -1,0 +1,154 @@
+"""Noise of repeats, misfit, and heteroscedastic noise against known results."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.datasets import dataset as datasets
+from klute_sim.datasets.trial import Series
+from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
+from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.least_squares import WeightedData
+from klute_sim.diagnosis.noise import repeats as noises
+from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation, estimate_correlation_time
+from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
+from klute_sim.diagnosis.noise.misfit import estimate_misfit, is_significant
+from klute_sim.diagnosis.noise.repeats import Noise
+from tests.diagnosis.synthetic_dataset import make_correlated_noise, make_repeats, write_dataset
+
+
+def test_noise_estimate_ignores_the_common_part_of_repeats() -> None:
+    rng = np.random.default_rng(0)
+    common = 40.0 * np.sin(np.arange(4000) / 50)
+    residuals = [{"force": common + make_correlated_noise(rng, 4000, 3.0, 0.02)} for _ in range(4)]
+    result = noises.estimate_noise_from_repeats(make_repeats([r["force"] for r in residuals]), residuals)["force"]
+    assert result.std == pytest.approx(3.0, rel=0.05)
+    # An AR(1) process with lag-one autocorrelation r has (1 + r)/(1 - r) samples per independent one.
+    r = np.exp(-0.005 / 0.02)
+    assert result.correlation_time(0.005) == pytest.approx((1 + r) / (1 - r), rel=0.3)
+    assert result.correlation_time(0.0025) == pytest.approx(2.0 * result.correlation_time(0.005))
+    assert result.correlation_time(10.0) == 1.0
+    assert estimate_correlation_time(rng.normal(size=20_000)) == pytest.approx(1.0, abs=0.1)
+
+
+def test_sampling_rate_does_not_change_the_effective_number_of_samples() -> None:
+    """Equal noise, sampled ten times as fast in one group, carries no more information there."""
+    rng = np.random.default_rng(3)
+    slow = make_repeats([make_correlated_noise(rng, 4000, 3.0, 0.02) for _ in range(2)], "slow")
+    fine = [make_correlated_noise(rng, 40_000, 3.0, 0.2) for _ in range(2)]  # 0.02 s after the time is scaled by 0.1
+    fast = [
+        replace(e, measured={"force": Series(0.1 * series.time, series.value)})
+        for e in make_repeats(fine, "fast")
+        for series in e.measured.values()
+    ]
+    all_experiments = [*slow, *fast]
+    result = noises.estimate_noise_from_repeats(
+        all_experiments, [{"force": e.measured["force"].value} for e in all_experiments]
+    )
+    fitted_data = WeightedData(Simulator(1), all_experiments, result)
+    slow_only, fast_only = (fitted_data.with_experiments(part).n_effective for part in (slow, fast))
+    assert fast_only == pytest.approx(slow_only, rel=0.3)
+    assert result["force"].independent_fraction == pytest.approx(fitted_data.n_effective / 88_000.0)
+    white = make_repeats([rng.normal(0.0, 3.0, 4000) for _ in range(2)], "white")
+    white_noise = noises.estimate_noise_from_repeats(white, [{"force": e.measured["force"].value} for e in white])
+    assert WeightedData(Simulator(1), white, white_noise).n_effective == pytest.approx(8000.0, rel=0.05)
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0, 10.0])
+def test_misfit_is_the_residual_common_to_repeats(size: float) -> None:
+    rng = np.random.default_rng(1)
+    result = []
+    for _ in range(40):
+        shared = size * np.sin(np.arange(800) / 20)
+        residuals = [{"force": shared + make_correlated_noise(rng, 800, 3.0, 0.02)} for _ in range(2)]
+        noise = {"force": Noise(3.0, (Autocorrelation(0.005, 8.0, 1600),))}
+        result.append(estimate_misfit(make_repeats([r["force"] for r in residuals]), residuals, noise)["force"])
+    mean_significance = np.mean([m.significance for m in result])
+    if size == 0.0:
+        assert abs(mean_significance) < 0.5
+        assert np.std([m.significance for m in result]) == pytest.approx(1.0, abs=0.4)
+        assert not any(is_significant(m) for m in result)
+    else:
+        assert np.mean([m.rms**2 for m in result]) == pytest.approx(size * size / 2, rel=0.5 if size < 2 else 0.1)
+    assert all(is_significant(m) for m in result) == (size == 10.0)
+
+
+def test_heteroscedastic_noise_is_not_mistaken_for_misfit() -> None:
+    rng = np.random.default_rng(5)
+    time = np.arange(900)
+    scale = 1.0 + 6.0 * np.exp(-(((time - 360) / 40) ** 2)) + 6.0 * np.exp(-(((time - 540) / 30) ** 2))
+    result = []
+    for _ in range(100):
+        rows = {group: [make_correlated_noise(rng, 900, 1.0, 0.05) * scale for _ in range(2)] for group in "abc"}
+        experiments = [e for group, noise in rows.items() for e in make_repeats(noise, group)]
+        residuals = [{"force": row} for noise in rows.values() for row in noise]
+        result.append(
+            estimate_misfit(experiments, residuals, noises.estimate_noise_from_repeats(experiments, residuals))[
+                "force"
+            ].significance
+        )
+    assert np.std(result) < 1.3  # 1.7 with uniform variance
+    assert abs(np.mean(result)) < 0.4
+
+
+def test_noise_scale_follows_the_sensitivity_to_inputs(tmp_path: Path) -> None:
+    """Drifting pressure moves a slack muscle more than a taut one."""
+    data, rng, simulator = (
+        datasets.load_dataset(write_dataset(tmp_path / "d", muscle_length=True)),
+        np.random.default_rng(2),
+        Simulator(2),
+    )
+    nominal = prepare_experiments(data, datasets.split_dataset(data))
+    setup = SimulationSetup(data.device.parameters)
+    synthetic = []
+    for e in nominal:
+        wander = make_correlated_noise(rng, len(e.command), 2e3, 0.3)
+        readings = simulator.simulate([[setup]], [replace(e, command=e.command + wander)])[0][0]["muscle_length"]
+        series = e.measured["muscle_length"]
+        value = readings + rng.normal(0.0, 5e-6, len(series.time))
+        synthetic.append(replace(e, measured={"muscle_length": Series(series.time, value)}))
+    fit_experiments = [e for e in synthetic if e.use == "fit"]
+    result = add_noise_scales(synthetic, fit_experiments, simulator)
+    noise = np.concatenate([e.noise_scale["muscle_length"] for e in result if e.use == "fit"])
+    assert 1.0 <= np.sqrt(np.mean(noise**2)) < 1.3  # the timing uncertainty comes in addition
+    assert noise.max() > 1.5 * noise.min()
+    # Divided by its scale, noise is nearly uniform.
+    is_quiet, ratio = noise < np.median(noise), []
+    for experiments in (fit_experiments, [e for e in result if e.use == "fit"]):
+        aligned = noises.align_repeats(experiments, compute_nominal_residuals(experiments, simulator), "muscle_length")
+        deviations = np.concatenate(
+            [row - group_repeats.residuals.mean(axis=0) for group_repeats in aligned for row in group_repeats.residuals]
+        )
+        ratio.append(float(np.std(deviations[~is_quiet]) / np.std(deviations[is_quiet])))
+    assert ratio[0] > 1.3
+    assert abs(np.log(ratio[1])) < 0.5 * np.log(ratio[0])
+    assert add_noise_scales(synthetic[:1], synthetic[:1], simulator)[0].noise_scale == {}  # no repeats
+    simulator.close()
+
+
+def test_noise_scale_includes_the_timing_uncertainty_of_one_time_step(tmp_path: Path) -> None:
+    data, rng, simulator = datasets.load_dataset(write_dataset(tmp_path / "d")), np.random.default_rng(2), Simulator(2)
+    nominal = prepare_experiments(data, datasets.split_dataset(data))
+    synthetic = []
+    for e, row in zip(nominal, compute_nominal_residuals(nominal, simulator), strict=True):
+        series = e.measured["pressure"]
+        noise = rng.normal(0.0, 1e3, len(series.time))
+        synthetic.append(replace(e, measured={"pressure": Series(series.time, series.value - row["pressure"] + noise)}))
+    (first, *_) = add_noise_scales(synthetic, [e for e in synthetic if e.use == "fit"], simulator)
+    series = first.measured["pressure"]
+    jump = np.abs(np.gradient(series.value, series.time)) > 50e5  # of 100 bar/s
+    assert jump.any()
+    assert np.median(first.noise_scale["pressure"][jump]) == pytest.approx(
+        np.hypot(1.0, 100e5 * first.dt / 1e3), rel=0.1
+    )
+    assert np.median(first.noise_scale["pressure"][~jump]) < 1.1
+    simulator.close()
+
+
+def compute_nominal_residuals(experiments: list[Experiment], simulator: Simulator) -> list[dict[str, np.ndarray]]:
+    """Return the residuals of the nominal device."""
+    readings = [simulator.simulate([[SimulationSetup(e.device.parameters)]], [e])[0][0] for e in experiments]
+    return [{c: s.value - row[c] for c, s in e.measured.items()} for e, row in zip(experiments, readings, strict=True)]
