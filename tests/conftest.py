@@ -1,4 +1,4 @@
-"""The longest files first: a worker that gets one of them last would let the others wait."""
+"""Order of the tests: the longest files first, so that no worker starts them last."""
 
 import pytest
 

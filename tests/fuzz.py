@@ -1,12 +1,12 @@
-"""Files with random damage, read as a command would read them: each is read, or refused in one sentence.
+"""Fuzzing: files with random damage are read as by a command; each must be read, or refused in one sentence.
 
-    python tests/fuzz.py                                   # 10 000 of each kind, all kinds
-    python tests/fuzz.py --kind trc --kind c3d --count 500
-    python tests/fuzz.py --kind trc --first 1234 --count 1 --keep damaged
+    python -m tests.fuzz                                   # 10 000 of each kind, all kinds
+    python -m tests.fuzz --kind trc --kind c3d --count 500
+    python -m tests.fuzz --kind trc --first 1234 --count 1 --keep damaged
 
-Anything but an error of the package, a sentence of several lines, more than half a minute, more than 6 GB, and a file
-opened for writing outside of the scratch folder is reported with the number of the case, which makes it again. Cases
-are read in processes of their own, so that one that ends its process is found, too.
+Failures are other errors than those of the package, messages of several lines, more than half a minute, more than 6 GB,
+and files opened for writing outside of the scratch folder. The number of a case reproduces it. Cases run in separate
+processes, so crashes are detected, too.
 """
 
 import argparse
@@ -25,24 +25,24 @@ from pathlib import Path
 from typing import Any
 
 from klute_sim.errors import KluteSimError
-from tests import fuzz_kinds as fuzz_kinds
+from tests import fuzz_kinds
 
 TOKENS = (
     *(b"nan", b"inf", b"-inf", b"1e308", b"-1e308", b"1e-320", b"0", b"-0", b"-1", b"99999999999999999999", b"1_0"),
     *(b"", b'"', b"'", b"[", b"]", b"{", b"}", b"=", b",", b";", b"\t", b"\n", b"\r", b"#", b"../../x", b"/etc/passwd"),
     *(b"true", b"\x00", b"\xff\xfe", b"\xef\xbb\xbf", "µ·²".encode(), b"A" * 5000, b"%s%n", b"<script>", b"1979-05-27"),
 )
-"""What is put in place of a word or number."""
+"""Replacements of a word or number."""
 LONGEST = 30
-"""Time [s] a case may take."""
+"""Time limit of a case [s]."""
 MEMORY = 6 * 1024**3
-"""Bytes a process may take."""
+"""Memory limit of a process [bytes]."""
 TOGETHER = 250
-"""Cases of a process."""
+"""Number of cases per process."""
 
 
 class TooLongError(Exception):
-    """A case took longer than it may."""
+    """A case exceeded its time limit."""
 
 
 def _ring(*_: object) -> None:
@@ -50,7 +50,7 @@ def _ring(*_: object) -> None:
 
 
 def damaged(content: bytes, dice: random.Random, text: bool) -> bytes:
-    """``content`` with one to three pieces of damage."""
+    """Return ``content`` with one to three random damages."""
     ways = [_cut, _flip, _copy, _drop, *(5 * [_token, _line] if text else 3 * [_number])]
     for _ in range(dice.choice((1, 1, 1, 2, 3))):
         content = dice.choice(ways)(content, dice)
@@ -84,7 +84,7 @@ def _drop(content: bytes, dice: random.Random) -> bytes:
 
 
 def _number(content: bytes, dice: random.Random) -> bytes:
-    """Put a number that formats count with, in two, four or eight bytes, anywhere, more often into the head."""
+    """Overwrite a random position, preferably in the header, with a typical count of two, four or eight bytes."""
     size = dice.choice((1, 2, 4, 8))
     value = dice.choice((0, 1, 2, 255, 32767, 65535, 2**31 - 1, 2**32 - 1, 2**63 - 1)) % 256**size
     at = dice.randrange(max(1, min(len(content), dice.choice((64, 1024, 4096, len(content) or 1)))))
@@ -92,7 +92,7 @@ def _number(content: bytes, dice: random.Random) -> bytes:
 
 
 def _token(content: bytes, dice: random.Random) -> bytes:
-    """Put something else in place of one word or number, often near the head."""
+    """Replace one word or number, preferably near the header."""
     end = min(len(content), dice.choice((300, 3000, len(content) or 1)))
     first = last = dice.randrange(end + 1)
     apart = b' ,;\t\n="[]{}'
@@ -104,7 +104,7 @@ def _token(content: bytes, dice: random.Random) -> bytes:
 
 
 def _line(content: bytes, dice: random.Random) -> bytes:
-    """Leave lines out, write one twice, or exchange two."""
+    """Delete, duplicate or exchange lines."""
     lines = content.split(b"\n")
     one, other = dice.randrange(len(lines)), dice.randrange(len(lines))
     match dice.randrange(3):
@@ -119,7 +119,7 @@ def _line(content: bytes, dice: random.Random) -> bytes:
 
 @contextmanager
 def _watched(scratch: Path) -> Iterator[list[str]]:
-    """What is opened for writing, made or removed outside of ``scratch``."""
+    """Record files that are opened for writing, created or removed outside of ``scratch``."""
     found: list[str] = []
     inside = (str(scratch.resolve()), os.devnull)
     on = True
@@ -143,7 +143,7 @@ def _watched(scratch: Path) -> Iterator[list[str]]:
 
 
 def _said(error: KluteSimError) -> str:
-    """What is wrong with how it is said, or nothing."""
+    """Return what is wrong with the message of ``error``, or an empty string."""
     text = str(error)
     if not text.strip() or "\n" in text or len(text) > 2000:
         return f"no sentence: {text[:300]!r}"
@@ -151,7 +151,7 @@ def _said(error: KluteSimError) -> str:
 
 
 def case(kind: fuzz_kinds.Kind, whole: Sequence[Path], number: int, scratch: Path) -> str:
-    """Damage one of the files as ``number`` says and read all; what went wrong, or nothing."""
+    """Damage one file as ``number`` determines and read all; return the failure, or an empty string."""
     dice = random.Random(f"{kind.name} {number}")
     given = []
     chosen = dice.randrange(len(whole))
@@ -177,7 +177,7 @@ def case(kind: fuzz_kinds.Kind, whole: Sequence[Path], number: int, scratch: Pat
 def cases(
     name: str, first: int, count: int, keep: Path | None = None, begun: Callable[[int], object] = lambda number: None
 ) -> dict[int, str]:
-    """Cases ``first`` ... of a kind in this process: number -> what went wrong; ``begun`` is told each one."""
+    """Run cases from ``first`` in this process; return the failures by number. ``begun`` receives each number."""
     kind, found = fuzz_kinds.KINDS[name], {}
     signal.signal(signal.SIGALRM, _ring)
     with tempfile.TemporaryDirectory() as folder:
@@ -202,7 +202,7 @@ def cases(
 
 
 def _bounded() -> None:
-    """Take no more than MEMORY in this process, on a system that knows such a limit."""
+    """Limit the memory of this process where the system supports it."""
     try:
         import resource
 
@@ -212,14 +212,20 @@ def _bounded() -> None:
 
 
 def apart(name: str, first: int, count: int, keep: Path | None = None) -> dict[int, str]:
-    """The same in a process of its own, begun again behind a case that ends it."""
+    """Run the cases in a separate process, which restarts after a crash."""
     found: dict[int, str] = {}
     end = first + count
     while first < end:
         command = [sys.executable, __file__, "--here", "--kind", name]
         command += ["--first", str(first), "--count", str(end - first)]
         command += ["--keep", str(keep)] if keep is not None else []
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command,
+            env={**os.environ, "PYTHONPATH": str(Path(fuzz_kinds.__file__).parents[1])},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         numbers = [int(line) for line in done.stdout.splitlines() if line.isdigit()]
         for line in done.stdout.splitlines():
             if line.startswith("wrong "):
@@ -235,7 +241,7 @@ def apart(name: str, first: int, count: int, keep: Path | None = None) -> dict[i
 
 
 def main(say: Callable[[str], None] = print) -> int:
-    """Read the command line, run, report."""
+    """Parse the command line, run, and report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kind", choices=tuple(fuzz_kinds.KINDS), action="append", help="[default: all]")
     parser.add_argument("--count", type=int, default=10_000, help="of each kind  [default: 10000]")

@@ -1,4 +1,4 @@
-"""The kinds of files that are damaged: a whole one of each, and what reads it."""
+"""Kinds of files for fuzzing: an intact example of each, and its reader."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -35,11 +35,13 @@ class Kind:
     """One kind of file."""
 
     name: str
+    """Name of the kind."""
     make: Callable[[Path], list[Path]]
-    """Writes whole files into a folder."""
+    """Function that writes intact files into a folder."""
     use: Callable[[Paths], object]
-    """Reads them, as a command does."""
+    """Function that reads them as a command does."""
     text: bool = True
+    """Whether the files are text."""
 
 
 def _device(folder: Path) -> list[Path]:
@@ -59,7 +61,7 @@ def _simulate(paths: Paths) -> None:
     simulate_rollouts(device.parameters, length + 0.05, np.full(STEPS, 1e5), 5e-4)
 
 
-DATASET = """format = "klute-sim-dataset/1"
+DATASET = """format = "klute-sim-dataset/2"
 rig = "bench"
 device = "klute-3-4-pair"
 [uncertain]
@@ -71,7 +73,7 @@ group = "one"
 "muscle.resting_length_mm" = 180.0
 [[trial]]
 files = ["b.parquet"]
-checked = ["force"]
+trusted = ["force"]
 """
 
 
@@ -212,7 +214,7 @@ KINDS = {
         ),
         Kind(
             "machine",
-            partial(_copied, "m.toml", lambda: _shipped("machine.toml")),
+            partial(_copied, "m.toml", lambda: _shipped("state_machine.toml")),
             _each(state_machine.load_state_machine),
         ),
         Kind("policy", _policy, _each(learned.load_policy_controller), text=False),

@@ -1,4 +1,4 @@
-"""The scripts of the project, as modules."""
+"""Loader of the project's scripts as modules."""
 
 import importlib.util
 from pathlib import Path
@@ -7,8 +7,8 @@ from types import ModuleType
 FOLDER = Path(__file__).parents[1] / "scripts"
 
 
-def script(name: str) -> ModuleType:
-    """``scripts/NAME.py``."""
+def load_script(name: str) -> ModuleType:
+    """Return ``scripts/NAME.py`` as a module."""
     spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.gait import reference
 from klute_sim.mocap.formats import storage, trc
-
-Array = NDArray[np.float64]
+from klute_sim.types import Array
 
 HUMAN = reference.load_default_reference()
 MASS = 70.0

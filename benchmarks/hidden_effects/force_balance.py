@@ -18,7 +18,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from klute_sim.datasets.dataset import Dataset
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.dynamics import ZERO_INTERNAL_STATE, DeviceParameters, compute_muscle_force
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
@@ -285,7 +285,7 @@ def compute_balance(dataset: Dataset, experiment: Experiment) -> ForceBalance:
     term_columns = [term.typical_size * term.evaluate_force(nominal) for term in BALANCE_TERMS]
     usable = nominal.is_usable
     time = experiment.start_time + nominal.time[usable]
-    reduced_experiment = replace(experiment, measured={"force": Series(time, missing_force[usable])})
+    reduced_experiment = replace(experiment, measured={"force": TimeSeries(time, missing_force[usable])})
     return ForceBalance(
         reduced_experiment, missing_force[usable], np.array(base_columns).T[usable], np.array(term_columns).T[usable]
     )

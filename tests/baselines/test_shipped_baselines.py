@@ -19,12 +19,12 @@ from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import DEFAULT_DEVICE, load_device
 from klute_sim.errors import InputError
 from klute_sim.gait.metrics import compute_gait_metrics
+from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT
 from klute_sim.parameter_sweep.evaluate import evaluate_case
 from klute_sim.parameter_sweep.store import RESULTS_FOLDER
-from klute_sim.report.gait.table import MAX_GRF_TRACKING_RMS_BW
 from tests.command_line import run
 
 QUICK = ("--strides", "2", "--step", "1")

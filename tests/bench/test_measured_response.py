@@ -17,6 +17,7 @@ from scipy.optimize import least_squares
 from klute_sim.bench.protocols import library as protocols_library
 from klute_sim.bench.run import run_protocol
 from klute_sim.device.device import load_device, parse_device
+from klute_sim.types import Array
 
 DATA = Path(os.environ.get("KLUTE_SIM_DATA", "nowhere")) / "pam_leg_bode" / "OpenLoopBodeData.txt"
 SLOW = 1.0
@@ -39,7 +40,6 @@ NEUTRAL = {"gain": 1.0, "lag": 0.0, "delay": 0.0}
 BEGIN = {"gain": 0.8, "lag": 0.03, "delay": 0.03}
 
 Complex = NDArray[np.complex128]
-Array = NDArray[np.float64]
 
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason="KLUTE_SIM_DATA does not hold this measurement")
 

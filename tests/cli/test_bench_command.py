@@ -141,11 +141,11 @@ def test_phased_activation_gets_no_advice_on_dwell(tmp_path: Path) -> None:
 
 def test_negative_force_is_reported(made: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
     """The vented muscle pushes in every loop; a unit with a tendon never does."""
-    (said,) = [remark for remark in made[1]["remarks"] if "below 0" in remark]  # type: ignore[attr-defined]
-    assert said.startswith("In 4 of 4 trials a force is below 0 (down to -1")
+    (said,) = [remark for remark in made[1]["remarks"] if "force is negative" in remark]  # type: ignore[attr-defined]
+    assert said.startswith("In 4 of 4 trials a force is negative (minimum -1")
     assert said.endswith("A tendon would be slack.")
     done = run("step", "klute-3-4-pair", "--step", "1", "--out", "t", cwd=tmp_path)
-    assert "below 0" not in done.stdout
+    assert "negative" not in done.stdout
 
 
 def test_creep_slope_has_its_unit(tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ def test_table_explains_channels_and_units(gait_runs: Path, tmp_path: Path) -> N
     assert "b (1 stride) against a (1 stride)" in process.stdout
     assert "ankle moment [N·m]" in process.stdout
     assert "pressure" not in process.stdout
-    assert "No band: without repeats and a known s" in process.stdout
+    assert "No band: there are neither repeats nor a known s" in process.stdout
     assert f"Run folder: {out}" in process.stdout
 
 

@@ -73,7 +73,8 @@ def test_tables_report_selection_violations_and_assumptions(tmp_path: Path) -> N
         "--bore", "20", "--out", "pair", cwd=tmp_path,
     )  # fmt: skip
     assert completed.returncode == 0, completed.stderr
-    for expected in ("1.062", "3/4 in (selected)", "not met", "numbers are assumed", "cavitation number", "Design folder"):
+    texts = ("1.062", "3/4 in (selected)", "not met", "numbers are assumed", "cavitation number", "Design folder")
+    for expected in texts:
         assert expected in completed.stdout
     spec = load_device(tmp_path / "pair" / "device.toml").spec
     assert spec.damper is not None
@@ -170,10 +171,10 @@ def test_reference_without_moment_is_refused(tmp_path: Path) -> None:
     [
         ([], "no target: give mass, muscle or isometric_force"),
         (["--mass", "nan"], "mass is nan; allowed: 20 to 250 kg"),
-        (["--mass", "75", "--f0", "100"], "isometric_force does not go with mass"),
-        (["--mass", "75", "--muscle", "cat"], "muscle does not go with mass"),
-        (["--f0", "100", "--reference", "x.csv"], "reference goes with mass"),
-        (["--muscle", "bobbert_1986", "--moment-arm", "40"], "moment_arm goes with mass"),
+        (["--mass", "75", "--f0", "100"], "isometric_force and mass exclude each other"),
+        (["--mass", "75", "--muscle", "cat"], "muscle and mass exclude each other"),
+        (["--f0", "100", "--reference", "x.csv"], "reference requires mass"),
+        (["--muscle", "bobbert_1986", "--moment-arm", "40"], "moment_arm requires mass"),
         (["--mass", "75", "--reference", "x.csv"], "reference x.csv cannot be read"),
         (["--muscle", "dog"], "Table 2.4 has no muscle 'dog'"),
         (["--mass", "75", "--actuator", "big"], "unknown actuator 'big'; allowed: klute-1-1-4"),

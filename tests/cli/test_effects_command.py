@@ -46,8 +46,12 @@ def test_all_effects_are_listed_with_their_forms() -> None:
         row = next(line for line in table.splitlines() if f" {effect.name} " in line)
         assert effect.kind in row
         assert effect.forms[0].name in row
-        assert (one["kind"], one["sentence"], one["supply"]) == (effect.kind, effect.description, effect.acts_in_supply)
-        assert (one["instead_of"] or "") == effect.replaces_switch
+        assert (one["kind"], one["description"], one["acts_in_supply"]) == (
+            effect.kind,
+            effect.description,
+            effect.acts_in_supply,
+        )
+        assert (one["replaces_switch"] or "") == effect.replaces_switch
         assert [form["name"] for form in one["forms"]] == [form.name for form in effect.forms]
     assert run("effects", "sensor_drift", "--json").stdout.startswith("{")
 
@@ -106,7 +110,7 @@ def test_effect_is_printed_as_text() -> None:
     assert "[effects." not in offset
     assert "channel's unit" in offset
     delay = run("effects", "pressure_delay").stdout
-    assert "in the gas supply, which may do work" in delay
+    assert "in the gas supply; it may add energy" in delay
     assert words.COMMAND_DESCRIPTION in delay
 
 

@@ -78,8 +78,8 @@ def test_gait_uses_stride_time_mass_and_stature_of_folder(lab: Path) -> None:
     assert summary["grf_vertical_tracking_rms_bw"] < 0.1
     assert (summary["reference"], summary["reference_speed_m_per_s"]) == ("me", pytest.approx(1.2, abs=1e-3))
     (walker,) = [sentence for sentence in collect_remarks(summary) if sentence.startswith("Subject")]
-    assert walker.startswith("Subject: 70 kg, 1.8 m, ")
-    assert "on the gait 'me', which was measured at 1.20 m/s" in walker
+    assert walker.startswith("Subject: 70 kg, 1.8 m. Speed: ")
+    assert "Reference gait: me, measured at 1.20 m/s" in walker
 
 
 def test_gait_options_override_folder(lab: Path) -> None:
@@ -240,7 +240,7 @@ def test_mean_stride_of_import_is_exported(lab: Path) -> None:
         (("ik.xlsx",), "the suffix '.xlsx' is not supported"),
         (("ik.mot",), "no ground reaction of the right foot"),
         (("ik.mot", "grf.mot", "id.sto", "--mass", "7"), "mass is 7; allowed: 20 to 250 kg"),
-        (("ik.mot", "grf.mot", "id.sto", "--cutoff", "60"), "cut-off is 60 Hz; allowed at a sampling rate of 100 Hz"),
+        (("ik.mot", "grf.mot", "id.sto", "--cutoff", "60"), "cutoff is 60 Hz; allowed at a sampling rate of 100 Hz"),
         (("ik.mot", "grf.mot", "id.sto", "--map", "none.toml"), "none.toml cannot be read"),
         ((), "Missing argument 'FILES...'"),
     ],

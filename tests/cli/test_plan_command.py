@@ -201,7 +201,7 @@ def test_disabled_or_zero_term_is_not_uncertain() -> None:
         (["klute-9", "--out", "x"], "no device 'klute-9'"),
         (["klute-3-4-pair", "--out", "x", "--repeats", "1"], "the number of repeats is 1; allowed: 2 to 26"),
         (["klute-3-4-pair", "--out", "x", "--repeats", "27"], "the number of repeats is 27; allowed: 2 to 26"),
-        (["klute-3-4-pair", "--out", "x", "--only", "jumps"], "there is no protocol 'jumps'; there are: steps, ramps"),
+        (["klute-3-4-pair", "--out", "x", "--only", "jumps"], "there is no protocol 'jumps'; allowed: steps, ramps"),
         (["klute-3-4-pair", "--out", "full"], "output folder full is not empty"),
         (["klute-3-4-pair", "--out", "full/notes.txt"], "is a file; name a new or an empty folder"),
         (["locked.toml", "--out", "x"], "cannot be tested: its muscle locks"),

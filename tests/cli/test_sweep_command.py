@@ -102,7 +102,7 @@ def test_same_command_shows_the_table_without_simulating(
     monkeypatch.setattr(local.LocalRunner, "run", lambda *_, **__: pytest.fail("a case was simulated"))
     done = run("sweep", *ARGUMENTS, cwd=finished_sweep[0], COLUMNS="220")
     assert done.returncode == 0, done.stderr
-    assert done.stderr == "16 cases were finished before.\n"
+    assert done.stderr == "16 cases were already finished and were not simulated again.\n"
     assert "16 cases" in done.stdout
     assert "its file has no [tendon] section" in done.stdout
     assert "8 of 16 cases failed" in done.stdout

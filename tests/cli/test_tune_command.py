@@ -50,7 +50,7 @@ def test_few_evaluations_reduce_the_objective_and_the_search_can_be_resumed(tmp_
     ("arguments", "message"),
     [
         (["--weight", "air"], "--weight is 'air'; allowed: a term and a number, such as air=0.5"),
-        (["--weight", "oil=1"], "there is no weight of 'oil'"),
+        (["--weight", "oil=1"], "the objective has no term 'oil' to weight"),
         (["--also", "damper.colour"], "has no number 'damper.colour'"),
         (["--profile", "none.csv"], "pressure profile none.csv cannot be read"),
         (["--device", "nobody"], "no device 'nobody'"),

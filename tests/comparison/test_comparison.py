@@ -149,7 +149,7 @@ def test_different_body_masses_are_reported() -> None:
         heavy.channels, heavy.units, {**heavy.provenance, "options": {"mass_kg": 90.0, "speed_m_per_s": 1.2}}
     )
     comparison = compare([make_run("a", make_gait(rig="gait")), make_run("b", heavy)])
-    assert comparison.remarks == ("The walkers differ in body mass (75, 90 kg); nothing is normalised by it.",)
+    assert comparison.remarks == ("The subjects differ in body mass (75, 90 kg); no channel is normalised.",)
 
 
 def test_incomparable_channels_are_reported_and_refused_by_name() -> None:

@@ -17,7 +17,7 @@ from klute_sim.errors import InputError
 from klute_sim.gait.metrics import compute_gait_metrics
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
-from klute_sim.laws import mckibben, pneumatic_step
+from klute_sim.laws import mckibben, pneumatic_step, supply_valve
 from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT, ATMOSPHERIC_PRESSURE
 from klute_sim.recording.recording import Recording
 from klute_sim.units import BAR
@@ -196,7 +196,7 @@ def test_energy_and_air_balances_of_a_stride_close() -> None:
         volume = np.array([mckibben.volume(p.muscle, x) for x in last["muscle_length"].tolist()])
         work = float(np.trapezoid(last["pressure"] * BAR, volume))
         assert step * last["gas_power"][1:].sum() == pytest.approx(work, rel=1e-4)
-        lost = [pneumatic_step.leak_flow(p.supply, x * BAR, p.supply.temperature) for x in last["pressure"].tolist()]
+        lost = [supply_valve.leak_flow(p.supply, x * BAR, p.supply.temperature) for x in last["pressure"].tolist()]
         leaked = last["air_leaked"][-1] - last["air_leaked"][0]
         assert leaked == pytest.approx(step * np.sum(lost[1:]), rel=1e-2)
         assert 1e3 * leaked == pytest.approx(stride.air_leaked_g, rel=1e-9)

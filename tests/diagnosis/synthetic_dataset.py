@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import load_device
 from klute_sim.device.dynamics import DeviceParameters, compute_equilibrium_state
@@ -100,7 +100,7 @@ def make_repeats(values: list[np.ndarray], group: str = "g") -> list[Experiment]
     zeros = np.zeros(3)
     return [
         BenchExperiment(
-            f"{group}{k}", group, "fit", device, 0.0, 0.005, zeros, {"force": Series(time, v)}, unit_length=zeros
+            f"{group}{k}", group, "fit", device, 0.0, 0.005, zeros, {"force": TimeSeries(time, v)}, unit_length=zeros
         )
         for k, v in enumerate(values)
     ]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -63,7 +63,7 @@ def compute_coverage(noise: Callable[[np.random.Generator, np.ndarray], np.ndarr
                 0.0,
                 INTERVAL,
                 zeros,
-                {"force": Series(TIME, row)},
+                {"force": TimeSeries(TIME, row)},
                 unit_length=zeros,
             )
             for k, row in enumerate(rows)

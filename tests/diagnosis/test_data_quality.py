@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis import data_quality
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
@@ -14,7 +14,7 @@ def make_experiment(name: str, force: np.ndarray, group: str = "g", moving: bool
     n_steps = 2000
     wave = np.sin(np.arange(n_steps) / 100) if moving else np.zeros(n_steps)
     time = np.arange(len(force)) * (0.5 / len(force)) + 1e-3
-    length, command, measured = 0.34 + 0.005 * wave, 2.5e5 + 2e5 * wave, {"force": Series(time, force)}
+    length, command, measured = 0.34 + 0.005 * wave, 2.5e5 + 2e5 * wave, {"force": TimeSeries(time, force)}
     return BenchExperiment(
         name, group, "fit", load_device("klute-3-4-pair"), 0.0, 2.5e-4, command, measured, unit_length=length
     )

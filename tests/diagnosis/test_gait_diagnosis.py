@@ -8,7 +8,7 @@ import pytest
 
 from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.datasets import dataset as datasets
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import SimulationSetup
@@ -130,7 +130,7 @@ def test_strides_of_repeats_are_aligned_by_phase(clean_dataset: datasets.Dataset
     )
     misfit = np.sin(2.0 * np.pi * trial_experiment.compute_stride_phase(np.arange(0.6, 3.0, 0.005)))
     experiments = [
-        replace(e, measured={"force": Series(e.start_time + scale * np.arange(0.6, 3.0, 0.005), misfit)})
+        replace(e, measured={"force": TimeSeries(e.start_time + scale * np.arange(0.6, 3.0, 0.005), misfit)})
         for e, scale in ((trial_experiment, 1.0), (slower, 1.05))
     ]
     residuals = [{"force": misfit}, {"force": misfit}]
@@ -154,7 +154,7 @@ def test_misfit_region_is_a_part_of_the_stride() -> None:
 def test_trial_without_strides_is_refused(clean_dataset: datasets.Dataset) -> None:
     trial = clean_dataset.trials[0]
     load = trial.prescribed["grf_vertical"]
-    loaded_channels = {**trial.prescribed, "grf_vertical": Series(load.time, np.maximum(load.value, 100.0))}
+    loaded_channels = {**trial.prescribed, "grf_vertical": TimeSeries(load.time, np.maximum(load.value, 100.0))}
     trial_experiment = replace(
         clean_dataset, trials=(replace(trial, prescribed=loaded_channels), *clean_dataset.trials[1:])
     )

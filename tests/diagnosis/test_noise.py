@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from klute_sim.datasets import dataset as datasets
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -40,7 +40,7 @@ def test_sampling_rate_does_not_change_the_effective_number_of_samples() -> None
     slow = make_repeats([make_correlated_noise(rng, 4000, 3.0, 0.02) for _ in range(2)], "slow")
     fine = [make_correlated_noise(rng, 40_000, 3.0, 0.2) for _ in range(2)]  # 0.02 s after the time is scaled by 0.1
     fast = [
-        replace(e, measured={"force": Series(0.1 * series.time, series.value)})
+        replace(e, measured={"force": TimeSeries(0.1 * series.time, series.value)})
         for e in make_repeats(fine, "fast")
         for series in e.measured.values()
     ]
@@ -109,7 +109,7 @@ def test_noise_scale_follows_the_sensitivity_to_inputs(tmp_path: Path) -> None:
         readings = simulator.simulate([[setup]], [replace(e, command=e.command + wander)])[0][0]["muscle_length"]
         series = e.measured["muscle_length"]
         value = readings + rng.normal(0.0, 5e-6, len(series.time))
-        synthetic.append(replace(e, measured={"muscle_length": Series(series.time, value)}))
+        synthetic.append(replace(e, measured={"muscle_length": TimeSeries(series.time, value)}))
     fit_experiments = [e for e in synthetic if e.use == "fit"]
     result = add_noise_scales(synthetic, fit_experiments, simulator)
     noise = np.concatenate([e.noise_scale["muscle_length"] for e in result if e.use == "fit"])
@@ -136,7 +136,9 @@ def test_noise_scale_includes_the_timing_uncertainty_of_one_time_step(tmp_path: 
     for e, row in zip(nominal, compute_nominal_residuals(nominal, simulator), strict=True):
         series = e.measured["pressure"]
         noise = rng.normal(0.0, 1e3, len(series.time))
-        synthetic.append(replace(e, measured={"pressure": Series(series.time, series.value - row["pressure"] + noise)}))
+        synthetic.append(
+            replace(e, measured={"pressure": TimeSeries(series.time, series.value - row["pressure"] + noise)})
+        )
     (first, *_) = add_noise_scales(synthetic, [e for e in synthetic if e.use == "fit"], simulator)
     series = first.measured["pressure"]
     jump = np.abs(np.gradient(series.value, series.time)) > 50e5  # of 100 bar/s

@@ -138,14 +138,14 @@ def compute_friction(result: Diagnosis, speeds: list[float]) -> float:
         p = form.pack(values)
         for k, speed in enumerate(speeds):
             if term.effect == "seal_friction":
-                state = form.zero_state()
+                state = form.make_zero_state()
                 if form.n_states:  # the internal state at steady speed
                     state = form.state_type(1.0 - float(np.exp(-((speed / p[2]) ** 2))), abs(speed), 0.0)
                 forces[k] += form.laws["damper_force"](p, state, 0.0, speed)
             elif term.effect == "unknown_force":
                 muscle = hypothesis.device.parameters.muscle
                 length = 0.9 * muscle.resting_length
-                forces[k] += form.laws["muscle_force"](p, form.zero_state(), 0.0, muscle, 0.0, length, speed)
+                forces[k] += form.laws["muscle_force"](p, form.make_zero_state(), 0.0, muscle, 0.0, length, speed)
     return 0.5 * float(np.ptp(forces))
 
 

@@ -185,21 +185,31 @@ def test_library_functions_match_the_formula() -> None:
     arguments = ((), 7.0, muscle, 2.5e5, 0.875 * muscle.resting_length, 0.1)
     p, b, e, d, s = 0.5, 2.5 / 3.0, 0.5, 1.0, np.sqrt(0.5)
     expected = [p, p * p, b, b * e, e, e * e, p * e, p * e * e, d, p * d, e * d, s, p * s, s * s]
+    force, tendon_force, pressure = (
+        effect.forms[0].parameter_type
+        for effect in (
+            discrepancy_terms.UNKNOWN_FORCE,
+            discrepancy_terms.UNKNOWN_TENDON_FORCE,
+            discrepancy_terms.UNKNOWN_PRESSURE,
+        )
+    )
     for row, value in zip(np.eye(len(expected)), expected, strict=True):
-        assert discrepancy_terms.sparse_force(row, *arguments) - 7.0 == pytest.approx(value, rel=1e-3)
+        assert discrepancy_terms.sparse_force(force(*row), *arguments) - 7.0 == pytest.approx(value, rel=1e-3)
     for row, value in zip(np.eye(3), [0.2, 0.04, 2.0 / 3.0], strict=True):
-        assert discrepancy_terms.sparse_tendon_force(row, (), 7.0, 2e-3) - 7.0 == pytest.approx(value)
-        assert discrepancy_terms.sparse_tendon_force(row, (), 0.0, -2e-3) == 0.0
+        assert discrepancy_terms.sparse_tendon_force(tendon_force(*row), (), 7.0, 2e-3) - 7.0 == pytest.approx(value)
+        assert discrepancy_terms.sparse_tendon_force(tendon_force(*row), (), 0.0, -2e-3) == 0.0
     rest = [0.0] * 6
-    assert discrepancy_terms.sparse_pressure([0.1e5, *rest], (), 3e5, 1e5, 1e-3) == pytest.approx(3.1e5)
+    assert discrepancy_terms.sparse_pressure(pressure(0.1e5, *rest), (), 3e5, 1e5, 1e-3) == pytest.approx(3.1e5)
     assert discrepancy_terms.sparse_pressure(
-        [0.0, 0.0, 0.0, 0.1e5, 0.0, 0.0, 0.0], (), 3e5, 2.95e5, 1e-3
+        pressure(0.0, 0.0, 0.0, 0.1e5, 0.0, 0.0, 0.0), (), 3e5, 2.95e5, 1e-3
     ) == pytest.approx(2.95e5)
     assert discrepancy_terms.sparse_pressure(
-        [0.0, 0.0, 0.0, 0.1e5, 0.0, 0.0, 0.0], (), 3e5, 1e5, 1e-3
+        pressure(0.0, 0.0, 0.0, 0.1e5, 0.0, 0.0, 0.0), (), 3e5, 1e5, 1e-3
     ) == pytest.approx(2.9e5)
-    assert discrepancy_terms.sparse_pressure([*[0.0] * 4, 0.01, 0.0, 0.0], (), 3e5, 1e5, 0.01) == pytest.approx(2e5)
-    assert discrepancy_terms.sparse_pressure([*[0.0] * 4, 0.0, 0.0, 0.01], (), 3e5, 1e5, 0.01) == 3e5
+    assert discrepancy_terms.sparse_pressure(pressure(*[0.0] * 4, 0.01, 0.0, 0.0), (), 3e5, 1e5, 0.01) == pytest.approx(
+        2e5
+    )
+    assert discrepancy_terms.sparse_pressure(pressure(*[0.0] * 4, 0.0, 0.0, 0.01), (), 3e5, 1e5, 0.01) == 3e5
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.diagnosis.experiments.base import SimulationSetup
@@ -22,7 +22,7 @@ def make_experiment(dt: float) -> BenchExperiment:
     time = dt * np.arange(1, round(2.0 / dt) + 1)
     length = np.interp(time, [0.0, 0.3, 0.8, 1.2, 2.0], [0.335, 0.335, 0.35, 0.332, 0.345])
     command = np.interp(time, [0.0, 0.4, 0.405, 1.0, 1.005, 1.6, 2.0], [1e5, 1e5, 4e5, 3e5, 1e5, 1e5, 5e5])
-    measured = {name: Series(SAMPLES, SAMPLES) for name in ("force", "pressure", "muscle_length")}
+    measured = {name: TimeSeries(SAMPLES, SAMPLES) for name in ("force", "pressure", "muscle_length")}
     return BenchExperiment("a", "a", "fit", DEVICE, 0.0, dt, command, measured, unit_length=length)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from klute_sim.datasets.dataset import load_dataset, split_dataset
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.device.dynamics import DeviceParameters, compute_equilibrium_state
 from klute_sim.diagnosis.experiments import bench as experiments_bench
@@ -124,7 +124,7 @@ def test_mujoco_sysid_fits_the_same_values(tmp_path: Path, optimizer: str, monke
     (trial,) = prepare_experiments(dataset, split_dataset(dataset))
     # Rounding may put the last sample before or after the end of the rollout, so both fits omit it.
     force = trial.measured["force"]
-    trial = replace(trial, measured={"force": Series(force.time[:-1], force.value[:-1])})
+    trial = replace(trial, measured={"force": TimeSeries(force.time[:-1], force.value[:-1])})
     data = WeightedData(
         Simulator(), [trial], {"force": Noise(synthetic_dataset.NOISE["force"], (Autocorrelation(1e-9, 1.0, 1),))}
     )

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.stats import norm
 
 from klute_sim.datasets import dataset as datasets
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.gait import GaitExperiment
@@ -70,7 +70,7 @@ def test_noise_alone_has_no_misfit_error_on_average() -> None:
 def test_bench_has_no_systematic_error() -> None:
     """Intervals on the bench contain the noise only."""
     device, zeros, time = load_device("klute-3-4-pair"), np.zeros(3), 0.01 * np.arange(40)
-    rows = {"force": Series(time, np.sin(time))}
+    rows = {"force": TimeSeries(time, np.sin(time))}
     trials = [BenchExperiment(f"{k}", "g", "fit", device, 0.0, 0.01, zeros, rows, unit_length=zeros) for k in range(2)]
     residuals = [{"force": np.sin(time) + k * np.cos(9.0 * time)} for k in range(2)]
     data = WeightedData(Simulator(1), trials, estimate_noise_from_repeats(trials, residuals))
@@ -134,7 +134,7 @@ def half_width(experiment: GaitExperiment, later: float) -> float:
             + experiment.mean_stride_time * np.arange(start, start + 20.0, 0.01)
         )
         trials.append(
-            replace(experiment, name=str(number), group="g", measured={"force": Series(time, np.zeros(len(time)))})
+            replace(experiment, name=str(number), group="g", measured={"force": TimeSeries(time, np.zeros(len(time)))})
         )
         phase = 2.0 * np.pi * trials[-1].compute_stride_phase(time - experiment.start_time)
         residuals.append({"force": np.cos(phase) + 0.1 * np.sin(20.0 * phase + 2.0 * number)})

@@ -296,7 +296,7 @@ def test_braid_friction_dissipates_energy_under_varying_pressure(form: str) -> N
     p = slot.form.pack(parameters_of(slot.form))
     random = np.random.default_rng(3)
     for _ in range(20):
-        state, x, energy = slot.form.zero_state(), 0.0, 0.0
+        state, x, energy = slot.form.make_zero_state(), 0.0, 0.0
         rest = PAIR.parameters.muscle.resting_length
         for _ in range(2000):
             dx, pressure = random.normal(0.0, 2e-4), random.uniform(0.0, 5e5)
@@ -312,7 +312,7 @@ def test_braid_friction_dissipates_energy_under_varying_pressure(form: str) -> N
 
 def test_maxwell_slip_starts_at_its_stiffness_and_saturates_at_its_friction() -> None:
     slot = catalogue.find_slot("braid_hysteresis", "maxwell_slip")
-    laws, p, state = slot.form.laws, slot.form.pack(parameters_of(slot.form)), slot.form.zero_state()
+    laws, p, state = slot.form.laws, slot.form.pack(parameters_of(slot.form)), slot.form.make_zero_state()
     muscle, pressure = PAIR.parameters.muscle, 3e5
     forces = []
     for x in np.linspace(0.0, 5e-3, 500):
@@ -579,6 +579,6 @@ def test_supply_effect_changes_only_its_fields(
 ) -> None:
     supply = SupplyParameters(*(0.5 + k for k in range(len(SupplyParameters._fields))))  # all fields differ
     effect_form = catalogue.find_form(effect, form)[1]
-    law, state = effect_form.laws["supply"], effect_form.zero_state()
+    law, state = effect_form.laws["supply"], effect_form.make_zero_state()
     assert law(effect_form.parameter_type(*parameters), state, supply) == supply._replace(**changed_fields)
     assert law(effect_form.parameter_type(0.0, *parameters[1:]), state, supply) == supply

@@ -96,7 +96,7 @@ def test_extensible_braid_tension_is_the_slope_of_the_minimum_energy(strain_per_
 
 def test_rubber_is_softer_after_a_larger_stretch() -> None:
     muscle, form = MUSCLES[1], find_form("bladder_softening")
-    p, state = form.parameter_type(0.3, 1e4), form.zero_state()
+    p, state = form.parameter_type(0.3, 1e4), form.make_zero_state()
     rest = muscle.resting_length
     ratios, loading, reloading = np.linspace(1.0, 0.8, 50), [], []
     for ratio in ratios:
@@ -114,7 +114,7 @@ def test_rubber_is_softer_after_a_larger_stretch() -> None:
 
 def test_bouc_wen_stretch_approaches_its_limit_for_any_step() -> None:
     muscle, pressure, form = MUSCLES[1], 3e5, find_form("braid_hysteresis", "bouc_wen")
-    p, state, rest = form.parameter_type(8.0 / 1e5, 40e3), form.zero_state(), muscle.resting_length
+    p, state, rest = form.parameter_type(8.0 / 1e5, 40e3), form.make_zero_state(), muscle.resting_length
 
     def step(state: Any, pressure: float, length: float) -> Any:
         return form.state_type(*braid_hysteresis.step_bouc_wen(p, state, muscle, pressure, length, 0.0, 1e-3))
@@ -135,7 +135,7 @@ def test_stribeck_friction_falls_with_speed() -> None:
     p = form.parameter_type(15.0, 0.6, 0.015)
     forces = {}
     for speed in (0.003, 0.1):
-        state = form.zero_state()
+        state = form.make_zero_state()
         for k in range(1, 400):
             length = muscle.resting_length + speed * 1e-3 * k
             state = form.state_type(*damper.step_stribeck(p, state, muscle, 0.0, length, 0.0, 1e-3))
@@ -147,7 +147,7 @@ def test_stribeck_friction_falls_with_speed() -> None:
 
 def test_trapped_air_removes_the_force_until_the_dead_stroke_ends() -> None:
     muscle, rest, form = MUSCLES[1], MUSCLES[1].resting_length, find_form("trapped_air")
-    p, state = form.parameter_type(3e-3), form.zero_state()
+    p, state = form.parameter_type(3e-3), form.make_zero_state()
     fractions = []
     path = [*np.linspace(0.0, 8e-3, 81), *np.linspace(8e-3, 2e-3, 61)]
     for before, x in pairwise(path):

@@ -327,17 +327,17 @@ def test_energy_accounting_matches_energy_recorder() -> None:
     env = AnkleGaitEnv(device=device, reset_noise=0.0)
     env.reset(seed=0)
     actuator, recorder = env._gait_rig.actuator, EnergyRecorder(device.parameters, 60 * 20 + 1)
-    recorder.record_sample(0, actuator.get_state(env.data), actuator.unit_length(env.data), 0.0)
+    recorder.record_sample(0, actuator.get_state(env.data), actuator.get_unit_length(env.data), 0.0)
     infos, step = [], callbacks.step_model
 
     def record_steps(model: mujoco.MjModel, data: mujoco.MjData, count: int) -> None:
         for _ in range(count):
             before = actuator.get_state(data)
             step(model, data, 1)
-            after = actuator.state_after_step(model, data, before)
+            after = actuator.compute_state_after_step(model, data, before)
             record_steps.sample += 1
             recorder.record_sample(
-                record_steps.sample, after, actuator.unit_length(data), (after.length - before.length) / 5e-4
+                record_steps.sample, after, actuator.get_unit_length(data), (after.length - before.length) / 5e-4
             )
 
     record_steps.sample = 0
@@ -358,4 +358,4 @@ def test_energy_accounting_matches_energy_recorder() -> None:
         assert total == pytest.approx(5e-4 * parts[f"effect_{name}"].sum(), rel=0.2), name
     assert sum(info["air_g"] for info in infos) == pytest.approx(1e3 * ledger.air_drawn[-1], rel=1e-9)
     assert sum(info["air_leaked_g"] for info in infos) == pytest.approx(1e3 * ledger.air_leaked[-1], rel=1e-9)
-    assert infos[-1]["air_held_g"] == pytest.approx(1e3 * ledger.air_mass[-1], rel=1e-9)
+    assert infos[-1]["air_mass_g"] == pytest.approx(1e3 * ledger.air_mass[-1], rel=1e-9)

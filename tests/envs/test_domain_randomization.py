@@ -9,12 +9,12 @@ from gymnasium.vector import AutoresetMode
 from klute_sim.device.backend.packing import unpack_parameters
 from klute_sim.device.device import load_device, parse_device
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
-from klute_sim.envs.tasks.domain_randomization import GRID_SIZE, RandomisationRanges
+from klute_sim.envs.tasks.domain_randomization import GRID_SIZE, RandomizationRanges
 from klute_sim.errors import InputError
 
 NAME = "klute_sim/AnkleGait-v1"
 ALL_RANGES = {
-    "mass_share": 0.2,
+    "mass_fraction": 0.2,
     "speed_m_per_s": (1.0, 1.4),
     "slope_deg": (-5.0, 5.0),
     "device": {"muscle.c10_kpa": 0.1, "tendon.stiffness_1_n_per_mm": 0.2, "supply.pressure_bar": 0.1},
@@ -47,7 +47,7 @@ def are_equal(a: object, b: object) -> bool:
 
 
 def test_sampled_values_are_reported_and_simulated() -> None:
-    env = AnkleGaitEnv(randomise=ALL_RANGES, strides=1)
+    env = AnkleGaitEnv(domain_randomization=ALL_RANGES, strides=1)
     masses, time_constants = set(), []
     for seed in range(12):
         info = env.reset(seed=seed)[1]
@@ -70,7 +70,9 @@ def test_sampled_values_are_reported_and_simulated() -> None:
 
 
 def test_sampled_subject_equals_fixed_subject() -> None:
-    sampled_env = AnkleGaitEnv(randomise={"mass_share": 0.2, "speed_m_per_s": (1.1, 1.3), "slope_deg": (-4.0, 4.0)})
+    sampled_env = AnkleGaitEnv(
+        domain_randomization={"mass_fraction": 0.2, "speed_m_per_s": (1.1, 1.3), "slope_deg": (-4.0, 4.0)}
+    )
     info = sampled_env.reset(seed=4)[1]
     fixed_env = AnkleGaitEnv(mass=info["mass_kg"], speed=info["speed_m_per_s"], slope=np.radians(info["slope_deg"]))
     fixed_env.reset(seed=4)
@@ -86,7 +88,7 @@ def test_sampled_subject_equals_fixed_subject() -> None:
 
 def test_sampled_device_equals_fixed_device() -> None:
     text = load_device("klute-1-1-4-pair").content.decode()
-    sampled_env = AnkleGaitEnv(randomise={"device": {"muscle.c10_kpa": 0.3}})
+    sampled_env = AnkleGaitEnv(domain_randomization={"device": {"muscle.c10_kpa": 0.3}})
     c10 = sampled_env.reset(seed=4)[1]["muscle.c10_kpa"]
     fixed_env = AnkleGaitEnv(
         device=parse_device(text.replace("c10_kpa = 118.4", f"c10_kpa = {c10!r}").encode(), "made")
@@ -112,7 +114,7 @@ def test_sampled_device_equals_fixed_device() -> None:
 
 @pytest.mark.parametrize("autoreset", list(AutoresetMode))
 def test_batch_is_bit_identical_to_single_environments(autoreset: AutoresetMode) -> None:
-    task_options = {"randomise": ALL_RANGES, "sensor_noise": 1.0, "sensor_delay": 1, "action": "residual"}
+    task_options = {"domain_randomization": ALL_RANGES, "sensor_noise": 1.0, "sensor_delay": 1, "action": "residual"}
     options = {"strides": 1, "time_step": 1e-3, **task_options}
     sync_envs = gymnasium.make_vec(NAME, 3, "sync", vector_kwargs={"autoreset_mode": autoreset}, **options)
     vector_env = gymnasium.make_vec(NAME, 3, "vector_entry_point", autoreset_mode=autoreset, n_jobs=2, **options)
@@ -138,7 +140,7 @@ def test_batch_is_bit_identical_to_single_environments(autoreset: AutoresetMode)
 
 
 def test_sampled_dead_time_delays_commands() -> None:
-    env = AnkleGaitEnv(randomise={"effects": {"pressure_delay": {"delay_s": (0.0, 0.03)}}})
+    env = AnkleGaitEnv(domain_randomization={"effects": {"pressure_delay": {"delay_s": (0.0, 0.03)}}})
     for seed in range(4):
         delay = env.reset(seed=seed)[1]["effects.pressure_delay.delay_s"]
         initial_pressure = env.data.act[env._gait_rig.actuator.act_address]
@@ -149,15 +151,15 @@ def test_sampled_dead_time_delays_commands() -> None:
 
 
 def test_rigs_are_built_once() -> None:
-    env = AnkleGaitEnv(randomise={"mass_share": 0.1}, strides=1)
+    env = AnkleGaitEnv(domain_randomization={"mass_fraction": 0.1}, strides=1)
     for seed in range(60):
         env.reset(seed=seed)
-    assert len(env._task.randomiser.gait_rigs) == GRID_SIZE + 1
-    assert len({id(rig.model) for rig in env._task.randomiser.gait_rigs}) == 1
+    assert len(env._task.randomizer.gait_rigs) == GRID_SIZE + 1
+    assert len({id(rig.model) for rig in env._task.randomizer.gait_rigs}) == 1
 
 
 def test_sampled_device_is_reset_in_next_episode() -> None:
-    env = AnkleGaitEnv(randomise=ALL_RANGES, strides=1)
+    env = AnkleGaitEnv(domain_randomization=ALL_RANGES, strides=1)
     rng = np.random.default_rng(1)
     actions = rng.uniform(-1, 1, (40, 1)).astype(np.float32)
     episodes = []
@@ -172,13 +174,16 @@ def test_sampled_device_is_reset_in_next_episode() -> None:
 
 
 @pytest.mark.parametrize(
-    ("randomise", "message"),
+    ("domain_randomization", "message"),
     [
-        ({"weight": 0.1}, "randomise has no 'weight'; allowed: mass_share, speed_m_per_s, slope_deg, device, effects"),
-        ({"mass_share": 0.6}, "randomise varies mass_share by a share of 0.6; allowed: 0 to 0.5"),
-        ({"mass_share": np.nan}, "share of nan"),
-        ({"speed_m_per_s": (1.4, 1.0)}, "from 1.4 to 1; allowed: a finite, increasing range"),
-        ({"speed_m_per_s": 1.0}, "from 1.0; allowed: two numbers"),
+        (
+            {"weight": 0.1},
+            "domain_randomization has no 'weight'; allowed: mass_fraction, speed_m_per_s, slope_deg, device, effects",
+        ),
+        ({"mass_fraction": 0.6}, "domain_randomization has mass_fraction = 0.6; allowed: a fraction from 0 to 0.5"),
+        ({"mass_fraction": np.nan}, "mass_fraction = nan"),
+        ({"speed_m_per_s": (1.4, 1.0)}, r"speed_m_per_s = \(1.4, 1\); allowed: two finite numbers, lower limit first"),
+        ({"speed_m_per_s": 1.0}, "speed_m_per_s = 1.0; allowed: two numbers, lower limit first"),
         ({"speed_m_per_s": (1.0, 5.0)}, "speed is 5; allowed: 0.4 to 2.5 m/s"),
         ({"slope_deg": (-20.0, 0.0)}, "slope is -20"),
         (
@@ -193,13 +198,14 @@ def test_sampled_device_is_reset_in_next_episode() -> None:
         ({"effects": {"pressure_lag": {"lag": (0.0, 1.0)}}}, "unknown key 'lag'"),
     ],
 )
-def test_invalid_ranges_are_refused(randomise: dict[str, object], message: str) -> None:
+def test_invalid_ranges_are_refused(domain_randomization: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        AnkleGaitEnv(randomise=randomise)
+        AnkleGaitEnv(domain_randomization=domain_randomization)
 
 
 def test_ranges_are_a_mapping_or_an_object() -> None:
     sampled_values = [
-        AnkleGaitEnv(randomise=ranges).reset(seed=1)[1] for ranges in (ALL_RANGES, RandomisationRanges(**ALL_RANGES))
+        AnkleGaitEnv(domain_randomization=ranges).reset(seed=1)[1]
+        for ranges in (ALL_RANGES, RandomizationRanges(**ALL_RANGES))
     ]
     assert sampled_values[0] == sampled_values[1]

@@ -35,7 +35,7 @@ def read(height: float, ankle: float, rate: float) -> tuple[mujoco.MjModel, mujo
     q, v, before = data.qpos.copy(), data.qvel.copy(), actuator.get_state(data)
     with callbacks.device_callbacks():
         mujoco.mj_step(model, data)
-        after = actuator.state_after_step(model, data, before)
+        after = actuator.compute_state_after_step(model, data, before)
         row = gauges.measure(data, q, v, after, (after.length - before.length) / model.opt.timestep)
     return model, data, dict(zip((heading.split(" ")[0] for heading in MEASURED_COLUMNS), row, strict=True))
 
@@ -82,7 +82,7 @@ def test_reference_channels_scale_with_the_subject() -> None:
     moment = human("ankle_plantarflexor_moment_nm_per_kg", phase)
     assert recording["reference_ankle_moment"] == pytest.approx(90 * moment)
     assert recording["reference_grf_vertical"] == pytest.approx(90 * human("grf_vertical_n_per_kg", phase))
-    deviation = human.standard_deviation("ankle_moment_sd_nm_per_kg", phase)
+    deviation = human.compute_standard_deviation("ankle_moment_sd_nm_per_kg", phase)
     assert recording["reference_ankle_moment_sd"] == pytest.approx(90 * deviation)
     assert recording["reference_ankle_angle"] == pytest.approx(human("ankle_dorsiflexion_deg", phase))
     # equal moment and angle in a longer stride

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics, compute_reference_metrics, summarize_gait_run
+from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics, compute_reference_metrics
+from klute_sim.gait.summary import summarize_gait_run
 from klute_sim.recording.recording import Recording
 from klute_sim.report.gait import figure
 from klute_sim.report.gait.table import build_table, collect_remarks

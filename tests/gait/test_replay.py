@@ -7,7 +7,7 @@ import pytest
 
 from klute_sim.controllers import pressure
 from klute_sim.datasets import channels
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.gait.replay.foot import build_device_foot
@@ -57,9 +57,9 @@ def extract_inputs(recording: Recording) -> tuple[ReplayInputs, float]:
     ), step
 
 
-def sample_channels(recording: Recording, stride: int) -> dict[str, Series]:
+def sample_channels(recording: Recording, stride: int) -> dict[str, TimeSeries]:
     clock = recording["time"][::stride]
-    return {name: Series(clock, to_si(recording, name)[::stride]) for name in channels.PRESCRIBED_CHANNELS["gait"]}
+    return {name: TimeSeries(clock, to_si(recording, name)[::stride]) for name in channels.PRESCRIBED_CHANNELS["gait"]}
 
 
 def compute_errors(errors: ReplayResult, time: Array, recording: Recording, after: float = 0.5) -> dict[str, Array]:
@@ -117,7 +117,7 @@ def test_replay_works_with_laboratory_samples(stride: int, is_noisy: bool) -> No
     if is_noisy:
         rng = np.random.default_rng(1)
         for name, size in (("ankle_x", 3e-4), ("ankle_z", 3e-4), ("shank_angle", np.radians(0.1))):
-            samples[name] = Series(
+            samples[name] = TimeSeries(
                 samples[name].time, samples[name].value + rng.normal(0, size, len(samples[name].time))
             )
     motion = prepare_prescribed_motion(samples, "a")
@@ -179,6 +179,6 @@ def test_invalid_inputs_are_refused() -> None:
     with pytest.raises(InputError, match="a: 'shank_angle' has a sampling rate of 33 Hz; a replay needs 50 Hz or more"):
         prepare_prescribed_motion(slow, "a")
     samples = sample_channels(simulate_run(), 2)
-    samples["grf_vertical"] = Series(samples["grf_vertical"].time, 0.01 * samples["grf_vertical"].value)
+    samples["grf_vertical"] = TimeSeries(samples["grf_vertical"].time, 0.01 * samples["grf_vertical"].value)
     with pytest.raises(InputError, match="a: 'grf_vertical' is never above 20 N"):
         prepare_prescribed_motion(samples, "a")

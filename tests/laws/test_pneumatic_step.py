@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from klute_sim.laws import pneumatic_step, valve
+from klute_sim.laws import pneumatic_step, supply_valve, valve
 from klute_sim.laws.pneumatic_step import GasState
 from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT, ATMOSPHERIC_PRESSURE, SupplyParameters, air_mass
 from klute_sim.laws.valve import Restriction
@@ -163,9 +163,9 @@ def test_proportional_valve_follows_a_pressure_with_an_error_under_leakage() -> 
     assert tight[-1] == pytest.approx(3e5, rel=1e-6)
     leaky, gas = simulate_fixed_volume(VALVE._replace(leak_conductance=2e-10), 3e5, 0.0, 0.5)
     # At rest the valve is open by what the leak takes: gain times what is missing.
-    lost = pneumatic_step.leak_flow(VALVE._replace(leak_conductance=2e-10), leaky[-1], 293.15)
+    lost = supply_valve.leak_flow(VALVE._replace(leak_conductance=2e-10), leaky[-1], 293.15)
     opening = VALVE.valve_gain * (3e5 - leaky[-1])
-    assert pneumatic_step.valve_flow(VALVE, 5e5, leaky[-1], opening, 293.15) == pytest.approx(lost, rel=1e-6)
+    assert supply_valve.valve_flow(VALVE, 5e5, leaky[-1], opening, 293.15) == pytest.approx(lost, rel=1e-6)
     assert 10.0 < 3e5 - leaky[-1] < 3e3
     assert gas.drawn_mass == pytest.approx(gas.surplus_mass + 0.5 * lost, rel=0.2)
 
@@ -196,7 +196,7 @@ def test_pulses_are_open_for_their_duty_at_any_step(duty: float) -> None:
     for dt in (0.02, 3e-3, 5e-4, 0.05):
         duty_at_start, phase, opening = 0.0, 0.0, 0.0
         for _ in range(2000):
-            pulse = pneumatic_step.step_pwm(supply, duty, duty_at_start, phase, dt)
+            pulse = supply_valve.step_pwm(supply, duty, duty_at_start, phase, dt)
             duty_at_start, phase = pulse.duty, pulse.phase
             assert 0.0 <= pulse.open_fraction * math.copysign(1.0, duty) <= 1.0 + 1e-9
             opening += pulse.open_fraction * dt
@@ -206,13 +206,13 @@ def test_pulses_are_open_for_their_duty_at_any_step(duty: float) -> None:
 def test_short_pulses_are_omitted_and_short_pauses_closed() -> None:
     supply = VALVE._replace(pwm_period=0.02, min_pulse=0.003)
     for commanded, fraction in ((0.1, 0.0), (0.2, 0.2), (-0.9, -1.0)):
-        assert pneumatic_step.step_pwm(supply, commanded, 0.0, 0.0, 0.02).open_fraction == pytest.approx(fraction)
+        assert supply_valve.step_pwm(supply, commanded, 0.0, 0.0, 0.02).open_fraction == pytest.approx(fraction)
 
 
 def test_pulse_has_the_width_commanded_at_its_start() -> None:
     supply, phase, duty, opening = VALVE._replace(pwm_period=0.02, min_pulse=0.004), 0.0, 0.0, []
     for k in range(40):  # 1 ms each; the command reverses in the middle of the first period
-        pulse = pneumatic_step.step_pwm(supply, 0.5 if k < 8 else -0.75, duty, phase, 1e-3)
+        pulse = supply_valve.step_pwm(supply, 0.5 if k < 8 else -0.75, duty, phase, 1e-3)
         phase, duty = pulse.phase, pulse.duty
         opening.append(pulse.open_fraction)
     assert opening[:20] == pytest.approx([1.0] * 10 + [0.0] * 10, abs=1e-9)

@@ -140,7 +140,7 @@ def test_low_pass_has_cut_off_and_no_lag() -> None:
     result = filters.low_pass(wave, 200.0, 6.0)[1000:3000]
     assert result == pytest.approx(wave[1000:3000] / np.sqrt(2.0), abs=2e-3)
     assert filters.low_pass(wave, 200.0, 0.0) is wave
-    with pytest.raises(InputError, match=r"cut-off is 90 Hz; allowed at a sampling rate of 200 Hz"):
+    with pytest.raises(InputError, match=r"cutoff is 90 Hz; allowed at a sampling rate of 200 Hz"):
         filters.low_pass(wave, 200.0, 90.0)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.datasets import dataset as datasets
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device, parse_device
 from klute_sim.diagnosis.experiments.gait import prepare_gait_trial
 from klute_sim.errors import InputError
@@ -84,7 +84,7 @@ def test_export_and_import_round_trip(files: tuple[str, ...], gait_recording: Re
     export_lab_files(tmp_path / "lab", gait_recording)
     imported = write_and_load(import_trials([tmp_path / "lab" / name for name in files]), tmp_path / "data")
     (trial,) = imported.trials
-    channels: dict[str, Series] = {**trial.prescribed, **trial.measured}
+    channels: dict[str, TimeSeries] = {**trial.prescribed, **trial.measured}
     moments = {"ankle_moment"} if "recording.parquet" in files else set()
     assert set(trial.measured) == {"ankle_angle", "force", "pressure", "muscle_length"} | moments
     for name, series in channels.items():
@@ -153,12 +153,12 @@ def test_clock_offset_is_reported_and_corrected_by_mapping(gait_recording: Recor
 
 def test_lag_of_two_clocks_is_estimated() -> None:
     time = np.arange(0.0, 4.0, 0.01)
-    wave = time_sync.Signal(time, np.sin(5.0 * time) + 0.3 * np.sin(11.0 * time))
-    imported = time_sync.estimate_lag(time_sync.Signal(time - 0.12, wave.value), wave)
+    wave = TimeSeries(time, np.sin(5.0 * time) + 0.3 * np.sin(11.0 * time))
+    imported = time_sync.estimate_lag(TimeSeries(time - 0.12, wave.value), wave)
     assert imported is not None
     assert imported[0] == pytest.approx(0.12, abs=time_sync.LAG_STEP)
     assert imported[1] > 0.999
-    assert time_sync.estimate_lag(time_sync.Signal(time[:150], wave.value[:150]), wave) is None
+    assert time_sync.estimate_lag(TimeSeries(time[:150], wave.value[:150]), wave) is None
 
 
 def test_mapping_sets_columns_units_and_signs(gait_recording: Recording, tmp_path: Path) -> None:
@@ -374,7 +374,7 @@ def test_c3d_with_plates_and_log_is_imported(tmp_path: Path) -> None:
 
 def make_trial(stride: float, bar: float) -> ProsthesisTrial:
     time = np.arange(0.0, 5.0 * stride, 0.01)
-    command = time_sync.Signal(time, bar * (1.0 + np.sin(2.0 * np.pi * time / stride)))
+    command = TimeSeries(time, bar * (1.0 + np.sin(2.0 * np.pi * time / stride)))
     return ProsthesisTrial("x", ("x",), {"pressure_command": command}, stride * np.arange(5.0))
 
 

@@ -39,7 +39,7 @@ def test_mujoco_steps_equal_device_steps() -> None:
             mujoco.mj_step(model, data)
             state = unit.advance_state(PAIR.parameters, state, length, command, STEP)
             expected = unit.compute_tension(PAIR.parameters, state, length, 0.0)
-            assert actuator.tension(data) == pytest.approx(expected, rel=1e-12, abs=1e-9)
+            assert actuator.get_tension(data) == pytest.approx(expected, rel=1e-12, abs=1e-9)
             assert actuator.get_state(data)[:2] == pytest.approx(state[:2], rel=1e-12)
     assert expected > 100.0
 
@@ -105,7 +105,7 @@ def test_other_callbacks_are_called_and_restored() -> None:
         assert ["so that they are called" in str(warning.message) for warning in caught] == [True]
         assert other_data.actuator_force[0] == 7.0
         assert other_data.act[0] == pytest.approx(3.0 * other_model.opt.timestep)
-        assert actuator.tension(data) > 0.0
+        assert actuator.get_tension(data) > 0.0
         assert mujoco.get_mjcb_act_bias() is bias
         assert mujoco.get_mjcb_act_dyn() is rate
     finally:
@@ -190,7 +190,7 @@ def test_models_in_several_threads_are_independent() -> None:
                 data.qpos[0] = 0.34 + 0.005 * number
                 actuator.set_command(data, 1e5 * (number + 1))
                 mujoco.mj_step(model, data)
-        results[number] = actuator.tension(data)
+        results[number] = actuator.get_tension(data)
 
     alone: dict[int, float] = {}
     together: dict[int, float] = {}

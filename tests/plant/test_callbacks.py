@@ -115,7 +115,7 @@ def test_models_compile_while_compiled_callbacks_are_installed() -> None:
         model, data, actuator = ankle()
         data.ctrl[:] = 4.0
         callbacks.step_model(model, data, 300)
-    assert actuator.tension(data) > 500.0
+    assert actuator.get_tension(data) > 500.0
 
 
 @BOTH
@@ -147,7 +147,7 @@ def test_copies_and_pickles_keep_the_device(backend: str) -> None:
     with callbacks.device_callbacks(backend):
         for model_copy, data_copy, device in [(model, data, actuator), *copies]:
             callbacks.step_model(model_copy, data_copy, 300)
-            assert device.tension(data_copy) == actuator.tension(data) > 500.0
+            assert device.get_tension(data_copy) == actuator.get_tension(data) > 500.0
 
 
 def _compute_tension_in_process(backend: str) -> float:
@@ -155,7 +155,7 @@ def _compute_tension_in_process(backend: str) -> float:
     data.ctrl[:] = 4.0
     with callbacks.device_callbacks(backend):
         callbacks.step_model(model, data, 300)
-    return actuator.tension(data)
+    return actuator.get_tension(data)
 
 
 @BOTH
@@ -186,7 +186,7 @@ def _step_on(model: mujoco.MjModel, data: mujoco.MjData, actuator: DeviceActuato
     with callbacks.device_callbacks():
         callbacks.step_model(model, data, 100)
     callbacks.step_model(model, data, 100)
-    return actuator.tension(data)
+    return actuator.get_tension(data)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs fork")
@@ -233,7 +233,7 @@ def test_nonfinite_state_is_reported_at_its_step(backend: str, what: str) -> Non
         if backend == "python":
             assert np.array_equal(data.qpos, before)  # not taken
         else:
-            assert actuator.tension(data) == 0.0
+            assert actuator.get_tension(data) == 0.0
         for _ in range(3):
             with pytest.raises(SimulationError):
                 callbacks.step_model(model, data)
@@ -291,7 +291,7 @@ def test_step_outside_the_context_gives_no_force() -> None:
     model, data, actuator = ankle()
     data.ctrl[:] = np.nan
     callbacks.step_model(model, data)
-    assert actuator.tension(data) == 0.0
+    assert actuator.get_tension(data) == 0.0
 
 
 def test_user_exception_is_not_hidden() -> None:

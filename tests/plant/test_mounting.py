@@ -65,9 +65,9 @@ def test_two_devices_among_other_actuators_are_independent(backend: str) -> None
             for name, device in devices.items():
                 states[name] = unit.advance_state(device, states[name], lengths[name], commands[name], STEP)
                 expected = unit.compute_tension(device, states[name], lengths[name], 0.0)
-                assert placed[name].tension(data) == pytest.approx(expected, rel=1e-9, abs=1e-7)
+                assert placed[name].get_tension(data) == pytest.approx(expected, rel=1e-9, abs=1e-7)
                 assert placed[name].get_state(data)[:2] == pytest.approx(states[name][:2], rel=1e-9)
-    assert placed["second"].tension(data) > 100.0
+    assert placed["second"].get_tension(data) > 100.0
 
 
 def with_attributes(more: str, tendon: str = "") -> mujoco.MjSpec:

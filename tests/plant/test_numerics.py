@@ -50,7 +50,7 @@ def in_the_air(
     model.jnt_stiffness[model.joint("heel").id] = 0.0
     data, actuator = mujoco.MjData(model), DeviceActuator(model, "muscle_tendon")
     mujoco.mj_forward(model, data)
-    actuator.set_state(data, compute_taut_state(parameters, actuator.unit_length(data), 0.0))
+    actuator.set_state(data, compute_taut_state(parameters, actuator.get_unit_length(data), 0.0))
     return model, data, actuator
 
 
@@ -108,7 +108,7 @@ def test_shown_damping_affects_only_the_solution_of_the_step() -> None:
         with callbacks.device_callbacks():
             for _ in range(3000):
                 callbacks.step_model(model, data)
-                seen.append(actuator.tension(data))
+                seen.append(actuator.get_tension(data))
         tensions.append(seen)
         moment = float(data.qfrc_actuator[0] + data.qfrc_passive[0])
         spring = 130.0 * (-0.085 - float(data.qpos[0])) - float(data.qvel[0])
@@ -139,8 +139,8 @@ def test_device_alone_reproduces_mujoco() -> None:
             commands.append(3e5 * (k // 300 % 2))
             actuator.set_command(data, commands[-1])
             callbacks.step_model(model, data)
-            lengths.append(actuator.unit_length(data))
-            seen.append((actuator.tension(data), *actuator.get_state(data)[:2]))
+            lengths.append(actuator.get_unit_length(data))
+            seen.append((actuator.get_tension(data), *actuator.get_state(data)[:2]))
     trace = simulate_rollouts(BASE, lengths, commands, 5e-4, initial_state=begin)
     assert np.max(trace.tension) > 500.0
     assert np.abs(np.array(seen) - np.stack(trace, axis=1)).max(axis=0) == pytest.approx([0, 0, 0], abs=1e-6)

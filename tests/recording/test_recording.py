@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, MissingExtraError
 from klute_sim.recording import csv, parquet
 from klute_sim.recording.recording import Recording, split_heading
 
@@ -122,7 +122,7 @@ def test_pandas_and_xarray_keep_units_and_provenance() -> None:
 def test_missing_optional_packages_are_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     for package, convert in (("pandas", Recording.to_pandas), ("xarray", Recording.to_xarray)):
         monkeypatch.setitem(sys.modules, package, None)
-        with pytest.raises(InputError, match=f"needs {package}: pip install {package}"):
+        with pytest.raises(MissingExtraError, match=f"Recording.to_{package} needs the optional extra 'tables'"):
             convert(example())
 
 

@@ -101,11 +101,13 @@ def test_explanations_match_the_kinds_of_bands() -> None:
     assert "repeat almost exactly" in " ".join(words.explain_numbers(compare_gait_runs(0.0, 2.0, rig="gait")))
     options = ComparisonOptions(include_reference=True)
     human = " ".join(words.explain_numbers(compare_gait_runs(0.0, 2.0, options=options)))
-    assert "Beyond the band (b): where the difference exceeds its 95 % interval" in human
-    assert "Beyond the band (human): where the difference exceeds the 95 % interval of the reference's" in human
+    assert "Beyond the band (b): intervals where the difference exceeds its 95 % interval" in human
+    assert (
+        "Beyond the band (human): intervals where the difference exceeds the 95 % interval of the reference's" in human
+    )
     assert "standard deviation of 'human' between subjects" in human
     single = " ".join(words.explain_numbers(compare_gait_runs(0.0, 2.0, options=ComparisonOptions(skip_strides=3))))
-    assert "No band: without repeats" in single
+    assert "No band: there are neither repeats" in single
     assert "Beyond" not in single
 
 

@@ -71,7 +71,7 @@ def test_heatmap_shows_the_gap_and_its_removal(diagnosis: Diagnosis) -> None:
     assert before.row_names == ("g0_0", "g0_1", "g1_0 *", "g1_1 *")
     assert before.scale_max == after.scale_max
     trial, noise = trials[0], diagnosis.noise["force"].std
-    time, residual = trial.sample_times("force"), trial.experiment.measured["force"].value - trial.before["force"]
+    time, residual = trial.get_sample_times("force"), trial.experiment.measured["force"].value - trial.before["force"]
     residual = residual / trial.experiment.noise_scale.get("force", 1.0)
     for k in (5, 20, 31):
         is_inside = (time >= before.edges[k]) & (time < before.edges[k + 1])
@@ -99,5 +99,5 @@ def test_work_loop_of_a_trial_is_force_over_length(diagnosis: Diagnosis) -> None
     assert np.array_equal(measured.y, trial.experiment.measured["force"].value)
     assert np.array_equal(before.y, trial.before["force"])
     assert np.array_equal(after.y, trial.after["force"])
-    length = 335.0 + 8.0 * np.sin(4.0 * np.pi * np.maximum(0.0, trial.sample_times("force") - 0.2))
+    length = 335.0 + 8.0 * np.sin(4.0 * np.pi * np.maximum(0.0, trial.get_sample_times("force") - 0.2))
     assert measured.x == pytest.approx(length, abs=0.05)

@@ -108,7 +108,7 @@ def test_chapter_3_recovers_table_3_1_and_fig_3_4() -> None:
 def test_chapter_4_requires_variable_orifice() -> None:
     device = load_device("klute-3-4-pair")
     assessments = assess_chapter(chapter4.compute(device))
-    assert assessments["fig-4.3.needed-100"].finding.value == pytest.approx(1.084, rel=0.005)  # the design point
+    assert assessments["fig-4.3.required-100"].finding.value == pytest.approx(1.084, rel=0.005)  # the design point
     assert assessments["fig-4.3.varies"].finding.value > 2.0
     assert assessments["fig-4.8.exponent"].finding.value == pytest.approx(2.0)
     assert assessments["eq-4.loss"].finding.value == pytest.approx(2.69, abs=0.005)

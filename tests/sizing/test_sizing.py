@@ -90,9 +90,9 @@ def test_every_candidate_reports_required_count() -> None:
         )  # type: ignore[operator]
         muscle = actuator.build_muscle(option.actuator, option.count, option.resting_length)
         assert option.count * option.available_force == pytest.approx(
-            actuator.isometric_force(muscle, 5e5, option.length_ratio)
+            actuator.compute_isometric_force(muscle, 5e5, option.length_ratio)
         )
-        assert option.total_force == pytest.approx(actuator.isometric_force(muscle, 5e5, 0.96))
+        assert option.total_force == pytest.approx(actuator.compute_isometric_force(muscle, 5e5, 0.96))
         assert option.gas_volume == pytest.approx(mckibben.volume(muscle, 0.96 * option.resting_length))
 
 
@@ -127,14 +127,14 @@ def test_selection_prefers_sufficient_then_fewest_then_least_gas(
 def test_short_actuator_is_lengthened_for_ankle_excursion() -> None:
     walker = WalkerTarget(mass=75.0)
     design = design_device(walker, DesignChoices(actuator="klute-3-4"))
-    travel = walker.ankle_range_of_motion() * 0.048
+    travel = walker.compute_ankle_range_of_motion() * 0.048
     assert travel / design.selected.resting_length <= 0.10
     assert travel / (design.selected.resting_length - 0.001) > 0.10
     longer = actuator.build_muscle("klute-3-4", 1, design.selected.resting_length)
     printed = load_device("klute-3-4").parameters.muscle
     for ratio in (0.8, 0.96, 1.0):
-        value = actuator.isometric_force(longer, 5e5, ratio)
-        assert value == pytest.approx(actuator.isometric_force(printed, 5e5, ratio))
+        value = actuator.compute_isometric_force(longer, 5e5, ratio)
+        assert value == pytest.approx(actuator.compute_isometric_force(printed, 5e5, ratio))
 
 
 def test_lengthened_actuator_is_marked_as_assumed() -> None:
@@ -345,7 +345,7 @@ def test_count_source_reports_required_and_reached_force() -> None:
     design = design_device(WalkerTarget(mass=60.0))
     source = design.device.spec.sources["muscle.count"]
     assert design.required_force is not None
-    assert f"the {design.required_force:.0f} N asked for at L/L0 0.95" in source
+    assert f"the {design.required_force:.0f} N required at L/L0 0.95" in source
     assert f"there they have {design.selected.count * design.selected.available_force:.0f} N at 5 bar" in source
     weak = design_device(MuscleTarget(isometric_force=9e4), DesignChoices(actuator="klute-1-2")).device.spec.sources[
         "muscle.count"
@@ -358,14 +358,14 @@ def test_pressure_for_force_gives_that_force(pressure: float, ratio: float) -> N
     muscle = actuator.build_muscle("klute-1-1-4", 2, 0.264)
     length = ratio * 0.264
     force = mckibben.force(muscle, pressure, length)
-    design = actuator.pressure_for_force(muscle, force, length)
+    design = actuator.compute_required_pressure(muscle, force, length)
     assert mckibben.force(muscle, design, length) >= force - 1e-6
     if force > mckibben.force(muscle, 0.0, length):
         assert mckibben.force(muscle, design, length) == pytest.approx(force, abs=0.05)
 
 
 def test_unreachable_force_has_nan_pressure() -> None:
-    assert math.isnan(actuator.pressure_for_force(actuator.build_muscle("klute-1-2", 1, 0.126), 1e5, 0.12))
+    assert math.isnan(actuator.compute_required_pressure(actuator.build_muscle("klute-1-2", 1, 0.126), 1e5, 0.12))
 
 
 @pytest.mark.parametrize(

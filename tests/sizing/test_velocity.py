@@ -16,14 +16,14 @@ from klute_sim.sizing.parts import actuator, damper
 from klute_sim.sizing.target import MuscleTarget
 
 PAIR = actuator.build_muscle("klute-3-4", 2, 0.250)
-SPEEDS = velocity.velocity_grid(0.150, 0.300)
+SPEEDS = velocity.build_velocity_grid(0.150, 0.300)
 
 
 def compute_curves(
     target: MuscleTarget | None = None, muscle: MuscleParameters = PAIR, ratio: float = 0.96
 ) -> velocity.ForceVelocityCurves:
     target = target or MuscleTarget()
-    sized = damper.size_damper(target, actuator.isometric_force(muscle, 5e5, ratio), DesignChoices())
+    sized = damper.size_damper(target, actuator.compute_isometric_force(muscle, 5e5, ratio), DesignChoices())
     return velocity.compute_force_velocity(muscle, sized.to_damper(), target.hill, 0.300, SPEEDS, 5e5, ratio)
 
 
@@ -75,7 +75,7 @@ def test_ideal_damper_only_brakes() -> None:
 
 def test_required_orifice_gives_ideal_damping() -> None:
     curves = compute_curves()
-    diameters = velocity.required_orifice(curves, 0.020, 900.0, 1.0)
+    diameters = velocity.compute_required_orifices(curves, 0.020, 900.0, 1.0)
     assert np.isnan(diameters[SPEEDS == 0.0]).all()
     for index in (0, 100, 250, 600):
         oil = abs(SPEEDS[index]) * (0.020 / diameters[index]) ** 2
@@ -123,8 +123,8 @@ def test_isometric_curve_of_actuator_violates_envelope(preset: str) -> None:
 def test_parabola_minimizes_squared_error() -> None:
     parabola = isometric.fit_parabola(PAIR, 5e5)
     x = np.linspace(0.65, 1.0, 201)
-    force = np.array([actuator.isometric_force(PAIR, 5e5, float(r)) for r in x])
-    force /= actuator.isometric_force(PAIR, 5e5, 1.0)
+    force = np.array([actuator.compute_isometric_force(PAIR, 5e5, float(r)) for r in x])
+    force /= actuator.compute_isometric_force(PAIR, 5e5, 1.0)
 
     def error(k: hill_law.ContractileElement) -> float:
         return float(((np.array([hill_law.isometric_force(k, float(r)) for r in x]) - force) ** 2).sum())

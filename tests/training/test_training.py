@@ -100,12 +100,12 @@ def test_evaluation_uses_equal_random_numbers() -> None:
         "action": "residual",
         "strides": 1,
         "time_step": 1e-3,
-        "randomise": {"mass_share": 0.2},
+        "domain_randomization": {"mass_fraction": 0.2},
         "sensor_noise": 1.0,
     }
     equal = compare_with_profile(lambda observed: np.zeros((len(observed), 1), dtype=np.float32), options, 4, 0)
     assert equal["policy"] == equal["profile"]
-    assert equal["gain"] == equal["better_in"] == 0
+    assert equal["gain"] == equal["n_better_episodes"] == 0
     worse = compare_with_profile(lambda observed: np.ones((len(observed), 1), dtype=np.float32), options, 4, 0)
     assert worse["profile"] == equal["profile"]
     assert worse["gain"] < -5.0
@@ -115,7 +115,12 @@ def test_evaluation_uses_equal_random_numbers() -> None:
 
 
 def test_episode_totals_end_with_episode() -> None:
-    options = {"action": "residual", "strides": 1, "time_step": 1e-3, "randomise": {"speed_m_per_s": (0.9, 1.5)}}
+    options = {
+        "action": "residual",
+        "strides": 1,
+        "time_step": 1e-3,
+        "domain_randomization": {"speed_m_per_s": (0.9, 1.5)},
+    }
     configuration = run_episodes(lambda observed: np.zeros((len(observed), 1), dtype=np.float32), options, 3, 0)
     for index in range(3):
         env = gymnasium.make("klute_sim/AnkleGait-v1", **options)
@@ -190,7 +195,7 @@ def test_environments_pass_stable_baselines3_checker(recwarn: pytest.WarningsRec
     from stable_baselines3.common.env_checker import check_env
 
     env_options = {
-        "AnkleGait-v1": {"randomise": {"mass_share": 0.1}, "sensor_noise": 1.0},
+        "AnkleGait-v1": {"domain_randomization": {"mass_fraction": 0.1}, "sensor_noise": 1.0},
         "AnkleBench-v0": {"task": "work"},
     }
     for name, options in env_options.items():

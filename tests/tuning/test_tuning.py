@@ -82,7 +82,9 @@ def test_objective_adds_distances_air_penalties_and_shortfall() -> None:
 
 def test_invalid_weights_are_refused() -> None:
     assert make_weights({"air": 0.5}) == Weights(air=0.5)
-    with pytest.raises(InputError, match="there is no weight of 'oil'; allowed: moment, angle, power, air"):
+    with pytest.raises(
+        InputError, match="the objective has no term 'oil' to weight; allowed: moment, angle, power, air"
+    ):
         make_weights({"oil": 1.0})
     with pytest.raises(InputError, match="all weights are 0"):
         make_weights(dict.fromkeys(("moment", "angle", "power", "air"), 0.0))

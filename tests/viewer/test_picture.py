@@ -75,11 +75,11 @@ def get_axis(contents: RrdContents, name: str, cursor: float = 0.5) -> Any:
 def test_layout_reads_back(contents: RrdContents) -> None:
     assert contents.timeline == "time"
     assert isinstance(contents.root, Container)
-    assert (contents.root.kind, contents.root.shares) == ("row", (2.0, 1.0, 1.0))
+    assert (contents.root.kind, contents.root.relative_sizes) == ("row", (2.0, 1.0, 1.0))
     left, tabs, body = contents.root.children
     assert isinstance(left, Container)
     assert isinstance(tabs, Container)
-    assert (left.kind, left.shares, tabs.kind) == ("column", (3.0, 1.0), "tabs")
+    assert (left.kind, left.relative_sizes, tabs.kind) == ("column", (3.0, 1.0), "tabs")
     assert [each.name for each in rrd_reader.iter_views(contents.root)] == ["wave [N]", "loop", "map", "page", "body"]
     assert [each.kind for each in (*left.children, body)] == ["TimeSeries", "2D", "3D"]  # type: ignore[union-attr]
 

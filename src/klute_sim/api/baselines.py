@@ -14,10 +14,10 @@ from klute_sim.api.sweep import explain_interrupt
 from klute_sim.baselines import table
 from klute_sim.baselines.library import load_baselines
 from klute_sim.errors import InputError
+from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.parameter_sweep.local import LocalRunner
 from klute_sim.parameter_sweep.store import ResultStore, open_store, write_atomically
 from klute_sim.parameter_sweep.sweep import run_cases
-from klute_sim.report.gait.table import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.types import ProgressCallback
 from klute_sim.units import BAR
 
@@ -93,8 +93,9 @@ class BaselineTable:
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return the rows as a DataFrame; raises MissingExtraError without pandas."""
-        pd = import_pandas("BaselineTable.to_pandas")
-        return pd.DataFrame(self.rows)
+        pandas = import_pandas("BaselineTable.to_pandas")
+        frame: pd.DataFrame = pandas.DataFrame(self.rows)
+        return frame
 
     def plot(self, metric: str = "ankle_work_net [J/kg]") -> "Figure":
         """Return a bar chart of ``metric`` by baseline, one group of bars per condition.

@@ -13,7 +13,6 @@ from klute_sim.bench.protocols.library import change_protocol, parse_protocol, r
 from klute_sim.bench.protocols.protocol import BenchProtocol
 from klute_sim.bench.run import BenchResult, run_protocol
 from klute_sim.device.device import Device
-from klute_sim.errors import InputError
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.recording.run_folder import create_run_folder
@@ -69,8 +68,9 @@ class BenchRun:
 
         Raises MissingExtraError without pandas.
         """
-        pd = import_pandas("BenchRun.to_pandas")
-        return pd.DataFrame(self.table).set_index("trial")
+        pandas = import_pandas("BenchRun.to_pandas")
+        frame: pd.DataFrame = pandas.DataFrame(self.table).set_index("trial")
+        return frame
 
     def format_summary(self) -> Summary:
         """Yield the table of the metrics, and the remarks on the run."""

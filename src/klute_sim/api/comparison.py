@@ -105,8 +105,9 @@ class ComparisonResult:
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return the content of comparison.csv; raises MissingExtraError without pandas."""
-        pd = import_pandas("ComparisonResult.to_pandas")
-        return pd.DataFrame(list(results.iter_rows(self.comparison)))
+        pandas = import_pandas("ComparisonResult.to_pandas")
+        frame: pd.DataFrame = pandas.DataFrame(list(results.iter_rows(self.comparison)))
+        return frame
 
     def save(self, folder: str | Path | None = None, *, report: bool = True) -> Path:
         """Write the files of ``klute-sim compare`` into ``folder`` (new or empty; default: ``runs/compare-NNN``).

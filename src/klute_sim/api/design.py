@@ -157,11 +157,11 @@ def design(
     values = {"isometric_force": isometric_force, "muscle_length": muscle_length, "muscle": muscle}
     for option, value in values.items():
         if mass is not None and value is not None:
-            raise InputError(f"{option} does not go with mass: F0 and length follow from the walker")
+            raise InputError(f"{option} and mass exclude each other: the mass determines force and length")
     if mass is None and reference is not None:
-        raise InputError("reference goes with mass: only a walker has a gait")
+        raise InputError("reference requires mass: only a subject has a gait")
     if mass is None and moment_arm is not None:
-        raise InputError("moment_arm goes with mass: without a walker no ankle moves the tendon")
+        raise InputError("moment_arm requires mass: only a subject has an ankle that moves the tendon")
     if mass is None and muscle is None and isometric_force is None and (actuator is None or count is None):
         raise InputError("no target: give mass, muscle or isometric_force, or both actuator and count")
     target = _build_muscle(muscle, isometric_force, muscle_length, peak_velocity, a, b, saturation)

@@ -78,7 +78,7 @@ def format_description(description: dict[str, Any]) -> Summary:
         forces.add_row(f"{row['ratio']:.2f}", *stages)
     yield forces
     if any(row["friction_n"] < 0.0 for row in description["isometric_force"]):
-        yield "A negative force means that the bladder exceeds the gas: the muscle would push, and the tendon is slack."
+        yield "A negative force means that the bladder is stronger than the gas: the muscle pushes; tendons are slack."
     for row in description["published"]:
         yield (
             f"At {row['ratio']:g} of resting length and {row['pressure_bar']:g} bar: model {row['model_n']:.0f} N, "

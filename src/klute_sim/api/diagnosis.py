@@ -12,7 +12,7 @@ from klute_sim.api.inputs import DeviceLike, to_device
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.dataset import Dataset
-from klute_sim.device.device import Device, check_takes_pressure
+from klute_sim.device.device import Device, check_accepts_pressure
 from klute_sim.diagnosis.planning import measurement_plan
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions, Verdict
 from klute_sim.diagnosis.verdict import DEVICE_FILE_NAME, verdict_to_dict
@@ -332,6 +332,6 @@ def plan_measurements(
         )
     protocols = measurement_plan.select_protocols(only)
     chosen_device = to_device(device)
-    check_takes_pressure(chosen_device, "the plan")
+    check_accepts_pressure(chosen_device, "the plan")
     programs = tuple(measurement_plan.round_program(p.build_program(chosen_device)) for p in protocols)
     return MeasurementPlan(chosen_device, tuple(protocols), programs, n_repeats, simulate)

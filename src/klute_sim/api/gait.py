@@ -23,11 +23,11 @@ from klute_sim.controllers.pressure import ConstantPressure, PressureProfile, cr
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError, MissingExtraError
 from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics
-from klute_sim.gait.summary import summarize_gait_run
 from klute_sim.gait.reference import Reference
 from klute_sim.gait.rig import rig
 from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.gait.spring_foot import SpringFoot
+from klute_sim.gait.summary import summarize_gait_run
 from klute_sim.parameter_sweep.plan import first_not_none
 from klute_sim.recording import csv, parquet
 from klute_sim.recording.recording import Recording
@@ -192,9 +192,9 @@ def simulate_gait(
     chosen_device = to_device(device)
     chosen_controller = to_controller(_default_controller(spring_foot) if controller is None else controller)
     if spring_foot is not None and chosen_controller != create_off_controller():
-        raise InputError("a spring foot takes no pressure command; allowed controller: off, or none")
+        raise InputError("a spring foot takes no pressure command; leave out the controller, or set it to off")
     if stride_time is not None and reference is None:
-        raise InputError("a stride time needs a reference file; the default reference states its own")
+        raise InputError("a stride time requires a reference file: the stride time of the default reference is fixed")
     chosen_foot = None if spring_foot is None else SpringFoot(stiffness=math.degrees(spring_foot))
     warnings = check_supply_pressure(chosen_device, chosen_controller)
     gait = to_reference(reference, stride_time)

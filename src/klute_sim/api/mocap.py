@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from klute_sim.api.optional import import_pandas
 from klute_sim.api.rendering import Summary, render_html, render_text
@@ -14,6 +14,7 @@ from klute_sim.mocap.dataset_import import DatasetOptions, ImportedDataset
 from klute_sim.mocap.options import LOAD_CUTOFF_HZ, MOTION_CUTOFF_HZ, ImportOptions
 from klute_sim.mocap.parsing import mapping as mapping_file
 from klute_sim.mocap.parsing.channel_names import Side
+from klute_sim.mocap.parsing.sources import FILE_SUFFIXES
 from klute_sim.mocap.reference_import import ImportedReference
 from klute_sim.recording.recording import Recording
 from klute_sim.recording.run_folder import create_run_folder
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 DEFAULT_EXPORT_FORMATS = ("mot", "sto")
 """Formats that :func:`export_run` writes by default."""
+FilesLike: TypeAlias = str | Path | Sequence[str | Path]
+"""One file, a folder of files, or a sequence of files."""
 AnkleZero = Literal["foot-flat", "file"]
 """Zero of the ankle angle: the flat foot in mid-stance, or the zero of the file."""
 
@@ -77,8 +80,9 @@ class GaitImport:
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return the columns of reference.csv; raises MissingExtraError without pandas."""
-        pd = import_pandas("GaitImport.to_pandas")
-        return pd.DataFrame(self.imported.table)
+        pandas = import_pandas("GaitImport.to_pandas")
+        frame: pd.DataFrame = pandas.DataFrame(self.imported.table)
+        return frame
 
     def save(self, folder: str | Path | None = None) -> Path:
         """Write the files of ``klute-sim import`` into ``folder`` (new or empty; default: ``runs/import-NNN``)."""
@@ -140,8 +144,20 @@ class DatasetImport:
         return dataset_import.write_dataset(self.imported, scratch)
 
 
+def _list_files(files: FilesLike) -> list[str | Path]:
+    """Return the files of a sequence, of one path, or of a folder (all files in a supported format, by name)."""
+    if not isinstance(files, str | Path):
+        return list(files)
+    if not Path(files).is_dir():
+        return [files]
+    paths = sorted(path for path in Path(files).iterdir() if path.suffix.lower() in FILE_SUFFIXES)
+    if not paths:
+        raise InputError(f"folder {files} has no motion-capture file; allowed suffixes: {', '.join(FILE_SUFFIXES)}")
+    return list(paths)
+
+
 def import_gait(
-    files: Sequence[str | Path],
+    files: FilesLike,
     *,
     mass: float | None = None,
     stature: float | None = None,
@@ -158,13 +174,14 @@ def import_gait(
     Signs, axes, units and offsets are detected; the log states the reasons, and anything suspicious.
 
     Args:
-        files: Trials in C3D, OpenSim's .mot, .sto and .trc, CSV or Parquet. A trial may consist of several files.
+        files: Trials in C3D, OpenSim's .mot, .sto and .trc, CSV or Parquet: one file, a folder, or a sequence of files.
+            A trial may consist of several files.
         mass: Body mass [kg]. None: estimated from the impulse of the ground reaction.
         stature: Stature [m] for simulations with this reference.
         side: Leg of the reference. None: the one with more strides.
         mapping: Path of a mapping file for columns, markers, axes and clocks.
-        cutoff: Low-pass cut-off of angles and markers [Hz]; 0 disables the filter.
-        load_cutoff: Low-pass cut-off of ground reactions and moments [Hz]; 0 disables the filter.
+        cutoff: Low-pass cutoff of angles and markers [Hz]; 0 disables the filter.
+        load_cutoff: Low-pass cutoff of ground reactions and moments [Hz]; 0 disables the filter.
         contact_threshold: Vertical ground reaction of a foot on the ground [N].
         ankle_zero: Zero of the ankle angle.
         progress: Receives the completed fraction and the current stage.
@@ -181,11 +198,11 @@ def import_gait(
         ankle_zero=ankle_zero,
         mapping=_read_mapping(mapping),
     )
-    return GaitImport(reference_import.import_reference(files, options, progress))
+    return GaitImport(reference_import.import_reference(_list_files(files), options, progress))
 
 
 def import_dataset(
-    files: Sequence[str | Path],
+    files: FilesLike,
     device: str | Path,
     *,
     uncertainties: Mapping[str, str | float] | None = None,
@@ -224,7 +241,7 @@ def import_dataset(
     dataset_options = DatasetOptions(
         device=str(device), uncertainties=uncertainties or {}, trials_per_group=trials_per_group
     )
-    return DatasetImport(dataset_import.import_dataset(files, options, dataset_options, progress))
+    return DatasetImport(dataset_import.import_dataset(_list_files(files), options, dataset_options, progress))
 
 
 def export_run(

@@ -50,8 +50,9 @@ class ReproductionResult:
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return the items as a DataFrame; raises MissingExtraError without pandas."""
-        pd = import_pandas("ReproductionResult.to_pandas")
-        return pd.DataFrame(self.to_records())
+        pandas = import_pandas("ReproductionResult.to_pandas")
+        frame: pd.DataFrame = pandas.DataFrame(self.to_records())
+        return frame
 
     def format_summary(self, *, all_items: bool = False) -> Summary:
         """Yield the measured items, the items that do not agree (or ``all_items``), and the number of each verdict."""
@@ -147,8 +148,8 @@ def _format_items(title: str, assessments: list[ItemAssessment]) -> Summary:
     for assessment in assessments:
         cells = format_outcome_cells(assessment)
         columns = ("quantity", "unit", "published", "computed", "difference", "verdict")
-        table.add_row(assessment.item.row_title, *(cells[column] for column in columns))
+        table.add_row(assessment.item.table_title, *(cells[column] for column in columns))
     yield table
     for assessment in assessments:
         if assessment.note and assessment.verdict not in ("agrees", "not-printed"):
-            yield f"{assessment.item.row_title}, {assessment.item.quantity}: {assessment.note}"
+            yield f"{assessment.item.table_title}, {assessment.item.quantity}: {assessment.note}"

@@ -62,8 +62,9 @@ class SweepResult:
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return the rows as a DataFrame; raises MissingExtraError without pandas."""
-        pd = import_pandas("SweepResult.to_pandas")
-        return pd.DataFrame(self.rows, columns=list(table.COLUMN_TYPES))
+        pandas = import_pandas("SweepResult.to_pandas")
+        frame: pd.DataFrame = pandas.DataFrame(self.rows, columns=list(table.COLUMN_TYPES))
+        return frame
 
     def plot(self, metric: str = "ankle_work_net [J/kg]", over: str = "mass [kg]") -> "Figure":
         """Return a figure of ``metric`` over the input column ``over``, one line per device and controller.

@@ -67,8 +67,8 @@ class TrainingResult:
         yield self._build_table()
         summary = self.summary
         yield (
-            f"The policy is better in {summary['better_in']} of {summary['episodes']} episodes; mean gain in return "
-            f"{summary['gain']:.2f} ± {summary['gain_standard_error']:.2f} (standard error)."
+            f"The policy is better in {summary['n_better_episodes']} of {summary['episodes']} episodes; "
+            f"mean gain in return {summary['gain']:.2f} ± {summary['gain_standard_error']:.2f} (standard error)."
         )
 
     def _build_table(self) -> "Table":

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from klute_sim.baselines.library import Baseline
+from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.gait.rig.setup import GaitOptions, build_gait_rig
 from klute_sim.laws.pneumatics import air_mass
 from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, CaseResult
 from klute_sim.parameter_sweep.fingerprint import fingerprint_software
 from klute_sim.parameter_sweep.plan import GaitCase
-from klute_sim.report.gait.table import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.units import BAR
 
 SLOW_SPEED_RATIO, FAST_SPEED_RATIO, SLOPE_DEG = 0.8, 1.25, 5.0

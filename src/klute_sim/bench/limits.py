@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from klute_sim.device.device import Device, check_takes_pressure
+from klute_sim.device.device import Device, check_accepts_pressure
 from klute_sim.device.dynamics import compute_muscle_force, compute_taut_state, compute_tendon_force
 from klute_sim.errors import InputError
 from klute_sim.laws.mckibben import lock_length
@@ -53,7 +53,7 @@ def unit_length(device: Device, muscle_ratio: float, pressure: float) -> float:
 
 def check_supply_pressure(device: Device, pressures_bar: Iterable[float]) -> None:
     """Raise InputError unless the supply takes pressure commands and reaches all ``pressures_bar``."""
-    check_takes_pressure(device, "the protocol")
+    check_accepts_pressure(device, "the protocol")
     max_bar = device.parameters.supply.max_pressure / BAR
     for pressure in pressures_bar:
         if pressure > max_bar:

@@ -67,12 +67,12 @@ def simulate_tester(
             actuator.set_command(data, delay_line.sample(k))
             before = actuator.get_state(data)
             callbacks.step_model(model, data)
-            after = actuator.state_after_step(model, data, before)
+            after = actuator.compute_state_after_step(model, data, before)
             rate = (after.length - before.length) / dt
-            energy.record_sample(k, after, actuator.unit_length(data), rate)
+            energy.record_sample(k, after, actuator.get_unit_length(data), rate)
             samples[k] = (
-                actuator.unit_length(data),
-                actuator.tension(data),
+                actuator.get_unit_length(data),
+                actuator.get_tension(data),
                 -data.sensordata[load_cell_index],  # the sensor measures the force of the unit on the cell, along x
                 after.pressure,
                 after.length,

@@ -17,25 +17,28 @@ from klute_sim.errors import InputError, KluteSimError, suggest
 
 COMMANDS = {
     "gait": ("klute_sim.cli.gait", "Simulate gait with the prosthesis on the gait rig."),
-    "sweep": ("klute_sim.cli.sweep", "Simulate every combination of devices, controllers, speeds, slopes, masses."),
-    "bench": ("klute_sim.cli.bench", "Test a device on a tensile tester: forces, work, step responses."),
+    "sweep": (
+        "klute_sim.cli.sweep",
+        "Simulate every combination of devices, controllers, subjects, speeds and slopes.",
+    ),
+    "bench": ("klute_sim.cli.bench", "Simulate a tensile test of a device: forces, work, step responses."),
     "reproduce": ("klute_sim.cli.reproduce", "Compare the model with the dissertation's numbers and figures."),
     "design": ("klute_sim.cli.design", "Size actuator, damper and tendon for a muscle or a body mass."),
     "assumptions": (
         "klute_sim.cli.assumptions",
-        "List the assumed numbers of devices and their sensitivities.",
+        "List the assumed numbers of devices and their influence on the results.",
     ),
-    "device": ("klute_sim.cli.device", "List the devices, or show one: numbers, sources, forces."),
-    "diagnose": ("klute_sim.cli.diagnose", "Identify the effects that a simulation lacks from measured data."),
+    "device": ("klute_sim.cli.device", "List the devices, or show the numbers, sources and forces of one."),
+    "diagnose": ("klute_sim.cli.diagnose", "Identify, from measured data, the effects that a device model lacks."),
     "effects": ("klute_sim.cli.effects", "List the physical effects beyond the base model, or show one."),
     "import": ("klute_sim.cli.import_", "Create a gait reference or a dataset from motion-capture files."),
     "export": ("klute_sim.cli.export", "Export motion and loads of a run as OpenSim, CSV or Parquet files."),
-    "plan": ("klute_sim.cli.plan", "Plan bench measurements: commands, files to fill in, quantities to record."),
-    "tune": ("klute_sim.cli.tune", "Tune a pressure profile, optionally with the device, on the gait rig."),
+    "plan": ("klute_sim.cli.plan", "Plan bench measurements for a diagnosis: commands and files to record."),
+    "tune": ("klute_sim.cli.tune", "Tune a pressure profile, and optionally the device, in simulated gait."),
     "train": ("klute_sim.cli.train", "Train a control policy and compare it with the hand-tuned profile."),
-    "baselines": ("klute_sim.cli.baselines", "Simulate the baseline feet and controllers."),
+    "baselines": ("klute_sim.cli.baselines", "Simulate passive feet and standard controllers for comparison."),
     "compare": ("klute_sim.cli.compare", "Compare recordings over gait phase or time."),
-    "view": ("klute_sim.cli.view", "Open a result folder in the rerun viewer, or draw it."),
+    "view": ("klute_sim.cli.view", "Open results in the rerun viewer, or draw them as pictures."),
 }
 """Module that defines the command as ``command``, and one line of help, by the name of the command."""
 
@@ -58,7 +61,7 @@ class _LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if ctx.resilient_parsing or args[0] in COMMANDS or args[0].startswith("-"):
             return super().resolve_command(ctx, args)
-        hint = suggest(args[0], COMMANDS, "klute-sim --help lists all commands")
+        hint = suggest(args[0], COMMANDS, "run klute-sim --help for a list of all commands")
         raise InputError(f"there is no command '{args[0]}'; {hint}")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -76,7 +79,8 @@ def group(context: click.Context) -> None:
     Examples:
       klute-sim gait                     simulate five strides with the default prosthesis
       klute-sim device klute-3-4-pair    show the numbers of a device and their sources
-      klute-sim view runs/gait-001       scrub through a run
+      klute-sim view runs/gait-001       open a run in the viewer
+      klute-sim gait --help              show the options and examples of a command
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())

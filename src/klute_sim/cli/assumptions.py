@@ -15,16 +15,20 @@ MAX_CHANGES_SHOWN = 3
 
 @click.command("assumptions")
 @click.argument("names", metavar="[NAME|FILE]...", nargs=-1)
-@click.option("--gait", is_flag=True, help="Include the changes in gait, with one gait run per number.")
+@click.option(
+    "--gait", is_flag=True, help="Also compute the changes in gait; this takes one gait simulation per number."
+)
 @common.json_option("tables")
 def command(names: tuple[str, ...], gait: bool, as_json: bool) -> None:
     """List the assumed numbers of devices with their reasons and their influence.
 
-    A number is assumed where the source does not print it, or where its page is missing from this copy of the source.
-    Each number is changed by 10 % (a count by 1, a temperature by 10 degrees), and the device is tested again on a
-    simulated bench, at the unit length at which the nominal muscle has 0.96 of its resting length. The metrics are the
-    isometric force, the force while shortening at 300 and lengthening at 150 mm/s, the time to 90 % of force after a
-    pressure step, the net work of a cycle at 100 mm/s, and the air in the muscle. Without names: all presets.
+    Without NAME or FILE, prints all presets. A number is assumed where the source does not print it, or where its page
+    is missing from this copy of the source.
+
+    Each number is changed by 10 % (a count by 1, a temperature by 10 degrees), and the bench test of the device is
+    simulated again. Its metrics are the isometric force, the force while shortening at 300 mm/s and while lengthening
+    at 150 mm/s, the time to 90 % of the force after a pressure step, the net work of a cycle at 100 mm/s, and the air
+    in the muscle. In all tests the unit has the length at which the unchanged muscle has 0.96 of its resting length.
 
     \b
     Examples:

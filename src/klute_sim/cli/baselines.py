@@ -9,9 +9,7 @@ from klute_sim.cli import common
 
 
 @click.command("baselines")
-@click.option(
-    "--only", multiple=True, metavar="NAME", help="Simulate only this baseline; may be repeated.  [default: all]"
-)
+@click.option("--only", multiple=True, metavar="NAME", help="Baseline to simulate; may be repeated.  [default: all]")
 @common.MASS_OPTION
 @common.strides_option("Number of strides per run")
 @common.TIME_STEP_OPTION
@@ -21,14 +19,16 @@ from klute_sim.cli import common
 def command(
     only: tuple[str, ...], mass: float, strides: int, step_ms: float, jobs: int, out: Path | None, as_json: bool
 ) -> None:
-    """Simulate the baseline feet and controllers: passive feet, off, constant, hand-tuned, machine, tuned, trained.
+    """Simulate passive feet and standard controllers, with which a new device or controller can be compared.
 
-    Each baseline is simulated at the speed of the reference, at 0.8 and 1.25 of it, and 5 degrees uphill and downhill.
-    The distance to the human is given only on the level at the speed of the reference, where it was measured. In the
-    other conditions the angles of thigh and shank and the ground reaction are those of the reference in space, with
-    time scaled by the speed (assumed).
+    The controllers are off, constant, hand-tuned, machine, tuned and trained. Each baseline is simulated at the speed
+    of the reference, at 0.8 and 1.25 times this speed, and 5 degrees uphill and downhill.
 
-    Writes baselines.json, table.json and a file per run.
+    The distance to human gait is given only on level ground at the speed of the reference, because the reference was
+    measured there. For the other conditions we assume that thigh angle, shank angle and ground reaction stay the same
+    in space, and that their time scales with the speed.
+
+    Writes baselines.json, table.json and one file per run.
 
     \b
     Examples:

@@ -16,11 +16,12 @@ if TYPE_CHECKING:
 @click.argument("protocol_name", metavar="[PROTOCOL|FILE]", required=False)
 @click.argument("device_name", metavar="[DEVICE|FILE]", required=False)
 @click.option("--list", "as_list", is_flag=True, help="List the protocols of the package.")
-@click.option("--toml", "as_toml", is_flag=True, help="Print the protocol file, as a template for a new one.")
+@click.option("--toml", "as_toml", is_flag=True, help="Print the file of PROTOCOL, as a template for your own.")
 @click.option(
     "--mujoco",
     is_flag=True,
-    help="Use the MuJoCo tester with a crosshead on a servo and a load cell; slower.  [default: the device alone]",
+    help="Simulate the tester in MuJoCo, with a servo-driven crosshead and a load cell; slower.  [default: only the "
+    "device is simulated]",
 )
 @common.TIME_STEP_OPTION
 @common.out_option("bench", "the run")
@@ -35,14 +36,16 @@ def command(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Run a PROTOCOL on a DEVICE (preset or device file; default: klute-3-4-pair) on a simulated tensile tester.
+    """Test a DEVICE on a simulated tensile tester with the commands of a PROTOCOL.
+
+    DEVICE is a preset or a device file (default: klute-3-4-pair). PROTOCOL is a protocol of the package or a protocol
+    file, in which numbers without a printed source are marked as assumed. Without PROTOCOL, the protocols are listed.
 
     The crosshead moves the whole unit [mm, mm/s; shortening is positive], and the regulator follows a pressure command
-    [bar]. The results are force [N], work per cycle [J; positive: done by the device] and step responses. Without a
-    PROTOCOL, the protocols are listed. A protocol is a file; numbers without a printed source are marked as assumed.
+    [bar]. The results are force [N], work per cycle [J; positive: done by the device] and step responses.
 
     Writes summary.json, results.csv (one row per trial), figure.png, protocol.toml, device.toml and one Parquet file
-    per trial, which is a valid trial of a dataset.
+    per trial, which a dataset for klute-sim diagnose can contain.
 
     \b
     Examples:

@@ -41,7 +41,7 @@ DEVICE_OPTION = click.option(
     default="klute-1-1-4-pair",
     show_default=True,
     metavar="NAME|FILE",
-    help="Preset or device file.",
+    help="Device: name of a preset, or a device file.",
 )
 TIME_STEP_OPTION = click.option(
     "--step",
@@ -69,7 +69,8 @@ CATALOGUE_OPTION = click.option(
     type=NonEmptyPath(),
     default=None,
     metavar="FILE",
-    help="Python file that registers your own effects. Its code is executed: use only files that you trust.",
+    help="Python file that registers your own effects. Its code is executed: use only files that you trust.  "
+    "[default: the file that the variable KLUTE_SIM_CATALOGUE names]",
 )
 
 
@@ -81,7 +82,10 @@ def out_option(kind: str, content: str) -> Decorator:
 
 def resumable_out_option(kind: str, content: str) -> Decorator:
     """Return ``--out`` of a command that stores results as they finish and can be resumed."""
-    text = f"Folder for {content}; the same command resumes an interrupted run there.  [default: runs/{kind}-NNN]"
+    text = (
+        f"Folder for {content}. After an interrupt, the same command with this folder resumes.  "
+        f"[default: runs/{kind}-NNN]"
+    )
     return click.option("--out", type=NonEmptyPath(), default=None, metavar="FOLDER", help=text)
 
 
@@ -96,7 +100,7 @@ def strides_option(help_text: str) -> Decorator:
 
 
 def jobs_option(
-    help_text: str = "Number of worker processes.  [default: 0, one per core]", *, default: int | None = 0
+    help_text: str = "Number of worker processes; 0: one per core.  [default: 0]", *, default: int | None = 0
 ) -> Decorator:
     """Return ``--jobs``; with ``default`` None the command can tell whether the option was given."""
     return click.option("--jobs", type=click.IntRange(0, 256), default=default, metavar="N", help=help_text)

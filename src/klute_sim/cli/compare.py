@@ -17,25 +17,26 @@ from klute_sim.cli import common
     type=click.Choice(["phase", "time"]),
     default=None,
     help="Axis: strides over the gait cycle [%], or whole recordings over their common time [s].  [default: phase if "
-    "every recording has gait_phase, or a grf_vertical that shows its strides]",
+    "every recording has gait_phase, or a grf_vertical from which strides are detected; otherwise time]",
 )
 @click.option(
     "--channel",
     "channels",
     multiple=True,
     metavar="NAME",
-    help="Channel to compare; may be repeated; 'all' for every channel.  [default: the main channels]",
+    help="Channel to compare, or 'all'; may be repeated.  [default: the main channels]",
 )
 @click.option(
     "--reference",
     is_flag=True,
-    help="Add the human reference of the first gait run as the series 'human', with ±1 sd between people.",
+    help="Add the human reference of the first gait run as the series 'human', with its standard deviation between "
+    "subjects.",
 )
 @click.option(
     "--baseline",
     metavar="LABEL",
     default=None,
-    help="Series that the others are compared with.  [default: the first RUN]",
+    help="Series with which the other series are compared.  [default: the first RUN]",
 )
 @click.option(
     "--skip",
@@ -43,10 +44,11 @@ from klute_sim.cli import common
     type=click.IntRange(0),
     default=None,
     metavar="N",
-    help="Strides to skip at the start of each recording.  [default: 1 of a simulated gait, 0 of a measured one]",
+    help="Number of strides to skip at the start of each recording.  [default: 1 for simulated gait, 0 for measured "
+    "gait]",
 )
 @common.out_option("compare", "the results")
-@click.option("--no-report", is_flag=True, help="Write the numbers only, without page, figures and rerun recording.")
+@click.option("--no-report", is_flag=True, help="Write only the numbers, without page, figures and rerun recording.")
 @common.json_option()
 def command(
     runs: tuple[str, ...],
@@ -61,15 +63,16 @@ def command(
 ) -> None:
     """Compare simulated or measured recordings channel by channel.
 
-    A single run is shown as its mean stride with a band.
+    A RUN is a folder of klute-sim gait or klute-sim bench, or a recording: a Parquet or CSV file with a column 'time
+    [s]' and columns 'name [unit]'. Runs with the same LABEL are repeats and form one series. A single run is shown as
+    its mean stride with a band.
 
-    A RUN is a folder of gait or bench, or a recording: Parquet or CSV with columns 'name [unit]' and 'time [s]'. Runs
-    with the same LABEL are repeats. Strides are resampled to 0 to 100 % of the gait cycle (column 'gait_phase [%]');
-    mean and standard deviation are over strides, or over repeats in time. The first RUN is the baseline: bias, rms and
-    largest difference are those of the other series from it, in the channel's unit.
+    Strides are resampled to 0 to 100 % of the gait cycle (column 'gait_phase [%]'). Mean and standard deviation are
+    computed over strides, or, with --over time, over repeats. Bias, rms and largest difference are those of each series
+    minus the baseline, in the unit of the channel.
 
-    Writes comparison.json, comparison.csv (a row per channel), bands.parquet (the curves), comparison.html, a PNG per
-    trial and, with the extra 'rerun', comparison.rrd.
+    Writes comparison.json, comparison.csv (one row per channel), bands.parquet (the curves), comparison.html, one PNG
+    file per trial and, with the optional extra 'rerun', comparison.rrd.
 
     \b
     Examples:

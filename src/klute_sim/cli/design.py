@@ -35,35 +35,38 @@ def _number_option(name: str, metavar: str, help_text: str) -> Callable[[Callabl
 
 
 @click.command("design")
-@_number_option("--mass", "KG", "Body mass of the walker [kg].")
+@_number_option("--mass", "KG", "Body mass of the subject [kg].")
 @click.option(
     "--reference",
     "reference",
     type=NonEmptyPath(),
     default=None,
     metavar="FILE",
-    help="With --mass: CSV of a gait cycle with the columns of docs/gait.md.  [default: able-bodied adults]",
+    help="With --mass: CSV file of a gait cycle with the columns of docs/gait.md.  [default: able-bodied adults]",
 )
 @click.option(
-    "--muscle", default=None, metavar="ROW", help=f"Emulate this muscle of Table 2.4: {', '.join(HILL_CURVES)}."
+    "--muscle", default=None, metavar="NAME", help=f"Muscle of Table 2.4 to emulate: {', '.join(HILL_CURVES)}."
 )
 @_number_option("--f0", "N", "Isometric force F0 of the muscle [N].")
-@_number_option("--l0", "MM", "Resting length l0 of the muscle, which is that of the actuators [mm].")
+@_number_option("--l0", "MM", "Resting length l0 of the muscle [mm]; the actuators have the same.")
 @_number_option("--vmax", "MM/S", "Maximum shortening velocity Vmax of the muscle [mm/s].  [default: 300, assumed]")
-@_number_option("--a", "A", "a/F0 of Hill's equation (2.4).  [default: 0.28]")
-@_number_option("--b", "B", "b/Vmax of Hill's equation (2.4).  [default: 0.28]")
-@_number_option("--saturation", "S", "Saturated eccentric force over F0.  [default: 1.3]")
+@_number_option("--a", "RATIO", "Ratio a/F0 of Hill's equation (2.4) [1].  [default: 0.28]")
+@_number_option("--b", "RATIO", "Ratio b/Vmax of Hill's equation (2.4) [1].  [default: 0.28]")
+@_number_option("--saturation", "RATIO", "Ratio of saturated eccentric force to F0 [1].  [default: 1.3]")
 @_number_option("--pressure", "BAR", "Supply gauge pressure [bar].  [default: 5]")
 @click.option(
-    "--actuator", default=None, metavar="NAME", help="klute-1-1-4, klute-3-4 or klute-1-2.  [default: by rule]"
+    "--actuator",
+    default=None,
+    metavar="NAME",
+    help="Actuator of Table 3.1: klute-1-1-4, klute-3-4 or klute-1-2.  [default: by rule]",
 )
 @click.option("--count", type=int, default=None, metavar="N", help="Number of parallel actuators.  [default: by rule]")
 @_number_option("--resting-length", "MM", "Resting length L0 of the actuators [mm].  [default: by rule]")
-@_number_option("--bore", "MM", "Bore of the damper [mm].  [default: by (4.2)]")
+@_number_option("--bore", "MM", "Bore of the damper [mm].  [default: by equation (4.2)]")
 @_number_option(
     "--cylinder-pressure",
     "MPA",
-    "Gauge pressure in the damper that determines its bore [MPa].  [default: 4.7, assumed]",
+    "Allowed gauge pressure in the damper, which determines its bore [MPa].  [default: 4.7, assumed]",
 )
 @_number_option(
     "--eccentric-speed", "MM/S", "Lengthening speed of the eccentric design point [mm/s].  [default: Vmax/2, assumed]"
@@ -75,20 +78,23 @@ def _number_option(name: str, metavar: str, help_text: str) -> Callable[[Callabl
     "--moment-arm", "MM", "With --mass: moment arm of the tendon about the ankle [mm].  [default: 48, assumed]"
 )
 @_number_option(
-    "--tendon-strain", "%", "Stretch at the design force over tendon plus muscle [%].  [default: 4, assumed]"
+    "--tendon-strain",
+    "%",
+    "Stretch of the tendon at the design force, as a fraction of tendon plus muscle length [%].  [default: 4, assumed]",
 )
-@click.option("--name", default="klute-design", show_default=True, metavar="NAME", help="Name of the device.")
+@click.option("--name", default="klute-design", show_default=True, metavar="NAME", help="Name of the new device.")
 @common.out_option("design", "the design")
 @common.json_option("the tables")
 def command(out: Path | None, as_json: bool, **options: Any) -> None:
-    """Size actuators, damper and tendon for a walker or for a muscle.
+    """Size actuators, damper and tendon for a subject or for a muscle.
 
-    Selects the actuators of Table 3.1, sizes the damper (bore (4.2), two orifices (4.6)) and the two springs of the
-    tendon. Compares the result with the design envelope (2.5) and with Hill's force-velocity curve, evaluates the
-    demand of a stride, and varies every assumption, one at a time. Specified values are not varied.
+    Selects actuators from Table 3.1, and sizes the damper (bore by equation (4.2), two orifices by (4.6)) and the two
+    springs of the tendon. Compares the result with the design envelope (2.5) and with Hill's force-velocity curve,
+    evaluates the demand of a stride, and varies each assumption separately; the values that you specify are not varied.
+    "By rule" means: the fewest actuators that are strong enough, then the least gas.
 
-    Writes device.toml (for klute-sim device and klute-sim gait --device), summary.json, figure.png and, for a walker,
-    profile.csv (for klute-sim gait --controller): the tuned profile at the same force per body mass.
+    Writes device.toml (for klute-sim device and klute-sim gait --device), summary.json, figure.png and, for a subject,
+    profile.csv (for klute-sim gait --controller), the tuned pressure profile scaled to the same force per body mass.
 
     \b
     Examples:

@@ -16,12 +16,12 @@ from klute_sim.cli import common
     metavar="BAR",
     help="Gauge pressure of the force table [bar].  [default: 5, or the supply pressure if it is lower]",
 )
-@click.option("--toml", "as_toml", is_flag=True, help="Print the device file as a template for your own.")
+@click.option("--toml", "as_toml", is_flag=True, help="Print the device file, as a template for your own.")
 @common.json_option("tables")
 def command(name: str | None, pressure: float | None, as_toml: bool, as_json: bool) -> None:
-    """List the devices that come with the package, or show one.
+    """List the devices of the package, or show one device (preset or device file).
 
-    Shows every number with its source (assumed numbers are marked), the isometric force of the muscle in the three
+    Prints every number with its source (assumed numbers are marked), the isometric force of the muscle in the three
     stages of the dissertation (geometric, with bladder, with friction), and published measurements beside the model.
 
     \b

@@ -17,17 +17,29 @@ if TYPE_CHECKING:
 
 @click.command("diagnose")
 @click.argument("folder", metavar="FOLDER", type=NonEmptyPath())
-@click.option("--example", is_flag=True, help="First write the example dataset into FOLDER (new).")
-@click.option("--device", "device_name", default=None, metavar="NAME|FILE", help="Device in place of the dataset's.")
-@click.option("--only", multiple=True, metavar="EFFECT", help="Candidate effect; may be repeated.  [default: all]")
-@click.option("--exclude", multiple=True, metavar="EFFECT", help="Effect that is not a candidate; may be repeated.")
+@click.option("--example", is_flag=True, help="Write the example dataset into FOLDER (new or empty), then diagnose it.")
+@click.option(
+    "--device",
+    "device_name",
+    default=None,
+    metavar="NAME|FILE",
+    help="Device: name of a preset, or a device file.  [default: the device of the dataset]",
+)
+@click.option(
+    "--only", multiple=True, metavar="EFFECT", help="Effect to test; may be repeated.  [default: all effects]"
+)
+@click.option(
+    "--exclude", multiple=True, metavar="EFFECT", help="Effect not to test; may be repeated.  [default: none]"
+)
 @common.CATALOGUE_OPTION
-@common.jobs_option("Number of threads.  [default: 0, all cores]")
+@common.jobs_option("Number of threads; 0: one per core.  [default: 0]")
 @click.option(
     "--seed", type=click.IntRange(0), default=0, metavar="N", help="Random seed for multi-start fits.  [default: 0]"
 )
 @common.out_option("diagnose", "the results")
-@click.option("--no-report", is_flag=True, help="Write verdict.json and device.toml only: no page, plots, recording.")
+@click.option(
+    "--no-report", is_flag=True, help="Write only verdict.json and device.toml, without page, figures and recording."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the verdict as one JSON object instead of text.")
 def command(
     folder: Path,
@@ -42,11 +54,14 @@ def command(
     no_report: bool,
     as_json: bool,
 ) -> None:
-    """Identify the effects that the simulation of a measured dataset lacks, and add them to the device.
+    """Identify the effects that measured data show and the device model lacks, and add them to the device.
 
-    FOLDER holds dataset.toml and its trials. The verdict is one of: nothing-missing, identified, ambiguous (the effects
-    are indistinguishable), unexplained (no known effect explains the data), insufficient-data. The exit code is 0 for
-    every verdict; 2 means that the input was not valid.
+    FOLDER contains dataset.toml and the files of its trials (docs/datasets.md). The verdict is one of: nothing-missing,
+    identified, ambiguous (the effects are indistinguishable), unexplained (no known effect explains the data),
+    insufficient-data. The exit code is 0 for every verdict; 2 means that the input was not valid.
+
+    Writes verdict.json, device.toml (the device with the identified effects), report.html, figures and, with the
+    optional extra 'rerun', a recording.
 
     \b
     Examples:

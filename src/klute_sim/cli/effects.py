@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 @click.command("effects")
 @click.argument("name", metavar="[NAME]", required=False)
 @click.option(
-    "--json", "as_json", is_flag=True, help="Print JSON instead of tables: one object, or a list without NAME."
+    "--json", "as_json", is_flag=True, help="Print JSON instead of tables: one object with NAME, a list without NAME."
 )
 @common.CATALOGUE_OPTION
 @click.option(
     "--confusable",
     is_flag=True,
-    help="Compute which effects are indistinguishable on the bench, and the change of the rig that separates them.",
+    help="Compute which effects a bench test cannot distinguish, and which change of the rig distinguishes them.",
 )
 @click.option(
     "--device",
@@ -31,14 +31,15 @@ if TYPE_CHECKING:
     default=text.SIGNATURE_DEVICE,
     show_default=True,
     metavar="NAME|FILE",
-    help="Device of --confusable and of the figures.",
+    help="Device for --confusable and for the figures: name of a preset, or a device file.",
 )
 @click.option(
     "--out",
     type=NonEmptyPath(),
     default=None,
     metavar="FOLDER",
-    help="New or empty folder for figures and data: the responses to NAME, or the matrices of --confusable.",
+    help="New or empty folder for figures of the responses to NAME, or for the matrices of --confusable.  [default: "
+    "write no files]",
 )
 def command(
     name: str | None,
@@ -50,8 +51,9 @@ def command(
 ) -> None:
     """List the physical effects beyond the base model, or show the effect NAME.
 
-    Shows the equation of each form, where it acts, its parameters (unit, value without effect, range, typical size,
-    source; assumed ones are marked), and the lines that add it to a device file.
+    For one effect, prints each of its forms: the equation, the quantities on which it acts, the parameters (unit,
+    neutral value, range, typical value, source; assumed values are marked), and the lines that add it to a device file.
+    Writes files only with --out.
 
     \b
     Examples:
@@ -59,9 +61,9 @@ def command(
       klute-sim effects braid_hysteresis
       klute-sim effects pressure_lag --json
       klute-sim effects warming --catalogue my_effects.py
-      klute-sim effects muscle_damping --out signature    figures of its responses
-      klute-sim effects seal_friction --confusable        effects that look like it
-      klute-sim effects --confusable --out similarity     all effects, as matrix and table
+      klute-sim effects muscle_damping --out signature    draw its responses
+      klute-sim effects seal_friction --confusable        list effects that resemble it
+      klute-sim effects --confusable --out similarity     compare all effects
     """
     from klute_sim.effects import catalogue as known
     from klute_sim.errors import InputError
@@ -178,7 +180,7 @@ def _print_effects(effects: list[dict[str, Any]]) -> None:
     table = Table("effect", "kind", "forms", "description")
     for effect in effects:
         forms = ", ".join(form["name"] for form in effect["forms"])
-        table.add_row(effect["name"], effect["kind"], forms, effect["sentence"])
+        table.add_row(effect["name"], effect["kind"], forms, effect["description"])
     stdout_console().print(table)
 
 
@@ -188,7 +190,7 @@ def _print_effect(effect: dict[str, Any]) -> None:
     from klute_sim.cli.console import stdout_console
 
     console = stdout_console()
-    console.print(f"{effect['name']}: {effect['sentence']}", soft_wrap=True)
+    console.print(f"{effect['name']}: {effect['description']}", soft_wrap=True)
     console.print(text.describe_kind(effect), soft_wrap=True)
     for index, form in enumerate(effect["forms"]):
         default_note = text.format_default_note(index, effect["forms"])

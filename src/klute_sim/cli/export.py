@@ -27,15 +27,23 @@ FILE_FORMATS = ("mot", "sto", "trc", "log", "csv", "parquet")
     type=click.Choice(["right", "left"]),
     default="right",
     show_default=True,
-    help="Side in the names of the leg.",
+    help="Body side in the names of the exported quantities.",
 )
 @common.out_option("export", "the files")
 def command(run: Path, formats: tuple[str, ...], side: Any, out: Path | None) -> None:
     """Export motion and loads of a run for other programs.
 
-    RUN is a folder of klute-sim gait, or of klute-sim import (its mean stride). mot: joint angles and ground reaction;
-    sto: ankle moment; trc: virtual markers; all with OpenSim's names, axes and signs. log: channels that the prosthesis
-    would log; csv and parquet: all channels with the names of klute-sim.
+    RUN is a folder of klute-sim gait, or of klute-sim import, whose mean stride is exported. Writes the files of each
+    chosen format:
+
+    \b
+      mot            joint angles and ground reaction, as in OpenSim
+      sto            ankle moment, as in OpenSim
+      trc            virtual markers, as in OpenSim
+      log            channels that the prosthesis would log
+      csv, parquet   all channels
+
+    "As in OpenSim" means its names, axes and signs; the other formats keep the names of klute-sim.
 
     \b
     Examples:

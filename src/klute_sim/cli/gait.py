@@ -15,16 +15,17 @@ from klute_sim.cli import common
     "controller_spec",
     default=None,
     metavar="SPEC",
-    help="profile (hand-tuned pressure over gait phase), off, constant:BAR, machine (state machine on the prosthesis's "
-    "own sensors), or a file: profile (.csv), state machine (.toml), trained policy (.npz).  [default: profile, or off "
-    "with --spring-foot]",
+    help="Pressure controller: profile (hand-tuned pressure over gait phase), off (no pressure), constant:BAR, "
+    "machine (state machine that uses the sensors of the prosthesis), or a file with a profile (.csv), a state "
+    "machine (.toml) or a trained policy (.npz).  [default: profile, or off with --spring-foot]",
 )
 @click.option(
     "--spring-foot",
     type=common.NumberWithUnit("N·m/deg"),
     default=None,
     metavar="STIFFNESS",
-    help="Stiffness [N·m/deg] of a passive foot in place of the device; prosthetic feet have 3 to 15.",
+    help="Stiffness [N·m/deg] of a passive foot, which replaces the device; prosthetic feet have 3 to 15.  [default: "
+    "no passive foot]",
 )
 @click.option(
     "--reference",
@@ -39,21 +40,21 @@ from klute_sim.cli import common
     type=common.NumberWithUnit("s"),
     default=None,
     metavar="S",
-    help="Stride time of --reference [s].  [default: stated by its folder, or 1.1]",
+    help="Stride time of --reference [s].  [default: the value in its folder, or 1.1]",
 )
 @click.option(
     "--mass",
     type=common.NumberWithUnit("kg"),
     default=None,
     metavar="KG",
-    help="Body mass [kg].  [default: stated by the folder of --reference, or 75]",
+    help="Body mass [kg].  [default: the value in the folder of --reference, or 75]",
 )
 @click.option(
     "--stature",
     type=common.NumberWithUnit("m"),
     default=None,
     metavar="M",
-    help="Stature [m].  [default: stated by the folder of --reference, or 1.75]",
+    help="Stature [m].  [default: the value in the folder of --reference, or 1.75]",
 )
 @common.REJECT_HEIGHT_OPTION
 @click.option(
@@ -61,7 +62,8 @@ from klute_sim.cli import common
     type=common.NumberWithUnit("m/s"),
     default=None,
     metavar="M/S",
-    help="Walking speed [m/s]; it scales the stride time.  [default: implied by reference and leg length]",
+    help="Walking speed [m/s]; a faster gait has a shorter stride time.  [default: computed from reference and leg "
+    "length]",
 )
 @click.option(
     "--slope",
@@ -78,7 +80,8 @@ from klute_sim.cli import common
     type=click.Choice(["auto", "compiled", "python"]),
     default="auto",
     show_default=True,
-    help="Device model as compiled code or as plain Python; both give the same bits. auto: compiled if possible.",
+    help="Implementation of the device model: compiled code or plain Python; both give identical numbers. auto: "
+    "compiled code if possible.",
 )
 @common.out_option("gait", "the run")
 @click.option("--csv", "with_csv", is_flag=True, help="Also write recording.csv.")
@@ -107,7 +110,8 @@ def command(
     pressure are predictions. The vertical ground reaction is tracked, not predicted; the fore-aft reaction is partly
     prescribed.
 
-    Writes recording.parquet, summary.json, report.png, device.toml and, with the extra 'rerun', recording.rrd.
+    Writes recording.parquet, summary.json, report.png, device.toml and, with the optional extra 'rerun',
+    recording.rrd.
 
     \b
     Examples:

@@ -25,14 +25,14 @@ from klute_sim.cli.common import NonEmptyPath
     type=common.NumberWithUnit("m"),
     default=None,
     metavar="M",
-    help="Stature [m], stored for klute-sim gait.",
+    help="Stature [m]; klute-sim gait uses it as its default.  [default: not stored]",
 )
 @common.REJECT_HEIGHT_OPTION
 @click.option(
     "--side",
     type=click.Choice(["right", "left"]),
     default=None,
-    help="Leg to import; for a dataset the side of the prosthesis.  [default: the leg with more strides]",
+    help="Leg to import; with --dataset: side of the prosthesis.  [default: the leg with more strides]",
 )
 @click.option(
     "--map",
@@ -40,7 +40,8 @@ from klute_sim.cli.common import NonEmptyPath
     type=NonEmptyPath(),
     default=None,
     metavar="FILE",
-    help="TOML file with columns, units, signs, zeros, markers and axes that the names do not show (docs/import.md).",
+    help="TOML file with the columns, units, signs, zeros, markers and axes that cannot be detected from the names in "
+    "the files (docs/import.md).",
 )
 @click.option(
     "--cutoff",
@@ -62,38 +63,38 @@ from klute_sim.cli.common import NonEmptyPath
     default=20.0,
     show_default=True,
     metavar="N",
-    help="Vertical ground reaction [N] of a foot on the ground.",
+    help="Vertical ground reaction [N] above which a foot counts as on the ground.",
 )
 @click.option(
     "--ankle-zero",
     type=click.Choice(["foot-flat", "file"]),
     default=None,
-    help="Zero of the ankle angle: the flat foot in mid-stance, or the zero of the file.  [default: foot-flat; for a "
-    "dataset: file]",
+    help="Zero of the ankle angle: the flat foot in mid-stance, or the zero of the file.  [default: foot-flat; with "
+    "--dataset: file]",
 )
 @click.option(
     "--dataset",
     "as_dataset",
     is_flag=True,
-    help="Create a dataset for klute-sim diagnose from trials with a prosthesis and its log (docs/import.md).",
+    help="Create a dataset for klute-sim diagnose from trials with a prosthesis and from its log (docs/import.md).",
 )
-@click.option("--device", default=None, metavar="NAME|FILE", help="Prosthesis of a dataset: preset or device file.")
+@click.option("--device", default=None, metavar="NAME|FILE", help="With --dataset: prosthesis (preset or device file).")
 @click.option(
     "--uncertain",
     multiple=True,
     metavar="KEY=SD",
-    help="Standard deviation of a device parameter of a dataset, such as 'muscle.c10_kpa=10 %'; may be repeated.",
+    help="With --dataset: standard deviation of a device parameter, such as 'muscle.c10_kpa=10 %'; may be repeated.",
 )
 @click.option(
     "--repeats",
     type=int,
     default=None,
     metavar="N",
-    help="Number of consecutive trials of a dataset that are repeats.  [default: trials with equal stride times and "
+    help="With --dataset: number of consecutive trials that are repeats.  [default: trials with equal stride times and "
     "pressures]",
 )
 @common.out_option("import", "the reference or the dataset")
-@click.option("--verbose", is_flag=True, help="Show the decisions for every file, as in import.json.")
+@click.option("--verbose", is_flag=True, help="Print all decisions for each file; import.json always contains them.")
 @common.json_option()
 def command(
     files: tuple[Path, ...],
@@ -119,8 +120,8 @@ def command(
     several files: angles, ground reaction, moments. Signs, axes, units and offsets are detected and reported with the
     reason, as is anything suspicious.
 
-    Writes reference.csv, reference.toml, all strides (strides_right.parquet, strides_left.parquet) and import.json;
-    with --dataset dataset.toml, the trials as CSV and import.json.
+    Writes reference.csv, reference.toml, all strides (strides_right.parquet, strides_left.parquet) and import.json.
+    With --dataset, writes dataset.toml, the trials as CSV files and import.json.
 
     \b
     Examples:

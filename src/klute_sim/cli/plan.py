@@ -18,26 +18,27 @@ from klute_sim.cli.common import NonEmptyPath
     default=2,
     show_default=True,
     metavar="N",
-    help="Number of recordings of each protocol (2 to 26); noise is measured from repeats.",
+    help="Number of recordings of each protocol (2 to 26); the repeats measure the noise.",
 )
 @click.option(
     "--only",
     multiple=True,
     metavar="PROTOCOL",
-    help="Plan this protocol only (steps, ramps, sines, release, hold, slack, mixed); may be repeated.",
+    help="Protocol to plan (steps, ramps, sines, release, hold, slack, mixed); may be repeated.  [default: all]",
 )
 @click.option(
     "--simulate",
     is_flag=True,
-    help="Also simulate the recordings, with noise, to test the diagnosis. They are not measurements.",
+    help="Also write simulated recordings with noise, to test the diagnosis. They are not measurements.",
 )
 @common.json_option()
 def command(device_name: str, out: Path, repeats: int, only: tuple[str, ...], simulate: bool, as_json: bool) -> None:
-    """Plan measurements with DEVICE (preset or device file) on a tensile tester.
+    """Plan the measurements of a DEVICE (preset or device file) on a tensile tester.
 
-    Writes into FOLDER one CSV file per protocol with the commands for the tester (time [s], length [mm] of the whole
-    unit, pressure_command [bar]; 200 Hz), the device file, a dataset.toml that names the files to record, and
-    README.txt with instructions, also for changes of the rig that distinguish effects which no command separates.
+    Writes one CSV file per protocol with the commands for the tester (time [s], length [mm] of the whole unit,
+    pressure_command [bar]; 200 Hz), the device file, dataset.toml with the names of the files to record, and README.txt
+    with instructions. README.txt also lists the changes of the rig that distinguish effects which the commands alone
+    cannot distinguish.
 
     \b
     Examples:

@@ -16,7 +16,7 @@ DEFAULT_DEVICE = "klute-3-4-pair"
     default=DEFAULT_DEVICE,
     show_default=True,
     metavar="NAME|FILE",
-    help="Muscle-tendon unit of chapters 4 to 8, with damper and tendon.",
+    help="Muscle-tendon unit for chapters 4 to 8: preset or device file with damper and tendon.",
 )
 @click.option(
     "--published",
@@ -24,10 +24,15 @@ DEFAULT_DEVICE = "klute-3-4-pair"
     type=NonEmptyPath(),
     default=None,
     metavar="FILE",
-    help="TOML file with published numbers that are missing from this package (see --missing).",
+    help="TOML file with published numbers that this package lacks; --missing prints a template.",
 )
-@click.option("--missing", is_flag=True, help="Print a template of the file of missing numbers and exit.")
-@click.option("--items", "all_items", is_flag=True, help="Print all items, not only those that do not agree.")
+@click.option("--missing", is_flag=True, help="Print the template for --published, and exit.")
+@click.option(
+    "--items",
+    "all_items",
+    is_flag=True,
+    help="Print all items.  [default: the measured ones and those that do not agree]",
+)
 @common.out_option("reproduce", "page and figures")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of items instead of the table.")
 def command(
@@ -36,14 +41,15 @@ def command(
     """Compare the model with the numbers and figures of Klute's dissertation.
 
     Each number and statement gets a verdict: agrees, contradicts-source, source-contradicts-itself, or not-printed
-    (the page is missing, or the data of the experiment are not printed). Writes report.html, every figure in the axes
-    of the source, items.json and device.toml.
+    (the page is missing, or the data of the experiment are not printed).
+
+    Writes report.html, every figure with the axes of the source, items.json and device.toml.
 
     \b
     Examples:
       klute-sim reproduce --out dissertation
       klute-sim reproduce --items
-      klute-sim reproduce --missing > numbers.toml     complete the file, then:
+      klute-sim reproduce --missing > numbers.toml         write the template; complete it, then:
       klute-sim reproduce --published numbers.toml
       klute-sim reproduce --json | python -m json.tool
     """
@@ -56,7 +62,7 @@ def command(
 
     if missing:
         if published_file or out or as_json or all_items:
-            raise InputError("--missing prints a template and exits; no other option goes with it")
+            raise InputError("--missing prints a template and exits: leave out all other options")
         click.echo(printed.render_template(), nl=False)
         return
     published = printed.load_supplied_values(published_file) if published_file else None

@@ -43,14 +43,15 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     "devices",
     multiple=True,
     metavar="NAME|FILE",
-    help="Preset or device file; may be repeated.  [default: klute-1-1-4-pair]",
+    help="Device: name of a preset, or a device file; may be repeated.  [default: klute-1-1-4-pair]",
 )
 @click.option(
     "--controller",
     "controllers",
     multiple=True,
     metavar="SPEC",
-    help="As in 'klute-sim gait': profile, off, constant:BAR, machine, or a file; may be repeated.  [default: profile]",
+    help="Pressure controller, as in 'klute-sim gait': profile, off, constant:BAR, machine, or a file; may be "
+    "repeated.  [default: profile]",
 )
 @click.option(
     "--speed",
@@ -58,7 +59,8 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     callback=_parse_speeds,
     multiple=True,
     metavar="M/S,...",
-    help="Walking speeds [m/s]; 'reference': implied by reference and leg length.  [default: reference]",
+    help="Walking speeds [m/s]; 'reference' means the speed computed from reference and leg length.  [default: "
+    "reference]",
 )
 @click.option(
     "--slope",
@@ -73,8 +75,8 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     "references",
     multiple=True,
     metavar="FILE|FOLDER",
-    help="Reference gait: a folder from klute-sim import, a CSV file (docs/gait.md), or 'able-bodied', the package's "
-    "own; may be repeated.  [default: able-bodied]",
+    help="Reference gait: a folder from klute-sim import, a CSV file (docs/gait.md), or 'able-bodied', the reference "
+    "of this package; may be repeated.  [default: able-bodied]",
 )
 @click.option(
     "--mass",
@@ -82,7 +84,7 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     callback=_parse_numbers,
     multiple=True,
     metavar="KG,...",
-    help="Body masses [kg].  [default: stated by the folder of --reference, or 75]",
+    help="Body masses [kg].  [default: the value in the folder of --reference, or 75]",
 )
 @click.option(
     "--stature",
@@ -90,7 +92,7 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     callback=_parse_numbers,
     multiple=True,
     metavar="M,...",
-    help="Statures [m].  [default: stated by the folder of --reference, or 1.75]",
+    help="Statures [m].  [default: the value in the folder of --reference, or 1.75]",
 )
 @click.option(
     "--spring-foot",
@@ -98,7 +100,8 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     callback=_parse_numbers,
     multiple=True,
     metavar="STIFFNESS,...",
-    help="Stiffnesses [N·m/deg] of passive feet, in addition to the named devices; without named devices, alone.",
+    help="Stiffnesses [N·m/deg] of passive feet, simulated in addition to --device; without --device, only these feet "
+    "are simulated.  [default: no passive foot]",
 )
 @common.strides_option("Number of strides per case")
 @common.TIME_STEP_OPTION
@@ -110,7 +113,8 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     flag_value="auto",
     default=None,
     metavar="[ADDRESS|local]",
-    help="Run on a Ray cluster: at ADDRESS, the one that Ray finds, or a local one started for this sweep.",
+    help="Run on a Ray cluster: the cluster at ADDRESS, a new cluster on this machine (local), or the cluster that Ray "
+    "detects (no value).  [default: no cluster]",
 )
 @common.resumable_out_option("sweep", "the sweep")
 @click.option("--csv", "with_csv", is_flag=True, help="Also write sweep.csv.")
@@ -134,12 +138,12 @@ def command(
 ) -> None:
     """Simulate every combination of devices, controllers, references, subjects, speeds and slopes.
 
-    Each combination is one row of the table and is simulated as by 'klute-sim gait', on all cores or on a cluster. A
-    combination that fails is a row with the reason. Finished cases are stored at once: after an interrupt, the same
-    command with the same --out resumes the sweep.
+    Each combination is simulated like one call of 'klute-sim gait', on all cores or on a cluster, and gives one row of
+    the table. If a combination fails, its row states the reason. Finished cases are stored at once: after an interrupt,
+    the same command with the same --out resumes the sweep.
 
-    Writes sweep.parquet (a row per combination, columns 'name [unit]'), sweep.json (the plan with the device files) and
-    a file per case.
+    Writes sweep.parquet (one row per combination, columns 'name [unit]'), sweep.json (the plan with the device files)
+    and one file per case.
 
     \b
     Examples:
@@ -179,7 +183,7 @@ def command(
         )
     result.save(with_csv=with_csv)
     if result.n_resumed:
-        stderr_console().print(f"{result.n_resumed} cases were finished before.")
+        stderr_console().print(f"{result.n_resumed} cases were already finished and were not simulated again.")
     if as_json:
         content = {
             "folder": str(result.folder),

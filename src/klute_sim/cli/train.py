@@ -14,14 +14,14 @@ from klute_sim.cli import common
     type=click.FloatRange(min=0.0, min_open=True),
     default=None,
     metavar="MIN",
-    help="Total training time [min], without interruptions.  [default: 20]",
+    help="Total training time [min]; pauses between resumed trainings do not count.  [default: 20]",
 )
 @click.option(
     "--steps",
     type=click.IntRange(min=1),
     default=None,
     metavar="N",
-    help="Total number of environment steps in place of --minutes; such a training is reproducible.",
+    help="Total number of environment steps, in place of --minutes; makes the training reproducible.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=None, metavar="N", help="Random seed.  [default: 0]")
 @click.option(
@@ -30,7 +30,7 @@ from klute_sim.cli import common
     type=common.NonEmptyPath(),
     default=None,
     metavar="FILE",
-    help="TOML file: algorithm, environment, domain randomisation.  [default: the shipped one]",
+    help="TOML file: algorithm, environment, domain randomisation.  [default: the configuration of --show-config]",
 )
 @click.option(
     "--out",
@@ -40,7 +40,9 @@ from klute_sim.cli import common
     help="New or empty folder for the training, or the one to resume.  [default: runs/train-NNN]",
 )
 @click.option("--resume", is_flag=True, help="Resume the training in --out from its last checkpoint.")
-@click.option("--show-config", is_flag=True, help="Print the shipped configuration as a template, and exit.")
+@click.option(
+    "--show-config", is_flag=True, help="Print the default configuration, as a template for --config, and exit."
+)
 @common.json_option()
 def command(
     minutes: float | None,
@@ -54,11 +56,13 @@ def command(
 ) -> None:
     """Train a control policy for walking and compare it with the hand-tuned profile.
 
-    Needs the optional extra 'rl' (Stable-Baselines3; pip install '.[rl]' in the project's folder). Ctrl-C keeps the
-    training. At the end the policy and the hand-tuned profile are simulated in the same episodes, and policy.npz is
-    written: plain numbers, which klute_sim.controllers.policy evaluates with NumPy alone.
+    After the training, the policy and the hand-tuned profile are simulated in the same episodes. Ctrl-C stops the
+    training and keeps its checkpoint; --resume continues it. A checkpoint is a pickle file, which can execute code:
+    resume only your own trainings or those of people whom you trust.
 
-    A checkpoint is a pickle, which can execute code: resume only trainings of your own or from people you trust.
+    Writes the configuration, the checkpoint, summary.json, learning_curve.png and policy.npz. The last contains plain
+    numbers, which klute_sim.controllers.policy evaluates with NumPy alone. Needs the optional extra 'rl'
+    (Stable-Baselines3; pip install '.[rl]' in the project folder).
 
     \b
     Examples:

@@ -24,19 +24,21 @@ from klute_sim.cli import common
     "device_keys",
     multiple=True,
     metavar="KEY",
-    help="Also tune this number of the device, such as damper.bore_mm; may be repeated.",
+    help="Number of the device to tune in addition, such as damper.bore_mm; may be repeated.",
 )
 @click.option(
     "--goal-human",
     is_flag=True,
-    help="Penalize the shortfall from the human ankle: 0.39 sd of moment, 3.31 W/kg, 0.218 J/kg, 15 deg.",
+    help="Penalize a gait that misses the goals of the human ankle: rms moment distance of at most 0.39 sd, peak "
+    "power of at least 3.31 W/kg, net work of at least 0.218 J/kg, peak plantarflexion of at least 15 deg.",
 )
 @click.option(
     "--weight",
     "weights",
     multiple=True,
     metavar="TERM=W",
-    help="Weight of moment, angle, power [1/sd²] or air [1/g]; may be repeated.  [default: 1, 1, 1, 0.1]",
+    help="Weight of the TERM moment, angle, power [1/sd²] or air [1/g]; may be repeated.  [default: moment=1, angle=1, "
+    "power=1, air=0.1]",
 )
 @common.MASS_OPTION
 @click.option(
@@ -45,7 +47,7 @@ from klute_sim.cli import common
     default=600,
     show_default=True,
     metavar="N",
-    help="Number of evaluations, rounded up to a whole generation.",
+    help="Number of evaluations, rounded up to whole generations of the search.",
 )
 @click.option(
     "--seed",
@@ -72,16 +74,19 @@ def command(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Tune a pressure profile, optionally with the device, for human-like gait at low air consumption.
+    """Tune a pressure profile, and optionally the device, for human-like gait at low air consumption.
 
-    Objective: the mean squared distance of net moment, angle and power from the reference in stance, in its standard
-    deviations, plus 0.1 per gram of air in a stride. Penalties apply to a muscle at its stop, to poor load tracking and
-    to a toe clearance below 3 mm; a foot that catches in swing costs more than any that does not. The search is CMA-ES.
-    The best tenth of the evaluations is repeated with a finer time step, and the best of these is the result. Every
-    evaluation is stored: the same command resumes an interrupted search, also with a larger --budget.
+    The objective is the mean squared distance of net moment, angle and power from the reference in stance, in standard
+    deviations of the reference, plus 0.1 per gram of air in a stride. Penalties apply to a muscle at its stop, to poor
+    load tracking and to a toe clearance below 3 mm. A gait in which the foot catches in swing always costs more than a
+    gait in which it does not.
+
+    The search method is CMA-ES. At the end, the best tenth of the evaluations is repeated with a finer time step, and
+    the best of these is the result. Every evaluation is stored: the same command resumes an interrupted search, also
+    with a larger --budget.
 
     Writes tuned.csv (for gait --controller), device.toml if the device is tuned, tuning.png (tracking error over air),
-    a CSV file with a row per evaluation, tuning.json, and a file per evaluation. Needs the extra 'tune'.
+    a CSV file with one row per evaluation, tuning.json, and one file per evaluation. Needs the optional extra 'tune'.
 
     \b
     Examples:

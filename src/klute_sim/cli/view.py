@@ -10,34 +10,34 @@ from klute_sim.cli.common import NonEmptyPath
 
 @click.command("view")
 @click.argument("path", type=click.Path(path_type=Path))
-@click.option("--web", is_flag=True, help="Serve the viewer to a browser on this machine instead of a window.")
+@click.option("--web", is_flag=True, help="Serve the viewer to a browser on this machine instead of opening a window.")
 @click.option(
     "--picture",
     type=NonEmptyPath(),
     default=None,
     metavar="FILE.png|FOLDER",
-    help="Render the window as it opens to FILE.png, or each view to a PNG file in FOLDER, without a screen, graphics "
-    "card or viewer.",
+    help="Draw the initial window of the viewer to FILE.png, or each of its views to a PNG file in FOLDER. This needs "
+    "no screen, graphics card or viewer.",
 )
 @click.option(
     "--at",
     type=common.NumberWithUnit(),
     default=None,
     metavar="POSITION",
-    help="With --picture: position of the cursor on the timeline [s, or number of the step].  [default: the middle]",
+    help="With --picture: position of the cursor on the timeline [s, or step number].  [default: the middle]",
 )
 def command(path: Path, web: bool, picture: Path | None, at: float | None) -> None:
     """Open results in the rerun viewer, with a layout for their kind.
 
     PATH is the folder of a gait run, a bench run, a comparison, a diagnosis, a sweep, a tuning or a training, or an
-    .rrd file. A missing recording is made from the other files of the folder.
+    .rrd file. If the recording is missing, it is created from the other files of the folder.
 
-    Pictures are rendered from the recording in the layout of the viewer; they are not screenshots, and 3-D views are
-    side views.
+    --picture writes PNG files, drawn from the recording in the layout of the viewer. They are not screenshots, and 3-D
+    scenes are drawn from the side.
 
-    The viewer listens on the loopback address only and sends no usage statistics; rerun's settings are not changed.
-    With --web, open the printed address. Needs the optional extra 'rerun' (pip install '.[rerun]' in the project
-    folder).
+    The viewer listens on the loopback address only and sends no usage statistics; the settings of rerun stay as they
+    are. With --web, open the printed address in a browser. Needs the optional extra 'rerun' (pip install '.[rerun]' in
+    the project folder).
 
     \b
     Examples:
@@ -50,7 +50,7 @@ def command(path: Path, web: bool, picture: Path | None, at: float | None) -> No
 
     if picture is None:
         if at is not None:
-            raise InputError("--at sets the cursor of a picture: give --picture, too")
+            raise InputError("--at sets the cursor of a picture: add --picture")
         from klute_sim.viewer.window import open_viewer
 
         open_viewer(path, web=web)

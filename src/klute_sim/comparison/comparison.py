@@ -160,7 +160,7 @@ def _note_walker_differences(runs: Sequence[ComparedRun], options: ComparisonOpt
         numbers = {f"{entry[key]:.3g}" for entry in gait_options if isinstance(entry.get(key), float | int)}
         values = sorted(numbers, key=float)
         if len(values) > 1:
-            remarks.add(f"The walkers differ in {quantity} ({', '.join(values)} {unit}); nothing is normalised by it.")
+            remarks.add(f"The subjects differ in {quantity} ({', '.join(values)} {unit}); no channel is normalised.")
     references = {str(r.provenance.get("reference")) for r in recordings}
     if options.include_reference and len(references) > 1:
         remarks.add(f"The runs have different references; the reference of '{runs[0].label}' is shown.")

@@ -153,15 +153,21 @@ def _compute_half_width(first: MeanCurve, other: MeanCurve) -> tuple[Array, Band
         reference_dof = np.full(reference.sd.shape, np.inf)
         width = _compute_welch_half_width(reference.sd**2, reference_dof, squared_error, dof)
         return width, _select_band(width, "reference")
-    repeated1, repeated2 = first.n_repeats > 1, other.n_repeats > 1
+    is_repeated1, is_repeated2 = first.n_repeats > 1, other.n_repeats > 1
     dof1, dof2 = (np.asarray(curve.n_repeats - 1.0, dtype=np.float64) for curve in (first, other))
     with np.errstate(invalid="ignore", divide="ignore"):
-        of_means = _compute_welch_half_width(first.sd**2 / first.n_repeats, dof1, other.sd**2 / other.n_repeats, dof2)
-        sd = np.where(repeated1, first.sd, other.sd)
-        count = np.where(repeated1, first.n_repeats, other.n_repeats)
-        of_single = stdtrit(count - 1.0, T_QUANTILE) * sd * np.sqrt(1.0 + 1.0 / count)
-    width = np.where(repeated1 & repeated2, of_means, np.where(repeated1 | repeated2, of_single, np.nan))
-    return width, _select_band(width, "means" if (repeated1 & repeated2).any() else "prediction")
+        half_width_of_means = _compute_welch_half_width(
+            first.sd**2 / first.n_repeats, dof1, other.sd**2 / other.n_repeats, dof2
+        )
+        sd = np.where(is_repeated1, first.sd, other.sd)
+        count = np.where(is_repeated1, first.n_repeats, other.n_repeats)
+        half_width_of_single_repeat = stdtrit(count - 1.0, T_QUANTILE) * sd * np.sqrt(1.0 + 1.0 / count)
+    width = np.where(
+        is_repeated1 & is_repeated2,
+        half_width_of_means,
+        np.where(is_repeated1 | is_repeated2, half_width_of_single_repeat, np.nan),
+    )
+    return width, _select_band(width, "means" if (is_repeated1 & is_repeated2).any() else "prediction")
 
 
 def _compute_welch_half_width(v1: Array, dof1: Array, v2: Array, dof2: Array) -> Array:
@@ -178,8 +184,8 @@ def _select_band(half_width: Array, band: BandKind) -> BandKind:
 
 
 def _find_regions(values: Array, half_width: Array, axis: Array) -> tuple[Region, ...]:
-    beyond = np.abs(values) > half_width  # comparisons with NaN are false
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], beyond, [False]]).astype(np.int8)))
+    is_beyond = np.abs(values) > half_width  # comparisons with NaN are false
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_beyond, [False]]).astype(np.int8)))
     squares = np.nan_to_num(_scale_squares(values))
     regions = []
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):

@@ -19,13 +19,14 @@ class SensorReadings(NamedTuple):
     pressure: float
     """Gauge pressure in the muscle [Pa]."""
     phase: float
-    """Estimated gait phase (0-1): time since the last foot strike over the duration of the stride before."""
+    """Estimated gait phase (0-1): time since the last foot strike over the duration of the previous stride."""
 
 
 class FeedbackController(Protocol):
     """A controller that commands a pressure from sensor readings every ``interval`` seconds."""
 
     interval: float
+    """Time between commands [s]."""
 
     def reset(self) -> None:
         """Prepare for a gait run that begins at heel strike."""

@@ -71,7 +71,7 @@ class PolicyController:
 def load_policy_controller(path: str | Path) -> PolicyController:
     """Return the controller of a policy file that ``klute-sim train`` wrote, with the bounds of its training.
 
-    Raises InputError when the file is not a policy, or the policy commands something else than a change of a profile.
+    Raises InputError when the file is not a policy, or the policy does not command a change of a profile.
     """
     return build_policy_controller(load_policy(path), str(path))
 
@@ -85,7 +85,7 @@ def build_policy_controller(policy: Policy, source: str) -> PolicyController:
         delay_intervals = int(environment.get("sensor_delay", 0))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         raise InputError(f"policy {source} does not state its training configuration; train it again") from None
-    if not (0.0 <= residual_bar <= 20.0 and 0 <= delay_intervals <= 100):  # also refuses NaN
+    if not (0.0 <= residual_bar <= 20.0 and 0 <= delay_intervals <= 100):  # also rejects NaN
         raise InputError(
             f"policy {source} has residual_bar = {residual_bar:g} and sensor_delay = {delay_intervals}; "
             "allowed: 0 to 20 bar, 0 to 100 intervals"

@@ -1,4 +1,4 @@
-"""Create a controller from a string, as a user types it: ``off``, ``constant:3.5``, ``profile``, ``mine.csv``."""
+"""Create a controller from a string such as ``off``, ``constant:3.5``, ``profile``, ``mine.csv``."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -122,7 +122,7 @@ def load_profile(path: str | Path) -> PressureProfile:
     Raises InputError when the file cannot be read or is not a profile.
     """
     try:
-        text = Path(path).read_text("utf-8-sig")  # spreadsheets put a mark in front
+        text = Path(path).read_text("utf-8-sig")  # spreadsheet programs begin a file with a byte order mark
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
         raise InputError(f"pressure profile {path} cannot be read: {reason}") from None

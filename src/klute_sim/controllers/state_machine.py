@@ -53,7 +53,7 @@ class StateMachine:
             for name in ("loading_bar", "rollover_bar", "rollover_end_bar", "push_off_bar", "swing_bar")
         }
         for name, value in pressures.items():
-            if not 0.0 <= value <= 20.0:  # also refuses NaN
+            if not 0.0 <= value <= 20.0:  # also rejects NaN
                 raise InputError(f"{name} of the state machine is {value:g}; allowed: 0 to 20 bar")
         if not 0.0 < self.lift_bw < self.strike_bw < 1.0:
             raise InputError(

@@ -11,7 +11,7 @@ from klute_sim.datasets import plausibility
 from klute_sim.datasets.channels import Rig
 from klute_sim.datasets.format import DatasetFile
 from klute_sim.datasets.split import Split, SplitEntry, assign_uses
-from klute_sim.datasets.trial import Series, Trial, read_trial
+from klute_sim.datasets.trial import TimeSeries, Trial, read_trial
 from klute_sim.device import device as device_files
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
@@ -71,17 +71,17 @@ def load_dataset(folder: str | Path, device: Device | None = None) -> Dataset:
     """
     folder = Path(folder)
     content = _read_content(folder)
-    where = str(folder / DATASET_FILE_NAME)
-    file = file_format.parse_dataset_file(content, where)
+    source = str(folder / DATASET_FILE_NAME)
+    file = file_format.parse_dataset_file(content, source)
     device = device or _load_device(file.device, folder)
-    uncertainties = file_format.compute_standard_deviations(file.uncertain, device.spec.collect_values(), where)
-    names = _name_trials(file, where)
+    uncertainties = file_format.compute_standard_deviations(file.uncertain, device.spec.collect_values(), source)
+    names = _name_trials(file, source)
     split_entries = [
         SplitEntry(name, entry.group or name, entry.use) for name, entry in zip(names, file.trial, strict=True)
     ]
-    assign_uses(split_entries, where)  # refuses an impossible split before large files are read
+    assign_uses(split_entries, source)  # rejects an impossible split before large files are read
     devices = [
-        device.with_changes(entry.device, f"{where}, trial '{name}'")
+        device.with_changes(entry.device, f"{source}, trial '{name}'")
         for name, entry in zip(names, file.trial, strict=True)
     ]
 
@@ -95,7 +95,7 @@ def load_dataset(folder: str | Path, device: Device | None = None) -> Dataset:
         file_remarks.append(channels.remarks)
         for file_digest in channels.digests:
             digest.update(bytes.fromhex(file_digest))
-        trial_where = f"{where}, trial '{split_entry.name}'"
+        trial_source = f"{source}, trial '{split_entry.name}'"
         trial = Trial(
             name=split_entry.name,
             group=split_entry.group,
@@ -104,7 +104,7 @@ def load_dataset(folder: str | Path, device: Device | None = None) -> Dataset:
             files=files,
             prescribed=channels.prescribed,
             measured=channels.measured,
-            trusted=_validate_trusted(entry.trusted, channels.measured, trial_where),
+            trusted=_validate_trusted(entry.trusted, channels.measured, trial_source),
         )
         plausibility.check_plausibility(trial, channels.units)
         trials.append(trial)
@@ -128,11 +128,11 @@ def split_dataset(dataset: Dataset) -> Split:
     )
 
 
-def _validate_trusted(names: Sequence[str], measured: Mapping[str, Series], where: str) -> frozenset[str]:
+def _validate_trusted(names: Sequence[str], measured: Mapping[str, TimeSeries], source: str) -> frozenset[str]:
     for channel in names:
         if channel not in measured:
             raise InputError(
-                f"{where}: 'trusted' names '{channel}', which the trial does not measure; allowed: "
+                f"{source}: 'trusted' names '{channel}', which the trial does not measure; allowed: "
                 f"{', '.join(measured)}"
             )
     return frozenset(names)
@@ -174,13 +174,13 @@ def _load_device(name: str, folder: Path) -> Device:
     return device_files.load_device(name if name in device_files.list_presets() else folder / name)
 
 
-def _name_trials(file: DatasetFile, where: str) -> list[str]:
+def _name_trials(file: DatasetFile, source: str) -> list[str]:
     names: list[str] = []
     for number, entry in enumerate(file.trial, 1):
         name = "+".join(PurePath(path).with_suffix("").as_posix() for path in entry.files)
         if name in names:
             raise InputError(
-                f"{where}: trials {names.index(name) + 1} and {number} are both '{name}'; give each trial its own "
+                f"{source}: trials {names.index(name) + 1} and {number} are both '{name}'; give each trial its own "
                 "files, with names that differ in more than their endings"
             )
         names.append(name)

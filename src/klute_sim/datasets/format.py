@@ -15,14 +15,14 @@ from klute_sim.toml_files import parse_toml, validation_sentence
 
 FORMAT_NAME = "klute-sim-dataset/2"
 FIRST_FORMAT_NAME = "klute-sim-dataset/1"
-"""Former format, which is refused."""
+"""Former format, which is rejected."""
 
 _PERCENT_PATTERN = re.compile(r"(?P<number>[^%]*)%")
 _SINGLE_BRACKET_PATTERN = re.compile(rb"^[ \t]*\[[ \t]*trial[ \t]*\]", re.MULTILINE)
 
 
 def _validate_name(value: Any) -> Any:
-    """Refuse empty names and names with line ends or other control characters."""
+    """Reject empty names and names with line ends or other control characters."""
     if isinstance(value, str) and not (value.strip() and value.isprintable()):
         raise PydanticCustomError(
             "name", "{value} is refused; allowed: a name or path on one line", {"value": repr(value)}
@@ -87,7 +87,7 @@ class _Section(BaseModel):
 
 
 class TrialEntry(_Section):
-    """One ``[[trial]]``."""
+    """One table ``[[trial]]`` of ``dataset.toml``."""
 
     files: Annotated[list[Name], Field(min_length=1)]
     """Paths relative to the folder; several files where channels have different time axes."""
@@ -102,7 +102,7 @@ class TrialEntry(_Section):
 
 
 class DatasetFile(_Section):
-    """The whole file."""
+    """Content of ``dataset.toml``."""
 
     format: Literal["klute-sim-dataset/2"]
     """Format and version."""
@@ -130,27 +130,27 @@ _ALLOWED_VALUES: dict[str, str] = {
 }
 
 
-def parse_dataset_file(content: bytes, where: str) -> DatasetFile:
-    """Return the checked ``content`` of the ``dataset.toml`` at ``where``.
+def parse_dataset_file(content: bytes, source: str) -> DatasetFile:
+    """Return the checked ``content`` of the ``dataset.toml`` at ``source``.
 
     Raises InputError for a file of the first format and for an unknown, missing or invalid key.
     """
     try:
-        keys = parse_toml(content, where)
+        keys = parse_toml(content, source)
     except InputError as error:
         if _SINGLE_BRACKET_PATTERN.search(content):
             raise InputError(f"{error}; write [[trial]], with two brackets, for each trial") from None
         raise
     if keys.get("format") == FIRST_FORMAT_NAME:
         raise InputError(
-            f"{where} has the first format, '{FIRST_FORMAT_NAME}'; change it to '{FORMAT_NAME}', use = 'select' to "
+            f"{source} has the first format, '{FIRST_FORMAT_NAME}'; change it to '{FORMAT_NAME}', use = 'select' to "
             "'validation', use = 'show' to 'test', and the key 'checked' to 'trusted'"
         )
     try:
         return DatasetFile.model_validate(keys)
     except ValidationError as error:
         raise InputError(
-            f"{where}: {validation_sentence(error, DatasetFile, describe_allowed=_describe_allowed)}"
+            f"{source}: {validation_sentence(error, DatasetFile, describe_allowed=_describe_allowed)}"
         ) from None
 
 
@@ -160,7 +160,7 @@ def _describe_allowed(problem: ErrorDetails) -> str:
 
 
 def compute_standard_deviations(
-    uncertainties: Mapping[str, float | int | str], values: Mapping[str, float], where: str
+    uncertainties: Mapping[str, float | int | str], values: Mapping[str, float], source: str
 ) -> dict[str, float]:
     """Return ``uncertainties`` as standard deviations in each key's own unit.
 
@@ -169,23 +169,23 @@ def compute_standard_deviations(
     """
     deviations = {}
     for key, uncertainty in uncertainties.items():
-        check_known_key(key, values, f"{where}: [uncertain]")
+        check_known_key(key, values, f"{source}: [uncertain]")
         if isinstance(values[key], int):
-            raise InputError(f"{where}: [uncertain] '{key}' is a count; allowed: measured quantities")
+            raise InputError(f"{source}: [uncertain] '{key}' is a count; allowed: measured quantities")
         number, is_percent = _parse_amount(uncertainty)
         deviation = (number or 0.0) * (abs(values[key]) / 100.0 if is_percent else 1.0)
         if deviation == 0.0:
             raise InputError(
-                f"{where}: [uncertain] '{key}' = {uncertainty!r}, but the device's value is {values[key]:g}; give a "
+                f"{source}: [uncertain] '{key}' = {uncertainty!r}, but the device's value is {values[key]:g}; give a "
                 "standard deviation in the unit of the key"
             )
         deviations[key] = deviation
     return deviations
 
 
-def check_known_key(key: str, values: Mapping[str, float], where: str) -> None:
+def check_known_key(key: str, values: Mapping[str, float], source: str) -> None:
     """Raise InputError unless ``key`` is one of the device's numeric keys in ``values``."""
     if key not in values:
         raise InputError(
-            f"{where} names '{key}', which is not a numeric key of the device; allowed: {', '.join(values)}"
+            f"{source} names '{key}', which is not a numeric key of the device; allowed: {', '.join(values)}"
         )

@@ -1,4 +1,4 @@
-"""Plausibility of lengths and pressures: a heading often has another unit than the samples."""
+"""Plausibility checks of lengths and pressures, which often have another unit than the heading of their column."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -26,13 +26,14 @@ CANDIDATE_UNITS = {"m": ("mm", "cm", "m", "in"), "Pa": ("bar", "kPa", "MPa", "ps
 
 
 def check_plausibility(trial: Trial, units: Mapping[str, str]) -> None:
-    """Raise InputError where no sample of a length, or too many of a pressure, are possible with the trial's device.
+    """Raise InputError when all samples of a length, or too many of a pressure, are impossible for the trial's device.
 
     ``units`` maps channels to the units in their headings. Constant measured channels are not examined. A muscle length
-    sensor may have any zero, which a diagnosis identifies: it is refused only if another unit explains all samples.
+    sensor may have any zero, which a diagnosis identifies: its
+    samples are rejected only if another unit explains all of them.
     """
     parameters = trial.device.parameters
-    muscle_length, supply = parameters.muscle.resting_length, parameters.supply.max_pressure
+    muscle_length, supply_pressure = parameters.muscle.resting_length, parameters.supply.max_pressure
     unit_length = muscle_length + parameters.tendon.slack_length
     for channel, resting_length, description in (
         ("length", unit_length, "the resting length of this device, muscle and tendon together, is {}"),
@@ -55,10 +56,13 @@ def check_plausibility(trial: Trial, units: Mapping[str, str]) -> None:
     for channel in ("pressure_command", "pressure"):
         values = _select_finite_samples(trial, channel)
         peak = float(np.percentile(values, 100.0 - MAX_SPIKE_PERCENT)) if values.size else 0.0
-        if peak > MAX_PLAUSIBLE_RATIO * supply:
-            guess = _guess_unit(peak, supply, _get_pressure_limits(supply), units[channel], "Pa")
+        if peak > MAX_PLAUSIBLE_RATIO * supply_pressure:
+            limits = _get_pressure_limits(supply_pressure)
+            guess = _guess_unit(peak, supply_pressure, limits, units[channel], "Pa")
             description = "the supply pressure of this device is {}"
-            raise InputError(_format_message(trial, channel, values, units[channel], "Pa", description, supply, guess))
+            raise InputError(
+                _format_message(trial, channel, values, units[channel], "Pa", description, supply_pressure, guess)
+            )
 
 
 def describe_implausible_commands(trials: Iterable[Trial], units: Mapping[str, str]) -> str:
@@ -66,27 +70,27 @@ def describe_implausible_commands(trials: Iterable[Trial], units: Mapping[str, s
     peaks = [
         (float(t.prescribed["pressure_command"].value.max()), t.device.parameters.supply.max_pressure) for t in trials
     ]
-    highest, supply = max(peaks)
-    if highest <= 0.0 or any(peak >= MIN_PRESSURE_FRACTION * supply_k for peak, supply_k in peaks):
+    highest, supply_pressure = max(peaks)
+    if highest <= 0.0 or any(peak >= MIN_PRESSURE_FRACTION * pressure for peak, pressure in peaks):
         return ""
     unit = units["pressure_command"]
-    guess = _guess_unit(highest, supply, _get_pressure_limits(supply), unit, "Pa")
+    guess = _guess_unit(highest, supply_pressure, _get_pressure_limits(supply_pressure), unit, "Pa")
     fix = f"perhaps its unit is {guess}" if guess else "perhaps the unit in its heading is wrong"
     return (
         f"pressure_command is never above {_format_value(highest, unit, 'Pa')}, but the supply pressure of this device "
-        f"is {_format_value(supply, unit, 'Pa')}; {fix}"
+        f"is {_format_value(supply_pressure, unit, 'Pa')}; {fix}"
     )
 
 
 def _select_finite_samples(trial: Trial, channel: str) -> Array:
-    """Return the finite samples [SI]; none of a constant measured channel."""
+    """Return the finite samples of ``channel`` in SI units; no samples for a constant measured channel."""
     series = trial.prescribed.get(channel) or trial.measured.get(channel)
     values = series.value[np.isfinite(series.value)] if series else np.empty(0)
     return values[:0] if values.size and channel in trial.measured and np.ptp(values) == 0.0 else values
 
 
-def _get_pressure_limits(supply: float) -> tuple[float, float]:
-    return MIN_PRESSURE_FRACTION * supply, MAX_COMMAND_RATIO * supply
+def _get_pressure_limits(supply_pressure: float) -> tuple[float, float]:
+    return MIN_PRESSURE_FRACTION * supply_pressure, MAX_COMMAND_RATIO * supply_pressure
 
 
 def _guess_unit(value: float, reference: float, limits: tuple[float, float], unit_as_written: str, si_unit: str) -> str:
@@ -113,11 +117,11 @@ def _format_message(
     unit: str,
     si_unit: str,
     description: str,
-    limit: float,
+    expected_value: float,
     guessed_unit: str,
 ) -> str:
     low = _format_value(values.min(), unit, si_unit).removesuffix(f" {unit}")
     high = _format_value(values.max(), unit, si_unit)
-    expected = description.format(_format_value(limit, unit, si_unit))
+    expected = description.format(_format_value(expected_value, unit, si_unit))
     fix = f"is its unit {guessed_unit}?" if guessed_unit else "its unit or its zero is wrong"
     return f"trial '{trial.name}': {channel} is {low} to {high}, but {expected}: {fix}"

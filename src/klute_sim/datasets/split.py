@@ -1,7 +1,7 @@
 """Split of a dataset's trials into those for the fit, for validation and for the final test.
 
-Repeats of one input are nearly identical, so a group of repeats is never divided: a trial would be tested on its own
-repeat.
+Repeats of one input are nearly identical, so a group of repeats is never divided; otherwise a fit would be
+tested on a repeat of its own data.
 """
 
 import hashlib
@@ -12,9 +12,9 @@ from klute_sim.datasets.trial import Use
 from klute_sim.errors import InputError
 
 MIN_GROUPS_FOR_TEST, MIN_GROUPS_FOR_VALIDATION = 3, 4
-"""Smallest numbers of groups from which some are held out for the test, and for validation as well."""
+"""Smallest numbers of groups with which groups are held out for the test and for validation."""
 GROUPS_PER_HELD_OUT = 5
-"""Number of groups per group that is held out for the test, and per group held out for validation."""
+"""One of this many groups is held out for the test, and one for validation."""
 
 
 class SplitEntry(NamedTuple):
@@ -25,34 +25,34 @@ class SplitEntry(NamedTuple):
     group: str
     """Group of repeats."""
     use: Use | None
-    """Use that the dataset specifies; None leaves it to the split."""
+    """Use that the dataset specifies; None if the split decides."""
 
 
 class Split(NamedTuple):
     """Names of trials by use."""
 
     fit: tuple[str, ...]
-    """Trials that parameters are fitted to."""
+    """Trials to which parameters are fitted."""
     validation: tuple[str, ...]
-    """Trials that effects are selected by."""
+    """Trials by which effects are selected."""
     test: tuple[str, ...]
-    """Trials that are evaluated after all decisions."""
+    """Trials that are evaluated after all fits and selections."""
     description: str
-    """How the split was made, in one sentence."""
+    """Explanation of the split in one sentence."""
 
 
-def assign_uses(trials: Iterable[SplitEntry], where: str) -> Split:
+def assign_uses(trials: Iterable[SplitEntry], source: str) -> Split:
     """Split ``trials`` as they specify; groups without a use are drawn in an order that depends on their names only.
 
-    Raises InputError where trials of one group have different uses, or none is left to fit; ``where`` names the
+    Raises InputError where trials of one group have different uses, or none is left to fit; ``source`` names the
     dataset in errors.
     """
     trials = tuple(trials)
-    group_uses = _collect_group_uses(trials, where)
-    free = sorted((group for group, use in group_uses.items() if use is None), key=_hash_group)
+    group_uses = _collect_group_uses(trials, source)
+    unassigned = sorted((group for group, use in group_uses.items() if use is None), key=_hash_group)
     assigned: dict[str, Use] = {group: use for group, use in group_uses.items() if use is not None}
-    drawn: list[str] = []
-    n_drawn = max(1, len(free) // GROUPS_PER_HELD_OUT)
+    draws: list[str] = []
+    n_held_out = max(1, len(unassigned) // GROUPS_PER_HELD_OUT)
     held_out: tuple[tuple[Use, int], ...] = (
         ("test", MIN_GROUPS_FOR_TEST),
         ("validation", MIN_GROUPS_FOR_VALIDATION),
@@ -61,26 +61,26 @@ def assign_uses(trials: Iterable[SplitEntry], where: str) -> Split:
         n_reserved = 0 if "fit" in assigned.values() else 1
         if use in assigned.values() or len(group_uses) < min_groups:
             continue
-        for group in free[: min(n_drawn, len(free) - n_reserved)]:
+        for group in unassigned[: min(n_held_out, len(unassigned) - n_reserved)]:
             assigned[group] = use
-            drawn.append(f"'{group}' for {use}")
-        free = [group for group in free if group not in assigned]
-    assigned.update(dict.fromkeys(free, "fit"))
+            draws.append(f"'{group}' for {use}")
+        unassigned = [group for group in unassigned if group not in assigned]
+    assigned.update(dict.fromkeys(unassigned, "fit"))
     if "fit" not in assigned.values():
-        raise InputError(f"{where}: no trial is left to fit; set use = 'fit' for at least one group")
+        raise InputError(f"{source}: no trial is left to fit; set use = 'fit' for at least one group")
     fit, validation, test = (
         tuple(trial.name for trial in trials if assigned[trial.group] == use) for use in ("fit", "validation", "test")
     )
-    return Split(fit, validation, test, _describe_split(group_uses, drawn))
+    return Split(fit, validation, test, _describe_split(group_uses, draws))
 
 
-def _collect_group_uses(trials: tuple[SplitEntry, ...], where: str) -> dict[str, Use | None]:
+def _collect_group_uses(trials: tuple[SplitEntry, ...], source: str) -> dict[str, Use | None]:
     group_uses: dict[str, Use | None] = {}
     for trial in trials:
         use = group_uses.setdefault(trial.group, trial.use)
         if use != trial.use:
             both = " and ".join(f"use = '{u}'" if u else "no use" for u in (use, trial.use))
-            raise InputError(f"{where}: group '{trial.group}' has trials with {both}; give all repeats the same use")
+            raise InputError(f"{source}: group '{trial.group}' has trials with {both}; give all repeats the same use")
     return group_uses
 
 
@@ -89,13 +89,13 @@ def _hash_group(group: str) -> str:
     return hashlib.sha256(group.encode()).hexdigest()
 
 
-def _describe_split(group_uses: dict[str, Use | None], drawn: list[str]) -> str:
+def _describe_split(group_uses: dict[str, Use | None], draws: list[str]) -> str:
     count = f"{len(group_uses)} group" + ("s" if len(group_uses) > 1 else "")
     if None not in group_uses.values():
         return f"the dataset specifies the use of all {count}"
     prefix = "the dataset specifies the use of some groups; " if any(group_uses.values()) else ""
-    if drawn:
-        return f"{prefix}of {count}, drawn by a hash of their names: {', '.join(drawn)}; the others are fitted"
+    if draws:
+        return f"{prefix}of {count}, drawn by a hash of their names: {', '.join(draws)}; the others are fitted"
     if len(group_uses) < MIN_GROUPS_FOR_TEST:
         return f"{prefix}{count}: too few to hold one out, so all groups without a use are fitted"
     return f"{prefix}{count}: those without a use are fitted"

@@ -15,14 +15,14 @@ from klute_sim.errors import InputError
 from klute_sim.types import Array
 
 _HEADING = re.compile(r"(?P<name>\w+)\s*\[(?P<unit>[^\[\]]*)\]")
-_WITHOUT_UNIT = re.compile(r"(?P<name>\w+)\s*([(\[{/,:].*)?")
+_HEADING_WITHOUT_UNIT = re.compile(r"(?P<name>\w+)\s*([(\[{/,:].*)?")
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """The requested columns of one file."""
+    """The requested columns of one trial file."""
 
-    where: str
+    source: str
     """Path of the file for error messages."""
     columns: Mapping[str, Array]
     """Name -> samples in SI, NaN where the cell is empty; all of equal length."""
@@ -44,32 +44,32 @@ def read_trial_file(path: Path, column_units: Mapping[str, str]) -> Table:
     Raises InputError for a file that cannot be read, and for a requested column that has no unit or one of another
     dimension, occurs twice, or has cells that are neither finite numbers nor empty.
     """
-    where = str(path)
+    source = str(path)
     content = _read_content(path)
     headings: Sequence[str]
     read_columns: Callable[[Sequence[int]], list[Array]]
     locate_row: Callable[[int], str]
     if content.startswith(b"PAR1") or path.suffix.lower() in {".parquet", ".pq"}:
-        headings, read_columns, locate_row = _open_parquet(content, where)
+        headings, read_columns, locate_row = _open_parquet(content, source)
     else:
-        file = text.parse_delimited_text(content, where)
+        file = text.parse_delimited_text(content, source)
         headings, read_columns, locate_row = file.headings, file.read_columns, file.locate_row
 
     indices: dict[str, int] = {}
     factors: list[float] = []
     ignored: list[str] = []
     for index, heading in enumerate(headings):
-        name = _match_column(heading, column_units, where)
+        name = _match_column(heading, column_units, source)
         if name is None:
             ignored.append(heading)
             continue
         if name in indices:
             raise InputError(
-                f"trial file {where}: columns '{headings[indices[name]]}' and '{heading}' are the same channel; leave "
-                "one out"
+                f"trial file {source}: columns '{headings[indices[name]]}' and '{heading}' are the same channel; "
+                "remove one of them"
             )
         indices[name] = index
-        factors.append(_require_si_factor(heading, column_units[name], where))
+        factors.append(_require_si_factor(heading, column_units[name], source))
 
     columns = {}
     all_samples = read_columns([*indices.values()])
@@ -77,13 +77,15 @@ def read_trial_file(path: Path, column_units: Mapping[str, str]) -> Table:
         is_infinite = np.isinf(samples)
         if is_infinite.any():
             raise InputError(
-                f"trial file {where}: column '{headings[index]}', {locate_row(int(is_infinite.argmax()))}: the value "
+                f"trial file {source}: column '{headings[index]}', {locate_row(int(is_infinite.argmax()))}: the value "
                 "is infinite; leave the cell of a missing sample empty"
             )
         columns[name] = samples * factor
-    written = {name: headings[index] for name, index in indices.items()}
-    units = {name: heading[heading.index("[") + 1 : -1].strip() for name, heading in written.items()}
-    return Table(where, columns, written, units, tuple(ignored), hashlib.sha256(content).hexdigest(), locate_row)
+    matched_headings = {name: headings[index] for name, index in indices.items()}
+    units = {name: heading[heading.index("[") + 1 : -1].strip() for name, heading in matched_headings.items()}
+    return Table(
+        source, columns, matched_headings, units, tuple(ignored), hashlib.sha256(content).hexdigest(), locate_row
+    )
 
 
 def _read_content(path: Path) -> bytes:
@@ -97,60 +99,60 @@ def _read_content(path: Path) -> bytes:
         raise InputError(f"trial file {path} cannot be read: {error.strerror}") from None
 
 
-def _match_column(heading: str, column_units: Mapping[str, str], where: str) -> str | None:
+def _match_column(heading: str, column_units: Mapping[str, str], source: str) -> str | None:
     """Return the requested column that ``heading`` names, ignoring case, or None for other columns."""
-    match = _HEADING.fullmatch(heading) or _WITHOUT_UNIT.fullmatch(heading)
+    match = _HEADING.fullmatch(heading) or _HEADING_WITHOUT_UNIT.fullmatch(heading)
     name = match["name"].lower() if match else ""
     if match is None or name not in column_units:
         return None
-    if match.re is _WITHOUT_UNIT:
+    if match.re is _HEADING_WITHOUT_UNIT:
         example = unit_conversion.EXAMPLE_UNITS[column_units[name]].split(",")[0]
         raise InputError(
-            f"trial file {where}: column '{heading}' has no unit in square brackets; write for example "
+            f"trial file {source}: column '{heading}' has no unit in square brackets; write for example "
             f"'{name} [{example}]'"
         )
     return name
 
 
-def _require_si_factor(heading: str, si_unit: str, where: str) -> float:
+def _require_si_factor(heading: str, si_unit: str, source: str) -> float:
     match = _HEADING.fullmatch(heading)
     factor = unit_conversion.get_si_factor(match["unit"].strip(), si_unit) if match else None
     if factor is None:
         raise InputError(
-            f"trial file {where}: column '{heading}' has a unit of the wrong kind; allowed: "
+            f"trial file {source}: column '{heading}' has a unit of the wrong kind; allowed: "
             f"{unit_conversion.EXAMPLE_UNITS[si_unit]} and other units of that kind"
         )
     return factor
 
 
 def _open_parquet(
-    content: bytes, where: str
+    content: bytes, source: str
 ) -> tuple[list[str], Callable[[Sequence[int]], list[Array]], Callable[[int], str]]:
     """Return the headings, a function that reads columns by index, and a function that locates a row."""
     if not content:
-        raise InputError(f"trial file {where} is empty")
+        raise InputError(f"trial file {source} is empty")
     try:
         file = pq.ParquetFile(pa.BufferReader(content))
         headings = list(file.schema_arrow.names)
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise InputError(f"trial file {where} is not a Parquet file: {str(error).splitlines()[0]}") from None
+        raise InputError(f"trial file {source} is not a Parquet file: {str(error).splitlines()[0]}") from None
 
     def read_columns(indices: Sequence[int]) -> list[Array]:
         columns = []
         for index in indices:
             column_type = file.schema_arrow.field(index).type
-            is_number = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
-            if not any(matches(column_type) for matches in is_number):
+            number_predicates = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
+            if not any(matches(column_type) for matches in number_predicates):
                 raise InputError(
-                    f"trial file {where}: column '{headings[index]}' holds {column_type}; allowed: numbers in the unit "
-                    "of the heading"
+                    f"trial file {source}: column '{headings[index]}' holds {column_type}; allowed: numbers in the "
+                    "unit of the heading"
                 )
             try:
                 column = file.read(columns=[headings[index]]).column(0)
                 columns.append(np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64))
             except (pa.ArrowException, OSError, ValueError) as error:
                 reason = str(error).splitlines()[0]
-                raise InputError(f"trial file {where}: column '{headings[index]}' cannot be read: {reason}") from None
+                raise InputError(f"trial file {source}: column '{headings[index]}' cannot be read: {reason}") from None
         return columns
 
     return headings, read_columns, lambda row: f"row {row + 1}"

@@ -34,7 +34,7 @@ _MISSING_VALUES = [" " * width for width in range(33)]
 class DelimitedText:
     """A text file with a heading line."""
 
-    where: str
+    source: str
     """Path of the file for error messages."""
     headings: tuple[str, ...]
     """Column headings."""
@@ -77,7 +77,7 @@ class DelimitedText:
             )
         except (pa.ArrowException, OSError, ValueError) as error:
             reason = str(error).splitlines()[0]
-            raise InputError(f"trial file {self.where}: {self._find_error(indices) or reason}") from None
+            raise InputError(f"trial file {self.source}: {self._find_error(indices) or reason}") from None
         return [table.column(name).to_numpy() for name in selected]
 
     def _check_quotes(self) -> None:
@@ -87,7 +87,7 @@ class DelimitedText:
         for number, line in self.iterate_lines():
             if line.count('"') % 2:
                 raise InputError(
-                    f"trial file {self.where}: line {number} opens a quote and does not close it; every row must "
+                    f"trial file {self.source}: line {number} opens a quote and does not close it; every row must "
                     "be one line"
                 )
 
@@ -110,30 +110,32 @@ class DelimitedText:
         return None
 
 
-def parse_delimited_text(content: bytes, where: str) -> DelimitedText:
+def parse_delimited_text(content: bytes, source: str) -> DelimitedText:
     """Return headings, delimiter and body of ``content``; raises InputError for anything but text with a heading."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError(f"trial file {where} is UTF-16 text; save it as UTF-8")
+        raise InputError(f"trial file {source} is UTF-16 text; save it as UTF-8")
     if b"\0" in content:
-        raise InputError(f"trial file {where} is neither text nor Parquet; allowed: CSV (UTF-8) and Parquet")
+        raise InputError(f"trial file {source} is neither text nor Parquet; allowed: CSV (UTF-8) and Parquet")
     content = content.removeprefix(BOM)
     if not content.strip():
-        raise InputError(f"trial file {where} is empty")
+        raise InputError(f"trial file {source} is empty")
     blank = _match_bytes(_LEADING_BLANK_LINES, content, 0)
     line = _match_bytes(_FIRST_LINE, content, len(blank))
     try:
         text = line.decode("utf-8").strip("\r\n")
     except UnicodeDecodeError:
-        raise InputError(f"trial file {where}: the heading line is not UTF-8 text; save the file as UTF-8") from None
+        raise InputError(f"trial file {source}: the heading line is not UTF-8 text; save the file as UTF-8") from None
     delimiter = max(DELIMITERS, key=text.count)
     try:
         headings = [heading.strip() for heading in next(csv.reader([text], delimiter=delimiter, strict=True))]
     except csv.Error as error:
-        raise InputError(f"trial file {where}: the heading line cannot be read: {error}") from None
+        raise InputError(f"trial file {source}: the heading line cannot be read: {error}") from None
     if all(_NUMBER.fullmatch(number) for number in _ANY_DELIMITER.split(text) if number):
-        raise InputError(f"trial file {where} has no heading: the first line must name the columns, such as 'time [s]'")
+        raise InputError(
+            f"trial file {source} has no heading: the first line must name the columns, such as 'time [s]'"
+        )
     first_line = len(blank.splitlines()) + 2
-    return DelimitedText(where, tuple(headings), delimiter, content[len(blank) + len(line) :], first_line)
+    return DelimitedText(source, tuple(headings), delimiter, content[len(blank) + len(line) :], first_line)
 
 
 def _match_bytes(pattern: re.Pattern[bytes], content: bytes, start: int) -> bytes:

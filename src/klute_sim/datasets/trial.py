@@ -18,10 +18,10 @@ Use = Literal["fit", "validation", "test"]
 """Use of a trial: fit parameters, select effects, or evaluate the final model."""
 
 MIN_SAMPLES = 10
-"""Fewest samples of a channel, without missing ones."""
+"""Minimum number of samples of a channel, not counting missing ones."""
 
 
-class Series(NamedTuple):
+class TimeSeries(NamedTuple):
     """Samples of one channel in SI units."""
 
     time: Array
@@ -44,14 +44,14 @@ class Trial:
     group: str
     """Group of repeats that the trial belongs to."""
     use: Use | None
-    """Use that the dataset specifies; None leaves it to :func:`klute_sim.datasets.dataset.split_dataset`."""
+    """Use that the dataset specifies; None if :func:`klute_sim.datasets.dataset.split_dataset` decides."""
     device: Device
     """The dataset's device with the changes of this trial."""
     files: tuple[Path, ...]
     """Trial files."""
-    prescribed: Mapping[str, Series] = field(repr=False)
+    prescribed: Mapping[str, TimeSeries] = field(repr=False)
     """All of the rig's :data:`klute_sim.datasets.channels.PRESCRIBED_CHANNELS`."""
-    measured: Mapping[str, Series] = field(repr=False)
+    measured: Mapping[str, TimeSeries] = field(repr=False)
     """At least one of the rig's :data:`klute_sim.datasets.channels.MEASURED_CHANNELS`."""
     trusted: frozenset[str] = frozenset()
     """Measured channels whose instrument is known to be correct."""
@@ -60,9 +60,9 @@ class Trial:
 class TrialChannels(NamedTuple):
     """Content of the files of one trial."""
 
-    prescribed: dict[str, Series]
+    prescribed: dict[str, TimeSeries]
     """Prescribed channels."""
-    measured: dict[str, Series]
+    measured: dict[str, TimeSeries]
     """Measured channels."""
     digests: tuple[str, ...]
     """SHA-256 of each file."""
@@ -84,13 +84,13 @@ def read_trial(files: Sequence[Path], rig: Rig) -> TrialChannels:
             if name == TIME_COLUMN:
                 continue
             channel = channels.resolve_channel(rig, name)
-            column = _Column(file, name, Series(time, samples))
+            column = _Column(file, name, TimeSeries(time, samples))
             if channel in columns:
                 raise InputError(_describe_duplicate(channel, columns[channel], column))
             _check_sample_count(column)
             columns[channel] = column
         if file.ignored:
-            remarks.append(f"trial file {file.where}: ignored columns {', '.join(map(repr, file.ignored))}")
+            remarks.append(f"trial file {file.source}: ignored columns {', '.join(map(repr, file.ignored))}")
         digests.append(file.digest)
     prescribed, measured = _assign_roles(rig, columns, [str(path) for path in files])
     _check_overlap(columns)
@@ -103,27 +103,27 @@ class _Column(NamedTuple):
 
     file: Table
     name: str
-    series: Series
+    series: TimeSeries
 
     @property
     def location(self) -> str:
-        return f"trial file {self.file.where}: column '{self.file.headings[self.name]}'"
+        return f"trial file {self.file.source}: column '{self.file.headings[self.name]}'"
 
 
 def _extract_time(file: Table) -> Array:
     if TIME_COLUMN not in file.columns:
         headings = ", ".join(map(repr, [*file.headings.values(), *file.ignored]))
-        raise InputError(f"trial file {file.where} has no column 'time [s]'; its columns are {headings}")
+        raise InputError(f"trial file {file.source} has no column 'time [s]'; its columns are {headings}")
     time = file.columns[TIME_COLUMN]
-    _check_no_gap(_Column(file, TIME_COLUMN, Series(time, time)), "every sample needs a time")
+    _check_no_gap(_Column(file, TIME_COLUMN, TimeSeries(time, time)), "every sample needs a time")
     if len(time) < MIN_SAMPLES:
-        raise InputError(f"trial file {file.where} has {len(time)} rows; at least {MIN_SAMPLES} are needed")
+        raise InputError(f"trial file {file.source} has {len(time)} rows; at least {MIN_SAMPLES} are needed")
     intervals = np.diff(time)
     if (intervals <= 0.0).any():
         row = int((intervals <= 0.0).argmax()) + 1
         fault = "repeats" if intervals[row - 1] == 0.0 else "decreases"
         raise InputError(
-            f"trial file {file.where}: the time {fault} at {file.locate_row(row)} ({time[row]:.9g} s after "
+            f"trial file {file.source}: the time {fault} at {file.locate_row(row)} ({time[row]:.9g} s after "
             f"{time[row - 1]:.9g} s); time must increase from row to row"
         )
     return time
@@ -148,20 +148,20 @@ def _check_sample_count(column: _Column) -> None:
 def _describe_duplicate(channel: str, first: _Column, second: _Column) -> str:
     if first.file is second.file:
         headings = " and ".join(repr(c.file.headings[c.name]) for c in (first, second))
-        return f"trial file {first.file.where}: columns {headings} are the same channel; leave one out"
-    return f"trial files {first.file.where} and {second.file.where} both have '{channel}'; leave it out of one of them"
+        return f"trial file {first.file.source}: columns {headings} are the same channel; remove one of them"
+    return f"trial files {first.file.source} and {second.file.source} both have '{channel}'; remove it from one of them"
 
 
 def _assign_roles(
     rig: Rig, columns: dict[str, _Column], files: Sequence[str]
-) -> tuple[dict[str, Series], dict[str, Series]]:
+) -> tuple[dict[str, TimeSeries], dict[str, TimeSeries]]:
     """Return the prescribed and the measured channels; raise InputError where one is missing or has gaps."""
     required, optional = channels.PRESCRIBED_CHANNELS[rig], channels.MEASURED_CHANNELS[rig]
-    where = " + ".join(files)
+    source = " + ".join(files)
     for channel in required:
         if channel not in columns:
             raise InputError(
-                f"trial {where}: the prescribed channel '{channel}' is missing; a {rig} trial needs "
+                f"trial {source}: the prescribed channel '{channel}' is missing; a {rig} trial needs "
                 f"{', '.join(required)}"
             )
         if channel != channels.GAP_TOLERANT_CHANNEL:
@@ -171,12 +171,12 @@ def _assign_roles(
     measured = {channel: columns[channel].series for channel in optional if channel in columns}
     if not measured:
         raise InputError(
-            f"trial {where}: no channel is measured; a {rig} trial needs at least one of {', '.join(optional)}"
+            f"trial {source}: no channel is measured; a {rig} trial needs at least one of {', '.join(optional)}"
         )
     return {channel: columns[channel].series for channel in required}, measured
 
 
-def _check_known_under_load(column: _Column, vertical_force: Series) -> None:
+def _check_known_under_load(column: _Column, vertical_force: TimeSeries) -> None:
     load = np.interp(column.series.time, vertical_force.time, vertical_force.value)
     is_missing = np.isnan(column.series.value) & (load > channels.CONTACT_FORCE_THRESHOLD)
     if is_missing.any():
@@ -193,6 +193,6 @@ def _check_overlap(columns: dict[str, _Column]) -> None:
     start, end = columns[latest].series.time[0], columns[earliest].series.time[-1]
     if start >= end:
         raise InputError(
-            f"trial files {columns[earliest].file.where} and {columns[latest].file.where} do not overlap in time: "
+            f"trial files {columns[earliest].file.source} and {columns[latest].file.source} do not overlap in time: "
             f"'{earliest}' ends at {end:.6g} s, '{latest}' starts at {start:.6g} s"
         )

@@ -15,6 +15,7 @@ EXAMPLE_UNITS = {
 """SI unit of a channel -> examples of allowed units for error messages."""
 
 _UNIT_TOKEN = re.compile(r"[^\W\d_][^\W\d_]*|[\s*·⋅/.°^\d-]")
+"""Names, numbers and operators that a unit may consist of."""
 _EXCESSIVE_POWER = re.compile(r"\d{2}|(\^|\*\*)[\s\d.-]*(\^|\*\*)")
 """Powers that occur in no unit and take too long to evaluate."""
 
@@ -28,7 +29,7 @@ def _get_registry() -> Any:
 
 @cache
 def get_si_factor(unit: str, si_unit: str) -> float | None:
-    """Return the factor from ``unit`` to ``si_unit``; None where ``unit`` is not a unit of the same kind.
+    """Return the factor from ``unit`` to ``si_unit``; None where ``unit`` is not a unit of the same dimension.
 
     Base units are compared, so a percentage is not an angle although both are dimensionless. A unit with an offset,
     such as a temperature, has no factor.
@@ -47,6 +48,6 @@ def get_si_factor(unit: str, si_unit: str) -> float | None:
 
 
 def get_conversion_factor(unit: str, target_unit: str) -> float | None:
-    """Return the factor from ``unit`` to ``target_unit``; None where they are not units of the same kind."""
+    """Return the factor from ``unit`` to ``target_unit``; None where they are not units of the same dimension."""
     numerator, denominator = get_si_factor(unit, target_unit), get_si_factor(target_unit, target_unit)
     return None if numerator is None or denominator is None else numerator / denominator

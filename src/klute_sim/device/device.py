@@ -38,7 +38,7 @@ class Device:
     spec: DeviceSpec
     """Checked content of the device file."""
     content: bytes
-    """Device file as TOML; a run keeps it verbatim."""
+    """Device file as TOML; a run folder holds a verbatim copy."""
 
     def __init__(
         self,
@@ -227,10 +227,10 @@ def parse_device(content: bytes, source: str) -> Device:
     return Device.from_spec(parse_device_spec(parse_toml(content, f"device file {source}"), source), content)
 
 
-def check_takes_pressure(device: Device, commander: str) -> None:
-    """Raise InputError when ``commander`` commands pressures but the device expects valve openings."""
+def check_accepts_pressure(device: Device, command_source: str) -> None:
+    """Raise InputError when ``command_source`` commands pressures but the device expects valve openings."""
     if device.parameters.supply.command_is_opening != 0.0:
         raise InputError(
-            f"{commander} commands pressures, but the commands of '{device.name}' are openings of its valve; "
+            f"{command_source} commands pressures, but the commands of '{device.name}' are openings of its valve; "
             "allowed: a device file with command = 'pressure' in [valve]"
         )

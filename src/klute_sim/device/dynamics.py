@@ -71,7 +71,7 @@ def has_internal_state(parameters: DeviceParameters) -> bool:
 
 
 def apply_supply_effects(parameters: DeviceParameters, internal_state: tuple[float, ...]) -> SupplyParameters:
-    """Return the supply with the changes that its effects make."""
+    """Return the supply with its active effects applied."""
     if parameters.effects[0] == 0.0:
         return parameters.supply
     supply: SupplyParameters = effect_chain.supply(parameters.effects, internal_state, parameters.supply)
@@ -249,9 +249,9 @@ def solve_length(
     if parameters.tendon.is_rigid:
         return min(max(unit_length - parameters.tendon.slack_length, low), high)
 
-    # The muscle hardly moves in one step, so a narrow bracket around its last length is usually enough.
-    reach = 0.4 * dt
-    near_low, near_high = max(low, state.length - reach), min(high, state.length + reach)
+    # At speeds up to 0.4 m/s a narrow bracket around the last length suffices.
+    max_motion = 0.4 * dt
+    near_low, near_high = max(low, state.length - max_motion), min(high, state.length + max_motion)
     f_low = _compute_force_residual(parameters, air, state, unit_length, dt, near_low)
     f_high = _compute_force_residual(parameters, air, state, unit_length, dt, near_high)
     if f_low < 0.0 and f_high > 0.0:

@@ -1,7 +1,7 @@
 """Simulate one device under a prescribed length without MuJoCo, and record its outputs and its energy balance.
 
 :mod:`klute_sim.device.rollout` is for many rollouts that need force, pressure and length only. The time steps are the
-same. The compiled and the Python backend give the same bits.
+same. The compiled and the Python backend agree to the last bit.
 """
 
 from collections.abc import Callable, Sequence

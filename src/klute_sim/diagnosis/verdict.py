@@ -98,7 +98,7 @@ def _list_effect_entries(diagnosis: Diagnosis, final_fit: Fit) -> list[dict[str,
         elif diagnosis.verdict in ("unexplained", "insufficient-data"):
             entry["proxy"] = True
         entries.append(entry)
-    effect = instrument.QUANTISATION
+    effect = instrument.QUANTIZATION
     form = effect.forms[0]
     for channel, quantizer in diagnosis.quantizers.items():
         si = CHANNEL_UNITS[channel][1]

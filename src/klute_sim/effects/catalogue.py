@@ -6,7 +6,7 @@ loaded::
     @effect(
         name="muscle_warming",
         description="The muscle pulls more when it is warm.",
-        equation="F (1 + a s)",
+        equation="F (1 + gain)",
         hook="muscle_force",
         parameters=(EffectParameter(key="gain", neutral=0.0, lower=0.0, upper=0.5, typical=0.02, source="assumed"),),
     )
@@ -93,7 +93,7 @@ BUILT_IN_EFFECTS = (
     instrument.SENSOR_DRIFT,
     instrument.SENSOR_LAG,
     instrument.CLOCK_SKEW,
-    instrument.QUANTISATION,
+    instrument.QUANTIZATION,
 )
 """Effects of the package."""
 
@@ -223,7 +223,7 @@ def count_values_and_states() -> tuple[int, int]:
 
 
 @cache
-def layout_checksum() -> int:
+def compute_layout_checksum() -> int:
     """Return a number that identifies the order of effects, forms and parameters."""
     text = ";".join(
         f"{slot.effect} {slot.form.name} {[parameter.key for parameter in slot.form.parameters]}"
@@ -309,8 +309,8 @@ def find_form(effect: str, form: str | None) -> tuple[Effect, EffectForm]:
     known_effect = get_effects().get(effect)
     if known_effect is None:
         listing = (
-            f"there are: {', '.join(get_effects())} (name the file of your own effects with --catalogue, or in the "
-            f"environment variable {CATALOGUE_VARIABLE})"
+            f"there are: {', '.join(get_effects())}. To add effects of your own, name their file with --catalogue or "
+            f"in the environment variable {CATALOGUE_VARIABLE}"
         )
         raise InputError(f"there is no effect '{effect}'; {suggest(effect, get_effects(), listing)}")
     known_form = known_effect.forms[0] if form is None else known_effect.find_form(form)

@@ -120,7 +120,7 @@ class EffectForm:
         """Return the ``p`` of the laws for parameter ``values`` by key, in the units of the keys."""
         return self.parameter_type(*(parameter.to_si(values[parameter.key]) for parameter in self.parameters))
 
-    def zero_state(self) -> Any:
+    def make_zero_state(self) -> Any:
         """Return the ``state`` of the laws for a muscle at its resting length."""
         return self.state_type(*(0.0 for _ in self.states))
 

@@ -5,7 +5,7 @@ import math
 SIGN_TRANSITION_SPEED = 1e-3
 """Speed over which dry friction changes its sign [m/s] (assumed; small against the speeds of all tests)."""
 EQUILIBRIUM_TIME_STEP = 1e9
-"""Time step after which every follower has arrived and every slider has relaxed [s] (assumed)."""
+"""Time step after which every follower has reached its target and every slider has relaxed [s] (assumed)."""
 
 
 def smooth_sign(velocity: float) -> float:

@@ -33,7 +33,7 @@ def check_effect(effect: Any, known_names: set[str]) -> None:
 
 def _check_law(law: Callable[..., Any], hook: str, form: EffectForm, location: str) -> None:
     """Call ``law`` once with realistic numbers, so that an error in it is reported before it is compiled."""
-    state = form.zero_state()
+    state = form.make_zero_state()
     p = form.pack({parameter.key: parameter.typical for parameter in form.parameters})
     muscle = mckibben.MuscleParameters(1.0, 0.2, 0.21, 1.3, 0.01, 0.002, 1e5, 1e4, 1e-4, 0.0)
     pressure, length, velocity, force, stretch, dt = 2e5, 0.19, 0.01, 300.0, 1e-3, 1e-3

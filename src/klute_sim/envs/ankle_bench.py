@@ -234,15 +234,14 @@ class AnkleBenchEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.u
         return WORK_REWARD_WEIGHT * work / (air + AIR_MASS_OFFSET_G)
 
     def _measured_force(self) -> float:
-        return -float(
-            self.data.sensordata[self._load_cell_index]
-        )  # the sensor tells what the unit does to the cell, along x
+        # The sensor measures the force of the unit on the load cell along x.
+        return -float(self.data.sensordata[self._load_cell_index])
 
     def _observe(self) -> Observation:
         observation = np.array(
             [
-                100.0 * (self._actuator.unit_length(self.data) - self._trajectory_generator.mean_length),
-                self._actuator.unit_rate(self.data),
+                100.0 * (self._actuator.get_unit_length(self.data) - self._trajectory_generator.mean_length),
+                self._actuator.get_unit_rate(self.data),
                 1e-3 * self._measured_force(),
                 float(self.data.act[self._actuator.act_address]),
                 1e-3 * float(self._trajectory.target_force[self._action_count]),

@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from klute_sim.controllers.pressure import PressureProfile
 from klute_sim.device.device import DEFAULT_DEVICE, Device
-from klute_sim.envs.tasks.domain_randomization import RandomisationRanges
+from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
 from klute_sim.envs.tasks.gait_task import CONTROL_INTERVAL, GaitTask, SimulationStates
 from klute_sim.envs.tasks.instruments import OBSERVATIONS
 from klute_sim.envs.tasks.options import TaskOptions, resolve_device
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, GaitRig, reset_gait_rig
 from klute_sim.plant import callbacks
+from klute_sim.types import Array, Mask
 from klute_sim.units import BAR
 
 Observation = NDArray[np.float32]
@@ -76,10 +77,10 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     | 6 | sine of the estimated gait phase | 1 | -1 | 1 | 0 |
     | 7 | cosine of the estimated gait phase | 1 | -1 | 1 | 0 |
 
-    ``sensor_noise`` multiplies the typical standard deviation (0: no noise); the noise is normal and drawn every 10 ms.
-    ``sensor_delay`` is the delay in whole intervals of 10 ms. The phase is estimated from the measured load, as in a
-    prosthesis: time since the last foot strike (load above 0.1 body weights) over the time between the last two
-    strikes.
+    ``sensor_noise`` multiplies the typical standard deviation (0: no noise); the noise is normal, with new values
+    every 10 ms. ``sensor_delay`` is the delay in whole intervals of 10 ms. The phase is estimated from the measured
+    load, as in a prosthesis: time since the last foot strike (load above 0.1 body weights) over the time between the
+    last two strikes.
 
     ## Reward
 
@@ -97,7 +98,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
 
     ``info`` also holds ``gait_pct`` (true phase), ``ankle_moment_nm_per_kg``, ``ankle_power_w_per_kg``,
     ``pressure_command_bar`` (or ``valve_command``), and the totals of the interval: air drawn, leaked, and held at its
-    end (``air_g``, ``air_leaked_g``, ``air_held_g``); work of gas, friction offset, damper, the elastic energies of
+    end (``air_g``, ``air_leaked_g``, ``air_mass_g``); work of gas, friction offset, damper, the elastic energies of
     bladder and tendon, and each effect (``work_gas_j``, ``work_friction_j``, ``work_damper_j``, ``work_bladder_j``,
     ``work_tendon_j``, ``work_effect_<name>_j``); delivered work (``work_delivered_j``); and the error of sampling once
     per interval (``work_unresolved_j``).
@@ -108,14 +109,14 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     between 0 and a quarter of the supply pressure (0 for a device that takes valve openings). It is truncated after
     ``strides`` strides and terminated when the rig leaves its path or a state is not finite.
 
-    ## Randomisation
+    ## Domain randomisation
 
-    ``randomise`` is a :class:`klute_sim.envs.tasks.domain_randomization.RandomisationRanges`, or a mapping with its
-    field names. The ``info`` of the reset holds the sampled values under the names on the right.
+    ``domain_randomization`` is a :class:`~klute_sim.envs.tasks.domain_randomization.RandomizationRanges`, or a mapping
+    with its field names. The ``info`` of the reset holds the sampled values under the names on the right.
 
     | name | samples | in ``info`` |
     |---|---|---|
-    | ``mass_share`` | body mass within a fraction of ``mass`` | ``mass_kg`` |
+    | ``mass_fraction`` | body mass within a fraction of ``mass`` | ``mass_kg`` |
     | ``speed_m_per_s`` | walking speed, from a range | ``speed_m_per_s`` |
     | ``slope_deg`` | slope of the ground, from a range, uphill positive | ``slope_deg`` |
     | ``device`` | numbers of the device file within a fraction, as in ``{"muscle.c10_kpa": 0.1}`` | the keys |
@@ -150,7 +151,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         sensor_noise: float = 0.0,
         sensor_delay: int = 0,
         reward: Mapping[str, float] | None = None,
-        randomise: RandomisationRanges | Mapping[str, Any] | None = None,
+        domain_randomization: RandomizationRanges | Mapping[str, Any] | None = None,
         reset_noise: float = 0.02,
         render_mode: str | None = None,
         width: int = 480,
@@ -173,7 +174,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
             sensor_noise=sensor_noise,
             sensor_delay=sensor_delay,
             reward=reward,
-            randomise=randomise,
+            domain_randomization=domain_randomization,
             reset_noise=reset_noise,
         )
         self._backend, self._reset_noise = callbacks.choose_backend(backend), reset_noise
@@ -181,7 +182,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
             GaitTask(resolve_device(device), gait_options, options, 1, self._backend),
             np.ones(1, dtype=np.bool_),
         )
-        self._gait_rig = self._task.randomiser.gait_rigs[0]
+        self._gait_rig = self._task.randomizer.gait_rigs[0]
         self.model = copy(self._gait_rig.model)
         """MuJoCo model including the device; randomisation changes it at every reset."""
         self.data = mujoco.MjData(self.model)
@@ -207,18 +208,18 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode at heel strike; ``options`` are not used."""
         super().reset(seed=seed)
-        episode = self._task.randomiser.sample(self.np_random)
-        self._gait_rig = self._task.randomiser.apply(episode, self.model)
+        episode = self._task.randomizer.sample(self.np_random)
+        self._gait_rig = self._task.randomizer.apply(episode, self.model)
         reset_simulation(self._gait_rig, self.data, self.np_random, self._reset_noise)
         self._task.assign_episode(0, episode)
         self._task.reset(self._single_mask, self._read_states(), [self.np_random])
-        return self._task.observations[0], dict(episode.drawn_values)
+        return self._task.observations[0], dict(episode.sampled_values)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold ``action`` for one interval; raises InputError when it is NaN."""
         valid_action = validate_action(action, (1,))
         command = self._task.decode_action(valid_action)
-        self.data.ctrl[: len(DRIVE_ACTUATORS)] = self._task.drive_command_rates()[0]
+        self.data.ctrl[: len(DRIVE_ACTUATORS)] = self._task.get_drive_command_rates()[0]
         with callbacks.device_callbacks(self._backend):
             try:
                 for steps, scheduled_command in self._task.schedule_commands(command, self._single_mask):
@@ -268,9 +269,7 @@ def reset_simulation(gait_rig: GaitRig, data: mujoco.MjData, rng: np.random.Gene
     )
 
 
-def validate_action(
-    action: NDArray[np.floating[Any]], shape: tuple[int, ...], mask: NDArray[np.bool_] | None = None
-) -> NDArray[np.float64]:
+def validate_action(action: NDArray[np.floating[Any]], shape: tuple[int, ...], mask: Mask | None = None) -> Array:
     """Return the action as float64, with 0 outside ``mask``; raises InputError for a wrong shape or NaN."""
     valid_action = np.array(action, dtype=np.float64)
     if valid_action.shape != shape:

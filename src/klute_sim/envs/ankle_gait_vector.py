@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from klute_sim.controllers.pressure import PressureProfile
 from klute_sim.device.device import DEFAULT_DEVICE, Device
 from klute_sim.envs.ankle_gait import make_action_space, make_observation_space, reset_simulation, validate_action
-from klute_sim.envs.tasks.domain_randomization import RandomisationRanges
+from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
 from klute_sim.envs.tasks.gait_task import CONTROL_INTERVAL, GaitTask, SimulationStates
 from klute_sim.envs.tasks.options import TaskOptions, resolve_device
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions
 from klute_sim.plant import batch, callbacks
+from klute_sim.types import Array, Mask
 
 Observations = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 STATE_SPEC = mujoco.mjtState.mjSTATE_INTEGRATION
 """Parts of the MuJoCo state that restore a simulation."""
 STATE_FIELDS = [field.name for field in fields(SimulationStates)]
@@ -60,7 +60,7 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
         sensor_noise: float = 0.0,
         sensor_delay: int = 0,
         reward: Mapping[str, float] | None = None,
-        randomise: RandomisationRanges | Mapping[str, Any] | None = None,
+        domain_randomization: RandomizationRanges | Mapping[str, Any] | None = None,
         reset_noise: float = 0.02,
         n_jobs: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
@@ -78,16 +78,14 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
             sensor_noise=sensor_noise,
             sensor_delay=sensor_delay,
             reward=reward,
-            randomise=randomise,
+            domain_randomization=domain_randomization,
             reset_noise=reset_noise,
         )
-        self._task, self._reset_noise = (
-            GaitTask(resolve_device(device), gait_options, options, num_envs, callbacks.choose_backend()),
-            reset_noise,
-        )
-        self._gait_rig = self._task.randomiser.gait_rigs[0]
+        self._task = GaitTask(resolve_device(device), gait_options, options, num_envs, callbacks.choose_backend())
+        self._reset_noise = reset_noise
+        self._gait_rig = self._task.randomizer.gait_rigs[0]
         self._batch = batch.create_batch(self._gait_rig.model, num_envs, n_jobs)
-        self._randomised_fields = {name: self._batch.expand(name) for name in self._task.randomiser.varying_fields}
+        self._randomized_fields = {name: self._batch.expand(name) for name in self._task.randomizer.varying_fields}
         self._model = copy(self._gait_rig.model)
         self._scratch_data = mujoco.MjData(self._model)
         self._bound_states = {name: self._batch.bind(name) for name in STATE_FIELDS}
@@ -138,19 +136,19 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
 
     def _start_episodes(self, mask: Mask, rngs: list[np.random.Generator]) -> dict[str, Any]:
         """Start the episodes in ``mask`` and return their sampled values."""
-        randomiser = self._task.randomiser
-        info: dict[str, NDArray[np.float64]] = {}
+        randomizer = self._task.randomizer
+        info: dict[str, Array] = {}
         for i in np.flatnonzero(mask):
-            episode = randomiser.sample(rngs[i])
-            rig = randomiser.apply(episode, self._model)
-            for name, values in self._randomised_fields.items():
-                values[i] = randomiser.field_value(episode, name)
+            episode = randomizer.sample(rngs[i])
+            rig = randomizer.apply(episode, self._model)
+            for name, values in self._randomized_fields.items():
+                values[i] = randomizer.get_field_value(episode, name)
             reset_simulation(rig, self._scratch_data, rngs[i], self._reset_noise)
             self._task.assign_episode(int(i), episode)
             mujoco.mj_getState(self._model, self._scratch_data, self._batch.state[i], STATE_SPEC)
             for name in STATE_FIELDS:
                 getattr(self._states, name)[i] = getattr(self._scratch_data, name)
-            for name, value in episode.drawn_values.items():
+            for name, value in episode.sampled_values.items():
                 info.setdefault(name, np.zeros(self.num_envs))[i] = value
         self._task.reset(mask, self._states, rngs)
         self._done &= ~mask
@@ -172,7 +170,7 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
             raise InputError("an episode has ended: reset it (options={'reset_mask': ...}) before the next step")
         infos = self._start_episodes(~active, rngs)
         command = self._task.decode_action(valid_actions)
-        self._ctrl[active, : len(DRIVE_ACTUATORS)] = self._task.drive_command_rates()[active]
+        self._ctrl[active, : len(DRIVE_ACTUATORS)] = self._task.get_drive_command_rates()[active]
         for steps, scheduled_command in self._task.schedule_commands(command, active):
             self._ctrl[active, self._gait_rig.actuator.ctrl_address] = scheduled_command[active]
             with suppress(SimulationError):  # a failed device ends its episode
@@ -198,7 +196,7 @@ class AnkleGaitVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[An
         return self._task.observations, reward, terminated, truncated, infos | _with_masks(info, active)
 
 
-def _with_masks(info: dict[str, NDArray[np.float64]], mask: Mask) -> dict[str, Any]:
+def _with_masks(info: dict[str, Array], mask: Mask) -> dict[str, Any]:
     """Return ``info`` in the form of Gymnasium: 0 outside ``mask``, and the mask under ``_name``."""
     masked: dict[str, Any] = {}
     if not mask.any():

@@ -31,8 +31,8 @@ SOCKET_TIME_CONSTANT = 3e-3
 def read_foot(model: mujoco.MjModel) -> Foot:
     """Return the foot of a ``model`` that contains ``ankle.xml`` under :data:`PROSTHESIS_PREFIX`.
 
-    The heel spring is taken as rigid: it yields 3 mm under 1 kN, and a measured centre of pressure already contains the
-    shift. The damping of a socket is neglected, too.
+    The heel spring is assumed rigid: it yields 3 mm under 1 kN, and a measured centre of pressure already contains the
+    shift. The damping of a socket is neglected.
     """
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -41,7 +41,7 @@ def read_foot(model: mujoco.MjModel) -> Foot:
     mass_matrix = np.empty((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass_matrix)
     ankle = data.xanchor[joint_id]
-    centre = data.subtree_com[foot] - ankle
+    com = data.subtree_com[foot] - ankle
     origin, insertion = (
         data.site(PROSTHESIS_PREFIX + name).xpos - ankle for name in ("achilles_origin", "achilles_insertion")
     )
@@ -55,8 +55,8 @@ def read_foot(model: mujoco.MjModel) -> Foot:
     return Foot(
         inertia=float(mass_matrix[dof, dof]),
         mass=float(model.body_subtreemass[foot]),
-        com_x=float(centre[0]),
-        com_z=float(centre[2]),
+        com_x=float(com[0]),
+        com_z=float(com[2]),
         origin_x=float(origin[0]),
         origin_z=float(origin[2]),
         insertion_x=float(insertion[0]),
@@ -114,8 +114,8 @@ def apply_foot(spec: mujoco.MjSpec, original: Foot, foot: Foot) -> None:
         _add_keel_joint(spec, foot)
     if foot.socket_compliance != original.socket_compliance:
         stiffness = 1.0 / foot.socket_compliance
-        slide, along = mujoco.mjtJoint.mjJNT_SLIDE, (0, 0, 1)
-        socket = spec.body(PROSTHESIS_PREFIX + "pylon").add_joint(name=SOCKET_JOINT, type=slide, axis=along)
+        slide, axis = mujoco.mjtJoint.mjJNT_SLIDE, (0, 0, 1)
+        socket = spec.body(PROSTHESIS_PREFIX + "pylon").add_joint(name=SOCKET_JOINT, type=slide, axis=axis)
         socket.stiffness, socket.damping = (
             np.array([stiffness, 0.0, 0.0]),
             np.array([SOCKET_TIME_CONSTANT * stiffness, 0.0, 0.0]),
@@ -123,7 +123,7 @@ def apply_foot(spec: mujoco.MjSpec, original: Foot, foot: Foot) -> None:
 
 
 def _add_keel_joint(spec: mujoco.MjSpec, foot: Foot) -> None:
-    """Let the foot without its lever turn about the ankle against a spring."""
+    """Split the foot of ``spec`` into a hinge body and a keel body, which turns about the ankle against a spring."""
     hinge, stiffness = spec.body(PROSTHESIS_PREFIX + "foot"), 1.0 / foot.keel_compliance
     keel = hinge.add_body(name=KEEL_JOINT, ipos=hinge.ipos, iquat=hinge.iquat, explicitinertial=True)
     spec.copy_during_attach = True

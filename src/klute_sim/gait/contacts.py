@@ -51,10 +51,10 @@ def find_contacts(time: Array, vertical_force: Array, threshold: float = CONTACT
             joined.append((a, b))
     contacts = []
     for a, b in joined:
-        strike = _interpolate_crossing(time, vertical_force, a, threshold) if a > 0 else float(time[0])
-        lift = _interpolate_crossing(time, vertical_force, b, threshold) if b < len(time) else float(time[-1])
-        if lift - strike >= MIN_CONTACT_TIME:
-            contacts.append(Contact(strike, lift, a > 0, b < len(time)))
+        foot_strike = _interpolate_crossing(time, vertical_force, a, threshold) if a > 0 else float(time[0])
+        toe_off = _interpolate_crossing(time, vertical_force, b, threshold) if b < len(time) else float(time[-1])
+        if toe_off - foot_strike >= MIN_CONTACT_TIME:
+            contacts.append(Contact(foot_strike, toe_off, a > 0, b < len(time)))
     return contacts
 
 

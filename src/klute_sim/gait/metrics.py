@@ -7,7 +7,7 @@ The first stride starts in the posture of the reference. The mean excludes it wh
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,9 @@ import numpy as np
 from klute_sim.constants import GRAVITY
 from klute_sim.device.energy.ledger import POWER_TERMS, SOLVER_TERM, format_effect_channel
 from klute_sim.effects import catalogue
+from klute_sim.gait.contact_events import find_contact_events
 from klute_sim.gait.reference import STANCE_LOAD_BW
+from klute_sim.gait.roll_over import ROLLOVER_END_PCT, fit_rollover_radius
 from klute_sim.laws.mckibben import FRICTION_FADE_PRESSURE
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
@@ -24,10 +26,6 @@ from klute_sim.units import BAR
 SMOOTHING_WINDOW_S = 0.015
 """Window [s] of the moving average for peak power and vertical load peaks. The raw power has a spike where the last
 sphere of the sole lifts off, and the raw load jumps where the forefoot lands at 8 % of the cycle."""
-MID_STANCE_PCT = 30.0
-"""Gait phase [%] around which stance is detected."""
-MAX_CONTACT_GAP_PCT = 5.0
-"""Longest loss of contact that does not end stance [% of the cycle]."""
 GRF_PEAK_WINDOWS_PCT = ((4.0, 33.0), (33.0, 65.0))
 """Gait phases [%] of the two peaks of the vertical ground reaction."""
 FLAT_FOOT_WINDOW_PCT = (2.0, 25.0)
@@ -38,22 +36,6 @@ MID_SWING_WINDOW_PCT = (75.0, 92.0)
 """Gait phases [%] of the minimum toe clearance in swing."""
 MIN_REFERENCE_SD = {"angle_deg": 2.0, "moment_nm_per_kg": 0.05, "power_w_per_kg": 0.1}
 """Minimum standard deviations for distances to the reference; those of swing are tiny."""
-COMMON_ASSUMPTIONS = {
-    "friction below 2 bar": "assumed: the printed fit is for 2-5 bar; below, it fades to zero at zero pressure",
-    "length stops": "assumed: rigid at resting length (a stop of the dissertation) and at lock length",
-    "prosthesis": "assumed: masses, inertias, return spring, joint damping, end stops (models/ankle.xml)",
-}
-"""Assumptions of every run besides the numbers of the device."""
-REGULATOR_ASSUMPTIONS = {"air": "assumed: isothermal, no dead volume"}
-"""Assumptions about an ideal regulator with unlimited flow."""
-VALVE_ASSUMPTIONS = {
-    "air": "assumed: leaves at the temperature of the muscle, throttled by ISO 6358; a check valve before the tank",
-    "tube": "assumed: flow by an empirical fit for smooth tubes",
-    "leak": "assumed: critical pressure ratio 0.5",
-}
-"""Assumptions about a supply with a valve."""
-ROLLOVER_END_PCT = 50.0
-"""Gait phase [%] of the opposite heel strike, where the roll-over shape ends (Hansen & Meier 2010)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,7 +183,7 @@ def _compute_ankle_metrics(stride: Recording, prefix: str, mass: float) -> dict[
     smooth_power = _smooth(power, SMOOTHING_WINDOW_S / dt)
     vertical, forward = stride[f"{prefix}grf_vertical"] / weight, stride[f"{prefix}grf_forward"] / weight
     smooth_load = _smooth(vertical, SMOOTHING_WINDOW_S / dt)
-    first, toe_off = _find_contact_events(phase, vertical > STANCE_LOAD_BW)
+    first, toe_off = find_contact_events(phase, vertical > STANCE_LOAD_BW)
     # Integrated over the angle and not over time, because a reference has no time.
     angle = stride[f"{prefix}ankle_angle"]
     work = -moment * np.gradient(np.radians(angle))
@@ -253,7 +235,7 @@ def _compute_stride_metrics(stride: Recording, mass: float) -> StrideMetrics:
         grf_vertical_tracking_rms_bw=_compute_rms((stride["grf_vertical"] - stride["reference_grf_vertical"]) / weight),
         sole_depth_max_mm=float(-1e3 * min(0.0, stride["sole_height"].min())),
         toe_clearance_mm=float(1e3 * stride["sole_height"][_mask_between(phase, *MID_SWING_WINDOW_PCT)].min()),
-        rollover_radius_m=_fit_rollover_radius(stride, contact & (phase < ROLLOVER_END_PCT)),
+        rollover_radius_m=fit_rollover_radius(stride, contact & (phase < ROLLOVER_END_PCT)),
         angle_distance_sd=_compute_distance(stride, "ankle_angle", 1.0, MIN_REFERENCE_SD["angle_deg"], stance),
         moment_distance_sd=_compute_distance(
             stride, "ankle_moment", mass, MIN_REFERENCE_SD["moment_nm_per_kg"], stance
@@ -295,27 +277,6 @@ def _smooth(values: Array, width: float) -> Array:
     return np.convolve(padded, np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
 
 
-def _find_contact_events(phase: Array, contact: np.ndarray) -> tuple[float | None, float | None]:
-    """Return first contact and toe-off [%] of the stance around :data:`MID_STANCE_PCT`.
-
-    Gaps up to :data:`MAX_CONTACT_GAP_PCT` do not end stance. A longer gap separates stance from a contact in swing.
-    """
-    if not contact.any():
-        return None, None
-    cycle = np.sort(phase[contact] - MID_STANCE_PCT)
-    cycle = np.concatenate([cycle[cycle >= 50.0] - 100.0, cycle[cycle < 50.0]])  # with mid-stance in the middle
-    before, after = cycle[cycle <= 0.0][::-1], cycle[cycle >= 0.0]
-    return MID_STANCE_PCT - _measure_unbroken_extent(-before), MID_STANCE_PCT + _measure_unbroken_extent(after)
-
-
-def _measure_unbroken_extent(distances: Array) -> float:
-    """Return the last of the increasing ``distances`` from 0 before the first gap."""
-    steps = np.diff(distances, prepend=0.0)
-    gaps = np.flatnonzero(steps > MAX_CONTACT_GAP_PCT)
-    unbroken = distances[: gaps[0]] if len(gaps) else distances
-    return float(unbroken[-1]) if len(unbroken) else 0.0
-
-
 def _compute_distance(
     stride: Recording, channel: str, scale: float, min_sd: float, stance: np.ndarray
 ) -> ReferenceDistance:
@@ -326,20 +287,6 @@ def _compute_distance(
     return ReferenceDistance(
         stance_rms=_compute_rms(z[stance]), swing_rms=_compute_rms(z[~stance]), largest=float(np.abs(z).max())
     )
-
-
-def _fit_rollover_radius(stride: Recording, loaded: np.ndarray) -> float | None:
-    """Return the radius [m] of the circle through the centre of pressure in the frame of the shank (Kasa's fit)."""
-    used = loaded & np.isfinite(stride["cop_x"])
-    if used.sum() < 10:
-        return None
-    tilt = np.radians(stride["shank_angle"][used])
-    x, z = stride["cop_x"][used] - stride["ankle_x"][used], -stride["ankle_z"][used]
-    along, up = np.cos(tilt) * x - np.sin(tilt) * z, np.sin(tilt) * x + np.cos(tilt) * z
-    matrix = np.column_stack([along, up, np.ones_like(along)])
-    (a, b, c), _, rank, _ = np.linalg.lstsq(matrix, along * along + up * up, rcond=None)
-    square = c + 0.25 * (a * a + b * b)
-    return float(np.sqrt(square)) if rank == 3 and square > 0.0 else None
 
 
 def _compute_energy_ledger(stride: Recording, dt: float) -> dict[str, float]:
@@ -357,70 +304,3 @@ def _compute_ledger_residual(stride: Recording, dt: float) -> float:
     delivered = stride["delivered_power"][1:]
     residual, exchanged = float((released - delivered).sum()) * dt, float(np.abs(delivered).sum()) * dt
     return 100.0 * residual / exchanged if exchanged > 0.0 else 0.0
-
-
-def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, Any]:
-    """Return the run as one JSON object: means over the steady strides, then all strides."""
-    options, mean = recording.provenance["options"], metrics.mean
-    air = VALVE_ASSUMPTIONS if recording.provenance["device"]["valve"] else REGULATOR_ASSUMPTIONS
-    distances = {
-        name: {
-            "stance_rms": mean(lambda s, n=name: getattr(s, n).stance_rms),  # type: ignore[misc]
-            "swing_rms": mean(lambda s, n=name: getattr(s, n).swing_rms),  # type: ignore[misc]
-            "largest": mean(lambda s, n=name: getattr(s, n).largest),  # type: ignore[misc]
-        }
-        for name in ("angle_distance_sd", "moment_distance_sd", "power_distance_sd")
-    }
-    return {
-        "device": recording.provenance["device"]["name"],
-        "controller": recording.provenance["controller"],
-        "reference": recording.provenance["reference"]["name"],
-        "reference_speed_m_per_s": recording.provenance["reference"].get("speed_m_per_s"),
-        "mass_kg": options["mass_kg"],
-        "stature_m": options["stature_m"],
-        "speed_m_per_s": options["speed_m_per_s"],
-        "stride_time_s": options["stride_time_s"],
-        "slope_deg": options.get("slope_deg", 0.0),
-        "strides": options["strides"],
-        "mean_over_strides": [len(metrics.strides) - len(metrics.steady_strides) + 1, len(metrics.strides)],
-        "ankle_range_deg": mean(lambda s: s.ankle_range_deg),
-        "ankle_plantarflexion_deg": mean(lambda s: s.ankle_plantarflexion_deg),
-        "ankle_moment_peak_nm_per_kg": mean(lambda s: s.ankle_moment_peak_nm_per_kg),
-        "ankle_moment_peak_pct": mean(lambda s: s.ankle_moment_peak_pct),
-        "ankle_power_peak_w_per_kg": mean(lambda s: s.ankle_power_peak_w_per_kg),
-        "ankle_power_peak_pct": mean(lambda s: s.ankle_power_peak_pct),
-        "ankle_work_net_j_per_kg": mean(lambda s: s.ankle_work_net_j_per_kg),
-        "ankle_work_positive_j_per_kg": mean(lambda s: s.ankle_work_positive_j_per_kg),
-        "energy_return": mean(lambda s: s.energy_return),
-        "quasi_stiffness_nm_per_kg_deg": mean(lambda s: s.quasi_stiffness_nm_per_kg_deg),
-        "actuator_moment_peak_nm_per_kg": mean(lambda s: s.actuator_moment_peak_nm_per_kg),
-        "actuator_work_net_j_per_kg": mean(lambda s: s.actuator_work_net_j_per_kg),
-        "muscle_ratio_max": mean(lambda s: s.muscle_ratio_max),
-        "first_contact_pct": mean(lambda s: s.first_contact_pct),
-        "toe_off_pct": mean(lambda s: s.toe_off_pct),
-        "touches_in_swing": metrics.has_swing_contact,
-        "grf_vertical_peaks_bw": [
-            mean(lambda s: s.grf_vertical_peaks_bw[0]),
-            mean(lambda s: s.grf_vertical_peaks_bw[1]),
-        ],
-        "grf_vertical_max_bw": mean(lambda s: s.grf_vertical_max_bw),
-        "grf_vertical_tracking_rms_bw": mean(lambda s: s.grf_vertical_tracking_rms_bw),
-        "grf_vertical_note": "tracked, not predicted: the carriage receives the load of the reference",
-        "grf_forward_note": "partly prescribed: the carriage receives the fore-aft load of the reference, too; "
-        "push-off depends mostly on the device, braking does not",
-        "grf_forward_bw": [mean(lambda s: s.grf_forward_min_bw), mean(lambda s: s.grf_forward_max_bw)],
-        "sole_depth_max_mm": mean(lambda s: s.sole_depth_max_mm),
-        "toe_clearance_mm": mean(lambda s: s.toe_clearance_mm),
-        "rollover_radius_m": mean(lambda s: s.rollover_radius_m),
-        "distance_to_reference": distances,
-        "friction_offset_work_j_per_kg": mean(lambda s: s.friction_offset_work_j_per_kg),
-        "below_friction_fit_pct": mean(lambda s: s.below_friction_fit_pct),
-        "air_per_stride_g": mean(lambda s: s.air_g),
-        "short_of_supply_pct": mean(lambda s: s.short_of_supply_pct),
-        "air_leaked_per_stride_g": mean(lambda s: s.air_leaked_g),
-        "ledger_j": {line: mean(lambda s, n=line: s.ledger_j[n]) for line in metrics.strides[0].ledger_j},  # type: ignore[misc]
-        "ledger_residual_pct": mean(lambda s: s.ledger_residual_pct),
-        "assumptions": {**COMMON_ASSUMPTIONS, **air, **recording.provenance["device"]["assumed"]},
-        "without_source": recording.provenance["device"]["without_source"],
-        "per_stride": [asdict(s) for s in metrics.strides],
-    }

@@ -2,8 +2,8 @@
 
 The default reference is the mean of three published groups of able-bodied adults who walk on level ground at
 comfortable speed: Winter (normal cadence, 19 adults), Bovi et al. 2011 (free speed, 20 adults) and Fukuchi et al. 2018
-(1.2 m/s, 42 adults). Ankle power is from the first two; the standard deviations between subjects are Winter's. The peak
-moments of the sources range from 1.32 to 1.63 N.m/kg, toe-off from 59 to 67 %.
+(1.2 m/s, 42 adults). Ankle power is from the first two; the standard deviations between subjects are from Winter. The
+peak moments of the sources range from 1.32 to 1.63 N.m/kg, toe-off from 59 to 67 %.
 """
 
 import csv
@@ -53,6 +53,10 @@ MOTION_CAPTURE_SUFFIXES = {".c3d", ".parquet"}
 """Suffixes of binary files that ``klute-sim import`` turns into a reference."""
 STANCE_LOAD_BW = 0.02
 """Vertical ground reaction above which the foot counts as loaded [body weights]."""
+MAX_GRF_TRACKING_RMS_BW = 0.15
+"""Largest rms difference [body weights] between the vertical ground reaction of a gait run and the reference for which
+the load counts as tracked; the default gait run has 0.085.
+"""
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,7 @@ class Reference:
     stature: float | None = None
     """Body height of the subject [m]; None: unknown."""
     speed: float | None = None
-    """Measured walking speed [m/s]; None: unknown. That of the rig follows from angles, legs and stride time."""
+    """Measured walking speed [m/s]; None: unknown. The rig computes its speed from angles, legs and stride time."""
 
     def __call__(self, column: str, phase: Array, derivative: int = 0) -> Array:
         """Return ``column``, or its ``derivative``-th derivative by phase, at ``phase`` (0-1, periodic)."""
@@ -84,7 +88,7 @@ class Reference:
         """Return whether the reference has the optional ``column``."""
         return column in self.splines
 
-    def standard_deviation(self, column: str, phase: Array) -> Array:
+    def compute_standard_deviation(self, column: str, phase: Array) -> Array:
         """Return the standard deviation ``column`` at ``phase``; interpolation cannot make it negative."""
         minimum, _ = self.ranges[column]
         return np.maximum(self(column, phase), minimum)
@@ -93,18 +97,19 @@ class Reference:
         """Return the same gait in the frame of ground with a ``slope`` [rad], uphill positive.
 
         Gait on slopes is assumed, not measured: the segments keep their inclination to gravity, the foot follows the
-        ground, so the ankle compensates the slope, and the ground reaction is the same in space.
+        ground, so the ankle compensates the slope, and the ground reaction keeps its magnitude and its inclination to
+        gravity.
         """
         if slope == 0.0:
             return self
-        tilt, along, across = np.degrees(slope), np.sin(slope), np.cos(slope)
-        up, forward = (self.splines[column] for column in ("grf_vertical_n_per_kg", "grf_forward_n_per_kg"))
+        tilt, sine, cosine = np.degrees(slope), np.sin(slope), np.cos(slope)
+        vertical, forward = (self.splines[column] for column in ("grf_vertical_n_per_kg", "grf_forward_n_per_kg"))
         tilted = {
             "shank_forward_deg": _offset_spline(self.splines["shank_forward_deg"], tilt),
             "ankle_dorsiflexion_deg": _offset_spline(self.splines["ankle_dorsiflexion_deg"], tilt),
             "hip_flexion_deg": _offset_spline(self.splines["hip_flexion_deg"], -tilt),
-            "grf_vertical_n_per_kg": _combine_splines(across, up, -along, forward),
-            "grf_forward_n_per_kg": _combine_splines(across, forward, along, up),
+            "grf_vertical_n_per_kg": _combine_splines(cosine, vertical, -sine, forward),
+            "grf_forward_n_per_kg": _combine_splines(cosine, forward, sine, vertical),
         }
         # Standard deviations on level ground do not hold on a slope.
         unchanged = {name: spline for name, spline in self.splines.items() if name not in DEVIATION_COLUMNS}
@@ -152,7 +157,7 @@ def load_reference(path: str | Path, stride_time: float | None = None) -> Refere
     if not 0.5 <= stride_time <= 3.0:
         raise InputError(f"stride time is {stride_time:g}; allowed: 0.5 to 3 s")
     try:
-        text = Path(path).read_text("utf-8-sig")  # spreadsheets put a mark in front
+        text = Path(path).read_text("utf-8-sig")  # spreadsheet programs begin a file with a byte order mark
     except OSError as error:
         raise InputError(f"reference {path} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -184,10 +189,11 @@ def parse_reference(text: str, source: str, stride_time: float = DEFAULT_STRIDE_
     peak_load = float(columns["grf_vertical_n_per_kg"].max())
     if not 0.3 * GRAVITY < peak_load < 5.0 * GRAVITY:
         raise InputError(
-            f"reference {source}: grf_vertical_n_per_kg peaks at {peak_load:.3g}; allowed: about 11 N/kg, up positive"
+            f"reference {source}: grf_vertical_n_per_kg peaks at {peak_load:.3g}; allowed: "
+            f"{0.3 * GRAVITY:.1f} to {5.0 * GRAVITY:.1f} N/kg, up positive"
         )
-    late = columns["grf_vertical_n_per_kg"][(phase > 60.0) & (phase < 95.0)]
-    if not (late < STANCE_LOAD_BW * GRAVITY).any():
+    swing_load = columns["grf_vertical_n_per_kg"][(phase > 60.0) & (phase < 95.0)]
+    if not (swing_load < STANCE_LOAD_BW * GRAVITY).any():
         raise InputError(
             f"reference {source}: grf_vertical_n_per_kg never falls below {STANCE_LOAD_BW * GRAVITY:.2f} N/kg in "
             "swing; subtract the offset of the force plate"
@@ -198,11 +204,12 @@ def parse_reference(text: str, source: str, stride_time: float = DEFAULT_STRIDE_
 
 def _check_segments(columns: Mapping[str, Array], source: str) -> None:
     """Raise InputError when the inclination of the shank contradicts knee and hip, as with a wrong sign."""
-    lean = columns["shank_forward_deg"] - (columns["knee_flexion_deg"] - columns["hip_flexion_deg"])
-    if np.ptp(lean) > MAX_PELVIS_RANGE_DEG:
+    pelvis_angle = columns["shank_forward_deg"] - (columns["knee_flexion_deg"] - columns["hip_flexion_deg"])
+    if np.ptp(pelvis_angle) > MAX_PELVIS_RANGE_DEG:
         raise InputError(
-            f"reference {source}: shank_forward_deg differs from knee_flexion_deg - hip_flexion_deg by up to "
-            f"{np.ptp(lean):.0f} degrees over the cycle; allowed: up to {MAX_PELVIS_RANGE_DEG:g}; check the signs"
+            f"reference {source}: shank_forward_deg - (knee_flexion_deg - hip_flexion_deg) varies by "
+            f"{np.ptp(pelvis_angle):.0f} degrees over the cycle; allowed: up to "
+            f"{MAX_PELVIS_RANGE_DEG:g}; check the signs"
         )
 
 

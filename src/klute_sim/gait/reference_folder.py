@@ -40,7 +40,7 @@ class ReferenceMetadata:
 
 
 def read_reference_folder(folder: Path) -> tuple[Path, ReferenceMetadata]:
-    """Return the path of the curves in ``folder`` and the metadata beside them.
+    """Return the path of the curves in ``folder`` and the metadata in the same folder.
 
     Raises InputError when the metadata cannot be read or a number is missing or out of range.
     """

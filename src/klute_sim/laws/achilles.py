@@ -1,8 +1,8 @@
 """The human Achilles tendon (dissertation chapter 5): the power law of its models, and public measurements.
 
-``stress = E strain^n``. The constants of the source's five models (Tables 5.1 and 5.2) are on pages that are missing,
-so there are none here: E and n are always given by the caller. The measurements below are from the open literature, and
-serve as the reference for an artificial tendon until then.
+``stress = E strain^n``. The constants of the source's five models (Tables 5.1 and 5.2) are on missing pages,
+so the caller gives E and n. The measurements below are from the open literature and serve as the reference for an
+artificial tendon until those pages are found.
 """
 
 import math
@@ -21,8 +21,8 @@ class PowerLaw(NamedTuple):
 def stress(law: PowerLaw, strain: float) -> float:
     """Tensile stress [Pa] at ``strain`` [1], chapter 5: ``E strain^n``; both positive when pulled.
 
-    Valid for strains of a few percent (walking: :data:`WALKING_STRAIN`); 0 at and below no strain (assumed: a tendon
-    does not push).
+    Valid for strains of a few percent (walking: :data:`MAX_WALKING_STRAIN`); 0 for strains of 0 and below (assumed: a
+    tendon does not push).
     """
     if strain <= 0.0:
         return 0.0
@@ -30,16 +30,16 @@ def stress(law: PowerLaw, strain: float) -> float:
 
 
 def strain_at_stress(law: PowerLaw, stress: float) -> float:
-    """Strain [1] under tensile ``stress`` [Pa]: the inverse of :func:`stress`; 0 at and below no stress."""
+    """Strain [1] under tensile ``stress`` [Pa]: the inverse of :func:`stress`; 0 for stresses of 0 and below."""
     if stress <= 0.0:
         return 0.0
     return math.pow(stress / law.modulus, 1.0 / law.exponent)
 
 
 def tangent_modulus(law: PowerLaw, strain: float) -> float:
-    """Slope of stress over strain [Pa] at ``strain`` [1]: ``n E strain^(n-1)``; 0 at and below no strain.
+    """Slope of stress over strain [Pa] at ``strain`` [1]: ``n E strain^(n-1)``; 0 for strains of 0 and below.
 
-    The ordinate of chapter 5's figure against stress: take the strain from :func:`strain_under`.
+    Chapter 5 plots it against stress; the strain follows from :func:`strain_at_stress`.
     """
     if strain <= 0.0:
         return 0.0
@@ -63,11 +63,11 @@ KHARAZI_2021 = "Kharazi et al. 2021, Scientific Reports, doi 10.1038/s41598-021-
 STIFFNESS_FAST = Measurement(193e3, 18e3, PELTONEN_2013)
 """Stiffness [N/m] between 10 and 80 % of maximum voluntary contraction (MVC), loaded at 120 % of MVC per second."""
 STIFFNESS_SLOW = Measurement(207e3, 22e3, PELTONEN_2013)
-"""The same [N/m], loaded at 21 % of MVC per second; not significantly different."""
+"""Stiffness [N/m] in the same range, loaded at 21 % of MVC per second; not significantly different."""
 ELONGATION_FAST = Measurement(13.0e-3, 1.2e-3, PELTONEN_2013)
 """Elongation [m] at 80 % of MVC, loaded at 120 % of MVC per second."""
 ELONGATION_SLOW = Measurement(14.3e-3, 0.9e-3, PELTONEN_2013)
-"""The same [m], loaded at 21 % of MVC per second; not significantly different."""
+"""Elongation [m] at 80 % of MVC, loaded at 21 % of MVC per second; not significantly different."""
 HYSTERESIS_LOSS_FRACTION = Measurement(0.05, 0.02, PELTONEN_2013)
 """Fraction of the stored energy that is dissipated [1], fast loading."""
 MAX_WALKING_FORCE = Measurement(1.99e3, None, KHARAZI_2021)

@@ -27,8 +27,8 @@ def force(damper: DamperParameters, velocity: float) -> float:
 def orifice_coefficient(bore: float, orifice: float, density: float, discharge_coefficient: float) -> float:
     """Force over speed squared [N s2/m2] of an ``orifice`` [m] in a cylinder of ``bore`` [m].
 
-    The inverse of eq. (4.6): ``Fd = (pi bore^2 / 4) (rho / 2) v^2 [(bore/orifice)^4 / Cd^2 - 1]`` with oil
-    ``density`` [kg/m3] and ``discharge`` coefficient Cd [1]. Valid for 0 < orifice <= bore.
+    This is the inverse of eq. (4.6): ``Fd = (pi bore^2 / 4) (rho / 2) v^2 [(bore/orifice)^4 / Cd^2 - 1]`` with oil
+    ``density`` [kg/m3] and ``discharge_coefficient`` Cd [1]. Valid for 0 < orifice <= bore.
     """
     ratio = bore / orifice
     pressure = 0.5 * density * (ratio * ratio * ratio * ratio / (discharge_coefficient * discharge_coefficient) - 1.0)
@@ -49,7 +49,7 @@ def required_orifice(damping: float, speed: float, bore: float, density: float, 
     """Orifice diameter [m] that gives ``damping`` [N] at ``speed`` [m/s], eq. (4.6).
 
     ``[pi rho v^2 bore^6 / (8 Fd Cd^2 + pi rho Cd^2 v^2 bore^2)]^(1/4)``, with oil ``density`` [kg/m3] and
-    ``discharge`` coefficient Cd [1].
+    ``discharge_coefficient`` Cd [1].
     """
     b2 = bore * bore
     flow = math.pi * density * speed * speed

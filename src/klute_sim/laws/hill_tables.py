@@ -1,7 +1,7 @@
 """Constants of biological muscle as printed (dissertation Tables 2.1-2.4, Figs. 2.2-2.8), keyed by muscle or model.
 
 Entries that the source does not print are missing: a muscle without a row is not in a table, other gaps are ``None``.
-Lengths are in m and m/s, printed in mm; forces in N. Ranges are of l/l0, and those over which the fit was made.
+Lengths are in m and speeds in m/s, printed in mm and mm/s; forces are in N. Ranges are those of l/l0 in the fit.
 """
 
 from typing import NamedTuple
@@ -26,7 +26,7 @@ class ParallelRow(NamedTuple):
     constants: ParallelElement
     """Constants of (2.1)."""
     valid_range: ClosedInterval | None
-    """Range of l/l0 [1]; ``None``: a model's curve, printed without one."""
+    """Range of l/l0 [1]; ``None`` for the curve of a model, printed without a range."""
     r_squared: float
     """Coefficient of determination of the fit [1]."""
 
@@ -46,22 +46,22 @@ class ContractileRow(NamedTuple):
     constants: ContractileElement
     """Constants of (2.3)."""
     valid_range: ClosedInterval | None
-    """Range of l/l0 [1]; ``None``: a model's equation, printed without one."""
+    """Range of l/l0 [1]; ``None`` for the equation of a model, printed without a range."""
 
 
 class HillRow(NamedTuple):
     """One row of Table 2.4."""
 
     constants: HillCurve
-    """Constants of (2.4), with the default saturation: the table has none."""
+    """Constants of (2.4), with the default saturation, because the table has none."""
     isometric_force: float | None
     """F0 of this experiment [N], not that of Tables 2.1-2.3."""
     max_velocity: float | None
-    """Vmax [m/s], shortening."""
+    """Vmax, largest shortening velocity [m/s]."""
 
 
 MUSCLE_SCALES: dict[str, MuscleScale] = {
-    "rat": MuscleScale(27.0 * _MM, 0.29),  # of (2.2) and (2.3)
+    "rat": MuscleScale(27.0 * _MM, 0.29),  # for (2.2) and (2.3)
     "frog": MuscleScale(31.0 * _MM, 0.67),
     "cat": MuscleScale(31.9 * _MM, 0.18),
     "human": MuscleScale(215.9 * _MM, 193.1),
@@ -77,7 +77,7 @@ PARALLEL_ELEMENTS: dict[str, ParallelRow] = {
     "woittiez_1984": ParallelRow(ParallelElement(0.0787, 7.93), None, 0.99),
     "bobbert_van_ingen_schenau_1990": ParallelRow(ParallelElement(0.00001, 24.59), None, 0.99),
 }
-"""Table 2.1, parallel element (2.1). The rat's has no constants: see :data:`RAT_PARALLEL_NEGLIGIBLE_BELOW`.
+"""Table 2.1, parallel element (2.1). The rat's has no constants: see :data:`RAT_PARALLEL_ONSET_LENGTH`.
 
 The text calls the parallel force insignificant up to about 1.2 l0. These constants say so for frog, human and Bobbert
 & van Ingen Schenau (3 % of F0 or less there), but not for the cat (16 %) and Woittiez (33 %).
@@ -120,8 +120,8 @@ HILL_CURVES: dict[str, HillRow] = {
 """Table 2.4, force against velocity (2.4).
 
 Where a/F0 differs from b/Vmax (rat, frog, cat, Bobbert 1986) the force at Vmax is not 0 but -1.4 to +2.3 % of F0. The
-text orders the curves human, rat, frog, cat from the top; these constants put the cat above the frog at every speed,
-and for the same reason as above turn the rest of the order over near Vmax (rat and cat at 0.88, human and rat at 0.90).
+text orders the curves human, rat, frog, cat from the top; these constants put the cat above the frog at every speed.
+For the same reason the rest of the order reverses near Vmax (rat and cat at 0.88 Vmax, human and rat at 0.90).
 """
 
 ECCENTRIC_SATURATIONS: dict[str, float] = {"hatze": 1.3, "hof_van_den_berg_1981a": 1.2, "lehman": 1.8}

@@ -1,10 +1,10 @@
-"""The McKibben pneumatic muscle (dissertation chapter 3): gas, then bladder, then the friction offset.
+"""The McKibben pneumatic muscle (dissertation chapter 3): gas, bladder and friction offset.
 
-``F = -P dV/dL + Vb dW/dL - Ff``: each term is a separate function, and all are *added* with their
-signs, so a caller can account for each term. ``lambda_1 = L/L0``; the muscle never exceeds L0 (the
-stop is kept by the device, which solves for the length).
+``F = -P dV/dL + Vb dW/dL - Ff``: each term is a separate function that returns it with its sign, so the
+muscle tension is their sum. ``lambda_1 = L/L0``; the muscle never exceeds L0 (the device, which solves for the length,
+enforces this stop).
 
-Several equal actuators in parallel are one :class:`Muscle` with ``actuators`` > 1.
+Several equal actuators in parallel are one :class:`MuscleParameters` with ``n_actuators`` > 1.
 """
 
 import math
@@ -15,12 +15,12 @@ FRICTION_FADE_PRESSURE = 2.0e5
 
 
 class MuscleParameters(NamedTuple):
-    """Parameters of ``actuators`` equal McKibben actuators in parallel."""
+    """Parameters of ``n_actuators`` equal McKibben actuators in parallel."""
 
     n_actuators: float
     """Number of actuators [1]."""
     resting_length: float
-    """L0, length unloaded and unpressurised [m]; the muscle's longest length."""
+    """L0, unloaded and unpressurised length [m]; the muscle's longest length."""
     braid_length: float
     """B, length of one braid thread [m]."""
     braid_turns: float
@@ -30,9 +30,9 @@ class MuscleParameters(NamedTuple):
     bladder_thickness: float
     """t0, wall thickness of the bladder at rest [m]."""
     c10: float
-    """First Mooney-Rivlin constant [Pa]; 0 leaves the bladder term out."""
+    """First Mooney-Rivlin constant [Pa]; 0 disables the bladder term."""
     c01: float
-    """Second Mooney-Rivlin constant [Pa]; 0 leaves the bladder term out."""
+    """Second Mooney-Rivlin constant [Pa]; 0 disables the bladder term."""
     friction_slope: float
     """m, friction offset per pressure, per actuator [N/Pa]."""
     friction_offset: float
@@ -47,7 +47,7 @@ def lock_length(muscle: MuscleParameters) -> float:
 def volume(muscle: MuscleParameters, length: float) -> float:
     """Gas volume [m3] of all actuators at ``length`` [m]: ``L (B^2 - L^2) / (4 pi N^2)``.
 
-    Chou & Hannaford 1996; the cylinder inside a braid of inextensible threads, no dead volume.
+    Chou & Hannaford 1996: the cylinder inside a braid of inextensible threads, no dead volume.
     """
     b, n = muscle.braid_length, muscle.braid_turns
     return muscle.n_actuators * length * (b * b - length * length) / (4.0 * math.pi * n * n)
@@ -74,8 +74,8 @@ def _bladder_stretches(muscle: MuscleParameters, length: float) -> tuple[float, 
     """Squared stretches ``lambda_1^2``, ``lambda_2^2`` and ``k`` with ``lambda_2^2 = 1 + k (1 - lambda_1^2)``."""
     ratio = length / muscle.resting_length
     a = ratio * ratio
-    grip = muscle.resting_length / (2.0 * math.pi * muscle.braid_turns * muscle.bladder_radius)
-    k = grip * grip
+    cot_braid_angle = muscle.resting_length / (2.0 * math.pi * muscle.braid_turns * muscle.bladder_radius)
+    k = cot_braid_angle * cot_braid_angle
     return a, 1.0 + k * (1.0 - a), k
 
 
@@ -94,8 +94,8 @@ def bladder_energy(muscle: MuscleParameters, length: float) -> float:
 def bladder_force(muscle: MuscleParameters, length: float) -> float:
     """Tension [N] from the bladders at ``length`` [m]: ``Vb dW/dL``, eq. (3.3).
 
-    Zero at L0 and negative below it: the bladder resists contraction and re-extends a slack muscle. It is
-    a potential and therefore never floored.
+    Zero at L0 and negative below it: the bladder resists contraction and re-extends a slack muscle. It
+    derives from a potential and is therefore never clipped.
     """
     a, q, k = _bladder_stretches(muscle, length)
     # dI/d(lambda_1^2) at fixed lambda_2, and dI/d(lambda_2^2) at fixed lambda_1

@@ -12,7 +12,7 @@ from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT
 REFERENCE_DENSITY = 1.185
 """Density of air at the reference atmosphere of ISO 8778 [kg/m3]: 100 kPa, 20 degrees Celsius, 65 % humidity."""
 REFERENCE_TEMPERATURE = 293.15
-"""Temperature of the same atmosphere [K]."""
+"""Temperature of the reference atmosphere [K]."""
 LAMINAR_PRESSURE_RATIO = 0.999
 """Ratio of pressures above which flow is proportional to their difference (ISO 6358: the square root has no slope)."""
 
@@ -27,7 +27,9 @@ class Restriction(NamedTuple):
 
 
 def sonic_mass_flow(restriction: Restriction, upstream_pressure: float, temperature: float) -> float:
-    """Mass flow [kg/s] at the speed of sound from ``upstream`` [Pa] at ``temperature`` [K]: ``C rho0 p sqrt(T0/T)``."""
+    """Mass flow [kg/s] of sonic flow: ``C rho0 p sqrt(T0/T)``.
+
+    p is the absolute ``upstream_pressure`` [Pa] and T the ``temperature`` [K]."""
     return (
         restriction.conductance * REFERENCE_DENSITY * upstream_pressure * math.sqrt(REFERENCE_TEMPERATURE / temperature)
     )
@@ -36,22 +38,22 @@ def sonic_mass_flow(restriction: Restriction, upstream_pressure: float, temperat
 def flow_function(ratio: float, critical_ratio: float) -> float:
     """Flow over sonic flow at ``ratio`` = p2/p1 [1], ISO 6358: ``sqrt(1 - ((r - b)/(1 - b))^2)`` above b, 1 below.
 
-    Linear from :data:`LAMINAR_PRESSURE_RATIO` to 0 at equal pressures, so that the slope stays finite.
+    It is linear from :data:`LAMINAR_PRESSURE_RATIO` to 0 at equal pressures, so that the slope stays finite.
     """
     if ratio <= critical_ratio:
         return 1.0
     if ratio >= 1.0:
         return 0.0
-    edge = max(LAMINAR_PRESSURE_RATIO, critical_ratio)
-    beyond = (min(ratio, edge) - critical_ratio) / (1.0 - critical_ratio)
-    fraction = math.sqrt(1.0 - beyond * beyond)
-    if ratio > edge:
-        fraction *= (1.0 - ratio) / (1.0 - edge)
+    laminar_ratio = max(LAMINAR_PRESSURE_RATIO, critical_ratio)
+    normalized_ratio = (min(ratio, laminar_ratio) - critical_ratio) / (1.0 - critical_ratio)
+    fraction = math.sqrt(1.0 - normalized_ratio * normalized_ratio)
+    if ratio > laminar_ratio:
+        fraction *= (1.0 - ratio) / (1.0 - laminar_ratio)
     return fraction
 
 
 def mass_flow(restriction: Restriction, pressure_1: float, pressure_2: float, temperature: float) -> float:
-    """Mass flow [kg/s] from ``first`` to ``second`` [Pa absolute]; negative if the second is higher. Valid above 0."""
+    """Mass flow [kg/s] from ``pressure_1`` to ``pressure_2``, both absolute and above 0 [Pa]; negative if p2 > p1."""
     if pressure_1 >= pressure_2:
         return sonic_mass_flow(restriction, pressure_1, temperature) * flow_function(
             pressure_2 / pressure_1, restriction.critical_ratio
@@ -70,10 +72,10 @@ def filling_time(
     start_pressure: float,
     end_pressure: float,
 ) -> float:
-    """Time [s] to fill ``volume`` [m3] from ``low`` to ``high`` [Pa absolute] with sonic flow out of ``source`` [Pa].
+    """Time [s] to fill ``volume`` V [m3] with sonic flow: ``V (p_end - p_start)/(n R T m')``.
 
-    ``V (high - low)/(n R T m')``, m' the sonic flow at the source's ``temperature`` T [K], n the polytropic
-    ``exponent``. Valid while ``high`` is at most b times the source.
+    m' is the sonic flow from ``source_pressure`` at ``temperature`` T [K], and n the polytropic ``exponent``. Pressures
+    are absolute [Pa]. Valid while ``end_pressure`` is at most b times ``source_pressure``.
     """
     rate = sonic_mass_flow(restriction, source_pressure, temperature)
     return volume * (end_pressure - start_pressure) / (exponent * AIR_GAS_CONSTANT * temperature * rate)
@@ -87,11 +89,11 @@ def venting_time(
     start_pressure: float,
     end_pressure: float,
 ) -> float:
-    """Time [s] to empty ``volume`` [m3] from ``high`` to ``low`` [Pa absolute] with sonic flow.
+    """Time [s] to empty ``volume`` V [m3] from ``start_pressure`` to ``end_pressure`` [Pa absolute] with sonic flow.
 
-    It begins at ``temperature`` [K] and cools as ``p ~ m^n``: ``tau 2/(n - 1) ((high/low)^((n - 1)/2n) - 1)`` with
-    tau = V/(R T C rho0 sqrt(T0/T)), and ``tau ln(high/low)`` for n = 1. Valid while the outside is at most b times
-    ``low``.
+    The air starts at ``temperature`` T [K] and cools as ``p ~ m^n``, with the polytropic ``exponent`` n:
+    ``tau 2/(n - 1) ((p_start/p_end)^((n - 1)/2n) - 1)`` with tau = V/(R T C rho0 sqrt(T0/T)), and
+    ``tau ln(p_start/p_end)`` for n = 1. Valid while the ambient pressure is at most b times ``end_pressure``.
     """
     tau = volume / (AIR_GAS_CONSTANT * temperature * sonic_mass_flow(restriction, 1.0, temperature))
     if exponent == 1.0:
@@ -101,10 +103,10 @@ def venting_time(
 
 
 def tube_restriction(length: float, diameter: float) -> Restriction:
-    """A tube of ``length`` and inner ``diameter`` [m]: ``C = 0.029 d^2/sqrt(L/d^1.25 + 510)``, ``b = 474 C/d^2``.
+    """Return the restriction of a tube: ``C = 0.029 d^2/sqrt(L/d^1.25 + 510)``, ``b = 474 C/d^2``.
 
-    d and L in metres. An empirical fit for the tubes of pneumatic drives (P. Beater, Pneumatic Drives, Springer 2007;
-    recalled, not checked against the book).
+    L is the ``length`` and d the inner ``diameter`` [m]. This is an empirical fit for the tubes of pneumatic
+    drives (P. Beater, Pneumatic Drives, Springer 2007; not checked against the book).
     """
     square = diameter * diameter
     conductance = 0.029 * square / math.sqrt(length / diameter**1.25 + 510.0)
@@ -114,7 +116,7 @@ def tube_restriction(length: float, diameter: float) -> Restriction:
 def combine_in_series(first: Restriction, second: Restriction) -> Restriction:
     """Return one restriction for two in series: ``1/C^3 = sum 1/C_i^3``, ``b = 1 - C^2 sum (1 - b_i)/C_i^2``.
 
-    The approximation of ISO 6358:1989 for components in series; it is exact if one of them is wide open.
+    This is the approximation of ISO 6358:1989; it is exact if one of them is wide open.
     """
     total = (first.conductance**-3.0 + second.conductance**-3.0) ** (-1.0 / 3.0)
     reduction = sum((1.0 - part.critical_ratio) * (total / part.conductance) ** 2 for part in (first, second))

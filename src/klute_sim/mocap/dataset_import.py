@@ -12,6 +12,7 @@ from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets import format as file_format
 from klute_sim.datasets.channels import MEASURED_CHANNELS
 from klute_sim.datasets.split import Split
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.datasets.write import write_trial
 from klute_sim.device import device as device_files
 from klute_sim.device.device import Device
@@ -22,7 +23,6 @@ from klute_sim.mocap.kinematics.prosthesis_kinematics import find_named_sides
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import channel_names, sources
 from klute_sim.mocap.parsing.channel_names import Side
-from klute_sim.mocap.parsing.time_sync import Signal
 from klute_sim.mocap.prosthesis_trials import ProsthesisTrial, extract_prosthesis_trial
 from klute_sim.mocap.reference_folder import REPORT_FILE
 from klute_sim.mocap.reference_import import read_files
@@ -145,7 +145,7 @@ def _name_groups(trials: Sequence[ProsthesisTrial], options: DatasetOptions, log
 def write_dataset(imported: ImportedDataset, folder: Path) -> dict[str, Any]:
     """Write ``imported`` into the empty ``folder``; return the summary.
 
-    Raises InputError for a trial that the replay refuses.
+    Raises InputError for a trial that cannot be replayed.
     """
     entries = []
     for number, (trial, group) in enumerate(zip(imported.trials, imported.groups, strict=True), 1):
@@ -173,7 +173,7 @@ def write_dataset(imported: ImportedDataset, folder: Path) -> dict[str, Any]:
 
 def _split_by_clock(trial: ProsthesisTrial) -> dict[str, dict[str, Array]]:
     """Return suffix of a file -> heading -> samples, with one file for each set of common times."""
-    clocks: list[tuple[Array, dict[str, Signal]]] = []
+    clocks: list[tuple[Array, dict[str, TimeSeries]]] = []
     for name in DATASET_UNITS:
         if name in trial.channels:
             signal = trial.channels[name]
@@ -231,7 +231,7 @@ def _describe_trial(trial: ProsthesisTrial, group: str) -> dict[str, Any]:
         "group": group,
         "strides": len(trial.foot_strikes) - 1,
         "stride_time_s": trial.stride_time,
-        "peak_command_bar": float(trial.mean_command(PHASE_GRID).max()),
+        "peak_command_bar": float(trial.compute_mean_command(PHASE_GRID).max()),
         "measured": [name for name in trial.channels if name in MEASURED_CHANNELS["gait"]],
     }
 

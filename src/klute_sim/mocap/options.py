@@ -9,9 +9,9 @@ from klute_sim.mocap.parsing.channel_names import Side
 from klute_sim.mocap.parsing.mapping import ImportMapping
 
 MOTION_CUTOFF_HZ = 6.0
-"""Default low-pass cut-off of angles and markers [Hz]; usual for walking (Winter)."""
+"""Default low-pass cutoff of angles and markers [Hz]; usual for walking (Winter)."""
 LOAD_CUTOFF_HZ = 20.0
-"""Default low-pass cut-off of ground reactions and moments [Hz] (assumed: keeps both peaks of the vertical load and
+"""Default low-pass cutoff of ground reactions and moments [Hz] (assumed: keeps both peaks of the vertical load and
 removes the ringing of force plates)."""
 
 
@@ -26,9 +26,9 @@ class ImportOptions:
     side: Side | None = None
     """Leg of the reference; None selects the leg with more strides, the right leg if both have equally many."""
     motion_cutoff: float = MOTION_CUTOFF_HZ
-    """Low-pass cut-off of angles and markers [Hz]; 0 disables the filter."""
+    """Low-pass cutoff of angles and markers [Hz]; 0 disables the filter."""
     load_cutoff: float = LOAD_CUTOFF_HZ
-    """Low-pass cut-off of ground reactions and moments [Hz]; 0 disables the filter."""
+    """Low-pass cutoff of ground reactions and moments [Hz]; 0 disables the filter."""
     contact_threshold: float = CONTACT_FORCE_THRESHOLD
     """Vertical ground reaction [N] above which a foot is on the ground."""
     ankle_zero: Literal["foot-flat", "file"] = "foot-flat"
@@ -41,8 +41,8 @@ class ImportOptions:
         bounds = {
             "mass": (self.mass, 20.0, 250.0, "kg"),
             "stature": (self.stature, 1.0, 2.4, "m"),
-            "motion cut-off": (self.motion_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
-            "load cut-off": (self.load_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
+            "motion cutoff": (self.motion_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
+            "load cutoff": (self.load_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
             "contact threshold": (self.contact_threshold, 1.0, 500.0, "N"),
         }
         for name, (value, lower, upper, unit) in bounds.items():

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD, MEASURED_CHANNELS
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.gait.contacts import Contact, find_contacts
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics import filters, loads
@@ -20,7 +21,6 @@ from klute_sim.mocap.parsing import channel_names, conventions
 from klute_sim.mocap.parsing.channel_lookup import apply_given_sign, find_column
 from klute_sim.mocap.parsing.channel_names import PRESSURE_COMMAND, Side
 from klute_sim.mocap.parsing.sources import SourceFile
-from klute_sim.mocap.parsing.time_sync import Signal
 from klute_sim.mocap.prosthesis_sensors import read_measurements
 from klute_sim.types import Array
 
@@ -44,7 +44,7 @@ class ProsthesisTrial:
     """Name of the first file."""
     files: tuple[str, ...]
     """Names of all files."""
-    channels: Mapping[str, Signal]
+    channels: Mapping[str, TimeSeries]
     """Channels of a gait trial in a dataset: angles [deg], positions [m], loads [N], pressures [bar], length [mm]."""
     foot_strikes: Array
     """Times of foot strikes after a swing [s]."""
@@ -54,7 +54,7 @@ class ProsthesisTrial:
         """Mean stride time [s]."""
         return float(np.mean(np.diff(self.foot_strikes)))
 
-    def mean_command(self, phase: Array) -> Array:
+    def compute_mean_command(self, phase: Array) -> Array:
         """Return the commanded pressure [bar] at ``phase`` (0-1), averaged over strides."""
         command = self.channels[PRESSURE_COMMAND]
         strides = [np.interp(a + phase * (b - a), command.time, command.value) for a, b in pairwise(self.foot_strikes)]
@@ -94,7 +94,7 @@ def extract_prosthesis_trial(
 
 def _add_ground_reaction(
     kinematics: ProsthesisKinematics,
-    channels: dict[str, Signal],
+    channels: dict[str, TimeSeries],
     side: Side,
     trial_name: str,
     options: ImportOptions,
@@ -117,14 +117,14 @@ def _add_ground_reaction(
         log.add_warning(
             f"{trial_name}: the fore-aft load of the {side} foot pushes before it brakes; its sign was reversed"
         )
-    channels["grf_vertical"] = Signal(load.time, load.vertical)
-    channels["grf_forward"] = Signal(load.time, (sign or 1) * load.forward)
+    channels["grf_vertical"] = TimeSeries(load.time, load.vertical)
+    channels["grf_forward"] = TimeSeries(load.time, (sign or 1) * load.forward)
     return contacts
 
 
 def _add_cop(
     kinematics: ProsthesisKinematics,
-    channels: dict[str, Signal],
+    channels: dict[str, TimeSeries],
     trial: Sequence[SourceFile],
     side: Side,
     trial_name: str,
@@ -134,9 +134,9 @@ def _add_cop(
     """Add the centre of pressure to ``channels``; return whether it is known whenever the foot is loaded."""
     load, column = kinematics.loads[side], find_column(trial, "cop_x", side, options)
     if column is not None:
-        cop = Signal(column.time, apply_given_sign(column, side, log))
+        cop = TimeSeries(column.time, apply_given_sign(column, side, log))
     elif load.cop is not None:
-        cop = Signal(load.time, load.cop[:, 0])
+        cop = TimeSeries(load.time, load.cop[:, 0])
     else:
         log.add_missing(
             f"{trial_name}: no centre of pressure of the {side} foot, so the moment of the load about the ankle is "
@@ -145,7 +145,7 @@ def _add_cop(
         return False
     is_loaded = np.interp(cop.time, *channels["grf_vertical"]) > CONTACT_FORCE_THRESHOLD
     filled = filters.fill_gaps(np.where(is_loaded, cop.value, np.nan), cop.time)
-    channels["cop_x"] = Signal(cop.time, np.where(is_loaded, filled, np.nan))
+    channels["cop_x"] = TimeSeries(cop.time, np.where(is_loaded, filled, np.nan))
     is_missing = np.isnan(filled[is_loaded])
     if is_missing.any():
         percentage = 100.0 * float(is_missing.mean())
@@ -156,7 +156,7 @@ def _add_cop(
 
 def _trim(
     trial: Sequence[SourceFile],
-    channels: Mapping[str, Signal],
+    channels: Mapping[str, TimeSeries],
     contacts: Sequence[Contact],
     trial_name: str,
     log: ImportLog,
@@ -188,7 +188,7 @@ def _trim(
             f"consecutive strides on plates; a replay needs {MIN_FOOT_STRIKES} or more, better 5"
         )
         return None
-    trimmed = {name: Signal(*(v[(s.time >= low) & (s.time <= high)] for v in s)) for name, s in channels.items()}
+    trimmed = {name: TimeSeries(*(v[(s.time >= low) & (s.time <= high)] for v in s)) for name, s in channels.items()}
     return ProsthesisTrial(trial_name, tuple(source.name for source in trial), trimmed, np.array(foot_strikes))
 
 
@@ -210,7 +210,7 @@ def _find_loaded_span(contacts: Sequence[Contact], begin: float, end: float) -> 
     )
 
 
-def _find_complete_span(signals: Sequence[Signal], begin: float, end: float) -> tuple[float, float]:
+def _find_complete_span(signals: Sequence[TimeSeries], begin: float, end: float) -> tuple[float, float]:
     """Return the longest part of ``begin`` to ``end`` [s] without missing samples of ``signals``."""
     missing = {float(t) for s in signals for t in s.time[np.isnan(s.value)] if begin <= t <= end}
     low, high = max(pairwise(sorted({begin, end, *missing})), key=lambda span: span[1] - span[0])

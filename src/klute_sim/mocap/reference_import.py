@@ -291,7 +291,7 @@ def _compare_events(trial_files: Sequence[SourceFile], legs: Sequence[Leg], log:
     for source in trial_files:
         for label in source.labels:
             event = label.strip().lower()
-            if event not in EVENT_LABELS or source.roles() != {"events"}:
+            if event not in EVENT_LABELS or source.detect_roles() != {"events"}:
                 continue
             side = "left" if event[0] == "l" else "right"
             listed_times = source.get_column(label)

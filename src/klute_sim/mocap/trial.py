@@ -7,7 +7,7 @@ import numpy as np
 from klute_sim.constants import GRAVITY
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics import dynamics, from_markers, loads
-from klute_sim.mocap.kinematics.from_joint_angles import legs_from_joint_angles
+from klute_sim.mocap.kinematics.from_joint_angles import extract_legs_from_joint_angles
 from klute_sim.mocap.kinematics.from_markers import LegLandmarks
 from klute_sim.mocap.kinematics.leg import Leg
 from klute_sim.mocap.kinematics.postprocess import ResampledLoads, apply_zero, compute_ankle_power, resample_loads
@@ -29,20 +29,20 @@ def extract_legs(trial: Sequence[SourceFile], options: ImportOptions, log: Impor
     has_angles = any(all(side_columns.values()) for side_columns in columns.values())
     has_moment = any(find_column(trial, channel_names.ANKLE_MOMENT, side, options) is not None for side in SIDES)
     if has_angles and (has_moment or capture is None):
-        return legs_from_joint_angles(trial, trial_name, options, log)
+        return extract_legs_from_joint_angles(trial, trial_name, options, log)
     if capture is not None:
         if has_angles:
-            angle_files = sorted({c.file_name for of_side in columns.values() for c in of_side.values() if c})
+            angle_files = sorted({c.file_name for side_columns in columns.values() for c in side_columns.values() if c})
             log.add_derived(
                 f"{capture.name}: joint angles and the ankle moment are computed from its markers; the angles in "
                 f"{', '.join(angle_files)} have no moment and were ignored"
             )
-        return _legs_from_markers(trial, capture, trial_name, options, log)
+        return _extract_legs_from_markers(trial, capture, trial_name, options, log)
     log.add_missing(f"{trial_name}: neither knee and ankle angles of one leg nor markers were recognised")
     return []
 
 
-def _legs_from_markers(
+def _extract_legs_from_markers(
     trial: Sequence[SourceFile], source: SourceFile, trial_name: str, options: ImportOptions, log: ImportLog
 ) -> list[Leg]:
     assert source.markers is not None

@@ -2,7 +2,9 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
+import sys
 import threading
 import warnings
 from collections import Counter, deque
@@ -85,6 +87,23 @@ def _block_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, previous_mask)
 
 
+@contextmanager
+def _hide_main_script(case: GaitCase) -> Iterator[None]:
+    """Start a process in this context without running the user's script in it, unless ``case`` refers to the script.
+
+    A spawned process imports the main script again. A script without ``if __name__ == "__main__"`` would then start
+    its own processes, and so on.
+    """
+    main = sys.modules["__main__"]
+    hidden = () if b"__main__" in pickle.dumps(case) else ("__file__", "__spec__")
+    original = {name: vars(main)[name] for name in hidden if name in vars(main)}
+    vars(main).update(dict.fromkeys(original))
+    try:
+        yield
+    finally:
+        vars(main).update(original)
+
+
 class _Worker:
     """A pool of one process, so that a broken pool identifies its case and leaves the other processes alone."""
 
@@ -97,12 +116,13 @@ class _Worker:
         self._pool = ProcessPoolExecutor(1, context, initializer=_initialize_worker, initargs=(child_pipe,))
 
     def submit(self, case: GaitCase) -> Future[CaseResult]:
-        try:
-            return self._pool.submit(evaluate_case, case)
-        except BrokenProcessPool:  # killed during the previous case, or since then
-            self.close()
-            self._start()
-            return self._pool.submit(evaluate_case, case)
+        with _hide_main_script(case):
+            try:
+                return self._pool.submit(evaluate_case, case)
+            except BrokenProcessPool:  # killed during the previous case, or since then
+                self.close()
+                self._start()
+                return self._pool.submit(evaluate_case, case)
 
     def close(self) -> None:
         """End the process, also in the middle of a case."""

@@ -4,13 +4,13 @@ import errno
 import json
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from klute_sim.errors import InputError, KluteSimError
 from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, CaseResult
-from klute_sim.recording.run_folder import DEFAULT_RUNS_FOLDER
+from klute_sim.recording.run_folder import DEFAULT_RUNS_FOLDER, create_persistent_folder
 
 RESULTS_FOLDER = "cases"
 """Name of the folder that holds the results of the finished cases."""
@@ -74,7 +74,7 @@ def open_store(folder: str | Path | None, description: dict[str, Any], kind: str
     plan_file, requested = f"{kind}.json", None if folder is None else Path(folder)
     try:
         if requested is None:
-            return _initialize_store(_make_next_folder(kind), plan_file, description)
+            return _initialize_store(create_persistent_folder(kind, None), plan_file, description)
         if requested.exists() and not requested.is_dir():
             raise InputError(f"output folder {requested} is a file; name a folder")
         if (requested / plan_file).exists():
@@ -88,17 +88,6 @@ def open_store(folder: str | Path | None, description: dict[str, Any], kind: str
         raise InputError(
             f"output folder {requested or DEFAULT_RUNS_FOLDER} cannot be written: {error.strerror}"
         ) from None
-
-
-def _make_next_folder(kind: str) -> Path:
-    """Make and return the next free ``runs/kind-NNN``."""
-    number = 1
-    while True:
-        folder = DEFAULT_RUNS_FOLDER / f"{kind}-{number:03d}"
-        with suppress(FileExistsError):
-            folder.mkdir(parents=True)
-            return folder
-        number += 1
 
 
 def _initialize_store(folder: Path, plan_file: str, description: dict[str, Any]) -> ResultStore:

@@ -11,7 +11,7 @@ from klute_sim.units import BAR
 
 
 class DeviceActuator:
-    """Reads and commands the device on one actuator, in any simulation of the same model."""
+    """Read and command the device on one actuator, in any simulation of the same model."""
 
     def __init__(self, model: mujoco.MjModel, name: str) -> None:
         """Find the actuator ``name``.
@@ -59,25 +59,29 @@ class DeviceActuator:
             internal_state = tuple(data.act[first : self.act_address + coupling.N_ALL_STATES].tolist())
         return coupling.to_device_state(self.parameters, pressure, offset, internal_state)
 
-    def state_after_step(self, model: mujoco.MjModel, data: mujoco.MjData, previous: DeviceState) -> DeviceState:
-        """Return the state after the step from ``previous``; ``data`` is as the step has left it."""
+    def compute_state_after_step(
+        self, model: mujoco.MjModel, data: mujoco.MjData, previous: DeviceState
+    ) -> DeviceState:
+        """Return the state after the step from ``previous``; ``data`` is the simulation after that step."""
         pressure_rate, length_rate = data.act_dot[self.act_address : self.act_address + coupling.N_BASE_STATES].tolist()
-        unit_length, dt = self.unit_length(data), model.opt.timestep
-        state = coupling.state_after_step(self.parameters, previous, pressure_rate, length_rate, unit_length, dt)
+        unit_length, dt = self.get_unit_length(data), model.opt.timestep
+        state = coupling.compute_state_after_step(
+            self.parameters, previous, pressure_rate, length_rate, unit_length, dt
+        )
         # No force depends on the gas state, so MuJoCo has already integrated it.
         return state._replace(
             internal_state=replace_gas_state(state.internal_state, get_gas_state(self.get_state(data)))
         )
 
-    def unit_length(self, data: mujoco.MjData) -> float:
+    def get_unit_length(self, data: mujoco.MjData) -> float:
         """Return the length [m] of the muscle-tendon unit at the last evaluation."""
         return float(data.actuator_length[self.out_address])
 
-    def unit_rate(self, data: mujoco.MjData) -> float:
-        """Return the rate of change [m/s] of that length at the last evaluation."""
+    def get_unit_rate(self, data: mujoco.MjData) -> float:
+        """Return the rate of change [m/s] of the muscle-tendon length at the last evaluation."""
         return float(data.actuator_velocity[self.out_address])
 
-    def tension(self, data: mujoco.MjData) -> float:
+    def get_tension(self, data: mujoco.MjData) -> float:
         """Return the tension [N] at the last evaluation."""
-        compensation = coupling.damping_compensation(self._row, self.unit_rate(data))
+        compensation = coupling.compute_damping_compensation(self._row, self.get_unit_rate(data))
         return compensation - float(data.actuator_force[self.out_address])

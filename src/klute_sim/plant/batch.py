@@ -68,11 +68,11 @@ def step_batch(batch: Batch, ids: ArrayLike | None = None, n_steps: int = 1) -> 
         faults = callbacks.pop_fault_messages()
     if faults:
         act = batch.bind("act")
-        failed = np.flatnonzero(np.isnan(act[:, _pressure_addresses(batch.model)]).any(axis=1))
+        failed = np.flatnonzero(np.isnan(act[:, _get_pressure_addresses(batch.model)]).any(axis=1))
         listing = ", ".join(str(index) for index in failed[:5]) + (", ..." if len(failed) > 5 else "")
         raise SimulationError(f"{len(failed)} of {batch.nsim} simulations have failed ({listing}): {faults[0]}")
 
 
-def _pressure_addresses(model: mujoco.MjModel) -> list[int]:
+def _get_pressure_addresses(model: mujoco.MjModel) -> list[int]:
     """Return the indices of the devices' pressures in ``act``."""
     return [int(model.actuator_actadr[i]) for i in range(model.nactuator) if callbacks.get_parameter_row(model, i)]

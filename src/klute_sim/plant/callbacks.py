@@ -73,7 +73,7 @@ def choose_backend(backend: str = "auto") -> str:
 
 @contextmanager
 def device_callbacks(backend: str = "auto") -> Iterator[str]:
-    """Install the device's callbacks in MuJoCo for the duration of the context; give the name of the active backend.
+    """Install the device's callbacks in MuJoCo for the duration of the context; yield the name of the active backend.
 
     The context is reentrant and may be entered from several threads; the outermost caller selects the backend. On exit
     a thread gets a SimulationError if, under the compiled backend, it has stepped a device without a finite state and
@@ -114,7 +114,7 @@ def device_callbacks(backend: str = "auto") -> Iterator[str]:
     if is_outermost and backend == "compiled":
         fault = _load_compiled()[0].pop_fault()
         if fault is not None:
-            raise _nonfinite_state_error(*fault)
+            raise _make_nonfinite_state_error(*fault)
 
 
 def is_compiled_installed() -> bool:
@@ -136,7 +136,7 @@ def _install_callbacks(backend: str) -> None:
         )
         backend = "python"
     if backend == "compiled":
-        _installed_callbacks.update(_compiled_functions())
+        _installed_callbacks.update(_get_compiled_functions())
     else:
         _installed_callbacks.update({"act_dyn": _act_dyn, "act_bias": _act_bias})
     for name, callback in _installed_callbacks.items():
@@ -144,7 +144,7 @@ def _install_callbacks(backend: str) -> None:
 
 
 @cache
-def _compiled_functions() -> dict[str, Any]:
+def _get_compiled_functions() -> dict[str, Any]:
     """Return the compiled callbacks as ctypes functions."""
     return {name: function.ctypes for name, function in _load_compiled()[0].get_callbacks()._asdict().items()}
 
@@ -165,12 +165,12 @@ def _after_fork() -> None:
     """Keep the contexts of the forking thread in the child process; release those of all other threads."""
     global _lock
     _lock = threading.RLock()
-    own_count = _entry_counts.pop(threading.get_ident(), 0)
-    others_were_inside = bool(_entry_counts)
+    entry_count = _entry_counts.pop(threading.get_ident(), 0)
+    other_threads_entered = bool(_entry_counts)
     _entry_counts.clear()
-    if own_count:
-        _entry_counts[threading.get_ident()] = own_count
-    elif others_were_inside:
+    if entry_count:
+        _entry_counts[threading.get_ident()] = entry_count
+    elif other_threads_entered:
         _restore_callbacks()
 
 
@@ -198,7 +198,7 @@ def _raise_fault(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     )
     fault = _load_compiled()[0].pop_fault(data._address)
     if has_failed and fault:
-        raise _nonfinite_state_error(*fault)
+        raise _make_nonfinite_state_error(*fault)
 
 
 def pop_fault_messages() -> list[str]:
@@ -206,10 +206,10 @@ def pop_fault_messages() -> list[str]:
     faults = _load_compiled()[0].pending_faults
     threads = [thread for thread in list(faults) if thread not in _entry_counts or thread == threading.get_ident()]
     popped = [fault for thread in threads for fault in faults.pop(thread, {}).values()]
-    return [str(_nonfinite_state_error(*fault)) for fault in popped]
+    return [str(_make_nonfinite_state_error(*fault)) for fault in popped]
 
 
-def _nonfinite_state_error(
+def _make_nonfinite_state_error(
     actuator: str, time: float, command: float, pressure: float, offset: float, length: float
 ) -> SimulationError:
     return SimulationError(
@@ -244,7 +244,7 @@ def _call_previous(name: str, model: mujoco.MjModel, data: mujoco.MjData, actuat
     previous: Any = _saved_callbacks.get(name)
     if previous is None or getattr(_reentry_guard, "is_active", False):
         return 0.0
-    _reentry_guard.is_active = True  # a callback that wraps ours would otherwise call it back without end
+    _reentry_guard.is_active = True  # without this, a callback that wraps the device callback would recurse without end
     try:
         if hasattr(previous, "argtypes"):  # a C function takes the addresses of the structs
             return float(_C_CALLBACK.from_address(ctypes.addressof(previous))(model._address, data._address, actuator))
@@ -267,7 +267,7 @@ def _act_dyn(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float
         row, pressure, offset, internal_state, command, length, model.opt.timestep
     )
     if not math.isfinite(rates[0]):
-        raise _nonfinite_state_error(model.actuator(actuator).name, data.time, command, pressure, offset, length)
+        raise _make_nonfinite_state_error(model.actuator(actuator).name, data.time, command, pressure, offset, length)
     data.act_dot[start : start + coupling.N_BASE_STATES] = rates
     if model.actuator_actnum[actuator] != coupling.N_BASE_STATES:
         internal_rates = [

@@ -10,8 +10,8 @@ so that MuJoCo's single-step integrators arrive at l+. MuJoCo evaluates all rate
 of l+, which balances muscle and damper exactly.
 
 A ``row`` (``actuator_user``) holds the device's parameters (:mod:`klute_sim.device.backend.packing`) and one more
-number: the damping [N s2/m2] that the model's tendon shows to MuJoCo's implicit integrators and that is compensated
-here.
+number: the exposed damping [N s2/m2], which the model's tendon has for MuJoCo's implicit integrators and which the
+device's force compensates.
 """
 
 import math
@@ -29,7 +29,7 @@ from klute_sim.device.dynamics import (
 from klute_sim.units import BAR
 
 DAMPING_INDEX = ROW_SIZE
-"""Index of the shown damping in a row."""
+"""Index of the exposed damping in a row."""
 USER_ROW_SIZE = ROW_SIZE + 1
 """Number of values in a row."""
 N_BASE_STATES = 2
@@ -45,7 +45,7 @@ def to_device_state(
     return DeviceState(pressure * BAR, parameters.muscle.resting_length + offset, internal_state)
 
 
-def state_after_step(
+def compute_state_after_step(
     parameters: DeviceParameters,
     previous: DeviceState,
     pressure_rate: float,
@@ -100,7 +100,7 @@ def compute_force(
     velocity: float,
     dt: float,
 ) -> float:
-    """Return the actuator force [N] at the end of the step: minus the tension, plus the shown damping's force.
+    """Return the actuator force [N] at the end of the step: minus the tension, plus the force of the exposed damping.
 
     ``pressure_rate`` [bar/s] and ``length_rate`` [m/s] are the rates of the step. ``velocity`` = d(unit_length)/dt
     [m/s] is also the velocity of a muscle on a rigid tendon. A state that is not finite gives no force.
@@ -109,11 +109,13 @@ def compute_force(
         return 0.0
     parameters = unpack_parameters(row)
     before = to_device_state(parameters, pressure, offset, internal_state)
-    after = state_after_step(parameters, before, pressure_rate, length_rate, unit_length, dt)
+    after = compute_state_after_step(parameters, before, pressure_rate, length_rate, unit_length, dt)
     muscle_velocity = velocity if parameters.tendon.is_rigid else length_rate
-    return damping_compensation(row, velocity) - compute_tension(parameters, after, unit_length, muscle_velocity)
+    return compute_damping_compensation(row, velocity) - compute_tension(
+        parameters, after, unit_length, muscle_velocity
+    )
 
 
-def damping_compensation(row: Sequence[float], velocity: float) -> float:
-    """Return the force [N] of the shown damping at ``velocity`` [m/s]."""
+def compute_damping_compensation(row: Sequence[float], velocity: float) -> float:
+    """Return the force [N] of the exposed damping at ``velocity`` [m/s]."""
     return row[DAMPING_INDEX] * velocity * abs(velocity)

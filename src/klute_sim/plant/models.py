@@ -13,9 +13,9 @@ from klute_sim.plant.coupling import DAMPING_INDEX, N_ALL_STATES, N_BASE_STATES,
 
 
 def get_models_folder() -> Path:
-    """Return the folder of the MJCF files: inside an installed package, or beside ``src`` in a checkout."""
-    inside = Path(str(resources.files("klute_sim"))) / "models"
-    return inside if inside.is_dir() else Path(__file__).parents[3] / "models"
+    """Return the folder of the MJCF files: in an installed package, or next to ``src`` in a checkout."""
+    packaged_folder = Path(str(resources.files("klute_sim"))) / "models"
+    return packaged_folder if packaged_folder.is_dir() else Path(__file__).parents[3] / "models"
 
 
 def load_spec(name: str) -> mujoco.MjSpec:

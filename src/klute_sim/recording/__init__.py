@@ -1,4 +1,5 @@
 """Recordings, simulated or measured, and their files.
 
-``recording`` is the type; ``parquet`` and ``csv`` write and read it; ``run_folder`` creates the folders of runs.
+``recording`` is the type; ``parquet`` writes and reads it, and ``csv`` writes it; ``run_folder`` creates the folders of
+runs.
 """

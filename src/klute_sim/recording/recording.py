@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, MissingExtraError
 from klute_sim.types import Array
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ class Recording:
             if samples.shape != (n_samples,):
                 raise InputError(f"channel '{name}' has shape {samples.shape}, but 'time' has ({n_samples},)")
         if set(self.units) != set(self.channels):
-            different = sorted(set(self.units) ^ set(self.channels))
-            raise InputError(f"channels and units do not match: {', '.join(different)}; each channel needs one unit")
+            unmatched = sorted(set(self.units) ^ set(self.channels))
+            raise InputError(f"channels and units do not match: {', '.join(unmatched)}; each channel needs one unit")
 
     def __getitem__(self, name: str) -> Array:
         """Return the samples of channel ``name``; raises InputError if there is no such channel."""
@@ -96,12 +96,12 @@ class Recording:
 
         ``attrs`` of the frame holds the units by channel and the provenance.
 
-        Raises InputError when pandas is not installed.
+        Raises MissingExtraError without pandas.
         """
         try:
             import pandas as pd
         except ImportError:
-            raise InputError("Recording.to_pandas needs pandas: pip install pandas") from None
+            raise MissingExtraError("Recording.to_pandas", "tables") from None
         columns = {name: samples for name, samples in self.channels.items() if name != "time"}
         frame = pd.DataFrame(columns, index=pd.Index(self["time"], name="time"))
         frame.attrs.update(units=dict(self.units), provenance=dict(self.provenance))
@@ -112,12 +112,12 @@ class Recording:
 
         ``attrs["units"]`` of a variable holds its unit, ``attrs`` of the dataset the provenance.
 
-        Raises InputError when xarray is not installed.
+        Raises MissingExtraError without xarray.
         """
         try:
             import xarray as xr
         except ImportError:
-            raise InputError("Recording.to_xarray needs xarray: pip install xarray") from None
+            raise MissingExtraError("Recording.to_xarray", "tables") from None
         variables = {
             name: ("time", samples, {"units": self.units[name]})
             for name, samples in self.channels.items()
@@ -142,5 +142,5 @@ class Recording:
 
 
 def _format_range(samples: Array) -> str:
-    known = samples[np.isfinite(samples)]
-    return f"{known.min():.4g} to {known.max():.4g}" if len(known) else ""
+    finite = samples[np.isfinite(samples)]
+    return f"{finite.min():.4g} to {finite.max():.4g}" if len(finite) else ""

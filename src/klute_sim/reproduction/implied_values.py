@@ -1,7 +1,7 @@
 """Values that the printed numbers of the source imply for other items.
 
-Only they show that a contradiction is within the source. Every number comes from the published items, none from the
-laws or devices of this package.
+They show whether the source contradicts itself. Every number comes from the published items, none from the laws or
+devices of this package.
 """
 
 import math
@@ -22,26 +22,27 @@ ImpliedValues = Mapping[str, float | bool]
 
 def compute_implied_values() -> ImpliedValues:
     """Return all values that printed numbers imply for other items."""
-    numbers = printed.published_numbers()
+    numbers = printed.get_published_numbers()
     values: dict[str, float | bool] = {}
-    for name in _names(numbers, "table-2.3.", ".k5"):
+    for name in _list_names(numbers, "table-2.3.", ".k5"):
         values[f"table-2.3.{name}.at-rest"] = sum(numbers[f"table-2.3.{name}.{k}"] for k in ("k5", "k6", "k7"))
-    for name in _names(numbers, "table-2.4.", ".a"):
+    for name in _list_names(numbers, "table-2.4.", ".a"):
         a, b = numbers[f"table-2.4.{name}.a"], numbers[f"table-2.4.{name}.b"]
         values[f"table-2.4.{name}.at-vmax"] = (1.0 + a) * b / (1.0 + b) - a
-    for size in _names(numbers, "table-3.1.", ".turns"):
+    for size in _list_names(numbers, "table-3.1.", ".turns"):
         braid, resting_length, turns = (numbers[f"table-3.1.{size}.{k}"] for k in ("braid", "l0", "turns"))
         values[f"table-3.1.{size}.radius"] = math.sqrt(braid * braid - resting_length * resting_length) / (
             2.0 * math.pi * turns
         )
-    passive = [
-        numbers[f"table-2.1.{n}.k1"] * 1.2 ** numbers[f"table-2.1.{n}.k2"] for n in _names(numbers, "table-2.1.", ".k1")
+    passive_forces = [
+        numbers[f"table-2.1.{n}.k1"] * 1.2 ** numbers[f"table-2.1.{n}.k2"]
+        for n in _list_names(numbers, "table-2.1.", ".k1")
     ]
-    values["table-2.1.insignificant"] = max(passive) <= MAX_INSIGNIFICANT_FORCE
+    values["table-2.1.insignificant"] = max(passive_forces) <= MAX_INSIGNIFICANT_FORCE
     values["table-2.4.order"] = _is_ordered(numbers)
     values["eq-2.5.around"] = all(
         numbers[f"eq-2.5.{k}.low"] <= numbers[f"table-2.3.{n}.{k}"] <= numbers[f"eq-2.5.{k}.high"]
-        for n in _names(numbers, "table-2.3.", ".k5")
+        for n in _list_names(numbers, "table-2.3.", ".k5")
         for k in ("k5", "k6", "k7")
     )
     friction = {bar: numbers["table-3.1.1-1-4.m"] * bar + numbers["table-3.1.1-1-4.b"] for bar in (2.0, 3.0, 4.0, 5.0)}
@@ -56,7 +57,7 @@ def compute_implied_values() -> ImpliedValues:
     return values
 
 
-def _names(numbers: Mapping[str, float], prefix: str, suffix: str) -> list[str]:
+def _list_names(numbers: Mapping[str, float], prefix: str, suffix: str) -> list[str]:
     """Return the middle parts of the identifiers with ``prefix`` and ``suffix``."""
     return [name[len(prefix) : -len(suffix)] for name in numbers if name.startswith(prefix) and name.endswith(suffix)]
 

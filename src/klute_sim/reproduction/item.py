@@ -15,7 +15,7 @@ class PublishedItem(NamedTuple):
 
     id: str
     """Identifier of table and item, such as ``table-2.1.frog.k1``."""
-    row_title: str
+    table_title: str
     """Title of the table or figure that contains the item."""
     quantity: str
     """Name of the quantity."""

@@ -1,7 +1,6 @@
 """The published items of the source and the numbers that a user supplies."""
 
 import difflib
-import tomllib
 from collections.abc import Mapping
 from functools import cache
 from importlib import resources
@@ -11,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from klute_sim.errors import InputError
 from klute_sim.reproduction.item import PublishedItem
+from klute_sim.toml_files import parse_toml, read_toml
 
 DEFAULT_TOLERANCE, SUPPLIED_TOLERANCE = 1e-6, 0.1
 """Default relative tolerances of printed numbers and of numbers that a user supplies."""
@@ -36,15 +36,15 @@ class PublishedTable(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
     title: str
-    shows: str
+    description: str
     items: list[_PublishedEntry]
 
 
 @cache
 def load_tables() -> dict[str, PublishedTable]:
     """Return the published tables by identifier, in the order of the source."""
-    content = (resources.files("klute_sim.reproduction") / "printed.toml").read_text("utf-8")
-    return TypeAdapter(dict[str, PublishedTable]).validate_python(tomllib.loads(content))
+    content = (resources.files("klute_sim.reproduction") / "printed.toml").read_bytes()
+    return TypeAdapter(dict[str, PublishedTable]).validate_python(parse_toml(content, "printed.toml"))
 
 
 def list_items(supplied_values: Mapping[str, float] | None = None) -> list[PublishedItem]:
@@ -78,7 +78,7 @@ def list_items(supplied_values: Mapping[str, float] | None = None) -> list[Publi
     return items
 
 
-def published_numbers() -> dict[str, float]:
+def get_published_numbers() -> dict[str, float]:
     """Return the printed numbers by item identifier."""
     return {item.id: item.published for item in list_items() if isinstance(item.published, float)}
 
@@ -98,8 +98,8 @@ def render_template() -> str:
     ]
     title = ""
     for item in list_missing_items():
-        if item.row_title != title:
-            title = item.row_title
+        if item.table_title != title:
+            title = item.table_title
             lines += ["", f"# {title}"]
         lines.append(f'# "{item.id}" =   # {item.quantity} [{item.unit}]')
     return "\n".join(lines) + "\n"
@@ -110,13 +110,7 @@ def load_supplied_values(path: Path) -> dict[str, float]:
 
     Raises InputError when the file cannot be read, a name is not missing, or a value is not a finite number.
     """
-    try:
-        content = tomllib.loads(path.read_text("utf-8-sig"))
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
-        raise InputError(f"file of published numbers {path} cannot be read: {why}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"file of published numbers {path} is not valid TOML: {error}") from None
+    content = read_toml(path, f"file of published numbers {path}")
     known, values = {item.id for item in list_missing_items()}, {}
     for name, value in content.items():
         if name not in known:

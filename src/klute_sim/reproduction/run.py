@@ -36,7 +36,7 @@ class Reproduction(NamedTuple):
         return [
             {
                 "item": assessment.item.id,
-                "row": assessment.item.row_title,
+                "table": assessment.item.table_title,
                 "quantity": assessment.item.quantity,
                 "unit": assessment.item.unit,
                 "published": assessment.item.published,

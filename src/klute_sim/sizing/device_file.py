@@ -69,7 +69,7 @@ def build_device(
 
 def _describe_design(target: MuscleTarget | WalkerTarget, option: ActuatorOption, choices: DesignChoices) -> str:
     target_text = (
-        f"the muscle '{target.name}'" if isinstance(target, MuscleTarget) else f"a walker of {target.mass:g} kg"
+        f"the muscle '{target.name}'" if isinstance(target, MuscleTarget) else f"a subject of {target.mass:g} kg"
     )
     if isinstance(target, WalkerTarget) and "moment_arm" in choices.fixed_fields:
         target_text = f"{target_text} with the given moment arm of {1e3 * choices.assumptions.moment_arm:g} mm"
@@ -163,7 +163,7 @@ def _count_source(option: ActuatorOption, required_force: float, choices: Design
         return USER_SOURCE
     rule = "fewest that reach" if option.is_sufficient else "as many as a device may have, and still too few for"
     return (
-        f"assumed: {rule} the {required_force:.0f} N asked for at L/L0 {option.length_ratio:.3f}; there they have "
+        f"assumed: {rule} the {required_force:.0f} N required at L/L0 {option.length_ratio:.3f}; there they have "
         f"{option.count * option.available_force:.0f} N at {choices.supply_pressure / BAR:g} bar"
     )
 

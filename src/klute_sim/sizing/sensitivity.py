@@ -85,7 +85,7 @@ class SensitivityResult:
 
 def compute_design_metrics(design: Design) -> DesignMetrics:
     """Return the compared metrics of a design."""
-    fixed, demand = design.compute_force_velocity_errors()["fixed"], design.demand
+    fixed, demand = design.compute_force_velocity_errors()["fixed_orifices"], design.demand
     return DesignMetrics(
         orifice_concentric=design.damper.concentric.orifice_diameter,
         orifice_eccentric=design.damper.eccentric.orifice_diameter,
@@ -143,7 +143,7 @@ def iter_variations(design: Design) -> Iterator[Variation]:
             "1",
             1.0,
             vary_relative("eccentric_speed_fraction", 0.2),
-            "the tests' 150 of 300 mm/s; a fifth either way",
+            "the tests' 150 of 300 mm/s; varied by 20 %",
         )
     if choices.eccentric_force is None:
         nominal = design.damper.eccentric.design_force
@@ -159,7 +159,12 @@ def iter_variations(design: Design) -> Iterator[Variation]:
     if choices.bore is None:
         pressure = vary_relative("cylinder_pressure", 0.2)
         yield from vary_assumption(
-            "cylinder_pressure", "cylinder pressure", "MPa", PA_PER_MPA, pressure, "Table 4.1 is missing; a fifth"
+            "cylinder_pressure",
+            "cylinder pressure",
+            "MPa",
+            PA_PER_MPA,
+            pressure,
+            "Table 4.1 is missing; varied by 20 %",
         )
     yield from vary_assumption(
         "discharge_coefficient", "Cd as made", "1", 1.0, (0.8, 0.61), "chapter 4: as low as 0.61"
@@ -172,9 +177,14 @@ def iter_variations(design: Design) -> Iterator[Variation]:
     )
     yield from vary_assumption("moment_arm", "moment arm", "mm", 1e-3, (0.0434, 0.0524), "Wolfram 2018: 47.9 +- 4.5 mm")
     slack = vary_relative("slack_length", 0.2)
-    yield from vary_assumption("slack_length", "tendon slack length", "mm", 1e-3, slack, "a fifth either way")
+    yield from vary_assumption("slack_length", "tendon slack length", "mm", 1e-3, slack, "varied by 20 %")
     yield from vary_assumption(
-        "tendon_strain", "tendon strain", "%", 0.01, (strain - 0.01, strain + 0.01), "Kharazi 2021: 4.0 %; a point"
+        "tendon_strain",
+        "tendon strain",
+        "%",
+        0.01,
+        (strain - 0.01, strain + 0.01),
+        "Kharazi 2021: 4.0 %; varied by 1 percentage point",
     )
     for field, name in (
         ("second_spring_ratio", "second spring/first"),
@@ -184,7 +194,7 @@ def iter_variations(design: Design) -> Iterator[Variation]:
     yield from vary_assumption("gas_temperature", "gas temperature", "degC", 1.0, (0.0, 40.0), "room temperature")
     if _is_length_free(design):
         fraction = vary_relative("excursion_fraction", 0.2)
-        reason = "Fig. 3.8: 0.094; a fifth either way, L0 by rule"
+        reason = "Fig. 3.8: 0.094; varied by 20 %, L0 by the design rule"
         yield from vary_assumption(
             "excursion_fraction", "ankle's travel/L0", "1", 1.0, fraction, reason, affects_length=True
         )
@@ -195,7 +205,7 @@ def iter_variations(design: Design) -> Iterator[Variation]:
             1e-3,
             nominal,
             (0.9 * nominal, 1.1 * nominal),
-            "the same braid, a tenth shorter or longer",
+            "the same braid; varied by 10 %",
             lambda value: (target, replace(choices, resting_length=value)),
         )
     yield Variation(
@@ -213,7 +223,7 @@ def list_excluded_assumptions(design: Design) -> dict[str, str]:
     """Return the assumptions of ``design`` that are not varied, with the reason."""
     reasons = dict.fromkeys(SIMULATION_ONLY_ASSUMPTIONS, "no size and no outcome of a design depends on it")
     if not isinstance(design.target, WalkerTarget):
-        reasons |= dict.fromkeys(STRIDE_ASSUMPTIONS, "without a walker no outcome depends on it")
+        reasons |= dict.fromkeys(STRIDE_ASSUMPTIONS, "without a subject no outcome depends on it")
     return {field: reason for field, reason in reasons.items() if field not in design.choices.fixed_fields}
 
 

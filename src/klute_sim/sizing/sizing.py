@@ -57,7 +57,7 @@ class Design:
     def compute_force_velocity_errors(self) -> dict[str, ForceVelocityError]:
         """Return the deviation from the muscle of the bare actuator, of an ideal damper and of fixed orifices."""
         curves = self.curves
-        forces = {"alone": curves.actuator_only, "ideal": curves.ideal_damper, "fixed": curves.fixed_orifices}
+        forces = {name: getattr(curves, name) for name in ("actuator_only", "ideal_damper", "fixed_orifices")}
         return {name: velocity.compute_rms_error(curves, force) for name, force in forces.items()}
 
 
@@ -78,7 +78,7 @@ def design_device(
     muscle = target.muscle if isinstance(target, WalkerTarget) else target
     requirement = _derive_requirement(target, choices)
     if requirement is None and (choices.actuator is None or choices.count is None):
-        raise InputError("no force and no walker specify the size: give both actuator and count")
+        raise InputError("neither a force nor a subject determines the size: give both actuator and count")
     unconstrained = ActuatorRequirement(
         0.0, lambda resting_length: assumptions.design_ratio, _fixed_resting_length(muscle, choices)
     )
@@ -111,7 +111,7 @@ def design_device(
         parameters.damper,
         muscle.hill,
         muscle.design_peak_velocity,
-        velocity.velocity_grid(lengthening_speed, shortening_speed),
+        velocity.build_velocity_grid(lengthening_speed, shortening_speed),
         choices.supply_pressure,
         assumptions.design_ratio,
     )
@@ -162,7 +162,7 @@ def _derive_requirement(target: MuscleTarget | WalkerTarget, choices: DesignChoi
             stretch = assumptions.tendon_strain * (assumptions.slack_length + resting_length)
             return min(1.0, assumptions.neutral_ratio + (travel - stretch) / resting_length)
 
-        excursion = target.ankle_range_of_motion() * assumptions.moment_arm
+        excursion = target.compute_ankle_range_of_motion() * assumptions.moment_arm
         return ActuatorRequirement(
             moment / assumptions.moment_arm, ratio_at_peak, _fixed_resting_length(target.muscle, choices), excursion
         )

@@ -101,7 +101,7 @@ class WalkerTarget:
         angle = np.radians(self.reference("ankle_dorsiflexion_deg", phase[peak : peak + 1]))
         return self.mass * self.moment_scale * float(moment[peak]), float(angle[0])
 
-    def ankle_range_of_motion(self) -> float:
+    def compute_ankle_range_of_motion(self) -> float:
         """Return the range of motion of the ankle [rad]."""
         low, high = self.reference.ranges["ankle_dorsiflexion_deg"]
         return float(np.radians(high - low))

@@ -27,7 +27,7 @@ def run_episodes(
         for name, value in {**info, "return": reward, "steps": np.ones(n_episodes)}.items():
             if name in sums:
                 sums[name][active] += value[active]
-        active &= ~(terminated | truncated)  # ended episodes continue unused
+        active &= ~(terminated | truncated)  # episodes that have ended are stepped, too, but not counted
     envs.close()
     return {name: values.tolist() for name, values in sums.items()}
 
@@ -49,7 +49,7 @@ def compare_with_profile(
         "profile": _mean_totals(profile_totals),
         "gain": float(gain.mean()),
         "gain_standard_error": float(gain.std(ddof=1) / np.sqrt(n_episodes)),
-        "better_in": int((gain > 0.0).sum()),
+        "n_better_episodes": int((gain > 0.0).sum()),
     }
 
 

@@ -168,7 +168,7 @@ def start_training(folder: Path, config: TrainingConfig, content: bytes, seed: i
 
 
 def resume_training(folder: Path) -> Training:
-    """Return the training stored in ``folder``. Its checkpoint is a pickle: *it can run code*.
+    """Return the training stored in ``folder``. Its checkpoint is a pickle: *loading it can execute code*.
 
     Raises InputError when the folder has no valid training.
     """

@@ -146,5 +146,5 @@ def make_weights(values: Mapping[str, float]) -> Weights:
     names = [field.name for field in fields(Weights)]
     for name in values:
         if name not in names:
-            raise InputError(f"there is no weight of '{name}'; allowed: {', '.join(names)}")
+            raise InputError(f"the objective has no term '{name}' to weight; allowed: {', '.join(names)}")
     return Weights(**dict(values))

@@ -34,9 +34,9 @@ INITIAL_SIGMA = 0.75
 SEARCH_STRIDES, SEARCH_DT = 2, 1e-3
 """Strides and time step [s] of an evaluation; the metrics are those of the second stride."""
 FINE_DT = 5e-4
-"""Time step of a reevaluation [s]: long time steps flatter the points that were selected because of them."""
+"""Time step of a reevaluation [s]: selected points may profit from errors of a long time step."""
 REEVALUATED_FRACTION, MAX_REEVALUATIONS = 0.1, 200
-"""Fraction of the evaluations, the best ones, that the reevaluation draws from, and the maximum number drawn."""
+"""Best fraction of the evaluations from which points are reevaluated, and maximum number of reevaluations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +91,7 @@ class Evaluation:
     failure: str | None = None
     """Reason of the failure; None: the simulation succeeded."""
     generation: int = 0
-    """Generation of the search that asked for the point; 0: the initial point."""
+    """Generation of the search that proposed the point; 0: the initial point."""
 
     @property
     def tracking_error(self) -> float:

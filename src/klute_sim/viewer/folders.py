@@ -18,14 +18,17 @@ class FolderKind(NamedTuple):
     """A kind of folder with results."""
 
     name: str
+    """Name of the kind in messages."""
     marker_file: str
     """Name of the file that identifies the kind."""
     rrd_file: str
+    """Name of the viewer recording."""
     builder_module: str
-    """Module of :mod:`klute_sim.viewer.layouts` whose ``rebuild_recording`` makes the recording from the files of the
-    folder; '' if only the command that wrote the folder can make it."""
+    """Module of :mod:`klute_sim.viewer.layouts` whose ``rebuild_recording`` rebuilds the recording from the files of
+    the folder; '' if only the command that wrote the folder can make it.
+    """
     source_files: tuple[str, ...] = ()
-    """Names of the files that the recording is made from; an older recording is made again."""
+    """Names of the files that the recording is made from; a recording older than these is rebuilt."""
     started_file: str = ""
     """Name of the file that identifies an unfinished folder of this kind."""
 

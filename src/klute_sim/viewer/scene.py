@@ -63,9 +63,9 @@ def compute_postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArr
         PROSTHESIS_PREFIX + "ankle": -np.radians(recording["ankle_angle"]),  # the hinge is positive in plantarflexion
         PROSTHESIS_PREFIX + "heel": recording["heel_compression"],
     }
-    bends = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, KEEL_JOINT)
-    if bends >= 0 and "ankle_moment" in recording:  # its spring without damping: accurate enough for a picture
-        joints[KEEL_JOINT] = -recording["ankle_moment"] / model.jnt_stiffness[bends]
+    keel_joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, KEEL_JOINT)
+    if keel_joint >= 0 and "ankle_moment" in recording:  # its spring without damping: accurate enough for a picture
+        joints[KEEL_JOINT] = -recording["ankle_moment"] / model.jnt_stiffness[keel_joint]
         joints[PROSTHESIS_PREFIX + "ankle"] = joints[PROSTHESIS_PREFIX + "ankle"] - joints[KEEL_JOINT]
     positions = np.zeros((len(frames), model.nq))
     for name, values in joints.items():
@@ -153,13 +153,13 @@ def _log_ground_reaction(
 ) -> None:
     import rerun as rr
 
-    loaded = np.isfinite(recording["cop_x"][frames])
-    foot = np.where(loaded, recording["cop_x"][frames], 0.0)
+    is_loaded = np.isfinite(recording["cop_x"][frames])
+    cop_x = np.where(is_loaded, recording["cop_x"][frames], 0.0)
     zero = np.zeros(len(frames))
     force = np.column_stack([recording["grf_forward"][frames], zero, recording["grf_vertical"][frames]])
     columns = rr.Arrows3D.columns(
-        origins=np.column_stack([foot, zero, zero]),
-        vectors=np.where(loaded[:, None], force, 0.0) / ARROW_SCALE_N_PER_M,
+        origins=np.column_stack([cop_x, zero, zero]),
+        vectors=np.where(is_loaded[:, None], force, 0.0) / ARROW_SCALE_N_PER_M,
     )
     stream.log(
         f"{root}/{GROUND_REACTION_ENTITY}", rr.Arrows3D.from_fields(colors=[40, 110, 220], radii=0.008), static=True

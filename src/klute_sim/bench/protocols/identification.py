@@ -9,7 +9,7 @@ from klute_sim.bench.protocols.excitation import EXCITATIONS, Excitation, comput
 from klute_sim.bench.protocols.protocol import BenchProtocol, TrialPlan
 from klute_sim.bench.trajectory import sample_staircase
 from klute_sim.datasets.trial import Use
-from klute_sim.device.device import Device, check_takes_pressure
+from klute_sim.device.device import Device, check_accepts_pressure
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
 
@@ -52,7 +52,7 @@ class IdentificationProtocol(BenchProtocol):
 
     def plan_trials(self, device: Device) -> list[TrialPlan]:
         """Return the only trial."""
-        check_takes_pressure(device, "the protocol")
+        check_accepts_pressure(device, "the protocol")
         excitation = self._create_excitation(device)
         return [
             TrialPlan(

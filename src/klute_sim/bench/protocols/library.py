@@ -1,7 +1,6 @@
 """Registry of bench protocols: protocols of the package by name, other protocol files by path."""
 
 import stat
-import tomllib
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -115,8 +114,8 @@ def read_small_file(path: str, file_type: str) -> bytes:
 def is_protocol(content: bytes) -> bool:
     """Return whether ``content`` is TOML with a ``kind`` of :data:`PROTOCOL_TYPES`."""
     try:
-        return tomllib.loads(content.decode("utf-8-sig")).get("kind") in PROTOCOL_TYPES
-    except (ValueError, TypeError, RecursionError):
+        return parse_toml(content, "file").get("kind") in PROTOCOL_TYPES
+    except (InputError, TypeError):  # TypeError: a kind that is a list or a table
         return False
 
 

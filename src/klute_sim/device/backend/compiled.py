@@ -1,7 +1,7 @@
 """The compiled backend: copies of the model's modules whose functions run through numba.
 
 No formula is written twice. A copy shares the code and the classes of its module; its functions are compiled, and they
-call the compiled functions of the other copies. The compiler takes no liberties with floating-point numbers: the
+call the compiled functions of the other copies. Floating-point operations keep their order (no fast-math): the
 compiled and the Python backend agree to the last bit wherever ``sqrt`` is rounded correctly, as IEEE 754 requires.
 """
 
@@ -34,9 +34,9 @@ EXPORTED_STEP_FUNCTIONS = (
 _COMPILABLE_PACKAGES = ("klute_sim.laws.", "klute_sim.effects.")
 _COMPILABLE_MODULES = ("klute_sim.device.delay",)
 _PYTHON_ONLY_MODULES = tuple(f"klute_sim.effects.{name}" for name in ("catalogue", "chain", "effect", "validation"))
-"""Modules that assemble the effects; they do not run with them."""
+"""Modules that assemble the effects and run only as plain Python."""
 _SOURCE_FOLDERS = ("laws", "effects", "device", "plant")
-"""Packages whose source decides the machine code."""
+"""Packages whose source determines the machine code."""
 
 
 def compile_module(module: types.ModuleType, **overrides: Any) -> types.ModuleType:
@@ -83,7 +83,7 @@ def _get_compiled_function(function: Any) -> Any:
     module, name = sys.modules[function.__module__], function.__name__
     if getattr(module, name, None) is function:
         return getattr(_get_compiled_module(module), name)
-    return _compile_function(function)  # a law that is a local function of the user
+    return _compile_function(function)  # a law that the user defined inside a function
 
 
 @cache
@@ -102,7 +102,7 @@ def compile_cached(decorator: Callable[..., Any], function: Any, signature: Any,
 
     ``decorator`` is ``numba.njit`` or ``numba.cfunc``. The cache of numba follows only the file of the function
     itself, so it would keep the machine code of a law that has changed since. The name of the compiled function
-    therefore contains a hash of all sources and ``constants`` that decide its code.
+    therefore contains a hash of all sources and ``constants`` that determine its code.
     """
     python_function = function.py_func
     python_function.__qualname__ = f"{python_function.__name__}_{_hash_sources(constants)}"

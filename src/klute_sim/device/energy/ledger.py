@@ -80,7 +80,7 @@ SOLVER_TERM = "solver_power"
 
 
 def format_effect_channel(name: str) -> str:
-    """Return the channel name for the power of effect ``name``; the prefix keeps it apart from the power terms."""
+    """Return the channel name for the power of effect ``name``; the prefix distinguishes it from the power terms."""
     return f"effect_{name}_power"
 
 
@@ -105,8 +105,8 @@ def compute_energy_balance(
     tendon_step = unit_step - muscle_step
 
     def work_rate(force: Array, displacement: Array) -> Array:
-        before = np.concatenate([force[:1], force[:-1]])
-        return np.asarray(-0.5 * (before + force) * displacement / dt)
+        previous_force = np.concatenate([force[:1], force[:-1]])
+        return np.asarray(-0.5 * (previous_force + force) * displacement / dt)
 
     def release_rate(energy: Array) -> Array:
         return np.asarray(-np.diff(energy, prepend=energy[0]) / dt)

@@ -34,7 +34,7 @@ class DeviceOutputs(NamedTuple):
     tendon_force: float
     """Tension of the tendon [N]; a rigid tie carries the whole tension of the unit."""
     bladder_energy: float
-    """Energy tendon_energy in the bladders [J]."""
+    """Energy stored in the bladders [J]."""
     tendon_energy: float
     """Energy stored in the tendon [J]."""
     air_mass: float

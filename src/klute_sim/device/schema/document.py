@@ -1,7 +1,7 @@
 """The device file: its keys, their allowed values, and the SI parameters that they stand for.
 
-A key ends with its unit. A value that is not allowed is refused with the key, the value and the allowed range. Only
-sections and keys that this page marks as optional have defaults.
+A key ends with its unit. A value that is not allowed raises an error with the key, the value and the allowed range.
+Only optional sections and keys have defaults.
 """
 
 import math
@@ -198,12 +198,12 @@ SECTION_OF_EFFECT = {
 
 
 class DeviceSpec(DeviceFileSection):
-    """One device file."""
+    """Content of a device file."""
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the device."""
     description: str = ""
-    """Description for people."""
+    """Description for the reader; the model does not use it."""
     muscle: Muscle
     """Muscle: one or more actuators."""
     damper: Damper | None = None
@@ -313,7 +313,7 @@ OLD_KEYS = {
     "valve": {"takes": "command", "period_s": "pwm_period_s", "shortest_pulse_s": "min_pulse_s"},
     "chamber": {"warming_s": "thermal_time_constant_s"},
 }
-"""Section -> keys of the first format of device files, and their present names."""
+"""Section -> keys of the first format of device files, and their current names."""
 
 MAX_REPORTED_PROBLEMS = 4
 """Maximum number of problems of one file in an error message."""

@@ -1,4 +1,4 @@
-"""Base of all sections of a device file: keys carry their unit, and unknown keys are refused."""
+"""Base of all sections of a device file: keys end with their unit, and unknown keys are errors."""
 
 from typing import Annotated
 

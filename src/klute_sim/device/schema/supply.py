@@ -130,7 +130,7 @@ def build_supply(
     fill = Restriction(valve.get_si("fill_dm3_per_s_bar"), valve.fill_critical_ratio)
     exhaust = Restriction(valve.get_si("exhaust_dm3_per_s_bar"), valve.exhaust_critical_ratio)
     if line is not None:
-        fill, exhaust = (valve_law.combine_in_series(port, line.to_restriction()) for port in (fill, exhaust))
+        fill, exhaust = (valve_law.combine_in_series(path, line.to_restriction()) for path in (fill, exhaust))
         parameters = parameters._replace(dead_volume=line.compute_volume())
     if chamber is not None:
         parameters = parameters._replace(

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from klute_sim.datasets.trial import Series, Trial, Use
+from klute_sim.datasets.trial import TimeSeries, Trial, Use
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.types import Array
@@ -133,7 +133,7 @@ class Experiment(ABC):
     """Time step of the inputs [s]."""
     command: Array
     """Commanded pressure [Pa], one value per time step."""
-    measured: Mapping[str, Series]
+    measured: Mapping[str, TimeSeries]
     """Channel -> compared samples; missing samples and samples outside the prescribed interval are removed."""
     noise_scale: Mapping[str, Array] = field(default_factory=dict)
     """Channel -> standard deviation of the noise at each sample over its mean; 1 for channels that are not listed."""
@@ -206,7 +206,7 @@ class Experiment(ABC):
         return np.convolve(values, np.ones(width) / width, mode="same")
 
 
-def select_samples(trial: Trial, start_time: float, end_time: float, last_time: float) -> dict[str, Series]:
+def select_samples(trial: Trial, start_time: float, end_time: float, last_time: float) -> dict[str, TimeSeries]:
     """Return the samples of ``trial`` to compare with a simulation from ``start_time`` to ``end_time`` [s].
 
     Samples are finite, later than the warm-up, not later than ``last_time`` [s], and decimated to
@@ -216,7 +216,7 @@ def select_samples(trial: Trial, start_time: float, end_time: float, last_time: 
     measured = {}
     for name, series in trial.measured.items():
         is_compared = np.isfinite(series.value) & (series.time > first_time) & (series.time <= last_time)
-        compared = Series(series.time[is_compared], series.value[is_compared])
+        compared = TimeSeries(series.time[is_compared], series.value[is_compared])
         factor = max(1, int(MIN_SAMPLING_INTERVAL / compared.sampling_interval + 1e-6))
-        measured[name] = Series(compared.time[::factor], compared.value[::factor])
+        measured[name] = TimeSeries(compared.time[::factor], compared.value[::factor])
     return measured

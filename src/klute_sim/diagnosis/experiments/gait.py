@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from klute_sim.datasets.trial import Series, Trial, Use
+from klute_sim.datasets.trial import TimeSeries, Trial, Use
 from klute_sim.device.device import Device
 from klute_sim.device.schema import effects
 from klute_sim.diagnosis.experiments.base import (
@@ -214,7 +214,7 @@ def _find_foot_strikes(motion: PrescribedMotion, where: str) -> Array:
     return np.array(after_swing) - motion.start_time
 
 
-def _exclude_contact_changes(measured: Mapping[str, Series], motion: PrescribedMotion) -> dict[str, Series]:
+def _exclude_contact_changes(measured: Mapping[str, TimeSeries], motion: PrescribedMotion) -> dict[str, TimeSeries]:
     """Return ``measured`` without the samples close to foot strikes and toe-offs."""
     selected = {}
     for channel, series in measured.items():
@@ -223,5 +223,5 @@ def _exclude_contact_changes(measured: Mapping[str, Series], motion: PrescribedM
             is_retained &= (series.time < event - MARGIN_BEFORE_CONTACT_CHANGE) | (
                 series.time > event + MARGIN_AFTER_CONTACT_CHANGE
             )
-        selected[channel] = Series(series.time[is_retained], series.value[is_retained])
+        selected[channel] = TimeSeries(series.time[is_retained], series.value[is_retained])
     return selected

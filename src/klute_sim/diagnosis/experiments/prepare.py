@@ -6,7 +6,7 @@ from klute_sim.datasets.channels import Rig
 from klute_sim.datasets.dataset import Dataset
 from klute_sim.datasets.split import Split
 from klute_sim.datasets.trial import Trial, Use
-from klute_sim.device.device import check_takes_pressure
+from klute_sim.device.device import check_accepts_pressure
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.bench import prepare_bench_trial
 from klute_sim.diagnosis.experiments.gait import prepare_gait_trial
@@ -31,7 +31,7 @@ def prepare_experiments(dataset: Dataset, split: Split) -> list[Experiment]:
         if section == "effects" and catalogue.get_effects()[name.partition(".")[0]].kind == "body":
             raise InputError(f"[uncertain] '{key}' describes the body, which a bench does not test; remove the key")
     for trial in dataset.trials:
-        check_takes_pressure(trial.device, f"trial '{trial.name}'")
+        check_accepts_pressure(trial.device, f"trial '{trial.name}'")
     uses: dict[str, Use] = dict.fromkeys(split.fit, "fit")
     uses |= dict.fromkeys(split.validation, "validation")
     uses |= dict.fromkeys(split.test, "test")

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from klute_sim.bench.protocols.library import load_identification_protocols
-from klute_sim.datasets.trial import Series
-from klute_sim.device.device import Device, check_takes_pressure
+from klute_sim.datasets.trial import TimeSeries
+from klute_sim.device.device import Device, check_accepts_pressure
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
 from klute_sim.diagnosis.experiments.simulator import Simulator
@@ -133,7 +133,7 @@ def prepare_experiments(device: Device) -> list[BenchExperiment]:
 
     Raises InputError when none can be run.
     """
-    check_takes_pressure(device, "a protocol")
+    check_accepts_pressure(device, "a protocol")
     experiments = []
     for name, protocol in load_identification_protocols().items():
         try:
@@ -151,7 +151,7 @@ def prepare_experiments(device: Device) -> list[BenchExperiment]:
                 start_time=0.0,
                 dt=TIME_STEP,
                 command=np.interp(grid, time, command),
-                measured={channel: Series(samples, samples) for channel in NOISE_STD},
+                measured={channel: TimeSeries(samples, samples) for channel in NOISE_STD},
                 unit_length=np.interp(grid, time, unit_length),
             )
         )

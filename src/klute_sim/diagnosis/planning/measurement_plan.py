@@ -46,7 +46,7 @@ def select_protocols(names: Sequence[str]) -> list[IdentificationProtocol]:
     protocols = load_identification_protocols()
     for name in names:
         if name not in protocols:
-            raise InputError(f"there is no protocol '{name}'; there are: {', '.join(protocols)}")
+            raise InputError(f"there is no protocol '{name}'; allowed: {', '.join(protocols)}")
     return [protocol for name, protocol in protocols.items() if not names or name in names]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from klute_sim.bench.protocols.identification import IdentificationProtocol
 from klute_sim.bench.protocols.library import load_identification_protocols
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import Device
 from klute_sim.diagnosis.experiments.base import Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.bench import BenchExperiment
@@ -133,7 +133,7 @@ def _evaluate_protocol(
         dt=TIME_STEP,
         unit_length=np.interp(grid, program.time, program.unit_length),
         command=np.interp(grid, program.time, program.command),
-        measured={channel: Series(samples, samples) for channel in channels},
+        measured={channel: TimeSeries(samples, samples) for channel in channels},
     )
     points = [best_fit.x, *(best_fit.x + FINITE_DIFFERENCE_STEP * unit for unit in np.eye(len(best_fit.x)))]
     setups = [*(best_fit.hypothesis.build_setups(x, [experiment]) for x in points)]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import savgol_filter
 
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.dynamics import (
     ZERO_INTERNAL_STATE,
     DeviceParameters,
@@ -99,7 +99,7 @@ def compute_equation_residuals(data: WeightedData, final_fit: Fit) -> list[Equat
     return sorted(equations, key=lambda equation: -equation.z_score)
 
 
-def _compute_residual_series(experiment: BenchExperiment, parameters: DeviceParameters) -> dict[str, Series]:
+def _compute_residual_series(experiment: BenchExperiment, parameters: DeviceParameters) -> dict[str, TimeSeries]:
     """Return the residual of each equation at the measured samples."""
     measured = {channel: series.value for channel, series in experiment.measured.items()}
     time = next(iter(experiment.measured.values())).time
@@ -118,7 +118,7 @@ def _compute_residual_series(experiment: BenchExperiment, parameters: DevicePara
         )
         for name in measured_residuals:
             residuals[name] = measured_residuals[name] - simulated_residuals[name]
-    return {name: Series(time, value) for name, value in residuals.items()}
+    return {name: TimeSeries(time, value) for name, value in residuals.items()}
 
 
 def _with_measured_pressure(

@@ -3,16 +3,13 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.diagnosis.data_quality import has_repeats
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
 from klute_sim.diagnosis.noise.repeats import align_repeats
-from klute_sim.types import Array
+from klute_sim.types import Array, Mask
 from klute_sim.units import BAR
-
-Mask = NDArray[np.bool_]
 
 MIN_CONTRAST = 0.2
 """Minimum fraction of the misfit minus fraction of the samples of a region."""

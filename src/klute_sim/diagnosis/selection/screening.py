@@ -87,7 +87,7 @@ def list_candidate_terms(
             terms += [EffectTerm(effect.name, form.name) for form in effect.forms]
         elif effect.kind == "instrument":
             # Quantisation is detected without a simulation.
-            channels = [c for c in data.noise if c in CHANNEL_UNITS and effect is not instrument.QUANTISATION]
+            channels = [c for c in data.noise if c in CHANNEL_UNITS and effect is not instrument.QUANTIZATION]
             terms += [EffectTerm(effect.name, effect.forms[0].name, c) for c in channels]
     return terms
 

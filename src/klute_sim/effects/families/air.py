@@ -96,7 +96,7 @@ def draw_from_tank(p: Any, state: Any, supply: SupplyParameters) -> SupplyParame
     )
 
 
-def _resistance_parameter(key: str) -> EffectParameter:
+def _make_resistance_parameter(key: str) -> EffectParameter:
     return EffectParameter(
         key=key,
         neutral=0.0,
@@ -125,14 +125,14 @@ CHOKED_VALVE = Effect(
         EffectForm(
             name="symmetric",
             equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b), C the same both ways; pV = mRT",
-            parameters=(_resistance_parameter("resistance_s_bar_per_dm3"), _CRITICAL_RATIO),
+            parameters=(_make_resistance_parameter("resistance_s_bar_per_dm3"), _CRITICAL_RATIO),
             laws={"supply": choke_symmetric},
         ),
         EffectForm(
             name="asymmetric",
             equation="m' = C rho0 p1 sqrt(T0/T) phi(p2/p1, b), C to fill, C over the factor to exhaust; pV = mRT",
             parameters=(
-                _resistance_parameter("fill_resistance_s_bar_per_dm3"),
+                _make_resistance_parameter("fill_resistance_s_bar_per_dm3"),
                 EffectParameter(
                     key="exhaust_factor",
                     neutral=None,

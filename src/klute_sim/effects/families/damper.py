@@ -9,7 +9,7 @@ from klute_sim.laws.mckibben import MuscleParameters
 
 
 def apply_discharge_loss(p: Any, state: Any, force: float, velocity: float) -> float:
-    """Return the damper tension [N] over Cd^2, from (4.6) without the 1 beside (bore/orifice)^4 (5e-6 of it)."""
+    """Return the damper tension [N] over Cd^2: (4.6) without its term -1, which is 5e-6 of (bore/orifice)^4."""
     return force / (p.discharge_coefficient * p.discharge_coefficient)
 
 
@@ -58,12 +58,15 @@ def trapped_air_force(p: Any, state: Any, force: float, velocity: float) -> floa
 def step_dead_stroke(
     p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
 ) -> tuple[float, float]:
-    """Return the slider [m] at most half a dead stroke behind the piston, and the piston's position in it, -1 to 1."""
-    x, half = length - muscle.resting_length, 0.5 * p.stroke
-    if half <= 0.0:
+    """Return the position of a slider [m] and that of the piston relative to it, over half the dead stroke.
+
+    The slider stays at most half the dead stroke behind the piston, so the relative position is -1 to 1.
+    """
+    x, half_stroke = length - muscle.resting_length, 0.5 * p.stroke
+    if half_stroke <= 0.0:
         return 0.0, 0.0
-    slider = step_slider(state.slider, x, half, dt)
-    return slider, (x - slider) / half
+    slider = step_slider(state.slider, x, half_stroke, dt)
+    return slider, (x - slider) / half_stroke
 
 
 DISCHARGE_LOSS = Effect(

@@ -79,12 +79,12 @@ def sparse_pressure(coefficients: Any, state: Any, target: float, pressure: floa
     k = coefficients
     c = min(target / PRESSURE_SCALE, MAX_SCALED_INPUT)
     shifted_target = target + (k.offset + c * (k.command + c * k.command_squared))
-    reachable = max(step_slider(pressure, shifted_target, k.dead_band, 0.0), 0.0)
-    time_constant = k.lag + k.command_lag * c + (k.falling_lag if reachable < pressure else 0.0)
+    effective_target = max(step_slider(pressure, shifted_target, k.dead_band, 0.0), 0.0)
+    time_constant = k.lag + k.command_lag * c + (k.falling_lag if effective_target < pressure else 0.0)
     if time_constant <= 0.0:
-        return reachable
+        return effective_target
     time_constant = min(time_constant, MAX_TIME_CONSTANT)
-    return pressure + dt / (time_constant + dt) * (reachable - pressure)
+    return pressure + dt / (time_constant + dt) * (effective_target - pressure)
 
 
 _SOURCE = "assumed: no physics; range and typical value of a relevant force"
@@ -95,7 +95,7 @@ def _make_parameter(key: str, upper: float, typical: float, *, signed: bool = Tr
     return EffectParameter(key=key, neutral=0.0, lower=lower, upper=upper, typical=typical, source=_SOURCE)
 
 
-def _force_parameter(key: str, typical: float = 10.0, *, signed: bool = True) -> EffectParameter:
+def _make_force_parameter(key: str, typical: float = 10.0, *, signed: bool = True) -> EffectParameter:
     return _make_parameter(key, 1000.0, typical, signed=signed)
 
 
@@ -111,21 +111,21 @@ UNKNOWN_FORCE = Effect(
             "s |s|; p = P/(5 bar), b = P/(P + 0.5 bar), e = (1 - L/L0)/0.25, d = v/sqrt(v^2 + (1 mm/s)^2), "
             "s = v/sqrt(v^2 + (100 mm/s)^2); p and e up to 2",
             parameters=(
-                _force_parameter("pressure_n"),
-                _force_parameter("pressure_squared_n"),
-                _force_parameter("begin_n"),
-                _force_parameter("begin_contraction_n"),
-                _force_parameter("contraction_n"),
-                _force_parameter("contraction_squared_n"),
-                _force_parameter("pressure_contraction_n"),
-                _force_parameter("pressure_contraction_squared_n"),
+                _make_force_parameter("pressure_n"),
+                _make_force_parameter("pressure_squared_n"),
+                _make_force_parameter("begin_n"),
+                _make_force_parameter("begin_contraction_n"),
+                _make_force_parameter("contraction_n"),
+                _make_force_parameter("contraction_squared_n"),
+                _make_force_parameter("pressure_contraction_n"),
+                _make_force_parameter("pressure_contraction_squared_n"),
                 # Negative dry friction would have no solution at rest.
-                _force_parameter("friction_n", signed=False),
-                _force_parameter("pressure_friction_n", signed=False),
-                _force_parameter("contraction_friction_n", signed=False),
-                _force_parameter("speed_n"),
-                _force_parameter("pressure_speed_n"),
-                _force_parameter("speed_squared_n"),
+                _make_force_parameter("friction_n", signed=False),
+                _make_force_parameter("pressure_friction_n", signed=False),
+                _make_force_parameter("contraction_friction_n", signed=False),
+                _make_force_parameter("speed_n"),
+                _make_force_parameter("pressure_speed_n"),
+                _make_force_parameter("speed_squared_n"),
             ),
             laws={"muscle_force": sparse_force},
         ),
@@ -143,9 +143,9 @@ UNKNOWN_TENDON_FORCE = Effect(
             equation="F += sum of coefficient times function: x, x^2, t; x = stretch/(10 mm), up to 2, "
             "t = stretch/(stretch + 1 mm)",
             parameters=(
-                _force_parameter("stretch_n", 40.0),
-                _force_parameter("stretch_squared_n", 40.0),
-                _force_parameter("toe_n", 40.0),
+                _make_force_parameter("stretch_n", 40.0),
+                _make_force_parameter("stretch_squared_n", 40.0),
+                _make_force_parameter("toe_n", 40.0),
             ),
             laws={"tendon_force": sparse_tendon_force},
         ),

@@ -46,9 +46,9 @@ def quantize(p: Any, time: Array, value: Array) -> Array:
     return np.asarray(np.round(value / p.step) * p.step) if p.step > 0.0 else value
 
 
-def _make_effect(name: str, sentence: str, equation: str, law: Any, parameter: EffectParameter) -> Effect:
+def _make_effect(name: str, description: str, equation: str, law: Any, parameter: EffectParameter) -> Effect:
     form = EffectForm(name="linear", equation=equation, parameters=(parameter,), laws={"reading": law})
-    return Effect(name=name, description=sentence, kind="instrument", forms=(form,))
+    return Effect(name=name, description=description, kind="instrument", forms=(form,))
 
 
 _SOURCE = "assumed: magnitude of a wrong calibration or an inexpensive instrument"
@@ -88,7 +88,7 @@ CLOCK_SKEW = _make_effect(
     apply_clock_skew,
     EffectParameter(key="shift_s", neutral=0.0, lower=-0.1, upper=0.1, typical=0.01, source=_SOURCE),
 )
-QUANTISATION = _make_effect(
+QUANTIZATION = _make_effect(
     "quantisation",
     "The channel is quantised in steps.",
     "round(y / step) step",

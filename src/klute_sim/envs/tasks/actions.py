@@ -5,15 +5,12 @@ from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.controllers.pressure import PressureProfile
 from klute_sim.device.dynamics import DeviceParameters, get_dead_time
 from klute_sim.errors import InputError
+from klute_sim.types import Array, Mask
 from klute_sim.units import BAR
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 ACTION_KINDS: Mapping[str, str] = MappingProxyType(
     {
@@ -28,8 +25,8 @@ ACTION_KINDS: Mapping[str, str] = MappingProxyType(
 def select_action_kind(requested: str | None, command_is_opening: bool, device_name: str) -> str:
     """Return the kind of action; None requests the default of the device.
 
-    ``command_is_opening`` tells whether the device takes valve openings or pressures. Raises InputError when the device
-    cannot take the requested kind.
+    ``command_is_opening`` states whether the device takes valve openings instead of pressures. Raises InputError when
+    the device cannot take the requested kind.
     """
     if requested is None:
         return "valve" if command_is_opening else "pressure"
@@ -60,12 +57,8 @@ class ActionDecoder:
         ``parameters`` are those of the nominal device.
         """
         self.kind = kind
-        self._profile, self._residual_bar, self._steps_per_action, self._dt = (
-            profile,
-            residual_bar,
-            steps_per_action,
-            dt,
-        )
+        self._profile, self._residual_bar = profile, residual_bar
+        self._steps_per_action, self._dt = steps_per_action, dt
         self._max_pressure_bar = parameters.supply.max_pressure / BAR
         self._delay_steps = np.zeros(n_devices, dtype=np.int64)
         self._command_history = np.zeros((n_devices, 2))
@@ -73,11 +66,14 @@ class ActionDecoder:
             self.set_parameters(index, parameters)
 
     def set_parameters(self, index: int, parameters: DeviceParameters) -> None:
-        """Set the dead time of device ``index`` to that of ``parameters``."""
+        """Set the dead time of device ``index`` to that of ``parameters``, rounded to whole time steps.
+
+        Commands are held between actions; :class:`klute_sim.device.delay.DelayLine` interpolates them instead.
+        """
         self._delay_steps[index] = round(get_dead_time(parameters) / self._dt)
-        missing = 2 + int(self._delay_steps[index]) // self._steps_per_action - self._command_history.shape[1]
-        if missing > 0:
-            self._command_history = np.pad(self._command_history, ((0, 0), (missing, 0)), "edge")
+        n_missing = 2 + int(self._delay_steps[index]) // self._steps_per_action - self._command_history.shape[1]
+        if n_missing > 0:
+            self._command_history = np.pad(self._command_history, ((0, 0), (n_missing, 0)), "edge")
 
     def decode(self, action: Array, phase: Array) -> Array:
         """Return the gauge pressure [bar] or opening [1], shape (n,), of ``action`` in [-1, 1] at the estimated
@@ -108,9 +104,7 @@ class ActionDecoder:
         self._command_history[mask] = np.column_stack([self._command_history[mask, 1:], command[mask]])
         delay_intervals, delay_remainder = np.divmod(self._delay_steps, self._steps_per_action)
         indices = np.arange(len(delay_remainder))
-        newer, older = (
-            self._command_history[indices, -1 - delay_intervals],
-            self._command_history[indices, -2 - delay_intervals],
-        )
+        newer = self._command_history[indices, -1 - delay_intervals]
+        older = self._command_history[indices, -2 - delay_intervals]
         edges = np.unique([0, *delay_remainder[mask], self._steps_per_action]).tolist()
         return [(end - start, np.where(start < delay_remainder, older, newer)) for start, end in pairwise(edges)]

@@ -5,12 +5,10 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.bench.limits import isometric_force
 from klute_sim.device.device import Device
-
-Array = NDArray[np.float64]
+from klute_sim.types import Array
 
 BENCH_TASKS: Mapping[str, str] = MappingProxyType(
     {
@@ -72,11 +70,8 @@ class TrajectoryGenerator:
         resting_length, slack_length = parameters.muscle.resting_length, parameters.tendon.slack_length
         self.mean_length = slack_length + 0.5 * (MIN_LENGTH_RATIO + MAX_LENGTH_RATIO) * resting_length
         """Length of the unit at mid travel [m]."""
-        self._amplitude, self._task, self._cycle_duration = (
-            0.5 * (MAX_LENGTH_RATIO - MIN_LENGTH_RATIO) * resting_length,
-            task,
-            cycle_duration,
-        )
+        self._amplitude = 0.5 * (MAX_LENGTH_RATIO - MIN_LENGTH_RATIO) * resting_length
+        self._task, self._cycle_duration = task, cycle_duration
         self.max_force = isometric_force(
             device, 0.5 * (MIN_LENGTH_RATIO + MAX_LENGTH_RATIO), parameters.supply.max_pressure
         )
@@ -92,10 +87,8 @@ class TrajectoryGenerator:
                 np.zeros(len(self._control_time)),
             )
         length = self.mean_length + self._amplitude * _random_wave(self._time, rng)
-        mean_force, force_amplitude = (
-            0.5 * (MAX_FORCE_FRACTION + MIN_FORCE_FRACTION),
-            0.5 * (MAX_FORCE_FRACTION - MIN_FORCE_FRACTION),
-        )
+        mean_force = 0.5 * (MAX_FORCE_FRACTION + MIN_FORCE_FRACTION)
+        force_amplitude = 0.5 * (MAX_FORCE_FRACTION - MIN_FORCE_FRACTION)
         return BenchTrajectory(
             length, self.max_force * (mean_force + force_amplitude * _random_wave(self._control_time, rng))
         )

@@ -1,11 +1,10 @@
-"""Domain randomisation: sampling of subject, ground and device at each episode.
+"""Domain randomisation: sampling of subject, ground and device at each reset.
 
-Parameters and effects of the device are a row of the model that is rewritten at each reset. Mass, speed and slope
-require another rig. It is built and cached when it is first sampled, so these three are sampled from a grid. The models
-of all rigs have the same shape, so only their different fields are copied and nothing is recompiled.
+The parameters of the device and its effects are a row of the model that is rewritten at each reset. Mass, speed and
+slope require another rig. It is built and cached when it is first sampled, so these three are sampled from a grid. The
+models of all rigs have the same shape, so only the fields that differ are copied and nothing is recompiled.
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
@@ -23,12 +22,12 @@ from klute_sim.errors import InputError
 from klute_sim.gait.body import PROSTHESIS_PREFIX
 from klute_sim.gait.rig.setup import GaitOptions, GaitRig, build_gait_rig
 from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.toml_files import format_toml
+from klute_sim.toml_files import format_toml, parse_toml
 
 GRID_SIZE = 9
-"""Number of grid values of mass, speed and slope each, including both ends."""
+"""Number of grid values of each of mass, speed and slope, including both ends."""
 MAX_VARIATION_FRACTION = 0.5
-"""Largest relative variation of a number."""
+"""Largest allowed relative deviation from a nominal value."""
 PARAMETER_FIELD = "actuator_user"
 """Field of the model with the device parameters."""
 
@@ -36,10 +35,10 @@ Range = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RandomisationRanges:
+class RandomizationRanges:
     """Ranges of the domain randomisation, validated at construction; an absent range keeps the nominal value."""
 
-    mass_share: float = 0.0
+    mass_fraction: float = 0.0
     """Largest relative deviation of the body mass."""
     speed_m_per_s: Range | None = None
     """Lowest and highest walking speed [m/s]."""
@@ -52,10 +51,11 @@ class RandomisationRanges:
 
     def __post_init__(self) -> None:
         """Raise InputError when a range is invalid."""
-        for name, fraction in {"mass_share": self.mass_share, **self.device}.items():
+        for name, fraction in {"mass_fraction": self.mass_fraction, **self.device}.items():
             if not 0.0 <= fraction <= MAX_VARIATION_FRACTION:
                 raise InputError(
-                    f"randomise varies {name} by a share of {fraction:g}; allowed: 0 to {MAX_VARIATION_FRACTION:g}"
+                    f"domain_randomization has {name} = {fraction:g}; allowed: a fraction from 0 to "
+                    f"{MAX_VARIATION_FRACTION:g}"
                 )
         for name in ("speed_m_per_s", "slope_deg"):
             if getattr(self, name) is not None:
@@ -66,14 +66,14 @@ class RandomisationRanges:
                     _parse_range(f"effects.{effect}.{key}", value)
 
     @classmethod
-    def from_mapping(cls, ranges: "RandomisationRanges | Mapping[str, Any] | None") -> "RandomisationRanges":
+    def from_mapping(cls, ranges: "RandomizationRanges | Mapping[str, Any] | None") -> "RandomizationRanges":
         """Return the ranges of a mapping with these names; raises InputError when a name is unknown."""
-        if isinstance(ranges, RandomisationRanges):
+        if isinstance(ranges, RandomizationRanges):
             return ranges
         known = [range_field.name for range_field in fields(cls)]
         for name in ranges or {}:
             if name not in known:
-                raise InputError(f"randomise has no '{name}'; allowed: {', '.join(known)}")
+                raise InputError(f"domain_randomization has no '{name}'; allowed: {', '.join(known)}")
         return cls(**(ranges or {}))
 
 
@@ -81,36 +81,40 @@ def _parse_range(name: str, value: Any) -> Range:
     try:
         low, high = (float(end) for end in value)
     except (TypeError, ValueError):
-        raise InputError(f"randomise draws {name} from {value!r}; allowed: two numbers") from None
+        raise InputError(
+            f"domain_randomization has {name} = {value!r}; allowed: two numbers, lower limit first"
+        ) from None
     if not -np.inf < low <= high < np.inf:
-        raise InputError(f"randomise draws {name} from {low:g} to {high:g}; allowed: a finite, increasing range")
+        raise InputError(
+            f"domain_randomization has {name} = ({low:g}, {high:g}); allowed: two finite numbers, lower limit first"
+        )
     return low, high
 
 
 @dataclass(frozen=True)
 class Episode:
-    """Sample of one episode."""
+    """Sampled rig and device parameters of one episode."""
 
     rig_index: int
-    """Index of the rig in :class:`DomainRandomiser`."""
+    """Index of the rig in :class:`DomainRandomizer`."""
     parameters: DeviceParameters
     """Parameters of the device."""
-    drawn_values: Mapping[str, float]
+    sampled_values: Mapping[str, float]
     """Sampled values; keys include units."""
 
 
-class DomainRandomiser:
+class DomainRandomizer:
     """Sampler of the episodes of one device and subject."""
 
-    def __init__(self, device: Device, options: GaitOptions, randomise: RandomisationRanges, interval: float) -> None:
+    def __init__(self, device: Device, options: GaitOptions, ranges: RandomizationRanges, interval: float) -> None:
         """Set up the sampler; raises InputError when device or rig do not support a range throughout."""
-        self._randomisation, self._options, self._interval = randomise, options, interval
-        self.device = add_mean_effects(device, randomise.effects)
+        self._ranges, self._options, self._interval = ranges, options, interval
+        self.device = add_mean_effects(device, ranges.effects)
         """Nominal device, with the randomised effects at the middle of their ranges."""
         self._parameter_ranges = self._build_parameter_ranges()
         for key, ends in self._parameter_ranges.items():
             for end in ends:
-                self.device.with_changes({key: end}, "randomise")
+                self.device.with_changes({key: end}, "domain_randomization")
         self._option_grids = self._build_option_grids()
         nominal_rig = build_gait_rig(self.device, options, interval)
         self.gait_rigs: list[GaitRig] = [nominal_rig]
@@ -128,21 +132,21 @@ class DomainRandomiser:
         self._rig_indices: dict[tuple[float, ...], int] = {}
 
     def sample(self, rng: np.random.Generator) -> Episode:
-        """Return an episode; draws no random number without ranges."""
-        drawn_values, rig_index, parameters = {}, 0, self.device.parameters
+        """Return an episode; without ranges, no random number is generated."""
+        sampled_values, rig_index, parameters = {}, 0, self.device.parameters
         if self._option_grids:
             grid_values = [float(grid[rng.integers(GRID_SIZE)]) for grid in self._option_grids.values()]
-            rig_index, drawn_values = (
+            rig_index, sampled_values = (
                 self._get_rig_index(tuple(grid_values)),
                 dict(zip(self._option_grids, grid_values, strict=True)),
             )
         if self._parameter_ranges:
             changes = {key: float(rng.uniform(*ends)) for key, ends in self._parameter_ranges.items()}
-            parameters = self.device.with_changes(changes, "randomise").parameters
-            drawn_values |= changes
-        return Episode(rig_index, parameters, drawn_values)
+            parameters = self.device.with_changes(changes, "domain_randomization").parameters
+            sampled_values |= changes
+        return Episode(rig_index, parameters, sampled_values)
 
-    def field_value(self, episode: Episode, name: str) -> Any:
+    def get_field_value(self, episode: Episode, name: str) -> Any:
         """Return the value of the model field ``name`` in ``episode``."""
         if name != PARAMETER_FIELD:
             return self._rig_field_values[episode.rig_index][name]
@@ -153,7 +157,7 @@ class DomainRandomiser:
     def apply(self, episode: Episode, model: mujoco.MjModel) -> GaitRig:
         """Apply ``episode`` to ``model``, a copy of the nominal model, and return its rig."""
         for name in self.varying_fields:
-            _get_model_field(model, name)[:] = self.field_value(episode, name)
+            _get_model_field(model, name)[:] = self.get_field_value(episode, name)
         return replace(
             self.gait_rigs[episode.rig_index],
             model=model,
@@ -182,10 +186,10 @@ class DomainRandomiser:
         return {name: np.array(_get_model_field(model, name)) for name in self._rig_fields}
 
     def _build_option_grids(self) -> dict[str, np.ndarray]:
-        ranges, mass = self._randomisation, self._options.mass
+        ranges, mass = self._ranges, self._options.mass
         ranges_by_option: dict[str, Range | None] = {
-            "mass_kg": (mass * (1.0 - ranges.mass_share), mass * (1.0 + ranges.mass_share))
-            if ranges.mass_share
+            "mass_kg": (mass * (1.0 - ranges.mass_fraction), mass * (1.0 + ranges.mass_fraction))
+            if ranges.mass_fraction
             else None,
             "speed_m_per_s": ranges.speed_m_per_s,
             "slope_deg": ranges.slope_deg,
@@ -197,13 +201,14 @@ class DomainRandomiser:
         allowed_keys = [
             key for key, value in values.items() if isinstance(value, float) and not key.startswith("mounting.")
         ]
-        for key, fraction in self._randomisation.device.items():
+        for key, fraction in self._ranges.device.items():
             if key not in allowed_keys:
                 raise InputError(
-                    f"randomise cannot vary '{key}' of '{self.device.name}'; allowed: {', '.join(allowed_keys)}"
+                    f"domain_randomization cannot vary '{key}' of '{self.device.name}'; allowed: "
+                    f"{', '.join(allowed_keys)}"
                 )
             ranges[key] = (values[key] * (1.0 - fraction), values[key] * (1.0 + fraction))
-        for effect, content in self._randomisation.effects.items():
+        for effect, content in self._ranges.effects.items():
             parameter_ranges = {key: value for key, value in content.items() if key != "form"}
             ranges |= {f"effects.{effect}.{key}": _parse_range(key, value) for key, value in parameter_ranges.items()}
         return ranges
@@ -216,7 +221,7 @@ def add_mean_effects(device: Device, effects: Mapping[str, Mapping[str, Any]]) -
     """
     if not effects:
         return device
-    keys = tomllib.loads(device.content.decode("utf-8-sig"))
+    document = parse_toml(device.content, f"device {device.name}")
     for name, content in effects.items():
         if catalogue.find_form(name, None)[0].kind == "body":
             raise InputError(
@@ -226,9 +231,9 @@ def add_mean_effects(device: Device, effects: Mapping[str, Mapping[str, Any]]) -
         mean_values = {
             key: value if key == "form" else 0.5 * sum(_parse_range(key, value)) for key, value in content.items()
         }
-        keys.setdefault("effects", {})[name] = keys.get("effects", {}).get(name, {}) | mean_values
+        document.setdefault("effects", {})[name] = document.get("effects", {}).get(name, {}) | mean_values
     return Device.from_spec(
-        parse_device_spec(keys, f"{device.name}, with effects to randomise"), format_toml(keys).encode()
+        parse_device_spec(document, f"{device.name} with randomised effects"), format_toml(document).encode()
     )
 
 

@@ -8,7 +8,6 @@ energy balance of a recording at every step. The difference, including the work 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.device.batch_outputs import N_OUTPUTS, BatchOutputs
 from klute_sim.device.dynamics import (
@@ -20,9 +19,7 @@ from klute_sim.device.dynamics import (
 )
 from klute_sim.device.energy.outputs import DeviceOutputs
 from klute_sim.laws import pneumatic_step
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from klute_sim.types import Array, Mask
 
 
 @dataclass(frozen=True)
@@ -46,17 +43,15 @@ class EnergyAccounting:
 
     def __init__(self, parameters: DeviceParameters, n_simulations: int, backend: str) -> None:
         """Set up the accounting with the ``backend`` in use, ``compiled`` or ``python``."""
-        self._snapshots = BatchOutputs(parameters, backend)
+        self._batch_outputs = BatchOutputs(parameters, backend)
         self._supply_is_metered = not pneumatic_step.is_ideal(apply_supply_effects(parameters, ZERO_INTERNAL_STATE))
         self._has_internal_state = has_internal_state(parameters)
-        self._previous_outputs, self._previous_lengths = (
-            np.zeros((n_simulations, self._snapshots.n_columns)),
-            np.zeros((n_simulations, 2)),
-        )
+        self._previous_outputs = np.zeros((n_simulations, self._batch_outputs.n_columns))
+        self._previous_lengths = np.zeros((n_simulations, 2))
 
     def set_parameters(self, index: int, parameters: DeviceParameters) -> None:
         """Set the device of simulation ``index`` from its next reset on; all devices have the same effects."""
-        self._snapshots.set_parameters(index, parameters, len(self._previous_outputs))
+        self._batch_outputs.set_parameters(index, parameters, len(self._previous_outputs))
 
     def reset(self, mask: Mask, device_states: DeviceStates) -> None:
         """Restart the accounting of the simulations in ``mask``."""
@@ -69,10 +64,8 @@ class EnergyAccounting:
         Work is positive where a part delivers it. Only the simulations in ``mask`` advance.
         """
         outputs, lengths = self._evaluate(device_states)
-        mean_columns, muscle_travel, unit_travel = (
-            0.5 * (outputs + self._previous_outputs),
-            *(lengths - self._previous_lengths).T,
-        )
+        mean_columns = 0.5 * (outputs + self._previous_outputs)
+        muscle_travel, unit_travel = (lengths - self._previous_lengths).T
         mean_outputs, after, before = (
             DeviceOutputs(*columns.T[:N_OUTPUTS]) for columns in (mean_columns, outputs, self._previous_outputs)
         )
@@ -83,7 +76,7 @@ class EnergyAccounting:
             "work_bladder_j": before.bladder_energy - after.bladder_energy,
             "work_tendon_j": before.tendon_energy - after.tendon_energy,
         }
-        for k, name in enumerate(self._snapshots.effect_names):
+        for k, name in enumerate(self._batch_outputs.effect_names):
             muscle_side, tendon_side = mean_columns[:, N_OUTPUTS + 2 * k], mean_columns[:, N_OUTPUTS + 2 * k + 1]
             work[f"work_effect_{name}_j"] = -muscle_side * muscle_travel - tendon_side * (unit_travel - muscle_travel)
         delivered_work = -mean_outputs.tension * unit_travel
@@ -95,7 +88,7 @@ class EnergyAccounting:
             "work_delivered_j": delivered_work,
             "air_g": 1e3 * np.fmax(air_drawn, 0.0),
             "air_leaked_g": 1e3 * (after.air_leaked - before.air_leaked),
-            "air_held_g": 1e3 * after.air_mass,
+            "air_mass_g": 1e3 * after.air_mass,
         }
         self._previous_outputs[mask], self._previous_lengths[mask] = outputs[mask], lengths[mask]
         return {name: np.asarray(value) for name, value in result.items()}
@@ -112,4 +105,4 @@ class EnergyAccounting:
         internal_state = (
             device_states.internal_state if self._has_internal_state else np.zeros((len(states), N_INTERNAL_STATES))
         )
-        return self._snapshots.evaluate(states, internal_state), states[:, [1, 3]]
+        return self._batch_outputs.evaluate(states, internal_state), states[:, [1, 3]]

@@ -14,17 +14,16 @@ from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.envs.tasks import reward
 from klute_sim.envs.tasks.actions import ActionDecoder, select_action_kind
-from klute_sim.envs.tasks.domain_randomization import DomainRandomiser, Episode, RandomisationRanges
+from klute_sim.envs.tasks.domain_randomization import DomainRandomizer, Episode, RandomizationRanges
 from klute_sim.envs.tasks.energy_accounting import DeviceStates, EnergyAccounting
 from klute_sim.envs.tasks.instruments import N_MEASURED, Instruments
 from klute_sim.envs.tasks.options import TaskOptions
 from klute_sim.errors import InputError
 from klute_sim.gait.body import PROSTHESIS_PREFIX
 from klute_sim.gait.rig.setup import MAX_PATH_DEVIATION, GaitOptions, GaitRig
+from klute_sim.types import Array, Mask
 from klute_sim.units import BAR
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Rngs = Sequence[np.random.Generator]
 
 CONTROL_INTERVAL = 0.01
@@ -108,10 +107,10 @@ class GaitTask:
             raise InputError(
                 f"time_step is {1e3 * gait_options.dt:g} ms; allowed: divisors of {1e3 * CONTROL_INTERVAL:g} ms"
             )
-        self.randomiser = DomainRandomiser(
-            device, gait_options, RandomisationRanges.from_mapping(options.randomise), CONTROL_INTERVAL
+        self.randomizer = DomainRandomizer(
+            device, gait_options, RandomizationRanges.from_mapping(options.domain_randomization), CONTROL_INTERVAL
         )
-        rig = self.randomiser.gait_rigs[0]
+        rig = self.randomizer.gait_rigs[0]
         parameters, model, joint = rig.actuator.parameters, rig.model, rig.model.joint(PROSTHESIS_PREFIX + "ankle")
         self._actuator, self._strides = rig.actuator, gait_options.strides
         self._angle_index, self._dof_index = int(joint.qposadr[0]), int(joint.dofadr[0])
@@ -119,12 +118,10 @@ class GaitTask:
         self._stop_sensor_index = int(model.sensor(PROSTHESIS_PREFIX + "ankle_stop").adr[0])
         # One vector holds the states of drives and device.
         self._pressure_index, self._length_index = rig.actuator.act_address, rig.actuator.act_address + 1
-        self._weights, self._command_is_opening = (
-            reward.resolve_weights(options.reward),
-            parameters.supply.command_is_opening != 0.0,
-        )
+        self._weights = reward.resolve_weights(options.reward)
+        self._command_is_opening = parameters.supply.command_is_opening != 0.0
         self._stride_tables, self._rig_index = StrideTables(), np.zeros(n_simulations, dtype=np.int64)
-        self._stride_tables.add_rigs(self.randomiser.gait_rigs)
+        self._stride_tables.add_rigs(self.randomizer.gait_rigs)
         self._resting_length = np.full(n_simulations, parameters.muscle.resting_length)
         self._energy = EnergyAccounting(parameters, n_simulations, backend)
         self._instruments = Instruments(
@@ -158,7 +155,7 @@ class GaitTask:
         """
         return self._action_decoder.schedule_commands(command, mask)
 
-    def drive_command_rates(self) -> Array:
+    def get_drive_command_rates(self) -> Array:
         """Return the command rates of the drives in the next interval, shape (n, 6)."""
         return np.asarray(
             self._stride_tables.command_rates[self._rig_index, self.elapsed_intervals % self._commands_per_stride()]
@@ -166,11 +163,11 @@ class GaitTask:
 
     def assign_episode(self, index: int, episode: Episode) -> None:
         """Assign ``episode`` to simulation ``index`` from its next reset on."""
-        self._stride_tables.add_rigs(self.randomiser.gait_rigs)
+        self._stride_tables.add_rigs(self.randomizer.gait_rigs)
         self._rig_index[index] = episode.rig_index
-        self._sensors.assign_gait_rig(index, self.randomiser.gait_rigs[episode.rig_index])
+        self._sensors.assign_gait_rig(index, self.randomizer.gait_rigs[episode.rig_index])
         parameters: DeviceParameters = episode.parameters
-        if parameters is not self.randomiser.device.parameters:
+        if parameters is not self.randomizer.device.parameters:
             self._resting_length[index] = parameters.muscle.resting_length
             self._energy.set_parameters(index, parameters)
             self._action_decoder.set_parameters(index, parameters)

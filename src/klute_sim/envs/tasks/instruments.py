@@ -7,9 +7,7 @@ from numpy.typing import NDArray
 
 from klute_sim.gait.rig.sensors import ProsthesisSensors
 from klute_sim.gait.rig.setup import GaitRig
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from klute_sim.types import Array, Mask
 
 OBSERVATIONS = (
     # name, unit, lowest, highest, typical noise

@@ -9,7 +9,7 @@ from klute_sim.controllers.pressure import PressureProfile
 from klute_sim.device.device import Device, load_device
 from klute_sim.envs.tasks import reward
 from klute_sim.envs.tasks.actions import ACTION_KINDS
-from klute_sim.envs.tasks.domain_randomization import RandomisationRanges
+from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
 from klute_sim.errors import InputError
 
 MAX_RESIDUAL_BAR = 20.0
@@ -36,7 +36,7 @@ class TaskOptions:
     """Sensor delay in whole intervals."""
     reward: Mapping[str, float] | None = None
     """Weights that replace those of :data:`klute_sim.envs.tasks.reward.DEFAULT_WEIGHTS`."""
-    randomise: RandomisationRanges | Mapping[str, Any] | None = None
+    domain_randomization: RandomizationRanges | Mapping[str, Any] | None = None
     """Ranges of the domain randomisation."""
     reset_noise: float = 0.02
     """Largest initial deviation of the ankle angle from the reference [rad]."""
@@ -56,7 +56,7 @@ class TaskOptions:
         if not 0.0 <= self.reset_noise <= MAX_RESET_NOISE:
             raise InputError(f"reset_noise is {self.reset_noise:g}; allowed: 0 to {MAX_RESET_NOISE:g} rad")
         reward.resolve_weights(self.reward)
-        object.__setattr__(self, "randomise", RandomisationRanges.from_mapping(self.randomise))
+        object.__setattr__(self, "domain_randomization", RandomizationRanges.from_mapping(self.domain_randomization))
 
 
 def resolve_device(device: Device | str | Path) -> Device:

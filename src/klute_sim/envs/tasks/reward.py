@@ -4,11 +4,9 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.errors import InputError
-
-Array = NDArray[np.float64]
+from klute_sim.types import Array
 
 DEFAULT_WEIGHTS: Mapping[str, float] = {
     "moment": 0.4,

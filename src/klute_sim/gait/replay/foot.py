@@ -1,4 +1,4 @@
-"""The foot that a device is replayed on."""
+"""The foot of the prosthesis in a replay."""
 
 from klute_sim.device.device import Device
 from klute_sim.gait.body import read_foot
@@ -6,7 +6,7 @@ from klute_sim.gait.rig.build import MODEL_MASS, MODEL_STATURE, build_gait_model
 from klute_sim.laws.foot import Foot
 
 MODEL_TIME_STEP = 5e-4
-"""Time step of the model that the numbers are read from [s]; no number depends on it."""
+"""Time step of the model from which the foot is read [s]; the foot does not depend on it."""
 
 
 def build_device_foot(device: Device) -> Foot:

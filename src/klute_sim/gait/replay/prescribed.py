@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
-from klute_sim.datasets.trial import Series
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.errors import InputError
 from klute_sim.gait.replay.rollout import ReplayInputs
 from klute_sim.types import Array
@@ -39,15 +39,15 @@ class PrescribedMotion(NamedTuple):
     """Forward position of the ankle [m]."""
     ankle_z: CubicSpline
     """Height of the ankle [m]."""
-    ground_moment: Series
+    ground_moment: TimeSeries
     """Moment of the ground reaction about the ankle, plantarflexion positive [N.m]."""
-    axial_force: Series
+    axial_force: TimeSeries
     """Ground reaction along the pylon, up positive [N]."""
-    shear_force: Series
+    shear_force: TimeSeries
     """Ground reaction across the pylon, backward positive [N]."""
-    vertical_load: Series
+    vertical_load: TimeSeries
     """Vertical ground reaction [N]."""
-    pressure_command: Series
+    pressure_command: TimeSeries
     """Commanded gauge pressure [Pa]."""
     start_time: float
     """First time at which all channels are known [s]."""
@@ -81,7 +81,7 @@ class PrescribedMotion(NamedTuple):
 
 
 def prepare_prescribed_motion(
-    channels: Mapping[str, Series], source: str, *, cutoff: float = CUTOFF_FREQUENCY_HZ
+    channels: Mapping[str, TimeSeries], source: str, *, cutoff: float = CUTOFF_FREQUENCY_HZ
 ) -> PrescribedMotion:
     """Return the prescribed motion and load of a gait trial.
 
@@ -115,9 +115,9 @@ def prepare_prescribed_motion(
         shank_angle=motion["shank_angle"],
         ankle_x=motion["ankle_x"],
         ankle_z=motion["ankle_z"],
-        ground_moment=Series(vertical.time, np.asarray(moment)),
-        axial_force=Series(vertical.time, np.asarray(cosine * vertical.value + sine * forward_force)),
-        shear_force=Series(vertical.time, np.asarray(sine * vertical.value - cosine * forward_force)),
+        ground_moment=TimeSeries(vertical.time, np.asarray(moment)),
+        axial_force=TimeSeries(vertical.time, np.asarray(cosine * vertical.value + sine * forward_force)),
+        shear_force=TimeSeries(vertical.time, np.asarray(sine * vertical.value - cosine * forward_force)),
         vertical_load=vertical,
         pressure_command=channels["pressure_command"],
         start_time=float(max(series.time[0] for series in channels.values())),
@@ -125,7 +125,7 @@ def prepare_prescribed_motion(
     )
 
 
-def _fit_low_pass_spline(series: Series, cutoff: float) -> CubicSpline:
+def _fit_low_pass_spline(series: TimeSeries, cutoff: float) -> CubicSpline:
     """Return a spline through the low-pass filtered samples at equal intervals."""
     interval = series.sampling_interval
     time = np.arange(series.time[0], series.time[-1] + 0.5 * interval, interval)

@@ -1,10 +1,10 @@
 """Simulate the prosthesis on a shank with prescribed motion.
 
 With a prescribed base, the ankle is the only free coordinate. A time step is therefore the implicit step of the device
-and one equation (:mod:`klute_sim.laws.foot`). Compiled, a step takes 0.9 us. MuJoCo takes 5 us, because Python moves
-its base, and holds Python's lock; here, trials are simulated on all cores. The model neglects the heel spring. Compared
-with a gait run of the rig at the same time step, this changes the ankle angle by 0.005 degrees and the tension by 0.2 N
-(rms, a test).
+and one equation (:mod:`klute_sim.laws.foot`). Compiled, a step takes 0.9 us and releases Python's lock, so trials are
+simulated on all cores. MuJoCo takes 5 us and holds the lock, because Python moves its base. The model neglects the heel
+spring. Compared with a gait run of the rig at the same time step, this changes the ankle angle by 0.005 degrees and the
+tension by 0.2 N (rms, tested).
 """
 
 import inspect
@@ -96,22 +96,24 @@ def integrate(
     before, angle, velocity, keel_angle = DeviceState(pressure, length, internal_state), 0.0, 0.0, 0.0
     for n in range(-n_settling_steps, len(inputs)):
         k = max(n, 0)
-        now = inputs[k]
-        base = (
-            FootInputs(now[0], now[1], now[2], now[3], now[4]) if n >= 0 else FootInputs(now[0], 0.0, 0.0, 0.0, now[4])
+        sample = inputs[k]
+        foot_inputs = (
+            FootInputs(sample[0], sample[1], sample[2], sample[3], sample[4])
+            if n >= 0
+            else FootInputs(sample[0], 0.0, 0.0, 0.0, sample[4])
         )
-        ground_moment = base.ground_moment + _foot.socket_displacement(foot, base, now[5]) * now[6]
-        base = FootInputs(
-            base.shank_angle,
-            base.shank_angular_acceleration,
-            base.ankle_acceleration_x,
-            base.ankle_acceleration_z,
+        ground_moment = foot_inputs.ground_moment + _foot.socket_displacement(foot, foot_inputs, sample[5]) * sample[6]
+        foot_inputs = FootInputs(
+            foot_inputs.shank_angle,
+            foot_inputs.shank_angular_acceleration,
+            foot_inputs.ankle_acceleration_x,
+            foot_inputs.ankle_acceleration_z,
             ground_moment,
         )
         unit_length = _foot.unit_length(foot, angle)
         after = advance_state(parameters, before, unit_length, interpolate_samples(command, n - delay_steps), dt)
         tension = compute_tension(parameters, after, unit_length, (after.length - before.length) / dt)
-        ankle = _foot.step_ankle(foot, angle, velocity, tension, base, dt)
+        ankle = _foot.step_ankle(foot, angle, velocity, tension, foot_inputs, dt)
         keel_angle = _foot.step_keel_angle(foot, keel_angle, ankle.moment, dt)
         out[k, 0], out[k, 1], out[k, 2] = tension, after.pressure, after.length
         out[k, 3], out[k, 4] = keel_angle - angle, ankle.moment

@@ -102,8 +102,8 @@ def _compute_achilles_origin(device: Device, spec: mujoco.MjSpec, scale: float) 
         )
     origin = np.array(spec.site(PROSTHESIS_PREFIX + "achilles_origin").pos, dtype=np.float64)
     insertion = np.asarray(spec.site(PROSTHESIS_PREFIX + "achilles_insertion").pos, dtype=np.float64)
-    across = np.hypot(origin[0] - insertion[0], origin[1] - insertion[1])
-    origin[2] = insertion[2] + np.sqrt(length * length - across * across)
+    horizontal_distance = np.hypot(origin[0] - insertion[0], origin[1] - insertion[1])
+    origin[2] = insertion[2] + np.sqrt(length * length - horizontal_distance * horizontal_distance)
     return origin
 
 

@@ -22,7 +22,7 @@ class PressureCommands:
         Raises InputError when the interval of a feedback controller is not a multiple of the time step.
         """
         self.pressures: Array = np.empty(n_steps)
-        """Commanded gauge pressure [Pa] at each time step; with a feedback controller, up to the present one."""
+        """Commanded gauge pressure [Pa] at each time step; with a feedback controller, known up to the current one."""
         self._n_known, self._controller = 0, None
         if isinstance(controller, PressureController):
             stride = np.array([controller.pressure_at(float(phase)) for phase in gait_rig.phase])
@@ -41,7 +41,7 @@ class PressureCommands:
         controller.reset()
 
     def update(self, index: int, data: mujoco.MjData) -> float:
-        """Return the commanded gauge pressure [Pa] at time step ``index``, at whose start ``data`` is."""
+        """Return the commanded gauge pressure [Pa] at time step ``index``; ``data`` is the simulation at its start."""
         if index >= self._n_known and self._controller is not None:
             if index > 0:
                 self._sensors.update_phase(self._sensors.measure_load(data.sensordata[None]), _ALL_SIMULATIONS)

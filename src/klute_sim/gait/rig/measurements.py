@@ -79,7 +79,7 @@ class GaitMeasurements:
         are those after it.
         """
         actuator, parameters = self._actuator, self._actuator.parameters
-        tension = actuator.tension(data)
+        tension = actuator.get_tension(data)
 
         angle, rate = (
             float(qpos[self._ankle_qpos_index]),
@@ -111,7 +111,7 @@ class GaitMeasurements:
             moment * foot_rate,
             actuator_moment * rate,
             self._compute_moment_arm(data),
-            actuator.unit_length(data),
+            actuator.get_unit_length(data),
             device_state.length,
             device_state.pressure / BAR,
             tension,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from klute_sim.controllers.parse import Controller
 from klute_sim.device.delay import DelayLine
-from klute_sim.device.device import Device, check_takes_pressure
+from klute_sim.device.device import Device, check_accepts_pressure
 from klute_sim.device.dynamics import get_dead_time
 from klute_sim.device.energy.ledger import EnergyRecorder
 from klute_sim.errors import InputError, SimulationError
@@ -63,7 +63,7 @@ def simulate_gait(
     Raises InputError when the device does not fit into the rig. Raises SimulationError when the rig leaves its path.
     """
     options = options or GaitOptions()
-    check_takes_pressure(device, "the controller")
+    check_accepts_pressure(device, "the controller")
     gait_rig = build_gait_rig(device, options, options.dt)
     model, actuator, steps_per_stride = gait_rig.model, gait_rig.actuator, gait_rig.commands_per_stride
     data, n_steps, n_drives = mujoco.MjData(model), steps_per_stride * options.strides, len(DRIVE_ACTUATORS)
@@ -93,10 +93,10 @@ def simulate_gait(
                     f"{k // steps_per_stride + 1}): device '{device.name}', {options.mass:g} kg, "
                     f"{gait_rig.trajectory.speed:.2f} m/s"
                 )
-            after = actuator.state_after_step(model, data, before)
+            after = actuator.compute_state_after_step(model, data, before)
             muscle_velocity = (after.length - before.length) / options.dt
             samples[k] = measurements.measure(data, qpos, qvel, after, muscle_velocity)
-            energy.record_sample(k, after, actuator.unit_length(data), muscle_velocity)
+            energy.record_sample(k, after, actuator.get_unit_length(data), muscle_velocity)
             if k % PROGRESS_INTERVAL_STEPS == 0:
                 progress(k / n_steps, "simulating gait")
     progress(1.0, "simulating gait")
@@ -130,7 +130,7 @@ def _build_recording(
         columns.append((f"{name} [{unit}]", factors[unit] * reference(column, phase)))
     for name, unit, column in REFERENCE_DEVIATIONS:
         if reference.has_column(column):
-            columns.append((f"{name} [{unit}]", factors[unit] * reference.standard_deviation(column, phase)))
+            columns.append((f"{name} [{unit}]", factors[unit] * reference.compute_standard_deviation(column, phase)))
     return Recording.from_columns(columns, _collect_provenance(device, controller, gait_rig, backend))
 
 

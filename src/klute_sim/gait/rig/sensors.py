@@ -4,22 +4,19 @@ All quantities are arrays with one entry per simulation, so that one gait run an
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.constants import GRAVITY
 from klute_sim.controllers.feedback import SensorReadings
 from klute_sim.gait.body import PROSTHESIS_PREFIX
 from klute_sim.gait.rig.setup import GaitRig
-from klute_sim.types import Array
+from klute_sim.types import Array, Mask
 from klute_sim.units import BAR
-
-Mask = NDArray[np.bool_]
 
 FOOT_STRIKE_LOAD_BW, TOE_OFF_LOAD_BW = 0.10, 0.05
 """Loads [body weights] above which a foot strike and below which a toe-off is detected."""
 MIN_STRIDE_FRACTION, MAX_STRIDE_FRACTION, FIRST_STRIKE_FRACTION = 0.6, 1.6, 0.1
-"""Fractions of the nominal stride time: the shortest and the longest estimate of a stride time, and the time until
-which a strike is that of the first stride."""
+"""Fractions of the nominal stride time: the shortest and the longest estimate of a stride time, and the
+time until which a foot strike belongs to the first stride."""
 
 
 class ProsthesisSensors:
@@ -63,7 +60,7 @@ class ProsthesisSensors:
         self._time_since_strike += self._interval * mask
         strikes = mask & ~self._in_stance & (load > FOOT_STRIKE_LOAD_BW)
         if strikes.any():
-            # A bounce is not a new stride; the nominal stride time is accurate enough to tell them apart.
+            # A bounce is not a new stride; the nominal stride time is accurate enough to distinguish them.
             nominal = self._nominal_stride_time
             new_strides = strikes & (self._time_since_strike > MIN_STRIDE_FRACTION * nominal)
             stride_time = np.minimum(self._time_since_strike, MAX_STRIDE_FRACTION * nominal)

@@ -29,7 +29,7 @@ from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.types import Array
 
 DRIVE_ACTUATORS = ("carriage_x", "carriage_z", "thigh", "knee", "push", "lift")
-"""Actuators of the model that the rig commands; the first four are servos."""
+"""Actuators that the rig commands; the first four are position servos, the last two are forces."""
 MAX_PATH_DEVIATION = 0.3
 """Maximum vertical distance of the carriage from its path [m]; beyond it the results are meaningless."""
 
@@ -70,7 +70,7 @@ class GaitOptions:
             ("time step", 1e3 * self.dt, 0.01, 1.0, "ms"),
         ]
         for name, value, lower, upper, unit in limits:
-            if value is not None and not lower <= value <= upper:  # also refuses NaN
+            if value is not None and not lower <= value <= upper:  # also rejects NaN
                 raise InputError(f"{name} is {value:g}; allowed: {lower:g} to {upper:g} {unit}".rstrip())
         if self.strides != int(self.strides):
             raise InputError(f"strides is {self.strides:g}; allowed: a whole number")
@@ -199,4 +199,4 @@ def reset_gait_rig(gait_rig: GaitRig, data: mujoco.MjData, pressure: float, ankl
     data.act[: len(DRIVE_ACTUATORS)] = gait_rig.commands[0]
     mujoco.mj_forward(gait_rig.model, data)
     actuator = gait_rig.actuator
-    actuator.set_state(data, compute_taut_state(actuator.parameters, actuator.unit_length(data), pressure))
+    actuator.set_state(data, compute_taut_state(actuator.parameters, actuator.get_unit_length(data), pressure))

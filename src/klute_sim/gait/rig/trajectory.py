@@ -27,9 +27,9 @@ STANCE_KNOT_PHASES = np.array(
 """Phases at which the hip has contact height, for a reference with toe-off at :data:`KNOT_TOE_OFF_PHASE`.
 
 After the last of them the foot leaves the ground, independent of the ankle. With a last phase of 0.59, the net moment
-is zero from 60 % on, which alone is 0.35 standard deviations from the reference."""
+would be zero from 60 % on; this alone would deviate from the reference by 0.35 standard deviations."""
 SWING_KNOT_PHASES = np.array([0.70, 0.80, 0.88, 0.94, 1.0])
-"""Phases of the hip height in swing, for the same reference."""
+"""Phases of the hip height in swing, for a reference with toe-off at :data:`KNOT_TOE_OFF_PHASE`."""
 KNOT_TOE_OFF_PHASE = 0.633
 """Toe-off phase that the knot phases belong to."""
 STANCE_CLEARANCE = 0.5e-3
@@ -107,7 +107,7 @@ def compute_knee_angle(reference: Reference, phase: Array, derivative: int = 0) 
 def plan_hip_trajectory(
     reference: Reference, leg: LegGeometry, stride_time: float, speed: float | None = None, slope: float = 0.0
 ) -> HipTrajectory:
-    """Return the motion of the hip that walks ``reference`` with ``leg``, in the frame of the ground.
+    """Return the motion of the hip for the gait ``reference`` with ``leg``, in the frame of the ground.
 
     The angles of the reference and the leg determine the distance per stride. ``stride_time`` [s] then determines the
     speed; a chosen ``speed`` [m/s] determines the stride time instead. ``reference`` is already that of the ``slope``
@@ -121,13 +121,12 @@ def plan_hip_trajectory(
     ankle = leg.compute_ankle_height(pitch)
     hip_above_ankle = leg.shank * np.cos(shank) + leg.thigh * np.cos(thigh)
     contact, swing_contact = ankle + hip_above_ankle, leg.compute_ankle_height(pitch + slope) + hip_above_ankle
-    level = ankle + leg.shank * np.cos(shank - slope) + leg.thigh * np.cos(thigh - slope)
+    level_height = ankle + leg.shank * np.cos(shank - slope) + leg.thigh * np.cos(thigh - slope)
 
     # Hiking is computed on level ground.
-    lowered = np.minimum(shank - pitch - slope, math.radians(MAX_PASSIVE_DORSIFLEXION_DEG))
-    hike = _compute_hip_hike(
-        reference, level, level - ankle + leg.compute_ankle_height(shank - slope - lowered), leg.scale
-    )
+    passive_dorsiflexion = np.minimum(shank - pitch - slope, math.radians(MAX_PASSIVE_DORSIFLEXION_DEG))
+    passive_height = level_height - ankle + leg.compute_ankle_height(shank - slope - passive_dorsiflexion)
+    hike = _compute_hip_hike(reference, level_height, passive_height, leg.scale)
 
     # Forward speed per cycle [m]: the foot rolls under the ankle, and the leg swings over it.
     hip_offset = -leg.thigh * np.sin(thigh) - leg.shank * np.sin(shank)
@@ -139,7 +138,7 @@ def plan_hip_trajectory(
     return HipTrajectory(
         stride_time=stride_time,
         speed=float(per_cycle.mean()) / stride_time,
-        height=_fit_hip_height(reference, contact, swing_contact, swing_contact - level, leg.scale, hike),
+        height=_fit_hip_height(reference, contact, swing_contact, swing_contact - level_height, leg.scale, hike),
         velocity=forward,
         travel=forward.antiderivative(),
     )
@@ -184,10 +183,10 @@ def _compute_hip_hike(reference: Reference, level_height: Array, passive_height:
     low, high = _scale_knots(reference, np.array(CLEARANCE_PHASES))
     nearest = np.abs(np.subtract.outer(PHASE_GRID, knots)).argmin(axis=1)
     for _ in range(8):
-        path = _fit_hip_height(reference, level_height, level_height, np.zeros(len(PHASE_GRID)), scale, hike)
+        hip_height = _fit_hip_height(reference, level_height, level_height, np.zeros(len(PHASE_GRID)), scale, hike)
         shortfall = np.where(
             (low <= PHASE_GRID) & (high >= PHASE_GRID),
-            MIN_TOE_CLEARANCE * scale - (path(PHASE_GRID) - passive_height),
+            MIN_TOE_CLEARANCE * scale - (hip_height(PHASE_GRID) - passive_height),
             0.0,
         )
         if shortfall.max() <= 1e-4:

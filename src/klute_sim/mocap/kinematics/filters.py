@@ -13,7 +13,7 @@ N_PASSES = 2
 PASS_ORDER = 2
 """Order of one pass; both passes form a fourth-order filter without lag."""
 CUTOFF_CORRECTION = (2.0 ** (1.0 / N_PASSES) - 1.0) ** (1.0 / (2 * PASS_ORDER))
-"""Ratio of the two-pass cut-off to the cut-off of one pass, 0.802 (Winter, Biomechanics and Motor Control of Human
+"""Ratio of the two-pass cutoff to the cutoff of one pass, 0.802 (Winter, Biomechanics and Motor Control of Human
 Movement, 2.2)."""
 MAX_GAP = 0.2
 """Longest gap [s] that is filled by linear interpolation (assumed)."""
@@ -31,7 +31,7 @@ def describe_filter(cutoff: float) -> str:
 def low_pass(samples: Array, rate: float, cutoff: float) -> Array:
     """Return ``samples`` (n, ...) at ``rate`` [Hz], low-pass filtered along the first axis at ``cutoff`` [Hz].
 
-    A cut-off of 0 returns the samples unchanged; leading and trailing NaN remain. Raises InputError if the cut-off is
+    A cutoff of 0 returns the samples unchanged; leading and trailing NaN remain. Raises InputError if the cutoff is
     too high for the rate.
     """
     if cutoff <= 0.0:
@@ -39,7 +39,7 @@ def low_pass(samples: Array, rate: float, cutoff: float) -> Array:
     if cutoff / CUTOFF_CORRECTION >= 0.5 * rate:
         max_cutoff = 0.5 * rate * CUTOFF_CORRECTION
         raise InputError(
-            f"cut-off is {cutoff:g} Hz; allowed at a sampling rate of {rate:g} Hz are 0 (no filter) and values below "
+            f"cutoff is {cutoff:g} Hz; allowed at a sampling rate of {rate:g} Hz are 0 (no filter) and values below "
             f"{max_cutoff:.3g}"
         )
     sections = butter(PASS_ORDER, cutoff / CUTOFF_CORRECTION, fs=rate, output="sos")

@@ -48,11 +48,14 @@ class _BodyColumns:
     """Channels common to both legs."""
 
     pelvis_tilt: Column | None
+    """Tilt of the pelvis; None if unknown."""
     belt_speed: Column | None
+    """Speed of the treadmill belt; None if unknown."""
     walking_speed: float | None
+    """Walking speed [m/s]; None if unknown."""
 
 
-def legs_from_joint_angles(
+def extract_legs_from_joint_angles(
     trial: Sequence[SourceFile], trial_name: str, options: ImportOptions, log: ImportLog
 ) -> list[Leg]:
     """Return the legs of ``trial`` that have knee and ankle angles and a ground reaction."""

@@ -8,7 +8,7 @@ from klute_sim.mocap.formats.trc import Markers
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics import filters, joints
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
-from klute_sim.mocap.parsing.markers import MarkerRoles, WalkingFrame, mean_position
+from klute_sim.mocap.parsing.markers import MarkerRoles, WalkingFrame, compute_mean_position
 from klute_sim.types import Array
 
 MIN_CLUSTER_FRAMES = 20
@@ -76,7 +76,7 @@ def locate_landmarks(
 
     Returns None and logs the reason if markers are missing.
     """
-    heel, toe = (mean_position(markers, roles.select(side, role)) for role in ("heel", "toe"))
+    heel, toe = (compute_mean_position(markers, roles.select(side, role)) for role in ("heel", "toe"))
     knee = _locate_joint(markers, roles, side, "knee", ("thigh",), ("shank",), trial_name, log)
     ankle = _locate_ankle(markers, roles, side, trial_name, log)
     hip = _locate_hip(markers, roles, side, trial_name, log)
@@ -96,10 +96,10 @@ def _locate_hip(markers: Markers, roles: MarkerRoles, side: Side, trial_name: st
     if hip_markers:
         method = "marker (of the greater trochanter, or of the centre)"
         _log_joint_centre(log, trial_name, side, "hip", hip_markers, method)
-        return mean_position(markers, hip_markers)
-    right_asis, left_asis = (mean_position(markers, roles.select(s, "asis")) for s in SIDES)
+        return compute_mean_position(markers, hip_markers)
+    right_asis, left_asis = (compute_mean_position(markers, roles.select(s, "asis")) for s in SIDES)
     posterior = roles.sacrum or (*roles.select("right", "psis"), *roles.select("left", "psis"))
-    mid_psis = mean_position(markers, posterior)
+    mid_psis = compute_mean_position(markers, posterior)
     if right_asis is None or left_asis is None or mid_psis is None:
         return None
     asis_markers = (*roles.select("right", "asis"), *roles.select("left", "asis"))
@@ -129,7 +129,7 @@ def _locate_joint(
     joint_markers = roles.select(side, joint)
     if joint_markers:
         _log_joint_centre(log, trial_name, side, joint, joint_markers, "mean of the joint's markers")
-        return mean_position(markers, joint_markers)
+        return compute_mean_position(markers, joint_markers)
     clusters = [
         tuple(n for role in segment_roles for n in roles.select(side, role))
         for segment_roles in (proximal_roles, distal_roles)

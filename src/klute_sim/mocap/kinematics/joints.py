@@ -2,7 +2,7 @@
 
 The first is the symmetrical centre of rotation estimation (Ehrig et al. 2006, J. Biomech. 39: 2798-2809): the point
 that is at rest in both segments, by least squares over all frames. For a hinge, every point of its axis is a solution;
-the one nearest to the clusters is taken.
+the one nearest to the clusters is returned.
 """
 
 import numpy as np

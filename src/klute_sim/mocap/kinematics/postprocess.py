@@ -48,7 +48,7 @@ def resample_loads(
     sign = conventions.detect_sign(channel_names.GRF_FORWARD, loads.time, loads.forward, contacts)
     if sign is None and any(c.has_foot_strike and c.has_toe_off for c in contacts):
         log.add_warning(
-            f"{trial_name}: the sign of the {side} foot's fore-aft load is unclear; forward was taken as positive"
+            f"{trial_name}: the sign of the {side} foot's fore-aft load is unclear; positive is assumed to be forward"
         )
     forward_raw = (sign or 1) * loads.forward
     if sign is not None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics import filters, from_joint_angles, from_markers, loads
 from klute_sim.mocap.kinematics.loads import GroundReaction
@@ -14,7 +15,6 @@ from klute_sim.mocap.parsing import channel_names, markers
 from klute_sim.mocap.parsing.channel_lookup import Column, apply_given_sign, find_column
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
 from klute_sim.mocap.parsing.sources import SourceFile
-from klute_sim.mocap.parsing.time_sync import Signal
 
 MOTION_CHANNELS = ("shank_angle", "ankle_x", "ankle_z")
 """Channels of the prescribed motion."""
@@ -24,13 +24,13 @@ MOTION_CHANNELS = ("shank_angle", "ankle_x", "ankle_z")
 class ProsthesisKinematics:
     """Unfiltered motion and loads of one trial."""
 
-    channels: Mapping[str, Signal]
+    channels: Mapping[str, TimeSeries]
     """Channels of :data:`MOTION_CHANNELS`: angle [deg], positions [m] in the frame of the loads."""
     loads: Mapping[Side, GroundReaction]
     """Ground reaction of each foot."""
     from_plates: bool
     """Whether the loads come from force plates in the frame of the motion."""
-    ankle_angle: Signal | None = None
+    ankle_angle: TimeSeries | None = None
     """Angle between the shank and the line from heel to toe by markers [deg]."""
 
 
@@ -81,7 +81,7 @@ def extract_kinematics(
     for name, column in columns.items():
         if column is not None:
             values = filters.fill_gaps(apply_given_sign(column, side, log), column.time)
-            channels[name] = Signal(column.time, values)
+            channels[name] = TimeSeries(column.time, values)
     return ProsthesisKinematics(channels, foot_loads, bool(plates))
 
 
@@ -110,11 +110,11 @@ def _extract_from_markers(
     ground_height = _estimate_ground_height(foot_loads[side]) if plates and side in foot_loads else 0.0
     log.add_derived("Shank inclination: line from ankle to knee, in the sagittal plane")
     channels = {
-        "shank_angle": Signal(leg.time, leg.shank_angle),
-        "ankle_x": Signal(leg.time, leg.ankle[:, 0]),
-        "ankle_z": Signal(leg.time, leg.ankle[:, 1] - ground_height),
+        "shank_angle": TimeSeries(leg.time, leg.shank_angle),
+        "ankle_x": TimeSeries(leg.time, leg.ankle[:, 0]),
+        "ankle_z": TimeSeries(leg.time, leg.ankle[:, 1] - ground_height),
     }
-    ankle_angle = Signal(leg.time, leg.shank_angle - leg.foot_pitch)
+    ankle_angle = TimeSeries(leg.time, leg.shank_angle - leg.foot_pitch)
     return ProsthesisKinematics(channels, foot_loads, bool(plates), ankle_angle)
 
 

@@ -63,7 +63,7 @@ class ImportMapping:
     clock_offsets: Mapping[str, float] = field(default_factory=dict)
     """File name -> time offset that is added to its times [s]."""
 
-    def column_names(self, *, prosthesis: bool) -> set[str]:
+    def get_column_names(self, *, prosthesis: bool) -> set[str]:
         """Return the labels of the assigned columns: those of the prosthesis log, or all others."""
         return {c.column for (owner, _), c in self.channels.items() if (owner == PROSTHESIS_SECTION) == prosthesis}
 

@@ -1,6 +1,6 @@
 """Identification of markers by the names of common marker sets, and of the walking frame.
 
-Recognised after the side (``R``, ``L``, ``Right``, ``_r`` ...): Plug-in Gait (``RKNE``, ``RANK``, ``RHEE``), words
+Recognised names, after a side (``R``, ``L``, ``Right``, ``_r`` ...): Plug-in Gait (``RKNE``, ``RANK``, ``RHEE``), words
 (``R ANKLE LAT``, ``R.Heel``) and numbered clusters (``R SHANK 1``). ``--map`` assigns other names.
 """
 
@@ -41,7 +41,7 @@ _ROLE_PATTERNS: tuple[tuple[str, str], ...] = (
 _COMPILED_PATTERNS = tuple((role, re.compile(pattern)) for role, pattern in _ROLE_PATTERNS)
 _SACRUM_PATTERN = re.compile(r"v?sacr(um|al)?")
 MAX_AXIS_DEVIATION = 20.0
-"""Largest angle [deg] between the walking direction and a laboratory axis at which the axis is taken instead."""
+"""Largest angle [deg] between the feet and a laboratory axis at which the axis is used as the walking direction."""
 
 
 @dataclass(frozen=True)
@@ -128,9 +128,9 @@ def find_walking_frame(
         return WalkingFrame(np.array([forward, up, np.cross(forward, up)]), description)
     feet, legs = [], []
     for side in SIDES:
-        heel, toe = (mean_position(markers, roles.select(side, role)) for role in ("heel", "toe"))
+        heel, toe = (compute_mean_position(markers, roles.select(side, role)) for role in ("heel", "toe"))
         upper_names = [n for role in ("shank", "knee", "thigh", "hip", "asis") for n in roles.select(side, role)]
-        upper = mean_position(markers, tuple(upper_names))
+        upper = compute_mean_position(markers, tuple(upper_names))
         if heel is not None and toe is not None and upper is not None:
             visible = np.isfinite(toe + heel + upper).all(axis=1)
             if visible.any():
@@ -156,8 +156,8 @@ def find_walking_frame(
         forward, method = axis, f"{method}, which deviate by {angle:.0f} degrees"
     else:
         log.add_warning(
-            f"{trial_name}: the feet point {angle:.0f} degrees away from the laboratory axes; this was taken as the "
-            "walking direction"
+            f"{trial_name}: the feet point {angle:.0f} degrees away from the laboratory axes; their direction is used "
+            "as the walking direction"
         )
     description = f"forward is {_format_axis(forward)} ({method}), up is {_format_axis(up)} (from heels to legs)"
     frame = WalkingFrame(np.array([forward, up, np.cross(forward, up)]), description)
@@ -168,14 +168,14 @@ def find_walking_frame(
 def _warn_if_sides_swapped(
     markers: Markers, roles: MarkerRoles, frame: WalkingFrame, trial_name: str, log: ImportLog
 ) -> None:
-    right, left = (mean_position(markers, roles.select(side, "heel")) for side in SIDES)
+    right, left = (compute_mean_position(markers, roles.select(side, "heel")) for side in SIDES)
     if right is not None and left is not None and np.nanmean(frame.rotate(right - left)[:, 2]) < 0.0:
         log.add_warning(
             f"{trial_name}: the right heel is to the left of the left heel; check the sides of the marker names"
         )
 
 
-def mean_position(markers: Markers, marker_names: tuple[str, ...]) -> Array | None:
+def compute_mean_position(markers: Markers, marker_names: tuple[str, ...]) -> Array | None:
     """Return the mean position (n, 3) [m] of ``marker_names``, NaN where a marker is hidden; None without names."""
     if not marker_names:
         return None

@@ -81,13 +81,13 @@ class SourceFile:
         """Label of the time column; None if there is none."""
         return next((label for label in self.labels if strip_unit(label).lower() in ("time", "timestamp")), None)
 
-    def roles(self, mapping: ImportMapping | None = None) -> set[FileRole]:
+    def detect_roles(self, mapping: ImportMapping | None = None) -> set[FileRole]:
         """Return the kinds of data in the file; columns of ``mapping`` count as angles or as a prosthesis log."""
         if self.labels and {strip_unit(label).lower() for label in self.labels} <= channel_names.EVENT_LABELS:
             return {"events"}
         mapping = mapping or ImportMapping()
-        roles: set[FileRole] = {"angles"} if mapping.column_names(prosthesis=False) & {*self.labels} else set()
-        roles |= {"log"} if mapping.column_names(prosthesis=True) & {*self.labels} else set()
+        roles: set[FileRole] = {"angles"} if mapping.get_column_names(prosthesis=False) & {*self.labels} else set()
+        roles |= {"log"} if mapping.get_column_names(prosthesis=True) & {*self.labels} else set()
         for label in self.labels:
             parsed = channel_names.parse_channel_label(strip_unit(label))
             if parsed is not None and parsed.channel in channel_names.PROSTHESIS_CHANNELS:
@@ -119,7 +119,7 @@ class SourceFile:
             "force_plates": len(self.plates),
             "duration_s": round(duration, 4),
             "rate_hz": round((len(time) - 1) / duration, 3) if time is not None and duration > 0.0 else None,
-            "content": sorted(self.roles()),
+            "content": sorted(self.detect_roles()),
         }
 
 
@@ -229,7 +229,7 @@ def group_into_trials(
     trials: list[list[SourceFile]] = []
     trial_roles: set[FileRole] = set()
     for source in sources:
-        roles = source.roles(mapping)
+        roles = source.detect_roles(mapping)
         if not prosthesis:
             roles -= {"log"}
         elif "log" in roles:

@@ -1,9 +1,8 @@
 """Synchronisation check: the time offset between two recordings of the same movement."""
 
-from typing import NamedTuple
-
 import numpy as np
 
+from klute_sim.datasets.trial import TimeSeries
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.types import Array
 
@@ -17,16 +16,7 @@ MIN_CORRELATION = 0.95
 """Smallest correlation of two recordings of the same movement (assumed)."""
 
 
-class Signal(NamedTuple):
-    """Samples of one channel with their own times."""
-
-    time: Array
-    """Sample times (n,) [s]."""
-    value: Array
-    """Samples (n,); NaN where missing."""
-
-
-def estimate_lag(signal: Signal, reference: Signal) -> tuple[float, float] | None:
+def estimate_lag(signal: TimeSeries, reference: TimeSeries) -> tuple[float, float] | None:
     """Return the time [s] to add to ``signal`` for the highest correlation with ``reference``, and this correlation.
 
     Returns None if the two overlap for less than a second.
@@ -43,12 +33,14 @@ def estimate_lag(signal: Signal, reference: Signal) -> tuple[float, float] | Non
     return float(lags[best]), correlations[best]
 
 
-def _interpolate(signal: Signal, time: Array) -> Array:
+def _interpolate(signal: TimeSeries, time: Array) -> Array:
     known = np.isfinite(signal.value)
     return np.asarray(np.interp(time, signal.time[known], signal.value[known]))
 
 
-def compare_clocks(quantity: str, first: tuple[str, Signal], second: tuple[str, Signal], log: ImportLog) -> None:
+def compare_clocks(
+    quantity: str, first: tuple[str, TimeSeries], second: tuple[str, TimeSeries], log: ImportLog
+) -> None:
     """Log the time offset of ``quantity`` between two files, each given as (file name, signal)."""
     estimate = estimate_lag(first[1], second[1])
     if estimate is None:

@@ -35,6 +35,6 @@ def group_repeats(trials: Sequence[ProsthesisTrial], trials_per_group: int | Non
 def _is_repeat(trial: ProsthesisTrial, reference: ProsthesisTrial) -> bool:
     if abs(trial.stride_time - reference.stride_time) > STRIDE_TIME_TOLERANCE * reference.stride_time:
         return False
-    reference_command = reference.mean_command(PHASE_GRID)
-    rms_difference = float(np.sqrt(np.mean((trial.mean_command(PHASE_GRID) - reference_command) ** 2)))
+    reference_command = reference.compute_mean_command(PHASE_GRID)
+    rms_difference = float(np.sqrt(np.mean((trial.compute_mean_command(PHASE_GRID) - reference_command) ** 2)))
     return rms_difference <= max(MIN_COMMAND_TOLERANCE_BAR, COMMAND_TOLERANCE * float(np.abs(reference_command).max()))

@@ -1,4 +1,4 @@
-"""Metrics of a bench run as JSON, as CSV and as a table for a terminal, and the remarks beside them."""
+"""Metrics of a bench run as JSON, as CSV and as a table for a terminal, and remarks on the run."""
 
 import csv
 import io
@@ -97,7 +97,7 @@ def build_table(result: BenchResult) -> Table:
 
 
 def collect_remarks(result: BenchResult) -> list[str]:
-    """Return what a reader must know beside the table, one sentence each."""
+    """Return remarks that limit or explain the results, one sentence each."""
     remarks = []
     assumptions = result.protocol.list_assumptions()
     if assumptions:
@@ -153,9 +153,9 @@ def _describe_negative_forces(result: BenchResult) -> list[str]:
     if not below:
         return []
     return [
-        f"In {len(below)} of {len(lowest)} trials a force is below 0 (down to {min(below):.4g} N): the bare muscle "
-        "pushes there, because of its bladder and of the friction offset of Table 3.1, which is independent of "
-        "direction and grows with pressure. A tendon would be slack."
+        f"In {len(below)} of {len(lowest)} trials a force is negative (minimum {min(below):.4g} N): the bare muscle "
+        "pushes. The causes are its bladder and the friction offset of Table 3.1, which grows with pressure and does "
+        "not depend on direction. A tendon would be slack."
     ]
 
 

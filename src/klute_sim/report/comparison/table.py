@@ -1,4 +1,4 @@
-"""Tables of a comparison for a terminal, and the remarks beside them."""
+"""Tables of a comparison and remarks on it, for a terminal."""
 
 from collections.abc import Iterator
 
@@ -84,7 +84,7 @@ def _build_single_series_table(comparison: Comparison) -> Table:
 
 
 def collect_remarks(comparison: Comparison) -> list[str]:
-    """Return what a reader must know beside the tables, one sentence each."""
+    """Return remarks that limit or explain the comparison, one sentence each."""
     if comparison.is_single:
         return [*words.explain_numbers(comparison), *comparison.remarks]
     count = sum(row.label == comparison.parts[0].series[1].label for row in words.iter_rows(comparison))

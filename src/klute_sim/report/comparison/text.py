@@ -161,26 +161,26 @@ def explain_numbers(comparison: Comparison) -> list[str]:
             )
         return explanations
     differences = [row.difference for row in iter_rows(comparison)]
-    explanations = [f"Differences are differences of means: the other series minus '{first}'."]
+    explanations = [f"Differences are those of the means: each other series minus '{first}'."]
     if any(difference.rms_sd is not None for difference in differences):
         normalization = comparison.parts[0].normalization_series
         scatter = "between subjects" if normalization.is_reference else "between its repeats"
         explanations.append(
-            f"rms/sd: rms difference over the rms standard deviation of '{normalization.label}' {scatter}."
+            f"rms/sd: rms difference divided by the rms standard deviation of '{normalization.label}' {scatter}."
         )
     bands: list[BandKind] = ["means", "prediction", "reference"]
     for band in bands:
         if any(difference.band == band for difference in differences):
             labels = _format_labels_with_band(comparison, band)
             explanations.append(
-                f"Beyond the band{labels}: where the difference exceeds {INTERVAL_DESCRIPTIONS[band]}; point by point, "
-                "without correction for multiple comparisons."
+                f"Beyond the band{labels}: intervals where the difference exceeds {INTERVAL_DESCRIPTIONS[band]}. "
+                "Each point is tested alone, without correction for multiple comparisons."
             )
     if any(difference.band == "none" for difference in differences):
         explanations.append(
-            "No band: without repeats and a known standard deviation, the size of the difference alone localizes it."
+            "No band: there are neither repeats nor a known standard deviation, so no difference can be tested."
         )
-    explanations.append("Half: the shortest interval with half of the squared difference, if it is short.")
+    explanations.append("Half: the shortest interval with half of the squared difference; 'spread out' if it is long.")
     if any(difference.compared_fraction < 1.0 for difference in differences):
         explanations.append(
             "Compared: the fraction of the axis where both series have values; all numbers refer to that fraction."

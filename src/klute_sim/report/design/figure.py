@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from klute_sim.report.style import COMPACT_STYLE, HUMAN_COLOUR, PROSTHESIS_COLOUR, fix_tick_label_size
 from klute_sim.sizing.evaluation.demand import StrideDemand
-from klute_sim.sizing.evaluation.velocity import required_orifice
+from klute_sim.sizing.evaluation.velocity import compute_required_orifices
 from klute_sim.sizing.sizing import Design
 from klute_sim.units import BAR
 
@@ -60,7 +60,9 @@ def _plot_force_velocity(axis: Axes, design: Design) -> None:
 
 def _plot_orifice_diameters(axis: Axes, design: Design) -> None:
     point = design.damper.concentric
-    required = 1e3 * required_orifice(design.curves, design.damper.bore, point.oil_density, point.discharge_coefficient)
+    required = 1e3 * compute_required_orifices(
+        design.curves, design.damper.bore, point.oil_density, point.discharge_coefficient
+    )
     speed = 1e3 * design.curves.velocity
     axis.plot(speed, required, color=HUMAN_COLOUR, linestyle="--", linewidth=1.1, label="required for Hill (4.6)")
     # Each direction has its own orifice: two separate levels.

@@ -59,7 +59,7 @@ def _plot_comparison(
     above: "Axes", below: "Axes", diagnosis: Diagnosis, simulated: SimulatedTrial, channel: str
 ) -> None:
     unit, si = CHANNEL_UNITS[channel]
-    time, value = simulated.sample_times(channel), simulated.experiment.measured[channel].value
+    time, value = simulated.get_sample_times(channel), simulated.experiment.measured[channel].value
     lines = [("refitted" if diagnosis.added_terms else "simulated", simulated.before[channel], BEFORE_COLOUR, 1.6)]
     if diagnosis.added_terms:
         lines.append(("with effects added", simulated.after[channel], AFTER_COLOUR, 1.6))

@@ -18,7 +18,7 @@ class SimulatedTrial(NamedTuple):
     after: Mapping[str, Array]
     """Channel -> readings with the added effects; equal to :attr:`before` if there are none."""
 
-    def sample_times(self, channel: str) -> Array:
+    def get_sample_times(self, channel: str) -> Array:
         """Return the sample times of ``channel`` from the start of the trial [s]."""
         return self.experiment.measured[channel].time - self.experiment.start_time
 

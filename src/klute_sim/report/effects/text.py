@@ -35,11 +35,11 @@ def describe_effect(effect: "Effect") -> dict[str, Any]:
     """Return the complete description of ``effect`` as JSON types."""
     return {
         "name": effect.name,
-        "sentence": effect.description,
+        "description": effect.description,
         "kind": effect.kind,
-        "supply": effect.acts_in_supply,
+        "acts_in_supply": effect.acts_in_supply,
         "data_driven": effect.data_driven,
-        "instead_of": effect.replaces_switch or None,
+        "replaces_switch": effect.replaces_switch or None,
         "forms": [
             {
                 "name": form.name,
@@ -90,19 +90,18 @@ def describe_kind(description: dict[str, Any]) -> str:
         )
     if description["kind"] == "body":
         return (
-            "A body effect: it acts on the foot and ankle into which the device is built. `klute-sim gait` and a "
-            "diagnosis of gait trials include it; on a bench there is no body."
+            "A body effect: it acts on the foot and the ankle. `klute-sim gait` and a diagnosis of gait trials include "
+            "it; a bench test has no body."
         )
     if description["data_driven"]:
         return (
-            "A data-driven term of the device, which identifies no effect: a diagnosis uses it where no effect "
-            "explains the data. It is not guaranteed to be passive: it may generate energy, and outside the data to "
-            "which it was fitted it may take any value within its bounds. A device file may omit coefficients that are "
-            "0."
+            "A data-driven term of the device. It identifies no effect: a diagnosis uses it where no effect explains "
+            "the data. It is not guaranteed to be passive, so it may generate energy. Outside the data to which it was "
+            "fitted, it may take any value within its bounds. A device file may omit coefficients that are 0."
         )
-    if description["supply"]:
-        return "A device effect in the gas supply, which may do work."
-    return "A device effect outside the gas supply."
+    if description["acts_in_supply"]:
+        return "A device effect in the gas supply; it may add energy to the device."
+    return "A device effect outside the gas supply; at constant pressure it adds no energy."
 
 
 def describe_hooks(form: dict[str, Any]) -> str:

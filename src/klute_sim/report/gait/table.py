@@ -1,4 +1,4 @@
-"""Results table of a gait run for a terminal, and the remarks beside it."""
+"""Results table of a gait run and remarks on it, for a terminal."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,15 +8,13 @@ from rich.table import Table
 from rich.text import Text
 
 from klute_sim.gait.metrics import AnkleMetrics, GaitMetrics, StrideMetrics, compute_reference_metrics, is_level_ground
+from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.recording.recording import Recording
 
 MAX_STRIDE_COLUMNS = 5
 """Maximum number of last strides shown beside the mean, where the width allows."""
 BASE_WIDTH_CHARS, STRIDE_COLUMN_WIDTH_CHARS = 61, 9
 """Width [characters] of the table without stride columns, and of each stride column."""
-
-MAX_GRF_TRACKING_RMS_BW = 0.15
-"""Largest rms error [body weights] of the vertical load that counts as tracked; the default gait run has 0.085."""
 
 ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleMetrics], float | None]], ...] = (
     ("ankle range", "deg", ".1f", lambda s: s.ankle_range_deg),
@@ -39,10 +37,10 @@ ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleMetrics], float | None]], 
 
 RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideMetrics], float | None]], ...] = (
     ("vertical tracking error, rms", "body wt", ".3f", lambda s: s.grf_vertical_tracking_rms_bw),
-    ("angle to human, stance rms", "sd", ".2f", lambda s: s.angle_distance_sd.stance_rms),
-    ("angle to human, swing rms", "sd", ".2f", lambda s: s.angle_distance_sd.swing_rms),
-    ("moment to human, stance rms", "sd", ".2f", lambda s: s.moment_distance_sd.stance_rms),
-    ("power to human, stance rms", "sd", ".2f", lambda s: s.power_distance_sd.stance_rms),
+    ("angle vs human, stance rms", "sd", ".2f", lambda s: s.angle_distance_sd.stance_rms),
+    ("angle vs human, swing rms", "sd", ".2f", lambda s: s.angle_distance_sd.swing_rms),
+    ("moment vs human, stance rms", "sd", ".2f", lambda s: s.moment_distance_sd.stance_rms),
+    ("power vs human, stance rms", "sd", ".2f", lambda s: s.power_distance_sd.stance_rms),
     ("toe clearance in mid-swing", "mm", ".1f", lambda s: s.toe_clearance_mm),
     ("roll-over radius", "m", ".3f", lambda s: s.rollover_radius_m),
     ("actuator peak moment", "N·m/kg", ".3f", lambda s: s.actuator_moment_peak_nm_per_kg),
@@ -57,14 +55,14 @@ RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideMetrics], float | None]], .
 MIN_LEDGER_ENERGY_J = 0.005
 """Smallest energy per stride [J] for which a ledger line is shown."""
 LEDGER_LABELS = {
-    "gas": "from the gas",
-    "friction": "from the friction offset",
-    "damper": "from the damper",
-    "stop": "from the length stops",
-    "bladder": "from the elastic bladders",
-    "tendon": "from the elastic tendon",
-    "solver": "from the time step",
-    "delivered": "delivered",
+    "gas": "energy from the gas",
+    "friction": "energy from friction offset",
+    "damper": "energy from the damper",
+    "stop": "energy from length stops",
+    "bladder": "energy from the bladders",
+    "tendon": "energy from the tendon",
+    "solver": "energy from the time step",
+    "delivered": "energy delivered (sum)",
 }
 """Line of the energy ledger -> its label; effects have lines of their own."""
 
@@ -102,7 +100,7 @@ def _build_ledger_rows(metrics: GaitMetrics) -> dict[str, str]:
     """Return line -> label of the lines with a relevant energy; effects come one by one before the delivered energy."""
     stride = metrics.strides[-1].ledger_j
     effects = {
-        name: f"from {name.removeprefix('effect_')}"
+        name: f"energy from {name.removeprefix('effect_')}"
         for name in stride
         if name not in LEDGER_LABELS and name != "effects"
     }
@@ -114,21 +112,19 @@ def _build_ledger_rows(metrics: GaitMetrics) -> dict[str, str]:
 
 
 def collect_remarks(summary: dict[str, Any]) -> list[str]:
-    """Return what a reader must know beside the table, one sentence each."""
+    """Return remarks that limit or explain the results, one sentence each."""
     reference_speed = summary["reference_speed_m_per_s"]
     origin = (
-        ""
-        if reference_speed is None
-        else f", which was measured at {reference_speed:.2f} m/s (--speed scales the stride time)"
+        "" if reference_speed is None else f", measured at {reference_speed:.2f} m/s (--speed changes the stride time)"
     )
     remarks = [
-        f"Subject: {summary['mass_kg']:.4g} kg, {summary['stature_m']:.4g} m, {summary['speed_m_per_s']:.2f} m/s with "
-        f"strides of {summary['stride_time_s']:.3f} s, on the gait '{summary['reference']}'{origin}."
+        f"Subject: {summary['mass_kg']:.4g} kg, {summary['stature_m']:.4g} m. Speed: {summary['speed_m_per_s']:.2f} "
+        f"m/s. Stride time: {summary['stride_time_s']:.3f} s. Reference gait: {summary['reference']}{origin}."
     ]
     if summary["touches_in_swing"]:
         remarks.append("The foot touches the ground in swing: it trips, and later strides are not meaningful.")
     remarks.append(
-        "The vertical ground reaction is tracked, not predicted: the reference's load is applied. The fore-aft "
+        "The vertical ground reaction is tracked, not predicted: the load of the reference is applied. The fore-aft "
         "reaction is partly prescribed."
     )
     if summary["slope_deg"]:

@@ -32,7 +32,7 @@ def build_page_context(reproduction: Reproduction) -> dict[str, Any]:
     """Return the content of the page except its figures as text for the template."""
     by_row: dict[str, list[ItemAssessment]] = {}
     for outcome in reproduction.assessments:
-        by_row.setdefault(outcome.item.row_title, []).append(outcome)
+        by_row.setdefault(outcome.item.table_title, []).append(outcome)
     return {
         "device": reproduction.device.name,
         "digest": reproduction.device.digest,
@@ -47,7 +47,7 @@ def build_page_context(reproduction: Reproduction) -> dict[str, Any]:
             {
                 "id": name,
                 "title": row.title,
-                "shows": row.shows,
+                "description": row.description,
                 "items": [format_outcome_cells(outcome) for outcome in by_row[row.title]],
                 "counts": [(v, n) for v, n in count_verdicts(by_row[row.title]).items() if n],
             }

@@ -101,7 +101,7 @@ def _add_parallel(findings: dict[str, Finding]) -> None:
     findings["table-2.1.insignificant"] = Finding(
         max(forces.values()),
         max(forces.values()) <= MAX_INSIGNIFICANT_FORCE,
-        f"At 1.2 l0 (of F0): {force_text}. Taken for insignificant: 5 %.",
+        f"At 1.2 l0 (of F0): {force_text}. Insignificant means at most 5 %.",
     )
 
 
@@ -112,7 +112,7 @@ def _add_series(findings: dict[str, Finding]) -> None:
         )
         findings[f"table-2.2.{name}.r2"] = Finding()
     max_elongation = max(hill.series_elongation(row.constants, 1.0) for row in tables.SERIES_ELEMENTS.values())
-    findings["table-2.2.most"] = Finding(100.0 * max_elongation)
+    findings["table-2.2.max-elongation"] = Finding(100.0 * max_elongation)
     findings["table-2.2.with-tendon"] = Finding(
         100.0 * max_elongation / 11.0, note="Muscle and a tendon ten times as long together."
     )

@@ -31,7 +31,7 @@ LENGTH_RATIOS = np.linspace(0.6, 1.0, 161)
 FIT_LENGTH_RATIOS = np.linspace(0.65, 1.0, 141)
 """Length ratios of the parabola fit (assumed: the curve ends at the lock length, near 0.61)."""
 COMMON_LENGTH_RATIOS = np.linspace(0.75, 1.0, 51)
-"""Length ratios that muscles and actuator share."""
+"""Length ratios that occur in both muscles and actuator."""
 MIN_SLENDERNESS = 14.0
 """Ratio of length to diameter that the text gives."""
 
@@ -125,7 +125,7 @@ def _add_vessel(findings: dict[str, Finding]) -> None:
     muscle = load_device("klute-1-1-4").parameters.muscle
     max_volume = mckibben.volume(muscle, mckibben.lock_length(muscle))
     change = (max_volume - mckibben.volume(muscle, muscle.resting_length)) / (
-        printed.published_numbers()["fig-3.3.ratio"] * max_volume
+        printed.get_published_numbers()["fig-3.3.ratio"] * max_volume
     )
     pressure = 5.0 * BAR + pneumatics.ATMOSPHERIC_PRESSURE
     findings["fig-3.3.vessel"] = Finding(
@@ -143,7 +143,7 @@ def _add_overestimates(findings: dict[str, Finding]) -> None:
         force_at_ratios(model(muscle), 5.0) for model in (without_bladder_and_friction, without_friction)
     )
     measured = force_at_ratios(muscle, 5.0)
-    substitution_note = "Measured values are lost; the model with Table 3.1's own friction stands for them."
+    substitution_note = "Measured values are lost; the model with the friction of Table 3.1 replaces them."
     findings["fig-3.4.geometric"] = Finding(
         float(np.mean(geometric - measured)), note=f"Mean over 0.6-1 of resting length. {substitution_note}"
     )
@@ -200,7 +200,7 @@ def check_first_order(relative_force: Array) -> Finding:
         slope,
         min(slopes) <= slope <= max(slopes),
         f"Slope of force over length from 0.75 to 1 of resting length, by F0 and l0; muscles have {min(slopes):.2f} to "
-        f"{max(slopes):.2f}, which is taken for first order. The shape is another matter: see (2.5).",
+        f"{max(slopes):.2f}, which counts as first-order agreement. For the shape, see (2.5).",
     )
 
 

@@ -103,7 +103,7 @@ def _build_velocity_figure(force: dict[float, float]) -> FigureData:
     relative_force = np.array([force[v] for v in velocity]) / force[SLOW_VELOCITY]
     edges = [hill.HillCurve(value, value) for value in hill.DESIGN_ENVELOPE.a]
     curves = [np.array([hill.force_velocity(law, 1.0, float(v)) for v in relative]) for law in edges]
-    p = printed.published_numbers()
+    p = printed.get_published_numbers()
     measured = np.array([p["fig-3.9.slow"], p["fig-3.9.fast"]])
     generic = np.array([hill.force_velocity(tables.GENERIC_HILL_CURVE, 1.0, float(v)) for v in relative])
     return FigureData(

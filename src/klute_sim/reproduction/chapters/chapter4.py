@@ -14,7 +14,7 @@ from klute_sim.reproduction import printed
 from klute_sim.reproduction.chapters.chapter3 import check_stop
 from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine, PlotSurface
 from klute_sim.reproduction.item import Finding
-from klute_sim.sizing.evaluation.velocity import compute_force_velocity, compute_rms_error, required_orifice
+from klute_sim.sizing.evaluation.velocity import compute_force_velocity, compute_required_orifices, compute_rms_error
 from klute_sim.types import Array
 from klute_sim.units import BAR
 
@@ -55,9 +55,9 @@ def compute(device: Device) -> ChapterResult:
     )
     findings: dict[str, Finding] = {}
 
-    diameters = required_orifice(curves, bore, density, IDEAL_DISCHARGE_COEFFICIENT)[1:]
+    diameters = compute_required_orifices(curves, bore, density, IDEAL_DISCHARGE_COEFFICIENT)[1:]
     for percent in (10, 50, 100):
-        findings[f"fig-4.3.needed-{percent}"] = Finding(1e3 * float(diameters[percent - 1]))
+        findings[f"fig-4.3.required-{percent}"] = Finding(1e3 * float(diameters[percent - 1]))
     findings["fig-4.3.varies"] = Finding(float(diameters[-1] / diameters[9]))
 
     findings["table-4.1.bore"] = Finding(spec.damper.bore_mm)
@@ -94,16 +94,16 @@ def compute(device: Device) -> ChapterResult:
         orifice_error < MAX_ERROR_RATIO * actuator_error,
         f"Fixed orifices leave {orifice_error:.2f} F0 rms of {actuator_error:.2f}; the best of all would leave "
         f"{best_error:.2f}: force that grows with v² cannot follow Hill's steep fall from rest. Vmax and orifices are "
-        f"assumed; taken for near: below {MAX_ERROR_RATIO:g}.",
+        f"assumed; near means a ratio below {MAX_ERROR_RATIO:g}.",
     )
     _add_equations(findings, spec.damper, parameters.damper)
     return ChapterResult(findings, tuple(_build_figures(device, f0, target, desired, fixed, diameters)))
 
 
-def check_passivity(law: DamperParameters) -> Finding:
+def check_passivity(damper_parameters: DamperParameters) -> Finding:
     """Return the largest power [W] that a damper delivers in either direction."""
     rates = np.linspace(-PEAK_VELOCITY, PEAK_VELOCITY, 201)
-    power = max(-damper.force(law, float(rate)) * float(rate) for rate in rates)
+    power = max(-damper.force(damper_parameters, float(rate)) * float(rate) for rate in rates)
     return Finding(power, power <= 0.0)
 
 
@@ -111,11 +111,11 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values * values)))
 
 
-def _add_equations(findings: dict[str, Finding], spec: Damper, law: DamperParameters) -> None:
+def _add_equations(findings: dict[str, Finding], spec: Damper, damper_parameters: DamperParameters) -> None:
     bore, density = 1e-3 * spec.bore_mm, spec.oil_density_kg_m3
     findings["eq-4.density"] = Finding(density)
     ratio = spec.bore_mm / spec.orifice_concentric_mm
-    loss_coefficient = law.concentric_coefficient / (0.25 * math.pi * bore * bore * 0.5 * density)
+    loss_coefficient = damper_parameters.concentric_coefficient / (0.25 * math.pi * bore * bore * 0.5 * density)
     findings["eq-4.ideal"] = Finding(
         math.sqrt(ratio**4 / (loss_coefficient + 1.0)), note="Recovered from the damper's force."
     )
@@ -129,7 +129,7 @@ def _add_equations(findings: dict[str, Finding], spec: Damper, law: DamperParame
             )
     max_error = max(map(abs, errors))
     findings["eq-4.round-trip"] = Finding(max_error, max_error < 1e-9)
-    real_discharge = printed.published_numbers()["eq-4.real"]
+    real_discharge = printed.get_published_numbers()["eq-4.real"]
     orifice = 1e-3 * spec.orifice_concentric_mm
     forces = [
         damper.orifice_coefficient(bore, orifice, density, discharge)
@@ -138,7 +138,7 @@ def _add_equations(findings: dict[str, Finding], spec: Damper, law: DamperParame
     findings["eq-4.loss"] = Finding(forces[0] / forces[1])
     findings["eq-4.real"] = Finding(
         math.sqrt(forces[1] / forces[0]),
-        note="What effect discharge_loss needs for (4.6)'s force with the printed one.",
+        note="Value in effect discharge_loss that gives the force of (4.6) with the printed coefficient.",
     )
 
 
@@ -148,21 +148,23 @@ def _build_figures(
     muscle = device.parameters.muscle
     assumed = "bore, orifices, Vmax = 300 mm/s and a/F0 = b/Vmax = 0.28"
     lengths, velocities = np.linspace(0.8, 1.05, 26), np.linspace(-0.5, 1.0, 31)
-    pull = np.array([mckibben.force(muscle, PRESSURE_BAR * BAR, min(x, 1.0) * muscle.resting_length) for x in lengths])
-    lost = np.array([damper.force(device.parameters.damper, -float(v) * PEAK_VELOCITY) for v in velocities])
-    skeletal = np.array([[_muscle_force(x, v) for x in lengths] for v in velocities])
-    beside_ideal = np.array(
-        [pull / f0 * hill.force_velocity(tables.GENERIC_HILL_CURVE, 1.0, float(v)) for v in velocities]
+    actuator_force = np.array(
+        [mckibben.force(muscle, PRESSURE_BAR * BAR, min(x, 1.0) * muscle.resting_length) for x in lengths]
     )
-    beside_fixed = (pull[np.newaxis, :] + lost[:, np.newaxis]) / f0
+    damper_force = np.array([damper.force(device.parameters.damper, -float(v) * PEAK_VELOCITY) for v in velocities])
+    skeletal = np.array([[_muscle_force(x, v) for x in lengths] for v in velocities])
+    with_ideal_damper = np.array(
+        [actuator_force / f0 * hill.force_velocity(tables.GENERIC_HILL_CURVE, 1.0, float(v)) for v in velocities]
+    )
+    with_fixed_orifices = (actuator_force[np.newaxis, :] + damper_force[:, np.newaxis]) / f0
     x, y, z = "l/l0", "V/Vmax", "F/F0"
     return [
         FigureData(
             "4.3",
-            "Orifice that Hill-like damping needs",
+            "Orifice required for Hill-like damping",
             "V/Vmax",
             "orifice [mm]",
-            (PlotLine("needed", RELATIVE_SPEEDS[1:], 1e3 * required_diameters),),
+            (PlotLine("required", RELATIVE_SPEEDS[1:], 1e3 * required_diameters),),
             (0.0, 1.0),
             assumption_note=assumed,
         ),
@@ -186,19 +188,19 @@ def _build_figures(
         ),
         FigureData(
             "4.10",
-            "Actuator beside an ideal damper",
+            "Actuator in parallel with an ideal damper",
             x,
             y,
-            surface=PlotSurface(lengths, velocities, beside_ideal),
+            surface=PlotSurface(lengths, velocities, with_ideal_damper),
             assumption_note=assumed,
             z_label=z,
         ),
         FigureData(
             "4.11",
-            "Actuator beside fixed orifices",
+            "Actuator in parallel with fixed orifices",
             x,
             y,
-            surface=PlotSurface(lengths, velocities, beside_fixed),
+            surface=PlotSurface(lengths, velocities, with_fixed_orifices),
             assumption_note=assumed,
             z_label=z,
         ),

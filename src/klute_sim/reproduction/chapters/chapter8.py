@@ -10,7 +10,7 @@ from klute_sim.reproduction.item import Finding
 from klute_sim.types import ProgressCallback
 
 ACTIVATION_TABLES = {"concentric": ("table-8.1", "8.5", "8.6"), "eccentric": ("table-8.2", "8.7", "8.8")}
-"""Row and numbers of the loop figure and the work figure of each activation."""
+"""Identifier of the table, and numbers of the figures of loops and of work, by activation."""
 PHASE_ACTIVATIONS = {0.0: "concentric", 50.0: "eccentric"}
 """Activation by the phase of the cycle [%] at which the pressure rises."""
 PLOTTED_VELOCITY = 100.0
@@ -22,19 +22,19 @@ def compute(device: Device, progress: ProgressCallback = lambda fraction, stage:
     result = run_protocol(device, protocols_library.load_protocol("workloop"), progress=progress)
     trials_by_activation: dict[str, dict[tuple[float, float], BenchTrial]] = {name: {} for name in ACTIVATION_TABLES}
     for trial in result.trials:
-        setting = trial.conditions
-        trials_by_activation[PHASE_ACTIVATIONS[setting["phase_pct"]]][
-            setting["pressure_bar"], setting["velocity_mm_per_s"]
+        conditions = trial.conditions
+        trials_by_activation[PHASE_ACTIVATIONS[conditions["phase_pct"]]][
+            conditions["pressure_bar"], conditions["velocity_mm_per_s"]
         ] = trial
     findings: dict[str, Finding] = {}
     work = {
-        name: {setting_key: trial.metrics["work_j"] for setting_key, trial in trials.items()}
+        name: {condition_key: trial.metrics["work_j"] for condition_key, trial in trials.items()}
         for name, trials in trials_by_activation.items()
     }
-    for name, (row, _, _) in ACTIVATION_TABLES.items():
-        _add_table(findings, row, work[name])
+    for name, (table_id, _, _) in ACTIVATION_TABLES.items():
+        _add_table(findings, table_id, work[name])
     min_difference = min(
-        work["concentric"][setting_key] - work["eccentric"][setting_key] for setting_key in work["concentric"]
+        work["concentric"][condition_key] - work["eccentric"][condition_key] for condition_key in work["concentric"]
     )
     findings["timing.timing"] = Finding(
         min_difference,
@@ -44,25 +44,25 @@ def compute(device: Device, progress: ProgressCallback = lambda fraction, stage:
     )
     findings["figs-8.1-8.4.square"] = _check_square_wave(result)
     figures = []
-    for name, (_, loops, works) in ACTIVATION_TABLES.items():
+    for name, (_, loop_number, work_number) in ACTIVATION_TABLES.items():
         figures += [
-            _build_loop_figure(loops, name, trials_by_activation[name]),
-            _build_work_figure(works, name, work[name]),
+            _build_loop_figure(loop_number, name, trials_by_activation[name]),
+            _build_work_figure(work_number, name, work[name]),
         ]
     return ChapterResult(findings, tuple(figures))
 
 
-def _add_table(findings: dict[str, Finding], row: str, work: dict[tuple[float, float], float]) -> None:
-    pressures, velocities = (sorted({setting_key[k] for setting_key in work}) for k in (0, 1))
-    for (pressure, velocity), joules in work.items():
-        findings[f"{row}.p{pressure:g}-v{velocity:g}"] = Finding(joules)
+def _add_table(findings: dict[str, Finding], table_id: str, work: dict[tuple[float, float], float]) -> None:
+    pressures, velocities = (sorted({condition_key[k] for condition_key in work}) for k in (0, 1))
+    for (pressure, velocity), net_work in work.items():
+        findings[f"{table_id}.p{pressure:g}-v{velocity:g}"] = Finding(net_work)
     work_magnitude = np.abs([[work[p, v] for p in pressures] for v in velocities])
     increase = np.diff(work_magnitude, axis=1) / np.diff(pressures)
-    findings[f"{row}.grows"] = Finding(float(increase.min()), bool((increase > 0.0).all()))
+    findings[f"{table_id}.grows"] = Finding(float(increase.min()), bool((increase > 0.0).all()))
     work_at_5_bar = work_magnitude[:, -1]
     ratio = float(work_at_5_bar.max() / work_at_5_bar.min())
     work_text = ", ".join(f"{work[5.0, v]:+.1f} J at {v:g} mm/s" for v in velocities)
-    findings[f"{row}.velocity"] = Finding(ratio, ratio > 1.05, f"{work_text}.")
+    findings[f"{table_id}.velocity"] = Finding(ratio, ratio > 1.05, f"{work_text}.")
 
 
 def _check_square_wave(result: BenchResult) -> Finding:

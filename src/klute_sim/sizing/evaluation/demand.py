@@ -14,7 +14,7 @@ from klute_sim.device.dynamics import DeviceParameters, compute_equilibrium_stat
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben, pneumatics
 from klute_sim.laws import tendon as tendon_law
-from klute_sim.sizing.parts.actuator import pressure_for_force
+from klute_sim.sizing.parts.actuator import compute_required_pressure
 from klute_sim.sizing.target import MOMENT_COLUMN, WalkerTarget
 from klute_sim.types import Array
 
@@ -114,7 +114,7 @@ def compute_stride_demand(
         return np.array([mckibben.force(muscle, float(p), float(x)) for p, x in zip(pressures, length, strict=True)])
 
     required_pressure = [
-        pressure_for_force(muscle, float(force - damper_force), float(x)) if force > 0.0 else 0.0
+        compute_required_pressure(muscle, float(force - damper_force), float(x)) if force > 0.0 else 0.0
         for force, damper_force, x in zip(tendon_force, damping, length, strict=True)
     ]
     air_mass = [

@@ -81,7 +81,7 @@ def compute_rms_error(curves: ForceVelocityCurves, forces: Array) -> ForceVeloci
     return ForceVelocityError(*(float(np.sqrt(np.mean(side * side))) if len(side) else float("nan") for side in sides))
 
 
-def required_orifice(
+def compute_required_orifices(
     curves: ForceVelocityCurves, bore: float, oil_density: float, discharge_coefficient: float
 ) -> Array:
     """Return the orifice [m] that gives the ideal damping at each velocity (Fig. 4.3); NaN where no damping is
@@ -96,7 +96,7 @@ def required_orifice(
     return np.array(diameters)
 
 
-def velocity_grid(max_lengthening_speed: float, max_shortening_speed: float) -> Array:
+def build_velocity_grid(max_lengthening_speed: float, max_shortening_speed: float) -> Array:
     """Return velocities [m/s] from ``-max_lengthening_speed`` to ``max_shortening_speed``, including 0."""
     return np.concatenate(
         [np.linspace(-max_lengthening_speed, 0.0, 201)[:-1], np.linspace(0.0, max_shortening_speed, 401)]

@@ -35,12 +35,14 @@ def build_muscle(preset: str, count: int, resting_length: float) -> MuscleParame
     )
 
 
-def isometric_force(muscle: MuscleParameters, pressure: float, length_ratio: float) -> float:
+def compute_isometric_force(muscle: MuscleParameters, pressure: float, length_ratio: float) -> float:
     """Return the isometric force [N] at gauge ``pressure`` [Pa] and ``length_ratio`` L/L0."""
     return mckibben.force(muscle, pressure, length_ratio * muscle.resting_length)
 
 
-def pressure_for_force(muscle: MuscleParameters, force: float, length: float, max_pressure: float = 20e5) -> float:
+def compute_required_pressure(
+    muscle: MuscleParameters, force: float, length: float, max_pressure: float = 20e5
+) -> float:
     """Return the gauge pressure [Pa] at which ``muscle`` pulls with ``force`` [N] at ``length`` [m], to 1 Pa by
     bisection.
 
@@ -133,15 +135,17 @@ def _evaluate_option(preset: str, requirement: ActuatorRequirement, choices: Des
         max(preset_length, min_length) if requirement.resting_length is None else requirement.resting_length
     )
     muscle, ratio = build_muscle(preset, 1, resting_length), requirement.length_ratio(resting_length)
-    strength = isometric_force(muscle, pressure, ratio)
-    required_count = math.ceil(requirement.force / strength - 1e-9) if strength > 0.0 else MAX_ACTUATORS + 1
+    available_force = compute_isometric_force(muscle, pressure, ratio)
+    required_count = (
+        math.ceil(requirement.force / available_force - 1e-9) if available_force > 0.0 else MAX_ACTUATORS + 1
+    )
     count = min(max(1, required_count), MAX_ACTUATORS) if choices.count is None else choices.count
     return ActuatorOption(
         actuator=preset,
         resting_length=resting_length,
-        isometric_force=isometric_force(muscle, pressure, assumptions.design_ratio),
+        isometric_force=compute_isometric_force(muscle, pressure, assumptions.design_ratio),
         length_ratio=ratio,
-        available_force=strength,
+        available_force=available_force,
         count=count,
         gas_volume=count * mckibben.volume(muscle, assumptions.design_ratio * resting_length),
         slenderness=resting_length / (2.0 * muscle.bladder_radius),

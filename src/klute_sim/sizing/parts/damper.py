@@ -103,7 +103,7 @@ class DamperDesign:
         return max(self.concentric.pressure, self.eccentric.pressure)
 
 
-def concentric_damping_force(target: MuscleTarget, isometric_force: float) -> float:
+def compute_concentric_damping_force(target: MuscleTarget, isometric_force: float) -> float:
     """Return the damping force Fd at Vmax by (4.1) [N] for actuators of ``isometric_force`` F0 [N]."""
     remaining_fraction = max(0.0, hill.concentric_force(target.hill, 1.0, 1.0))
     return law.desired_force(isometric_force, isometric_force * remaining_fraction)
@@ -122,7 +122,7 @@ def size_damper(target: MuscleTarget, isometric_force: float, choices: DesignCho
         if choices.eccentric_speed is None
         else choices.eccentric_speed
     )
-    concentric_force = concentric_damping_force(target, isometric_force)
+    concentric_force = compute_concentric_damping_force(target, isometric_force)
     # (4.1) with opposite sign: the muscle pulls with s F0, the actuator with F0.
     eccentric_force = -law.desired_force(isometric_force, target.hill.saturation * isometric_force)
     if choices.eccentric_force is not None:

@@ -11,7 +11,7 @@ from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.laws import mckibben
 from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.sizing.evaluation.demand import StrideGeometry
-from klute_sim.sizing.parts.actuator import pressure_for_force
+from klute_sim.sizing.parts.actuator import compute_required_pressure
 from klute_sim.units import BAR
 
 TUNED_PROFILE_MASS = 75.0
@@ -47,7 +47,9 @@ def transfer_profile(parameters: DeviceParameters, mass: float, geometry: Stride
             / TUNED_PROFILE_MASS
         )
         # Where the tuned muscle does not pull, there is no force to transfer, so the pressure is kept.
-        pressure = pressure_for_force(muscle, force, float(ratio) * muscle.resting_length) if force > 0.0 else bar * BAR
+        pressure = (
+            compute_required_pressure(muscle, force, float(ratio) * muscle.resting_length) if force > 0.0 else bar * BAR
+        )
         pressures.append(
             parameters.supply.max_pressure if math.isnan(pressure) else min(pressure, parameters.supply.max_pressure)
         )

@@ -6,8 +6,9 @@ from klute_sim.sizing.choices import DesignAssumptions
 
 
 def size_tendon(force: float, resting_length: float, assumptions: DesignAssumptions) -> TendonParameters:
-    """Return the tendon that ``force`` [N] stretches by the assumed strain of tendon plus muscle (``resting_length``
-    [m]).
+    """Return the tendon whose stretch under ``force`` [N] is the assumed strain.
+
+    The strain is relative to the slack length of the tendon plus the ``resting_length`` [m] of the muscle.
 
     Assumed, because the values of Figs. 6.3 and 6.4 are missing: the load sharing of the springs (60 : 140, the second
     engages at 5 mm of 100 mm, as in the 3/4 in pair), and the strain. The strain is the peak of the Achilles tendon in

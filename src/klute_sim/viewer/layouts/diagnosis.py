@@ -39,7 +39,7 @@ def write_recording(diagnosis: Diagnosis, path: Path) -> None:
                 heatmap.log_heatmap(out, case_map)
         for number, trial in enumerate(trials, start=1):
             for channel in _list_channels(trial):
-                axis = rr.TimeColumn(TIMELINE, duration=trial.sample_times(channel))
+                axis = rr.TimeColumn(TIMELINE, duration=trial.get_sample_times(channel))
                 stream.send_lines(out, axis, build_lines(diagnosis, trial, number, channel))
             if diagnosis_leg.has_ankle_motion(diagnosis, trial):
                 diagnosis_leg.log_leg(out, diagnosis, trial, f"trial_{number}/leg", TIMELINE)

@@ -6,7 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from klute_sim.datasets.trial import Series, Trial
+from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.gait.body import PROSTHESIS_PREFIX
 from klute_sim.gait.rig.build import MODEL_MASS, MODEL_STATURE, build_gait_model
@@ -76,7 +76,7 @@ def build_recording(
     return Recording.from_columns(columns.items())
 
 
-def _interpolate(time: Array, series: Series) -> Array:
+def _interpolate(time: Array, series: TimeSeries) -> Array:
     known = np.isfinite(series.value)
     return np.interp(time, series.time[known], series.value[known])
 

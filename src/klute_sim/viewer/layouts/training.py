@@ -67,8 +67,8 @@ def format_page(curve: dict[str, Array], summary: dict[str, Any] | None) -> str:
     title = f"# {summary['algorithm'].upper()}, seed {summary['seed']}"
     progress = f"{summary['steps']} steps in {summary['minutes']:.1f} minutes."
     gain = (
-        f"The policy is better in {summary['better_in']} of {summary['episodes']} episodes, by {summary['gain']:.2f} ± "
-        f"{summary['gain_standard_error']:.2f} on average (standard error)."
+        f"The policy is better in {summary['n_better_episodes']} of {summary['episodes']} episodes, "
+        f"by {summary['gain']:.2f} ± {summary['gain_standard_error']:.2f} on average (standard error)."
     )
     rows = [[name.replace("_", " "), value, summary["profile"][name]] for name, value in summary["policy"].items()]
     table = stream.format_markdown_table(["mean per episode", "policy", "hand-tuned profile"], rows)

@@ -120,8 +120,8 @@ def _draw_layout(
     count = len(node.children)
     columns = {"row": count, "column": 1}.get(node.kind, min(node.columns, count))
     rows = -(-count // columns)
-    widths = node.shares if node.kind == "row" else (1.0,) * columns
-    heights = node.shares if node.kind == "column" else (1.0,) * rows
+    widths = node.relative_sizes if node.kind == "row" else (1.0,) * columns
+    heights = node.relative_sizes if node.kind == "column" else (1.0,) * rows
     parts = np.atleast_2d(figure.subfigures(rows, columns, width_ratios=widths, height_ratios=heights, squeeze=False))
     for k, child in enumerate(node.children):
         row, column = divmod(k, columns)

@@ -41,13 +41,13 @@ def draw_series(axis: "Axes", view: View, entities: dict[str, Entity], timeline:
         if "scalars" not in entity.rows or timeline not in entity.times:
             continue
         value = np.array([row[0] if row else np.nan for row in entity.rows["scalars"]], dtype=np.float64)
-        look: dict[str, Any] = {"color": unpack_colour(get_first_value(entity, "colors", 0xAAAAAAFF))}
-        look["label"] = get_first_value(entity, "names", path)
+        style: dict[str, Any] = {"color": unpack_colour(get_first_value(entity, "colors", 0xAAAAAAFF))}
+        style["label"] = get_first_value(entity, "names", path)
         if "SeriesPoints" in entity.archetypes:
-            look |= {"linestyle": "none", "marker": "o", "markersize": get_first_value(entity, "marker_sizes", 3.0)}
+            style |= {"linestyle": "none", "marker": "o", "markersize": get_first_value(entity, "marker_sizes", 3.0)}
         else:
-            look["linewidth"] = 0.6 * get_first_value(entity, "widths", 1.0)
-        axis.plot(entity.get_times(timeline), value, **look)
+            style["linewidth"] = 0.6 * get_first_value(entity, "widths", 1.0)
+        axis.plot(entity.get_times(timeline), value, **style)
     axis.axvline(cursor, color=TEXT_COLOUR, linewidth=0.5)
     axis.grid(color=GRID_COLOUR, linewidth=0.3)
     axis.tick_params(labelsize=FONT_SIZE_PT, colors=TEXT_COLOUR)

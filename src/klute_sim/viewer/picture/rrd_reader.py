@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from klute_sim.errors import InputError
+from klute_sim.types import Array
 from klute_sim.viewer.stream import import_rerun
 
 CONTAINER_KINDS = {1: "tabs", 2: "row", 3: "column", 4: "grid"}
@@ -22,11 +22,11 @@ class Entity:
         """Create an entity without components."""
         self.static: dict[str, list[Any]] = {}
         self.rows: dict[str, list[Any]] = {}
-        self.times: dict[str, list[NDArray[np.float64]]] = {}
+        self.times: dict[str, list[Array]] = {}
         self.archetypes: set[str] = set()
         """Archetypes of the entity, such as ``Boxes3D``."""
 
-    def get_times(self, timeline: str) -> NDArray[np.float64]:
+    def get_times(self, timeline: str) -> Array:
         """Return the times of the rows: [s] on a timeline of durations, otherwise the numbers of the timeline."""
         return np.concatenate(self.times[timeline])
 
@@ -45,10 +45,13 @@ class View(NamedTuple):
     kind: str
     """``TimeSeries``, ``2D``, ``3D``, ``TextDocument``."""
     name: str
+    """Title of the view."""
     origin: str
+    """Path of the entity to which ``$origin`` refers."""
     query: tuple[str, ...]
     """Paths of the entities in the view; ``/**`` includes all entities below."""
     legend: bool
+    """Whether the view has a legend."""
     bounds: tuple[tuple[float, float], tuple[float, float]] | None
     """Ranges of x and y of a 2-D view."""
 
@@ -68,18 +71,26 @@ class Container(NamedTuple):
     """Views in a row, in a column, in a grid, or as tabs."""
 
     kind: str
+    """``row``, ``column``, ``grid`` or ``tabs``."""
     name: str
+    """Title of the container."""
     children: tuple["View | Container", ...]
-    shares: tuple[float, ...]
+    """Views and containers inside, in their order."""
+    relative_sizes: tuple[float, ...]
+    """Relative width of the children of a row, or height of those of a column."""
     columns: int
+    """Number of columns of a grid."""
 
 
 class RrdContents(NamedTuple):
     """Content of a recording."""
 
     entities: dict[str, Entity]
+    """Logged entities by path."""
     root: View | Container
+    """Outermost container or view of the layout."""
     timeline: str
+    """Name of the selected timeline."""
 
 
 def read_rrd(path: Path) -> RrdContents:
@@ -152,8 +163,9 @@ def _build_node(layout: dict[str, Entity], path: str) -> View | Container:
         children = tuple(_build_node(layout, str(child)) for child in entity.rows["contents"][-1])
         kind = CONTAINER_KINDS[int(_get_single(entity, "container_kind"))]
         shares: Sequence[float] = entity.rows.get({"row": "col_shares", "column": "row_shares"}.get(kind, ""), [[]])[-1]
-        filled = tuple(float(s) for s in shares) if len(shares or ()) == len(children) else (1.0,) * len(children)
-        return Container(kind, name, children, filled, int(_get_single(entity, "grid_columns", 1)))
+        has_shares = len(shares or ()) == len(children)
+        relative_sizes = tuple(float(s) for s in shares) if has_shares else (1.0,) * len(children)
+        return Container(kind, name, children, relative_sizes, int(_get_single(entity, "grid_columns", 1)))
     bounds = layout.get(f"{path}/VisualBounds2D")
     box = None if bounds is None else _get_single(bounds, "range")
     legend = layout.get(f"{path}/PlotLegend")

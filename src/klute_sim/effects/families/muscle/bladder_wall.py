@@ -21,19 +21,19 @@ def _thick_wall_force(muscle: MuscleParameters, length: float) -> float:
     """
     outer, resting_length = muscle.bladder_radius, muscle.resting_length
     ratio = length / resting_length
-    grip = resting_length / (2.0 * math.pi * muscle.braid_turns * outer)
-    k, a = grip * grip, ratio * ratio
+    cot_braid_angle = resting_length / (2.0 * math.pi * muscle.braid_turns * outer)
+    k, a = cot_braid_angle * cot_braid_angle, ratio * ratio
     q_outer = 1.0 + k * (1.0 - a)
-    half, total = 0.5 * muscle.bladder_thickness, 0.0
+    half_thickness, total = 0.5 * muscle.bladder_thickness, 0.0
     for k_node in range(len(GAUSS_NODES)):
-        radius = outer - half + half * GAUSS_NODES[k_node]
-        inside = outer * outer - radius * radius
-        q = max(1e-3, (outer * outer * q_outer - inside / ratio) / (radius * radius))
+        radius = outer - half_thickness + half_thickness * GAUSS_NODES[k_node]
+        squares_difference = outer * outer - radius * radius
+        q = max(1e-3, (outer * outer * q_outer - squares_difference / ratio) / (radius * radius))
         # Derivative with respect to lambda_1 of the squared hoop stretch q.
-        q_slope = (-2.0 * k * ratio * outer * outer + inside / a) / (radius * radius)
+        q_slope = (-2.0 * k * ratio * outer * outer + squares_difference / a) / (radius * radius)
         i1 = (1.0 - 1.0 / (a * a * q)) * 2.0 * ratio + (1.0 - 1.0 / (a * q * q)) * q_slope
         i2 = (q - 1.0 / (a * a)) * 2.0 * ratio + (a - 1.0 / (q * q)) * q_slope
-        total += GAUSS_WEIGHTS[k_node] * half * 2.0 * math.pi * radius * (muscle.c10 * i1 + muscle.c01 * i2)
+        total += GAUSS_WEIGHTS[k_node] * half_thickness * 2.0 * math.pi * radius * (muscle.c10 * i1 + muscle.c01 * i2)
     return muscle.n_actuators * total
 
 
@@ -52,13 +52,13 @@ def _energy_density(muscle: MuscleParameters, length: float) -> float:
 def soften_bladder(
     p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Return the tension [N] with the bladder's part times ``1 - share tanh((W_max - W) / m)``.
+    """Return the tension [N] with the bladder tension multiplied by ``1 - share tanh((W_max - W) / m)``.
 
     W_max is the greatest energy density so far (after Ogden and Roxburgh). On first loading W equals W_max, and the
     rubber is not softened.
     """
-    depth = max(0.0, state.max_energy_density - _energy_density(muscle, length))
-    return force - p.share * math.tanh(depth / p.energy_density) * mckibben.bladder_force(muscle, length)
+    energy_drop = max(0.0, state.max_energy_density - _energy_density(muscle, length))
+    return force - p.share * math.tanh(energy_drop / p.energy_density) * mckibben.bladder_force(muscle, length)
 
 
 def step_max_energy_density(

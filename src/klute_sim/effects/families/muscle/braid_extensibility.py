@@ -12,12 +12,12 @@ def stretch_braid(
 ) -> float:
     """Return the tension [N] with threads of length ``B = B0 / (1 - e P L/L0)`` instead of B0.
 
-    By virtual work all threads together carry ``P dV/dB = P B L / (2 pi N^2)``, which gives linear threads that length;
+    By virtual work all threads together carry ``P dV/dB = P B L / (2 pi N^2)``, so linear threads have that length;
     e is their strain per pressure at resting length. The gas pulls with ``P (3 L^2 - B^2) / (4 pi N^2)`` as before.
     """
     braid, turns = muscle.braid_length, muscle.braid_turns
-    stretched = braid / (1.0 - p.strain * pressure * length / muscle.resting_length)
-    return force - muscle.n_actuators * pressure * (stretched * stretched - braid * braid) / (
+    stretched_braid = braid / (1.0 - p.strain * pressure * length / muscle.resting_length)
+    return force - muscle.n_actuators * pressure * (stretched_braid * stretched_braid - braid * braid) / (
         4.0 * math.pi * turns * turns
     )
 

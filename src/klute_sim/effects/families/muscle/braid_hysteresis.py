@@ -26,9 +26,9 @@ def _slip_stretch(p: Any, pressure: float, fraction: float) -> float:
 def maxwell_slip_force(
     p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Return the tension [N] plus ``n sum k/3 (x - a_i)`` of three springs on sliders at a_i.
+    """Return the tension [N] plus ``n sum k/3 (x - a_i)``: three springs on sliders.
 
-    X is the length beyond rest.
+    The length beyond rest is x, and the sliders are at a_i.
     """
     x = length - muscle.resting_length
     return force + muscle.n_actuators * p.stiffness / 3.0 * (3.0 * x - state.slider_1 - state.slider_2 - state.slider_3)
@@ -40,7 +40,7 @@ def step_sliders(
     """Return the slider positions [m] after the step.
 
     A slider moves when its spring carries more than its fraction of ``n slope P``. Elements of constant stiffness whose
-    slip force follows the pressure are passive for any course of the pressure.
+    slip force follows the pressure are passive for any pressure history.
     """
     x = length - muscle.resting_length
     return (
@@ -64,18 +64,18 @@ def step_bouc_wen(
 
     ``du/dx = 1 - u sign(dx) / r`` with ``r = slope P / k``, solved exactly over the step: u tends to r sign(dx). This
     is the Bouc-Wen model with an exponent of 1 and equal shape constants. The stiffness is constant and the limit
-    follows the pressure, so the element dissipates ``k u^2 |dx| / r`` for any course of the pressure.
+    follows the pressure, so the element dissipates ``k u^2 |dx| / r`` for any pressure history.
     """
     x = length - muscle.resting_length
-    moved, reach = x - state.length, p.slope * pressure / p.stiffness
+    displacement, max_stretch = x - state.length, p.slope * pressure / p.stiffness
     if dt >= EQUILIBRIUM_TIME_STEP:
         return 0.0, x
-    if moved == 0.0:
+    if displacement == 0.0:
         return state.hysteretic_stretch, x
-    if reach <= 0.0:
+    if max_stretch <= 0.0:
         return 0.0, x
-    limit = math.copysign(reach, moved)
-    return limit + (state.hysteretic_stretch - limit) * math.exp(-abs(moved) / reach), x
+    limit = math.copysign(max_stretch, displacement)
+    return limit + (state.hysteretic_stretch - limit) * math.exp(-abs(displacement) / max_stretch), x
 
 
 _SLOPE_PARAMETER = EffectParameter(
@@ -109,7 +109,7 @@ BRAID_HYSTERESIS = Effect(
                     lower=1.0,
                     upper=500.0,
                     typical=40.0,
-                    source="assumed: friction turns round within about a millimetre",
+                    source="assumed: friction reverses within about a millimetre",
                 ),
             ),
             laws={"muscle_force": maxwell_slip_force, "next_state": step_sliders},
@@ -126,7 +126,7 @@ BRAID_HYSTERESIS = Effect(
                     lower=1.0,
                     upper=500.0,
                     typical=40.0,
-                    source="assumed: friction turns round within about a millimetre",
+                    source="assumed: friction reverses within about a millimetre",
                 ),
             ),
             laws={"muscle_force": bouc_wen_force, "next_state": step_bouc_wen},

@@ -1,4 +1,4 @@
-"""Conical ends of the muscle: near its caps it is no cylinder and pulls less, the more so the shorter it is."""
+"""Conical ends of the muscle: near its caps it is not a cylinder, so it pulls less."""
 
 import math
 from typing import Any
@@ -11,10 +11,10 @@ from klute_sim.laws.mckibben import MuscleParameters
 def cone_force(
     p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Return the tension [N] minus ``n P 2 c L / (4 pi N^2)``, with ``c = 4/3 tip``.
+    """Return the tension [N] minus ``n P 2 c L / (4 pi N^2)``, with ``c = 4/3 p.tip_length``.
 
-    A cone encloses a third of its cylinder: ``V = (L - c) (B^2 - L^2) / (4 pi N^2)`` with two cones of length ``tip``,
-    and the gas pulls with ``-P dV/dL``. The constant part of dV/dL is that of the cylinder.
+    A cone encloses a third of its cylinder: ``V = (L - c) (B^2 - L^2) / (4 pi N^2)`` with two cones of length
+    ``p.tip_length``, and the gas pulls with ``-P dV/dL``. The constant part of dV/dL is that of the cylinder.
     """
     cone_length, turns = 4.0 / 3.0 * p.tip_length, muscle.braid_turns
     return force - muscle.n_actuators * pressure * 2.0 * cone_length * length / (4.0 * math.pi * turns * turns)
