@@ -87,7 +87,7 @@ def _dataset(folder: Path) -> list[Path]:
     ]
     rows = [",".join(name for name, _ in columns)]
     rows += [",".join(f"{value:g}" for value in row) for row in zip(*(each for _, each in columns), strict=True)]
-    parquet.write(Recording.from_columns(columns), folder / "b.parquet")
+    parquet.write_recording(Recording.from_columns(columns), folder / "b.parquet")
     return [
         _written(folder / "dataset.toml", DATASET.encode()),
         _written(folder / "a.csv", "\n".join(rows).encode()),
@@ -109,7 +109,7 @@ def _recording(folder: Path, ending: str) -> list[Path]:
         ("ankle_moment [N*m]", 100 * np.sin(phase / 32.0)),
     ]
     if ending == "parquet":
-        parquet.write(Recording.from_columns(columns, {"options": {"mass_kg": 70.0}}), folder / "run.parquet")
+        parquet.write_recording(Recording.from_columns(columns, {"options": {"mass_kg": 70.0}}), folder / "run.parquet")
         return [folder / "run.parquet"]
     rows = [",".join(name for name, _ in columns)]
     rows += [",".join(f"{value:g}" for value in row) for row in zip(*(each for _, each in columns), strict=True)]

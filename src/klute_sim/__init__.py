@@ -40,8 +40,9 @@ _MODULES = {
     "klute_sim.device.schema.supply": ("Supply",),
     "klute_sim.effects.effect": ("Effect", "EffectForm", "EffectParameter"),
     "klute_sim.effects.catalogue": ("effect", "get_effects", "register_effect"),
-    "klute_sim.errors": ("InputError", "KluteSimError", "SimulationError"),
+    "klute_sim.errors": ("InputError", "KluteSimError", "MissingExtraError", "SimulationError"),
     "klute_sim.gait.reference": ("load_reference",),
+    "klute_sim.recording.parquet": ("load_recording",),
     "klute_sim.recording.recording": ("Recording",),
 }
 """Module -> its public names."""

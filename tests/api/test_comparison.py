@@ -34,7 +34,7 @@ def test_recordings_without_labels_are_numbered() -> None:
 
 def test_paths_get_labels_of_their_files(tmp_path: Path) -> None:
     for name, offset in (("a", 0.0), ("b", 1.0)):
-        parquet.write(make_recording(offset), tmp_path / f"{name}.parquet")
+        parquet.write_recording(make_recording(offset), tmp_path / f"{name}.parquet")
     result = ks.compare([tmp_path / "a.parquet", f"second={tmp_path / 'b.parquet'}"])
     assert [series.label for series in result.parts[0].series] == ["a", "second"]
 

@@ -15,6 +15,8 @@ from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.effects import catalogue as own
 from klute_sim.effects.families import instrument
 
+pytestmark = pytest.mark.slow
+
 LAW, AIR = catalogue.build_neutral_law(catalogue.load_device())
 PROGRAM = inputs.generate_programs(np.random.default_rng(7))[2]
 STEP = 5e-5  # s

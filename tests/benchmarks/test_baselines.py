@@ -14,6 +14,8 @@ from klute_sim.datasets.dataset import load_dataset, split_dataset
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.effects import catalogue as public
 
+pytestmark = pytest.mark.slow
+
 SILENT = simulate.Noise(1e-9, 1e-9, 1e-9, 0.0, 1e-9, 1e-9)
 
 

@@ -15,6 +15,8 @@ from benchmarks.hidden_effects import law as laws
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+pytestmark = pytest.mark.slow
+
 HOME = Path(__file__).parents[2] / "benchmarks" / "hidden_effects"
 
 FORMS = {**catalogue.EFFECTS, **catalogue.OTHER_FORMS}

@@ -17,6 +17,8 @@ from klute_sim.gait.replay.foot import build_device_foot
 from klute_sim.gait.rig.build import build_gait_model
 from klute_sim.laws.foot import Foot
 
+pytestmark = pytest.mark.slow
+
 DEVICE = load_device(walks.DEVICE_PRESET)
 FOOT = build_device_foot(DEVICE)
 IDS = [f"{name}-{form}" for name, form in benchmark.BODY_EFFECTS]

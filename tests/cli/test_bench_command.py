@@ -77,7 +77,7 @@ def test_results_agree_with_recordings(made: tuple[Path, dict[str, object]]) -> 
     for row, told in zip(rows, shown["trials"], strict=True):  # type: ignore[call-overload]
         assert row["trial"] == told["name"]
         assert float(row["work_j"]) == told["metrics"]["work_j"]
-        recording = parquet.read(home / f"{row['trial']}.parquet")
+        recording = parquet.load_recording(home / f"{row['trial']}.parquet")
         half = recording.select(recording["time"] >= 0.5 + (recording["time"][-1] - 0.5) / 2 - 1e-9)
         assert -np.trapezoid(half["force"], 1e-3 * half["length"]) == pytest.approx(float(row["work_j"]), rel=1e-3)
 
@@ -97,7 +97,7 @@ def test_mujoco_run_records_the_reached_length(tmp_path: Path) -> None:
     assert "small: klute-3-4-pair, MuJoCo tester" in done.stdout
     assert "Values that the protocol assumes, because the source does not print them: dwell_s." in done.stdout
     assert "Positive work is done by the device" in done.stdout
-    recording = parquet.read(tmp_path / "here" / "concentric_200mm_per_s_5bar.parquet")
+    recording = parquet.load_recording(tmp_path / "here" / "concentric_200mm_per_s_5bar.parquet")
     assert 1e-4 < np.abs(recording["length"] - recording["length_command"]).max() < 0.5
     assert recording["load_cell"] == pytest.approx(recording["force"], rel=1e-6, abs=1e-3)
 

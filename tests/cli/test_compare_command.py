@@ -34,8 +34,8 @@ def gait_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
             load_device(DEFAULT_DEVICE), parse.parse_controller(controller), GaitOptions(strides=2, dt=1e-3)
         )
         (folder / name).mkdir()
-        parquet.write(recording, folder / name / "recording.parquet")
-    recording = parquet.read(folder / "profile" / "recording.parquet")
+        parquet.write_recording(recording, folder / name / "recording.parquet")
+    recording = parquet.load_recording(folder / "profile" / "recording.parquet")
     channels = {n: recording[n] for n in ("time", "gait_phase", "ankle_angle", "cop_x", "ankle_x")}
     text.write(Recording(channels, {n: recording.units[n] for n in channels}), folder / "measured.csv")
     return folder
@@ -75,7 +75,7 @@ def test_numbers_match_recordings(compared: tuple[Path, dict[str, Any]]) -> None
     assert summary["series"][1]["controllers"] == ["constant 0 bar"]
     strides = {}
     for name in ("profile", "off"):
-        recording = parquet.read(folder / name / "recording.parquet")
+        recording = parquet.load_recording(folder / name / "recording.parquet")
         strides[name] = recording.select(recording["stride"] == 2)
     # A stride has 1100 samples, so every eleventh is at an integer percentage.
     pressure_difference = (strides["off"]["pressure"] - strides["profile"]["pressure"])[::11]
@@ -154,7 +154,7 @@ def test_bench_runs_are_compared_by_trial(tmp_path: Path) -> None:
         for number, name in enumerate(names):
             force = 10.0 * (run_ == "two" and name == "fast") * (time > 1.5) + number
             columns = [("time [s]", time), ("force [N]", np.sin(time) + 0.0 * number + force - number)]
-            parquet.write(Recording.from_columns(columns), tmp_path / run_ / f"{name}.parquet")
+            parquet.write_recording(Recording.from_columns(columns), tmp_path / run_ / f"{name}.parquet")
     process = run("compare", "one", "two", "--out", "c", "--json", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
     summary = json.loads(process.stdout)

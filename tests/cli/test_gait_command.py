@@ -47,7 +47,7 @@ def test_json_has_the_required_keys_and_the_run_folder_all_files(default_run: tu
 
 def test_recording_reproduces_the_metrics_of_the_summary(default_run: tuple[Path, dict[str, object]]) -> None:
     folder, summary = default_run
-    recording = parquet.read(folder / str(summary["run"]) / "recording.parquet")
+    recording = parquet.load_recording(folder / str(summary["run"]) / "recording.parquet")
     assert len(recording) == 5 * 2200
     last = recording.select(recording["stride"] > 1)
     peaks = [last.select(last["stride"] == k)["ankle_moment"].max() / 75 for k in (2, 3, 4, 5)]
@@ -71,7 +71,7 @@ def test_table_states_what_is_tracked_and_the_csv_reads_back(tmp_path: Path) -> 
     assert "tracked, not predicted" in done.stdout
     assert "peak net moment" in done.stdout
     assert "human" in done.stdout
-    recording = parquet.read(tmp_path / "r" / "recording.parquet")
+    recording = parquet.load_recording(tmp_path / "r" / "recording.parquet")
     lines = (tmp_path / "r" / "recording.csv").read_text().splitlines()
     assert lines[0].split(",")[0] == "time [s]"
     assert len(lines) == len(recording) + 1
@@ -190,7 +190,7 @@ def test_full_disk_is_one_sentence_and_leaves_no_file(tmp_path: Path) -> None:
         "from klute_sim.recording import parquet\n"
         "def write_half(recording, path):\n"
         "    path.write_bytes(b'half'); raise OSError(errno.ENOSPC, 'No space left on device')\n"
-        "parquet.write = write_half\n"
+        "parquet.write_recording = write_half\n"
         "from klute_sim.cli import main\n"
         "main(['gait', '--strides', '1', '--out', 'r'])\n"
     )

@@ -48,7 +48,7 @@ def test_folder_contains_metadata_and_log(lab: Path) -> None:
     assert report["files"][0]["sha256"] == metadata["source"][0]["sha256"]
     knee = next(e for e in report["channels"] if e["channel"] == "knee_angle" and e["side"] == "right")
     assert (knee["column"], knee["unit"], knee["sign"]) == ("knee_angle_r", "deg", 1)
-    strides = parquet.read(lab / "me" / "strides_right.parquet")
+    strides = parquet.load_recording(lab / "me" / "strides_right.parquet")
     assert len(strides) == 3 * 101
     assert np.all(np.diff(strides["time"]) > 0.0)
     assert strides["knee_angle"].max() == pytest.approx(64.4, abs=1.0)
@@ -71,7 +71,7 @@ def test_terminal_shows_log(lab: Path) -> None:
 def test_gait_uses_stride_time_mass_and_stature_of_folder(lab: Path) -> None:
     process = run("gait", "--reference", "me", "--strides", "1", "--step", "1", "--out", "walked", "--json", cwd=lab)
     assert process.returncode == 0, process.stderr
-    options = parquet.read(lab / "walked" / "recording.parquet").provenance["options"]
+    options = parquet.load_recording(lab / "walked" / "recording.parquet").provenance["options"]
     assert (options["mass_kg"], options["stature_m"]) == (70.0, 1.8)
     assert options["stride_time_s"] == pytest.approx(1.1, abs=1e-3)
     summary = json.loads(process.stdout)
@@ -98,7 +98,7 @@ def test_gait_options_override_folder(lab: Path) -> None:
         "other",
     )
     assert run("gait", "--reference", "me", *words, cwd=lab).returncode == 0
-    options = parquet.read(lab / "other" / "recording.parquet").provenance["options"]
+    options = parquet.load_recording(lab / "other" / "recording.parquet").provenance["options"]
     assert (options["mass_kg"], options["stature_m"], options["stride_time_s"]) == (80.0, 1.7, 1.2)
 
 
@@ -140,7 +140,7 @@ def test_exported_files_match_recording(lab: Path) -> None:
     formats = [word for kind in ("mot", "sto", "trc", "log", "csv", "parquet") for word in ("--format", kind)]
     process = run("export", "run", *formats, "--out", "out", cwd=lab)
     assert process.returncode == 0, process.stderr
-    recording = parquet.read(lab / "run" / "recording.parquet")
+    recording = parquet.load_recording(lab / "run" / "recording.parquet")
 
     def column(file: str, label: str) -> np.ndarray:
         lines = (lab / "out" / file).read_text().splitlines()
@@ -180,7 +180,7 @@ def test_exported_files_match_recording(lab: Path) -> None:
 def test_export_and_import_round_trip(lab: Path) -> None:
     if not (lab / "out").exists():
         test_exported_files_match_recording(lab)
-    recording = parquet.read(lab / "run" / "recording.parquet")
+    recording = parquet.load_recording(lab / "run" / "recording.parquet")
     second = recording.select(recording["stride"] == 2)
     for number, files in enumerate(
         (

@@ -416,7 +416,7 @@ def test_phase_and_reference_require_strides() -> None:
 def test_files_get_unique_default_labels(tmp_path: Path) -> None:
     for folder in ("x", "y"):
         (tmp_path / folder).mkdir()
-        parquet.write(make_gait(), tmp_path / folder / "recording.parquet")
+        parquet.write_recording(make_gait(), tmp_path / folder / "recording.parquet")
     csv.write(make_gait(), tmp_path / "m=1.csv")
     specs = [str(tmp_path / "x"), str(tmp_path / "y" / "recording.parquet"), f"mine={tmp_path / 'x'}"]
     comparison = runs.read_runs([*specs, str(tmp_path / "m=1.csv"), str(tmp_path / "x"), f"mine={tmp_path / 'y'}"])
@@ -464,7 +464,7 @@ def test_invalid_recording_raises_one_sentence_with_file_name(content: str, mess
 def test_invalid_paths_and_labels_are_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     no_time = Recording.from_columns([("time [s]", np.arange(3.0)), ("x [m]", np.arange(3.0))])
-    parquet.write(no_time, tmp_path / "r.parquet")
+    parquet.write_recording(no_time, tmp_path / "r.parquet")
     table = pq.read_table(tmp_path / "r.parquet")
     pq.write_table(table.drop_columns(["time [s]"]), tmp_path / "no_time.parquet")
     for name, provenance in {"odd": b"{", "list": b"[1]", "device": b'{"device": "x"}'}.items():

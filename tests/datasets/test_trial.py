@@ -191,7 +191,7 @@ def simulate_pull() -> Recording:
 
 def test_bench_recording_is_a_valid_trial(tmp_path: Path) -> None:
     recording = simulate_pull()
-    parquet.write(recording, tmp_path / "recording.parquet")
+    parquet.write_recording(recording, tmp_path / "recording.parquet")
     result = trial.read_trial([tmp_path / "recording.parquet"], "bench")
     assert result.prescribed["length"].value == pytest.approx(1e-3 * recording["length"])
     assert result.prescribed["pressure_command"].value == pytest.approx(4e5)
@@ -205,6 +205,6 @@ def test_unit_length_is_an_alias_of_length(tmp_path: Path) -> None:
     recording = simulate_pull()
     renamed = [("unit_length [m]" if n == "length" else recording.format_heading(n), s * (1e-3 if n == "length" else 1))
                for n, s in recording.channels.items()]  # fmt: skip
-    parquet.write(Recording.from_columns(renamed), tmp_path / "recording.parquet")
+    parquet.write_recording(Recording.from_columns(renamed), tmp_path / "recording.parquet")
     result = trial.read_trial([tmp_path / "recording.parquet"], "bench")
     assert result.prescribed["length"].value == pytest.approx(1e-3 * recording["length"])

@@ -26,6 +26,8 @@ from klute_sim.report.diagnosis import text as words
 from tests.command_line import run
 from tests.diagnosis.synthetic_dataset import write_dataset
 
+pytestmark = pytest.mark.slow
+
 WITHOUT_LENGTH: dict[str, Any] = {"muscle_length": False}
 
 

@@ -31,6 +31,8 @@ from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.recording import parquet
 from tests.diagnosis import synthetic_gait_dataset as synthetic_gait_dataset
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def use_temporary_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,7 +211,7 @@ def test_simulated_recording_is_a_trial_without_misfit(tmp_path: Path) -> None:
     recording = simulate_gait(
         load_device(synthetic_gait_dataset.DEVICE), load_default_profile(), GaitOptions(strides=3)
     )
-    parquet.write(recording, tmp_path / "a.parquet")
+    parquet.write_recording(recording, tmp_path / "a.parquet")
     header = f'format = "klute-sim-dataset/2"\nrig = "gait"\ndevice = "{synthetic_gait_dataset.DEVICE}"\n'
     (tmp_path / "dataset.toml").write_text(f'{header}[[trial]]\nfiles = ["a.parquet"]\n', "utf-8")
     result = diagnose(datasets.load_dataset(tmp_path), DiagnosisOptions(only=("ankle_friction", "seal_friction")))

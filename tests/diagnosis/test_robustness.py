@@ -20,6 +20,8 @@ from klute_sim.diagnosis.selection.localization import locate_misfit
 from klute_sim.diagnosis.workflow import diagnose, fit_base_device
 from tests.diagnosis.synthetic_dataset import write_dataset
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def use_temporary_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

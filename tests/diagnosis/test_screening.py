@@ -18,6 +18,8 @@ from klute_sim.diagnosis.selection.screening import (
 )
 from klute_sim.diagnosis.workflow import fit_base_device
 
+pytestmark = pytest.mark.slow
+
 RISING = {"name": "threshold_pressure", "form": "rising", "parameters": {"pressure_bar": 0.1136, "rise_bar": 1.604}}
 THICK = {"name": "thick_wall_bladder", "form": "mooney_rivlin", "parameters": {"share": 0.5}}
 

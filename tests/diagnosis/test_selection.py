@@ -18,6 +18,8 @@ from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from tests.diagnosis.synthetic_dataset import write_dataset
 
+pytestmark = pytest.mark.slow
+
 NOT_SHOWN = ("bladder", "friction_offset", "leak")
 """Effects that the device has already or that its regulator compensates."""
 

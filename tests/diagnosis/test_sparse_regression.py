@@ -34,6 +34,8 @@ from klute_sim.report.diagnosis import page
 from klute_sim.report.diagnosis import text as words
 from tests.diagnosis.synthetic_dataset import write_dataset
 
+pytestmark = pytest.mark.slow
+
 FORCE = ("unknown_force", "sparse")
 HIDDEN = {FORCE: {"begin_n": -120.0, "pressure_friction_n": 60.0}}
 """No effect of the catalogue does both."""

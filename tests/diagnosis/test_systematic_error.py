@@ -28,6 +28,8 @@ from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.gait.replay.prescribed import CUTOFF_FREQUENCY_HZ, prepare_prescribed_motion
 from tests.diagnosis import synthetic_gait_dataset as synthetic_gait_dataset
 
+pytestmark = pytest.mark.slow
+
 QUANTILE = norm.ppf(0.975)
 
 

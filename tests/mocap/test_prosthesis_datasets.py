@@ -245,7 +245,7 @@ def test_gaps_of_centre_of_pressure_are_filled_or_reported(gait_recording: Recor
         channels = {
             n: np.where(is_missing, np.nan, s) if n == "cop_x" else s for n, s in gait_recording.channels.items()
         }
-        parquet.write(
+        parquet.write_recording(
             Recording(channels, gait_recording.units, gait_recording.provenance), tmp_path / "recording.parquet"
         )
         if message is None:

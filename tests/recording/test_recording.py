@@ -73,8 +73,8 @@ def test_select_keeps_units_and_provenance() -> None:
 
 def test_parquet_round_trip_is_exact(tmp_path: Path) -> None:
     file = tmp_path / "r.parquet"
-    parquet.write(example(), file)
-    back = parquet.read(file)
+    parquet.write_recording(example(), file)
+    back = parquet.load_recording(file)
     for name, samples in example().channels.items():
         assert np.array_equal(back[name], samples, equal_nan=True)
     assert list(back.channels) == list(example().channels)
@@ -82,19 +82,19 @@ def test_parquet_round_trip_is_exact(tmp_path: Path) -> None:
     assert back.provenance == example().provenance
     schema = pq.read_schema(file)
     assert schema.field("force [N]").metadata[b"unit"] == b"N"
-    parquet.write(example(), tmp_path / "again.parquet")
+    parquet.write_recording(example(), tmp_path / "again.parquet")
     assert (tmp_path / "again.parquet").read_bytes() == file.read_bytes()
 
 
 def test_invalid_parquet_is_refused_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "x.parquet").write_text("hello")
     with pytest.raises(InputError, match="cannot be read"):
-        parquet.read(tmp_path / "x.parquet")
+        parquet.load_recording(tmp_path / "x.parquet")
     with pytest.raises(InputError, match="cannot be read"):
-        parquet.read(tmp_path / "none.parquet")
+        parquet.load_recording(tmp_path / "none.parquet")
     pq.write_table(pa.table({"time [s]": TIME, "note [1]": list("abcde")}), tmp_path / "t.parquet")
     with pytest.raises(InputError, match="'note \\[1\\]' is not numeric"):
-        parquet.read(tmp_path / "t.parquet")
+        parquet.load_recording(tmp_path / "t.parquet")
 
 
 def test_csv_round_trip_is_exact_and_missing_samples_are_empty(tmp_path: Path) -> None:

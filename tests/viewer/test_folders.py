@@ -62,7 +62,7 @@ def test_bench_run_shows_its_trials_and_metrics(bench: Path) -> None:
     assert tabs[1] == trials[0]["name"]
     assert tabs[-1] == trials[-1]["name"]
     assert has_no_empty_view(contents)
-    channels = parquet.read(bench / f"{trials[-1]['name']}.parquet")
+    channels = parquet.load_recording(bench / f"{trials[-1]['name']}.parquet")
     prefix = f"trial_{len(trials):03d}"
     assert np.array_equal(get_values(contents, f"{prefix}/pressure"), channels["pressure"])
     assert np.array_equal(get_values(contents, f"{prefix}/channels/delivered_power"), channels["delivered_power"])

@@ -37,7 +37,7 @@ def rig() -> mujoco.MjModel:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run's folder without its recording for rerun."""
     made = tmp_path_factory.mktemp("run")
-    parquet.write(stride(), made / "recording.parquet")
+    parquet.write_recording(stride(), made / "recording.parquet")
     (made / "device.toml").write_bytes(DEVICE.content)
     return made
 
@@ -104,7 +104,7 @@ def scalars(chunks: dict[str, list[Any]], entity: str) -> np.ndarray:
 
 
 def test_channels_read_back_as_in_the_parquet_file(folder: Path, chunks: dict[str, list[Any]]) -> None:
-    recording = parquet.read(folder / "recording.parquet")
+    recording = parquet.load_recording(folder / "recording.parquet")
     assert set(recording.channels) == set(stride().channels)
     for name, samples in recording.channels.items():
         if name != "time":

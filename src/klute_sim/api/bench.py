@@ -116,7 +116,7 @@ class BenchRun:
         (scratch / "protocol.toml").write_bytes(self.protocol_content)
         (scratch / "results.csv").write_text(format_results_csv(self.result), "utf-8")
         for index, trial in enumerate(self.result.trials):
-            parquet.write(trial.recording, scratch / f"{trial.name}.parquet")
+            parquet.write_recording(trial.recording, scratch / f"{trial.name}.parquet")
             progress(0.7 * index / len(self.result.trials), "writing")
         self.plot().savefig(scratch / "figure.png", dpi=COMPACT_DPI)
         files = [*sorted(file.name for file in scratch.iterdir()), "summary.json"]

@@ -131,7 +131,7 @@ class GaitRun:
 
         notes = []
         (scratch / "device.toml").write_bytes(self.device.content)
-        parquet.write(self.recording, scratch / "recording.parquet")
+        parquet.write_recording(self.recording, scratch / "recording.parquet")
         if with_csv:
             csv.write(self.recording, scratch / "recording.csv")
         progress(0.2)

@@ -106,7 +106,7 @@ def _read_parts(path: Path, label: str) -> tuple[dict[str, Recording], tuple[str
 
 def _read_parquet(path: Path) -> Recording:
     try:
-        recording = parquet.read(path)
+        recording = parquet.load_recording(path)
     except InputError as error:
         message = str(error)
         raise InputError(message if str(path) in message else f"recording {path}: {message}") from None

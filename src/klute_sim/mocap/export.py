@@ -37,7 +37,7 @@ def read_gait(folder: Path) -> Recording:
     Raises InputError for other folders.
     """
     if (folder / RECORDING_FILE).is_file():
-        recording = parquet.read(folder / RECORDING_FILE)
+        recording = parquet.load_recording(folder / RECORDING_FILE)
         needed = ("thigh_angle", "knee_angle", "ankle_angle", "ankle_moment", "grf_vertical", "grf_forward")
         missing = [name for name in needed if name not in recording]
         if missing:
@@ -157,6 +157,6 @@ FILE_WRITERS: Mapping[str, Mapping[str, FileWriter]] = {
     "trc": {"markers.trc": lambda recording, side, path: trc.write(to_markers(recording, side), path)},
     "log": {"log.csv": lambda recording, side, path: csv.write(to_prosthesis_log(recording), path)},
     "csv": {"recording.csv": lambda recording, side, path: csv.write(recording, path)},
-    "parquet": {RECORDING_FILE: lambda recording, side, path: parquet.write(recording, path)},
+    "parquet": {RECORDING_FILE: lambda recording, side, path: parquet.write_recording(recording, path)},
 }
 """Format -> file name -> function that writes the file."""

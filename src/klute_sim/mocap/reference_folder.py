@@ -55,7 +55,7 @@ def write_reference(imported: ImportedReference, folder: Path) -> dict[str, Any]
     (folder / reference_folder.CURVES_FILE).write_text(imported.to_csv(), "utf-8", newline="\n")
     (folder / reference_folder.METADATA_FILE).write_text(_format_toml(imported), "utf-8", newline="\n")
     for side, strides in imported.strides.items():
-        parquet.write(to_recording(strides, side), folder / f"strides_{side}.parquet")
+        parquet.write_recording(to_recording(strides, side), folder / f"strides_{side}.parquet")
     summary = summarize(imported)
     (folder / REPORT_FILE).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", "utf-8")
     return summary

@@ -16,7 +16,7 @@ from klute_sim.recording.recording import Recording
 _METADATA_KEY = b"klute_sim"
 
 
-def write(recording: Recording, path: Path) -> None:
+def write_recording(recording: Recording, path: Path) -> None:
     """Write ``recording`` to ``path``; equal recordings give equal bytes."""
     fields = [
         pa.field(recording.format_heading(name), pa.float64(), metadata={"unit": recording.units[name]})
@@ -28,7 +28,7 @@ def write(recording: Recording, path: Path) -> None:
     pq.write_table(table, path, compression="zstd")
 
 
-def read(path: Path) -> Recording:
+def load_recording(path: str | Path) -> Recording:
     """Return the recording in ``path``.
 
     Raises InputError when ``path`` is not a Parquet file with numeric ``name [unit]`` columns.

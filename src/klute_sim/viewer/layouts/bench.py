@@ -61,7 +61,10 @@ def rebuild_recording(folder: Path, path: Path) -> None:
     summary = json.loads((folder / "summary.json").read_text("utf-8"))
     trials = [
         RecordedBenchTrial(
-            trial["name"], trial["conditions"], trial["metrics"], parquet.read(folder / f"{trial['name']}.parquet")
+            trial["name"],
+            trial["conditions"],
+            trial["metrics"],
+            parquet.load_recording(folder / f"{trial['name']}.parquet"),
         )
         for trial in summary["trials"]
     ]

@@ -149,7 +149,7 @@ def rebuild_recording(folder: Path, path: Path) -> None:
 
     Raises MissingExtraError without rerun, and InputError for damaged files.
     """
-    recording = parquet.read(folder / "recording.parquet")
+    recording = parquet.load_recording(folder / "recording.parquet")
     options = recording.provenance["options"]
     model = build_gait_model(
         load_device(folder / "device.toml"), mass=options["mass_kg"], stature=options["stature_m"], dt=options["step_s"]
