@@ -145,12 +145,12 @@ def measure_step_ratios(n_rounds: int) -> list[SpeedRatio]:
     _, python = measure_interleaved(n_rounds, measure_wall_time, lambda: theirs(few), lambda: ours("python", few))
     against = "built-in muscle, one thread"
     return [
-        SpeedRatio("step of the ankle, compiled law", against, one, "<= 1.15", one <= 1.15),
+        SpeedRatio("step of the ankle, compiled backend", against, one, "<= 1.15", one <= 1.15),
         SpeedRatio("same number of steps on two threads", against, two, "<= 0.65", two <= 0.65),
         SpeedRatio("  (built-in muscle on two threads)", against, muscles, "", True),
-        SpeedRatio("step of the ankle, behind a valve", against, behind, "", True),
-        SpeedRatio("  and with every effect at once", against, whole, "<= 1.6", whole <= 1.6),
-        SpeedRatio("step of the ankle, Python law", against, python, "", True),
+        SpeedRatio("step of the ankle with a valve", against, behind, "", True),
+        SpeedRatio("  with a valve and every effect", against, whole, "<= 1.6", whole <= 1.6),
+        SpeedRatio("step of the ankle, Python backend", against, python, "", True),
     ]
 
 
@@ -218,9 +218,11 @@ def measure_environment_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[st
     found = [
         SpeedRatio("environment: steps per CPU second, thousands", "1", rate / 1e3, ">= 3", rate >= 3000),
         SpeedRatio("environment step, CPU time", "Walker2d-v5 (4 steps of 2 ms; ours 20 of 0.5 ms)", ratio, "", True),
-        SpeedRatio("16 environments as a batch, one thread: speed", "in turn", 1 / one, "", True),
-        SpeedRatio("16 environments as a batch, two threads: speed", "in turn", 1 / two, ">= 1.7", 1 / two >= 1.7),
-        SpeedRatio("  of which two threads against one", "one thread", one / two, "", True),
+        SpeedRatio("16 environments vectorized, one thread: speed", "one after another", 1 / one, "", True),
+        SpeedRatio(
+            "16 environments vectorized, two threads: speed", "one after another", 1 / two, ">= 1.7", 1 / two >= 1.7
+        ),
+        SpeedRatio("  two threads of the vectorized environment: speed", "one thread", one / two, "", True),
     ]
     return found, {"environment_steps_per_cpu_second": rate}
 
@@ -275,11 +277,11 @@ def measure_memory() -> dict[str, float]:
     if not sys.platform.startswith("linux"):
         return {}
     makes = {
-        "one environment, compiled law": f"env = gymnasium.make({ENVIRONMENT_ID!r})",
-        "one environment, Python law": f"env = gymnasium.make({ENVIRONMENT_ID!r}, backend='python')",
+        "one environment, compiled backend": f"env = gymnasium.make({ENVIRONMENT_ID!r})",
+        "one environment, Python backend": f"env = gymnasium.make({ENVIRONMENT_ID!r}, backend='python')",
         "Walker2d-v5": "env = gymnasium.make('Walker2d-v5')",
-        "batch of 16": f"env = gymnasium.make_vec({ENVIRONMENT_ID!r}, 16, 'vector_entry_point')",
-        "batch of 1024": f"env = gymnasium.make_vec({ENVIRONMENT_ID!r}, 1024, 'vector_entry_point')",
+        "vector environment of 16": f"env = gymnasium.make_vec({ENVIRONMENT_ID!r}, 16, 'vector_entry_point')",
+        "vector environment of 1024": f"env = gymnasium.make_vec({ENVIRONMENT_ID!r}, 1024, 'vector_entry_point')",
     }
     usage = {}
     for label, make in makes.items():

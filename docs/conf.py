@@ -10,7 +10,7 @@ project = "klute-sim"
 author = "The klute-sim authors"
 project_copyright = author
 release = version = __version__
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme = "furo"
 html_title = f"klute-sim {release}"
 html_show_sphinx = False

@@ -47,7 +47,7 @@ def test_table_begins_with_measured_items(tmp_path: Path) -> None:
         (("reproduce", "--device", "klute-3-4"), "has no damper"),
         (("reproduce", "--published", "none.toml"), "none.toml cannot be read"),
         (("assumptions", "klute"), "no device 'klute'"),
-        (("reproduce", "--missing", "--json"), "no other option goes with it"),
+        (("reproduce", "--missing", "--json"), "leave out all other options"),
     ],
 )
 def test_invalid_input_raises_one_sentence(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:

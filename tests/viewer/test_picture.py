@@ -166,7 +166,7 @@ def test_pictures_of_window_and_views_are_written(file: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--at", "1"], "--at sets the cursor of a picture: give --picture, too"),
+        (["--at", "1"], "--at sets the cursor of a picture: add --picture"),
         (["--web", "--picture", "p.png"], "--web and --picture exclude each other"),
         (["--picture", ""], "the path is empty"),
     ],
