@@ -36,7 +36,7 @@ def test_resolution_and_dither_are_detected_in_the_data(step: float, zero: float
     offset = (result.offset - zero) / step
     assert abs(offset - round(offset)) < 0.01
     if 0.1 < 1.5 / step < 0.5:
-        # Less noise crosses fewer steps: over 144 seeds and steps the error was 25 % at 0.1 of a step, 12 % from 0.15 on.
+        # Less noise crosses fewer steps: in 144 draws the error was 25 % at 0.1 of a step, 12 % from 0.15 on.
         assert result.dither == pytest.approx(1.5 / step, rel=0.15 if 1.5 / step > 0.15 else 0.3)
 
 
