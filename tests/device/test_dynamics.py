@@ -147,13 +147,13 @@ def test_nan_input_gives_nan() -> None:
 
 @given(st.floats(0.3, 0.34), st.floats(1e5, 4.9e5))
 def test_force_increases_with_pressure_and_length(unit_length: float, pressure: float) -> None:
-    def held(p: float, length: float) -> float:
+    def hold_pressure(p: float, length: float) -> float:
         undamped = PAIR._replace(damper=PAIR.damper._replace(concentric_coefficient=0.0, eccentric_coefficient=0.0))
         state = dynamics.advance_state(undamped, DeviceState(p, 0.24), length, p, 1.0)
         return dynamics.compute_tension(undamped, state, length, 0.0)
 
-    assert held(pressure + 1e4, unit_length) >= held(pressure, unit_length)
-    assert held(pressure, unit_length + 0.002) >= held(pressure, unit_length)
+    assert hold_pressure(pressure + 1e4, unit_length) >= hold_pressure(pressure, unit_length)
+    assert hold_pressure(pressure, unit_length + 0.002) >= hold_pressure(pressure, unit_length)
 
 
 def test_force_decreases_with_shortening_velocity() -> None:
