@@ -1,0 +1,67 @@
+"""A finding: something implausible in a user's file, its likely cause, and the name with which the user accepts it."""
+
+from collections.abc import Collection, Iterable, Sequence
+from typing import NamedTuple
+
+from klute_sim.errors import InputError
+
+MAX_LISTED_FINDINGS = 4
+"""Maximum number of findings that one error lists."""
+
+
+class Finding(NamedTuple):
+    """One implausible property of a file."""
+
+    name: str
+    """What the user accepts, such as ``force-unit``: a channel and the kind of the mistake."""
+    place: str
+    """File, trial or section, such as ``trial 'a'``."""
+    statement: str
+    """What was found, what is expected, the likely mistake and its correction; without place and full stop."""
+
+    @property
+    def sentence(self) -> str:
+        """Place and statement, without full stop."""
+        return f"{self.place}: {self.statement}"
+
+
+class ImplausibleInputError(InputError):
+    """A file is readable, but holds something implausible that the user has not accepted."""
+
+    def __init__(self, message: str, findings: Sequence[Finding]) -> None:
+        """Report ``findings`` with the sentence ``message``."""
+        super().__init__(message)
+        self.findings = tuple(findings)
+
+
+def require_accepted(
+    findings: Iterable[Finding], accepted: Collection[str] = (), how: str = "--accept {name}"
+) -> tuple[Finding, ...]:
+    """Return the accepted ``findings``; raise ImplausibleInputError when there are others.
+
+    ``accepted`` holds names of findings. ``how`` tells the user how to accept one; ``{name}`` stands for its name.
+    Findings of one name are reported once, with the number of the others.
+    """
+    all_findings = tuple(findings)
+    refused = [finding for finding in all_findings if finding.name not in accepted]
+    if not refused:
+        return all_findings
+    by_name: dict[str, list[Finding]] = {}
+    for finding in refused:
+        by_name.setdefault(finding.name, []).append(finding)
+    sentences = []
+    for group in list(by_name.values())[:MAX_LISTED_FINDINGS]:
+        n_others = len({finding.place for finding in group} - {group[0].place})
+        others = f" (and in {n_others} more {_get_noun(group[0].place, n_others)})" if n_others else ""
+        sentences.append(f"{group[0].sentence}{others}")
+    if len(by_name) > MAX_LISTED_FINDINGS:
+        sentences.append(f"and {len(by_name) - MAX_LISTED_FINDINGS} more findings")
+    instructions = " ".join(how.format(name=name) for name in list(by_name)[:MAX_LISTED_FINDINGS])
+    raise ImplausibleInputError(f"{'; '.join(sentences)}. If this is right, accept it with {instructions}", refused)
+
+
+def _get_noun(place: str, number: int) -> str:
+    """Return the first word of ``place``, such as 'trial', in the number that fits."""
+    word = place.split(" ", 1)[0]
+    noun = word if word.isalpha() else "place"
+    return noun if number == 1 else f"{noun}s"
