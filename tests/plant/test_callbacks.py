@@ -239,7 +239,7 @@ def test_nonfinite_state_is_reported_at_its_step(backend: str, what: str) -> Non
                 callbacks.step_model(model, data)
         assert np.isfinite(data.qpos).all()
         assert np.isfinite(data.qvel).all()
-        # mended, it goes on
+        # Finite again, the simulation continues.
         data.ctrl[:], data.act[:] = 1.0, [0.5, -0.001]
         callbacks.step_model(model, data, 10)
     assert np.isfinite(data.act).all()
