@@ -94,7 +94,7 @@ def build_gap_figure(diagnosis: Diagnosis) -> "Figure":
             if diagnosis.added_terms:
                 bars.append(("with effects added", gap.with_effects, AFTER_COLOUR))
             if gap.noise_floor is not None:
-                bars.append(("noise of repeats", gap.noise_floor, NOISE_COLOUR))
+                bars.append(("repeat noise", gap.noise_floor, NOISE_COLOUR))
                 axis.axvline(gap.noise_floor / si, color="0.5", linewidth=0.7, linestyle=":")
             container = axis.barh(
                 [name for name, _, _ in bars], [v / si for _, v, _ in bars], color=[c for _, _, c in bars], height=0.7

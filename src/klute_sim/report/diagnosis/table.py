@@ -46,7 +46,7 @@ def build_effects_table(diagnosis: Diagnosis, final_fit: Fit) -> Table:
 def build_gap_table(diagnosis: Diagnosis) -> Table:
     """Return the root mean square of measured minus simulated values of each channel."""
     trials = "test trials" if diagnosis.evaluated_on == "test" else "fitted trials (no test trial)"
-    headings = ("channel", "unit", "nominal", "refitted", "with effects", "noise of repeats")
+    headings = ("channel", "unit", "nominal", "refitted", "with effects", "repeat noise")
     table = Table(*headings, title=f"Measured - simulated (rms) on {trials}")
     for channel, rms in diagnosis.channel_rms.items():
         unit, si = CHANNEL_UNITS[channel]

@@ -105,7 +105,7 @@ def format_page(diagnosis: Diagnosis) -> str:
     paragraphs.append(f"## Gap: root mean square of measured minus simulated values, on {trials}")
     paragraphs.append(
         stream.format_markdown_table(
-            ["channel", "unit", "nominal", "refitted", "with effects", "noise of repeats"], rows
+            ["channel", "unit", "nominal", "refitted", "with effects", "repeat noise"], rows
         )
     )
     if d.added_terms and d.final_fit is not None:
