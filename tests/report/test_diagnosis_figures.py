@@ -77,7 +77,7 @@ def test_gap_figure_shows_the_gaps(diagnosis: Diagnosis) -> None:
     assert widths == pytest.approx([v / BAR for v in (gap.nominal, gap.refitted, gap.with_effects, gap.noise_floor)])
     assert "[bar]" in axes[1].get_xlabel()
     labels = [label.get_text() for label in axes[0].get_yticklabels()]
-    assert labels == ["nominal device", "refitted", "with effects added", "noise of repeats"]
+    assert labels == ["nominal device", "refitted", "with effects added", "repeat noise"]
     assert len(axes_of(figures.build_gap_figure(without_effects(diagnosis)))[0].patches) == 3
 
 
