@@ -6,9 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.mark.slow
 def test_benchmark_runs_and_is_documented(tmp_path: Path) -> None:
     command = [sys.executable, ROOT / "benchmarks" / "speed.py", "--quick", "--json"]
     completed = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -11,8 +11,10 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(console|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SLOW_PAGES = {"compare.md", "design.md", "diagnose.md", "dissertation.md", "import.md", "python.md", "tuning.md"}
+"""Pages with commands of many seconds, such as whole diagnoses."""
 BLOCKS = [
-    pytest.param(kind, text, id=f"{page.name}-{number}")
+    pytest.param(kind, text, id=f"{page.name}-{number}", marks=[pytest.mark.slow] if page.name in SLOW_PAGES else [])
     for page in PAGES
     for number, (kind, text) in enumerate(BLOCK.findall(page.read_text("utf-8")))
 ]

@@ -191,6 +191,7 @@ def test_gait_metrics_are_separate() -> None:
     assert found["walks: 95 % intervals that cover the truth"].value == 1.0
 
 
+@pytest.mark.slow
 def test_effects_reach_target_size() -> None:
     """By the definition: what is left after the device's numbers followed, over noise, in the worst channel."""
     base = catalogue.load_device()
@@ -255,6 +256,7 @@ def test_out_of_catalogue_effects_change_expected_channels() -> None:
     assert all(name not in dict(catalogue.EFFECTS) for name in out_of_catalogue.OUT_OF_CATALOGUE_FORMS)
 
 
+@pytest.mark.slow
 def test_follow_up_performs_proposed_experiment(tmp_path: Path) -> None:
     fault = {"name": "sensor_offset", "form": "offset", "channel": "pressure", "parameters": {"offset": 0.5}}
     sealed = generate.make_dataset(tmp_path / "first", 5, instruments=[fault], muscle_length=False)

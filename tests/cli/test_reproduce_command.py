@@ -10,6 +10,7 @@ from tests.command_line import run
 VERDICTS = {"agrees", "contradicts-source", "source-contradicts-itself", "not-printed"}
 
 
+@pytest.mark.slow
 def test_reproduction_writes_page_with_figures(tmp_path: Path) -> None:
     numbers = tmp_path / "numbers.toml"
     numbers.write_text('"table-4.1.bore" = 20.0\n', "utf-8")

@@ -134,7 +134,7 @@ PASSIVE = [
 ]
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(seed=st.integers(0, 10**6), size=st.floats(0.1, 4.0))
 @pytest.mark.parametrize("slot", PASSIVE, ids=lambda s: f"{s.effect}-{s.form.name}")
 def test_closed_path_at_constant_pressure_dissipates_energy(slot: EffectSlot, seed: int, size: float) -> None:
