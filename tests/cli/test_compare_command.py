@@ -114,7 +114,8 @@ def test_table_explains_channels_and_units(gait_runs: Path, tmp_path: Path) -> N
         "compare", "a=profile", "b=off", "--out", str(out), "--channel", "ankle_moment", "--no-report", cwd=gait_runs
     )
     assert process.returncode == 0, process.stderr
-    assert "b (1 stride) against a (1 stride)" in process.stdout
+    assert process.stdout.startswith("'b' differs most from 'a' in ankle moment: rms ")
+    assert "b (1 stride) minus a (1 stride): size" in process.stdout
     assert "ankle moment [N·m]" in process.stdout
     assert "pressure" not in process.stdout
     assert "No band: there are neither repeats nor a known s" in process.stdout

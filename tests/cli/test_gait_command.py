@@ -66,8 +66,12 @@ def test_same_command_writes_the_same_parquet_bits(tmp_path: Path) -> None:
 
 
 def test_table_states_what_is_tracked_and_the_csv_reads_back(tmp_path: Path) -> None:
-    done = run("gait", "--strides", "1", "--out", "r", "--csv", cwd=tmp_path, COLUMNS="150")
+    done = run("gait", "--strides", "1", "--out", "r", "--csv", cwd=tmp_path, COLUMNS="80")
     assert done.returncode == 0
+    assert done.stdout.startswith("klute-1-1-4-pair: ankle power peaks at ")
+    table = done.stdout.split("Subject:")[0].splitlines()[1:]
+    assert max(map(len, table)) <= 80
+    assert "Reference gait: able-bodied adults (Winter" in done.stdout
     assert "tracked, not predicted" in done.stdout
     assert "peak net moment" in done.stdout
     assert "human" in done.stdout
@@ -125,6 +129,7 @@ def test_toe_catch_is_reported(tmp_path: Path) -> None:
         (["--controller", "pid"], "no controller 'pid'; allowed: profile, off"),
         (["--spring-foot", "100"], "stiffness of the spring foot is 100; allowed: 0.5 to 40 N.m/deg"),
         (["--spring-foot", "6", "--controller", "machine"], "a spring foot takes no pressure command"),
+        (["--spring-foot", "6", "--device", "klute-1-1-4-pair"], "a spring foot replaces the device; leave out"),
         (["--slope", "45"], "slope is 45; allowed: -10 to 10 degrees"),
         (["--out", "full"], "output folder full is not empty"),
         (["--out", "bad.toml"], "is a file"),
@@ -159,6 +164,22 @@ def test_missing_rerun_is_named_and_all_other_files_are_written(tmp_path: Path) 
     assert done.returncode == 2
     assert "pip install '.[rerun]'" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_spring_foot_has_neither_device_nor_its_assumptions(tmp_path: Path) -> None:
+    foot = ks.simulate_gait(spring_foot=6.0, strides=1, time_step=1e-3)
+    assert foot.device is None
+    assert foot.summary["device"] == "spring foot, 6 N·m/deg"
+    assert set(foot.summary["assumptions"]) == {"spring foot", "prosthesis"}
+    assert foot.summary["without_source"] == []
+    assert "spring foot, 6 N·m/deg, stride 1" in str(foot)
+    assert "actuator" not in str(foot)
+    assert "klute" not in str(foot)
+    saved = foot.save(tmp_path / "foot")
+    assert not (saved / "device.toml").exists()
+    assert len(foot.plot().axes) == 6
+    with pytest.raises(ks.InputError, match="a spring foot replaces the device"):
+        ks.simulate_gait("klute-1-1-4-pair", spring_foot=6.0)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")

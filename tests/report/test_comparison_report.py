@@ -1,5 +1,6 @@
 """Tables, figures and pages of a comparison agree with its numbers and keep the largest differences."""
 
+import io
 from pathlib import Path
 
 import matplotlib
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.legend import Legend
+from rich.console import Console
 
 from klute_sim.comparison.comparison import Comparison, ComparisonOptions, compare
 from klute_sim.comparison.runs import ComparedRun
@@ -15,6 +17,7 @@ from klute_sim.report.comparison import figures as comparison_figures
 from klute_sim.report.comparison import page as comparison_page
 from klute_sim.report.comparison import table as comparison_table
 from klute_sim.report.comparison import text as words
+from klute_sim.report.comparison.headline import format_headline
 from klute_sim.report.style import STYLE
 from klute_sim.viewer.layouts import comparison as recording
 from klute_sim.viewer.picture import picture, rrd_reader
@@ -126,37 +129,106 @@ def test_bands_from_simulated_strides_alone_carry_a_warning(
         ComparedRun("b", Path("b"), {"": recording}),
     ]
     comparison = compare(runs, ComparisonOptions(skip_strides=skip))
-    assert ("repeat almost exactly" in " ".join(words.explain_numbers(comparison))) == expected
+    assert ("Not tested" in " ".join(words.explain_numbers(comparison))) == expected
 
 
 def test_positions_and_intervals_are_formatted_with_units() -> None:
     (row,) = words.iter_rows(compare_gait_runs(0.0, 2.0))
     assert words.format_half_error_interval(row, "phase").endswith(" %")
-    assert words.format_significant_regions(row.difference, "phase") == "39-51 %"
+    assert words.format_significant_regions(row, "phase") == "39-51 %"
     (same,) = words.iter_rows(compare_gait_runs(0.0, 0.0, options=ComparisonOptions(skip_strides=3)))
     assert (
         words.format_half_error_interval(same, "phase"),
-        words.format_significant_regions(same.difference, "phase"),
+        words.format_significant_regions(same, "phase"),
     ) == ("spread out", "no band")
     (shifted,) = words.iter_rows(compare_gait_runs(0.0, 0.0))
-    assert words.format_significant_regions(shifted.difference, "phase") == "nowhere"
-    assert words.format_number(-0.0, "+.3g") == "+0"
+    assert words.format_significant_regions(shifted, "phase") == "nowhere"
+    (simulated,) = words.iter_rows(compare_gait_runs(0.0, 2.0, rig="gait"))
+    assert words.format_significant_regions(simulated, "phase") == "not tested"
     assert words.format_number(None) == "-"
     assert words.format_unit("N*m") == "N·m"
 
 
 def test_table_shows_the_largest_of_many_differences_and_counts_the_rest() -> None:
     many = compare_trials(45)
-    (table,) = comparison_table.build_tables(many)
-    names = list(table.columns[0].cells)
-    assert names == [f"t{k}" for k in range(5, 45)]
+    for table in comparison_table.build_tables(many):
+        names = list(table.columns[0].cells)
+        assert names[::2] == [f"t{k}" for k in range(5, 45)]
+        assert names[1::2] == ["  force [N]"] * 40
     assert (
         comparison_table.collect_remarks(many)[0]
         == "The table shows the 40 largest of 45 differences; comparison.csv has all of them."
     )
-    (short,) = comparison_table.build_tables(compare_trials(3))
-    assert list(short.columns[0].cells) == ["t0", "t1", "t2"]
+    short = next(comparison_table.build_tables(compare_trials(3)))
+    assert list(short.columns[0].cells)[::2] == ["t0", "t1", "t2"]
     assert "The table shows" not in comparison_table.collect_remarks(compare_trials(3))[0]
+
+
+@pytest.mark.parametrize(
+    ("value", "signed", "text"),
+    [
+        (-1810.4, True, "-1810"),
+        (5.9, False, "5.90"),
+        (0.00123456, False, "0.00123"),
+        (999.6, False, "1000"),
+        (-0.0, True, "0"),
+        (12345.6, True, "+12300"),
+        (3.2e-9, False, "3.20e-09"),
+        (None, False, "-"),
+    ],
+)
+def test_numbers_have_three_significant_digits(value: float | None, signed: bool, text: str) -> None:
+    assert words.format_number(value, signed=signed) == text
+
+
+@pytest.mark.parametrize("width", [60, 80])
+@pytest.mark.parametrize("is_single", [True, False])
+def test_tables_fit_the_terminal_and_keep_names_whole(width: int, is_single: bool) -> None:
+    names = ("ground reaction vertical", "muscle force", "muscle length")
+    columns = [("time [s]", np.arange(200) / 50.0), ("gait_phase [%]", PHASE)]
+    scatter = np.repeat(np.random.default_rng(1).normal(size=4) * 0.1, 50)
+    heads = ("grf_vertical [N]", "muscle_force [kN]", "muscle_length [m]")
+    factors = (-1234.5, -0.012345, 0.0012345)
+    runs = []
+    for label in "a" if is_single else "ab":
+        curve = (label == "b") + np.sin(0.02 * np.pi * PHASE) + scatter
+        data = [(head, factor * curve) for head, factor in zip(heads, factors, strict=True)]
+        runs.append(ComparedRun(label, Path(label), {"": Recording.from_columns([*columns, *data])}))
+    for table in comparison_table.build_tables(compare(runs, ComparisonOptions(skip_strides=0))):
+        printed = Console(width=width, file=io.StringIO())
+        printed.print(table)
+        lines = printed.file.getvalue().splitlines()  # type: ignore[attr-defined]
+        assert max(map(len, lines)) <= width
+        assert "…" not in "".join(lines)
+        words_of_names = {word for line in lines for word in line[:25].split()}
+        assert words_of_names >= {word for name in names for word in name.split()}
+
+
+def test_rms_over_the_deviation_of_simulated_strides_is_not_given() -> None:
+    simulated = compare_gait_runs(0.0, 2.0, rig="gait")
+    (row,) = words.iter_rows(simulated)
+    assert row.difference.rms_sd is None
+    assert "rms/sd is not given: the strides of the simulation 'a'" in " ".join(words.explain_numbers(simulated))
+    assert all("rms/sd" not in [c.header for c in t.columns] for t in comparison_table.build_tables(simulated))
+    human = compare_gait_runs(0.0, 2.0, rig="gait", options=ComparisonOptions(include_reference=True))
+    assert all(row.difference.rms_sd is not None for row in words.iter_rows(human))
+    assert "rms/sd is not given" not in " ".join(words.explain_numbers(human))
+
+
+def test_headline_names_the_channel_with_the_largest_relative_difference() -> None:
+    (headline,) = format_headline(compare_gait_runs(0.0, 2.0, channels=3))
+    assert headline.startswith("'b' differs most from 'a' in x2: rms ")
+    assert "at most +5.99 N·m at 43 %" in headline
+    assert headline.endswith("3 of 3 tested curves leave their 95 % band somewhere.")
+    same = Path("a")
+    runs = [ComparedRun(label, same, {"": make_gait_recording(1.0)}) for label in "ab"]
+    assert format_headline(compare(runs)) == ["'b' equals 'a' in the only compared curve."]
+    (trial,) = format_headline(compare_trials(3))
+    assert "in force of trial t2" in trial
+    (single,) = format_headline(compare_gait_runs(2.0, options=ComparisonOptions(skip_strides=0)))
+    assert single.startswith("'a' is the mean of 4 strides; relative to its range, x0 varies most")
+    (simulated,) = format_headline(compare_gait_runs(2.0, rig="gait", options=ComparisonOptions(skip_strides=0)))
+    assert "4 simulated strides" in simulated
 
 
 def test_figures_show_the_most_different_trials_and_channels() -> None:
@@ -181,7 +253,7 @@ def test_single_series_has_a_band_and_no_difference() -> None:
     single = compare_gait_runs(2.0, channels=3, rig="gait", options=ComparisonOptions(skip_strides=0))
     (table,) = comparison_table.build_tables(single)
     assert str(table.title) == "a (4 strides)"
-    assert [column.header for column in table.columns] == ["channel", *words.EXTENT_HEADINGS]
+    assert [column.header for column in table.columns] == ["channel", *words.EXTENT_HEADINGS[:5]]
     assert list(table.columns[0].cells) == ["x0 [N·m]", "x1 [N·m]", "x2 [N·m]"]
     assert "repeat almost exactly" in " ".join(comparison_table.collect_remarks(single))
     ((part, figure),) = comparison_figures.build_figures(single)

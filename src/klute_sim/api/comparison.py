@@ -68,9 +68,11 @@ class ComparisonResult:
         return self.comparison.remarks
 
     def format_summary(self) -> Summary:
-        """Yield a table per compared series, and sentences that explain the numbers."""
+        """Yield the largest differences in words, two tables per compared series, and sentences on the numbers."""
+        from klute_sim.report.comparison.headline import format_headline
         from klute_sim.report.comparison.table import build_tables, collect_remarks
 
+        yield from format_headline(self.comparison)
         yield from build_tables(self.comparison)
         yield from collect_remarks(self.comparison)
 

@@ -17,12 +17,12 @@ from klute_sim.api.inputs import (
     to_device,
     to_reference,
 )
-from klute_sim.api.rendering import TEXT_WIDTH_CHARS, Summary, render_html, render_text
+from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.controllers.parse import Controller
 from klute_sim.controllers.pressure import ConstantPressure, PressureProfile, create_off_controller
-from klute_sim.device.device import Device
+from klute_sim.device.device import DEFAULT_DEVICE, Device, load_device
 from klute_sim.errors import InputError, MissingExtraError
-from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics
+from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics, compute_reference_metrics
 from klute_sim.gait.reference import Reference
 from klute_sim.gait.rig import rig
 from klute_sim.gait.rig.setup import GaitOptions
@@ -38,7 +38,9 @@ from klute_sim.units import BAR
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-INPUT_KEYS = ("mass_kg", "stature_m", "slope_deg", "strides", "reference_speed_m_per_s")
+INPUT_KEYS = (
+    "mass_kg", "stature_m", "slope_deg", "strides", "reference_speed_m_per_s", "spring_foot_nm_per_deg",
+)  # fmt: skip
 """Numeric keys of the summary that are inputs and not metrics."""
 
 
@@ -46,8 +48,8 @@ INPUT_KEYS = ("mass_kg", "stature_m", "slope_deg", "strides", "reference_speed_m
 class GaitRun:
     """A simulated gait run: the recording of every time step, and the metrics of every stride."""
 
-    device: Device
-    """Device that was simulated."""
+    device: Device | None
+    """Device that was simulated; None: a spring foot."""
     options: GaitOptions
     """Subject, speed, slope, strides and time step of the run."""
     recording: Recording
@@ -79,17 +81,20 @@ class GaitRun:
             if name not in INPUT_KEYS and (value is None or isinstance(value, bool | float))
         }
 
-    def format_summary(self, width: int = TEXT_WIDTH_CHARS) -> Summary:
-        """Yield the table of the metrics for ``width`` characters, and the remarks on the run."""
+    def format_summary(self) -> Summary:
+        """Yield the main results in one sentence, the table of the metrics, and the remarks on the run."""
+        from klute_sim.report.gait.headline import format_headline
         from klute_sim.report.gait.table import build_table, collect_remarks
 
-        yield build_table(self.recording, self.gait_metrics, width)
+        yield format_headline(self.summary, compute_reference_metrics(self.recording))
+        yield build_table(self.recording, self.gait_metrics)
         yield from collect_remarks(self.summary)
 
     def __repr__(self) -> str:
         """Return one line: device, number of strides, and speed."""
         options = self.recording.provenance["options"]
-        return f"GaitRun({self.device.name!r}, {self.options.strides} strides, {options['speed_m_per_s']:.2f} m/s)"
+        name = self.recording.provenance["device"]["name"]
+        return f"GaitRun({name!r}, {self.options.strides} strides, {options['speed_m_per_s']:.2f} m/s)"
 
     def __str__(self) -> str:
         """Return the summary that the terminal shows."""
@@ -130,7 +135,8 @@ class GaitRun:
         from klute_sim.viewer.layouts import gait as layout
 
         notes = []
-        (scratch / "device.toml").write_bytes(self.device.content)
+        if self.device is not None:
+            (scratch / "device.toml").write_bytes(self.device.content)
         parquet.write_recording(self.recording, scratch / "recording.parquet")
         if with_csv:
             csv.write(self.recording, scratch / "recording.csv")
@@ -138,8 +144,8 @@ class GaitRun:
         self.plot().savefig(scratch / "report.png", dpi=COMPACT_DPI)
         progress(0.6)
         try:
-            options = self.options
-            model = build_gait_model(self.device, mass=options.mass, stature=options.stature, dt=options.dt)
+            options, device = self.options, self.device or load_device(DEFAULT_DEVICE)
+            model = build_gait_model(device, mass=options.mass, stature=options.stature, dt=options.dt)
             layout.write_recording(self.recording, model, scratch / "recording.rrd")
         except MissingExtraError as error:
             notes.append(f"No recording.rrd: {error}.")
@@ -150,7 +156,7 @@ class GaitRun:
 
 
 def simulate_gait(
-    device: DeviceLike = "klute-1-1-4-pair",
+    device: DeviceLike | None = None,
     *,
     controller: ControllerLike | None = None,
     mass: float | None = None,
@@ -171,7 +177,7 @@ def simulate_gait(
     the device, its passive parts and the ground. Ankle angle, moment, power and work are predictions.
 
     Args:
-        device: Device, name of a preset, or path of a device file.
+        device: Device, name of a preset, or path of a device file. None: ``"klute-1-1-4-pair"``, or a spring foot.
         controller: Controller, or its specification: ``"profile"``, ``"off"``, ``"constant:BAR"``, ``"machine"``, or
             the path of a profile (.csv), a state machine (.toml) or a policy (.npz). None: ``"profile"``, or ``"off"``
             with a spring foot.
@@ -183,13 +189,15 @@ def simulate_gait(
         time_step: Time step [s].
         reference: Reference gait, or the path of its file or folder. None: able-bodied adults.
         stride_time: Stride time of the reference file [s]. None: the time that its folder states, or 1.1.
-        spring_foot: Stiffness of a passive foot in place of the device [N.m/deg]. None: the device.
+        spring_foot: Stiffness of a passive foot, which replaces the device [N.m/deg]. None: the device.
         backend: ``"compiled"``, ``"python"`` (the same bits), or ``"auto"``: compiled if possible.
         progress: Receives the completed fraction and the current stage.
 
     Raises InputError when an input is not usable, SimulationError when the rig leaves its path.
     """
-    chosen_device = to_device(device)
+    if spring_foot is not None and device is not None:
+        raise InputError("a spring foot replaces the device; leave out either the device or the spring foot")
+    chosen_device = to_device(DEFAULT_DEVICE if device is None else device)  # a spring foot uses its geometry only
     chosen_controller = to_controller(_default_controller(spring_foot) if controller is None else controller)
     if spring_foot is not None and chosen_controller != create_off_controller():
         raise InputError("a spring foot takes no pressure command; leave out the controller, or set it to off")
@@ -209,7 +217,7 @@ def simulate_gait(
         spring_foot=chosen_foot,
     )
     recording = rig.simulate_gait(chosen_device, chosen_controller, options, progress or ignore_progress, backend)
-    return GaitRun(chosen_device, options, recording, warnings)
+    return GaitRun(None if chosen_foot else chosen_device, options, recording, warnings)
 
 
 def check_supply_pressure(device: Device, controller: Controller) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from klute_sim.cli import common
 
@@ -24,8 +25,8 @@ from klute_sim.cli import common
     type=common.NumberWithUnit("N·m/deg"),
     default=None,
     metavar="STIFFNESS",
-    help="Stiffness [N·m/deg] of a passive foot, which replaces the device; prosthetic feet have 3 to 15.  [default: "
-    "no passive foot]",
+    help="Stiffness [N·m/deg] of a passive foot, which replaces --device; prosthetic feet have 3 to 15.  [default: no "
+    "passive foot]",
 )
 @click.option(
     "--reference",
@@ -110,8 +111,8 @@ def command(
     pressure are predictions. The vertical ground reaction is tracked, not predicted; the fore-aft reaction is partly
     prescribed.
 
-    Writes recording.parquet, summary.json, report.png, device.toml and, with the optional extra 'rerun',
-    recording.rrd.
+    Writes recording.parquet, summary.json, report.png, device.toml (not with --spring-foot) and, with the optional
+    extra 'rerun', recording.rrd.
 
     \b
     Examples:
@@ -127,10 +128,12 @@ def command(
     from klute_sim.cli.console import progress_bar, stderr_console, stdout_console
     from klute_sim.recording.run_folder import create_run_folder
 
+    device_source = click.get_current_context().get_parameter_source("device_name")
+    is_device_given = device_source is not ParameterSource.DEFAULT
     with create_run_folder("gait", out) as (folder, scratch):
         with progress_bar("simulating") as progress:
             run = simulate_gait(
-                device_name,
+                device_name if is_device_given else None,
                 controller=controller_spec,
                 mass=mass,
                 stature=stature,
@@ -150,7 +153,7 @@ def command(
         click.echo(json.dumps(summary, indent=2, allow_nan=False))
     else:
         console = stdout_console()
-        print_summary(console, run.format_summary(console.width))
+        print_summary(console, run.format_summary())
         console.print(f"Run folder: {folder}  ({', '.join(summary['files'])})", soft_wrap=True)
     for sentence in (*run.warnings, *notes):
         stderr_console().print(sentence, soft_wrap=True)

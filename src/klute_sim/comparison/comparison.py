@@ -45,6 +45,8 @@ class ComparisonSeries:
     """Channel -> mean curve."""
     n_repeats: int
     """Number of strides over phase, or of recordings over time; 0 for the human reference (unknown)."""
+    has_simulated_repeats: bool = False
+    """Whether the repeats are strides of one simulation, which repeat almost exactly."""
 
     @property
     def is_reference(self) -> bool:
@@ -185,7 +187,12 @@ def _compare_part(
     channels = matching.select_channels(sources, options.channels, remarks)
     units = {channel: sources[0].units[channel] for channel in channels}
     series = tuple(_make_series(series_source, units) for series_source in sources)
-    deviations = {channel: curve.sd for channel, curve in _find_normalization_series(series).curves.items()}
+    normalization = _find_normalization_series(series)
+    deviations = (
+        {}
+        if normalization.has_simulated_repeats
+        else {channel: curve.sd for channel, curve in normalization.curves.items()}
+    )
     differences = {
         channel: {
             other.label: compute_difference(
@@ -206,7 +213,7 @@ def _make_series(series_source: SeriesSource, units: Mapping[str, str]) -> Compa
         for channel, unit in units.items()
         if series_source.units.get(channel) == unit
     }
-    return ComparisonSeries(series_source.label, curves, series_source.n_repeats)
+    return ComparisonSeries(series_source.label, curves, series_source.n_repeats, series_source.has_simulated_repeats)
 
 
 def _find_normalization_series(series: Sequence[ComparisonSeries]) -> ComparisonSeries:

@@ -34,6 +34,8 @@ ROUNDING_TOLERANCE = 1e-9
 """Size of rounding errors, relative to the range of both curves."""
 CONSTANT_TOLERANCE = 1e-12
 """Largest range of a constant curve, relative to its largest magnitude."""
+MIN_SD_FRACTION = 1e-3
+"""Smallest standard deviation that normalises an rms difference, relative to the range of the first curve."""
 HALF_FRACTION = 0.5
 """Fraction of the squared difference in the half interval."""
 
@@ -71,7 +73,8 @@ class Difference:
     rms: float | None
     """Root mean square difference."""
     rms_sd: float | None
-    """``rms`` over the root mean square of a standard deviation [1]; None if that is unknown or zero."""
+    """``rms`` over the root mean square of a standard deviation [1]; None if that is unknown, or below
+    :data:`MIN_SD_FRACTION` of the range of the first curve."""
     correlation: float | None
     """Pearson's correlation [1]; None if one of the curves is constant."""
     max_difference: float | None
@@ -108,7 +111,7 @@ def compute_difference(first: MeanCurve, other: MeanCurve, axis: Array, sd: Arra
         compared_fraction=compared_fraction,
         bias=float(np.mean(known_values)) + 0.0,  # adding zero removes the sign of a negative zero
         rms=rms,
-        rms_sd=None if sd is None else _normalize_rms(rms, sd[known], tolerance),
+        rms_sd=None if sd is None else _normalize_rms(rms, sd[known], _compute_min_sd(first, tolerance)),
         correlation=compute_correlation(first.mean[known], other.mean[known]),
         max_difference=float(values[peak]) + 0.0,
         max_position=float(axis[peak]) if rms > tolerance else None,
@@ -209,10 +212,15 @@ def _compute_rms(values: Array) -> float:
     return peak * float(np.sqrt(np.mean((values / peak) ** 2))) if peak > 0.0 else 0.0
 
 
-def _normalize_rms(rms: float, sd: Array, tolerance: float) -> float | None:
+def _normalize_rms(rms: float, sd: Array, min_sd: float) -> float | None:
     known = sd[np.isfinite(sd)]
     rms_sd = _compute_rms(known) if len(known) else 0.0
-    return rms / rms_sd if rms_sd > tolerance else None
+    return rms / rms_sd if rms_sd > min_sd else None
+
+
+def _compute_min_sd(first: MeanCurve, tolerance: float) -> float:
+    known = first.mean[np.isfinite(first.mean)]
+    return max(tolerance, MIN_SD_FRACTION * float(np.ptp(known)))
 
 
 def _compute_range(first: MeanCurve, other: MeanCurve) -> float:

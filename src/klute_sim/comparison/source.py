@@ -31,6 +31,8 @@ class SeriesSource:
     """Number of strides over phase, or of recordings over time; 0 for the human reference (unknown)."""
     get_curve: Callable[[str], MeanCurve]
     """Function from a channel to its mean curve."""
+    has_simulated_repeats: bool = False
+    """Whether the repeats are strides of one simulation, which repeat almost exactly."""
 
     @property
     def is_reference(self) -> bool:
@@ -93,7 +95,8 @@ def make_phase_source(
         if origin not in units:
             del units[name]
             remarks.add(f"'{name}' of '{label}' is excluded: its origin at heel strike, '{origin}', is missing.")
-    return SeriesSource(label, units, len(repeats), get_curve)
+    has_simulated_repeats = len(recordings) == 1 and bool(recordings[0][1].provenance.get("rig"))
+    return SeriesSource(label, units, len(repeats), get_curve, has_simulated_repeats)
 
 
 def make_reference_source(source: SeriesSource, recordings: NamedRecordings, remarks: Remarks) -> SeriesSource:

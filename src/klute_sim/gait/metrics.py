@@ -117,7 +117,7 @@ class StrideMetrics(AnkleMetrics):
     below_friction_fit_pct: float
     """Percentage of the stride below 2 bar, where the fade of the friction offset is assumed."""
     muscle_ratio_max: float | None
-    """Maximum muscle length over resting length; 1 is the stop. None: the resting length is unknown."""
+    """Maximum muscle length over resting length; 1 is the stop. None: the resting length is unknown, or no muscle."""
     air_g: float
     """Air drawn from the supply; isothermal and without dead volume for an ideal regulator (assumed)."""
     air_leaked_g: float
@@ -152,6 +152,20 @@ class GaitMetrics:
         values = [metric(stride) for stride in self.steady_strides]
         known = [value for value in values if value is not None]
         return float(np.mean(known)) if len(known) == len(values) else None
+
+    def standard_deviation(self, metric: Callable[[StrideMetrics], float | None]) -> float | None:
+        """Return the standard deviation of ``metric`` (n - 1) between the steady strides.
+
+        None with fewer than two steady strides, or if a stride has no value.
+        """
+        values = [metric(stride) for stride in self.steady_strides]
+        known = [value for value in values if value is not None]
+        return float(np.std(known, ddof=1)) if len(known) == len(values) > 1 else None
+
+
+def is_spring_foot(recording: Recording) -> bool:
+    """Return whether a passive foot replaced the device."""
+    return recording.provenance["options"].get("spring_foot_nm_per_deg") is not None
 
 
 def compute_gait_metrics(recording: Recording) -> GaitMetrics:
@@ -254,8 +268,7 @@ def _compute_stride_metrics(stride: Recording, mass: float) -> StrideMetrics:
 
 def _compute_max_muscle_ratio(stride: Recording) -> float | None:
     resting_length = stride.provenance["device"].get("resting_length_m")
-    is_passive = stride.provenance["options"].get("spring_foot_nm_per_deg") is not None
-    return None if resting_length is None or is_passive else float(stride["muscle_length"].max() / resting_length)
+    return None if resting_length is None else float(stride["muscle_length"].max() / resting_length)
 
 
 def _get_time_step(stride: Recording) -> float:

@@ -22,6 +22,8 @@ from klute_sim.errors import InputError
 from klute_sim.gait import reference_folder
 from klute_sim.types import Array
 
+DEFAULT_NAME = "able-bodied adults (Winter; Bovi et al. 2011; Fukuchi et al. 2018)"
+"""Name of the default reference."""
 DEFAULT_STRIDE_TIME = 1.10
 """Stride time [s] of the default reference; it reproduces power from moment and angle."""
 
@@ -64,7 +66,7 @@ class Reference:
     """A gait cycle as periodic splines over gait phase (0-1)."""
 
     name: str
-    """Name of the reference, such as its file."""
+    """Name of the reference: its file or folder, or :data:`DEFAULT_NAME`."""
     digest: str
     """SHA-256 of the file."""
     splines: Mapping[str, CubicSpline]
@@ -139,7 +141,7 @@ def _combine_splines(weight_a: float, spline_a: CubicSpline, weight_b: float, sp
 def load_default_reference() -> Reference:
     """Return the default reference."""
     file = resources.files("klute_sim.gait") / "normative_gait.csv"
-    return parse_reference(file.read_text("utf-8"), "normative_gait.csv")
+    return replace(parse_reference(file.read_text("utf-8"), file.name), name=DEFAULT_NAME)
 
 
 def load_reference(path: str | Path, stride_time: float | None = None) -> Reference:

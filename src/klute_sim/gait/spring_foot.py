@@ -9,6 +9,11 @@ import numpy as np
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.errors import InputError
 
+SPRING_FOOT_ASSUMPTIONS = {
+    "spring foot": "assumed: linear, with the same stiffness in both directions and without a toe joint",
+    "prosthesis": "assumed: masses, inertias, joint damping, end stops (models/ankle.xml)",
+}
+"""Assumptions of a gait run with a spring foot."""
 NEVER_TAUT_SLACK_LENGTH = 10.0
 """Slack length [m] at which the tendon of the device never becomes taut."""
 
@@ -35,6 +40,11 @@ class SpringFoot:
             raise InputError(
                 f"rest angle of the spring foot is {math.degrees(self.rest_angle):g}; allowed: -15 to 15 degrees"
             )
+
+    @property
+    def name(self) -> str:
+        """Name of the foot in titles and recordings, with its stiffness [N.m/deg]."""
+        return f"spring foot, {math.radians(self.stiffness):g} N·m/deg"
 
     def apply_to_joint(self, joint: mujoco.MjsJoint) -> None:
         """Set the spring of the ankle ``joint``, whose positive direction is plantarflexion."""

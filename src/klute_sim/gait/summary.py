@@ -3,7 +3,8 @@
 from dataclasses import asdict
 from typing import Any
 
-from klute_sim.gait.metrics import GaitMetrics
+from klute_sim.gait.metrics import GaitMetrics, is_spring_foot
+from klute_sim.gait.spring_foot import SPRING_FOOT_ASSUMPTIONS
 from klute_sim.recording.recording import Recording
 
 COMMON_ASSUMPTIONS = {
@@ -25,7 +26,6 @@ VALVE_ASSUMPTIONS = {
 def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, Any]:
     """Return the run as one JSON object: means over the steady strides, then all strides."""
     options, mean = recording.provenance["options"], metrics.mean
-    air = VALVE_ASSUMPTIONS if recording.provenance["device"]["valve"] else REGULATOR_ASSUMPTIONS
     distances = {
         name: {
             "stance_rms": mean(lambda s, n=name: getattr(s, n).stance_rms),  # type: ignore[misc]
@@ -36,6 +36,7 @@ def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, 
     }
     return {
         "device": recording.provenance["device"]["name"],
+        "spring_foot_nm_per_deg": options.get("spring_foot_nm_per_deg"),
         "controller": recording.provenance["controller"],
         "reference": recording.provenance["reference"]["name"],
         "reference_speed_m_per_s": recording.provenance["reference"].get("speed_m_per_s"),
@@ -83,7 +84,19 @@ def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, 
         "air_leaked_per_stride_g": mean(lambda s: s.air_leaked_g),
         "ledger_j": {line: mean(lambda s, n=line: s.ledger_j[n]) for line in metrics.strides[0].ledger_j},  # type: ignore[misc]
         "ledger_residual_pct": mean(lambda s: s.ledger_residual_pct),
-        "assumptions": {**COMMON_ASSUMPTIONS, **air, **recording.provenance["device"]["assumed"]},
-        "without_source": recording.provenance["device"]["without_source"],
+        "assumptions": _collect_assumptions(recording),
+        "without_source": recording.provenance["device"].get("without_source", []),
         "per_stride": [asdict(s) for s in metrics.strides],
+    }
+
+
+def _collect_assumptions(recording: Recording) -> dict[str, str]:
+    """Return quantity -> assumption of the run; those of the device only if it was simulated."""
+    if is_spring_foot(recording):
+        return SPRING_FOOT_ASSUMPTIONS
+    device = recording.provenance["device"]
+    return {
+        **COMMON_ASSUMPTIONS,
+        **(VALVE_ASSUMPTIONS if device["valve"] else REGULATOR_ASSUMPTIONS),
+        **device["assumed"],
     }

@@ -134,18 +134,22 @@ def _build_recording(
     return Recording.from_columns(columns, _collect_provenance(device, controller, gait_rig, backend))
 
 
+def _describe_device(device: Device) -> dict[str, Any]:
+    return {
+        "name": device.name,
+        "sha256": device.digest,
+        "resting_length_m": device.parameters.muscle.resting_length,
+        "assumed": device.spec.collect_assumptions(),
+        "without_source": device.spec.list_unsourced_keys(),
+        "valve": device.spec.valve is not None,
+    }
+
+
 def _collect_provenance(device: Device, controller: Controller, gait_rig: GaitRig, backend: str) -> dict[str, Any]:
     options, trajectory, foot = gait_rig.options, gait_rig.trajectory, gait_rig.options.spring_foot
     return {
         "rig": "gait",
-        "device": {
-            "name": device.name,
-            "sha256": device.digest,
-            "resting_length_m": device.parameters.muscle.resting_length,
-            "assumed": device.spec.collect_assumptions(),
-            "without_source": device.spec.list_unsourced_keys(),
-            "valve": device.spec.valve is not None,
-        },
+        "device": _describe_device(device) if foot is None else {"name": foot.name},
         "controller": controller.describe(),
         "reference": {
             **{"name": options.reference.name, "sha256": options.reference.digest},

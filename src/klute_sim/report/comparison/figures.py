@@ -63,7 +63,7 @@ def build_part_figure(part: ComparisonPart, domain: str) -> "Figure":
         bottom.set_xlabel(X_LABELS[domain] if row == rows - 1 or number + columns >= len(channels) else "")
         bottom.tick_params(labelbottom=True)
         note = words.CHANNEL_NOTES.get(channel, "") if domain == "phase" else ""
-        title = f"{words.humanize_channel(channel)} [{words.format_unit(part.units[channel])}]"
+        title = words.format_channel(part, channel)
         top.set_title(f"{title} ({note})" if note else title)
     for unused in range(len(channels), rows * columns):
         for k in range(n_panels):
@@ -124,7 +124,8 @@ def _plot_differences(axis: "Axes", part: ComparisonPart, channel: str) -> None:
     axis.axhline(0.0, color="0.4", linewidth=0.8)
     for number, (label, d) in enumerate(part.differences[channel].items()):
         colour = styles[label]["color"]
-        if np.isfinite(d.half_width).any():
+        is_tested = not words.has_simulated_band(words.DifferenceRow(part, channel, label, d))
+        if is_tested and np.isfinite(d.half_width).any():
             band = {"color": "0.9", "zorder": 0.5} if len(part.series) == 2 else {"color": colour, "alpha": 0.12}
             axis.fill_between(part.axis, -d.half_width, d.half_width, linewidth=0.0, **band)
             axis.fill_between(
@@ -163,19 +164,20 @@ def _build_legend(part: ComparisonPart, domain: str) -> tuple[list[Any], list[st
         (Line2D([], [], **styles[series.label]), words.format_series(series, domain)) for series in part.series
     ]
     curves = [curve for series in part.series for curve in series.curves.values()]
-    differences = [d for others in part.differences.values() for d in others.values()]
+    rows = [
+        words.DifferenceRow(part, channel, label, d)
+        for channel, others in part.differences.items()
+        for label, d in others.items()
+    ]
+    tested = [row.difference for row in rows if not words.has_simulated_band(row)]
     if any(not curve.lacks_sd for curve in curves):
         entries.append((Patch(color="0.75"), "mean ±1 sd"))
-    if any(d.band != "none" for d in differences):
+    if any(d.band != "none" for d in tested):
         entries.append((Patch(color="0.9"), "95 % interval of no difference"))
     single = styles[part.series[1].label]["color"] if len(part.series) == 2 else "0.5"
-    if any(d.regions for d in differences):
+    if any(d.regions for d in tested):
         entries.append((Patch(color=single, alpha=0.3), "beyond it"))
-    if any(
-        words.DifferenceRow(part, c, n, d).is_localized
-        for c, others in part.differences.items()
-        for n, d in others.items()
-    ):
+    if any(row.is_localized for row in rows):
         entries.append((Line2D([], [], color=single, linewidth=3.0), "half of the squared difference"))
     # Matplotlib omits labels that begin with an underscore.
     return [handle for handle, _ in entries], [f" {label}" if label.startswith("_") else label for _, label in entries]

@@ -10,6 +10,7 @@ from klute_sim.comparison.results import as_json
 from klute_sim.provenance import collect_versions
 from klute_sim.report.comparison import text as words
 from klute_sim.report.comparison.figures import MAX_CHANNELS_PER_FIGURE
+from klute_sim.report.comparison.headline import format_headline
 from klute_sim.report.html import render_template
 
 TEMPLATE = "comparison.html"
@@ -34,6 +35,7 @@ def build_page_context(comparison: Comparison, pictures: Mapping[str, bytes]) ->
     return {
         "title": labels[0] if comparison.is_single else f"{', '.join(labels[1:])} against {labels[0]}",
         "extent_headings": words.EXTENT_HEADINGS if comparison.is_single else (),
+        "headline": format_headline(comparison),
         "series": [_build_series_entry(summary) for summary in as_json(comparison)["series"]],
         "remarks": comparison.remarks,
         "parts": [_build_part_entry(part, comparison.domain, pictures) for part in comparison.parts],
@@ -92,10 +94,10 @@ def _build_row_entry(row: words.DifferenceRow, domain: str) -> dict[str, str]:
         "bias": words.format_bias(d),
         "rms": words.format_number(d.rms),
         "rms_sd": words.format_number(d.rms_sd),
-        "correlation": words.format_number(d.correlation, ".4f"),
-        "largest": words.format_number(d.max_difference, "+.3g"),
+        "correlation": words.format_correlation(d.correlation),
+        "largest": words.format_number(d.max_difference, signed=True),
         "at": words.format_position(d.max_position, domain),
         "compared": f"{100.0 * d.compared_fraction:.0f} %",
         "half": words.format_half_error_interval(row, domain),
-        "beyond": words.format_significant_regions(d, domain),
+        "beyond": words.format_significant_regions(row, domain),
     }

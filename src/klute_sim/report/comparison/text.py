@@ -1,13 +1,14 @@
 """Numbers, phrases and explanations of a comparison, shared by its table, page and recording."""
 
 from collections.abc import Iterator
+from decimal import Decimal
 from typing import NamedTuple
 
 import numpy as np
 
 from klute_sim.comparison.comparison import Comparison, ComparisonPart, ComparisonSeries
 from klute_sim.comparison.curve import summarize_curve
-from klute_sim.comparison.difference import ROUNDING_TOLERANCE, BandKind, Difference
+from klute_sim.comparison.difference import MIN_SD_FRACTION, ROUNDING_TOLERANCE, BandKind, Difference
 from klute_sim.comparison.results import AXIS_UNITS
 
 CHANNEL_NOTES = {
@@ -30,6 +31,8 @@ INTERVAL_DESCRIPTIONS: dict[BandKind, str] = {
     "none": "",
 }
 """Kind of band -> the interval that a difference is compared with."""
+PLAIN_RANGE = (Decimal("1e-5"), Decimal("1e7"))
+"""Range of the magnitudes that are shown without an exponent."""
 MAX_LOCALIZED_FRACTION = 0.4
 """Largest fraction of the axis on which half of the squared difference counts as localized."""
 MAX_REGIONS = 3
@@ -78,7 +81,7 @@ def iter_extents(part: ComparisonPart, domain: str) -> Iterator[tuple[str, tuple
     for channel, curve in part.series[0].curves.items():
         extent = summarize_curve(curve, part.axis)
         extremes = ((extent.minimum, extent.minimum_at), (extent.maximum, extent.maximum_at))
-        cells = [cell for value, at in extremes for cell in (format_number(value, ".4g"), format_position(at, domain))]
+        cells = [cell for value, at in extremes for cell in (format_number(value), format_position(at, domain))]
         yield (
             channel,
             (*cells, format_number(extent.sd), format_number(extent.max_sd), format_position(extent.max_sd_at, domain)),
@@ -90,21 +93,42 @@ def humanize_channel(channel: str) -> str:
     return channel.replace("_", " ").replace("grf", "ground reaction").replace("cop x", "centre of pressure x")
 
 
+def format_channel(part: ComparisonPart, channel: str) -> str:
+    """Return ``channel`` in words with its unit in brackets; a pure number has none."""
+    unit = format_unit(part.units[channel])
+    return humanize_channel(channel) if unit == "1" else f"{humanize_channel(channel)} [{unit}]"
+
+
 def format_unit(unit: str) -> str:
     """Return ``unit`` with multiplication dots: ``N*m`` -> ``N·m``."""
     return unit.replace("*", "·")
 
 
-def format_number(value: float | None, format_spec: str = ".3g") -> str:
-    """Return ``value`` in ``format_spec`` without a negative zero, or a dash for None."""
-    return "-" if value is None else format(value + 0.0, format_spec)
+def format_number(value: float | None, *, signed: bool = False) -> str:
+    """Return ``value`` with three significant digits, ``signed`` with its sign, or a dash for None.
+
+    Exponents appear only outside :data:`PLAIN_RANGE`; zero has no sign.
+    """
+    if value is None:
+        return "-"
+    rounded = Decimal(f"{value:.2e}")
+    if rounded == 0:
+        return "0"
+    is_plain = PLAIN_RANGE[0] <= abs(rounded) < PLAIN_RANGE[1]
+    return format(rounded, "+f" if signed else "f") if is_plain else format(value, "+.2e" if signed else ".2e")
+
+
+def format_correlation(value: float | None) -> str:
+    """Return a correlation with three decimals, or a dash for None."""
+    return "-" if value is None else f"{value + 0.0:.3f}"
 
 
 def format_bias(difference: Difference) -> str:
     """Return the mean difference; a mean within the rounding error is 0."""
     if difference.bias is None or difference.rms is None:
         return "-"
-    return format_number(difference.bias if abs(difference.bias) > ROUNDING_TOLERANCE * difference.rms else 0.0, "+.3g")
+    is_rounding_error = abs(difference.bias) <= ROUNDING_TOLERANCE * difference.rms
+    return format_number(0.0 if is_rounding_error else difference.bias, signed=True)
 
 
 def format_series(series: ComparisonSeries, domain: str) -> str:
@@ -134,8 +158,11 @@ def format_half_error_interval(row: DifferenceRow, domain: str) -> str:
     )
 
 
-def format_significant_regions(difference: Difference, domain: str) -> str:
-    """Return the intervals beyond the band with the largest differences, or that there is no band."""
+def format_significant_regions(row: DifferenceRow, domain: str) -> str:
+    """Return the intervals beyond the band with the largest differences, or that there is no band to test with."""
+    difference = row.difference
+    if has_simulated_band(row):
+        return "not tested"
     if difference.band == "none":
         return "no band"
     if not difference.regions:
@@ -155,23 +182,31 @@ def explain_numbers(comparison: Comparison) -> list[str]:
             f"Lowest and highest are values of the mean over the {repeats} of '{first}'; sd is the rms standard "
             f"deviation between {repeats}."
         ]
-        if _is_simulated(comparison, first):
+        if comparison.parts[0].series[0].has_simulated_repeats:
             explanations.append(
                 "Simulated strides repeat almost exactly: their band says nothing about people or devices."
             )
         return explanations
-    differences = [row.difference for row in iter_rows(comparison)]
+    rows = list(iter_rows(comparison))
+    differences = [row.difference for row in rows]
     explanations = [f"Differences are those of the means: each other series minus '{first}'."]
-    if any(difference.rms_sd is not None for difference in differences):
-        normalization = comparison.parts[0].normalization_series
+    normalization = comparison.parts[0].normalization_series
+    if normalization.has_simulated_repeats and normalization.n_repeats > 1:
+        explanations.append(
+            f"rms/sd is not given: the strides of the simulation '{normalization.label}' repeat almost exactly, so "
+            "their standard deviation is no measure of a difference; --reference adds that between people."
+        )
+    elif any(difference.rms_sd is not None for difference in differences):
         scatter = "between subjects" if normalization.is_reference else "between its repeats"
         explanations.append(
-            f"rms/sd: rms difference divided by the rms standard deviation of '{normalization.label}' {scatter}."
+            f"rms/sd: rms difference divided by the rms standard deviation of '{normalization.label}' {scatter}; '-' "
+            f"if that is unknown or below {100.0 * MIN_SD_FRACTION:g} % of the channel's range."
         )
     bands: list[BandKind] = ["means", "prediction", "reference"]
     for band in bands:
-        if any(difference.band == band for difference in differences):
-            labels = _format_labels_with_band(comparison, band)
+        labelled = {row.label for row in rows if row.difference.band == band and not has_simulated_band(row)}
+        if labelled:
+            labels = _format_labels(comparison, labelled)
             explanations.append(
                 f"Beyond the band{labels}: intervals where the difference exceeds {INTERVAL_DESCRIPTIONS[band]}. "
                 "Each point is tested alone, without correction for multiple comparisons."
@@ -185,17 +220,13 @@ def explain_numbers(comparison: Comparison) -> list[str]:
         explanations.append(
             "Compared: the fraction of the axis where both series have values; all numbers refer to that fraction."
         )
-    simulated = {row.label for row in iter_rows(comparison) if _has_simulated_scatter_only(comparison, row)}
+    simulated = {row.label for row in rows if has_simulated_band(row)}
     if simulated:
         explanations.append(
-            f"Simulated strides repeat almost exactly: a band from them alone{_format_labels(comparison, simulated)} "
-            "says nothing about people or devices, and nearly every difference is beyond it."
+            f"Not tested{_format_labels(comparison, simulated)}: simulated strides repeat almost exactly, and a band "
+            "from them alone says nothing about people or devices."
         )
     return explanations
-
-
-def _format_labels_with_band(comparison: Comparison, band: BandKind) -> str:
-    return _format_labels(comparison, {row.label for row in iter_rows(comparison) if row.difference.band == band})
 
 
 def _format_labels(comparison: Comparison, labels: set[str]) -> str:
@@ -204,15 +235,9 @@ def _format_labels(comparison: Comparison, labels: set[str]) -> str:
     return "" if labels == all_labels else f" ({', '.join(sorted(labels))})"
 
 
-def _has_simulated_scatter_only(comparison: Comparison, row: DifferenceRow) -> bool:
+def has_simulated_band(row: DifferenceRow) -> bool:
     """Return whether the band is made from the scatter of simulated strides alone."""
     if row.difference.band not in ("means", "prediction"):
         return False
     pair = (series for series in row.part.series if series is row.part.series[0] or series.label == row.label)
-    return all(_is_simulated(comparison, series.label) for series in pair if series.n_repeats > 1)
-
-
-def _is_simulated(comparison: Comparison, label: str) -> bool:
-    """Return whether all recordings with ``label`` are strides of simulated gait runs."""
-    recordings = [recording for run in comparison.runs if run.label == label for recording in run.parts.values()]
-    return comparison.domain == "phase" and all(recording.provenance.get("rig") for recording in recordings)
+    return all(series.has_simulated_repeats for series in pair if series.n_repeats > 1)

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from klute_sim.constants import GRAVITY
-from klute_sim.gait.metrics import compute_gait_metrics, is_level_ground
+from klute_sim.gait.metrics import compute_gait_metrics, is_level_ground, is_spring_foot
 from klute_sim.recording.recording import Recording
 from klute_sim.report.style import (
     COMPACT_STYLE,
@@ -18,14 +18,18 @@ from klute_sim.types import Array
 
 
 def build_figure(recording: Recording) -> Figure:
-    """Plot the last stride of ``recording`` over the reference and its ±1 sd band, with earlier strides faintly."""
+    """Plot the last stride of ``recording`` over the reference and its ±1 sd band, with earlier strides faintly.
+
+    Pressure and forces of the device are left out for a spring foot, which has none.
+    """
     with matplotlib.rc_context(COMPACT_STYLE):
         return _build_figure(recording)
 
 
 def _build_figure(recording: Recording) -> Figure:
-    figure = Figure(figsize=(11, 11), layout="constrained")
-    axes = figure.subplots(4, 2)
+    rows = 3 if is_spring_foot(recording) else 4
+    figure = Figure(figsize=(11, 2.75 * rows), layout="constrained")
+    axes = figure.subplots(rows, 2)
     mass = float(recording.provenance["options"]["mass_kg"])
     weight = mass * GRAVITY
     strides = [recording.select(recording["stride"] == k) for k in range(1, int(recording["stride"][-1]) + 1)]
@@ -40,9 +44,9 @@ def _build_figure(recording: Recording) -> Figure:
     _plot_against_reference(
         axes[2, 1], strides, "grf_forward", weight, "fore-aft ground reaction [body weights]", "forward up"
     )
-    last = strides[-1]
-    _plot_pressure(axes[3, 0], last)
-    _plot_forces(axes[3, 1], last)
+    if not is_spring_foot(recording):
+        _plot_pressure(axes[3, 0], strides[-1])
+        _plot_forces(axes[3, 1], strides[-1])
     for axis in axes.flat:
         axis.grid(alpha=0.25, linewidth=0.5)
         if axis is not axes[1, 1]:

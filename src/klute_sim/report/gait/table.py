@@ -7,15 +7,19 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from klute_sim.gait.metrics import AnkleMetrics, GaitMetrics, StrideMetrics, compute_reference_metrics, is_level_ground
+from klute_sim.gait.metrics import (
+    AnkleMetrics,
+    GaitMetrics,
+    StrideMetrics,
+    compute_reference_metrics,
+    is_level_ground,
+    is_spring_foot,
+)
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.recording.recording import Recording
 
-MAX_STRIDE_COLUMNS = 5
-"""Maximum number of last strides shown beside the mean, where the width allows."""
-BASE_WIDTH_CHARS, STRIDE_COLUMN_WIDTH_CHARS = 61, 9
-"""Width [characters] of the table without stride columns, and of each stride column."""
-
+MIN_LABEL_WIDTH_CHARS = 15
+"""Width [characters] of the longest word of a label."""
 ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleMetrics], float | None]], ...] = (
     ("ankle range", "deg", ".1f", lambda s: s.ankle_range_deg),
     ("peak net moment", "N·m/kg", ".3f", lambda s: s.ankle_moment_peak_nm_per_kg),
@@ -24,7 +28,7 @@ ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleMetrics], float | None]], 
     ("  at", "% cycle", ".1f", lambda s: s.ankle_power_peak_pct),
     ("net ankle work", "J/kg", "+.3f", lambda s: s.ankle_work_net_j_per_kg),
     ("positive ankle work", "J/kg", ".3f", lambda s: s.ankle_work_positive_j_per_kg),
-    ("energy return in stance", "1", ".2f", lambda s: s.energy_return),
+    ("energy return in stance", "ratio", ".2f", lambda s: s.energy_return),
     ("quasi-stiffness", "N·m/kg/deg", ".3f", lambda s: s.quasi_stiffness_nm_per_kg_deg),
     ("first contact", "% cycle", ".1f", lambda s: s.first_contact_pct),
     ("toe-off", "% cycle", ".1f", lambda s: s.toe_off_pct),
@@ -43,6 +47,9 @@ RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideMetrics], float | None]], .
     ("power vs human, stance rms", "sd", ".2f", lambda s: s.power_distance_sd.stance_rms),
     ("toe clearance in mid-swing", "mm", ".1f", lambda s: s.toe_clearance_mm),
     ("roll-over radius", "m", ".3f", lambda s: s.rollover_radius_m),
+)
+"""Rows for metrics that a person does not have: label, unit, number format, metric of a stride."""
+DEVICE_ROWS: tuple[tuple[str, str, str, Callable[[StrideMetrics], float | None]], ...] = (
     ("actuator peak moment", "N·m/kg", ".3f", lambda s: s.actuator_moment_peak_nm_per_kg),
     ("actuator net work", "J/kg", "+.3f", lambda s: s.actuator_work_net_j_per_kg),
     ("friction offset work", "J/kg", "+.3f", lambda s: s.friction_offset_work_j_per_kg),
@@ -50,7 +57,7 @@ RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideMetrics], float | None]], .
     ("air leaked", "g", ".3f", lambda s: s.air_leaked_g),
     ("energy not accounted for", "%", "+.4f", lambda s: round(s.ledger_residual_pct, 4) + 0.0),
 )
-"""Rows for metrics that only the simulated prosthesis has: label, unit, number format, metric of a stride."""
+"""Rows for metrics that a spring foot does not have: label, unit, number format, metric of a stride."""
 
 MIN_LEDGER_ENERGY_J = 0.005
 """Smallest energy per stride [J] for which a ledger line is shown."""
@@ -67,33 +74,50 @@ LEDGER_LABELS = {
 """Line of the energy ledger -> its label; effects have lines of their own."""
 
 
-def build_table(recording: Recording, metrics: GaitMetrics, width: int) -> Table:
-    """Build the table of human reference, mean and last strides, one row per metric, in ``width`` characters."""
+def build_table(recording: Recording, metrics: GaitMetrics) -> Table:
+    """Build the table of human reference, mean and standard deviation over the steady strides, one row per metric."""
     human = compute_reference_metrics(recording)
-    n_columns = max(1, min(MAX_STRIDE_COLUMNS, (width - BASE_WIDTH_CHARS) // STRIDE_COLUMN_WIDTH_CHARS))
-    shown = list(enumerate(metrics.strides, start=1))[-n_columns:]
-    first = len(metrics.strides) - len(metrics.steady_strides) + 1
-    strides = "1 stride" if len(metrics.strides) == 1 else f"last {len(shown)} of {len(metrics.strides)} strides"
-    title = f"{recording.provenance['device']['name']}, {strides}"
-    table = Table(title=Text(title), box=box.SIMPLE_HEAD)
-    table.add_column("")  # no no_wrap: in a narrow terminal, labels wrap and numbers do not
-    table.add_column("unit", style="dim")
+    table = Table(
+        title=Text(_format_title(recording, metrics)), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True
+    )
+    table.add_column("", min_width=MIN_LABEL_WIDTH_CHARS)  # in a narrow terminal, labels wrap and numbers do not
+    table.add_column("unit", style="dim", no_wrap=True)
     table.add_column("human" if is_level_ground(recording) else "human,\nlevel", justify="right", no_wrap=True)
-    table.add_column(f"mean\n{first}-{len(metrics.strides)}", justify="right", style="bold", no_wrap=True)
-    for number, _ in shown:
-        table.add_column(f"stride\n{number}", justify="right", no_wrap=True)
+    table.add_column("prosthesis", justify="right", style="bold", no_wrap=True)
+    table.add_column("± sd", justify="right", no_wrap=True)
+
+    def add_row(
+        label: str, unit: str, format_spec: str, metric: Callable[[StrideMetrics], float | None], human: float | None
+    ) -> None:
+        deviation = metrics.standard_deviation(metric)
+        table.add_row(
+            label,
+            unit,
+            _format_cell(human, format_spec),
+            _format_cell(metrics.mean(metric), format_spec),
+            _format_cell(deviation, format_spec.removeprefix("+")),
+        )
+
     for label, unit, format_spec, ankle_metric in ANKLE_ROWS:
-        cells = [ankle_metric(human), metrics.mean(ankle_metric), *(ankle_metric(stride) for _, stride in shown)]
-        table.add_row(label, unit, *(_format_cell(value, format_spec) for value in cells))
+        add_row(label, unit, format_spec, ankle_metric, ankle_metric(human))
     table.add_section()
-    for label, unit, format_spec, rig_metric in RIG_ROWS:
-        cells = [None, metrics.mean(rig_metric), *(rig_metric(stride) for _, stride in shown)]
-        table.add_row(label, unit, *(_format_cell(value, format_spec) for value in cells))
-    table.add_section()
-    for line, label in _build_ledger_rows(metrics).items():
-        cells = [None, metrics.mean(lambda s, n=line: s.ledger_j[n]), *(s.ledger_j[line] for _, s in shown)]  # type: ignore[misc]
-        table.add_row(label, "J", *(_format_cell(value, "+.2f") for value in cells))
+    for label, unit, format_spec, metric in RIG_ROWS:
+        add_row(label, unit, format_spec, metric, None)
+    if not is_spring_foot(recording):
+        for label, unit, format_spec, metric in DEVICE_ROWS:
+            add_row(label, unit, format_spec, metric, None)
+        table.add_section()
+        for line, label in _build_ledger_rows(metrics).items():
+            add_row(label, "J", "+.2f", lambda stride, line=line: stride.ledger_j[line], None)  # type: ignore[misc]
     return table
+
+
+def _format_title(recording: Recording, metrics: GaitMetrics) -> str:
+    name, last = recording.provenance["device"]["name"], len(metrics.strides)
+    first = last - len(metrics.steady_strides) + 1
+    if first == last:
+        return f"{name}, stride {last}"
+    return f"{name}, mean of strides {first} to {last}"
 
 
 def _build_ledger_rows(metrics: GaitMetrics) -> dict[str, str]:

@@ -78,7 +78,7 @@ def format_page(comparison: Comparison) -> str:
     if comparison.is_single:
         title, headings = words.format_series(series[0], domain), ["trial", "channel", *words.EXTENT_HEADINGS]
         rows = [
-            [_format_trial(part), _format_channel(part, channel), *cells]
+            [_format_trial(part), words.format_channel(part, channel), *cells]
             for part in comparison.parts
             for channel, cells in words.iter_extents(part, domain)
         ]
@@ -88,12 +88,12 @@ def format_page(comparison: Comparison) -> str:
         rows = [
             [
                 _format_trial(row.part),
-                _format_channel(row.part, row.channel),
+                words.format_channel(row.part, row.channel),
                 row.label,
                 words.format_bias(row.difference),
                 words.format_number(row.difference.rms),
                 words.format_number(row.difference.rms_sd),
-                words.format_number(row.difference.max_difference, "+.3g"),
+                words.format_number(row.difference.max_difference, signed=True),
                 words.format_position(row.difference.max_position, domain),
                 words.format_half_error_interval(row, domain),
             ]
@@ -105,10 +105,6 @@ def format_page(comparison: Comparison) -> str:
 
 def _format_trial(part: ComparisonPart) -> str:
     return part.name or "-"
-
-
-def _format_channel(part: ComparisonPart, channel: str) -> str:
-    return f"{words.humanize_channel(channel)} [{words.format_unit(part.units[channel])}]"
 
 
 def build_blueprint(comparison: Comparison) -> Any:

@@ -8,9 +8,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from klute_sim.device.device import load_device
+from klute_sim.device.device import DEFAULT_DEVICE, load_device
 from klute_sim.device.energy.ledger import format_effect_channel
 from klute_sim.effects import catalogue
+from klute_sim.gait.metrics import is_spring_foot
 from klute_sim.gait.rig.build import build_gait_model
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
@@ -151,9 +152,8 @@ def rebuild_recording(folder: Path, path: Path) -> None:
     """
     recording = parquet.load_recording(folder / "recording.parquet")
     options = recording.provenance["options"]
-    model = build_gait_model(
-        load_device(folder / "device.toml"), mass=options["mass_kg"], stature=options["stature_m"], dt=options["step_s"]
-    )
+    device = load_device(DEFAULT_DEVICE if is_spring_foot(recording) else folder / "device.toml")
+    model = build_gait_model(device, mass=options["mass_kg"], stature=options["stature_m"], dt=options["step_s"])
     write_recording(recording, model, path)
 
 
