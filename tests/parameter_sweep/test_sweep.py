@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from klute_sim.parameter_sweep.plan import GaitCase, SweepPlan
 from klute_sim.parameter_sweep.runner import ResultCallback
 from klute_sim.parameter_sweep.store import RESULTS_FOLDER, ResultStore, open_store
 from klute_sim.parameter_sweep.sweep import run_sweep
+from klute_sim.recording.folder_lock import LOCK_FILE_NAME
 
 DEVICE = load_device("klute-1-1-4-pair")
 POWER = "ankle_power_peak [W/kg]"
@@ -145,16 +147,32 @@ def test_full_disk_keeps_finished_cases(tmp_path: Path, monkeypatch: pytest.Monk
     assert [c.mass for c in runner.cases] == [75.0]
 
 
-def test_interrupted_write_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def write_half(path: Path, text: str, encoding: str) -> None:
-        with path.open("w") as file:
-            file.write(text[:10])
-        raise OSError(errno.ENOSPC, "No space left on device")
+def test_sweep_killed_before_its_plan_was_stored_starts_again(tmp_path: Path) -> None:
+    folder, plan = tmp_path / "s", make_plan()
+    (folder / RESULTS_FOLDER).mkdir(parents=True)
+    (folder / LOCK_FILE_NAME).write_text("99999999")
+    (folder / ".99999999-1.sweep.json").write_text("{")
+    open_plan_store(folder, plan)
+    assert sorted(path.name for path in folder.iterdir()) == [RESULTS_FOLDER, "sweep.json"]
 
-    monkeypatch.setattr(Path, "write_text", write_half)
-    with pytest.raises(OSError, match="No space"):
-        store.write_atomically(tmp_path / "x.json", "0123456789abc")
-    assert list(tmp_path.iterdir()) == []
+
+def test_leftovers_of_a_killed_sweep_disappear(tmp_path: Path) -> None:
+    folder, plan = tmp_path / "s", make_plan()
+    run_sweep(plan, open_plan_store(folder, plan), InProcessRunner())
+    (folder / RESULTS_FOLDER / ".99999999-1.a.json").write_text("{")
+    (folder / ".99999999-1.sweep.parquet").write_text("half")
+    assert run_sweep(plan, open_plan_store(folder, plan), InProcessRunner())[1] == 2
+    assert list(folder.rglob(".*")) == []
+
+
+def test_folder_in_use_is_refused(tmp_path: Path) -> None:
+    plan = make_plan()
+    with open_plan_store(tmp_path / "s", plan).lock():
+        for attempt in (lambda: open_plan_store(tmp_path / "s", plan), ResultStore(tmp_path / "s").lock):
+            with pytest.raises(InputError, match=f"in use by process {os.getpid()}"):
+                attempt()
+    with open_plan_store(tmp_path / "s", plan).lock():
+        pass
 
 
 def test_documentation_lists_every_column() -> None:

@@ -16,8 +16,9 @@ from klute_sim.baselines.library import load_baselines
 from klute_sim.errors import InputError
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.parameter_sweep.local import LocalRunner
-from klute_sim.parameter_sweep.store import ResultStore, open_store, write_atomically
+from klute_sim.parameter_sweep.store import ResultStore, open_store
 from klute_sim.parameter_sweep.sweep import run_cases
+from klute_sim.recording.atomic_file import write_atomically
 from klute_sim.types import ProgressCallback
 from klute_sim.units import BAR
 
@@ -159,7 +160,7 @@ def simulate_baselines(
     """
     runs = table.plan_runs(load_baselines(only), mass, strides, time_step)
     store = open_store(folder, table.describe_runs(runs), "baselines")
-    with explain_interrupt(store.folder), LocalRunner(n_jobs) as runner:
+    with store.lock(), explain_interrupt(store.folder), LocalRunner(n_jobs) as runner:
         cases = [run.case for run in runs]
         results, _ = run_cases(cases, store, runner.run, stage_progress(progress, "simulating"))
     finished = [replace(run, result=result) for run, result in zip(runs, results, strict=True)]

@@ -19,6 +19,7 @@ from klute_sim.parameter_sweep.plan import ABLE_BODIED_REFERENCE, SweepPlan
 from klute_sim.parameter_sweep.runner import Runner
 from klute_sim.parameter_sweep.store import ResultStore, open_store
 from klute_sim.parameter_sweep.sweep import run_sweep
+from klute_sim.recording.atomic_file import replace_atomically
 from klute_sim.types import ProgressCallback
 
 if TYPE_CHECKING:
@@ -98,9 +99,11 @@ class SweepResult:
         target = self.folder if folder is None else Path(folder)
         with ResultStore(target).translate_write_errors():
             target.mkdir(parents=True, exist_ok=True)
-            table.write_parquet(self.rows, self.plan, target / "sweep.parquet")
             if with_csv:
-                table.write_csv(self.rows, target / "sweep.csv")
+                with replace_atomically(target / "sweep.csv") as temporary:
+                    table.write_csv(self.rows, temporary)
+            with replace_atomically(target / "sweep.parquet") as temporary:
+                table.write_parquet(self.rows, self.plan, temporary)
         return target
 
 
@@ -160,7 +163,7 @@ def sweep(
     )
     with _open_runner(n_jobs, ray_address) as runner:
         store = open_store(folder, plan.describe(), "sweep")
-        with explain_interrupt(store.folder):
+        with store.lock(), explain_interrupt(store.folder):
             rows, n_resumed = run_sweep(plan, store, runner, stage_progress(progress, "simulating"))
     return SweepResult(plan, rows, store.folder, n_resumed)
 

@@ -1,6 +1,7 @@
 """Train a control policy by reinforcement learning: :func:`train` and its result :class:`TrainingResult`."""
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -8,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import stage_progress
 from klute_sim.api.rendering import Summary, render_html, render_text
-from klute_sim.errors import InputError, KluteSimError
-from klute_sim.recording.run_folder import create_persistent_folder
+from klute_sim.errors import InputError
+from klute_sim.recording.atomic_file import replace_atomically, write_atomically
 from klute_sim.training.config import load_config
 from klute_sim.training.evaluate import compare_with_profile
+from klute_sim.training.folder import create_training_folder, lock_training_folder
 from klute_sim.training.training import Training, resume_training, start_training
 from klute_sim.types import ProgressCallback
 
@@ -119,9 +121,11 @@ class TrainingResult:
 
         target = self.folder if folder is None else Path(folder)
         target.mkdir(parents=True, exist_ok=True)
-        self.policy.save(target / "policy.npz")
-        self.plot().savefig(target / "learning_curve.png", dpi=COMPACT_DPI)
-        (target / "summary.json").write_text(json.dumps(self.summary, indent=2, allow_nan=False) + "\n", "utf-8")
+        with replace_atomically(target / "policy.npz") as temporary:
+            self.policy.save(temporary)
+        with replace_atomically(target / "learning_curve.png") as temporary:
+            self.plot().savefig(temporary, dpi=COMPACT_DPI)
+        write_atomically(target / "summary.json", json.dumps(self.summary, indent=2, allow_nan=False) + "\n")
         return target
 
 
@@ -155,9 +159,24 @@ def train(
             raise InputError("resuming needs the folder of the training")
         if seed is not None or config is not None:
             raise InputError("a resumed training keeps its seed and its configuration; leave both out")
-        training = resume_training(Path(folder))
-    else:
-        training = _start(config, 0 if seed is None else seed, folder)
+        with lock_training_folder(Path(folder)) as lock:
+            return _run(resume_training(lock.folder), minutes, steps, progress)
+    settings, content = load_config(config)  # before a folder is made
+    lock = create_training_folder(folder, content)
+    try:
+        training = start_training(lock.folder, settings, content, seed or 0)
+    except BaseException:
+        lock.release()
+        with suppress(OSError):  # it has files of an earlier attempt
+            lock.folder.rmdir()
+        raise
+    with lock:
+        return _run(training, minutes, steps, progress)
+
+
+def _run(
+    training: Training, minutes: float | None, steps: int | None, progress: ProgressCallback | None
+) -> TrainingResult:
     limit = DEFAULT_TRAINING_MINUTES if minutes is None and steps is None else minutes
     try:
         training.run(limit, steps, stage_progress(progress, "training"))
@@ -174,13 +193,3 @@ def train(
         training.export_policy(), settings.environment, settings.evaluation_episodes, training.progress.seed
     )
     return TrainingResult(training, comparison)
-
-
-def _start(config: str | Path | None, seed: int, folder: str | Path | None) -> Training:
-    settings, content = load_config(config)
-    new_folder = create_persistent_folder("train", folder)
-    try:
-        return start_training(new_folder, settings, content, seed)
-    except KluteSimError:
-        new_folder.rmdir()
-        raise

@@ -15,7 +15,8 @@ from klute_sim.device.device import Device
 from klute_sim.gait.metrics import compute_gait_metrics
 from klute_sim.gait.summary import summarize_gait_run
 from klute_sim.parameter_sweep.local import LocalRunner
-from klute_sim.parameter_sweep.store import ResultStore, write_atomically
+from klute_sim.parameter_sweep.store import ResultStore
+from klute_sim.recording.atomic_file import replace_atomically, write_atomically
 from klute_sim.recording.recording import Recording
 from klute_sim.tuning import results
 from klute_sim.tuning.design_variables import DEFAULT_DEVICE_KEYS, DesignSpace
@@ -171,7 +172,8 @@ class TuningResult:
             if self.problem.space.device_keys:
                 write_atomically(folder / "device.toml", device.content.decode("utf-8-sig"))
                 files.append("device.toml")
-            self.plot().savefig(folder / "tuning.png", dpi=COMPACT_DPI)
+            with replace_atomically(folder / "tuning.png") as temporary:
+                self.plot().savefig(temporary, dpi=COMPACT_DPI)
             write_atomically(folder / "tuned.csv", profile_to_csv(profile))
             write_atomically(
                 folder / EVALUATIONS_FILE, results.format_evaluations_csv(self.evaluations, EVALUATION_COLUMNS)
@@ -238,7 +240,7 @@ def tune(
         if progress is not None:
             progress(min(1.0, n_done / n_expected), "tuning")
 
-    with explain_interrupt(store.folder), LocalRunner(n_jobs) as runner:
+    with store.lock(), explain_interrupt(store.folder), LocalRunner(n_jobs) as runner:
         evaluations = optimize(problem, budget, store, runner.run, report)
         reevaluations = reevaluate(problem, evaluations, store, runner.run, report)
     return TuningResult(problem, evaluations, reevaluations, store.folder)

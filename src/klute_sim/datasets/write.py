@@ -1,8 +1,6 @@
 """Writer of trial files."""
 
-import os
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +10,7 @@ import pyarrow.csv
 from numpy.typing import NDArray
 
 from klute_sim.errors import InputError
+from klute_sim.recording.atomic_file import replace_atomically
 from klute_sim.recording.recording import split_heading
 
 
@@ -30,14 +29,9 @@ def write_trial(path: str | Path, columns: Mapping[str, NDArray[np.floating[Any]
             raise InputError(f"column '{heading}' has shape {array.shape}; all columns need the same number of samples")
         arrays.append(pa.array(array, from_pandas=True))
     table = pa.table(arrays, names=[str(index) for index in range(len(arrays))])
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with temporary.open("wb") as file:
+        with replace_atomically(path) as temporary, temporary.open("wb") as file:
             file.write((",".join(columns) + "\n").encode())
             pyarrow.csv.write_csv(table, file, pyarrow.csv.WriteOptions(include_header=False))
-        temporary.replace(path)
     except OSError as error:
         raise InputError(f"trial file {path} cannot be written: {error.strerror or error}") from None
-    finally:
-        with suppress(OSError):  # absent after a successful write
-            temporary.unlink()

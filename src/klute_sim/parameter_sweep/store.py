@@ -1,8 +1,6 @@
 """The result folder of a sweep: its plan, and one file per finished case, written as soon as the case is finished."""
 
-import errno
 import json
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +8,9 @@ from typing import Any
 
 from klute_sim.errors import InputError, KluteSimError
 from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, CaseResult
-from klute_sim.recording.run_folder import DEFAULT_RUNS_FOLDER, create_persistent_folder
+from klute_sim.recording.atomic_file import is_temporary, remove_temporary_files, write_atomically
+from klute_sim.recording.folder_lock import LOCK_FILE_NAME, FolderLock
+from klute_sim.recording.run_folder import DEFAULT_RUNS_FOLDER, FULL_DISK_ERRNOS, create_persistent_folder
 
 RESULTS_FOLDER = "cases"
 """Name of the folder that holds the results of the finished cases."""
@@ -44,24 +44,19 @@ class ResultStore:
         try:
             yield
         except OSError as error:
-            is_full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-            reason = "the disk is full" if is_full else f"{self.folder} cannot be written ({error.strerror})"
+            is_full = error.errno in FULL_DISK_ERRNOS
+            reason = "the disk is full" if is_full else f"{self.folder} cannot be written ({error.strerror or error})"
             raise KluteSimError(
                 f"{reason}: finished cases are kept; the same command with --out {self.folder} continues"
             ) from None
 
+    def lock(self) -> FolderLock:
+        """Lock the folder for the process that adds results; raises InputError when another one does that."""
+        with self.translate_write_errors():
+            return FolderLock(self.folder)
+
     def _result_path(self, key: str) -> Path:
         return self.folder / RESULTS_FOLDER / f"{key}.json"
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Write ``text`` to ``path``, completely or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_text(text, "utf-8")
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def open_store(folder: str | Path | None, description: dict[str, Any], kind: str) -> ResultStore:
@@ -69,28 +64,43 @@ def open_store(folder: str | Path | None, description: dict[str, Any], kind: str
 
     The file ``kind.json`` in the folder holds the description. ``folder`` None means the next ``runs/kind-NNN``.
 
-    Raises InputError when the folder holds something else or cannot be written.
+    Raises InputError when the folder holds something else, is in use, or cannot be written.
     """
     plan_file, requested = f"{kind}.json", None if folder is None else Path(folder)
     try:
         if requested is None:
-            return _initialize_store(create_persistent_folder(kind, None), plan_file, description)
+            with create_persistent_folder(kind, None) as lock:
+                return _initialize_store(lock.folder, plan_file, description)
         if requested.exists() and not requested.is_dir():
             raise InputError(f"output folder {requested} is a file; name a folder")
-        if (requested / plan_file).exists():
-            _check_same_plan(requested, plan_file, description)
-            return ResultStore(requested)
-        if requested.is_dir() and any(requested.iterdir()):
-            raise InputError(f"output folder {requested} is not empty and holds no {kind}; name a new or an empty one")
         requested.mkdir(parents=True, exist_ok=True)
-        return _initialize_store(requested, plan_file, description)
+        if not (requested / plan_file).exists():
+            _check_empty(requested, kind)  # without a trace in the folder of somebody else
+        with FolderLock(requested):
+            if (requested / plan_file).exists():
+                _check_same_plan(requested, plan_file, description)
+                (requested / RESULTS_FOLDER).mkdir(exist_ok=True)
+                remove_temporary_files(requested)
+                remove_temporary_files(requested / RESULTS_FOLDER)
+                return ResultStore(requested)
+            return _initialize_store(requested, plan_file, description)
     except OSError as error:
         raise InputError(
             f"output folder {requested or DEFAULT_RUNS_FOLDER} cannot be written: {error.strerror}"
         ) from None
 
 
+def _check_empty(folder: Path, kind: str) -> None:
+    """Raise InputError if ``folder`` holds more than what a process leaves that is killed before it stores the plan."""
+    results = folder / RESULTS_FOLDER
+    has_results = results.exists() and not (results.is_dir() and not any(results.iterdir()))
+    names = {entry.name for entry in folder.iterdir() if not is_temporary(entry.name)}
+    if has_results or names - {LOCK_FILE_NAME, RESULTS_FOLDER}:
+        raise InputError(f"output folder {folder} is not empty and holds no {kind}; name a new or an empty one")
+
+
 def _initialize_store(folder: Path, plan_file: str, description: dict[str, Any]) -> ResultStore:
+    remove_temporary_files(folder)
     (folder / RESULTS_FOLDER).mkdir(exist_ok=True)
     write_atomically(folder / plan_file, json.dumps(description, indent=2))  # last: it marks the folder as complete
     return ResultStore(folder)

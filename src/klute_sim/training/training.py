@@ -15,15 +15,10 @@ import numpy as np
 from klute_sim.controllers.policy import Policy
 from klute_sim.errors import InputError, MissingExtraError
 from klute_sim.provenance import collect_versions
+from klute_sim.recording.atomic_file import replace_atomically, write_atomically
 from klute_sim.training.config import TrainingConfig, load_config
+from klute_sim.training.folder import CHECKPOINT_FILE, CONFIG_FILE, LEARNING_CURVE_FILE, PROGRESS_FILE
 
-CONFIG_FILE, CHECKPOINT_FILE, PROGRESS_FILE, LEARNING_CURVE_FILE = (
-    "config.toml",
-    "checkpoint.zip",
-    "progress.json",
-    "learning_curve.csv",
-)
-"""Files of a training folder."""
 LEARNING_CURVE_COLUMNS = ("minutes", "steps", "episodes", "episode_return", "episode_steps")
 """Columns of the learning curve: totals since the start, and means over the episodes that ended since the last row."""
 UNLIMITED_STEPS = 10**12
@@ -42,6 +37,11 @@ class TrainingProgress:
     """Number of steps of all environments together."""
     learning_curve: list[tuple[float, ...]] = field(default_factory=list)
     """Rows of the learning curve."""
+
+    def set_steps(self, steps: int) -> None:
+        """Follow the checkpoint, which a killed process may have written without its progress."""
+        self.steps = steps
+        self.learning_curve = [row for row in self.learning_curve if row[1] <= steps]
 
 
 class Training:
@@ -66,6 +66,7 @@ class Training:
         envs = GaitVecEnv(config.num_envs, progress.seed + progress.steps, config.environment)
         if (folder / CHECKPOINT_FILE).exists():
             self.model = algorithm.load(folder / CHECKPOINT_FILE, env=envs, device="cpu")
+            progress.set_steps(self.model.num_timesteps)
             return
         activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[config.activation]
         policy_options = {"net_arch": list(config.hidden), "activation_fn": activation}
@@ -131,13 +132,16 @@ class Training:
 
     def save(self) -> None:
         """Write checkpoint, progress and learning curve, each atomically."""
-        temporary = self.folder / f".{CHECKPOINT_FILE}"
-        self.model.save(temporary)
-        temporary.replace(self.folder / CHECKPOINT_FILE)
+        with replace_atomically(self.folder / CHECKPOINT_FILE) as temporary:
+            self.model.save(temporary)
+        self.save_progress()
+
+    def save_progress(self) -> None:
+        """Write progress and learning curve, each atomically."""
         text = json.dumps({"seed": self.progress.seed, "minutes": self.progress.minutes, "steps": self.progress.steps})
-        _write_atomically(self.folder / PROGRESS_FILE, text + "\n")
+        write_atomically(self.folder / PROGRESS_FILE, text + "\n")
         rows = "".join(",".join(str(value) for value in row) + "\n" for row in self.progress.learning_curve)
-        _write_atomically(self.folder / LEARNING_CURVE_FILE, ",".join(LEARNING_CURVE_COLUMNS) + "\n" + rows)
+        write_atomically(self.folder / LEARNING_CURVE_FILE, ",".join(LEARNING_CURVE_COLUMNS) + "\n" + rows)
 
     def export_policy(self) -> Policy:
         """Return the learned policy as plain numbers."""
@@ -163,7 +167,8 @@ class Training:
 def start_training(folder: Path, config: TrainingConfig, content: bytes, seed: int) -> Training:
     """Start a training in the new ``folder``, which stores the configuration file ``content``."""
     training = Training(folder, config, TrainingProgress(seed))
-    (folder / CONFIG_FILE).write_bytes(content)
+    write_atomically(folder / CONFIG_FILE, content)
+    training.save_progress()
     return training
 
 
@@ -182,9 +187,3 @@ def resume_training(folder: Path) -> Training:
     except (KeyError, ValueError) as error:
         raise InputError(f"the training in {folder} cannot be resumed: {error}") from None
     return Training(folder, load_config(folder / CONFIG_FILE)[0], progress)
-
-
-def _write_atomically(path: Path, text: str) -> None:
-    temporary = path.with_name(f".{path.name}")
-    temporary.write_text(text, "utf-8")
-    temporary.replace(path)

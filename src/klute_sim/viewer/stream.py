@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from klute_sim.errors import MissingExtraError
+from klute_sim.recording.atomic_file import write_atomically
 from klute_sim.types import Array
 
 Colour = tuple[int, int, int]
@@ -58,7 +59,7 @@ def import_rerun() -> Any:
 
 @contextmanager
 def open_recording(path: Path, kind: str, identity: Any, make_blueprint: Callable[[], Any]) -> Iterator[Any]:
-    """Open a recording stream to ``path`` (.rrd), which is replaced only when the recording is complete.
+    """Open a recording stream, which is written to ``path`` (.rrd) when it is complete.
 
     The viewer stores a user's changes of the layout by ``kind``. Equal ``identity`` (JSON types) means the same
     recording. Raises MissingExtraError without rerun.
@@ -66,16 +67,14 @@ def open_recording(path: Path, kind: str, identity: Any, make_blueprint: Callabl
     rr = import_rerun()
     digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
     stream = rr.RecordingStream(f"klute-sim {kind}", recording_id=digest, send_properties=False)
-    temporary = path.with_name(f".{path.name}")
+    memory = stream.memory_recording()  # a thread of rerun that writes a file reports no error of its last part
     try:
-        stream.save(temporary, default_blueprint=make_blueprint())
+        stream.send_blueprint(make_blueprint(), make_active=False, make_default=True)
         yield stream
         stream.flush()
-        stream.disconnect()
-        temporary.replace(path)
+        write_atomically(path, memory.drain_as_bytes())
     finally:
         stream.disconnect()
-        temporary.unlink(missing_ok=True)
 
 
 def send_lines(stream: Any, axis: Any, lines: Iterable[SeriesLine]) -> None:

@@ -5,6 +5,7 @@ import hashlib
 import os
 import shutil
 import sys
+import zipfile
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import numpy as np
 
 import klute_sim
 from klute_sim.effects import catalogue
+from klute_sim.recording.atomic_file import replace_atomically
 from klute_sim.types import Array
 
 CACHE_VARIABLE = "KLUTE_SIM_CACHE"
@@ -56,21 +58,15 @@ class FitCache:
         try:
             with np.load(self._path_of(key), allow_pickle=False) as stored:
                 return {name: stored[name] for name in stored.files}
-        except (OSError, ValueError, EOFError):
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
             return None
 
     def put(self, key: str, **arrays: Array) -> None:
         """Store ``arrays`` under ``key``, completely or not at all."""
-        path = self._path_of(key)
-        temporary = path.with_suffix(f".{os.getpid()}.tmp")
-        try:
+        with contextlib.suppress(OSError):
             self._folder.mkdir(parents=True, exist_ok=True)
-            with temporary.open("wb") as file:
-                np.savez(file, **arrays)  # type: ignore[arg-type]
-            temporary.replace(path)
-        except OSError:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
+            with replace_atomically(self._path_of(key)) as temporary:
+                np.savez(temporary, **arrays)  # type: ignore[arg-type]
 
     def clear(self) -> None:
         """Delete all stored fits of this diagnosis."""

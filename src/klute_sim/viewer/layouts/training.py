@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from klute_sim.errors import InputError
-from klute_sim.training.training import LEARNING_CURVE_COLUMNS, LEARNING_CURVE_FILE
+from klute_sim.training.folder import LEARNING_CURVE_FILE
+from klute_sim.training.training import LEARNING_CURVE_COLUMNS
 from klute_sim.types import Array
 from klute_sim.viewer import stream
 from klute_sim.viewer.stream import BLUE, GREEN, ORANGE, VIOLET, SeriesLine
