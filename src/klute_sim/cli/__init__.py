@@ -1,18 +1,20 @@
 """The command line: click options and calls of the public API.
 
 ``main`` is the entry point. Each module defines one command and imports what the command needs when it runs, so that
-``--help`` does not load MuJoCo. ``common`` holds shared options, ``console`` the output.
+``--help`` does not load MuJoCo. ``common`` holds shared options, ``console`` the output, ``process`` the exit.
 """
 
 import io
-import signal
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 import click
 
 from klute_sim import __version__
+from klute_sim.cli import process
 from klute_sim.errors import InputError, KluteSimError, suggest
 
 COMMANDS = {
@@ -43,6 +45,15 @@ COMMANDS = {
 """Module that defines the command as ``command``, and one line of help, by the name of the command."""
 
 
+@contextmanager
+def _accept_broken_pipe() -> Iterator[None]:
+    """Exit with code 0 when the reader of our output has seen enough; click would exit with code 1."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise click.exceptions.Exit(0) from None
+
+
 class _LazyGroup(click.Group):
     """A group that imports the module of a command only when that command is needed."""
 
@@ -63,6 +74,14 @@ class _LazyGroup(click.Group):
             return super().resolve_command(ctx, args)
         hint = suggest(args[0], COMMANDS, "run klute-sim --help for a list of all commands")
         raise InputError(f"there is no command '{args[0]}'; {hint}")
+
+    def make_context(self, *args: Any, **options: Any) -> click.Context:
+        with _accept_broken_pipe():  # of --help
+            return super().make_context(*args, **options)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with _accept_broken_pipe():
+            return super().invoke(ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
@@ -88,37 +107,33 @@ def group(context: click.Context) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; every user error ends in one sentence on stderr and exit code 2."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # an exception, so that unfinished files are removed
     warnings.showwarning = _show_warning  # type: ignore[assignment]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without our symbols still shows the numbers
     try:
-        code = group.main(args=arguments, prog_name="klute-sim", standalone_mode=False)
+        with process.raise_on_termination():
+            code = group.main(args=arguments, prog_name="klute-sim", standalone_mode=False)
+            if sys.stdout is not None:
+                sys.stdout.flush()
     except click.ClickException as error:
-        _exit_with_error(error.format_message().replace("\n", " "), 2)
+        process.exit_process(2, error.format_message().replace("\n", " "))
     except KluteSimError as error:
-        _exit_with_error(str(error), 2)
+        process.exit_process(2, str(error))
     except (KeyboardInterrupt, click.Abort) as interrupt:
         original = interrupt.__cause__ or interrupt  # click raises Abort from the KeyboardInterrupt
         for note in getattr(original, "__notes__", ()):  # such as where the finished part is kept
             click.echo(note, err=True)
-        _exit_with_error("interrupted; no file was left half-written", 130)
+        process.exit_process(process.get_exit_code(original), "interrupted; no file was left half-written")
     except MemoryError:
-        _exit_with_error("not enough memory; use fewer strides or a longer time step", 2)
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader of our output has gone; Python would complain while closing stdout
-        sys.exit(0)
+        process.exit_process(2, "not enough memory; use fewer strides, a longer time step or fewer --jobs")
+    except BrokenPipeError:  # while the rest of the output is flushed
+        process.exit_process(0)
     except OSError as error:
-        _exit_with_error(f"a file or the output cannot be read or written: {error.strerror}", 2)
-    sys.exit(code if isinstance(code, int) else 0)
+        process.exit_process(2, f"a file or the output cannot be read or written: {error.strerror or error}")
+    process.exit_process(code if isinstance(code, int) else 0)
 
 
 def _show_warning(message: Warning | str, *_: object) -> None:
     """Print a warning as one sentence, without the line of source code that issued it."""
     click.echo(f"klute-sim: {message}", err=True)
-
-
-def _exit_with_error(message: str, exit_code: int) -> None:
-    click.echo(f"klute-sim: {message}", err=True)
-    sys.exit(exit_code)

@@ -27,6 +27,10 @@ class _Console(Console):
             objects = tuple(_wrap_lines(item, self.width) if isinstance(item, str) else item for item in objects)
         super().print(*objects, **options)
 
+    def on_broken_pipe(self) -> None:
+        """Leave the error, which is being handled, to the command line; the method replaced here exits with code 1."""
+        raise
+
 
 def _wrap_lines(text: str, width: int) -> str:
     lines = []

@@ -1,0 +1,72 @@
+"""How the process of a command ends: by a signal, by its exit code, and with output that nobody can take."""
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import NoReturn, TextIO
+
+import click
+
+_TERMINATION_SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
+)
+
+
+class TerminationError(KeyboardInterrupt):
+    """A signal asks the process to end; like Ctrl-C it lets the process remove unfinished files."""
+
+    def __init__(self, number: int) -> None:
+        """Report the signal of this ``number``."""
+        super().__init__()
+        self.signal_number = number
+
+
+@contextmanager
+def raise_on_termination() -> Iterator[None]:
+    """In this context raise TerminationError when a signal ends the process; the user can have it ignored (nohup)."""
+    handled = [number for number in _TERMINATION_SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    previous = {number: signal.signal(number, _raise_termination) for number in handled}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _raise_termination(number: int, frame: FrameType | None) -> NoReturn:
+    for other in _TERMINATION_SIGNALS:
+        signal.signal(other, signal.SIG_IGN)  # a second one must not stop the removal of unfinished files
+    raise TerminationError(number)
+
+
+def get_exit_code(interrupt: BaseException) -> int:
+    """Return the exit code that a shell expects after ``interrupt``."""
+    return 128 + (interrupt.signal_number if isinstance(interrupt, TerminationError) else signal.SIGINT)
+
+
+def exit_process(code: int, message: str = "") -> NoReturn:
+    """Print ``message`` on stderr if there is one, and exit with ``code``.
+
+    Output that cannot be written is discarded, because Python would try it again at its end, and then complain.
+    """
+    if message:
+        with suppress(OSError):
+            click.echo(f"klute-sim: {message}", err=True)
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:  # the caller has closed it
+            _discard_unwritable(stream)
+    sys.exit(code)
+
+
+def _discard_unwritable(stream: TextIO) -> None:
+    """Flush ``stream``, to nowhere if that fails."""
+    try:
+        stream.flush()
+    except (OSError, ValueError):
+        with suppress(OSError, ValueError):
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, stream.fileno())
+            os.close(null)
