@@ -22,6 +22,8 @@ from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.parameter_sweep.runner import MAX_ATTEMPTS, ResultCallback
 from klute_sim.plant import callbacks
 
+_TERMINATION_SIGNALS = {getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)}
+
 
 class LocalRunner:
     """Worker processes that evaluate cases; a context manager whose end, also by an error, ends the processes."""
@@ -76,11 +78,14 @@ def count_cores() -> int:
 
 @contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """Block SIGINT in this context and in the processes started in it, where the system supports that."""
+    """Block the signals that end this process in this context, and in processes started in it until their start-up.
+
+    Without support of the system the context does nothing.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    previous_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *_TERMINATION_SIGNALS})
     try:
         yield
     finally:
@@ -133,6 +138,8 @@ class _Worker:
 def _initialize_worker(parent_pipe: Connection) -> None:
     """Prepare a new process: it ignores Ctrl-C, uses one thread, and ends when ``parent_pipe`` is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process; the parent ends the others
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _TERMINATION_SIGNALS)
     warnings.simplefilter("ignore", KluteSimWarning)  # the parent has issued them
     threadpool_limits(1, user_api="blas")  # each core evaluates its own case
     threading.Thread(target=_exit_with_parent, args=(parent_pipe,), daemon=True).start()

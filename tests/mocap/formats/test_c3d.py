@@ -118,7 +118,7 @@ def test_modules_of_working_folder_are_not_imported(tmp_path: Path, monkeypatch:
 def test_reader_process_ends_by_itself(tmp_path: Path) -> None:
     (tmp_path / "ezc3d.py").write_text("while True:\n    pass\n")
     path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
-    command = [sys.executable, "-P", "-m", "klute_sim.mocap.formats.c3d_process", "walk.c3d", "1"]
+    command = [sys.executable, "-P", "-m", "klute_sim.mocap.formats.c3d_process", "walk.c3d", "1", str(os.getpid())]
     done = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, timeout=30, check=False)
     assert done.returncode == -signal.SIGALRM
 

@@ -87,6 +87,7 @@ def _read_in_subprocess(path: str | Path, timeout: float) -> bytes:
         "klute_sim.mocap.formats.c3d_process",
         str(Path(path).absolute()),
         f"{timeout + 2:.0f}",
+        str(os.getpid()),
     ]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:

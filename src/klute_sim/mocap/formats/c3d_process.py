@@ -1,11 +1,12 @@
-"""Read one C3D file in a separate process: ``python -m klute_sim.mocap.formats.c3d_process FILE SECONDS``.
+"""Read one C3D file in a separate process: ``python -m klute_sim.mocap.formats.c3d_process FILE SECONDS PARENT``.
 
 The library ezc3d is written in C++, and a damaged file (one changed byte is enough) can crash it. The crash then ends
 this process instead of the user's. Other damaged files keep the library busy for ever; an alarm ends this process after
-SECONDS, even if the parent process no longer waits. The result goes to standard output as NumPy ``.npz`` without
-pickles.
+SECONDS, and Linux ends it together with the process PARENT, which may be killed. The result goes to standard output as
+NumPy ``.npz`` without pickles.
 """
 
+import ctypes
 import io
 import json
 import os
@@ -15,6 +16,9 @@ import warnings
 from typing import Any
 
 import numpy as np
+
+PR_SET_PDEATHSIG = 1
+"""Option of Linux's prctl: the signal that a process gets when its parent ends."""
 
 
 def extract_arrays(c3d: Any) -> dict[str, Any]:
@@ -42,8 +46,18 @@ def _get_text(parameter: Any) -> str:
     return str(value[0]).strip() if len(value) else ""
 
 
+def end_with_parent(parent: int) -> None:
+    """End this process when the process ``parent`` ends (Linux only), also while the library is busy."""
+    if sys.platform != "linux":
+        return
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:  # it has ended before the call
+        sys.exit("the parent process has ended")
+
+
 def main() -> None:
     """Read the file named on the command line; on failure print the reason on standard error and exit with code 1."""
+    end_with_parent(int(sys.argv[3]))
     if hasattr(signal, "alarm"):  # not available on Windows
         signal.alarm(int(sys.argv[2]))
     output = os.fdopen(os.dup(1), "wb")
