@@ -68,10 +68,10 @@ def test_number_of_threads_changes_no_bit() -> None:
 
 def test_invalid_input_raises_one_sentence() -> None:
     batch = make_envs("batch", AutoresetMode.DISABLED, 2)
-    with pytest.raises(InputError, match="reset the environments"):
+    with pytest.raises(InputError, match="no episodes yet"):
         batch.unwrapped.step(np.zeros((2, 1)))
     batch.reset(seed=1)
-    for actions, message in ((np.zeros((3, 1)), "shape"), (np.array([[0.0], [np.nan]]), "not a number")):
+    for actions, message in ((np.zeros((3, 1)), "shape"), (np.array([[0.0], [np.nan]]), "contains nan")):
         with pytest.raises(InputError, match=message):
             batch.unwrapped.step(actions)
     with pytest.raises(InputError, match="reset_mask has shape"):
@@ -80,9 +80,9 @@ def test_invalid_input_raises_one_sentence() -> None:
         batch.reset(options={"reset_mask": np.zeros(2, dtype=bool)})
     with pytest.raises(InputError, match="seed has 3 values; allowed: one value, or 2"):
         batch.reset(seed=[1, 2, 3])
-    with pytest.raises(InputError, match="0 simulations"):
+    with pytest.raises(InputError, match="num_envs is 0"):
         gymnasium.make_vec(NAME, 0, "vector_entry_point")
-    with pytest.raises(InputError, match="-1 threads"):
+    with pytest.raises(InputError, match="n_jobs is -1"):
         gymnasium.make_vec(NAME, 2, "vector_entry_point", n_jobs=-1)
     with pytest.raises(InputError, match="divisors of 10 ms"):
         gymnasium.make_vec(NAME, 2, "vector_entry_point", time_step=3e-4)
@@ -95,7 +95,7 @@ def test_action_of_environment_in_reset_is_ignored() -> None:
         ended = batch.step(np.zeros((2, 1), dtype=np.float32))
     assert ended[3].all()
     assert np.isfinite(batch.step(np.full((2, 1), np.nan, dtype=np.float32))[0]).all()
-    with pytest.raises(InputError, match="not a number"):
+    with pytest.raises(InputError, match="contains nan"):
         batch.step(np.full((2, 1), np.nan, dtype=np.float32))
 
 

@@ -94,9 +94,9 @@ class BatchOutputs:
         self.n_columns = N_OUTPUTS + 2 * len(self.effect_names)
         """Number of columns: the :class:`DeviceOutputs`, then two forces [N] for each effect."""
         self._rows = np.array([_pack_cumulative_parameters(parameters)])
-        self._evaluate_batch: Callable[..., None] = (
-            _compile_evaluate_batch() if backend == "compiled" and not explain_missing_compiler() else evaluate_batch
-        )
+        self._is_compiled = backend == "compiled" and not explain_missing_compiler()
+        if self._is_compiled:
+            _compile_evaluate_batch()
 
     def set_parameters(self, index: int, parameters: DeviceParameters, n_simulations: int) -> None:
         """Set the device of simulation ``index`` of ``n_simulations``; it has the same effects as the others."""
@@ -107,8 +107,10 @@ class BatchOutputs:
     def evaluate(self, states: Array, internal_states: Array) -> Array:
         """Return the outputs (n, ``n_columns``) for ``states`` and ``internal_states`` as in :func:`evaluate_batch`."""
         out = np.empty((len(states), self.n_columns))
-        rows: Any = self._rows if self._evaluate_batch is not evaluate_batch else self._rows.tolist()
-        self._evaluate_batch(rows, np.ascontiguousarray(states), np.ascontiguousarray(internal_states), out)
+        rows: Any = self._rows if self._is_compiled else self._rows.tolist()
+        # Looked up at each call, because a pickle must not contain compiled code.
+        evaluate = _compile_evaluate_batch() if self._is_compiled else evaluate_batch
+        evaluate(rows, np.ascontiguousarray(states), np.ascontiguousarray(internal_states), out)
         return out
 
 

@@ -2,47 +2,33 @@
 work.
 """
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import mujoco
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
-from klute_sim.bench.build import build_tester, compute_servo_commands, place_crosshead
-from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import DEFAULT_DEVICE, Device
-from klute_sim.device.dynamics import compute_taut_state, compute_tension
-from klute_sim.envs.ankle_gait import make_action_space, validate_action
-from klute_sim.envs.tasks.actions import ActionDecoder, select_action_kind
-from klute_sim.envs.tasks.bench_task import (
-    AIR_MASS_OFFSET_G,
-    BENCH_TASKS,
-    FORCE_ERROR_SCALE,
-    OBSERVATIONS,
-    SMOOTHNESS_WEIGHT,
-    WORK_REWARD_WEIGHT,
-    BenchTrajectory,
-    TrajectoryGenerator,
-)
-from klute_sim.envs.tasks.energy_accounting import DeviceStates, EnergyAccounting
+from klute_sim.envs.ankle_gait import make_action_space
+from klute_sim.envs.base.single import DeviceEnv, Observation, Step
+from klute_sim.envs.tasks.bench_task import CONTROL_INTERVAL, OBSERVATIONS, BenchOptions, BenchTask, TesterStates
 from klute_sim.envs.tasks.options import resolve_device
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import callbacks
-from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.units import BAR
+from klute_sim.types import Array
 
-Observation = NDArray[np.float32]
-CONTROL_INTERVAL = 0.01
-"""Interval between two actions [s]."""
-MAX_DURATION = 600.0
-"""Longest episode [s]."""
-ZERO_PHASE, SINGLE_MASK = np.zeros(1), np.ones(1, dtype=np.bool_)
+SINGLE_MASK = np.ones(1, dtype=np.bool_)
 
 
-class AnkleBenchEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.utils.EzPickle):
+def make_observation_space() -> "spaces.Box[np.float32]":
+    """Return the space of the observations of the tester."""
+    low, high = (np.array([row[k] for row in OBSERVATIONS], dtype=np.float32) for k in (2, 3))
+    return spaces.Box(low, high, dtype=np.float32)
+
+
+class AnkleBenchEnv(DeviceEnv):
     """The muscle-tendon unit between a load cell and a crosshead that prescribes its length.
 
     A smaller problem than gait with the same device: control of force, or of work, through pressure, damper and tendon.
@@ -50,8 +36,8 @@ class AnkleBenchEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.u
     ## Action space
 
     ``Box(-1, 1, (1,), float32)``, held for 10 ms: gauge pressure from 0 (-1) to the supply pressure (1), or, for a
-    device
-    that takes valve openings, the opening from exhaust (-1) to fill (1). Values outside are clipped; NaN is refused.
+    device that takes valve openings, the opening from exhaust (-1) to fill (1). Values outside are clipped; NaN and
+    infinity are refused.
 
     ## Observation space
 
@@ -88,9 +74,8 @@ class AnkleBenchEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.u
     ## Episode
 
     An episode starts with a just taut tendon and a random pressure between 0 and a quarter of the supply pressure (0
-    for
-    a device that takes valve openings). It is truncated after ``duration`` seconds and terminated when a state is not
-    finite.
+    for a device that takes valve openings). It is truncated after ``duration`` seconds and terminated when a state is
+    not finite.
 
     ## Versions
 
@@ -115,155 +100,44 @@ class AnkleBenchEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.u
         ``duration`` [s] of an episode, ``cycle_duration`` [s] of the task work, ``time_step`` [s]; ``backend`` is auto,
         compiled or python. Raises InputError when an option is invalid.
         """
-        gymnasium.utils.EzPickle.__init__(**locals())
-        if task not in BENCH_TASKS:
-            raise InputError(f"task is '{task}'; allowed: {', '.join(BENCH_TASKS)}")
-        self._steps_per_action = _count_intervals("time_step", CONTROL_INTERVAL, time_step, "divisors of 10 ms")
-        self._actions_per_cycle = _count_intervals(
-            "cycle_duration", cycle_duration, CONTROL_INTERVAL, "multiples of 10 ms from 100 ms", min_count=10
-        )
-        if not cycle_duration <= duration <= MAX_DURATION:
-            raise InputError(
-                f"duration is {duration:g} s; allowed: a cycle ({cycle_duration:g} s) to {MAX_DURATION:g} s"
-            )
-        self._actions_per_episode, bench_device = round(duration / CONTROL_INTERVAL), resolve_device(device)
-        self.model = build_tester(bench_device, time_step)
+        if render_mode is not None:
+            raise InputError(f"render_mode is {render_mode!r}; allowed: None")
+        options = BenchOptions(task=task, duration=duration, cycle_duration=cycle_duration, time_step=time_step)
+        super().__init__(options.actions_per_episode)
+        self._backend = callbacks.choose_backend(backend)
+        self._task = BenchTask(resolve_device(device), options, 1, self._backend)
+        self.model = self._task.model
         """MuJoCo model of the tester including the device."""
         self.data = mujoco.MjData(self.model)
         """State of the simulation."""
         self.render_mode = render_mode
-        self.action_space = make_action_space()
-        low, high = (np.array([row[k] for row in OBSERVATIONS], dtype=np.float32) for k in (2, 3))
-        self.observation_space = spaces.Box(low, high, dtype=np.float32)
-        self._task, self._backend = task, callbacks.choose_backend(backend)
-        self._trajectory_generator = TrajectoryGenerator(
-            bench_device, task, self._actions_per_episode, CONTROL_INTERVAL, time_step, cycle_duration
-        )
-        self._actuator = DeviceActuator(self.model, "muscle_tendon")
-        parameters = self._actuator.parameters
-        kind = select_action_kind(None, parameters.supply.command_is_opening != 0.0, bench_device.name)
-        self._action_decoder = ActionDecoder(
-            kind, parameters, load_default_profile(), 1.0, 1, self._steps_per_action, time_step
-        )
-        self._energy = EnergyAccounting(parameters, 1, self._backend)
-        self._servo_ctrl_index = int(self.model.actuator_ctrladr[self.model.actuator("servo").id])
-        self._load_cell_index = int(self.model.sensor("load_cell").adr[0])
-        self._action_count, self._previous_action, self._cycle_totals = 0, ZERO_PHASE, {"work": 0.0, "air": 0.0}
+        self.action_space, self.observation_space = make_action_space(), make_observation_space()
 
     @property
     def dt(self) -> float:
         """Return the interval between two actions [s]."""
         return CONTROL_INTERVAL
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode with a new trajectory; ``options`` are not used."""
-        super().reset(seed=seed)
-        self._trajectory: BenchTrajectory = self._trajectory_generator.sample(self.np_random)
-        self._servo_commands = compute_servo_commands(self._trajectory.unit_length, self.model.opt.timestep)
-        parameters, length = self._actuator.parameters, self._trajectory.unit_length
-        initial_state = compute_taut_state(
-            parameters, float(length[0]), self.np_random.uniform(0.0, 0.25 * parameters.supply.max_pressure)
-        )
-        mujoco.mj_resetData(self.model, self.data)
-        self._actuator.set_state(self.data, initial_state)
-        load = compute_tension(parameters, initial_state, float(length[0]), 0.0)
-        place_crosshead(self.data, float(length[0]), float(length[1] - length[0]) / self.model.opt.timestep, load)
-        self.data.ctrl[self._servo_ctrl_index] = self._servo_commands[0]
-        self._actuator.set_command(
-            self.data, 0.0 if parameters.supply.command_is_opening != 0.0 else initial_state.pressure
-        )
-        with callbacks.device_callbacks(self._backend):
-            mujoco.mj_forward(self.model, self.data)
-        self._action_count, self._cycle_totals = 0, {"work": 0.0, "air": 0.0}
-        self._previous_action = self._action_decoder.reset(SINGLE_MASK, np.array([initial_state.pressure / BAR]))
-        self._energy.reset(SINGLE_MASK, self._device_states())
-        return self._observe(), {}
+    def _start_episode(self) -> tuple[Observation, dict[str, Any]]:
+        self._task.start_episode(0, self.data, self.np_random)
+        self._task.reset(SINGLE_MASK, self._read_states())
+        return self._task.observations[0], {}
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Hold ``action`` for one interval; raises InputError when it is NaN."""
-        valid_action = np.clip(validate_action(action, (1,)), -1.0, 1.0)
-        command, servo_index = (
-            self._action_decoder.decode(valid_action, ZERO_PHASE),
-            self._action_count * self._steps_per_action,
-        )
+    def _advance(self, action: Array) -> Step:
+        command = self._task.decode_action(action)
         with callbacks.device_callbacks(self._backend):
             try:
-                for steps, scheduled_command in self._action_decoder.schedule_commands(command, SINGLE_MASK):
-                    self.data.ctrl[self._actuator.ctrl_address] = scheduled_command[0]
-                    for target in self._servo_commands[servo_index : servo_index + steps]:
-                        self.data.ctrl[self._servo_ctrl_index] = target
-                        callbacks.step_model(self.model, self.data)
-                    servo_index += steps
+                for control in self._task.schedule_controls(command, SINGLE_MASK)[0]:
+                    self.data.ctrl[:] = control
+                    callbacks.step_model(self.model, self.data)
             except SimulationError:
-                self.data.act[self._actuator.act_address] = np.nan  # under either law, a failed device ends the episode
-        self._action_count += 1
-        energy = {
-            name: float(value[0]) for name, value in self._energy.update(SINGLE_MASK, self._device_states()).items()
-        }
-        action_change, self._previous_action = float(valid_action[0] - self._previous_action[0]), valid_action
-        terms = {"reward_smoothness": SMOOTHNESS_WEIGHT * action_change * action_change}
-        command_is_opening = self._actuator.parameters.supply.command_is_opening != 0.0
-        info = {
-            "force_n": self._measured_force(),
-            "valve_command" if command_is_opening else "pressure_command_bar": float(command[0]),
-        }
-        if self._task == "force":
-            error = (self._measured_force() - self._trajectory.target_force[self._action_count]) / (
-                FORCE_ERROR_SCALE * self._trajectory_generator.max_force
-            )
-            terms["reward_force"] = float(np.exp(-0.5 * error * error))
-        else:
-            terms["reward_work"] = self._cycle_reward(energy, info)
-        is_finite = bool(np.isfinite(self.data.qpos).all() and np.isfinite(self.data.act).all())
-        if not is_finite:
-            terms = dict.fromkeys(terms, 0.0)
-        truncated = is_finite and self._action_count >= self._actions_per_episode
-        return self._observe(), sum(terms.values()), not is_finite, truncated, {**terms, **info, **energy}
-
-    def _cycle_reward(self, energy: dict[str, float], info: dict[str, float]) -> float:
-        """Return the reward of the cycle that ends now and add its totals to ``info``; 0 within a cycle."""
-        self._cycle_totals["work"] += energy["work_delivered_j"]
-        self._cycle_totals["air"] += energy["air_g"]
-        if self._action_count % self._actions_per_cycle:
-            return 0.0
-        work, air = self._cycle_totals["work"], self._cycle_totals["air"]
-        info["cycle_work_j"], info["cycle_air_g"] = work, air
-        self._cycle_totals = {"work": 0.0, "air": 0.0}
-        return WORK_REWARD_WEIGHT * work / (air + AIR_MASS_OFFSET_G)
-
-    def _measured_force(self) -> float:
-        # The sensor measures the force of the unit on the load cell along x.
-        return -float(self.data.sensordata[self._load_cell_index])
-
-    def _observe(self) -> Observation:
-        observation = np.array(
-            [
-                100.0 * (self._actuator.get_unit_length(self.data) - self._trajectory_generator.mean_length),
-                self._actuator.get_unit_rate(self.data),
-                1e-3 * self._measured_force(),
-                float(self.data.act[self._actuator.act_address]),
-                1e-3 * float(self._trajectory.target_force[self._action_count]),
-            ]
+                # Under either law, a failed device ends the episode.
+                self.data.act[self._task.actuator.act_address] = np.nan
+        reward, terminated, truncated, arrays, masks = self._task.evaluate(
+            action, command, self._read_states(), SINGLE_MASK
         )
-        low, high = ([row[k] for row in OBSERVATIONS] for k in (2, 3))
-        return np.asarray(np.clip(np.nan_to_num(observation), low, high), dtype=np.float32)
+        info = {name: float(value[0]) for name, value in arrays.items() if name not in masks or masks[name][0]}
+        return self._task.observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
-    def _device_states(self) -> DeviceStates:
-        data, first = self.data, self._actuator.act_address
-        return DeviceStates(
-            pressure=data.act[None, first] * BAR,
-            muscle_length=self._actuator.parameters.muscle.resting_length + data.act[None, first + 1],
-            muscle_velocity=data.act_dot[None, first + 1],
-            unit_length=data.actuator_length[None, self._actuator.out_address],
-            internal_state=data.act[None, first + 2 : first + self._actuator.n_states],
-        )
-
-
-def _count_intervals(name: str, total: float, interval: float, allowed: str, min_count: int = 1) -> int:
-    """Return the number of ``interval`` in ``total`` [s]; raises InputError when it is not an integer."""
-    count = round(total / interval) if interval > 0.0 and np.isfinite(total / interval) else 0
-    if count < min_count or abs(count * interval - total) > 1e-9:
-        raise InputError(f"{name} is {1e3 * (interval if name == 'time_step' else total):g} ms; allowed: {allowed}")
-    return count
+    def _read_states(self) -> TesterStates:
+        return TesterStates(*(getattr(self.data, field.name)[None] for field in fields(TesterStates)))

@@ -6,7 +6,6 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import mujoco
 import numpy as np
 from gymnasium import spaces
@@ -14,6 +13,8 @@ from numpy.typing import NDArray
 
 from klute_sim.controllers.pressure import PressureProfile
 from klute_sim.device.device import DEFAULT_DEVICE, Device
+from klute_sim.envs.base.rendering import SceneRenderer, require_rendering
+from klute_sim.envs.base.single import DeviceEnv, Observation, Step
 from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
 from klute_sim.envs.tasks.gait_task import CONTROL_INTERVAL, GaitTask, SimulationStates
 from klute_sim.envs.tasks.instruments import OBSERVATIONS
@@ -21,10 +22,9 @@ from klute_sim.envs.tasks.options import TaskOptions, resolve_device
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, GaitRig, reset_gait_rig
 from klute_sim.plant import callbacks
-from klute_sim.types import Array, Mask
+from klute_sim.types import Array
 from klute_sim.units import BAR
 
-Observation = NDArray[np.float32]
 MAX_PIXELS = 4096
 """Largest width and height of a rendered image [pixels]."""
 
@@ -40,7 +40,7 @@ def make_action_space() -> "spaces.Box[np.float32]":
     return spaces.Box(-1.0, 1.0, (1,), np.float32)
 
 
-class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.utils.EzPickle):
+class AnkleGaitEnv(DeviceEnv):
     """A powered below-knee prosthesis on the gait rig of ``klute-sim gait``.
 
     The residual limb follows measured human gait, and the load of the reference acts on it. The policy commands the
@@ -48,8 +48,8 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
 
     ## Action space
 
-    ``Box(-1, 1, (1,), float32)``, held for 10 ms. Values outside are clipped; NaN is refused. The rate limit of the
-    regulator acts on the command. The keyword ``action`` selects the meaning:
+    ``Box(-1, 1, (1,), float32)``, held for 10 ms. Values outside are clipped; NaN and infinity are refused. The rate
+    limit of the regulator acts on the command. The keyword ``action`` selects the meaning:
 
     | action | meaning |
     |---|---|
@@ -163,9 +163,10 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         python. The class docstring and :class:`klute_sim.envs.tasks.options.TaskOptions` describe the other options.
         Raises InputError when an option is invalid.
         """
-        gymnasium.utils.EzPickle.__init__(**locals())
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is '{render_mode}'; allowed: None, rgb_array")
+        if render_mode is not None:
+            require_rendering()
         gait_options = GaitOptions(mass=mass, stature=stature, speed=speed, slope=slope, strides=strides, dt=time_step)
         options = TaskOptions(
             action=action,
@@ -182,6 +183,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
             GaitTask(resolve_device(device), gait_options, options, 1, self._backend),
             np.ones(1, dtype=np.bool_),
         )
+        super().__init__(self._task.max_episode_steps)
         self._gait_rig = self._task.randomizer.gait_rigs[0]
         self.model = copy(self._gait_rig.model)
         """MuJoCo model including the device; randomisation changes it at every reset."""
@@ -196,18 +198,13 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         self._image_size = (height, width)
         self.model.vis.global_.offwidth = max(width, self.model.vis.global_.offwidth)
         self.model.vis.global_.offheight = max(height, self.model.vis.global_.offheight)
-        self._renderer: mujoco.Renderer | None = None
 
     @property
     def dt(self) -> float:
         """Return the interval between two actions [s]."""
         return CONTROL_INTERVAL
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode at heel strike; ``options`` are not used."""
-        super().reset(seed=seed)
+    def _start_episode(self) -> tuple[Observation, dict[str, Any]]:
         episode = self._task.randomizer.sample(self.np_random)
         self._gait_rig = self._task.randomizer.apply(episode, self.model)
         reset_simulation(self._gait_rig, self.data, self.np_random, self._reset_noise)
@@ -215,10 +212,8 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         self._task.reset(self._single_mask, self._read_states(), [self.np_random])
         return self._task.observations[0], dict(episode.sampled_values)
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Hold ``action`` for one interval; raises InputError when it is NaN."""
-        valid_action = validate_action(action, (1,))
-        command = self._task.decode_action(valid_action)
+    def _advance(self, action: Array) -> Step:
+        command = self._task.decode_action(action)
         self.data.ctrl[: len(DRIVE_ACTUATORS)] = self._task.get_drive_command_rates()[0]
         with callbacks.device_callbacks(self._backend):
             try:
@@ -230,9 +225,7 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
                     np.nan
                 )  # under either law, a failed device ends the episode
         states, rngs = self._read_states(), [self.np_random]
-        reward, terminated, truncated, arrays = self._task.evaluate(
-            valid_action, command, states, self._single_mask, rngs
-        )
+        reward, terminated, truncated, arrays = self._task.evaluate(action, command, states, self._single_mask, rngs)
         info = {name: float(value[0]) for name, value in arrays.items()}
         return self._task.observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
@@ -240,24 +233,15 @@ class AnkleGaitEnv(gymnasium.Env[Observation, NDArray[np.float32]], gymnasium.ut
         data = self.data
         return SimulationStates(*(getattr(data, field.name)[None] for field in fields(SimulationStates)))
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """Return a lateral view of the leg, shape (height, width, 3); None without a render mode."""
+    def _draw(self) -> NDArray[np.uint8] | None:
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            self._renderer = mujoco.Renderer(self.model, *self._image_size)
+            self._renderer = SceneRenderer(self.model, *self._image_size)
         camera = mujoco.MjvCamera()
         camera.lookat[:] = (self.data.qpos[0], 0.0, 0.55)
         camera.distance, camera.azimuth, camera.elevation = 1.9, 90.0, -5.0
-        self._renderer.update_scene(self.data, camera)
-        image: NDArray[np.uint8] = self._renderer.render()
-        return image
-
-    def close(self) -> None:
-        """Release the renderer."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        return self._renderer.draw(self.data, camera)
 
 
 def reset_simulation(gait_rig: GaitRig, data: mujoco.MjData, rng: np.random.Generator, reset_noise: float) -> None:
@@ -267,15 +251,3 @@ def reset_simulation(gait_rig: GaitRig, data: mujoco.MjData, rng: np.random.Gene
     data.ctrl[gait_rig.actuator.ctrl_address] = (
         0.0 if gait_rig.actuator.parameters.supply.command_is_opening != 0.0 else pressure / BAR
     )
-
-
-def validate_action(action: NDArray[np.floating[Any]], shape: tuple[int, ...], mask: Mask | None = None) -> Array:
-    """Return the action as float64, with 0 outside ``mask``; raises InputError for a wrong shape or NaN."""
-    valid_action = np.array(action, dtype=np.float64)
-    if valid_action.shape != shape:
-        raise InputError(f"action has shape {valid_action.shape}; allowed: {shape}")
-    if mask is not None:
-        valid_action[~mask] = 0.0
-    if np.isnan(valid_action).any():
-        raise InputError("action is not a number; allowed: -1 to 1")
-    return valid_action

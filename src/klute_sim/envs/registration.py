@@ -16,7 +16,10 @@ ENVIRONMENTS = {
         "entry_point": "klute_sim.envs.ankle_gait:AnkleGaitEnv",
         "vector_entry_point": "klute_sim.envs.ankle_gait_vector:AnkleGaitVectorEnv",
     },
-    "klute_sim/AnkleBench-v0": {"entry_point": "klute_sim.envs.ankle_bench:AnkleBenchEnv"},
+    "klute_sim/AnkleBench-v0": {
+        "entry_point": "klute_sim.envs.ankle_bench:AnkleBenchEnv",
+        "vector_entry_point": "klute_sim.envs.ankle_bench_vector:AnkleBenchVectorEnv",
+    },
 }
 """Entry points of each environment."""
 
@@ -29,7 +32,7 @@ def register_environments() -> None:
         for name, entry_points in ENVIRONMENTS.items():
             if name not in gymnasium.registry:
                 gymnasium.register(
-                    name, entry_points["entry_point"], vector_entry_point=entry_points.get("vector_entry_point")
+                    name, entry_points["entry_point"], vector_entry_point=entry_points["vector_entry_point"]
                 )
     elif not any(isinstance(finder, _GymnasiumImportHook) for finder in sys.meta_path):
         sys.meta_path.insert(0, _GymnasiumImportHook())

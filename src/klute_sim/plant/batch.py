@@ -55,8 +55,10 @@ def set_parameters(batch: Batch, actuator: str, parameters: Sequence[DeviceParam
     batch.expand("actuator_user")[:, index, :ROW_SIZE] = np.array([pack_parameters(device) for device in parameters])
 
 
-def step_batch(batch: Batch, ids: ArrayLike | None = None, n_steps: int = 1) -> None:
+def step_batch(batch: Batch, ids: ArrayLike | None = None, n_steps: int = 1, controls: ArrayLike | None = None) -> None:
     """Advance the simulations ``ids`` (None: all) by ``n_steps`` steps.
+
+    ``controls`` (n, n_steps, nu) are the commands of every step; None keeps those of the simulations.
 
     Raises SimulationError when a device has no finite state: the pressure of its simulation is NaN, and all other
     simulations have been stepped. Raises InputError when other code's callbacks are installed in MuJoCo.
@@ -64,7 +66,10 @@ def step_batch(batch: Batch, ids: ArrayLike | None = None, n_steps: int = 1) -> 
     with callbacks.device_callbacks("compiled") as backend:
         if backend != "compiled":
             raise InputError("a batch cannot be stepped while Python callbacks are installed in MuJoCo; remove them")
-        batch.step(ids=ids, nstep=n_steps)
+        if controls is None:
+            batch.step(ids=ids, nstep=n_steps)
+        else:
+            batch.rollout(n_steps, controls, record=(), ids=ids)
         faults = callbacks.pop_fault_messages()
     if faults:
         act = batch.bind("act")

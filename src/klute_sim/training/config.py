@@ -11,7 +11,7 @@ from klute_sim.envs.ankle_gait_vector import AnkleGaitVectorEnv
 from klute_sim.errors import InputError
 from klute_sim.toml_files import parse_toml, validation_sentence
 
-EXCLUDED_KEYWORDS = ("self", "num_envs", "autoreset_mode", "render_mode")
+EXCLUDED_KEYWORDS = ("self", "num_envs", "autoreset_mode", "max_episode_steps", "render_mode")
 """Keywords of the vector environment that a configuration cannot set."""
 
 

@@ -1,14 +1,35 @@
-"""Task of ``klute_sim/AnkleBench``: prescribed crosshead lengths, and target forces or work."""
+"""Task of ``klute_sim/AnkleBench``: observations, reward and termination of many simulations at once.
+
+Every quantity is an array with one entry per simulation, so a single environment and a batch share this code.
+"""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
 
+import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from klute_sim.bench.limits import isometric_force
+from klute_sim.bench.build import build_tester, compute_servo_commands, place_crosshead
+from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import Device
-from klute_sim.types import Array
+from klute_sim.device.dynamics import compute_taut_state, compute_tension
+from klute_sim.envs.tasks.actions import ActionDecoder, select_action_kind
+from klute_sim.envs.tasks.bench_trajectory import TrajectoryGenerator
+from klute_sim.envs.tasks.energy_accounting import DeviceStates, EnergyAccounting
+from klute_sim.errors import InputError
+from klute_sim.plant import callbacks
+from klute_sim.plant.actuator import DeviceActuator
+from klute_sim.types import Array, Mask
+from klute_sim.units import BAR
+
+CONTROL_INTERVAL = 0.01
+"""Interval between two actions [s]."""
+MAX_DURATION = 600.0
+"""Longest episode [s]."""
+MAX_STORED_LENGTHS = 100_000_000
+"""Maximum number of prescribed lengths of all simulations together; they take 0.8 GB."""
 
 BENCH_TASKS: Mapping[str, str] = MappingProxyType(
     {
@@ -28,15 +49,6 @@ OBSERVATIONS = (
 )
 """Name, unit, lowest and highest value of each observation; values outside are clipped."""
 
-MIN_LENGTH_RATIO, MAX_LENGTH_RATIO = 0.88, 0.97
-"""Range of muscle length over resting length in which the just taut unit moves."""
-MIN_FORCE_FRACTION, MAX_FORCE_FRACTION = 0.1, 0.5
-"""Range of the target force over the maximum force, that of the muscle at mid travel and supply pressure."""
-N_SINES, MAX_FREQUENCY = 4, 1.5
-"""Number of sines of random phase in a random trajectory, and the highest frequency [Hz]; the others are fractions
-of it.
-"""
-
 FORCE_ERROR_SCALE = 0.05
 """Force error at which the reward falls to exp(-1/2), over the maximum force."""
 AIR_MASS_OFFSET_G = 0.1
@@ -47,55 +59,226 @@ SMOOTHNESS_WEIGHT = -0.05
 """Reward per squared change of the action."""
 
 
-class BenchTrajectory(NamedTuple):
-    """Prescribed lengths and target forces of one episode."""
+@dataclass(frozen=True, kw_only=True)
+class BenchOptions:
+    """Options of the task, validated at construction."""
 
-    unit_length: Array
-    """Length of the unit [m] at each simulation step."""
-    target_force: Array
-    """Target force [N] at the start and at the end of each interval; 0 in the task *work*."""
+    task: str = "force"
+    """One of :data:`BENCH_TASKS`."""
+    duration: float = 5.0
+    """Duration of an episode [s]."""
+    cycle_duration: float = 1.0
+    """Duration of a cycle of the task *work* [s]."""
+    time_step: float = 5e-4
+    """Time step [s]."""
 
-
-class TrajectoryGenerator:
-    """Random generator of trajectories for one device."""
-
-    def __init__(
-        self, device: Device, task: str, n_intervals: int, interval: float, dt: float, cycle_duration: float
-    ) -> None:
-        """Set up trajectories of ``n_intervals`` intervals of ``interval`` [s] in steps of ``dt`` [s].
-
-        ``cycle_duration`` [s] is the period of the task *work*.
-        """
-        parameters = device.parameters
-        resting_length, slack_length = parameters.muscle.resting_length, parameters.tendon.slack_length
-        self.mean_length = slack_length + 0.5 * (MIN_LENGTH_RATIO + MAX_LENGTH_RATIO) * resting_length
-        """Length of the unit at mid travel [m]."""
-        self._amplitude = 0.5 * (MAX_LENGTH_RATIO - MIN_LENGTH_RATIO) * resting_length
-        self._task, self._cycle_duration = task, cycle_duration
-        self.max_force = isometric_force(
-            device, 0.5 * (MIN_LENGTH_RATIO + MAX_LENGTH_RATIO), parameters.supply.max_pressure
-        )
-        """Isometric force of the muscle at mid travel and supply pressure [N]."""
-        self._time: Array = dt * np.arange(1.0 + n_intervals * round(interval / dt), dtype=np.float64)
-        self._control_time: Array = interval * np.arange(1.0 + n_intervals, dtype=np.float64)
-
-    def sample(self, rng: np.random.Generator) -> BenchTrajectory:
-        """Return a trajectory; all cycles of the task *work* are equal and begin at mid travel, lengthening."""
-        if self._task == "work":
-            return BenchTrajectory(
-                self.mean_length + self._amplitude * np.sin(2.0 * np.pi * self._time / self._cycle_duration),
-                np.zeros(len(self._control_time)),
+    def __post_init__(self) -> None:
+        """Raise InputError when an option is invalid."""
+        if self.task not in BENCH_TASKS:
+            raise InputError(f"task is '{self.task}'; allowed: {', '.join(BENCH_TASKS)}")
+        _ = self.steps_per_action, self.actions_per_cycle
+        if not self.cycle_duration <= self.duration <= MAX_DURATION:
+            raise InputError(
+                f"duration is {self.duration:g} s; allowed: a cycle ({self.cycle_duration:g} s) to {MAX_DURATION:g} s"
             )
-        length = self.mean_length + self._amplitude * _random_wave(self._time, rng)
-        mean_force = 0.5 * (MAX_FORCE_FRACTION + MIN_FORCE_FRACTION)
-        force_amplitude = 0.5 * (MAX_FORCE_FRACTION - MIN_FORCE_FRACTION)
-        return BenchTrajectory(
-            length, self.max_force * (mean_force + force_amplitude * _random_wave(self._control_time, rng))
+
+    @property
+    def steps_per_action(self) -> int:
+        """Return the number of time steps of an interval."""
+        return _count_intervals("time_step", CONTROL_INTERVAL, self.time_step, "divisors of 10 ms")
+
+    @property
+    def actions_per_cycle(self) -> int:
+        """Return the number of intervals of a cycle."""
+        return _count_intervals(
+            "cycle_duration", self.cycle_duration, CONTROL_INTERVAL, "multiples of 10 ms from 100 ms", min_count=10
+        )
+
+    @property
+    def actions_per_episode(self) -> int:
+        """Return the number of intervals of an episode."""
+        return round(self.duration / CONTROL_INTERVAL)
+
+
+@dataclass
+class TesterStates:
+    """Arrays of ``n`` simulations at the end of an interval, named as in MuJoCo."""
+
+    qpos: Array
+    act: Array
+    act_dot: Array
+    sensordata: Array
+    actuator_length: Array
+    actuator_velocity: Array
+
+
+class BenchTask:
+    """Trajectory, observation and evaluation of ``n_simulations`` testers with one device."""
+
+    def __init__(self, device: Device, options: BenchOptions, n_simulations: int, backend: str) -> None:
+        """Set up the task with a ``backend``, ``compiled`` or ``python``."""
+        self._options, self._backend, self._indices = options, backend, np.arange(n_simulations)
+        self.model = build_tester(device, options.time_step)
+        """MuJoCo model of the tester including the device."""
+        self.actuator = DeviceActuator(self.model, "muscle_tendon")
+        """Device in the model."""
+        parameters = self.actuator.parameters
+        self.servo_ctrl_address = int(self.model.actuator_ctrladr[self.model.actuator("servo").id])
+        """Index of the servo's command in ``data.ctrl``."""
+        self._load_cell_index = int(self.model.sensor("load_cell").adr[0])
+        self.trajectory_generator = TrajectoryGenerator(
+            device,
+            options.task,
+            options.actions_per_episode,
+            CONTROL_INTERVAL,
+            options.time_step,
+            options.cycle_duration,
+        )
+        """Random generator of the prescribed lengths and target forces."""
+        self._command_is_opening = parameters.supply.command_is_opening != 0.0
+        self._action_decoder = ActionDecoder(
+            select_action_kind(None, self._command_is_opening, device.name),
+            parameters,
+            load_default_profile(),
+            1.0,
+            n_simulations,
+            options.steps_per_action,
+            options.time_step,
+        )
+        self._energy = EnergyAccounting(parameters, n_simulations, backend)
+        self._lower, self._upper = (np.array([row[k] for row in OBSERVATIONS]) for k in (2, 3))
+        n_actions, n_lengths = options.actions_per_episode, 1 + options.actions_per_episode * options.steps_per_action
+        if n_simulations * n_lengths > MAX_STORED_LENGTHS:
+            raise InputError(
+                f"{n_simulations} simulations of {options.duration:g} s have {n_simulations * n_lengths:.3g} steps; "
+                f"allowed: {MAX_STORED_LENGTHS:.3g}"
+            )
+        self._servo_commands = np.zeros((n_simulations, n_lengths))
+        self._target_force = np.zeros((n_simulations, 1 + n_actions))
+        self.elapsed_intervals = np.zeros(n_simulations, dtype=np.int64)
+        """Number of intervals since the reset."""
+        self._previous_action = np.zeros(n_simulations)
+        self._cycle_work, self._cycle_air = np.zeros(n_simulations), np.zeros(n_simulations)
+        self._observations = np.zeros((n_simulations, len(OBSERVATIONS)), dtype=np.float32)
+
+    @property
+    def observations(self) -> NDArray[np.float32]:
+        """Return a copy of the observations, shape (n, 5); see :data:`OBSERVATIONS`."""
+        return self._observations.copy()
+
+    def start_episode(self, index: int, data: mujoco.MjData, rng: np.random.Generator) -> None:
+        """Sample the trajectory of simulation ``index`` and set ``data`` to its beginning, a just taut tendon."""
+        trajectory = self.trajectory_generator.sample(rng)
+        length, dt = trajectory.unit_length, self._options.time_step
+        self._servo_commands[index], self._target_force[index] = (
+            compute_servo_commands(length, dt),
+            trajectory.target_force,
+        )
+        parameters = self.actuator.parameters
+        pressure = rng.uniform(0.0, 0.25 * parameters.supply.max_pressure)
+        initial_state = compute_taut_state(parameters, float(length[0]), pressure)
+        mujoco.mj_resetData(self.model, data)
+        self.actuator.set_state(data, initial_state)
+        load = compute_tension(parameters, initial_state, float(length[0]), 0.0)
+        place_crosshead(data, float(length[0]), float(length[1] - length[0]) / dt, load)
+        data.ctrl[self.servo_ctrl_address] = self._servo_commands[index, 0]
+        self.actuator.set_command(data, 0.0 if self._command_is_opening else initial_state.pressure)
+        with callbacks.device_callbacks(self._backend):
+            mujoco.mj_forward(self.model, data)
+
+    def reset(self, mask: Mask, states: TesterStates) -> None:
+        """Reset observation and accounting of the simulations in ``mask``."""
+        self.elapsed_intervals[mask] = 0
+        self._cycle_work[mask] = self._cycle_air[mask] = 0.0
+        hold_action = self._action_decoder.reset(mask, states.act[:, self.actuator.act_address])
+        self._previous_action[mask] = hold_action[mask]
+        self._energy.reset(mask, self._device_states(states))
+        self._observe(mask, states)
+
+    def decode_action(self, action: Array) -> Array:
+        """Return the gauge pressure [bar] or opening [1] of ``action``, which is clipped to [-1, 1]."""
+        return self._action_decoder.decode(np.clip(action, -1.0, 1.0), np.zeros(len(action)))
+
+    def schedule_controls(self, command: Array, mask: Mask) -> Array:
+        """Return the controls of the simulations in ``mask`` at each step of the interval, shape (n, steps, 2)."""
+        first_steps = self.elapsed_intervals[mask] * self._options.steps_per_action
+        steps = first_steps[:, None] + np.arange(self._options.steps_per_action)
+        controls = np.empty((*steps.shape, self.model.nu))
+        controls[:, :, self.servo_ctrl_address] = np.take_along_axis(self._servo_commands[mask], steps, axis=1)
+        start = 0
+        for count, scheduled_command in self._action_decoder.schedule_commands(command, mask):
+            controls[:, start : start + count, self.actuator.ctrl_address] = scheduled_command[mask, None]
+            start += count
+        return controls
+
+    def evaluate(
+        self, action: Array, command: Array, states: TesterStates, mask: Mask
+    ) -> tuple[Array, Mask, Mask, dict[str, Array], dict[str, Mask]]:
+        """Return reward, terminated, truncated, ``info``, and the masks of entries that only some simulations have.
+
+        ``command`` is the decoded ``action``. Only the simulations in ``mask`` advance.
+        """
+        self.elapsed_intervals += mask
+        self._observe(mask, states)
+        energy = self._energy.update(mask, self._device_states(states))
+        action = np.clip(action, -1.0, 1.0)
+        action_change = action - self._previous_action
+        self._previous_action = np.where(mask, action, self._previous_action)
+        force = self._measure_force(states)
+        terms = {"reward_smoothness": SMOOTHNESS_WEIGHT * action_change * action_change}
+        info, info_masks = {"force_n": force}, {}
+        if self._options.task == "force":
+            target = self._target_force[self._indices, self.elapsed_intervals]
+            error = (force - target) / (FORCE_ERROR_SCALE * self.trajectory_generator.max_force)
+            terms["reward_force"] = np.exp(-0.5 * error * error)
+        else:
+            self._cycle_work += np.where(mask, energy["work_delivered_j"], 0.0)
+            self._cycle_air += np.where(mask, energy["air_g"], 0.0)
+            ends_cycle = mask & (self.elapsed_intervals % self._options.actions_per_cycle == 0)
+            cycle_reward = WORK_REWARD_WEIGHT * self._cycle_work / (self._cycle_air + AIR_MASS_OFFSET_G)
+            terms["reward_work"] = np.where(ends_cycle, cycle_reward, 0.0)
+            for name, total in (("cycle_work_j", self._cycle_work), ("cycle_air_g", self._cycle_air)):
+                info[name], info_masks[name] = total.copy(), ends_cycle
+                total[ends_cycle] = 0.0
+        is_finite = np.isfinite(states.qpos).all(axis=1) & np.isfinite(states.act).all(axis=1)
+        terms = {name: np.where(is_finite & mask, term, 0.0) for name, term in terms.items()}
+        truncated = mask & is_finite & (self.elapsed_intervals >= self._options.actions_per_episode)
+        reward = np.asarray(sum(terms.values()))
+        info["valve_command" if self._command_is_opening else "pressure_command_bar"] = command
+        return reward, mask & ~is_finite, truncated, {**terms, **info, **energy}, info_masks
+
+    def _measure_force(self, states: TesterStates) -> Array:
+        # The sensor measures the force of the unit on the load cell along x.
+        return np.asarray(-states.sensordata[:, self._load_cell_index])
+
+    def _observe(self, mask: Mask, states: TesterStates) -> None:
+        """Update the observations of the simulations in ``mask``."""
+        observations = np.column_stack(
+            [
+                100.0 * (states.actuator_length[:, self.actuator.out_address] - self.trajectory_generator.mean_length),
+                states.actuator_velocity[:, self.actuator.out_address],
+                1e-3 * self._measure_force(states),
+                states.act[:, self.actuator.act_address],
+                1e-3 * self._target_force[self._indices, self.elapsed_intervals],
+            ]
+        )
+        clipped = np.clip(np.nan_to_num(observations), self._lower, self._upper)
+        self._observations[mask] = clipped[mask]
+
+    def _device_states(self, states: TesterStates) -> DeviceStates:
+        first = self.actuator.act_address
+        return DeviceStates(
+            pressure=states.act[:, first] * BAR,
+            muscle_length=self.actuator.parameters.muscle.resting_length + states.act[:, first + 1],
+            muscle_velocity=states.act_dot[:, first + 1],
+            unit_length=states.actuator_length[:, self.actuator.out_address],
+            internal_state=states.act[:, first + 2 : first + self.actuator.n_states],
         )
 
 
-def _random_wave(time: Array, rng: np.random.Generator) -> Array:
-    """Return a smooth random signal within -1 and 1."""
-    frequency = MAX_FREQUENCY * np.arange(1, N_SINES + 1) / N_SINES
-    phase, weights = rng.uniform(0.0, 2.0 * np.pi, N_SINES), rng.dirichlet(np.ones(N_SINES))
-    return np.asarray(np.sin(2.0 * np.pi * np.outer(time, frequency) + phase) @ weights)
+def _count_intervals(name: str, total: float, interval: float, allowed: str, min_count: int = 1) -> int:
+    """Return the number of ``interval`` in ``total`` [s]; raises InputError when it is not an integer."""
+    count = round(total / interval) if interval > 0.0 and np.isfinite(total / interval) else 0
+    if count < min_count or abs(count * interval - total) > 1e-9:
+        raise InputError(f"{name} is {1e3 * (interval if name == 'time_step' else total):g} ms; allowed: {allowed}")
+    return count

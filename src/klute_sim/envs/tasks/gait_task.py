@@ -133,6 +133,8 @@ class GaitTask:
         self._action_decoder = ActionDecoder(
             kind, parameters, base, options.residual_bar, n_simulations, steps_per_action, gait_options.dt
         )
+        self.max_episode_steps = gait_options.strides * self.randomizer.max_commands_per_stride
+        """Number of intervals of the longest episode."""
         self.elapsed_intervals = np.zeros(n_simulations, dtype=np.int64)
         """Number of intervals since the reset."""
         self._previous_action = np.zeros(n_simulations)

@@ -1,0 +1,88 @@
+"""``klute_sim/AnkleBench`` on all cores: one model, many simulations, and no Python between their steps."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from klute_sim.device.device import DEFAULT_DEVICE, Device
+from klute_sim.envs.ankle_bench import make_observation_space
+from klute_sim.envs.ankle_gait import make_action_space
+from klute_sim.envs.base.vector import BatchStep, BatchVectorEnv, Observations, VectorOptions
+from klute_sim.envs.tasks.bench_task import CONTROL_INTERVAL, BenchOptions, BenchTask, TesterStates
+from klute_sim.envs.tasks.options import resolve_device
+from klute_sim.errors import SimulationError
+from klute_sim.plant import batch, callbacks
+from klute_sim.types import Array, Mask
+
+
+class AnkleBenchVectorEnv(BatchVectorEnv):
+    """``num_envs`` environments of :class:`klute_sim.envs.ankle_bench.AnkleBenchEnv` that are stepped together.
+
+    ``gymnasium.make_vec("klute_sim/AnkleBench-v0", num_envs=64, vectorization_mode="vector_entry_point")``
+
+    Spaces, reward and episodes equal those of the single environment bit for bit, with any number of threads:
+    environment *i* behaves as a single one with seed ``seed + i``.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        task: str = "force",
+        device: Device | str | Path = DEFAULT_DEVICE,
+        duration: float = 5.0,
+        cycle_duration: float = 1.0,
+        time_step: float = 5e-4,
+        n_jobs: int = 0,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        render_mode: None = None,
+    ) -> None:
+        """Create the environments on ``n_jobs`` threads (0: all cores); raises InputError when an option is invalid.
+
+        ``max_episode_steps`` truncates episodes earlier, as in ``gymnasium.make``.
+        :class:`klute_sim.envs.ankle_bench.AnkleBenchEnv` describes the other options.
+        """
+        vector_options = VectorOptions(
+            num_envs=num_envs,
+            n_jobs=n_jobs,
+            autoreset_mode=autoreset_mode,
+            max_episode_steps=max_episode_steps,
+            render_mode=render_mode,
+        )
+        options = BenchOptions(task=task, duration=duration, cycle_duration=cycle_duration, time_step=time_step)
+        self._task = BenchTask(resolve_device(device), options, num_envs, callbacks.choose_backend())
+        super().__init__(
+            self._task.model,
+            TesterStates,
+            vector_options,
+            (make_action_space(), make_observation_space()),
+            options.actions_per_episode,
+        )
+
+    @property
+    def dt(self) -> float:
+        """Return the interval between two actions [s]."""
+        return CONTROL_INTERVAL
+
+    def _start_episode(self, index: int, rng: np.random.Generator) -> Mapping[str, float]:
+        self._task.start_episode(index, self._scratch_data, rng)
+        return {}
+
+    def _reset_task(self, mask: Mask) -> None:
+        self._task.reset(mask, self._states)
+
+    def _get_observations(self) -> Observations:
+        return self._task.observations
+
+    def _advance(self, actions: Array, active: Mask) -> BatchStep:
+        command = self._task.decode_action(actions)
+        controls = self._task.schedule_controls(command, active)
+        if active.any():
+            with suppress(SimulationError):  # a failed device ends its episode
+                batch.step_batch(self._batch, np.flatnonzero(active), controls.shape[1], controls)
+        self._read_states(active)
+        return BatchStep(*self._task.evaluate(actions, command, self._states, active))

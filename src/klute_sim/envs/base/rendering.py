@@ -1,0 +1,143 @@
+"""Pictures of a simulation, with or without a display.
+
+MuJoCo opens a window system (GLFW) unless the environment variable ``MUJOCO_GL`` names another way before its import.
+On Linux without a display, this module therefore hands MuJoCo a context of EGL or OSMesa itself. A choice of the user
+in ``MUJOCO_GL`` is never changed.
+"""
+
+import ctypes
+import importlib
+import importlib.util
+import os
+import sys
+import threading
+import warnings
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from klute_sim.errors import KluteSimError, MissingExtraError
+
+REQUIRED_MODULES = ("OpenGL", "glfw")
+"""Modules of the optional extra 'rendering'."""
+OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
+"""Names of the library of OSMesa."""
+MISSING_LIBRARIES_SENTENCE = (
+    "pictures without a display need EGL or OSMesa, and this system has neither: install the Debian packages libegl1 "
+    "and libgl1-mesa-dri, or libosmesa6"
+)
+
+_MAX_EGL_DEVICES = 16
+_EGL_PLATFORM_DEVICE = 0x313F
+_creation_lock = threading.Lock()
+
+
+class RenderingError(KluteSimError):
+    """The system cannot draw pictures."""
+
+
+class SceneRenderer:
+    """Renderer of one model to pictures of one size."""
+
+    def __init__(self, model: mujoco.MjModel, height: int, width: int) -> None:
+        """Create the renderer; raises MissingExtraError or RenderingError when the system cannot draw."""
+        reasons = []
+        for module in list_context_modules():
+            try:
+                self._renderer = _create_renderer(model, height, width, module)
+                return
+            except Exception as error:  # OpenGL libraries raise many types
+                reasons.append(f"{module.rpartition('.')[2] or 'its choice'}: {str(error) or type(error).__name__}")
+        choice = os.environ.get("MUJOCO_GL", "")
+        cause = f"MUJOCO_GL is '{choice}', and MuJoCo" if choice else "MuJoCo"
+        advice = "unset MUJOCO_GL, or " if choice else ""
+        raise RenderingError(
+            f"{cause} cannot draw ({'; '.join(reasons)}); {advice}install the Debian packages libegl1 and "
+            "libgl1-mesa-dri, or libosmesa6"
+        )
+
+    def draw(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> NDArray[np.uint8]:
+        """Return a picture, shape (height, width, 3), of ``data`` from ``camera``."""
+        self._renderer.update_scene(data, camera)
+        return np.array(self._renderer.render(), dtype=np.uint8)
+
+    def close(self) -> None:
+        """Release the graphics context."""
+        self._renderer.close()
+
+
+def require_rendering() -> None:
+    """Raise MissingExtraError or RenderingError when this system certainly cannot draw pictures."""
+    list_context_modules()
+
+
+def list_context_modules() -> list[str]:
+    """Return the modules of graphics contexts to try in turn; '' is MuJoCo's own choice.
+
+    Raises MissingExtraError without the optional extra, and RenderingError when there is nothing to try.
+    """
+    if not hasattr(mujoco, "Renderer") or any(importlib.util.find_spec(name) is None for name in REQUIRED_MODULES):
+        raise MissingExtraError("render_mode 'rgb_array'", "rendering")
+    if os.environ.get("MUJOCO_GL", "").strip() or not sys.platform.startswith("linux"):
+        return [""]
+    modules = [""] if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") else []
+    # PyOpenGL loads one platform in a process, so that a second try after EGL is impossible: look before trying.
+    platform = os.environ.get("PYOPENGL_PLATFORM", "").lower()
+    if platform in ("", "egl") and has_egl_device():
+        modules.append("mujoco.egl")
+    elif platform in ("", "osmesa") and has_osmesa():
+        modules.append("mujoco.osmesa")
+    if not modules:
+        raise RenderingError(MISSING_LIBRARIES_SENTENCE)
+    return modules
+
+
+def has_egl_device() -> bool:
+    """Return whether EGL is installed and can draw on a device without a display."""
+    try:
+        egl = ctypes.CDLL("libEGL.so.1")
+        egl.eglGetProcAddress.restype, egl.eglGetProcAddress.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
+        egl.eglInitialize.argtypes = [ctypes.c_void_p] * 3
+        query_address = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
+        display_address = egl.eglGetProcAddress(b"eglGetPlatformDisplayEXT")
+    except (OSError, AttributeError):
+        return False
+    if not query_address or not display_address:
+        return False
+    devices, count = (ctypes.c_void_p * _MAX_EGL_DEVICES)(), ctypes.c_int(0)
+    query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(query_address)
+    get_display = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p)(display_address)
+    if not query(_MAX_EGL_DEVICES, ctypes.addressof(devices), ctypes.addressof(count)):
+        return False
+    displays = (get_display(_EGL_PLATFORM_DEVICE, devices[k], None) for k in range(count.value))
+    return any(display and egl.eglInitialize(display, None, None) for display in displays)
+
+
+def has_osmesa() -> bool:
+    """Return whether OSMesa is installed."""
+    for name in OSMESA_LIBRARIES:
+        try:
+            ctypes.CDLL(name)
+        except OSError:
+            continue
+        return True
+    return False
+
+
+def _create_renderer(model: mujoco.MjModel, height: int, width: int, module: str) -> Any:
+    """Return MuJoCo's renderer with the graphics context of ``module``; '' leaves the choice to MuJoCo."""
+    with _creation_lock, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # GLFW warns before it fails
+        if not module:
+            return mujoco.Renderer(model, height, width)
+        # MuJoCo has chosen at its import, which may be long ago; it reads its choice when it creates a renderer.
+        from mujoco.rendering.classic import gl_context
+
+        chosen = getattr(gl_context, "GLContext", None)
+        gl_context.GLContext = importlib.import_module(module).GLContext
+        try:
+            return mujoco.Renderer(model, height, width)
+        finally:
+            gl_context.GLContext = chosen

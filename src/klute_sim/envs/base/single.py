@@ -1,0 +1,136 @@
+"""Rules of Gymnasium for a single environment: order of calls, copies in mid-episode, threads, specification."""
+
+from abc import ABC, abstractmethod
+from copy import deepcopy
+from dataclasses import replace
+from enum import Enum
+from typing import Any, Self
+
+import gymnasium
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from numpy.typing import NDArray
+
+from klute_sim.envs.base.errors import ClosedEnvError, ResetNeededError
+from klute_sim.envs.base.rendering import SceneRenderer
+from klute_sim.envs.base.thread_guard import ThreadGuard
+from klute_sim.envs.base.validation import validate_action, validate_reset_options, validate_seed
+from klute_sim.types import Array
+
+Observation = NDArray[np.float32]
+Step = tuple[Observation, float, bool, bool, dict[str, Any]]
+"""Observation, reward, terminated, truncated and info."""
+
+
+class EpisodeStatus(Enum):
+    """Status of an environment; the value says what is missing for a step."""
+
+    NEW = "the environment has no episode yet"
+    RUNNING = ""
+    ENDED = "the episode has ended"
+    INTERRUPTED = "the last call was interrupted"
+    CLOSED = "the environment is closed"
+
+
+class DeviceEnv(gymnasium.Env[Observation, NDArray[np.float32]], ABC):
+    """Environment whose subclass implements the start of an episode, one step and the picture.
+
+    A copy (copy.copy, copy.deepcopy or pickle) continues in mid-episode exactly as the original does.
+    """
+
+    def __init__(self, max_episode_steps: int) -> None:
+        """Set up an environment without an episode; ``max_episode_steps`` is the length of the longest."""
+        self.max_episode_steps = max_episode_steps
+        """Number of steps after which every episode has been truncated."""
+        self._thread_guard, self._status = ThreadGuard(), EpisodeStatus.NEW
+        self._spec: EnvSpec | None = None
+        self._renderer: SceneRenderer | None = None
+
+    @abstractmethod
+    def _start_episode(self) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode with random numbers from ``self.np_random``; return observation and info."""
+
+    @abstractmethod
+    def _advance(self, action: Array) -> Step:
+        """Hold the valid ``action`` for one interval."""
+
+    def _draw(self) -> NDArray[np.uint8] | None:
+        """Return a picture of the simulation; None without a render mode."""
+        return None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode; there are no ``options``.
+
+        Raises InvalidSeedError, InputError for any option, ClosedEnvError, and ConcurrentUseError.
+        """
+        with self._thread_guard:
+            self._require_open()
+            validate_reset_options(options)
+            super().reset(seed=validate_seed(seed))
+            self._status = EpisodeStatus.INTERRUPTED
+            started = self._start_episode()
+            self._status = EpisodeStatus.RUNNING
+            return started
+
+    def step(self, action: NDArray[np.float32]) -> Step:
+        """Hold ``action`` for one interval.
+
+        Raises InvalidActionError, ResetNeededError before a reset and after the end of the episode, ClosedEnvError, and
+        ConcurrentUseError.
+        """
+        with self._thread_guard:
+            self._require_open()
+            if self._status is not EpisodeStatus.RUNNING:
+                raise ResetNeededError(f"{self._status.value}: call reset() before step()")
+            valid_action = validate_action(action, (1,))
+            self._status = EpisodeStatus.INTERRUPTED
+            step = self._advance(valid_action)
+            self._status = EpisodeStatus.ENDED if step[2] or step[3] else EpisodeStatus.RUNNING
+            return step
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture; None without a render mode. The end of an episode can be drawn too.
+
+        Raises ResetNeededError before the first reset, ClosedEnvError, and ConcurrentUseError.
+        """
+        with self._thread_guard:
+            self._require_open()
+            if self._status is EpisodeStatus.NEW:
+                raise ResetNeededError(f"{self._status.value}: call reset() before render()")
+            return self._draw()
+
+    def close(self) -> None:
+        """Release all resources; the environment cannot be used afterwards. Closing again does nothing."""
+        with self._thread_guard:
+            if self._renderer is not None:
+                self._renderer.close()
+                self._renderer = None
+            self._status = EpisodeStatus.CLOSED
+
+    def _require_open(self) -> None:
+        if self._status is EpisodeStatus.CLOSED:
+            raise ClosedEnvError("the environment is closed; make a new one")
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Return Gymnasium's specification with the length of the longest episode."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        # Options such as the number of strides decide the length, so that it cannot be registered.
+        self._spec = None if spec is None else replace(spec, max_episode_steps=self.max_episode_steps)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the renderer, which belongs to one process.
+
+        Raises ConcurrentUseError while another thread steps.
+        """
+        with self._thread_guard:
+            return self.__dict__ | {"_renderer": None}
+
+    def __copy__(self) -> Self:
+        """Return a deep copy, because two environments cannot share one simulation."""
+        return deepcopy(self)
