@@ -449,7 +449,7 @@ def test_columns_without_unit_are_ignored_and_reported(tmp_path: Path) -> None:
         ("time [s],force [N]\n1,x\n2,2\n", "'x' is not a number"),
         ("time [s],force [N],force [N]\n1,2,3\n2,3,4\n", "'force' occurs twice"),
         ("", "is empty"),
-        ("PAR1 no parquet", "cannot be read"),
+        ("PAR1 no parquet", "is not a Parquet file"),
     ],
 )
 def test_invalid_recording_raises_one_sentence_with_file_name(content: str, message: str, tmp_path: Path) -> None:
@@ -478,8 +478,8 @@ def test_invalid_paths_and_labels_are_refused(tmp_path: Path) -> None:
         "a=": "path of the run 'a=' is empty",
         "": "path of the run '' is empty",
         str(tmp_path / "no_time.parquet"): "recording .*no_time.parquet: a recording needs a channel",
-        str(tmp_path / "odd.parquet"): "odd.parquet: its provenance is not JSON",
-        str(tmp_path / "list.parquet"): "list.parquet: its provenance is invalid",
+        str(tmp_path / "odd.parquet"): "odd.parquet: its provenance is not valid JSON",
+        str(tmp_path / "list.parquet"): "list.parquet: its provenance is not a JSON object",
         str(tmp_path / "device.parquet"): "device.parquet: its provenance is invalid",
     }.items():
         with pytest.raises(InputError, match=message):

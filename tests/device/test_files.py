@@ -81,7 +81,7 @@ def test_bladder_and_friction_can_be_disabled() -> None:
         ("count = 2", "count = 0", "greater than or equal to 1"),
         ("count = 2", "count = 1.5", "muscle.count = 1.5"),
         ("orifice_concentric_mm = 1.084", "orifice_concentric_mm = 21.0", "between bore_mm / 1000 and bore_mm, 20"),
-        ("pressure_bar = 5.0", "pressure_bar = inf", "supply.pressure_bar = inf"),
+        ("pressure_bar = 5.0", "pressure_bar = inf", "'supply.pressure_bar' is inf; allowed: finite numbers"),
         ('"damper.bore_mm" =', '"damper.boar_mm" =', "'damper.boar_mm', which is not a numeric key"),
         ("orifice_eccentric_mm = 1.062", "orifice_eccentric_mm = 1e-9", "between bore_mm / 1000 and bore_mm, 20"),
         ("count = 2", "count = 101", "less than or equal to 100"),

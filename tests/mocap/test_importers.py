@@ -408,7 +408,7 @@ def test_missing_markers_are_named(tmp_path: Path) -> None:
         ('[right]\nelbow = "x"', "unknown key 'elbow'"),
         ("[right]\nknee_angle = 3", "must be a column label, or a table with 'column'"),
         ('[right]\nknee_angle = { column = "x", sign = 2 }', "sign = 2; allowed: 1 and -1"),
-        ('[right]\nknee_angle = { column = "x", zero = nan }', "zero = nan"),
+        ('[right]\nknee_angle = { column = "x", zero = nan }', "zero' is nan; allowed: finite numbers"),
         ('[right]\nknee_angle = "nowhere"', "column 'nowhere' of the channel knee_angle is missing"),
         ('[right]\nknee_angle = { column = "knee_angle_r", unit = "kg" }', "which is not a unit of knee_angle"),
         ('[markers.right]\nknee = "x"', "must be a list"),

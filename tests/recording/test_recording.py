@@ -88,12 +88,12 @@ def test_parquet_round_trip_is_exact(tmp_path: Path) -> None:
 
 def test_invalid_parquet_is_refused_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "x.parquet").write_text("hello")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="is not a Parquet file"):
         parquet.load_recording(tmp_path / "x.parquet")
     with pytest.raises(InputError, match="cannot be read"):
         parquet.load_recording(tmp_path / "none.parquet")
     pq.write_table(pa.table({"time [s]": TIME, "note [1]": list("abcde")}), tmp_path / "t.parquet")
-    with pytest.raises(InputError, match="'note \\[1\\]' is not numeric"):
+    with pytest.raises(InputError, match="'note \\[1\\]' holds string; allowed: numbers"):
         parquet.load_recording(tmp_path / "t.parquet")
 
 

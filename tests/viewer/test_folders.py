@@ -202,10 +202,10 @@ def test_read_only_folder_is_not_changed(tmp_path: Path, monkeypatch: pytest.Mon
         ({"verdict.json": "{}"}, r"has no recording\.rrd: the diagnosis was written without"),
         ({"sweep.json": "{}"}, r"an unfinished sweep \(no sweep\.parquet\)"),
         ({"tune.json": "{}"}, r"an unfinished tuning \(no evaluations\.csv\)"),
-        ({"recording.parquet": "nonsense"}, r"recording\.parquet cannot be read"),
+        ({"recording.parquet": "nonsense"}, r"recording\.parquet is not a Parquet file"),
         ({"protocol.toml": "", "summary.json": "{}"}, "cannot view the bench run .*: KeyError: 'trials'"),
         ({"learning_curve.csv": "minutes,steps,episodes,episode_return,episode_steps\n"}, "no learning curve yet"),
-        ({"sweep.parquet": "nonsense"}, "cannot view the sweep"),
+        ({"sweep.parquet": "nonsense"}, r"sweep\.parquet is not a Parquet file"),
     ],
 )
 def test_unsupported_folder_is_refused_in_one_sentence(files: dict[str, str], message: str, tmp_path: Path) -> None:

@@ -13,10 +13,10 @@ from klute_sim.bench.protocols.library import change_protocol, parse_protocol, r
 from klute_sim.bench.protocols.protocol import BenchProtocol
 from klute_sim.bench.run import BenchResult, run_protocol
 from klute_sim.device.device import Device
+from klute_sim.files.toml import format_toml
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.recording.run_folder import create_run_folder
-from klute_sim.toml_files import format_toml
 from klute_sim.types import ProgressCallback
 
 if TYPE_CHECKING:

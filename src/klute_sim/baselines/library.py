@@ -10,7 +10,7 @@ from klute_sim.controllers.parse import Controller
 from klute_sim.controllers.pressure import PressureProfile, parse_profile
 from klute_sim.device.device import DEFAULT_DEVICE, Device, load_device, parse_device
 from klute_sim.errors import InputError
-from klute_sim.toml_files import parse_toml
+from klute_sim.files.toml import parse_toml
 
 
 @dataclass(frozen=True, kw_only=True)

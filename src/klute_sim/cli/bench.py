@@ -95,16 +95,18 @@ def command(
 
 def _load_device(name: str) -> "Device":
     """Return the device of that ``name`` or path; raise InputError also for a protocol."""
-    from klute_sim.bench.protocols.library import is_protocol, list_protocols, read_small_file
+    from klute_sim.bench.protocols.library import is_protocol, list_protocols
     from klute_sim.device.device import list_presets, load_device
     from klute_sim.errors import InputError
+    from klute_sim.files.limits import DEVICE
+    from klute_sim.files.reading import read_bytes
 
     message = f"'{name}' is a protocol where a device is expected: klute-sim bench PROTOCOL DEVICE"
     if name in list_protocols():
         raise InputError(message)
     path = Path(name)
     is_file = name not in list_presets() and path.exists() and not path.is_dir()
-    if is_file and is_protocol(read_small_file(name, "device")):
+    if is_file and is_protocol(read_bytes(name, DEVICE)):
         raise InputError(message)
     return load_device(name)
 

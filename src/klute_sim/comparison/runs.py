@@ -8,6 +8,10 @@ import numpy as np
 
 from klute_sim.datasets import text, unit_conversion
 from klute_sim.errors import InputError
+from klute_sim.files.limits import RECORDING
+from klute_sim.files.lines import check_duration
+from klute_sim.files.parquet import MAGIC as PARQUET_MAGIC
+from klute_sim.files.reading import read_bytes
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording, split_heading
 
@@ -93,14 +97,10 @@ def _read_parts(path: Path, label: str) -> tuple[dict[str, Recording], tuple[str
         return {file.stem: check_recording(_read_parquet(file), file) for file in files}, ()
     if not path.exists():
         raise InputError(f"{path} does not exist; allowed: a run folder or a recording (.parquet, .csv)")
-    try:
-        with path.open("rb") as file:
-            magic = file.read(4)
-        if magic == b"PAR1" or path.suffix.lower() in PARQUET_SUFFIXES:
-            return {label: check_recording(_read_parquet(path), path)}, ()
-        recording, remarks = _read_csv(path.read_bytes(), path)
-    except OSError as error:
-        raise InputError(f"recording {path} cannot be read: {error.strerror}") from None
+    content = read_bytes(path, RECORDING)
+    if content.startswith(PARQUET_MAGIC) or path.suffix.lower() in PARQUET_SUFFIXES:
+        return {label: check_recording(_read_parquet(path), path)}, ()
+    recording, remarks = _read_csv(content, path)
     return {label: check_recording(recording, path)}, remarks
 
 
@@ -110,10 +110,6 @@ def _read_parquet(path: Path) -> Recording:
     except InputError as error:
         message = str(error)
         raise InputError(message if str(path) in message else f"recording {path}: {message}") from None
-    except ValueError:
-        raise InputError(
-            f"recording {path}: its provenance is not JSON; pass a recording that klute-sim wrote"
-        ) from None
     provenance = recording.provenance
     is_valid = isinstance(provenance, dict) and all(
         isinstance(provenance.get(key) or {}, dict) for key in PROVENANCE_TABLES
@@ -166,6 +162,7 @@ def check_recording(recording: Recording, path: Path) -> Recording:
         raise InputError(f"recording {path} has {len(time)} sample{'s' * (len(time) != 1)}; at least 2 are needed")
     if not np.isfinite(time).all():
         raise InputError(f"recording {path}: time is missing in row {int(np.argmin(np.isfinite(time))) + 1}")
+    check_duration(time, f"recording {path}")
     decreases = np.flatnonzero(np.diff(time) <= 0.0)
     if len(decreases):
         row = int(decreases[0]) + 2

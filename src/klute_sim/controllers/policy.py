@@ -1,8 +1,6 @@
 """A learned policy as plain numbers: a small network that runs on NumPy alone, in a file that contains no code."""
 
 import json
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from klute_sim.errors import InputError
+from klute_sim.files.json import parse_json
+from klute_sim.files.limits import POLICY
+from klute_sim.files.npz import read_npz
 
 Float32Array = NDArray[np.float32]
 
@@ -88,10 +89,9 @@ def load_policy(path: str | Path) -> Policy:
 
     Raises InputError when the file cannot be read or is not a policy.
     """
+    arrays = read_npz(path, POLICY)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        metadata = json.loads(str(arrays["metadata"]))
+        metadata = parse_json(str(arrays["metadata"]), f"metadata of policy {path}")
         n_layers = sum(name.startswith("weights_") for name in arrays)
         layers = [
             (np.asarray(arrays[f"weights_{k}"], np.float32), np.asarray(arrays[f"biases_{k}"], np.float32))
@@ -99,8 +99,6 @@ def load_policy(path: str | Path) -> Policy:
         ]
         observation_scale = np.asarray(arrays["observation_scale"], np.float32)
         activation, tanh_output = metadata["activation"], metadata["tanh_output"]
-    except OSError as error:
-        raise InputError(f"policy {path} cannot be read: {error.strerror or error}") from None
-    except (EOFError, KeyError, ValueError, TypeError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+    except (KeyError, ValueError, TypeError) as error:
         raise InputError(f"{path} is not a policy file: {error}") from None
     return Policy(observation_scale, layers, str(activation), bool(tanh_output), metadata)

@@ -4,8 +4,6 @@ The supply clips the commanded pressure to its range, and the regulator limits i
 and the delivered pressure.
 """
 
-import csv
-import io
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,6 +15,9 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from klute_sim.errors import InputError
+from klute_sim.files.limits import PROFILE
+from klute_sim.files.lines import read_csv_rows
+from klute_sim.files.reading import read_text
 from klute_sim.types import Array
 from klute_sim.units import BAR
 
@@ -121,20 +122,12 @@ def load_profile(path: str | Path) -> PressureProfile:
 
     Raises InputError when the file cannot be read or is not a profile.
     """
-    try:
-        text = Path(path).read_text("utf-8-sig")  # spreadsheet programs begin a file with a byte order mark
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text file"
-        raise InputError(f"pressure profile {path} cannot be read: {reason}") from None
-    return parse_profile(text, str(path))
+    return parse_profile(read_text(path, PROFILE), str(path))
 
 
 def parse_profile(text: str, source: str) -> PressureProfile:
     """Return the profile in CSV ``text``; ``source`` names the file in errors."""
-    try:
-        rows = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text)), start=1) if row]
-    except csv.Error as error:
-        raise InputError(f"pressure profile {source} is not a CSV file: {error}") from None
+    rows = read_csv_rows(text, f"pressure profile {source}")
     if not rows or tuple(cell.strip() for cell in rows[0][1]) != PROFILE_COLUMNS:
         raise InputError(f"pressure profile {source}: the heading must be '{','.join(PROFILE_COLUMNS)}'")
     knots = []

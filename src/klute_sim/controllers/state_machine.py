@@ -12,7 +12,8 @@ from typing import Any
 from klute_sim.constants import DEGREES_PER_RADIAN
 from klute_sim.controllers.feedback import SensorReadings
 from klute_sim.errors import InputError
-from klute_sim.toml_files import parse_toml, read_toml
+from klute_sim.files.limits import STATE_MACHINE
+from klute_sim.files.toml import parse_toml, read_toml
 from klute_sim.units import BAR
 
 STATE_NAMES = ("loading", "rollover", "push_off", "swing")
@@ -113,7 +114,7 @@ def load_state_machine(path: str | Path) -> StateMachine:
 
     Raises InputError when the file cannot be read or is not a state machine.
     """
-    return _create_state_machine(read_toml(path, f"state machine {path}"), str(path))
+    return _create_state_machine(read_toml(path, STATE_MACHINE), str(path))
 
 
 def parse_state_machine(content: bytes, source: str) -> StateMachine:

@@ -15,6 +15,8 @@ from klute_sim.datasets.trial import TimeSeries, Trial, read_trial
 from klute_sim.device import device as device_files
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
+from klute_sim.files.limits import DATASET
+from klute_sim.files.reading import MissingFileError, read_bytes
 
 DATASET_FILE_NAME = "dataset.toml"
 
@@ -157,17 +159,15 @@ def _collect_remarks(trials: Sequence[Trial], file_remarks: Sequence[tuple[str, 
 
 def _read_content(folder: Path) -> bytes:
     try:
-        return (folder / DATASET_FILE_NAME).read_bytes()
-    except FileNotFoundError:
+        if folder.is_file():
+            raise InputError(f"{folder} is a file; give the folder with {DATASET_FILE_NAME}")
+        return read_bytes(folder / DATASET_FILE_NAME, DATASET)
+    except MissingFileError:
         if not folder.exists():
             raise InputError(f"folder {folder} does not exist; give a folder with a file {DATASET_FILE_NAME}") from None
         files = sorted(file.name for file in folder.glob("*") if file.suffix.lower() in (".csv", ".parquet"))
         fix = f"; write one that lists {files[0]} and the other trial files (see docs/datasets.md)" if files else ""
         raise InputError(f"folder {folder} is not a dataset: it has no file {DATASET_FILE_NAME}{fix}") from None
-    except NotADirectoryError:
-        raise InputError(f"{folder} is a file; give the folder with {DATASET_FILE_NAME}") from None
-    except OSError as error:
-        raise InputError(f"{folder / DATASET_FILE_NAME} cannot be read: {error.strerror}") from None
 
 
 def _load_device(name: str, folder: Path) -> Device:

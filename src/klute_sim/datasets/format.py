@@ -11,7 +11,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from klute_sim.datasets.channels import Rig
 from klute_sim.datasets.trial import Use
 from klute_sim.errors import InputError
-from klute_sim.toml_files import parse_toml, validation_sentence
+from klute_sim.files.toml import parse_toml, validation_sentence
 
 FORMAT_NAME = "klute-sim-dataset/2"
 FIRST_FORMAT_NAME = "klute-sim-dataset/1"

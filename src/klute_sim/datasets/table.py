@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from klute_sim.datasets import text, unit_conversion
 from klute_sim.errors import InputError
+from klute_sim.files.limits import TRIAL
+from klute_sim.files.parquet import open_parquet
+from klute_sim.files.reading import MissingFileError, read_bytes
 from klute_sim.types import Array
 
 _HEADING = re.compile(r"(?P<name>\w+)\s*\[(?P<unit>[^\[\]]*)\]")
@@ -50,7 +51,8 @@ def read_trial_file(path: Path, column_units: Mapping[str, str]) -> Table:
     read_columns: Callable[[Sequence[int]], list[Array]]
     locate_row: Callable[[int], str]
     if content.startswith(b"PAR1") or path.suffix.lower() in {".parquet", ".pq"}:
-        headings, read_columns, locate_row = _open_parquet(content, source)
+        table = open_parquet(content, TRIAL.describe(source))
+        headings, read_columns, locate_row = table.headings, table.read_columns, _locate_parquet_row
     else:
         file = text.parse_delimited_text(content, source)
         headings, read_columns, locate_row = file.headings, file.read_columns, file.locate_row
@@ -90,13 +92,11 @@ def read_trial_file(path: Path, column_units: Mapping[str, str]) -> Table:
 
 def _read_content(path: Path) -> bytes:
     try:
-        return path.read_bytes()
-    except FileNotFoundError:
+        return read_bytes(path, TRIAL)
+    except MissingFileError:
         raise InputError(
             f"trial file {path} does not exist; give paths relative to the folder of dataset.toml"
         ) from None
-    except OSError as error:
-        raise InputError(f"trial file {path} cannot be read: {error.strerror}") from None
 
 
 def _match_column(heading: str, column_units: Mapping[str, str], source: str) -> str | None:
@@ -125,34 +125,5 @@ def _require_si_factor(heading: str, si_unit: str, source: str) -> float:
     return factor
 
 
-def _open_parquet(
-    content: bytes, source: str
-) -> tuple[list[str], Callable[[Sequence[int]], list[Array]], Callable[[int], str]]:
-    """Return the headings, a function that reads columns by index, and a function that locates a row."""
-    if not content:
-        raise InputError(f"trial file {source} is empty")
-    try:
-        file = pq.ParquetFile(pa.BufferReader(content))
-        headings = list(file.schema_arrow.names)
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise InputError(f"trial file {source} is not a Parquet file: {str(error).splitlines()[0]}") from None
-
-    def read_columns(indices: Sequence[int]) -> list[Array]:
-        columns = []
-        for index in indices:
-            column_type = file.schema_arrow.field(index).type
-            number_predicates = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal)
-            if not any(matches(column_type) for matches in number_predicates):
-                raise InputError(
-                    f"trial file {source}: column '{headings[index]}' holds {column_type}; allowed: numbers in the "
-                    "unit of the heading"
-                )
-            try:
-                column = file.read(columns=[headings[index]]).column(0)
-                columns.append(np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64))
-            except (pa.ArrowException, OSError, ValueError) as error:
-                reason = str(error).splitlines()[0]
-                raise InputError(f"trial file {source}: column '{headings[index]}' cannot be read: {reason}") from None
-        return columns
-
-    return headings, read_columns, lambda row: f"row {row + 1}"
+def _locate_parquet_row(row: int) -> str:
+    return f"row {row + 1}"

@@ -14,6 +14,8 @@ import pyarrow as pa
 import pyarrow.csv
 
 from klute_sim.errors import InputError
+from klute_sim.files import lines
+from klute_sim.files.limits import TRIAL
 from klute_sim.types import Array
 
 BOM = b"\xef\xbb\xbf"
@@ -47,7 +49,7 @@ class DelimitedText:
 
     def iterate_lines(self) -> Iterator[tuple[int, str]]:
         """Yield line number and text of each row; empty lines are skipped."""
-        for number, line in enumerate(self.body.splitlines(), self.first_line):
+        for number, line in enumerate(lines.iterate_lines(self.body), self.first_line):
             if line:
                 yield number, line.decode("utf-8", errors="replace")
 
@@ -116,6 +118,7 @@ def parse_delimited_text(content: bytes, source: str) -> DelimitedText:
         raise InputError(f"trial file {source} is UTF-16 text; save it as UTF-8")
     if b"\0" in content:
         raise InputError(f"trial file {source} is neither text nor Parquet; allowed: CSV (UTF-8) and Parquet")
+    lines.check_lines(content, TRIAL.describe(source))
     content = content.removeprefix(BOM)
     if not content.strip():
         raise InputError(f"trial file {source} is empty")
@@ -126,6 +129,7 @@ def parse_delimited_text(content: bytes, source: str) -> DelimitedText:
     except UnicodeDecodeError:
         raise InputError(f"trial file {source}: the heading line is not UTF-8 text; save the file as UTF-8") from None
     delimiter = max(DELIMITERS, key=text.count)
+    lines.check_column_count(text.count(delimiter) + 1, TRIAL.describe(source))
     try:
         headings = [heading.strip() for heading in next(csv.reader([text], delimiter=delimiter, strict=True))]
     except csv.Error as error:

@@ -22,7 +22,9 @@ from klute_sim.device.schema.document import (
 )
 from klute_sim.device.schema.supply import Chamber, Leak, Line, Supply, Tank, Valve
 from klute_sim.errors import InputError, suggest
-from klute_sim.toml_files import format_toml, parse_toml
+from klute_sim.files.limits import DEVICE
+from klute_sim.files.reading import MissingFileError, read_bytes
+from klute_sim.files.toml import format_toml, parse_toml
 
 DEFAULT_DEVICE = "klute-1-1-4-pair"
 """Preset of the default prosthesis."""
@@ -210,15 +212,13 @@ def load_device(name_or_path: str | Path) -> Device:
     if name in list_presets():
         return parse_device((_get_preset_folder() / f"{name}.toml").read_bytes(), name)
     try:
-        content = Path(name).read_bytes()
-    except FileNotFoundError:
+        content = read_bytes(name, DEVICE)
+    except MissingFileError:
         hint = (
             "give the path of a device file (klute-sim device NAME --toml prints one to start from), or one of "
             f"{', '.join(list_presets())}"
         )
         raise InputError(f"no device '{name}': {suggest(name, list_presets(), hint)}") from None
-    except OSError as error:
-        raise InputError(f"device file {name} cannot be read: {error.strerror}") from None
     return parse_device(content, name)
 
 

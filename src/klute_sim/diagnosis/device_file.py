@@ -4,7 +4,7 @@ from typing import Any
 
 from klute_sim.device.device import Device, parse_device, set_number
 from klute_sim.diagnosis.fitting.least_squares import Fit
-from klute_sim.toml_files import format_toml, parse_toml
+from klute_sim.files.toml import format_toml, parse_toml
 
 
 def augment_device(fit: Fit, source: str) -> Device:

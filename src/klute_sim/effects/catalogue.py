@@ -43,6 +43,8 @@ from klute_sim.effects.families.muscle import (
 )
 from klute_sim.effects.validation import check_effect
 from klute_sim.errors import InputError, suggest
+from klute_sim.files.limits import CATALOGUE
+from klute_sim.files.reading import MissingFileError, read_bytes
 from klute_sim.laws.foot import Foot
 
 CATALOGUE_VARIABLE = "KLUTE_SIM_CATALOGUE"
@@ -184,8 +186,10 @@ def load_user_module() -> types.ModuleType | None:
     if not catalogue:
         return None
     path = Path(catalogue)
-    if not path.is_file():
-        raise InputError(f"catalogue {catalogue} does not exist (from --catalogue or {CATALOGUE_VARIABLE})")
+    try:
+        read_bytes(path, CATALOGUE)
+    except MissingFileError:
+        raise InputError(f"catalogue {catalogue} does not exist (from --catalogue or {CATALOGUE_VARIABLE})") from None
     spec = importlib.util.spec_from_file_location(USER_MODULE, path)
     if spec is None or spec.loader is None:
         raise InputError(f"catalogue {catalogue} is not a Python file; its name must end with .py")
@@ -249,7 +253,7 @@ def _read_source(module: types.ModuleType) -> bytes:
     """Return the source file of ``module``, or the code of its functions if it has none (a notebook)."""
     path = getattr(module, "__file__", None)
     if path is not None:
-        return Path(path).read_bytes()
+        return read_bytes(path, CATALOGUE)
     functions = [value for value in vars(module).values() if isinstance(value, types.FunctionType)]
     return b"".join(marshal.dumps(function.__code__) for function in functions)
 

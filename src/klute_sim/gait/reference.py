@@ -6,9 +6,7 @@ comfortable speed: Winter (normal cadence, 19 adults), Bovi et al. 2011 (free sp
 peak moments of the sources range from 1.32 to 1.63 N.m/kg, toe-off from 59 to 67 %.
 """
 
-import csv
 import hashlib
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
@@ -19,6 +17,9 @@ from scipy.interpolate import CubicSpline
 
 from klute_sim.constants import GRAVITY
 from klute_sim.errors import InputError
+from klute_sim.files.limits import REFERENCE
+from klute_sim.files.lines import read_csv_rows
+from klute_sim.files.reading import NotTextError, read_text
 from klute_sim.gait import reference_folder
 from klute_sim.types import Array
 
@@ -159,10 +160,8 @@ def load_reference(path: str | Path, stride_time: float | None = None) -> Refere
     if not 0.5 <= stride_time <= 3.0:
         raise InputError(f"stride time is {stride_time:g}; allowed: 0.5 to 3 s")
     try:
-        text = Path(path).read_text("utf-8-sig")  # spreadsheet programs begin a file with a byte order mark
-    except OSError as error:
-        raise InputError(f"reference {path} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
+        text = read_text(path, REFERENCE)
+    except NotTextError:
         reason = "not a UTF-8 text file"
         if Path(path).suffix.lower() in MOTION_CAPTURE_SUFFIXES:
             reason += f"; import it first: klute-sim import {path} --mass KG --out me, and give the folder 'me'"
@@ -216,10 +215,7 @@ def _check_segments(columns: Mapping[str, Array], source: str) -> None:
 
 
 def _parse_columns(text: str, source: str) -> dict[str, Array]:
-    try:
-        rows = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text)), start=1) if row]
-    except csv.Error as error:
-        raise InputError(f"reference {source} is not a CSV file: {error}") from None
+    rows = read_csv_rows(text, f"reference {source}")
     if len(rows) < 10:
         raise InputError(f"reference {source}: needs a heading and at least 9 rows")
     heading = [name.strip() for name in rows[0][1]]

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from klute_sim.errors import InputError
-from klute_sim.toml_files import parse_toml
+from klute_sim.files.limits import REFERENCE_METADATA
+from klute_sim.files.reading import MissingFileError, read_bytes
+from klute_sim.files.toml import parse_toml
 
 FORMAT = "klute-sim-reference/1"
 """Format of the metadata file."""
@@ -46,11 +48,11 @@ def read_reference_folder(folder: Path) -> tuple[Path, ReferenceMetadata]:
     """
     path = folder / METADATA_FILE
     try:
-        content = path.read_bytes()
-    except OSError as error:
+        content = read_bytes(path, REFERENCE_METADATA)
+    except MissingFileError:
         raise InputError(
-            f"reference folder {folder}: {METADATA_FILE} cannot be read: {error.strerror}; create such a folder with "
-            "klute-sim import"
+            f"reference folder {folder}: {METADATA_FILE} cannot be read: No such file or directory; create such a "
+            "folder with klute-sim import"
         ) from None
     keys = parse_toml(content, str(path))
     if keys.get("format") != FORMAT:

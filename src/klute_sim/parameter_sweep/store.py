@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from klute_sim.errors import InputError, KluteSimError
+from klute_sim.files.json import read_json
+from klute_sim.files.limits import RESULT
 from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, CaseResult
 from klute_sim.recording.atomic_file import is_temporary, remove_temporary_files, write_atomically
 from klute_sim.recording.folder_lock import LOCK_FILE_NAME, FolderLock
@@ -26,9 +28,9 @@ class ResultStore:
     def get(self, key: str) -> CaseResult | None:
         """Return the result of the case with this ``key``; None when there is none or its file is damaged."""
         try:
-            content = json.loads(self._result_path(key).read_text("utf-8"))
+            content = read_json(self._result_path(key), RESULT)
             result = CaseResult(dict(content["metrics"]), content["failure"])
-        except (OSError, ValueError, KeyError, TypeError):
+        except (InputError, ValueError, KeyError, TypeError):
             return None
         return result if result.failure or tuple(result.metrics) == METRIC_COLUMNS else None
 
@@ -110,9 +112,9 @@ def _check_same_plan(folder: Path, plan_file: str, description: dict[str, Any]) 
     """Raise InputError unless ``plan_file`` in ``folder`` holds ``description``."""
     kind = Path(plan_file).stem
     try:
-        stored = json.loads((folder / plan_file).read_text("utf-8"))
+        stored = read_json(folder / plan_file, RESULT)
         different = [name for name, value in json.loads(json.dumps(description)).items() if stored.get(name) != value]
-    except (ValueError, AttributeError):
+    except (InputError, AttributeError):
         raise InputError(f"{folder / plan_file} is not the plan of a {kind}; name a new or an empty folder") from None
     if different:
         names = ", ".join(name.split("_")[0] for name in different)

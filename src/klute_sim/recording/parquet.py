@@ -6,11 +6,14 @@ Columns are called ``name [unit]``. The metadata of a column holds its unit, the
 import json
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from klute_sim.errors import InputError
+from klute_sim.files.json import parse_json
+from klute_sim.files.limits import RECORDING
+from klute_sim.files.parquet import open_parquet
+from klute_sim.files.reading import decode_text, read_bytes
 from klute_sim.recording.recording import Recording
 
 _METADATA_KEY = b"klute_sim"
@@ -33,15 +36,11 @@ def load_recording(path: str | Path) -> Recording:
 
     Raises InputError when ``path`` is not a Parquet file with numeric ``name [unit]`` columns.
     """
-    try:
-        table = pq.read_table(path)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"recording {path} cannot be read: {error}") from None
-    stored = (table.schema.metadata or {}).get(_METADATA_KEY, b"{}")
-    columns = []
-    for heading, column in zip(table.column_names, table.columns, strict=True):
-        try:
-            columns.append((heading, column.to_numpy().astype(np.float64)))
-        except (TypeError, ValueError, pa.ArrowException):
-            raise InputError(f"recording {path}: column '{heading}' is not numeric") from None
-    return Recording.from_columns(columns, json.loads(stored))
+    description = RECORDING.describe(path)
+    table = open_parquet(read_bytes(path, RECORDING), description)
+    columns = [(heading, table.read_column(index)) for index, heading in enumerate(table.headings)]
+    provenance = f"{description}: its provenance"
+    stored = parse_json(decode_text(table.metadata.get(_METADATA_KEY, b"{}"), provenance), provenance)
+    if not isinstance(stored, dict):
+        raise InputError(f"{provenance} is not a JSON object; pass a recording that klute-sim wrote")
+    return Recording.from_columns(columns, stored)

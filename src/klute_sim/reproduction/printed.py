@@ -9,8 +9,9 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from klute_sim.errors import InputError
+from klute_sim.files.limits import PUBLISHED_NUMBERS
+from klute_sim.files.toml import parse_toml, read_toml
 from klute_sim.reproduction.item import PublishedItem
-from klute_sim.toml_files import parse_toml, read_toml
 
 DEFAULT_TOLERANCE, SUPPLIED_TOLERANCE = 1e-6, 0.1
 """Default relative tolerances of printed numbers and of numbers that a user supplies."""
@@ -110,7 +111,7 @@ def load_supplied_values(path: Path) -> dict[str, float]:
 
     Raises InputError when the file cannot be read, a name is not missing, or a value is not a finite number.
     """
-    content = read_toml(path, f"file of published numbers {path}")
+    content = read_toml(path, PUBLISHED_NUMBERS)
     known, values = {item.id for item in list_missing_items()}, {}
     for name, value in content.items():
         if name not in known:

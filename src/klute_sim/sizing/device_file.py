@@ -3,12 +3,12 @@
 from typing import Any
 
 from klute_sim.device.device import Device, load_device, parse_device
+from klute_sim.files.toml import format_toml
 from klute_sim.laws.tendon import TendonParameters
 from klute_sim.sizing.choices import ACTUATOR_LABELS, PA_PER_MPA, DesignChoices
 from klute_sim.sizing.parts.actuator import ActuatorOption, load_muscle_section
 from klute_sim.sizing.parts.damper import DESIGN_DISCHARGE_COEFFICIENT, DamperDesign, DamperDesignPoint
 from klute_sim.sizing.target import MuscleTarget, WalkerTarget
-from klute_sim.toml_files import format_toml
 from klute_sim.units import BAR
 
 USER_SOURCE = "given to klute-sim design"

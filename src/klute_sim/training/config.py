@@ -9,7 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from klute_sim.envs.ankle_gait_vector import AnkleGaitVectorEnv
 from klute_sim.errors import InputError
-from klute_sim.toml_files import parse_toml, validation_sentence
+from klute_sim.files.limits import TRAINING_CONFIG
+from klute_sim.files.reading import read_bytes
+from klute_sim.files.toml import parse_toml, validation_sentence
 
 EXCLUDED_KEYWORDS = ("self", "num_envs", "autoreset_mode", "max_episode_steps", "render_mode")
 """Keywords of the vector environment that a configuration cannot set."""
@@ -54,10 +56,7 @@ def load_config(path: str | Path | None) -> tuple[TrainingConfig, bytes]:
     """Return the configuration of a file (None: the default) and its content; raises InputError when it is invalid."""
     if path is None:
         return parse_config(read_default_config(), "default.toml"), read_default_config()
-    try:
-        content = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"configuration {path} cannot be read: {error.strerror}") from None
+    content = read_bytes(path, TRAINING_CONFIG)
     return parse_config(content, str(path)), content
 
 

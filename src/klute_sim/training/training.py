@@ -3,7 +3,6 @@
 Stable-Baselines3 and torch are an optional extra and are imported when they are used.
 """
 
-import csv
 import json
 import time
 from collections.abc import Callable
@@ -14,6 +13,10 @@ import numpy as np
 
 from klute_sim.controllers.policy import Policy
 from klute_sim.errors import InputError, MissingExtraError
+from klute_sim.files.json import read_json
+from klute_sim.files.limits import RESULT
+from klute_sim.files.lines import read_csv_records
+from klute_sim.files.reading import MissingFileError
 from klute_sim.provenance import collect_versions
 from klute_sim.recording.atomic_file import replace_atomically, write_atomically
 from klute_sim.training.config import TrainingConfig, load_config
@@ -178,12 +181,12 @@ def resume_training(folder: Path) -> Training:
     Raises InputError when the folder has no valid training.
     """
     try:
-        stored = json.loads((folder / PROGRESS_FILE).read_text("utf-8"))
+        stored = read_json(folder / PROGRESS_FILE, RESULT)
         progress = TrainingProgress(int(stored["seed"]), float(stored["minutes"]), int(stored["steps"]))
-        rows = list(csv.reader((folder / LEARNING_CURVE_FILE).read_text("utf-8").splitlines()))[1:]
-        progress.learning_curve = [tuple(float(cell) for cell in row) for row in rows]
-    except OSError as error:
-        raise InputError(f"there is no training to resume in {folder}: {error.filename}: {error.strerror}") from None
-    except (KeyError, ValueError) as error:
+        rows = read_csv_records(folder / LEARNING_CURVE_FILE, RESULT)
+        progress.learning_curve = [tuple(float(cell) for cell in row.values()) for row in rows]
+    except MissingFileError as error:
+        raise InputError(f"there is no training to resume in {folder}: {error}") from None
+    except (InputError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"the training in {folder} cannot be resumed: {error}") from None
     return Training(folder, load_config(folder / CONFIG_FILE)[0], progress)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from klute_sim.controllers.pressure import PressureProfile
 from klute_sim.device.device import Device, parse_device
 from klute_sim.errors import InputError
+from klute_sim.files.toml import format_toml, parse_toml
 from klute_sim.parameters import Parameter
-from klute_sim.toml_files import format_toml, parse_toml
 from klute_sim.types import Array
 from klute_sim.units import BAR
 

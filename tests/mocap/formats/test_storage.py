@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from klute_sim.errors import InputError
+from klute_sim.files.limits import FileKind
 from klute_sim.mocap.formats import storage
 from klute_sim.mocap.formats.content import FileContent
 from klute_sim.mocap.formats.storage import Storage
@@ -112,6 +113,6 @@ def test_missing_empty_and_large_files_are_refused(tmp_path: Path, monkeypatch: 
     with pytest.raises(InputError, match="is empty"):
         storage.read(tmp_path / "empty.mot")
     (tmp_path / "x.mot").write_text(TEXT)
-    monkeypatch.setattr("klute_sim.mocap.formats.content.MAX_BYTES", 100)
-    with pytest.raises(InputError, match="allowed are"):
+    monkeypatch.setattr("klute_sim.mocap.formats.content.MOTION", FileKind("", 100))
+    with pytest.raises(InputError, match="allowed: up to 0.0001 MB"):
         storage.read(tmp_path / "x.mot")

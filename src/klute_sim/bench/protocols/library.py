@@ -1,6 +1,5 @@
 """Registry of bench protocols: protocols of the package by name, other protocol files by path."""
 
-import stat
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -19,7 +18,9 @@ from klute_sim.bench.protocols.quick_release import QuickReleaseProtocol
 from klute_sim.bench.protocols.workloop import WorkLoopProtocol
 from klute_sim.device.device import list_presets
 from klute_sim.errors import InputError
-from klute_sim.toml_files import parse_toml, validation_sentence
+from klute_sim.files.limits import PROTOCOL
+from klute_sim.files.reading import MissingFileError, read_bytes
+from klute_sim.files.toml import parse_toml, validation_sentence
 
 PROTOCOL_TYPES: dict[str, type[BenchProtocol]] = {
     "isometric": IsometricProtocol,
@@ -34,8 +35,6 @@ PROTOCOL_TYPES: dict[str, type[BenchProtocol]] = {
 """Protocol classes by the ``kind`` in a protocol file."""
 IDENTIFICATION_PROTOCOLS = ("steps", "ramps", "sines", "release", "hold", "slack", "mixed")
 """Names of the identification protocols, in the order in which they are recorded."""
-MAX_FILE_BYTES = 1_000_000
-"""Maximum size of a protocol file [bytes]."""
 
 _protocol_adapter: TypeAdapter[BenchProtocol] = TypeAdapter(
     Annotated[
@@ -82,33 +81,12 @@ def read_protocol_bytes(name_or_path: str | Path) -> bytes:
     if name in list_presets():
         raise InputError(f"'{name}' is a device: name a protocol before it (klute-sim bench PROTOCOL {name})")
     try:
-        return read_small_file(name, "protocol")
-    except FileNotFoundError:
+        return read_bytes(name, PROTOCOL)
+    except MissingFileError:
         raise InputError(
             f"no protocol '{name}': give the path of a protocol file (klute-sim bench NAME --toml prints one to "
             f"start from), or one of {', '.join(list_protocols())}"
         ) from None
-
-
-def read_small_file(path: str, file_type: str) -> bytes:
-    """Return the content of the file at ``path``; raise FileNotFoundError when there is none.
-
-    ``file_type`` names the file in errors.
-
-    Raises InputError when the file cannot be read, is not a regular file (a device node may never end) or is larger
-    than :data:`MAX_FILE_BYTES`.
-    """
-    try:
-        status = Path(path).stat()
-        if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{file_type} file {path} cannot be read: it is not a regular file")
-        if status.st_size > MAX_FILE_BYTES:
-            raise InputError(f"{file_type} file {path} has {status.st_size} bytes; allowed: up to {MAX_FILE_BYTES}")
-        return Path(path).read_bytes()
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        raise InputError(f"{file_type} file {path} cannot be read: {error.strerror}") from None
 
 
 def is_protocol(content: bytes) -> bool:

@@ -24,11 +24,11 @@ from klute_sim.device.schema.supply import (
 )
 from klute_sim.effects.effect import Effect
 from klute_sim.errors import InputError
+from klute_sim.files.toml import validation_sentence
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws.damper import DamperParameters
 from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.laws.tendon import TendonParameters
-from klute_sim.toml_files import validation_sentence
 
 MAX_RADIUS_MISMATCH = 0.05
 """Maximum relative difference of the radius that braid and turns imply from the bladder radius (Table 3.1: 2.6 %)."""

@@ -5,7 +5,6 @@ import hashlib
 import os
 import shutil
 import sys
-import zipfile
 from functools import cache
 from pathlib import Path
 
@@ -13,13 +12,16 @@ import numpy as np
 
 import klute_sim
 from klute_sim.effects import catalogue
+from klute_sim.errors import InputError
+from klute_sim.files.limits import FIT
+from klute_sim.files.npz import read_npz
 from klute_sim.recording.atomic_file import replace_atomically
 from klute_sim.types import Array
 
 CACHE_VARIABLE = "KLUTE_SIM_CACHE"
 """Environment variable with the path of the cache folder."""
 FIT_MODULES = (
-    *("laws", "effects", "device", "gait", "datasets", "diagnosis"),
+    *("files", "laws", "effects", "device", "gait", "datasets", "diagnosis"),
     *("constants.py", "parameters.py", "units.py"),
 )
 """Packages and modules whose code determines the result of a fit."""
@@ -56,9 +58,8 @@ class FitCache:
     def get(self, key: str) -> dict[str, Array] | None:
         """Return the arrays stored under ``key``, or None."""
         try:
-            with np.load(self._path_of(key), allow_pickle=False) as stored:
-                return {name: stored[name] for name in stored.files}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+            return {name: np.asarray(array) for name, array in read_npz(self._path_of(key), FIT).items()}
+        except InputError:
             return None
 
     def put(self, key: str, **arrays: Array) -> None:

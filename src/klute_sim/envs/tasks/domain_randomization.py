@@ -19,10 +19,10 @@ from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.schema.document import parse_device_spec
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
+from klute_sim.files.toml import format_toml, parse_toml
 from klute_sim.gait.body import PROSTHESIS_PREFIX
 from klute_sim.gait.rig.setup import GaitOptions, GaitRig, build_gait_rig
 from klute_sim.plant.actuator import DeviceActuator
-from klute_sim.toml_files import format_toml, parse_toml
 
 GRID_SIZE = 9
 """Number of grid values of each of mass, speed and slope, including both ends."""
@@ -123,8 +123,6 @@ class DomainRandomizer:
             self._assemble_rig(grid_ends)
             for grid_ends in zip(*((g[0], g[-1]) for g in self._option_grids.values()), strict=True)
         ]
-        self.max_commands_per_stride = max(rig.commands_per_stride for rig in (nominal_rig, *corners))
-        """Number of commands in a stride at the lowest walking speed."""
         self._rig_fields = [
             n for n in MODEL_FIELDS if any(_model_fields_differ(n, nominal_rig.model, rig.model) for rig in corners)
         ]

@@ -4,8 +4,6 @@ The force of a plate is the force of the plate's surface on the body, so up is p
 channels of plates of types 1 to 4. The centre of pressure is in the laboratory frame.
 """
 
-import io
-import json
 import os
 import struct
 import subprocess
@@ -19,6 +17,9 @@ from typing import Any
 import numpy as np
 
 from klute_sim.errors import InputError, MissingExtraError
+from klute_sim.files.json import parse_json
+from klute_sim.files.limits import MAX_DECODED_BYTES
+from klute_sim.files.npz import parse_npz
 from klute_sim.mocap.formats import content
 from klute_sim.mocap.formats.content import FileContent
 from klute_sim.mocap.formats.trc import LENGTH_UNITS, Markers
@@ -28,7 +29,7 @@ BLOCK_BYTES = 512
 """Block size of the format [bytes]."""
 MAGIC_BYTE = 0x50
 """Second byte of every C3D file."""
-MAX_SAMPLES = 200_000_000
+MAX_SAMPLES = 16_000_000
 """Largest accepted number of samples."""
 STARTUP_TIMEOUT, MIN_READ_RATE = 15.0, 1e6
 """Time limit for starting the library [s], and the lowest reading rate [bytes/s] that extends it: a damaged file can
@@ -73,8 +74,8 @@ def read(path: str | Path) -> Capture:
     if find_spec("ezc3d") is None:
         raise MissingExtraError("reading C3D", "c3d")
     archive = _read_in_subprocess(path, STARTUP_TIMEOUT + len(file.data) / MIN_READ_RATE)
-    with np.load(io.BytesIO(archive), allow_pickle=False) as arrays:
-        return _build_capture(json.loads(str(arrays["metadata"])), arrays, file.name)
+    arrays = parse_npz(archive, file.name, MAX_DECODED_BYTES)
+    return _build_capture(parse_json(str(arrays["metadata"]), file.name), arrays, file.name)
 
 
 def _read_in_subprocess(path: str | Path, timeout: float) -> bytes:

@@ -1,12 +1,13 @@
-"""Size-limited reading of files from other programs."""
+"""Reading of files from other programs: bytes, text and lines within limits."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from klute_sim.errors import InputError
-
-MAX_BYTES = 512 * 1024 * 1024
-"""Largest accepted file size [bytes]; an hour of 60 markers at 250 Hz takes about a third of it."""
+from klute_sim.files.limits import MOTION
+from klute_sim.files.lines import check_lines
+from klute_sim.files.reading import read_bytes
 
 
 @dataclass(frozen=True)
@@ -18,29 +19,22 @@ class FileContent:
     data: bytes
     """Raw content."""
 
-    def decode(self) -> str:
-        """Return the content as text; raise InputError for binary content."""
+    def read_lines(self) -> list[str]:
+        """Return the lines of the text without line ends; raise InputError for binary content and too many lines."""
         if b"\0" in self.data:
             raise InputError(f"{self.name} is not a text file; allowed is UTF-8 text")
+        check_lines(self.data, self.name)
         try:
-            return self.data.decode("utf-8-sig")
+            text = self.data.decode("utf-8-sig")
         except UnicodeDecodeError:
             # Only names of people and programs are affected: numbers are ASCII in both encodings.
-            return self.data.decode("latin-1")
+            text = self.data.decode("latin-1")
+        return re.split(r"\r\n|\r|\n", text)
 
 
 def read(path: str | Path) -> FileContent:
-    """Read the file at ``path``.
-
-    Raises InputError when the file cannot be read, is empty or exceeds :data:`MAX_BYTES`.
-    """
-    try:
-        size = Path(path).stat().st_size
-        if size > MAX_BYTES:
-            raise InputError(f"{path} has {size / 2**20:.0f} MiB; allowed are {MAX_BYTES // 2**20} MiB")
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    """Read the file at ``path``; raise InputError when it cannot be read, is empty or is too large."""
+    data = read_bytes(path, MOTION)
     if not data.strip():
         raise InputError(f"{path} is empty")
     return FileContent(str(path), data)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from klute_sim.errors import InputError
+from klute_sim.files.lines import check_column_count
 from klute_sim.mocap.formats import content
 from klute_sim.mocap.formats.content import FileContent
 from klute_sim.types import Array
@@ -22,6 +23,8 @@ HEADER_END = "endheader"
 """Line that ends the header."""
 MAX_HEADER_LINES = 1000
 """Number of lines that are searched for the end of the header."""
+ROWS_PER_BLOCK = 10_000
+"""Number of rows that are parsed at once."""
 
 _HEADER_ENTRY = re.compile(r"\s*(?P<key>\w+)\s*=\s*(?P<value>.*?)\s*")
 
@@ -52,7 +55,7 @@ def read(path: str | Path) -> Storage:
 
 def parse(file: FileContent) -> Storage:
     """Parse the storage file ``file``; raise InputError with the location of the first mistake."""
-    lines = file.decode().splitlines()
+    lines = file.read_lines()
     end = next((k for k, line in enumerate(lines[:MAX_HEADER_LINES]) if line.strip().lower() == HEADER_END), None)
     if end is None:
         raise InputError(f"{file.name} is not an OpenSim storage file: the line '{HEADER_END}' is missing")
@@ -61,6 +64,7 @@ def parse(file: FileContent) -> Storage:
     if first is None:
         raise InputError(f"{file.name} ends after the header: the line with the column names is missing")
     labels = _parse_labels(lines[first], file.name)
+    check_column_count(len(labels), file.name)
     rows = [(number, line) for number, line in enumerate(lines[first + 1 :], first + 2) if line.strip()]
     table = parse_numbers(rows, len(labels), file.name)
     _check_counts(header, len(rows), len(labels), file.name)
@@ -81,6 +85,14 @@ def parse_numbers(rows: list[tuple[int, str]], n_columns: int, file_name: str) -
 
     Raises InputError with the line and the cell that is not a number.
     """
+    if not rows:
+        return np.empty((0, n_columns))
+    # A list of cells takes ten times the memory of its numbers.
+    blocks = [rows[start : start + ROWS_PER_BLOCK] for start in range(0, len(rows), ROWS_PER_BLOCK)]
+    return np.concatenate([_parse_block(block, n_columns, file_name) for block in blocks])
+
+
+def _parse_block(rows: list[tuple[int, str]], n_columns: int, file_name: str) -> Array:
     cells = [line.split() for _, line in rows]
     try:
         table = np.array(cells, dtype=np.float64)
@@ -88,8 +100,6 @@ def parse_numbers(rows: list[tuple[int, str]], n_columns: int, file_name: str) -
             return table
     except ValueError:
         pass
-    if not rows:
-        return np.empty((0, n_columns))
     for (number, _), row in zip(rows, cells, strict=True):
         if len(row) != n_columns:
             raise InputError(f"{file_name}: line {number} has {len(row)} numbers, but there are {n_columns} columns")

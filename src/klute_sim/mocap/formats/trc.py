@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from klute_sim.errors import InputError
+from klute_sim.files.lines import check_column_count
 from klute_sim.mocap.formats import content
 from klute_sim.mocap.formats.content import FileContent
 from klute_sim.types import Array
@@ -34,7 +35,7 @@ def read(path: str | Path) -> Markers:
 
 def parse(file: FileContent) -> Markers:
     """Parse the markers of ``file``; raise InputError with the location of the first mistake."""
-    file_name, lines = file.name, file.decode().splitlines()
+    file_name, lines = file.name, file.read_lines()
     if len(lines) < N_HEADER_LINES + 2 or not lines[0].startswith("PathFileType"):
         raise InputError(f"{file_name} is not a .trc file: it must start with 'PathFileType' and five header lines")
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
@@ -48,6 +49,7 @@ def parse(file: FileContent) -> Markers:
     duplicate = next((name for name in names if names.count(name) > 1), None)
     if duplicate is not None:
         raise InputError(f"{file_name}: marker '{duplicate[:40]}' occurs twice")
+    check_column_count(2 + 3 * len(names), file_name)
     rows = [(number, line) for number, line in enumerate(lines[N_HEADER_LINES:], N_HEADER_LINES + 1) if line.strip()]
     frames = header.get("NumFrames", "")
     if frames.isdecimal() and int(frames) != len(rows):

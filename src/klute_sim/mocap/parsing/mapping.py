@@ -24,10 +24,10 @@ from pathlib import Path
 from typing import Any, get_args
 
 from klute_sim.errors import InputError
-from klute_sim.mocap.formats import content
+from klute_sim.files.limits import MAPPING
+from klute_sim.files.toml import read_toml
 from klute_sim.mocap.parsing import channel_names
 from klute_sim.mocap.parsing.channel_names import Side
-from klute_sim.toml_files import parse_toml
 
 BODY_SECTION, PROSTHESIS_SECTION = "body", "prosthesis"
 MARKER_ROLES = ("hip", "knee", "ankle", "heel", "toe", "midfoot", "thigh", "shank", "asis", "psis", "sacrum")
@@ -72,7 +72,7 @@ def read(path: Path | None) -> ImportMapping:
     """Read the mapping file at ``path`` (None: an empty mapping); raise InputError with the key and allowed values."""
     if path is None:
         return ImportMapping()
-    keys = parse_toml(content.read(path).data, str(path))
+    keys = read_toml(path, MAPPING)
     sides = get_args(Side)
     _check_keys(keys, (*sides, BODY_SECTION, PROSTHESIS_SECTION, "markers", "axes", "clock"), str(path))
     channels = {}

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from klute_sim.datasets import text
 from klute_sim.errors import InputError
+from klute_sim.files.lines import check_duration
+from klute_sim.files.parquet import open_parquet
 from klute_sim.mocap.formats import c3d, content, storage, trc
 from klute_sim.mocap.formats.c3d import ForcePlate
 from klute_sim.mocap.formats.content import FileContent
@@ -136,6 +136,8 @@ def read(path: str | Path, time_offset: float = 0.0) -> SourceFile:
                 f"{path}: marker {name[:40]!r} is {np.nanmax(np.abs(position)):.3g} m away from the origin; check the "
                 "unit"
             )
+    if source.markers is not None:
+        check_duration(source.markers.time, str(path))
     for name in (*source.labels, *positions):
         if not name.isprintable():  # terminals interpret control characters
             raise InputError(f"{path}: the name {name[:40]!r} contains unprintable characters")
@@ -188,20 +190,12 @@ def _get_opensim_unit(label: str, angle_unit: str) -> str:
 
 
 def _read_parquet(file: FileContent, digest: str) -> SourceFile:
-    try:
-        table = pq.read_table(pa.BufferReader(file.data))
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise InputError(f"{file.name} is not a Parquet file: {str(error).splitlines()[0]}") from None
-
-    def read_column(label: str) -> Array:
-        try:
-            return np.asarray(table.column(label).cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
-        except (pa.ArrowException, ValueError) as error:
-            reason = str(error).splitlines()[0]
-            raise InputError(f"{file.name}: column '{label}' is not numeric: {reason}") from None
-
-    labels = tuple(table.column_names)
-    return SourceFile(file.name, "table (Parquet)", digest, labels, _parse_units(labels), read_column)
+    table = open_parquet(file.data, file.name)
+    labels = table.headings
+    return SourceFile(
+        *(file.name, "table (Parquet)", digest, labels, _parse_units(labels)),
+        lambda label: table.read_column(labels.index(label)),
+    )
 
 
 def _parse_units(labels: Sequence[str]) -> dict[str, str]:

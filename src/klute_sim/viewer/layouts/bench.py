@@ -1,6 +1,5 @@
 """Viewer recording of a bench run: force over length, metrics, and some trials over time."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,6 +8,8 @@ import numpy as np
 
 from klute_sim import units
 from klute_sim.errors import InputError
+from klute_sim.files.json import read_json
+from klute_sim.files.limits import RESULT
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.report.bench.table import TABLE_METRICS
@@ -58,7 +59,7 @@ def rebuild_recording(folder: Path, path: Path) -> None:
 
     Raises MissingExtraError without rerun, and InputError for damaged files.
     """
-    summary = json.loads((folder / "summary.json").read_text("utf-8"))
+    summary = read_json(folder / "summary.json", RESULT)
     trials = [
         RecordedBenchTrial(
             trial["name"],

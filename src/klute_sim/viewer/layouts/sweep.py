@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 
 from klute_sim.errors import InputError
+from klute_sim.files.limits import RECORDING
+from klute_sim.files.parquet import open_parquet
+from klute_sim.files.reading import read_bytes
 from klute_sim.viewer import chart, stream
 from klute_sim.viewer.stream import PALETTE
 
@@ -36,8 +38,8 @@ def rebuild_recording(folder: Path, path: Path) -> None:
 
     Raises MissingExtraError without rerun.
     """
-    table = pq.read_table(folder / "sweep.parquet")
-    rows = table.to_pylist()
+    path_of_table = folder / "sweep.parquet"
+    rows = open_parquet(read_bytes(path_of_table, RECORDING), str(path_of_table), with_text=True).read_rows()
     if not rows:
         raise InputError(f"{folder} has no simulated combination to show")
     charts = build_charts(rows)

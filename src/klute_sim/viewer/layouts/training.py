@@ -1,7 +1,5 @@
 """Viewer recording of a training: learning curve, and the policy compared with the hand-tuned profile."""
 
-import csv
-import json
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -9,6 +7,9 @@ from typing import Any
 import numpy as np
 
 from klute_sim.errors import InputError
+from klute_sim.files.json import read_json
+from klute_sim.files.limits import RESULT
+from klute_sim.files.lines import read_csv_records
 from klute_sim.training.folder import LEARNING_CURVE_FILE
 from klute_sim.training.training import LEARNING_CURVE_COLUMNS
 from klute_sim.types import Array
@@ -29,12 +30,12 @@ def rebuild_recording(folder: Path, path: Path) -> None:
     Raises MissingExtraError without rerun, and InputError before the end of the first episode.
     """
     rr = stream.import_rerun()
-    lines = list(csv.DictReader((folder / LEARNING_CURVE_FILE).read_text("utf-8").splitlines()))
+    lines = read_csv_records(folder / LEARNING_CURVE_FILE, RESULT)
     curve = {name: np.array([float(line[name]) for line in lines]) for name in LEARNING_CURVE_COLUMNS}
     if not lines:
         raise InputError(f"{folder} has no learning curve yet: no episode has ended")
     summary_file = folder / "summary.json"
-    summary = json.loads(summary_file.read_text("utf-8")) if summary_file.is_file() else None
+    summary = read_json(summary_file, RESULT) if summary_file.is_file() else None
     layout = partial(build_blueprint, int(curve["steps"][-1]))
     with stream.open_recording(path, "training", [folder.name, summary, lines], layout) as out:
         stream.log_text(out, SUMMARY_ENTITY, format_page(curve, summary))

@@ -1,13 +1,14 @@
 """Viewer recording of a tuning: objective of every evaluation, tracking error over air, and tuned parameters."""
 
-import csv
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from klute_sim.controllers.pressure import PressureProfile, load_profile
+from klute_sim.files.json import read_json
+from klute_sim.files.limits import RESULT
+from klute_sim.files.lines import read_csv_records
 from klute_sim.types import Array
 from klute_sim.units import BAR
 from klute_sim.viewer import chart, stream
@@ -30,10 +31,10 @@ def rebuild_recording(folder: Path, path: Path) -> None:
     Raises MissingExtraError without rerun.
     """
     rr = stream.import_rerun()
-    result = json.loads((folder / "tuning.json").read_text("utf-8"))
-    lines = list(csv.DictReader((folder / EVALUATIONS_FILE).read_text("utf-8").splitlines()))
+    result = read_json(folder / "tuning.json", RESULT)
+    lines = read_csv_records(folder / EVALUATIONS_FILE, RESULT)
     evaluations = {name: np.array([float(line[name] or "nan") for line in lines]) for name in EVALUATION_COLUMNS}
-    initial = json.loads((folder / "tune.json").read_text("utf-8"))["profile"]
+    initial = read_json(folder / "tune.json", RESULT)["profile"]
     before = PressureProfile(initial["name"], tuple(initial["gait_pct"]), tuple(initial["pressure_bar"]))
     charts = build_front_chart(evaluations, result), build_pressure_chart(before, load_profile(folder / "tuned.csv"))
     with stream.open_recording(path, "tuning", [result, lines], lambda: build_blueprint(*charts)) as out:

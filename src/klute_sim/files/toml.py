@@ -12,6 +12,9 @@ from pydantic_core import ErrorDetails
 from pydantic_core.core_schema import ErrorType
 
 from klute_sim.errors import InputError
+from klute_sim.files.limits import FileKind
+from klute_sim.files.reading import decode_text, read_bytes
+from klute_sim.files.values import check_toml_nesting, check_values
 
 MAX_VALUE_LENGTH = 60
 """Maximum number of letters of a refused value that an error message quotes."""
@@ -19,16 +22,12 @@ MAX_VALUE_LENGTH = 60
 _BUILTIN_ERROR_TYPES = frozenset(get_args(ErrorType))
 
 
-def read_toml(path: str | Path, description: str) -> dict[str, Any]:
-    """Return the content of the TOML file at ``path``; ``description`` names the file in errors.
+def read_toml(path: str | Path, kind: FileKind) -> dict[str, Any]:
+    """Return the content of the TOML file at ``path``, whose ``kind`` sets its limits and its name in errors.
 
     Raises InputError when the file cannot be read or is not valid TOML.
     """
-    try:
-        content = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{description} cannot be read: {error.strerror}") from None
-    return parse_toml(content, description)
+    return parse_toml(read_bytes(path, kind), kind.describe(path))
 
 
 def parse_toml(content: bytes, description: str) -> dict[str, Any]:
@@ -36,14 +35,19 @@ def parse_toml(content: bytes, description: str) -> dict[str, Any]:
 
     ``description`` names the file in errors, such as ``"device file my.toml"``.
 
-    Raises InputError when ``content`` is not UTF-8 text or not valid TOML.
+    Raises InputError when ``content`` is not UTF-8 text or not valid TOML, is nested too deeply, or holds a number that
+    is not finite, an integer of more than 63 bits, a date or a control character.
     """
+    text = decode_text(content, description)
+    check_toml_nesting(text, description)
     try:
-        return tomllib.loads(content.decode("utf-8-sig"))
-    except UnicodeDecodeError:
-        raise InputError(f"{description} cannot be read: not a UTF-8 text file") from None
-    except (ValueError, RecursionError) as error:  # also integers that are too long, and tables nested too deeply
+        keys = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"{description} is not valid TOML: {error}") from None
+    except ValueError:  # int() refuses more than 4300 digits
+        raise InputError(f"{description} holds an integer of thousands of digits; allowed: up to 63 bits") from None
+    check_values(keys, description)
+    return keys
 
 
 def validation_sentence(

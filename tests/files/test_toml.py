@@ -6,7 +6,8 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from klute_sim.errors import InputError
-from klute_sim.toml_files import format_toml, parse_toml, read_toml, validation_sentence
+from klute_sim.files.limits import FileKind
+from klute_sim.files.toml import format_toml, parse_toml, read_toml, validation_sentence
 
 
 class Part(BaseModel):
@@ -26,8 +27,18 @@ class Document(BaseModel):
     [
         (b"\xff\xfe", "file x cannot be read: not a UTF-8 text file"),
         (b"[a", "file x is not valid TOML"),
-        (b"a = " + b"9" * 5000, "file x is not valid TOML"),
-        (b"a = " + b"[" * 5000, "file x is not valid TOML"),
+        (b"a = " + b"9" * 5000, "file x holds an integer of thousands of digits; allowed: up to 63 bits"),
+        (b"a = " + b"9" * 400, "file x: 'a' is an integer of 1329 bits; allowed: up to 63 bits"),
+        (b"a = 9223372036854775808", "file x: 'a' is an integer of 64 bits"),
+        (b"[t]\na = [1.0, 1e999]", "file x: 't.a.2' is inf; allowed: finite numbers"),
+        (b"a = nan", "file x: 'a' is nan; allowed: finite numbers"),
+        (b"a = 1979-05-27", "file x: 'a' is a date; allowed: numbers, text"),
+        (b'a = "\\u001b[31m"', r"file x: 'a' contains the control character U\+001B"),
+        (b'"\\u202e" = 1', r"file x contains the control character U\+202E"),
+        (b"a = " + b"[" * 5000, "file x is nested too deeply; allowed: tables and lists in up to 64 others"),
+        (b"a = " + b"{b = " * 3000, "file x is nested too deeply"),
+        (b"a." * 100_000 + b"a = 1", "file x is nested too deeply"),
+        (b"[" + b"a." * 3000 + b"a]", "file x is nested too deeply"),
     ],
 )
 def test_invalid_toml_is_one_sentence(content: bytes, message: str) -> None:
@@ -40,8 +51,8 @@ def test_byte_order_mark_is_accepted() -> None:
 
 
 def test_missing_file_is_one_sentence() -> None:
-    with pytest.raises(InputError, match=r"file x cannot be read: No such file"):
-        read_toml("/no/such/file.toml", "file x")
+    with pytest.raises(InputError, match=r"file /no/such/file.toml cannot be read: No such file"):
+        read_toml("/no/such/file.toml", FileKind("file", 100))
 
 
 @pytest.mark.parametrize(
