@@ -6,14 +6,18 @@ import numpy as np
 
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.gait.positions import Motion, ScaledSeries
-from klute_sim.plausibility.gait.steps import Step, average_cycle, measure_stride_time
+from klute_sim.plausibility.gait.steps import TOE_OFF_PCT, Step, average_cycle, measure_stride_time
 from klute_sim.plausibility.samples import compute_correlation
 
 MIN_LOAD_PER_STATURE = 33.0
 """Smallest mean vertical force of one foot over the stride, over the square of the stature [N/m2] (assumed: half of the
 load of a slim adult on crutches is 45, pounds under newtons are 25)."""
-SPEED_PER_SHANK_RATE = 0.72
-"""Walking speed over shank rate in stance and leg length [1], from the typical gait."""
+SPEED_PER_SHANK_RATE = 0.9
+"""Walking speed over mean shank rate in stance and leg length [1], from the typical gait."""
+MAX_STATURE = 1.85
+"""Largest stature that the motion can show [m]; a larger estimate is a long stride."""
+ADULT_LEG = 0.86
+"""Length of thigh and shank of an adult [m]."""
 STATURE_PER_LEG = 2.03
 """Stature over the length of thigh and shank [1] (Winter: 0.245 + 0.246)."""
 MIN_FLAT_FOOT_MOTION = 0.03
@@ -65,23 +69,36 @@ def check_moment(channels: Mapping[str, ScaledSeries], steps: list[Step], place:
         f"`ankle_moment` is {ratio:.2g} times the moment of the ground reaction about the ankle: it looks like "
         f"{other}; correct the units"
     )
-    name = "grf_vertical-unit" if 3.5 < ratio < 12.0 else "ankle_moment-unit"
+    name = "grf_vertical-unit" if 3.0 < ratio < 12.0 else "ankle_moment-unit"
     return [Finding(name, place, statement)]
+
+
+def estimate_walking_speed(channels: Mapping[str, ScaledSeries], steps: list[Step]) -> float:
+    """Return the walking speed of an adult whose shank turns over the foot as fast as this one [m/s]."""
+    return max(0.15, SPEED_PER_SHANK_RATE * ADULT_LEG * _measure_shank_rate(channels, steps))
+
+
+def _measure_shank_rate(channels: Mapping[str, ScaledSeries], steps: list[Step]) -> float:
+    """Return the mean forward angular velocity of the shank in stance [rad/s]."""
+    shank = average_cycle(channels["shank_angle"].series, steps)
+    return float(shank[60] - shank[2]) / (58.0 / TOE_OFF_PCT * _measure_stance(steps))
+
+
+def _measure_stance(steps: list[Step]) -> float:
+    return float(np.mean([step.toe_off - step.strike for step in steps]))
 
 
 def check_load_against_size(
     channels: Mapping[str, ScaledSeries], steps: list[Step], motion: Motion, place: str
 ) -> list[Finding]:
     """Return whether the load is too small for a person with legs as long as the motion shows."""
-    shank = average_cycle(channels["shank_angle"].series, steps)
-    stance = float(np.mean([step.toe_off - step.strike for step in steps]))
-    rate = float(shank[40] - shank[12]) / (28.0 / 62.0 * stance)
+    rate, stance = _measure_shank_rate(channels, steps), _measure_stance(steps)
     if not rate > 0.2 or not motion.walking_speed > 0.2:
         return []
-    stature = STATURE_PER_LEG * motion.walking_speed / (SPEED_PER_SHANK_RATE * rate)
+    stature = min(STATURE_PER_LEG * motion.walking_speed / (SPEED_PER_SHANK_RATE * rate), MAX_STATURE)
     force = average_cycle(channels["grf_vertical"].series, steps)
     mean_load = float(np.nanmean(force[:62])) * stance / measure_stride_time(steps)
-    if not 0.9 < stature < 2.4 or mean_load > MIN_LOAD_PER_STATURE * stature**2:
+    if stature < 0.9 or mean_load > MIN_LOAD_PER_STATURE * stature**2:
         return []
     statement = (
         f"`grf_vertical` is {mean_load:.0f} N on average over the stride, but the legs are those of a person of about "

@@ -6,8 +6,8 @@ from klute_sim.types import Array
 
 MAX_SPIKE_PERCENT = 1.0
 """Percentage of samples that may exceed what counts as the peak, such as an impact (assumed)."""
-RATIO_RANGE = (0.022, 0.75)
-"""Plausible ratio of the largest fore-aft to the largest vertical force; slow walking has 0.05, a sprint start 0.7."""
+RATIO_RANGE = (0.028, 0.62)
+"""Plausible ratio of the largest fore-aft to the largest vertical force; slow walking has 0.05, steep slopes 0.35."""
 
 
 def measure_peak(values: Array) -> float:

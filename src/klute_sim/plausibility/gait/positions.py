@@ -1,12 +1,13 @@
 """Positions of the ankle and the centre of pressure: unit, axis, direction and origin."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.gait.steps import TOE_OFF_PCT, Series, Step, average_cycle
-from klute_sim.plausibility.units import UNITS, Range, format_value, guess_unit, round_digits
+from klute_sim.plausibility.units import UNITS, Range, format_value, round_digits
 from klute_sim.types import Array, Mask
 
 RISE_RANGE = Range(0.022, 0.9, 0.15)
@@ -103,6 +104,8 @@ def find_exchanged_axes(x: ScaledSeries, z: ScaledSeries, steps: list[Step], pla
     as_is, exchanged = (measure_motion(a.series, b.series, steps) for a, b in ((x, z), (z, x)))
     if abs(exchanged.swing_speed) < 3.0 * abs(as_is.swing_speed) or abs(exchanged.rise) > 0.6 * abs(as_is.rise):
         return []
+    if not (SPEED_RANGE.contains(abs(exchanged.swing_speed)) and RISE_RANGE.contains(abs(exchanged.rise))):
+        return []
     statement = (
         f"`{x.channel}` rises and falls in swing and `{z.channel}` travels forward: the axes are exchanged; exchange "
         "the columns"
@@ -110,17 +113,31 @@ def find_exchanged_axes(x: ScaledSeries, z: ScaledSeries, steps: list[Step], pla
     return [Finding(f"{x.channel}-exchanged", place, statement)]
 
 
-def check_unit(position: ScaledSeries, size: float, plausible: Range, meaning: str, place: str) -> list[Finding]:
-    """Return the finding on the unit of ``position``, whose ``size`` [SI] has a ``plausible`` range."""
-    guess = guess_unit(abs(size), position.factor, "m", plausible)
+def guess_length_unit(size: float, factor: float, plausible: Range) -> str:
+    """Return the unit that brings a ``size`` [SI], as read with ``factor``, closest to the typical one; '' for none.
+
+    A smaller number is taken for metres only.
+    """
+    if plausible.contains(size) or not size > 0.0:
+        return ""
+    units = {unit: size / factor * other for unit, other in UNITS["m"].items() if other < factor or unit == "m"}
+    possible = {unit: value for unit, value in units.items() if plausible.contains(value)}
+    return min(possible, key=lambda unit: abs(math.log(possible[unit] / plausible.typical)), default="")
+
+
+def check_unit(
+    position: ScaledSeries, size: float, plausible: Range, meaning: str, place: str
+) -> tuple[list[Finding], str]:
+    """Return the finding on the unit of ``position``, whose ``size`` [SI] has a ``plausible`` range, and the unit."""
+    guess = guess_length_unit(abs(size), position.factor, plausible)
     if not guess:
-        return []
+        return [], ""
     what = format_value(abs(size), position.unit, position.factor)
     statement = (
         f"`{position.channel}` in [{position.unit}]: {meaning} {what}, which no leg does: it looks like {guess}; "
         "correct the unit in its heading"
     )
-    return [Finding(f"{position.channel}-unit", place, statement)]
+    return [Finding(f"{position.channel}-unit", place, statement)], guess
 
 
 def check_height(z: ScaledSeries, steps: list[Step], place: str) -> list[Finding]:

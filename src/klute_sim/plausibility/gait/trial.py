@@ -27,20 +27,31 @@ MOTION_CHANNELS = ("shank_angle", "ankle_x", "ankle_z", "ankle_angle")
 """Channels that are never constant in gait."""
 
 
+GAIT_CHANNELS = (
+    *("shank_angle", "ankle_x", "ankle_z", "grf_vertical", "grf_forward", "cop_x"),
+    *("ankle_angle", "ankle_moment"),
+)
+"""Channels of motion and load: six that every trial has, and two that it may have."""
+MAX_POUNDS = 330.0
+"""Peak vertical force of a heavy walker in lbf."""
+
+
 class GaitChannels(NamedTuple):
     """Channels of a trial, and the time unit as read."""
 
     place: str
     """Trial, such as ``trial 'a'``."""
     channels: Mapping[str, ScaledSeries]
-    """Name -> samples in SI units: ``shank_angle``, ``ankle_x``, ``ankle_z``, ``grf_vertical``, ``grf_forward``,
-    ``cop_x``, and where measured ``ankle_angle`` and ``ankle_moment``."""
+    """Name of :data:`GAIT_CHANNELS` -> samples in SI units."""
 
 
 def find_trial_findings(trial: GaitChannels) -> list[Finding]:
     """Return what is implausible in ``trial``; later checks are left out where an earlier finding explains them."""
-    findings, channels = _find_missing(trial)
     place = trial.place
+    exchanged = _find_exchanged_cop(trial.channels, place)
+    if exchanged:
+        return exchanged
+    findings, channels = _find_missing(trial)
     exchanged = _find_exchanged_forces(channels, place)
     if exchanged:
         return [*findings, *exchanged]
@@ -63,7 +74,8 @@ def find_trial_findings(trial: GaitChannels) -> list[Finding]:
             for name, channel in channels.items()
         }
         steps = find_steps(channels["grf_vertical"].series)
-    findings += _find_motion(channels, steps, place)
+    has_load_fault = any(finding.name.startswith(("grf", "ankle_moment")) for finding in findings)
+    findings += _find_motion(channels, steps, place, has_load_fault)
     return findings
 
 
@@ -79,7 +91,7 @@ def _find_missing(trial: GaitChannels) -> tuple[list[Finding], dict[str, ScaledS
             text = f"{code.code:g} in {code.n_samples} sample{'' if code.n_samples == 1 else 's'}"
         elif name in MOTION_CHANNELS:
             is_missing = _find_zero_samples(values)
-            text = f"exactly 0 in {int(is_missing.sum())} samples, far from its other samples,"
+            text = f"exactly 0 in {int(is_missing.sum())} samples, far from its other samples"
         if is_missing.any() and not is_missing.all():
             statement = f"`{name}` is {text}: it looks like a code for missing samples; leave these cells empty or out"
             findings.append(Finding(f"{name}-missing", trial.place, statement))
@@ -93,14 +105,26 @@ def _find_zero_samples(values: Array) -> Mask:
     """Return which samples lie in runs of zeros that the signal enters or leaves by a jump."""
     is_zero = find_zero_blocks(values, MIN_ZERO_SAMPLES)
     span = measure_span(values[~is_zero]) if (~is_zero).any() else 0.0
-    jumps = np.abs(np.diff(values, append=values[-1:])) > max(
-        0.2 * span, 5.0 * float(np.median(np.abs(np.diff(values))))
-    )
+    steps = np.abs(np.diff(values, append=values[-1:]))
+    jumps = steps > max(0.02 * span, 5.0 * float(np.percentile(steps, 95.0)))
     edges = np.flatnonzero(np.diff(np.r_[False, is_zero, False].astype(np.int8)))
     result = np.zeros(len(values), dtype=np.bool_)
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         result[start:stop] = (start > 0 and jumps[start - 1]) or (stop < len(values) and jumps[stop - 1])
     return result
+
+
+def _find_exchanged_cop(channels: Mapping[str, ScaledSeries], place: str) -> list[Finding]:
+    """Return whether only the ankle is without samples where the foot is not loaded."""
+    ankle, cop = (channels[name].series.value for name in ("ankle_x", "cop_x"))
+    is_cop_known = float(np.mean(np.isfinite(cop) & (cop != 0.0))) > 0.95
+    if not is_cop_known or float(np.mean(ankle == 0.0)) < 0.15:
+        return []
+    statement = (
+        "`ankle_x` is 0 for a part of every stride and `cop_x` never is: only the centre of pressure is unknown in "
+        "swing, so the columns look exchanged; exchange their headings"
+    )
+    return [Finding("ankle_x-exchanged", place, statement)]
 
 
 def _find_exchanged_forces(channels: Mapping[str, ScaledSeries], place: str) -> list[Finding]:
@@ -126,6 +150,8 @@ def _find_load_units(channels: Mapping[str, ScaledSeries], place: str) -> list[F
         findings.append(_describe_unit(vertical, peak, guess, place))
         if low < ratio < high:
             findings.append(_describe_unit(forward, forward_peak, "the same unit as `grf_vertical`", place))
+    elif ratio > high and peak < MAX_POUNDS:
+        findings.append(_describe_unit(vertical, peak, "lbf (`grf_forward` is too large for it)", place))
     elif ratio > high:
         findings.append(_describe_unit(forward, forward_peak, "a smaller unit than that of `grf_vertical`", place))
     elif 0.0 < ratio < low:
@@ -158,6 +184,8 @@ def _find_time_unit(time: Array, steps: list[Step], place: str) -> tuple[list[Fi
     guesses = [(unit, factor) for unit, factor in UNITS["s"].items() if low <= stride_time * factor <= high]
     guesses += [("frames, per cent or hundredths of a second", 0.01)] if low <= 0.01 * stride_time <= high else []
     guess, factor = guesses[0] if guesses else ("a wrong unit", 0.0)
+    if abs(float(time[0])) < 1.0 and abs(float(time[-1]) - 100.0) < 1.5:
+        guess, factor = "per cent of the recording", 1.1 / stride_time
     if is_counted:
         guess = "sample numbers (frames)" if guess != "ms" else "ms or sample numbers (frames)"
         factor = factor or 1.0 / stride_time
@@ -168,7 +196,9 @@ def _find_time_unit(time: Array, steps: list[Step], place: str) -> tuple[list[Fi
     return [Finding("time-unit", place, statement)], factor
 
 
-def _find_motion(channels: dict[str, ScaledSeries], steps: list[Step], place: str) -> list[Finding]:
+def _find_motion(
+    channels: dict[str, ScaledSeries], steps: list[Step], place: str, has_load_fault: bool
+) -> list[Finding]:
     findings: list[Finding] = []
     x, z = channels["ankle_x"], channels["ankle_z"]
     exchanged = positions.find_exchanged_axes(x, z, steps, place) + _find_exchanged_angles(channels, steps, place)
@@ -201,9 +231,9 @@ def _find_motion(channels: dict[str, ScaledSeries], steps: list[Step], place: st
         has_opposite_shank = any(finding.name.startswith("shank_angle") for finding in directions)
         findings += [] if has_opposite_shank else consistency.check_ankle_sign(channels, steps, place)
     has_moment_arm = not cop_findings and not has_x_fault and not flagged & {"ankle_z", "ankle_x"}
-    if "ankle_moment" in channels and has_moment_arm:
+    if "ankle_moment" in channels and has_moment_arm and not has_load_fault:
         findings += consistency.check_moment(channels, steps, place)
-    if not any(finding.name.startswith(("grf", "shank")) for finding in findings):
+    if not has_load_fault and not any(finding.name.startswith(("grf", "shank", "ankle_x")) for finding in findings):
         findings += consistency.check_load_against_size(channels, steps, motion, place)
     return findings
 
@@ -228,19 +258,19 @@ def _find_exchanged_angles(channels: Mapping[str, ScaledSeries], steps: list[Ste
 
 def _check_position_units(channels: dict[str, ScaledSeries], steps: list[Step], place: str) -> list[Finding]:
     """Return the findings on the units of the ankle's position, and correct these in ``channels``."""
-    findings = []
+    findings: list[Finding] = []
     x, z = channels["ankle_x"], channels["ankle_z"]
     motion = positions.measure_motion(x.series, z.series, steps)
+    stance_share = float(np.mean([(s.toe_off - s.strike) / (s.next_strike - s.strike) for s in steps]))
+    speed = consistency.estimate_walking_speed(channels, steps) / max(1.0 - stance_share, 0.15)
     for name, size, plausible, meaning in (
-        ("ankle_x", motion.swing_speed, positions.SPEED_RANGE, "per second the ankle travels"),
+        ("ankle_x", motion.swing_speed, positions.SPEED_RANGE._replace(typical=speed), "per second the ankle travels"),
         ("ankle_z", motion.rise, positions.RISE_RANGE, "in swing the ankle rises by"),
     ):
-        found = positions.check_unit(channels[name], size, plausible, meaning, place)
-        if found:
-            guess = found[0].statement.rsplit("it looks like ", 1)[1].split(";")[0]
+        found, guess = positions.check_unit(channels[name], size, plausible, meaning, place)
+        if guess:
             channels[name] = channels[name].multiply(UNITS["m"][guess] / channels[name].factor)
         findings += found
-    stance_share = np.mean([(s.toe_off - s.strike) / (s.next_strike - s.strike) for s in steps])
     if not findings and stance_share > 0.54 and motion.walking_speed > positions.MAX_WALKING_SPEED:
         statement = (
             f"`ankle_x` in [{x.unit}]: the foot walks at {motion.walking_speed:.1f} m/s, but stands for "
@@ -271,7 +301,7 @@ def _find_directions(
         "cop_x": bool(progression < positions.MAX_COP_PROGRESSION),
     }
     opposite = {name: is_opposite for name, is_opposite in opposite.items() if name not in flagged or name == "ankle_x"}
-    is_lifted_under_load = motion.rise < -0.5 * positions.RISE_RANGE.low
+    is_lifted_under_load = motion.rise < -2.0 * positions.RISE_RANGE.low
     if is_lifted_under_load and opposite["ankle_x"]:
         statement = (
             "the foot travels and rises while it is loaded, and rests without load: motion and load are of different "
@@ -298,7 +328,7 @@ def _find_directions(
         for name, is_opposite in opposite.items()
         if is_opposite
     ]
-    if abs(motion.swing_speed) < 0.5 * positions.SPEED_RANGE.low and "ankle_x" not in flagged:
+    if abs(motion.swing_speed) < positions.SPEED_RANGE.low and "ankle_x" not in flagged:
         statement = (
             f"`ankle_x` hardly moves in swing ({round_digits(motion.swing_speed):g} m/s relative to stance): it looks "
             "like the sideways axis; give the forward axis"
@@ -307,7 +337,7 @@ def _find_directions(
     if is_lifted_under_load and "ankle_z" not in flagged:
         statement = "`ankle_z` is lower in swing than in stance: up is positive; multiply it by -1"
         findings.append(Finding("ankle_z-sign", place, statement))
-    elif abs(motion.rise) < positions.RISE_RANGE.low and "ankle_z" not in flagged:
+    elif motion.rise < positions.RISE_RANGE.low and "ankle_z" not in flagged:
         statement = (
             f"`ankle_z` rises by {1e3 * motion.rise:.0f} mm in swing: it looks like the sideways axis; give the height"
         )
