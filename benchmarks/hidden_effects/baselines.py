@@ -285,7 +285,7 @@ def _compute_gap(
     return {
         channel: {
             "unit": CHANNEL_UNITS[channel][0],
-            "before": _rms(old[channel]) / CHANNEL_UNITS[channel][1],
+            "refitted": _rms(old[channel]) / CHANNEL_UNITS[channel][1],
             "after": _rms(new[channel]) / CHANNEL_UNITS[channel][1],
             "floor": floor.std / CHANNEL_UNITS[channel][1],
         }

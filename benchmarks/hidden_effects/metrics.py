@@ -250,8 +250,8 @@ def removed_gap_fraction(row: DatasetResult) -> float | None:
     gaps = [gap for gap in row.verdict.get("gap", {}).values() if gap["floor"]]
     if not gaps or residual_over_noise(row.verdict) < MIN_RELEVANT_SIZE:
         return None
-    gap = max(gaps, key=lambda channel_gap: channel_gap["before"] / channel_gap["floor"])
-    return float((gap["before"] - gap["after"]) / (gap["before"] - gap["floor"]))
+    gap = max(gaps, key=lambda channel_gap: channel_gap["refitted"] / channel_gap["floor"])
+    return float((gap["refitted"] - gap["after"]) / (gap["refitted"] - gap["floor"]))
 
 
 def tabulate_power(rows: Iterable[DatasetResult]) -> dict[str, dict[float, str]]:

@@ -125,9 +125,9 @@ def _worst_gap(row: DatasetResult) -> tuple[float | None, float | None]:
     gaps = [gap for gap in row.verdict.get("gap", {}).values() if gap["floor"]]
     if not gaps:
         return None, None
-    gap = max(gaps, key=lambda channel_gap: channel_gap["before"] / channel_gap["floor"])
-    excess = gap["before"] - gap["floor"]
-    return gap["before"] / gap["floor"], (gap["before"] - gap["after"]) / excess if excess > 0.0 else None
+    gap = max(gaps, key=lambda channel_gap: channel_gap["refitted"] / channel_gap["floor"])
+    excess = gap["refitted"] - gap["floor"]
+    return gap["refitted"] / gap["floor"], (gap["refitted"] - gap["after"]) / excess if excess > 0.0 else None
 
 
 def _median(values: Iterable[float | None]) -> float | None:

@@ -46,11 +46,11 @@ def list_effect_sets(verdict: Verdict) -> list[list[str]]:
 
 def residual_over_noise(verdict: Verdict) -> float:
     """Return the residual of the refitted device on test trials, RMS over the noise, in the worst channel."""
-    return _gap_over_noise(verdict, "before")
+    return _gap_over_noise(verdict, "refitted")
 
 
 def _gap_over_noise(verdict: Verdict, stage: str) -> float:
-    """Return the RMS over the noise ``before`` or ``after`` adding effects; 0 where the noise is unknown."""
+    """Return the RMS over the noise at a ``stage`` of the gap; 0 where the noise is unknown."""
     gaps = [gap for gap in verdict.get("gap", {}).values() if gap["floor"]]
     return math.sqrt(max([0.0, *((gap[stage] / gap["floor"]) ** 2 - 1.0 for gap in gaps)]))
 

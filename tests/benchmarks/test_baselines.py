@@ -112,7 +112,7 @@ def test_sparse_regression_identifies_effects_and_ambiguities(tmp_path: Path) ->
     assert found["alternatives"] == [["laminar_orifice"]]
     assert found["terms"]["n v"] == pytest.approx(600.0, rel=0.1)
     assert score.score_verdict(truth, found) == "right"
-    assert found["gap"]["force"]["after"] < 0.5 * found["gap"]["force"]["before"]
+    assert found["gap"]["force"]["after"] < 0.5 * found["gap"]["force"]["refitted"]
     assert json.loads(json.dumps(found)) == found
     less = baselines.regress_sparsely(tmp_path / "thick", ["muscle_damping"])
     assert score.list_named_effects(less) == ["laminar_orifice"]
@@ -132,7 +132,7 @@ def test_bic_identifies_strong_effect(tmp_path: Path) -> None:
     if braid["form"] == "coulomb":
         assert braid["parameters"]["slope_n_per_bar"]["value"] == pytest.approx(12.0, rel=0.1)
     gap = found["gap"]["force"]
-    assert gap["after"] < 1.3 * gap["floor"] < 0.3 * gap["before"]
+    assert gap["after"] < 1.3 * gap["floor"] < 0.3 * gap["refitted"]
     assert json.loads(json.dumps(found)) == found
 
 
@@ -160,8 +160,8 @@ def test_report_compares_methods(capsys: pytest.CaptureFixture[str]) -> None:
 
     def row(verdict: str, after: float, outcome: str) -> DatasetResult:
         gap = {
-            "force": {"before": 11.0, "after": after, "floor": 3.0},
-            "pressure": {"before": 1, "after": 1, "floor": 1},
+            "force": {"refitted": 11.0, "after": after, "floor": 3.0},
+            "pressure": {"refitted": 1, "after": 1, "floor": 1},
         }
         told = [
             {**e, "channel": None, "parameters": {"force_n": {"value": 15.0, "low": 14.0, "high": 16.0}}}

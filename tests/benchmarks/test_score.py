@@ -30,7 +30,7 @@ MASS = {"name": "moving_mass", "form": "rigid", "parameters": {"mass_kg": 2.0}}
 
 
 def verdict(kind: str, *effects: dict, alternatives: tuple = (), left: float = 1.0, after: float = 1.0) -> dict:
-    gap = {"force": {"before": left, "after": after, "floor": 1.0}}
+    gap = {"force": {"refitted": left, "after": after, "floor": 1.0}}
     told = {"verdict": kind, "effects": list(effects), "alternatives": list(alternatives)}
     return told | {"gap": gap, "indistinguishable": [["braid_hysteresis", "seal_friction"]], "s": 10.0}
 

@@ -63,8 +63,12 @@ def test_hidden_friction_is_identified_with_its_size(friction: tuple[Diagnosis, 
     assert slope["low"] < 6.0 < slope["high"]
     assert slope["value"] == pytest.approx(6.0, rel=0.05)
     gap = verdict["gap"]["force"]
-    assert gap["before"] > 3.0 * gap["floor"]
+    assert gap["before"] >= gap["refitted"] > 3.0 * gap["floor"]
     assert gap["after"] < 1.10 * gap["floor"]
+    rejected = {entry["name"]: entry["reason"] for entry in verdict["rejected"]}
+    assert "braid_hysteresis" not in rejected
+    assert rejected.keys() >= {"seal_friction", "muscle_damping"}
+    assert all(rejected.values())
     assert words.describe_verdict(diagnosis) == "The simulated device lacks braid hysteresis (Coulomb)."
     assert words.describe_equation_residuals(diagnosis).startswith("If the instruments are correct, ")
     ending = " N rms of force are missing in muscle, damper or tendon; nothing is missing in the supply."
@@ -280,7 +284,7 @@ def test_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     assert verdict == json.loads((tmp_path / "results" / "verdict.json").read_text("utf-8"))
     assert set(verdict) == {
         *("schema", "verdict", "reasons", "effects", "alternatives", "indistinguishable", "split", "where", "gap"),
-        *("next_experiment", "device_file"),
+        *("rejected", "next_experiment", "device_file"),
     }
     assert verdict["schema"] == "klute-sim-verdict/2"
     assert verdict["effects"][0]["parameters"]["coefficient_n_s_per_m"]["value"] == pytest.approx(400.0, rel=0.05)

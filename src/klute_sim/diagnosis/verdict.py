@@ -8,6 +8,7 @@ from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.planning.identifiability import INDISTINGUISHABLE_COSINE
+from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.sparse_regression import format_formula
 from klute_sim.effects.families import instrument
@@ -58,6 +59,10 @@ def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "reasons": list(diagnosis.reasons),
         "effects": _list_effect_entries(diagnosis, diagnosis.final_fit) if diagnosis.final_fit else [],
         "alternatives": list_alternatives(diagnosis),
+        "rejected": [
+            {"name": r.term.effect, "form": r.term.form, "channel": r.term.channel, "reason": r.reason}
+            for r in list_rejections(diagnosis)
+        ],
         "indistinguishable": list_indistinguishable_pairs(diagnosis),
         "split": {"fit": list(split.fit), "validation": list(split.validation), "test": list(split.test)},
         "where": [
@@ -67,7 +72,8 @@ def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "gap": {
             channel: {
                 "unit": CHANNEL_UNITS[channel][0],
-                "before": rms.refitted / CHANNEL_UNITS[channel][1],
+                "before": rms.nominal / CHANNEL_UNITS[channel][1],
+                "refitted": rms.refitted / CHANNEL_UNITS[channel][1],
                 "after": rms.with_effects / CHANNEL_UNITS[channel][1],
                 "floor": None if rms.noise_floor is None else rms.noise_floor / CHANNEL_UNITS[channel][1],
             }

@@ -61,6 +61,8 @@ class SelectionStep:
     """Relative fall of chi squared of the accepted effect in each validation group."""
     reason: str
     """Reason for the decision."""
+    rejections: dict[EffectTerm, str] = field(default_factory=dict)
+    """Reason for the rejection of each tested candidate."""
 
 
 @dataclass(eq=False)
@@ -122,17 +124,19 @@ class ForwardSelection:
             reason = "no effect is predicted to explain more than noise would"
             return SelectionStep(current, tuple(candidates), (), None, {}, reason)
         refits = self.refit_candidates(current, select_shortlist(promising))
-        rejections: list[str] = []
+        rejections: dict[EffectTerm, str] = {}
         for rank, refit in enumerate(refits[:MAX_ACCEPTANCE_TESTS]):
             gains = self.compute_validation_gains(current, refit)
             rejection = self.rejection_reason(current, refit, gains)
             if not rejection:
                 bic_gain = self._bic(current) - self._bic(refit)
                 ordered = (refit, *refits[:rank], *refits[rank + 1 :])
-                reason = "; ".join([f"BIC falls by {bic_gain:.0f}", *rejections])
-                return SelectionStep(current, tuple(candidates), ordered, refit.hypothesis.terms[-1], gains, reason)
-            rejections.append(rejection)
-        return SelectionStep(current, tuple(candidates), tuple(refits), None, {}, "; ".join(rejections))
+                reason = "; ".join([f"BIC falls by {bic_gain:.0f}", *rejections.values()])
+                term = refit.hypothesis.terms[-1]
+                return SelectionStep(current, tuple(candidates), ordered, term, gains, reason, rejections)
+            rejections[refit.hypothesis.terms[-1]] = rejection
+        reason = "; ".join(rejections.values())
+        return SelectionStep(current, tuple(candidates), tuple(refits), None, {}, reason, rejections)
 
     def refit_candidates(self, current: Fit, candidates: Sequence[Candidate], bic_goal: float = np.inf) -> list[Fit]:
         """Return fits of ``current`` with each of ``candidates`` added, best first.
