@@ -134,7 +134,11 @@ def load_error(folder: Path) -> str:
         ("dataset/2", "dataset/3", "format = 'klute-sim-dataset/3' is refused; allowed: 'klute-sim-dataset/2'"),
         ('format = "klute-sim-dataset/2"\n', "", "key 'format' is missing; allowed: 'klute-sim-dataset/2'"),
         ('rig = "bench"', 'rig = "bank"', "rig = 'bank' is refused; allowed: 'bench' or 'gait'"),
-        ('rig = "bench"', 'rigg = "bench"', "unknown key 'rigg'; allowed here: format, rig, device, uncertain, trial"),
+        (
+            'rig = "bench"',
+            'rigg = "bench"',
+            "unknown key 'rigg'; allowed here: format, rig, device, uncertain, accept, trial",
+        ),
         ('device = "klute-3-4-pair"', "device = 3", "device = 3 is refused; allowed: a preset, or the path"),
         ('device = "klute-3-4-pair"', 'device = " "', "[device] ' ' is refused; allowed: a name or path on one"),
         (

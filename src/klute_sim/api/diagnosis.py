@@ -1,7 +1,7 @@
 """Diagnose a simulation with measured data: :func:`diagnose` and :func:`plan_measurements`, with their results."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import resources
@@ -162,14 +162,15 @@ class DiagnosisResult:
         write_page(diagnosis, folder / "report.html", recording)
 
 
-def load_dataset(folder: str | Path, device: DeviceLike | None = None) -> Dataset:
+def load_dataset(folder: str | Path, device: DeviceLike | None = None, *, accept: Collection[str] = ()) -> Dataset:
     """Read and check the dataset in ``folder``, which holds dataset.toml and its trials.
 
-    ``device`` (an object, the name of a preset or a path) replaces the device of the dataset.
+    ``device`` (an object, the name of a preset or a path) replaces the device of the dataset. ``accept`` holds names of
+    findings about implausible trials that are right nevertheless, as the error names them.
 
-    Raises InputError when a file cannot be read or is not valid.
+    Raises InputError when a file cannot be read or is not valid, or a trial is implausible.
     """
-    return datasets.load_dataset(folder, None if device is None else to_device(device))
+    return datasets.load_dataset(folder, None if device is None else to_device(device), accept)
 
 
 def write_example_dataset(folder: str | Path) -> None:
@@ -209,6 +210,7 @@ def diagnose(
     device: DeviceLike | None = None,
     only: Sequence[str] = (),
     exclude: Sequence[str] = (),
+    accept: Collection[str] = (),
     n_jobs: int = 0,
     seed: int = 0,
     progress: ProgressCallback | None = None,
@@ -220,6 +222,7 @@ def diagnose(
         device: Device in place of the dataset's, with the path of a folder only. None: the device of the dataset.
         only: Names of the candidate effects. Empty: all of the catalogue.
         exclude: Names of effects that are not candidates.
+        accept: Names of findings about implausible trials that are right nevertheless, with the path of a folder only.
         n_jobs: Number of threads. 0: all cores.
         seed: Random seed for multi-start fits.
         progress: Receives the completed fraction and the current stage.
@@ -229,9 +232,11 @@ def diagnose(
     if isinstance(dataset, Dataset):
         if device is not None:
             raise InputError("give the device to load_dataset(folder, device), not to diagnose")
+        if accept:
+            raise InputError("give accept to load_dataset(folder, accept=...), not to diagnose")
         data = dataset
     else:
-        data = load_dataset(dataset, device)
+        data = load_dataset(dataset, device, accept=accept)
     options = DiagnosisOptions(only=tuple(only), exclude=tuple(exclude), n_jobs=n_jobs, seed=seed)
     return DiagnosisResult(run_diagnosis(data, options, progress or (lambda fraction, stage: None)))
 

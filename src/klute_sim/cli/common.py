@@ -64,6 +64,12 @@ def _reject_height(context: click.Context, option: click.Parameter, value: str |
 
 REJECT_HEIGHT_OPTION = click.option("--height", hidden=True, expose_value=False, callback=_reject_height)
 """Hidden option that points users who look for ``--height`` to ``--stature``."""
+ACCEPT_OPTION = click.option(
+    "--accept",
+    multiple=True,
+    metavar="NAME",
+    help="Implausible property of the files that is right, as the error names it; may be repeated.  [default: none]",
+)
 CATALOGUE_OPTION = click.option(
     "--catalogue",
     type=NonEmptyPath(),

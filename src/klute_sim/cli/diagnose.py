@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 @click.option(
     "--exclude", multiple=True, metavar="EFFECT", help="Effect not to test; may be repeated.  [default: none]"
 )
+@common.ACCEPT_OPTION
 @common.CATALOGUE_OPTION
 @common.jobs_option("Number of threads; 0: one per core.  [default: 0]")
 @click.option(
@@ -47,6 +48,7 @@ def command(
     device_name: str | None,
     only: tuple[str, ...],
     exclude: tuple[str, ...],
+    accept: tuple[str, ...],
     catalogue: Path | None,
     jobs: int,
     seed: int,
@@ -68,6 +70,7 @@ def command(
       klute-sim diagnose example-dataset --example
       klute-sim diagnose my-dataset
       klute-sim diagnose my-dataset --device runs/diagnose-001/device.toml
+      klute-sim diagnose my-dataset --accept force-unit
       klute-sim diagnose my-dataset --only braid_hysteresis --only seal_friction --json
       klute-sim diagnose my-dataset --catalogue my_effects.py
     """
@@ -85,7 +88,7 @@ def command(
 
     if example:
         write_example_dataset(folder)
-    dataset = load_dataset(folder, device_name)
+    dataset = load_dataset(folder, device_name, accept=accept)
     for remark in dataset.remarks:
         stderr_console().print(f"{remark}.", soft_wrap=True)
     with create_run_folder("diagnose", out) as (run_folder, scratch):

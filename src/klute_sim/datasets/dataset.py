@@ -1,13 +1,13 @@
 """A dataset: a folder of measured trials, read and checked."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path, PurePath
 
+from klute_sim.datasets import checks
 from klute_sim.datasets import format as file_format
-from klute_sim.datasets import plausibility
 from klute_sim.datasets.channels import Rig
 from klute_sim.datasets.format import DatasetFile
 from klute_sim.datasets.split import Split, SplitEntry, assign_uses
@@ -17,6 +17,7 @@ from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.files.limits import DATASET
 from klute_sim.files.reading import MissingFileError, read_bytes
+from klute_sim.plausibility.finding import Finding, require_accepted
 
 DATASET_FILE_NAME = "dataset.toml"
 
@@ -39,6 +40,8 @@ class Dataset:
     """SHA-256 over ``dataset.toml``, the device file and every trial file."""
     remarks: tuple[str, ...]
     """Remarks about the files for the user, one sentence each."""
+    accepted: tuple[Finding, ...] = ()
+    """Implausible properties of the trials that the user accepts."""
 
     def __repr__(self) -> str:
         """Return folder, rig, device and number of trials on one line."""
@@ -65,11 +68,12 @@ class Dataset:
         return f"<p><code>{escape(repr(self))}</code></p><table><tr>{head}</tr>{body}</table>"
 
 
-def load_dataset(folder: str | Path, device: Device | None = None) -> Dataset:
+def load_dataset(folder: str | Path, device: Device | None = None, accept: Collection[str] = ()) -> Dataset:
     """Read and check the dataset in ``folder``.
 
-    ``device`` replaces the one that the dataset names. Raises InputError with one sentence that says what is wrong,
-    where, and what is allowed.
+    ``device`` replaces the one that the dataset names. ``accept`` holds names of findings about implausible trials
+    that are right nevertheless, in addition to those that the dataset accepts. Raises InputError with one sentence that
+    says what is wrong, where, and what is allowed.
     """
     folder = Path(folder)
     content = _read_content(folder)
@@ -89,7 +93,7 @@ def load_dataset(folder: str | Path, device: Device | None = None) -> Dataset:
 
     digest = hashlib.sha256(hashlib.sha256(content).digest() + bytes.fromhex(device.digest))
     file_remarks: list[tuple[str, ...]] = []
-    units: dict[str, str] = {}
+    units: list[Mapping[str, str]] = []
     trials: list[Trial] = []
     for entry, split_entry, trial_device in zip(file.trial, split_entries, devices, strict=True):
         files = tuple(folder / name for name in entry.files)
@@ -108,10 +112,9 @@ def load_dataset(folder: str | Path, device: Device | None = None) -> Dataset:
             measured=channels.measured,
             trusted=_validate_trusted(entry.trusted, channels.measured, trial_source),
         )
-        plausibility.check_plausibility(trial, channels.units)
         trials.append(trial)
-        units = {**channels.units, **units}
-    warning = plausibility.describe_implausible_commands(trials, units)
+        units.append(channels.units)
+    accepted = require_accepted(checks.find_implausible(file.rig, trials, units), {*file.accept, *accept})
     return Dataset(
         folder=folder,
         rig=file.rig,
@@ -119,7 +122,8 @@ def load_dataset(folder: str | Path, device: Device | None = None) -> Dataset:
         uncertainties=uncertainties,
         trials=tuple(trials),
         digest=digest.hexdigest(),
-        remarks=(*_collect_remarks(trials, file_remarks), *filter(None, [warning])),
+        remarks=(*_collect_remarks(trials, file_remarks), *_describe_accepted(accepted, file.accept, source)),
+        accepted=accepted,
     )
 
 
@@ -155,6 +159,13 @@ def _collect_remarks(trials: Sequence[Trial], file_remarks: Sequence[tuple[str, 
         if missing:
             remarks[f"trial '{trial.name}' has no {' and no '.join(missing)}, which its repeats have"] = None
     return list(remarks)
+
+
+def _describe_accepted(accepted: Sequence[Finding], names: Sequence[str], source: str) -> list[str]:
+    """Return a remark for each accepted finding and for each of ``names`` in the file that accepts nothing."""
+    found = {finding.name for finding in accepted}
+    unused = [f"{source}: 'accept' names '{name}', which was not found" for name in names if name not in found]
+    return [*(f"accepted: {finding.sentence}" for finding in accepted), *unused]
 
 
 def _read_content(folder: Path) -> bytes:

@@ -112,6 +112,8 @@ class DatasetFile(_Section):
     """Preset, or path of a device file relative to the folder."""
     uncertain: dict[str, Annotated[float | int | str, BeforeValidator(_validate_deviation)]] = {}
     """``section.key`` -> standard deviation, a number in the key's unit or a percentage."""
+    accept: list[Name] = []
+    """Names of findings about implausible trials that are right nevertheless."""
     trial: Annotated[list[TrialEntry], Field(min_length=1)]
     """Trials."""
 
@@ -121,6 +123,7 @@ _ALLOWED_VALUES: dict[str, str] = {
     "rig": "'bench' or 'gait'",
     "device": "a preset, or the path of a device file, as text",
     "uncertain": "a table of \"section.key\" = '10 %'",
+    "accept": "a list of names of findings, such as 'force-unit'",
     "trial": "one or more tables [[trial]]",
     "trial.files": "a list of one or more file names",
     "trial.group": "a name, as text",

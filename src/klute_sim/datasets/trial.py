@@ -69,7 +69,7 @@ class TrialChannels(NamedTuple):
     remarks: tuple[str, ...]
     """Remarks for the user, one sentence each."""
     units: Mapping[str, str]
-    """Channel -> unit in its heading."""
+    """Channel or time -> unit in its heading; the unit of time is that of the first file."""
 
 
 def read_trial(files: Sequence[Path], rig: Rig) -> TrialChannels:
@@ -95,6 +95,7 @@ def read_trial(files: Sequence[Path], rig: Rig) -> TrialChannels:
     prescribed, measured = _assign_roles(rig, columns, [str(path) for path in files])
     _check_overlap(columns)
     units = {channel: column.file.units[column.name] for channel, column in columns.items()}
+    units[TIME_COLUMN] = next(iter(columns.values())).file.units[TIME_COLUMN]
     return TrialChannels(prescribed, measured, tuple(digests), tuple(remarks), units)
 
 

@@ -57,6 +57,7 @@ def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "schema": VERDICT_SCHEMA,
         "verdict": diagnosis.verdict,
         "reasons": list(diagnosis.reasons),
+        "accepted": [{"name": finding.name, "sentence": finding.sentence} for finding in diagnosis.dataset.accepted],
         "effects": _list_effect_entries(diagnosis, diagnosis.final_fit) if diagnosis.final_fit else [],
         "alternatives": list_alternatives(diagnosis),
         "rejected": [

@@ -1,6 +1,6 @@
 """A finding: something implausible in a user's file, its likely cause, and the name with which the user accepts it."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from klute_sim.errors import InputError
@@ -34,13 +34,20 @@ class ImplausibleInputError(InputError):
         self.findings = tuple(findings)
 
 
+def format_options(names: Sequence[str]) -> str:
+    """Return the options of the command line that accept findings with ``names``."""
+    return " ".join(f"--accept {name}" for name in names)
+
+
 def require_accepted(
-    findings: Iterable[Finding], accepted: Collection[str] = (), how: str = "--accept {name}"
+    findings: Iterable[Finding],
+    accepted: Collection[str] = (),
+    format_instructions: Callable[[Sequence[str]], str] = format_options,
 ) -> tuple[Finding, ...]:
     """Return the accepted ``findings``; raise ImplausibleInputError when there are others.
 
-    ``accepted`` holds names of findings. ``how`` tells the user how to accept one; ``{name}`` stands for its name.
-    Findings of one name are reported once, with the number of the others.
+    ``accepted`` holds names of findings. ``format_instructions`` tells the user how to accept findings with given
+    names. Findings of one name are reported once, with the number of the others.
     """
     all_findings = tuple(findings)
     refused = [finding for finding in all_findings if finding.name not in accepted]
@@ -56,7 +63,7 @@ def require_accepted(
         sentences.append(f"{group[0].sentence}{others}")
     if len(by_name) > MAX_LISTED_FINDINGS:
         sentences.append(f"and {len(by_name) - MAX_LISTED_FINDINGS} more findings")
-    instructions = " ".join(how.format(name=name) for name in list(by_name)[:MAX_LISTED_FINDINGS])
+    instructions = format_instructions(list(by_name)[:MAX_LISTED_FINDINGS])
     raise ImplausibleInputError(f"{'; '.join(sentences)}. If this is right, accept it with {instructions}", refused)
 
 

@@ -1,0 +1,95 @@
+"""Plausibility of the trials of a dataset: hands their channels and their devices to the checks."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from klute_sim.datasets import unit_conversion
+from klute_sim.datasets.channels import TIME_COLUMN, Rig, get_column_units
+from klute_sim.datasets.trial import Trial
+from klute_sim.device.device import Device
+from klute_sim.device.dynamics import compute_equilibrium_state, compute_muscle_force, compute_taut_state
+from klute_sim.device.rollout import simulate_rollouts
+from klute_sim.errors import KluteSimError
+from klute_sim.laws.mckibben import lock_length
+from klute_sim.plausibility.bench.check import check_bench_trials
+from klute_sim.plausibility.bench.magnitudes import check_device_channels, check_missing_value_codes
+from klute_sim.plausibility.bench.trial import SI_UNITS, BenchTrial, Channel, DeviceLimits, Response, Simulate
+from klute_sim.plausibility.finding import Finding
+from klute_sim.plausibility.samples import Samples
+from klute_sim.types import Array
+
+
+def find_implausible(rig: Rig, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]) -> list[Finding]:
+    """Return what is implausible in ``trials``; ``units`` holds the units in the headings of each.
+
+    Trials of a device that is commanded by valve opening are not examined.
+    """
+    rows = [
+        (trial, trial_units)
+        for trial, trial_units in zip(trials, units, strict=True)
+        if trial.device.parameters.supply.command_is_opening == 0.0
+    ]
+    device_trials = [_describe_trial(trial, trial_units, rig) for trial, trial_units in rows]
+    if rig == "bench":
+        return check_bench_trials(device_trials)
+    findings: list[Finding] = []
+    for device_trial in device_trials:
+        codes, trial_without_codes = check_missing_value_codes(device_trial)
+        findings += [*codes, *check_device_channels(trial_without_codes)]
+    return findings
+
+
+def collect_samples(trial: Trial, units: Mapping[str, str], rig: Rig) -> dict[str, Samples]:
+    """Return the channels of ``trial`` with the ``units`` in their headings."""
+    si_units = get_column_units(rig)
+    series = {**trial.prescribed, **trial.measured}
+    return {
+        name: Samples(name, series[name].value, units[name], unit_conversion.get_si_factor(units[name], si_unit) or 1.0)
+        for name, si_unit in si_units.items()
+        if name in series
+    }
+
+
+def _describe_trial(trial: Trial, units: Mapping[str, str], rig: Rig) -> BenchTrial:
+    """Return the channels of ``trial`` that belong to its device, with the limits and a simulation of that device."""
+    samples = collect_samples(trial, units, rig)
+    series = {**trial.prescribed, **trial.measured}
+    time_unit = units[TIME_COLUMN]
+    return BenchTrial(
+        name=trial.name,
+        channels={name: Channel(series[name].time, samples[name]) for name in SI_UNITS if name in samples},
+        limits=compute_device_limits(trial.device),
+        simulate=_build_simulation(trial.device),
+        time_unit=(time_unit, unit_conversion.get_si_factor(time_unit, "s") or 1.0),
+    )
+
+
+def compute_device_limits(device: Device) -> DeviceLimits:
+    """Return the limits of ``device``."""
+    parameters = device.parameters
+    muscle, pressure = parameters.muscle, parameters.supply.max_pressure
+    unit_length = muscle.resting_length + parameters.tendon.slack_length
+    state = compute_taut_state(parameters, unit_length, pressure).internal_state
+    return DeviceLimits(
+        muscle_length=muscle.resting_length,
+        lock_length=lock_length(muscle),
+        tendon_length=parameters.tendon.slack_length,
+        supply_pressure=pressure,
+        max_force=max(compute_muscle_force(parameters, state, pressure, muscle.resting_length, 0.0), 0.0),
+    )
+
+
+def _build_simulation(device: Device) -> Simulate:
+    """Return a function that simulates ``device``, and returns None where it has no finite state."""
+
+    def simulate(dt: float, length: Array, command: Array) -> Response | None:
+        parameters = device.parameters
+        try:
+            initial_state = compute_equilibrium_state(parameters, float(length[0]), float(command[0]))
+            trace = simulate_rollouts(parameters, length, command, dt, initial_state=initial_state, n_jobs=1)
+        except (KluteSimError, ArithmeticError, ValueError):  # the laws fail at lengths that no device has
+            return None
+        return Response(dt * np.arange(1.0, len(length) + 1.0), trace.tension, trace.pressure, trace.length)
+
+    return simulate

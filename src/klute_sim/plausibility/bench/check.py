@@ -1,0 +1,107 @@
+"""All checks of a bench trial in order: what is wrong with the inputs makes a simulation meaningless."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from klute_sim.plausibility.bench import time_axis
+from klute_sim.plausibility.bench.agreement import Agreement, compare_trial, simulate_trial
+from klute_sim.plausibility.bench.hypotheses import Hypothesis, list_hypotheses, list_time_units
+from klute_sim.plausibility.bench.magnitudes import check_all_commands, check_magnitudes, check_missing_value_codes
+from klute_sim.plausibility.bench.trial import PRESCRIBED, BenchTrial, Response
+from klute_sim.plausibility.finding import Finding
+from klute_sim.plausibility.units import format_range
+
+MIN_MISFIT = 0.03
+"""Misfit of a trial below which a trial needs no explanation (assumed: sensors are about as good as a hundredth)."""
+MAX_CHANNEL_MISFIT = 0.6
+"""Largest misfit of any channel without the mistake."""
+MIN_IMPROVEMENT = 3.0
+"""Smallest ratio of the misfit with the mistake to that without it; below, the evidence is not overwhelming."""
+MIN_DECREASE = 0.02
+"""Smallest decrease of the misfit."""
+TIE = 0.02
+"""Difference of misfits below which the simpler of two mistakes is chosen."""
+
+
+def check_bench_trials(trials: Sequence[BenchTrial]) -> list[Finding]:
+    """Return what is implausible in ``trials``."""
+    findings = [finding for trial in trials for finding in check_bench_trial(trial)]
+    return findings or check_all_commands([trial for trial in trials if not _explains_force(trial)])
+
+
+def check_bench_trial(trial: BenchTrial) -> list[Finding]:
+    """Return what is implausible in one trial."""
+    codes, trial = check_missing_value_codes(trial)
+    if any(channel.samples.finite.size < 5 for channel in trial.channels.values()):
+        return codes
+    gaps = time_axis.check_gaps(trial)
+    if gaps:
+        return [*codes, *gaps]
+    magnitudes = check_magnitudes(trial)
+    return [*codes, *(_search_mistake(trial, has_wrong_range=bool(magnitudes)) or magnitudes)]
+
+
+def _search_mistake(trial: BenchTrial, *, has_wrong_range: bool) -> list[Finding]:
+    """Return the findings of the mistake whose correction makes the trial agree with a simulation of its device.
+
+    Where the range of a channel is wrong already, only exchanged columns are searched for: they explain it better.
+    """
+    response = simulate_trial(trial)
+    agreements = compare_trial(trial, response)
+    misfit = _combine_misfits(agreements)
+    interval, duration = time_axis.measure_time_axis(trial)
+    best: Hypothesis | None = None
+    best_misfit = 1.0
+    for hypothesis in list_hypotheses(trial) if not agreements or misfit > MIN_MISFIT or has_wrong_range else ():
+        if has_wrong_range and not hypothesis.findings[0].name.endswith("-exchanged"):
+            continue
+        corrected = compare_trial(hypothesis.trial, _simulate_changed(trial, response, hypothesis.trial))
+        if not corrected or not agreements.keys() <= corrected.keys():
+            continue
+        corrected_misfit = _combine_misfits(corrected)
+        is_convincing = max(agreement.misfit for agreement in corrected.values()) <= MAX_CHANNEL_MISFIT and (
+            misfit if agreements else 1.0
+        ) >= max(MIN_IMPROVEMENT * corrected_misfit, MIN_DECREASE + corrected_misfit)
+        if is_convincing and (best is None or corrected_misfit < best_misfit - TIE):
+            best, best_misfit = hypothesis, corrected_misfit
+    if best is not None:
+        return [_complete(finding, trial, agreements) for finding in best.findings]
+    if time_axis.is_impossible(interval, duration) and not has_wrong_range and misfit > MIN_MISFIT:
+        candidates = list(list_time_units(trial))
+        return list(candidates[0].findings) if candidates else [time_axis.describe_time_unit(trial, "")]
+    return []
+
+
+def _simulate_changed(trial: BenchTrial, response: Response | None, changed: BenchTrial) -> Response | None:
+    """Return the response of ``changed``, which is that of ``trial`` where only measured channels differ."""
+    if all(changed.channels[name] is trial.channels[name] for name in PRESCRIBED):
+        return response
+    return simulate_trial(changed)
+
+
+def _combine_misfits(agreements: dict[str, Agreement]) -> float:
+    """Return the root mean square of the misfits of all channels; 1 without channels."""
+    if not agreements:
+        return 1.0
+    return float(np.sqrt(np.mean([agreement.misfit**2 for agreement in agreements.values()])))
+
+
+def _complete(finding: Finding, trial: BenchTrial, agreements: dict[str, Agreement]) -> Finding:
+    """Return ``finding`` with the simulated range of each channel in its statement."""
+    statement = finding.statement
+    for name, channel in trial.channels.items():
+        text = "a simulation of this device agrees only with other values"
+        if name in agreements:
+            simulated = np.percentile(agreements[name].simulated, [1.0, 99.0])
+            text = "a simulation of this device under the lengths and commands of the trial gives " + format_range(
+                simulated, channel.samples.unit, channel.samples.factor
+            )
+        statement = statement.replace(f"{{simulated_{name}}}", text)
+    return finding._replace(statement=statement)
+
+
+def _explains_force(trial: BenchTrial) -> bool:
+    """Return whether the measured force agrees with a simulation under the commands as they are."""
+    agreement = compare_trial(trial, simulate_trial(trial)).get("force")
+    return agreement is not None and agreement.misfit < MAX_CHANNEL_MISFIT

@@ -1,0 +1,190 @@
+"""Missing-value codes, and units of the channels by the range of their samples."""
+
+import numpy as np
+
+from klute_sim.plausibility.bench.trial import SI_UNITS, BenchTrial
+from klute_sim.plausibility.finding import Finding
+from klute_sim.plausibility.samples import find_missing_value_code
+from klute_sim.plausibility.units import Range, guess_unit
+from klute_sim.types import Array
+
+MAX_RATIO = 3.0
+"""Largest ratio of a length to the device's resting length, of that length to it, or of a pressure to the supply
+pressure (assumed: a muscle shortens by a third, and common units differ by more)."""
+MUSCLE_LENGTH_RATIOS = 0.4, 1.3
+"""Smallest and largest ratio of a muscle's length to its resting length in a guessed unit (assumed)."""
+MAX_SPIKE_PERCENT = 5.0
+"""Percentage of pressure samples that may exceed the limit, as a loose contact causes (assumed)."""
+MIN_COMMAND_FRACTION = 0.02
+"""Fraction of the supply pressure below which all commands are implausible (assumed; bar for kPa is a hundredth)."""
+MAX_COMMAND_RATIO = 1.2
+"""Largest ratio of a command to the supply pressure in a guessed unit (assumed)."""
+MAX_FORCE_RATIO = 30.0
+"""Ratio of the force to what the device can pull beyond which no calibration explains it (assumed)."""
+MAX_DISPLACEMENT_RATIO = 0.5
+"""Largest ratio of a displacement, as of a crosshead that was zeroed, to the resting length (assumed)."""
+
+
+def check_missing_value_codes(trial: BenchTrial) -> tuple[list[Finding], BenchTrial]:
+    """Return a finding for each channel with codes, and the trial without the coded samples."""
+    findings: list[Finding] = []
+    values: dict[str, Array] = {}
+    for name, channel in trial.channels.items():
+        found = find_missing_value_code(channel.samples)
+        if found is None:
+            continue
+        is_code = np.isclose(channel.samples.value / channel.samples.factor, found.code, rtol=1e-9, atol=0.0)
+        others = channel.samples._replace(value=np.where(is_code, np.nan, channel.samples.value))
+        values[name] = others.value
+        rest = trial.with_values(**{name: others.value}).format_channel(name)
+        findings.append(
+            Finding(
+                f"{name}-missing",
+                trial.place,
+                f"{name} is {found.code:g} {channel.samples.unit} in {found.n_samples} samples and {rest} in the "
+                "others: it looks like a code for missing values; leave the cells of missing samples empty",
+            )
+        )
+    return findings, trial.with_values(**values)
+
+
+def check_magnitudes(trial: BenchTrial) -> list[Finding]:
+    """Return the findings about units and zeros that follow from the range of the samples alone."""
+    return [*_check_length(trial), *check_device_channels(trial)]
+
+
+def check_device_channels(trial: BenchTrial) -> list[Finding]:
+    """Return the findings about the channels that the device has on any rig."""
+    checks = (_check_muscle_length, _check_command, _check_pressure, _check_force)
+    return [finding for check in checks for finding in check(trial)]
+
+
+def _check_length(trial: BenchTrial) -> list[Finding]:
+    """Examine the length of the unit, which must be that of muscle and tendon together."""
+    values, limits = trial.get_samples("length").finite, trial.limits
+    plausible, resting_length = limits.get_range("length"), limits.unit_length
+    low, high, middle = float(values.min()), float(values.max()), float(np.median(values))
+    expected = (
+        f"length is {trial.format_channel('length')}, but the resting length of this device, muscle and tendon "
+        f"together, is {trial.format_limit('length', resting_length)}"
+    )
+    if plausible.low <= middle <= plausible.high:
+        return []
+    if high < 0.0 and plausible.contains(-middle):
+        return [Finding("length-sign", trial.place, f"{expected}: its sign seems reversed; write positive lengths")]
+    guess = _guess_length_unit(trial, "length", middle, plausible)
+    if guess:
+        return [Finding("length-unit", trial.place, f"{expected}: is its unit {guess}? Correct the heading")]
+    if limits.tendon_length and limits.get_range("muscle_length").contains(middle):
+        statement = f"{expected}: it looks like the length of the muscle alone; add the length of the tendon"
+        return [Finding("length-zero", trial.place, statement)]
+    is_displacement = abs(middle) < resting_length / MAX_RATIO and high - low < MAX_DISPLACEMENT_RATIO * resting_length
+    if is_displacement and high - low > 1e-3 * resting_length:
+        statement = (
+            f"{expected}: it looks like a displacement from a zero of the tester; add the length of the unit at that "
+            "zero"
+        )
+        return [Finding("length-zero", trial.place, statement)]
+    if low > MAX_RATIO * resting_length or high < resting_length / MAX_RATIO:
+        return [Finding("length-unit", trial.place, f"{expected}: its unit or its zero is wrong")]
+    return []
+
+
+def _check_muscle_length(trial: BenchTrial) -> list[Finding]:
+    """Examine the muscle length, whose sensor may have any zero: another unit must explain all samples."""
+    if "muscle_length" not in trial.channels:
+        return []
+    values, resting_length = trial.get_samples("muscle_length").finite, trial.limits.muscle_length
+    if np.ptp(values) == 0.0:
+        return []
+    low, high, middle = float(values.min()), float(values.max()), float(np.median(values))
+    if low <= MAX_RATIO * resting_length and high >= resting_length / MAX_RATIO:
+        return []
+    plausible = Range(
+        MUSCLE_LENGTH_RATIOS[0] * resting_length, MUSCLE_LENGTH_RATIOS[1] * resting_length, resting_length
+    )
+    guess = _guess_length_unit(trial, "muscle_length", middle, plausible)
+    if not guess:
+        return []
+    statement = (
+        f"muscle_length is {trial.format_channel('muscle_length')}, but the resting length of this device's muscle is "
+        f"{trial.format_limit('muscle_length', resting_length)}: is its unit {guess}? Correct the heading"
+    )
+    return [Finding("muscle_length-unit", trial.place, statement)]
+
+
+def _guess_length_unit(trial: BenchTrial, channel: str, middle: float, plausible: Range) -> str:
+    """Return the unit that makes the median and the spread of a length plausible, or ''."""
+    samples = trial.get_samples(channel)
+    guess = guess_unit(middle, samples.factor, "m", plausible)
+    spread = float(np.ptp(np.percentile(samples.finite, [1.0, 99.0])))
+    is_spread_plausible = spread < MAX_DISPLACEMENT_RATIO * middle
+    return guess if is_spread_plausible else ""
+
+
+def _check_command(trial: BenchTrial) -> list[Finding]:
+    """Examine the highest commands; the regulator cannot follow more than the supply has."""
+    supply_pressure = trial.limits.supply_pressure
+    peak = float(np.percentile(trial.get_samples("pressure_command").finite, 100.0 - MAX_SPIKE_PERCENT))
+    if peak <= MAX_RATIO * supply_pressure:
+        return []
+    return [_describe_pressure(trial, "pressure_command", peak)]
+
+
+def _check_pressure(trial: BenchTrial) -> list[Finding]:
+    """Examine the highest pressures; a loose contact may exceed the limit in a few samples."""
+    if "pressure" not in trial.channels:
+        return []
+    values = trial.get_samples("pressure").finite
+    peak = float(np.percentile(values, 100.0 - MAX_SPIKE_PERCENT))
+    if peak <= MAX_RATIO * trial.limits.supply_pressure or np.ptp(values) == 0.0:
+        return []
+    return [_describe_pressure(trial, "pressure", peak)]
+
+
+def _describe_pressure(trial: BenchTrial, channel: str, peak: float) -> Finding:
+    supply_pressure, samples = trial.limits.supply_pressure, trial.get_samples(channel)
+    plausible = Range(MIN_COMMAND_FRACTION * supply_pressure, MAX_COMMAND_RATIO * supply_pressure, supply_pressure)
+    guess = guess_unit(peak, samples.factor, "Pa", plausible)
+    fix = f"is its unit {guess}? Correct the heading" if guess else "its unit or its zero is wrong"
+    return Finding(
+        f"{channel}-unit",
+        trial.place,
+        f"{channel} is {trial.format_channel(channel)}, but the supply pressure of this device is "
+        f"{trial.format_limit(channel, supply_pressure)}: {fix}",
+    )
+
+
+def _check_force(trial: BenchTrial) -> list[Finding]:
+    """Examine the largest forces; smaller deviations need a simulation."""
+    limits = trial.limits
+    if "force" not in trial.channels or not limits.pulls:
+        return []
+    samples = trial.get_samples("force")
+    peak = float(np.percentile(np.abs(samples.finite), 100.0 - MAX_SPIKE_PERCENT))
+    if peak <= MAX_FORCE_RATIO * limits.max_force:
+        return []
+    guess = guess_unit(
+        peak,
+        samples.factor,
+        SI_UNITS["force"],
+        Range(0.05 * limits.max_force, 1.5 * limits.max_force, limits.max_force),
+    )
+    fix = f"is its unit {guess}? Correct the heading" if guess else "its unit or its scale is wrong"
+    statement = (
+        f"force is {trial.format_channel('force')}, but this device pulls at most "
+        f"{trial.format_limit('force', limits.max_force)} under its supply pressure: {fix}"
+    )
+    return [Finding("force-unit", trial.place, statement)]
+
+
+def check_all_commands(trials: list[BenchTrial]) -> list[Finding]:
+    """Return a finding if the commands of all ``trials`` are implausibly small."""
+    peaks = [float(trial.get_samples("pressure_command").finite.max()) for trial in trials]
+    highest = max(peaks, default=0.0)
+    is_small = all(
+        peak < MIN_COMMAND_FRACTION * trial.limits.supply_pressure for peak, trial in zip(peaks, trials, strict=True)
+    )
+    if highest <= 0.0 or not is_small:
+        return []
+    return [_describe_pressure(trials[peaks.index(highest)], "pressure_command", highest)]

@@ -1,0 +1,52 @@
+"""Wrong bench datasets are named, unusual but right ones are accepted (benchmarks/robustness/plausibility)."""
+
+from pathlib import Path
+
+import pytest
+from benchmarks.robustness.plausibility import right_trials, wrong_trials
+from benchmarks.robustness.plausibility.recordings import Variant, find_names, write_variant
+
+from klute_sim.datasets.dataset import load_dataset
+
+WRONG = list(wrong_trials.list_variants())
+RIGHT = list(right_trials.list_variants())
+EVERY = 9
+"""One of so many variants belongs to the fast tests."""
+
+
+def mark_slow(variants: list[Variant]) -> list[object]:
+    return [
+        pytest.param(variant, id=variant.name, marks=[] if index % EVERY == 0 else pytest.mark.slow)
+        for index, variant in enumerate(variants)
+    ]
+
+
+def test_suite_is_large_enough() -> None:
+    assert len(WRONG) >= 90
+    assert len(RIGHT) >= 40
+    assert len({variant.name for variant in (*WRONG, *RIGHT)}) == len(WRONG) + len(RIGHT)
+
+
+@pytest.mark.parametrize("variant", mark_slow(WRONG))
+def test_wrong_trials_are_named(variant: Variant, tmp_path: Path) -> None:
+    names, message = find_names(variant, tmp_path / "data")
+    assert variant.expected in names, message
+    assert f"--accept {variant.expected}" in message
+
+
+@pytest.mark.parametrize("variant", mark_slow(RIGHT))
+def test_unusual_but_right_trials_are_accepted(variant: Variant, tmp_path: Path) -> None:
+    assert find_names(variant, tmp_path / "data") == ((), "")
+
+
+def test_accepted_findings_are_remarks(tmp_path: Path) -> None:
+    variant = next(variant for variant in WRONG if variant.expected == "force-sign")
+    write_variant(variant, tmp_path / "data")
+    dataset = load_dataset(tmp_path / "data", accept=["force-sign"])
+    assert {finding.name for finding in dataset.accepted} == {"force-sign"}
+    assert all(remark.startswith("accepted: trial '") for remark in dataset.remarks)
+    file = tmp_path / "data" / "dataset.toml"
+    file.write_text('accept = ["force-sign", "length-unit"]\n' + file.read_text("utf-8"), "utf-8")
+    *remarks, unused = load_dataset(tmp_path / "data").remarks
+    assert tuple(remarks) == dataset.remarks
+    assert unused == f"{file}: 'accept' names 'length-unit', which was not found"
