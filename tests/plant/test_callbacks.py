@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from klute_sim.device.device import load_device
-from klute_sim.errors import InputError, KluteSimWarning, SimulationError
+from klute_sim.errors import InputError, KluteSimError, KluteSimWarning, SimulationError
 from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, GaitRig, build_gait_rig, reset_gait_rig
 from klute_sim.plant import batch, callbacks, models, struct_layout
 from klute_sim.plant.actuator import DeviceActuator
@@ -403,3 +403,46 @@ def test_mujoco_rollouts_and_derivatives_use_the_device() -> None:
         derivatives.append((by_state, by_command))
     assert all(np.array_equal(a, b) for a, b in zip(*derivatives, strict=True))
     assert derivatives[0][1][2 * model.nv, 0] > 0.0  # more command, more pressure
+
+
+@pytest.mark.parametrize("backend", ["compiled", "python"])
+def test_isolated_context_excludes_callbacks_of_other_code(backend: str) -> None:
+    calls: list[float] = []
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    mujoco.set_mjcb_control(lambda model, data: calls.append(data.time))
+    try:
+        with callbacks.device_callbacks(backend, is_isolated=True):
+            mujoco.mj_forward(model, mujoco.MjData(model))
+            assert calls == []
+            with pytest.raises(KluteSimError, match="at the same time"), callbacks.device_callbacks(backend):
+                pass
+        mujoco.mj_forward(model, mujoco.MjData(model))
+        assert calls == [0.0]
+        with callbacks.device_callbacks(backend):
+            with pytest.raises(KluteSimError), callbacks.device_callbacks(backend, is_isolated=True):
+                pass
+            mujoco.mj_forward(model, mujoco.MjData(model))
+        assert calls == [0.0, 0.0]
+    finally:
+        mujoco.set_mjcb_control(None)
+
+
+def test_compilation_waits_for_python_callbacks_of_another_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    entered, left = threading.Event(), threading.Event()
+
+    def stay() -> None:
+        with callbacks.device_callbacks("python"):
+            entered.set()
+            left.wait(timeout=60.0)
+
+    thread = threading.Thread(target=stay)
+    thread.start()
+    entered.wait(timeout=60.0)
+    with monkeypatch.context() as patch:
+        patch.setattr(callbacks, "MAX_COMPILATION_WAIT", 0.01)
+        with pytest.raises(KluteSimError, match="cannot compile a model while"):
+            callbacks.compile_model(mujoco.MjSpec())
+    threading.Timer(0.05, left.set).start()
+    assert callbacks.compile_model(mujoco.MjSpec()).nq == 0
+    assert mujoco.get_mjcb_act_dyn() is None
+    thread.join()

@@ -125,7 +125,7 @@ class AnkleBenchEnv(DeviceEnv):
 
     def _advance(self, action: Array) -> Step:
         command = self._task.decode_action(action)
-        with callbacks.device_callbacks(self._backend):
+        with callbacks.device_callbacks(self._backend, is_isolated=True):
             try:
                 for control in self._task.schedule_controls(command, SINGLE_MASK)[0]:
                     self.data.ctrl[:] = control

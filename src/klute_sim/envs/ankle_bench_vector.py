@@ -83,6 +83,6 @@ class AnkleBenchVectorEnv(BatchVectorEnv):
         controls = self._task.schedule_controls(command, active)
         if active.any():
             with suppress(SimulationError):  # a failed device ends its episode
-                batch.step_batch(self._batch, np.flatnonzero(active), controls.shape[1], controls)
+                batch.step_batch(self._batch, np.flatnonzero(active), controls.shape[1], controls, is_isolated=True)
         self._read_states(active)
         return BatchStep(*self._task.evaluate(actions, command, self._states, active))

@@ -207,7 +207,8 @@ class AnkleGaitEnv(DeviceEnv):
     def _start_episode(self) -> tuple[Observation, dict[str, Any]]:
         episode = self._task.randomizer.sample(self.np_random)
         self._gait_rig = self._task.randomizer.apply(episode, self.model)
-        reset_simulation(self._gait_rig, self.data, self.np_random, self._reset_noise)
+        with callbacks.device_callbacks(self._backend, is_isolated=True):
+            reset_simulation(self._gait_rig, self.data, self.np_random, self._reset_noise)
         self._task.assign_episode(0, episode)
         self._task.reset(self._single_mask, self._read_states(), [self.np_random])
         return self._task.observations[0], dict(episode.sampled_values)
@@ -215,7 +216,7 @@ class AnkleGaitEnv(DeviceEnv):
     def _advance(self, action: Array) -> Step:
         command = self._task.decode_action(action)
         self.data.ctrl[: len(DRIVE_ACTUATORS)] = self._task.get_drive_command_rates()[0]
-        with callbacks.device_callbacks(self._backend):
+        with callbacks.device_callbacks(self._backend, is_isolated=True):
             try:
                 for steps, scheduled_command in self._task.schedule_commands(command, self._single_mask):
                     self.data.ctrl[self._gait_rig.actuator.ctrl_address] = scheduled_command[0]

@@ -100,7 +100,8 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
         rig = randomizer.apply(episode, self._model)
         for name, values in self._randomized_fields.items():
             values[index] = randomizer.get_field_value(episode, name)
-        reset_simulation(rig, self._scratch_data, rng, self._reset_noise)
+        with callbacks.device_callbacks("compiled", is_isolated=True):
+            reset_simulation(rig, self._scratch_data, rng, self._reset_noise)
         self._task.assign_episode(index, episode)
         return episode.sampled_values
 
@@ -116,6 +117,6 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
         for steps, scheduled_command in self._task.schedule_commands(command, active):
             self._ctrl[active, self._gait_rig.actuator.ctrl_address] = scheduled_command[active]
             with suppress(SimulationError):  # a failed device ends its episode
-                batch.step_batch(self._batch, np.flatnonzero(active), steps)
+                batch.step_batch(self._batch, np.flatnonzero(active), steps, is_isolated=True)
         self._read_states(active)
         return BatchStep(*self._task.evaluate(actions, command, self._states, active, self._rngs))

@@ -35,7 +35,7 @@ def read_foot(model: mujoco.MjModel) -> Foot:
     shift. The damping of a socket is neglected.
     """
     data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    mujoco.mj_fwdPosition(model, data)
     joint, foot = model.joint(PROSTHESIS_PREFIX + "ankle"), model.body(PROSTHESIS_PREFIX + "foot").id
     dof, joint_id = int(joint.dofadr[0]), int(joint.id)
     mass_matrix = np.empty((model.nv, model.nv))

@@ -55,15 +55,23 @@ def set_parameters(batch: Batch, actuator: str, parameters: Sequence[DeviceParam
     batch.expand("actuator_user")[:, index, :ROW_SIZE] = np.array([pack_parameters(device) for device in parameters])
 
 
-def step_batch(batch: Batch, ids: ArrayLike | None = None, n_steps: int = 1, controls: ArrayLike | None = None) -> None:
+def step_batch(
+    batch: Batch,
+    ids: ArrayLike | None = None,
+    n_steps: int = 1,
+    controls: ArrayLike | None = None,
+    *,
+    is_isolated: bool = False,
+) -> None:
     """Advance the simulations ``ids`` (None: all) by ``n_steps`` steps.
 
-    ``controls`` (n, n_steps, nu) are the commands of every step; None keeps those of the simulations.
+    ``controls`` (n, n_steps, nu) are the commands of every step; None keeps those of the simulations. ``is_isolated``
+    removes the callbacks of other code meanwhile.
 
     Raises SimulationError when a device has no finite state: the pressure of its simulation is NaN, and all other
     simulations have been stepped. Raises InputError when other code's callbacks are installed in MuJoCo.
     """
-    with callbacks.device_callbacks("compiled") as backend:
+    with callbacks.device_callbacks("compiled", is_isolated=is_isolated) as backend:
         if backend != "compiled":
             raise InputError("a batch cannot be stepped while Python callbacks are installed in MuJoCo; remove them")
         if controls is None:

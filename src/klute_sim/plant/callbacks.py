@@ -3,12 +3,13 @@
 MuJoCo has one slot ``mjcb_act_dyn`` and one slot ``mjcb_act_bias`` for the whole process. The device's callbacks occupy
 them only inside :func:`device_callbacks`. They serve actuators that carry a device. For every other actuator they call
 the callbacks that were installed before, or return MuJoCo's neutral value, 0. At the end the previous callbacks are
-restored.
+restored. Inside an *isolated* context, as of an environment, no callback of other code is called at all.
 
 There are two backends of one source, which agree to the last bit. *Compiled* (the default) is a pair of C functions
 that run in any number of threads. *Python* is the reference: slow, one thread at a time, easy to debug, and MuJoCo
-cannot compile a model while it is installed. The Python backend also replaces the compiled one when numba is missing,
-when MuJoCo's structs have an unknown layout, or when other code's callbacks are installed and must be called.
+cannot compile a model while it is installed in another thread, so that :func:`compile_model` waits. The Python backend
+also replaces the compiled one when numba is missing, when MuJoCo's structs have an unknown layout, or when other code's
+callbacks are installed and must be called.
 """
 
 import ctypes
@@ -28,19 +29,26 @@ from klute_sim.device.backend import select as backend_select
 from klute_sim.device.backend.packing import LAYOUT_ID
 from klute_sim.device.dynamics import ZERO_INTERNAL_STATE
 from klute_sim.errors import KluteSimError, KluteSimWarning, SimulationError
-from klute_sim.plant import coupling
+from klute_sim.plant import callback_slots, coupling
 
 CALLBACK_NAMES = ("act_dyn", "act_bias")
 """MuJoCo's callbacks that the device uses."""
 _C_CALLBACK = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)
 
-_lock = threading.RLock()
+MAX_COMPILATION_WAIT = 20.0
+"""Maximum time for which a compilation waits for other threads [s]."""
+
+_lock = threading.Condition(threading.RLock())
 _entry_counts: Counter[int] = Counter()
 """Number of nested :func:`device_callbacks` of each thread."""
 _saved_callbacks: dict[str, Any] = {}
 """Callbacks that were installed before the first :func:`device_callbacks`."""
 _installed_callbacks: dict[str, Any] = {}
 """Callbacks of the device that are installed now."""
+_isolated_callbacks: dict[str, Any] = {}
+"""Callbacks of other code that an isolated context has removed."""
+_waiting_compilations = 0
+"""Number of compilations that wait until other threads leave their contexts."""
 _reentry_guard = threading.local()
 
 
@@ -48,8 +56,10 @@ _reentry_guard = threading.local()
 def _load_compiled() -> tuple[Any, str]:
     """Return the module of the compiled callbacks and '', or None and the reason why there are none."""
     try:
-        from klute_sim.plant import compiled_callbacks
+        from klute_sim.plant import compiled_callbacks, struct_layout
 
+        with _without_callbacks():
+            struct_layout.get_layout()
         compiled_callbacks.get_callbacks()
     except ImportError as error:
         return None, f"numba cannot be imported ({error})"
@@ -71,9 +81,59 @@ def choose_backend(backend: str = "auto") -> str:
     return backend_select.select_backend(backend, find_incompatibility)
 
 
+def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Return the model of ``spec``; MuJoCo would call callbacks meanwhile, so none is installed.
+
+    Raises KluteSimError when other threads need their callbacks for too long.
+    """
+    with _without_callbacks():
+        return spec.compile()
+
+
 @contextmanager
-def device_callbacks(backend: str = "auto") -> Iterator[str]:
+def _without_callbacks() -> Iterator[None]:
+    """Remove Python callbacks for the duration of the context, when no other thread needs them."""
+    global _waiting_compilations
+    with _lock:
+        _waiting_compilations += 1
+        try:
+            is_free = _lock.wait_for(_can_compile, MAX_COMPILATION_WAIT)
+        finally:
+            _waiting_compilations -= 1
+        if not is_free:
+            raise KluteSimError(
+                "MuJoCo cannot compile a model while other threads step with Python callbacks; create models before, "
+                "or use the compiled backend"
+            )
+        has_other_threads = any(thread != threading.get_ident() for thread in _entry_counts)
+        removed = {} if has_other_threads else callback_slots.remove_callbacks()
+        try:
+            yield
+        finally:
+            callback_slots.restore_callbacks(removed)
+            _lock.notify_all()
+
+
+def _can_compile() -> bool:
+    """Return whether no other thread steps with Python callbacks."""
+    if all(thread == threading.get_ident() for thread in _entry_counts):
+        return True
+    return is_compiled_installed() and not _has_callbacks_of_other_code()
+
+
+def _has_callbacks_of_other_code() -> bool:
+    callbacks = {slot: callback_slots.get_callback(slot) for slot in callback_slots.SLOTS}
+    return any(
+        callback is not None and callback is not _installed_callbacks.get(slot) for slot, callback in callbacks.items()
+    )
+
+
+@contextmanager
+def device_callbacks(backend: str = "auto", *, is_isolated: bool = False) -> Iterator[str]:
     """Install the device's callbacks in MuJoCo for the duration of the context; yield the name of the active backend.
+
+    ``is_isolated`` removes the callbacks of other code for the duration, in all slots and, as MuJoCo has one set of
+    slots, for all threads. An isolated context and one that calls callbacks of other code cannot overlap.
 
     The context is reentrant and may be entered from several threads; the outermost caller selects the backend. On exit
     a thread gets a SimulationError if, under the compiled backend, it has stepped a device without a finite state and
@@ -83,8 +143,17 @@ def device_callbacks(backend: str = "auto") -> Iterator[str]:
     backend = choose_backend(backend)
     thread = threading.get_ident()
     with _lock:
+        while _waiting_compilations and not _entry_counts:
+            _lock.wait()
         if not _entry_counts:
+            if is_isolated:
+                _isolated_callbacks.update(callback_slots.remove_callbacks())
             _install_callbacks(backend)
+        elif (_has_callbacks_of_other_code() and not _isolated_callbacks) if is_isolated else _isolated_callbacks:
+            raise KluteSimError(
+                "an environment and other code with callbacks of its own step in MuJoCo at the same time; let one end "
+                "first, or remove the callbacks"
+            )
         elif not _is_in_place():
             raise KluteSimError(
                 "other code has replaced the device's callbacks in MuJoCo, so the device gives no force; restore them"
@@ -105,6 +174,7 @@ def device_callbacks(backend: str = "auto") -> Iterator[str]:
             if is_outermost:
                 del _entry_counts[thread]
             stayed_in_place = bool(_entry_counts) or _restore_callbacks()
+            _lock.notify_all()
     if not stayed_in_place:
         warnings.warn(
             "other code has replaced the device's callbacks in MuJoCo, so the device has given no force since",
@@ -123,11 +193,11 @@ def is_compiled_installed() -> bool:
 
 
 def _is_in_place() -> bool:
-    return all(getattr(mujoco, f"get_mjcb_{name}")() is callback for name, callback in _installed_callbacks.items())
+    return all(callback_slots.get_callback(name) is callback for name, callback in _installed_callbacks.items())
 
 
 def _install_callbacks(backend: str) -> None:
-    _saved_callbacks.update({name: getattr(mujoco, f"get_mjcb_{name}")() for name in CALLBACK_NAMES})
+    _saved_callbacks.update({name: callback_slots.get_callback(name) for name in CALLBACK_NAMES})
     if backend == "compiled" and any(callback is not None for callback in _saved_callbacks.values()):
         warnings.warn(
             "other MuJoCo callbacks are installed: the device runs as Python, so that they are called too",
@@ -140,7 +210,7 @@ def _install_callbacks(backend: str) -> None:
     else:
         _installed_callbacks.update({"act_dyn": _act_dyn, "act_bias": _act_bias})
     for name, callback in _installed_callbacks.items():
-        getattr(mujoco, f"set_mjcb_{name}")(callback)
+        callback_slots.set_callback(name, callback)
 
 
 @cache
@@ -154,17 +224,18 @@ def _restore_callbacks() -> bool:
     stayed_in_place = _is_in_place()
     for name, callback in _installed_callbacks.items():
         # Other code that has installed a callback since then keeps the slot.
-        if getattr(mujoco, f"get_mjcb_{name}")() is callback:
-            getattr(mujoco, f"set_mjcb_{name}")(_saved_callbacks[name])
+        if callback_slots.get_callback(name) is callback:
+            callback_slots.set_callback(name, _saved_callbacks[name])
     _saved_callbacks.clear()
     _installed_callbacks.clear()
+    callback_slots.restore_callbacks(_isolated_callbacks)
     return stayed_in_place
 
 
 def _after_fork() -> None:
     """Keep the contexts of the forking thread in the child process; release those of all other threads."""
-    global _lock
-    _lock = threading.RLock()
+    global _lock, _waiting_compilations
+    _lock, _waiting_compilations = threading.Condition(threading.RLock()), 0
     entry_count = _entry_counts.pop(threading.get_ident(), 0)
     other_threads_entered = bool(_entry_counts)
     _entry_counts.clear()
@@ -217,6 +288,16 @@ def _make_nonfinite_state_error(
         f"{pressure:.6g} bar, muscle {1e3 * offset:.6g} mm beyond its resting length, muscle-tendon length "
         f"{length:.6g} m"
     )
+
+
+def forward_without_devices(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Evaluate ``data`` as if its actuators carried no devices, also while another thread has installed callbacks."""
+    layout_ids = model.actuator_user[:, :1].copy()
+    model.actuator_user[:, :1] = 0.0
+    try:
+        mujoco.mj_forward(model, data)
+    finally:
+        model.actuator_user[:, :1] = layout_ids
 
 
 def get_parameter_row(model: mujoco.MjModel, actuator: int) -> tuple[float, ...] | None:

@@ -9,6 +9,7 @@ import mujoco
 from klute_sim.device.backend.packing import LAYOUT_ID, pack_parameters
 from klute_sim.device.dynamics import DeviceParameters, has_internal_state
 from klute_sim.errors import InputError
+from klute_sim.plant.callbacks import compile_model
 from klute_sim.plant.coupling import DAMPING_INDEX, N_ALL_STATES, N_BASE_STATES, USER_ROW_SIZE
 
 
@@ -58,7 +59,7 @@ def attach_devices(
     if 0 <= spec.nuser_actuator < USER_ROW_SIZE:
         spec.nuser_actuator = USER_ROW_SIZE
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    return spec.compile()
+    return compile_model(spec)
 
 
 def _carries_device(actuator: mujoco.MjsActuator) -> bool:

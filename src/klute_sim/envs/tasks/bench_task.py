@@ -183,7 +183,7 @@ class BenchTask:
         place_crosshead(data, float(length[0]), float(length[1] - length[0]) / dt, load)
         data.ctrl[self.servo_ctrl_address] = self._servo_commands[index, 0]
         self.actuator.set_command(data, 0.0 if self._command_is_opening else initial_state.pressure)
-        with callbacks.device_callbacks(self._backend):
+        with callbacks.device_callbacks(self._backend, is_isolated=True):
             mujoco.mj_forward(self.model, data)
 
     def reset(self, mask: Mask, states: TesterStates) -> None:

@@ -26,6 +26,7 @@ from klute_sim.gait.rig.trajectory import (
 )
 from klute_sim.gait.spring_foot import SpringFoot
 from klute_sim.plant.actuator import DeviceActuator
+from klute_sim.plant.callbacks import forward_without_devices
 from klute_sim.types import Array
 
 DRIVE_ACTUATORS = ("carriage_x", "carriage_z", "thigh", "knee", "push", "lift")
@@ -197,6 +198,6 @@ def reset_gait_rig(gait_rig: GaitRig, data: mujoco.MjData, pressure: float, ankl
     ]
     data.qpos[ankle.qposadr[0]] = -math.radians(reference("ankle_dorsiflexion_deg", zero)[0]) - ankle_offset
     data.act[: len(DRIVE_ACTUATORS)] = gait_rig.commands[0]
-    mujoco.mj_forward(gait_rig.model, data)
+    forward_without_devices(gait_rig.model, data)
     actuator = gait_rig.actuator
     actuator.set_state(data, compute_taut_state(actuator.parameters, actuator.get_unit_length(data), pressure))
