@@ -9,6 +9,7 @@ rigid: assumed). The stop at lock length is assumed: the braid cannot close furt
 at a stop is the *reaction* of the stop.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -220,7 +221,7 @@ def step_internal_state(
 
 def compute_pressure(parameters: DeviceParameters, air: AirCharge, length: float) -> float:
     """Return the gauge pressure [Pa] of ``air`` in the muscle at muscle ``length`` [m]."""
-    if air.disturbance_fraction == 0.0:
+    if air.disturbance_fraction == 0.0 and air.max_pressure_volume == math.inf:
         return air.pressure
     return pneumatic_step.pressure_after_motion(air, mckibben.volume(parameters.muscle, length))
 

@@ -6,7 +6,7 @@ same. The compiled and the Python backend agree to the last bit.
 
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +26,7 @@ from klute_sim.device.dynamics import (
 )
 from klute_sim.device.energy.ledger import EnergyBalance, compute_energy_balance
 from klute_sim.device.energy.outputs import accumulate_effects
-from klute_sim.errors import SimulationError
+from klute_sim.device.nonfinite import MATH_ERRORS, check_finite, integrate_in_python, make_nonfinite_error
 from klute_sim.laws import pneumatic_step
 from klute_sim.types import Array
 
@@ -114,20 +114,19 @@ def record_rollout(
     """
     lengths, commands = (np.array(x, dtype=np.float64, order="C") for x in (unit_length, command))
     if initial_state is None:
-        initial_state = compute_taut_state(parameters, float(lengths[0]), float(commands[0]))
+        try:
+            initial_state = compute_taut_state(parameters, float(lengths[0]), float(commands[0]))
+        except MATH_ERRORS:
+            raise make_nonfinite_error("the device", "initial state", 0.0) from None
     effect_names, devices = accumulate_effects(parameters)
     out = np.empty((len(lengths), N_STATE_COLUMNS + N_OUTPUTS + 2 * len(effect_names)))
-    rows: Any = np.array([pack_parameters(device) for device in devices])
-    series: Any = (lengths, commands)
-    is_compiled = select_backend(backend, explain_missing_compiler) == "compiled"
-    if not is_compiled:
-        series, rows = (x.tolist() for x in series), rows.tolist()
-    function: Callable[..., None] = _compile_integrate() if is_compiled else integrate
+    rows = [pack_parameters(device) for device in devices]
     state = float(initial_state.pressure), float(initial_state.length), initial_state.internal_state
-    function(rows, *state, *series, float(dt), out)
-    if not np.isfinite(out).all():
-        first = int(np.argwhere(~np.isfinite(out))[0][0])
-        raise SimulationError(f"the device has no finite state at t = {first * dt:.4f} s")
+    if select_backend(backend, explain_missing_compiler) == "compiled":
+        _compile_integrate()(np.array(rows), *state, lengths, commands, float(dt), out)
+    else:
+        integrate_in_python(integrate, out, rows, *state, lengths.tolist(), commands.tolist(), float(dt))
+    check_finite(out, "the device", parameters, initial_state, lengths, commands, dt)
     pressure, length, velocity = (np.ascontiguousarray(column) for column in out[:, :N_STATE_COLUMNS].T)
     first_force = N_STATE_COLUMNS + N_OUTPUTS
     outputs = out[:, N_STATE_COLUMNS:first_force]

@@ -25,7 +25,8 @@ from klute_sim.device.dynamics import (
     compute_taut_state,
     compute_tension,
 )
-from klute_sim.errors import InputError, SimulationError
+from klute_sim.device.nonfinite import MATH_ERRORS, check_finite, integrate_in_python, make_nonfinite_error
+from klute_sim.errors import InputError
 from klute_sim.types import Array
 
 MAX_TIME_STEP = 0.01
@@ -115,11 +116,12 @@ def simulate_rollouts(
     n_rollouts, _ = shape
     devices = devices * n_rollouts if len(devices) == 1 else devices
     lengths, commands = (np.array(np.broadcast_to(x, shape), order="C") for x in (lengths, commands))
-    states = [
-        compute_taut_state(device, float(x[0]), float(c[0]))
-        for device, x, c in zip(devices, lengths, commands, strict=True)
-    ]
-    if initial_state is not None:
+    if initial_state is None:
+        states = [
+            _compute_initial_state(i, device, float(x[0]), float(c[0]))
+            for i, (device, x, c) in enumerate(zip(devices, lengths, commands, strict=True))
+        ]
+    else:
         states = [initial_state] * n_rollouts if isinstance(initial_state, DeviceState) else list(initial_state)
     if len(states) != n_rollouts:
         raise InputError(f"{len(states)} initial states for {n_rollouts} rollouts; allowed: one, or one per rollout")
@@ -129,10 +131,12 @@ def simulate_rollouts(
     function: Callable[..., None] = _compile_integrate() if is_compiled else integrate
 
     def simulate_one(i: int) -> None:
-        row: Any = np.array(pack_parameters(devices[i])) if is_compiled else pack_parameters(devices[i])
-        x, c = (lengths[i], commands[i]) if is_compiled else (lengths[i].tolist(), commands[i].tolist())
-        state = states[i]
-        function(row, float(state.pressure), float(state.length), state.internal_state, x, c, float(dt), out[i])
+        row: Any = pack_parameters(devices[i])
+        state = float(states[i].pressure), float(states[i].length), states[i].internal_state
+        if is_compiled:
+            function(np.array(row), *state, lengths[i], commands[i], float(dt), out[i])
+        else:
+            integrate_in_python(function, out[i], row, *state, lengths[i].tolist(), commands[i].tolist(), float(dt))
 
     n_threads = min(n_jobs or os.cpu_count() or 1, n_rollouts)
     if n_threads == 1 or not is_compiled:
@@ -141,11 +145,17 @@ def simulate_rollouts(
     else:
         with ThreadPoolExecutor(n_threads) as pool:
             list(pool.map(simulate_one, range(n_rollouts)))
-    if not np.isfinite(out).all():
-        i, k = (int(index) for index in np.argwhere(~np.isfinite(out))[0][:2])
-        raise SimulationError(f"rollout {i} has no finite state at t = {k * dt:.4f} s")
+    for i in np.flatnonzero(~np.isfinite(out).all(axis=(1, 2))).tolist():
+        check_finite(out[i], f"rollout {i}", devices[i], states[i], lengths[i], commands[i], dt)
     result = out[0] if is_single else out
     return RolloutTrace(*(np.ascontiguousarray(result[..., k]) for k in range(3)))
+
+
+def _compute_initial_state(index: int, device: DeviceParameters, unit_length: float, command: float) -> DeviceState:
+    try:
+        return compute_taut_state(device, unit_length, command)
+    except MATH_ERRORS:
+        raise make_nonfinite_error(f"rollout {index}", "initial state", 0.0) from None
 
 
 def _check_inputs(n_devices: int, lengths: Array, commands: Array, dt: float) -> tuple[int, ...]:

@@ -6,6 +6,11 @@ A step has two halves. First air flows while the muscle keeps its volume (:func:
 temperature pressure, volume and mass satisfy the gas law to the last bits. Air enters with the supply's temperature and
 leaves with that of the muscle, p V/(m R).
 
+Three limits keep the absolute pressure and every mass positive for any step; none of them acts unless a step would
+move more air than there is. A leak of a muscle on a regulator ends when muscle and room have equal pressures, and the
+regulator does not evacuate the muscle. No more of the muscle's air leaves than the muscle holds: what leaves beyond it
+is supplied air that passes through. No more air comes from a tank than the tank holds above room pressure.
+
 Pressures are gauge [Pa] unless stated otherwise.
 """
 
@@ -13,7 +18,20 @@ import math
 from typing import NamedTuple
 
 from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT, ATMOSPHERIC_PRESSURE, SupplyParameters, air_mass, regulate
-from klute_sim.laws.supply_valve import FlowProblem, leak_flow, opening_at, solve_pressure, step_pwm, valve_opening
+from klute_sim.laws.supply_valve import (
+    FlowProblem,
+    leak_flow,
+    limit_inflow,
+    limit_outflow,
+    opening_at,
+    solve_pressure,
+    split_flow,
+    step_pwm,
+    valve_opening,
+)
+
+LOWEST_REGULATED_PRESSURE = -0.5 * ATMOSPHERIC_PRESSURE
+"""Gauge pressure below which a regulator lowers no pressure further [Pa] (assumed; a vent cannot evacuate)."""
 
 
 class GasState(NamedTuple):
@@ -62,6 +80,8 @@ class AirCharge(NamedTuple):
     """Commanded duty at the start of that period, -1 to 1."""
     draws_from_supply: bool
     """Whether the valve connects the muscle to the supply."""
+    max_pressure_volume: float
+    """Largest absolute pressure times volume [J] that muscle and tank together have air for, at their temperature."""
 
 
 def is_ideal(supply: SupplyParameters) -> bool:
@@ -80,6 +100,12 @@ def supply_pressure(supply: SupplyParameters, drawn_mass: float) -> float:
         return supply.max_pressure
     remaining = supply.tank_pressure - drawn_mass * AIR_GAS_CONSTANT * supply.temperature / supply.tank_volume
     return min(supply.max_pressure, max(remaining, 0.0))
+
+
+def tank_air_mass(supply: SupplyParameters, drawn_mass: float) -> float:
+    """Return the air [kg] that a tank still holds above room pressure after ``drawn_mass`` [kg] has been drawn."""
+    full = supply.tank_pressure * supply.tank_volume / (AIR_GAS_CONSTANT * supply.temperature)
+    return max(full - drawn_mass, 0.0)
 
 
 def equilibrium_gas(supply: SupplyParameters, pressure: float, volume: float, resting_volume: float) -> GasState:
@@ -108,31 +134,50 @@ def charge(
     that of the muscle at its resting length.
     """
     if supply.fill_conductance == 0.0:
-        return _charge_by_regulator(supply, gas, pressure, target, volume + supply.dead_volume, dt)
+        return _charge_by_regulator(supply, gas, pressure, target, volume + supply.dead_volume, resting_volume, dt)
     return _charge_by_valve(supply, gas, pressure, target, volume, resting_volume, dt)
 
 
 def _charge_by_regulator(
-    supply: SupplyParameters, gas: GasState, pressure: float, target: float, total_volume: float, dt: float
+    supply: SupplyParameters,
+    gas: GasState,
+    pressure: float,
+    target: float,
+    total_volume: float,
+    resting_volume: float,
+    dt: float,
 ) -> AirCharge:
     """Return the air after the flow from a regulator of unlimited flow; ``total_volume`` [m3] includes dead volume."""
-    per_mass, source = AIR_GAS_CONSTANT * supply.temperature / total_volume, supply_pressure(supply, gas.drawn_mass)
+    thermal = AIR_GAS_CONSTANT * supply.temperature
+    per_mass, source = thermal / total_volume, supply_pressure(supply, gas.drawn_mass)
     # A tank at a lower pressure than the muscle cannot fill it: the air is enclosed and can only be exhausted.
     is_enclosed = supply.tank_volume > 0.0 and pressure >= source
     before = pressure if is_enclosed else pressure - gas.pressure_disturbance
-    leaked = min(leak_flow(supply, before, supply.temperature) * dt, max(before, 0.0) / per_mass)
+    leaked, mass_to_room = leak_flow(supply, before, supply.temperature) * dt, before / per_mass
+    leaked = min(leaked, mass_to_room) if before > 0.0 else max(leaked, mass_to_room)
     after = regulate(supply, before - per_mass * leaked, target, dt)
     volume, exponent = supply.dead_volume, supply.polytropic_exponent
     # The inflow is known only after the muscle has moved (update_gas).
     inflow = 0.0
     if is_enclosed:
         after = min(after, before - per_mass * leaked)
-        return AirCharge(after, 0.0, 1.0, 1.0, total_volume, volume, inflow, leaked, gas.pwm_phase, gas.pwm_duty, True)
+        return AirCharge(
+            after, 0.0, 1.0, 1.0, total_volume, volume, inflow, leaked, gas.pwm_phase, gas.pwm_duty, True, math.inf
+        )
     remaining_fraction = supply.regulator_time_constant / (supply.regulator_time_constant + dt)
     after = min(after, source)
+    disturbance, lowest = gas.pressure_disturbance, min(pressure, LOWEST_REGULATED_PRESSURE)
+    if after < before and after + disturbance < lowest:
+        disturbance = lowest - after
+    max_pressure_volume = math.inf
+    if supply.tank_volume > 0.0:
+        mass = enclosed_air_mass(supply, gas, pressure, total_volume - volume, resting_volume)
+        if leaked > mass:
+            leaked = max(mass - ATMOSPHERIC_PRESSURE / per_mass, 0.0)
+        max_pressure_volume = (mass - leaked + tank_air_mass(supply, gas.drawn_mass)) * thermal
     return AirCharge(
         after,
-        gas.pressure_disturbance,
+        disturbance,
         remaining_fraction,
         exponent,
         total_volume,
@@ -142,6 +187,7 @@ def _charge_by_regulator(
         gas.pwm_phase,
         gas.pwm_duty,
         True,
+        max_pressure_volume,
     )
 
 
@@ -184,6 +230,7 @@ def _charge_by_valve(
         pressure_per_inflow=supply.polytropic_exponent * AIR_GAS_CONSTANT * supply.temperature / total_volume,
         pressure_per_outflow=supply.polytropic_exponent * inside / mass,
         dt=dt,
+        max_inflow=math.inf,
     )
     is_closed = opening_is_fixed and opening == 0.0
     after = pressure
@@ -194,21 +241,17 @@ def _charge_by_valve(
         after = min(after, max(target, pressure)) if opening >= 0.0 else max(after, target)
         max_change = supply.max_pressure_rate * dt
         after = min(max(after, pressure - max_change), pressure + max_change)
-    leaked = leak_flow(supply, after, problem.gas_temperature) * dt
-    # The mass through the valve is a difference, so that pressure and mass agree to the last bits.
-    difference = (
-        after
-        - pressure
-        + problem.pressure_per_outflow * max(leaked, 0.0)
-        - problem.pressure_per_inflow * max(-leaked, 0.0)
-    )
-    through = (
-        difference / problem.pressure_per_inflow if difference > 0.0 else difference / problem.pressure_per_outflow
-    )
-    if is_closed:
-        leaked, through = leaked - through, 0.0
+    leaked, through = split_flow(supply, problem, after)
     # Above room pressure all inflow comes from the supply, also while a pilot stage compensates a leak.
     draws_from_supply = opening_at(supply, problem, after) >= 0.0 or after > 0.0
+    if supply.tank_volume > 0.0 and draws_from_supply and through > tank_air_mass(supply, gas.drawn_mass):
+        problem = limit_inflow(problem, tank_air_mass(supply, gas.drawn_mass))
+        after = solve_pressure(supply, problem)
+        leaked, through = split_flow(supply, problem, after)
+    temperature_ratio = problem.pressure_per_outflow / problem.pressure_per_inflow
+    leaked, through = limit_outflow(leaked, mass, temperature_ratio), -limit_outflow(-through, mass, temperature_ratio)
+    if is_closed:
+        leaked, through = leaked - through, 0.0
     return AirCharge(
         after,
         0.0,
@@ -221,12 +264,13 @@ def _charge_by_valve(
         phase,
         duty,
         draws_from_supply,
+        math.inf,
     )
 
 
 def constant_pressure(pressure: float) -> AirCharge:
     """Return air that keeps ``pressure`` [Pa] for any motion of the muscle."""
-    return AirCharge(pressure, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, True)
+    return AirCharge(pressure, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, True, math.inf)
 
 
 def charge_ideal(supply: SupplyParameters, pressure: float, target: float, dt: float) -> AirCharge:
@@ -245,12 +289,26 @@ def enclosed_air_mass(
 
 def pressure_after_motion(air: AirCharge, volume: float) -> float:
     """Return the pressure [Pa] after the muscle has moved to ``volume`` [m3], without the dead volume."""
+    pressure = _unlimited_pressure(air, volume)
+    if _pressure_volume(air, pressure, volume) > air.max_pressure_volume:
+        pressure = min(pressure, air.max_pressure_volume / (volume + air.dead_volume) - ATMOSPHERIC_PRESSURE)
+    return pressure
+
+
+def _unlimited_pressure(air: AirCharge, volume: float) -> float:
+    """Return the pressure [Pa] after the motion to ``volume`` [m3] if the supply has air enough."""
     if air.disturbance_fraction == 0.0:
         return air.pressure
     before = air.pressure + air.pressure_disturbance + ATMOSPHERIC_PRESSURE
     ratio = air.volume / (volume + air.dead_volume)
     compression = before * (math.pow(ratio, air.polytropic_exponent) - 1.0)
     return air.pressure + air.disturbance_fraction * (air.pressure_disturbance + compression)
+
+
+def _pressure_volume(air: AirCharge, pressure: float, volume: float) -> float:
+    """Return absolute pressure times volume [J] of the air of a regulator, without its compression by the muscle."""
+    expanded = air.pressure + (pressure - air.pressure) / air.polytropic_exponent
+    return (expanded + ATMOSPHERIC_PRESSURE) * (volume + air.dead_volume)
 
 
 def update_gas(
@@ -266,10 +324,19 @@ def update_gas(
         surplus = equilibrium_gas(
             supply, air.pressure + compression / air.polytropic_exponent, volume, resting_volume
         ).surplus_mass
+        if _pressure_volume(air, pressure, volume) > air.max_pressure_volume:
+            vented = air_mass(0.0, resting_volume + supply.dead_volume, supply.temperature)
+            surplus = air.max_pressure_volume / (AIR_GAS_CONSTANT * supply.temperature) - vented
         through = surplus - gas.surplus_mass + air.leaked_mass
-        drawn, leaked = gas.drawn_mass + max(through, 0.0), gas.leaked_mass + air.leaked_mass
-        # No regulator compensates the pressure of enclosed air.
+        drawn, leaked = max(through, 0.0), gas.leaked_mass + air.leaked_mass
+        if supply.tank_volume > 0.0:
+            # Air that warms up after its compression looks like drawn air, but an empty tank gives none.
+            drawn = min(drawn, tank_air_mass(supply, gas.drawn_mass))
+        drawn += gas.drawn_mass
+        # No regulator compensates the pressure of enclosed air, or has a disturbance when its tank is empty.
         disturbance = compression if air.disturbance_fraction < 1.0 else 0.0
+        if pressure < _unlimited_pressure(air, volume):
+            disturbance = 0.0
         return GasState(surplus, drawn, air.pwm_phase, disturbance, leaked, air.pwm_duty)
     drawn = gas.drawn_mass + (max(air.valve_mass, 0.0) if air.draws_from_supply else 0.0)
     leaked = gas.leaked_mass + air.leaked_mass

@@ -117,6 +117,34 @@ class FlowProblem(NamedTuple):
     """Pressure change per mass that leaves [Pa/kg]."""
     dt: float
     """Time step [s]."""
+    max_inflow: float
+    """Largest mass that the valve can let in [kg]."""
+
+
+def limit_inflow(problem: FlowProblem, max_inflow: float) -> FlowProblem:
+    """Return ``problem`` with at most ``max_inflow`` [kg] through the valve."""
+    # numba does not compile NamedTuple._replace.
+    return FlowProblem(
+        problem.initial_pressure,
+        problem.source_pressure,
+        problem.target_pressure,
+        problem.opening,
+        problem.opening_is_fixed,
+        problem.gas_temperature,
+        problem.pressure_per_inflow,
+        problem.pressure_per_outflow,
+        problem.dt,
+        max_inflow,
+    )
+
+
+def limit_outflow(outflow: float, mass: float, temperature_ratio: float) -> float:
+    """Return the air [kg] that leaves a muscle which holds ``mass`` [kg], for the same change of pressure.
+
+    At most ``mass`` leaves at the muscle's temperature. Beyond it supplied air passes through, at the temperature of
+    the supply; ``temperature_ratio`` is that of the muscle's air over that of the supply [1].
+    """
+    return outflow if outflow <= mass else mass + (outflow - mass) * temperature_ratio
 
 
 def opening_at(supply: SupplyParameters, problem: FlowProblem, pressure: float) -> float:
@@ -129,6 +157,7 @@ def _pressure_residual(supply: SupplyParameters, problem: FlowProblem, pressure:
     through = valve_flow(
         supply, problem.source_pressure, pressure, opening_at(supply, problem, pressure), problem.gas_temperature
     )
+    through = min(through, problem.max_inflow / problem.dt)
     out = leak_flow(supply, pressure, problem.gas_temperature)
     inflow, outflow = max(through, 0.0) + max(-out, 0.0), max(-through, 0.0) + max(out, 0.0)
     return (
@@ -167,3 +196,17 @@ def solve_pressure(supply: SupplyParameters, problem: FlowProblem) -> float:
             else:
                 low, f_low = x, f_x
     return low if -f_low < f_high else high
+
+
+def split_flow(supply: SupplyParameters, problem: FlowProblem, after: float) -> tuple[float, float]:
+    """Return the air [kg] that leaves through the leak, and that enters through the valve, until pressure ``after``."""
+    leaked = leak_flow(supply, after, problem.gas_temperature) * problem.dt
+    # The mass through the valve is a difference, so that pressure and mass agree to the last bits.
+    difference = (
+        after
+        - problem.initial_pressure
+        + problem.pressure_per_outflow * max(leaked, 0.0)
+        - problem.pressure_per_inflow * max(-leaked, 0.0)
+    )
+    per_mass = problem.pressure_per_inflow if difference > 0.0 else problem.pressure_per_outflow
+    return leaked, difference / per_mass

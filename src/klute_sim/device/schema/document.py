@@ -7,7 +7,7 @@ Only optional sections and keys have defaults.
 import math
 from typing import Annotated, Any, Self
 
-from pydantic import Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, ValidationError, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from klute_sim.device.dynamics import DeviceParameters
@@ -37,6 +37,10 @@ MAX_BORE_TO_ORIFICE_RATIO = 1000
 """Maximum ratio of bore to orifice; beyond it the damper locks (the muscle creeps micrometres in a stride)."""
 
 
+RubberConstant = Annotated[FiniteFloat, Field(ge=0, le=1e5)]
+"""Mooney-Rivlin constant [kPa]; rubber has tens to thousands, and 1e5 is stiffer than any."""
+
+
 class Muscle(DeviceFileSection):
     """``count`` equal McKibben actuators side by side."""
 
@@ -44,21 +48,21 @@ class Muscle(DeviceFileSection):
     """Number of actuators in parallel."""
     resting_length_mm: Annotated[FiniteFloat, Field(ge=20, le=2000)]
     """Resting length L0 of the actuator."""
-    braid_length_ratio: Annotated[FiniteFloat, Field(gt=1.0, lt=math.sqrt(3.0))]
+    braid_length_ratio: Annotated[FiniteFloat, Field(ge=1.001, lt=math.sqrt(3.0))]
     """Braid length over resting length, B/L0; at 1 the braid cannot wind, at sqrt(3) it is locked at rest."""
     turns_per_m: Positive
     """Turns of a braid thread per metre of resting length, N/L0."""
-    bladder_radius_mm: Positive
-    """Outer bladder radius R0 at rest."""
-    bladder_thickness_mm: Positive
+    bladder_radius_mm: Annotated[FiniteFloat, Field(ge=0.5, le=500)]
+    """Outer bladder radius R0 at rest; with the braid it sets the volume of the air."""
+    bladder_thickness_mm: Annotated[FiniteFloat, Field(ge=0.01, le=500)]
     """Bladder wall thickness t0 at rest."""
-    c10_kpa: NonNegative
+    c10_kpa: RubberConstant
     """First Mooney-Rivlin constant of the bladder."""
-    c01_kpa: NonNegative
+    c01_kpa: RubberConstant
     """Second Mooney-Rivlin constant of the bladder."""
-    friction_slope_n_per_bar: FiniteFloat
+    friction_slope_n_per_bar: Annotated[FiniteFloat, Field(ge=-1e4, le=1e4)]
     """Slope m of the friction offset over pressure, per actuator."""
-    friction_offset_n: FiniteFloat
+    friction_offset_n: Annotated[FiniteFloat, Field(ge=-1e5, le=1e5)]
     """Friction offset b at zero pressure, per actuator, with the sign of the dissertation."""
     bladder: bool = True
     """Whether the bladder term acts; False gives the geometric model."""
@@ -104,13 +108,13 @@ class Muscle(DeviceFileSection):
 class Damper(DeviceFileSection):
     """An orifice damper in parallel with the muscle, with a discharge coefficient of 1 as in the design."""
 
-    bore_mm: Positive
+    bore_mm: Annotated[FiniteFloat, Field(ge=1, le=500)]
     """Bore of the cylinder."""
     orifice_concentric_mm: Positive
     """Diameter of the orifice that is open while the muscle shortens."""
     orifice_eccentric_mm: Positive
     """Diameter of the orifice that is open while the muscle lengthens."""
-    oil_density_kg_m3: Positive
+    oil_density_kg_m3: Annotated[FiniteFloat, Field(ge=100, le=2e4)]
     """Density of the oil."""
 
     @model_validator(mode="after")
@@ -243,6 +247,15 @@ class DeviceSpec(DeviceFileSection):
             if reason:
                 raise PydanticCustomError("effect", "{reason}", {"reason": reason})
         return self
+
+    @field_validator("name")
+    @classmethod
+    def _check_name(cls, name: str) -> str:
+        if not name.isprintable():  # it stands in titles, tables and file names
+            raise PydanticCustomError(
+                "name", "{name} is refused; allowed: a name on one line of printable text", {"name": repr(name)}
+            )
+        return name
 
     @model_validator(mode="after")
     def _check_effects(self) -> Self:

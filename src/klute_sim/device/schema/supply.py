@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, FiniteFloat, model_validator
 from pydantic_core import PydanticCustomError
 
-from klute_sim.device.schema.section import DeviceFileSection, NonNegative, Positive
+from klute_sim.device.schema.section import DeviceFileSection, NonNegative
 from klute_sim.laws import valve as valve_law
 from klute_sim.laws.pneumatics import ZERO_CELSIUS, SupplyParameters
 from klute_sim.laws.valve import Restriction
@@ -17,9 +17,9 @@ CriticalRatio = Annotated[FiniteFloat, Field(ge=0.0, lt=0.99)]
 class Supply(DeviceFileSection):
     """The pressure regulator."""
 
-    pressure_bar: Annotated[FiniteFloat, Field(gt=0, le=20)]
+    pressure_bar: Annotated[FiniteFloat, Field(ge=1e-3, le=20)]
     """Maximum gauge pressure."""
-    rate_bar_per_s: Positive
+    rate_bar_per_s: Annotated[FiniteFloat, Field(ge=1e-3, le=1e7)]
     """Maximum rate of pressure change in both directions, without a [valve]."""
     gas_temperature_c: Annotated[FiniteFloat, Field(ge=-60, le=200)]
     """Temperature of the supplied air."""
@@ -38,7 +38,7 @@ class Valve(DeviceFileSection):
     """Critical pressure ratio b from muscle to room."""
     command: Literal["pressure", "opening"] = "pressure"
     """Kind of command: a pressure that the valve controls, or an opening from -1 (exhaust) to 1 (fill)."""
-    gain_per_bar: Annotated[FiniteFloat, Field(gt=0, le=1e4)] | None = None
+    gain_per_bar: Annotated[FiniteFloat, Field(ge=1e-4, le=1e4)] | None = None
     """Opening per bar of pressure error; required for pressure commands, not allowed for openings."""
     drive: Literal["proportional", "on-off"] = "proportional"
     """Kind of valve: a continuous opening, or pulses whose width is the opening (pulse-width modulation)."""
@@ -96,7 +96,7 @@ class Tank(DeviceFileSection):
 
     volume_l: Annotated[FiniteFloat, Field(ge=1e-3, le=1e4)]
     """Volume of the tank."""
-    pressure_bar: Annotated[FiniteFloat, Field(gt=0, le=500)]
+    pressure_bar: Annotated[FiniteFloat, Field(ge=1e-3, le=500)]
     """Gauge pressure of the full tank."""
 
 

@@ -10,6 +10,8 @@ from klute_sim.laws.pneumatics import SupplyParameters, replace_supply_fields
 
 NOZZLE_CRITICAL_RATIO = 0.5
 """Critical pressure ratio of a short nozzle, assumed for a valve as wide as its ports [1]."""
+MIN_RESISTANCE = 100.0
+"""Resistance below which a valve does not restrict any flow [s Pa/m3]: a millionth of 1 s bar/dm3."""
 
 
 def choke_symmetric(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
@@ -31,9 +33,9 @@ def _with_valve(
     s = supply
     return replace_supply_fields(
         s,
-        1.0 / fill_resistance,
+        1.0 / max(fill_resistance, MIN_RESISTANCE),
         critical_ratio,
-        1.0 / exhaust_resistance,
+        1.0 / max(exhaust_resistance, MIN_RESISTANCE),
         critical_ratio,
         s.polytropic_exponent,
         s.leak_conductance,

@@ -27,6 +27,7 @@ from klute_sim.device.dynamics import (
     compute_taut_state,
     compute_tension,
 )
+from klute_sim.device.nonfinite import integrate_in_python
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.laws import foot as _foot
 from klute_sim.laws.foot import Foot, FootInputs
@@ -172,7 +173,8 @@ def simulate_replay(
         _compile_integrate()(packed, foot, *initial_state, motion, command, n_settling_steps, float(dt), out)
     else:
         row: Any = pack_parameters(parameters)
-        integrate(row, foot, *initial_state, motion.tolist(), command.tolist(), n_settling_steps, float(dt), out)
+        arguments = motion.tolist(), command.tolist(), n_settling_steps, float(dt)
+        integrate_in_python(integrate, out, row, foot, *initial_state, *arguments)
     if not np.isfinite(out).all():
         k = int(np.argwhere(~np.isfinite(out))[0][0])
         raise SimulationError(f"the replay has no finite state at t = {k * dt:.4f} s")

@@ -6,6 +6,9 @@ from typing import Any
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.laws.mckibben import MuscleParameters
 
+MIN_BRAID_RATIO = 0.2
+"""Smallest 1 - e P L/L0 of the linear law [1]: the threads are at most five times as long as without tension."""
+
 
 def stretch_braid(
     p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
@@ -16,7 +19,7 @@ def stretch_braid(
     e is their strain per pressure at resting length. The gas pulls with ``P (3 L^2 - B^2) / (4 pi N^2)`` as before.
     """
     braid, turns = muscle.braid_length, muscle.braid_turns
-    stretched_braid = braid / (1.0 - p.strain * pressure * length / muscle.resting_length)
+    stretched_braid = braid / max(1.0 - p.strain * pressure * length / muscle.resting_length, MIN_BRAID_RATIO)
     return force - muscle.n_actuators * pressure * (stretched_braid * stretched_braid - braid * braid) / (
         4.0 * math.pi * turns * turns
     )
