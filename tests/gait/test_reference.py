@@ -94,7 +94,8 @@ def without_column(text: str) -> str:
             lambda t: change_column(t, "grf_vertical_n_per_kg", lambda v: v + 1.0),
             "never falls below 0.20 N/kg in swing",
         ),
-        (lambda t: change_column(t, "knee_flexion_deg", lambda v: -v), "allowed: up to 30; check the signs"),
+        (lambda t: change_column(t, "knee_flexion_deg", lambda v: 0.3 * v), "allowed: up to 30; check the signs"),
+        (lambda t: change_column(t, "knee_flexion_deg", lambda v: -v), "`knee_flexion_deg` has the opposite sign"),
     ],
 )
 def test_invalid_reference_is_refused_with_place_and_reason(corrupt: Callable[[str], str], message: str) -> None:

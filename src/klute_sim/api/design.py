@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -65,6 +66,7 @@ class DesignResult:
         device, profile = folder / "device.toml", folder / "profile.csv"
         words = ["--device", device, "--controller", profile, "--mass", repr(target.mass).removesuffix(".0")]
         reference = [] if self.reference_path is None else ["--reference", self.reference_path]
+        reference += [f"--accept={finding.name}" for finding in target.reference.accepted]
         return shlex.join(["klute-sim", "gait", *map(str, [*words, *reference])])
 
     def format_summary(self, summary: dict[str, Any] | None = None) -> Summary:
@@ -120,6 +122,7 @@ def design(
     *,
     mass: float | None = None,
     reference: ReferenceLike = None,
+    accept: Collection[str] = (),
     muscle: str | MuscleTarget | None = None,
     isometric_force: float | None = None,
     muscle_length: float | None = None,
@@ -142,9 +145,10 @@ def design(
 ) -> DesignResult:
     """Size actuators, damper and tendon for a walker of ``mass`` [kg] or for a muscle; None selects the design rule.
 
-    Target: ``reference`` (gait of the walker), or ``muscle`` (name of a row of Table 2.4, or a target) with
-    ``isometric_force`` F0 [N] and ``muscle_length`` l0 [m]; ``peak_velocity`` Vmax [m/s], ``a`` (a/F0), ``b``
-    (b/Vmax) and ``saturation`` (eccentric force over F0) of Hill's equation.
+    Target: ``reference`` (gait of the walker; ``accept`` names findings about its file that are right although they
+    look implausible), or ``muscle`` (name of a row of Table 2.4, or a target) with ``isometric_force`` F0 [N] and
+    ``muscle_length`` l0 [m]; ``peak_velocity`` Vmax [m/s], ``a`` (a/F0), ``b`` (b/Vmax) and ``saturation`` (eccentric
+    force over F0) of Hill's equation.
 
     Choices: ``supply_pressure`` [Pa], ``actuator`` (preset), ``count`` and ``resting_length`` L0 [m] of the actuators;
     ``bore`` [m], ``cylinder_pressure`` [Pa], ``eccentric_speed`` [m/s] and ``eccentric_force`` [N] of the damper;
@@ -184,7 +188,9 @@ def design(
     if mass is None:
         sized = design_device(target, choices, name)
     else:
-        sized = design_device(WalkerTarget(mass=mass, reference=to_reference(reference), muscle=target), choices, name)
+        sized = design_device(
+            WalkerTarget(mass=mass, reference=to_reference(reference, accept=accept), muscle=target), choices, name
+        )
         # Raises InputError for a device that does not fit into the shank of the gait rig.
         build_gait_model(sized.device, mass=mass, stature=MODEL_STATURE, dt=1e-3)
     report = progress if progress is not None else lambda fraction, stage: None

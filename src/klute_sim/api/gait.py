@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -167,6 +167,7 @@ def simulate_gait(
     time_step: float = 5e-4,
     reference: ReferenceLike = None,
     stride_time: float | None = None,
+    accept: Collection[str] = (),
     spring_foot: float | None = None,
     backend: str = "auto",
     progress: ProgressCallback | None = None,
@@ -189,6 +190,7 @@ def simulate_gait(
         time_step: Time step [s].
         reference: Reference gait, or the path of its file or folder. None: able-bodied adults.
         stride_time: Stride time of the reference file [s]. None: the time that its folder states, or 1.1.
+        accept: Names of findings about the reference file that are right although they look implausible.
         spring_foot: Stiffness of a passive foot, which replaces the device [N.m/deg]. None: the device.
         backend: ``"compiled"``, ``"python"`` (the same bits), or ``"auto"``: compiled if possible.
         progress: Receives the completed fraction and the current stage.
@@ -205,7 +207,7 @@ def simulate_gait(
         raise InputError("a stride time requires a reference file: the stride time of the default reference is fixed")
     chosen_foot = None if spring_foot is None else SpringFoot(stiffness=math.degrees(spring_foot))
     warnings = check_supply_pressure(chosen_device, chosen_controller)
-    gait = to_reference(reference, stride_time)
+    gait = to_reference(reference, stride_time, accept)
     options = GaitOptions(
         mass=first_not_none(mass, gait.mass, GaitOptions.mass),
         stature=first_not_none(stature, gait.stature, GaitOptions.stature),
@@ -216,6 +218,7 @@ def simulate_gait(
         reference=gait,
         spring_foot=chosen_foot,
     )
+    warnings += tuple(f"Accepted: {finding.sentence}." for finding in gait.accepted)
     recording = rig.simulate_gait(chosen_device, chosen_controller, options, progress or ignore_progress, backend)
     return GaitRun(None if chosen_foot else chosen_device, options, recording, warnings)
 

@@ -1,6 +1,6 @@
 """Convert what a user may pass (an object, a name or a path) into the objects that the package works with."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TypeAlias
 
@@ -27,14 +27,15 @@ def to_controller(controller: ControllerLike) -> Controller:
     return parse_controller(str(controller)) if isinstance(controller, str | Path) else controller
 
 
-def to_reference(reference: ReferenceLike, stride_time: float | None = None) -> Reference:
+def to_reference(reference: ReferenceLike, stride_time: float | None = None, accept: Collection[str] = ()) -> Reference:
     """Return ``reference``, loaded if it is a path; ``stride_time`` [s] overrides that of the file.
 
-    Raises InputError when the file cannot be read.
+    ``accept`` names findings about the file that are right although they look implausible. Raises InputError when the
+    file cannot be read.
     """
     if reference is None:
         return load_default_reference()
-    return reference if isinstance(reference, Reference) else load_reference(reference, stride_time)
+    return reference if isinstance(reference, Reference) else load_reference(reference, stride_time, accept)
 
 
 def ignore_progress(fraction: float, stage: str) -> None:

@@ -1,6 +1,6 @@
 """Import motion-capture data and export runs: :func:`import_gait`, :func:`import_dataset`, :func:`export_run`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -44,7 +44,9 @@ class GaitImport:
         """Reference gait for ``simulate_gait(reference=...)``."""
         from klute_sim.gait.reference import parse_reference
 
-        gait = parse_reference(self.imported.to_csv(), "imported gait", self.imported.stride_time)
+        gait = parse_reference(
+            self.imported.to_csv(), "imported gait", self.imported.stride_time, self.imported.options.accept
+        )
         return replace(gait, mass=self.imported.mass, stature=self.imported.options.stature)
 
     @property
@@ -165,8 +167,11 @@ def import_gait(
     mapping: str | Path | None = None,
     cutoff: float = MOTION_CUTOFF_HZ,
     load_cutoff: float = LOAD_CUTOFF_HZ,
+    stride_time: float | None = None,
+    use_listed_events: bool = True,
     contact_threshold: float = ImportOptions.contact_threshold,
     ankle_zero: AnkleZero = "foot-flat",
+    accept: Collection[str] = (),
     progress: ProgressCallback | None = None,
 ) -> GaitImport:
     """Import motion-capture files as a gait reference.
@@ -182,8 +187,12 @@ def import_gait(
         mapping: Path of a mapping file for columns, markers, axes and clocks.
         cutoff: Low-pass cutoff of angles and markers [Hz]; 0 disables the filter.
         load_cutoff: Low-pass cutoff of ground reactions and moments [Hz]; 0 disables the filter.
+        stride_time: Duration [s] of a stride in a table over the gait cycle [%].
+        use_listed_events: Whether strides are cut at the foot strikes that a C3D file lists. False: at those of the
+            load.
         contact_threshold: Vertical ground reaction of a foot on the ground [N].
         ankle_zero: Zero of the ankle angle.
+        accept: Names of findings that are right although they look implausible.
         progress: Receives the completed fraction and the current stage.
 
     Raises InputError for files that are invalid, contradictory or without a complete stride.
@@ -194,9 +203,12 @@ def import_gait(
         side=side,
         motion_cutoff=cutoff,
         load_cutoff=load_cutoff,
+        stride_time=stride_time,
+        use_listed_events=use_listed_events,
         contact_threshold=contact_threshold,
         ankle_zero=ankle_zero,
         mapping=_read_mapping(mapping),
+        accept=frozenset(accept),
     )
     return GaitImport(reference_import.import_reference(_list_files(files), options, progress))
 
@@ -212,6 +224,7 @@ def import_dataset(
     mapping: str | Path | None = None,
     contact_threshold: float = ImportOptions.contact_threshold,
     ankle_zero: AnkleZero = "file",
+    accept: Collection[str] = (),
     progress: ProgressCallback | None = None,
 ) -> DatasetImport:
     """Import gait trials with a prosthesis and its log as a dataset for :func:`klute_sim.diagnose`.
@@ -227,6 +240,7 @@ def import_dataset(
         mapping: Path of a mapping file for columns, markers, axes and clocks.
         contact_threshold: Vertical ground reaction of a foot on the ground [N].
         ankle_zero: Zero of the ankle angle.
+        accept: Names of findings that are right although they look implausible.
         progress: Receives the completed fraction and the current stage.
 
     Raises InputError for invalid inputs, and if no trial can be replayed.
@@ -237,6 +251,7 @@ def import_dataset(
         contact_threshold=contact_threshold,
         ankle_zero=ankle_zero,
         mapping=_read_mapping(mapping),
+        accept=frozenset(accept),
     )
     dataset_options = DatasetOptions(
         device=str(device), uncertainties=uncertainties or {}, trials_per_group=trials_per_group

@@ -1,6 +1,6 @@
 """Simulate every combination of inputs: :func:`sweep` and its result :class:`SweepResult`."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -119,6 +119,7 @@ def sweep(
     spring_feet: Sequence[float] = (),
     strides: int = 5,
     time_step: float = 5e-4,
+    accept: Collection[str] = (),
     folder: str | Path | None = None,
     n_jobs: int = 0,
     ray_address: str | None = None,
@@ -139,6 +140,7 @@ def sweep(
         spring_feet: Stiffnesses of passive feet [N.m/deg], simulated in addition to the devices.
         strides: Number of strides per case.
         time_step: Time step [s].
+        accept: Names of findings about the reference files that are right although they look implausible.
         folder: Folder of the results, new, empty or of the same sweep; None: the next ``runs/sweep-NNN``.
         n_jobs: Number of worker processes; 0: one per core.
         ray_address: Address of a Ray cluster, ``"auto"`` or ``"local"``; None: processes on this machine.
@@ -152,7 +154,7 @@ def sweep(
     plan = SweepPlan(
         devices={_get_name(device): to_device(device) for device in chosen_devices},
         controllers={_get_name(controller): to_controller(controller) for controller in chosen_controllers},
-        references={_get_name(reference): _load_reference(reference) for reference in references},
+        references={_get_name(reference): _load_reference(reference, accept) for reference in references},
         speeds=speeds,
         slopes_deg=slopes,
         masses=masses,
@@ -199,7 +201,7 @@ def _get_name(item: Any) -> str:
     return str(getattr(item, "name", None) or item.describe().get("kind"))
 
 
-def _load_reference(reference: str | Path | Reference) -> Reference | None:
+def _load_reference(reference: str | Path | Reference, accept: Collection[str]) -> Reference | None:
     if isinstance(reference, Reference):
         return reference
-    return None if str(reference) == ABLE_BODIED_REFERENCE else load_reference(reference)
+    return None if str(reference) == ABLE_BODIED_REFERENCE else load_reference(reference, accept=accept)

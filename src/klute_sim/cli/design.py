@@ -44,6 +44,7 @@ def _number_option(name: str, metavar: str, help_text: str) -> Callable[[Callabl
     metavar="FILE",
     help="With --mass: CSV file of a gait cycle with the columns of docs/gait.md.  [default: able-bodied adults]",
 )
+@common.ACCEPT_OPTION
 @click.option(
     "--muscle", default=None, metavar="NAME", help=f"Muscle of Table 2.4 to emulate: {', '.join(HILL_CURVES)}."
 )

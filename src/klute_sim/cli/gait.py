@@ -43,6 +43,7 @@ from klute_sim.cli import common
     metavar="S",
     help="Stride time of --reference [s].  [default: the value in its folder, or 1.1]",
 )
+@common.ACCEPT_OPTION
 @click.option(
     "--mass",
     type=common.NumberWithUnit("kg"),
@@ -93,6 +94,7 @@ def command(
     spring_foot: float | None,
     reference_path: Path | None,
     stride_time: float | None,
+    accept: tuple[str, ...],
     mass: float | None,
     stature: float | None,
     speed: float | None,
@@ -143,6 +145,7 @@ def command(
                 time_step=1e-3 * step_ms,
                 reference=reference_path,
                 stride_time=stride_time,
+                accept=accept,
                 spring_foot=spring_foot,
                 backend=backend,
                 progress=progress,

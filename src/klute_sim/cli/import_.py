@@ -10,6 +10,9 @@ import click
 from klute_sim.cli import common
 from klute_sim.cli.common import NonEmptyPath
 
+MIN_CADENCE, MAX_CADENCE = 48.0, 200.0
+"""Allowed cadences [steps/min]: those of the allowed stride times."""
+
 
 @click.command("import")
 @click.argument("files", nargs=-1, required=True, metavar="FILES...", type=NonEmptyPath())
@@ -73,6 +76,25 @@ from klute_sim.cli.common import NonEmptyPath
     "--dataset: file]",
 )
 @click.option(
+    "--stride-duration",
+    type=common.NumberWithUnit("s"),
+    default=None,
+    metavar="S",
+    help="Duration [s] of the stride in a table over the gait cycle [%], which has no time.",
+)
+@click.option(
+    "--cadence",
+    type=common.NumberWithUnit("steps/min"),
+    default=None,
+    metavar="STEPS/MIN",
+    help="Cadence in place of --stride-duration; a stride has two steps.",
+)
+@click.option(
+    "--ignore-events",
+    is_flag=True,
+    help="Cut strides at the foot strikes of the load, not at those that a C3D file lists.",
+)
+@click.option(
     "--dataset",
     "as_dataset",
     is_flag=True,
@@ -93,6 +115,7 @@ from klute_sim.cli.common import NonEmptyPath
     help="With --dataset: number of consecutive trials that are repeats.  [default: trials with equal stride times and "
     "pressures]",
 )
+@common.ACCEPT_OPTION
 @common.out_option("import", "the reference or the dataset")
 @click.option("--verbose", is_flag=True, help="Print all decisions for each file; import.json always contains them.")
 @common.json_option()
@@ -106,10 +129,14 @@ def command(
     load_cutoff: float | None,
     threshold: float,
     ankle_zero: Any,
+    stride_duration: float | None,
+    cadence: float | None,
+    ignore_events: bool,
     as_dataset: bool,
     device: str | None,
     uncertain: tuple[str, ...],
     repeats: int | None,
+    accept: tuple[str, ...],
     out: Path | None,
     verbose: bool,
     as_json: bool,
@@ -128,6 +155,7 @@ def command(
       klute-sim import trial.c3d --mass 70 --out my-subject
       klute-sim gait --reference my-subject
       klute-sim import ik.mot grf.mot id.sto --mass 70 --side left
+      klute-sim import published-stride.csv --mass 70 --stride-duration 1.1
       klute-sim import walk1.csv walk2.csv --map my-columns.toml --json
       klute-sim import a.c3d a_log.csv b.c3d b_log.csv --dataset --device my.toml --side left --out my-trials
       klute-sim diagnose my-trials
@@ -137,10 +165,18 @@ def command(
     from klute_sim.cli.console import progress_bar, stdout_console
     from klute_sim.recording.run_folder import create_run_folder
 
-    reference_only = {"--cutoff": cutoff, "--load-cutoff": load_cutoff, "--stature": stature}
+    reference_only = {
+        "--cutoff": cutoff,
+        "--load-cutoff": load_cutoff,
+        "--stature": stature,
+        "--stride-duration": stride_duration,
+        "--cadence": cadence,
+        "--ignore-events": ignore_events or None,
+    }
     dataset_only = {"--device": device, "--uncertain": uncertain or None, "--repeats": repeats}
     _check_option_use(reference_only, dataset_only, as_dataset=as_dataset)
     common_options: dict[str, Any] = {"mass": mass, "side": side, "mapping": map_file, "contact_threshold": threshold}
+    common_options["accept"] = accept
     if ankle_zero is not None:
         common_options["ankle_zero"] = ankle_zero
     with create_run_folder("import", out) as (folder, scratch):
@@ -164,6 +200,8 @@ def command(
                 gait = import_gait(
                     files,
                     stature=stature,
+                    stride_time=_get_stride_time(stride_duration, cadence),
+                    use_listed_events=not ignore_events,
                     progress=progress,
                     **{name: value for name, value in cutoffs.items() if value is not None},
                     **common_options,
@@ -189,6 +227,19 @@ def _check_option_use(reference_only: dict[str, Any], dataset_only: dict[str, An
             raise InputError(f"{name} requires --dataset")
         reason = ": a dataset is not filtered" if "cutoff" in name else ""
         raise InputError(f"{name} cannot be combined with --dataset{reason}")
+
+
+def _get_stride_time(stride_duration: float | None, cadence: float | None) -> float | None:
+    """Return the stride time [s] by its duration [s] or by the cadence [steps/min]."""
+    from klute_sim.errors import InputError
+
+    if cadence is None:
+        return stride_duration
+    if stride_duration is not None:
+        raise InputError("--cadence and --stride-duration state the same; pass one of them")
+    if not MIN_CADENCE <= cadence <= MAX_CADENCE:
+        raise InputError(f"cadence is {cadence:g}; allowed: {MIN_CADENCE:g} to {MAX_CADENCE:g} steps/min of both feet")
+    return 120.0 / cadence
 
 
 def _require_device(device: str | None) -> str:

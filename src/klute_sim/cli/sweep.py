@@ -78,6 +78,7 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     help="Reference gait: a folder from klute-sim import, a CSV file (docs/gait.md), or 'able-bodied', the reference "
     "of this package; may be repeated.  [default: able-bodied]",
 )
+@common.ACCEPT_OPTION
 @click.option(
     "--mass",
     "masses",
@@ -125,6 +126,7 @@ def command(
     speeds: list[float | None],
     slopes: list[float],
     references: tuple[str, ...],
+    accept: tuple[str, ...],
     masses: list[float],
     statures: list[float],
     spring_feet: list[float],
@@ -171,6 +173,7 @@ def command(
             speeds=speeds or [None],
             slopes=slopes or [0.0],
             references=references or [ABLE_BODIED_REFERENCE],
+            accept=accept,
             masses=masses or [None],
             statures=statures or [None],
             spring_feet=spring_feet,

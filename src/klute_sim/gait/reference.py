@@ -7,8 +7,9 @@ peak moments of the sources range from 1.32 to 1.63 N.m/kg, toe-off from 59 to 6
 """
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
@@ -21,10 +22,16 @@ from klute_sim.files.limits import REFERENCE
 from klute_sim.files.lines import read_csv_rows
 from klute_sim.files.reading import NotTextError, read_text
 from klute_sim.gait import reference_folder
+from klute_sim.plausibility.finding import Finding, require_accepted
+from klute_sim.plausibility.gait.body import describe_other_unit
+from klute_sim.plausibility.gait.cycle import find_cycle_findings
+from klute_sim.plausibility.gait.shapes import resample_cycle
 from klute_sim.types import Array
 
 DEFAULT_NAME = "able-bodied adults (Winter; Bovi et al. 2011; Fukuchi et al. 2018)"
 """Name of the default reference."""
+DEFAULT_FILE = "normative_gait.csv"
+"""File of the default reference in this package."""
 DEFAULT_STRIDE_TIME = 1.10
 """Stride time [s] of the default reference; it reproduces power from moment and angle."""
 
@@ -82,6 +89,8 @@ class Reference:
     """Body height of the subject [m]; None: unknown."""
     speed: float | None = None
     """Measured walking speed [m/s]; None: unknown. The rig computes its speed from angles, legs and stride time."""
+    accepted: tuple[Finding, ...] = ()
+    """Implausible properties that the user accepts."""
 
     def __call__(self, column: str, phase: Array, derivative: int = 0) -> Array:
         """Return ``column``, or its ``derivative``-th derivative by phase, at ``phase`` (0-1, periodic)."""
@@ -141,16 +150,22 @@ def _combine_splines(weight_a: float, spline_a: CubicSpline, weight_b: float, sp
 
 def load_default_reference() -> Reference:
     """Return the default reference."""
-    file = resources.files("klute_sim.gait") / "normative_gait.csv"
-    return replace(parse_reference(file.read_text("utf-8"), file.name), name=DEFAULT_NAME)
+    return replace(parse_reference(_read_default_text(), DEFAULT_FILE), name=DEFAULT_NAME)
 
 
-def load_reference(path: str | Path, stride_time: float | None = None) -> Reference:
+@cache
+def _read_default_text() -> str:
+    return (resources.files("klute_sim.gait") / DEFAULT_FILE).read_text("utf-8")
+
+
+def load_reference(path: str | Path, stride_time: float | None = None, accept: Collection[str] = ()) -> Reference:
     """Return the reference in a CSV file, or in a folder of ``klute-sim import``.
 
-    ``stride_time`` [s] is by default that of the folder, or :data:`DEFAULT_STRIDE_TIME` for a CSV file.
+    ``stride_time`` [s] is by default that of the folder, or :data:`DEFAULT_STRIDE_TIME` for a CSV file. ``accept``
+    names findings that are right although they look implausible; those that the import accepted are in the folder.
 
-    Raises InputError when the file cannot be read or is not a reference.
+    Raises InputError when the file cannot be read or is not a reference, ImplausibleInputError when it holds something
+    implausible.
     """
     metadata, folder_name = None, Path(path).absolute().name
     if Path(path).is_dir():
@@ -158,7 +173,8 @@ def load_reference(path: str | Path, stride_time: float | None = None) -> Refere
     if stride_time is None:
         stride_time = DEFAULT_STRIDE_TIME if metadata is None else metadata.stride_time
     if not 0.5 <= stride_time <= 3.0:
-        raise InputError(f"stride time is {stride_time:g}; allowed: 0.5 to 3 s")
+        hint = describe_other_unit("stride time", stride_time)
+        raise InputError(f"stride time is {stride_time:g}; allowed: 0.5 to 3 s{hint}")
     try:
         text = read_text(path, REFERENCE)
     except NotTextError:
@@ -168,21 +184,46 @@ def load_reference(path: str | Path, stride_time: float | None = None) -> Refere
         if Path(path).with_name(reference_folder.METADATA_FILE).is_file():
             reason = f"the file holds single strides; give its folder instead: {Path(path).parent}"
         raise InputError(f"reference {path} cannot be read: {reason}") from None
-    reference = parse_reference(text, str(path), stride_time)
+    accepted = accept if metadata is None else {*accept, *metadata.accepted}
+    reference = parse_reference(text, str(path), stride_time, accepted)
     if metadata is None:
         return reference
     return replace(reference, name=folder_name, mass=metadata.mass, stature=metadata.stature, speed=metadata.speed)
 
 
-def parse_reference(text: str, source: str, stride_time: float = DEFAULT_STRIDE_TIME) -> Reference:
-    """Return the reference in CSV ``text``, with stride time ``stride_time`` [s]; ``source`` names it in errors."""
+def parse_reference(
+    text: str, source: str, stride_time: float = DEFAULT_STRIDE_TIME, accept: Collection[str] = ()
+) -> Reference:
+    """Return the reference in CSV ``text``, with stride time ``stride_time`` [s]; ``source`` names it in errors.
+
+    ``accept`` names findings that are right although they look implausible.
+    """
+    phase, columns = _parse_phase_and_columns(text, source)
+    findings = find_cycle_findings(phase, columns, _get_typical_curves(), f"reference {source}")
+    accepted = require_accepted(findings, accept)
+    return replace(_fit_reference(phase, columns, text, source, stride_time), accepted=accepted)
+
+
+@cache
+def _get_typical_curves() -> Mapping[str, Array]:
+    phase, columns = _parse_phase_and_columns(_read_default_text(), DEFAULT_FILE)
+    return {name: resample_cycle(phase, columns[name]) for name in REQUIRED_COLUMNS}
+
+
+def _parse_phase_and_columns(text: str, source: str) -> tuple[Array, dict[str, Array]]:
+    """Return the gait phase [%] and the other columns of CSV ``text``."""
     columns = _parse_columns(text, source)
     phase = columns.pop(PHASE_COLUMN)
     if phase[0] != 0.0 or phase[-1] != 100.0 or not np.all(np.diff(phase) >= MIN_PHASE_SPACING_PCT):
+        hint = "; it looks like a fraction, so multiply it by 100" if phase[0] == 0.0 and phase[-1] == 1.0 else ""
         raise InputError(
             f"reference {source}: {PHASE_COLUMN} must increase from 0 to 100, by {MIN_PHASE_SPACING_PCT:g} or more "
-            "from row to row"
+            f"from row to row, but runs from {phase[0]:g} to {phase[-1]:g}{hint}"
         )
+    return phase, columns
+
+
+def _fit_reference(phase: Array, columns: Mapping[str, Array], text: str, source: str, stride_time: float) -> Reference:
     splines, ranges = {}, {}
     for name, values in columns.items():
         splines[name] = _fit_periodic_spline(name, phase / 100.0, values, source)
@@ -236,13 +277,20 @@ def _parse_columns(text: str, source: str) -> dict[str, Array]:
             if not abs(value) <= MAX_MAGNITUDE:
                 raise InputError(
                     f"reference {source}: column '{name}', row {number}: '{cell}' is not a number from "
-                    f"-{MAX_MAGNITUDE:g} to {MAX_MAGNITUDE:g}"
+                    f"-{MAX_MAGNITUDE:g} to {MAX_MAGNITUDE:g}{_describe_excess(value)}"
                 )
             columns[name][index] = value
     for name in DEVIATION_COLUMNS:
         if name in columns and columns[name].min() < 0:
             raise InputError(f"reference {source}: column '{name}' is negative; allowed: 0 or more")
     return columns
+
+
+def _describe_excess(value: float) -> str:
+    """Return a clause on what a number beyond :data:`MAX_MAGNITUDE` may be; '' for no number."""
+    if not np.isfinite(value):
+        return ""
+    return "; is it a code for a missing value?" if abs(value) > 1e7 else "; is it in another unit, such as N·mm?"
 
 
 def _fit_periodic_spline(name: str, phase: Array, values: Array, source: str) -> CubicSpline:

@@ -9,6 +9,7 @@ from klute_sim.errors import InputError
 from klute_sim.files.limits import REFERENCE_METADATA
 from klute_sim.files.reading import MissingFileError, read_bytes
 from klute_sim.files.toml import parse_toml
+from klute_sim.plausibility.gait.body import describe_other_unit
 
 FORMAT = "klute-sim-reference/1"
 """Format of the metadata file."""
@@ -23,6 +24,12 @@ ALLOWED_RANGES = {
     "speed_m_per_s": (0.05, 5.0),
 }
 """Numbers of the metadata file and their allowed ranges."""
+_QUANTITIES = {
+    "mass_kg": "mass",
+    "stature_m": "stature",
+    "stride_time_s": "stride time",
+    "speed_m_per_s": "speed",
+}
 REQUIRED_KEYS = ("mass_kg", "stride_time_s")
 """Numbers that the metadata file must hold."""
 
@@ -39,6 +46,8 @@ class ReferenceMetadata:
     """Body height [m]; None: unknown."""
     speed: float | None
     """Walking speed [m/s]; None: unknown."""
+    accepted: tuple[str, ...] = ()
+    """Names of the findings that the user of the import accepted."""
 
 
 def read_reference_folder(folder: Path) -> tuple[Path, ReferenceMetadata]:
@@ -62,7 +71,16 @@ def read_reference_folder(folder: Path) -> tuple[Path, ReferenceMetadata]:
     if stride_time is None or mass is None:
         missing = next(key for key in REQUIRED_KEYS if numbers[key] is None)
         raise InputError(f"{path}: key '{missing}' is missing")
-    return folder / CURVES_FILE, ReferenceMetadata(stride_time, mass, numbers["stature_m"], numbers["speed_m_per_s"])
+    return folder / CURVES_FILE, ReferenceMetadata(
+        stride_time, mass, numbers["stature_m"], numbers["speed_m_per_s"], _parse_accepted(keys, path)
+    )
+
+
+def _parse_accepted(keys: dict[str, Any], path: Path) -> tuple[str, ...]:
+    value = keys.get("accepted", [])
+    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+        raise InputError(f"{path}: 'accepted' = {value!r} is refused; allowed: a list of names of findings")
+    return tuple(value)
 
 
 def _parse_number(keys: dict[str, Any], key: str, path: Path) -> float | None:
@@ -71,5 +89,6 @@ def _parse_number(keys: dict[str, Any], key: str, path: Path) -> float | None:
         return None
     is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
     if not is_number or not lower <= value <= upper:
-        raise InputError(f"{path}: '{key}' = {value!r} is refused; allowed: {lower:g} to {upper:g}")
+        hint = describe_other_unit(_QUANTITIES[key], float(value)) if is_number else ""
+        raise InputError(f"{path}: '{key}' = {value!r} is refused; allowed: {lower:g} to {upper:g}{hint}")
     return float(value)

@@ -81,6 +81,8 @@ class ImportedDataset:
     """Trials that can be replayed."""
     groups: tuple[str, ...]
     """Group of each trial; trials of one group are repeats."""
+    accept: frozenset[str] = frozenset()
+    """Names of findings that are right although they look implausible."""
 
 
 def import_dataset(
@@ -114,7 +116,7 @@ def import_dataset(
     if not trials:
         raise InputError(f"no trial of these files can be replayed: {'; '.join(log.missing[:3])}")
     names = _name_groups(trials, dataset_options, log)
-    return ImportedDataset(log, side, device, dataset_options, tuple(trials), names)
+    return ImportedDataset(log, side, device, dataset_options, tuple(trials), names, import_options.accept)
 
 
 def _select_side(trials: Sequence[Sequence[sources.SourceFile]], import_options: ImportOptions) -> Side:
@@ -158,10 +160,14 @@ def write_dataset(imported: ImportedDataset, folder: Path) -> dict[str, Any]:
     if device not in device_files.list_presets():
         device = DEVICE_FILE
         (folder / DEVICE_FILE).write_bytes(imported.device.content)
-    (folder / datasets.DATASET_FILE_NAME).write_text(
-        _format_toml(imported.options, device, entries), "utf-8", newline="\n"
-    )
-    dataset = datasets.load_dataset(folder)
+    dataset_file = folder / datasets.DATASET_FILE_NAME
+    dataset_file.write_text(_format_toml(imported.options, device, entries), "utf-8", newline="\n")
+    dataset = datasets.load_dataset(folder, accept=imported.accept)
+    imported.log.require_accepted(dataset.accepted, imported.accept)
+    if dataset.accepted:
+        accept = sorted({finding.name for finding in dataset.accepted})
+        content = _format_toml(imported.options, device, entries, accept)
+        dataset_file.write_text(content, "utf-8", newline="\n")
     for dataset_trial, trial in zip(dataset.trials, imported.trials, strict=True):
         prepare_prescribed_motion(dataset_trial.prescribed, trial.name)
     summary = {**summarize(imported), "split": _describe_split(datasets.split_dataset(dataset))}
@@ -192,7 +198,10 @@ def _split_by_clock(trial: ProsthesisTrial) -> dict[str, dict[str, Array]]:
 
 
 def _format_toml(
-    options: DatasetOptions, device: str, trials: Sequence[tuple[str, Sequence[str], Sequence[str]]]
+    options: DatasetOptions,
+    device: str,
+    trials: Sequence[tuple[str, Sequence[str], Sequence[str]]],
+    accept: Sequence[str] = (),
 ) -> str:
     """Return ``dataset.toml``; JSON strings are valid TOML basic strings."""
 
@@ -200,6 +209,8 @@ def _format_toml(
         return json.dumps(text, ensure_ascii=False)
 
     lines = [f'format = "{file_format.FORMAT_NAME}"', 'rig = "gait"', f"device = {quote(device)}"]
+    if accept:
+        lines.append(f"accept = [{', '.join(map(quote, accept))}]")
     if options.uncertainties:
         lines += ["", "[uncertain]"]
         lines += [

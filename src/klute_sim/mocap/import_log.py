@@ -1,7 +1,11 @@
 """Log of an import: files, channels, and sentences about derived, missing and suspicious data."""
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Any
+
+from klute_sim.plausibility import finding
+from klute_sim.plausibility.finding import Finding
 
 
 @dataclass
@@ -18,6 +22,8 @@ class ImportLog:
     """Sentences on missing data."""
     warnings: list[str] = field(default_factory=list)
     """Sentences on suspicious data."""
+    accepted: list[str] = field(default_factory=list)
+    """Names of implausible properties that the user accepted."""
     exclusions: dict[str, list[str]] = field(default_factory=dict)
     """Side -> warnings that explain why strides of that leg were excluded."""
 
@@ -38,6 +44,12 @@ class ImportLog:
         self.add_warning(sentence)
         _append_once(self.exclusions.setdefault(side, []), sentence)
 
+    def require_accepted(self, findings: Iterable[Finding], accept: Collection[str]) -> None:
+        """Add a warning for each of ``findings`` that ``accept`` names; raise ImplausibleInputError for the others."""
+        for accepted in finding.require_accepted(findings, accept):
+            self.add_warning(f"accepted: {accepted.sentence}")
+            _append_once(self.accepted, accepted.name)
+
     def add_channel(self, **entry: Any) -> None:
         """Add the origin of a channel; repetitions are ignored."""
         if entry not in self.channels:
@@ -51,6 +63,7 @@ class ImportLog:
             "derived": self.derived,
             "missing": self.missing,
             "warnings": self.warnings,
+            "accepted": self.accepted,
         }
 
 

@@ -7,9 +7,12 @@ from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
 from klute_sim.errors import InputError
 from klute_sim.mocap.parsing.channel_names import Side
 from klute_sim.mocap.parsing.mapping import ImportMapping
+from klute_sim.plausibility.gait.body import describe_other_unit
 
 MOTION_CUTOFF_HZ = 6.0
 """Default low-pass cutoff of angles and markers [Hz]; usual for walking (Winter)."""
+STRIDE_TIME_RANGE = (0.6, 2.5)
+"""Stride times [s] of walking."""
 LOAD_CUTOFF_HZ = 20.0
 """Default low-pass cutoff of ground reactions and moments [Hz] (assumed: keeps both peaks of the vertical load and
 removes the ringing of force plates)."""
@@ -33,18 +36,26 @@ class ImportOptions:
     """Vertical ground reaction [N] above which a foot is on the ground."""
     ankle_zero: Literal["foot-flat", "file"] = "foot-flat"
     """Zero of the ankle angle: the flat foot in mid-stance, or the zero of the file."""
+    stride_time: float | None = None
+    """Duration [s] of a stride in a file over the gait cycle [%]."""
+    use_listed_events: bool = True
+    """Whether strides are cut at the foot strikes that a file lists; otherwise at those of the load."""
     mapping: ImportMapping = field(default_factory=ImportMapping)
     """User's assignment of columns and markers."""
+    accept: frozenset[str] = frozenset()
+    """Names of findings that are right although they look implausible."""
 
     def __post_init__(self) -> None:
         """Raise InputError for values out of bounds."""
         bounds = {
             "mass": (self.mass, 20.0, 250.0, "kg"),
             "stature": (self.stature, 1.0, 2.4, "m"),
+            "stride duration": (self.stride_time, *STRIDE_TIME_RANGE, "s from heel strike to heel strike"),
             "motion cutoff": (self.motion_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
             "load cutoff": (self.load_cutoff, 0.0, 1000.0, "Hz (0: no filter)"),
             "contact threshold": (self.contact_threshold, 1.0, 500.0, "N"),
         }
         for name, (value, lower, upper, unit) in bounds.items():
             if value is not None and not lower <= value <= upper:
-                raise InputError(f"{name} is {value:g}; allowed: {lower:g} to {upper:g} {unit}")
+                hint = describe_other_unit(name, value)
+                raise InputError(f"{name} is {value:g}; allowed: {lower:g} to {upper:g} {unit}{hint}")

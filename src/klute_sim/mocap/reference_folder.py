@@ -74,7 +74,10 @@ def _format_toml(imported: ImportedReference) -> str:
     lines.append(f"stride_time_s = {imported.stride_time:.6g}")
     if imported.walking_speed is not None:
         lines.append(f"speed_m_per_s = {imported.walking_speed:.6g}")
-    lines += [f"toe_off_pct = {imported.toe_off:.6g}", "", "[filters]"]
+    lines.append(f"toe_off_pct = {imported.toe_off:.6g}")
+    if imported.log.accepted:
+        lines.append(f"accepted = {json.dumps(imported.log.accepted)}")
+    lines += ["", "[filters]"]
     lines += [f"{key} = {json.dumps(value)}" for key, value in describe_filters(imported).items()]
     lines += ["", "[conventions]"]
     lines.append(

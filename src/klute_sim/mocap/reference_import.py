@@ -10,12 +10,16 @@ import numpy as np
 from klute_sim.constants import GRAVITY
 from klute_sim.errors import InputError
 from klute_sim.gait import reference
+from klute_sim.mocap.checks import find_mass_findings
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics.leg import LEG_UNITS, Leg
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import sources
 from klute_sim.mocap.parsing.channel_names import EVENT_LABELS, SIDES, Side
+from klute_sim.mocap.parsing.checks import find_source_findings
+from klute_sim.mocap.parsing.single_stride import unroll_single_strides
 from klute_sim.mocap.parsing.sources import SourceFile
+from klute_sim.mocap.strides.listed_events import use_listed_events
 from klute_sim.mocap.strides.strides import PHASE_GRID, Stride, segment_strides, select_regular_strides
 from klute_sim.mocap.trial import extract_legs
 from klute_sim.types import Array, ProgressCallback
@@ -97,13 +101,16 @@ def import_reference(
     """
     log = ImportLog()
     source_files = read_files(files, options, log, progress, last_fraction=0.6)
+    source_files = unroll_single_strides(source_files, options.stride_time, log)
+    if all(source.is_single_stride for source in source_files):
+        options = replace(options, motion_cutoff=0.0, load_cutoff=0.0)
     legs: list[tuple[Leg, list[Stride]]] = []
     trials = sources.group_into_trials(source_files, options.mapping)
     for number, trial in enumerate(trials):
         for leg in extract_legs(trial, options, log):
             duplicate = next((other for other, _ in legs if _is_same_trial(leg, other)), None)
             if duplicate is None:
-                legs.append((leg, segment_strides(leg, log)))
+                legs.append((leg, _segment_leg(leg, trial, options, log)))
             else:
                 log.add_warning(
                     f"{leg.trial}: contacts and impulses of the {leg.side} foot equal those of {duplicate.trial}: the "
@@ -113,6 +120,13 @@ def import_reference(
         if progress is not None:
             progress(0.6 + 0.4 * (number + 1) / len(trials), "segmenting strides")
     return _build_reference(legs, options, log)
+
+
+def _segment_leg(leg: Leg, trial: Sequence[SourceFile], options: ImportOptions, log: ImportLog) -> list[Stride]:
+    """Return the strides of ``leg``; of a file with one stride, which is repeated in ``leg``, only one."""
+    if any(source.is_single_stride for source in trial):
+        return segment_strides(use_listed_events(leg, trial, ImportLog()), log)[:1]
+    return segment_strides(use_listed_events(leg, trial, log) if options.use_listed_events else leg, log)
 
 
 def _is_same_trial(leg: Leg, other: Leg) -> bool:
@@ -154,6 +168,7 @@ def read_files(
         if duplicate is not None:
             raise InputError(f"{file} is identical to {duplicate.path}; its strides would count twice")
         source_files.append(source)
+        log.require_accepted(find_source_findings(source), options.accept)
         log.files.append(source.describe())
         if progress is not None:
             progress(last_fraction * (number + 1) / len(files), "reading files")
@@ -182,6 +197,8 @@ def _build_reference(
     if len(strides_by_side) == 2 and options.side is None:
         log.add_derived(f"Side: {reference_side}, which has {len(strides)} strides (--side)")
     impulse_mass = _estimate_body_mass(legs, strides_by_side, options, log)
+    if impulse_mass is not None:
+        log.require_accepted(find_mass_findings(impulse_mass, options.mass, options.stature), options.accept)
     mass = options.mass or impulse_mass
     if mass is None:
         raise InputError("cannot estimate body mass (no complete stance of both feet); pass --mass")
@@ -202,7 +219,10 @@ def _build_reference(
     imported = ImportedReference(
         log, options, strides_by_side, reference_side, mass, impulse_mass, walking_speed, table
     )
-    reference.parse_reference(imported.to_csv(), "computed from these files", imported.stride_time)
+    parsed = reference.parse_reference(
+        imported.to_csv(), "computed from these files", imported.stride_time, options.accept
+    )
+    log.require_accepted(parsed.accepted, options.accept)
     return imported
 
 

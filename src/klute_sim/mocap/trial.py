@@ -6,7 +6,7 @@ import numpy as np
 
 from klute_sim.constants import GRAVITY
 from klute_sim.mocap.import_log import ImportLog
-from klute_sim.mocap.kinematics import dynamics, from_markers, loads
+from klute_sim.mocap.kinematics import checks, dynamics, from_markers, loads
 from klute_sim.mocap.kinematics.from_joint_angles import extract_legs_from_joint_angles
 from klute_sim.mocap.kinematics.from_markers import LegLandmarks
 from klute_sim.mocap.kinematics.leg import Leg
@@ -51,6 +51,8 @@ def _extract_legs_from_markers(
     filtered = from_markers.preprocess_markers(source.markers, frame, options.motion_cutoff, trial_name)
     located = {side: from_markers.locate_landmarks(filtered, roles, side, trial_name, log) for side in SIDES}
     landmarks_by_side = {side: landmarks for side, landmarks in located.items() if landmarks is not None}
+    found = checks.find_landmark_findings(landmarks_by_side, options.stature, trial_name)
+    log.require_accepted(found, options.accept)
     foot_loads = loads.read_foot_loads(trial, options, log)
     plates = loads.read_plate_loads(trial, frame, log)
     if plates and not foot_loads:
@@ -58,6 +60,7 @@ def _extract_legs_from_markers(
         knee_difference = right.knee_angle - left.knee_angle if right and left else np.full(len(filtered.time), np.nan)
         sides = list(landmarks_by_side)
         foot_loads = loads.assign_to_feet(plates, sides, filtered.time, knee_difference, trial_name, options, log)
+    log.require_accepted(checks.find_cop_findings(landmarks_by_side, foot_loads, trial_name), options.accept)
     legs = []
     for side, landmarks in landmarks_by_side.items():
         if side not in foot_loads:

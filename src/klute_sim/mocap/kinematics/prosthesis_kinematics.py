@@ -8,7 +8,7 @@ import numpy as np
 from klute_sim.datasets.channels import CONTACT_FORCE_THRESHOLD
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.mocap.import_log import ImportLog
-from klute_sim.mocap.kinematics import filters, from_joint_angles, from_markers, loads
+from klute_sim.mocap.kinematics import checks, filters, from_joint_angles, from_markers, loads
 from klute_sim.mocap.kinematics.loads import GroundReaction
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import channel_names, markers
@@ -99,6 +99,8 @@ def _extract_from_markers(
     leg, right, left = landmarks[side], landmarks["right"], landmarks["left"]
     if leg is None:
         return None
+    located = {s: one for s, one in landmarks.items() if one is not None}
+    log.require_accepted(checks.find_landmark_findings(located, options.stature, trial_name), options.accept)
     foot_loads = loads.read_foot_loads(trial, options, log)
     plates = loads.read_plate_loads(trial, frame, log) if side not in foot_loads else {}
     if plates:
@@ -107,6 +109,7 @@ def _extract_from_markers(
         )
         legs = [s for s in SIDES if landmarks[s] is not None]
         foot_loads = loads.assign_to_feet(plates, legs, unfiltered.time, knee_difference, trial_name, options, log)
+    log.require_accepted(checks.find_cop_findings({side: leg}, foot_loads, trial_name), options.accept)
     ground_height = _estimate_ground_height(foot_loads[side]) if plates and side in foot_loads else 0.0
     log.add_derived("Shank inclination: line from ankle to knee, in the sagittal plane")
     channels = {

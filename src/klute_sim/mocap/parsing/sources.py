@@ -13,13 +13,12 @@ from klute_sim.errors import InputError
 from klute_sim.files.lines import check_duration
 from klute_sim.files.parquet import open_parquet
 from klute_sim.mocap.formats import c3d, content, storage, trc
-from klute_sim.mocap.formats.c3d import ForcePlate
+from klute_sim.mocap.formats.c3d import ForcePlate, GaitEvent
 from klute_sim.mocap.formats.content import FileContent
 from klute_sim.mocap.formats.trc import Markers
 from klute_sim.mocap.parsing import channel_names
-from klute_sim.mocap.parsing.channel_names import strip_unit
+from klute_sim.mocap.parsing.channel_names import split_unit, strip_unit
 from klute_sim.mocap.parsing.mapping import ImportMapping
-from klute_sim.recording.recording import split_heading
 from klute_sim.types import Array
 
 FileRole = Literal["angles", "markers", "loads", "moments", "events", "log"]
@@ -59,6 +58,10 @@ class SourceFile:
     """Folder that distinguishes files of the same name."""
     time_offset: float = 0.0
     """Offset [s]; already added to the times of markers and plates, to be added to time columns."""
+    events: tuple[GaitEvent, ...] = ()
+    """Foot strikes and foot offs that the file lists."""
+    is_single_stride: bool = False
+    """Whether the file holds one stride in % of the gait cycle, which is repeated as a recording over time."""
 
     @property
     def name(self) -> str:
@@ -72,7 +75,7 @@ class SourceFile:
         if (np.abs(samples) > MAX_VALUE).any():
             raise InputError(
                 f"{self.path}: column '{label}' contains {np.nanmax(np.abs(samples)):.3g}; allowed are magnitudes up "
-                f"to {MAX_VALUE:g}"
+                f"to {MAX_VALUE:g}; is it a code for missing samples? Leave these cells empty"
             )
         return samples
 
@@ -134,7 +137,7 @@ def read(path: str | Path, time_offset: float = 0.0) -> SourceFile:
         if (np.abs(position) > MAX_DISTANCE).any():
             raise InputError(
                 f"{path}: marker {name[:40]!r} is {np.nanmax(np.abs(position)):.3g} m away from the origin; check the "
-                "unit"
+                "unit, and leave the cells of hidden markers empty"
             )
     if source.markers is not None:
         check_duration(source.markers.time, str(path))
@@ -147,7 +150,8 @@ def read(path: str | Path, time_offset: float = 0.0) -> SourceFile:
 def _shift_time(source: SourceFile, time_offset: float) -> SourceFile:
     markers = source.markers and replace(source.markers, time=source.markers.time + time_offset)
     plates = tuple(replace(plate, time=plate.time + time_offset) for plate in source.plates)
-    return replace(source, markers=markers, plates=plates, time_offset=time_offset)
+    events = tuple(replace(event, time=event.time + time_offset) for event in source.events)
+    return replace(source, markers=markers, plates=plates, time_offset=time_offset, events=events)
 
 
 def _read_file(path: str | Path) -> SourceFile:
@@ -168,7 +172,11 @@ def _read_file(path: str | Path) -> SourceFile:
     if suffix == ".c3d":
         capture = c3d.read(path)
         return SourceFile(
-            *(file.name, "C3D", digest), markers=capture.markers, plates=capture.plates, software=capture.software
+            *(file.name, "C3D", digest),
+            markers=capture.markers,
+            plates=capture.plates,
+            software=capture.software,
+            events=capture.events,
         )
     if suffix == ".parquet":
         return _read_parquet(file, digest)
@@ -199,14 +207,7 @@ def _read_parquet(file: FileContent, digest: str) -> SourceFile:
 
 
 def _parse_units(labels: Sequence[str]) -> dict[str, str]:
-    units = {}
-    for label in labels:
-        if "[" in label:
-            try:
-                units[label] = split_heading(label)[1]
-            except InputError:
-                units[label] = label[label.index("[") + 1 :].rstrip("] ")
-    return units
+    return {label: unit for label in labels if (unit := split_unit(label)[1])}
 
 
 def group_into_trials(

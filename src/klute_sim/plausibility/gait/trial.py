@@ -64,7 +64,7 @@ def find_trial_findings(trial: GaitChannels) -> list[Finding]:
     steps = find_steps(channels["grf_vertical"].series)
     if not steps:
         return findings
-    timing, factor = _find_time_unit(channels["grf_vertical"].series.time, steps, place)
+    timing, factor = find_time_unit(channels["grf_vertical"].series.time, steps, place)
     findings += timing
     if timing and not factor:
         return findings
@@ -173,7 +173,7 @@ def _describe_unit(channel: ScaledSeries, peak: float, guess: str, place: str) -
     return Finding(f"{channel.channel}-unit", place, statement)
 
 
-def _find_time_unit(time: Array, steps: list[Step], place: str) -> tuple[list[Finding], float]:
+def find_time_unit(time: Array, steps: list[Step], place: str) -> tuple[list[Finding], float]:
     """Return the finding on the unit of ``time`` [s as read], and the factor to seconds; 0 where none is needed."""
     stride_time = measure_stride_time(steps)
     low, high = STRIDE_TIME_RANGE
