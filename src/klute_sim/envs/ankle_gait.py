@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from klute_sim.controllers.pressure import PressureProfile
 from klute_sim.device.device import DEFAULT_DEVICE, Device
-from klute_sim.envs.base.rendering import SceneRenderer, require_rendering
+from klute_sim.envs.base.rendering import SceneRenderer, find_context_module
 from klute_sim.envs.base.single import DeviceEnv, Observation, Step
 from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
 from klute_sim.envs.tasks.gait_task import CONTROL_INTERVAL, GaitTask, SimulationStates
@@ -166,7 +166,7 @@ class AnkleGaitEnv(DeviceEnv):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is '{render_mode}'; allowed: None, rgb_array")
         if render_mode is not None:
-            require_rendering()
+            find_context_module()  # a system that cannot draw is refused now, not at the first picture
         gait_options = GaitOptions(mass=mass, stature=stature, speed=speed, slope=slope, strides=strides, dt=time_step)
         options = TaskOptions(
             action=action,

@@ -24,10 +24,8 @@ REQUIRED_MODULES = ("OpenGL", "glfw")
 """Modules of the optional extra 'rendering'."""
 OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 """Names of the library of OSMesa."""
-MISSING_LIBRARIES_SENTENCE = (
-    "pictures without a display need EGL or OSMesa, and this system has neither: install the Debian packages libegl1 "
-    "and libgl1-mesa-dri, or libosmesa6"
-)
+ADVICE = "install the Debian packages libegl1 and libgl1-mesa-dri, or libosmesa6"
+"""What makes pictures without a display possible."""
 
 _MAX_EGL_DEVICES = 16
 _EGL_PLATFORM_DEVICE = 0x313F
@@ -43,20 +41,14 @@ class SceneRenderer:
 
     def __init__(self, model: mujoco.MjModel, height: int, width: int) -> None:
         """Create the renderer; raises MissingExtraError or RenderingError when the system cannot draw."""
-        reasons = []
-        for module in list_context_modules():
-            try:
-                self._renderer = _create_renderer(model, height, width, module)
-                return
-            except Exception as error:  # OpenGL libraries raise many types
-                reasons.append(f"{module.rpartition('.')[2] or 'its choice'}: {str(error) or type(error).__name__}")
-        choice = os.environ.get("MUJOCO_GL", "")
-        cause = f"MUJOCO_GL is '{choice}', and MuJoCo" if choice else "MuJoCo"
-        advice = "unset MUJOCO_GL, or " if choice else ""
-        raise RenderingError(
-            f"{cause} cannot draw ({'; '.join(reasons)}); {advice}install the Debian packages libegl1 and "
-            "libgl1-mesa-dri, or libosmesa6"
-        )
+        try:
+            self._renderer = _create_renderer(model, height, width, find_context_module())
+        except KluteSimError:
+            raise
+        except Exception as error:  # OpenGL libraries raise many types
+            choice = os.environ.get("MUJOCO_GL", "").strip()
+            advice = f"MUJOCO_GL is '{choice}': unset it, or {ADVICE}" if choice else ADVICE
+            raise RenderingError(f"MuJoCo cannot draw pictures ({error}); {advice}") from None
 
     def draw(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> NDArray[np.uint8]:
         """Return a picture, shape (height, width, 3), of ``data`` from ``camera``."""
@@ -68,30 +60,35 @@ class SceneRenderer:
         self._renderer.close()
 
 
-def require_rendering() -> None:
-    """Raise MissingExtraError or RenderingError when this system certainly cannot draw pictures."""
-    list_context_modules()
+def find_context_module() -> str:
+    """Return the module of the graphics context for this system; '' leaves the choice to MuJoCo.
 
-
-def list_context_modules() -> list[str]:
-    """Return the modules of graphics contexts to try in turn; '' is MuJoCo's own choice.
-
-    Raises MissingExtraError without the optional extra, and RenderingError when there is nothing to try.
+    Raises MissingExtraError without the optional extra, and RenderingError when nothing can draw.
     """
     if not hasattr(mujoco, "Renderer") or any(importlib.util.find_spec(name) is None for name in REQUIRED_MODULES):
         raise MissingExtraError("render_mode 'rgb_array'", "rendering")
     if os.environ.get("MUJOCO_GL", "").strip() or not sys.platform.startswith("linux"):
-        return [""]
-    modules = [""] if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") else []
-    # PyOpenGL loads one platform in a process, so that a second try after EGL is impossible: look before trying.
+        return ""
+    # MuJoCo and PyOpenGL load one platform in a process, so that a second try is impossible: look before trying.
     platform = os.environ.get("PYOPENGL_PLATFORM", "").lower()
+    if has_display():
+        return ""
     if platform in ("", "egl") and has_egl_device():
-        modules.append("mujoco.egl")
-    elif platform in ("", "osmesa") and has_osmesa():
-        modules.append("mujoco.osmesa")
-    if not modules:
-        raise RenderingError(MISSING_LIBRARIES_SENTENCE)
-    return modules
+        return "mujoco.egl"
+    if platform in ("", "osmesa") and has_osmesa():
+        return "mujoco.osmesa"
+    raise RenderingError(f"pictures without a display need EGL or OSMesa, and this system has neither: {ADVICE}")
+
+
+def has_display() -> bool:
+    """Return whether there is a display on which GLFW can open a window."""
+    if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
+        return False
+    import glfw
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # GLFW warns before it fails
+        return bool(glfw.init())
 
 
 def has_egl_device() -> bool:
