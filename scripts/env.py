@@ -2,7 +2,8 @@
 
     python3 scripts/env.py pytest                        # any command; its exit code is passed on
     python3 scripts/env.py                               # only create .venv
-    python3 scripts/env.py --resolution newest pytest    # in .venv-newest, without the lock file
+    python3 scripts/env.py --environment extras pytest   # in .venv-extras, which also has Ray and OpenSim
+    python3 scripts/env.py --environment newest pytest   # in .venv-newest, without a lock file
 
 Requires only Python 3.11 or later; uses uv if it is installed and pip otherwise. The script owns the environment: an
 incomplete or outdated one is deleted and created again.
@@ -34,8 +35,9 @@ if unsupported_python_message(*sys.version_info[:2]):
     sys.exit(2)
 
 ROOT = Path(__file__).resolve().parent.parent
-LOCK_FILE = "requirements-dev.lock"
-ENVIRONMENT_FOLDERS = {"locked": ".venv", "newest": ".venv-newest", "floor": ".venv-floor"}
+ENVIRONMENT_FOLDERS = {"locked": ".venv", "extras": ".venv-extras", "newest": ".venv-newest", "floor": ".venv-floor"}
+LOCK_FILES = {"locked": "requirements-dev.lock", "extras": "requirements-extras.lock"}
+"""Environments whose versions are fixed, and where."""
 IS_WINDOWS = os.name == "nt"
 SCRIPTS_FOLDER = "Scripts" if IS_WINDOWS else "bin"
 
@@ -52,10 +54,10 @@ def read_project(root: Path) -> dict[str, Any]:
     return {name: content.get(name, {}) for name in ("build-system", "project", "dependency-groups")}
 
 
-def compute_stamp(root: Path, resolution: str) -> str:
+def compute_stamp(root: Path, environment: str) -> str:
     """Return a hash of everything that determines the content of the environment."""
-    lock = (root / LOCK_FILE).read_text(encoding="utf-8") if resolution == "locked" else ""
-    inputs = [resolution, sys.version_info[:2], str(root), read_project(root), lock]
+    lock = (root / LOCK_FILES[environment]).read_text(encoding="utf-8") if environment in LOCK_FILES else ""
+    inputs = [environment, sys.version_info[:2], str(root), read_project(root), lock]
     return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()
 
 
@@ -68,11 +70,11 @@ def run_setup_step(description: str, command: list[str], advice: str) -> None:
         raise EnvironmentSetupError(advice)
 
 
-def create_environment(folder: Path, resolution: str) -> None:
+def create_environment(folder: Path, environment: str) -> None:
     """Create the environment from scratch."""
     uv = shutil.which("uv")
-    if resolution == "floor" and not uv:
-        raise EnvironmentSetupError("--resolution floor needs uv: pip install uv, and try again.")
+    if environment == "floor" and not uv:
+        raise EnvironmentSetupError("--environment floor needs uv: pip install uv, and try again.")
     if not uv and not (importlib.util.find_spec("venv") and importlib.util.find_spec("ensurepip")):
         raise EnvironmentSetupError("this Python lacks venv: install python3-venv, or uv, and try again.")
     if folder.exists():
@@ -85,14 +87,14 @@ def create_environment(folder: Path, resolution: str) -> None:
     tool = "uv" if uv else "pip"
     retry_advice = "see the message above, check the network connection and the disk, and try again."
     run_setup_step(f"making {folder.name} with {tool}", [*create_command, str(folder)], retry_advice)
-    if resolution == "locked":
-        install_arguments = [["-r", LOCK_FILE], ["--no-deps", "-e", "."]]
+    if environment in LOCK_FILES:
+        install_arguments = [["-r", LOCK_FILES[environment]], ["--no-deps", "-e", "."]]
     else:
-        lowest = ["--resolution", "lowest-direct"] if resolution == "floor" else []
+        lowest = ["--resolution", "lowest-direct"] if environment == "floor" else []
         # The group is spelt out because pip before 25.1 cannot read one.
         install_arguments = [[*lowest, "-e", ".[all]", *read_project(ROOT)["dependency-groups"]["dev"]]]
     for arguments in install_arguments:
-        name = f"the packages of {LOCK_FILE}" if LOCK_FILE in arguments else "klute-sim"
+        name = f"the packages of {arguments[1]}" if arguments[0] == "-r" else "klute-sim"
         run_setup_step(f"installing {name}", [*install_command, "--quiet", *arguments], retry_advice)
 
 
@@ -119,16 +121,18 @@ def main(arguments: list[str]) -> int:
     """Create the environment if necessary and run the command in it."""
     layout = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=layout)
-    parser.add_argument("--resolution", choices=ENVIRONMENT_FOLDERS, default="locked", help="which versions to install")
+    parser.add_argument(
+        "--environment", choices=ENVIRONMENT_FOLDERS, default="locked", help="which packages to install"
+    )
     parser.add_argument("command", nargs=argparse.REMAINDER, help="what to run in the environment")
     options = parser.parse_args(arguments)
-    folder = ROOT / ENVIRONMENT_FOLDERS[options.resolution]
+    folder = ROOT / ENVIRONMENT_FOLDERS[options.environment]
     stamp = folder / "klute-sim-stamp"
     try:
-        expected_stamp = compute_stamp(ROOT, options.resolution)
+        expected_stamp = compute_stamp(ROOT, options.environment)
         python = folder / SCRIPTS_FOLDER / ("python.exe" if IS_WINDOWS else "python")
         if not (python.exists() and stamp.is_file() and stamp.read_text(encoding="utf-8") == expected_stamp):
-            create_environment(folder, options.resolution)
+            create_environment(folder, options.environment)
             stamp.write_text(expected_stamp, encoding="utf-8")
     except (EnvironmentSetupError, OSError, ValueError) as error:
         print(f"env: the environment is not ready: {error}", file=sys.stderr)

@@ -22,7 +22,7 @@ def env() -> ModuleType:
 @pytest.fixture
 def tree(env: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a small copy of the repository that the script uses as its own."""
-    for name in ("pyproject.toml", env.LOCK_FILE):
+    for name in ("pyproject.toml", *env.LOCK_FILES.values()):
         shutil.copy(ROOT / name, tmp_path)
     monkeypatch.setattr(env, "ROOT", tmp_path)
     return tmp_path
@@ -51,17 +51,18 @@ def test_old_python_can_read_the_file_as_far_as_the_refusal():
 def test_stamp_changes_with_what_is_installed(env, tree):
     before = env.compute_stamp(tree, "locked")
     assert env.compute_stamp(tree, "locked") == before
-    edit(tree / env.LOCK_FILE, "numpy==", "numpy==0.")
+    edit(tree / env.LOCK_FILES["locked"], "numpy==", "numpy==0.")
     locked = env.compute_stamp(tree, "locked")
     edit(tree / "pyproject.toml", '"numpy>=', '"numpy>=1000.')
     assert len({before, locked, env.compute_stamp(tree, "locked")}) == 3
 
 
-def test_stamp_differs_between_resolutions_and_only_one_reads_the_lock(env, tree):
+@pytest.mark.parametrize("locked", ["locked", "extras"])
+def test_stamp_differs_between_environments_and_each_reads_only_its_lock(env, tree, locked):
     before = {name: env.compute_stamp(tree, name) for name in env.ENVIRONMENT_FOLDERS}
     assert len(set(before.values())) == len(env.ENVIRONMENT_FOLDERS)
-    edit(tree / env.LOCK_FILE, "numpy==", "numpy==0.")
-    assert [name for name in env.ENVIRONMENT_FOLDERS if env.compute_stamp(tree, name) != before[name]] == ["locked"]
+    edit(tree / env.LOCK_FILES[locked], "numpy==", "numpy==0.")
+    assert [name for name in env.ENVIRONMENT_FOLDERS if env.compute_stamp(tree, name) != before[name]] == [locked]
 
 
 def test_stamp_does_not_depend_on_the_settings_of_tools(env, tree):
@@ -70,9 +71,9 @@ def test_stamp_does_not_depend_on_the_settings_of_tools(env, tree):
     assert env.compute_stamp(tree, "locked") == before
 
 
-def test_unknown_resolution_is_refused(env, capsys):
+def test_unknown_environment_is_refused(env, capsys):
     with pytest.raises(SystemExit) as refused:
-        env.main(["--resolution", "oldest", "pytest"])
+        env.main(["--environment", "oldest", "pytest"])
     assert refused.value.code == 2
     assert "invalid choice: 'oldest'" in capsys.readouterr().err
 
@@ -112,14 +113,14 @@ def test_python_without_venv_is_told_what_to_install(env, tree, monkeypatch, cap
 
 def test_floor_needs_uv(env, tree, monkeypatch, capsys):
     monkeypatch.setattr(env.shutil, "which", lambda name: None)
-    assert env.main(["--resolution", "floor", "pytest"]) == 1
+    assert env.main(["--environment", "floor", "pytest"]) == 1
     assert "needs uv" in capsys.readouterr().err
 
 
 def test_missing_lock_file_is_no_traceback(env, tree, capsys):
-    (tree / env.LOCK_FILE).unlink()
+    (tree / env.LOCK_FILES["locked"]).unlink()
     assert env.main(["pytest"]) == 1
-    assert env.LOCK_FILE in capsys.readouterr().err
+    assert env.LOCK_FILES["locked"] in capsys.readouterr().err
 
 
 def test_command_is_looked_for_in_the_environment(env, tmp_path, capsys):
@@ -132,6 +133,15 @@ def test_exit_code_is_passed_on_where_exec_is_not_used(env, tmp_path, monkeypatc
     assert env.run_in_environment([sys.executable, "-c", "raise SystemExit(7)"], tmp_path) == 7
 
 
-def test_lock_file_names_no_index_and_no_machine(env):
-    text = (ROOT / env.LOCK_FILE).read_text(encoding="utf-8")
+@pytest.mark.parametrize("environment", ["locked", "extras"])
+def test_lock_file_names_no_index_and_no_machine(env, environment):
+    text = (ROOT / env.LOCK_FILES[environment]).read_text(encoding="utf-8")
     assert not [word for word in ("://", "file:", "find-links", " /") if word in text]
+
+
+def test_both_environments_have_the_same_versions(env):
+    locked, extras = (
+        {line.partition(" \\")[0] for line in (ROOT / file).read_text("utf-8").splitlines() if "==" in line}
+        for file in env.LOCK_FILES.values()
+    )
+    assert locked < extras

@@ -19,6 +19,7 @@ def test_wheel_runs_outside_of_checkout(tmp_path: Path) -> None:
         "scripts/env.py",
         "LICENSE",
         "requirements-dev.lock",
+        "requirements-extras.lock",
     ):
         assert (source / required).exists(), required
     site = tmp_path / "site"
