@@ -34,7 +34,7 @@ print(json.dumps(results))
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.long
+@pytest.mark.extras
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 def test_killed_worker_is_retried_and_other_cases_are_unaffected(tmp_path: Path) -> None:
     pytest.importorskip("ray")
@@ -55,7 +55,7 @@ def test_killed_worker_is_retried_and_other_cases_are_unaffected(tmp_path: Path)
     assert len(list((tmp_path / "always").iterdir())) == 3
 
 
-@pytest.mark.long
+@pytest.mark.extras
 def test_cluster_gives_the_same_table_as_local_processes(tmp_path: Path) -> None:
     pytest.importorskip("ray")
     arguments = ("--mass", "60,75", "--strides", "1", "--step", "1", "--json")
@@ -67,6 +67,7 @@ def test_cluster_gives_the_same_table_as_local_processes(tmp_path: Path) -> None
     ).read_bytes()
 
 
+@pytest.mark.extras
 @pytest.mark.parametrize(
     ("address", "message"),
     [

@@ -80,7 +80,7 @@ def test_memory_error_is_raised_and_not_a_failure_of_the_case(monkeypatch: pytes
 
 
 def test_other_software_than_that_of_the_plan_is_refused() -> None:
-    with pytest.raises(KluteSimError, match=r"runs other versions .*\(mujoco\)"):
+    with pytest.raises(KluteSimError, match=r"runs other software .*\(mujoco"):
         evaluate_case(replace(DEFAULT, software={**DEFAULT.software, "mujoco": "0.1"}))
 
 

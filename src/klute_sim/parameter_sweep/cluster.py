@@ -14,6 +14,7 @@ from typing import Any
 
 from klute_sim.errors import InputError, KluteSimError, MissingExtraError
 from klute_sim.parameter_sweep.evaluate import CaseResult, evaluate_case
+from klute_sim.parameter_sweep.fingerprint import describe_difference, fingerprint_software
 from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.parameter_sweep.runner import MAX_ATTEMPTS, ResultCallback
 
@@ -32,7 +33,8 @@ def connect(address: str) -> Iterator[Any]:
     ``auto`` connects to the cluster that Ray finds, ``local`` to one that it starts on this machine. Output of Ray goes
     to stderr.
 
-    Raises MissingExtraError when Ray is not installed, InputError when no cluster answers.
+    Raises MissingExtraError when Ray is not installed, InputError when no cluster answers, and KluteSimError when a
+    node of the cluster runs other software than this process.
     """
     try:
         import ray
@@ -46,6 +48,7 @@ def connect(address: str) -> Iterator[Any]:
         raise InputError(f"no Ray cluster at '{address}': {_first_line(error)}") from None
     with redirect_stdout(sys.stderr):  # Ray reports on its workers, and stdout is for results
         try:
+            _check_nodes(ray)
             yield ray
         finally:
             ray.shutdown()
@@ -59,6 +62,41 @@ def _check_reachable(address: str) -> None:
     if not host or not port.isdigit():
         raise ValueError("an address is HOST:PORT")
     socket.create_connection((host, int(port)), timeout=CONNECT_TIMEOUT_S).close()
+
+
+def _check_nodes(ray: Any) -> None:
+    """Raise KluteSimError unless all nodes run the software of this process.
+
+    Nodes that join the cluster later are checked with each case.
+    """
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+    def report_software() -> dict[str, str]:
+        # Nested, so that Ray sends its code, and imported from the installation of the node, which may be any version.
+        import klute_sim
+
+        try:
+            from klute_sim.parameter_sweep.fingerprint import fingerprint_software
+        except ImportError:
+            return {"klute-sim": klute_sim.__version__}
+        return fingerprint_software()
+
+    task = ray.remote(num_cpus=0, max_retries=0)(report_software)
+    nodes = [node for node in ray.nodes() if node["Alive"] and node["Resources"].get("CPU")]
+    strategies = [NodeAffinitySchedulingStrategy(node["NodeID"], soft=False) for node in nodes]
+    reports = [task.options(scheduling_strategy=strategy).remote() for strategy in strategies]
+    for node, report in zip(nodes, reports, strict=True):
+        try:
+            difference = describe_difference(ray.get(report), fingerprint_software())
+        except ray.exceptions.RayTaskError as error:
+            difference = _first_line(error.cause)
+        except ray.exceptions.RayError:  # the node was lost meanwhile, so it runs no case
+            continue
+        if difference:
+            raise KluteSimError(
+                f"the node '{node['NodeManagerHostname']}' at {node['NodeManagerAddress']} runs other software than "
+                f"this process ({difference}): install the same klute-sim on every machine of the cluster"
+            )
 
 
 def run_on_cluster(cases: Iterable[GaitCase], on_result: ResultCallback, ray: Any) -> None:
@@ -92,4 +130,6 @@ def _to_klute_sim_error(cause: BaseException) -> KluteSimError:
 def _first_line(error: BaseException) -> str:
     """Return the first line of the message of ``error``; messages of Ray have many."""
     message = getattr(error, "strerror", None) or str(error).strip() or type(error).__name__
+    if message.startswith("Version mismatch"):  # of Ray or Python: the lines are the versions
+        message = " ".join(message.split())
     return message.splitlines()[0].rstrip(".")

@@ -1,13 +1,14 @@
 """Evaluate one case: simulate the gait and compute the metrics, or report why there are none."""
 
 import math
+import platform
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from klute_sim.errors import KluteSimError
 from klute_sim.gait.metrics import GaitMetrics, StrideMetrics, compute_gait_metrics
 from klute_sim.gait.rig import rig
-from klute_sim.parameter_sweep.fingerprint import fingerprint_software
+from klute_sim.parameter_sweep.fingerprint import describe_difference, fingerprint_software
 from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.recording.recording import Recording
 
@@ -61,12 +62,10 @@ def evaluate_case(case: GaitCase) -> CaseResult:
     Raises KluteSimError when this process runs other software than the process that planned the case, and MemoryError,
     which depends on the machine and not on the case.
     """
-    software = fingerprint_software()
-    if case.software != software:
-        different = sorted(name for name, version in software.items() if case.software.get(name) != version)
+    if difference := describe_difference(fingerprint_software(), case.software):
         raise KluteSimError(
-            f"a worker process runs other versions than the process that planned the sweep ({', '.join(different)}): "
-            "install the same klute-sim on every machine and start in a new folder"
+            f"a worker process on '{platform.node()}' runs other software than the process that planned the sweep "
+            f"({difference}): install the same klute-sim on every machine and start in a new folder"
         )
     try:
         recording = rig.simulate_gait(case.device, case.controller, case.build_options())

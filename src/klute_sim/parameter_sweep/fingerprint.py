@@ -1,6 +1,7 @@
 """Fingerprint of the software that determines the metrics of a gait simulation."""
 
 import hashlib
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -30,6 +31,20 @@ def fingerprint_software() -> dict[str, str]:
     """
     versions = {name: version for name, version in collect_versions().items() if name not in ("python", "machine")}
     return {**versions, "code": _hash_source()}
+
+
+def describe_difference(found: Mapping[str, str], expected: Mapping[str, str]) -> str:
+    """Return what differs between two fingerprints, for the user; an empty string: nothing."""
+    different = [name for name in (*expected, *found) if found.get(name) != expected.get(name)]
+    return ", ".join(
+        f"{name} {_shorten(found.get(name))} instead of {_shorten(expected.get(name))}"
+        for name in dict.fromkeys(different)
+    )
+
+
+def _shorten(version: str | None) -> str:
+    """Return a version as it is, and a digest by its first letters."""
+    return "(none)" if version is None else version[:8] if len(version) == hashlib.sha256().digest_size * 2 else version
 
 
 def _hash_source() -> str:
