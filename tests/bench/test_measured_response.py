@@ -41,7 +41,10 @@ BEGIN = {"gain": 0.8, "lag": 0.03, "delay": 0.03}
 
 Complex = NDArray[np.complex128]
 
-pytestmark = pytest.mark.skipif(not DATA.exists(), reason="KLUTE_SIM_DATA does not hold this measurement")
+pytestmark = [
+    pytest.mark.extras,
+    pytest.mark.skipif(not DATA.exists(), reason="KLUTE_SIM_DATA does not hold this measurement"),
+]
 
 
 class Measured(NamedTuple):
@@ -72,9 +75,9 @@ def simulated(numbers: dict[str, float], frequency: Array) -> Complex:
     for part, step, cycles in zip((frequency < SLOW, frequency >= SLOW), STEPS, SETTLING, strict=True):
         changes = {"frequencies_hz": frequency[part].tolist(), "settling_cycles": cycles, "cycles": 1}
         found += run_protocol(device, protocol.model_copy(update=changes), dt=step).trials
-    assert all(trial.readings["pressure_coherence"] > 0.999 for trial in found)
+    assert all(trial.metrics["pressure_coherence"] > 0.999 for trial in found)
     return np.array(
-        [t.readings["pressure_gain"] * np.exp(1j * np.radians(t.readings["pressure_phase_deg"])) for t in found]
+        [t.metrics["pressure_gain"] * np.exp(1j * np.radians(t.metrics["pressure_phase_deg"])) for t in found]
     )
 
 

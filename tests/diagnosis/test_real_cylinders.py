@@ -153,8 +153,12 @@ IDENTIFIABLE = {"O-ring257_1bar", "O-ring257_7bar", "X-ring257_7bar"}
 """Logs whose repeats differ so much that only a constant friction is identifiable."""
 FILES = sorted(DATA.glob("*.csv"))
 
+pytestmark = [
+    pytest.mark.extras,
+    pytest.mark.skipif(not FILES, reason="KLUTE_SIM_DATA does not hold these measurements"),
+]
 
-@pytest.mark.skipif(not FILES, reason="KLUTE_SIM_DATA does not hold these measurements")
+
 def test_direction_dependence_matches_the_published_values() -> None:
     logs = [read_log(file) for file in FILES]
     half_differences = [half_difference(record, record.push) for record in logs]

@@ -141,7 +141,10 @@ def write_dataset_folder(loop: Loop, folder: Path) -> Path:
     return folder
 
 
-pytestmark = pytest.mark.skipif(not DATA.exists(), reason="KLUTE_SIM_DATA does not hold these measurements")
+pytestmark = [
+    pytest.mark.extras,
+    pytest.mark.skipif(not DATA.exists(), reason="KLUTE_SIM_DATA does not hold these measurements"),
+]
 
 
 def test_loops_have_the_published_energy_loss_and_stiffness() -> None:

@@ -1,6 +1,7 @@
-"""Exchange of files with the OpenSim library (``pip install opensim``), if it is installed."""
+"""Exchange of files with the OpenSim library."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,12 @@ from klute_sim.mocap import export
 from klute_sim.mocap.formats import storage, trc
 from klute_sim.recording.recording import Recording
 
-opensim = pytest.importorskip("opensim")
+pytestmark = pytest.mark.extras
+
+
+@pytest.fixture(scope="module")
+def opensim() -> Any:
+    return pytest.importorskip("opensim")
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +27,7 @@ def gait_recording() -> Recording:
     return rig.simulate_gait(load_device("klute-1-1-4-pair"), create_off_controller(), GaitOptions(strides=1, dt=1e-3))
 
 
-def test_opensim_reads_exported_files_exactly(gait_recording: Recording, tmp_path: Path) -> None:
+def test_opensim_reads_exported_files_exactly(opensim: Any, gait_recording: Recording, tmp_path: Path) -> None:
     export.write_files(gait_recording, "left", ("mot", "sto", "trc"), tmp_path)
     for file, columns in {
         "angles.mot": {
@@ -49,7 +55,7 @@ def test_opensim_reads_exported_files_exactly(gait_recording: Recording, tmp_pat
         assert np.array_equal(flat.getDependentColumn("L ANKLE" + axis).to_numpy(), gait_recording[channel])
 
 
-def test_files_written_by_opensim_are_read(gait_recording: Recording, tmp_path: Path) -> None:
+def test_files_written_by_opensim_are_read(opensim: Any, gait_recording: Recording, tmp_path: Path) -> None:
     export.write_files(gait_recording, "right", ("mot", "trc"), tmp_path)
     opensim.STOFileAdapter.write(opensim.TimeSeriesTable(str(tmp_path / "angles.mot")), str(tmp_path / "written.sto"))
     written = storage.read(tmp_path / "written.sto")
