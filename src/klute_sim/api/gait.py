@@ -220,7 +220,22 @@ def simulate_gait(
     )
     warnings += tuple(f"Accepted: {finding.sentence}." for finding in gait.accepted)
     recording = rig.simulate_gait(chosen_device, chosen_controller, options, progress or ignore_progress, backend)
+    warnings += report_rounded_stride_time(recording, options)
     return GaitRun(None if chosen_foot else chosen_device, options, recording, warnings)
+
+
+def report_rounded_stride_time(recording: Recording, options: GaitOptions) -> tuple[str, ...]:
+    """Return a sentence if the time step does not divide the stride time of the reference, which a stride then misses.
+
+    A given speed sets the stride time, so there is nothing to miss.
+    """
+    stride_time, walked = options.reference.stride_time, float(recording.provenance["options"]["stride_time_s"])
+    if options.speed is not None or math.isclose(walked, stride_time, rel_tol=1e-6):
+        return ()
+    return (
+        f"A stride takes {walked:.6g} s instead of the {stride_time:.6g} s of the reference, because it has a whole "
+        f"number of time steps of {1e3 * options.dt:g} ms; a step that divides it keeps it.",
+    )
 
 
 def check_supply_pressure(device: Device, controller: Controller) -> tuple[str, ...]:
