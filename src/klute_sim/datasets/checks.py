@@ -16,6 +16,9 @@ from klute_sim.plausibility.bench.check import check_bench_trials
 from klute_sim.plausibility.bench.magnitudes import check_device_channels, check_missing_value_codes
 from klute_sim.plausibility.bench.trial import SI_UNITS, BenchTrial, Channel, DeviceLimits, Response, Simulate
 from klute_sim.plausibility.finding import Finding
+from klute_sim.plausibility.gait.positions import ScaledSeries
+from klute_sim.plausibility.gait.steps import Series
+from klute_sim.plausibility.gait.trial import GAIT_CHANNELS, GaitChannels, find_trial_findings
 from klute_sim.plausibility.samples import Samples
 from klute_sim.types import Array
 
@@ -23,7 +26,7 @@ from klute_sim.types import Array
 def find_implausible(rig: Rig, trials: Sequence[Trial], units: Sequence[Mapping[str, str]]) -> list[Finding]:
     """Return what is implausible in ``trials``; ``units`` holds the units in the headings of each.
 
-    Trials of a device that is commanded by valve opening are not examined.
+    Of a device that is commanded by valve opening, only the motion and the loads of gait trials are examined.
     """
     rows = [
         (trial, trial_units)
@@ -34,10 +37,23 @@ def find_implausible(rig: Rig, trials: Sequence[Trial], units: Sequence[Mapping[
     if rig == "bench":
         return check_bench_trials(device_trials)
     findings: list[Finding] = []
+    for trial, trial_units in zip(trials, units, strict=True):
+        findings += find_trial_findings(_describe_gait_trial(trial, trial_units))
     for device_trial in device_trials:
         codes, trial_without_codes = check_missing_value_codes(device_trial)
         findings += [*codes, *check_device_channels(trial_without_codes)]
     return findings
+
+
+def _describe_gait_trial(trial: Trial, units: Mapping[str, str]) -> GaitChannels:
+    """Return the motion and the loads of ``trial``."""
+    series = {**trial.prescribed, **trial.measured}
+    channels = {
+        name: ScaledSeries(name, Series(series[name].time, samples.value), samples.unit, samples.factor)
+        for name, samples in collect_samples(trial, units, "gait").items()
+        if name in GAIT_CHANNELS
+    }
+    return GaitChannels(f"trial '{trial.name}'", channels)
 
 
 def collect_samples(trial: Trial, units: Mapping[str, str], rig: Rig) -> dict[str, Samples]:

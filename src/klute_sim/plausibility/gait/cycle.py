@@ -101,10 +101,16 @@ def find_cycle_findings(
 
 
 def _warp(curves: Mapping[str, Array]) -> dict[str, Array]:
-    """Return ``curves`` with the toe-off of the typical ones, where the load shows one contact."""
+    """Return ``curves`` with the toe-off of the typical ones, where the load shows one contact from the start."""
     contact = shapes.find_contact(curves[VERTICAL])
-    toe_off = (contact.ends[0] - contact.starts[0]) % shapes.N_PHASES if len(contact.starts) == 1 else 0
+    has_start = len(contact.starts) == 1 and _measure_start_error(contact) <= MAX_START_ERROR_PCT
+    toe_off = (contact.ends[0] - contact.starts[0]) % shapes.N_PHASES if has_start else 0
     return {name: shapes.warp_to_typical(curve, toe_off) for name, curve in curves.items()}
+
+
+def _measure_start_error(contact: shapes.Contact) -> int:
+    """Return the distance of the foot strike from the start of the stride [%]."""
+    return min(contact.starts[0], shapes.N_PHASES - contact.starts[0])
 
 
 def _find_missing(columns: Mapping[str, Array], place: str) -> tuple[list[Finding], dict[str, Array]]:
@@ -255,8 +261,7 @@ def _find_timing(
     if not contact.starts:
         return []
     start = contact.starts[0]
-    distance = min(start, shapes.N_PHASES - start)
-    if distance > MAX_START_ERROR_PCT:
+    if _measure_start_error(contact) > MAX_START_ERROR_PCT:
         statement = (
             f"the foot strikes the ground at {start} %: the stride does not begin with the heel strike; cut it from "
             "heel strike to heel strike"

@@ -20,11 +20,11 @@ def measure_peak(values: Array) -> float:
 
 def guess_force_unit_per_mass(peak: float) -> str:
     """Return what a vertical force with ``peak``, which should be in N/kg, is in; '' where N/kg is plausible."""
-    if 2.4 <= peak <= 50.0:
+    if 2.95 <= peak <= 49.0:
         return ""
     bounds = (
         (0.2, "kN/kg"),
-        (2.4, "body weights (BW) or kN"),
+        (2.95, "body weights (BW) or kN"),
         (135.0, "per cent of body weight (%BW), or kgf"),
         (280.0, "lbf, or per cent of body weight (%BW)"),
         (7e3, "newtons (N), not divided by the body mass"),
