@@ -8,7 +8,7 @@ import os
 import struct
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,6 +36,11 @@ STARTUP_TIMEOUT, MIN_READ_RATE = 15.0, 1e6
 keep the library busy for ever (both assumed)."""
 MAX_FORCE = 1e6
 """Largest accepted plate force [N]."""
+EVENT_LABELS = {
+    **dict.fromkeys(("foot strike", "heel strike", "initial contact"), True),
+    **dict.fromkeys(("foot off", "toe off"), False),
+}
+"""Label of an event in lower case -> whether it is a foot strike."""
 FORCE_UNITS = {"N": 1.0, "kN": 1e3}
 """Force unit in the file -> newtons."""
 
@@ -52,6 +57,18 @@ class ForcePlate:
     """Centre of pressure (n, 3) [m]; NaN while the plate is not loaded."""
 
 
+@dataclass(frozen=True)
+class GaitEvent:
+    """Foot strike or foot off that a file lists."""
+
+    time: float
+    """Time on the clock of the samples [s]."""
+    side: str
+    """Side of the foot, ``right`` or ``left``; '' if the file does not state it."""
+    is_foot_strike: bool
+    """Whether it is a foot strike; otherwise a foot off."""
+
+
 @dataclass(frozen=True, eq=False)
 class Capture:
     """Content of a C3D file that the import uses."""
@@ -62,6 +79,8 @@ class Capture:
     """Force plates in the order of the file."""
     software: str
     """Name of the program that wrote the file; empty if the file does not state it."""
+    events: tuple[GaitEvent, ...] = ()
+    """Foot strikes and foot offs of the section EVENT."""
 
 
 def read(path: str | Path) -> Capture:
@@ -155,4 +174,20 @@ def _build_capture(metadata: Mapping[str, Any], arrays: Mapping[str, Array], fil
             )
         cop = LENGTH_UNITS[length_unit.lower()] * arrays[f"cop{number}"].T
         plates.append(ForcePlate(np.arange(len(force)) / analog_rate, force, cop))
-    return Capture(Markers(np.arange(points.shape[2]) / rate, positions), tuple(plates), metadata["software"])
+    time = np.arange(points.shape[2]) / rate
+    events = _parse_events(metadata["events"], metadata["first_frame"] / rate, time[-1])
+    return Capture(Markers(time, positions), tuple(plates), metadata["software"], events)
+
+
+def _parse_events(rows: Sequence[tuple[str, str, float]], start: float, duration: float) -> tuple[GaitEvent, ...]:
+    """Return the foot strikes and foot offs of ``rows`` (context, label, time from frame 1) within the samples.
+
+    The samples begin at ``start`` [s] and last ``duration`` [s].
+    """
+    events = []
+    for context, label, time in rows:
+        kind = EVENT_LABELS.get(label.strip().lower().replace("-", " ").replace("_", " "))
+        if kind is not None and 0.0 <= time - start <= duration:
+            side = context.strip().lower()
+            events.append(GaitEvent(time - start, side if side in ("right", "left") else "", kind))
+    return tuple(sorted(events, key=lambda event: event.time))

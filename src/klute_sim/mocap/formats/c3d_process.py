@@ -34,11 +34,24 @@ def extract_arrays(c3d: Any) -> dict[str, Any]:
         "software": _get_text(parameters.get("MANUFACTURER", {}).get("SOFTWARE")),
         "plates": [[str(plate["unit_force"]), str(plate["unit_position"])] for plate in plates],
     }
+    metadata["events"] = _list_events(parameters.get("EVENT", {}))
+    metadata["first_frame"] = int(c3d["header"]["points"]["first_frame"])
     arrays = {"points": np.asarray(c3d["data"]["points"], dtype=np.float64)[:3]}
     for number, plate in enumerate(plates):
         arrays[f"force{number}"] = np.asarray(plate["force"], dtype=np.float64)
         arrays[f"cop{number}"] = np.asarray(plate["center_of_pressure"], dtype=np.float64)
     return {"metadata": np.array(json.dumps(metadata)), **arrays}
+
+
+def _list_events(section: Any) -> list[tuple[str, str, float]]:
+    """Return context (such as ``Left``), label and time [s] of each event; ezc3d gives times as minutes and seconds."""
+    contexts, labels = (section[key]["value"] if key in section else [] for key in ("CONTEXTS", "LABELS"))
+    times = np.asarray(section["TIMES"]["value"] if "TIMES" in section else [], dtype=np.float64)
+    if times.ndim != 2 or len(times) != 2:
+        return []
+    seconds = 60.0 * times[0] + times[1]
+    rows = zip(contexts, labels, seconds, strict=False)
+    return [(str(context), str(label), float(time)) for context, label, time in rows]
 
 
 def _get_text(parameter: Any) -> str:

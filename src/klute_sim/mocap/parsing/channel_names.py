@@ -40,12 +40,23 @@ PROSTHESIS_CHANNELS = (PRESSURE_COMMAND, MUSCLE_PRESSURE, MUSCLE_FORCE, MUSCLE_L
 EVENT_LABELS = {"lhs", "rhs", "lto", "rto"}
 """Columns of an event file: heel strikes and toe-offs of the left and right foot."""
 
+_ROUND_BRACKETS = re.compile(r"(?P<name>.*?)\s*\((?P<unit>[^()]*)\)")
+_TIME_WITH_UNIT = re.compile(r"(?P<name>time|timestamp)_(?P<unit>s|ms)", re.IGNORECASE)
+_BRACKET_UNITS = {
+    **dict.fromkeys(("s", "sec", "seconds"), "s"),
+    **{unit: unit for unit in ("ms", "min", "rad", "m", "mm", "cm", "m/s", "bar", "psi", "kgf", "lbf", "%")},
+    **{unit.lower(): unit for unit in ("N", "kN", "N/kg", "BW", "W", "W/kg", "kPa", "MPa")},
+    **dict.fromkeys(("deg", "degree", "degrees", "°"), "deg"),
+    **dict.fromkeys(("nm", "n*m", "n·m", "n.m", "n-m"), "N*m"),
+    **dict.fromkeys(("nm/kg", "n*m/kg", "n·m/kg", "n.m/kg", "n-m/kg"), "N*m/kg"),
+}
+"""Unit in round brackets, in lower case and without spaces -> unit."""
 _TOKEN_PATTERN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _SIDE_TOKENS: dict[str, Side] = {"left": "left", "l": "left", "right": "right", "r": "right"}
 _COMMAND_TOKENS = {"command", "commanded", "desired", "setpoint", "target"}
 _MEASUREMENT_TOKENS = {"measured", "actual", "sensor"}
 _EXCLUDED_TOKENS = frozenset(
-    ("reference", "sd", "command", "beta", "adduction", "rotation", "velocity", "actuator", "passive", "stop")
+    ("reference", "sd", "std", "command", "beta", "adduction", "rotation", "velocity", "actuator", "passive", "stop")
 )
 _PLATE_PATTERN = re.compile(
     r"(?:(?P<prefix>\w+?)_)?ground_(?P<quantity>force|moment|torque)_(?:(?P<name>[A-Za-z0-9]+)_)?"
@@ -75,9 +86,24 @@ class PlateLabel(NamedTuple):
     """Axis of the OpenSim frame: 0 forward, 1 up, 2 right."""
 
 
+def split_unit(label: str) -> tuple[str, str]:
+    """Return the name and the unit of ``label``: ``Time (s)`` and ``time_s`` as ``time [s]``; '' without a unit.
+
+    Round brackets may hold a remark instead, so only :data:`_BRACKET_UNITS` count there.
+    """
+    if "[" in label:
+        name, _, unit = label.partition("[")
+        return name.strip(), unit.rstrip("] ")
+    match = _ROUND_BRACKETS.fullmatch(label.strip())
+    if match is not None and match["unit"].replace(" ", "").lower() in _BRACKET_UNITS:
+        return match["name"].strip(), _BRACKET_UNITS[match["unit"].replace(" ", "").lower()]
+    time = _TIME_WITH_UNIT.fullmatch(label.strip())
+    return (time["name"], time["unit"].lower()) if time is not None else (label.strip(), "")
+
+
 def strip_unit(label: str) -> str:
     """Return ``label`` without a unit in brackets."""
-    return label.split("[")[0].strip()
+    return split_unit(label)[0]
 
 
 def parse_channel_label(label: str) -> ChannelLabel | None:

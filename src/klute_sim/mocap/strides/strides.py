@@ -9,13 +9,14 @@ import numpy as np
 from klute_sim.gait.contacts import Contact
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics.leg import LEG_UNITS, Leg
+from klute_sim.mocap.options import STRIDE_TIME_RANGE
 from klute_sim.mocap.parsing.channel_names import Side
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
 
 PHASE_GRID = np.linspace(0.0, 1.0, 101)
 """Gait phases (0-1) of resampled strides."""
-MIN_STRIDE_TIME, MAX_STRIDE_TIME = 0.6, 2.5
+MIN_STRIDE_TIME, MAX_STRIDE_TIME = STRIDE_TIME_RANGE
 """Stride times [s] of walking."""
 TOE_OFF_RANGE = (0.5, 0.8)
 """Gait phases of toe-off in walking; below a half in running."""

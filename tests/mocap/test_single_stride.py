@@ -1,0 +1,142 @@
+"""Import of one published stride in % of the gait cycle, and of units in round brackets."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.errors import InputError
+from klute_sim.gait import reference
+from klute_sim.mocap.import_log import ImportLog
+from klute_sim.mocap.options import ImportOptions
+from klute_sim.mocap.parsing import sources
+from klute_sim.mocap.parsing.channel_names import split_unit
+from klute_sim.mocap.parsing.single_stride import find_percent_label, unroll_single_strides
+from klute_sim.mocap.reference_import import import_reference
+from tests.command_line import run
+from tests.synthetic_gait import HUMAN, MASS
+
+COLUMNS = {
+    "Hip flexion (deg)": "hip_flexion_deg",
+    "Knee flexion (deg)": "knee_flexion_deg",
+    "Ankle dorsiflexion (deg)": "ankle_dorsiflexion_deg",
+    "Ankle moment (Nm/kg)": "ankle_plantarflexor_moment_nm_per_kg",
+    "GRF vertical (N/kg)": "grf_vertical_n_per_kg",
+    "GRF forward (N/kg)": "grf_forward_n_per_kg",
+}
+"""Heading of a published table -> column of the reference."""
+OPTIONS = ImportOptions(mass=MASS, stride_time=1.2, ankle_zero="file")
+
+
+def write_stride(path: Path, n_rows: int = 51, heading: str = "Gait cycle (%)", end: float = 100.0) -> Path:
+    percent = np.linspace(0.0, end, n_rows)
+    columns = [percent, *(HUMAN(name, percent / 100.0) for name in COLUMNS.values())]
+    rows = [",".join((heading, *COLUMNS)), *(",".join(f"{v:.6f}" for v in row) for row in zip(*columns, strict=True))]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("n_rows", [51, 101])
+def test_published_stride_becomes_the_reference(n_rows: int, tmp_path: Path) -> None:
+    result = import_reference([write_stride(tmp_path / "stride.csv", n_rows)], OPTIONS)
+    assert len(result.strides["right"]) == 1
+    assert result.stride_time == pytest.approx(1.2)
+    for column in ("knee_flexion_deg", "ankle_dorsiflexion_deg", "ankle_plantarflexor_moment_nm_per_kg"):
+        expected = HUMAN(column, result.table["gait_pct"] / 100.0)
+        assert result.table[column] == pytest.approx(expected, abs=0.015 * np.ptp(expected))
+    load = HUMAN("grf_vertical_n_per_kg", result.table["gait_pct"] / 100.0)
+    inside = (result.table["gait_pct"] > 3.0) & (result.table["gait_pct"] < 60.0)
+    assert result.table["grf_vertical_n_per_kg"][inside] == pytest.approx(load[inside], abs=0.2)
+    assert not any(name.endswith("_sd_deg") for name in result.table)
+    assert any("one stride over 'Gait cycle (%)', 1.2 s long" in sentence for sentence in result.log.derived)
+    reference.parse_reference(result.to_csv(), "stride", result.stride_time)
+
+
+def unroll(path: Path, stride_time: float | None = 1.2) -> Sequence[sources.SourceFile]:
+    return unroll_single_strides([sources.read(path)], stride_time, ImportLog())
+
+
+@pytest.mark.parametrize("heading", ["gait_pct", "% gait cycle", "Percent", "gait_phase [%]", "time (%)", "Stride (%)"])
+def test_percent_columns_are_recognised(heading: str, tmp_path: Path) -> None:
+    source = sources.read(write_stride(tmp_path / "stride.csv", heading=heading))
+    assert find_percent_label(source) == heading
+    assert unroll(tmp_path / "stride.csv")[0].get_column("time")[50] == pytest.approx(1.2)
+
+
+def test_fraction_of_the_cycle_counts_as_percent(tmp_path: Path) -> None:
+    (source,) = unroll(write_stride(tmp_path / "stride.csv", heading="gait cycle", end=1.0))
+    assert source.get_column("time")[25] == pytest.approx(0.6)
+
+
+def test_a_file_with_times_is_no_single_stride(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    path.write_text("time [s],gait_phase [%]\n" + "".join(f"{0.01 * k},{k}\n" for k in range(101)))
+    assert find_percent_label(sources.read(path)) is None
+    with pytest.raises(InputError, match="these files have times"):
+        unroll(path)
+
+
+def test_unusable_strides_are_refused_in_one_sentence(tmp_path: Path) -> None:
+    path = write_stride(tmp_path / "stride.csv")
+    with pytest.raises(InputError, match=r"pass the duration of the stride \(--stride-duration S, or --cadence"):
+        import_reference([path], ImportOptions(mass=MASS))
+    half = write_stride(tmp_path / "half.csv", end=60.0)
+    with pytest.raises(
+        InputError, match="must increase from 0 to 100 % in 20 rows or more; it has 51 rows from 0 to 60"
+    ):
+        unroll(half)
+    with pytest.raises(InputError, match="it has 11 rows"):
+        unroll(write_stride(tmp_path / "short.csv", 11))
+    lines = path.read_text().splitlines()
+    (tmp_path / "open.csv").write_text("\n".join([*lines[:-1], "100,90,9,9,9,9,9"]) + "\n")
+    (source,) = unroll(tmp_path / "open.csv")
+    with pytest.raises(
+        InputError, match="a whole stride, from heel strike to heel strike of the same foot, ends as it"
+    ):
+        source.get_column("Hip flexion (deg)")
+    with pytest.raises(InputError, match=r"stride duration is 5; allowed: 0\.6 to 2\.5 s"):
+        ImportOptions(stride_time=5.0)
+
+
+@pytest.mark.parametrize(
+    ("label", "expected"),
+    [
+        ("Time (s)", ("Time", "s")),
+        ("Time(s)", ("Time", "s")),
+        ("time_s", ("time", "s")),
+        ("Time_ms", ("Time", "ms")),
+        ("Angle (deg)", ("Angle", "deg")),
+        ("Moment (N m / kg)", ("Moment", "N*m/kg")),
+        ("angle [rad]", ("angle", "rad")),
+        ("Ankle (left)", ("Ankle (left)", "")),
+        ("knee_angle", ("knee_angle", "")),
+    ],
+)
+def test_units_in_round_brackets_and_after_time(label: str, expected: tuple[str, str]) -> None:
+    assert split_unit(label) == expected
+
+
+def test_table_with_round_brackets_reads_its_time(tmp_path: Path) -> None:
+    path = tmp_path / "walk.csv"
+    path.write_text("Time(s),Knee angle (rad)\n" + "".join(f"{0.01 * k},{0.001 * k}\n" for k in range(100)))
+    source = sources.read(path)
+    assert source.time_label == "Time(s)"
+    assert source.units == {"Time(s)": "s", "Knee angle (rad)": "rad"}
+    assert source.detect_roles() == {"angles"}
+
+
+def test_command_takes_a_cadence(tmp_path: Path) -> None:
+    write_stride(tmp_path / "stride.csv")
+    done = run("import", "stride.csv", "--mass", "70", "--cadence", "100", "--json", "--out", "me", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["stride_time_s"] == pytest.approx(1.2)
+    for arguments, message in (
+        (("--cadence", "100", "--stride-duration", "1.2"), "--cadence and --stride-duration state the same"),
+        (("--cadence", "1000"), "cadence is 1000; allowed: 48 to 200 steps/min"),
+        (("--cadence", "100", "--dataset", "--device", "klute-1-1-4-pair"), "--cadence cannot be combined"),
+    ):
+        done = run("import", "stride.csv", "--mass", "70", *arguments, cwd=tmp_path)
+        assert done.returncode == 2
+        assert message in done.stderr
