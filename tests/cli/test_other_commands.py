@@ -136,13 +136,3 @@ def test_terminal_without_unicode_shows_the_numbers() -> None:
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "736 N" in done.stdout
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
-def test_unwritable_output_is_one_sentence() -> None:
-    with open("/dev/full", "w") as full:
-        command = [sys.executable, "-m", "klute_sim", "device", "--json"]
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-    assert done.returncode == 2
-    assert "cannot be read or written: No space left on device" in done.stderr
-    assert "Traceback" not in done.stderr

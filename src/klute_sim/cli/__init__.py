@@ -125,12 +125,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for note in getattr(original, "__notes__", ()):  # such as where the finished part is kept
             click.echo(note, err=True)
         process.exit_process(process.get_exit_code(original), "interrupted; no file was left half-written")
-    except MemoryError:
-        process.exit_process(2, "not enough memory; use fewer strides, a longer time step or fewer --jobs")
     except BrokenPipeError:  # while the rest of the output is flushed
         process.exit_process(0)
     except OSError as error:
         process.exit_process(2, f"a file or the output cannot be read or written: {error.strerror or error}")
+    except Exception as error:
+        if not process.is_lack_of_memory(error):
+            raise
+        process.exit_process(2, "not enough memory; use fewer strides, a longer time step or fewer --jobs")
     process.exit_process(code if isinstance(code, int) else 0)
 
 

@@ -14,6 +14,12 @@ _TERMINATION_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
 )
 
+_MEMORY_MESSAGES = (
+    *("failed to map segment", "cannot allocate memory", "could not allocate memory", "out of memory"),
+    "can't start new thread",
+)
+"""Parts of the messages of errors that mean a lack of memory, in small letters."""
+
 
 class TerminationError(KeyboardInterrupt):
     """A signal asks the process to end; like Ctrl-C it lets the process remove unfinished files."""
@@ -45,6 +51,11 @@ def _raise_termination(number: int, frame: FrameType | None) -> NoReturn:
 def get_exit_code(interrupt: BaseException) -> int:
     """Return the exit code that a shell expects after ``interrupt``."""
     return 128 + (interrupt.signal_number if isinstance(interrupt, TerminationError) else signal.SIGINT)
+
+
+def is_lack_of_memory(error: BaseException) -> bool:
+    """Return whether ``error`` means that there is not enough memory, for data, for code or for a thread."""
+    return isinstance(error, MemoryError) or any(text in str(error).lower() for text in _MEMORY_MESSAGES)
 
 
 def exit_process(code: int, message: str = "") -> NoReturn:

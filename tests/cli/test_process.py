@@ -1,0 +1,128 @@
+"""How the process of a command ends: signals, output that cannot be written, no memory, and a full disk."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from klute_sim.cli import process
+from klute_sim.viewer import stream
+from tests.command_line import run
+
+DEVICE = ("device", "klute-1-1-4-pair")
+posix = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+
+
+def start(code: str, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run([sys.executable, "-c", code], cwd=cwd, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("arguments", [(*DEVICE, "--json"), ("--help",)])
+def test_unwritable_output_is_one_sentence(arguments: tuple[str, ...], unbuffered: str) -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "klute_sim", *arguments],
+            env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    sentence = "klute-sim: a file or the output cannot be read or written: No space left on device\n"
+    assert (done.returncode, done.stderr) == (2, sentence)
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("arguments", [(*DEVICE, "--json"), ("--help",)])
+def test_closed_pipe_is_silent(arguments: tuple[str, ...], unbuffered: str) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [sys.executable, "-m", "klute_sim", *arguments],
+        env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@posix
+@pytest.mark.parametrize("name", ["SIGTERM", pytest.param("SIGHUP", marks=pytest.mark.slow)])
+def test_signal_leaves_no_half_written_run(name: str, tmp_path: Path) -> None:
+    number = signal.Signals[name]
+    code = (
+        "import os\n"
+        "from klute_sim.recording import parquet\n"
+        "def write_half(recording, path):\n"
+        f"    path.write_bytes(b'half'); os.kill(os.getpid(), {number:d})\n"
+        "parquet.write_recording = write_half\n"
+        "from klute_sim.cli import main\n"
+        "main(['gait', '--strides', '1', '--step', '1', '--out', 'r'])\n"
+    )
+    done = start(code, tmp_path)
+    assert done.returncode == 128 + number
+    assert done.stderr.strip() == "klute-sim: interrupted; no file was left half-written"
+    assert list(tmp_path.iterdir()) == []
+
+
+@posix
+def test_ignored_hangup_stays_ignored() -> None:
+    previous = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    try:
+        with process.raise_on_termination():
+            os.kill(os.getpid(), signal.SIGHUP)
+            with pytest.raises(KeyboardInterrupt):
+                os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), signal.SIGTERM)  # while unfinished files are removed
+    finally:
+        signal.signal(signal.SIGHUP, previous)
+
+
+@pytest.mark.parametrize(
+    ("error", "is_memory"),
+    [
+        (MemoryError(), True),
+        (ImportError("libx.so: failed to map segment from shared object"), True),
+        (ValueError("Error: engine error: Could not allocate memory"), True),
+        (ImportError("No module named 'x'"), False),
+        (ValueError("x"), False),
+    ],
+)
+def test_lack_of_memory_is_recognized(
+    error: Exception, is_memory: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("klute_sim.recording.parquet.write_recording", fail)
+    arguments = ("gait", "--strides", "1", "--step", "1", "--out", "r")
+    if is_memory:
+        done = run(*arguments, cwd=tmp_path)
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert done.stderr.startswith("klute-sim: not enough memory; use fewer strides")
+    else:
+        with pytest.raises(type(error)):
+            run(*arguments, cwd=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_full_disk_while_the_viewer_recording_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
+
+    def fail(path: Path, content: bytes) -> None:
+        path.write_bytes(content[:100])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(stream, "write_atomically", fail)
+    done = run("gait", "--strides", "1", "--step", "1", "--out", "r", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (2, "klute-sim: the disk is full: r was not written\n")
+    assert list(tmp_path.iterdir()) == []
