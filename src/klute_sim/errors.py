@@ -18,13 +18,23 @@ class KluteSimError(Exception):
 
     def __str__(self) -> str:
         """Return the sentence."""
-        text = "".join(_make_printable(letter) for letter in super().__str__())
+        text = "".join(" " if letter.isspace() else letter for letter in super().__str__())
+        text = make_printable(text)
         text = re.sub(rf"\S{{{MAX_WORD_LENGTH},}}", lambda match: _truncate_middle(match[0], MAX_WORD_LENGTH), text)
         return _truncate_middle(text.strip(), MAX_MESSAGE_LENGTH)
 
 
-def _make_printable(letter: str) -> str:
-    return letter if letter.isprintable() else " " if letter.isspace() else "\N{REPLACEMENT CHARACTER}"
+def make_printable(text: str) -> str:
+    """Return ``text`` with a replacement character for each control character, except for line ends and tabs.
+
+    Text from files, such as names and paths, reaches terminals through this function only: control characters would
+    move the cursor, change colours and titles, or turn the direction of writing.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter.isprintable() or letter in "\n\t" else "\N{REPLACEMENT CHARACTER}" for letter in text
+    )
 
 
 def _truncate_middle(text: str, max_length: int) -> str:

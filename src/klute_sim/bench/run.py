@@ -1,6 +1,7 @@
 """Run a protocol on a device, trial by trial."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,8 @@ COMMAND_JUMP_BAR = 0.1
 """Change of the pressure command between samples [bar] above which both samples are recorded."""
 MAX_TIME_STEPS = 20_000_000
 """Maximum number of time steps of a run: some minutes without MuJoCo."""
+MAX_TRIAL_TIME_STEPS = 2_000_000
+"""Maximum number of time steps of a trial, whose recording is in memory at its full rate: 1000 s at 0.5 ms."""
 
 
 @dataclass(frozen=True)
@@ -62,21 +65,7 @@ def run_protocol(
 
     Raises InputError when the device cannot run the protocol.
     """
-    if not 0.0 < dt <= MAX_TIME_STEP:
-        raise InputError(f"the time step is {1e3 * dt:g} ms; allowed: above 0, up to {1e3 * MAX_TIME_STEP:g} ms")
-    protocol.check_time_step(dt)
-    plans = protocol.plan_trials(device)
-    for name, count in Counter(plan.name for plan in plans).items():
-        if count > 1:
-            raise InputError(
-                f"the protocol has {count} trials '{name}'; allowed: every value once in each of its lists"
-            )
-    sizes = [plan.trajectory.count_samples(dt) for plan in plans]
-    if sum(sizes) > MAX_TIME_STEPS:
-        raise InputError(
-            f"the protocol takes {sum(sizes):.3g} time steps of {1e3 * dt:g} ms; allowed: up to {MAX_TIME_STEPS:.0e} "
-            "(make the protocol shorter or the time step longer)"
-        )
+    plans, sizes = plan_protocol(device, protocol, dt)
     completed, trials = 0, []
     for plan, size in zip(plans, sizes, strict=True):
 
@@ -89,6 +78,33 @@ def run_protocol(
         trials.append(BenchTrial(plan.name, dict(plan.conditions), metrics, decimate_recording(recording)))
         completed += size
     return BenchResult(device, protocol, use_mujoco, dt, tuple(trials))
+
+
+def plan_protocol(device: Device, protocol: BenchProtocol, dt: float) -> tuple[Sequence[TrialPlan], list[int]]:
+    """Return the plans of all trials of ``protocol`` and their numbers of time steps ``dt`` [s].
+
+    Raises InputError when the device cannot run the protocol, or the protocol takes too many time steps.
+    """
+    if not 0.0 < dt <= MAX_TIME_STEP:
+        raise InputError(f"the time step is {1e3 * dt:g} ms; allowed: above 0, up to {1e3 * MAX_TIME_STEP:g} ms")
+    protocol.check_time_step(dt)
+    plans = protocol.plan_trials(device)
+    for name, count in Counter(plan.name for plan in plans).items():
+        if count > 1:
+            raise InputError(
+                f"the protocol has {count} trials '{name}'; allowed: every value once in each of its lists"
+            )
+    sizes = [plan.trajectory.count_samples(dt) for plan in plans]
+    for what, size, limit in (
+        ("the protocol", sum(sizes), MAX_TIME_STEPS),
+        ("the longest trial of the protocol", max(sizes), MAX_TRIAL_TIME_STEPS),
+    ):
+        if size > limit:
+            raise InputError(
+                f"{what} takes {size:.3g} time steps of {1e3 * dt:g} ms; allowed: up to {limit:.0e} (make the protocol "
+                "shorter or the time step longer)"
+            )
+    return plans, sizes
 
 
 def _simulate_trial(

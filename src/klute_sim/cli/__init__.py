@@ -15,7 +15,7 @@ import click
 
 from klute_sim import __version__
 from klute_sim.cli import process
-from klute_sim.errors import InputError, KluteSimError, suggest
+from klute_sim.errors import InputError, KluteSimError, make_printable, suggest
 
 COMMANDS = {
     "gait": ("klute_sim.cli.gait", "Simulate gait with the prosthesis on the gait rig."),
@@ -123,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (KeyboardInterrupt, click.Abort) as interrupt:
         original = interrupt.__cause__ or interrupt  # click raises Abort from the KeyboardInterrupt
         for note in getattr(original, "__notes__", ()):  # such as where the finished part is kept
-            click.echo(note, err=True)
+            click.echo(make_printable(note), err=True)
         process.exit_process(process.get_exit_code(original), "interrupted; no file was left half-written")
     except BrokenPipeError:  # while the rest of the output is flushed
         process.exit_process(0)
@@ -138,4 +138,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _show_warning(message: Warning | str, *_: object) -> None:
     """Print a warning as one sentence, without the line of source code that issued it."""
-    click.echo(f"klute-sim: {message}", err=True)
+    click.echo(make_printable(f"klute-sim: {message}"), err=True)

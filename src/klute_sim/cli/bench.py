@@ -63,13 +63,14 @@ def command(
         _list_protocols(as_json=as_json)
         return
     from klute_sim.bench.protocols.library import parse_protocol, read_protocol_bytes
+    from klute_sim.cli.console import write_text
 
     content = read_protocol_bytes(protocol_name)
     parse_protocol(content, protocol_name)
     if as_toml:
         if as_json:
             raise InputError("--toml and --json exclude each other; give one of them")
-        click.echo(content.decode("utf-8-sig"), nl=False)
+        write_text(content.decode("utf-8-sig"))
         return
     from klute_sim.api.bench import DEFAULT_DEVICE, simulate_bench
     from klute_sim.api.rendering import print_summary

@@ -3,13 +3,17 @@
 import os
 import sys
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any, Protocol
 
-from rich.console import Console
+import click
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import Progress
+from rich.segment import Segment
+
+from klute_sim.errors import make_printable
 
 NON_TERMINAL_WIDTH_CHARS = 110
 """Width of tables where no terminal sets it [characters]."""
@@ -18,7 +22,8 @@ NON_TERMINAL_WIDTH_CHARS = 110
 class _Console(Console):
     """On a terminal, wraps lines printed with ``soft_wrap`` between words; the terminal would break words.
 
-    Elsewhere lines stay whole for programs that read them. A word, such as a path, is never broken.
+    Elsewhere lines stay whole for programs that read them. A word, such as a path, is never broken. Control characters
+    in the text, which come from names in files, are replaced.
     """
 
     def print(self, *objects: Any, **options: Any) -> None:
@@ -30,6 +35,16 @@ class _Console(Console):
     def on_broken_pipe(self) -> None:
         """Leave the error, which is being handled, to the command line; the method replaced here exits with code 1."""
         raise
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Yield the segments of ``renderable``; all output passes through here, before rich adds its own controls."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=make_printable(segment.text))
+
+
+def write_text(text: str) -> None:
+    """Write ``text`` to stdout: exactly, for files and programs, but without control characters on a terminal."""
+    click.echo(make_printable(text) if sys.stdout.isatty() else text, nl=False)
 
 
 def _wrap_lines(text: str, width: int) -> str:

@@ -31,6 +31,7 @@ def command(name: str | None, pressure: float | None, as_toml: bool, as_json: bo
       klute-sim device klute-1-1-4-pair --toml > my-device.toml
       klute-sim device my-device.toml --pressure 3 --json
     """
+    from klute_sim.cli.console import write_text
     from klute_sim.device.device import load_device
     from klute_sim.errors import InputError
 
@@ -43,7 +44,7 @@ def command(name: str | None, pressure: float | None, as_toml: bool, as_json: bo
         return
     device = load_device(name)
     if as_toml:
-        click.echo(device.content.decode("utf-8-sig"), nl=False)
+        write_text(device.content.decode("utf-8-sig"))
         return
 
     from klute_sim.api.device import describe_device, format_description

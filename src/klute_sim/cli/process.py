@@ -10,6 +10,8 @@ from typing import NoReturn, TextIO
 
 import click
 
+from klute_sim.errors import make_printable
+
 _TERMINATION_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
 )
@@ -65,7 +67,7 @@ def exit_process(code: int, message: str = "") -> NoReturn:
     """
     if message:
         with suppress(OSError):
-            click.echo(f"klute-sim: {message}", err=True)
+            click.echo(make_printable(f"klute-sim: {message}"), err=True)
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:  # the caller has closed it
             _discard_unwritable(stream)

@@ -57,9 +57,10 @@ def command(path: Path, web: bool, picture: Path | None, at: float | None) -> No
         return
     if web:
         raise InputError("--web and --picture exclude each other")
+    from klute_sim.cli.console import write_text
     from klute_sim.viewer.folders import ensure_recording
     from klute_sim.viewer.picture.picture import save_pictures
 
     with ensure_recording(path) as rrd_path:
         for file in save_pictures(rrd_path, picture, at):
-            click.echo(file)
+            write_text(f"{file}\n")

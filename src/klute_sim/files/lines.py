@@ -47,8 +47,8 @@ def check_duration(time: Array, description: str) -> None:
     duration = float(np.ptp(finite)) if len(finite) else 0.0
     if duration > MAX_DURATION:
         raise InputError(
-            f"{description}: time spans {duration:.6g} s; allowed: up to {MAX_DURATION:g} s for one recording; look "
-            "for a wrong time stamp, and for times in other units than seconds"
+            f"{description}: time spans {duration:.6g} s; allowed: up to {MAX_DURATION:g} s for one recording; are "
+            "the times in milliseconds (ms)? Otherwise look for a wrong time stamp"
         )
 
 

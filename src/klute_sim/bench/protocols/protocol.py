@@ -15,8 +15,8 @@ from klute_sim.types import Array
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 Ratio = Annotated[FiniteFloat, Field(gt=0, le=1)]
-NonEmpty = Field(min_length=1)
-"""Constraint of lists that need at least one entry."""
+NonEmpty = Field(min_length=1, max_length=64)
+"""Constraint of lists that need at least one entry; each entry makes trials, together with those of other lists."""
 
 
 def format_value(value: float) -> str:

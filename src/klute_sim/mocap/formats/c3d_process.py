@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+MAX_MEMORY_BYTES = 2 * 1024**3
+"""Largest address space of the process [bytes]; the largest accepted file needs about half of it."""
 PR_SET_PDEATHSIG = 1
 """Option of Linux's prctl: the signal that a process gets when its parent ends."""
 
@@ -68,9 +70,18 @@ def end_with_parent(parent: int) -> None:
         sys.exit("the parent process has ended")
 
 
+def limit_memory() -> None:
+    """Limit the memory of this process, where the system can: a damaged file makes the library ask for any amount."""
+    if sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, resource.getrlimit(resource.RLIMIT_AS)[1]))
+
+
 def main() -> None:
     """Read the file named on the command line; on failure print the reason on standard error and exit with code 1."""
     end_with_parent(int(sys.argv[3]))
+    limit_memory()
     if hasattr(signal, "alarm"):  # not available on Windows
         signal.alarm(int(sys.argv[2]))
     output = os.fdopen(os.dup(1), "wb")

@@ -1,30 +1,40 @@
-"""Kinds of files for fuzzing: an intact example of each, and its reader."""
+"""Kinds of files that a user can give: an intact example of each, and its reader."""
 
+import json
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib import resources
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
+from tests import synthetic_gait as walker
 
+from klute_sim.api.bench import simulate_bench
+from klute_sim.bench import run
 from klute_sim.bench.protocols import library as protocols_library
 from klute_sim.comparison import runs
 from klute_sim.comparison.comparison import compare
 from klute_sim.controllers import learned, state_machine
 from klute_sim.controllers.policy import Policy
 from klute_sim.controllers.pressure import load_profile
-from klute_sim.datasets import dataset
+from klute_sim.datasets import dataset, text
 from klute_sim.device import device as device_device
 from klute_sim.device.rollout import simulate_rollouts
+from klute_sim.effects import catalogue
 from klute_sim.gait import reference
 from klute_sim.mocap import reference_import
 from klute_sim.mocap.formats import trc
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import mapping
+from klute_sim.parameter_sweep import store
+from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, CaseResult
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
-from klute_sim.training import config
-from tests import synthetic_gait as walker
+from klute_sim.training import config, training
+from klute_sim.viewer.folders import ensure_recording
 
 Paths = Sequence[Path]
 STEPS = 40
@@ -67,10 +77,10 @@ device = "klute-3-4-pair"
 [uncertain]
 "tendon.stiffness_2_n_per_mm" = "10 %"
 [[trial]]
-files = ["a.csv"]
+files = ["fit_1_a.csv"]
 group = "one"
 [trial.device]
-"muscle.resting_length_mm" = 180.0
+"muscle.resting_length_mm" = 170.0
 [[trial]]
 files = ["b.parquet"]
 trusted = ["force"]
@@ -78,19 +88,13 @@ trusted = ["force"]
 
 
 def _dataset(folder: Path) -> list[Path]:
-    time = np.arange(30) * 0.01
-    columns = [
-        ("time [s]", time),
-        ("length [mm]", 340.0 + np.sin(time)),
-        ("pressure_command [bar]", np.full(30, 3.0)),
-        ("force [N]", 600.0 + time),
-    ]
-    rows = [",".join(name for name, _ in columns)]
-    rows += [",".join(f"{value:g}" for value in row) for row in zip(*(each for _, each in columns), strict=True)]
+    content = (resources.files("klute_sim.datasets") / "example" / "fit_1_a.csv").read_bytes()
+    file = text.parse_delimited_text(content, "fit_1_a.csv")
+    columns = zip(file.headings, file.read_columns(range(len(file.headings))), strict=True)
     parquet.write_recording(Recording.from_columns(columns), folder / "b.parquet")
     return [
         _written(folder / "dataset.toml", DATASET.encode()),
-        _written(folder / "a.csv", "\n".join(rows).encode()),
+        _written(folder / "fit_1_a.csv", content),
         folder / "b.parquet",
     ]
 
@@ -185,8 +189,78 @@ def _shipped(name: str) -> bytes:
     return (Path(state_machine.__file__).parent / name).read_bytes()
 
 
-def _protocol(paths: Paths) -> object:
-    return protocols_library.parse_protocol(protocols_library.read_protocol_bytes(str(paths[0])), str(paths[0]))
+def _plan_protocol(paths: Paths) -> object:
+    protocol = protocols_library.load_protocol(paths[0])
+    return run.plan_protocol(device_device.load_device("klute-1-1-4-pair"), protocol, 5e-4)
+
+
+CATALOGUE = """from klute_sim import EffectParameter, effect
+@effect(
+    name="muscle_warming",
+    description="The muscle pulls more when it is warm.",
+    equation="F (1 + gain)",
+    hook="muscle_force",
+    parameters=(EffectParameter(key="gain", neutral=0.0, lower=0.0, upper=0.5, typical=0.02, source="assumed"),),
+)
+def warm_force(p, state, force, muscle, pressure, length, velocity):
+    return force * (1.0 + p.gain)
+"""
+
+
+def _load_catalogue(paths: Paths) -> object:
+    catalogue.load_user_module.cache_clear()
+    with (
+        mock.patch.dict(os.environ, {catalogue.CATALOGUE_VARIABLE: str(paths[0])}),
+        mock.patch.object(catalogue, "_registered_effects", []),
+        mock.patch.object(catalogue.get_effects, "cache_info", return_value=mock.Mock(currsize=0)),
+    ):
+        return catalogue.load_user_module()
+
+
+PLAN = {"klute_sim": "1.0", "axes": {"mass_kg": [60.0, 70.0]}, "strides": 3, "code_digest": "0" * 64}
+
+
+def _sweep_folder(folder: Path) -> list[Path]:
+    result_store = store.open_store(folder, PLAN, "sweep")
+    result_store.put("key", CaseResult(dict.fromkeys(METRIC_COLUMNS, 1.0), ""))
+    (folder / "cases" / "key.json").rename(folder / "key.json")
+    (folder / "cases").rmdir()
+    return [folder / "sweep.json", folder / "key.json"]
+
+
+def _resume_sweep(paths: Paths) -> object:
+    folder = paths[0].parent
+    (folder / "cases").mkdir(exist_ok=True)
+    (folder / "key.json").replace(folder / "cases" / "key.json")
+    return store.open_store(folder, PLAN, "sweep").get("key")
+
+
+def _training_folder(folder: Path) -> list[Path]:
+    rows = "minutes,steps,episodes,episode_return,episode_steps\n1.0,4096,3,5.5,100\n2.0,8192,6,6.5,120\n"
+    return [
+        _written(folder / "progress.json", json.dumps({"seed": 1, "minutes": 2.0, "steps": 8192}).encode()),
+        _written(folder / "learning_curve.csv", rows.encode()),
+        _written(folder / "config.toml", config.read_default_config()),
+    ]
+
+
+def _resume_training(paths: Paths) -> object:
+    with mock.patch.object(training, "Training"):  # which needs Stable-Baselines3
+        return training.resume_training(paths[0].parent)
+
+
+def _bench_folder(folder: Path) -> list[Path]:
+    simulated = simulate_bench("klute-1-1-4-pair", "isometric", pressures_bar=[2.0])
+    simulated.save(folder / "run")
+    files = [file for file in (folder / "run").iterdir() if file.name in ("summary.json",) or file.suffix == ".parquet"]
+    return [file.rename(folder / file.name) for file in sorted(files)]
+
+
+def _view_bench_folder(paths: Paths) -> object:
+    folder = paths[0].parent
+    (folder / "protocol.toml").touch()
+    with ensure_recording(folder) as recording:
+        return recording
 
 
 KINDS = {
@@ -205,7 +279,7 @@ KINDS = {
         Kind(
             "protocol",
             partial(_copied, "p.toml", lambda: protocols_library.read_protocol_bytes("workloop-phased")),
-            _protocol,
+            _plan_protocol,
         ),
         Kind(
             "profile",
@@ -223,5 +297,10 @@ KINDS = {
             partial(_copied, "t.toml", lambda: (Path(config.__file__).parent / "default.toml").read_bytes()),
             _each(config.load_config),
         ),
+        Kind("catalogue", partial(_copied, "effects.py", CATALOGUE.encode), _load_catalogue),
+        Kind("sweep-folder", _sweep_folder, _resume_sweep),
+        Kind("training-folder", _training_folder, _resume_training),
+        Kind("bench-folder", _bench_folder, _view_bench_folder),
     )
 }
+"""All kinds by name."""
