@@ -1,7 +1,7 @@
 """Build the source distribution and a wheel from it, and test the wheel outside of the checkout.
 
     python scripts/try_packages.py                        # the oldest and the newest dependencies; needs uv
-    python scripts/try_packages.py --python 3.14 newest   # another Python version that uv finds
+    python scripts/try_packages.py --python 3.13 newest   # another Python version that uv finds
     python scripts/try_packages.py --suite "tests/laws" floor  # also run tests of the source distribution
 
 Each run installs the wheel with the extras of --extras into an empty environment and executes commands in an empty
@@ -21,7 +21,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 RESOLUTIONS = {"floor": "lowest-direct", "newest": "highest"}
 SCRIPTS_FOLDER = "Scripts" if os.name == "nt" else "bin"
-REPORTED_PACKAGES = ("mujoco", "numpy", "scipy", "gymnasium", "numba", "pyarrow", "pydantic")
+REPORTED_PACKAGES = ("mujoco-core", "numpy", "scipy", "gymnasium", "numba", "pyarrow", "pydantic")
 """Packages whose versions are reported."""
 VERSION_SCRIPT = """
 import importlib.metadata as of, sys, klute_sim
@@ -63,7 +63,9 @@ def build_packages(folder: Path) -> tuple[Path, Path]:
     run_command([*build_command, str(folder), "--target", "sdist"], ROOT)
     (archive_path,) = folder.glob("*.tar.gz")
     with tarfile.open(archive_path) as archive:
-        archive.extractall(folder, filter="data")
+        # Python 3.11.2, that of Debian 12, has no extraction filters; the archive is our own.
+        archive.extraction_filter = getattr(tarfile, "data_filter", None)
+        archive.extractall(folder)
     source = folder / archive_path.name.removesuffix(".tar.gz")
     run_command([*build_command, str(folder), "--target", "wheel"], source)
     (wheel,) = folder.glob("*.whl")
