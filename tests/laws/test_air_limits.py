@@ -66,7 +66,7 @@ def enclosed_mass(supply: SupplyParameters, gas: GasState, at_rest: float) -> fl
     return gas.surplus_mass + air_mass(0.0, at_rest + supply.dead_volume, supply.temperature)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(st.integers(0, 2**32))
 def test_pressures_and_masses_stay_positive_and_balance(seed: int) -> None:
     rng = random.Random(seed)
@@ -95,7 +95,7 @@ def test_pressures_and_masses_stay_positive_and_balance(seed: int) -> None:
         gas, before = new_gas, after
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32))
 def test_limits_do_not_change_a_bit_of_ordinary_results(seed: int) -> None:
     rng = random.Random(seed)
@@ -115,7 +115,7 @@ def test_limits_do_not_change_a_bit_of_ordinary_results(seed: int) -> None:
     else:
         supply = supply._replace(regulator_time_constant=rng.choice([0.0, 0.05]), polytropic_exponent=1.2)
     dt, at_rest = rng.choice([1e-4, 5e-4, 2e-3]), rng.uniform(0.5e-4, 3e-4)
-    time = np.arange(600) * dt
+    time = np.arange(300) * dt
     volumes = (at_rest * (1.2 - 0.2 * np.cos(rng.uniform(5.0, 15.0) * time))).tolist()
     commands = np.where(time % 0.3 < 0.15, 5e5, 0.3e5).tolist()
 
@@ -181,6 +181,26 @@ def test_small_tank_gives_the_air_it_holds_and_no_more() -> None:
     _, pressure, gas = step_air(valve, gas, 0.0, 1.0, (2e-4, 2e-4, 2e-4), 1e-2)
     assert gas.drawn_mass == pytest.approx(held, rel=1e-9)
     assert pressure == pytest.approx(5e5 * 1e-5 / 2e-4, rel=1e-9)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.2])
+def test_empty_tank_encloses_the_air_of_an_expanded_muscle(exponent: float) -> None:
+    """A regulator at the rate limit must not hold a pressure below the room's by letting air out of the muscle."""
+    supply = SupplyParameters(
+        1e2,
+        1e2,
+        293.15,
+        tank_volume=1e-6,
+        tank_pressure=1e2,
+        regulator_time_constant=1e-9,
+        polytropic_exponent=exponent,
+    )
+    gas, pressure = pneumatic_step.equilibrium_gas(supply, 0.0, 1e-6, 1e-6), 0.0
+    for _ in range(10):
+        for before, after in ((1e-6, 1e-4), (1e-4, 1e-6)):
+            _, pressure, gas = step_air(supply, gas, pressure, 1e2, (1e-6, before, after), 1e-3)
+    assert enclosed_mass(supply, gas, 1e-6) > 0.9 * air_mass(0.0, 1e-6, 293.15)
+    assert pressure > -0.1 * ATMOSPHERIC_PRESSURE
 
 
 def test_leak_ends_at_room_pressure() -> None:

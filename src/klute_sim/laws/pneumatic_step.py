@@ -34,6 +34,10 @@ LOWEST_REGULATED_PRESSURE = -0.5 * ATMOSPHERIC_PRESSURE
 """Gauge pressure below which a regulator lowers no pressure further [Pa] (assumed; a vent cannot evacuate)."""
 
 
+EMPTY_TANK_PRESSURE = 1e-6
+"""Gauge pressure below which a tank is empty, whatever rounding has left in it [Pa]."""
+
+
 class GasState(NamedTuple):
     """Internal state of the supply; all zero for a vented muscle at its resting length and a full tank."""
 
@@ -151,43 +155,30 @@ def _charge_by_regulator(
     thermal = AIR_GAS_CONSTANT * supply.temperature
     per_mass, source = thermal / total_volume, supply_pressure(supply, gas.drawn_mass)
     # A tank at a lower pressure than the muscle cannot fill it: the air is enclosed and can only be exhausted.
-    is_enclosed = supply.tank_volume > 0.0 and pressure >= source
+    is_enclosed = supply.tank_volume > 0.0 and (pressure >= source or source < EMPTY_TANK_PRESSURE)
     before = pressure if is_enclosed else pressure - gas.pressure_disturbance
     leaked, mass_to_room = leak_flow(supply, before, supply.temperature) * dt, before / per_mass
     leaked = min(leaked, mass_to_room) if before > 0.0 else max(leaked, mass_to_room)
     after = regulate(supply, before - per_mass * leaked, target, dt)
-    volume, exponent = supply.dead_volume, supply.polytropic_exponent
+    dead_volume, exponent, phase, duty = supply.dead_volume, supply.polytropic_exponent, gas.pwm_phase, gas.pwm_duty
     # The inflow is known only after the muscle has moved (update_gas).
     inflow = 0.0
     if is_enclosed:
         after = min(after, before - per_mass * leaked)
-        return AirCharge(
-            after, 0.0, 1.0, 1.0, total_volume, volume, inflow, leaked, gas.pwm_phase, gas.pwm_duty, True, math.inf
-        )
-    remaining_fraction = supply.regulator_time_constant / (supply.regulator_time_constant + dt)
+        return AirCharge(after, 0.0, 1.0, 1.0, total_volume, dead_volume, inflow, leaked, phase, duty, True, math.inf)
+    fraction = supply.regulator_time_constant / (supply.regulator_time_constant + dt)
     after = min(after, source)
     disturbance, lowest = gas.pressure_disturbance, min(pressure, LOWEST_REGULATED_PRESSURE)
     if after < before and after + disturbance < lowest:
         disturbance = lowest - after
-    max_pressure_volume = math.inf
+    limit = math.inf
     if supply.tank_volume > 0.0:
-        mass = enclosed_air_mass(supply, gas, pressure, total_volume - volume, resting_volume)
+        mass = enclosed_air_mass(supply, gas, pressure, total_volume - dead_volume, resting_volume)
         if leaked > mass:
             leaked = max(mass - ATMOSPHERIC_PRESSURE / per_mass, 0.0)
-        max_pressure_volume = (mass - leaked + tank_air_mass(supply, gas.drawn_mass)) * thermal
+        limit = (mass - leaked + tank_air_mass(supply, gas.drawn_mass)) * thermal
     return AirCharge(
-        after,
-        disturbance,
-        remaining_fraction,
-        exponent,
-        total_volume,
-        volume,
-        inflow,
-        leaked,
-        gas.pwm_phase,
-        gas.pwm_duty,
-        True,
-        max_pressure_volume,
+        after, disturbance, fraction, exponent, total_volume, dead_volume, inflow, leaked, phase, duty, True, limit
     )
 
 
@@ -290,7 +281,7 @@ def enclosed_air_mass(
 def pressure_after_motion(air: AirCharge, volume: float) -> float:
     """Return the pressure [Pa] after the muscle has moved to ``volume`` [m3], without the dead volume."""
     pressure = _unlimited_pressure(air, volume)
-    if _pressure_volume(air, pressure, volume) > air.max_pressure_volume:
+    if _exhausts_tank(air, volume):
         pressure = min(pressure, air.max_pressure_volume / (volume + air.dead_volume) - ATMOSPHERIC_PRESSURE)
     return pressure
 
@@ -305,10 +296,13 @@ def _unlimited_pressure(air: AirCharge, volume: float) -> float:
     return air.pressure + air.disturbance_fraction * (air.pressure_disturbance + compression)
 
 
-def _pressure_volume(air: AirCharge, pressure: float, volume: float) -> float:
-    """Return absolute pressure times volume [J] of the air of a regulator, without its compression by the muscle."""
-    expanded = air.pressure + (pressure - air.pressure) / air.polytropic_exponent
-    return (expanded + ATMOSPHERIC_PRESSURE) * (volume + air.dead_volume)
+def _exhausts_tank(air: AirCharge, volume: float) -> bool:
+    """Return whether the air for a regulator's pressure in ``volume`` [m3] is more than muscle and tank hold."""
+    if air.max_pressure_volume == math.inf:
+        return False
+    # The compression by the muscle draws no air.
+    expanded = air.pressure + (_unlimited_pressure(air, volume) - air.pressure) / air.polytropic_exponent
+    return (expanded + ATMOSPHERIC_PRESSURE) * (volume + air.dead_volume) > air.max_pressure_volume
 
 
 def update_gas(
@@ -324,7 +318,8 @@ def update_gas(
         surplus = equilibrium_gas(
             supply, air.pressure + compression / air.polytropic_exponent, volume, resting_volume
         ).surplus_mass
-        if _pressure_volume(air, pressure, volume) > air.max_pressure_volume:
+        is_tank_empty = _exhausts_tank(air, volume)
+        if is_tank_empty:
             vented = air_mass(0.0, resting_volume + supply.dead_volume, supply.temperature)
             surplus = air.max_pressure_volume / (AIR_GAS_CONSTANT * supply.temperature) - vented
         through = surplus - gas.surplus_mass + air.leaked_mass
@@ -335,7 +330,7 @@ def update_gas(
         drawn += gas.drawn_mass
         # No regulator compensates the pressure of enclosed air, or has a disturbance when its tank is empty.
         disturbance = compression if air.disturbance_fraction < 1.0 else 0.0
-        if pressure < _unlimited_pressure(air, volume):
+        if is_tank_empty:
             disturbance = 0.0
         return GasState(surplus, drawn, air.pwm_phase, disturbance, leaked, air.pwm_duty)
     drawn = gas.drawn_mass + (max(air.valve_mass, 0.0) if air.draws_from_supply else 0.0)
