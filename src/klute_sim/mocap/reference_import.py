@@ -10,7 +10,7 @@ import numpy as np
 from klute_sim.constants import GRAVITY
 from klute_sim.errors import InputError
 from klute_sim.gait import reference
-from klute_sim.mocap.checks import find_mass_findings
+from klute_sim.mocap.checks import estimate_stature, find_mass_findings
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.kinematics.leg import LEG_UNITS, Leg
 from klute_sim.mocap.options import ImportOptions
@@ -197,21 +197,22 @@ def _build_reference(
     if len(strides_by_side) == 2 and options.side is None:
         log.add_derived(f"Side: {reference_side}, which has {len(strides)} strides (--side)")
     impulse_mass = _estimate_body_mass(legs, strides_by_side, options, log)
-    if impulse_mass is not None:
-        log.require_accepted(find_mass_findings(impulse_mass, options.mass, options.stature), options.accept)
-    mass = options.mass or impulse_mass
-    if mass is None:
-        raise InputError("cannot estimate body mass (no complete stance of both feet); pass --mass")
     speeds = [
         speed
         for leg, leg_strides in legs
         if leg.side == reference_side and (speed := _select_walking_speed(leg, leg_strides)) is not None
     ]
+    walking_speed = float(np.mean(speeds)) if speeds else None
+    if impulse_mass is not None:
+        stature = options.stature or estimate_stature(strides, walking_speed)
+        log.require_accepted(find_mass_findings(impulse_mass, options.mass, stature), options.accept)
+    mass = options.mass or impulse_mass
+    if mass is None:
+        raise InputError("cannot estimate body mass (no complete stance of both feet); pass --mass")
     table = _build_table(strides, mass, log)
     peak_moment = float(table["ankle_plantarflexor_moment_nm_per_kg"].max())
     if not PEAK_MOMENT_RANGE[0] <= peak_moment <= PEAK_MOMENT_RANGE[1]:
         log.add_warning(f"The peak ankle moment is {peak_moment:.2f} N·m/kg; in walking it is near 1.4")
-    walking_speed = float(np.mean(speeds)) if speeds else None
     if walking_speed is None:
         log.add_missing("Walking speed: neither a belt speed nor the motion of pelvis or markers shows it")
     if options.stature is None:

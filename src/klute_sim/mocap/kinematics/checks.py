@@ -1,9 +1,11 @@
 """Plausibility of the landmarks of both legs and of the ground reaction under the feet."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
+from klute_sim.gait.contacts import Contact
 from klute_sim.mocap.kinematics.from_markers import LegLandmarks
 from klute_sim.mocap.kinematics.loads import GroundReaction
 from klute_sim.mocap.parsing.channel_names import Side
@@ -13,6 +15,8 @@ from klute_sim.plausibility.gait.positions import ScaledSeries
 from klute_sim.plausibility.gait.steps import Series, find_steps
 from klute_sim.types import Array
 
+MIN_EXCHANGED_FLEXION = 8.0
+"""Flexion of the knee under load beyond that in swing [deg] that no gait has (assumed)."""
 UP = 1
 """Index of the vertical component of a landmark."""
 
@@ -39,6 +43,30 @@ def find_landmark_findings(
     if stature is not None and not findings:
         findings += markers.find_stature(next(iter(legs.values())), stature, place)
     return findings
+
+
+def find_side_findings(knee: Series, contacts: Sequence[Contact], side: Side, trial_name: str) -> list[Finding]:
+    """Return whether the ``knee`` [deg, flexion positive] is more flexed under load than in swing."""
+    differences = []
+    for first, second in pairwise(contacts):
+        stance, swing = first.toe_off - first.foot_strike, second.foot_strike - first.toe_off
+        if not first.has_foot_strike or not 0.2 < swing / stance < 2.2:
+            continue
+        under_load = _average(knee, first.foot_strike + 0.2 * stance, first.foot_strike + 0.7 * stance)
+        unloaded = _average(knee, first.toe_off + 0.1 * swing, first.toe_off + 0.7 * swing)
+        differences.append(under_load - unloaded)
+    if not differences or not float(np.median(differences)) > MIN_EXCHANGED_FLEXION:
+        return []
+    statement = (
+        f"the {side} knee is {float(np.median(differences)):.0f} degrees more flexed under load than in swing: angles "
+        "and load are of different feet (right and left exchanged); exchange the sides of one of them"
+    )
+    return [Finding("side-exchanged", f"file {trial_name}", statement)]
+
+
+def _average(series: Series, start: float, end: float) -> float:
+    inside = (series.time >= start) & (series.time <= end) & np.isfinite(series.value)
+    return float(series.value[inside].mean()) if inside.any() else float("nan")
 
 
 def find_cop_findings(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from klute_sim.mocap.import_log import ImportLog
-from klute_sim.mocap.kinematics import filters, loads
+from klute_sim.mocap.kinematics import checks, filters, loads
 from klute_sim.mocap.kinematics.leg import Leg
 from klute_sim.mocap.kinematics.loads import GroundReaction
 from klute_sim.mocap.kinematics.postprocess import apply_sign, apply_zero, compute_ankle_power, resample_loads
@@ -16,6 +16,7 @@ from klute_sim.mocap.parsing.channel_lookup import Column, find_column
 from klute_sim.mocap.parsing.channel_names import SIDES, Side
 from klute_sim.mocap.parsing.markers import WalkingFrame
 from klute_sim.mocap.parsing.sources import SourceFile
+from klute_sim.plausibility.gait.steps import Series
 from klute_sim.types import Array
 
 MIN_PELVIS_TRAVEL = 0.5
@@ -146,6 +147,8 @@ def _build_leg(
         for name, column in leg_columns.items()
         if name in channel_names.ANGLE_CHANNELS
     }
+    found = checks.find_side_findings(Series(clock.time, angles["knee_angle"]), foot.contacts, side, trial_name)
+    log.require_accepted(found, options.accept)
     shank_zero_is_free = _derive_shank_angle(angles, body.pelvis_tilt, clock, log, options.motion_cutoff)
     if shank_zero_is_free is None:
         log.add_missing(

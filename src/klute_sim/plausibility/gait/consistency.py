@@ -78,6 +78,11 @@ def estimate_walking_speed(channels: Mapping[str, ScaledSeries], steps: list[Ste
     return max(0.15, SPEED_PER_SHANK_RATE * ADULT_LEG * _measure_shank_rate(channels, steps))
 
 
+def estimate_stature(walking_speed: float, shank_rate: float) -> float:
+    """Return the stature [m] of a person who walks at this speed [m/s] with this mean shank rate in stance [rad/s]."""
+    return min(STATURE_PER_LEG * walking_speed / (SPEED_PER_SHANK_RATE * shank_rate), MAX_STATURE)
+
+
 def _measure_shank_rate(channels: Mapping[str, ScaledSeries], steps: list[Step]) -> float:
     """Return the mean forward angular velocity of the shank in stance [rad/s]."""
     shank = average_cycle(channels["shank_angle"].series, steps)
@@ -95,7 +100,7 @@ def check_load_against_size(
     rate, stance = _measure_shank_rate(channels, steps), _measure_stance(steps)
     if not rate > 0.2 or not motion.walking_speed > 0.2:
         return []
-    stature = min(STATURE_PER_LEG * motion.walking_speed / (SPEED_PER_SHANK_RATE * rate), MAX_STATURE)
+    stature = estimate_stature(motion.walking_speed, rate)
     force = average_cycle(channels["grf_vertical"].series, steps)
     mean_load = float(np.nanmean(force[:62])) * stance / measure_stride_time(steps)
     if stature < 0.9 or mean_load > MIN_LOAD_PER_STATURE * stature**2:
