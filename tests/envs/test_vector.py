@@ -9,14 +9,16 @@ import klute_sim  # noqa: F401  (registers)
 from klute_sim.device.device import load_device
 from klute_sim.errors import InputError
 
-NAME = "klute_sim/AnkleGait-v1"
+NAME, BENCH = "klute_sim/AnkleGait-v1", "klute_sim/AnkleBench-v0"
 SHORT = {"strides": 1, "time_step": 1e-3}
+SHORT_BENCH = {"duration": 1.1, "cycle_duration": 0.3, "time_step": 1e-3}
 
 
-def make_envs(mode: str, autoreset: AutoresetMode, count: int = 3, **options: object) -> VectorEnv:
+def make_envs(mode: str, autoreset: AutoresetMode, count: int = 3, name: str = NAME, **options: object) -> VectorEnv:
+    options |= SHORT if name == NAME else SHORT_BENCH
     if mode == "sync":
-        return gymnasium.make_vec(NAME, count, "sync", vector_kwargs={"autoreset_mode": autoreset}, **SHORT, **options)
-    return gymnasium.make_vec(NAME, count, "vector_entry_point", autoreset_mode=autoreset, **SHORT, **options)
+        return gymnasium.make_vec(name, count, "sync", vector_kwargs={"autoreset_mode": autoreset}, **options)
+    return gymnasium.make_vec(name, count, "vector_entry_point", autoreset_mode=autoreset, **options)
 
 
 def are_equal(a: object, b: object) -> bool:
@@ -27,9 +29,17 @@ def are_equal(a: object, b: object) -> bool:
     return a is b if a is None else np.array_equal(a, b)
 
 
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [(NAME, {}), (BENCH, {"task": "force"}), (BENCH, {"task": "work", "device": "klute-1-1-4-pair-valve"})],
+    ids=["gait", "force", "work"],
+)
 @pytest.mark.parametrize("autoreset", list(AutoresetMode))
-def test_batch_is_bit_identical_to_single_environments(autoreset: AutoresetMode) -> None:
-    sync_envs, batch = make_envs("sync", autoreset), make_envs("batch", autoreset, n_jobs=2)
+def test_batch_is_bit_identical_to_single_environments(
+    autoreset: AutoresetMode, name: str, options: dict[str, object]
+) -> None:
+    sync_envs = make_envs("sync", autoreset, name=name, **options)
+    batch = make_envs("batch", autoreset, name=name, n_jobs=2, **options)
     assert sync_envs.single_observation_space == batch.single_observation_space
     assert sync_envs.action_space == batch.action_space
     assert batch.metadata["autoreset_mode"] == autoreset

@@ -6,21 +6,23 @@ import mujoco
 
 SLOTS = ("act_bias", "act_dyn", "act_gain", "contactfilter", "control", "passive", "sensor", "time")
 """Names of the slots."""
+_GETTERS = {slot: getattr(mujoco, f"get_mjcb_{slot}") for slot in SLOTS}
+_SETTERS = {slot: getattr(mujoco, f"set_mjcb_{slot}") for slot in SLOTS}
 
 
 def get_callback(slot: str) -> Any:
     """Return the callback in ``slot``; None if it is empty."""
-    return getattr(mujoco, f"get_mjcb_{slot}")()
+    return _GETTERS[slot]()
 
 
 def set_callback(slot: str, callback: Any) -> None:
     """Install ``callback`` in ``slot``; None empties it."""
-    getattr(mujoco, f"set_mjcb_{slot}")(callback)
+    _SETTERS[slot](callback)
 
 
 def remove_callbacks() -> dict[str, Any]:
     """Empty all slots; return what was in them."""
-    removed = {slot: callback for slot in SLOTS if (callback := get_callback(slot)) is not None}
+    removed = {slot: callback for slot, get in _GETTERS.items() if (callback := get()) is not None}
     for slot in removed:
         set_callback(slot, None)
     return removed

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.types import Array
@@ -32,6 +31,8 @@ def apply_lag(p: Any, time: Array, value: Array) -> Array:
     decay = np.exp(-dt / p.time_constant)
     previous_weight = p.time_constant / dt * (1.0 - decay) - decay
     current_weight = 1.0 - p.time_constant / dt * (1.0 - decay)
+    from scipy.signal import lfilter  # half a second of imports that only this effect needs
+
     lagged, _ = lfilter([current_weight, previous_weight], [1.0, -decay], value, zi=[value[0] * (1.0 - current_weight)])
     return np.asarray(lagged)
 

@@ -118,6 +118,7 @@ class BenchTask:
     def __init__(self, device: Device, options: BenchOptions, n_simulations: int, backend: str) -> None:
         """Set up the task with a ``backend``, ``compiled`` or ``python``."""
         self._options, self._backend, self._indices = options, backend, np.arange(n_simulations)
+        self._steps_per_action = options.steps_per_action
         self.model = build_tester(device, options.time_step)
         """MuJoCo model of the tester including the device."""
         self.actuator = DeviceActuator(self.model, "muscle_tendon")
@@ -157,7 +158,7 @@ class BenchTask:
         self._target_force = np.zeros((n_simulations, 1 + n_actions))
         self.elapsed_intervals = np.zeros(n_simulations, dtype=np.int64)
         """Number of intervals since the reset."""
-        self._previous_action = np.zeros(n_simulations)
+        self._previous_action, self._phase = np.zeros(n_simulations), np.zeros(n_simulations)
         self._cycle_work, self._cycle_air = np.zeros(n_simulations), np.zeros(n_simulations)
         self._observations = np.zeros((n_simulations, len(OBSERVATIONS)), dtype=np.float32)
 
@@ -197,14 +198,14 @@ class BenchTask:
 
     def decode_action(self, action: Array) -> Array:
         """Return the gauge pressure [bar] or opening [1] of ``action``, which is clipped to [-1, 1]."""
-        return self._action_decoder.decode(np.clip(action, -1.0, 1.0), np.zeros(len(action)))
+        return self._action_decoder.decode(np.clip(action, -1.0, 1.0), self._phase)
 
     def schedule_controls(self, command: Array, mask: Mask) -> Array:
         """Return the controls of the simulations in ``mask`` at each step of the interval, shape (n, steps, 2)."""
-        first_steps = self.elapsed_intervals[mask] * self._options.steps_per_action
-        steps = first_steps[:, None] + np.arange(self._options.steps_per_action)
+        indices = np.flatnonzero(mask)[:, None]
+        steps = self.elapsed_intervals[indices] * self._steps_per_action + np.arange(self._steps_per_action)
         controls = np.empty((*steps.shape, self.model.nu))
-        controls[:, :, self.servo_ctrl_address] = np.take_along_axis(self._servo_commands[mask], steps, axis=1)
+        controls[:, :, self.servo_ctrl_address] = self._servo_commands[indices, steps]
         start = 0
         for count, scheduled_command in self._action_decoder.schedule_commands(command, mask):
             controls[:, start : start + count, self.actuator.ctrl_address] = scheduled_command[mask, None]
@@ -240,8 +241,9 @@ class BenchTask:
             for name, total in (("cycle_work_j", self._cycle_work), ("cycle_air_g", self._cycle_air)):
                 info[name], info_masks[name] = total.copy(), ends_cycle
                 total[ends_cycle] = 0.0
-        is_finite = np.isfinite(states.qpos).all(axis=1) & np.isfinite(states.act).all(axis=1)
-        terms = {name: np.where(is_finite & mask, term, 0.0) for name, term in terms.items()}
+        is_finite: Mask = np.isfinite(states.qpos.sum(axis=1) + states.act.sum(axis=1))
+        if not (is_finite & mask).all():
+            terms = {name: np.where(is_finite & mask, term, 0.0) for name, term in terms.items()}
         truncated = mask & is_finite & (self.elapsed_intervals >= self._options.actions_per_episode)
         reward = np.asarray(sum(terms.values()))
         info["valve_command" if self._command_is_opening else "pressure_command_bar"] = command
@@ -253,7 +255,7 @@ class BenchTask:
 
     def _observe(self, mask: Mask, states: TesterStates) -> None:
         """Update the observations of the simulations in ``mask``."""
-        observations = np.column_stack(
+        observations = np.array(
             [
                 100.0 * (states.actuator_length[:, self.actuator.out_address] - self.trajectory_generator.mean_length),
                 states.actuator_velocity[:, self.actuator.out_address],
@@ -261,8 +263,10 @@ class BenchTask:
                 states.act[:, self.actuator.act_address],
                 1e-3 * self._target_force[self._indices, self.elapsed_intervals],
             ]
-        )
-        clipped = np.clip(np.nan_to_num(observations), self._lower, self._upper)
+        ).T
+        if not np.isfinite(observations.sum()):  # the last observation of an episode that failed
+            observations = np.nan_to_num(observations)
+        clipped = np.minimum(np.maximum(observations, self._lower), self._upper)
         self._observations[mask] = clipped[mask]
 
     def _device_states(self, states: TesterStates) -> DeviceStates:
