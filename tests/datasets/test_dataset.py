@@ -246,8 +246,8 @@ def test_repr_is_short_and_html_lists_the_trials(tmp_path: Path) -> None:
 
 def test_file_without_trials_is_refused(tmp_path: Path) -> None:
     head = TEXT.split("[[trial]]")[0]
-    assert "key 'trial' is missing; allowed: one or more tables [[trial]]" in load_error(write_dataset(tmp_path, head))
-    message = "trial = [] is refused; allowed: one or more tables [[trial]]"
+    assert "key 'trial' is missing; allowed: 1 to 2000 tables [[trial]]" in load_error(write_dataset(tmp_path, head))
+    message = "trial = [] is refused; allowed: 1 to 2000 tables [[trial]]"
     assert message in load_error(write_dataset(tmp_path, "trial = []\n" + head))
     assert "trial = 3 is refused" in load_error(write_dataset(tmp_path, "trial = 3\n" + head))
     assert "trial.1 = 3 is refused; allowed: one or more" in load_error(write_dataset(tmp_path, "trial = [3]\n" + head))

@@ -111,6 +111,8 @@ BOMBS: dict[str, tuple[_Writer, _Reader, str]] = {
     "keys.toml": (_text("a." * 400_000 + "a = 1"), load_device, "is nested too deeply"),
     "digits.toml": (_text("a = " + "9" * 4301), state_machine.load_state_machine, "an integer of thousands of digits"),
     "integer.toml": (_text("a = " + "9" * 400), state_machine.load_state_machine, "is an integer of 1329 bits"),
+    "items.toml": (_text("a = [" + "[]," * 300_000 + "]"), load_device, "has more than 50,000 keys, list items and"),
+    "items.json": (_text("[" + "[]," * 2_000_000 + "0]"), _read_result, "has more than 1,000,000 keys, list items and"),
     "deep.json": (_text("[" * 1_000_000), _read_result, "is nested too deeply"),
     "digits.json": (_text("9" * 1_000_000), _read_result, "an integer has 1000000 digits"),
     "nan.json": (_text('{"a": NaN}'), _read_result, "'a' is nan; allowed: finite numbers"),

@@ -114,7 +114,7 @@ class DatasetFile(_Section):
     """``section.key`` -> standard deviation, a number in the key's unit or a percentage."""
     accept: list[Name] = []
     """Names of findings about implausible trials that are right nevertheless."""
-    trial: Annotated[list[TrialEntry], Field(min_length=1)]
+    trial: Annotated[list[TrialEntry], Field(min_length=1, max_length=2000)]
     """Trials."""
 
 
@@ -124,7 +124,7 @@ _ALLOWED_VALUES: dict[str, str] = {
     "device": "a preset, or the path of a device file, as text",
     "uncertain": "a table of \"section.key\" = '10 %'",
     "accept": "a list of names of findings, such as 'force-unit'",
-    "trial": "one or more tables [[trial]]",
+    "trial": "1 to 2000 tables [[trial]]",
     "trial.files": "a list of one or more file names",
     "trial.group": "a name, as text",
     "trial.use": "'fit', 'validation' or 'test'",

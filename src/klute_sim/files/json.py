@@ -7,7 +7,7 @@ from typing import Any
 from klute_sim.errors import InputError
 from klute_sim.files.limits import FileKind
 from klute_sim.files.reading import read_text
-from klute_sim.files.values import check_json_nesting, check_values
+from klute_sim.files.values import check_json_structure, check_values
 
 
 def read_json(path: str | Path, kind: FileKind) -> Any:
@@ -21,7 +21,7 @@ def parse_json(text: str, description: str) -> Any:
     Raises InputError when ``text`` is not JSON, is nested too deeply, or holds a number that is not finite, an integer
     of more than 63 bits or a control character.
     """
-    check_json_nesting(text, description)
+    check_json_structure(text, description)
     try:
         content = json.loads(text, parse_int=_parse_integer)
     except ValueError as error:

@@ -24,7 +24,7 @@ class FileKind(NamedTuple):
 
 
 DEVICE = FileKind("device file", MB)
-DATASET = FileKind("", 4 * MB)
+DATASET = FileKind("", MB)
 PROTOCOL = FileKind("protocol file", MB)
 STATE_MACHINE = FileKind("state machine", MB)
 MAPPING = FileKind("", MB)
@@ -45,6 +45,10 @@ FIT = FileKind("", 64 * MB)
 
 MAX_NESTING = 64
 """Deepest nesting of tables and lists in TOML and JSON."""
+MAX_TOML_ITEMS = 50_000
+"""Largest number of keys, list items and tables in TOML, which Python parses slowly."""
+MAX_JSON_ITEMS = 1_000_000
+"""Largest number of keys, list items and objects in JSON."""
 MAX_INTEGER = 2**63 - 1
 """Largest magnitude of an integer in TOML and JSON; TOML requires no more."""
 MAX_COLUMNS = 4096

@@ -14,7 +14,7 @@ from pydantic_core.core_schema import ErrorType
 from klute_sim.errors import InputError
 from klute_sim.files.limits import FileKind
 from klute_sim.files.reading import decode_text, read_bytes
-from klute_sim.files.values import check_toml_nesting, check_values
+from klute_sim.files.values import check_toml_structure, check_values
 
 MAX_VALUE_LENGTH = 60
 """Maximum number of letters of a refused value that an error message quotes."""
@@ -39,7 +39,7 @@ def parse_toml(content: bytes, description: str) -> dict[str, Any]:
     is not finite, an integer of more than 63 bits, a date or a control character.
     """
     text = decode_text(content, description)
-    check_toml_nesting(text, description)
+    check_toml_structure(text, description)
     try:
         keys = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from klute_sim.errors import InputError
-from klute_sim.files.limits import MAX_INTEGER, MAX_NESTING
+from klute_sim.files.limits import MAX_INTEGER, MAX_JSON_ITEMS, MAX_NESTING, MAX_TOML_ITEMS
 
 # Strings always match, closed or not, so that the search never goes back: its time is proportional to the text.
 _TOML_TOKEN = re.compile(
@@ -23,8 +23,9 @@ _UNSAFE = re.compile(
 """Control characters, which terminals interpret, and characters that turn the direction of writing."""
 
 
-def check_toml_nesting(text: str, description: str) -> None:
-    """Raise InputError when tables, lists and dotted keys of ``text`` are nested too deeply for the parser."""
+def check_toml_structure(text: str, description: str) -> None:
+    """Raise InputError when ``text`` has too many items for the parser, or is nested too deeply."""
+    _check_item_count(sum(map(text.count, "=,[{")), MAX_TOML_ITEMS, description)
     depth = dots = 0
     for token in _TOML_TOKEN.finditer(text):
         match token[0]:
@@ -40,13 +41,19 @@ def check_toml_nesting(text: str, description: str) -> None:
             raise _nesting_error(description)
 
 
-def check_json_nesting(text: str, description: str) -> None:
-    """Raise InputError when objects and lists of ``text`` are nested too deeply for the parser."""
+def check_json_structure(text: str, description: str) -> None:
+    """Raise InputError when ``text`` has too many items for the parser, or is nested too deeply."""
+    _check_item_count(sum(map(text.count, ",[{")), MAX_JSON_ITEMS, description)
     depth = 0
     for token in _JSON_TOKEN.finditer(text):
         depth += 1 if token[0] in "[{" else -1 if token[0] in "]}" else 0
         if depth > MAX_NESTING:
             raise _nesting_error(description)
+
+
+def _check_item_count(count: int, limit: int, description: str) -> None:
+    if count > limit:
+        raise InputError(f"{description} has more than {limit:,} keys, list items and tables; allowed: up to {limit:,}")
 
 
 def _nesting_error(description: str) -> InputError:
