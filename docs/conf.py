@@ -16,6 +16,9 @@ html_title = f"klute-sim {release}"
 html_show_sphinx = False
 myst_heading_anchors = 4
 autodoc_member_order = "bysource"
+autodoc_preserve_defaults = (
+    True  # the repr of a default such as a lambda is not Python, and signatures would stay unparsed
+)
 PAGES_OF_EFFECTS = "effects/README"
 
 
@@ -43,7 +46,15 @@ def _tables(app: Any, what: str, name: str, thing: Any, options: Any, lines: lis
     lines[:] = written
 
 
+def _clean_signature(
+    app: Any, what: str, name: str, thing: Any, options: Any, signature: str | None, returns: str | None
+) -> tuple[str | None, str | None]:
+    """Replace defaults that are not Python, which leave a signature unparsed and show `~package.module.Name`."""
+    return signature and re.sub(r"<[^<>]*>", "...", signature), returns
+
+
 def setup(app: Any) -> None:
     """Sphinx calls this."""
     app.connect("source-read", _list_their_pages)
     app.connect("autodoc-process-docstring", _tables)
+    app.connect("autodoc-process-signature", _clean_signature)

@@ -1,6 +1,7 @@
 """Tests of the documentation site: all pages are included, links resolve, and figures are current."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -37,6 +38,13 @@ def test_site_contains_documented_functions(site: Path) -> None:
     environment = (site / "api" / "control.html").read_text("utf-8")
     assert "<th" in environment  # Gymnasium's tables are tables
     assert "|---" not in environment
+
+
+def test_signatures_contain_python_only(site: Path) -> None:
+    for page in (site / "api").glob("*.html"):
+        text = page.read_text("utf-8")
+        assert "~klute_sim" not in text, page.name
+        assert re.findall(r"&lt;(?:function|lambda|factory)", text) == [], page.name
 
 
 def test_broken_link_is_an_error(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Tests of ``klute-sim reproduce`` and ``klute-sim assumptions`` from the command line to the files."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,11 @@ def test_reproduction_writes_page_with_figures(tmp_path: Path) -> None:
     page = (tmp_path / "result" / "report.html").read_text("utf-8")
     assert all(f'id="{item["item"]}"' in page for item in items)
     assert "Deviation of the model from the measurements at 5 bar" in page
+    folded = "".join(re.findall(r"<details>.*?</details>", page, re.DOTALL))
+    for item in items:
+        if item["verdict"] != "agrees":
+            assert f'<tr id="{item["item"]}"' not in folded
+    assert folded.count('<td class="v agrees">') > 100
     figures = sorted(file.name for file in (tmp_path / "result").glob("fig-*.png"))
     assert "fig-3.9.png" in figures
     assert page.count("data:image/png;base64,") == len(figures) >= 22
