@@ -39,7 +39,7 @@ from klute_sim.provenance import collect_versions
 
 DEVICE = load_device(DEFAULT_DEVICE)
 VALVE_DEVICE = load_device("klute-1-1-4-pair-valve")
-ENVIRONMENT_ID = "klute_sim/AnkleGait-v1"
+ENVIRONMENT_ID, BENCH_ID = "klute_sim/AnkleGait-v1", "klute_sim/AnkleBench-v0"
 STEPS_PER_CALL = 20
 
 
@@ -214,6 +214,13 @@ def measure_environment_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[st
     _, one, two = measure_interleaved(
         n_rounds, measure_wall_time, lambda: vector(turn), lambda: vector(batches[0]), lambda: vector(batches[1])
     )
+    benches = [gymnasium.make_vec(BENCH_ID, many, mode) for mode in ("sync", "vector_entry_point")]
+    bench_batch = measure_interleaved(
+        n_rounds, measure_wall_time, lambda: vector(benches[0]), lambda: vector(benches[1])
+    )[1]
+    creation = measure_interleaved(
+        n_rounds, measure_cpu_time, lambda: gymnasium.make("Walker2d-v5"), lambda: gymnasium.make(ENVIRONMENT_ID)
+    )[1]
     rate = 1.0 / each
     found = [
         SpeedRatio("environment: steps per CPU second, thousands", "1", rate / 1e3, ">= 3", rate >= 3000),
@@ -223,6 +230,8 @@ def measure_environment_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[st
             "16 environments vectorized, two threads: speed", "one after another", 1 / two, ">= 1.7", 1 / two >= 1.7
         ),
         SpeedRatio("  two threads of the vectorized environment: speed", "one thread", one / two, "", True),
+        SpeedRatio("16 bench environments vectorized: speed", "one after another", 1 / bench_batch, "", True),
+        SpeedRatio("another gymnasium.make, CPU time", "Walker2d-v5", creation, "", True),
     ]
     return found, {"environment_steps_per_cpu_second": rate}
 
