@@ -1,6 +1,7 @@
 """Only regular files of limited size are read, by every reader, without blocking."""
 
 import os
+import re
 import signal
 import socket
 from collections.abc import Iterator
@@ -8,11 +9,14 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 from benchmarks.robustness import file_kinds
 
+from klute_sim.datasets import dataset
 from klute_sim.errors import InputError, KluteSimError
 from klute_sim.files.limits import FileKind
+from klute_sim.files.lines import check_duration, check_time_stamps
 from klute_sim.files.reading import MissingFileError, NotTextError, read_bytes, read_text
 from tests import command_line
 
@@ -126,3 +130,29 @@ def test_commands_refuse_special_files(arguments: tuple[str, ...], tmp_path: Pat
         assert run.returncode == 2, run.stderr
         assert run.stderr.count("\n") == 1
         assert "Traceback" not in run.stderr
+
+
+def test_wrong_time_stamp_is_refused_and_long_regular_times_are_left_to_plausibility() -> None:
+    time = np.arange(1000) * 0.01
+    for stamp in (1e5, 1e15):
+        with pytest.raises(InputError, match=re.escape(f"a.mot: time spans {stamp:g} s; allowed: up to 3600 s")):
+            check_time_stamps(np.append(time, stamp), "a.mot")
+    check_time_stamps(1e3 * time, "a.mot")
+    check_time_stamps(np.append(time, 60.0), "a.mot")
+    with pytest.raises(InputError, match="are the times in milliseconds"):
+        check_duration(1e3 * time, "a.csv")
+
+
+def test_trial_of_years_is_refused(tmp_path: Path) -> None:
+    example = Path(dataset.__file__).parent / "example"
+    lines = (example / "fit_1_a.csv").read_text().splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([*lines[:-1], "1e15" + lines[-1][lines[-1].index(",") :]]))
+    (tmp_path / "dataset.toml").write_text(
+        'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "klute-3-4-pair"\n[[trial]]\nfiles = ["a.csv"]\n'
+        'use = "fit"\n[[trial]]\nfiles = ["b.csv"]\nuse = "validation"\n'
+    )
+    (tmp_path / "b.csv").write_text("\n".join(lines))
+    with pytest.raises(InputError, match="time"):
+        dataset.load_dataset(tmp_path)
+    with pytest.raises(InputError, match=r"trial 'a': time spans 1e\+15 s; allowed: up to 3600 s"):
+        dataset.load_dataset(tmp_path, accept=["time-gap", "time-unit"])

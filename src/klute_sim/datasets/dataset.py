@@ -16,6 +16,7 @@ from klute_sim.device import device as device_files
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.files.limits import DATASET
+from klute_sim.files.lines import check_duration
 from klute_sim.files.reading import MissingFileError, read_bytes
 from klute_sim.plausibility.finding import Finding, require_accepted
 
@@ -115,6 +116,9 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         trials.append(trial)
         units.append(channels.units)
     accepted = require_accepted(checks.find_implausible(file.rig, trials, units), {*file.accept, *accept})
+    for trial in trials:  # after the checks above, which name the likely unit of long times
+        for series in trial.prescribed.values():
+            check_duration(series.time, f"{source}, trial '{trial.name}'")
     return Dataset(
         folder=folder,
         rig=file.rig,

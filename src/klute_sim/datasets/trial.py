@@ -12,7 +12,6 @@ from klute_sim.datasets.channels import TIME_COLUMN, Rig
 from klute_sim.datasets.table import Table
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
-from klute_sim.files.lines import check_duration
 from klute_sim.types import Array
 
 Use = Literal["fit", "validation", "test"]
@@ -118,7 +117,6 @@ def _extract_time(file: Table) -> Array:
         raise InputError(f"trial file {file.source} has no column 'time [s]'; its columns are {headings}")
     time = file.columns[TIME_COLUMN]
     _check_no_gap(_Column(file, TIME_COLUMN, TimeSeries(time, time)), "every sample needs a time")
-    check_duration(time, f"trial file {file.source}")
     if len(time) < MIN_SAMPLES:
         raise InputError(f"trial file {file.source} has {len(time)} rows; at least {MIN_SAMPLES} are needed")
     intervals = np.diff(time)

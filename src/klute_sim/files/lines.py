@@ -13,6 +13,9 @@ from klute_sim.files.limits import MAX_COLUMNS, MAX_DURATION, MAX_LINE_BYTES, MA
 from klute_sim.files.reading import read_text
 from klute_sim.types import Array
 
+MAX_IRREGULARITY = 30.0
+"""Largest ratio of the duration to the number of samples times their median interval (assumed)."""
+
 _LINE = re.compile(rb"([^\r\n]*)(?:\r\n|\r|\n|\Z)")
 
 
@@ -39,7 +42,7 @@ def check_column_count(n_columns: int, description: str) -> None:
 
 
 def check_duration(time: Array, description: str) -> None:
-    """Raise InputError when ``time`` [s] is not finite or spans more than :data:`MAX_DURATION`.
+    """Raise InputError when the finite values of ``time`` [s] span more than :data:`MAX_DURATION`.
 
     One wrong time stamp would otherwise make a simulation of years.
     """
@@ -50,6 +53,15 @@ def check_duration(time: Array, description: str) -> None:
             f"{description}: time spans {duration:.6g} s; allowed: up to {MAX_DURATION:g} s for one recording; are "
             "the times in milliseconds (ms)? Otherwise look for a wrong time stamp"
         )
+
+
+def check_time_stamps(time: Array, description: str) -> None:
+    """Raise InputError when increasing times [s] span too long because of one wrong time stamp.
+
+    Times in other units than seconds also span long, but regularly; the checks of plausibility name their unit.
+    """
+    if len(time) > 2 and np.ptp(time) > MAX_IRREGULARITY * len(time) * float(np.median(np.diff(time))):
+        check_duration(time, description)
 
 
 def iterate_lines(content: bytes) -> Iterator[bytes]:

@@ -8,7 +8,7 @@ import numpy as np
 from klute_sim.constants import GRAVITY
 from klute_sim.datasets import unit_conversion
 from klute_sim.errors import InputError
-from klute_sim.files.lines import check_duration
+from klute_sim.files.lines import check_time_stamps
 from klute_sim.mocap.import_log import ImportLog
 from klute_sim.mocap.options import ImportOptions
 from klute_sim.mocap.parsing import channel_names, conventions
@@ -148,7 +148,7 @@ def read_time(source: SourceFile) -> Array:
         raise InputError(
             f"{source.path}: column '{label}' is in '{unit}'; allowed: {unit_conversion.EXAMPLE_UNITS['s']}"
         )
-    check_duration(time * factor, source.path)
+    check_time_stamps(time * factor, source.path)
     return np.asarray(time * factor + source.time_offset, dtype=np.float64)
 
 

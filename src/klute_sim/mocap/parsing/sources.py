@@ -10,7 +10,7 @@ import numpy as np
 
 from klute_sim.datasets import text
 from klute_sim.errors import InputError
-from klute_sim.files.lines import check_duration
+from klute_sim.files.lines import check_time_stamps
 from klute_sim.files.parquet import open_parquet
 from klute_sim.mocap.formats import c3d, content, storage, trc
 from klute_sim.mocap.formats.c3d import ForcePlate, GaitEvent
@@ -140,7 +140,7 @@ def read(path: str | Path, time_offset: float = 0.0) -> SourceFile:
                 "unit, and leave the cells of hidden markers empty"
             )
     if source.markers is not None:
-        check_duration(source.markers.time, str(path))
+        check_time_stamps(source.markers.time, str(path))
     for name in (*source.labels, *positions):
         if not name.isprintable():  # terminals interpret control characters
             raise InputError(f"{path}: the name {name[:40]!r} contains unprintable characters")
