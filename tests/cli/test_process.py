@@ -1,10 +1,13 @@
 """How the process of a command ends: signals, output that cannot be written, no memory, and a full disk."""
 
+import ctypes
 import errno
 import os
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -85,6 +88,24 @@ def test_ignored_hangup_stays_ignored() -> None:
             os.kill(os.getpid(), signal.SIGTERM)  # while unfinished files are removed
     finally:
         signal.signal(signal.SIGHUP, previous)
+
+
+@posix
+@pytest.mark.parametrize(("name", "error"), [("SIGTERM", process.TerminationError), ("SIGINT", KeyboardInterrupt)])
+def test_signal_in_a_callback_is_not_lost(name: str, error: type[BaseException]) -> None:
+    number = signal.Signals[name]
+    callback = ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), number))  # an exception cannot leave it
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with process.raise_on_termination(), pytest.raises(error):
+            call_and_wait(callback)
+    finally:
+        signal.signal(signal.SIGINT, previous)
+
+
+def call_and_wait(callback: Callable[[], None]) -> None:
+    callback()
+    time.sleep(60.0)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
@@ -16,6 +17,8 @@ _TERMINATION_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
 )
 
+REPETITION_DELAY_S = 0.1
+"""Time until a signal is sent again whose exception was lost [s]."""
 _MEMORY_MESSAGES = (
     *("failed to map segment", "cannot allocate memory", "could not allocate memory", "out of memory"),
     "can't start new thread",
@@ -37,9 +40,25 @@ def raise_on_termination() -> Iterator[None]:
     """In this context raise TerminationError when a signal ends the process; the user can have it ignored (nohup)."""
     handled = [number for number in _TERMINATION_SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
     previous = {number: signal.signal(number, _raise_termination) for number in handled}
+    previous_hook = sys.unraisablehook
+
+    def repeat_swallowed(unraisable: "sys.UnraisableHookArgs") -> None:
+        """Send a signal again whose exception was lost in a callback, such as those of the compiler."""
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            previous_hook(unraisable)
+            return
+        for number in handled:
+            signal.signal(number, _raise_termination)
+        lost = getattr(unraisable.exc_value, "signal_number", signal.SIGINT)
+        timer = threading.Timer(REPETITION_DELAY_S, signal.raise_signal, (lost,))
+        timer.daemon = True
+        timer.start()
+
+    sys.unraisablehook = repeat_swallowed
     try:
         yield
     finally:
+        sys.unraisablehook = previous_hook
         for number, handler in previous.items():
             signal.signal(number, handler)
 
