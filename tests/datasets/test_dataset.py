@@ -250,7 +250,9 @@ def test_file_without_trials_is_refused(tmp_path: Path) -> None:
     message = "trial = [] is refused; allowed: 1 to 2000 tables [[trial]]"
     assert message in load_error(write_dataset(tmp_path, "trial = []\n" + head))
     assert "trial = 3 is refused" in load_error(write_dataset(tmp_path, "trial = 3\n" + head))
-    assert "trial.1 = 3 is refused; allowed: one or more" in load_error(write_dataset(tmp_path, "trial = [3]\n" + head))
+    assert "trial.1 = 3 is refused; allowed: 1 to 2000 tables" in load_error(
+        write_dataset(tmp_path, "trial = [3]\n" + head)
+    )
     assert "is refused; allowed: a table of" in load_error(
         write_dataset(tmp_path, "uncertain = 3\n" + TEXT.split("[unc")[0])
     )
