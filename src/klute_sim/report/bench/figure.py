@@ -6,6 +6,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -25,6 +26,11 @@ TRIAL_COLOURS = (
     "#bcbd22",
     "#17becf",
 )
+"""Colours of trials that differ in something else than pressure."""
+MAX_COLOUR_FRACTION = 0.85
+"""Fraction of the colour map for the highest pressure; its yellow end is hard to see on white."""
+LENGTH_LINE_STYLES = ("-", "--", ":", "-.")
+"""Line styles of the lengths at one pressure."""
 
 
 def build_figure(result: BenchResult) -> Figure:
@@ -66,12 +72,21 @@ def _get_colour(index: int) -> str:
     return TRIAL_COLOURS[index % len(TRIAL_COLOURS)]
 
 
+def _get_pressure_colours(trials: Iterable[BenchTrial]) -> dict[float, str]:
+    """Return pressure [bar] -> colour, darker for lower pressures."""
+    pressures = sorted({trial.conditions["pressure_bar"] for trial in trials})
+    fractions = np.linspace(0.0, MAX_COLOUR_FRACTION, len(pressures))
+    colour_map = matplotlib.colormaps["viridis"]
+    return {bar: to_hex(colour_map(f)) for bar, f in zip(pressures, fractions.tolist(), strict=True)}
+
+
 def _plot_isometric(result: BenchResult) -> Figure:
     figure = Figure(figsize=(7, 5), layout="constrained")
     axis = figure.subplots()
-    for k, ((bar,), trials) in enumerate(_group_trials(result.trials, "pressure_bar").items()):
+    colours = _get_pressure_colours(result.trials)
+    for (bar,), trials in _group_trials(result.trials, "pressure_bar").items():
         points = sorted(zip(_get_values(trials, "muscle_ratio"), _get_values(trials, "force_n"), strict=True))
-        axis.plot(*np.transpose(points), marker="o", markersize=3, color=_get_colour(k), label=f"{bar:g} bar")
+        axis.plot(*np.transpose(points), marker="o", markersize=3, color=colours[bar], label=f"{bar:g} bar")
     axis.axhline(0.0, color="0.6", linewidth=0.6)
     _set_labels(axis, "muscle length / resting length", "force [N]", "isometric force")
     _add_legend(axis)
@@ -85,12 +100,14 @@ def _plot_isokinetic(result: BenchResult) -> Figure:
     length_label = "muscle at {:g} of rest" if key == "muscle_ratio" else "unit at {:g} mm"
     resting_length = 1e3 * result.device.parameters.muscle.resting_length
     groups = _group_trials(result.trials, "pressure_bar", key)
+    colours, lengths = _get_pressure_colours(result.trials), sorted({length for _, length in groups})
     for k, ((bar, length), trials) in enumerate(groups.items()):
         velocity, force = np.array(_get_values(trials, "velocity_mm_per_s")), np.array(_get_values(trials, "force_n"))
         style: Any = {
             "marker": "o",
             "markersize": 3,
-            "color": _get_colour(k),
+            "color": colours[bar],
+            "linestyle": LENGTH_LINE_STYLES[lengths.index(length) % len(LENGTH_LINE_STYLES)],
             "label": f"{bar:g} bar, {length_label.format(length)}",
         }
         absolute.plot(velocity, force, **style)
@@ -144,11 +161,13 @@ def _find_motion_interval(trial: BenchTrial) -> tuple[float, float]:
 def _plot_step_test(result: BenchResult) -> Figure:
     figure = Figure(figsize=(10, 7), layout="constrained")
     pressure, force = figure.subplots(2, 1, sharex=True)
-    for k, trial in enumerate(result.trials):
-        time, label = trial.recording["time"], f"{trial.conditions['pressure_bar']:g} bar"
-        pressure.plot(time, trial.recording["pressure"], color=_get_colour(k), label=label)
+    colours = _get_pressure_colours(result.trials)
+    for trial in result.trials:
+        time, colour = trial.recording["time"], colours[trial.conditions["pressure_bar"]]
+        label = f"{trial.conditions['pressure_bar']:g} bar"
+        pressure.plot(time, trial.recording["pressure"], color=colour, label=label)
         pressure.plot(time, trial.recording["pressure_command"], color="0.3", linestyle="--", linewidth=0.6)
-        force.plot(time, trial.recording["force"], color=_get_colour(k), label=label)
+        force.plot(time, trial.recording["force"], color=colour, label=label)
     _set_labels(pressure, "", "gauge pressure [bar]", "delivered, and commanded (dashed)")
     _set_labels(force, "time [s]", "force [N]")
     _add_legend(pressure)
@@ -174,10 +193,11 @@ def _plot_identification(result: BenchResult) -> Figure:
 def _plot_frequency_response(result: BenchResult) -> Figure:
     figure = Figure(figsize=(11, 7), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True)
-    for k, ((bar,), trials) in enumerate(_group_trials(result.trials, "pressure_bar").items()):
+    colours = _get_pressure_colours(result.trials)
+    for (bar,), trials in _group_trials(result.trials, "pressure_bar").items():
         frequency = _get_values(trials, "frequency_hz")
         for column, (channel, unit) in enumerate((("pressure", ""), ("force", "_n_per_bar"))):
-            style: Any = {"marker": "o", "markersize": 3, "color": _get_colour(k), "label": f"around {bar:g} bar"}
+            style: Any = {"marker": "o", "markersize": 3, "color": colours[bar], "label": f"around {bar:g} bar"}
             gain = np.array(_get_values(trials, f"{channel}_gain{unit}"))
             reference_gain = 1.0 if channel == "pressure" else gain[0]
             if channel == "force":
@@ -202,11 +222,13 @@ def _unwrap_degrees(degrees: list[float]) -> Any:
 def _plot_creep(result: BenchResult) -> Figure:
     figure = Figure(figsize=(7, 5), layout="constrained")
     axis = figure.subplots()
-    for k, trial in enumerate(result.trials):
+    colours = _get_pressure_colours(result.trials)
+    for trial in result.trials:
         time = trial.recording["time"] - _find_motion_interval(trial)[1]
         is_shown, slope = time > 0.05, trial.metrics["creep_pct_per_decade"]
-        label = f"{trial.conditions['pressure_bar']:g} bar: {slope:.2g} % per decade"
-        axis.semilogx(time[is_shown], trial.recording["force"][is_shown], color=_get_colour(k), label=label)
+        bar = trial.conditions["pressure_bar"]
+        label = f"{bar:g} bar: {slope:.2g} % per decade"
+        axis.semilogx(time[is_shown], trial.recording["force"][is_shown], color=colours[bar], label=label)
     axis.set_ylim(bottom=0.0)
     _set_labels(axis, "time since the length step [s]", "force [N]", "force after a length step")
     _add_legend(axis)
@@ -221,14 +243,13 @@ def _plot_work_loops(result: BenchResult) -> Figure:
     velocities = protocol.velocities_mm_per_s
     figure = Figure(figsize=(3.3 * len(velocities) + 0.5, 5.4 * len(by_phase)), layout="constrained")
     axes = figure.subplots(2 * len(by_phase), len(velocities), squeeze=False, sharey="row")
+    colours = _get_pressure_colours(result.trials)
     for row, trials in enumerate(by_phase.values()):
         for column, ((velocity,), group) in enumerate(_group_trials(trials, "velocity_mm_per_s").items()):
             loop, pressure = axes[2 * row, column], axes[2 * row + 1, column]
-            for k, trial in enumerate(group):
-                work = trial.metrics["work_j"]
-                _plot_last_cycle(
-                    loop, pressure, trial, protocol, k, f"{trial.conditions['pressure_bar']:g} bar: {work:+.3g} J"
-                )
+            for trial in group:
+                bar, work = trial.conditions["pressure_bar"], trial.metrics["work_j"]
+                _plot_last_cycle(loop, pressure, trial, protocol, colours[bar], f"{bar:g} bar: {work:+.3g} J")
             name = group[0].name.split("_")[0]
             _set_labels(loop, "unit length [mm]", "force [N]" if column == 0 else "", f"{name}, {velocity:g} mm/s")
             _set_labels(pressure, "cycle [%]", "gauge pressure [bar]" if column == 0 else "")
@@ -238,18 +259,16 @@ def _plot_work_loops(result: BenchResult) -> Figure:
     return figure
 
 
-def _plot_last_cycle(
-    loop: Axes, pressure: Axes, trial: BenchTrial, protocol: Any, colour_index: int, label: str
-) -> None:
+def _plot_last_cycle(loop: Axes, pressure: Axes, trial: BenchTrial, protocol: Any, colour: str, label: str) -> None:
     """Plot force over length, and pressure over the cycle, for the last cycle of ``trial``."""
     time = trial.recording["time"]
     period = (time[-1] - protocol.rest_s) / protocol.cycles
     last = trial.recording.select(time >= time[-1] - period - 1e-9)
-    loop.plot(last["length"], last["force"], color=_get_colour(colour_index), linewidth=1.0, label=label)
+    loop.plot(last["length"], last["force"], color=colour, linewidth=1.0, label=label)
     loop.xaxis.set_major_locator(MaxNLocator(5))
-    _add_direction_arrows(loop, last["length"], last["force"], _get_colour(colour_index))
+    _add_direction_arrows(loop, last["length"], last["force"], colour)
     cycle_pct = 100.0 * (last["time"] - last["time"][0]) / period
-    pressure.plot(cycle_pct, last["pressure"], color=_get_colour(colour_index), linewidth=1.0)
+    pressure.plot(cycle_pct, last["pressure"], color=colour, linewidth=1.0)
 
 
 def _add_direction_arrows(loop: Axes, length: Array, force: Array, colour: str) -> None:
@@ -281,7 +300,7 @@ def _plot_phase_sweep(result: BenchResult) -> Figure:
         work.plot(*np.transpose(points), marker="o", markersize=3, color=_get_colour(k), label=label)
     (velocity, bar), trials = next(iter(groups.items()))
     for k, trial in enumerate(trials):
-        _plot_last_cycle(loop, pressure, trial, result.protocol, k, f"{trial.conditions['phase_pct']:g} %")
+        _plot_last_cycle(loop, pressure, trial, result.protocol, _get_colour(k), f"{trial.conditions['phase_pct']:g} %")
     work.axhline(0.0, color="0.6", linewidth=0.6)
     _set_labels(work, "phase of pressure onset [% of the cycle]", "net work per cycle [J]", "net work")
     _set_labels(loop, "unit length [mm]", "force [N]", f"loops at {velocity:g} mm/s, {bar:g} bar, by phase")

@@ -55,7 +55,7 @@ def _plot_force_velocity(axis: Axes, design: Design) -> None:
     axis.set_title("force over F0")
     axis.set_xlabel("velocity [mm/s], shortening positive")
     axis.set_ylim(bottom=0.0)
-    axis.legend(fontsize=7, frameon=False)
+    _add_legend_below(axis)
 
 
 def _plot_orifice_diameters(axis: Axes, design: Design) -> None:
@@ -75,7 +75,7 @@ def _plot_orifice_diameters(axis: Axes, design: Design) -> None:
     axis.set_title("orifice diameter [mm]")
     axis.set_xlabel("velocity [mm/s], shortening positive")
     axis.set_ylim(bottom=0.0)
-    axis.legend(fontsize=7, frameon=False)
+    _add_legend_below(axis)
 
 
 def _plot_force_demand(axis: Axes, demand: StrideDemand) -> None:
@@ -107,4 +107,9 @@ def _format_gait_cycle_axis(axis: Axes) -> None:
     axis.set_xlim(0, 100)
     axis.set_ylim(bottom=0.0)
     axis.set_xlabel("gait cycle [%]")
-    axis.legend(fontsize=7, frameon=False)
+    _add_legend_below(axis)
+
+
+def _add_legend_below(axis: Axes) -> None:
+    """Add a legend below the axis, where it covers no curve."""
+    axis.legend(fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
