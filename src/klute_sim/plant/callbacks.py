@@ -28,6 +28,7 @@ import mujoco
 from klute_sim.device.backend import select as backend_select
 from klute_sim.device.backend.packing import LAYOUT_ID
 from klute_sim.device.dynamics import ZERO_INTERNAL_STATE
+from klute_sim.device.nonfinite import MATH_ERRORS
 from klute_sim.errors import KluteSimError, KluteSimWarning, SimulationError
 from klute_sim.plant import callback_slots, coupling
 
@@ -344,9 +345,12 @@ def _act_dyn(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> float
     internal_state = read_internal_state(model, data, actuator)
     command = float(data.ctrl[model.actuator_ctrladr[actuator]])
     length = float(data.actuator_length[model.actuator_outadr[actuator]])
-    *rates, next_internal_state = coupling.compute_rates(
-        row, pressure, offset, internal_state, command, length, model.opt.timestep
-    )
+    try:
+        *rates, next_internal_state = coupling.compute_rates(
+            row, pressure, offset, internal_state, command, length, model.opt.timestep
+        )
+    except MATH_ERRORS:
+        rates, next_internal_state = [math.nan, 0.0], internal_state
     if not math.isfinite(rates[0]):
         raise _make_nonfinite_state_error(model.actuator(actuator).name, data.time, command, pressure, offset, length)
     data.act_dot[start : start + coupling.N_BASE_STATES] = rates
