@@ -123,6 +123,8 @@ class DomainRandomizer:
             self._assemble_rig(grid_ends)
             for grid_ends in zip(*((g[0], g[-1]) for g in self._option_grids.values()), strict=True)
         ]
+        self.max_commands_per_stride = max(rig.commands_per_stride for rig in (nominal_rig, *corners))
+        """Number of commands in a stride at the lowest walking speed."""
         self._rig_fields = [
             n for n in MODEL_FIELDS if any(_model_fields_differ(n, nominal_rig.model, rig.model) for rig in corners)
         ]
