@@ -18,6 +18,7 @@ from klute_sim.report.diagnosis import text as words
 from klute_sim.units import BAR
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 WITHOUT_EFFECT_COLOUR, WITH_EFFECT_COLOUR = "0.55", "#1f77b4"
@@ -87,6 +88,7 @@ def build_signature_figure(signature: EffectResponse) -> "Figure":
             channel.time, (channel.with_effect - channel.without_effect) / si, color="#d62728", linewidth=0.8
         )
         difference_axis.set_ylabel("difference", color="#d62728")
+        _align_zeros(axis, difference_axis)
         axis.set_zorder(difference_axis.get_zorder() + 1)
         axis.patch.set_visible(False)
     axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=2, frameon=False, fontsize=8)
@@ -94,6 +96,15 @@ def build_signature_figure(signature: EffectResponse) -> "Figure":
     protocol = f"protocol '{signature.protocol}', {experiment.device.name}"
     figure.suptitle(f"{signature.term.effect} ({signature.term.form}) at its typical size, {protocol}")
     return figure
+
+
+def _align_zeros(*axes: "Axes") -> None:
+    """Extend the limits of ``axes``, which share a panel, so that zero is at one height."""
+    scales = [max(map(abs, axis.get_ylim())) for axis in axes]
+    relative = [(low / s, high / s) for s, (low, high) in zip(scales, (axis.get_ylim() for axis in axes), strict=True)]
+    low, high = min(0.0, *(low for low, _ in relative)), max(0.0, *(high for _, high in relative))
+    for axis, scale in zip(axes, scales, strict=True):
+        axis.set_ylim(scale * low, scale * high)
 
 
 def build_similarity_figure(similarity: RigIdentifiability) -> "Figure":
