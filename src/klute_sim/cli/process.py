@@ -50,7 +50,7 @@ def raise_on_termination() -> Iterator[None]:
         for number in handled:
             signal.signal(number, _raise_termination)
         lost = getattr(unraisable.exc_value, "signal_number", signal.SIGINT)
-        timer = threading.Timer(REPETITION_DELAY_S, signal.raise_signal, (lost,))
+        timer = threading.Timer(REPETITION_DELAY_S, _signal_main_thread, (lost,))
         timer.daemon = True
         timer.start()
 
@@ -61,6 +61,14 @@ def raise_on_termination() -> Iterator[None]:
         sys.unraisablehook = previous_hook
         for number, handler in previous.items():
             signal.signal(number, handler)
+
+
+def _signal_main_thread(number: int) -> None:
+    """Send the signal to the main thread, which it also wakes where the system supports that."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:
+        signal.raise_signal(number)
 
 
 def _raise_termination(number: int, frame: FrameType | None) -> NoReturn:
