@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WITHOUT_EFFECT_COLOUR, WITH_EFFECT_COLOUR = "0.55", "#1f77b4"
+MAX_DISTANCE_FROM_ZERO = 0.5
+"""Largest lower limit of a channel, over its upper limit, whose axis is extended to zero; further away, as for a length,
+the curve would lose its detail, and its axis shows no zero."""
 DPI = 80
 N_LINE_FIGURE_COLOURS, N_MATRIX_COLOURS = 48, 256
 """Number of colours in the file of a figure; few colours make a small file."""
@@ -88,7 +91,9 @@ def build_signature_figure(signature: EffectResponse) -> "Figure":
             channel.time, (channel.with_effect - channel.without_effect) / si, color="#d62728", linewidth=0.8
         )
         difference_axis.set_ylabel("difference", color="#d62728")
-        _align_zeros(axis, difference_axis)
+        low, high = axis.get_ylim()
+        if low < MAX_DISTANCE_FROM_ZERO * high and np.ptp(channel.with_effect - channel.without_effect) > 0.0:
+            _align_zeros(axis, difference_axis)
         axis.set_zorder(difference_axis.get_zorder() + 1)
         axis.patch.set_visible(False)
     axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=2, frameon=False, fontsize=8)
