@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 WITHOUT_EFFECT_COLOUR, WITH_EFFECT_COLOUR = "0.55", "#1f77b4"
 MAX_DISTANCE_FROM_ZERO = 0.5
-"""Largest lower limit of a channel, over its upper limit, whose axis is extended to zero; further away, as for a length,
-the curve would lose its detail, and its axis shows no zero."""
+"""Largest lower limit of a channel, over its upper limit, whose axis is extended to zero; further away, as for a
+length, the curve would lose its detail, and its axis shows no zero."""
 DPI = 80
 N_LINE_FIGURE_COLOURS, N_MATRIX_COLOURS = 48, 256
 """Number of colours in the file of a figure; few colours make a small file."""
