@@ -33,7 +33,7 @@ EXCLUDED_EFFECTS = ("muscle_damping", "bladder_relaxation", "sensor_drift")
 
 DEVICE = """
 name = "pneumatic cylinder"
-description = "A muscle as thin as a pencil lead, with no rubber and no air in it, so that it pulls nothing; a rigid tie."
+description = "A muscle as thin as a wire, with no rubber and no air in it, so that it pulls nothing; a rigid tie."
 [muscle]
 resting_length_mm = 200.0
 braid_length_ratio = 1.10
