@@ -47,14 +47,14 @@ def test_file_holds_policy_and_metadata(tmp_path: Path) -> None:
 
 def test_pickled_content_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "policy.npz", scale=np.array([print], dtype=object), made=np.array("{}"))
-    with pytest.raises(InputError, match="policy.npz is not an archive of NumPy arrays"):
+    with pytest.raises(InputError, match=r"policy\.npz is not an archive of NumPy arrays"):
         load_policy(tmp_path / "policy.npz")
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04broken", b"no archive at all"])
 def test_invalid_file_is_refused(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "policy.npz").write_bytes(content)
-    with pytest.raises(InputError, match="policy.npz is not an archive of NumPy arrays"):
+    with pytest.raises(InputError, match=r"policy\.npz is not an archive of NumPy arrays"):
         load_policy(tmp_path / "policy.npz")
     with pytest.raises(InputError, match="cannot be read"):
         load_policy(tmp_path / "nowhere.npz")

@@ -114,5 +114,5 @@ def test_missing_empty_and_large_files_are_refused(tmp_path: Path, monkeypatch: 
         storage.read(tmp_path / "empty.mot")
     (tmp_path / "x.mot").write_text(TEXT)
     monkeypatch.setattr("klute_sim.mocap.formats.content.MOTION", FileKind("", 100))
-    with pytest.raises(InputError, match="allowed: up to 0.0001 MB"):
+    with pytest.raises(InputError, match=r"allowed: up to 0\.0001 MB"):
         storage.read(tmp_path / "x.mot")
