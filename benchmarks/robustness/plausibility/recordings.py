@@ -87,8 +87,8 @@ def make_slow_program(device: Device) -> tuple[Array, Array, Array]:
 
 
 def make_creep_program(device: Device) -> tuple[Array, Array, Array]:
-    """Return a hold of 100 min at constant length and pressure after one step, sampled every two seconds."""
-    time = np.arange(0.0, 6000.0, 2.0)
+    """Return a hold of 50 min at constant length and pressure after one step, sampled once per second."""
+    time = np.arange(0.0, 3000.0, 1.0)
     length = np.full(len(time), _get_length_limits(device)[1])
     return time, length, np.where(time < 20.0, 0.1, 0.7) * device.parameters.supply.max_pressure
 

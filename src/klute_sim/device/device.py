@@ -25,6 +25,8 @@ from klute_sim.errors import InputError, suggest
 from klute_sim.files.limits import DEVICE
 from klute_sim.files.reading import MissingFileError, read_bytes
 from klute_sim.files.toml import format_toml, parse_toml
+from klute_sim.plausibility.device_numbers import check_device_numbers
+from klute_sim.plausibility.finding import require_accepted
 
 DEFAULT_DEVICE = "klute-1-1-4-pair"
 """Preset of the default prosthesis."""
@@ -204,7 +206,8 @@ def list_presets() -> list[str]:
 def load_device(name_or_path: str | Path) -> Device:
     """Return the preset of that name, or the device in the file at that path.
 
-    Raises InputError when neither exists, or when the file is not a valid device file.
+    Raises InputError when neither exists, or when the file is not a valid device file. The numbers of a file must also
+    be plausible, except those that its key ``accept`` names.
     """
     name = str(name_or_path)
     if name in ("", "."):  # a shell variable that is not set
@@ -219,7 +222,14 @@ def load_device(name_or_path: str | Path) -> Device:
             f"{', '.join(list_presets())}"
         )
         raise InputError(f"no device '{name}': {suggest(name, list_presets(), hint)}") from None
-    return parse_device(content, name)
+    device = parse_device(content, name)
+    findings = check_device_numbers(device.spec.collect_values(), f"device file {name}")
+    require_accepted(findings, device.spec.accept, _format_accept_key)
+    return device
+
+
+def _format_accept_key(names: Sequence[str]) -> str:
+    return f"the line accept = [{', '.join(map(repr, names))}] above the first section of the file"
 
 
 def parse_device(content: bytes, source: str) -> Device:

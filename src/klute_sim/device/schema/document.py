@@ -208,6 +208,8 @@ class DeviceSpec(DeviceFileSection):
     """Name of the device."""
     description: str = ""
     """Description for the reader; the model does not use it."""
+    accept: list[str] = Field(default=[])
+    """Numbers (``section.key``) that are right although they are implausible."""
     muscle: Muscle
     """Muscle: one or more actuators."""
     damper: Damper | None = None
@@ -267,12 +269,17 @@ class DeviceSpec(DeviceFileSection):
         return self
 
     @model_validator(mode="after")
-    def _check_sources(self) -> Self:
+    def _check_named_keys(self) -> Self:
         known = self.collect_values()
         for key in self.sources:
             if key not in known:
                 raise PydanticCustomError(
                     "source", "[sources] refers to '{key}', which is not a numeric key of this file", {"key": key}
+                )
+        for key in self.accept:
+            if key not in known:
+                raise PydanticCustomError(
+                    "accept", "'accept' names '{key}', which is not a numeric key of this file", {"key": key}
                 )
         return self
 

@@ -104,9 +104,7 @@ def format_page(diagnosis: Diagnosis) -> str:
     trials = "test trials" if d.evaluated_on == "test" else "the fitted trials (there are no test trials)"
     paragraphs.append(f"## Gap: root mean square of measured minus simulated values, on {trials}")
     paragraphs.append(
-        stream.format_markdown_table(
-            ["channel", "unit", "nominal", "refitted", "with effects", "repeat noise"], rows
-        )
+        stream.format_markdown_table(["channel", "unit", "nominal", "refitted", "with effects", "repeat noise"], rows)
     )
     if d.added_terms and d.final_fit is not None:
         paragraphs.append("## Added effects")

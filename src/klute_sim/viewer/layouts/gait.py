@@ -8,9 +8,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from klute_sim.device.device import DEFAULT_DEVICE, load_device
+from klute_sim.device.device import DEFAULT_DEVICE, load_device, parse_device
 from klute_sim.device.energy.ledger import format_effect_channel
 from klute_sim.effects import catalogue
+from klute_sim.files.limits import DEVICE
+from klute_sim.files.reading import read_bytes
 from klute_sim.gait.metrics import is_spring_foot
 from klute_sim.gait.rig.build import build_gait_model
 from klute_sim.recording import parquet
@@ -152,7 +154,10 @@ def rebuild_recording(folder: Path, path: Path) -> None:
     """
     recording = parquet.load_recording(folder / "recording.parquet")
     options = recording.provenance["options"]
-    device = load_device(DEFAULT_DEVICE if is_spring_foot(recording) else folder / "device.toml")
+    file = folder / "device.toml"  # written by the program; a swept or tuned number may be implausible
+    device = (
+        load_device(DEFAULT_DEVICE) if is_spring_foot(recording) else parse_device(read_bytes(file, DEVICE), str(file))
+    )
     model = build_gait_model(device, mass=options["mass_kg"], stature=options["stature_m"], dt=options["step_s"])
     write_recording(recording, model, path)
 
