@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from klute_sim.device.device import Device, load_device
+from klute_sim.device.device import load_device, set_number
+from klute_sim.errors import InputError
+from klute_sim.files.toml import format_toml, parse_toml
 from klute_sim.plausibility.finding import ImplausibleInputError
 
 
@@ -58,6 +60,10 @@ def list_wrong() -> Iterator[DeviceVariant]:
         ("tank.pressure_bar", 5.0, "MPa"),
         ("leak.conductance_dm3_per_s_bar", 1e-9, "m3/(s*Pa)"),
         ("muscle.resting_length_mm", 26.4, "cm"),
+        ("muscle.resting_length_mm", 0.264, "m"),
+        ("supply.pressure_bar", 700.0, "kPa"),
+        ("supply.gas_temperature_c", 293.0, "K"),
+        ("tank.pressure_bar", 20000.0, "kPa"),
     ):
         yield DeviceVariant(f"{key} = {value:g} ({unit})", key, {key: value})
     yield DeviceVariant("bore in m", "damper.bore_mm", _scale_damper(1e-3))
@@ -103,17 +109,25 @@ def list_right() -> Iterator[DeviceVariant]:
 
 
 def find_names(variant: DeviceVariant, folder: Path) -> tuple[tuple[str, ...], str]:
-    """Return the names of what is found in ``variant``, and the message; both are empty where it is accepted."""
+    """Return the names of what is found in ``variant``, and the message; both are empty where it is accepted.
+
+    A number beyond the limits of the format counts as found, because its message names it.
+    """
     folder.mkdir(parents=True)
     try:
         load_device(write_device(variant, folder / "device.toml"))
     except ImplausibleInputError as error:
         return tuple(finding.name for finding in error.findings), str(error)
+    except InputError as error:
+        return tuple(key for key in variant.changes if f"{key} = " in str(error)), str(error)
     return (), ""
 
 
 def write_device(variant: DeviceVariant, file: Path) -> Path:
     """Write the device file of ``variant``; return its path."""
-    device: Device = load_device(variant.preset).with_changes(variant.changes)
-    device.save(file)
+    preset = load_device(variant.preset)
+    content = parse_toml(preset.content, variant.preset)
+    for key, value in variant.changes.items():
+        set_number(content, key, value, "changed")
+    file.write_text(format_toml(content), "utf-8")
     return file

@@ -15,6 +15,7 @@ from klute_sim.laws.mckibben import lock_length
 from klute_sim.plausibility.bench.check import check_bench_trials
 from klute_sim.plausibility.bench.magnitudes import check_device_channels, check_missing_value_codes
 from klute_sim.plausibility.bench.trial import SI_UNITS, BenchTrial, Channel, DeviceLimits, Response, Simulate
+from klute_sim.plausibility.device_numbers import check_device_numbers
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.gait.positions import ScaledSeries
 from klute_sim.plausibility.gait.steps import Series
@@ -54,6 +55,17 @@ def _describe_gait_trial(trial: Trial, units: Mapping[str, str]) -> GaitChannels
         if name in GAIT_CHANNELS
     }
     return GaitChannels(f"trial '{trial.name}'", channels)
+
+
+def find_implausible_changes(trials: Sequence[Trial], changes: Sequence[Mapping[str, float]]) -> list[Finding]:
+    """Return what is implausible in the numbers of the device that the ``changes`` of each trial replace."""
+    return [
+        finding
+        for trial, changed in zip(trials, changes, strict=True)
+        if changed
+        for finding in check_device_numbers(trial.device.spec.collect_values(), f"trial '{trial.name}'")
+        if finding.name in changed
+    ]
 
 
 def collect_samples(trial: Trial, units: Mapping[str, str], rig: Rig) -> dict[str, Samples]:

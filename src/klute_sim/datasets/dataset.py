@@ -115,9 +115,13 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         )
         trials.append(trial)
         units.append(channels.units)
-    accepted = require_accepted(checks.find_implausible(file.rig, trials, units), {*file.accept, *accept})
-    for trial in trials:  # after the checks above, which name the likely unit of long times
-        for series in trial.prescribed.values():
+    findings = [
+        *checks.find_implausible_changes(trials, [entry.device for entry in file.trial]),
+        *checks.find_implausible(file.rig, trials, units),
+    ]
+    accepted = require_accepted(findings, {*file.accept, *accept})
+    for trial in trials:  # after the checks, which name the unit that a long duration seems to be in
+        for series in (*trial.prescribed.values(), *trial.measured.values()):
             check_duration(series.time, f"{source}, trial '{trial.name}'")
     return Dataset(
         folder=folder,

@@ -25,11 +25,15 @@ from klute_sim.errors import InputError, suggest
 from klute_sim.files.limits import DEVICE
 from klute_sim.files.reading import MissingFileError, read_bytes
 from klute_sim.files.toml import format_toml, parse_toml
-from klute_sim.plausibility.device_numbers import check_device_numbers
+from klute_sim.plausibility.device_numbers import check_device_numbers, describe_possible_units
 from klute_sim.plausibility.finding import require_accepted
 
 DEFAULT_DEVICE = "klute-1-1-4-pair"
 """Preset of the default prosthesis."""
+
+
+MAX_INTEGER = 10**300
+"""Bound of integers that a float can hold."""
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -222,10 +226,25 @@ def load_device(name_or_path: str | Path) -> Device:
             f"{', '.join(list_presets())}"
         )
         raise InputError(f"no device '{name}': {suggest(name, list_presets(), hint)}") from None
-    device = parse_device(content, name)
+    try:
+        device = parse_device(content, name)
+    except InputError as error:
+        guess = describe_possible_units(_collect_numbers(parse_toml(content, f"device file {name}")), str(error))
+        raise (InputError(f"{error}; {guess}") if guess else error) from None
     findings = check_device_numbers(device.spec.collect_values(), f"device file {name}")
     require_accepted(findings, device.spec.accept, _format_accept_key)
     return device
+
+
+def _collect_numbers(content: Mapping[str, Any]) -> dict[str, float]:
+    """Return ``section.key`` -> number for the unchecked ``content`` of a device file."""
+    return {
+        f"{title}.{key}": float(value)
+        for title, section in content.items()
+        if isinstance(section, dict)
+        for key, value in section.items()
+        if isinstance(value, float) or (type(value) is int and abs(value) < MAX_INTEGER)
+    }
 
 
 def _format_accept_key(names: Sequence[str]) -> str:

@@ -111,6 +111,20 @@ def check_device_numbers(values: Mapping[str, float], place: str) -> list[Findin
     return findings or _check_relations(values, place)
 
 
+def describe_possible_units(values: Mapping[str, float], message: str) -> str:
+    """Return the units that the numbers named in ``message`` seem to have, or ''.
+
+    ``message`` is that of a check of the file's format, which knows the allowed range of a number only.
+    """
+    guesses = []
+    for key, limits in RANGES.items():
+        value = values.get(key, 0.0)
+        units = _list_possible_units(key, value, limits) if key in message else []
+        if units and not limits.low <= abs(value) <= limits.high:
+            guesses.append(f"is {key} = {value:g} in {' or '.join(units)}?")
+    return " ".join(guesses)
+
+
 def _describe(key: str, value: float, limits: NumberRange, place: str) -> Finding:
     unit = _get_unit(key)
     guesses = _list_possible_units(key, value, limits)
