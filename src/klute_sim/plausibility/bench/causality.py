@@ -20,6 +20,8 @@ MIN_SHARPNESS_RATIO = 1.5
 
 def leads(trial: BenchTrial, first: str, second: str) -> bool:
     """Return whether channel ``first`` changes before ``second`` and jumps where ``second`` does not."""
+    if first not in trial.channels or second not in trial.channels:
+        return False
     a, b = (trial.channels[name] for name in (first, second))
     start, end = max(a.time[0], b.time[0]), min(a.time[-1], b.time[-1])
     interval = max(float(np.median(np.diff(a.time))), float(np.median(np.diff(b.time))))

@@ -6,6 +6,8 @@ import numpy as np
 
 from klute_sim.plausibility.bench import time_axis
 from klute_sim.plausibility.bench.agreement import Agreement, compare_trial, simulate_trial
+from klute_sim.plausibility.bench.causality import leads
+from klute_sim.plausibility.bench.dropouts import check_dropouts
 from klute_sim.plausibility.bench.hypotheses import Hypothesis, list_hypotheses, list_time_units
 from klute_sim.plausibility.bench.magnitudes import check_all_commands, check_magnitudes, check_missing_value_codes
 from klute_sim.plausibility.bench.trial import PRESCRIBED, BenchTrial, Response
@@ -18,8 +20,13 @@ MAX_CHANNEL_MISFIT = 0.6
 """Largest misfit of any channel without the mistake."""
 MIN_IMPROVEMENT = 3.0
 """Smallest ratio of the misfit with the mistake to that without it; below, the evidence is not overwhelming."""
-MIN_DECREASE = 0.02
+MIN_DECREASE = 0.003
 """Smallest decrease of the misfit."""
+PRESSURE_PAIR = ("pressure", "pressure_command")
+"""Effect and cause."""
+EVIDENCE = {"time-scale": (4.0, 0.12), "pressure-pressure_command-exchanged": (1.5, 0.6)}
+"""Finding -> smallest ratio and largest misfit, where they differ. A slow regulator looks like a wrong sampling rate at
+first sight; a pressure that changes before its command is evidence of its own."""
 TIE = 0.02
 """Difference of misfits below which the simpler of two mistakes is chosen."""
 
@@ -39,7 +46,7 @@ def check_bench_trial(trial: BenchTrial) -> list[Finding]:
     if gaps:
         return [*codes, *gaps]
     magnitudes = check_magnitudes(trial)
-    return [*codes, *(_search_mistake(trial, has_wrong_range=bool(magnitudes)) or magnitudes)]
+    return [*codes, *(_search_mistake(trial, has_wrong_range=bool(magnitudes)) or magnitudes or check_dropouts(trial))]
 
 
 def _search_mistake(trial: BenchTrial, *, has_wrong_range: bool) -> list[Finding]:
@@ -53,16 +60,18 @@ def _search_mistake(trial: BenchTrial, *, has_wrong_range: bool) -> list[Finding
     interval, duration = time_axis.measure_time_axis(trial)
     best: Hypothesis | None = None
     best_misfit = 1.0
-    for hypothesis in list_hypotheses(trial) if not agreements or misfit > MIN_MISFIT or has_wrong_range else ():
+    is_suspicious = not agreements or misfit > MIN_MISFIT or has_wrong_range or leads(trial, *PRESSURE_PAIR)
+    for hypothesis in list_hypotheses(trial) if is_suspicious else ():
         if has_wrong_range and not hypothesis.findings[0].name.endswith("-exchanged"):
             continue
         corrected = compare_trial(hypothesis.trial, _simulate_changed(trial, response, hypothesis.trial))
         if not corrected or not agreements.keys() <= corrected.keys():
             continue
         corrected_misfit = _combine_misfits(corrected)
-        is_convincing = max(agreement.misfit for agreement in corrected.values()) <= MAX_CHANNEL_MISFIT and (
-            misfit if agreements else 1.0
-        ) >= max(MIN_IMPROVEMENT * corrected_misfit, MIN_DECREASE + corrected_misfit)
+        min_ratio, max_misfit = EVIDENCE.get(hypothesis.findings[0].name, (MIN_IMPROVEMENT, MAX_CHANNEL_MISFIT))
+        is_convincing = max(agreement.misfit for agreement in corrected.values()) <= max_misfit and misfit >= max(
+            min_ratio * corrected_misfit, MIN_DECREASE + corrected_misfit
+        )
         if is_convincing and (best is None or corrected_misfit < best_misfit - TIE):
             best, best_misfit = hypothesis, corrected_misfit
     if best is not None:

@@ -19,6 +19,8 @@ MAX_PERMUTATIONS = 12
 """Maximum number of exchanges of columns that are simulated."""
 
 
+SAMPLING_RATE_FACTORS = 0.1, 10.0, 0.01, 100.0
+"""Factors of times that were computed with a wrong sampling rate."""
 PRESSURES = {"pressure", "pressure_command"}
 """Commanded and measured pressure."""
 
@@ -41,6 +43,20 @@ def list_hypotheses(trial: BenchTrial) -> Iterator[Hypothesis]:
     yield from _list_exchanges(trial)
     yield from _list_reversals(trial)
     yield from list_time_units(trial)
+    yield from _list_sampling_rates(trial)
+
+
+def _list_sampling_rates(trial: BenchTrial) -> Iterator[Hypothesis]:
+    """Yield sampling rates that are wrong by a power of ten; every velocity and every lag tells them."""
+    interval, duration = time_axis.measure_time_axis(trial)
+    # With few samples per second, the samples say little about what happens between them.
+    for factor in SAMPLING_RATE_FACTORS if time_axis.is_usual(interval, duration) else ():
+        if time_axis.is_usual(interval * factor, duration * factor):
+            statement = (
+                f"time has a sample every {interval:.3g} s, but a simulation of this device agrees only if all times "
+                f"are multiplied by {factor:g}: the sampling rate that the times were computed with seems wrong"
+            )
+            yield Hypothesis((Finding("time-scale", trial.place, statement),), trial.with_time_scale(factor))
 
 
 def list_time_units(trial: BenchTrial) -> Iterator[Hypothesis]:
@@ -94,6 +110,18 @@ def _list_signs(trial: BenchTrial) -> Iterator[Hypothesis]:
             statement = f"{_describe(trial, name)}: its sign seems reversed; {_SIGN_RULES[name]}"
             corrected = trial.with_values(**{name: -trial.get_samples(name).value})
             yield Hypothesis((Finding(f"{name}-sign", trial.place, statement),), corrected)
+    both = [name for name in ("pressure_command", "pressure") if name in trial.channels]
+    if len(both) == 2 and all(float(np.median(trial.get_samples(name).finite)) < 0.0 for name in both):
+        findings = tuple(
+            Finding(
+                f"{name}-sign",
+                trial.place,
+                f"{name} is {trial.format_channel(name)}: the signs of both pressures seem reversed; "
+                + _SIGN_RULES[name],
+            )
+            for name in both
+        )
+        yield Hypothesis(findings, trial.with_values(**{name: -trial.get_samples(name).value for name in both}))
     for name in ("muscle_length", "length"):
         if name in trial.channels:
             values = trial.get_samples(name).value

@@ -19,6 +19,8 @@ MIN_COMMAND_FRACTION = 0.02
 """Fraction of the supply pressure below which all commands are implausible (assumed; bar for kPa is a hundredth)."""
 MAX_COMMAND_RATIO = 1.2
 """Largest ratio of a command to the supply pressure in a guessed unit (assumed)."""
+VACUUM = 110_000.0
+"""Atmospheric pressure [Pa] that no weather exceeds; gauge pressures are above its negative."""
 MAX_FORCE_RATIO = 30.0
 """Ratio of the force to what the device can pull beyond which no calibration explains it (assumed)."""
 MAX_DISPLACEMENT_RATIO = 0.5
@@ -125,6 +127,9 @@ def _guess_length_unit(trial: BenchTrial, channel: str, middle: float, plausible
 def _check_command(trial: BenchTrial) -> list[Finding]:
     """Examine the highest commands; the regulator cannot follow more than the supply has."""
     supply_pressure = trial.limits.supply_pressure
+    sign = _check_pressure_sign(trial, "pressure_command")
+    if sign:
+        return sign
     peak = float(np.percentile(trial.get_samples("pressure_command").finite, 100.0 - MAX_SPIKE_PERCENT))
     if peak <= MAX_RATIO * supply_pressure:
         return []
@@ -135,11 +140,27 @@ def _check_pressure(trial: BenchTrial) -> list[Finding]:
     """Examine the highest pressures; a loose contact may exceed the limit in a few samples."""
     if "pressure" not in trial.channels:
         return []
+    sign = _check_pressure_sign(trial, "pressure")
+    if sign:
+        return sign
     values = trial.get_samples("pressure").finite
     peak = float(np.percentile(values, 100.0 - MAX_SPIKE_PERCENT))
     if peak <= MAX_RATIO * trial.limits.supply_pressure or np.ptp(values) == 0.0:
         return []
     return [_describe_pressure(trial, "pressure", peak)]
+
+
+def _check_pressure_sign(trial: BenchTrial, channel: str) -> list[Finding]:
+    """Return a finding for pressures far below the vacuum."""
+    samples = trial.get_samples(channel)
+    if float(np.percentile(samples.finite, MAX_SPIKE_PERCENT)) > -VACUUM or float(np.median(samples.finite)) > 0.0:
+        return []
+    statement = (
+        f"{channel} is {trial.format_channel(channel)}, but gauge pressures cannot be below "
+        f"{trial.format_limit(channel, -VACUUM)}, the vacuum: its sign seems reversed; pressures above that of the "
+        "room are positive"
+    )
+    return [Finding(f"{channel}-sign", trial.place, statement)]
 
 
 def _describe_pressure(trial: BenchTrial, channel: str, peak: float) -> Finding:
