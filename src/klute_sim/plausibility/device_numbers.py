@@ -43,7 +43,7 @@ RANGES: Mapping[str, NumberRange] = MappingProxyType(
         "damper.oil_density_kg_m3": NumberRange(500.0, 2000.0, "oils have 800 to 1000, heavy silicones up to 1900"),
         "tendon.slack_length_mm": NumberRange(1.0, 2000.0, "a clamp to a leg (assumed)"),
         "tendon.stiffness_1_n_per_mm": NumberRange(0.5, 8000.0, SPRING),
-        "tendon.stiffness_2_n_per_mm": NumberRange(0.5, 8000.0, SPRING),
+        "tendon.stiffness_2_n_per_mm": NumberRange(0.001, 8000.0, "a fit finds any small second spring; a steel cable"),
         "tendon.engagement_mm": NumberRange(0.03, 100.0, "a tenth of a millimetre to a hand (assumed)"),
         "supply.pressure_bar": NumberRange(0.75, 16.0, "a muscle needs a part of a bar; hoses burst (assumed)"),
         "supply.rate_bar_per_s": NumberRange(0.05, 3000.0, "a hand pump to an ideal valve (assumed)"),
