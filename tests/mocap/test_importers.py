@@ -5,72 +5,37 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from klute_sim.errors import InputError
 from klute_sim.gait import reference
-from klute_sim.mocap import reference_import, trial
+from klute_sim.mocap import reference_import
 from klute_sim.mocap.formats import storage, trc
 from klute_sim.mocap.formats.storage import Storage
 from klute_sim.mocap.import_log import ImportLog
-from klute_sim.mocap.kinematics.leg import Leg
 from klute_sim.mocap.options import ImportOptions
-from klute_sim.mocap.parsing import mapping, sources
-from klute_sim.mocap.reference_import import ImportedReference
+from klute_sim.mocap.parsing import mapping
 from tests import synthetic_gait
+from tests.mocap.motion_files import (
+    RAW,
+    ROW_30,
+    edit_columns,
+    extract_legs,
+    flip,
+    get_paths,
+    has_sentence,
+    write_c3d,
+    write_markers,
+    write_older_knee,
+    write_opensim,
+    write_parquet,
+    write_treadmill,
+)
 from tests.synthetic_gait import HUMAN, LATER, MASS, PERIOD, Walker
 
-RAW = ImportOptions(mass=MASS, motion_cutoff=0.0, load_cutoff=0.0, ankle_zero="file")
 """Options without filters and zero shifts, so that values are exact."""
 
-ROW_30 = {
-    "hip_angle": 4.62 - 0.3 * (26.75 - 27.28),
-    "knee_angle": 8.84 - 0.3 * (2.48 - 3.65),
-    "ankle_angle": 8.02 - 0.3 * (-0.25 + 0.52),
-    "shank_angle": 8.26 - 0.3 * (-20.24 + 19.59),
-    "ankle_moment": 70 * 0.6909,
-    "grf_vertical": 70 * 7.7176,
-    "grf_forward": 70 * -0.2597,
-}
 """Reference at 30 % of the gait cycle for 70 kg; angles minus 30 % of the difference between 100 % and 0 %."""
-
-
-def write_opensim(folder: Path) -> list[Path]:
-    return synthetic_gait.opensim(folder, Walker())
-
-
-def write_older_knee(folder: Path) -> list[Path]:
-    return synthetic_gait.opensim(folder, Walker(), knee_sign=-1.0)
-
-
-def write_treadmill(folder: Path) -> list[Path]:
-    return [synthetic_gait.treadmill(folder, Walker())]
-
-
-def write_parquet(folder: Path) -> list[Path]:
-    rows = np.genfromtxt(synthetic_gait.treadmill(folder, Walker()), delimiter=",", names=True)
-    columns = {name: rows[name] for name in rows.dtype.names}
-    for name in [n for n in columns if n.endswith("Angle")]:
-        columns[f"{name} [deg]"] = np.degrees(columns.pop(name))
-    pq.write_table(pa.table(columns), folder / "t.parquet")
-    return [folder / "t.parquet"]
-
-
-def write_markers(folder: Path) -> list[Path]:
-    trc.write(synthetic_gait.markers(Walker()), folder / "m.trc")
-    return [folder / "m.trc", write_opensim(folder)[1]]
-
-
-def write_c3d(folder: Path) -> list[Path]:
-    pytest.importorskip("ezc3d", reason="the extra 'c3d' is not installed")
-    return [synthetic_gait.c3d(folder, Walker())]
-
-
-def extract_legs(files: list[Path], options: ImportOptions, log: ImportLog | None = None) -> dict[str, Leg]:
-    group = [sources.read(file) for file in files]
-    return {leg.side: leg for leg in trial.extract_legs(group, options, log or ImportLog())}
 
 
 @pytest.mark.parametrize(
@@ -113,20 +78,6 @@ def test_import_recovers_synthetic_reference(files: Callable[[Path], list[Path]]
     assert imported.impulse_mass == pytest.approx(
         69.5, abs=0.3
     )  # the loads of the reference support 0.993 body weights
-
-
-def edit_columns(
-    path: Path, change: Callable[[str, np.ndarray], np.ndarray | None], degrees: bool | None = None
-) -> None:
-    """Rewrite the storage file at ``path`` with ``change`` applied to every column; None removes a column."""
-    old = storage.read(path)
-    changed = {label: change(label, samples) for label, samples in old.columns.items()}
-    columns = {label: samples for label, samples in changed.items() if samples is not None}
-    storage.write(Storage(columns, old.in_degrees if degrees is None else degrees), path)
-
-
-def flip(file: int, part: str) -> Callable[[list[Path]], None]:
-    return lambda paths: edit_columns(paths[file], lambda label, s: -s if part in label else s)
 
 
 def convert_to_radians(paths: list[Path]) -> None:
@@ -207,36 +158,6 @@ def test_pelvis_tilt_sign_follows_mapping_only(tmp_path: Path) -> None:
     assert any(e["channel"] == "pelvis_tilt" and e["sign"] == -1 for e in log.channels)
 
 
-def test_mapping_names_unknown_columns(tmp_path: Path) -> None:
-    path = synthetic_gait.treadmill(tmp_path, Walker())
-    heading, _, rest = path.read_text().partition("\n")
-    new_labels = [f"c{number}" if number else "time" for number, _ in enumerate(heading.split(","))]
-    names = dict(zip(heading.split(","), new_labels, strict=True))
-    path.write_text(",".join(new_labels) + "\n" + rest)
-    with pytest.raises(InputError, match="no joint angle, ankle moment, ground reaction or marker was recognised"):
-        reference_import.import_reference([path], RAW)
-    expected = {
-        "hip_angle": "HipFlexionAngle",
-        "knee_angle": "KneeFlexionAngle",
-        "ankle_angle": "AnklePlantarFlexionAngle",
-        "ankle_moment": "AnklePlantarFlexionMoment",
-        "grf_vertical": "GRF_y",
-        "grf_forward": "GRF_x",
-    }
-    lines = ["[right]", *(f'{channel} = "{names["Right" + name]}"' for channel, name in expected.items())]
-    (tmp_path / "map.toml").write_text("\n".join(lines))
-    imported = reference_import.import_reference(
-        [path], ImportOptions(mass=MASS, mapping=mapping.read(tmp_path / "map.toml"))
-    )
-    assert list(imported.strides) == ["right"]
-    assert imported.impulse_mass == pytest.approx(69.5, abs=0.3)  # twice the impulse of one foot
-    assert imported.table["knee_flexion_deg"][30] == pytest.approx(8.84, abs=0.5)
-
-
-def has_sentence(imported: ImportedReference, section: str, part: str) -> bool:
-    return any(part in sentence for sentence in getattr(imported.log, section))
-
-
 def test_mass_is_estimated_and_contradiction_is_reported(tmp_path: Path) -> None:
     paths = write_opensim(tmp_path)
     assert reference_import.import_reference(paths, ImportOptions()).mass == pytest.approx(69.5, abs=0.3)
@@ -306,10 +227,6 @@ def test_stride_is_assembled_from_two_parts(tmp_path: Path) -> None:
     assert imported.table["knee_flexion_deg"] == pytest.approx(complete.table["knee_flexion_deg"], abs=2.5)
 
 
-def get_paths(folder: Path) -> list[Path]:
-    return [folder / name for name in ("ik.mot", "grf.mot", "id.sto")]
-
-
 def test_strides_of_two_trials_are_pooled_with_standard_deviations(tmp_path: Path) -> None:
     first, second = tmp_path / "one", tmp_path / "two"
     first.mkdir()
@@ -345,120 +262,6 @@ def test_plates_are_assigned_to_leg_with_straighter_knee(tmp_path: Path) -> None
     storage.write(Storage(columns, False), paths[1])
     right = extract_legs(paths, RAW)["right"]
     assert np.interp(0.43, right.time, right.channels["grf_vertical"]) == pytest.approx(70 * 7.7176, abs=1.0)
-
-
-def remove_columns(file: int, part: str) -> Callable[[list[Path]], list[Path]]:
-    def remove(paths: list[Path]) -> list[Path]:
-        edit_columns(paths[file], lambda label, s: None if part in label else s)
-        return paths
-
-    return remove
-
-
-def empty_columns(file: int, part: str) -> Callable[[list[Path]], list[Path]]:
-    def empty(paths: list[Path]) -> list[Path]:
-        edit_columns(paths[file], lambda label, s: np.full(len(s), np.nan) if part in label else s)
-        return paths
-
-    return empty
-
-
-@pytest.mark.parametrize(
-    ("modify", "message"),
-    [
-        (lambda paths: paths[:2], "no ankle moment of the right leg, and none can be computed"),
-        (lambda paths: [paths[0], paths[2]], "no ground reaction of the right foot"),
-        (lambda paths: paths[1:], "neither knee and ankle angles of one leg nor markers"),
-        (remove_columns(0, "hip"), "so the inclination of the leg is unknown"),
-        (remove_columns(0, "ankle"), "neither knee and ankle angles of one leg nor markers"),
-        (remove_columns(1, "vz"), "lacks one of the three components"),
-        (empty_columns(1, "1_vy"), "column 'ground_force_1_vy' contains no numbers"),
-        (empty_columns(0, "ankle"), "neither knee and ankle angles of one leg nor markers"),
-        (empty_columns(2, "ankle"), "no ankle moment of the right leg"),
-    ],
-)
-def test_missing_data_raise_one_sentence(
-    modify: Callable[[list[Path]], list[Path]], message: str, tmp_path: Path
-) -> None:
-    with pytest.raises(InputError) as caught:
-        reference_import.import_reference(modify(write_opensim(tmp_path)), ImportOptions(mass=MASS))
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_missing_markers_are_named(tmp_path: Path) -> None:
-    paths = write_markers(tmp_path)
-    old = trc.read(paths[0])
-    trc.write(trc.Markers(old.time, {n: p for n, p in old.positions.items() if "KNEE" not in n}), paths[0])
-    with pytest.raises(
-        InputError, match=r"no markers for knee; name them in a file for --map, under \[markers.right\]"
-    ):
-        reference_import.import_reference(paths, RAW)
-    trc.write(trc.Markers(old.time, {n.replace("KNEE", "GENU"): p for n, p in old.positions.items()}), paths[0])
-    (tmp_path / "map.toml").write_text('[markers.right]\nknee = ["R_GENU"]\n[markers.left]\nknee = ["L_GENU"]\n')
-    imported = reference_import.import_reference(paths, replace(RAW, mapping=mapping.read(tmp_path / "map.toml")))
-    assert imported.table["knee_flexion_deg"][30] == pytest.approx(8.84, abs=0.5)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("[right", "is not valid TOML"),
-        ("[middle]", "unknown key 'middle'; allowed: right, left"),
-        ('[right]\nelbow = "x"', "unknown key 'elbow'"),
-        ("[right]\nknee_angle = 3", "must be a column label, or a table with 'column'"),
-        ('[right]\nknee_angle = { column = "x", sign = 2 }', "sign = 2; allowed: 1 and -1"),
-        ('[right]\nknee_angle = { column = "x", zero = nan }', "zero' is nan; allowed: finite numbers"),
-        ('[right]\nknee_angle = "nowhere"', "column 'nowhere' of the channel knee_angle is missing"),
-        ('[right]\nknee_angle = { column = "knee_angle_r", unit = "kg" }', "which is not a unit of knee_angle"),
-        ('[markers.right]\nknee = "x"', "must be a list"),
-        ('[axes]\nforward = "x"', "needs 'forward' and 'up'"),
-        ('[axes]\nforward = "x"\nup = "-x"', "two different axes"),
-        ('[axes]\nforward = "w"\nup = "y"', "allowed: x, y, z"),
-    ],
-)
-def test_invalid_mapping_raises_one_sentence(text: str, message: str, tmp_path: Path) -> None:
-    (tmp_path / "map.toml").write_text(text)
-    with pytest.raises(InputError) as caught:
-        reference_import.import_reference(
-            write_opensim(tmp_path), replace(RAW, mapping=mapping.read(tmp_path / "map.toml"))
-        )
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_implausible_numbers_are_refused(tmp_path: Path) -> None:
-    paths = write_markers(tmp_path)
-    force = paths[1]
-    edit_columns(force, lambda label, s: s * 1e300 if label.endswith("1_vx") else s)
-    with pytest.raises(InputError, match="column 'ground_force_1_vx' contains"):
-        reference_import.import_reference(paths, RAW)
-    write_opensim(tmp_path)
-    old = trc.read(paths[0])
-    moved = {name: position * (1e6 if "R_TOE" in name else 1.0) for name, position in old.positions.items()}
-    trc.write(trc.Markers(old.time, moved), paths[0])
-    with pytest.raises(InputError, match=r"marker 'R_TOE' is .* m away from the origin; check the unit"):
-        reference_import.import_reference(paths, RAW)
-
-
-def test_unprintable_names_are_refused(tmp_path: Path) -> None:
-    path = synthetic_gait.treadmill(tmp_path, Walker())
-    path.write_text(path.read_text().replace("LeftCOP_x", "Left\x1b[2JCOP_x", 1))
-    with pytest.raises(InputError, match="unprintable characters") as caught:
-        reference_import.import_reference([path], RAW)
-    assert str(caught.value).isprintable()
-
-
-def test_options_out_of_bounds_are_refused() -> None:
-    for options in (
-        {"mass": 3.0},
-        {"stature": 17.5},
-        {"motion_cutoff": -1.0},
-        {"contact_threshold": 0.0},
-        {"mass": float("nan")},
-    ):
-        with pytest.raises(InputError, match="allowed"):
-            ImportOptions(**options)  # type: ignore[arg-type]
 
 
 def test_laboratory_axes_are_detected(tmp_path: Path) -> None:
