@@ -118,7 +118,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "device.toml").write_bytes(load_device("klute-3-4").content)
     for arguments, says in (
         (["empty.toml"], "protocol file empty.toml: key 'kind' is missing; allowed: isometric, isokinetic"),
-        (["huge.toml"], "protocol file huge.toml has 1000001 bytes; allowed: up to 1000000"),
+        (["huge.toml"], "protocol file huge.toml has 1.000001 MB; allowed: up to 1 MB"),
         (["isometric", "mine.toml"], "'mine.toml' is a protocol where a device is expected"),
         (["device.toml"], "it looks like a device file, which stands after the protocol"),
     ):
@@ -175,8 +175,8 @@ def test_protocols_are_listed_and_printed(tmp_path: Path) -> None:
         (["isokinetic-unit", "klute-3-4"], "unit length runs from 298.0 to 322.0 mm; allowed for 'klute-3-4'"),
         (["--toml"], "--toml needs a protocol"),
         (["klute-3-4"], "'klute-3-4' is a device: name a protocol before it (klute-sim bench PROTOCOL klute-3-4)"),
-        (["/dev/zero"], "protocol file /dev/zero cannot be read: it is not a regular file"),
-        (["step", "/dev/zero"], "device file /dev/zero cannot be read: it is not a regular file"),
+        (["/dev/zero"], "protocol file /dev/zero cannot be read: it is a device; give a regular file"),
+        (["step", "/dev/zero"], "device file /dev/zero cannot be read: it is a device; give a regular file"),
         (["step", "isometric"], "'isometric' is a protocol where a device is expected"),
         (["step", "--list"], "--list takes no protocol"),
         (["step", "--toml", "--json"], "--toml and --json exclude each other"),

@@ -174,22 +174,22 @@ def test_instrument_laws_match_their_equations() -> None:
         (
             "choked_valve",
             "symmetric",
-            (4.0, 0.3),
+            (400.0, 0.3),
             {
-                "fill_conductance": 0.25,
+                "fill_conductance": 0.0025,
                 "fill_critical_ratio": 0.3,
-                "exhaust_conductance": 0.25,
+                "exhaust_conductance": 0.0025,
                 "exhaust_critical_ratio": 0.3,
             },
         ),
         (
             "choked_valve",
             "asymmetric",
-            (4.0, 2.0, 0.3),
+            (400.0, 2.0, 0.3),
             {
-                "fill_conductance": 0.25,
+                "fill_conductance": 0.0025,
                 "fill_critical_ratio": 0.3,
-                "exhaust_conductance": 0.125,
+                "exhaust_conductance": 0.00125,
                 "exhaust_critical_ratio": 0.3,
             },
         ),

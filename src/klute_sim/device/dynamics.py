@@ -303,6 +303,8 @@ def step_pressure(parameters: DeviceParameters, state: DeviceState, command: flo
         parameters.effects,
         parameters.muscle,
     )
+    if dt >= EQUILIBRIUM_TIME_STEP:
+        supply = pneumatic_step.assume_full_tank(supply)
     target = command
     if supply.command_is_opening == 0.0:
         if effects[0] != 0.0:

@@ -55,7 +55,7 @@ def _check_status(status: os.stat_result, description: str, kind: FileKind) -> N
         name = _FILE_TYPES.get(file_type, "no regular file")
         raise InputError(f"{description} cannot be read: it is {name}; give a regular file")
     if status.st_size > kind.max_bytes:
-        raise InputError(f"{description} has {status.st_size / MB:.4g} MB; allowed: up to {kind.max_bytes / MB:.4g} MB")
+        raise InputError(f"{description} has {status.st_size / MB:.7g} MB; allowed: up to {kind.max_bytes / MB:.4g} MB")
 
 
 def read_text(path: str | Path, kind: FileKind) -> str:
