@@ -33,13 +33,13 @@ EXCLUDED_EFFECTS = ("muscle_damping", "bladder_relaxation", "sensor_drift")
 
 DEVICE = """
 name = "pneumatic cylinder"
-description = "A muscle as thin as a wire, with no rubber and no air in it, so that it pulls nothing; a rigid tie."
+description = "A muscle as thin as a hair, with no rubber and no air in it, so that it pulls nothing; a rigid tie."
 [muscle]
 resting_length_mm = 200.0
 braid_length_ratio = 1.10
-turns_per_m = 145.86
-bladder_radius_mm = 0.5
-bladder_thickness_mm = 0.1
+turns_per_m = 1458.6
+bladder_radius_mm = 0.05
+bladder_thickness_mm = 0.01
 c10_kpa = 0.0
 c01_kpa = 0.0
 friction_slope_n_per_bar = 0.0

@@ -33,9 +33,9 @@ description = "A muscle as thin as a hair, always against its stop at resting le
 [muscle]
 resting_length_mm = {rest:g}
 braid_length_ratio = 1.10
-turns_per_m = 145.86
-bladder_radius_mm = 0.5
-bladder_thickness_mm = 0.1
+turns_per_m = 1458.6
+bladder_radius_mm = 0.05
+bladder_thickness_mm = 0.01
 c10_kpa = 0.0
 c01_kpa = 0.0
 friction_slope_n_per_bar = 0.0

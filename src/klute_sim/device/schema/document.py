@@ -52,7 +52,7 @@ class Muscle(DeviceFileSection):
     """Braid length over resting length, B/L0; at 1 the braid cannot wind, at sqrt(3) it is locked at rest."""
     turns_per_m: Positive
     """Turns of a braid thread per metre of resting length, N/L0."""
-    bladder_radius_mm: Annotated[FiniteFloat, Field(ge=0.5, le=500)]
+    bladder_radius_mm: Annotated[FiniteFloat, Field(ge=0.05, le=500)]
     """Outer bladder radius R0 at rest; with the braid it sets the volume of the air."""
     bladder_thickness_mm: Annotated[FiniteFloat, Field(ge=0.01, le=500)]
     """Bladder wall thickness t0 at rest."""
