@@ -54,7 +54,7 @@ def test_killed_node_loses_no_case_and_results_equal_those_of_local_processes(cl
         time.sleep(0.02)
     cluster.remove_node(node, allow_graceful=False)
     n_results_when_killed = len(list(results.glob("*")))
-    out, err = sweep.communicate(timeout=120)
+    out, err = sweep.communicate(timeout=600)
     assert sweep.returncode == 0, err
     assert 0 < n_results_when_killed < N_CASES - 1, "the node was not killed during the sweep"
     tables = [(tmp_path / name / "sweep.parquet").read_bytes() for name in ("local", "cluster")]
@@ -73,7 +73,7 @@ def test_node_with_other_version_is_refused_by_name(cluster: Any, tmp_path: Path
     file.write_text(text.replace(klute_sim.__version__, "0.0.9"), "utf-8")
     node = cluster.add_node(**NODE, env_vars={"PYTHONPATH": str(other.parent)})
     sweep = start_sweep(cluster, tmp_path)
-    _, err = sweep.communicate(timeout=120)
+    _, err = sweep.communicate(timeout=600)
     cluster.remove_node(node, allow_graceful=False)
     assert sweep.returncode == 2
     assert len(err.strip().splitlines()) == 1
