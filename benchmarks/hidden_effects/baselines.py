@@ -205,9 +205,9 @@ class RegressionSystem:
 
     def __init__(self, trials: Sequence[ForceBalance]) -> None:
         """Set up the system in units of the noise of repeats, or of the missing force itself without repeats."""
-        missing_force, base_columns, self._terms = (
-            np.concatenate([getattr(b, name) for b in trials]) for name in ("lacking", "base", "terms")
-        )
+        missing_force = np.concatenate([b.missing_force for b in trials])
+        base_columns = np.concatenate([b.base_columns for b in trials])
+        self._terms = np.concatenate([b.term_columns for b in trials])
         repeat_noise = noises.estimate_noise_from_repeats(
             [b.experiment for b in trials], [{"force": b.missing_force} for b in trials]
         ).values()

@@ -69,10 +69,12 @@ def test_coefficient_of_term_is_parameter_of_effect(
     trials = [
         e for e in prepare_experiments(dataset, split_dataset(dataset)) if e.use == "fit" and e.name.endswith("_a")
     ]
-    found = [force_balance.compute_balance(dataset, trial) for trial in trials]
-    lacking, base, terms = (np.concatenate([getattr(b, name) for b in found]) for name in ("lacking", "base", "terms"))
+    balances = [force_balance.compute_balance(dataset, trial) for trial in trials]
+    missing_force = np.concatenate([b.missing_force for b in balances])
+    base = np.concatenate([b.base_columns for b in balances])
+    terms = np.concatenate([b.term_columns for b in balances])
     (number,) = (i for i, term in enumerate(force_balance.BALANCE_TERMS) if term.formula == formula)
-    fitted = np.linalg.lstsq(np.column_stack([base, terms[:, number]]), lacking, rcond=None)[0]
+    fitted = np.linalg.lstsq(np.column_stack([base, terms[:, number]]), missing_force, rcond=None)[0]
     assert fitted[-1] * force_balance.BALANCE_TERMS[number].typical_size == pytest.approx(true, rel=0.25)
 
 

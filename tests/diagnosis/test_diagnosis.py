@@ -284,7 +284,7 @@ def test_command_writes_and_prints_the_verdict(tmp_path: Path) -> None:
     assert verdict == json.loads((tmp_path / "results" / "verdict.json").read_text("utf-8"))
     assert set(verdict) == {
         *("schema", "verdict", "reasons", "effects", "alternatives", "indistinguishable", "split", "where", "gap"),
-        *("rejected", "next_experiment", "device_file"),
+        *("rejected", "next_experiment", "device_file", "accepted"),
     }
     assert verdict["schema"] == "klute-sim-verdict/2"
     assert verdict["effects"][0]["parameters"]["coefficient_n_s_per_m"]["value"] == pytest.approx(400.0, rel=0.05)
