@@ -34,6 +34,8 @@ class Agreement(NamedTuple):
     """0: the channel agrees; 1: it contradicts the simulation."""
     simulated: Array
     """Simulated samples [SI] at the times of the measured ones."""
+    scale_error: float
+    """Natural logarithm of the ratio of measured to simulated magnitude, without sign."""
 
 
 def simulate_trial(trial: BenchTrial) -> Response | None:
@@ -90,8 +92,13 @@ def compare_trial(trial: BenchTrial, response: Response | None) -> dict[str, Agr
             continue
         misfit = _MISFITS[name](trial, _clip_outliers(measured), expected)
         if misfit is not None:
-            agreements[name] = Agreement(misfit, expected)
+            agreements[name] = Agreement(misfit, expected, _compute_scale_error(measured, expected))
     return agreements
+
+
+def _compute_scale_error(measured: Array, expected: Array) -> float:
+    largest = [float(np.percentile(np.abs(values), 95.0)) for values in (measured, expected)]
+    return abs(math.log(largest[0] / largest[1])) if min(largest) > 0.0 else math.inf
 
 
 def _clip_outliers(values: Array) -> Array:

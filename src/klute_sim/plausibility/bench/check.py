@@ -1,5 +1,6 @@
 """All checks of a bench trial in order: what is wrong with the inputs makes a simulation meaningless."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -59,7 +60,7 @@ def _search_mistake(trial: BenchTrial, *, has_wrong_range: bool) -> list[Finding
     misfit = _combine_misfits(agreements)
     interval, duration = time_axis.measure_time_axis(trial)
     best: Hypothesis | None = None
-    best_misfit = 1.0
+    best_misfit, best_scale_error = 1.0, math.inf
     is_suspicious = not agreements or misfit > MIN_MISFIT or has_wrong_range or leads(trial, *PRESSURE_PAIR)
     for hypothesis in list_hypotheses(trial) if is_suspicious else ():
         if has_wrong_range and not hypothesis.findings[0].name.endswith("-exchanged"):
@@ -72,8 +73,12 @@ def _search_mistake(trial: BenchTrial, *, has_wrong_range: bool) -> list[Finding
         is_convincing = max(agreement.misfit for agreement in corrected.values()) <= max_misfit and misfit >= max(
             min_ratio * corrected_misfit, MIN_DECREASE + corrected_misfit
         )
-        if is_convincing and (best is None or corrected_misfit < best_misfit - TIE):
-            best, best_misfit = hypothesis, corrected_misfit
+        # Units of one channel give equal courses: the right one gives the magnitude, too.
+        scale_error = sum(agreement.scale_error for agreement in corrected.values())
+        is_same_mistake = best is not None and hypothesis.findings[0].name == best.findings[0].name
+        is_nearer = is_same_mistake and corrected_misfit < best_misfit + TIE and scale_error < best_scale_error
+        if is_convincing and (best is None or corrected_misfit < best_misfit - TIE or is_nearer):
+            best, best_misfit, best_scale_error = hypothesis, corrected_misfit, scale_error
     if best is not None:
         return [_complete(finding, trial, agreements) for finding in best.findings]
     if time_axis.is_impossible(interval, duration) and not has_wrong_range and misfit > MIN_MISFIT:
