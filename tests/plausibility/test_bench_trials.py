@@ -34,6 +34,13 @@ def test_wrong_trials_are_named(variant: Variant, tmp_path: Path) -> None:
     assert f"--accept {variant.expected}" in message
 
 
+@pytest.mark.parametrize("unit", ["kN", "kgf", "lbf"])
+def test_unit_of_a_force_is_guessed_by_its_magnitude(unit: str, tmp_path: Path) -> None:
+    variant = next(variant for variant in WRONG if variant.name.startswith(f"force: {unit} under [N]"))
+    _, message = find_names(variant, tmp_path / "data")
+    assert f"is its unit {unit}?" in message
+
+
 @pytest.mark.parametrize("variant", mark_slow(RIGHT))
 def test_unusual_but_right_trials_are_accepted(variant: Variant, tmp_path: Path) -> None:
     assert find_names(variant, tmp_path / "data") == ((), "")
