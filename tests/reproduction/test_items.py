@@ -8,7 +8,7 @@ import pytest
 
 from klute_sim.errors import InputError
 from klute_sim.reproduction import printed
-from klute_sim.reproduction.item import Finding, PublishedItem, assess
+from klute_sim.reproduction.item import Outcome, PublishedItem, assess
 
 TABLES = ("2.1", "2.2", "2.3", "2.4", "3.1", "4.1", "5.1", "5.2", "8.1", "8.2")
 FIGURES = (
@@ -52,24 +52,24 @@ def test_published_items_cover_all_tables_and_figures() -> None:
 @pytest.mark.parametrize(
     ("published", "finding", "contradiction", "verdict"),
     [
-        (100.0, Finding(100.9), "", "agrees"),
-        (100.0, Finding(101.1), "", "contradicts-source"),
-        (-100.0, Finding(-98.9), "", "contradicts-source"),
-        (100.0, Finding(101.1), "it says so elsewhere", "source-contradicts-itself"),
-        (100.0, Finding(100.9), "it says so elsewhere", "agrees"),
-        (0.0, Finding(0.009), "", "agrees"),
-        (0.0, Finding(0.011), "", "contradicts-source"),
-        (100.0, Finding(float("nan")), "", "contradicts-source"),
-        (100.0, Finding(), "", "not-printed"),
-        (None, Finding(100.0), "", "not-printed"),
-        ("rises", Finding(1.0, True), "", "agrees"),
-        ("rises", Finding(1.0, False), "", "contradicts-source"),
-        ("rises", Finding(None, False), "it falls there", "source-contradicts-itself"),
-        ("rises", Finding(), "", "not-printed"),
+        (100.0, Outcome(100.9), "", "agrees"),
+        (100.0, Outcome(101.1), "", "contradicts-source"),
+        (-100.0, Outcome(-98.9), "", "contradicts-source"),
+        (100.0, Outcome(101.1), "it says so elsewhere", "source-contradicts-itself"),
+        (100.0, Outcome(100.9), "it says so elsewhere", "agrees"),
+        (0.0, Outcome(0.009), "", "agrees"),
+        (0.0, Outcome(0.011), "", "contradicts-source"),
+        (100.0, Outcome(float("nan")), "", "contradicts-source"),
+        (100.0, Outcome(), "", "not-printed"),
+        (None, Outcome(100.0), "", "not-printed"),
+        ("rises", Outcome(1.0, True), "", "agrees"),
+        ("rises", Outcome(1.0, False), "", "contradicts-source"),
+        ("rises", Outcome(None, False), "it falls there", "source-contradicts-itself"),
+        ("rises", Outcome(), "", "not-printed"),
     ],
 )
 def test_verdict_follows_from_published_and_computed(
-    published: float | str | None, finding: Finding, contradiction: str, verdict: str
+    published: float | str | None, finding: Outcome, contradiction: str, verdict: str
 ) -> None:
     assessment = assess(item(published, contradiction=contradiction), finding)
     assert assessment.verdict == verdict
@@ -79,26 +79,26 @@ def test_verdict_follows_from_published_and_computed(
 @pytest.mark.parametrize(
     ("published", "finding", "implied", "verdict"),
     [
-        (1.0, Finding(0.84), 0.84, "source-contradicts-itself"),
-        (1.0, Finding(1.30), 0.84, "contradicts-source"),
-        (1.0, Finding(1.001), 0.84, "agrees"),
-        ("holds", Finding(None, False), False, "source-contradicts-itself"),
-        ("holds", Finding(None, False), True, "contradicts-source"),
-        ("holds", Finding(None, True), False, "source-contradicts-itself"),
-        ("holds", Finding(None, True), True, "agrees"),
+        (1.0, Outcome(0.84), 0.84, "source-contradicts-itself"),
+        (1.0, Outcome(1.30), 0.84, "contradicts-source"),
+        (1.0, Outcome(1.001), 0.84, "agrees"),
+        ("holds", Outcome(None, False), False, "source-contradicts-itself"),
+        ("holds", Outcome(None, False), True, "contradicts-source"),
+        ("holds", Outcome(None, True), False, "source-contradicts-itself"),
+        ("holds", Outcome(None, True), True, "agrees"),
     ],
 )
 def test_source_contradicts_itself_only_by_implied_values(
-    published: float | str, finding: Finding, implied: float | bool, verdict: str
+    published: float | str, finding: Outcome, implied: float | bool, verdict: str
 ) -> None:
     assert assess(item(published, contradiction="elsewhere"), finding, implied).verdict == verdict
 
 
 def test_difference_is_relative_to_published() -> None:
-    assert assess(item(-200.0), Finding(-190.0)).difference == pytest.approx(0.05)
-    assert assess(item(0.0), Finding(0.02)).difference == pytest.approx(0.02)
-    assert assess(item("rises"), Finding(1.0, True)).difference is None
-    assert assess(item(None), Finding(1.0)).difference is None
+    assert assess(item(-200.0), Outcome(-190.0)).difference == pytest.approx(0.05)
+    assert assess(item(0.0), Outcome(0.02)).difference == pytest.approx(0.02)
+    assert assess(item("rises"), Outcome(1.0, True)).difference is None
+    assert assess(item(None), Outcome(1.0)).difference is None
 
 
 def test_template_can_be_completed_and_loaded(tmp_path: Path) -> None:
@@ -115,8 +115,8 @@ def test_template_can_be_completed_and_loaded(tmp_path: Path) -> None:
     assert supplied_item.published == 1.5
     assert "supplied by the user" in supplied_item.note
     assert "within 10 %" in supplied_item.note
-    assert assess(supplied_item, Finding(1.6)).verdict == "agrees"
-    assert assess(supplied_item, Finding(1.7)).verdict == "contradicts-source"
+    assert assess(supplied_item, Outcome(1.6)).verdict == "agrees"
+    assert assess(supplied_item, Outcome(1.7)).verdict == "contradicts-source"
     assert printed.list_items()[0] == printed.list_items(supplied)[0]
 
 

@@ -14,7 +14,7 @@ from klute_sim.errors import KluteSimError
 from klute_sim.laws.mckibben import lock_length
 from klute_sim.plausibility.bench.check import check_bench_trials
 from klute_sim.plausibility.bench.magnitudes import check_device_channels, check_missing_value_codes
-from klute_sim.plausibility.bench.trial import SI_UNITS, BenchTrial, Channel, DeviceLimits, Response, Simulate
+from klute_sim.plausibility.bench.trial import SI_UNITS, Channel, DeviceLimits, RecordedTrial, Response, Simulate
 from klute_sim.plausibility.device_numbers import check_device_numbers
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.gait.positions import ScaledSeries
@@ -79,12 +79,12 @@ def collect_samples(trial: Trial, units: Mapping[str, str], rig: Rig) -> dict[st
     }
 
 
-def _describe_trial(trial: Trial, units: Mapping[str, str], rig: Rig) -> BenchTrial:
+def _describe_trial(trial: Trial, units: Mapping[str, str], rig: Rig) -> RecordedTrial:
     """Return the channels of ``trial`` that belong to its device, with the limits and a simulation of that device."""
     samples = collect_samples(trial, units, rig)
     series = {**trial.prescribed, **trial.measured}
     time_unit = units[TIME_COLUMN]
-    return BenchTrial(
+    return RecordedTrial(
         name=trial.name,
         channels={name: Channel(series[name].time, samples[name]) for name in SI_UNITS if name in samples},
         limits=compute_device_limits(trial.device),

@@ -2,7 +2,7 @@
 
 from typing import Literal, NamedTuple
 
-from klute_sim.reproduction.item import Finding
+from klute_sim.reproduction.item import Outcome
 from klute_sim.types import Array
 
 LineStyle = Literal["line", "dashed", "dotted", "points"]
@@ -62,7 +62,7 @@ class FigureData(NamedTuple):
 class ChapterResult(NamedTuple):
     """Findings and figures of a chapter."""
 
-    findings: dict[str, Finding]
-    """Finding by item identifier."""
+    findings: dict[str, Outcome]
+    """Outcome by item identifier."""
     figures: tuple[FigureData, ...]
     """Figures of the chapter."""

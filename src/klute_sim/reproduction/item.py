@@ -35,7 +35,7 @@ class PublishedItem(NamedTuple):
     """Whether the model takes the value from the source, so that it necessarily agrees."""
 
 
-class Finding(NamedTuple):
+class Outcome(NamedTuple):
     """Computed value or statement of an item."""
 
     value: float | None = None
@@ -51,7 +51,7 @@ class ItemAssessment(NamedTuple):
 
     item: PublishedItem
     """Published item."""
-    finding: Finding
+    finding: Outcome
     """Computed finding."""
     verdict: Verdict
     """Verdict on the item."""
@@ -80,7 +80,7 @@ class ItemAssessment(NamedTuple):
         return " ".join(filter(None, [self.item.note, self.finding.note, contradiction]))
 
 
-def assess(item: PublishedItem, finding: Finding, implied: float | bool | None = None) -> ItemAssessment:
+def assess(item: PublishedItem, finding: Outcome, implied: float | bool | None = None) -> ItemAssessment:
     """Return the verdict on ``item``: a number agrees within its tolerance, a statement agrees if it holds.
 
     ``implied`` is the value that other printed numbers of the source imply for the item. The source contradicts itself

@@ -17,7 +17,7 @@ from klute_sim.reproduction.chapters import (
 )
 from klute_sim.reproduction.curves import ChapterResult, FigureData
 from klute_sim.reproduction.implied_values import compute_implied_values
-from klute_sim.reproduction.item import Finding, ItemAssessment, assess
+from klute_sim.reproduction.item import ItemAssessment, Outcome, assess
 from klute_sim.types import ProgressCallback
 
 
@@ -76,7 +76,7 @@ def run_reproduction(
         ("chapter 7", 0.2, lambda chapter_progress: chapter7.compute(device, chapter_progress)),
         ("chapter 8", 0.47, lambda chapter_progress: chapter8.compute(device, chapter_progress)),
     )
-    findings: dict[str, Finding] = {}
+    findings: dict[str, Outcome] = {}
     figures: list[FigureData] = []
     start = 0.0
     for title, weight, compute_chapter in chapters:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from klute_sim.plausibility.bench.trial import MEASURED, MIN_FORCE, BenchTrial, Response
+from klute_sim.plausibility.bench.trial import MEASURED, MIN_FORCE, RecordedTrial, Response
 from klute_sim.plausibility.samples import compute_correlation
 from klute_sim.types import Array
 
@@ -38,7 +38,7 @@ class Agreement(NamedTuple):
     """Natural logarithm of the ratio of measured to simulated magnitude, without sign."""
 
 
-def simulate_trial(trial: BenchTrial) -> Response | None:
+def simulate_trial(trial: RecordedTrial) -> Response | None:
     """Return the simulated response, at most :data:`MAX_STEPS` long, or None where the simulation fails."""
     length, command = trial.channels["length"], trial.channels["pressure_command"]
     start = max(length.time[0], command.time[0])
@@ -60,7 +60,7 @@ def simulate_trial(trial: BenchTrial) -> Response | None:
     return None if response is None else response._replace(time=response.time + start)
 
 
-def _find_window(trial: BenchTrial, first: float, last: float, duration: float) -> float:
+def _find_window(trial: RecordedTrial, first: float, last: float, duration: float) -> float:
     """Return the start, between ``first`` and ``last``, of the window in which the inputs change most [s]."""
     starts = np.linspace(first, last, 50)
     activity = np.zeros(len(starts))
@@ -74,7 +74,7 @@ def _find_window(trial: BenchTrial, first: float, last: float, duration: float) 
     return float(starts[int(np.argmax(np.round(activity, 3)))])
 
 
-def compare_trial(trial: BenchTrial, response: Response | None) -> dict[str, Agreement]:
+def compare_trial(trial: RecordedTrial, response: Response | None) -> dict[str, Agreement]:
     """Return measured channel -> agreement for the channels whose simulation is informative."""
     agreements: dict[str, Agreement] = {}
     if response is None:
@@ -113,7 +113,7 @@ def compute_span(values: Array) -> float:
     return float(high - low)
 
 
-def _compute_pressure_misfit(trial: BenchTrial, measured: Array, expected: Array) -> float | None:
+def _compute_pressure_misfit(trial: RecordedTrial, measured: Array, expected: Array) -> float | None:
     """Return the residual relative to the range; the pressure follows the command closely, whatever the muscle does."""
     scale = max(
         compute_span(expected),
@@ -123,7 +123,7 @@ def _compute_pressure_misfit(trial: BenchTrial, measured: Array, expected: Array
     return min(1.0, float(np.sqrt(np.mean((measured - expected) ** 2))) / scale)
 
 
-def _compute_force_misfit(trial: BenchTrial, measured: Array, expected: Array) -> float | None:
+def _compute_force_misfit(trial: RecordedTrial, measured: Array, expected: Array) -> float | None:
     """Return the unexplained share of the course of a force, or 1 for a force of another scale or sign."""
     level = float(np.median(np.abs(expected)))
     largest = float(np.percentile(np.abs(expected), 95.0))
@@ -138,7 +138,7 @@ def _compute_force_misfit(trial: BenchTrial, measured: Array, expected: Array) -
     return 1.0 if all(is_off) else misfit
 
 
-def _compute_muscle_length_misfit(trial: BenchTrial, measured: Array, expected: Array) -> float | None:
+def _compute_muscle_length_misfit(trial: RecordedTrial, measured: Array, expected: Array) -> float | None:
     """Return the unexplained share of the course of a muscle length, whose sensor may have any zero."""
     if compute_span(expected) < MIN_LENGTH_RANGE:
         return None

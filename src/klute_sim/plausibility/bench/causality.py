@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from klute_sim.plausibility.bench.trial import BenchTrial
+from klute_sim.plausibility.bench.trial import RecordedTrial
 from klute_sim.plausibility.samples import compute_correlation
 from klute_sim.types import Array
 
@@ -18,7 +18,7 @@ MIN_SHARPNESS_RATIO = 1.5
 """Smallest ratio of the largest jumps: a regulator smooths its command (assumed)."""
 
 
-def leads(trial: BenchTrial, first: str, second: str) -> bool:
+def leads(trial: RecordedTrial, first: str, second: str) -> bool:
     """Return whether channel ``first`` changes before ``second`` and jumps where ``second`` does not."""
     if first not in trial.channels or second not in trial.channels:
         return False

@@ -9,9 +9,9 @@ from klute_sim.plausibility.bench import time_axis
 from klute_sim.plausibility.bench.agreement import Agreement, compare_trial, simulate_trial
 from klute_sim.plausibility.bench.causality import leads
 from klute_sim.plausibility.bench.dropouts import check_dropouts
-from klute_sim.plausibility.bench.hypotheses import Hypothesis, list_hypotheses, list_time_units
 from klute_sim.plausibility.bench.magnitudes import check_all_commands, check_magnitudes, check_missing_value_codes
-from klute_sim.plausibility.bench.trial import PRESCRIBED, BenchTrial, Response
+from klute_sim.plausibility.bench.mistakes import Mistake, list_mistakes, list_time_units
+from klute_sim.plausibility.bench.trial import PRESCRIBED, RecordedTrial, Response
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.units import format_range
 
@@ -32,13 +32,13 @@ TIE = 0.02
 """Difference of misfits below which the simpler of two mistakes is chosen."""
 
 
-def check_bench_trials(trials: Sequence[BenchTrial]) -> list[Finding]:
+def check_bench_trials(trials: Sequence[RecordedTrial]) -> list[Finding]:
     """Return what is implausible in ``trials``."""
     findings = [finding for trial in trials for finding in check_bench_trial(trial)]
     return findings or check_all_commands([trial for trial in trials if not _explains_force(trial)])
 
 
-def check_bench_trial(trial: BenchTrial) -> list[Finding]:
+def check_bench_trial(trial: RecordedTrial) -> list[Finding]:
     """Return what is implausible in one trial."""
     codes, trial = check_missing_value_codes(trial)
     if any(channel.samples.finite.size < 5 for channel in trial.channels.values()):
@@ -50,7 +50,7 @@ def check_bench_trial(trial: BenchTrial) -> list[Finding]:
     return [*codes, *(_search_mistake(trial, has_wrong_range=bool(magnitudes)) or magnitudes or check_dropouts(trial))]
 
 
-def _search_mistake(trial: BenchTrial, *, has_wrong_range: bool) -> list[Finding]:
+def _search_mistake(trial: RecordedTrial, *, has_wrong_range: bool) -> list[Finding]:
     """Return the findings of the mistake whose correction makes the trial agree with a simulation of its device.
 
     Where the range of a channel is wrong already, only exchanged columns are searched for: they explain it better.
@@ -59,26 +59,26 @@ def _search_mistake(trial: BenchTrial, *, has_wrong_range: bool) -> list[Finding
     agreements = compare_trial(trial, response)
     misfit = _combine_misfits(agreements)
     interval, duration = time_axis.measure_time_axis(trial)
-    best: Hypothesis | None = None
+    best: Mistake | None = None
     best_misfit, best_scale_error = 1.0, math.inf
     is_suspicious = not agreements or misfit > MIN_MISFIT or has_wrong_range or leads(trial, *PRESSURE_PAIR)
-    for hypothesis in list_hypotheses(trial) if is_suspicious else ():
-        if has_wrong_range and not hypothesis.findings[0].name.endswith("-exchanged"):
+    for mistake in list_mistakes(trial) if is_suspicious else ():
+        if has_wrong_range and not mistake.findings[0].name.endswith("-exchanged"):
             continue
-        corrected = compare_trial(hypothesis.trial, _simulate_changed(trial, response, hypothesis.trial))
+        corrected = compare_trial(mistake.trial, _simulate_changed(trial, response, mistake.trial))
         if not corrected or not agreements.keys() <= corrected.keys():
             continue
         corrected_misfit = _combine_misfits(corrected)
-        min_ratio, max_misfit = EVIDENCE.get(hypothesis.findings[0].name, (MIN_IMPROVEMENT, MAX_CHANNEL_MISFIT))
+        min_ratio, max_misfit = EVIDENCE.get(mistake.findings[0].name, (MIN_IMPROVEMENT, MAX_CHANNEL_MISFIT))
         is_convincing = max(agreement.misfit for agreement in corrected.values()) <= max_misfit and misfit >= max(
             min_ratio * corrected_misfit, MIN_DECREASE + corrected_misfit
         )
         # Units of one channel give equal courses: the right one gives the magnitude, too.
         scale_error = sum(agreement.scale_error for agreement in corrected.values())
-        is_same_mistake = best is not None and hypothesis.findings[0].name == best.findings[0].name
+        is_same_mistake = best is not None and mistake.findings[0].name == best.findings[0].name
         is_nearer = is_same_mistake and corrected_misfit < best_misfit + TIE and scale_error < best_scale_error
         if is_convincing and (best is None or corrected_misfit < best_misfit - TIE or is_nearer):
-            best, best_misfit, best_scale_error = hypothesis, corrected_misfit, scale_error
+            best, best_misfit, best_scale_error = mistake, corrected_misfit, scale_error
     if best is not None:
         return [_complete(finding, trial, agreements) for finding in best.findings]
     if time_axis.is_impossible(interval, duration) and not has_wrong_range and misfit > MIN_MISFIT:
@@ -87,7 +87,7 @@ def _search_mistake(trial: BenchTrial, *, has_wrong_range: bool) -> list[Finding
     return []
 
 
-def _simulate_changed(trial: BenchTrial, response: Response | None, changed: BenchTrial) -> Response | None:
+def _simulate_changed(trial: RecordedTrial, response: Response | None, changed: RecordedTrial) -> Response | None:
     """Return the response of ``changed``, which is that of ``trial`` where only measured channels differ."""
     if all(changed.channels[name] is trial.channels[name] for name in PRESCRIBED):
         return response
@@ -101,7 +101,7 @@ def _combine_misfits(agreements: dict[str, Agreement]) -> float:
     return float(np.sqrt(np.mean([agreement.misfit**2 for agreement in agreements.values()])))
 
 
-def _complete(finding: Finding, trial: BenchTrial, agreements: dict[str, Agreement]) -> Finding:
+def _complete(finding: Finding, trial: RecordedTrial, agreements: dict[str, Agreement]) -> Finding:
     """Return ``finding`` with the simulated range of each channel in its statement."""
     statement = finding.statement
     for name, channel in trial.channels.items():
@@ -115,7 +115,7 @@ def _complete(finding: Finding, trial: BenchTrial, agreements: dict[str, Agreeme
     return finding._replace(statement=statement)
 
 
-def _explains_force(trial: BenchTrial) -> bool:
+def _explains_force(trial: RecordedTrial) -> bool:
     """Return whether the measured force agrees with a simulation under the commands as they are."""
     agreement = compare_trial(trial, simulate_trial(trial)).get("force")
     return agreement is not None and agreement.misfit < MAX_CHANNEL_MISFIT

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from klute_sim.plausibility.bench.agreement import compute_span, simulate_trial
-from klute_sim.plausibility.bench.trial import MEASURED, BenchTrial, Channel
+from klute_sim.plausibility.bench.trial import MEASURED, Channel, RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.units import format_value
 from klute_sim.types import Array
@@ -18,7 +18,7 @@ MAX_CHANGE = 0.5
 """Largest change over the run relative to its smaller jump; a step of the pressure stays where it jumps to."""
 
 
-def check_dropouts(trial: BenchTrial) -> list[Finding]:
+def check_dropouts(trial: RecordedTrial) -> list[Finding]:
     """Return a finding for each measured channel with lost samples, which a simulation of the device does not have."""
     findings = []
     for name in MEASURED:
@@ -50,7 +50,7 @@ def _find_dropout(channel: Channel) -> tuple[int, int] | None:
     return None
 
 
-def _contradicts_simulation(trial: BenchTrial, name: str, run: tuple[int, int]) -> bool:
+def _contradicts_simulation(trial: RecordedTrial, name: str, run: tuple[int, int]) -> bool:
     """Return whether the simulated channel stays away from the value of the ``run``."""
     response, channel = simulate_trial(trial), trial.channels[name]
     if response is None:

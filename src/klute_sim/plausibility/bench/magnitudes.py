@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from klute_sim.plausibility.bench.trial import SI_UNITS, BenchTrial
+from klute_sim.plausibility.bench.trial import SI_UNITS, RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.samples import find_missing_value_code
 from klute_sim.plausibility.units import Range, guess_unit
@@ -27,7 +27,7 @@ MAX_DISPLACEMENT_RATIO = 0.5
 """Largest ratio of a displacement, as of a crosshead that was zeroed, to the resting length (assumed)."""
 
 
-def check_missing_value_codes(trial: BenchTrial) -> tuple[list[Finding], BenchTrial]:
+def check_missing_value_codes(trial: RecordedTrial) -> tuple[list[Finding], RecordedTrial]:
     """Return a finding for each channel with codes, and the trial without the coded samples."""
     findings: list[Finding] = []
     values: dict[str, Array] = {}
@@ -50,18 +50,18 @@ def check_missing_value_codes(trial: BenchTrial) -> tuple[list[Finding], BenchTr
     return findings, trial.with_values(**values)
 
 
-def check_magnitudes(trial: BenchTrial) -> list[Finding]:
+def check_magnitudes(trial: RecordedTrial) -> list[Finding]:
     """Return the findings about units and zeros that follow from the range of the samples alone."""
     return [*_check_length(trial), *check_device_channels(trial)]
 
 
-def check_device_channels(trial: BenchTrial) -> list[Finding]:
+def check_device_channels(trial: RecordedTrial) -> list[Finding]:
     """Return the findings about the channels that the device has on any rig."""
     checks = (_check_muscle_length, _check_command, _check_pressure, _check_force)
     return [finding for check in checks for finding in check(trial)]
 
 
-def _check_length(trial: BenchTrial) -> list[Finding]:
+def _check_length(trial: RecordedTrial) -> list[Finding]:
     """Examine the length of the unit, which must be that of muscle and tendon together."""
     values, limits = trial.get_samples("length").finite, trial.limits
     plausible, resting_length = limits.get_range("length"), limits.unit_length
@@ -92,7 +92,7 @@ def _check_length(trial: BenchTrial) -> list[Finding]:
     return []
 
 
-def _check_muscle_length(trial: BenchTrial) -> list[Finding]:
+def _check_muscle_length(trial: RecordedTrial) -> list[Finding]:
     """Examine the muscle length, whose sensor may have any zero: another unit must explain all samples."""
     if "muscle_length" not in trial.channels:
         return []
@@ -115,7 +115,7 @@ def _check_muscle_length(trial: BenchTrial) -> list[Finding]:
     return [Finding("muscle_length-unit", trial.place, statement)]
 
 
-def _guess_length_unit(trial: BenchTrial, channel: str, middle: float, plausible: Range) -> str:
+def _guess_length_unit(trial: RecordedTrial, channel: str, middle: float, plausible: Range) -> str:
     """Return the unit that makes the median and the spread of a length plausible, or ''."""
     samples = trial.get_samples(channel)
     guess = guess_unit(middle, samples.factor, "m", plausible)
@@ -124,7 +124,7 @@ def _guess_length_unit(trial: BenchTrial, channel: str, middle: float, plausible
     return guess if is_spread_plausible else ""
 
 
-def _check_command(trial: BenchTrial) -> list[Finding]:
+def _check_command(trial: RecordedTrial) -> list[Finding]:
     """Examine the highest commands; the regulator cannot follow more than the supply has."""
     supply_pressure = trial.limits.supply_pressure
     sign = _check_pressure_sign(trial, "pressure_command")
@@ -136,7 +136,7 @@ def _check_command(trial: BenchTrial) -> list[Finding]:
     return [_describe_pressure(trial, "pressure_command", peak)]
 
 
-def _check_pressure(trial: BenchTrial) -> list[Finding]:
+def _check_pressure(trial: RecordedTrial) -> list[Finding]:
     """Examine the highest pressures; a loose contact may exceed the limit in a few samples."""
     if "pressure" not in trial.channels:
         return []
@@ -150,7 +150,7 @@ def _check_pressure(trial: BenchTrial) -> list[Finding]:
     return [_describe_pressure(trial, "pressure", peak)]
 
 
-def _check_pressure_sign(trial: BenchTrial, channel: str) -> list[Finding]:
+def _check_pressure_sign(trial: RecordedTrial, channel: str) -> list[Finding]:
     """Return a finding for pressures far below the vacuum."""
     samples = trial.get_samples(channel)
     if float(np.percentile(samples.finite, MAX_SPIKE_PERCENT)) > -VACUUM or float(np.median(samples.finite)) > 0.0:
@@ -163,7 +163,7 @@ def _check_pressure_sign(trial: BenchTrial, channel: str) -> list[Finding]:
     return [Finding(f"{channel}-sign", trial.place, statement)]
 
 
-def _describe_pressure(trial: BenchTrial, channel: str, peak: float) -> Finding:
+def _describe_pressure(trial: RecordedTrial, channel: str, peak: float) -> Finding:
     supply_pressure, samples = trial.limits.supply_pressure, trial.get_samples(channel)
     plausible = Range(MIN_COMMAND_FRACTION * supply_pressure, MAX_COMMAND_RATIO * supply_pressure, supply_pressure)
     guess = guess_unit(peak, samples.factor, "Pa", plausible)
@@ -176,7 +176,7 @@ def _describe_pressure(trial: BenchTrial, channel: str, peak: float) -> Finding:
     )
 
 
-def _check_force(trial: BenchTrial) -> list[Finding]:
+def _check_force(trial: RecordedTrial) -> list[Finding]:
     """Examine the largest forces; smaller deviations need a simulation."""
     limits = trial.limits
     if "force" not in trial.channels or not limits.pulls:
@@ -199,7 +199,7 @@ def _check_force(trial: BenchTrial) -> list[Finding]:
     return [Finding("force-unit", trial.place, statement)]
 
 
-def check_all_commands(trials: list[BenchTrial]) -> list[Finding]:
+def check_all_commands(trials: list[RecordedTrial]) -> list[Finding]:
     """Return a finding if the commands of all ``trials`` are implausibly small."""
     peaks = [float(trial.get_samples("pressure_command").finite.max()) for trial in trials]
     highest = max(peaks, default=0.0)

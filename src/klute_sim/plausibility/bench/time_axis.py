@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from klute_sim.plausibility.bench.trial import BenchTrial
+from klute_sim.plausibility.bench.trial import RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.units import UNITS, format_value
 
@@ -16,7 +16,7 @@ MAX_GAP_RATIO = 30.0
 """Largest ratio of the longest interval to the duration of all others (assumed)."""
 
 
-def measure_time_axis(trial: BenchTrial) -> tuple[float, float]:
+def measure_time_axis(trial: RecordedTrial) -> tuple[float, float]:
     """Return the shortest median sampling interval and the longest duration of the channels [s]."""
     axes = [channel.time for channel in trial.channels.values()]
     return (
@@ -35,7 +35,7 @@ def is_impossible(interval: float, duration: float) -> bool:
     return not POSSIBLE_INTERVALS[0] <= interval <= POSSIBLE_INTERVALS[1] or duration < 0.1 * USUAL_DURATIONS[0]
 
 
-def list_candidate_units(trial: BenchTrial) -> dict[str, float]:
+def list_candidate_units(trial: RecordedTrial) -> dict[str, float]:
     """Return unit -> factor by which all times change, for units that make an unusual time axis usual."""
     interval, duration = measure_time_axis(trial)
     if is_usual(interval, duration):
@@ -48,7 +48,7 @@ def list_candidate_units(trial: BenchTrial) -> dict[str, float]:
     }
 
 
-def describe_time_unit(trial: BenchTrial, unit: str) -> Finding:
+def describe_time_unit(trial: RecordedTrial, unit: str) -> Finding:
     """Return the finding that the time has another ``unit``."""
     interval, duration = measure_time_axis(trial)
     written, factor = trial.time_unit
@@ -61,7 +61,7 @@ def describe_time_unit(trial: BenchTrial, unit: str) -> Finding:
     return Finding("time-unit", trial.place, statement)
 
 
-def check_gaps(trial: BenchTrial) -> list[Finding]:
+def check_gaps(trial: RecordedTrial) -> list[Finding]:
     """Return a finding if one interval is far longer than all others together, as after a wrong time stamp."""
     written, factor = trial.time_unit
     for channel in trial.channels.values():

@@ -86,7 +86,7 @@ class Channel(NamedTuple):
 
 
 @dataclass(frozen=True)
-class BenchTrial:
+class RecordedTrial:
     """One trial."""
 
     name: str
@@ -109,12 +109,12 @@ class BenchTrial:
         """Return the samples of ``channel``."""
         return self.channels[channel].samples
 
-    def with_values(self, **values: Array) -> "BenchTrial":
+    def with_values(self, **values: Array) -> "RecordedTrial":
         """Return the trial with other samples [SI] of some channels."""
         changed = {name: self.channels[name].with_value(value) for name, value in values.items()}
         return replace(self, channels={**self.channels, **changed})
 
-    def with_time_scale(self, factor: float) -> "BenchTrial":
+    def with_time_scale(self, factor: float) -> "RecordedTrial":
         """Return the trial with all times multiplied by ``factor``."""
         channels = {name: channel._replace(time=channel.time * factor) for name, channel in self.channels.items()}
         return replace(self, channels=channels)

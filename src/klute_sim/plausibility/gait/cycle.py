@@ -108,7 +108,7 @@ def _warp(curves: Mapping[str, Array]) -> dict[str, Array]:
     return {name: shapes.warp_to_typical(curve, toe_off) for name, curve in curves.items()}
 
 
-def _measure_start_error(contact: shapes.Contact) -> int:
+def _measure_start_error(contact: shapes.ContactIntervals) -> int:
     """Return the distance of the foot strike from the start of the stride [%]."""
     return min(contact.starts[0], shapes.N_PHASES - contact.starts[0])
 
@@ -211,7 +211,7 @@ def _find_load_units(columns: Mapping[str, Array], place: str) -> list[Finding]:
 
 
 def _find_exchanged_side(
-    curves: Mapping[str, Array], contact: shapes.Contact, typical: Mapping[str, Array], place: str
+    curves: Mapping[str, Array], contact: shapes.ContactIntervals, typical: Mapping[str, Array], place: str
 ) -> list[Finding]:
     """Return whether the angles are half a stride away from the load."""
     if len(contact.starts) != 1:
@@ -229,7 +229,7 @@ def _find_exchanged_side(
 
 
 def _find_timing(
-    curves: Mapping[str, Array], contact: shapes.Contact, typical: Mapping[str, Array], place: str
+    curves: Mapping[str, Array], contact: shapes.ContactIntervals, typical: Mapping[str, Array], place: str
 ) -> list[Finding]:
     """Return whether the stride is reversed, incomplete or doubled, or begins late."""
     shape_names = ("knee_flexion_deg", "shank_forward_deg", "ankle_dorsiflexion_deg", MOMENT, VERTICAL)

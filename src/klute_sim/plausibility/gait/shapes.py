@@ -18,7 +18,7 @@ MIN_RUN_PCT = 8
 """Shortest contact and shortest swing [% of the cycle] that count."""
 
 
-class Contact(NamedTuple):
+class ContactIntervals(NamedTuple):
     """Contact of the foot in one cycle."""
 
     starts: list[int]
@@ -34,7 +34,7 @@ def resample_cycle(phase_pct: Array, values: Array) -> Array:
     return np.asarray(np.interp(np.arange(N_PHASES), phase_pct, values))
 
 
-def find_contact(vertical: Array) -> Contact:
+def find_contact(vertical: Array) -> ContactIntervals:
     """Return the contacts in a curve of the vertical force, up positive; contacts and swings of noise are ignored."""
     loaded = vertical > LOADED_FRACTION * np.max(vertical)
     for state in (False, True):
@@ -42,7 +42,7 @@ def find_contact(vertical: Array) -> Contact:
             if length < MIN_RUN_PCT:
                 loaded[(start + np.arange(length)) % N_PHASES] = not state
     runs = _find_runs(loaded, True)
-    return Contact([s for s, _ in runs], [(s + n) % N_PHASES for s, n in runs], int(loaded.sum()))
+    return ContactIntervals([s for s, _ in runs], [(s + n) % N_PHASES for s, n in runs], int(loaded.sum()))
 
 
 def _find_runs(mask: Mask, state: bool) -> list[tuple[int, int]]:

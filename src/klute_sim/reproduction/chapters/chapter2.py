@@ -10,7 +10,7 @@ from klute_sim.laws import hill_tables as tables
 from klute_sim.laws.hill import ClosedInterval, ContractileElement, HillCurve, ParallelElement, SeriesElement
 from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine, PlotSurface
 from klute_sim.reproduction.implied_values import MAX_INSIGNIFICANT_FORCE
-from klute_sim.reproduction.item import Finding
+from klute_sim.reproduction.item import Outcome
 from klute_sim.types import Array
 
 DEFAULT_PARALLEL_SPAN = ClosedInterval(1.0, 1.6)
@@ -74,10 +74,10 @@ def fit_hill_constants(law: HillCurve) -> tuple[float, float]:
 
 def compute() -> ChapterResult:
     """Return the findings and figures of chapter 2."""
-    findings: dict[str, Finding] = {}
+    findings: dict[str, Outcome] = {}
     for name, scale in tables.MUSCLE_SCALES.items():
-        findings[f"scales.{name}.l0"] = Finding(1e3 * scale.resting_length)
-        findings[f"scales.{name}.f0"] = Finding(scale.isometric_force)
+        findings[f"scales.{name}.l0"] = Outcome(1e3 * scale.resting_length)
+        findings[f"scales.{name}.f0"] = Outcome(scale.isometric_force)
     _add_parallel(findings)
     _add_series(findings)
     _add_contractile(findings)
@@ -87,47 +87,47 @@ def compute() -> ChapterResult:
     return ChapterResult(findings, tuple(_build_figures()))
 
 
-def _add_parallel(findings: dict[str, Finding]) -> None:
+def _add_parallel(findings: dict[str, Outcome]) -> None:
     forces = {}
     for name, row in tables.PARALLEL_ELEMENTS.items():
         k1, k2 = fit_parallel_constants(row.constants, row.valid_range or DEFAULT_PARALLEL_SPAN)
-        findings[f"table-2.1.{name}.k1"], findings[f"table-2.1.{name}.k2"] = Finding(k1), Finding(k2)
-        findings[f"table-2.1.{name}.r2"] = Finding()
+        findings[f"table-2.1.{name}.k1"], findings[f"table-2.1.{name}.k2"] = Outcome(k1), Outcome(k2)
+        findings[f"table-2.1.{name}.r2"] = Outcome()
         if row.valid_range is not None:
-            findings[f"table-2.1.{name}.from"], findings[f"table-2.1.{name}.to"] = map(Finding, row.valid_range)
+            findings[f"table-2.1.{name}.from"], findings[f"table-2.1.{name}.to"] = map(Outcome, row.valid_range)
         forces[name] = hill.parallel_force(row.constants, 1.2)
-    findings["table-2.1.rat"] = Finding(note="There are no constants to compute it from.")
+    findings["table-2.1.rat"] = Outcome(note="There are no constants to compute it from.")
     force_text = ", ".join(f"{MUSCLE_LABELS[name]} {100.0 * force:.1f} %" for name, force in forces.items())
-    findings["table-2.1.insignificant"] = Finding(
+    findings["table-2.1.insignificant"] = Outcome(
         max(forces.values()),
         max(forces.values()) <= MAX_INSIGNIFICANT_FORCE,
         f"At 1.2 l0 (of F0): {force_text}. Insignificant means at most 5 %.",
     )
 
 
-def _add_series(findings: dict[str, Finding]) -> None:
+def _add_series(findings: dict[str, Outcome]) -> None:
     for name, row in tables.SERIES_ELEMENTS.items():
         findings[f"table-2.2.{name}.k3"], findings[f"table-2.2.{name}.k4"] = map(
-            Finding, fit_series_constants(row.constants)
+            Outcome, fit_series_constants(row.constants)
         )
-        findings[f"table-2.2.{name}.r2"] = Finding()
+        findings[f"table-2.2.{name}.r2"] = Outcome()
     max_elongation = max(hill.series_elongation(row.constants, 1.0) for row in tables.SERIES_ELEMENTS.values())
-    findings["table-2.2.max-elongation"] = Finding(100.0 * max_elongation)
-    findings["table-2.2.with-tendon"] = Finding(
+    findings["table-2.2.max-elongation"] = Outcome(100.0 * max_elongation)
+    findings["table-2.2.with-tendon"] = Outcome(
         100.0 * max_elongation / 11.0, note="Muscle and a tendon ten times as long together."
     )
 
 
-def _add_contractile(findings: dict[str, Finding]) -> None:
+def _add_contractile(findings: dict[str, Outcome]) -> None:
     widths, slopes = {}, {}
     for name, row in tables.CONTRACTILE_ELEMENTS.items():
         law, span = row.constants, row.valid_range or ClosedInterval(*LENGTH_RANGE)
         constants = fit_contractile_constants(law, span)
         for key, value in zip(("k5", "k6", "k7"), constants, strict=True):
-            findings[f"table-2.3.{name}.{key}"] = Finding(value)
-        findings[f"table-2.3.{name}.at-rest"] = Finding(hill.isometric_force(law, 1.0))
+            findings[f"table-2.3.{name}.{key}"] = Outcome(value)
+        findings[f"table-2.3.{name}.at-rest"] = Outcome(hill.isometric_force(law, 1.0))
         if row.valid_range is not None:
-            findings[f"table-2.3.{name}.from"], findings[f"table-2.3.{name}.to"] = map(Finding, row.valid_range)
+            findings[f"table-2.3.{name}.from"], findings[f"table-2.3.{name}.to"] = map(Outcome, row.valid_range)
             root = np.sqrt(law.k6**2 - 4.0 * law.k5 * law.k7) / -law.k5
             widths[name] = float(root)
             slopes[name] = max(abs(2.0 * law.k5 * x + law.k6) for x in row.valid_range)
@@ -135,21 +135,21 @@ def _add_contractile(findings: dict[str, Finding]) -> None:
         f"{MUSCLE_LABELS[name]} {widths[name]:.2f} l0 and {slopes[name]:.1f} F0/l0" for name in widths
     )
     is_human_narrowest = min(widths, key=widths.__getitem__) == "human" == max(slopes, key=slopes.__getitem__)
-    findings["table-2.3.human"] = Finding(
+    findings["table-2.3.human"] = Outcome(
         widths["human"], is_human_narrowest, f"Width between the roots, greatest slope: {shape_text}."
     )
-    findings["table-2.3.digitised"] = Finding(note="The curves were digitised in the source and have no equation.")
+    findings["table-2.3.digitised"] = Outcome(note="The curves were digitised in the source and have no equation.")
 
 
-def _add_hill(findings: dict[str, Finding]) -> None:
+def _add_hill(findings: dict[str, Outcome]) -> None:
     for name, row in tables.HILL_CURVES.items():
         findings[f"table-2.4.{name}.a"], findings[f"table-2.4.{name}.b"] = map(
-            Finding, fit_hill_constants(row.constants)
+            Outcome, fit_hill_constants(row.constants)
         )
         if row.isometric_force is not None and row.max_velocity is not None:
-            findings[f"table-2.4.{name}.f0"] = Finding(row.isometric_force)
-            findings[f"table-2.4.{name}.vmax"] = Finding(1e3 * row.max_velocity)
-        findings[f"table-2.4.{name}.at-vmax"] = Finding(hill.concentric_force(row.constants, 1.0, 1.0))
+            findings[f"table-2.4.{name}.f0"] = Outcome(row.isometric_force)
+            findings[f"table-2.4.{name}.vmax"] = Outcome(1e3 * row.max_velocity)
+        findings[f"table-2.4.{name}.at-vmax"] = Outcome(hill.concentric_force(row.constants, 1.0, 1.0))
     velocity = np.linspace(0.05, 0.95, 19)
     curves = {
         name: _evaluate_curve(_relative_force, tables.HILL_CURVES[name].constants, velocity)
@@ -161,39 +161,42 @@ def _add_hill(findings: dict[str, Finding]) -> None:
         for above, below in (("human", "rat"), ("rat", "frog"), ("frog", "cat"))
         if (curves[above] <= curves[below]).any()
     ]
-    findings["table-2.4.order"] = Finding(None, not inversions, f"{'; '.join(inversions)}." if inversions else "")
+    findings["table-2.4.order"] = Outcome(None, not inversions, f"{'; '.join(inversions)}." if inversions else "")
 
 
-def _add_eccentric(findings: dict[str, Finding]) -> None:
+def _add_eccentric(findings: dict[str, Outcome]) -> None:
     velocity = np.linspace(-0.5, 0.0, 51)
     for name, saturation in tables.ECCENTRIC_SATURATIONS.items():
         law = tables.GENERIC_HILL_CURVE._replace(saturation=saturation)
-        findings[f"fig-2.6.{name}"] = Finding(hill.force_velocity(law, 1.0, -SATURATION_SPEED))
+        findings[f"fig-2.6.{name}"] = Outcome(hill.force_velocity(law, 1.0, -SATURATION_SPEED))
     force = _evaluate_curve(_relative_force, tables.GENERIC_HILL_CURVE, velocity)
-    findings["fig-2.6.rises"] = Finding(float(force[0]), bool((np.diff(force) < 0.0).all()), "At half of Vmax.")
-    findings["fig-2.6.cat"] = Finding(note="The measured points of the cat are on a figure without a table.")
-    findings["fig-2.7.protocol"] = Finding(note="An animal experiment, which cannot be computed.")
-    findings["fig-2.7.outside"] = Finding(note="The curves are not printed as numbers.")
+    findings["fig-2.6.rises"] = Outcome(float(force[0]), bool((np.diff(force) < 0.0).all()), "At half of Vmax.")
+    findings["fig-2.6.cat"] = Outcome(note="The measured points of the cat are on a figure without a table.")
+    findings["fig-2.7.protocol"] = Outcome(note="An animal experiment, which cannot be computed.")
+    findings["fig-2.7.outside"] = Outcome(note="The curves are not printed as numbers.")
 
 
-def _add_envelope(findings: dict[str, Finding]) -> None:
+def _add_envelope(findings: dict[str, Outcome]) -> None:
     for key in ("k5", "k6", "k7", "a", "b"):
         span: ClosedInterval = getattr(hill.DESIGN_ENVELOPE, key)
-        findings[f"eq-2.5.{key}.low"], findings[f"eq-2.5.{key}.high"] = Finding(span.lower), Finding(span.upper)
-    findings["eq-2.5.saturation"] = Finding(hill.DESIGN_ENVELOPE.saturation.lower)
+        findings[f"eq-2.5.{key}.low"], findings[f"eq-2.5.{key}.high"] = (
+            Outcome(span.lower),
+            Outcome(span.upper),
+        )
+    findings["eq-2.5.saturation"] = Outcome(hill.DESIGN_ENVELOPE.saturation.lower)
     generic = fit_contractile_constants(tables.GENERIC_CONTRACTILE_ELEMENT, ClosedInterval(*LENGTH_RANGE))
     for key, value in zip(("k5", "k6", "k7"), generic, strict=True):
-        findings[f"fig-2.8.{key}"] = Finding(value)
-    findings["fig-2.8.a"], findings["fig-2.8.b"] = map(Finding, fit_hill_constants(tables.GENERIC_HILL_CURVE))
+        findings[f"fig-2.8.{key}"] = Outcome(value)
+    findings["fig-2.8.a"], findings["fig-2.8.b"] = map(Outcome, fit_hill_constants(tables.GENERIC_HILL_CURVE))
     is_inside = hill.is_in_envelope(hill.DESIGN_ENVELOPE, tables.GENERIC_CONTRACTILE_ELEMENT, tables.GENERIC_HILL_CURVE)
-    findings["fig-2.8.inside"] = Finding(None, is_inside)
+    findings["fig-2.8.inside"] = Outcome(None, is_inside)
     outside = []
     for name, row in tables.CONTRACTILE_ELEMENTS.items():
         for key in ("k5", "k6", "k7"):
             value = getattr(row.constants, key)
             if not hill.is_in_interval(getattr(hill.DESIGN_ENVELOPE, key), value):
                 outside.append(f"{MUSCLE_LABELS[name]}: {key} = {value:g}")
-    findings["eq-2.5.around"] = Finding(None, not outside, f"Outside: {'; '.join(outside)}." if outside else "")
+    findings["eq-2.5.around"] = Outcome(None, not outside, f"Outside: {'; '.join(outside)}." if outside else "")
 
 
 def _build_figures() -> list[FigureData]:

@@ -17,7 +17,7 @@ from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.reproduction import printed
 from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine
 from klute_sim.reproduction.implied_values import MAX_PROPORTIONAL_RATIO
-from klute_sim.reproduction.item import Finding
+from klute_sim.reproduction.item import Outcome
 from klute_sim.sizing.evaluation.isometric import fit_parabola
 from klute_sim.types import Array
 from klute_sim.units import BAR
@@ -53,16 +53,16 @@ def force_at_ratios(muscle: MuscleParameters, pressure: float, length_ratios: Ar
 
 def compute() -> ChapterResult:
     """Return the static findings and figures of chapter 3."""
-    findings: dict[str, Finding] = {}
+    findings: dict[str, Outcome] = {}
     for name in PRESETS:
         _add_actuator(findings, load_device(name), name.removeprefix("klute-"))
-    findings["table-3.1.c10"] = Finding(1e-3 * load_device("klute-3-4").parameters.muscle.c10)
-    findings["table-3.1.c01"] = Finding(1e-3 * load_device("klute-3-4").parameters.muscle.c01)
+    findings["table-3.1.c10"] = Outcome(1e-3 * load_device("klute-3-4").parameters.muscle.c10)
+    findings["table-3.1.c01"] = Outcome(1e-3 * load_device("klute-3-4").parameters.muscle.c01)
     slenderness = {name: _slenderness(load_device(name)) for name in PRESETS}
     slenderness_text = ", ".join(
         f"{name.removeprefix('klute-')} in: {value:.1f}" for name, value in slenderness.items()
     )
-    findings["table-3.1.slender"] = Finding(
+    findings["table-3.1.slender"] = Outcome(
         min(slenderness.values()), min(slenderness.values()) >= MIN_SLENDERNESS, f"L0/(2 R0): {slenderness_text}."
     )
     _add_vessel(findings)
@@ -70,25 +70,25 @@ def compute() -> ChapterResult:
     muscle_3_4 = load_device("klute-3-4").parameters.muscle
     for pressure in PRESSURES_BAR:
         muscle_1_1_4 = load_device("klute-1-1-4").parameters.muscle
-        findings[f"fig-3.5.force-{pressure:g}"] = Finding(
+        findings[f"fig-3.5.force-{pressure:g}"] = Outcome(
             float(force_at_ratios(muscle_1_1_4, pressure, np.array([0.96]))[0])
         )
     _add_parabola(findings, muscle_3_4)
-    findings["fig-3.3.ratio"] = Finding()
-    findings["fig-3.5.fit"] = Finding()
+    findings["fig-3.3.ratio"] = Outcome()
+    findings["fig-3.5.fit"] = Outcome()
     findings["fig-3.6.stop"] = check_stop(load_device("klute-3-4-pair"))
-    findings["fig-3.7.rest"] = Finding(1e3 * muscle_3_4.resting_length)
+    findings["fig-3.7.rest"] = Outcome(1e3 * muscle_3_4.resting_length)
     pair = load_device("klute-3-4-pair").parameters.muscle
-    findings["fig-3.8.rest"] = Finding(1e3 * pair.resting_length)
+    findings["fig-3.8.rest"] = Outcome(1e3 * pair.resting_length)
     ratios = [
         force_at_ratios(pair, p, COMMON_LENGTH_RATIOS) / force_at_ratios(muscle_3_4, p, COMMON_LENGTH_RATIOS)
         for p in PRESSURES_BAR
     ]
-    findings["fig-3.8.twice"] = Finding(float(np.ravel(ratios)[np.argmax(np.abs(np.ravel(ratios) - 2.0))]))
+    findings["fig-3.8.twice"] = Outcome(float(np.ravel(ratios)[np.argmax(np.abs(np.ravel(ratios) - 2.0))]))
     return ChapterResult(findings, tuple(_build_figures()))
 
 
-def _add_actuator(findings: dict[str, Finding], device: Device, size: str) -> None:
+def _add_actuator(findings: dict[str, Outcome], device: Device, size: str) -> None:
     """Add the constants of one actuator, recovered from its law where possible."""
     muscle, resting_length = device.parameters.muscle, device.parameters.muscle.resting_length
     lock_length = brentq(
@@ -100,9 +100,9 @@ def _add_actuator(findings: dict[str, Finding], device: Device, size: str) -> No
     friction = [-mckibben.friction_force(muscle, pressure * BAR) for pressure in PRESSURES_BAR]
     slope, offset = np.polyfit(PRESSURES_BAR, friction, 1)
     if offset > 100.0:
-        findings[f"table-3.1.{size}.empty"] = Finding(float(offset))
+        findings[f"table-3.1.{size}.empty"] = Outcome(float(offset))
     elif offset < 0.0:
-        findings[f"table-3.1.{size}.turns-round"] = Finding(float(-offset / slope))
+        findings[f"table-3.1.{size}.turns-round"] = Outcome(float(-offset / slope))
     values = {
         "turns": turns,
         "l0": 1e3 * resting_length,
@@ -113,7 +113,7 @@ def _add_actuator(findings: dict[str, Finding], device: Device, size: str) -> No
         "b": float(offset),
         "radius": 1e3 * math.sqrt(braid_length**2 - resting_length**2) / (2.0 * math.pi * turns),
     }
-    findings.update({f"table-3.1.{size}.{key}": Finding(value) for key, value in values.items()})
+    findings.update({f"table-3.1.{size}.{key}": Outcome(value) for key, value in values.items()})
 
 
 def _slenderness(device: Device) -> float:
@@ -121,22 +121,22 @@ def _slenderness(device: Device) -> float:
     return 0.5 * muscle.resting_length / muscle.bladder_radius
 
 
-def _add_vessel(findings: dict[str, Finding]) -> None:
+def _add_vessel(findings: dict[str, Outcome]) -> None:
     muscle = load_device("klute-1-1-4").parameters.muscle
     max_volume = mckibben.volume(muscle, mckibben.lock_length(muscle))
     change = (max_volume - mckibben.volume(muscle, muscle.resting_length)) / (
         printed.get_published_numbers()["fig-3.3.ratio"] * max_volume
     )
     pressure = 5.0 * BAR + pneumatics.ATMOSPHERIC_PRESSURE
-    findings["fig-3.3.vessel"] = Finding(
+    findings["fig-3.3.vessel"] = Outcome(
         1e3 * pressure * change / BAR, note="Isothermal, at 5 bar, from resting length to lock: 1-1/4 in actuator."
     )
-    findings["fig-3.3.highest"] = Finding(
+    findings["fig-3.3.highest"] = Outcome(
         max(load_device(name).parameters.supply.max_pressure for name in PRESETS) / BAR
     )
 
 
-def _add_overestimates(findings: dict[str, Finding]) -> None:
+def _add_overestimates(findings: dict[str, Outcome]) -> None:
     """Add the overestimates of the models without friction; Table 3.1's friction replaces the lost measurements."""
     muscle = load_device("klute-1-1-4").parameters.muscle
     geometric, frictionless = (
@@ -144,15 +144,15 @@ def _add_overestimates(findings: dict[str, Finding]) -> None:
     )
     measured = force_at_ratios(muscle, 5.0)
     substitution_note = "Measured values are lost; the model with the friction of Table 3.1 replaces them."
-    findings["fig-3.4.geometric"] = Finding(
+    findings["fig-3.4.geometric"] = Outcome(
         float(np.mean(geometric - measured)), note=f"Mean over 0.6-1 of resting length. {substitution_note}"
     )
-    findings["fig-3.4.bladder"] = Finding(
+    findings["fig-3.4.bladder"] = Outcome(
         float(np.mean(frictionless - measured)), note=f"The same at every length. {substitution_note}"
     )
     difference = geometric - frictionless
-    findings["fig-3.4.difference"] = Finding(float(np.mean(difference)), note="Mean over 0.6-1 of resting length.")
-    findings["fig-3.4.everywhere"] = Finding(
+    findings["fig-3.4.difference"] = Outcome(float(np.mean(difference)), note="Mean over 0.6-1 of resting length.")
+    findings["fig-3.4.everywhere"] = Outcome(
         float(difference[-1]),
         bool(difference.min() > 0.5 * np.mean(difference)),
         f"Geometric less bladder model: {difference.max():.0f} N at most, "
@@ -161,18 +161,18 @@ def _add_overestimates(findings: dict[str, Finding]) -> None:
     friction = {p: -mckibben.friction_force(muscle, p * BAR) for p in PRESSURES_BAR}
     ratios = {p: (friction[p] / friction[5.0]) / (p / 5.0) for p in PRESSURES_BAR[:-1]}
     friction_text = ", ".join(f"{friction[p]:.0f} N at {p:g} bar" for p in PRESSURES_BAR)
-    findings["fig-3.4.proportional"] = Finding(
+    findings["fig-3.4.proportional"] = Outcome(
         max(ratios.values()),
         max(ratios.values()) <= MAX_PROPORTIONAL_RATIO,
         f"Bladder model less friction model: {friction_text}.",
     )
 
 
-def _add_parabola(findings: dict[str, Finding], muscle: MuscleParameters) -> None:
+def _add_parabola(findings: dict[str, Outcome], muscle: MuscleParameters) -> None:
     """Add the comparison of the actuator with (2.5a-c): constants of (2.3) fitted to its curve, relative to F0."""
     for letter, key, value in zip("abc", ("k5", "k6", "k7"), fit_parabola(muscle, 5.0 * BAR), strict=True):
         interval = getattr(DESIGN_ENVELOPE, key)
-        findings[f"fig-3.6.2.5{letter}"] = Finding(
+        findings[f"fig-3.6.2.5{letter}"] = Outcome(
             float(value),
             hill.is_in_interval(interval, float(value)),
             f"{key} of a parabola through the 3/4 in actuator's curve at 5 bar; required: {interval.lower:g} to "
@@ -187,7 +187,7 @@ def relative_force_over_length(muscle: MuscleParameters) -> Array:
     return np.asarray(force / force[-1])
 
 
-def check_first_order(relative_force: Array) -> Finding:
+def check_first_order(relative_force: Array) -> Outcome:
     """Return whether the actuator's force over length has the slope of a muscle, to first order.
 
     ``relative_force`` is the force over that at resting length at :data:`COMMON_LENGTH_RATIOS`.
@@ -196,7 +196,7 @@ def check_first_order(relative_force: Array) -> Finding:
     muscles = [[max(0.0, hill.isometric_force(law, x)) for x in COMMON_LENGTH_RATIOS] for law in laws]
     slopes = [float(np.polyfit(COMMON_LENGTH_RATIOS, force, 1)[0]) for force in muscles]
     slope = float(np.polyfit(COMMON_LENGTH_RATIOS, relative_force, 1)[0])
-    return Finding(
+    return Outcome(
         slope,
         min(slopes) <= slope <= max(slopes),
         f"Slope of force over length from 0.75 to 1 of resting length, by F0 and l0; muscles have {min(slopes):.2f} to "
@@ -204,14 +204,14 @@ def check_first_order(relative_force: Array) -> Finding:
     )
 
 
-def check_stop(device: Device) -> Finding:
+def check_stop(device: Device) -> Outcome:
     """Pull a unit 20 mm beyond the resting length of its muscle and return whether the muscle stays at its stop."""
     parameters, resting_length = device.parameters, device.parameters.muscle.resting_length
     unit_length = resting_length + parameters.tendon.slack_length + 0.02
     state = compute_taut_state(parameters, unit_length - 0.02, 5.0 * BAR)
     for k in range(2000):
         state = advance_state(parameters, state, unit_length - 0.02 + 1e-5 * k, 5.0 * BAR, 1e-3)
-    return Finding(
+    return Outcome(
         state.length / resting_length, state.length <= resting_length, "Over resting length, at 10 mm/s, 20 mm beyond."
     )
 

@@ -11,7 +11,7 @@ from klute_sim.recording.recording import Recording
 from klute_sim.reproduction import printed
 from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine, PlotSurface
 from klute_sim.reproduction.implied_values import MAX_UNCHANGED_PERCENT
-from klute_sim.reproduction.item import Finding
+from klute_sim.reproduction.item import Outcome
 from klute_sim.types import Array, ProgressCallback
 
 LENGTH_RATIO, PRESSURE_BAR = 0.96, 5.0
@@ -36,11 +36,11 @@ def compute(progress: ProgressCallback = lambda fraction, stage: None) -> Chapte
         load_pair(), both_ways, progress=lambda fraction, stage: progress(0.5 + 0.5 * fraction, stage)
     )
     force = {t.conditions["velocity_mm_per_s"]: t.metrics["force_n"] for t in single_result.trials}
-    findings = {"fig-3.9.slow": Finding(force[SLOW_VELOCITY]), "fig-3.9.fast": Finding(force[FAST_VELOCITY])}
-    findings["fig-3.9.loss"] = Finding(round(100.0 * (force[FAST_VELOCITY] / force[SLOW_VELOCITY] - 1.0), 2))
+    findings = {"fig-3.9.slow": Outcome(force[SLOW_VELOCITY]), "fig-3.9.fast": Outcome(force[FAST_VELOCITY])}
+    findings["fig-3.9.loss"] = Outcome(round(100.0 * (force[FAST_VELOCITY] / force[SLOW_VELOCITY] - 1.0), 2))
     spread = 100.0 * (max(force.values()) - min(force.values())) / force[SLOW_VELOCITY]
     length_dependence = float(np.ptp(next(iter(_tabulate_force(single_result)[2]))))
-    findings["fig-3.7.velocity"] = Finding(
+    findings["fig-3.7.velocity"] = Outcome(
         spread,
         spread < MAX_UNCHANGED_PERCENT and length_dependence > 1.0,
         f"Over lengths of {SURFACE_LENGTH_RATIOS[0]:g} to {SURFACE_LENGTH_RATIOS[-1]:g} of rest: "
@@ -48,9 +48,12 @@ def compute(progress: ProgressCallback = lambda fraction, stage: None) -> Chapte
     )
     for row, result in (("fig-3.7", single_result), ("fig-3.8", pair_result)):
         speeds = [trial.conditions["velocity_mm_per_s"] for trial in result.trials]
-        findings[f"{row}.concentric"], findings[f"{row}.eccentric"] = Finding(max(speeds)), Finding(-min(speeds))
+        findings[f"{row}.concentric"], findings[f"{row}.eccentric"] = (
+            Outcome(max(speeds)),
+            Outcome(-min(speeds)),
+        )
     for speed in (500, 300, 200):
-        findings[f"fig-3.7.ripple-{speed}"] = Finding()
+        findings[f"fig-3.7.ripple-{speed}"] = Outcome()
     return ChapterResult(
         findings,
         (

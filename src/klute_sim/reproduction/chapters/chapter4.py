@@ -13,7 +13,7 @@ from klute_sim.laws.damper import DamperParameters
 from klute_sim.reproduction import printed
 from klute_sim.reproduction.chapters.chapter3 import check_stop
 from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine, PlotSurface
-from klute_sim.reproduction.item import Finding
+from klute_sim.reproduction.item import Outcome
 from klute_sim.sizing.evaluation.velocity import compute_force_velocity, compute_required_orifices, compute_rms_error
 from klute_sim.types import Array
 from klute_sim.units import BAR
@@ -53,29 +53,29 @@ def compute(device: Device) -> ChapterResult:
         curves.damping,
         curves.actuator_only - curves.fixed_orifices,
     )
-    findings: dict[str, Finding] = {}
+    findings: dict[str, Outcome] = {}
 
     diameters = compute_required_orifices(curves, bore, density, IDEAL_DISCHARGE_COEFFICIENT)[1:]
     for percent in (10, 50, 100):
-        findings[f"fig-4.3.required-{percent}"] = Finding(1e3 * float(diameters[percent - 1]))
-    findings["fig-4.3.varies"] = Finding(float(diameters[-1] / diameters[9]))
+        findings[f"fig-4.3.required-{percent}"] = Outcome(1e3 * float(diameters[percent - 1]))
+    findings["fig-4.3.varies"] = Outcome(float(diameters[-1] / diameters[9]))
 
-    findings["table-4.1.bore"] = Finding(spec.damper.bore_mm)
-    findings["table-4.1.concentric"] = Finding(spec.damper.orifice_concentric_mm)
-    findings["table-4.1.eccentric"] = Finding(spec.damper.orifice_eccentric_mm)
-    findings["table-4.1.pressure"] = Finding(1e-6 * float(fixed[-1]) / (0.25 * math.pi * bore * bore))
+    findings["table-4.1.bore"] = Outcome(spec.damper.bore_mm)
+    findings["table-4.1.concentric"] = Outcome(spec.damper.orifice_concentric_mm)
+    findings["table-4.1.eccentric"] = Outcome(spec.damper.orifice_eccentric_mm)
+    findings["table-4.1.pressure"] = Outcome(1e-6 * float(fixed[-1]) / (0.25 * math.pi * bore * bore))
     for speed in (100, 300):
-        findings[f"figs-4.4-4.7.concentric-{speed}"] = Finding(-damper.force(parameters.damper, -1e-3 * speed))
+        findings[f"figs-4.4-4.7.concentric-{speed}"] = Outcome(-damper.force(parameters.damper, -1e-3 * speed))
     for speed in (50, 150):
-        findings[f"figs-4.4-4.7.eccentric-{speed}"] = Finding(damper.force(parameters.damper, 1e-3 * speed))
+        findings[f"figs-4.4-4.7.eccentric-{speed}"] = Outcome(damper.force(parameters.damper, 1e-3 * speed))
 
     exponent = np.polyfit(np.log(RELATIVE_SPEEDS[1:]), np.log(fixed[1:]), 1)[0]
-    findings["fig-4.8.exponent"] = Finding(float(exponent))
-    findings["fig-4.8.error"] = Finding(_rms(fixed - desired) / f0)
+    findings["fig-4.8.exponent"] = Outcome(float(exponent))
+    findings["fig-4.8.error"] = Outcome(_rms(fixed - desired) / f0)
     findings["fig-4.9.stop"] = check_stop(device)
     for percent in (25, 50, 75):
-        findings[f"figs-4.10-4.11.ideal-{percent}"] = Finding(float(target[percent]))
-        findings[f"figs-4.10-4.11.fixed-{percent}"] = Finding(float(1.0 - fixed[percent] / f0))
+        findings[f"figs-4.10-4.11.ideal-{percent}"] = Outcome(float(target[percent]))
+        findings[f"figs-4.10-4.11.fixed-{percent}"] = Outcome(float(1.0 - fixed[percent] / f0))
     findings["figs-4.10-4.11.passive"] = check_passivity(parameters.damper)
 
     actuator_error, ideal_error, orifice_error = (
@@ -83,13 +83,13 @@ def compute(device: Device) -> ChapterResult:
         for force in (curves.actuator_only, curves.ideal_damper, curves.fixed_orifices)
     )
     assumption_note = "From rest to Vmax, at 0.96 of resting length and 5 bar; Vmax and the orifices are assumed."
-    findings["fig-4.12.alone"] = Finding(actuator_error, note=assumption_note)
-    findings["fig-4.12.ideal"] = Finding(ideal_error, note="By definition (4.1).")
-    findings["fig-4.12.fixed"] = Finding(orifice_error, note=assumption_note)
+    findings["fig-4.12.alone"] = Outcome(actuator_error, note=assumption_note)
+    findings["fig-4.12.ideal"] = Outcome(ideal_error, note="By definition (4.1).")
+    findings["fig-4.12.fixed"] = Outcome(orifice_error, note=assumption_note)
     shape = RELATIVE_SPEEDS * RELATIVE_SPEEDS
     best_error = _rms(desired - shape * float(shape @ desired) / float(shape @ shape)) / f0
-    findings["fig-4.12.best"] = Finding(best_error, note="Of all fixed orifices, the one that comes closest.")
-    findings["fig-4.12.near"] = Finding(
+    findings["fig-4.12.best"] = Outcome(best_error, note="Of all fixed orifices, the one that comes closest.")
+    findings["fig-4.12.near"] = Outcome(
         orifice_error / actuator_error,
         orifice_error < MAX_ERROR_RATIO * actuator_error,
         f"Fixed orifices leave {orifice_error:.2f} F0 rms of {actuator_error:.2f}; the best of all would leave "
@@ -100,23 +100,23 @@ def compute(device: Device) -> ChapterResult:
     return ChapterResult(findings, tuple(_build_figures(device, f0, target, desired, fixed, diameters)))
 
 
-def check_passivity(damper_parameters: DamperParameters) -> Finding:
+def check_passivity(damper_parameters: DamperParameters) -> Outcome:
     """Return the largest power [W] that a damper delivers in either direction."""
     rates = np.linspace(-PEAK_VELOCITY, PEAK_VELOCITY, 201)
     power = max(-damper.force(damper_parameters, float(rate)) * float(rate) for rate in rates)
-    return Finding(power, power <= 0.0)
+    return Outcome(power, power <= 0.0)
 
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values * values)))
 
 
-def _add_equations(findings: dict[str, Finding], spec: Damper, damper_parameters: DamperParameters) -> None:
+def _add_equations(findings: dict[str, Outcome], spec: Damper, damper_parameters: DamperParameters) -> None:
     bore, density = 1e-3 * spec.bore_mm, spec.oil_density_kg_m3
-    findings["eq-4.density"] = Finding(density)
+    findings["eq-4.density"] = Outcome(density)
     ratio = spec.bore_mm / spec.orifice_concentric_mm
     loss_coefficient = damper_parameters.concentric_coefficient / (0.25 * math.pi * bore * bore * 0.5 * density)
-    findings["eq-4.ideal"] = Finding(
+    findings["eq-4.ideal"] = Outcome(
         math.sqrt(ratio**4 / (loss_coefficient + 1.0)), note="Recovered from the damper's force."
     )
     errors = []
@@ -128,15 +128,15 @@ def _add_equations(findings: dict[str, Finding], spec: Damper, damper_parameters
                 - 1.0
             )
     max_error = max(map(abs, errors))
-    findings["eq-4.round-trip"] = Finding(max_error, max_error < 1e-9)
+    findings["eq-4.round-trip"] = Outcome(max_error, max_error < 1e-9)
     real_discharge = printed.get_published_numbers()["eq-4.real"]
     orifice = 1e-3 * spec.orifice_concentric_mm
     forces = [
         damper.orifice_coefficient(bore, orifice, density, discharge)
         for discharge in (real_discharge, IDEAL_DISCHARGE_COEFFICIENT)
     ]
-    findings["eq-4.loss"] = Finding(forces[0] / forces[1])
-    findings["eq-4.real"] = Finding(
+    findings["eq-4.loss"] = Outcome(forces[0] / forces[1])
+    findings["eq-4.real"] = Outcome(
         math.sqrt(forces[1] / forces[0]),
         note="Value in effect discharge_loss that gives the force of (4.6) with the printed coefficient.",
     )

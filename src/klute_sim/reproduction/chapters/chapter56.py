@@ -7,7 +7,7 @@ from klute_sim.errors import InputError
 from klute_sim.laws import achilles, tendon
 from klute_sim.laws.tendon import TendonParameters
 from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine
-from klute_sim.reproduction.item import Finding
+from klute_sim.reproduction.item import Outcome
 from klute_sim.types import Array
 
 EXAMPLE_POWER_LAW = achilles.PowerLaw(modulus=1.0e9, exponent=1.8)
@@ -21,14 +21,14 @@ def compute(device: Device) -> ChapterResult:
     law = device.parameters.tendon
     if law.is_rigid:
         raise InputError(f"device '{device.name}' has no tendon, which chapters 5 and 6 are about")
-    findings: dict[str, Finding] = {}
+    findings: dict[str, Outcome] = {}
     lost_note = "The numbers are lost, and nothing replaces them."
     for name in ("area", "modulus", "exponent"):
-        findings[f"table-5.1.{name}"] = Finding(note=lost_note)
+        findings[f"table-5.1.{name}"] = Outcome(note=lost_note)
     strain = np.linspace(0.005, 0.06, 40)
     stress = [achilles.stress(EXAMPLE_POWER_LAW, float(value)) for value in strain]
     exponent_ratio = float(np.polyfit(np.log(strain), np.log(stress), 1)[0]) / EXAMPLE_POWER_LAW.exponent
-    findings["table-5.1.form"] = Finding(exponent_ratio, abs(exponent_ratio - 1.0) < 1e-9)
+    findings["table-5.1.form"] = Outcome(exponent_ratio, abs(exponent_ratio - 1.0) < 1e-9)
 
     stretch = np.linspace(0.0, 3.0 * max(law.engagement_stretch, 1e-3), 301)
     first_spring = evaluate_tension(law._replace(stiffness_2=0.0), stretch)
@@ -43,15 +43,15 @@ def compute(device: Device) -> ChapterResult:
         if second_spring.any()
         else float("nan")
     )
-    findings["figs-6.1-6.2.offset"] = Finding(
+    findings["figs-6.1-6.2.offset"] = Outcome(
         1e3 * engagement_stretch if second_spring.any() else None, engagement_stretch > 0.0
     )
     findings["figs-6.3-6.4.linear-a"] = _check_linearity(stretch, first_spring)
     findings["figs-6.3-6.4.linear-b"] = _check_linearity(stretch[is_engaged], second_spring[is_engaged])
-    findings["figs-6.3-6.4.bilinear"] = Finding(after_slope / before_slope, after_slope > 1.01 * before_slope)
-    findings["figs-6.3-6.4.ka"] = Finding(1e-3 * law.stiffness_1)
-    findings["figs-6.3-6.4.kb"] = Finding(1e-3 * law.stiffness_2)
-    findings["figs-6.3-6.4.repeats"] = Finding()
+    findings["figs-6.3-6.4.bilinear"] = Outcome(after_slope / before_slope, after_slope > 1.01 * before_slope)
+    findings["figs-6.3-6.4.ka"] = Outcome(1e-3 * law.stiffness_1)
+    findings["figs-6.3-6.4.kb"] = Outcome(1e-3 * law.stiffness_2)
+    findings["figs-6.3-6.4.repeats"] = Outcome()
     figure = FigureData(
         "6.4",
         "The artificial tendon: its springs, and both together",
@@ -72,6 +72,6 @@ def evaluate_tension(law: TendonParameters, stretch: Array) -> Array:
     return np.array([tendon.force(law, float(value)) for value in stretch])
 
 
-def _check_linearity(x: Array, y: Array) -> Finding:
+def _check_linearity(x: Array, y: Array) -> Outcome:
     deviation = float(np.abs(y - np.polyval(np.polyfit(x, y, 1), x)).max())
-    return Finding(deviation, deviation < LINEARITY_TOLERANCE)
+    return Outcome(deviation, deviation < LINEARITY_TOLERANCE)

@@ -11,7 +11,7 @@ from klute_sim.device.dynamics import compute_equilibrium_state
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
 from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine
-from klute_sim.reproduction.item import Finding
+from klute_sim.reproduction.item import Outcome
 from klute_sim.types import Array, ProgressCallback
 from klute_sim.units import BAR
 
@@ -34,7 +34,7 @@ def compute(device: Device, progress: ProgressCallback = lambda fraction, stage:
     parameters = device.parameters
     if parameters.tendon.is_rigid:
         raise InputError(f"device '{device.name}' has no tendon, which chapter 7 is about")
-    findings: dict[str, Finding] = {}
+    findings: dict[str, Outcome] = {}
     ratios = [
         compute_equilibrium_state(parameters, length, 5.0 * BAR).length / parameters.muscle.resting_length
         for length in UNIT_LENGTHS
@@ -56,15 +56,15 @@ def compute(device: Device, progress: ProgressCallback = lambda fraction, stage:
         f"{1e3 * length:.0f} mm: {ratio:.3f}" for length, ratio in zip(UNIT_LENGTHS, ratios, strict=True)
     )
     lengths_are_feasible = lock_ratio < min(ratios) and max(ratios) <= 1.0 and min(isometric_forces) > 0.0
-    findings["fig-7.6.lengths"] = Finding(
+    findings["fig-7.6.lengths"] = Outcome(
         min(ratios), lengths_are_feasible, f"Muscle length over resting length at 5 bar: {ratio_text}."
     )
     for length, curve in curves.items():
         for speed in (300, 0, -150):
             name = f"fig-7.6.force-{1e3 * length:.0f}-{speed}".replace("--", "-minus-")
-            findings[name] = Finding(float(curve.force[curve.velocity == speed][0]))
+            findings[name] = Outcome(float(curve.force[curve.velocity == speed][0]))
     for pressure, curve in pressure_curves.items():
-        findings[f"fig-7.1.force-{pressure:g}"] = Finding(curve.isometric_force)
+        findings[f"fig-7.1.force-{pressure:g}"] = Outcome(curve.isometric_force)
     _add_claims(findings, list(curves.values()), list(pressure_curves.values()))
     x, y = "velocity, shortening positive [mm/s]", "force [N]"
     lengths = tuple(PlotLine(f"{1e3 * length:.0f} mm", c.velocity, c.force) for length, c in curves.items())
@@ -115,13 +115,13 @@ def _select_curve(result: BenchResult, key: str, value: float) -> VelocityCurve:
 
 
 def _add_claims(
-    findings: dict[str, Finding], length_curves: list[VelocityCurve], pressure_curves: list[VelocityCurve]
+    findings: dict[str, Outcome], length_curves: list[VelocityCurve], pressure_curves: list[VelocityCurve]
 ) -> None:
     curves = [*length_curves, *pressure_curves]
     force_increase = np.diff(np.array([curve.force for curve in pressure_curves]), axis=0)
     isometric_increase = np.diff([curve.isometric_force for curve in pressure_curves])
     is_pulling = np.array([curve.force for curve in pressure_curves])[1:] > 0.0
-    findings["figs-7.4-7.5.pressure"] = Finding(
+    findings["figs-7.4-7.5.pressure"] = Outcome(
         float(isometric_increase.min()),
         bool((force_increase[is_pulling] > 0.0).all() and (isometric_increase > 0.0).all()),
     )
@@ -129,15 +129,15 @@ def _add_claims(
     is_decreasing = max_shortening_ratio < MAX_DECREASED_FORCE_RATIO and all(
         ((np.diff(c.shortening_force) < 0.0) | (c.shortening_force[1:] == 0.0)).all() for c in curves
     )
-    findings["figs-7.4-7.5.shortening"] = Finding(
+    findings["figs-7.4-7.5.shortening"] = Outcome(
         max_shortening_ratio, is_decreasing, "None is left where the crosshead outruns the unit."
     )
     min_lengthening_ratio = min(float(curve.lengthening_force[0]) / curve.isometric_force for curve in curves)
     is_increasing = min_lengthening_ratio > 2.0 - MAX_DECREASED_FORCE_RATIO and all(
         (np.diff(curve.lengthening_force) < 0.0).all() for curve in curves
     )
-    findings["figs-7.4-7.5.lengthening"] = Finding(min_lengthening_ratio, is_increasing)
+    findings["figs-7.4-7.5.lengthening"] = Outcome(min_lengthening_ratio, is_increasing)
     length_increase = np.diff(np.array([curve.force for curve in length_curves]), axis=0)
     min_increase = float(np.diff([curve.isometric_force for curve in length_curves]).min())
-    findings["figs-7.4-7.5.length"] = Finding(min_increase, bool((length_increase > 0.0).all()))
-    findings["figs-7.4-7.5.ratio"] = Finding()
+    findings["figs-7.4-7.5.length"] = Outcome(min_increase, bool((length_increase > 0.0).all()))
+    findings["figs-7.4-7.5.ratio"] = Outcome()

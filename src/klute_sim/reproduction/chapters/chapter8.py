@@ -6,7 +6,7 @@ from klute_sim.bench.protocols import library as protocols_library
 from klute_sim.bench.run import BenchResult, BenchTrial, run_protocol
 from klute_sim.device.device import Device
 from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine
-from klute_sim.reproduction.item import Finding
+from klute_sim.reproduction.item import Outcome
 from klute_sim.types import ProgressCallback
 
 ACTIVATION_TABLES = {"concentric": ("table-8.1", "8.5", "8.6"), "eccentric": ("table-8.2", "8.7", "8.8")}
@@ -26,7 +26,7 @@ def compute(device: Device, progress: ProgressCallback = lambda fraction, stage:
         trials_by_activation[PHASE_ACTIVATIONS[conditions["phase_pct"]]][
             conditions["pressure_bar"], conditions["velocity_mm_per_s"]
         ] = trial
-    findings: dict[str, Finding] = {}
+    findings: dict[str, Outcome] = {}
     work = {
         name: {condition_key: trial.metrics["work_j"] for condition_key, trial in trials.items()}
         for name, trials in trials_by_activation.items()
@@ -36,7 +36,7 @@ def compute(device: Device, progress: ProgressCallback = lambda fraction, stage:
     min_difference = min(
         work["concentric"][condition_key] - work["eccentric"][condition_key] for condition_key in work["concentric"]
     )
-    findings["timing.timing"] = Finding(
+    findings["timing.timing"] = Outcome(
         min_difference,
         min_difference > 0.0,
         f"While shortening {min(work['concentric'].values()):+.1f} to {max(work['concentric'].values()):+.1f} J, while "
@@ -52,20 +52,20 @@ def compute(device: Device, progress: ProgressCallback = lambda fraction, stage:
     return ChapterResult(findings, tuple(figures))
 
 
-def _add_table(findings: dict[str, Finding], table_id: str, work: dict[tuple[float, float], float]) -> None:
+def _add_table(findings: dict[str, Outcome], table_id: str, work: dict[tuple[float, float], float]) -> None:
     pressures, velocities = (sorted({condition_key[k] for condition_key in work}) for k in (0, 1))
     for (pressure, velocity), net_work in work.items():
-        findings[f"{table_id}.p{pressure:g}-v{velocity:g}"] = Finding(net_work)
+        findings[f"{table_id}.p{pressure:g}-v{velocity:g}"] = Outcome(net_work)
     work_magnitude = np.abs([[work[p, v] for p in pressures] for v in velocities])
     increase = np.diff(work_magnitude, axis=1) / np.diff(pressures)
-    findings[f"{table_id}.grows"] = Finding(float(increase.min()), bool((increase > 0.0).all()))
+    findings[f"{table_id}.grows"] = Outcome(float(increase.min()), bool((increase > 0.0).all()))
     work_at_5_bar = work_magnitude[:, -1]
     ratio = float(work_at_5_bar.max() / work_at_5_bar.min())
     work_text = ", ".join(f"{work[5.0, v]:+.1f} J at {v:g} mm/s" for v in velocities)
-    findings[f"{table_id}.velocity"] = Finding(ratio, ratio > 1.05, f"{work_text}.")
+    findings[f"{table_id}.velocity"] = Outcome(ratio, ratio > 1.05, f"{work_text}.")
 
 
-def _check_square_wave(result: BenchResult) -> Finding:
+def _check_square_wave(result: BenchResult) -> Outcome:
     """Return the fraction of time [%] in which the crosshead changes its speed."""
     transition_time, total_time = 0.0, 0.0
     for trial in result.trials:
@@ -76,7 +76,7 @@ def _check_square_wave(result: BenchResult) -> Finding:
         transition_time += float(np.diff(time)[is_transition].sum())
         total_time += float(time[-1] - time[0])
     percent = 100.0 * transition_time / total_time
-    return Finding(percent, percent < 5.0)
+    return Outcome(percent, percent < 5.0)
 
 
 def _build_loop_figure(number: str, activation: str, trials: dict[tuple[float, float], BenchTrial]) -> FigureData:

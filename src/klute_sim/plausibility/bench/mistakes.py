@@ -9,7 +9,7 @@ import numpy as np
 
 from klute_sim.plausibility.bench import time_axis
 from klute_sim.plausibility.bench.causality import leads
-from klute_sim.plausibility.bench.trial import MEASURED, PRESCRIBED, SI_UNITS, BenchTrial
+from klute_sim.plausibility.bench.trial import MEASURED, PRESCRIBED, SI_UNITS, RecordedTrial
 from klute_sim.plausibility.finding import Finding
 from klute_sim.plausibility.units import UNITS, Range
 
@@ -25,16 +25,16 @@ PRESSURES = {"pressure", "pressure_command"}
 """Commanded and measured pressure."""
 
 
-class Hypothesis(NamedTuple):
+class Mistake(NamedTuple):
     """A possible mistake."""
 
     findings: tuple[Finding, ...]
     """What the user reads if the mistake is confirmed; one finding for each channel concerned."""
-    trial: BenchTrial
+    trial: RecordedTrial
     """The trial without the mistake."""
 
 
-def list_hypotheses(trial: BenchTrial) -> Iterator[Hypothesis]:
+def list_mistakes(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield the possible mistakes, simple ones first."""
     yield from _list_units(trial)
     yield from _list_signs(trial)
@@ -46,7 +46,7 @@ def list_hypotheses(trial: BenchTrial) -> Iterator[Hypothesis]:
     yield from _list_sampling_rates(trial)
 
 
-def _list_sampling_rates(trial: BenchTrial) -> Iterator[Hypothesis]:
+def _list_sampling_rates(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield sampling rates that are wrong by a power of ten; every velocity and every lag tells them."""
     interval, duration = time_axis.measure_time_axis(trial)
     # With few samples per second, the samples say little about what happens between them.
@@ -56,23 +56,23 @@ def _list_sampling_rates(trial: BenchTrial) -> Iterator[Hypothesis]:
                 f"time has a sample every {interval:.3g} s, but a simulation of this device agrees only if all times "
                 f"are multiplied by {factor:g}: the sampling rate that the times were computed with seems wrong"
             )
-            yield Hypothesis((Finding("time-scale", trial.place, statement),), trial.with_time_scale(factor))
+            yield Mistake((Finding("time-scale", trial.place, statement),), trial.with_time_scale(factor))
 
 
-def list_time_units(trial: BenchTrial) -> Iterator[Hypothesis]:
+def list_time_units(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield units that make an unusual time axis usual."""
     for unit, factor in time_axis.list_candidate_units(trial).items():
-        yield Hypothesis((time_axis.describe_time_unit(trial, unit),), trial.with_time_scale(factor))
+        yield Mistake((time_axis.describe_time_unit(trial, unit),), trial.with_time_scale(factor))
 
 
-def _list_units(trial: BenchTrial) -> Iterator[Hypothesis]:
+def _list_units(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield other units of one channel, and of both pressures."""
     for name in ("force", "pressure", "muscle_length", "pressure_command"):
         if name in trial.channels:
             for unit, factor in _list_other_units(trial, name):
                 statement = f"{_describe(trial, name)}: is its unit {unit}? Correct the heading"
                 corrected = trial.with_values(**{name: trial.get_samples(name).value * factor})
-                yield Hypothesis((Finding(f"{name}-unit", trial.place, statement),), corrected)
+                yield Mistake((Finding(f"{name}-unit", trial.place, statement),), corrected)
     if (
         "pressure" in trial.channels
         and trial.get_samples("pressure").unit == trial.get_samples("pressure_command").unit
@@ -89,10 +89,10 @@ def _list_units(trial: BenchTrial) -> Iterator[Hypothesis]:
                 for name in names
             )
             changed = {name: trial.get_samples(name).value * factor for name in names}
-            yield Hypothesis(findings, trial.with_values(**changed))
+            yield Mistake(findings, trial.with_values(**changed))
 
 
-def _list_other_units(trial: BenchTrial, name: str) -> Iterator[tuple[str, float]]:
+def _list_other_units(trial: RecordedTrial, name: str) -> Iterator[tuple[str, float]]:
     """Yield other units of a channel and the factor by which its samples change, where the result is plausible."""
     samples, plausible = trial.get_samples(name), trial.limits.get_range(name)
     middle = float(np.percentile(np.abs(samples.finite), 90.0))
@@ -103,13 +103,13 @@ def _list_other_units(trial: BenchTrial, name: str) -> Iterator[tuple[str, float
             yield unit, ratio
 
 
-def _list_signs(trial: BenchTrial) -> Iterator[Hypothesis]:
+def _list_signs(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield reversed signs of the channels."""
     for name in ("force", "pressure", "pressure_command"):
         if name in trial.channels and float(np.median(trial.get_samples(name).finite)) < 0.0:
             statement = f"{_describe(trial, name)}: its sign seems reversed; {_SIGN_RULES[name]}"
             corrected = trial.with_values(**{name: -trial.get_samples(name).value})
-            yield Hypothesis((Finding(f"{name}-sign", trial.place, statement),), corrected)
+            yield Mistake((Finding(f"{name}-sign", trial.place, statement),), corrected)
     both = [name for name in ("pressure_command", "pressure") if name in trial.channels]
     if len(both) == 2 and all(float(np.median(trial.get_samples(name).finite)) < 0.0 for name in both):
         findings = tuple(
@@ -121,7 +121,7 @@ def _list_signs(trial: BenchTrial) -> Iterator[Hypothesis]:
             )
             for name in both
         )
-        yield Hypothesis(findings, trial.with_values(**{name: -trial.get_samples(name).value for name in both}))
+        yield Mistake(findings, trial.with_values(**{name: -trial.get_samples(name).value for name in both}))
     for name in ("muscle_length", "length"):
         if name in trial.channels:
             values = trial.get_samples(name).value
@@ -131,12 +131,12 @@ def _list_signs(trial: BenchTrial) -> Iterator[Hypothesis]:
                 "needs: it seems to be a shortening, or its sign is reversed; write lengths, which grow as the unit "
                 "is stretched"
             )
-            yield Hypothesis(
+            yield Mistake(
                 (Finding(f"{name}-sign", trial.place, statement),), trial.with_values(**{name: middle - values})
             )
 
 
-def _list_zeros(trial: BenchTrial) -> Iterator[Hypothesis]:
+def _list_zeros(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield the length of the muscle alone in place of that of the unit."""
     limits, values = trial.limits, trial.get_samples("length").value
     if limits.tendon_length > 0.0 and float(np.nanmax(values)) < 1.05 * limits.muscle_length:
@@ -146,7 +146,7 @@ def _list_zeros(trial: BenchTrial) -> Iterator[Hypothesis]:
             "alone; add the length of the tendon"
         )
         corrected = trial.with_values(length=values + limits.tendon_length)
-        yield Hypothesis((Finding("length-zero", trial.place, statement),), corrected)
+        yield Mistake((Finding("length-zero", trial.place, statement),), corrected)
 
 
 _SIGN_RULES = {
@@ -156,7 +156,7 @@ _SIGN_RULES = {
 }
 
 
-def _list_absolute_pressures(trial: BenchTrial) -> Iterator[Hypothesis]:
+def _list_absolute_pressures(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield pressures that were recorded absolute instead of relative to the room."""
     present = [name for name in ("pressure", "pressure_command") if name in trial.channels]
     for names in ([name] for name in present) if len(present) == 1 else ([present[0]], [present[1]], present):
@@ -173,10 +173,10 @@ def _list_absolute_pressures(trial: BenchTrial) -> Iterator[Hypothesis]:
             for name in names
         )
         changed = {name: trial.get_samples(name).value - ATMOSPHERE for name in names}
-        yield Hypothesis(findings, trial.with_values(**changed))
+        yield Mistake(findings, trial.with_values(**changed))
 
 
-def _list_exchanges(trial: BenchTrial) -> Iterator[Hypothesis]:
+def _list_exchanges(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield exchanged columns: orders of the columns in which every channel that moves has a plausible magnitude."""
     names = tuple(trial.channels)
     written = {name: trial.get_samples(name).value / trial.get_samples(name).factor for name in names}
@@ -204,13 +204,13 @@ def _list_exchanges(trial: BenchTrial) -> Iterator[Hypothesis]:
             f"this device they agree if {moves}; correct the headings"
         )
         names_of_channels = sorted((name for name, _ in pairs), key=_ORDER.index)
-        yield Hypothesis((Finding(f"{'-'.join(names_of_channels)}-exchanged", trial.place, statement),), corrected)
+        yield Mistake((Finding(f"{'-'.join(names_of_channels)}-exchanged", trial.place, statement),), corrected)
 
 
 _ORDER = ("force", "length", "muscle_length", "pressure", "pressure_command")
 
 
-def _is_possible(trial: BenchTrial, name: str, median: float) -> bool:
+def _is_possible(trial: RecordedTrial, name: str, median: float) -> bool:
     """Return whether ``median``, in the unit of the heading of ``name``, is a possible magnitude of that channel."""
     low, high, typical = trial.limits.get_range(name)
     slack = 1.5 if name in ("length", "muscle_length") else 2.0
@@ -218,7 +218,7 @@ def _is_possible(trial: BenchTrial, name: str, median: float) -> bool:
     return Range(low / slack, high * slack, typical).contains(median * trial.get_samples(name).factor)
 
 
-def _list_reversals(trial: BenchTrial) -> Iterator[Hypothesis]:
+def _list_reversals(trial: RecordedTrial) -> Iterator[Mistake]:
     """Yield columns whose rows run backwards in time: one channel, and all."""
     groups = [(name,) for name in (*MEASURED, *PRESCRIBED) if name in trial.channels]
     for names in (*groups, tuple(trial.channels)):
@@ -229,9 +229,9 @@ def _list_reversals(trial: BenchTrial) -> Iterator[Hypothesis]:
             "first: its rows seem reversed in time; sort them by time"
         )
         name = f"{names[0]}-reversed" if len(names) == 1 else "time-reversed"
-        yield Hypothesis((Finding(name, trial.place, statement),), corrected)
+        yield Mistake((Finding(name, trial.place, statement),), corrected)
 
 
-def _describe(trial: BenchTrial, name: str) -> str:
+def _describe(trial: RecordedTrial, name: str) -> str:
     """Return what ``name`` is and what a simulation gives; ``{simulated}`` stands for the simulated range."""
     return f"{name} is {trial.format_channel(name)}, but {{simulated_{name}}}"
