@@ -12,6 +12,7 @@ also replaces the compiled one when numba is missing, when MuJoCo's structs have
 callbacks are installed and must be called.
 """
 
+import copy
 import ctypes
 import math
 import os
@@ -293,12 +294,9 @@ def _make_nonfinite_state_error(
 
 def forward_without_devices(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Evaluate ``data`` as if its actuators carried no devices, also while another thread has installed callbacks."""
-    layout_ids = model.actuator_user[:, :1].copy()
-    model.actuator_user[:, :1] = 0.0
-    try:
-        mujoco.mj_forward(model, data)
-    finally:
-        model.actuator_user[:, :1] = layout_ids
+    model_without_devices = copy.copy(model)  # other threads may step the model itself
+    model_without_devices.actuator_user[:, :1] = 0.0
+    mujoco.mj_forward(model_without_devices, data)
 
 
 def get_parameter_row(model: mujoco.MjModel, actuator: int) -> tuple[float, ...] | None:
