@@ -240,4 +240,4 @@ def test_default_configuration_beats_tuned_profile(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
     completed = run("train", "--steps", "80000", "--out", "walker", "--json", cwd=tmp_path)
     summary = json.loads(completed.stdout)
-    assert summary["gain"] > 3.0 * summary["gain_standard_error"]
+    assert summary["gain"] > 4.0 * summary["gain_standard_error"]
