@@ -10,13 +10,13 @@ from klute_sim.datasets.dataset import load_dataset
 
 WRONG = list(wrong_trials.list_variants())
 RIGHT = list(right_trials.list_variants())
-EVERY = 9
-"""One of so many variants belongs to the fast tests."""
+FAST_TEST_INTERVAL = 9
+"""Every ninth variant is in the default tests; the others are slow."""
 
 
 def mark_slow(variants: list[Variant]) -> list[object]:
     return [
-        pytest.param(variant, id=variant.name, marks=[] if index % EVERY == 0 else pytest.mark.slow)
+        pytest.param(variant, id=variant.name, marks=[] if index % FAST_TEST_INTERVAL == 0 else pytest.mark.slow)
         for index, variant in enumerate(variants)
     ]
 

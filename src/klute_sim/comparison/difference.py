@@ -35,7 +35,7 @@ ROUNDING_TOLERANCE = 1e-9
 CONSTANT_TOLERANCE = 1e-12
 """Largest range of a constant curve, relative to its largest magnitude."""
 MIN_SD_FRACTION = 1e-3
-"""Smallest standard deviation that normalises an rms difference, relative to the range of the first curve."""
+"""Smallest standard deviation that normalises an rms difference, relative to the range of the first curve (assumed)."""
 HALF_FRACTION = 0.5
 """Fraction of the squared difference in the half interval."""
 

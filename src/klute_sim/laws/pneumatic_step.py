@@ -42,7 +42,7 @@ LOWEST_REGULATED_PRESSURE = -0.5 * ATMOSPHERIC_PRESSURE
 
 
 EMPTY_TANK_PRESSURE = 1e-6
-"""Gauge pressure below which a tank is empty, whatever rounding has left in it [Pa]."""
+"""Gauge pressure below which a tank is empty, whatever rounding has left in it [Pa] (assumed)."""
 
 
 class GasState(NamedTuple):

@@ -11,7 +11,7 @@ from klute_sim.laws.pneumatics import SupplyParameters, replace_supply_fields
 NOZZLE_CRITICAL_RATIO = 0.5
 """Critical pressure ratio of a short nozzle, assumed for a valve as wide as its ports [1]."""
 MIN_RESISTANCE = 100.0
-"""Resistance below which a valve does not restrict any flow [s Pa/m3]: a millionth of 1 s bar/dm3."""
+"""Resistance below which a valve does not restrict any flow [s Pa/m3]: a millionth of 1 s bar/dm3 (assumed)."""
 
 
 def choke_symmetric(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:

@@ -13,7 +13,7 @@ from klute_sim.mocap.parsing.sources import SourceFile
 MATCH_TOLERANCE = 0.1
 """Largest difference [s] between a listed event and that of the load for which both are the same (assumed)."""
 MAX_EVENT_DEVIATION = 0.03
-"""Largest median difference [s] between listed and detected events that is not reported."""
+"""Largest median difference [s] between listed and detected events that is not reported (assumed)."""
 
 
 def use_listed_events(leg: Leg, trial: Sequence[SourceFile], log: ImportLog) -> Leg:

@@ -7,7 +7,8 @@ from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.laws.mckibben import MuscleParameters
 
 MIN_BRAID_RATIO = 0.2
-"""Smallest 1 - e P L/L0 of the linear law [1]: the threads are at most five times as long as without tension."""
+"""Smallest 1 - e P L/L0 of the linear law [1]: the threads are at most five times as long as without tension
+(assumed)."""
 
 
 def stretch_braid(
