@@ -76,7 +76,9 @@ def test_node_with_other_version_is_refused_by_name(cluster: Any, tmp_path: Path
     _, err = sweep.communicate(timeout=600)
     cluster.remove_node(node, allow_graceful=False)
     assert sweep.returncode == 2
-    assert len(err.strip().splitlines()) == 1
-    assert f"at {LOOPBACK} runs other software than this process" in err
-    assert f"klute-sim 0.0.9 instead of {klute_sim.__version__}" in err
+    # Ray reports the node that the test before has killed whenever it notices it, in lines of its own.
+    (error,) = [line for line in err.splitlines() if line.startswith("klute-sim")]
+    assert "Traceback" not in err
+    assert f"at {LOOPBACK} runs other software than this process" in error
+    assert f"klute-sim 0.0.9 instead of {klute_sim.__version__}" in error
     assert not (tmp_path / "cluster").exists()
