@@ -246,7 +246,7 @@ def _training_folder(folder: Path) -> list[Path]:
 
 def _resume_training(paths: Paths) -> object:
     with mock.patch.object(training, "Training"):  # which needs Stable-Baselines3
-        return training.resume_training(paths[0].parent)
+        return training.open_training(paths[0].parent, None, None)
 
 
 def _bench_folder(folder: Path) -> list[Path]:

@@ -1,11 +1,14 @@
 """Tests of the training: configuration, checkpoints, and learning (the last two require the extra 'rl')."""
 
+import base64
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import gymnasium
@@ -81,9 +84,6 @@ def test_missing_extra_raises_one_sentence(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("--minutes", "1", "--steps", "5"), "--minutes and --steps exclude each other"),
-        (("--resume",), "--resume needs --out FOLDER"),
-        (("--resume", "--out", "x", "--seed", "1"), "--resume keeps seed and configuration"),
-        (("--resume", "--out", "x"), "there is no training to resume in x"),
         (("--config", "nowhere.toml"), "configuration nowhere.toml cannot be read"),
         (("--minutes", "0"), "--minutes"),
     ],
@@ -146,7 +146,7 @@ def test_training_resumes_and_exports_its_network(algorithm: str, tmp_path: Path
     before = json.loads((folder / "summary.json").read_text())
     assert before["seed"] == 3
     assert 500 <= before["steps"] < 500 + 128
-    resumed = run("train", "--resume", "--steps", "1050", "--out", "walker", "--json", cwd=tmp_path)
+    resumed = run("train", "--steps", "1050", "--out", "walker", "--json", cwd=tmp_path)
     assert resumed.returncode == 0, resumed.stderr
     summary = json.loads(resumed.stdout)
     assert 1050 <= summary["steps"] < 1050 + 128
@@ -162,7 +162,7 @@ def test_training_resumes_and_exports_its_network(algorithm: str, tmp_path: Path
     set_random_seed(0)
     model = getattr(stable_baselines3, algorithm.upper()).load(folder / "checkpoint.zip", device="cpu")
     policy = load_policy(folder / "policy.npz")
-    loaded = training.resume_training(folder).export_policy()
+    loaded = training.open_training(folder, None, None).export_policy()
     for (weights, biases), (expected_weights, expected_biases) in zip(policy.layers, loaded.layers, strict=True):
         assert np.array_equal(weights, expected_weights)
         assert np.array_equal(biases, expected_biases)
@@ -188,8 +188,73 @@ def test_training_is_repeatable(tmp_path: Path) -> None:
         weights.append(load_policy(tmp_path / name / "policy.npz").layers[-1][0])
     assert np.array_equal(weights[0], weights[1])
     assert not np.array_equal(weights[0], weights[2])
-    first_run = [training.resume_training(tmp_path / name).model.seed for name in "abc"]
+    first_run = [training.open_training(tmp_path / name, None, None).model.seed for name in "abc"]
     assert first_run == [1, 1, 2]
+
+
+@pytest.mark.long
+def test_pickles_of_a_checkpoint_are_never_loaded(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    file = write_small_config(tmp_path)
+    arguments = ("train", "--config", str(file), "--seed", "5", "--out", "walker", "--json")
+    assert run(*arguments, "--steps", "200", cwd=tmp_path).returncode == 0
+    checkpoint, trace = tmp_path / "walker" / "checkpoint.zip", tmp_path / "executed"
+    attack = base64.b64encode(b"cposix\nsystem\n(S'touch " + str(trace).encode() + b"'\ntR.").decode()
+    with zipfile.ZipFile(checkpoint) as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    data = json.loads(entries["data"])
+    names = [name for name, value in data.items() if isinstance(value, dict) and ":serialized:" in value]
+    assert names
+    for name in names:
+        data[name][":serialized:"] = attack
+    with zipfile.ZipFile(checkpoint, "w") as archive:
+        for name, content in (entries | {"data": json.dumps(data).encode()}).items():
+            archive.writestr(name, content)
+    resumed = run(*arguments, "--steps", "400", cwd=tmp_path)
+    assert resumed.returncode == 0, resumed.stderr
+    assert json.loads(resumed.stdout)["steps"] >= 400
+    assert not trace.exists()
+    with zipfile.ZipFile(checkpoint) as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(checkpoint, "w") as archive:
+        for name, content in entries.items():
+            archive.writestr(name, pickle.dumps(_Attack(trace)) if name.endswith(".pth") else content)
+    refused = run(*arguments, "--steps", "600", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "checkpoint walker/checkpoint.zip holds objects that are not numbers" in refused.stderr
+    assert len(refused.stderr.splitlines()) == 1
+    assert not trace.exists()
+
+
+class _Attack:
+    """An object whose pickle creates a file when it is loaded."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return os.system, (f"touch {self.path}",)
+
+
+@pytest.mark.long
+def test_training_resumes_only_with_its_own_configuration_and_seed(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    file = write_small_config(tmp_path)
+    arguments = ("train", "--config", str(file), "--steps", "200", "--out", "walker", "--json")
+    first = run(*arguments, "--seed", "5", cwd=tmp_path)
+    assert first.returncode == 0, first.stderr
+    again = run(*arguments, "--seed", "5", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    steps = json.loads(first.stdout)["steps"]
+    assert json.loads(again.stdout)["steps"] == steps
+    assert f"resumed after {steps} steps" in again.stderr
+    other_seed = run(*arguments, "--seed", "6", cwd=tmp_path)
+    assert other_seed.returncode == 2
+    assert "holds a training with the seed 5" in other_seed.stderr
+    file.write_text(file.read_text().replace("hidden = [8]", "hidden = [9]"))
+    other_config = run(*arguments, cwd=tmp_path)
+    assert other_config.returncode == 2
+    assert "holds a training with another configuration" in other_config.stderr
 
 
 @pytest.mark.long
@@ -227,10 +292,10 @@ def test_interrupt_saves_model(tmp_path: Path) -> None:
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "resume with: klute-sim train --resume --out walker" in err
+    assert "resume with: klute-sim train --out walker" in err
     loaded = json.loads((tmp_path / "walker" / "progress.json").read_text())["steps"]
     assert loaded > 0
-    completed = run("train", "--resume", "--steps", str(loaded + 200), "--out", "walker", "--json", cwd=tmp_path)
+    completed = run("train", "--steps", str(loaded + 200), "--out", "walker", "--json", cwd=tmp_path)
     assert json.loads(completed.stdout)["steps"] >= loaded + 200
 
 

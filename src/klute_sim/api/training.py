@@ -13,8 +13,8 @@ from klute_sim.errors import InputError
 from klute_sim.recording.atomic_file import replace_atomically, write_atomically
 from klute_sim.training.config import load_config
 from klute_sim.training.evaluate import compare_with_profile
-from klute_sim.training.folder import create_training_folder, lock_training_folder
-from klute_sim.training.training import Training, resume_training, start_training
+from klute_sim.training.folder import open_training_folder
+from klute_sim.training.training import Training, open_training
 from klute_sim.types import ProgressCallback
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ class TrainingResult:
     """Training in its folder, which can be resumed."""
     comparison: dict[str, Any]
     """Mean totals of an episode with the policy and with the hand-tuned profile, and the gain in return."""
+    n_resumed_steps: int
+    """Number of steps that the training in the folder had made before it resumed; 0 for a new training."""
 
     @property
     def folder(self) -> Path:
@@ -136,35 +138,27 @@ def train(
     steps: int | None = None,
     seed: int | None = None,
     folder: str | Path | None = None,
-    resume: bool = False,
     progress: ProgressCallback | None = None,
 ) -> TrainingResult:
     """Train a control policy and compare it with the hand-tuned profile in the same episodes.
 
     Args:
-        config: Path of a configuration file (TOML); None: the shipped one.
+        config: Path of a configuration file (TOML); None: the shipped one, or that of the training in ``folder``.
         minutes: Total duration [min], without interruptions; None: 20, unless ``steps`` is given.
         steps: Total number of environment steps in place of ``minutes``; such a training is reproducible.
-        seed: Random seed; None: 0.
-        folder: New or empty folder of the training, or the one to resume; None: the next ``runs/train-NNN``.
-        resume: Whether to resume the training in ``folder``. Its checkpoint is a pickle, which can execute code.
+        seed: Random seed; None: 0, or that of the training in ``folder``.
+        folder: Folder of the training; None: the next ``runs/train-NNN``. A training in it resumes.
         progress: Receives the completed fraction and the current stage.
 
     Raises InputError when inputs do not go together, MissingExtraError without Stable-Baselines3.
     """
     if minutes is not None and steps is not None:
         raise InputError("minutes and steps exclude each other; give one of them")
-    if resume:
-        if folder is None:
-            raise InputError("resuming needs the folder of the training")
-        if seed is not None or config is not None:
-            raise InputError("a resumed training keeps its seed and its configuration; leave both out")
-        with lock_training_folder(Path(folder)) as lock:
-            return _run(resume_training(lock.folder), minutes, steps, progress)
-    settings, content = load_config(config)  # before a folder is made
-    lock = create_training_folder(folder, content)
+    if config is not None:
+        load_config(config)  # before a folder is made
+    lock = open_training_folder(folder)
     try:
-        training = start_training(lock.folder, settings, content, seed or 0)
+        training = open_training(lock.folder, config, seed)
     except BaseException:
         lock.release()
         with suppress(OSError):  # it has files of an earlier attempt
@@ -178,12 +172,13 @@ def _run(
     training: Training, minutes: float | None, steps: int | None, progress: ProgressCallback | None
 ) -> TrainingResult:
     limit = DEFAULT_TRAINING_MINUTES if minutes is None and steps is None else minutes
+    n_resumed_steps = training.progress.steps
     try:
         training.run(limit, steps, stage_progress(progress, "training"))
     except KeyboardInterrupt as interrupt:
         interrupt.add_note(
             f"Kept after {training.progress.steps} steps in {training.folder}; resume with: "
-            f"klute-sim train --resume --out {training.folder}"
+            f"klute-sim train --out {training.folder}"
         )
         raise
     settings = training.config
@@ -192,4 +187,4 @@ def _run(
     comparison = compare_with_profile(
         training.export_policy(), settings.environment, settings.evaluation_episodes, training.progress.seed
     )
-    return TrainingResult(training, comparison)
+    return TrainingResult(training, comparison, n_resumed_steps)

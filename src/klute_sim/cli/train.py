@@ -37,9 +37,8 @@ from klute_sim.cli import common
     type=common.NonEmptyPath(),
     default=None,
     metavar="FOLDER",
-    help="New or empty folder for the training, or the one to resume.  [default: runs/train-NNN]",
+    help="Folder for the training, or of the one to resume.  [default: runs/train-NNN]",
 )
-@click.option("--resume", is_flag=True, help="Resume the training in --out from its last checkpoint.")
 @click.option(
     "--show-config", is_flag=True, help="Print the default configuration, as a template for --config, and exit."
 )
@@ -50,15 +49,14 @@ def command(
     seed: int | None,
     config_path: Path | None,
     out: Path | None,
-    resume: bool,
     show_config: bool,
     as_json: bool,
 ) -> None:
     """Train a control policy for walking and compare it with the hand-tuned profile.
 
     After the training, the policy and the hand-tuned profile are simulated in the same episodes. Ctrl-C stops the
-    training and keeps its checkpoint; --resume continues it. A checkpoint is a pickle file, which can execute code:
-    resume only your own trainings or those of people whom you trust.
+    training and keeps its checkpoint; the same command with the same --out resumes it, and with a larger --minutes
+    or --steps trains on.
 
     Writes the configuration, the checkpoint, summary.json, learning_curve.png and policy.npz. The last contains plain
     numbers, which klute_sim.controllers.policy evaluates with NumPy alone. Needs the optional extra 'rl'
@@ -67,7 +65,7 @@ def command(
     \b
     Examples:
       klute-sim train --minutes 20 --seed 0 --out my-policy
-      klute-sim train --resume --out my-policy --minutes 40
+      klute-sim train --out my-policy --minutes 40
       klute-sim train --show-config
     """
     from klute_sim.errors import InputError
@@ -78,20 +76,15 @@ def command(
         return
     if minutes is not None and steps is not None:
         raise InputError("--minutes and --steps exclude each other")
-    if resume and out is None:
-        raise InputError("--resume needs --out FOLDER, the folder of the training")
-    if resume and (seed is not None or config_path is not None):
-        raise InputError("--resume keeps seed and configuration: leave out --seed and --config")
-
     from klute_sim.api.rendering import print_summary
     from klute_sim.api.training import train
-    from klute_sim.cli.console import progress_bar, stdout_console
+    from klute_sim.cli.console import progress_bar, stderr_console, stdout_console
 
     with progress_bar("training") as progress:
-        result = train(
-            config_path, minutes=minutes, steps=steps, seed=seed, folder=out, resume=resume, progress=progress
-        )
+        result = train(config_path, minutes=minutes, steps=steps, seed=seed, folder=out, progress=progress)
     result.save()
+    if result.n_resumed_steps:
+        stderr_console().print(f"The training in {result.folder} resumed after {result.n_resumed_steps} steps.")
     if as_json:
         click.echo(json.dumps(result.summary, indent=2, allow_nan=False))
         return

@@ -37,6 +37,7 @@ TRIAL = FileKind("trial file", 128 * MB)
 RECORDING = FileKind("recording", 128 * MB)
 MOTION = FileKind("", 64 * MB)
 POLICY = FileKind("policy", 64 * MB)
+CHECKPOINT = FileKind("checkpoint", 256 * MB)
 CATALOGUE = FileKind("catalogue", 4 * MB)
 RESULT = FileKind("", 8 * MB)
 """JSON and CSV files that klute-sim wrote into the folder of a run, sweep, tuning or training."""

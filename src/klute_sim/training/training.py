@@ -19,6 +19,7 @@ from klute_sim.files.lines import read_csv_records
 from klute_sim.files.reading import MissingFileError
 from klute_sim.provenance import collect_versions
 from klute_sim.recording.atomic_file import replace_atomically, write_atomically
+from klute_sim.training.checkpoint import load_checkpoint
 from klute_sim.training.config import TrainingConfig, load_config
 from klute_sim.training.folder import CHECKPOINT_FILE, CONFIG_FILE, LEARNING_CURVE_FILE, PROGRESS_FILE
 
@@ -53,7 +54,8 @@ class Training:
     def __init__(self, folder: Path, config: TrainingConfig, progress: TrainingProgress) -> None:
         """Set up the training, from its checkpoint if there is one.
 
-        Raises MissingExtraError without Stable-Baselines3, and InputError when its algorithm lacks a keyword.
+        Raises MissingExtraError without Stable-Baselines3, and InputError when its algorithm lacks a keyword or the
+        checkpoint cannot be read.
         """
         try:
             import stable_baselines3
@@ -67,10 +69,6 @@ class Training:
         algorithm = getattr(stable_baselines3, config.algorithm.upper())
         # A resumed training samples other episodes than it started with.
         envs = GaitVecEnv(config.num_envs, progress.seed + progress.steps, config.environment)
-        if (folder / CHECKPOINT_FILE).exists():
-            self.model = algorithm.load(folder / CHECKPOINT_FILE, env=envs, device="cpu")
-            progress.set_steps(self.model.num_timesteps)
-            return
         activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[config.activation]
         policy_options = {"net_arch": list(config.hidden), "activation_fn": activation}
         try:
@@ -84,6 +82,9 @@ class Training:
             )
         except TypeError as error:
             raise InputError(f"configuration: [{config.algorithm}] {error}") from None
+        if (folder / CHECKPOINT_FILE).exists():
+            load_checkpoint(self.model, folder / CHECKPOINT_FILE)
+            progress.set_steps(self.model.num_timesteps)
 
     def run(self, minutes: float | None, steps: int | None, report_progress: Callable[[float], None]) -> None:
         """Train up to a total of ``minutes`` or ``steps``; ``report_progress`` receives the completed fraction.
@@ -120,6 +121,8 @@ class Training:
                     last_checkpoint = time.monotonic()
 
         first_timestep = self.model.num_timesteps
+        if (minutes and progress.minutes >= minutes) or (steps and progress.steps >= steps):
+            return
         try:
             self.model.learn(UNLIMITED_STEPS, callback=ProgressMonitor(), reset_num_timesteps=False)
         finally:
@@ -167,26 +170,47 @@ class Training:
         return Policy(OBSERVATION_SCALE, layers, self.config.activation, is_squashed, metadata)
 
 
-def start_training(folder: Path, config: TrainingConfig, content: bytes, seed: int) -> Training:
-    """Start a training in the new ``folder``, which stores the configuration file ``content``."""
-    training = Training(folder, config, TrainingProgress(seed))
+def open_training(folder: Path, config_path: str | Path | None, seed: int | None) -> Training:
+    """Return the training in the locked ``folder``: the one that it holds, else a new one.
+
+    ``config_path`` and ``seed`` are those of the training; None: the shipped configuration and 0 for a new training.
+
+    Raises InputError when they differ from those of the training in the folder, or when it is damaged.
+    """
+    given = None if config_path is None else load_config(config_path)[1]
+    if (folder / CONFIG_FILE).exists():
+        return _resume_training(folder, given, seed)
+    config, content = load_config(config_path)
+    training = Training(folder, config, TrainingProgress(seed or 0))
     write_atomically(folder / CONFIG_FILE, content)
     training.save_progress()
     return training
 
 
-def resume_training(folder: Path) -> Training:
-    """Return the training stored in ``folder``. Its checkpoint is a pickle: *loading it can execute code*.
+def _resume_training(folder: Path, given: bytes | None, seed: int | None) -> Training:
+    config, content = load_config(folder / CONFIG_FILE)
+    if given is not None and given != content:
+        raise InputError(
+            f"output folder {folder} holds a training with another configuration: leave the configuration out to "
+            "resume it, or name a new or an empty folder"
+        )
+    progress = _read_progress(folder) if (folder / PROGRESS_FILE).exists() else TrainingProgress(seed or 0)
+    if seed is not None and seed != progress.seed:
+        raise InputError(
+            f"output folder {folder} holds a training with the seed {progress.seed}: leave the seed out to resume it, "
+            "or name a new or an empty folder"
+        )
+    return Training(folder, config, progress)
 
-    Raises InputError when the folder has no valid training.
-    """
+
+def _read_progress(folder: Path) -> TrainingProgress:
     try:
         stored = read_json(folder / PROGRESS_FILE, RESULT)
         progress = TrainingProgress(int(stored["seed"]), float(stored["minutes"]), int(stored["steps"]))
         rows = read_csv_records(folder / LEARNING_CURVE_FILE, RESULT)
         progress.learning_curve = [tuple(float(cell) for cell in row.values()) for row in rows]
-    except MissingFileError as error:
-        raise InputError(f"there is no training to resume in {folder}: {error}") from None
+    except MissingFileError:  # killed before the first row was written
+        return progress
     except (InputError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"the training in {folder} cannot be resumed: {error}") from None
-    return Training(folder, load_config(folder / CONFIG_FILE)[0], progress)
+    return progress
