@@ -9,6 +9,7 @@ import pytest
 from klute_sim.errors import InputError
 from klute_sim.reproduction import printed
 from klute_sim.reproduction.item import Outcome, PublishedItem, assess
+from tests.reproduction import second_reading
 
 TABLES = ("2.1", "2.2", "2.3", "2.4", "3.1", "4.1", "5.1", "5.2", "8.1", "8.2")
 FIGURES = (
@@ -139,3 +140,7 @@ def test_invalid_supplied_file_raises_one_sentence(tmp_path: Path, content: str,
         printed.load_supplied_values(file)
     with pytest.raises(InputError, match="cannot be read"):
         printed.load_supplied_values(tmp_path / "none.toml")
+
+
+def test_printed_numbers_equal_a_second_reading() -> None:
+    assert printed.get_published_numbers() == second_reading.collect_numbers()

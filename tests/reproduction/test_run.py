@@ -20,7 +20,7 @@ from klute_sim.reproduction.run import Reproduction, run_reproduction
 
 PAIR = load_device("klute-3-4-pair")
 EXPERIMENTS = (
-    *(".r2", "fig-2.6.cat", "fig-2.7.", "table-2.1.rat", "fig-3.3.ratio", "fig-3.5.fit", "fig-3.7.ripple"),
+    *(".r2", ".fit", "fig-2.6.cat", "fig-2.7.", "table-2.1.rat", "fig-3.3.ratio", "fig-3.7.ripple"),
     "figs-6.3-6.4.repeats",
 )
 """Published items about measured points that are not printed."""

@@ -27,17 +27,6 @@ class ParallelRow(NamedTuple):
     """Constants of (2.1)."""
     valid_range: ClosedInterval | None
     """Range of l/l0 [1]; ``None`` for the curve of a model, printed without a range."""
-    r_squared: float
-    """Coefficient of determination of the fit [1]."""
-
-
-class SeriesRow(NamedTuple):
-    """One row of Table 2.2."""
-
-    constants: SeriesElement
-    """Constants of (2.2)."""
-    r_squared: float
-    """Coefficient of determination of the fit [1]."""
 
 
 class ContractileRow(NamedTuple):
@@ -71,11 +60,11 @@ MUSCLE_SCALES: dict[str, MuscleScale] = {
 """l0 and F0 of the muscles and models of Tables 2.1-2.3."""
 
 PARALLEL_ELEMENTS: dict[str, ParallelRow] = {
-    "frog": ParallelRow(ParallelElement(0.0006, 20.63), ClosedInterval(0.94, 1.39), 0.95),
-    "cat": ParallelRow(ParallelElement(0.0301, 9.16), ClosedInterval(1.00, 1.40), 0.95),
-    "human": ParallelRow(ParallelElement(0.0037, 10.43), ClosedInterval(1.05, 1.29), 0.89),
-    "woittiez_1984": ParallelRow(ParallelElement(0.0787, 7.93), None, 0.99),
-    "bobbert_van_ingen_schenau_1990": ParallelRow(ParallelElement(0.00001, 24.59), None, 0.99),
+    "frog": ParallelRow(ParallelElement(0.0006, 20.63), ClosedInterval(0.94, 1.39)),
+    "cat": ParallelRow(ParallelElement(0.0301, 9.16), ClosedInterval(1.00, 1.40)),
+    "human": ParallelRow(ParallelElement(0.0037, 10.43), ClosedInterval(1.05, 1.29)),
+    "woittiez_1984": ParallelRow(ParallelElement(0.0787, 7.93), None),
+    "bobbert_van_ingen_schenau_1990": ParallelRow(ParallelElement(0.00001, 24.59), None),
 }
 """Table 2.1, parallel element (2.1). The rat's has no constants: see :data:`RAT_PARALLEL_ONSET_LENGTH`.
 
@@ -86,10 +75,10 @@ The text calls the parallel force insignificant up to about 1.2 l0. These consta
 RAT_PARALLEL_ONSET_LENGTH = 1.20
 """Length over l0 [1] up to which the rat's parallel element is printed as negligible (Table 2.1)."""
 
-SERIES_ELEMENTS: dict[str, SeriesRow] = {
-    "rat": SeriesRow(SeriesElement(0.027, 0.079), 0.99),
-    "frog": SeriesRow(SeriesElement(0.014, 0.049), 0.98),
-    "cat": SeriesRow(SeriesElement(0.028, 0.083), 0.98),
+SERIES_ELEMENTS: dict[str, SeriesElement] = {
+    "rat": SeriesElement(0.027, 0.079),
+    "frog": SeriesElement(0.014, 0.049),
+    "cat": SeriesElement(0.028, 0.083),
 }
 """Table 2.2, series element (2.2); Fig. 2.3 shows 0.5 to 1 F0."""
 

@@ -106,12 +106,10 @@ def _add_parallel(findings: dict[str, Outcome]) -> None:
 
 
 def _add_series(findings: dict[str, Outcome]) -> None:
-    for name, row in tables.SERIES_ELEMENTS.items():
-        findings[f"table-2.2.{name}.k3"], findings[f"table-2.2.{name}.k4"] = map(
-            Outcome, fit_series_constants(row.constants)
-        )
+    for name, law in tables.SERIES_ELEMENTS.items():
+        findings[f"table-2.2.{name}.k3"], findings[f"table-2.2.{name}.k4"] = map(Outcome, fit_series_constants(law))
         findings[f"table-2.2.{name}.r2"] = Outcome()
-    max_elongation = max(hill.series_elongation(row.constants, 1.0) for row in tables.SERIES_ELEMENTS.values())
+    max_elongation = max(hill.series_elongation(law, 1.0) for law in tables.SERIES_ELEMENTS.values())
     findings["table-2.2.max-elongation"] = Outcome(100.0 * max_elongation)
     findings["table-2.2.with-tendon"] = Outcome(
         100.0 * max_elongation / 11.0, note="Muscle and a tendon ten times as long together."
@@ -128,6 +126,7 @@ def _add_contractile(findings: dict[str, Outcome]) -> None:
         findings[f"table-2.3.{name}.at-rest"] = Outcome(hill.isometric_force(law, 1.0))
         if row.valid_range is not None:
             findings[f"table-2.3.{name}.from"], findings[f"table-2.3.{name}.to"] = map(Outcome, row.valid_range)
+            findings[f"table-2.3.{name}.fit"] = Outcome()
             root = np.sqrt(law.k6**2 - 4.0 * law.k5 * law.k7) / -law.k5
             widths[name] = float(root)
             slopes[name] = max(abs(2.0 * law.k5 * x + law.k6) for x in row.valid_range)
@@ -232,8 +231,8 @@ def _build_figures() -> list[FigureData]:
             "F/F0",
             "elongation/l0",
             tuple(
-                PlotLine(MUSCLE_LABELS[n], force, _evaluate_curve(hill.series_elongation, row.constants, force))
-                for n, row in tables.SERIES_ELEMENTS.items()
+                PlotLine(MUSCLE_LABELS[n], force, _evaluate_curve(hill.series_elongation, law, force))
+                for n, law in tables.SERIES_ELEMENTS.items()
             ),
             (0.5, 1.0),
             (0.0, 0.10),
