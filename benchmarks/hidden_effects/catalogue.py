@@ -78,7 +78,7 @@ EFFECTS: Forms = {
         "stick_fraction": HiddenParameter(0.05, 3, 0.6, None),
         "stribeck_speed_mm_per_s": HiddenParameter(1, 200, 15, None),
     },
-    ("trapped_air", "dead_stroke"): {"stroke_mm": HiddenParameter(0, 20, 3)},
+    ("trapped_air", "isothermal"): {"air_volume_cm3": HiddenParameter(0, 10, 1)},
     ("tendon_stiffening", "quadratic"): {"stiffening_n_per_mm2": HiddenParameter(0, 100, 2)},
     ("choked_valve", "symmetric"): {
         "resistance_s_bar_per_dm3": HiddenParameter(0, 50, 4),
@@ -249,6 +249,7 @@ def build_neutral_law(device: Mapping[str, float]) -> tuple[Law, AirSupply]:
         friction_offset=get_si("muscle.friction_offset_n"),
         damping_in=orifice("damper.orifice_concentric_mm"),
         damping_out=orifice("damper.orifice_eccentric_mm"),
+        bore_area=math.pi * bore**2 / 4,
         slack=get_si("tendon.slack_length_mm", 1e-3),
         stiffness_1=get_si("tendon.stiffness_1_n_per_mm", 1e3),
         stiffness_2=get_si("tendon.stiffness_2_n_per_mm", 1e3),
@@ -375,8 +376,8 @@ def _apply_effect(
             law = law._replace(warm=parameters["coefficient_n_s_per_m"], warm_gain=parameters["loss_per_j"])
         case ("end_taper", "quadratic"):
             law = law._replace(bulge=parameters["factor"])
-        case ("trapped_air", "dead_stroke"):
-            law = law._replace(dead_stroke=parameters["stroke_mm"] * 1e-3)
+        case ("trapped_air", "isothermal"):
+            law = law._replace(damper_air=parameters["air_volume_cm3"] * 1e-6)
         case ("tendon_stiffening", "quadratic"):
             law = law._replace(stiffening=parameters["stiffening_n_per_mm2"] * 1e6)
         case _:

@@ -15,6 +15,9 @@ TENDON_SLIDER_REACH = 0.3e-3  # m: reach of the tendon's slider
 TENDON_CLOSING_STRETCH = 1e-6  # m: over which a tendon with Maxwell memory takes up its load (its law jumps there)
 FADE_PRESSURE = 2e5  # Pa: below it the friction offset fades to nothing
 FILM_TIME = 1e-4  # s: a lubricating film does not follow the speed at once, or several speeds could balance
+ATMOSPHERE = 101325.0  # Pa
+OIL_COLUMN = 0.04  # m: height of the oil before the damper's piston (assumed)
+OIL_MODULUS = 1.5e9  # Pa: bulk modulus of oil without air
 COOLING_TIME = 20.0  # s: in which warm oil cools (assumed)
 STRETCH_DIFFERENCE = 1e-5  # of the stretch: half the difference that turns the thick wall's energy into a force
 N_WALL_LAYERS = 8  # of the thick wall, for Simpson's rule
@@ -28,7 +31,7 @@ DAHL_INDEX = 6  # [1]
 BOUC_INDEX = 7  # hysteretic stretch
 MAX_ENERGY_INDEX = 8  # greatest energy density of the bladder [J/m3]
 FILM_INDEX = 9  # share of the break-away peak that the film has not taken off [1]
-PISTON_INDEX = 10  # slider behind the damper's piston
+CHAMBER_INDEX = 10  # travel of the damper's piston that its oil and air take up; positive: lengthening side
 BRISTLE_INDEX = 11
 WARMTH_INDEX = 12  # logarithm of what the warm oil has lost of its viscosity [1]
 PLAY_INDEX = 13  # sliders of the braid's many elements
@@ -58,6 +61,7 @@ class Law(NamedTuple):
     friction_offset: float
     damping_in: float  # N s^2/m^2, shortening
     damping_out: float  # lengthening
+    bore_area: float
     slack: float
     stiffness_1: float
     stiffness_2: float
@@ -84,7 +88,7 @@ class Law(NamedTuple):
     stribeck_rise: float
     stribeck_speed: float
     transition: float
-    dead_stroke: float
+    damper_air: float  # m3 in each chamber, at atmospheric pressure
     stiffening: float  # N/m2
     tendon_loss: float
     tendon_stiffness: float
@@ -206,6 +210,43 @@ def orifice_tension(v: float, law: Law) -> float:
 
 
 @cached_njit
+def orifice_velocity(tension: float, damping: float, law: Law) -> float:
+    """Return the speed at which an orifice carries a tension >= 0: the inverse of :func:`orifice_tension`."""
+    if damping == 0.0 or tension == 0.0:
+        return 0.0
+    square, load = law.transition * law.transition, tension / damping
+    return load * math.sqrt(2.0 / (square + math.hypot(square, 2.0 * load)))
+
+
+@cached_njit
+def chamber_pressure(travel: float, law: Law) -> float:
+    """Return the gauge pressure of a chamber that a travel >= 0 of the piston compresses.
+
+    Boyle's air and Hooke's oil share the travel, which is a quadratic equation for the pressure.
+    """
+    oil = OIL_COLUMN / OIL_MODULUS
+    rest = law.damper_air / law.bore_area + oil * ATMOSPHERE - travel
+    root = math.sqrt(rest * rest + 4.0 * oil * ATMOSPHERE * travel)
+    return 2.0 * ATMOSPHERE * travel / (rest + root) if rest > 0.0 else (root - rest) / (2.0 * oil)
+
+
+@cached_njit
+def solve_chamber_travel(v: float, base: float, gh: float, law: Law) -> float:
+    """Return the travel in the chambers after a stage: what the piston pushed in and the orifice did not let out."""
+    pushed = base + gh * v
+    damping, most = law.damping_out if pushed > 0.0 else law.damping_in, abs(pushed)
+    low, high = 0.0, most
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        out = gh * orifice_velocity(law.bore_area * chamber_pressure(middle, law), damping, law)
+        if middle + out > most:
+            high = middle
+        else:
+            low = middle
+    return math.copysign(low, pushed)
+
+
+@cached_njit
 def rate_dependent_tension(pressure: float, v: float, law: Law) -> float:
     """Return the tension that depends on the velocity alone: damper, seal, and losses of the muscle."""
     total = orifice_tension(v, law)
@@ -225,9 +266,9 @@ def stateful_damping_tension(v: float, x: float, old: np.ndarray, new: np.ndarra
     balance.
     """
     total = 0.0
-    if law.dead_stroke != 0.0:
-        engaged = (x - new[PISTON_INDEX]) / (0.5 * law.dead_stroke)
-        total -= orifice_tension(v, law) * 0.5 * (1.0 - (engaged if v > 0.0 else -engaged))
+    if law.damper_air != 0.0:
+        push = law.bore_area * chamber_pressure(abs(new[CHAMBER_INDEX]), law)
+        total += math.copysign(push, new[CHAMBER_INDEX]) - orifice_tension(v, law)
     if law.stribeck != 0.0:
         total += law.stribeck * smooth_sign(v) * (1.0 + law.stribeck_rise * old[FILM_INDEX])
     if law.lugre != 0.0:
@@ -314,9 +355,8 @@ def update_internal_state(
     if law.stribeck != 0.0:
         share, ratio = gh / FILM_TIME, v / law.stribeck_speed
         new[FILM_INDEX] = (base[FILM_INDEX] + share * math.exp(-ratio * ratio)) / (1.0 + share)
-    if law.dead_stroke != 0.0:
-        half = 0.5 * law.dead_stroke
-        new[PISTON_INDEX] = min(max(old[PISTON_INDEX], x - half), x + half)
+    if law.damper_air != 0.0:
+        new[CHAMBER_INDEX] = solve_chamber_travel(v, base[CHAMBER_INDEX], gh, law)
     if law.lugre != 0.0:
         ratio = v / law.lugre_speed
         reach = law.lugre_reach * (1.0 + law.lugre_rise * math.exp(-ratio * ratio))
@@ -365,7 +405,7 @@ def set_rest_state(state: np.ndarray, x: float, stretch: float, law: Law) -> Non
     """Set the state of a device at rest: relaxed branches, no lubricating film, cold oil."""
     for i in range(N_INTERNAL_STATES):
         state[i] = 0.0
-    state[SLIP_INDEX] = state[SLIP_INDEX + 1] = state[SLIP_INDEX + 2] = state[RELAXED_INDEX] = state[PISTON_INDEX] = x
+    state[SLIP_INDEX] = state[SLIP_INDEX + 1] = state[SLIP_INDEX + 2] = state[RELAXED_INDEX] = x
     for i in range(PLAY_INDEX, CREEP_INDEX + N_CREEP_BRANCHES):
         state[i] = x
     state[TENDON_SLIDER_INDEX], state[TENDON_RELAXED_INDEX] = stretch, max(0.0, stretch)
@@ -386,6 +426,7 @@ def state_distance(a: np.ndarray, b: np.ndarray) -> float:
     for i in range(PLAY_INDEX, CREEP_INDEX + N_CREEP_BRANCHES):
         worst = max(worst, 0.1 * abs(a[i] - b[i]))
     worst = max(worst, 0.1 * abs(a[BOUC_INDEX] - b[BOUC_INDEX]), 0.1 * abs(a[BRISTLE_INDEX] - b[BRISTLE_INDEX]))
+    worst = max(worst, abs(a[CHAMBER_INDEX] - b[CHAMBER_INDEX]))
     worst = max(worst, 1e-5 * abs(a[FILM_INDEX] - b[FILM_INDEX]), 1e-4 * abs(a[WARMTH_INDEX] - b[WARMTH_INDEX]))
     worst = max(
         worst,

@@ -84,7 +84,7 @@ def test_effects_show_at_typical_size_and_vanish_at_neutral(
     "names",
     [
         [("braid_hysteresis", "maxwell_slip"), ("seal_friction", "coulomb"), ("tendon_hysteresis", "slip")],
-        [("choked_valve", "asymmetric"), ("supply_droop", "tank"), ("leak", "crack"), ("trapped_air", "dead_stroke")],
+        [("choked_valve", "asymmetric"), ("supply_droop", "tank"), ("leak", "crack"), ("trapped_air", "isothermal")],
         [("volume_coupling", "polytropic"), ("supply_droop", "tank"), ("pressure_lag", "first_order")],
         [("seal_friction", "lugre"), ("braid_hysteresis", "prandtl_ishlinskii"), ("bladder_relaxation", "log_time")],
     ],

@@ -1,7 +1,6 @@
 """Effects of rubber, braid and oil against the energies and equations of their derivation."""
 
 import math
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -143,21 +142,6 @@ def test_stribeck_friction_falls_with_speed() -> None:
         assert damper.stribeck_friction(p, state, 0.0, -speed) == -forces[speed]
     assert forces[0.1] == pytest.approx(15.0, rel=1e-3)
     assert forces[0.003] == pytest.approx(15.0 * (1.0 + 0.6 * math.exp(-0.04)) * 3.0 / math.sqrt(10.0), rel=1e-3)
-
-
-def test_trapped_air_removes_the_force_until_the_dead_stroke_ends() -> None:
-    muscle, rest, form = MUSCLES[1], MUSCLES[1].resting_length, find_form("trapped_air")
-    p, state = form.parameter_type(3e-3), form.make_zero_state()
-    fractions = []
-    path = [*np.linspace(0.0, 8e-3, 81), *np.linspace(8e-3, 2e-3, 61)]
-    for before, x in pairwise(path):
-        velocity = 0.1 if x > before else -0.1
-        state = form.state_type(*damper.step_dead_stroke(p, state, muscle, 0.0, rest + x, 0.0, 1e-3))
-        fractions.append(damper.trapped_air_force(p, state, 100.0, velocity) / 100.0)
-    assert fractions[40] == pytest.approx(1.0)
-    assert fractions[80] < 0.05  # just after the reversal
-    assert fractions[80 + 31] == pytest.approx(1.0, abs=0.05)  # 3 mm later
-    assert all(-1e-12 <= fraction <= 1.0 + 1e-12 for fraction in fractions)
 
 
 def test_quantized_reading_is_a_multiple_of_the_step() -> None:

@@ -20,7 +20,7 @@ EFFECTS: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = (
     ("regulator_error", (("gain", 0.7),)),
     ("pressure_lag", (("time_constant_s", 0.3),)),
     ("pressure_delay", (("delay_s", 0.15),)),
-    ("trapped_air", (("stroke_mm", 6.0),)),
+    ("trapped_air", (("air_volume_cm3", 2.0),)),
     ("seal_friction", (("force_n", 60.0),)),
     ("tendon_slack", (("slack_mm", 5.0),)),
 )

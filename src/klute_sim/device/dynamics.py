@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 from klute_sim.effects import catalogue
 from klute_sim.effects.smoothing import EQUILIBRIUM_TIME_STEP
 from klute_sim.laws import damper as _damper
-from klute_sim.laws import mckibben, pneumatic_step
+from klute_sim.laws import damper_chamber, mckibben, pneumatic_step
 from klute_sim.laws import tendon as _tendon
 from klute_sim.laws.damper import DamperParameters
+from klute_sim.laws.damper_chamber import DamperState
 from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.laws.pneumatic_step import AirCharge, GasState
 from klute_sim.laws.pneumatics import SupplyParameters
@@ -33,8 +34,10 @@ MAX_ITERATIONS = 200
 effect_chain: Any = catalogue.chain_device_effects()
 """Functions at which effects act on the device (:mod:`klute_sim.effects.effect`)."""
 N_EFFECT_VALUES, N_EFFECT_STATES = catalogue.count_values_and_states()
-N_INTERNAL_STATES = N_EFFECT_STATES + pneumatic_step.N_GAS_STATES
-"""Number of internal states of a device: those of its effects, then those of its supply."""
+DAMPER_STATE_START = N_EFFECT_STATES + pneumatic_step.N_GAS_STATES
+"""Index of the first internal state of the damper."""
+N_INTERNAL_STATES = DAMPER_STATE_START + len(DamperState._fields)
+"""Number of internal states of a device: those of its effects, of its supply, and of its damper."""
 NO_EFFECTS = (0.0,) * N_EFFECT_VALUES
 ZERO_INTERNAL_STATE = (0.0,) * N_INTERNAL_STATES
 DEAD_TIME_INDEX = catalogue.find_slot("pressure_delay", "dead_time").switch_index + 1
@@ -60,14 +63,16 @@ class DeviceState(NamedTuple):
     length: float
     """Muscle length [m]."""
     internal_state: tuple[float, ...] = ZERO_INTERNAL_STATE
-    """Internal states of the effects, then of the supply."""
+    """Internal states of the effects, of the supply, then of the damper."""
 
 
 def has_internal_state(parameters: DeviceParameters) -> bool:
-    """Return whether the supply or an active effect of the device has internal states."""
+    """Return whether the supply, the damper or an active effect of the device has internal states."""
     active_slots = (slot for slot in catalogue.get_device_slots() if parameters.effects[slot.switch_index] != 0.0)
-    return not pneumatic_step.is_ideal(apply_supply_effects(parameters, ZERO_INTERNAL_STATE)) or any(
-        slot.form.n_states for slot in active_slots
+    return (
+        not pneumatic_step.is_ideal(apply_supply_effects(parameters, ZERO_INTERNAL_STATE))
+        or damper_chamber.has_elastic_chambers(apply_damper_effects(parameters, ZERO_INTERNAL_STATE))
+        or any(slot.form.n_states for slot in active_slots)
     )
 
 
@@ -79,6 +84,19 @@ def apply_supply_effects(parameters: DeviceParameters, internal_state: tuple[flo
     return supply
 
 
+def apply_damper_effects(parameters: DeviceParameters, internal_state: tuple[float, ...]) -> DamperParameters:
+    """Return the damper with its active effects applied."""
+    if parameters.effects[0] == 0.0:
+        return parameters.damper
+    damper: DamperParameters = effect_chain.damper(parameters.effects, internal_state, parameters.damper)
+    return damper
+
+
+def get_damper_state(internal_state: tuple[float, ...]) -> DamperState:
+    """Return the internal state of the damper."""
+    return DamperState(internal_state[DAMPER_STATE_START], internal_state[DAMPER_STATE_START + 1])
+
+
 def get_gas_state(state: DeviceState) -> GasState:
     """Return the internal state of the supply."""
     values = state.internal_state[N_EFFECT_STATES:]
@@ -87,8 +105,7 @@ def get_gas_state(state: DeviceState) -> GasState:
 
 def replace_gas_state(internal_state: tuple[float, ...], gas_state: GasState) -> tuple[float, ...]:
     """Return ``internal_state`` with the part of the supply replaced by ``gas_state``."""
-    effect_states = internal_state[:N_EFFECT_STATES]
-    return effect_states + (  # noqa: RUF005, numba unpacks no tuples
+    gas_states = (
         gas_state.surplus_mass,
         gas_state.drawn_mass,
         gas_state.pwm_phase,
@@ -96,6 +113,7 @@ def replace_gas_state(internal_state: tuple[float, ...], gas_state: GasState) ->
         gas_state.leaked_mass,
         gas_state.pwm_duty,
     )
+    return internal_state[:N_EFFECT_STATES] + gas_states + internal_state[DAMPER_STATE_START:]
 
 
 def get_dead_time(parameters: DeviceParameters) -> float:
@@ -164,8 +182,13 @@ def compute_muscle_force(
 
     ``pressure`` is the gauge pressure [Pa].
     """
-    pull, damping = mckibben.force(parameters.muscle, pressure, length), _damper.force(parameters.damper, velocity)
-    effects = parameters.effects
+    pull = mckibben.force(parameters.muscle, pressure, length)
+    damper, effects = apply_damper_effects(parameters, internal_state), parameters.effects
+    damping = (
+        get_damper_state(internal_state).force
+        if damper_chamber.has_elastic_chambers(damper)
+        else _damper.force(damper, velocity)
+    )
     if effects[0] != 0.0:
         muscle = parameters.muscle
         acting_pressure = effect_chain.acting_pressure(effects, internal_state, pressure, muscle, length)
@@ -216,7 +239,13 @@ def step_internal_state(
     effect_states: tuple[float, ...] = effect_chain.next_state(
         effects, internal_state, parameters.muscle, acting_pressure, length, stretch, dt
     )
-    return effect_states + internal_state[N_EFFECT_STATES:]
+    damper = apply_damper_effects(parameters, internal_state)
+    if not damper_chamber.has_elastic_chambers(damper):
+        return effect_states + internal_state[N_EFFECT_STATES:]
+    x = length - parameters.muscle.resting_length
+    damper_state = damper_chamber.step_chambers(damper, get_damper_state(internal_state), x, dt)
+    damper_states = (damper_state.force, damper_state.length)
+    return effect_states + internal_state[N_EFFECT_STATES:DAMPER_STATE_START] + damper_states
 
 
 def compute_pressure(parameters: DeviceParameters, air: AirCharge, length: float) -> float:

@@ -10,6 +10,7 @@ hook                arguments                                                   
 acting_pressure     p, state, pressure, muscle, length                           gauge pressure acting on the braid
                                                                                  [Pa]
 muscle_force        p, state, force, muscle, pressure, length, velocity          muscle tension [N]
+damper              p, state, damper                                             parameters of the damper
 damper_force        p, state, force, velocity                                    damper tension [N]
 tendon_stretch      p, state, stretch                                            stretch beyond slack length [m]
 tendon_force        p, state, force, stretch                                     tendon tension [N], clipped at 0
@@ -44,6 +45,7 @@ from klute_sim.units import split_unit, to_si
 HOOKS = (
     "acting_pressure",
     "muscle_force",
+    "damper",
     "damper_force",
     "tendon_stretch",
     "tendon_force",

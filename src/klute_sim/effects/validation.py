@@ -8,6 +8,7 @@ import numpy as np
 from klute_sim.effects.effect import HOOKS, Effect, EffectForm
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
+from klute_sim.laws.damper import DamperParameters
 from klute_sim.laws.foot import Foot
 from klute_sim.laws.pneumatics import SupplyParameters
 
@@ -42,6 +43,7 @@ def _check_law(law: Callable[..., Any], hook: str, form: EffectForm, location: s
     arguments: dict[str, tuple[Any, ...]] = {
         "acting_pressure": (p, state, pressure, muscle, length),
         "muscle_force": (p, state, force, muscle, pressure, length, velocity),
+        "damper": (p, state, DamperParameters(1e4, 2e4, 5e-4)),
         "damper_force": (p, state, force, velocity),
         "tendon_stretch": (p, state, stretch),
         "tendon_force": (p, state, force, stretch),
@@ -61,6 +63,8 @@ def _check_law(law: Callable[..., Any], hook: str, form: EffectForm, location: s
         expected = f"a tuple of {form.n_states} (one number for each internal state)"
     elif hook == "supply":
         is_valid, expected = isinstance(result, SupplyParameters), "a klute_sim.laws.pneumatics.SupplyParameters"
+    elif hook == "damper":
+        is_valid, expected = isinstance(result, DamperParameters), "a klute_sim.laws.damper.DamperParameters"
     elif hook == "foot":
         is_valid, expected = isinstance(result, Foot), "a klute_sim.laws.foot.Foot"
     elif hook == "reading":

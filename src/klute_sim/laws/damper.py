@@ -2,6 +2,9 @@
 
 Oil is pushed through one fixed orifice per direction (flow-control valves), so the force is quadratic in
 speed: it cannot follow Hill's steep rise near rest, and chapter 4 shows that residual.
+
+The first three parameters are those of the device file. The others are neutral at 0, and effects set them.
+:mod:`klute_sim.laws.damper_chamber` has the law of a damper whose chambers yield.
 """
 
 import math
@@ -9,19 +12,44 @@ from typing import NamedTuple
 
 
 class DamperParameters(NamedTuple):
-    """Quadratic coefficients of an orifice damper, one per direction; 0 means no damping in that direction."""
+    """Orifice damper with one orifice per direction; a coefficient of 0 means no damping in that direction."""
 
     concentric_coefficient: float
     """Force over speed squared while shortening [N s2/m2]."""
     eccentric_coefficient: float
     """Force over speed squared while lengthening [N s2/m2]."""
+    piston_area: float = 0.0
+    """Area of the bore [m2]; only chambers that yield depend on it."""
+    transition_speed: float = 0.0
+    """Speed of the piston below which the oil flow is laminar [m/s]."""
+    air_volume: float = 0.0
+    """Volume at atmospheric pressure of the air in the oil of each chamber [m3]."""
+
+
+def replace_damper_fields(
+    damper: DamperParameters,
+    concentric_coefficient: float,
+    eccentric_coefficient: float,
+    transition_speed: float,
+    air_volume: float,
+) -> DamperParameters:
+    """Return ``damper`` with these fields replaced."""
+    # numba does not compile NamedTuple._replace.
+    return DamperParameters(
+        concentric_coefficient, eccentric_coefficient, damper.piston_area, transition_speed, air_volume
+    )
 
 
 def force(damper: DamperParameters, velocity: float) -> float:
-    """Tension [N] at ``velocity`` = dL/dt [m/s]: negative while shortening, positive while lengthening."""
-    if velocity > 0.0:
-        return damper.eccentric_coefficient * velocity * velocity
-    return -damper.concentric_coefficient * velocity * velocity
+    """Tension [N] of the orifices at ``velocity`` = dL/dt [m/s]: negative while shortening, positive while lengthening.
+
+    The force is ``c v |v|``, or ``c v sqrt(v^2 + vc^2)`` with a transition speed vc.
+    """
+    coefficient = damper.eccentric_coefficient if velocity > 0.0 else -damper.concentric_coefficient
+    if damper.transition_speed == 0.0:
+        return coefficient * velocity * velocity
+    vc2 = damper.transition_speed * damper.transition_speed
+    return coefficient * abs(velocity) * math.sqrt(velocity * velocity + vc2)
 
 
 def orifice_coefficient(bore: float, orifice: float, density: float, discharge_coefficient: float) -> float:

@@ -13,7 +13,7 @@ from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.laws.pneumatics import SupplyParameters
 from klute_sim.laws.tendon import TendonParameters
 
-LAYOUT_ID = 2000e6 + catalogue.compute_layout_checksum()
+LAYOUT_ID = 2001e6 + catalogue.compute_layout_checksum()
 """First number of a row; a row with another layout or other effects has another number."""
 EFFECTS_OFFSET = (
     1
@@ -40,12 +40,9 @@ def unpack_parameters(row: Sequence[float]) -> DeviceParameters:
     # The fields are spelled out because numba cannot build a named tuple from a slice of an array.
     return DeviceParameters(
         MuscleParameters(row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10]),
-        DamperParameters(row[11], row[12]),
-        TendonParameters(row[13], row[14], row[15], row[16], row[17] != 0.0),
+        DamperParameters(row[11], row[12], row[13], row[14], row[15]),
+        TendonParameters(row[16], row[17], row[18], row[19], row[20] != 0.0),
         SupplyParameters(
-            row[18],
-            row[19],
-            row[20],
             row[21],
             row[22],
             row[23],
@@ -61,6 +58,9 @@ def unpack_parameters(row: Sequence[float]) -> DeviceParameters:
             row[33],
             row[34],
             row[35],
+            row[36],
+            row[37],
+            row[38],
         ),
         row[EFFECTS_OFFSET:ROW_SIZE],
     )

@@ -143,6 +143,7 @@ class Damper(DeviceFileSection):
             eccentric_coefficient=damper_law.orifice_coefficient(
                 bore, self.get_si("orifice_eccentric_mm"), density, 1.0
             ),
+            piston_area=0.25 * math.pi * bore * bore,
         )
 
 

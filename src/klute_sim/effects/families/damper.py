@@ -4,21 +4,29 @@ import math
 from typing import Any
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
-from klute_sim.effects.smoothing import smooth_sign, step_slider
+from klute_sim.effects.smoothing import smooth_sign
+from klute_sim.laws.damper import DamperParameters, replace_damper_fields
 from klute_sim.laws.mckibben import MuscleParameters
 
 
-def apply_discharge_loss(p: Any, state: Any, force: float, velocity: float) -> float:
-    """Return the damper tension [N] over Cd^2: (4.6) without its term -1, which is 5e-6 of (bore/orifice)^4."""
-    return force / (p.discharge_coefficient * p.discharge_coefficient)
+def apply_discharge_loss(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
+    """Return the damper with coefficients over Cd^2: (4.6) without its term -1, which is 5e-6 of (bore/orifice)^4."""
+    d, loss = damper, p.discharge_coefficient * p.discharge_coefficient
+    return replace_damper_fields(
+        d, d.concentric_coefficient / loss, d.eccentric_coefficient / loss, d.transition_speed, d.air_volume
+    )
 
 
-def laminar_force(p: Any, state: Any, force: float, velocity: float) -> float:
-    """Return ``c v sqrt(v^2 + vc^2)`` [N]: linear below the transition speed vc, quadratic above."""
-    speed = abs(velocity)
-    if p.transition_speed == 0.0 or speed == 0.0:
-        return force
-    return force / speed * math.sqrt(speed * speed + p.transition_speed * p.transition_speed)
+def add_laminar_flow(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
+    """Return the damper with force ``c v sqrt(v^2 + vc^2)``: linear below the transition speed vc, quadratic above."""
+    d = damper
+    return replace_damper_fields(d, d.concentric_coefficient, d.eccentric_coefficient, p.transition_speed, d.air_volume)
+
+
+def trap_air(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
+    """Return the damper with ``p.air_volume`` [m3] of air in each chamber (:mod:`klute_sim.laws.damper_chamber`)."""
+    d = damper
+    return replace_damper_fields(d, d.concentric_coefficient, d.eccentric_coefficient, d.transition_speed, p.air_volume)
 
 
 def seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
@@ -47,28 +55,6 @@ def step_stribeck(
     )
 
 
-def trapped_air_force(p: Any, state: Any, force: float, velocity: float) -> float:
-    """Return the damper tension [N], which rises from 0 at a reversal to its full value after the dead stroke."""
-    if p.stroke <= 0.0:
-        return force
-    engagement = state.stroke_position if velocity > 0.0 else -state.stroke_position
-    return force * 0.5 * (1.0 + engagement)
-
-
-def step_dead_stroke(
-    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
-) -> tuple[float, float]:
-    """Return the position of a slider [m] and that of the piston relative to it, over half the dead stroke.
-
-    The slider stays at most half the dead stroke behind the piston, so the relative position is -1 to 1.
-    """
-    x, half_stroke = length - muscle.resting_length, 0.5 * p.stroke
-    if half_stroke <= 0.0:
-        return 0.0, 0.0
-    slider = step_slider(state.slider, x, half_stroke, dt)
-    return slider, (x - slider) / half_stroke
-
-
 DISCHARGE_LOSS = Effect(
     name="discharge_loss",
     description="The jet behind a sharp-edged orifice contracts: the damper is stronger than its design.",
@@ -87,7 +73,7 @@ DISCHARGE_LOSS = Effect(
                     source="dissertation chapter 4: as low as 0.61 in reality, 1 in the design",
                 ),
             ),
-            laws={"damper_force": apply_discharge_loss},
+            laws={"damper": apply_discharge_loss},
         ),
     ),
 )
@@ -110,7 +96,7 @@ LAMINAR_ORIFICE = Effect(
                     source="assumed: an orifice of 1 mm passes its critical Reynolds number at tens of mm/s of piston",
                 ),
             ),
-            laws={"damper_force": laminar_force},
+            laws={"damper": add_laminar_flow},
         ),
     ),
 )
@@ -172,24 +158,23 @@ SEAL_FRICTION = Effect(
 
 TRAPPED_AIR = Effect(
     name="trapped_air",
-    description="Air in the damper's oil, or play at its ends: after a reversal it acts only after a dead stroke.",
+    description="Air in the damper's oil is a spring in series with the orifice: the damper yields after a reversal.",
     kind="device",
     forms=(
         EffectForm(
-            name="dead_stroke",
-            equation="orifice force times (1 + e)/2, e from -1 at a reversal to 1 after the stroke",
+            name="isothermal",
+            equation="x = e + z, F = p A = D(dz/dt), A e = Va p/(pa + p) + A h p/B",
             parameters=(
                 EffectParameter(
-                    key="stroke_mm",
+                    key="air_volume_cm3",
                     neutral=0.0,
                     lower=0.0,
-                    upper=20.0,
-                    typical=3.0,
-                    source="assumed: a bubble of one cubic centimetre under a piston of 20 mm",
+                    upper=10.0,
+                    typical=1.0,
+                    source="assumed: at atmospheric pressure, a bubble of one cubic centimetre in each chamber",
                 ),
             ),
-            laws={"damper_force": trapped_air_force, "next_state": step_dead_stroke},
-            states=("slider", "stroke_position"),
+            laws={"damper": trap_air},
         ),
     ),
 )

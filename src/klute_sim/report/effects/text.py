@@ -13,6 +13,7 @@ SIGNATURE_DEVICE = "klute-3-4-pair"
 HOOK_DESCRIPTIONS = {
     "acting_pressure": "the pressure that acts on the muscle",
     "muscle_force": "the tension of the muscle",
+    "damper": "the parameters of the damper",
     "damper_force": "the tension of the damper",
     "tendon_stretch": "the stretch of the tendon",
     "tendon_force": "the tension of the tendon",

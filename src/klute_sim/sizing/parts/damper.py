@@ -95,7 +95,8 @@ class DamperDesign:
 
     def to_damper(self) -> DamperParameters:
         """Return the damper as built, with the actual discharge coefficients of its orifices."""
-        return DamperParameters(self.concentric.damping_coefficient, self.eccentric.damping_coefficient)
+        area = 0.25 * math.pi * self.bore * self.bore
+        return DamperParameters(self.concentric.damping_coefficient, self.eccentric.damping_coefficient, area)
 
     @property
     def max_pressure(self) -> float:

@@ -1,0 +1,108 @@
+"""Elastic chambers of the damper against closed forms of a Maxwell element, of a gas and of oil."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from klute_sim.laws import damper as orifice
+from klute_sim.laws import damper_chamber
+from klute_sim.laws.damper import DamperParameters
+from klute_sim.laws.damper_chamber import DamperState
+from tests.laws.damper_motion import compute_work, move_piston
+
+AREA = 3.0e-4
+PA = 101325.0
+OIL_COMPLIANCE = 0.04 / (1.5e9 * AREA)  # m/N of a column of 40 mm
+
+
+def linear_damper(damping: float, air_volume: float) -> DamperParameters:
+    """Return a damper that is linear with ``damping`` [N s/m] at all speeds of the tests."""
+    speed = 50.0
+    return DamperParameters(damping / speed, damping / speed, AREA, speed, air_volume)
+
+
+@pytest.mark.parametrize("omega_tau", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("air_volume", [2e-7, 1e-6])
+def test_small_cycle_has_area_and_phase_of_a_maxwell_element(omega_tau: float, air_volume: float) -> None:
+    """Area ``pi X^2 k wt/(1 + (wt)^2)``, phase lead ``atan(1/(wt))``, with ``1/k = Va/(A^2 pa) + h/(A B)``."""
+    stiffness, damping, amplitude = 1.0 / (air_volume / (AREA**2 * PA) + OIL_COMPLIANCE), 800.0, 1e-6
+    omega = omega_tau * stiffness / damping
+    n = 1500
+    time = 2.0 * math.pi / omega / n * np.arange(4 * n + 1)
+    x = amplitude * np.sin(omega * time)
+    force = move_piston(linear_damper(damping, air_volume), x, time[1])
+    last = slice(-n - 1, None)
+    area = compute_work(force[last], x[last])
+    assert area == pytest.approx(math.pi * amplitude**2 * stiffness * omega_tau / (1.0 + omega_tau**2), rel=0.02)
+    sine, cosine = (2.0 / n * np.sum(force[-n:] * wave(omega * time[-n:])) for wave in (np.sin, np.cos))
+    assert math.atan2(cosine, sine) == pytest.approx(math.atan(1.0 / omega_tau), abs=0.02)
+
+
+def test_slow_motion_gives_the_force_of_the_orifice() -> None:
+    damper = DamperParameters(2e4, 3e4, AREA, 0.0, 1e-6)
+    for velocity in (0.1, -0.1):
+        x = velocity * 1e-4 * np.arange(4000)
+        assert move_piston(damper, x, 1e-4)[-1] == pytest.approx(orifice.force(damper, velocity), rel=1e-6)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_fast_motion_compresses_air_by_boyle_and_oil_by_hooke(side: float) -> None:
+    """The orifice is all but closed."""
+    air_volume, stroke = 1e-6, 2.5e-3
+    damper = DamperParameters(1e12, 1e12, AREA, 0.0, air_volume)
+    force = side * move_piston(damper, side * np.linspace(0.0, stroke, 200), 1e-9)[1:]
+    x = np.linspace(0.0, stroke, 200)[1:]
+    volume = air_volume - AREA * (x - OIL_COMPLIANCE * force)
+    assert (PA + force / AREA) * volume == pytest.approx(PA * air_volume, rel=1e-6)
+    assert force[-1] / force[0] > 3.0 * x[-1] / x[0] / 2.0  # it stiffens
+
+
+def test_compressed_air_returns_its_energy() -> None:
+    damper = DamperParameters(1e12, 1e12, AREA, 0.0, 1e-6)
+    there = np.linspace(0.0, 2e-3, 2001)
+    x = np.concatenate([there, there[-2::-1]])
+    force = move_piston(damper, x, 1e-9)
+    stored, returned = compute_work(force[:2001], there), -compute_work(force[2000:], x[2000:])
+    # Integral of p A over the stroke; the oil's share is below 1 %.
+    stroke = 1e-6 / AREA
+    assert stored == pytest.approx(PA * AREA * (stroke * math.log(stroke / (stroke - 2e-3)) - 2e-3), rel=0.02)
+    assert returned == pytest.approx(stored, rel=1e-3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    air_volume=st.floats(1e-9, 1e-5),
+    transition_speed=st.sampled_from([0.0, 0.04]),
+    dt=st.sampled_from([1e-5, 5e-4, 5e-3]),
+)
+def test_no_motion_creates_energy(seed: int, air_volume: float, transition_speed: float, dt: float) -> None:
+    random = np.random.default_rng(seed)
+    x = np.cumsum(random.normal(0.0, 2e-4, 400) * (random.random(400) < 0.7))
+    force = move_piston(DamperParameters(3e4, 1e4, AREA, transition_speed, air_volume), x, dt)
+    work = np.cumsum(force[1:] * np.diff(x))
+    assert work.min() >= -1e-12
+
+
+@given(st.floats(0.0, 5e3))
+def test_compliance_is_the_slope_of_the_compression(force: float) -> None:
+    damper = DamperParameters(1e4, 1e4, AREA, 0.0, 1e-6)
+    step = 1e-3 * (1.0 + force)
+    slope = damper_chamber.compute_compression(damper, force + step) - damper_chamber.compute_compression(damper, force)
+    assert damper_chamber.compute_compliance(damper, force + 0.5 * step) == pytest.approx(slope / step, rel=1e-4)
+
+
+def test_long_step_ends_in_equilibrium() -> None:
+    damper = DamperParameters(1e4, 1e4, AREA, 0.0, 1e-6)
+    state = damper_chamber.step_chambers(damper, DamperState(500.0, 0.0), -0.02, 1e9)
+    assert state.force == pytest.approx(0.0, abs=1e-12)
+    assert state.length == -0.02
+
+
+def test_damper_without_air_or_bore_is_rigid() -> None:
+    assert not damper_chamber.has_elastic_chambers(DamperParameters(1e4, 1e4, AREA))
+    assert not damper_chamber.has_elastic_chambers(DamperParameters(0.0, 0.0, 0.0, 0.0, 1e-6))
+    assert damper_chamber.has_elastic_chambers(DamperParameters(1e4, 1e4, AREA, 0.0, 1e-9))
