@@ -57,15 +57,20 @@ EFFECTS: Forms = {
     ("seal_friction", "coulomb"): {"force_n": HiddenParameter(0, 200, 15)},
     ("laminar_orifice", "smooth"): {"transition_speed_mm_per_s": HiddenParameter(0, 500, 40)},
     ("discharge_loss", "constant"): {"discharge_coefficient": HiddenParameter(0.4, 1, 0.7, 1.0)},
-    ("tendon_hysteresis", "slip"): {"loss_fraction": HiddenParameter(0, 0.5, 0.06)},
+    ("tendon_hysteresis", "slip"): {"loss_fraction": HiddenParameter(0, 0.5, 0.05)},
     ("tendon_hysteresis", "maxwell"): {
         "stiffness_n_per_mm": HiddenParameter(0, 200, 10),
         "time_constant_s": HiddenParameter(0.01, 10, 0.3, None),
     },
     ("tendon_slack", "dead_length"): {"slack_mm": HiddenParameter(0, 20, 1.5)},
+    ("braid_hysteresis", "dahl"): {
+        "slope_n_per_bar": HiddenParameter(0, 60, 8),
+        "stiffness_n_per_mm": HiddenParameter(1, 500, 40, None),
+    },
     ("braid_hysteresis", "bouc_wen"): {
         "slope_n_per_bar": HiddenParameter(0, 60, 8),
         "stiffness_n_per_mm": HiddenParameter(1, 500, 40, None),
+        "gamma_over_beta": HiddenParameter(0.1, 1, 0.8, None),
     },
     ("braid_extensibility", "linear"): {"strain_per_bar": HiddenParameter(0, 0.03, 0.003)},
     ("thick_wall_bladder", "mooney_rivlin"): {"share": HiddenParameter(0, 3, 1)},
@@ -130,8 +135,10 @@ KNOWN_VALVE: dict[str, Any] = {
 }
 
 OTHER_FORMS: Forms = {
-    ("braid_hysteresis", "dahl"): {
+    # Friction that grows with the contact between the threads, which turn into each other as the muscle contracts.
+    ("braid_hysteresis", "contact_area"): {
         "slope_n_per_bar": HiddenParameter(0, 60, 8),
+        "growth": HiddenParameter(3, 30, 10, None),
         "reach_mm": HiddenParameter(0.05, 5, 0.5, None),
     },
     ("muscle_damping", "power_1_5"): {"coefficient": HiddenParameter(0, 6000, 400)},
@@ -256,8 +263,8 @@ def build_neutral_law(device: Mapping[str, float]) -> tuple[Law, AirSupply]:
         engagement=get_si("tendon.engagement_mm", 1e-3),
         **dict.fromkeys(Law._fields[Law._fields.index("coulomb_slope") :], 0.0),
     )
-    divisors = ("slip_stiffness", "bouc_stiffness", "softening_energy", "relax_time", "stribeck_speed", "tendon_time")
-    divisors += ("dahl_reach", "play_reach", "lugre_speed", "lugre_reach")
+    divisors = ("slip_stiffness", "hysteretic_stiffness", "softening_energy", "relax_time", "stribeck_speed")
+    divisors += ("tendon_time", "contact_reach", "play_reach", "lugre_speed", "lugre_reach")
     law = law._replace(**dict.fromkeys(divisors, 1.0))
     air = AirSupply(
         supply_pressure=get_si("supply.pressure_bar", BAR),
@@ -299,8 +306,9 @@ def _apply_effect(
         case ("braid_hysteresis", "maxwell_slip"):
             stiffness = parameters["stiffness_n_per_mm"] * 1e3
             law = law._replace(slip_slope=parameters["slope_n_per_bar"] / BAR, slip_stiffness=stiffness)
-        case ("braid_hysteresis", "dahl"):
-            law = law._replace(dahl_slope=parameters["slope_n_per_bar"] / BAR, dahl_reach=parameters["reach_mm"] * 1e-3)
+        case ("braid_hysteresis", "contact_area"):
+            slope, reach = parameters["slope_n_per_bar"] / BAR, parameters["reach_mm"] * 1e-3
+            law = law._replace(contact_slope=slope, contact_growth=parameters["growth"], contact_reach=reach)
         case ("muscle_damping", "viscous"):
             law = law._replace(viscous=parameters["coefficient_n_s_per_m"])
         case ("muscle_damping", "pressure"):
@@ -359,9 +367,12 @@ def _apply_effect(
             law = law._replace(tendon_slack=parameters["slack_mm"] * 1e-3)
         case ("tendon_slack", "toe"):
             law = law._replace(toe=parameters["toe_mm"] * 1e-3)
-        case ("braid_hysteresis", "bouc_wen"):
-            stiffness = parameters["stiffness_n_per_mm"] * 1e3
-            law = law._replace(bouc_slope=parameters["slope_n_per_bar"] / BAR, bouc_stiffness=stiffness)
+        case ("braid_hysteresis", "dahl" | "bouc_wen"):
+            law = law._replace(
+                hysteretic_slope=parameters["slope_n_per_bar"] / BAR,
+                hysteretic_stiffness=parameters["stiffness_n_per_mm"] * 1e3,
+                hysteretic_gamma=parameters.get("gamma_over_beta", 0.0),
+            )
         case ("braid_hysteresis", "prandtl_ishlinskii"):
             law = law._replace(play_slope=parameters["slope_n_per_bar"] / BAR, play_reach=parameters["reach_mm"] * 1e-3)
         case ("braid_extensibility", "linear"):

@@ -221,9 +221,9 @@ BALANCE_TERMS = (
         (CandidateEffect("bladder_relaxation", "maxwell"),),
     ),
     BalanceTerm(
-        "F/k sign(dx/dt) dF/dL",
-        0.06,
-        lambda s: s.compliant_stretch_mm * smooth_sign(np.gradient(s.stretch, s.time)) * s.force_per_mm,
+        "F/2k sign(dx/dt) dF/dL",
+        0.05,
+        lambda s: 0.5 * s.compliant_stretch_mm * smooth_sign(np.gradient(s.stretch, s.time)) * s.force_per_mm,
         (CandidateEffect("tendon_hysteresis", "slip"),),
     ),
     BalanceTerm(

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from benchmarks.hidden_effects.compiled import cached_njit
 
-SIGN_SPEED = 1e-3  # m/s: width of the smooth sign
-TENDON_SLIDER_REACH = 0.3e-3  # m: reach of the tendon's slider
+SIGN_SPEED = 0.05e-3  # m/s: width of the smooth sign
+TENDON_SLIDER_REACH = 0.05e-3  # m: reach of the tendon's slider
 TENDON_CLOSING_STRETCH = 1e-6  # m: over which a tendon with Maxwell memory takes up its load (its law jumps there)
 FADE_PRESSURE = 2e5  # Pa: below it the friction offset fades to nothing
 FILM_TIME = 1e-4  # s: a lubricating film does not follow the speed at once, or several speeds could balance
@@ -27,8 +27,8 @@ SLIP_INDEX = 0  # three braid sliders
 RELAXED_INDEX = 3  # bladder branch
 TENDON_SLIDER_INDEX = 4
 TENDON_RELAXED_INDEX = 5
-DAHL_INDEX = 6  # [1]
-BOUC_INDEX = 7  # hysteretic stretch
+CONTACT_INDEX = 6  # [1]
+HYSTERETIC_INDEX = 7  # hysteretic stretch
 MAX_ENERGY_INDEX = 8  # greatest energy density of the bladder [J/m3]
 FILM_INDEX = 9  # share of the break-away peak that the film has not taken off [1]
 CHAMBER_INDEX = 10  # travel of the damper's piston that its oil and air take up; positive: lengthening side
@@ -69,8 +69,9 @@ class Law(NamedTuple):
     coulomb_slope: float
     slip_slope: float
     slip_stiffness: float
-    bouc_slope: float
-    bouc_stiffness: float
+    hysteretic_slope: float
+    hysteretic_stiffness: float
+    hysteretic_gamma: float  # gamma / beta of Bouc and Wen; 0 is Dahl
     viscous: float
     viscous_pressure: float
     threshold: float
@@ -95,8 +96,9 @@ class Law(NamedTuple):
     tendon_time: float
     tendon_slack: float
     # Other functional forms, which are in nobody's catalogue.
-    dahl_slope: float
-    dahl_reach: float
+    contact_slope: float
+    contact_growth: float  # per contraction
+    contact_reach: float
     play_slope: float
     play_reach: float
     power: float
@@ -113,7 +115,7 @@ class Law(NamedTuple):
 
 @cached_njit
 def smooth_sign(v: float) -> float:
-    """Return the sign of ``v``, smoothed over 1 mm/s."""
+    """Return the sign of ``v``, smoothed over 0.05 mm/s."""
     return v / math.sqrt(v * v + SIGN_SPEED * SIGN_SPEED)
 
 
@@ -295,7 +297,9 @@ def tendon_tension(stretch: float, state: np.ndarray, law: Law) -> float:
     if stretch <= 0.0:
         return 0.0
     force = elastic_tendon_tension(stretch, law)
-    force *= 1.0 + law.tendon_loss * (stretch - state[TENDON_SLIDER_INDEX]) / TENDON_SLIDER_REACH
+    # Of the loading work, the fraction ``tendon_loss`` does not return: the branches are as 1 to 1 - tendon_loss.
+    direction = (stretch - state[TENDON_SLIDER_INDEX]) / TENDON_SLIDER_REACH
+    force *= (2.0 - law.tendon_loss + law.tendon_loss * direction) / (2.0 - law.tendon_loss)
     if law.tendon_stiffness != 0.0:
         force += (
             law.tendon_stiffness * (stretch - state[TENDON_RELAXED_INDEX]) * min(1.0, stretch / TENDON_CLOSING_STRETCH)
@@ -345,11 +349,17 @@ def update_internal_state(
     share = gh / law.tendon_time
     # A slack tendon relaxes to slack.
     new[TENDON_RELAXED_INDEX] = (base[TENDON_RELAXED_INDEX] + share * max(0.0, stretch)) / (1.0 + share)
-    if law.dahl_slope != 0.0:
-        new[DAHL_INDEX] = (base[DAHL_INDEX] + gh * v / law.dahl_reach) / (1.0 + gh * abs(v) / law.dahl_reach)
-    if law.bouc_slope != 0.0:
-        reach = law.bouc_slope * pressure / law.bouc_stiffness
-        new[BOUC_INDEX] = (base[BOUC_INDEX] + gh * v) / (1.0 + gh * abs(v) / reach) if reach > 0.0 else 0.0
+    if law.contact_slope != 0.0:
+        share = gh / law.contact_reach
+        new[CONTACT_INDEX] = (base[CONTACT_INDEX] + share * v) / (1.0 + share * abs(v))
+    if law.hysteretic_slope != 0.0:
+        new[HYSTERETIC_INDEX] = 0.0
+        if pressure > 0.0:
+            # dz = dx - beta |dx| z - gamma dx |z|, and z is limited by 1 / (beta + gamma).
+            beta = law.hysteretic_stiffness / (law.hysteretic_slope * pressure) / (1.0 + law.hysteretic_gamma)
+            driven = base[HYSTERETIC_INDEX] + gh * v
+            gamma = law.hysteretic_gamma * beta if driven * v > 0.0 else -law.hysteretic_gamma * beta
+            new[HYSTERETIC_INDEX] = driven / (1.0 + gh * abs(v) * (beta + gamma))
     if law.softening != 0.0:
         new[MAX_ENERGY_INDEX] = max(old[MAX_ENERGY_INDEX], bladder_energy_density(x + law.resting_length, law))
     if law.stribeck != 0.0:
@@ -378,12 +388,15 @@ def update_internal_state(
 @cached_njit
 def internal_state_tension(state: np.ndarray, x: float, pressure: float, law: Law) -> float:
     """Return the muscle tension of the internal states."""
-    total = law.relax_stiffness * (x - state[RELAXED_INDEX]) + law.dahl_slope * pressure * state[DAHL_INDEX]
+    total = law.relax_stiffness * (x - state[RELAXED_INDEX])
+    if law.contact_slope != 0.0:
+        growth = 1.0 - law.contact_growth * x / law.resting_length
+        total += law.contact_slope * pressure * growth * state[CONTACT_INDEX]
     if law.slip_slope != 0.0:
         for i in range(3):
             total += law.slip_stiffness / 3.0 * (x - state[SLIP_INDEX + i])
-    if law.bouc_slope != 0.0:
-        total += law.bouc_stiffness * state[BOUC_INDEX]
+    if law.hysteretic_slope != 0.0:
+        total += law.hysteretic_stiffness * state[HYSTERETIC_INDEX]
     if law.softening != 0.0:
         over = max(0.0, state[MAX_ENERGY_INDEX] - bladder_energy_density(x + law.resting_length, law))
         total -= (
@@ -420,12 +433,13 @@ def state_distance(a: np.ndarray, b: np.ndarray) -> float:
     tendon.
     """
     worst = 0.0
-    for i in range(DAHL_INDEX):
+    for i in range(CONTACT_INDEX):
         worst = max(worst, abs(a[i] - b[i]))
-    worst = max(0.1 * worst, 1e-4 * abs(a[DAHL_INDEX] - b[DAHL_INDEX]))
+    worst = max(0.1 * worst, 1e-4 * abs(a[CONTACT_INDEX] - b[CONTACT_INDEX]))
     for i in range(PLAY_INDEX, CREEP_INDEX + N_CREEP_BRANCHES):
         worst = max(worst, 0.1 * abs(a[i] - b[i]))
-    worst = max(worst, 0.1 * abs(a[BOUC_INDEX] - b[BOUC_INDEX]), 0.1 * abs(a[BRISTLE_INDEX] - b[BRISTLE_INDEX]))
+    worst = max(worst, 0.1 * abs(a[HYSTERETIC_INDEX] - b[HYSTERETIC_INDEX]))
+    worst = max(worst, 0.1 * abs(a[BRISTLE_INDEX] - b[BRISTLE_INDEX]))
     worst = max(worst, abs(a[CHAMBER_INDEX] - b[CHAMBER_INDEX]))
     worst = max(worst, 1e-5 * abs(a[FILM_INDEX] - b[FILM_INDEX]), 1e-4 * abs(a[WARMTH_INDEX] - b[WARMTH_INDEX]))
     worst = max(

@@ -23,7 +23,7 @@ STEP = 5e-5  # s
 FINE_STEP = 1e-5  # s: for a tank, whose pressure the package looks up a step late
 FINE_TOLERANCE = 1e-10  # m: for a tank, because air that is closed in a moment later may go another way
 CHANNELS = {"force": 0.1, "pressure": 5e-4, "muscle_length": 2e-3}  # N, bar, mm: a thirtieth to a tenth of the noise
-STICK_SLIP = {"force": 0.5, "pressure": 5e-4, "muscle_length": 3e-3}
+STICK_SLIP = {"force": 1.0, "pressure": 5e-4, "muscle_length": 6e-3}
 """Where friction falls faster with speed than the damper's force rises, the piston sticks and slips, at moments that
 depend on how a memory of no time is taken for one of little."""
 

@@ -53,7 +53,7 @@ def without_most(folder: Path) -> Path:
             effect("bladder_relaxation", "maxwell", stiffness_n_per_mm=3.0, time_constant_s=1.0),
             [],
         ),
-        ("F/k sign(dx/dt) dF/dL", 0.06, effect("tendon_hysteresis", "slip", loss_fraction=0.06), []),
+        ("F/2k sign(dx/dt) dF/dL", 0.12, effect("tendon_hysteresis", "slip", loss_fraction=0.12), []),
         ("F_law", 0.05, [], fault("sensor_gain", "force", gain=1.05)),
         ("-dF/dp", 0.08, [], fault("sensor_offset", "pressure", offset=0.08)),
         ("-t dF/dL", 0.08, [], fault("sensor_drift", "muscle_length", drift_per_s=0.08)),

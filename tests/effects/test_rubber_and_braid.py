@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
@@ -13,6 +15,7 @@ from klute_sim.effects import catalogue
 from klute_sim.effects.effect import EffectForm
 from klute_sim.effects.families import damper, instrument
 from klute_sim.effects.families.muscle import bladder_wall, braid_extensibility, braid_hysteresis
+from klute_sim.effects.smoothing import step_bouc_wen
 from klute_sim.laws import mckibben
 from klute_sim.laws.mckibben import MuscleParameters
 
@@ -111,22 +114,52 @@ def test_rubber_is_softer_after_a_larger_stretch() -> None:
     assert all(0.7 <= fraction <= 1.0 for fraction in reloading[1:])
 
 
-def test_bouc_wen_stretch_approaches_its_limit_for_any_step() -> None:
-    muscle, pressure, form = MUSCLES[1], 3e5, find_form("braid_hysteresis", "bouc_wen")
-    p, state, rest = form.parameter_type(8.0 / 1e5, 40e3), form.make_zero_state(), muscle.resting_length
+@pytest.mark.parametrize(("name", "ratio"), [("dahl", 0.0), ("bouc_wen", 0.4), ("bouc_wen", 1.0)])
+def test_hysteretic_stretch_approaches_its_limit_for_any_step(name: str, ratio: float) -> None:
+    muscle, pressure, form = MUSCLES[1], 3e5, find_form("braid_hysteresis", name)
+    p = form.parameter_type(*(8.0 / 1e5, 40e3, ratio)[: len(form.parameters)])
+    state, rest = form.make_zero_state(), muscle.resting_length
 
     def step(state: Any, pressure: float, length: float) -> Any:
-        return form.state_type(*braid_hysteresis.step_bouc_wen(p, state, muscle, pressure, length, 0.0, 1e-3))
+        return form.state_type(*form.laws["next_state"](p, state, muscle, pressure, length, 0.0, 1e-3))
 
     for k in range(1, 1001):
         state = step(state, pressure, rest + 1e-5 * k)
     assert state.hysteretic_stretch == pytest.approx(p.slope * pressure / p.stiffness)
-    force = braid_hysteresis.bouc_wen_force(p, state, 0.0, muscle, pressure, rest, 0.0)
+    force = braid_hysteresis.hysteretic_force(p, state, 0.0, muscle, pressure, rest, 0.0)
     assert force == pytest.approx(muscle.n_actuators * 8.0 * 3.0)
     one_step = step(state, pressure, rest + 0.0095)
     two_steps = step(step(state, pressure, rest + 0.0098), pressure, rest + 0.0095)
     assert one_step.hysteretic_stretch == pytest.approx(two_steps.hysteretic_stretch)
     assert step(state, 0.0, rest).hysteretic_stretch == 0.0
+
+
+@given(
+    ratio=st.sampled_from([0.0, 0.3, 0.9, 1.0]),
+    start=st.floats(-2e-3, 2e-3),
+    displacement=st.floats(-5e-3, 5e-3),
+    max_stretch=st.floats(1e-4, 1e-3),
+)
+def test_bouc_wen_step_integrates_its_equation(
+    ratio: float, start: float, displacement: float, max_stretch: float
+) -> None:
+    """Against many explicit midpoint steps of ``du/dx = 1 - |u| (beta sign(u dx) + gamma)``."""
+    beta, n = 1.0 / (max_stretch * (1.0 + ratio)), 4000
+    u, dx = start, displacement / n
+
+    def slope(u: float) -> float:
+        return 1.0 - abs(u) * beta * (math.copysign(1.0, u * dx) + ratio)
+
+    for _ in range(n):
+        u += dx * slope(u + 0.5 * dx * slope(u))
+    assert step_bouc_wen(start, displacement, max_stretch, ratio, 1e-3) == pytest.approx(u, abs=2e-7)
+
+
+def test_dahl_unloads_on_a_curve_and_equal_constants_on_a_line() -> None:
+    start, max_stretch, path = 0.5e-3, 0.6e-3, 0.2e-3
+    unloaded = {ratio: step_bouc_wen(start, -path, max_stretch, ratio, 1e-3) for ratio in (0.0, 1.0)}
+    assert unloaded[1.0] == pytest.approx(start - path, abs=1e-15)
+    assert unloaded[0.0] == pytest.approx((start + max_stretch) * math.exp(-path / max_stretch) - max_stretch)
 
 
 def test_stribeck_friction_falls_with_speed() -> None:
@@ -141,7 +174,7 @@ def test_stribeck_friction_falls_with_speed() -> None:
         forces[speed] = damper.stribeck_friction(p, state, 0.0, speed)
         assert damper.stribeck_friction(p, state, 0.0, -speed) == -forces[speed]
     assert forces[0.1] == pytest.approx(15.0, rel=1e-3)
-    assert forces[0.003] == pytest.approx(15.0 * (1.0 + 0.6 * math.exp(-0.04)) * 3.0 / math.sqrt(10.0), rel=1e-3)
+    assert forces[0.003] == pytest.approx(15.0 * (1.0 + 0.6 * math.exp(-0.04)), rel=1e-3)
 
 
 def test_quantized_reading_is_a_multiple_of_the_step() -> None:

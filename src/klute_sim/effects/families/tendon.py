@@ -6,8 +6,11 @@ from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.effects.smoothing import step_follower, step_slider
 from klute_sim.laws.mckibben import MuscleParameters
 
-SLIDER_REACH = 3e-4
-"""Stretch over which the hysteresis changes its sign after a reversal [m] (assumed)."""
+SLIDER_REACH = 5e-5
+"""Half the stretch over which the hysteresis changes its sign after a reversal [m].
+
+Assumed: so short that a cycle from slack to 12 mm loses the stated fraction within 2 %.
+"""
 
 
 def subtract_slack(p: Any, state: Any, stretch: float) -> float:
@@ -23,8 +26,13 @@ def stiffening_force(p: Any, state: Any, force: float, stretch: float) -> float:
 
 
 def slip_force(p: Any, state: Any, force: float, stretch: float) -> float:
-    """Return ``F (1 + eta (x - a) / d)`` [N], with the slider a at most d = 0.3 mm behind the stretch x."""
-    return force * (1.0 + p.loss_fraction * (stretch - state.slider) / SLIDER_REACH)
+    """Return ``F (1 + h (x - a) / d)`` [N], with the slider a at most d = 0.05 mm behind the stretch x.
+
+    Loading takes the work W (1 + h) and unloading returns W (1 - h), so ``h = eta / (2 - eta)`` loses the fraction eta
+    of the loading work.
+    """
+    half_width = p.loss_fraction / (2.0 - p.loss_fraction)
+    return force * (1.0 + half_width * (stretch - state.slider) / SLIDER_REACH)
 
 
 def step_slip_slider(
@@ -55,15 +63,15 @@ TENDON_HYSTERESIS = Effect(
     forms=(
         EffectForm(
             name="slip",
-            equation="F (1 + eta (x - a)/d), slider a within d = 0.3 mm of the stretch x",
+            equation="F (1 + eta/(2 - eta) (x - a)/d), slider a within d = 0.05 mm of the stretch x",
             parameters=(
                 EffectParameter(
                     key="loss_fraction",
                     neutral=0.0,
                     lower=0.0,
                     upper=0.5,
-                    typical=0.06,
-                    source="Achilles tendons lose 5-10 % (Peltonen 2013)",
+                    typical=0.05,
+                    source="fraction of the loading work; human Achilles tendon 5 +- 2 % (Peltonen 2013, abstract)",
                 ),
             ),
             laws={"tendon_force": slip_force, "next_state": step_slip_slider},

@@ -1,10 +1,9 @@
 """Dry friction between the threads of the braid: it opposes motion in both directions and grows with pressure."""
 
-import math
 from typing import Any
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
-from klute_sim.effects.smoothing import EQUILIBRIUM_TIME_STEP, smooth_sign, step_slider
+from klute_sim.effects.smoothing import smooth_sign, step_bouc_wen, step_slider
 from klute_sim.laws.mckibben import MuscleParameters
 
 FRICTION_FRACTIONS = (1.0 / 6.0, 2.0 / 6.0, 3.0 / 6.0)
@@ -50,32 +49,34 @@ def step_sliders(
     )
 
 
-def bouc_wen_force(
+def hysteretic_force(
     p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
     """Return the tension [N] plus ``n k u``, with u the hysteretic stretch."""
     return force + muscle.n_actuators * p.stiffness * state.hysteretic_stretch
 
 
-def step_bouc_wen(
+def step_dahl_stretch(
     p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
 ) -> tuple[float, float]:
     """Return hysteretic stretch and length beyond rest [m] after the step.
 
-    ``du/dx = 1 - u sign(dx) / r`` with ``r = slope P / k``, solved exactly over the step: u tends to r sign(dx). This
-    is the Bouc-Wen model with an exponent of 1 and equal shape constants. The stiffness is constant and the limit
-    follows the pressure, so the element dissipates ``k u^2 |dx| / r`` for any pressure history.
+    Dahl's model ``du/dx = 1 - u sign(dx) / r`` with ``r = slope P / k``: u tends to r sign(dx).
     """
     x = length - muscle.resting_length
-    displacement, max_stretch = x - state.length, p.slope * pressure / p.stiffness
-    if dt >= EQUILIBRIUM_TIME_STEP:
-        return 0.0, x
-    if displacement == 0.0:
-        return state.hysteretic_stretch, x
-    if max_stretch <= 0.0:
-        return 0.0, x
-    limit = math.copysign(max_stretch, displacement)
-    return limit + (state.hysteretic_stretch - limit) * math.exp(-abs(displacement) / max_stretch), x
+    return step_bouc_wen(state.hysteretic_stretch, x - state.length, p.slope * pressure / p.stiffness, 0.0, dt), x
+
+
+def step_bouc_wen_stretch(
+    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
+) -> tuple[float, float]:
+    """Return hysteretic stretch and length beyond rest [m] after the step.
+
+    :func:`~klute_sim.effects.smoothing.step_bouc_wen` with ``1 / (beta + gamma) = slope P / k``.
+    """
+    x = length - muscle.resting_length
+    max_stretch = p.slope * pressure / p.stiffness
+    return step_bouc_wen(state.hysteretic_stretch, x - state.length, max_stretch, p.gamma_over_beta, dt), x
 
 
 _SLOPE_PARAMETER = EffectParameter(
@@ -85,6 +86,14 @@ _SLOPE_PARAMETER = EffectParameter(
     upper=60.0,
     typical=8.0,
     source="assumed: a few percent of the tension, as in Tondu 2012 (doi 10.1177/1045389X11435435)",
+)
+_STIFFNESS_PARAMETER = EffectParameter(
+    key="stiffness_n_per_mm",
+    neutral=None,
+    lower=1.0,
+    upper=500.0,
+    typical=40.0,
+    source="assumed: friction reverses within about a millimetre",
 )
 
 BRAID_HYSTERESIS = Effect(
@@ -101,35 +110,33 @@ BRAID_HYSTERESIS = Effect(
         EffectForm(
             name="maxwell_slip",
             equation="F += n sum_i k/3 (x - a_i), each slipping at its fraction of n slope P",
-            parameters=(
-                _SLOPE_PARAMETER,
-                EffectParameter(
-                    key="stiffness_n_per_mm",
-                    neutral=None,
-                    lower=1.0,
-                    upper=500.0,
-                    typical=40.0,
-                    source="assumed: friction reverses within about a millimetre",
-                ),
-            ),
+            parameters=(_SLOPE_PARAMETER, _STIFFNESS_PARAMETER),
             laws={"muscle_force": maxwell_slip_force, "next_state": step_sliders},
             states=("slider_1", "slider_2", "slider_3"),
         ),
         EffectForm(
-            name="bouc_wen",
+            name="dahl",
             equation="F += n k u, du/dx = 1 - u sign(dx)/r, r = slope P / k",
+            parameters=(_SLOPE_PARAMETER, _STIFFNESS_PARAMETER),
+            laws={"muscle_force": hysteretic_force, "next_state": step_dahl_stretch},
+            states=("hysteretic_stretch", "length"),
+        ),
+        EffectForm(
+            name="bouc_wen",
+            equation="F += n k u, du/dx = 1 - |u| (beta sign(u dx) + gamma), 1/(beta + gamma) = slope P / k",
             parameters=(
                 _SLOPE_PARAMETER,
+                _STIFFNESS_PARAMETER,
                 EffectParameter(
-                    key="stiffness_n_per_mm",
+                    key="gamma_over_beta",
                     neutral=None,
-                    lower=1.0,
-                    upper=500.0,
-                    typical=40.0,
-                    source="assumed: friction reverses within about a millimetre",
+                    lower=0.1,
+                    upper=1.0,
+                    typical=0.8,
+                    source="assumed: 1 unloads along a straight line; 0 would be the form dahl",
                 ),
             ),
-            laws={"muscle_force": bouc_wen_force, "next_state": step_bouc_wen},
+            laws={"muscle_force": hysteretic_force, "next_state": step_bouc_wen_stretch},
             states=("hysteretic_stretch", "length"),
         ),
     ),

@@ -1,0 +1,6 @@
+"""All rows of the table, one line for each module of effects."""
+
+from benchmarks.effect_sizes import friction
+
+ROWS = (*friction.ROWS,)
+"""Sizes of all effects that the table covers."""
