@@ -31,9 +31,7 @@ def test_presets_are_complete() -> None:
     bare = {"klute-1-1-4", "klute-3-4", "klute-1-2"}
     assert set(list_presets()) == bare | {"klute-3-4-pair", "klute-1-1-4-pair", "klute-1-1-4-pair-valve"}
     assert DEFAULT_DEVICE in list_presets()
-    assert all(
-        load_device(n).parameters.tendon.is_rigid and not any(load_device(n).parameters.damper) for n in bare
-    )
+    assert all(load_device(n).parameters.tendon.is_rigid and not any(load_device(n).parameters.damper) for n in bare)
 
 
 def test_assumed_numbers_are_marked() -> None:
