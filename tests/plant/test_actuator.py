@@ -29,7 +29,7 @@ def bench() -> tuple[mujoco.MjModel, mujoco.MjData, DeviceActuator]:
 
 def test_mujoco_steps_equal_device_steps() -> None:
     model, data, actuator = bench()
-    state = unit.compute_rest_state(PAIR.parameters)
+    state = unit.DeviceState(0.0, PAIR.parameters.muscle.resting_length)
     with callbacks.device_callbacks():
         for k in range(1500):
             length = float(0.335 + 0.015 * np.sin(2 * np.pi * 3 * k * STEP))
@@ -225,7 +225,7 @@ def test_device_needs_a_compatible_actuator() -> None:
 
 def test_reset_gives_rest_and_a_saved_state_replays_bitwise() -> None:
     model, data, actuator = bench()
-    assert actuator.get_state(data) == unit.compute_rest_state(PAIR.parameters)
+    assert actuator.get_state(data) == unit.DeviceState(0.0, PAIR.parameters.muscle.resting_length)
     actuator.set_state(data, DeviceState(2e5, 0.24))
     assert actuator.get_state(data)[:2] == pytest.approx((2e5, 0.24), rel=1e-15)
     size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION)

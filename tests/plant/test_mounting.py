@@ -47,7 +47,7 @@ def test_two_devices_among_other_actuators_are_independent(backend: str) -> None
         assert address.tolist() != list(range(5))
     data = mujoco.MjData(model)
     placed = {name: DeviceActuator(model, name) for name in devices}
-    states = {name: unit.compute_rest_state(device) for name, device in devices.items()}
+    states = {name: unit.DeviceState(0.0, device.muscle.resting_length) for name, device in devices.items()}
     data.ctrl[:] = 0.3
     with callbacks.device_callbacks(backend):
         for k in range(400):

@@ -30,7 +30,6 @@ FORCE_TOLERANCE = 1e-10
 MAX_ITERATIONS = 200
 """Maximum number of root-finding iterations of one step."""
 
-
 effect_chain: Any = catalogue.chain_device_effects()
 """Functions at which effects act on the device (:mod:`klute_sim.effects.effect`)."""
 N_EFFECT_VALUES, N_EFFECT_STATES = catalogue.count_values_and_states()
@@ -41,7 +40,7 @@ N_INTERNAL_STATES = DAMPER_STATE_START + len(DamperState._fields)
 NO_EFFECTS = (0.0,) * N_EFFECT_VALUES
 ZERO_INTERNAL_STATE = (0.0,) * N_INTERNAL_STATES
 DEAD_TIME_INDEX = catalogue.find_slot("pressure_delay", "dead_time").switch_index + 1
-"""Index of the command dead time among the values of the effects."""
+"""Index of the command dead time [s] among the values of the effects; the caller applies it (``DelayLine``)."""
 
 
 class DeviceParameters(NamedTuple):
@@ -114,16 +113,6 @@ def replace_gas_state(internal_state: tuple[float, ...], gas_state: GasState) ->
         gas_state.pwm_duty,
     )
     return internal_state[:N_EFFECT_STATES] + gas_states + internal_state[DAMPER_STATE_START:]
-
-
-def get_dead_time(parameters: DeviceParameters) -> float:
-    """Return the command dead time [s]; the caller applies it (:class:`klute_sim.device.delay.DelayLine`)."""
-    return float(parameters.effects[DEAD_TIME_INDEX])
-
-
-def compute_rest_state(parameters: DeviceParameters) -> DeviceState:
-    """Return the state of the unpressurised device with its muscle at resting length."""
-    return DeviceState(0.0, parameters.muscle.resting_length, ZERO_INTERNAL_STATE)
 
 
 def compute_taut_state(parameters: DeviceParameters, unit_length: float, pressure: float) -> DeviceState:
@@ -327,11 +316,8 @@ def step_pressure(parameters: DeviceParameters, state: DeviceState, command: flo
     The command is a gauge pressure [Pa] or a valve opening [1]. :func:`compute_pressure` adds the change of pressure
     that the motion of the muscle causes in this step.
     """
-    supply, effects, muscle = (
-        apply_supply_effects(parameters, state.internal_state),
-        parameters.effects,
-        parameters.muscle,
-    )
+    supply = apply_supply_effects(parameters, state.internal_state)
+    effects, muscle = parameters.effects, parameters.muscle
     if dt >= EQUILIBRIUM_TIME_STEP:
         supply = pneumatic_step.assume_full_tank(supply)
     target = command
@@ -349,6 +335,20 @@ def step_pressure(parameters: DeviceParameters, state: DeviceState, command: flo
     return pneumatic_step.charge(supply, get_gas_state(state), state.pressure, target, volume, resting_volume, dt)
 
 
+def _predict_motion(parameters: DeviceParameters, state: DeviceState, unit_length: float, dt: float) -> DeviceState:
+    """Return ``state`` after its muscle has moved for a step ``dt`` [s] with its air enclosed, if it has a valve.
+
+    The flow through the valve then meets the pressure and the volume of the end of the step. A flow at those of its
+    start would lag behind the motion by a step and would halve the accuracy of the gas's work.
+    """
+    supply, muscle = apply_supply_effects(parameters, state.internal_state), parameters.muscle
+    if supply.fill_conductance == 0.0:
+        return state
+    air = pneumatic_step.enclosed_air(supply, state.pressure, mckibben.volume(muscle, state.length))
+    length = solve_length(parameters, air, state, unit_length, dt)
+    return DeviceState(compute_pressure(parameters, air, length), length, state.internal_state)
+
+
 def advance_state(
     parameters: DeviceParameters, state: DeviceState, unit_length: float, command: float, dt: float
 ) -> DeviceState:
@@ -356,7 +356,7 @@ def advance_state(
 
     The command is a gauge pressure [Pa], or a valve opening [1] where ``supply.command_is_opening`` is 1.
     """
-    air = step_pressure(parameters, state, command, dt)
+    air = step_pressure(parameters, _predict_motion(parameters, state, unit_length, dt), command, dt)
     length = solve_length(parameters, air, state, unit_length, dt)
     pressure = compute_pressure(parameters, air, length)
     internal_state = step_internal_state(parameters, state.internal_state, pressure, length, unit_length, dt)
