@@ -16,7 +16,8 @@ from benchmarks.effect_sizes.size import (
 )
 
 from klute_sim.device.device import load_device
-from klute_sim.device.dynamics import DeviceParameters, compute_taut_state
+from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.types import Array
 from klute_sim.units import BAR
 

@@ -13,7 +13,7 @@ from klute_sim.bench.protocols.frequency import fit_sinusoid
 from klute_sim.bench.protocols.pressure_step import compute_step_response
 from klute_sim.bench.run import MAX_RECORDED_SAMPLES, BenchTrial, decimate_recording, run_protocol
 from klute_sim.device.device import Device, list_presets, load_device, parse_device
-from klute_sim.device.dynamics import compute_equilibrium_state
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
 from klute_sim.recording.recording import Recording

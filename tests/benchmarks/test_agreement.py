@@ -10,7 +10,8 @@ from benchmarks.hidden_effects import catalogue, inputs, plan, simulate
 from scipy.interpolate import PPoly
 
 from klute_sim.device.device import load_device
-from klute_sim.device.dynamics import DeviceParameters, compute_equilibrium_state
+from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.effects import catalogue as own
 from klute_sim.effects.families import instrument

@@ -7,10 +7,10 @@ import pytest
 
 from klute_sim import bench
 from klute_sim.controllers import pressure as control
-from klute_sim.device import dynamics as unit
 from klute_sim.device.device import Device, load_device, parse_device
 from klute_sim.device.dynamics import DeviceParameters, DeviceState
 from klute_sim.device.energy.ledger import POWER_TERMS, SOLVER_TERM
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.device.recorded_rollout import RolloutRecord, record_rollout
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.errors import InputError
@@ -82,7 +82,7 @@ def test_enclosed_air_is_polytropic(exponent: float) -> None:
         TIGHT,
     )
     p = edit_preset(*OPENS, *changes).parameters
-    start = unit.compute_taut_state(p, LENGTH[0], 0.0)
+    start = compute_taut_state(p, LENGTH[0], 0.0)
     start = DeviceState(3e5, start.length, start.internal_state)
     record = record_rollout(p, LENGTH, np.zeros(len(TIME)), STEP, initial_state=start)
     constant = (record.pressure + ATMOSPHERIC_PRESSURE) * total_volume(p, record.length) ** exponent
@@ -111,10 +111,10 @@ def test_enclosed_air_is_a_spring_and_a_large_valve_is_a_regulator() -> None:
         LENGTH,
         np.zeros(len(TIME)),
         STEP,
-        initial_state=unit.compute_taut_state(p, 0.36, 3e5),
+        initial_state=compute_taut_state(p, 0.36, 3e5),
     )
     held = record_rollout(
-        ideal, LENGTH, np.full(len(TIME), 3e5), STEP, initial_state=unit.compute_taut_state(ideal, 0.36, 3e5)
+        ideal, LENGTH, np.full(len(TIME), 3e5), STEP, initial_state=compute_taut_state(ideal, 0.36, 3e5)
     )
     assert np.ptp(shut.tension[500:]) > 1.02 * np.ptp(held.tension[500:])
 
@@ -140,7 +140,7 @@ def test_backends_are_bit_identical_without_and_with_mujoco(changes: tuple) -> N
     )
     for name in compiled_recording.channels:
         assert np.array_equal(compiled_recording[name], python_recording[name], equal_nan=True), name
-    start = unit.compute_taut_state(device.parameters, LENGTH[0], command[0])
+    start = compute_taut_state(device.parameters, LENGTH[0], command[0])
     alone = record_rollout(
         device.parameters, 1e-3 * compiled_recording["length"], command[:400], STEP, initial_state=start
     )
@@ -156,13 +156,13 @@ def test_backends_are_bit_identical_without_and_with_mujoco(changes: tuple) -> N
 def test_step_response_converges_with_the_time_step() -> None:
     p = VALVE.parameters
     fine = record_rollout(
-        p, np.full(16_000, 0.36), np.full(16_000, 4e5), 1.25e-5, initial_state=unit.compute_taut_state(p, 0.36, 0.0)
+        p, np.full(16_000, 0.36), np.full(16_000, 4e5), 1.25e-5, initial_state=compute_taut_state(p, 0.36, 0.0)
     ).pressure
     errors = []
     for step in (4e-4, 2e-4, 1e-4):
         n, k = round(0.2 / step), round(step / 1.25e-5)
         record = record_rollout(
-            p, np.full(n, 0.36), np.full(n, 4e5), step, initial_state=unit.compute_taut_state(p, 0.36, 0.0)
+            p, np.full(n, 0.36), np.full(n, 4e5), step, initial_state=compute_taut_state(p, 0.36, 0.0)
         ).pressure
         errors.append(np.abs(record - fine[k - 1 :: k]).max())
     assert errors[2] < 5e3

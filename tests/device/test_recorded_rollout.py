@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from klute_sim.device.device import load_device, parse_device
-from klute_sim.device.dynamics import DeviceState, compute_equilibrium_state
+from klute_sim.device.dynamics import DeviceState
 from klute_sim.device.energy.ledger import POWER_TERMS
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.recorded_rollout import record_rollout
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.errors import SimulationError

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from klute_sim.device import dynamics as dynamics
 from klute_sim.device.device import list_presets, load_device
 from klute_sim.device.dynamics import DeviceParameters, DeviceState
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.device.rollout import RolloutTrace, simulate_rollouts
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben, pneumatic_step
@@ -19,7 +20,7 @@ PAIR = load_device("klute-3-4-pair").parameters
 def test_rollouts_equal_single_steps_on_both_backends() -> None:
     length = 0.335 + 0.01 * np.sin(np.arange(500) / 30)
     command = np.where(np.arange(500) % 100 < 50, 4e5, 0.5e5)
-    state, expected = dynamics.compute_taut_state(PAIR, length[0], command[0]), []
+    state, expected = compute_taut_state(PAIR, length[0], command[0]), []
     for x, c in zip(length.tolist(), command.tolist(), strict=True):
         after = dynamics.advance_state(PAIR, state, x, c, 5e-4)
         expected.append((dynamics.compute_tension(PAIR, after, x, (after.length - state.length) / 5e-4), *after[:2]))
@@ -34,7 +35,7 @@ def test_rollouts_of_a_rigid_device_equal_single_steps() -> None:
     tied = load_device("klute-1-2").parameters
     assert tied.tendon.is_rigid
     length = tied.muscle.resting_length * (0.9 + 0.05 * np.sin(np.arange(300) / 20))
-    state, expected = dynamics.compute_taut_state(tied, float(length[0]), 3e5), []
+    state, expected = compute_taut_state(tied, float(length[0]), 3e5), []
     for x in length.tolist():
         after = dynamics.advance_state(tied, state, x, 3e5, 5e-4)
         expected.append(dynamics.compute_tension(tied, after, x, (after.length - state.length) / 5e-4))

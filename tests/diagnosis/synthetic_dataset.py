@@ -8,7 +8,8 @@ import numpy as np
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import load_device
-from klute_sim.device.dynamics import DeviceParameters, compute_equilibrium_state
+from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.bench import BenchExperiment

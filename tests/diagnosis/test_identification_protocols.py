@@ -11,7 +11,7 @@ from klute_sim.bench.protocols.identification import SAMPLE_INTERVAL, Identifica
 from klute_sim.bench.protocols.library import load_identification_protocols
 from klute_sim.bench.trajectory import sample_staircase
 from klute_sim.device.device import Device, list_presets, load_device, parse_device
-from klute_sim.device.dynamics import compute_equilibrium_state
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import RolloutTrace, simulate_rollouts
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError

@@ -18,7 +18,8 @@ import pytest
 from klute_sim.datasets.dataset import load_dataset, split_dataset
 from klute_sim.datasets.trial import TimeSeries
 from klute_sim.device.device import load_device
-from klute_sim.device.dynamics import DeviceParameters, compute_equilibrium_state
+from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.diagnosis.experiments import bench as experiments_bench
 from klute_sim.diagnosis.experiments.base import Experiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from klute_sim.device import dynamics as unit
 from klute_sim.device.device import load_device
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.device.recorded_rollout import record_rollout
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.effects import catalogue
@@ -62,7 +62,7 @@ def test_choked_valve_fills_in_the_closed_form_time() -> None:
         np.full(4000, length),
         np.full(4000, 14e5),
         STEP,
-        initial_state=unit.compute_taut_state(device, length, 0.0),
+        initial_state=compute_taut_state(device, length, 0.0),
     )
     assert np.interp(0.3 * high - ATMOSPHERIC_PRESSURE, trace.pressure, STEP * np.arange(1, 4001)) == pytest.approx(
         time, rel=1e-3
@@ -72,7 +72,7 @@ def test_choked_valve_fills_in_the_closed_form_time() -> None:
         np.full(9000, length),
         np.full(9000, 0.0),
         STEP,
-        initial_state=unit.compute_taut_state(device, length, 8e5),
+        initial_state=compute_taut_state(device, length, 8e5),
     )
     low = ATMOSPHERIC_PRESSURE / 0.3
     expected = valve.venting_time(restriction, 1.0, bare.supply.temperature, volume, 8e5 + ATMOSPHERIC_PRESSURE, low)

@@ -5,7 +5,7 @@ import pytest
 from benchmarks.effect_sizes.rows import ROWS
 from benchmarks.effect_sizes.size import EffectSize, make_device
 
-from klute_sim.device.dynamics import compute_equilibrium_state
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
 
 

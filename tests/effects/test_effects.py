@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from klute_sim import bench
 from klute_sim.device import dynamics as unit
 from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.equilibrium import compute_equilibrium_state, compute_taut_state
 from klute_sim.device.rollout import RolloutTrace, simulate_rollouts
 from klute_sim.effects import catalogue
 from klute_sim.effects.chain import EffectSlot
@@ -44,7 +45,7 @@ def test_equilibrium_state_is_stationary(slot: EffectSlot) -> None:
         for p in slot.form.parameters
     }
     device = activate(slot, parameters)
-    initial = unit.compute_equilibrium_state(device, 0.34, 3e5)
+    initial = compute_equilibrium_state(device, 0.34, 3e5)
     state = initial
     for _ in range(300):
         state = unit.advance_state(device, state, 0.34, 3e5, 1e-3)
@@ -52,9 +53,7 @@ def test_equilibrium_state_is_stationary(slot: EffectSlot) -> None:
     initial_tension, tension = (unit.compute_tension(device, s, 0.34, 0.0) for s in (initial, state))
     assert tension == pytest.approx(initial_tension, abs=0.3)
     if slot.effect in ("braid_hysteresis", "tendon_hysteresis"):  # relaxed sliders give no force
-        plain = unit.compute_tension(
-            PAIR.parameters, unit.compute_equilibrium_state(PAIR.parameters, 0.34, 3e5), 0.34, 0.0
-        )
+        plain = unit.compute_tension(PAIR.parameters, compute_equilibrium_state(PAIR.parameters, 0.34, 3e5), 0.34, 0.0)
         # In its last step of 1e9 s a muscle with smooth Coulomb friction still moves at 1e-11 m/s.
         assert initial_tension == pytest.approx(plain, abs=1e-4)
 
@@ -186,7 +185,7 @@ def test_mujoco_steps_internal_states_as_the_device_does() -> None:
     device = load_with_effects(sections)
     for backend in ("compiled", "python"):
         recording = bench.simulate_tester(device, LENGTH[:2000], COMMAND[:2000], STEP, backend=backend)
-        start = unit.compute_taut_state(device.parameters, LENGTH[0], COMMAND[0])
+        start = compute_taut_state(device.parameters, LENGTH[0], COMMAND[0])
         reached = 1e-3 * recording["length"]
         alone = simulate_rollouts(device.parameters, reached, COMMAND[:2000], STEP, initial_state=start)
         assert recording["force"] == pytest.approx(alone.tension, rel=1e-9, abs=1e-6)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from klute_sim.device.device import load_device
-from klute_sim.device.dynamics import DeviceParameters, compute_taut_state
+from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.plant import callbacks, models
 from klute_sim.plant.actuator import DeviceActuator

@@ -12,7 +12,7 @@ from klute_sim.datasets import dataset
 from klute_sim.datasets.split import Split
 from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import load_device
-from klute_sim.device.dynamics import compute_equilibrium_state
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.selection.robustness import EquivalentModel

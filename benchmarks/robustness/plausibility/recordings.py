@@ -13,7 +13,7 @@ from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.unit_conversion import get_si_factor
 from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import Device, load_device
-from klute_sim.device.dynamics import compute_equilibrium_state
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.plausibility.finding import ImplausibleInputError
 from klute_sim.types import Array

@@ -3,7 +3,8 @@
 from collections.abc import Iterable
 
 from klute_sim.device.device import Device, check_accepts_pressure
-from klute_sim.device.dynamics import compute_muscle_force, compute_taut_state, compute_tendon_force
+from klute_sim.device.dynamics import compute_muscle_force, compute_tendon_force
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.errors import InputError
 from klute_sim.laws.mckibben import lock_length
 from klute_sim.units import BAR

@@ -11,7 +11,7 @@ from klute_sim.bench import device_only, tester
 from klute_sim.bench.metrics import compute_ledger_residual
 from klute_sim.bench.protocols.protocol import BenchProtocol, TrialPlan
 from klute_sim.device.device import Device
-from klute_sim.device.dynamics import compute_equilibrium_state
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import MAX_TIME_STEP
 from klute_sim.errors import InputError
 from klute_sim.recording.recording import Recording

@@ -9,8 +9,9 @@ from klute_sim.bench.channels import create_recording
 from klute_sim.bench.validation import validate_inputs
 from klute_sim.device.delay import DelayLine
 from klute_sim.device.device import Device
-from klute_sim.device.dynamics import DEAD_TIME_INDEX, DeviceState, compute_taut_state, compute_tension
+from klute_sim.device.dynamics import DEAD_TIME_INDEX, DeviceState, compute_tension
 from klute_sim.device.energy.ledger import EnergyRecorder
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.plant import callbacks
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.recording.recording import Recording

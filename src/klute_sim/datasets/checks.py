@@ -8,7 +8,8 @@ from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.channels import TIME_COLUMN, Rig, get_column_units
 from klute_sim.datasets.trial import Trial
 from klute_sim.device.device import Device
-from klute_sim.device.dynamics import compute_equilibrium_state, compute_muscle_force, compute_taut_state
+from klute_sim.device.dynamics import compute_muscle_force
+from klute_sim.device.equilibrium import compute_equilibrium_state, compute_taut_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.errors import KluteSimError
 from klute_sim.laws.mckibben import lock_length

@@ -22,10 +22,10 @@ from klute_sim.device.dynamics import (
     DeviceState,
     advance_state,
     apply_supply_effects,
-    compute_taut_state,
 )
 from klute_sim.device.energy.ledger import EnergyBalance, compute_energy_balance
 from klute_sim.device.energy.outputs import accumulate_effects
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.device.nonfinite import MATH_ERRORS, check_finite, integrate_in_python, make_nonfinite_error
 from klute_sim.laws import pneumatic_step
 from klute_sim.types import Array

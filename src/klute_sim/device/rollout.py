@@ -22,9 +22,9 @@ from klute_sim.device.dynamics import (
     DeviceParameters,
     DeviceState,
     advance_state,
-    compute_taut_state,
     compute_tension,
 )
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.device.nonfinite import MATH_ERRORS, check_finite, integrate_in_python, make_nonfinite_error
 from klute_sim.errors import InputError
 from klute_sim.types import Array

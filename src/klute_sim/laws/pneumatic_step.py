@@ -290,9 +290,7 @@ def constant_pressure(pressure: float) -> AirCharge:
 def enclosed_air(supply: SupplyParameters, pressure: float, volume: float) -> AirCharge:
     """Return the air of a muscle with ``volume`` [m3] at ``pressure`` [Pa], which no air enters or leaves."""
     total_volume, exponent = volume + supply.dead_volume, supply.polytropic_exponent
-    return AirCharge(
-        pressure, 0.0, 1.0, exponent, total_volume, supply.dead_volume, 0.0, 0.0, 0.0, 0.0, True, math.inf
-    )
+    return AirCharge(pressure, 0.0, 1.0, exponent, total_volume, supply.dead_volume, 0.0, 0.0, 0.0, 0.0, True, math.inf)
 
 
 def charge_ideal(supply: SupplyParameters, pressure: float, target: float, dt: float) -> AirCharge:

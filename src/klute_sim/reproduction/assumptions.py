@@ -7,7 +7,8 @@ import numpy as np
 
 from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import Device
-from klute_sim.device.dynamics import DeviceParameters, compute_equilibrium_state
+from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import RolloutTrace, simulate_rollouts
 from klute_sim.errors import InputError
 from klute_sim.gait.metrics import compute_gait_metrics

@@ -19,7 +19,8 @@ from klute_sim.bench.protocols.protocol import (
 )
 from klute_sim.bench.trajectory import LengthTrajectory
 from klute_sim.device.device import Device
-from klute_sim.device.dynamics import compute_equilibrium_state, compute_tension
+from klute_sim.device.dynamics import compute_tension
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.recording.recording import Recording
 from klute_sim.units import BAR
 

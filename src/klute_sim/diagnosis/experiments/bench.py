@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from klute_sim.datasets.trial import Trial, Use
-from klute_sim.device.dynamics import DEAD_TIME_INDEX, compute_equilibrium_state
+from klute_sim.device.dynamics import DEAD_TIME_INDEX
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.experiments.base import (
     COARSE_STEP_FACTOR,

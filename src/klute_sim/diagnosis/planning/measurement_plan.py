@@ -13,7 +13,8 @@ from klute_sim.datasets.format import FORMAT_NAME
 from klute_sim.datasets.trial import Use
 from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import Device
-from klute_sim.device.dynamics import compute_equilibrium_state, compute_tension
+from klute_sim.device.dynamics import compute_tension
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.errors import InputError
 from klute_sim.types import Array

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from klute_sim.bench.build import build_tester, compute_servo_commands, place_crosshead
 from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import Device
-from klute_sim.device.dynamics import compute_taut_state, compute_tension
+from klute_sim.device.dynamics import compute_tension
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.envs.tasks.actions import ActionDecoder, select_action_kind
 from klute_sim.envs.tasks.bench_trajectory import TrajectoryGenerator
 from klute_sim.envs.tasks.energy_accounting import DeviceStates, EnergyAccounting

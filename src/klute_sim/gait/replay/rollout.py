@@ -24,9 +24,9 @@ from klute_sim.device.dynamics import (
     DeviceParameters,
     DeviceState,
     advance_state,
-    compute_taut_state,
     compute_tension,
 )
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.device.nonfinite import integrate_in_python
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.laws import foot as _foot

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from klute_sim.device.device import Device
-from klute_sim.device.dynamics import compute_taut_state
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.errors import InputError
 from klute_sim.gait.body import PROSTHESIS_PREFIX
 from klute_sim.gait.reference import Reference, load_default_reference

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from klute_sim.device.device import Device, load_device
-from klute_sim.device.dynamics import advance_state, compute_taut_state
+from klute_sim.device.dynamics import advance_state
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.laws import hill, mckibben, pneumatics
 from klute_sim.laws import hill_tables as tables
 from klute_sim.laws.hill import DESIGN_ENVELOPE

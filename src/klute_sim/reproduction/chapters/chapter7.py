@@ -7,7 +7,7 @@ import numpy as np
 from klute_sim.bench.protocols import library as protocols_library
 from klute_sim.bench.run import BenchResult, run_protocol
 from klute_sim.device.device import Device
-from klute_sim.device.dynamics import compute_equilibrium_state
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.errors import InputError
 from klute_sim.laws import mckibben
 from klute_sim.reproduction.curves import ChapterResult, FigureData, PlotLine

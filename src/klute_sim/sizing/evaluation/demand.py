@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.controllers.pressure import PressureController
-from klute_sim.device.dynamics import DeviceParameters, compute_equilibrium_state
+from klute_sim.device.dynamics import DeviceParameters
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben, pneumatics
 from klute_sim.laws import tendon as tendon_law

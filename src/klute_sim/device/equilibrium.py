@@ -1,0 +1,63 @@
+"""States of a device in which nothing changes any more, or in which the tendon is just taut."""
+
+from klute_sim.device.dynamics import (
+    ZERO_INTERNAL_STATE,
+    DeviceParameters,
+    DeviceState,
+    apply_supply_effects,
+    replace_gas_state,
+    solve_length,
+    step_internal_state,
+    step_pressure,
+)
+from klute_sim.effects.smoothing import EQUILIBRIUM_TIME_STEP
+from klute_sim.laws import mckibben, pneumatic_step
+
+
+def compute_taut_state(parameters: DeviceParameters, unit_length: float, pressure: float) -> DeviceState:
+    """Return the state in which the tendon is just taut at unit length ``unit_length`` [m], within the muscle's range.
+
+    The gauge ``pressure`` [Pa] is clipped to the range of the supply. A muscle whose commands are valve openings is
+    vented. All internal states are in equilibrium, and a tank is full.
+    """
+    shortest, longest = mckibben.lock_length(parameters.muscle), parameters.muscle.resting_length
+    length = min(max(unit_length - parameters.tendon.slack_length, shortest), longest)
+    supply = apply_supply_effects(parameters, ZERO_INTERNAL_STATE)
+    pressure = (
+        min(max(pressure, 0.0), pneumatic_step.supply_pressure(supply, 0.0))
+        if supply.command_is_opening == 0.0
+        else 0.0
+    )
+    return DeviceState(pressure, length, _compute_steady_internal_state(parameters, pressure, length, unit_length))
+
+
+def _compute_steady_internal_state(
+    parameters: DeviceParameters, pressure: float, length: float, unit_length: float
+) -> tuple[float, ...]:
+    """Return the internal state after a long time at this pressure [Pa] and these lengths [m]."""
+    internal_state = step_internal_state(
+        parameters, ZERO_INTERNAL_STATE, pressure, length, unit_length, EQUILIBRIUM_TIME_STEP
+    )
+    supply, muscle = apply_supply_effects(parameters, internal_state), parameters.muscle
+    if pneumatic_step.is_ideal(supply):
+        return internal_state
+    volume, resting_volume = mckibben.volume(muscle, length), mckibben.volume(muscle, muscle.resting_length)
+    return replace_gas_state(internal_state, pneumatic_step.equilibrium_gas(supply, pressure, volume, resting_volume))
+
+
+def compute_equilibrium_state(parameters: DeviceParameters, unit_length: float, command: float) -> DeviceState:
+    """Return the equilibrium state at unit length ``unit_length`` [m] under the pressure ``command`` [Pa].
+
+    All internal states are in equilibrium, too.
+    """
+    state = compute_taut_state(parameters, unit_length, command)
+    pressure = step_pressure(parameters, state, command, EQUILIBRIUM_TIME_STEP).pressure
+    # From zero internal states, a step this long ends in the internal states of the equilibrium.
+    length = solve_length(
+        parameters,
+        pneumatic_step.constant_pressure(pressure),
+        DeviceState(pressure, state.length),
+        unit_length,
+        EQUILIBRIUM_TIME_STEP,
+    )
+    return DeviceState(pressure, length, _compute_steady_internal_state(parameters, pressure, length, unit_length))
