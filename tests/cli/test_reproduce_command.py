@@ -17,20 +17,26 @@ def test_reproduction_writes_page_with_figures(tmp_path: Path) -> None:
     numbers.write_text('"table-4.1.bore" = 20.0\n', "utf-8")
     completed = run("reproduce", "--out", "result", "--published", "numbers.toml", "--json", cwd=tmp_path)
     assert completed.returncode == 0, completed.stderr
-    items = json.loads(completed.stdout)
-    assert len(items) >= 60
-    assert all({"item", "quantity", "unit", "published", "computed", "verdict", "note"} <= set(item) for item in items)
+    content = json.loads(completed.stdout)
+    items = content["items"]
+    assert len(items) == sum(sum(by_verdict.values()) for by_verdict in content["counts"].values())
+    keys = {"item", "quantity", "unit", "published", "computed", "kind", "tolerance", "criterion", "verdict", "note"}
+    assert all(keys <= set(item) for item in items)
     assert {item["verdict"] for item in items} == VERDICTS
     assert next(item for item in items if item["item"] == "table-4.1.bore")["verdict"] == "agrees"
-    assert json.loads((tmp_path / "result" / "items.json").read_text("utf-8")) == items
+    assert json.loads((tmp_path / "result" / "items.json").read_text("utf-8")) == content
     page = (tmp_path / "result" / "report.html").read_text("utf-8")
     assert all(f'id="{item["item"]}"' in page for item in items)
-    assert "Deviation of the model from the measurements at 5 bar" in page
+    assert page.index(content["headline"]) < page.index("Independent numbers") < page.index("Tables and figures")
+    assert content["other_kinds"] in page
+    assert page.count("(read once)") == sum(not item["checked"] for item in items) == 4
+    assert "± 7.34 N: 1 % of the reading" in page
     folded = "".join(re.findall(r"<details>.*?</details>", page, re.DOTALL))
     for item in items:
         if item["verdict"] != "agrees":
             assert f'<tr id="{item["item"]}"' not in folded
-    assert folded.count('<td class="v agrees">') > 100
+    n_agreeing = sum(by_verdict["agrees"] for by_verdict in content["counts"].values())
+    assert folded.count('<td class="v agrees">') == n_agreeing
     figures = sorted(file.name for file in (tmp_path / "result").glob("fig-*.png"))
     assert "fig-3.9.png" in figures
     assert page.count("data:image/png;base64,") == len(figures) >= 22
@@ -39,11 +45,12 @@ def test_reproduction_writes_page_with_figures(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_table_begins_with_measured_items(tmp_path: Path) -> None:
+def test_output_begins_with_independent_numbers(tmp_path: Path) -> None:
     completed = run("reproduce", cwd=tmp_path)
     assert completed.returncode == 0, completed.stderr
-    first_line = completed.stdout.splitlines()[0].strip()
-    assert first_line == "Measured at 5 bar, and the model"
+    content = json.loads((tmp_path / "runs" / "reproduce-001" / "items.json").read_text("utf-8"))
+    assert completed.stdout.splitlines()[0] == content["headline"]
+    assert completed.stdout.index("Independent numbers") < completed.stdout.index("Other items that do not agree")
     assert "734" in completed.stdout
     assert (tmp_path / "runs" / "reproduce-001" / "report.html").is_file()
 

@@ -29,12 +29,15 @@ def test_chapter_2_recovers_constants_and_contradictions() -> None:
     assessments = assess_chapter(chapter2.compute())
     assert set(assessments) == set(chapter2.compute().findings)
     constants = [
-        o for o in assessments.values() if isinstance(o.item.published, float) and not o.item.id.endswith(".r2")
+        o
+        for o in assessments.values()
+        if isinstance(o.item.published, float) and not o.item.id.endswith((".r2", ".fit"))
     ]
     assert len([o for o in constants if o.verdict == "agrees"]) >= 70
     contradictions = {o.item.id for o in assessments.values() if o.verdict != "agrees" and o.verdict != "not-printed"}
     assert contradictions == {
         "table-2.1.insignificant",
+        "table-2.3.frog.at-rest",  # 1.02, and the rounding of its constants allows 0.015
         "table-2.3.human.at-rest",
         "table-2.4.rat.at-vmax",
         "table-2.4.frog.at-vmax",
@@ -74,7 +77,10 @@ def test_implied_values_of_source() -> None:
     assert assessments["fig-3.4.bladder"] == pytest.approx(394.3)
     statements = {name: holds for name, holds in assessments.items() if isinstance(holds, bool)}
     assert not any(statements.values())
-    assert len(statements) == 5
+    assert statements.keys() == {"table-2.4.order", "eq-2.5.around"}
+    assert assessments["table-2.1.insignificant"] == pytest.approx(0.334, abs=5e-4)
+    assert assessments["fig-3.4.proportional"] == pytest.approx(1.418, abs=5e-4)
+    assert assessments["fig-3.7.velocity"] == pytest.approx(5.99, abs=0.005)
 
 
 def test_chapter_3_recovers_table_3_1_and_fig_3_4() -> None:
@@ -124,9 +130,9 @@ def test_chapter_4_requires_variable_orifice() -> None:
     assert assess_chapter(chapter4.compute(wide_orifices))["fig-4.12.near"].finding.value == pytest.approx(
         1.0, abs=1e-3
     )
-    assert chapter4.check_passivity(DamperParameters(1e4, 1e4)).holds
-    assert not chapter4.check_passivity(DamperParameters(1e4, -1e4)).holds
-    assert not chapter4.check_passivity(DamperParameters(-1e4, 1e4)).holds
+    assert chapter4.check_passivity(DamperParameters(1e4, 1e4)).value == 0.0
+    assert (chapter4.check_passivity(DamperParameters(1e4, -1e4)).value or 0.0) > 0.0
+    assert (chapter4.check_passivity(DamperParameters(-1e4, 1e4)).value or 0.0) > 0.0
     with pytest.raises(InputError, match="has no damper"):
         chapter4.compute(load_device("klute-3-4"))
 

@@ -12,14 +12,24 @@ from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.recording.run_folder import create_run_folder
-from klute_sim.reproduction.item import ItemAssessment
+from klute_sim.reproduction.item import VERDICTS, ItemAssessment
 from klute_sim.reproduction.printed import load_supplied_values
 from klute_sim.reproduction.run import Reproduction, run_reproduction
+from klute_sim.reproduction.summary import (
+    count_kinds,
+    count_verdicts,
+    format_dependence,
+    format_headline,
+    format_other_kinds,
+    select_kind,
+    summarize,
+)
 from klute_sim.types import ProgressCallback
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+    from rich.table import Table
 
 DEFAULT_UNIT = "klute-3-4-pair"
 """Muscle-tendon unit of chapters 4 to 8."""
@@ -45,8 +55,18 @@ class ReproductionResult:
         return self.reproduction.assessments
 
     def to_records(self) -> list[dict[str, Any]]:
-        """Return one dictionary per item, the content of items.json."""
+        """Return one dictionary per item."""
         return self.reproduction.to_records()
+
+    @property
+    def headline(self) -> str:
+        """How many independent numbers agree, of those that are compared."""
+        return format_headline(self.assessments)
+
+    def to_json(self) -> str:
+        """Return headline, counts and items, the content of items.json."""
+        content = summarize(self.assessments) | {"items": self.to_records()}
+        return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return the items as a DataFrame; raises MissingExtraError without pandas."""
@@ -55,21 +75,16 @@ class ReproductionResult:
         return frame
 
     def format_summary(self, *, all_items: bool = False) -> Summary:
-        """Yield the measured items, the items that do not agree (or ``all_items``), and the number of each verdict."""
-        from klute_sim.report.reproduction.page import VERDICT_MEANINGS, count_agreeing_inputs, count_verdicts
-
-        listed = [
-            assessment
-            for assessment in self.assessments
-            if all_items or (assessment.verdict in DISAGREEMENTS and not assessment.item.is_measured)
-        ]
-        yield from _format_items(
-            "Measured at 5 bar, and the model", [a for a in self.assessments if a.item.is_measured]
-        )
+        """Yield the headline, the independent numbers, the items that do not agree (or ``all_items``), and counts."""
+        yield self.headline
+        yield format_dependence(self.assessments)
+        yield format_other_kinds(self.assessments)
+        independent = [a for a in select_kind(self.assessments, "independent") if a.is_compared]
+        yield from _format_items("Independent numbers", independent, with_kind=False)
+        others = [a for a in self.assessments if a.verdict in DISAGREEMENTS and a not in independent]
+        listed = list(self.assessments) if all_items else others
         yield from _format_items("All items" if all_items else "Other items that do not agree", listed)
-        for verdict, count in count_verdicts(self.assessments).items():
-            inputs = f"; {count_agreeing_inputs(self.assessments)} of them are inputs of the model"
-            yield f"{count:4d} {verdict}: {VERDICT_MEANINGS[verdict]}{inputs if verdict == 'agrees' else ''}"
+        yield _format_counts(self.assessments)
 
     def __repr__(self) -> str:
         """Return one line: device and number of items."""
@@ -112,7 +127,7 @@ class ReproductionResult:
             if progress is not None:
                 progress((index + 1) / len(figures), "drawing")
         write_page(self.reproduction, paths, scratch / "report.html")
-        (scratch / "items.json").write_text(format_records(self.to_records()) + "\n", "utf-8")
+        (scratch / "items.json").write_text(self.to_json() + "\n", "utf-8")
         (scratch / "device.toml").write_bytes(self.device.content)
 
 
@@ -133,23 +148,31 @@ def reproduce(
     return ReproductionResult(run_reproduction(to_device(device), supplied, report))
 
 
-def format_records(records: list[dict[str, Any]]) -> str:
-    """Return ``records`` as the JSON text of items.json."""
-    return json.dumps(records, indent=1, allow_nan=False, ensure_ascii=False)
-
-
-def _format_items(title: str, assessments: list[ItemAssessment]) -> Summary:
+def _format_items(title: str, assessments: list[ItemAssessment], *, with_kind: bool = True) -> Summary:
     from rich.table import Table
 
     from klute_sim.report.reproduction.page import format_outcome_cells
 
-    table = Table("table or figure", "quantity", "unit", "published", "computed", "difference", title=title)
+    columns = ("published", "computed", "difference", *(("kind",) if with_kind else ()))
+    table = Table("quantity", *columns, title=title)
     table.add_column("verdict", no_wrap=True)
     for assessment in assessments:
         cells = format_outcome_cells(assessment)
-        columns = ("quantity", "unit", "published", "computed", "difference", "verdict")
-        table.add_row(assessment.item.table_title, *(cells[column] for column in columns))
+        unit = "" if cells["unit"] == "-" else f" [{cells['unit']}]"
+        quantity = f"{assessment.item.table_title}: {cells['quantity']}{unit}"
+        table.add_row(quantity, *(cells[column] for column in (*columns, "verdict")))
     yield table
     for assessment in assessments:
         if assessment.note and assessment.verdict not in ("agrees", "not-printed"):
             yield f"{assessment.item.table_title}, {assessment.item.quantity}: {assessment.note}"
+
+
+def _format_counts(assessments: tuple[ItemAssessment, ...]) -> "Table":
+    from rich.table import Table
+
+    table = Table("kind", *VERDICTS, "all", title="Items by kind and verdict")
+    for kind, counts in count_kinds(assessments).items():
+        table.add_row(kind, *(str(counts[verdict]) for verdict in VERDICTS), str(sum(counts.values())))
+    totals = count_verdicts(assessments)
+    table.add_row("all", *(str(totals[verdict]) for verdict in VERDICTS), str(len(assessments)))
+    return table

@@ -31,17 +31,18 @@ DEFAULT_DEVICE = "klute-3-4-pair"
     "--items",
     "all_items",
     is_flag=True,
-    help="Print all items.  [default: the measured ones and those that do not agree]",
+    help="Print all items.  [default: the independent numbers and what does not agree]",
 )
 @common.out_option("reproduce", "page and figures")
-@click.option("--json", "as_json", is_flag=True, help="Print a JSON list of items instead of the table.")
+@click.option("--json", "as_json", is_flag=True, help="Print headline, counts and items as JSON instead of the table.")
 def command(
     device: str, published_file: Path | None, missing: bool, all_items: bool, out: Path | None, as_json: bool
 ) -> None:
     """Compare the model with the numbers and figures of Klute's dissertation.
 
     Each number and statement gets a verdict: agrees, contradicts-source, source-contradicts-itself, or not-printed
-    (the page is missing, or the data of the experiment are not printed).
+    (the page is missing, or the data of the experiment are not printed). The first line counts the independent numbers;
+    claims in words, round trips (a constant put into a law and recovered) and inputs of the model are counted apart.
 
     Writes report.html, every figure with the axes of the source, items.json and device.toml.
 
@@ -54,7 +55,7 @@ def command(
       klute-sim reproduce --json | python -m json.tool
     """
     from klute_sim.api.rendering import print_summary
-    from klute_sim.api.reproduction import format_records, reproduce
+    from klute_sim.api.reproduction import reproduce
     from klute_sim.cli.console import progress_bar, stdout_console
     from klute_sim.errors import InputError
     from klute_sim.recording.run_folder import create_run_folder
@@ -72,7 +73,7 @@ def command(
         with progress_bar("drawing") as progress:
             result.write_files(scratch, progress)
     if as_json:
-        click.echo(format_records(result.to_records()))
+        click.echo(result.to_json())
         return
     console = stdout_console()
     print_summary(console, result.format_summary(all_items=all_items))

@@ -6,28 +6,33 @@ from functools import cache
 from importlib import resources
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter
+from pydantic import BaseModel, ConfigDict
 
 from klute_sim.errors import InputError
 from klute_sim.files.limits import PUBLISHED_NUMBERS
 from klute_sim.files.toml import parse_toml, read_toml
-from klute_sim.reproduction.item import PublishedItem
+from klute_sim.reproduction.item import Dependence, ItemKind, PublishedItem
 
-DEFAULT_TOLERANCE, SUPPLIED_TOLERANCE = 1e-6, 0.1
-"""Default relative tolerances of printed numbers and of numbers that a user supplies."""
+SUPPLIED_TOLERANCE = 0.1
+"""Relative tolerance of numbers that a user supplies."""
 
 
 class _PublishedEntry(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
     id: str
+    kind: ItemKind
     quantity: str
     unit: str
     published: float | str | None = None
+    kind_reason: str = ""
+    dependence: Dependence | None = None
     tolerance: float | None = None
+    at_most: float | None = None
+    at_least: float | None = None
+    criterion: str = ""
     contradiction: str = ""
     note: str = ""
-    is_measured: bool = False
-    is_input: bool = False
+    is_checked: bool = True
     is_missing: bool = True
     """Whether an item without published value is on a page that this copy of the source lacks."""
 
@@ -41,42 +46,71 @@ class PublishedTable(BaseModel):
     items: list[_PublishedEntry]
 
 
+class _KindDefault(BaseModel):
+    """Tolerance of the numbers of a kind that have none of their own."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    tolerance: float
+    """Relative tolerance."""
+    criterion: str
+    """Reason of the tolerance."""
+
+
+class _PublishedFile(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    defaults: dict[ItemKind, _KindDefault]
+    tables: dict[str, PublishedTable]
+
+
 @cache
+def _load_file() -> _PublishedFile:
+    content = (resources.files("klute_sim.reproduction") / "printed.toml").read_bytes()
+    return _PublishedFile.model_validate(parse_toml(content, "printed.toml"))
+
+
 def load_tables() -> dict[str, PublishedTable]:
     """Return the published tables by identifier, in the order of the source."""
-    content = (resources.files("klute_sim.reproduction") / "printed.toml").read_bytes()
-    return TypeAdapter(dict[str, PublishedTable]).validate_python(parse_toml(content, "printed.toml"))
+    return _load_file().tables
 
 
 def list_items(supplied_values: Mapping[str, float] | None = None) -> list[PublishedItem]:
     """Return all items, with ``supplied_values`` (identifier to number) in place of missing numbers."""
-    supplied, items = supplied_values or {}, []
-    for table_id, table in load_tables().items():
-        for entry in table.items:
-            item_id, published, note = f"{table_id}.{entry.id}", entry.published, entry.note
-            tolerance = DEFAULT_TOLERANCE if entry.tolerance is None else entry.tolerance
-            if item_id in supplied:
-                published, tolerance = supplied[item_id], SUPPLIED_TOLERANCE
-                supplied_note = (
-                    f"The published number was supplied by the user and is compared within {100.0 * tolerance:g} %."
-                )
-                note = " ".join(filter(None, [note, supplied_note]))
-            number = float(published) if isinstance(published, int | float) else published
-            items.append(
-                PublishedItem(
-                    item_id,
-                    table.title,
-                    entry.quantity,
-                    entry.unit,
-                    number,
-                    tolerance,
-                    entry.contradiction,
-                    note,
-                    entry.is_measured,
-                    entry.is_input,
-                )
-            )
-    return items
+    supplied = supplied_values or {}
+    return [
+        _make_item(f"{table_id}.{entry.id}", table, entry, supplied.get(f"{table_id}.{entry.id}"))
+        for table_id, table in load_tables().items()
+        for entry in table.items
+    ]
+
+
+def _make_item(
+    item_id: str, table: PublishedTable, entry: _PublishedEntry, supplied_value: float | None
+) -> PublishedItem:
+    published, tolerance, criterion, note = entry.published, entry.tolerance, entry.criterion, entry.note
+    default = _load_file().defaults.get(entry.kind)
+    if supplied_value is not None:
+        published, tolerance = supplied_value, SUPPLIED_TOLERANCE * (abs(supplied_value) or 1.0)
+        criterion = f"{100.0 * SUPPLIED_TOLERANCE:g} %, as for every number that a user supplies (assumed)."
+        note = " ".join(filter(None, [note, "The published number was supplied by the user."]))
+    elif isinstance(published, float) and tolerance is None and default is not None:
+        tolerance, criterion = default.tolerance * (abs(published) or 1.0), default.criterion
+    return PublishedItem(
+        item_id,
+        table.title,
+        entry.quantity,
+        entry.unit,
+        published,
+        entry.kind,
+        entry.kind_reason,
+        entry.dependence,
+        tolerance,
+        entry.at_most,
+        entry.at_least,
+        criterion,
+        entry.contradiction,
+        note,
+        entry.is_checked,
+    )
 
 
 def get_published_numbers() -> dict[str, float]:

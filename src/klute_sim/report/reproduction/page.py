@@ -1,8 +1,7 @@
 """Page that compares the model with the dissertation: one self-contained HTML file that works offline."""
 
 import base64
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +9,9 @@ from klute_sim.provenance import collect_versions
 from klute_sim.report.diagnosis.text import format_number
 from klute_sim.report.html import render_template
 from klute_sim.reproduction import printed
-from klute_sim.reproduction.item import VERDICTS, ItemAssessment
+from klute_sim.reproduction.item import KIND_MEANINGS, VERDICTS, ItemAssessment
 from klute_sim.reproduction.run import Reproduction
+from klute_sim.reproduction.summary import count_kinds, count_verdicts, select_kind, summarize
 
 TEMPLATE = "reproduction.html"
 VERDICT_MEANINGS = {
@@ -36,13 +36,19 @@ def build_page_context(reproduction: Reproduction) -> dict[str, Any]:
     return {
         "device": reproduction.device.name,
         "digest": reproduction.device.digest,
-        "counts": [
-            (verdict, count, VERDICT_MEANINGS[verdict])
-            for verdict, count in count_verdicts(reproduction.assessments).items()
+        "summary": summarize(reproduction.assessments),
+        "verdicts": VERDICT_MEANINGS,
+        "kinds": [
+            (kind, KIND_MEANINGS[kind], [counts[verdict] for verdict in VERDICTS], sum(counts.values()))
+            for kind, counts in count_kinds(reproduction.assessments).items()
         ],
-        "inputs": count_agreeing_inputs(reproduction.assessments),
+        "totals": list(count_verdicts(reproduction.assessments).values()),
         "items": len(reproduction.assessments),
-        "measured": [format_outcome_cells(outcome) for outcome in reproduction.assessments if outcome.item.is_measured],
+        "independent": [
+            format_outcome_cells(outcome)
+            for outcome in select_kind(reproduction.assessments, "independent")
+            if outcome.is_compared
+        ],
         "rows": [
             {
                 "id": name,
@@ -61,25 +67,13 @@ def build_page_context(reproduction: Reproduction) -> dict[str, Any]:
     }
 
 
-def count_verdicts(outcomes: Iterable[ItemAssessment]) -> dict[str, int]:
-    """Return the number of outcomes with each verdict."""
-    counts = Counter(outcome.verdict for outcome in outcomes)
-    return {verdict: counts[verdict] for verdict in VERDICTS}
-
-
-def count_agreeing_inputs(outcomes: Iterable[ItemAssessment]) -> int:
-    """Return the number of agreeing items that are inputs of the model."""
-    return sum(outcome.item.is_input and outcome.verdict == "agrees" for outcome in outcomes)
-
-
 def format_outcome_cells(outcome: ItemAssessment) -> dict[str, str]:
     """Return the cells of an outcome as text."""
     item, finding = outcome.item, outcome.finding
-    published = item.published
     computed = "-" if finding.value is None else format_number(finding.value)
-    if finding.holds is not None:
+    if outcome.holds is not None:
         value = "" if finding.value is None else f" ({computed})"
-        computed = f"{'holds' if finding.holds else 'does not hold'}{value}"
+        computed = f"{'holds' if outcome.holds else 'does not hold'}{value}"
     difference = outcome.difference
     difference_text = "-"
     if difference is not None:
@@ -87,15 +81,36 @@ def format_outcome_cells(outcome: ItemAssessment) -> dict[str, str]:
         difference_text = percentage if outcome.is_relative else f"{difference:+.2g}"
     return {
         "id": item.id,
+        "table": item.table_title,
         "quantity": item.quantity,
         "unit": item.unit if item.unit not in ("", "1") else "-",
-        "published": "-"
-        if published is None
-        else published
-        if isinstance(published, str)
-        else format_number(published, 5),
+        "published": _format_published(outcome),
         "computed": computed,
         "difference": difference_text,
+        "kind": item.kind,
         "verdict": outcome.verdict,
-        "note": outcome.note,
+        "criterion": _format_criterion(outcome),
+        "note": " ".join(filter(None, [item.kind_reason, outcome.note])),
     }
+
+
+def _format_published(outcome: ItemAssessment) -> str:
+    published = outcome.item.published
+    if published is None:
+        return "-"
+    text = published if isinstance(published, str) else format_number(published, 5)
+    return text if outcome.item.is_checked else f"{text} (read once)"
+
+
+def _format_criterion(outcome: ItemAssessment) -> str:
+    """Return tolerance or limit and their reason; empty where nothing is compared."""
+    item = outcome.item
+    if not outcome.is_compared:
+        return ""
+    limits = [
+        f"{name} {format_number(value)}"
+        for name, value in (("±", item.tolerance), ("at most", item.at_most), ("at least", item.at_least))
+        if value is not None
+    ]
+    unit = "" if item.unit == "1" else f" {item.unit}"
+    return f"{limits[0]}{unit}: {item.criterion}" if limits else item.criterion
