@@ -19,6 +19,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from benchmarks.hidden_effects.air_space import air_space
 from benchmarks.hidden_effects.compiled import cached_njit
 from benchmarks.hidden_effects.law import DISTURBANCE_INDEX, DRAWN_MASS_INDEX, PRESSURE_INDEX, Law
 
@@ -54,6 +55,7 @@ class AirSupply(NamedTuple):
     leak_conductance: float  # m3/(s Pa)
     leak_is_crack: float  # 1: the leak is a crack, which opens in proportion to the pressure, fully at the supply's
     tank_volume: float  # m3, full at the supply's pressure; 0 for an endless supply
+    dead_volume: float  # m3, of fittings and hoses
 
 
 @cached_njit
@@ -353,10 +355,8 @@ def solve_air_stage(
     """Return the pressure at the end of a stage that moves the muscle at ``v`` to ``L``; ``new`` receives the air
     states.
     """
-    area = law.braid_length * law.braid_length - L * L  # times 4 pi N^2, as is the volume
-    volume = law.n_muscles * L * area / (4.0 * math.pi * law.turns * law.turns)
-    growth = (area - 2.0 * L * L) / (L * area) * v  # V'/V
-    growth = max(growth, -0.3 / gh)  # the bracketing of a root may try very large speeds
+    volume, volume_rate = air_space(L, v, air.dead_volume, law)
+    growth = max(volume_rate / volume, -0.3 / gh)  # the bracketing of a root may try very large speeds
     if air.fill_conductance > 0.0:
         return solve_valve_stage(target, gh, volume, growth, base, new, air)
     return solve_regulator_stage(target, gh, volume, growth, old, base, new, air)

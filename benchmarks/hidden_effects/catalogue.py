@@ -273,6 +273,7 @@ def build_neutral_law(device: Mapping[str, float]) -> tuple[Law, AirSupply]:
     )
     temperature = device["supply.gas_temperature_c"] + 273.15
     air = air._replace(gain=1.0, damping_ratio=1.0, temperature=temperature, exponent=1.0)
+    air = air._replace(dead_volume=get_si("supply.dead_volume_cm3", 1e-6))
     return law, air
 
 

@@ -12,7 +12,14 @@ import annotated_types
 from pydantic import BaseModel
 
 from klute_sim.device.device import Device
-from klute_sim.device.schema.document import SECTION_OF_EFFECT, Damper, Muscle, Tendon, parse_device_spec
+from klute_sim.device.schema.document import (
+    MIN_GAS_FRACTION,
+    SECTION_OF_EFFECT,
+    Damper,
+    Muscle,
+    Tendon,
+    parse_device_spec,
+)
 from klute_sim.device.schema.supply import Chamber, Leak, Line, Supply, Tank, Valve
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
@@ -87,7 +94,9 @@ def _draw_muscle(rng: random.Random) -> dict[str, Any]:
     radius, ratio = content["bladder_radius_mm"], content["braid_length_ratio"]
     mismatch = rng.choice([0.0, 0.049, -0.047])
     content["turns_per_m"] = 1e3 * math.sqrt(ratio * ratio - 1.0) / (2.0 * math.pi * radius * (1.0 + mismatch))
-    content["bladder_thickness_mm"] = draw_number(rng, 0.01, 0.999 * radius)
+    braid_radius = radius * (1.0 + mismatch)
+    bore = math.sqrt(max(radius * radius - (0.999 - MIN_GAS_FRACTION) * braid_radius * braid_radius, 0.0))
+    content["bladder_thickness_mm"] = draw_number(rng, 0.01, max(0.01, min(0.999 * radius, radius - bore)))
     return content
 
 

@@ -1,12 +1,13 @@
 """Device files: presets are complete and have sources; invalid files are refused in one sentence."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from klute_sim.device.device import DEFAULT_DEVICE, Device, list_presets, load_device, parse_device
 from klute_sim.errors import InputError
-from klute_sim.laws import pneumatic_step
+from klute_sim.laws import mckibben, pneumatic_step
 
 TEXT = load_device("klute-3-4-pair").content.decode()
 
@@ -68,6 +69,11 @@ def test_bladder_and_friction_can_be_disabled() -> None:
         ("braid_length_ratio = 1.053039", "braid_length_ratio = nan", "muscle.braid_length_ratio"),
         ("bladder_radius_mm = 6.4", "bladder_radius_mm = 7.4", "6.34 mm; the two must agree within 5 %"),
         ("bladder_thickness_mm = 1.6", "bladder_thickness_mm = 6.5", "less than bladder_radius_mm"),
+        (
+            "bladder_thickness_mm = 1.6",
+            "bladder_thickness_mm = 6.3",
+            "leaves no room for air; allowed: at most 5.304 mm",
+        ),
         ("resting_length_mm = 250.0", "resting_length_mm = -250.0", "greater than or equal to 20"),
         ("resting_length_mm = 250.0", "resting_length_mm = 0.25", "muscle.resting_length_mm = 0.25 is refused"),
         ("pressure_bar = 5.0", "pressure_bar = 60.0", "less than or equal to 20"),
@@ -89,6 +95,19 @@ def test_bladder_and_friction_can_be_disabled() -> None:
 def test_invalid_file_is_refused_with_key_and_allowed_values(old: str, new: str, message: str) -> None:
     assert old in TEXT
     assert message in parse_error(TEXT.replace(old, new, 1))
+
+
+def test_thickest_bladder_that_the_error_allows_leaves_a_hundredth_of_the_braid_to_the_air() -> None:
+    device = load_device("klute-3-4-pair")
+    with pytest.raises(InputError, match="leaves no room for air") as refused:
+        device.with_changes({"muscle.bladder_thickness_mm": 6.3})
+    largest = float(re.findall(r"at most ([0-9.]+) mm", str(refused.value))[0])
+    muscle = device.with_changes({"muscle.bladder_thickness_mm": largest}).parameters.muscle
+    at_rest = muscle.resting_length
+    share = mckibben.gas_volume(muscle, at_rest) / mckibben.braid_volume(muscle, at_rest)
+    assert share == pytest.approx(0.01, abs=2e-4)
+    with pytest.raises(InputError, match="leaves no room for air"):
+        device.with_changes({"muscle.bladder_thickness_mm": largest + 0.01})
 
 
 def test_unknown_device_lists_the_presets(tmp_path: Path) -> None:

@@ -46,7 +46,9 @@ TIGHT = ("conductance_dm3_per_s_bar = 0.001", "conductance_dm3_per_s_bar = 0.0")
 
 def total_volume(parameters: DeviceParameters, length: np.ndarray) -> np.ndarray:
     """Return the volume of muscle and dead volume [m3]."""
-    return np.array([mckibben.volume(parameters.muscle, x) for x in length.tolist()]) + parameters.supply.dead_volume
+    return (
+        np.array([mckibben.gas_volume(parameters.muscle, x) for x in length.tolist()]) + parameters.supply.dead_volume
+    )
 
 
 def gas_law(parameters: DeviceParameters, pressure: np.ndarray, length: np.ndarray) -> np.ndarray:
@@ -207,7 +209,7 @@ def test_energy_and_air_balances_of_a_stride_close() -> None:
         assert last["effect_braid_hysteresis_power"].sum() < -1.0
         # The force of a stop is the remainder of the force balance, so it must vanish without contact.
         assert np.abs(last["stop_power"]).sum() < 1e-5 * np.abs(last["delivered_power"]).sum()
-        volume = np.array([mckibben.volume(p.muscle, x) for x in last["muscle_length"].tolist()])
+        volume = np.array([mckibben.gas_volume(p.muscle, x) for x in last["muscle_length"].tolist()])
         work = float(np.trapezoid(last["pressure"] * BAR, volume))
         assert step * last["gas_power"][1:].sum() == pytest.approx(work, rel=1e-4)
         lost = [supply_valve.leak_flow(p.supply, x * BAR, p.supply.temperature) for x in last["pressure"].tolist()]
@@ -231,7 +233,7 @@ def test_energy_and_air_balances_of_a_stride_close() -> None:
             [('drive = "proportional"', 'drive = "on-off"\npwm_period_s = 0.02\nmin_pulse_s = 0.03')],
             "min_pulse_s must be at most half of pwm_period_s",
         ),
-        ([("dead_volume_cm3 = 5.0", "dead_volume_cm3 = 1e300")], "chamber.dead_volume_cm3 = 1e[+]300 is refused"),
+        ([("dead_volume_cm3 = 5.0", "dead_volume_cm3 = 1e300")], "supply.dead_volume_cm3 = 1e[+]300 is refused"),
         ([('command = "pressure"', 'command = "opening"')], "gain_per_bar is not allowed with command = 'opening'"),
         ([('drive = "proportional"', "pwm_period_s = 0.02")], "pwm_period_s and min_pulse_s need drive = 'on-off'"),
         ([("exponent = 1.2", "exponent = 2.0")], "chamber.exponent = 2.0 is refused"),

@@ -104,6 +104,9 @@ def draw_device(random: np.random.Generator) -> DeviceParameters:
         friction_slope=device.muscle.friction_slope * random.choice([0.0, 1.0, 3.0]),
         friction_offset=device.muscle.friction_offset * random.choice([0.0, 1.0, -1.0]),
     )
+    # As in a device file, the bladder fits into its braid and leaves room for air.
+    radius = np.sqrt(muscle.braid_length**2 - muscle.resting_length**2) / (2.0 * np.pi * muscle.braid_turns)
+    muscle = muscle._replace(bladder_radius=float(radius), bladder_thickness=float(radius * random.uniform(0.05, 0.5)))
     coefficients = random.choice([0.0, *10.0 ** np.arange(0, 13)], 2)
     tendon = device.tendon
     if not tendon.is_rigid:

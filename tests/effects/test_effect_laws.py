@@ -53,7 +53,7 @@ def test_choked_valve_fills_in_the_closed_form_time() -> None:
     slot = catalogue.find_slot("choked_valve", "symmetric")
     device = activate(slot, {"resistance_s_bar_per_dm3": 8.0, "critical_ratio": 0.3}, bare)
     length = 0.9 * bare.muscle.resting_length
-    volume = mckibben.volume(bare.muscle, length)
+    volume = mckibben.gas_volume(bare.muscle, length) + bare.supply.dead_volume
     restriction = valve.Restriction(1.0 / (8.0 * 1e3 * BAR), 0.3)
     high = 15e5 + ATMOSPHERIC_PRESSURE
     time = valve.filling_time(restriction, 1.0, bare.supply.temperature, volume, high, ATMOSPHERIC_PRESSURE, 0.3 * high)

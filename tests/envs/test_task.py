@@ -50,7 +50,8 @@ def compute_air_mass(env: AnkleGaitEnv) -> float:
     """Return the air mass in the muscles [kg]."""
     p = env._gait_rig.actuator.parameters
     state = env._gait_rig.actuator.get_state(env.data)
-    return pneumatics.air_mass(state.pressure, mckibben.volume(p.muscle, state.length), p.supply.temperature)
+    volume = mckibben.gas_volume(p.muscle, state.length) + p.supply.dead_volume
+    return pneumatics.air_mass(state.pressure, volume, p.supply.temperature)
 
 
 def test_filling_draws_air_and_venting_draws_none() -> None:

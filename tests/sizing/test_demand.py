@@ -127,7 +127,7 @@ def test_long_mounting_reaches_stop() -> None:
 
 def test_air_at_constant_pressure_follows_volume() -> None:
     demand = demand_under_profile(WALKER, ConstantPressure(4e5))
-    volumes = np.array([mckibben.volume(MUSCLE, float(r) * MUSCLE.resting_length) for r in demand.length_ratio])
+    volumes = np.array([mckibben.gas_volume(MUSCLE, float(r) * MUSCLE.resting_length) for r in demand.length_ratio])
     volume_increase = np.maximum(np.diff(np.append(volumes, volumes[0])), 0.0).sum()
     assert demand.air_mass == pytest.approx((4e5 + 101_325.0) * volume_increase / (287.05 * 293.15))
     assert demand_under_profile(WALKER, create_off_controller()).air_mass < demand.air_mass

@@ -93,7 +93,7 @@ def test_every_candidate_reports_required_count() -> None:
             actuator.compute_isometric_force(muscle, 5e5, option.length_ratio)
         )
         assert option.total_force == pytest.approx(actuator.compute_isometric_force(muscle, 5e5, 0.96))
-        assert option.gas_volume == pytest.approx(mckibben.volume(muscle, 0.96 * option.resting_length))
+        assert option.gas_volume == pytest.approx(mckibben.gas_volume(muscle, 0.96 * option.resting_length))
 
 
 def test_force_is_required_at_length_of_peak_moment() -> None:

@@ -192,7 +192,7 @@ def compute_pressure(parameters: DeviceParameters, air: AirCharge, length: float
     """Return the gauge pressure [Pa] of ``air`` in the muscle at muscle ``length`` [m]."""
     if air.disturbance_fraction == 0.0 and air.max_pressure_volume == math.inf:
         return air.pressure
-    return pneumatic_step.pressure_after_motion(air, mckibben.volume(parameters.muscle, length))
+    return pneumatic_step.pressure_after_motion(air, mckibben.gas_volume(parameters.muscle, length))
 
 
 def _compute_force_residual(
@@ -282,7 +282,10 @@ def step_pressure(parameters: DeviceParameters, state: DeviceState, command: flo
             target = effect_chain.pressure_reached(effects, state.internal_state, target, regulated, dt)
     if pneumatic_step.is_ideal(supply):
         return pneumatic_step.charge_ideal(supply, state.pressure, target, dt)
-    volume, resting_volume = mckibben.volume(muscle, state.length), mckibben.volume(muscle, muscle.resting_length)
+    volume, resting_volume = (
+        mckibben.gas_volume(muscle, state.length),
+        mckibben.gas_volume(muscle, muscle.resting_length),
+    )
     return pneumatic_step.charge(supply, get_gas_state(state), state.pressure, target, volume, resting_volume, dt)
 
 
@@ -295,7 +298,7 @@ def _predict_motion(parameters: DeviceParameters, state: DeviceState, unit_lengt
     supply, muscle = apply_supply_effects(parameters, state.internal_state), parameters.muscle
     if supply.fill_conductance == 0.0:
         return state
-    air = pneumatic_step.enclosed_air(supply, state.pressure, mckibben.volume(muscle, state.length))
+    air = pneumatic_step.enclosed_air(supply, state.pressure, mckibben.gas_volume(muscle, state.length))
     length = solve_length(parameters, air, state, unit_length, dt)
     return DeviceState(compute_pressure(parameters, air, length), length, state.internal_state)
 
@@ -313,7 +316,7 @@ def advance_state(
     internal_state = step_internal_state(parameters, state.internal_state, pressure, length, unit_length, dt)
     supply, muscle = apply_supply_effects(parameters, internal_state), parameters.muscle
     if not pneumatic_step.is_ideal(supply):
-        volume, resting_volume = mckibben.volume(muscle, length), mckibben.volume(muscle, muscle.resting_length)
+        volume, resting_volume = mckibben.gas_volume(muscle, length), mckibben.gas_volume(muscle, muscle.resting_length)
         gas = pneumatic_step.update_gas(supply, get_gas_state(state), air, pressure, volume, resting_volume)
         internal_state = replace_gas_state(internal_state, gas)
     return DeviceState(pressure, length, internal_state)

@@ -41,7 +41,7 @@ def _compute_steady_internal_state(
     supply, muscle = apply_supply_effects(parameters, internal_state), parameters.muscle
     if pneumatic_step.is_ideal(supply):
         return internal_state
-    volume, resting_volume = mckibben.volume(muscle, length), mckibben.volume(muscle, muscle.resting_length)
+    volume, resting_volume = mckibben.gas_volume(muscle, length), mckibben.gas_volume(muscle, muscle.resting_length)
     return replace_gas_state(internal_state, pneumatic_step.equilibrium_gas(supply, pressure, volume, resting_volume))
 
 

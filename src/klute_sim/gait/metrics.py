@@ -119,7 +119,7 @@ class StrideMetrics(AnkleMetrics):
     muscle_ratio_max: float | None
     """Maximum muscle length over resting length; 1 is the stop. None: the resting length is unknown, or no muscle."""
     air_g: float
-    """Air drawn from the supply; isothermal and without dead volume for an ideal regulator (assumed)."""
+    """Air drawn from the supply; isothermal for an ideal regulator (assumed)."""
     air_leaked_g: float
     """Air lost through a leak."""
     short_of_supply_pct: float

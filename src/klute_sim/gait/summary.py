@@ -13,7 +13,7 @@ COMMON_ASSUMPTIONS = {
     "prosthesis": "assumed: masses, inertias, return spring, joint damping, end stops (models/ankle.xml)",
 }
 """Assumptions of every run besides the numbers of the device."""
-REGULATOR_ASSUMPTIONS = {"air": "assumed: isothermal, no dead volume"}
+REGULATOR_ASSUMPTIONS = {"air": "assumed: isothermal"}
 """Assumptions about an ideal regulator with unlimited flow."""
 VALVE_ASSUMPTIONS = {
     "air": "assumed: leaves at the temperature of the muscle, throttled by ISO 6358; a check valve before the tank",

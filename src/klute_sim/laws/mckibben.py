@@ -44,13 +44,23 @@ def lock_length(muscle: MuscleParameters) -> float:
     return muscle.braid_length / math.sqrt(3.0)
 
 
-def volume(muscle: MuscleParameters, length: float) -> float:
-    """Gas volume [m3] of all actuators at ``length`` [m]: ``L (B^2 - L^2) / (4 pi N^2)``.
+def braid_volume(muscle: MuscleParameters, length: float) -> float:
+    """Volume [m3] inside the braids of all actuators at ``length`` [m]: ``V = L (B^2 - L^2) / (4 pi N^2)``.
 
-    Chou & Hannaford 1996: the cylinder inside a braid of inextensible threads, no dead volume.
+    Chou & Hannaford 1996: the cylinder inside a braid of inextensible threads. The rubber of the bladder fills a part
+    of it; the gas has the rest (:func:`gas_volume`).
     """
     b, n = muscle.braid_length, muscle.braid_turns
     return muscle.n_actuators * length * (b * b - length * length) / (4.0 * math.pi * n * n)
+
+
+def gas_volume(muscle: MuscleParameters, length: float) -> float:
+    """Gas volume [m3] of all actuators at ``length`` [m]: :func:`braid_volume` less the bladders, without dead volume.
+
+    Rubber is incompressible (eq. 3.3 assumes it, too), so that its volume does not change with the length, and the
+    virtual work of the gas, ``P dV/dL``, is that of the braid's volume.
+    """
+    return braid_volume(muscle, length) - muscle.n_actuators * bladder_volume(muscle)
 
 
 def gas_force(muscle: MuscleParameters, pressure: float, length: float) -> float:

@@ -40,7 +40,7 @@ class SupplyParameters(NamedTuple):
     thermal_time_constant: float = 0.0
     """Time constant of heat exchange with the walls [s]; 0: no exchange. Used only if the exponent is not 1."""
     dead_volume: float = 0.0
-    """Volume of fittings and line [m3]."""
+    """Volume of air in fittings and line, which the muscle does not displace [m3]."""
     leak_conductance: float = 0.0
     """Sonic conductance of a leak into the room [m3/(s Pa)]."""
     tank_volume: float = 0.0

@@ -127,7 +127,7 @@ def _compute_bench_metrics(
         "net work of a cycle": _net_work(parameters, unit_length, half_stroke, pressure),
     }
     muscle, temperature = parameters.muscle, parameters.supply.temperature
-    volume = mckibben.volume(muscle, float(rise.length[-1]))
+    volume = mckibben.gas_volume(muscle, float(rise.length[-1])) + parameters.supply.dead_volume
     metrics["air in the muscle"] = pneumatics.air_mass(float(rise.pressure[-1]), volume, temperature)
     return metrics
 

@@ -51,6 +51,8 @@ class DesignAssumptions:
     """Rate limit of the pressure regulator [Pa/s]."""
     gas_temperature: float = 20.0
     """Gas temperature [degrees Celsius]."""
+    dead_volume: float = 2.5e-6
+    """Air in fittings and hose per actuator, which the muscle does not displace [m3]; 20 cm of hose of 4 mm."""
 
     def __post_init__(self) -> None:
         """Raise InputError when a value is outside its physical range."""
@@ -67,6 +69,7 @@ class DesignAssumptions:
         check_range("moment arm", self.moment_arm, 10.0, 100.0, "mm", 1e-3)
         check_range("pressure rate", self.pressure_rate, 1.0, 1000.0, "bar/s", BAR)
         check_range("gas temperature", self.gas_temperature, -40.0, 80.0, "degrees C")
+        check_range("dead volume", self.dead_volume, 0.0, 1000.0, "cm³", 1e-6)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -60,6 +60,7 @@ def build_device(
             "pressure_bar": choices.supply_pressure / BAR,
             "rate_bar_per_s": assumptions.pressure_rate / BAR,
             "gas_temperature_c": assumptions.gas_temperature,
+            "dead_volume_cm3": round(1e6 * option.count * assumptions.dead_volume, 3),
         },
         "mounting": {"neutral_muscle_ratio": assumptions.neutral_ratio},
         "sources": _collect_sources(target, option, damper, tendon_force, required_force, choices),
@@ -131,6 +132,9 @@ def _collect_sources(
         ),
         "supply.rate_bar_per_s": unless_given("pressure_rate", "assumed: a fast proportional regulator"),
         "supply.gas_temperature_c": unless_given("gas_temperature", "assumed: room temperature"),
+        "supply.dead_volume_cm3": unless_given(
+            "dead_volume", "assumed: a fitting and 20 cm of hose of 4 mm per actuator"
+        ),
         "mounting.neutral_muscle_ratio": unless_given(
             "neutral_ratio", "assumed: strong at push-off, clear of the rest-length stop in walking"
         ),

@@ -21,6 +21,7 @@ STRIDE_ASSUMPTIONS = (
     "second_spring_ratio",
     "engagement_fraction",
     "gas_temperature",
+    "dead_volume",
 )
 """Assumptions of every device file that influence only the demand of a stride."""
 
@@ -192,6 +193,9 @@ def iter_variations(design: Design) -> Iterator[Variation]:
     ):
         yield from vary_assumption(field, name, "1", 1.0, vary_relative(field, 0.5), "Figs 6.3, 6.4: no values")
     yield from vary_assumption("gas_temperature", "gas temperature", "degC", 1.0, (0.0, 40.0), "room temperature")
+    yield from vary_assumption(
+        "dead_volume", "dead volume", "cm³", 1e-6, (0.0, 2.0 * assumptions.dead_volume), "none or twice, per actuator"
+    )
     if _is_length_free(design):
         fraction = vary_relative("excursion_fraction", 0.2)
         reason = "Fig. 3.8: 0.094; varied by 20 %, L0 by the design rule"

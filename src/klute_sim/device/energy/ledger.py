@@ -54,7 +54,7 @@ class EnergyBalance(NamedTuple):
     tendon_energy: Array
     """Energy stored in the tendon [J]."""
     air_mass: Array
-    """Mass of the air in muscles and dead volume [kg]; isothermal, no dead volume for an ideal regulator (assumed)."""
+    """Mass of the air in muscles and dead volume [kg]; isothermal for an ideal regulator (assumed)."""
     air_drawn: Array
     """Mass of the air drawn from the supply since the first sample [kg]."""
     air_leaked: Array

@@ -38,7 +38,7 @@ class DeviceOutputs(NamedTuple):
     tendon_energy: float
     """Energy stored in the tendon [J]."""
     air_mass: float
-    """Mass of the air in muscles and dead volume [kg]; isothermal, no dead volume for an ideal regulator (assumed)."""
+    """Mass of the air in muscles and dead volume [kg]; isothermal for an ideal regulator (assumed)."""
     air_drawn: float
     """Mass of the air drawn from the supply since the start [kg]; 0 for an ideal regulator, which does not count it."""
     air_leaked: float
@@ -61,7 +61,7 @@ def compute_outputs(
             _tendon.stored_energy(parameters.tendon, stretch),
         )
     supply, gas = apply_supply_effects(parameters, state.internal_state), get_gas_state(state)
-    volume, resting_volume = mckibben.volume(muscle, length), mckibben.volume(muscle, muscle.resting_length)
+    volume, resting_volume = mckibben.gas_volume(muscle, length), mckibben.gas_volume(muscle, muscle.resting_length)
     return DeviceOutputs(
         tension=unit_tension,
         gas_force=mckibben.gas_force(muscle, pressure, length),

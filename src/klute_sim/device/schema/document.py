@@ -33,6 +33,9 @@ from klute_sim.laws.tendon import TendonParameters
 MAX_RADIUS_MISMATCH = 0.05
 """Maximum relative difference of the radius that braid and turns imply from the bladder radius (Table 3.1: 2.6 %)."""
 
+MIN_GAS_FRACTION = 0.01
+"""Minimum share of gas in the braid's volume at rest, where it is smallest (assumed: a bore of a tenth the width)."""
+
 MAX_BORE_TO_ORIFICE_RATIO = 1000
 """Maximum ratio of bore to orifice; beyond it the damper locks (the muscle creeps micrometres in a stride)."""
 
@@ -53,9 +56,9 @@ class Muscle(DeviceFileSection):
     turns_per_m: Positive
     """Turns of a braid thread per metre of resting length, N/L0."""
     bladder_radius_mm: Annotated[FiniteFloat, Field(ge=0.05, le=500)]
-    """Outer bladder radius R0 at rest; with the braid it sets the volume of the air."""
+    """Outer bladder radius R0 at rest."""
     bladder_thickness_mm: Annotated[FiniteFloat, Field(ge=0.01, le=500)]
-    """Bladder wall thickness t0 at rest."""
+    """Bladder wall thickness t0 at rest; the rubber takes its volume from the air."""
     c10_kpa: RubberConstant
     """First Mooney-Rivlin constant of the bladder."""
     c01_kpa: RubberConstant
@@ -85,6 +88,18 @@ class Muscle(DeviceFileSection):
                 "bladder_radius_mm is {r} but braid_length_ratio and turns_per_m imply a radius of "
                 "{b} mm; the two must agree within 5 %",
                 {"r": self.bladder_radius_mm, "b": f"{braid_radius:.2f}"},
+            )
+        inner_radius = self.bladder_radius_mm - self.bladder_thickness_mm
+        rubber_fraction = (self.bladder_radius_mm**2 - inner_radius**2) / braid_radius**2
+        if 1.0 - rubber_fraction < MIN_GAS_FRACTION:
+            max_thickness = self.bladder_radius_mm - math.sqrt(
+                max(self.bladder_radius_mm**2 - (1.0 - MIN_GAS_FRACTION) * braid_radius**2, 0.0)
+            )
+            raise PydanticCustomError(
+                "wall",
+                "bladder_thickness_mm is {t}, so that rubber fills the braid at resting length and leaves no room for "
+                "air; allowed: at most {max} mm with this braid and bladder_radius_mm",
+                {"t": self.bladder_thickness_mm, "max": f"{math.floor(1e3 * max_thickness) / 1e3:g}"},
             )
         return self
 
@@ -224,7 +239,7 @@ class DeviceSpec(DeviceFileSection):
     line: Line | None = None
     """Tube between valve and muscle; None: no tube."""
     chamber: Chamber | None = None
-    """Air in the muscle; None: constant temperature and no dead volume."""
+    """Air in the muscle; None: constant temperature."""
     tank: Tank | None = None
     """Tank that feeds the supply; None: the supply is unlimited."""
     leak: Leak | None = None

@@ -23,6 +23,8 @@ class Supply(DeviceFileSection):
     """Maximum rate of pressure change in both directions, without a [valve]."""
     gas_temperature_c: Annotated[FiniteFloat, Field(ge=-60, le=200)]
     """Temperature of the supplied air."""
+    dead_volume_cm3: Annotated[FiniteFloat, Field(ge=0, le=1e4)] = 0.0
+    """Air in fittings and hose that the muscle does not displace, without a [line]; left out: none."""
 
 
 class Valve(DeviceFileSection):
@@ -83,8 +85,6 @@ class Line(DeviceFileSection):
 class Chamber(DeviceFileSection):
     """The air in the muscle."""
 
-    dead_volume_cm3: Annotated[FiniteFloat, Field(ge=0, le=1e4)]
-    """Dead volume of the fittings, without the line."""
     exponent: Annotated[FiniteFloat, Field(ge=1.0, le=1.67)]
     """Polytropic exponent: 1 isothermal, 1.4 adiabatic."""
     thermal_time_constant_s: Annotated[FiniteFloat, Field(ge=0, le=1e4)]
@@ -120,6 +120,7 @@ def build_supply(
         max_pressure=supply.get_si("pressure_bar"),
         max_pressure_rate=supply.get_si("rate_bar_per_s"),
         temperature=supply.gas_temperature_c + ZERO_CELSIUS,
+        dead_volume=supply.get_si("dead_volume_cm3"),
     )
     if tank is not None:
         parameters = parameters._replace(tank_volume=tank.get_si("volume_l"), tank_pressure=tank.get_si("pressure_bar"))
@@ -131,12 +132,10 @@ def build_supply(
     exhaust = Restriction(valve.get_si("exhaust_dm3_per_s_bar"), valve.exhaust_critical_ratio)
     if line is not None:
         fill, exhaust = (valve_law.combine_in_series(path, line.to_restriction()) for path in (fill, exhaust))
-        parameters = parameters._replace(dead_volume=line.compute_volume())
+        parameters = parameters._replace(dead_volume=parameters.dead_volume + line.compute_volume())
     if chamber is not None:
         parameters = parameters._replace(
-            dead_volume=parameters.dead_volume + chamber.get_si("dead_volume_cm3"),
-            polytropic_exponent=chamber.exponent,
-            thermal_time_constant=chamber.thermal_time_constant_s,
+            polytropic_exponent=chamber.exponent, thermal_time_constant=chamber.thermal_time_constant_s
         )
     return parameters._replace(
         fill_conductance=fill.conductance,

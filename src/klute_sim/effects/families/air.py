@@ -105,7 +105,7 @@ def _make_resistance_parameter(key: str) -> EffectParameter:
         lower=0.0,
         upper=50.0,
         typical=4.0,
-        source="1/C (ISO 6358); C = 1 dm3/(s bar) fills a 250 mm pair in about 0.2 s; assumed: a quarter of that",
+        source="1/C (ISO 6358); C = 1 dm3/(s bar) fills a 250 mm pair at 0.8 L0 in 0.18 s; assumed: a quarter of that",
     )
 
 
@@ -166,7 +166,7 @@ VOLUME_COUPLING = Effect(
                     lower=0.0,
                     upper=5.0,
                     typical=0.05,
-                    source="assumed: equal to the lag of a regulator; sealed, V'/V is 10 to 14 1/s at 200 mm/s",
+                    source="assumed: equal to the lag of a regulator; sealed, V'/V is 10 to 22 1/s at 200 mm/s",
                 ),
                 EffectParameter(
                     key="exponent",
@@ -198,7 +198,7 @@ LEAK = Effect(
                     lower=0.0,
                     upper=1.0,
                     typical=0.02,
-                    source="assumed: a sealed 3/4 in pair loses half of its 5 bar in 3 s",
+                    source="assumed: a sealed 3/4 in pair at 0.93 L0 loses half of its 5 bar in 3 s",
                 ),
             ),
             laws={"supply": add_leak},

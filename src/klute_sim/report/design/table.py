@@ -142,7 +142,7 @@ def _build_demand_table(demand: dict[str, Any]) -> Table:
         ("fraction of the stride at the rest-length stop", "%", f"{demand['at_stop_pct']:.0f}"),
         ("maximum shortening velocity", "mm/s", f"{demand['max_shortening_velocity_mm_per_s']:.0f}"),
         ("maximum lengthening velocity", "mm/s", f"{demand['max_lengthening_velocity_mm_per_s']:.0f}"),
-        ("air per stride, commanded pressure, no dead volume", "g", f"{demand['air_g']:.2f}"),
+        ("air per stride, commanded pressure", "g", f"{demand['air_g']:.2f}"),
     ):
         result.add_row(label, unit, value)
     return result

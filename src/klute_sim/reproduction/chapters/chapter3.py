@@ -91,7 +91,7 @@ def _add_actuator(findings: dict[str, Outcome], device: Device, size: str) -> No
         lambda length: mckibben.gas_force(muscle, BAR, length), 0.4 * resting_length, resting_length, xtol=1e-12
     )
     braid_length = math.sqrt(3.0) * lock_length
-    volume = mckibben.volume(muscle, 0.8 * resting_length)
+    volume = mckibben.braid_volume(muscle, 0.8 * resting_length)
     turns = math.sqrt(0.8 * resting_length * (braid_length**2 - (0.8 * resting_length) ** 2) / (4.0 * math.pi * volume))
     friction = [-mckibben.friction_force(muscle, pressure * BAR) for pressure in PRESSURES_BAR]
     slope, offset = np.polyfit(PRESSURES_BAR, friction, 1)
@@ -119,8 +119,8 @@ def _slenderness(device: Device) -> float:
 
 def _add_vessel(findings: dict[str, Outcome]) -> None:
     muscle = load_device("klute-1-1-4").parameters.muscle
-    max_volume = mckibben.volume(muscle, mckibben.lock_length(muscle))
-    change = (max_volume - mckibben.volume(muscle, muscle.resting_length)) / (
+    max_volume = mckibben.gas_volume(muscle, mckibben.lock_length(muscle))
+    change = (max_volume - mckibben.gas_volume(muscle, muscle.resting_length)) / (
         printed.get_published_numbers()["fig-3.3.ratio"] * max_volume
     )
     pressure = 5.0 * BAR + pneumatics.ATMOSPHERIC_PRESSURE

@@ -63,7 +63,7 @@ class StrideDemand:
     peak_moment_fraction: float
     """Static ankle moment at the supply pressure over the peak moment, at the phase of the peak [1]."""
     air_mass: float
-    """Air drawn from the supply in one stride of the profile [kg]; isothermal, no dead volume (assumed)."""
+    """Air drawn from the supply in one stride of the profile [kg]; isothermal (assumed)."""
 
     @property
     def is_loaded(self) -> np.ndarray:
@@ -119,7 +119,7 @@ def compute_stride_demand(
         for force, damper_force, x in zip(tendon_force, damping, length, strict=True)
     ]
     air_mass = [
-        pneumatics.air_mass(float(p), mckibben.volume(muscle, float(x)), supply.temperature)
+        pneumatics.air_mass(float(p), mckibben.gas_volume(muscle, float(x)) + supply.dead_volume, supply.temperature)
         for p, x in zip(pressure, length, strict=True)
     ]
     peak = int(tendon_force.argmax())

@@ -147,7 +147,7 @@ def _evaluate_option(preset: str, requirement: ActuatorRequirement, choices: Des
         length_ratio=ratio,
         available_force=available_force,
         count=count,
-        gas_volume=count * mckibben.volume(muscle, assumptions.design_ratio * resting_length),
+        gas_volume=count * mckibben.gas_volume(muscle, assumptions.design_ratio * resting_length),
         slenderness=resting_length / (2.0 * muscle.bladder_radius),
         is_sufficient=required_count <= count,
     )
