@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from klute_sim.device.device import load_device
-from klute_sim.device.dynamics import advance_state, compute_equilibrium_state, compute_rest_state
+from klute_sim.device.dynamics import advance_state, compute_rest_state
 from klute_sim.device.energy.outputs import compute_outputs
+from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.laws import mckibben
 from klute_sim.laws.mckibben import MuscleParameters
 from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE
