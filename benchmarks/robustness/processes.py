@@ -132,9 +132,12 @@ def _kill_and_repeat(
 
 
 def _start(command: Command, folder: Path, mark: str) -> subprocess.Popen[bytes]:
-    """Start ``command`` in ``folder``; its messages go to a file, because a pipe would wait for orphans, too."""
+    """Start ``command`` in ``folder``; its messages go to a file, because a pipe would wait for orphans, too.
+
+    All runs of a campaign share one cache, as a user's commands do, so compiled code is there after the first run.
+    """
     arguments = [sys.executable, "-m", "klute_sim", *command.arguments]
-    environment = {**os.environ, MARK: mark, "KLUTE_SIM_CACHE": str(folder / "cache")}
+    environment = {**os.environ, MARK: mark, "KLUTE_SIM_CACHE": str(folder.parent / "cache")}
     with (folder / f"{mark}.txt").open("wb") as messages:
         return subprocess.Popen(
             arguments, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=messages, stdin=subprocess.DEVNULL
