@@ -19,7 +19,7 @@ from klute_sim.reproduction.chapters import (
 )
 from klute_sim.reproduction.item import VERDICTS, assess
 from klute_sim.reproduction.run import Reproduction, run_reproduction
-from klute_sim.reproduction.summary import count_kinds, format_headline
+from klute_sim.reproduction.summary import count_kinds, format_dependence, format_headline
 
 ROOT = Path(__file__).parents[2]
 PAIR = load_device("klute-3-4-pair")
@@ -96,6 +96,7 @@ def test_documents_quote_what_the_command_prints(reproduction: Reproduction, doc
     text = " ".join((ROOT / document).read_text("utf-8").split())
     assert format_headline(reproduction.assessments).removesuffix(".") in text
     if document == "docs/dissertation.md":
+        assert format_dependence(reproduction.assessments) in text
         for kind, counts in count_kinds(reproduction.assessments).items():
             cells = " | ".join(str(counts[verdict]) for verdict in VERDICTS)
             assert f"| `{kind}` | {cells} |" in text, kind

@@ -41,7 +41,7 @@ def test_dependent_numbers_are_left_out_of_the_second_count() -> None:
 
 def test_other_kinds_are_counted_apart() -> None:
     sentence = format_other_kinds(ASSESSMENTS)
-    assert sentence.startswith("Beside them 0 of 1 claims in words, 2 of 2 round trips and 1 of 1 inputs agree.")
+    assert sentence.startswith("Beside them 0 of 1 claims and definitions, 2 of 2 round trips and 1 of 1 inputs agree.")
     assert sentence.endswith("1 items are not compared.")
 
 

@@ -8,7 +8,7 @@ from klute_sim.reproduction.item import KIND_MEANINGS, VERDICTS, ItemAssessment,
 
 KIND_PLURALS: dict[ItemKind, str] = {
     "independent": "independent numbers",
-    "claim": "claims in words",
+    "claim": "claims and definitions",
     "round-trip": "round trips",
     "input": "inputs",
 }
