@@ -84,6 +84,7 @@ EFFECTS: Forms = {
         "stribeck_speed_mm_per_s": HiddenParameter(1, 200, 15, None),
     },
     ("trapped_air", "isothermal"): {"air_volume_cm3": HiddenParameter(0, 10, 1)},
+    ("rod_side_area", "single_rod"): {"rod_diameter_mm": HiddenParameter(0, 18, 8)},
     ("tendon_stiffening", "quadratic"): {"stiffening_n_per_mm2": HiddenParameter(0, 100, 2)},
     ("choked_valve", "symmetric"): {
         "resistance_s_bar_per_dm3": HiddenParameter(0, 50, 4),
@@ -390,6 +391,8 @@ def _apply_effect(
             law = law._replace(bulge=parameters["factor"])
         case ("trapped_air", "isothermal"):
             law = law._replace(damper_air=parameters["air_volume_cm3"] * 1e-6)
+        case ("rod_side_area", "single_rod"):
+            law = law._replace(rod_area=math.pi / 4 * (parameters["rod_diameter_mm"] * 1e-3) ** 2)
         case ("tendon_stiffening", "quadratic"):
             law = law._replace(stiffening=parameters["stiffening_n_per_mm2"] * 1e6)
         case _:

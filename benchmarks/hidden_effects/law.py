@@ -90,6 +90,7 @@ class Law(NamedTuple):
     stribeck_speed: float
     transition: float
     damper_air: float  # m3 in each chamber, at atmospheric pressure
+    rod_area: float  # on the side that lengthening compresses
     stiffening: float  # N/m2
     tendon_loss: float
     tendon_stiffness: float
@@ -207,27 +208,37 @@ def static_muscle_tension(pressure: float, L: float, law: Law) -> float:
 
 @cached_njit
 def orifice_tension(v: float, law: Law) -> float:
-    """Return the tension of the orifices of the damper."""
-    return (law.damping_out if v > 0.0 else law.damping_in) * v * math.sqrt(v * v + law.transition * law.transition)
+    """Return the tension of the damper's orifices: the pressure that drives the oil out, on the area of its side."""
+    if v <= 0.0:
+        return law.damping_in * v * math.sqrt(v * v + law.transition * law.transition)
+    annulus = law.bore_area - law.rod_area
+    flow, transition = annulus * v, law.bore_area * law.transition
+    return annulus * law.damping_out * flow * math.sqrt(flow * flow + transition * transition) / law.bore_area**3
 
 
 @cached_njit
-def orifice_velocity(tension: float, damping: float, law: Law) -> float:
-    """Return the speed at which an orifice carries a tension >= 0: the inverse of :func:`orifice_tension`."""
-    if damping == 0.0 or tension == 0.0:
+def orifice_flow(pressure: float, damping: float, law: Law) -> float:
+    """Return the flow [m3/s] that a pressure >= 0 drives through an orifice: the inverse of :func:`orifice_tension`."""
+    if damping == 0.0 or pressure == 0.0:
         return 0.0
-    square, load = law.transition * law.transition, tension / damping
-    return load * math.sqrt(2.0 / (square + math.hypot(square, 2.0 * load)))
+    square, load = law.transition * law.transition, pressure * law.bore_area / damping
+    return law.bore_area * load * math.sqrt(2.0 / (square + math.hypot(square, 2.0 * load)))
 
 
 @cached_njit
-def chamber_pressure(travel: float, law: Law) -> float:
+def chamber_area(side: float, law: Law) -> float:
+    """Return the area of the chamber that is compressed, by the sign of its travel."""
+    return law.bore_area - law.rod_area if side > 0.0 else law.bore_area
+
+
+@cached_njit
+def chamber_pressure(travel: float, area: float, law: Law) -> float:
     """Return the gauge pressure of a chamber that a travel >= 0 of the piston compresses.
 
     Boyle's air and Hooke's oil share the travel, which is a quadratic equation for the pressure.
     """
     oil = OIL_COLUMN / OIL_MODULUS
-    rest = law.damper_air / law.bore_area + oil * ATMOSPHERE - travel
+    rest = law.damper_air / area + oil * ATMOSPHERE - travel
     root = math.sqrt(rest * rest + 4.0 * oil * ATMOSPHERE * travel)
     return 2.0 * ATMOSPHERE * travel / (rest + root) if rest > 0.0 else (root - rest) / (2.0 * oil)
 
@@ -237,10 +248,10 @@ def solve_chamber_travel(v: float, base: float, gh: float, law: Law) -> float:
     """Return the travel in the chambers after a stage: what the piston pushed in and the orifice did not let out."""
     pushed = base + gh * v
     damping, most = law.damping_out if pushed > 0.0 else law.damping_in, abs(pushed)
-    low, high = 0.0, most
+    low, high, area = 0.0, most, chamber_area(pushed, law)
     for _ in range(80):
         middle = 0.5 * (low + high)
-        out = gh * orifice_velocity(law.bore_area * chamber_pressure(middle, law), damping, law)
+        out = gh * orifice_flow(chamber_pressure(middle, area, law), damping, law) / area
         if middle + out > most:
             high = middle
         else:
@@ -269,7 +280,8 @@ def stateful_damping_tension(v: float, x: float, old: np.ndarray, new: np.ndarra
     """
     total = 0.0
     if law.damper_air != 0.0:
-        push = law.bore_area * chamber_pressure(abs(new[CHAMBER_INDEX]), law)
+        area = chamber_area(new[CHAMBER_INDEX], law)
+        push = area * chamber_pressure(abs(new[CHAMBER_INDEX]), area, law)
         total += math.copysign(push, new[CHAMBER_INDEX]) - orifice_tension(v, law)
     if law.stribeck != 0.0:
         total += law.stribeck * smooth_sign(v) * (1.0 + law.stribeck_rise * old[FILM_INDEX])

@@ -75,9 +75,31 @@ def test_trapped_air_loses_the_area_of_a_maxwell_element(air_volume: float) -> N
     assert area == pytest.approx(0.5 * math.pi * amplitude**2 * stiffness, rel=0.02)
 
 
+def test_rod_without_a_damper_has_no_effect() -> None:
+    device = add_effect("rod_side_area", "single_rod", rod_diameter_mm=8.0)
+    bare = device._replace(damper=DamperParameters(0.0, 0.0))
+    assert move_muscle(bare, np.array([-0.02, -0.01]), 1e-3)[-1] == 0.0
+
+
 def test_trapped_air_needs_a_damper() -> None:
     device = add_effect("trapped_air", "isothermal", air_volume_cm3=1.0)
     assert dynamics.has_internal_state(device)
     bare = device._replace(damper=DamperParameters(0.0, 0.0))
     assert not dynamics.has_internal_state(bare)
     assert move_muscle(bare, np.array([-0.02, -0.01]), 1e-3)[-1] == 0.0
+
+
+@pytest.mark.parametrize("diameter", [5.0, 10.0])
+def test_rod_reduces_the_loop_of_a_slow_cycle_on_its_side(diameter: float) -> None:
+    """Loop area of ``x = X sin wt`` by the quadratic law: ``4/3 X^3 w^2 (c_in + c_out r^3)``."""
+    device = add_effect("rod_side_area", "single_rod", rod_diameter_mm=diameter)
+    omega, amplitude, n = 6.0, 8e-3, 2000
+    time = 2.0 * math.pi / omega / n * np.arange(n + 1)
+    x = -0.02 + amplitude * np.sin(omega * time)
+    force = move_muscle(device, x, time[1])
+    area = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(x))
+    ratio = 1.0 - (diameter / 20.0) ** 2
+    per_stroke = 4.0 / 3.0 * amplitude**3 * omega**2
+    assert area == pytest.approx(
+        per_stroke * (BASE.concentric_coefficient + BASE.eccentric_coefficient * ratio**3), rel=0.02
+    )

@@ -77,12 +77,15 @@ def test_compressed_air_returns_its_energy() -> None:
     seed=st.integers(0, 10**6),
     air_volume=st.floats(1e-9, 1e-5),
     transition_speed=st.sampled_from([0.0, 0.04]),
+    rod_area=st.sampled_from([0.0, 0.5 * AREA]),
     dt=st.sampled_from([1e-5, 5e-4, 5e-3]),
 )
-def test_no_motion_creates_energy(seed: int, air_volume: float, transition_speed: float, dt: float) -> None:
+def test_no_motion_creates_energy(
+    seed: int, air_volume: float, transition_speed: float, rod_area: float, dt: float
+) -> None:
     random = np.random.default_rng(seed)
     x = np.cumsum(random.normal(0.0, 2e-4, 400) * (random.random(400) < 0.7))
-    force = move_piston(DamperParameters(3e4, 1e4, AREA, transition_speed, air_volume), x, dt)
+    force = move_piston(DamperParameters(3e4, 1e4, AREA, transition_speed, air_volume, rod_area), x, dt)
     work = np.cumsum(force[1:] * np.diff(x))
     assert work.min() >= -1e-12
 
@@ -91,8 +94,9 @@ def test_no_motion_creates_energy(seed: int, air_volume: float, transition_speed
 def test_compliance_is_the_slope_of_the_compression(force: float) -> None:
     damper = DamperParameters(1e4, 1e4, AREA, 0.0, 1e-6)
     step = 1e-3 * (1.0 + force)
-    slope = damper_chamber.compute_compression(damper, force + step) - damper_chamber.compute_compression(damper, force)
-    assert damper_chamber.compute_compliance(damper, force + 0.5 * step) == pytest.approx(slope / step, rel=1e-4)
+    before, after = (damper_chamber.compute_compression(damper, AREA, f) for f in (force, force + step))
+    slope = after - before
+    assert damper_chamber.compute_compliance(damper, AREA, force + 0.5 * step) == pytest.approx(slope / step, rel=1e-4)
 
 
 def test_long_step_ends_in_equilibrium() -> None:
@@ -106,3 +110,25 @@ def test_damper_without_air_or_bore_is_rigid() -> None:
     assert not damper_chamber.has_elastic_chambers(DamperParameters(1e4, 1e4, AREA))
     assert not damper_chamber.has_elastic_chambers(DamperParameters(0.0, 0.0, 0.0, 0.0, 1e-6))
     assert damper_chamber.has_elastic_chambers(DamperParameters(1e4, 1e4, AREA, 0.0, 1e-9))
+
+
+@pytest.mark.parametrize("transition_speed", [0.0, 0.05])
+def test_rod_reduces_flow_and_area_of_the_lengthening_side(transition_speed: float) -> None:
+    """The force follows from flow ``r A v``, pressure ``c/A^3 q sqrt(q^2 + (A vc)^2)`` and area ``r A``."""
+    c, rod_area, speed = 3e4, 0.25 * AREA, 0.1
+    damper = DamperParameters(2e4, c, AREA, transition_speed, 0.0, rod_area)
+    flow = 0.75 * AREA * speed
+    pressure = c / AREA**3 * flow * math.hypot(flow, AREA * transition_speed)
+    assert orifice.force(damper, speed) == pytest.approx(0.75 * AREA * pressure)
+    assert orifice.force(damper, -speed) == orifice.force(damper._replace(rod_area=0.0), -speed)
+    elastic = damper._replace(air_volume=1e-6)
+    x = speed * 1e-4 * np.arange(4000)
+    assert move_piston(elastic, x, 1e-4)[-1] == pytest.approx(orifice.force(damper, speed), rel=1e-6)
+    assert orifice.force(damper._replace(rod_area=2.0 * AREA), speed) == 0.0
+    assert move_piston(elastic._replace(rod_area=AREA), x, 1e-4)[-1] == 0.0
+
+
+def test_trapped_air_on_the_rod_side_acts_on_the_annulus() -> None:
+    damper = DamperParameters(1e12, 1e12, AREA, 0.0, 1e-6, 0.25 * AREA)
+    force = move_piston(damper, np.array([0.0, 1e-6]), 1e-9)[-1]
+    assert force == pytest.approx((0.75 * AREA) ** 2 * PA / 1e-6 * 1e-6, rel=0.01)

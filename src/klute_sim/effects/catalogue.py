@@ -74,6 +74,7 @@ BUILT_IN_EFFECTS = (
     damper.DISCHARGE_LOSS,
     damper.LAMINAR_ORIFICE,
     damper.TRAPPED_AIR,
+    damper.ROD_SIDE_AREA,
     damper.SEAL_FRICTION,
     tendon.TENDON_SLACK,
     tendon.TENDON_STIFFENING,

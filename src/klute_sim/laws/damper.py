@@ -24,6 +24,8 @@ class DamperParameters(NamedTuple):
     """Speed of the piston below which the oil flow is laminar [m/s]."""
     air_volume: float = 0.0
     """Volume at atmospheric pressure of the air in the oil of each chamber [m3]."""
+    rod_area: float = 0.0
+    """Cross-section of the piston rod, which is on the side that is compressed while lengthening [m2]."""
 
 
 def replace_damper_fields(
@@ -32,24 +34,37 @@ def replace_damper_fields(
     eccentric_coefficient: float,
     transition_speed: float,
     air_volume: float,
+    rod_area: float,
 ) -> DamperParameters:
     """Return ``damper`` with these fields replaced."""
     # numba does not compile NamedTuple._replace.
     return DamperParameters(
-        concentric_coefficient, eccentric_coefficient, damper.piston_area, transition_speed, air_volume
+        concentric_coefficient, eccentric_coefficient, damper.piston_area, transition_speed, air_volume, rod_area
     )
+
+
+def compute_area_ratio(damper: DamperParameters, velocity: float) -> float:
+    """Return the area of the side that is compressed at ``velocity`` [m/s] over that of the bore.
+
+    It is ``r = 1 - (d/D)^2`` on the side of a rod of diameter d in a bore D, and 0 without room beside the rod.
+    """
+    if velocity <= 0.0 or damper.rod_area == 0.0 or damper.piston_area == 0.0:
+        return 1.0
+    return max(0.0, 1.0 - damper.rod_area / damper.piston_area)
 
 
 def force(damper: DamperParameters, velocity: float) -> float:
     """Tension [N] of the orifices at ``velocity`` = dL/dt [m/s]: negative while shortening, positive while lengthening.
 
-    The force is ``c v |v|``, or ``c v sqrt(v^2 + vc^2)`` with a transition speed vc.
+    The force is ``c v |v|``, or ``c v sqrt(v^2 + vc^2)`` with a transition speed vc. A side of area ratio r drives only
+    the flow of the velocity r v through its orifice, and the pressure acts on the fraction r of the area: ``r F(r v)``.
     """
     coefficient = damper.eccentric_coefficient if velocity > 0.0 else -damper.concentric_coefficient
-    if damper.transition_speed == 0.0:
+    if damper.transition_speed == 0.0 and damper.rod_area == 0.0:
         return coefficient * velocity * velocity
-    vc2 = damper.transition_speed * damper.transition_speed
-    return coefficient * abs(velocity) * math.sqrt(velocity * velocity + vc2)
+    ratio = compute_area_ratio(damper, velocity)
+    w, vc2 = ratio * velocity, damper.transition_speed * damper.transition_speed
+    return ratio * coefficient * abs(w) * math.sqrt(w * w + vc2)
 
 
 def orifice_coefficient(bore: float, orifice: float, density: float, discharge_coefficient: float) -> float:

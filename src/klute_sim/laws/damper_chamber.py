@@ -6,8 +6,9 @@ x compresses that chamber and drives oil through its orifice::
 
     x = e(F) + z,    F = D(dz/dt),    F = p A,
 
-with the compression e, the orifice law D (:func:`klute_sim.laws.damper.force`) and the bore area A. The compressed
-volume is that of the air, isothermal (air of volume Va at atmospheric pressure pa), and that of the oil::
+with the compression e, the orifice law D (:func:`klute_sim.laws.damper.force`) and the area A of the compressed side,
+which the rod reduces on its side. The compressed volume is that of the air, isothermal (air of volume Va at
+atmospheric pressure pa), and that of the oil::
 
     A e(F) = Va p / (pa + p) + A h p / B.
 
@@ -21,7 +22,7 @@ temperature after some milliseconds. Air that dissolves under pressure is neglec
 import math
 from typing import NamedTuple
 
-from klute_sim.laws.damper import DamperParameters
+from klute_sim.laws.damper import DamperParameters, compute_area_ratio
 from klute_sim.laws.pneumatics import ATMOSPHERIC_PRESSURE
 
 OIL_BULK_MODULUS = 1.5e9
@@ -48,16 +49,16 @@ def has_elastic_chambers(damper: DamperParameters) -> bool:
     return damper.air_volume > 0.0 and damper.piston_area > 0.0
 
 
-def compute_compression(damper: DamperParameters, force: float) -> float:
-    """Return how far [m] the magnitude ``force`` >= 0 [N] compresses a chamber: e(F) of the module."""
-    pressure = force / damper.piston_area
-    air = damper.air_volume / damper.piston_area * (pressure / (ATMOSPHERIC_PRESSURE + pressure))
+def compute_compression(damper: DamperParameters, area: float, force: float) -> float:
+    """Return how far [m] the magnitude ``force`` >= 0 [N] compresses a chamber of ``area`` > 0 [m2]: e(F)."""
+    pressure = force / area
+    air = damper.air_volume / area * (pressure / (ATMOSPHERIC_PRESSURE + pressure))
     return air + OIL_COLUMN_LENGTH / OIL_BULK_MODULUS * pressure
 
 
-def compute_compliance(damper: DamperParameters, force: float) -> float:
+def compute_compliance(damper: DamperParameters, area: float, force: float) -> float:
     """Return the derivative of :func:`compute_compression` with ``force`` >= 0 [m/N]."""
-    area, absolute_pressure = damper.piston_area, ATMOSPHERIC_PRESSURE + force / damper.piston_area
+    absolute_pressure = ATMOSPHERIC_PRESSURE + force / area
     air = damper.air_volume / area * (ATMOSPHERIC_PRESSURE / (absolute_pressure * absolute_pressure))
     return (air + OIL_COLUMN_LENGTH / OIL_BULK_MODULUS) / area
 
@@ -67,25 +68,37 @@ def step_chambers(damper: DamperParameters, state: DamperState, length: float, d
 
     Backward Euler: ``e(F) + w dt = e(F0) + x - x0`` with ``F = D(w)``, solved for the orifice flow over the area, w.
     """
-    compression = compute_compression(damper, abs(state.force))
-    target = (compression if state.force >= 0.0 else -compression) + (length - state.length)
-    coefficient = damper.eccentric_coefficient if target > 0.0 else damper.concentric_coefficient
-    magnitude = _solve_orifice_force(damper, coefficient, abs(target), dt)
+    target = _compute_signed_compression(damper, state.force) + (length - state.length)
+    magnitude = _solve_orifice_force(damper, target, dt)
     return DamperState(magnitude if target > 0.0 else -magnitude, length)
 
 
-def _solve_orifice_force(damper: DamperParameters, coefficient: float, target: float, dt: float) -> float:
-    """Return the force F = D(w) >= 0 [N] at which ``e(F) + w dt`` is ``target`` >= 0 [m].
+def _compute_signed_compression(damper: DamperParameters, force: float) -> float:
+    """Return the compression [m] under ``force`` [N]: positive on the lengthening side."""
+    area = compute_area_ratio(damper, force) * damper.piston_area
+    if area == 0.0:
+        return 0.0
+    compression = compute_compression(damper, area, abs(force))
+    return compression if force >= 0.0 else -compression
+
+
+def _solve_orifice_force(damper: DamperParameters, signed_target: float, dt: float) -> float:
+    """Return the magnitude of the force F = D(w) [N] at which ``e(F) + w dt`` is ``signed_target`` [m].
 
     Newton's method within a bracket that it halves where a step would leave it; the sum increases with w.
     """
-    vc2 = damper.transition_speed * damper.transition_speed
+    ratio, target = compute_area_ratio(damper, signed_target), abs(signed_target)
+    area, vc2 = ratio * damper.piston_area, damper.transition_speed * damper.transition_speed
+    coefficient = damper.eccentric_coefficient if signed_target > 0.0 else damper.concentric_coefficient
+    if area == 0.0:
+        return 0.0
     low, high = 0.0, target / dt
     w, force = high, 0.0
     for _ in range(MAX_ITERATIONS):
-        root = math.sqrt(w * w + vc2)
-        force = coefficient * w * root
-        excess = compute_compression(damper, force) + w * dt - target
+        flow = ratio * w
+        root = math.sqrt(flow * flow + vc2)
+        force = ratio * coefficient * flow * root
+        excess = compute_compression(damper, area, force) + w * dt - target
         if abs(excess) <= RELATIVE_TOLERANCE * target:
             break
         if excess > 0.0:
@@ -94,7 +107,7 @@ def _solve_orifice_force(damper: DamperParameters, coefficient: float, target: f
             low = w
         slope = dt
         if root > 0.0:
-            slope += compute_compliance(damper, force) * coefficient * (root + w * w / root)
+            slope += compute_compliance(damper, area, force) * ratio * ratio * coefficient * (root + flow * flow / root)
         w -= excess / slope
         if not low < w < high:
             w = 0.5 * (low + high)

@@ -13,20 +13,32 @@ def apply_discharge_loss(p: Any, state: Any, damper: DamperParameters) -> Damper
     """Return the damper with coefficients over Cd^2: (4.6) without its term -1, which is 5e-6 of (bore/orifice)^4."""
     d, loss = damper, p.discharge_coefficient * p.discharge_coefficient
     return replace_damper_fields(
-        d, d.concentric_coefficient / loss, d.eccentric_coefficient / loss, d.transition_speed, d.air_volume
+        d, d.concentric_coefficient / loss, d.eccentric_coefficient / loss, d.transition_speed, d.air_volume, d.rod_area
     )
 
 
 def add_laminar_flow(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
     """Return the damper with force ``c v sqrt(v^2 + vc^2)``: linear below the transition speed vc, quadratic above."""
     d = damper
-    return replace_damper_fields(d, d.concentric_coefficient, d.eccentric_coefficient, p.transition_speed, d.air_volume)
+    return replace_damper_fields(
+        d, d.concentric_coefficient, d.eccentric_coefficient, p.transition_speed, d.air_volume, d.rod_area
+    )
 
 
 def trap_air(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
     """Return the damper with ``p.air_volume`` [m3] of air in each chamber (:mod:`klute_sim.laws.damper_chamber`)."""
     d = damper
-    return replace_damper_fields(d, d.concentric_coefficient, d.eccentric_coefficient, d.transition_speed, p.air_volume)
+    return replace_damper_fields(
+        d, d.concentric_coefficient, d.eccentric_coefficient, d.transition_speed, p.air_volume, d.rod_area
+    )
+
+
+def mount_on_one_rod(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
+    """Return the damper with a rod of diameter ``p.rod_diameter`` [m] on the side compressed while lengthening."""
+    d, area = damper, 0.25 * math.pi * p.rod_diameter * p.rod_diameter
+    return replace_damper_fields(
+        d, d.concentric_coefficient, d.eccentric_coefficient, d.transition_speed, d.air_volume, area
+    )
 
 
 def seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
@@ -175,6 +187,29 @@ TRAPPED_AIR = Effect(
                 ),
             ),
             laws={"damper": trap_air},
+        ),
+    ),
+)
+
+ROD_SIDE_AREA = Effect(
+    name="rod_side_area",
+    description="The piston has a rod on one side only: less area, less flow and less force while lengthening.",
+    kind="device",
+    forms=(
+        EffectForm(
+            name="single_rod",
+            equation="lengthening: r D(r v), r = 1 - (d/D)^2",
+            parameters=(
+                EffectParameter(
+                    key="rod_diameter_mm",
+                    neutral=0.0,
+                    lower=0.0,
+                    upper=18.0,
+                    typical=8.0,
+                    source="assumed: a cylinder of 20 mm bore with a rod of 8 mm; the design ignores the rod",
+                ),
+            ),
+            laws={"damper": mount_on_one_rod},
         ),
     ),
 )
