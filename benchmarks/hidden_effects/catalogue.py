@@ -85,6 +85,7 @@ EFFECTS: Forms = {
     },
     ("trapped_air", "isothermal"): {"air_volume_cm3": HiddenParameter(0, 10, 1)},
     ("rod_side_area", "single_rod"): {"rod_diameter_mm": HiddenParameter(0, 18, 8)},
+    ("cavitation", "charge"): {"inverse_charge_per_bar": HiddenParameter(0, 1, 0.3)},
     ("tendon_stiffening", "quadratic"): {"stiffening_n_per_mm2": HiddenParameter(0, 100, 2)},
     ("choked_valve", "symmetric"): {
         "resistance_s_bar_per_dm3": HiddenParameter(0, 50, 4),
@@ -393,6 +394,9 @@ def _apply_effect(
             law = law._replace(damper_air=parameters["air_volume_cm3"] * 1e-6)
         case ("rod_side_area", "single_rod"):
             law = law._replace(rod_area=math.pi / 4 * (parameters["rod_diameter_mm"] * 1e-3) ** 2)
+        case ("cavitation", "charge"):
+            inverse = parameters["inverse_charge_per_bar"]
+            law = law._replace(charge=BAR / inverse if inverse > 0.0 else 0.0)
         case ("tendon_stiffening", "quadratic"):
             law = law._replace(stiffening=parameters["stiffening_n_per_mm2"] * 1e6)
         case _:

@@ -41,7 +41,8 @@ N_CREEP_BRANCHES = 5
 PRESSURE_INDEX = CREEP_INDEX + N_CREEP_BRANCHES  # of the air, see air.py: gauge [Pa]
 DISTURBANCE_INDEX = PRESSURE_INDEX + 1  # [Pa]
 DRAWN_MASS_INDEX = PRESSURE_INDEX + 2  # [kg]
-N_INTERNAL_STATES = PRESSURE_INDEX + 3
+CHAMBER_FORCE_INDEX = PRESSURE_INDEX + 3  # tension of the damper's chambers [N]
+N_INTERNAL_STATES = PRESSURE_INDEX + 4
 
 
 class Law(NamedTuple):
@@ -91,6 +92,7 @@ class Law(NamedTuple):
     transition: float
     damper_air: float  # m3 in each chamber, at atmospheric pressure
     rod_area: float  # on the side that lengthening compresses
+    charge: float  # Pa, absolute, of the side that shortening compresses
     stiffening: float  # N/m2
     tendon_loss: float
     tendon_stiffness: float
@@ -209,11 +211,16 @@ def static_muscle_tension(pressure: float, L: float, law: Law) -> float:
 @cached_njit
 def orifice_tension(v: float, law: Law) -> float:
     """Return the tension of the damper's orifices: the pressure that drives the oil out, on the area of its side."""
-    if v <= 0.0:
-        return law.damping_in * v * math.sqrt(v * v + law.transition * law.transition)
-    annulus = law.bore_area - law.rod_area
-    flow, transition = annulus * v, law.bore_area * law.transition
-    return annulus * law.damping_out * flow * math.sqrt(flow * flow + transition * transition) / law.bore_area**3
+    area = chamber_area(v, law)
+    flow, transition = area * v, law.bore_area * law.transition
+    damping = law.damping_out if v > 0.0 else law.damping_in
+    return area * damping * flow * math.sqrt(flow * flow + transition * transition) / law.bore_area**3
+
+
+@cached_njit
+def chamber_area(side: float, law: Law) -> float:
+    """Return the area that meters the oil: that of the side which is compressed, and with a charge that of the rod."""
+    return law.bore_area - law.rod_area if side > 0.0 or law.charge > 0.0 else law.bore_area
 
 
 @cached_njit
@@ -226,37 +233,58 @@ def orifice_flow(pressure: float, damping: float, law: Law) -> float:
 
 
 @cached_njit
-def chamber_area(side: float, law: Law) -> float:
-    """Return the area of the chamber that is compressed, by the sign of its travel."""
-    return law.bore_area - law.rod_area if side > 0.0 else law.bore_area
-
-
-@cached_njit
-def chamber_pressure(travel: float, area: float, law: Law) -> float:
-    """Return the gauge pressure of a chamber that a travel >= 0 of the piston compresses.
+def compressed_pressure(travel: float, area: float, law: Law) -> float:
+    """Return by how much [Pa] a travel >= 0 of the piston raises the pressure of a chamber with air.
 
     Boyle's air and Hooke's oil share the travel, which is a quadratic equation for the pressure.
     """
-    oil = OIL_COLUMN / OIL_MODULUS
-    rest = law.damper_air / area + oil * ATMOSPHERE - travel
-    root = math.sqrt(rest * rest + 4.0 * oil * ATMOSPHERE * travel)
-    return 2.0 * ATMOSPHERE * travel / (rest + root) if rest > 0.0 else (root - rest) / (2.0 * oil)
+    start = law.charge if law.charge > 0.0 else ATMOSPHERE
+    oil, air = OIL_COLUMN / OIL_MODULUS, law.damper_air * ATMOSPHERE / start / area
+    rest = air + oil * start - travel
+    root = math.sqrt(rest * rest + 4.0 * oil * start * travel)
+    return 2.0 * start * travel / (rest + root) if rest > 0.0 else (root - rest) / (2.0 * oil)
 
 
 @cached_njit
-def solve_chamber_travel(v: float, base: float, gh: float, law: Law) -> float:
-    """Return the travel in the chambers after a stage: what the piston pushed in and the orifice did not let out."""
-    pushed = base + gh * v
-    damping, most = law.damping_out if pushed > 0.0 else law.damping_in, abs(pushed)
-    low, high, area = 0.0, most, chamber_area(pushed, law)
+def expanded_travel(suction: float, area: float, law: Law) -> float:
+    """Return the travel that the air and oil of a chamber yield at a pressure ``suction`` below that of the charge."""
+    if law.damper_air == 0.0:
+        return 0.0
+    air = law.damper_air * ATMOSPHERE / law.charge / area
+    left = law.charge - suction
+    return air * suction / left + OIL_COLUMN / OIL_MODULUS * suction if left > 0.0 else math.inf
+
+
+@cached_njit
+def solve_chamber(v: float, base: float, gh: float, law: Law) -> tuple[float, float]:
+    """Return travel and tension of the chambers after a stage.
+
+    The travel is what the piston displaced and the orifice did not let pass: compressed air and oil, expanded air, or a
+    void.
+    """
+    displaced = base + gh * v
+    side, most, area = math.copysign(1.0, displaced), abs(displaced), chamber_area(displaced, law)
+    damping = law.damping_out if displaced > 0.0 else law.damping_in
+    if displaced < 0.0 and law.charge > 0.0:
+        low, high = 0.0, law.charge
+        for _ in range(80):
+            middle = 0.5 * (low + high)
+            if expanded_travel(middle, area, law) + gh * orifice_flow(middle, damping, law) / area > most:
+                high = middle
+            else:
+                low = middle
+        return -max(0.0, most - gh * orifice_flow(low, damping, law) / area), -area * low
+    if law.damper_air == 0.0:
+        return 0.0, orifice_tension(displaced / gh, law)
+    low, high = 0.0, most
     for _ in range(80):
         middle = 0.5 * (low + high)
-        out = gh * orifice_flow(chamber_pressure(middle, area, law), damping, law) / area
+        out = gh * orifice_flow(compressed_pressure(middle, area, law), damping, law) / area
         if middle + out > most:
             high = middle
         else:
             low = middle
-    return math.copysign(low, pushed)
+    return side * low, side * area * compressed_pressure(low, area, law)
 
 
 @cached_njit
@@ -279,10 +307,8 @@ def stateful_damping_tension(v: float, x: float, old: np.ndarray, new: np.ndarra
     balance.
     """
     total = 0.0
-    if law.damper_air != 0.0:
-        area = chamber_area(new[CHAMBER_INDEX], law)
-        push = area * chamber_pressure(abs(new[CHAMBER_INDEX]), area, law)
-        total += math.copysign(push, new[CHAMBER_INDEX]) - orifice_tension(v, law)
+    if law.damper_air != 0.0 or law.charge != 0.0:
+        total += new[CHAMBER_FORCE_INDEX] - orifice_tension(v, law)
     if law.stribeck != 0.0:
         total += law.stribeck * smooth_sign(v) * (1.0 + law.stribeck_rise * old[FILM_INDEX])
     if law.lugre != 0.0:
@@ -377,8 +403,8 @@ def update_internal_state(
     if law.stribeck != 0.0:
         share, ratio = gh / FILM_TIME, v / law.stribeck_speed
         new[FILM_INDEX] = (base[FILM_INDEX] + share * math.exp(-ratio * ratio)) / (1.0 + share)
-    if law.damper_air != 0.0:
-        new[CHAMBER_INDEX] = solve_chamber_travel(v, base[CHAMBER_INDEX], gh, law)
+    if law.damper_air != 0.0 or law.charge != 0.0:
+        new[CHAMBER_INDEX], new[CHAMBER_FORCE_INDEX] = solve_chamber(v, base[CHAMBER_INDEX], gh, law)
     if law.lugre != 0.0:
         ratio = v / law.lugre_speed
         reach = law.lugre_reach * (1.0 + law.lugre_rise * math.exp(-ratio * ratio))

@@ -49,7 +49,7 @@ def test_packed_row_unpacks_to_the_same_parameters(name: str) -> None:
 def test_unpacking_reads_every_field_of_a_row() -> None:
     row = [float(k) for k in range(ROW_SIZE)]
     flat = [value for part in unpack_parameters(row) for value in part]
-    assert flat == [*row[1:21], True, *row[22:]]
+    assert flat == [*row[1:22], True, *row[23:]]
     assert list(compiled.compile_device_functions()["unpack_parameters"](tuple(row))) == list(
         unpack_parameters(tuple(row))
     )

@@ -103,3 +103,18 @@ def test_rod_reduces_the_loop_of_a_slow_cycle_on_its_side(diameter: float) -> No
     assert area == pytest.approx(
         per_stroke * (BASE.concentric_coefficient + BASE.eccentric_coefficient * ratio**3), rel=0.02
     )
+
+
+@pytest.mark.parametrize("inverse_charge", [0.25, 0.8])
+def test_cavitation_loses_the_work_of_its_charge(inverse_charge: float) -> None:
+    """Strokes X at speed v: ``(A p0 + c_out v^2)(X - s)`` is lost, with a dead stroke ``s = X (v - w)/(v + w)``."""
+    device = add_effect("cavitation", "charge", inverse_charge_per_bar=inverse_charge)
+    speed, stroke, dt = 0.3, 0.01, 2e-5
+    n = round(stroke / speed / dt)
+    x = speed * dt * np.concatenate([-np.arange(n + 1), np.arange(-n + 1, 1)])
+    force = move_muscle(device, x, dt)
+    limit = AREA * 1e5 / inverse_charge
+    w = math.sqrt(limit / BASE.concentric_coefficient)
+    dead = stroke * (speed - w) / (speed + w)
+    work = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(x))
+    assert work == pytest.approx((limit + BASE.eccentric_coefficient * speed**2) * (stroke - dead), rel=0.02)

@@ -10,7 +10,7 @@ from klute_sim.types import Array
 
 def move_piston(damper: DamperParameters, x: Array, dt: float) -> Array:
     """Return the tension [N] at each position of ``x`` [m], ``dt`` [s] apart, from rest."""
-    state = DamperState(0.0, float(x[0]))
+    state = DamperState(0.0, 0.0, float(x[0]))
     force = [0.0]
     for position in x[1:].tolist():
         state = damper_chamber.step_chambers(damper, state, position, dt)

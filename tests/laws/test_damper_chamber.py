@@ -75,33 +75,37 @@ def test_compressed_air_returns_its_energy() -> None:
 @settings(max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 10**6),
-    air_volume=st.floats(1e-9, 1e-5),
+    air_volume=st.just(0.0) | st.floats(1e-9, 1e-5),
     transition_speed=st.sampled_from([0.0, 0.04]),
     rod_area=st.sampled_from([0.0, 0.5 * AREA]),
+    inverse_charge=st.sampled_from([0.0, 1e-5, 1e-6]),
     dt=st.sampled_from([1e-5, 5e-4, 5e-3]),
 )
 def test_no_motion_creates_energy(
-    seed: int, air_volume: float, transition_speed: float, rod_area: float, dt: float
+    seed: int, air_volume: float, transition_speed: float, rod_area: float, inverse_charge: float, dt: float
 ) -> None:
     random = np.random.default_rng(seed)
     x = np.cumsum(random.normal(0.0, 2e-4, 400) * (random.random(400) < 0.7))
-    force = move_piston(DamperParameters(3e4, 1e4, AREA, transition_speed, air_volume, rod_area), x, dt)
+    damper = DamperParameters(3e4, 1e4, AREA, transition_speed, air_volume, rod_area, inverse_charge)
+    force = move_piston(damper, x, dt)
     work = np.cumsum(force[1:] * np.diff(x))
     assert work.min() >= -1e-12
 
 
-@given(st.floats(0.0, 5e3))
-def test_compliance_is_the_slope_of_the_compression(force: float) -> None:
-    damper = DamperParameters(1e4, 1e4, AREA, 0.0, 1e-6)
+@given(st.floats(0.0, 5e3), st.booleans())
+def test_compliance_is_the_slope_of_the_compression(force: float, suction: bool) -> None:
+    damper = DamperParameters(1e4, 1e4, AREA, 0.0, 1e-6, 0.0, 1.0 / 200e5)
     step = 1e-3 * (1.0 + force)
-    before, after = (damper_chamber.compute_compression(damper, AREA, f) for f in (force, force + step))
+    before, after = (damper_chamber.compute_compression(damper, AREA, f, suction) for f in (force, force + step))
     slope = after - before
-    assert damper_chamber.compute_compliance(damper, AREA, force + 0.5 * step) == pytest.approx(slope / step, rel=1e-4)
+    assert damper_chamber.compute_compliance(damper, AREA, force + 0.5 * step, suction) == pytest.approx(
+        slope / step, rel=1e-4
+    )
 
 
 def test_long_step_ends_in_equilibrium() -> None:
     damper = DamperParameters(1e4, 1e4, AREA, 0.0, 1e-6)
-    state = damper_chamber.step_chambers(damper, DamperState(500.0, 0.0), -0.02, 1e9)
+    state = damper_chamber.step_chambers(damper, DamperState(500.0, 0.0, 0.0), -0.02, 1e9)
     assert state.force == pytest.approx(0.0, abs=1e-12)
     assert state.length == -0.02
 
@@ -132,3 +136,46 @@ def test_trapped_air_on_the_rod_side_acts_on_the_annulus() -> None:
     damper = DamperParameters(1e12, 1e12, AREA, 0.0, 1e-6, 0.25 * AREA)
     force = move_piston(damper, np.array([0.0, 1e-6]), 1e-9)[-1]
     assert force == pytest.approx((0.75 * AREA) ** 2 * PA / 1e-6 * 1e-6, rel=0.01)
+
+
+@pytest.mark.parametrize(("transition_speed", "rod_area"), [(0.0, 0.0), (0.03, 0.0), (0.0, 0.25 * AREA)])
+@pytest.mark.parametrize("charge", [1e5, 3e5])
+def test_cavitation_limits_the_force_and_leaves_a_dead_stroke(
+    charge: float, transition_speed: float, rod_area: float
+) -> None:
+    """Strokes X at constant speed: ``(A p0 + F_out)(X - s)`` is lost; the dead stroke s is ``X (v - w)/(v + w)``."""
+    damper, speed, stroke, dt = DamperParameters(3e4, 1e4, AREA, transition_speed), 0.3, 0.01, 1e-5
+    damper = damper._replace(rod_area=rod_area, inverse_charge=1.0 / charge)
+    n = round(stroke / speed / dt)
+    x = speed * dt * np.concatenate([-np.arange(n + 1), np.arange(-n + 1, 1)])
+    force = move_piston(damper, x, dt)
+    limit = charge * (AREA - rod_area)
+    assert force.min() == pytest.approx(-limit, rel=1e-12)
+    # The flow q at which the orifice carries p0, from p0 = c/A^3 q sqrt(q^2 + (A vc)^2).
+    q = np.linspace(0.0, 0.3, 300_001) * AREA
+    q_limit = float(np.interp(charge, 3e4 / AREA**3 * q * np.hypot(q, AREA * transition_speed), q))
+    w = q_limit / (AREA - rod_area)
+    dead = stroke * (speed - w) / (speed + w)
+    assert np.count_nonzero(force[n + 1 :] < 0.0) * speed * dt == pytest.approx(dead, abs=3.0 * speed * dt)
+    out = orifice.force(damper, speed)
+    assert force[-1] == pytest.approx(out)
+    assert compute_work(force, x) == pytest.approx((limit + out) * (stroke - dead), rel=0.02)
+
+
+def test_cavitation_spares_slow_shortening_and_all_lengthening() -> None:
+    damper = DamperParameters(3e4, 3e4, AREA, 0.0, 0.0, 0.0, 1e-5)
+    for velocity in (-0.03, 0.5):  # 27 N of a limit of 30 N; lengthening compresses
+        x = velocity * 1e-4 * np.arange(200)
+        assert move_piston(damper, x, 1e-4)[1:] == pytest.approx(orifice.force(damper, velocity))
+
+
+def test_air_in_a_charged_damper_expands_by_boyle() -> None:
+    """The orifice is all but closed, and the air was let in at atmospheric pressure."""
+    air_volume, charge = 1e-6, 2e5
+    damper = DamperParameters(1e12, 1e12, AREA, 0.0, air_volume, 0.0, 1.0 / charge)
+    x = -np.linspace(0.0, 5e-3, 200)
+    force = move_piston(damper, x, 1e-9)
+    oil = OIL_COMPLIANCE * force
+    volume = air_volume * PA / charge - AREA * (x - oil)
+    assert (charge + force / AREA) * volume == pytest.approx(PA * air_volume, rel=1e-6)
+    assert -charge * AREA < force[-1] < -0.7 * charge * AREA

@@ -93,7 +93,8 @@ def apply_damper_effects(parameters: DeviceParameters, internal_state: tuple[flo
 
 def get_damper_state(internal_state: tuple[float, ...]) -> DamperState:
     """Return the internal state of the damper."""
-    return DamperState(internal_state[DAMPER_STATE_START], internal_state[DAMPER_STATE_START + 1])
+    states = internal_state[DAMPER_STATE_START:]
+    return DamperState(states[0], states[1], states[2])
 
 
 def get_gas_state(state: DeviceState) -> GasState:
@@ -184,7 +185,7 @@ def step_internal_state(
         return effect_states + internal_state[N_EFFECT_STATES:]
     x = length - parameters.muscle.resting_length
     damper_state = damper_chamber.step_chambers(damper, get_damper_state(internal_state), x, dt)
-    damper_states = (damper_state.force, damper_state.length)
+    damper_states = (damper_state.force, damper_state.void, damper_state.length)
     return effect_states + internal_state[N_EFFECT_STATES:DAMPER_STATE_START] + damper_states
 
 

@@ -75,6 +75,7 @@ BUILT_IN_EFFECTS = (
     damper.LAMINAR_ORIFICE,
     damper.TRAPPED_AIR,
     damper.ROD_SIDE_AREA,
+    damper.CAVITATION,
     damper.SEAL_FRICTION,
     tendon.TENDON_SLACK,
     tendon.TENDON_STIFFENING,

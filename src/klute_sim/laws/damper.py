@@ -26,6 +26,8 @@ class DamperParameters(NamedTuple):
     """Volume at atmospheric pressure of the air in the oil of each chamber [m3]."""
     rod_area: float = 0.0
     """Cross-section of the piston rod, which is on the side that is compressed while lengthening [m2]."""
+    inverse_charge: float = 0.0
+    """Inverse of the absolute charge pressure on the side that is compressed while shortening [1/Pa]; 0: no limit."""
 
 
 def replace_damper_fields(
@@ -35,20 +37,29 @@ def replace_damper_fields(
     transition_speed: float,
     air_volume: float,
     rod_area: float,
+    inverse_charge: float,
 ) -> DamperParameters:
     """Return ``damper`` with these fields replaced."""
     # numba does not compile NamedTuple._replace.
     return DamperParameters(
-        concentric_coefficient, eccentric_coefficient, damper.piston_area, transition_speed, air_volume, rod_area
+        concentric_coefficient,
+        eccentric_coefficient,
+        damper.piston_area,
+        transition_speed,
+        air_volume,
+        rod_area,
+        inverse_charge,
     )
 
 
 def compute_area_ratio(damper: DamperParameters, velocity: float) -> float:
-    """Return the area of the side that is compressed at ``velocity`` [m/s] over that of the bore.
+    """Return the area of the side that meters the oil at ``velocity`` [m/s] over that of the bore.
 
-    It is ``r = 1 - (d/D)^2`` on the side of a rod of diameter d in a bore D, and 0 without room beside the rod.
+    It is ``r = 1 - (d/D)^2`` on the side of a rod of diameter d in a bore D, and 0 without room beside the rod. Without
+    charge, the compressed side meters. With charge, the side of the rod meters in both directions.
     """
-    if velocity <= 0.0 or damper.rod_area == 0.0 or damper.piston_area == 0.0:
+    is_full_side = velocity <= 0.0 and damper.inverse_charge == 0.0
+    if is_full_side or damper.rod_area == 0.0 or damper.piston_area == 0.0:
         return 1.0
     return max(0.0, 1.0 - damper.rod_area / damper.piston_area)
 

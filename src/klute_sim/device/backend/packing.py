@@ -40,10 +40,9 @@ def unpack_parameters(row: Sequence[float]) -> DeviceParameters:
     # The fields are spelled out because numba cannot build a named tuple from a slice of an array.
     return DeviceParameters(
         MuscleParameters(row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10]),
-        DamperParameters(row[11], row[12], row[13], row[14], row[15], row[16]),
-        TendonParameters(row[17], row[18], row[19], row[20], row[21] != 0.0),
+        DamperParameters(row[11], row[12], row[13], row[14], row[15], row[16], row[17]),
+        TendonParameters(row[18], row[19], row[20], row[21], row[22] != 0.0),
         SupplyParameters(
-            row[22],
             row[23],
             row[24],
             row[25],
@@ -61,6 +60,7 @@ def unpack_parameters(row: Sequence[float]) -> DeviceParameters:
             row[37],
             row[38],
             row[39],
+            row[40],
         ),
         row[EFFECTS_OFFSET:ROW_SIZE],
     )

@@ -12,33 +12,38 @@ from klute_sim.laws.mckibben import MuscleParameters
 def apply_discharge_loss(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
     """Return the damper with coefficients over Cd^2: (4.6) without its term -1, which is 5e-6 of (bore/orifice)^4."""
     d, loss = damper, p.discharge_coefficient * p.discharge_coefficient
+    concentric, eccentric = d.concentric_coefficient / loss, d.eccentric_coefficient / loss
     return replace_damper_fields(
-        d, d.concentric_coefficient / loss, d.eccentric_coefficient / loss, d.transition_speed, d.air_volume, d.rod_area
+        d, concentric, eccentric, d.transition_speed, d.air_volume, d.rod_area, d.inverse_charge
     )
 
 
 def add_laminar_flow(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
     """Return the damper with force ``c v sqrt(v^2 + vc^2)``: linear below the transition speed vc, quadratic above."""
-    d = damper
-    return replace_damper_fields(
-        d, d.concentric_coefficient, d.eccentric_coefficient, p.transition_speed, d.air_volume, d.rod_area
-    )
+    d, coefficients = damper, (damper.concentric_coefficient, damper.eccentric_coefficient)
+    return replace_damper_fields(d, *coefficients, p.transition_speed, d.air_volume, d.rod_area, d.inverse_charge)
 
 
 def trap_air(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
     """Return the damper with ``p.air_volume`` [m3] of air in each chamber (:mod:`klute_sim.laws.damper_chamber`)."""
-    d = damper
-    return replace_damper_fields(
-        d, d.concentric_coefficient, d.eccentric_coefficient, d.transition_speed, p.air_volume, d.rod_area
-    )
+    d, coefficients = damper, (damper.concentric_coefficient, damper.eccentric_coefficient)
+    return replace_damper_fields(d, *coefficients, d.transition_speed, p.air_volume, d.rod_area, d.inverse_charge)
 
 
 def mount_on_one_rod(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
     """Return the damper with a rod of diameter ``p.rod_diameter`` [m] on the side compressed while lengthening."""
-    d, area = damper, 0.25 * math.pi * p.rod_diameter * p.rod_diameter
-    return replace_damper_fields(
-        d, d.concentric_coefficient, d.eccentric_coefficient, d.transition_speed, d.air_volume, area
-    )
+    d, coefficients = damper, (damper.concentric_coefficient, damper.eccentric_coefficient)
+    area = 0.25 * math.pi * p.rod_diameter * p.rod_diameter
+    return replace_damper_fields(d, *coefficients, d.transition_speed, d.air_volume, area, d.inverse_charge)
+
+
+def limit_suction(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
+    """Return the damper with absolute charge pressure 1/``p.inverse_charge`` [Pa] on the side without the rod.
+
+    :mod:`klute_sim.laws.damper_chamber` has the physics.
+    """
+    d, coefficients = damper, (damper.concentric_coefficient, damper.eccentric_coefficient)
+    return replace_damper_fields(d, *coefficients, d.transition_speed, d.air_volume, d.rod_area, p.inverse_charge)
 
 
 def seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
@@ -210,6 +215,30 @@ ROD_SIDE_AREA = Effect(
                 ),
             ),
             laws={"damper": mount_on_one_rod},
+        ),
+    ),
+)
+
+CAVITATION = Effect(
+    name="cavitation",
+    description="Fast shortening draws a void into the damper's oil: its force is limited, and a dead stroke follows.",
+    kind="device",
+    forms=(
+        EffectForm(
+            name="charge",
+            equation="shortening: F >= -A p0; void' = |v| - w, w = D^-1(A p0)",
+            parameters=(
+                EffectParameter(
+                    key="inverse_charge_per_bar",
+                    neutral=0.0,
+                    lower=0.0,
+                    upper=1.0,
+                    typical=0.3,
+                    source="assumed: 1 over the absolute charge of 3.3 bar; shock absorbers have 20-30 bar "
+                    "(kfz-tech.de), an open reservoir 1 bar",
+                ),
+            ),
+            laws={"damper": limit_suction},
         ),
     ),
 )
