@@ -63,7 +63,7 @@ def compute(device: Device, progress: ProgressCallback = lambda fraction, stage:
             findings[name] = Outcome(float(curve.force[curve.velocity == speed][0]))
     for pressure, curve in pressure_curves.items():
         findings[f"fig-7.1.force-{pressure:g}"] = Outcome(curve.isometric_force)
-    _add_claims(findings, list(curves.values()), list(pressure_curves.values()))
+    findings |= evaluate_claims(list(curves.values()), list(pressure_curves.values()))
     x, y = "velocity, shortening positive [mm/s]", "force [N]"
     lengths = tuple(PlotLine(f"{1e3 * length:.0f} mm", c.velocity, c.force) for length, c in curves.items())
     pressures = tuple(PlotLine(f"{pressure:g} bar", c.velocity, c.force) for pressure, c in pressure_curves.items())
@@ -112,9 +112,12 @@ def _select_curve(result: BenchResult, key: str, value: float) -> VelocityCurve:
     return VelocityCurve(np.array(sorted(points)), np.array([points[v] for v in sorted(points)]))
 
 
-def _add_claims(
-    findings: dict[str, Outcome], length_curves: list[VelocityCurve], pressure_curves: list[VelocityCurve]
-) -> None:
+def evaluate_claims(length_curves: list[VelocityCurve], pressure_curves: list[VelocityCurve]) -> dict[str, Outcome]:
+    """Return the findings on Figs. 7.4 and 7.5.
+
+    ``length_curves`` are ordered by length of the unit, ``pressure_curves`` by pressure in steps of 1 bar.
+    """
+    findings: dict[str, Outcome] = {}
     curves = [*length_curves, *pressure_curves]
     force_increase = np.diff(np.array([curve.force for curve in pressure_curves]), axis=0)
     isometric_increase = np.diff([curve.isometric_force for curve in pressure_curves])
@@ -135,3 +138,4 @@ def _add_claims(
     min_increase = float(np.diff([curve.isometric_force for curve in length_curves]).min())
     findings["figs-7.4-7.5.length"] = Outcome(min_increase, bool((length_increase > 0.0).all()))
     findings["figs-7.4-7.5.ratio"] = Outcome()
+    return findings

@@ -32,7 +32,7 @@ def compute(device: Device, progress: ProgressCallback = lambda fraction, stage:
         for name, trials in trials_by_activation.items()
     }
     for name, (table_id, _, _) in ACTIVATION_TABLES.items():
-        _add_table(findings, table_id, work[name])
+        findings |= tabulate_work(table_id, work[name])
     min_difference = min(
         work["concentric"][condition_key] - work["eccentric"][condition_key] for condition_key in work["concentric"]
     )
@@ -52,7 +52,9 @@ def compute(device: Device, progress: ProgressCallback = lambda fraction, stage:
     return ChapterResult(findings, tuple(figures))
 
 
-def _add_table(findings: dict[str, Outcome], table_id: str, work: dict[tuple[float, float], float]) -> None:
+def tabulate_work(table_id: str, work: dict[tuple[float, float], float]) -> dict[str, Outcome]:
+    """Return the findings on a table of net work [J] over pressure [bar] and velocity [mm/s]."""
+    findings: dict[str, Outcome] = {}
     pressures, velocities = (sorted({condition_key[k] for condition_key in work}) for k in (0, 1))
     for (pressure, velocity), net_work in work.items():
         findings[f"{table_id}.p{pressure:g}-v{velocity:g}"] = Outcome(net_work)
@@ -63,6 +65,7 @@ def _add_table(findings: dict[str, Outcome], table_id: str, work: dict[tuple[flo
     ratio = float(work_at_5_bar.max() / work_at_5_bar.min())
     work_text = ", ".join(f"{work[5.0, v]:+.1f} J at {v:g} mm/s" for v in velocities)
     findings[f"{table_id}.velocity"] = Outcome(ratio, True, f"{work_text}.")
+    return findings
 
 
 def _check_square_wave(result: BenchResult) -> Outcome:
