@@ -124,9 +124,12 @@ def smooth_sign(v: float) -> float:
 
 @cached_njit
 def effective_pressure(pressure: float, L: float, law: Law) -> float:
-    """Return the pressure that acts on the muscle after the bladder has met the braid."""
+    """Return the pressure between bladder and braid: that of the air, less what the bladder needs to meet the braid.
+
+    A bladder that is sucked inwards does not touch the braid.
+    """
     threshold = law.threshold + law.threshold_rise * (1.0 - L / law.resting_length)
-    return max(pressure - threshold, 0.0) if threshold != 0.0 else pressure
+    return max(pressure - threshold, 0.0)
 
 
 @cached_njit

@@ -132,7 +132,8 @@ def compute_muscle_force(
     )
     if effects[0] != 0.0:
         muscle = parameters.muscle
-        acting_pressure = effect_chain.acting_pressure(effects, internal_state, pressure, muscle, length)
+        contact = mckibben.contact_pressure(pressure)
+        acting_pressure = effect_chain.acting_pressure(effects, internal_state, contact, muscle, length)
         pull = effect_chain.muscle_force(
             effects,
             internal_state,
@@ -173,7 +174,8 @@ def step_internal_state(
     effects = parameters.effects
     if effects[0] == 0.0:
         return internal_state
-    acting_pressure = effect_chain.acting_pressure(effects, internal_state, pressure, parameters.muscle, length)
+    contact = mckibben.contact_pressure(pressure)
+    acting_pressure = effect_chain.acting_pressure(effects, internal_state, contact, parameters.muscle, length)
     stretch = effect_chain.tendon_stretch(
         effects, internal_state, unit_length - length - parameters.tendon.slack_length
     )

@@ -63,14 +63,27 @@ def gas_volume(muscle: MuscleParameters, length: float) -> float:
     return braid_volume(muscle, length) - muscle.n_actuators * bladder_volume(muscle)
 
 
+def contact_pressure(pressure: float) -> float:
+    """Pressure [Pa] with which the bladder presses against the braid at gauge ``pressure`` P [Pa]: ``max(P, 0)``.
+
+    Assumed: a braid carries load only where the bladder presses against it from inside. Below room pressure the
+    bladder leaves it, at once and everywhere, and collapses as a tube does (its area follows a "tube law", A. H.
+    Shapiro, J. Biomech. Eng. 99:126, 1977, abstract read). The gas then neither pulls nor pushes, and nothing rubs.
+    Neglected are the pull of the room on the end fittings, at most ``-P`` times the bore, and the volume that the
+    collapse takes from the air.
+    """
+    # A comparison that is false for NaN, which then stays NaN.
+    return 0.0 if pressure < 0.0 else pressure
+
+
 def gas_force(muscle: MuscleParameters, pressure: float, length: float) -> float:
     """Tension [N] from gauge ``pressure`` [Pa] at ``length`` [m]: ``-P dV/dL = P (3 L^2 - B^2) / (4 pi N^2)``.
 
     Gaylord 1958, Schulte 1961; the geometric model of dissertation chapter 3. Negative below the lock
-    length.
+    length; 0 below room pressure (:func:`contact_pressure`).
     """
     b, n = muscle.braid_length, muscle.braid_turns
-    return muscle.n_actuators * pressure * (3.0 * length * length - b * b) / (4.0 * math.pi * n * n)
+    return muscle.n_actuators * contact_pressure(pressure) * (3.0 * length * length - b * b) / (4.0 * math.pi * n * n)
 
 
 def bladder_volume(muscle: MuscleParameters) -> float:
@@ -124,8 +137,10 @@ def friction_force(muscle: MuscleParameters, pressure: float) -> float:
 
     Table 3.1 fits ``Ff = m P + b`` to data at 2-5 bar. As printed it is an *offset*: it has no sign of
     velocity, so with pressure changing over a cycle it can create energy, and with ``b`` < 0 it adds
-    tension at low pressure. The fade below 2 bar is assumed: zero at zero pressure, continuous.
+    tension at low pressure. The fade below 2 bar is assumed: zero at zero pressure, continuous; and below
+    (:func:`contact_pressure`).
     """
+    pressure = contact_pressure(pressure)
     fade = min(1.0, pressure / FRICTION_FADE_PRESSURE)
     return -muscle.n_actuators * (muscle.friction_slope * pressure + muscle.friction_offset) * fade
 
