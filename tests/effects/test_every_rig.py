@@ -8,7 +8,7 @@ import pytest
 from klute_sim import bench
 from klute_sim.controllers import pressure
 from klute_sim.device.device import DEFAULT_DEVICE, Device, load_device, parse_device
-from klute_sim.device.energy.ledger import POWER_TERMS, SOLVER_TERM, format_effect_channel
+from klute_sim.device.energy.ledger import POWER_TERMS, format_effect_channel
 from klute_sim.effects import catalogue
 from klute_sim.effects.chain import EffectSlot
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
@@ -62,9 +62,11 @@ def test_effect_acts_on_every_rig_and_its_energy_balance_closes(slot: EffectSlot
         assert recording["effects_power"] == pytest.approx(power)
         if catalogue.get_effects()[slot.effect].acts_in_supply:
             assert not power.any()  # its work belongs to the gas
-        total_power = np.sum([recording[line] for line in POWER_TERMS if line != SOLVER_TERM], axis=0)
-        residual = abs((total_power - recording["delivered_power"]).sum())
-        assert residual < 2e-3 * np.abs(recording["delivered_power"]).sum()
+        total_power = np.sum([recording[line] for line in POWER_TERMS], axis=0)
+        residual = recording["delivered_power"] - total_power
+        assert recording["residual_power"] == pytest.approx(residual, abs=1e-9)
+        assert np.abs(recording["force_residual"]).max() < 1e-5
+        assert abs(residual.sum()) < 2e-3 * np.abs(recording["delivered_power"]).sum()
     env = AnkleGaitEnv(device=device, time_step=STEP)
     env.reset(seed=3)
     infos = [env.step(np.array([0.2], dtype=np.float32))[4] for _ in range(20)]

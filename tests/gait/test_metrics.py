@@ -53,8 +53,9 @@ def channels() -> dict[str, Array]:
         "effects_power": zero,
         "bladder_power": zero,
         "tendon_power": zero,
-        "solver_power": zero,
         "delivered_power": power,
+        "residual_power": zero,
+        "force_residual": zero,
         "air_mass": 1e-3 * (1 - np.cos(2 * np.pi * PHASE / 100)),
         "air_leaked": zero,
         "supply_pressure": zero + 5.0,
@@ -184,15 +185,14 @@ def test_air_is_the_drawn_mass() -> None:
     assert compute_metrics().strides[0].air_g == pytest.approx(2.0, rel=1e-3)
 
 
-def test_energy_residual_detects_a_missing_term() -> None:
-    assert compute_metrics().strides[0].ledger_residual_pct == pytest.approx(0.0, abs=1e-9)
-    power = channels()["delivered_power"]
-    residual = compute_metrics(gas_power=0.9 * power).strides[0].ledger_residual_pct
-    assert residual == pytest.approx(-10 * power[1:].sum() / np.abs(power[1:]).sum(), rel=1e-6)
-    nothing = np.zeros(COUNT)
-    assert compute_metrics(gas_power=nothing, delivered_power=nothing).strides[0].ledger_residual_pct == 0.0
-    assert compute_metrics(tendon_power=nothing - 1.0).strides[0].ledger_residual_pct < -0.1
-    assert compute_metrics(solver_power=0.1 * power).strides[0].ledger_residual_pct == pytest.approx(0.0, abs=1e-9)
+def test_residuals_are_those_of_the_recording_and_do_not_cancel() -> None:
+    clean = compute_metrics().strides[0]
+    assert (clean.ledger_residual_pct, clean.force_residual_max_n) == (0.0, 0.0)
+    power, nothing = channels()["delivered_power"], np.zeros(COUNT)
+    stride = compute_metrics(residual_power=-0.1 * power, force_residual=nothing - 2.0).strides[0]
+    assert (stride.ledger_residual_pct, stride.force_residual_max_n) == pytest.approx((10.0, 2.0))
+    assert stride.ledger_j["residual"] == pytest.approx(-0.1 * stride.ledger_j["delivered"])
+    assert compute_metrics(delivered_power=nothing).strides[0].ledger_residual_pct == 0.0
 
 
 def test_mean_excludes_the_first_of_several_strides() -> None:

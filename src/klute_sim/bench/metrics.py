@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from klute_sim.device.energy.ledger import POWER_TERMS, SOLVER_TERM
+from klute_sim.device.energy.ledger import POWER_TERMS
 from klute_sim.recording.recording import Recording
 from klute_sim.types import Array
 
@@ -54,10 +54,8 @@ def integrate_power(recording: Recording, channel: str) -> float:
 
 
 def compute_ledger_residual(recording: Recording) -> float:
-    """Return the work [J] that the elements of the device do not account for: the error of the time step."""
-    return compute_work(recording) - sum(
-        integrate_power(recording, term) for term in POWER_TERMS if term != SOLVER_TERM
-    )
+    """Return the work [J] that the elements of the device do not account for; proportional to the time step."""
+    return compute_work(recording) - sum(integrate_power(recording, term) for term in POWER_TERMS)
 
 
 def compute_shortening_velocity(recording: Recording, channel: str) -> Array:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from klute_sim.constants import GRAVITY
-from klute_sim.device.energy.ledger import POWER_TERMS, SOLVER_TERM, format_effect_channel
+from klute_sim.device.energy.ledger import POWER_TERMS, format_effect_channel
 from klute_sim.effects import catalogue
 from klute_sim.gait.contact_events import find_contact_events
 from klute_sim.gait.reference import STANCE_LOAD_BW
@@ -125,9 +125,11 @@ class StrideMetrics(AnkleMetrics):
     short_of_supply_pct: float
     """Percentage of the stride in which the command exceeds the supply pressure, as with an empty tank."""
     ledger_j: Mapping[str, float]
-    """Energy of each term of the energy balance in the stride, of each effect, and ``delivered``."""
+    """Energy of each term of the energy balance in the stride, of each effect, ``delivered`` and ``residual``."""
     ledger_residual_pct: float
-    """Error of the time step: the residual of the energy balance over the absolute delivered work."""
+    """Residual of the energy balance over the delivered work, absolute values of both; proportional to the step."""
+    force_residual_max_n: float
+    """Maximum residual of the force balance at the junction of muscle and tendon."""
 
 
 @dataclass(frozen=True)
@@ -263,6 +265,7 @@ def _compute_stride_metrics(stride: Recording, mass: float) -> StrideMetrics:
         short_of_supply_pct=float(100.0 * np.mean(stride["pressure_command"] > stride["supply_pressure"])),
         ledger_j=_compute_energy_ledger(stride, dt),
         ledger_residual_pct=_compute_ledger_residual(stride, dt),
+        force_residual_max_n=float(np.abs(stride["force_residual"]).max()),
     )
 
 
@@ -306,14 +309,13 @@ def _compute_energy_ledger(stride: Recording, dt: float) -> dict[str, float]:
     effect_channels = [name for name in map(format_effect_channel, catalogue.get_effects()) if name in stride]
     return {
         name.removesuffix("_power"): float(stride[name].sum() * dt)
-        for name in (*POWER_TERMS, *effect_channels, "delivered_power")
+        for name in (*POWER_TERMS, *effect_channels, "delivered_power", "residual_power")
     }
 
 
 def _compute_ledger_residual(stride: Recording, dt: float) -> float:
-    """Return the residual of the energy balance [% of the absolute delivered work]."""
+    """Return the absolute residual of the energy balance [% of the absolute delivered work]; nothing cancels in it."""
     # The power of a sample belongs to the time step that ends there, so the first sample does not count.
-    released = sum(stride[line][1:] for line in POWER_TERMS if line != SOLVER_TERM)
-    delivered = stride["delivered_power"][1:]
-    residual, exchanged = float((released - delivered).sum()) * dt, float(np.abs(delivered).sum()) * dt
-    return 100.0 * residual / exchanged if exchanged > 0.0 else 0.0
+    residual, delivered = stride["residual_power"][1:], stride["delivered_power"][1:]
+    exchanged = float(np.abs(delivered).sum())
+    return 100.0 * float(np.abs(residual).sum()) / exchanged if exchanged > 0.0 else 0.0

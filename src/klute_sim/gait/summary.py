@@ -84,6 +84,7 @@ def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, 
         "air_leaked_per_stride_g": mean(lambda s: s.air_leaked_g),
         "ledger_j": {line: mean(lambda s, n=line: s.ledger_j[n]) for line in metrics.strides[0].ledger_j},  # type: ignore[misc]
         "ledger_residual_pct": mean(lambda s: s.ledger_residual_pct),
+        "force_residual_max_n": mean(lambda s: s.force_residual_max_n),
         "assumptions": _collect_assumptions(recording),
         "without_source": recording.provenance["device"].get("without_source", []),
         "per_stride": [asdict(s) for s in metrics.strides],

@@ -1,14 +1,19 @@
 """Energy balance of a device between consecutive samples.
 
 A power is positive where energy flows *out of* an element into the rest of the device. It belongs to the time step that
-ends at a sample: the mean of the element's force at both ends times its displacement. The terms sum to the delivered
-power, to the last bits::
+ends at a sample. Every term follows from the law of its own element, so nothing closes by construction:
 
-    delivered = gas + friction + damper + stop + bladder + tendon + effects + solver
+- gas: mean pressure of the step times the change of the volume inside the braid;
+- bladder and tendon: difference of the stored energy, since both are potentials;
+- damper: its force at the speed of the step times the displacement;
+- friction offset, stops and effects: mean of the force at both ends times the displacement;
+- delivered: mean tension at both ends times the displacement of the unit.
 
-Bladder and tendon are potentials, so their terms are differences of stored energy. The *solver* term is the difference
-between these and the trapezoidal work of the bladder and tendon forces. It is not physical but the error of a finite
-time step; it shrinks with the square of the time step and shows how far the other terms can be trusted.
+Two residuals check the balance. ``force_residual`` is the tension minus the sum of the forces at the junction; only
+the tolerance of :data:`klute_sim.device.dynamics.FORCE_TOLERANCE` and rounding remain. ``residual_power`` is the
+delivered power minus the sum of the terms. The implicit time step pairs the damper's force in the middle of a step with
+the other forces at its end, so the residual is proportional to the time step; a wrong force or a wrong stored energy
+shows in it, too.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +37,7 @@ class EnergyBalance(NamedTuple):
     """Energy balance with one entry per sample; at the first sample all powers are 0."""
 
     gas_power: Array
-    """Power ``P dV/dt`` of the compressed air [W]."""
+    """Power ``P dV/dt`` of the compressed air [W], with the volume inside the braid."""
     friction_power: Array
     """Power of the printed friction offset [W]; of either sign, because the offset is not a dissipative friction."""
     damper_power: Array
@@ -45,10 +50,12 @@ class EnergyBalance(NamedTuple):
     """Power released from the energy stored in the tendon [W]."""
     effects_power: Array
     """Power of all effects on muscle, damper and tendon [W]; 0 without effects."""
-    solver_power: Array
-    """Apparent power of the finite time step [W]."""
     delivered_power: Array
     """Power delivered to the load of the unit [W]."""
+    residual_power: Array
+    """Delivered power that the terms do not account for [W]."""
+    force_residual: Array
+    """Tension that the forces at the junction do not account for [N]."""
     bladder_energy: Array
     """Energy stored in the bladders [J]."""
     tendon_energy: Array
@@ -70,13 +77,23 @@ class EnergyBalance(NamedTuple):
         return [*zip(COLUMN_HEADINGS, self[:-1], strict=True), *effect_columns]
 
 
-_UNIT_OF_QUANTITY = {"power": "W", "energy": "J", "mass": "kg", "drawn": "kg", "leaked": "kg", "pressure": "bar"}
+_UNIT_OF_QUANTITY = {
+    "power": "W",
+    "energy": "J",
+    "mass": "kg",
+    "drawn": "kg",
+    "leaked": "kg",
+    "pressure": "bar",
+    "residual": "N",
+}
 COLUMN_HEADINGS = tuple(f"{name} [{_UNIT_OF_QUANTITY[name.rsplit('_')[-1]]}]" for name in EnergyBalance._fields[:-1])
 """Columns of every recording; each effect has one more, :func:`format_effect_channel`."""
-POWER_TERMS = tuple(name for name in EnergyBalance._fields if name.endswith("_power") and name != "delivered_power")
-"""Powers that sum to ``delivered_power``."""
-SOLVER_TERM = "solver_power"
-"""Power term that is a numerical error and not physical."""
+POWER_TERMS = tuple(
+    name
+    for name in EnergyBalance._fields
+    if name.endswith("_power") and name not in ("delivered_power", "residual_power")
+)
+"""Powers of the elements; with ``residual_power`` they sum to ``delivered_power``."""
 
 
 def format_effect_channel(name: str) -> str:
@@ -104,39 +121,43 @@ def compute_energy_balance(
     muscle_step, unit_step = np.diff(length, prepend=length[0]), np.diff(unit_length, prepend=unit_length[0])
     tendon_step = unit_step - muscle_step
 
+    def mean(values: Array) -> Array:
+        return np.asarray(0.5 * (np.concatenate([values[:1], values[:-1]]) + values))
+
+    def rate(values: Array) -> Array:
+        return np.asarray(np.diff(values, prepend=values[0]) / dt)
+
     def work_rate(force: Array, displacement: Array) -> Array:
-        previous_force = np.concatenate([force[:1], force[:-1]])
-        return np.asarray(-0.5 * (previous_force + force) * displacement / dt)
+        return np.asarray(-mean(force) * displacement / dt)
 
-    def release_rate(energy: Array) -> Array:
-        return np.asarray(-np.diff(energy, prepend=energy[0]) / dt)
-
-    bladder, tendon = release_rate(series.bladder_energy), release_rate(series.tendon_energy)
     gained_air = np.cumsum(np.maximum(np.diff(series.air_mass, prepend=series.air_mass[0]), 0.0))
-    stop_force = series.tension - (
+    muscle_side = (
         series.gas_force
         + series.friction_force
         + series.bladder_force
         + series.damper_force
+        + series.stop_force
         + effect_forces[:, :, 0].sum(axis=1)
     )
     effect_powers = {
         name: work_rate(effect_forces[:, k, 0], muscle_step) + work_rate(effect_forces[:, k, 1], tendon_step)
         for k, name in enumerate(effect_names)
     }
+    terms = {
+        "gas_power": mean(series.pressure) * rate(series.braid_volume),
+        "friction_power": work_rate(series.friction_force, muscle_step),
+        "damper_power": -series.damper_force * muscle_step / dt,
+        "stop_power": work_rate(series.stop_force, muscle_step),
+        "bladder_power": -rate(series.bladder_energy),
+        "tendon_power": -rate(series.tendon_energy),
+        "effects_power": np.sum(list(effect_powers.values()), axis=0) if effect_powers else np.zeros(len(length)),
+    }
+    delivered_power = work_rate(series.tension, unit_step)
     return EnergyBalance(
-        gas_power=work_rate(series.gas_force, muscle_step),
-        friction_power=work_rate(series.friction_force, muscle_step),
-        damper_power=work_rate(series.damper_force, muscle_step),
-        stop_power=work_rate(stop_force, muscle_step),
-        bladder_power=bladder,
-        tendon_power=tendon,
-        effects_power=np.sum(list(effect_powers.values()), axis=0) if effect_powers else np.zeros(len(length)),
-        solver_power=work_rate(series.bladder_force, muscle_step)
-        - bladder
-        + work_rate(series.tendon_force, tendon_step)
-        - tendon,
-        delivered_power=work_rate(series.tension, unit_step),
+        **terms,
+        delivered_power=delivered_power,
+        residual_power=delivered_power - np.sum(list(terms.values()), axis=0),
+        force_residual=series.tension - muscle_side,
         bladder_energy=series.bladder_energy,
         tendon_energy=series.tendon_energy,
         air_mass=series.air_mass,

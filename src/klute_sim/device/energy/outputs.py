@@ -16,6 +16,7 @@ from klute_sim.effects import catalogue
 from klute_sim.laws import damper as _damper
 from klute_sim.laws import mckibben, pneumatic_step
 from klute_sim.laws import tendon as _tendon
+from klute_sim.laws.mckibben import MuscleParameters
 
 
 class DeviceOutputs(NamedTuple):
@@ -45,6 +46,30 @@ class DeviceOutputs(NamedTuple):
     """Mass of the air lost through a leak since the start [kg]."""
     supply_pressure: float
     """Gauge pressure of the supply [Pa]: its maximum pressure, or the pressure left in the tank if that is lower."""
+    stop_force: float
+    """Tension of the length stops [N], :func:`compute_stop_force`."""
+    pressure: float
+    """Gauge pressure in the muscle [Pa]."""
+    braid_volume: float
+    """Volume inside the braid [m3]; the work of the gas is the pressure times its change."""
+
+
+STOP_CONTACT_TOLERANCE = 1e-12
+"""Distance [m] from an end of the muscle's range that counts as contact: MuJoCo's states round the length."""
+
+
+def compute_stop_force(muscle: MuscleParameters, length: float, imbalance: float) -> float:
+    """Return the tension [N] of the muscle's length stops at ``length`` [m].
+
+    ``imbalance`` is the tension of the tendon minus the force of muscle, damper and effects [N]. The stops are rigid
+    and unilateral (Signorini's condition): in contact they carry the imbalance, at resting length only one that
+    stretches the muscle and at lock length only one that shortens it. Away from them they carry nothing.
+    """
+    if length >= muscle.resting_length - STOP_CONTACT_TOLERANCE:
+        return max(imbalance, 0.0)
+    if length <= mckibben.lock_length(muscle) + STOP_CONTACT_TOLERANCE:
+        return min(imbalance, 0.0)
+    return 0.0
 
 
 def compute_outputs(
@@ -53,8 +78,10 @@ def compute_outputs(
     """Return the outputs of the device in ``state`` at ``unit_length`` [m] and muscle ``velocity`` [m/s]."""
     muscle, pressure, length = parameters.muscle, state.pressure, state.length
     unit_tension = compute_tension(parameters, state, unit_length, velocity)
-    tendon_force, tendon_energy = unit_tension, 0.0
+    tendon_force, tendon_energy, stop_force = unit_tension, 0.0, 0.0
     if not parameters.tendon.is_rigid:
+        muscle_force = compute_muscle_force(parameters, state.internal_state, pressure, length, velocity)
+        stop_force = compute_stop_force(muscle, length, unit_tension - muscle_force)
         stretch = unit_length - length - parameters.tendon.slack_length
         tendon_force, tendon_energy = (
             _tendon.force(parameters.tendon, stretch),
@@ -75,6 +102,9 @@ def compute_outputs(
         air_drawn=gas.drawn_mass,
         air_leaked=gas.leaked_mass,
         supply_pressure=pneumatic_step.supply_pressure(supply, gas.drawn_mass),
+        stop_force=stop_force,
+        pressure=pressure,
+        braid_volume=mckibben.braid_volume(muscle, length),
     )
 
 

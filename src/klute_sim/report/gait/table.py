@@ -55,7 +55,8 @@ DEVICE_ROWS: tuple[tuple[str, str, str, Callable[[StrideMetrics], float | None]]
     ("friction offset work", "J/kg", "+.3f", lambda s: s.friction_offset_work_j_per_kg),
     ("air drawn (gas model assumed)", "g", ".2f", lambda s: s.air_g),
     ("air leaked", "g", ".3f", lambda s: s.air_leaked_g),
-    ("energy not accounted for", "%", "+.4f", lambda s: round(s.ledger_residual_pct, 4) + 0.0),
+    ("energy not accounted for", "%", ".4f", lambda s: s.ledger_residual_pct),
+    ("force not accounted for", "N", ".1e", lambda s: s.force_residual_max_n),
 )
 """Rows for metrics that a spring foot does not have: label, unit, number format, metric of a stride."""
 
@@ -68,8 +69,8 @@ LEDGER_LABELS = {
     "stop": "energy from length stops",
     "bladder": "energy from the bladders",
     "tendon": "energy from the tendon",
-    "solver": "energy from the time step",
-    "delivered": "energy delivered (sum)",
+    "delivered": "energy delivered",
+    "residual": "net energy not accounted for",
 }
 """Line of the energy ledger -> its label; effects have lines of their own."""
 
@@ -129,7 +130,7 @@ def _build_ledger_rows(metrics: GaitMetrics) -> dict[str, str]:
         if name not in LEDGER_LABELS and name != "effects"
     }
     rows = {**LEDGER_LABELS, **effects}
-    rows["delivered"] = rows.pop("delivered")
+    rows |= {name: rows.pop(name) for name in ("delivered", "residual")}
     return {
         name: label for name, label in rows.items() if name == "delivered" or abs(stride[name]) >= MIN_LEDGER_ENERGY_J
     }

@@ -63,8 +63,8 @@ LEDGER_STYLES = {
     "stop": ("length stops", PALE_ORANGE),
     "bladder": ("elastic bladders", PALE_GREEN),
     "tendon": ("elastic tendon", ORANGE),
-    "solver": ("time step", DARK_ORANGE),
     "delivered": ("delivered", RED),
+    "residual": ("not accounted for", DARK_ORANGE),
 }
 """Element of the energy ledger -> its name and colour, as power and as energy."""
 
