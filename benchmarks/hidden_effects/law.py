@@ -90,6 +90,7 @@ class Law(NamedTuple):
     stribeck_rise: float
     stribeck_speed: float
     transition: float
+    transition_rise: float  # m2/s2: of the square of the transition speed by another viscosity
     damper_air: float  # m3 in each chamber, at atmospheric pressure
     rod_area: float  # on the side that lengthening compresses
     charge: float  # Pa, absolute, of the side that shortening compresses
@@ -215,7 +216,7 @@ def static_muscle_tension(pressure: float, L: float, law: Law) -> float:
 def orifice_tension(v: float, law: Law) -> float:
     """Return the tension of the damper's orifices: the pressure that drives the oil out, on the area of its side."""
     area = chamber_area(v, law)
-    flow, transition = area * v, law.bore_area * law.transition
+    flow, transition = area * v, law.bore_area * math.sqrt(max(0.0, law.transition**2 + law.transition_rise))
     damping = law.damping_out if v > 0.0 else law.damping_in
     return area * damping * flow * math.sqrt(flow * flow + transition * transition) / law.bore_area**3
 
@@ -231,7 +232,7 @@ def orifice_flow(pressure: float, damping: float, law: Law) -> float:
     """Return the flow [m3/s] that a pressure >= 0 drives through an orifice: the inverse of :func:`orifice_tension`."""
     if damping == 0.0 or pressure == 0.0:
         return 0.0
-    square, load = law.transition * law.transition, pressure * law.bore_area / damping
+    square, load = max(0.0, law.transition**2 + law.transition_rise), pressure * law.bore_area / damping
     return law.bore_area * load * math.sqrt(2.0 / (square + math.hypot(square, 2.0 * load)))
 
 

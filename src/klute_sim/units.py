@@ -35,6 +35,7 @@ KEY_UNITS: dict[str, tuple[str, float]] = {
     "_mm_per_kn": ("mm/kN", 1e-6),
     "_j": ("J", 1.0),
     "_pct": ("%", 0.01),
+    "_c": ("°C", 1.0),
 }
 """Suffix of a key -> written unit, and factor that converts a value into SI units."""
 

@@ -88,6 +88,7 @@ SIGNATURES = {
     "bladder_relaxation": (-1, 1),
     "discharge_loss": (-1, 1),
     "laminar_orifice": (-1, 1),
+    "oil_temperature": (-1, 1),
     "seal_friction": (-1, 1),
     "tendon_hysteresis": (-1, 1),
     "tendon_slack": (-1, -1),

@@ -76,6 +76,7 @@ BUILT_IN_EFFECTS = (
     damper.TRAPPED_AIR,
     damper.ROD_SIDE_AREA,
     damper.CAVITATION,
+    damper.OIL_TEMPERATURE,
     damper.SEAL_FRICTION,
     tendon.TENDON_SLACK,
     tendon.TENDON_STIFFENING,

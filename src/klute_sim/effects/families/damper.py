@@ -5,6 +5,7 @@ from typing import Any
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.effects.smoothing import smooth_sign
+from klute_sim.laws import oil
 from klute_sim.laws.damper import DamperParameters, replace_damper_fields
 from klute_sim.laws.mckibben import MuscleParameters
 
@@ -44,6 +45,24 @@ def limit_suction(p: Any, state: Any, damper: DamperParameters) -> DamperParamet
     """
     d, coefficients = damper, (damper.concentric_coefficient, damper.eccentric_coefficient)
     return replace_damper_fields(d, *coefficients, d.transition_speed, d.air_volume, d.rod_area, p.inverse_charge)
+
+
+def change_oil_temperature(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
+    """Return the damper with oil of ``p.temperature`` [degrees Celsius] (:mod:`klute_sim.laws.oil`).
+
+    The orifice force is proportional to the density. Its laminar part is proportional to the viscosity, because the
+    transition speed belongs to a Reynolds number: ``vc^2 + vr^2 ((nu/nu0)^2 - 1)``, with ``p.transition_speed`` = vr at
+    the reference temperature. It is not below 0: a damper without laminar part at the reference temperature has none
+    when it is warmer.
+    """
+    if p.temperature == oil.REFERENCE_TEMPERATURE:
+        return damper
+    d, density = damper, oil.compute_density_ratio(p.temperature)
+    viscosity = oil.compute_viscosity(p.temperature) / oil.compute_viscosity(oil.REFERENCE_TEMPERATURE)
+    change = p.transition_speed * p.transition_speed * (viscosity * viscosity - 1.0)
+    transition_speed = math.sqrt(max(0.0, d.transition_speed * d.transition_speed + change))
+    coefficients = density * d.concentric_coefficient, density * d.eccentric_coefficient
+    return replace_damper_fields(d, *coefficients, transition_speed, d.air_volume, d.rod_area, d.inverse_charge)
 
 
 def seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
@@ -239,6 +258,37 @@ CAVITATION = Effect(
                 ),
             ),
             laws={"damper": limit_suction},
+        ),
+    ),
+)
+
+OIL_TEMPERATURE = Effect(
+    name="oil_temperature",
+    description="Cold oil is thicker and denser: the damper is stronger, most of all at low speed.",
+    kind="device",
+    forms=(
+        EffectForm(
+            name="walther",
+            equation="c rho/rho0, vc^2 + vr^2 ((nu/nu0)^2 - 1), log log(nu + 0.7) = a - b log T",
+            parameters=(
+                EffectParameter(
+                    key="temperature_c",
+                    neutral=20.0,
+                    lower=-10.0,
+                    upper=80.0,
+                    typical=5.0,
+                    source="assumed: a cold room; the numbers of a device file hold at 20 degrees Celsius",
+                ),
+                EffectParameter(
+                    key="transition_speed_mm_per_s",
+                    neutral=None,
+                    lower=1.0,
+                    upper=500.0,
+                    typical=40.0,
+                    source="assumed: that of laminar_orifice, at 20 degrees Celsius",
+                ),
+            ),
+            laws={"damper": change_oil_temperature},
         ),
     ),
 )
