@@ -1,4 +1,4 @@
-"""Sizes of the dry friction of braid and tendon."""
+"""Sizes of the friction of braid, tendon and seals."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -31,12 +31,14 @@ N_MUSCLES = 2.0
 """Number of muscles of the preset."""
 
 
-def measure_muscle_loop(effect: str, form: str, parameters: Mapping[str, float], speed: float = SPEED) -> float:
+def measure_muscle_loop(
+    effect: str, form: str, parameters: Mapping[str, float], pressure_bar: float = PRESSURE_BAR, speed: float = SPEED
+) -> float:
     """Return the energy [J] that a cycle between :data:`SHORT` and :data:`LONG` loses."""
     device = make_device(effect, form, parameters, make_clamped_muscle())
-    dt = 1e-5 / speed
+    dt = min(1e-5, 0.01 * speed) / speed
     path = triangle(SHORT, LONG, speed, dt)
-    pressure = PRESSURE_BAR * BAR
+    pressure = pressure_bar * BAR
     trace = simulate(device, path, pressure, dt, compute_taut_state(device, SHORT, pressure))
     return compute_work(select_last_cycle(path), select_last_cycle(trace.tension))
 
@@ -150,5 +152,48 @@ def make_tendon_rows() -> list[EffectSize]:
     return rows
 
 
-ROWS = (*make_braid_rows(), *make_tendon_rows())
+def make_seal_rows() -> list[EffectSize]:
+    """Return the loop areas of seal friction."""
+    stroke = LONG - SHORT
+    rows = [
+        EffectSize(
+            effect="seal_friction",
+            form="coulomb",
+            parameters={"force_n": force},
+            quantity="loop area, 16 mm, 1 mm/s [J]",
+            stated=2.0 * force * stroke,
+            measure=partial(measure_muscle_loop, "seal_friction", "coulomb", {"force_n": force}),
+        )
+        for force in (7.5, 15.0, 30.0)
+    ]
+    for speed in (1e-3, 15e-3, 100e-3):
+        stribeck = {"force_n": 15.0, "stick_fraction": 0.6, "stribeck_speed_mm_per_s": 15.0}
+        peak = 1.0 + 0.6 * float(np.exp(-((speed / 15e-3) ** 2)))
+        rows.append(
+            EffectSize(
+                effect="seal_friction",
+                form="stribeck",
+                parameters=stribeck,
+                quantity=f"loop area, 16 mm, {1e3 * speed:g} mm/s [J]",
+                stated=2.0 * 15.0 * peak * stroke,
+                measure=partial(measure_muscle_loop, "seal_friction", "stribeck", stribeck, speed=speed),
+            )
+        )
+    for force, growth, pressure_bar in ((8.0, 0.3, 1.0), (8.0, 0.3, 5.0), (16.0, 0.3, 5.0), (8.0, 0.6, 5.0)):
+        pressed = {"force_n": force, "growth_per_bar": growth, "stiffness_n_per_mm": 50.0}
+        friction = force * (1.0 + growth * pressure_bar)
+        rows.append(
+            EffectSize(
+                effect="seal_friction",
+                form="pressure",
+                parameters=pressed,
+                quantity=f"loop area at {pressure_bar:g} bar, 16 mm, 1 mm/s [J]",
+                stated=2.0 * friction * (stroke - 2.0 * friction / 50e3),
+                measure=partial(measure_muscle_loop, "seal_friction", "pressure", pressed, pressure_bar),
+            )
+        )
+    return rows
+
+
+ROWS = (*make_braid_rows(), *make_tendon_rows(), *make_seal_rows())
 """All rows."""

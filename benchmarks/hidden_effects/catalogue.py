@@ -44,7 +44,7 @@ EFFECTS: Forms = {
         "pressure_bar": HiddenParameter(0, 3, 0.5),
         "rise_bar": HiddenParameter(0, 60, 10),
     },
-    ("end_taper", "cone"): {"tip_length_mm": HiddenParameter(0, 40, 8)},
+    ("end_taper", "cone"): {"cone_ratio": HiddenParameter(0, 5, 1)},
     ("end_taper", "strain"): {"factor": HiddenParameter(0, 5, 1)},
     ("bladder_relaxation", "maxwell"): {
         "stiffness_n_per_mm": HiddenParameter(0, 50, 3),
@@ -82,6 +82,11 @@ EFFECTS: Forms = {
         "force_n": HiddenParameter(0, 200, 15),
         "stick_fraction": HiddenParameter(0.05, 3, 0.6, None),
         "stribeck_speed_mm_per_s": HiddenParameter(1, 200, 15, None),
+    },
+    ("seal_friction", "pressure"): {
+        "force_n": HiddenParameter(0, 200, 8),
+        "growth_per_bar": HiddenParameter(0.01, 5, 0.3, None),
+        "stiffness_n_per_mm": HiddenParameter(1, 1000, 50, None),
     },
     ("trapped_air", "isothermal"): {"air_volume_cm3": HiddenParameter(0, 10, 1)},
     ("rod_side_area", "single_rod"): {"rod_diameter_mm": HiddenParameter(0, 18, 8)},
@@ -327,7 +332,7 @@ def _apply_effect(
                 threshold=parameters["pressure_bar"] * BAR, threshold_rise=parameters.get("rise_bar", 0.0) * BAR
             )
         case ("end_taper", "cone"):
-            law = law._replace(tip=4 / 3 * parameters["tip_length_mm"] * 1e-3)
+            law = law._replace(cone_slope=parameters["cone_ratio"])
         case ("end_taper", "strain"):
             law = law._replace(taper=parameters["factor"])
         case ("bladder_relaxation", "maxwell"):
@@ -353,6 +358,12 @@ def _apply_effect(
             speed = parameters["stribeck_speed_mm_per_s"] * 1e-3
             law = law._replace(
                 stribeck=parameters["force_n"], stribeck_rise=parameters["stick_fraction"], stribeck_speed=speed
+            )
+        case ("seal_friction", "pressure"):
+            law = law._replace(
+                pressed_seal=parameters["force_n"],
+                seal_growth=parameters["growth_per_bar"] / BAR,
+                seal_stiffness=parameters["stiffness_n_per_mm"] * 1e3,
             )
         case ("seal_friction", "lugre"):
             speed, reach = parameters["speed_mm_per_s"] * 1e-3, parameters["reach_mm"] * 1e-3

@@ -132,10 +132,21 @@ class BalanceSignals:
         relaxed, _ = lfilter([1.0 - decay], [1.0, -decay], self.length, zi=[decay * initial_length])
         return 1e3 * (self.length - relaxed)
 
-    def cone_force_per_mm(self) -> Array:
-        """Return the gas tension lost per millimetre of conical tip [N/mm]: ``n P 2 (4/3) L / (4 pi N^2)``."""
-        turns = self.parameters.muscle.braid_turns
-        return self.total_pressure_bar * BAR * 2.0 * (4.0 / 3.0 * 1e-3) * self.length / (4.0 * np.pi * turns * turns)
+    def cone_force(self) -> Array:
+        """Return the gas tension lost to cones of 45 degrees [N]: ``n P dV/dL`` of the volume outside them."""
+        muscle = self.parameters.muscle
+
+        def radius(length: Array | float) -> Array:
+            return np.sqrt(muscle.braid_length**2 - np.square(length)) / (2.0 * np.pi * muscle.braid_turns)
+
+        def volume(length: Array) -> Array:
+            wide, narrow = radius(length), radius(muscle.resting_length)
+            height = wide - narrow
+            return 2.0 * np.pi * height * (wide**2 - (wide**2 + wide * narrow + narrow**2) / 3.0)
+
+        step = 1e-6
+        slope = (volume(self.length + step) - volume(self.length - step)) / (2.0 * step)
+        return -self.total_pressure_bar * BAR * slope
 
 
 def smooth_sign(velocity: Array) -> Array:
@@ -210,7 +221,7 @@ BALANCE_TERMS = (
         lambda s: -s.contraction * s.force_per_bar,
         (CandidateEffect("threshold_pressure", "rising"),),
     ),
-    BalanceTerm("-n p L", 8.0, lambda s: -s.cone_force_per_mm(), (CandidateEffect("end_taper", "cone"),)),
+    BalanceTerm("-n p L (R - R0)", 1.0, lambda s: -s.cone_force(), (CandidateEffect("end_taper", "cone"),)),
     BalanceTerm(
         "-(1 - L/L0) F_gas", 1.0, lambda s: -s.contraction * s.gas_force, (CandidateEffect("end_taper", "strain"),)
     ),

@@ -42,7 +42,8 @@ PRESSURE_INDEX = CREEP_INDEX + N_CREEP_BRANCHES  # of the air, see air.py: gauge
 DISTURBANCE_INDEX = PRESSURE_INDEX + 1  # [Pa]
 DRAWN_MASS_INDEX = PRESSURE_INDEX + 2  # [kg]
 CHAMBER_FORCE_INDEX = PRESSURE_INDEX + 3  # tension of the damper's chambers [N]
-N_INTERNAL_STATES = PRESSURE_INDEX + 4
+SEAL_INDEX = PRESSURE_INDEX + 4  # shear of the pressed seal
+N_INTERNAL_STATES = PRESSURE_INDEX + 5
 
 
 class Law(NamedTuple):
@@ -77,7 +78,7 @@ class Law(NamedTuple):
     viscous_pressure: float
     threshold: float
     threshold_rise: float
-    tip: float  # c = 4/3 tip length
+    cone_slope: float  # length of a conical end over the growth of the radius
     taper: float
     thread_strain: float  # per pressure, at resting length
     thick: float
@@ -86,6 +87,9 @@ class Law(NamedTuple):
     relax_stiffness: float
     relax_time: float
     seal: float
+    pressed_seal: float
+    seal_growth: float  # per pressure
+    seal_stiffness: float
     stribeck: float
     stribeck_rise: float
     stribeck_speed: float
@@ -181,15 +185,26 @@ def wall_energy(stretch: float, law: Law) -> float:
 
 
 @cached_njit
+def volume_outside_cones(L: float, law: Law) -> float:
+    """Return the volume [m3] that the straight tube has and the two truncated cones at its ends have not."""
+    coil = 2.0 * math.pi * law.turns
+    wide = math.sqrt(law.braid_length * law.braid_length - L * L) / coil
+    narrow = math.sqrt(law.braid_length * law.braid_length - law.resting_length * law.resting_length) / coil
+    height = law.cone_slope * (wide - narrow)
+    tube = math.pi * wide * wide * height
+    truncated_cone = math.pi * height * (wide * wide + wide * narrow + narrow * narrow) / 3.0
+    return 2.0 * (tube - truncated_cone)
+
+
+@cached_njit
 def static_muscle_tension(pressure: float, L: float, law: Law) -> float:
     """Return gas, bladder and friction offset (eq. 3.3) of all actuators at rest."""
     stretch = L / law.resting_length
-    gas = (
-        pressure
-        * (3.0 * L * L - 2.0 * law.tip * L - law.braid_length * law.braid_length)
-        / (4.0 * math.pi * law.turns * law.turns)
-    )
+    gas = pressure * (3.0 * L * L - law.braid_length * law.braid_length) / (4.0 * math.pi * law.turns * law.turns)
     gas *= 1.0 - law.taper * (1.0 - stretch)
+    if law.cone_slope != 0.0:
+        step = STRETCH_DIFFERENCE * law.resting_length
+        gas += pressure * (volume_outside_cones(L + step, law) - volume_outside_cones(L - step, law)) / (2.0 * step)
     if law.bulge != 0.0:
         gas *= 1.0 - law.bulge * (1.0 - stretch) ** 2
     if law.thread_strain != 0.0:
@@ -317,6 +332,8 @@ def stateful_damping_tension(v: float, x: float, old: np.ndarray, new: np.ndarra
         total += law.stribeck * smooth_sign(v) * (1.0 + law.stribeck_rise * old[FILM_INDEX])
     if law.lugre != 0.0:
         total += law.lugre * new[BRISTLE_INDEX] / law.lugre_reach
+    if law.pressed_seal != 0.0:
+        total += law.seal_stiffness * new[SEAL_INDEX]
     if law.warm != 0.0:
         total += law.warm * v * math.exp(-new[WARMTH_INDEX])
     return total
@@ -409,6 +426,10 @@ def update_internal_state(
         new[FILM_INDEX] = (base[FILM_INDEX] + share * math.exp(-ratio * ratio)) / (1.0 + share)
     if law.damper_air != 0.0 or law.charge != 0.0:
         new[CHAMBER_INDEX], new[CHAMBER_FORCE_INDEX] = solve_chamber(v, base[CHAMBER_INDEX], gh, law)
+    if law.pressed_seal != 0.0:
+        # The rubber shears until it slips: dz = dx (1 - z k / friction sign(dx)).
+        friction = law.pressed_seal + law.seal_growth * law.pressed_seal * pressure
+        new[SEAL_INDEX] = (base[SEAL_INDEX] + gh * v) / (1.0 + gh * abs(v) * law.seal_stiffness / friction)
     if law.lugre != 0.0:
         ratio = v / law.lugre_speed
         reach = law.lugre_reach * (1.0 + law.lugre_rise * math.exp(-ratio * ratio))
@@ -481,7 +502,7 @@ def state_distance(a: np.ndarray, b: np.ndarray) -> float:
     for i in range(PLAY_INDEX, CREEP_INDEX + N_CREEP_BRANCHES):
         worst = max(worst, 0.1 * abs(a[i] - b[i]))
     worst = max(worst, 0.1 * abs(a[HYSTERETIC_INDEX] - b[HYSTERETIC_INDEX]))
-    worst = max(worst, 0.1 * abs(a[BRISTLE_INDEX] - b[BRISTLE_INDEX]))
+    worst = max(worst, 0.1 * abs(a[BRISTLE_INDEX] - b[BRISTLE_INDEX]), 0.1 * abs(a[SEAL_INDEX] - b[SEAL_INDEX]))
     worst = max(worst, abs(a[CHAMBER_INDEX] - b[CHAMBER_INDEX]))
     worst = max(worst, 1e-5 * abs(a[FILM_INDEX] - b[FILM_INDEX]), 1e-4 * abs(a[WARMTH_INDEX] - b[WARMTH_INDEX]))
     worst = max(

@@ -197,7 +197,7 @@ def test_effects_reach_target_size() -> None:
     base = catalogue.load_device()
     bench = inputs.generate_programs(np.random.default_rng(3))
     scale = sizes.EffectSizer(base, base, bench, ["force", "pressure"], Noise())
-    taper = {"name": "end_taper", "form": "cone", "parameters": {"tip_length_mm": 8.0}, "wanted": 3.0}
+    taper = {"name": "end_taper", "form": "cone", "parameters": {"cone_ratio": 1.0}, "wanted": 3.0}
     found = scale.scale_effect(taper)
     assert found["size"] == pytest.approx(3.0, rel=0.1)
     assert "wanted" not in found

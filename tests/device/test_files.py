@@ -152,8 +152,8 @@ def test_changes_and_effects_give_a_new_device_with_sources(tmp_path: Path) -> N
         device.with_changes({"tendon.stiffness": 80.0})
     with pytest.raises(InputError, match=r"a test: device file .* muscle.count = 0 is refused"):
         device.with_changes({"muscle.count": 0}, source="a test")
-    effect = changed.with_effect("braid_hysteresis", slope_n_per_bar=8.0)
-    assert effect.spec.effects["braid_hysteresis"] == {"slope_n_per_bar": 8.0}
+    effect = changed.with_effect("braid_hysteresis", slope_n_per_bar=8.0, stiffness_n_per_mm=40.0)
+    assert effect.spec.effects["braid_hysteresis"] == {"slope_n_per_bar": 8.0, "stiffness_n_per_mm": 40.0}
     with pytest.raises(InputError, match="unknown key 'slope'"):
         device.with_effect("braid_hysteresis", slope=8.0)
     effect.save(tmp_path / "mine.toml")

@@ -49,7 +49,8 @@ def test_backends_are_bit_identical_and_agree_with_rollouts(name: str) -> None:
 def test_effect_powers_sum_to_the_power_of_all_effects() -> None:
     more = (
         EFFECTS
-        + b"[effects.braid_hysteresis]\nslope_n_per_bar = 10.0\n[effects.threshold_pressure]\npressure_bar = 0.2\n"
+        + b"[effects.braid_hysteresis]\nslope_n_per_bar = 10.0\nstiffness_n_per_mm = 40.0\n"
+        + b"[effects.threshold_pressure]\npressure_bar = 0.2\n"
     )
     p = parse_device(load_device("klute-3-4-pair").content + more, "mine").parameters
     length = p.tendon.slack_length + p.muscle.resting_length * (0.93 + 0.05 * np.sin(15 * TIME))

@@ -81,7 +81,7 @@ def test_candidates_exclude_effects_of_the_device(fitted_data: tuple) -> None:
     assert "end_taper" not in {t.effect for t in list_candidate_terms(weighted_data, device, exclude=("end_taper",))}
     with pytest.raises(InputError, match="there is no effect 'taper'"):
         check_effect_names(load_device("klute-3-4-pair"), ("taper",), ())
-    content = load_device("klute-3-4-pair").content + b"\n[effects.end_taper]\ntip_length_mm = 8.0\n"
+    content = load_device("klute-3-4-pair").content + b"\n[effects.end_taper]\ncone_ratio = 1.0\n"
     tapering = parse_device(content, "tapering")
     with pytest.raises(InputError, match=r"has effect 'end_taper' already.*effects\.end_taper\."):
         check_effect_names(tapering, ("end_taper",), ())

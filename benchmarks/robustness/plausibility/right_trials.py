@@ -10,7 +10,7 @@ PROTOCOLS = ("steps", "ramps", "sines", "release", "hold", "slack", "mixed")
 DEVICES = ("klute-1-1-4-pair", "klute-1-1-4-pair-valve", "klute-3-4-pair", "klute-3-4", "klute-1-1-4", "klute-1-2")
 EFFECTS: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = (
     ("threshold_pressure", (("pressure_bar", 0.8),)),
-    ("braid_hysteresis", (("slope_n_per_bar", 30.0),)),
+    ("braid_hysteresis", (("slope_n_per_bar", 30.0), ("stiffness_n_per_mm", 40.0))),
     ("muscle_damping", (("coefficient_n_s_per_m", 600.0),)),
     ("bladder_relaxation", (("stiffness_n_per_mm", 8.0), ("time_constant_s", 1.0))),
     ("supply_droop", (("inverse_volume_per_l", 8.0),)),

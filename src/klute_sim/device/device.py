@@ -148,7 +148,7 @@ class Device:
         """Return a device with effect ``name`` added or replaced.
 
         ``form`` is the form of the effect (None: its default form); ``parameters`` are in the units of their keys, such
-        as ``with_effect("braid_hysteresis", slope_n_per_bar=8)``.
+        as ``with_effect("seal_friction", force_n=15)``.
 
         Raises InputError when there is no such effect, a parameter is unknown, missing or out of range, or the effect
         contradicts a section.

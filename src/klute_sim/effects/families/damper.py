@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
-from klute_sim.effects.smoothing import smooth_sign
+from klute_sim.effects.smoothing import smooth_sign, step_bouc_wen
 from klute_sim.laws import oil
 from klute_sim.laws.damper import DamperParameters, replace_damper_fields
 from klute_sim.laws.mckibben import MuscleParameters
@@ -91,6 +91,24 @@ def step_stribeck(
     )
 
 
+def pressed_seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
+    """Return the damper tension [N] plus ``k u``, with u the elastic displacement of the seal."""
+    return force + p.stiffness * state.seal_displacement
+
+
+def step_seal_displacement(
+    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
+) -> tuple[float, float]:
+    """Return the elastic displacement of the seal and the length beyond rest [m] after the step.
+
+    Dahl's model (:func:`~klute_sim.effects.smoothing.step_bouc_wen` with gamma = 0): before it slides with the force
+    ``F (1 + g P)``, the seal deforms with the stiffness k. P is the gauge pressure that the device records.
+    """
+    x = length - muscle.resting_length
+    max_displacement = p.force * (1.0 + p.growth * pressure) / p.stiffness
+    return step_bouc_wen(state.seal_displacement, x - state.length, max_displacement, 0.0, dt), x
+
+
 DISCHARGE_LOSS = Effect(
     name="discharge_loss",
     description="The jet behind a sharp-edged orifice contracts: the damper is stronger than its design.",
@@ -139,7 +157,7 @@ LAMINAR_ORIFICE = Effect(
 
 SEAL_FRICTION = Effect(
     name="seal_friction",
-    description="The piston's seal has dry friction: a constant force against the motion, independent of pressure.",
+    description="The piston's seal has dry friction, which may grow with the pressure in the cylinder.",
     kind="device",
     forms=(
         EffectForm(
@@ -188,6 +206,39 @@ SEAL_FRICTION = Effect(
             ),
             laws={"damper_force": stribeck_friction, "next_state": step_stribeck},
             states=("peak_loss", "speed", "length"),
+        ),
+        EffectForm(
+            name="pressure",
+            equation="F += k u, du/dx = 1 - u sign(dx)/r, r = F_seal (1 + g P) / k",
+            parameters=(
+                EffectParameter(
+                    key="force_n",
+                    neutral=0.0,
+                    lower=0.0,
+                    upper=200.0,
+                    typical=8.0,
+                    source="pneumatic cylinder seals measured at 1 bar: 4.5-7.4 N (docs/real-data.md)",
+                ),
+                EffectParameter(
+                    key="growth_per_bar",
+                    neutral=None,
+                    lower=0.01,
+                    upper=5.0,
+                    typical=0.3,
+                    source="pneumatic cylinder seals measured: 1.7-3.5 times from 1 to 7 bar, so 0.13-0.71 per bar "
+                    "(docs/real-data.md)",
+                ),
+                EffectParameter(
+                    key="stiffness_n_per_mm",
+                    neutral=None,
+                    lower=1.0,
+                    upper=1000.0,
+                    typical=50.0,
+                    source="pneumatic cylinder seals measured: they deform within a millimetre (docs/real-data.md)",
+                ),
+            ),
+            laws={"damper_force": pressed_seal_friction, "next_state": step_seal_displacement},
+            states=("seal_displacement", "length"),
         ),
     ),
 )

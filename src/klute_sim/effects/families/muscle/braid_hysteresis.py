@@ -1,4 +1,7 @@
-"""Dry friction between the threads of the braid: it opposes motion in both directions and grows with pressure."""
+"""Dry friction between the threads of the braid: it opposes motion in both directions and grows with pressure.
+
+A held muscle keeps its friction in all forms but ``coulomb``, which depends on the velocity alone.
+"""
 
 from typing import Any
 
@@ -102,17 +105,17 @@ BRAID_HYSTERESIS = Effect(
     kind="device",
     forms=(
         EffectForm(
-            name="coulomb",
-            equation="F += n slope P sign(v)",
-            parameters=(_SLOPE_PARAMETER,),
-            laws={"muscle_force": coulomb_friction},
-        ),
-        EffectForm(
             name="maxwell_slip",
             equation="F += n sum_i k/3 (x - a_i), each slipping at its fraction of n slope P",
             parameters=(_SLOPE_PARAMETER, _STIFFNESS_PARAMETER),
             laws={"muscle_force": maxwell_slip_force, "next_state": step_sliders},
             states=("slider_1", "slider_2", "slider_3"),
+        ),
+        EffectForm(
+            name="coulomb",
+            equation="F += n slope P sign(v)",
+            parameters=(_SLOPE_PARAMETER,),
+            laws={"muscle_force": coulomb_friction},
         ),
         EffectForm(
             name="dahl",

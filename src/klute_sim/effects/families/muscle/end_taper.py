@@ -8,16 +8,28 @@ from klute_sim.laws import mckibben
 from klute_sim.laws.mckibben import MuscleParameters
 
 
+def compute_braid_radius(muscle: MuscleParameters, length: float) -> float:
+    """Return the radius [m] of the cylinder of the braid at muscle ``length`` [m]: ``sqrt(B^2 - L^2) / (2 pi N)``."""
+    squared = muscle.braid_length * muscle.braid_length - length * length
+    return math.sqrt(max(0.0, squared)) / (2.0 * math.pi * muscle.braid_turns)
+
+
 def cone_force(
     p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
 ) -> float:
-    """Return the tension [N] minus ``n P 2 c L / (4 pi N^2)``, with ``c = 4/3 p.tip_length``.
+    """Return the tension [N] minus ``n P k L (R - R0) / (pi N^2)``.
 
-    A cone encloses a third of its cylinder: ``V = (L - c) (B^2 - L^2) / (4 pi N^2)`` with two cones of length
-    ``p.tip_length``, and the gas pulls with ``-P dV/dL``. The constant part of dV/dL is that of the cylinder.
+    The caps hold the radius R0 of the muscle at rest, the cylinder between them has the radius R. Two cones of length
+    ``k (R - R0)``, k = ``p.cone_ratio``, join them: their angle is constant, and they grow with the contraction. Each
+    is a frustum, so both lack the volume ``2 pi k (R - R0)^2 (2 R + R0) / 3`` of the cylinder. The gas pulls with
+    ``-P dV/dL``, where ``dR/dL = -L / (4 pi^2 N^2 R)``. At rest there is no cone and nothing is lost.
+
+    The geometry is derived here. For the same tapered ends Tondu and Lopez (IEEE Control Syst. Mag. 20(2):15, 2000)
+    multiply the contraction by a fitted factor.
     """
-    cone_length, turns = 4.0 / 3.0 * p.tip_length, muscle.braid_turns
-    return force - muscle.n_actuators * pressure * 2.0 * cone_length * length / (4.0 * math.pi * turns * turns)
+    turns = muscle.braid_turns
+    growth = compute_braid_radius(muscle, length) - compute_braid_radius(muscle, muscle.resting_length)
+    return force - muscle.n_actuators * pressure * p.cone_ratio * length * growth / (math.pi * turns * turns)
 
 
 def strain_force(
@@ -34,15 +46,15 @@ END_TAPER = Effect(
     forms=(
         EffectForm(
             name="cone",
-            equation="gas tension n P (3 L^2 - 2 c L - B^2) / (4 pi N^2), c = 4/3 tip",
+            equation="F -= n P k L (R - R0) / (pi N^2): cones of length k (R - R0) between caps and cylinder",
             parameters=(
                 EffectParameter(
-                    key="tip_length_mm",
+                    key="cone_ratio",
                     neutral=0.0,
                     lower=0.0,
-                    upper=40.0,
-                    typical=8.0,
-                    source="assumed: about the diameter of the inflated muscle",
+                    upper=5.0,
+                    typical=1.0,
+                    source="assumed: cones of 45 degrees",
                 ),
             ),
             laws={"muscle_force": cone_force},

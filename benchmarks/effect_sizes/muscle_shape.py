@@ -1,0 +1,56 @@
+"""Sizes of the conical ends of the muscle."""
+
+import math
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+from benchmarks.effect_sizes.size import EffectSize, compute_work, make_clamped_muscle, make_device, simulate
+
+from klute_sim.device.dynamics import compute_taut_state
+from klute_sim.units import BAR
+
+PRESSURE_BAR = 3.0
+"""Gauge pressure of the measurements [bar]."""
+
+
+def measure_lost_volume(effect: str, form: str, parameters: Mapping[str, float], contraction: float) -> float:
+    """Return the volume [cm3] per muscle that the gas does not fill after a ``contraction`` [1] from rest.
+
+    It is the work that a slow contraction at constant pressure lacks, over the pressure.
+    """
+    bare = make_clamped_muscle()
+    rest = bare.muscle.resting_length
+    path = np.linspace(rest, (1.0 - contraction) * rest, 2001)
+    works = []
+    for device in (bare, make_device(effect, form, parameters, bare)):
+        start = compute_taut_state(device, rest, PRESSURE_BAR * BAR)
+        works.append(compute_work(path, simulate(device, path, PRESSURE_BAR * BAR, 0.01, start).tension))
+    return 1e6 * (works[1] - works[0]) / (PRESSURE_BAR * BAR * bare.muscle.n_actuators)
+
+
+def state_cone_volume(cone_ratio: float, contraction: float) -> float:
+    """Return the volume [cm3] between the cylinder and two truncated cones, from the radii of the drawing."""
+    muscle = make_clamped_muscle().muscle
+    radii = []
+    for length in (muscle.resting_length, (1.0 - contraction) * muscle.resting_length):
+        # A thread of length B winds N times around the cylinder: B^2 = L^2 + (2 pi N R)^2.
+        radii.append(math.sqrt(muscle.braid_length**2 - length**2) / (2.0 * math.pi * muscle.braid_turns))
+    cap, cylinder = radii
+    height = cone_ratio * (cylinder - cap)
+    cone = math.pi * height * (cap**2 + cap * cylinder + cylinder**2) / 3.0
+    return 1e6 * 2.0 * (math.pi * cylinder**2 * height - cone)
+
+
+ROWS = tuple(
+    EffectSize(
+        effect="end_taper",
+        form="cone",
+        parameters={"cone_ratio": cone_ratio},
+        quantity=f"volume without gas at {100.0 * contraction:g} % contraction [cm3]",
+        stated=state_cone_volume(cone_ratio, contraction),
+        measure=partial(measure_lost_volume, "end_taper", "cone", {"cone_ratio": cone_ratio}, contraction),
+    )
+    for cone_ratio, contraction in ((1.0, 0.1), (1.0, 0.2), (2.0, 0.2))
+)
+"""All rows."""
