@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from benchmarks.effect_sizes.size import EffectSize, compute_work, make_clamped_muscle, make_device, simulate
 
-from klute_sim.device.dynamics import compute_taut_state
+from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.units import BAR
 
 PRESSURE_BAR = 3.0
