@@ -1,12 +1,14 @@
 """Tests of a learned policy as a controller: it acts on the rig as in its environment."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import klute_sim as ks
 from klute_sim.controllers import parse
 from klute_sim.controllers.feedback import SensorReadings
 from klute_sim.controllers.learned import PolicyController, build_policy_controller
@@ -15,6 +17,7 @@ from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import load_device
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
 from klute_sim.errors import InputError
+from klute_sim.gait.code_digest import POLICY_KEY, compute_code_digest
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.units import BAR
@@ -111,3 +114,24 @@ def test_policy_without_metadata_is_refused() -> None:
             ),
             "x.npz",
         )
+
+
+@pytest.mark.parametrize(
+    ("digest", "note"),
+    [
+        (None, r"not recorded"),
+        ("0" * 64, r"trained in a simulation with other code \(digest 00000000\) than the installed one"),
+        (compute_code_digest(), None),
+    ],
+)
+def test_gait_notes_a_policy_of_other_code(digest: str | None, note: str | None, tmp_path: Path) -> None:
+    policy = make_policy()
+    metadata = {**policy.metadata} if digest is None else {**policy.metadata, POLICY_KEY: digest}
+    Policy(policy.observation_scale, policy.layers, "tanh", tanh_output=False, metadata=metadata).save(
+        tmp_path / "p.npz"
+    )
+    run = ks.simulate_gait(controller=str(tmp_path / "p.npz"), strides=1, time_step=1e-3)
+    notes = [warning for warning in run.warnings if "policy" in warning]
+    assert len(notes) == (note is not None)
+    if note:
+        assert re.search(note, notes[0])

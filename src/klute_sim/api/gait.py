@@ -18,10 +18,12 @@ from klute_sim.api.inputs import (
     to_reference,
 )
 from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.controllers.learned import PolicyController
 from klute_sim.controllers.parse import Controller
 from klute_sim.controllers.pressure import ConstantPressure, PressureProfile, create_off_controller
 from klute_sim.device.device import DEFAULT_DEVICE, Device, load_device
 from klute_sim.errors import InputError, MissingExtraError
+from klute_sim.gait.code_digest import describe_policy_code
 from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics, compute_reference_metrics
 from klute_sim.gait.reference import Reference
 from klute_sim.gait.rig import rig
@@ -219,6 +221,9 @@ def simulate_gait(
         spring_foot=chosen_foot,
     )
     warnings += tuple(f"Accepted: {finding.sentence}." for finding in gait.accepted)
+    if isinstance(chosen_controller, PolicyController):
+        code_note = describe_policy_code(chosen_controller.metadata)
+        warnings += (code_note,) if code_note else ()
     recording = rig.simulate_gait(chosen_device, chosen_controller, options, progress or ignore_progress, backend)
     warnings += report_rounded_stride_time(recording, options)
     return GaitRun(None if chosen_foot else chosen_device, options, recording, warnings)

@@ -3,6 +3,7 @@
 import hashlib
 import math
 from collections import deque
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,11 @@ class PolicyController:
         phase_angle = 2.0 * math.pi * readings.phase
         action = float(self._policy([*self._observations[0], math.sin(phase_angle), math.cos(phase_angle)])[0])
         return max(0.0, self._base_profile.pressure_at(readings.phase) + self._max_residual * action)
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """Training configuration, software versions and digest of the code in which the policy was trained."""
+        return self._policy.metadata
 
     def describe(self) -> dict[str, Any]:
         """Return a description with a hash of the network (JSON types)."""

@@ -17,6 +17,7 @@ from klute_sim.files.json import read_json
 from klute_sim.files.limits import RESULT
 from klute_sim.files.lines import read_csv_records
 from klute_sim.files.reading import MissingFileError
+from klute_sim.gait.code_digest import POLICY_KEY, compute_code_digest
 from klute_sim.provenance import collect_versions
 from klute_sim.recording.atomic_file import replace_atomically, write_atomically
 from klute_sim.training.checkpoint import load_checkpoint
@@ -166,6 +167,7 @@ class Training:
             "steps": self.progress.steps,
             "minutes": self.progress.minutes,
             "versions": collect_versions(),
+            POLICY_KEY: compute_code_digest(),
         }
         return Policy(OBSERVATION_SCALE, layers, self.config.activation, is_squashed, metadata)
 
