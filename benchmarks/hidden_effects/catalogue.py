@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmarks.hidden_effects.air import AirSupply, is_coupled_to_motion
+from benchmarks.hidden_effects.air import GAS_CONSTANT, REFERENCE_DENSITY_FACTOR, AirSupply, is_coupled_to_motion
 from benchmarks.hidden_effects.law import Law
 
 PRESET_FILE = Path(__file__).parents[2] / "src" / "klute_sim" / "device" / "presets" / "klute-3-4-pair.toml"
@@ -105,6 +105,10 @@ EFFECTS: Forms = {
         "exhaust_factor": HiddenParameter(0.1, 10, 2, None),
         "critical_ratio": HiddenParameter(0.1, 0.6, 0.5, None),
     },
+    ("hose", "tube"): {
+        "length_m": HiddenParameter(0, 20, 2),
+        "inner_diameter_mm": HiddenParameter(1, 20, 4, None),
+    },
     ("volume_coupling", "polytropic"): {
         "recovery_s": HiddenParameter(0, 5, 0.05),
         "exponent": HiddenParameter(1, 1.4, 1.2, None),
@@ -137,6 +141,8 @@ BODY_EFFECTS: Forms = {
 }
 """Effects of foot, ankle and socket, which show in gait."""
 
+HOSE_FRICTION = 0.02
+"""Friction factor of a hose after Darcy, as long smooth tubes have in turbulent flow."""
 VALVE_EFFECTS = {"leak"}
 """Effects that a regulator compensates; they are hidden in a device with a known valve."""
 KNOWN_VALVE: dict[str, Any] = {
@@ -347,7 +353,7 @@ def _apply_effect(
                 natural_frequency=natural if math.isfinite(natural) else 0.0, damping_ratio=parameters["damping_ratio"]
             )
         case ("pressure_delay", "dead_time"):
-            air = air._replace(dead_time=parameters["delay_s"])
+            air = air._replace(dead_time=air.dead_time + parameters["delay_s"])
         case ("regulator_error", "gain"):
             air = air._replace(gain=parameters["gain"])
         case ("regulator_error", "offset"):
@@ -451,6 +457,8 @@ def _apply_supply_effect(air: AirSupply, key: tuple[str, str], parameters: Mappi
                 parameters["exhaust_factor"],
                 parameters["critical_ratio"],
             )
+        case ("hose", "tube"):
+            air = _add_hose(air, parameters["length_m"], parameters["inner_diameter_mm"] * 1e-3)
         case ("volume_coupling", "polytropic"):
             if parameters["recovery_s"] > 0.0:
                 air = air._replace(recovery_time=parameters["recovery_s"], exponent=parameters["exponent"])
@@ -462,6 +470,28 @@ def _apply_supply_effect(air: AirSupply, key: tuple[str, str], parameters: Mappi
             inverse = parameters["inverse_volume_per_l"] * 1e3
             air = air._replace(tank_volume=1.0 / inverse if inverse > 0.0 else 0.0)
     return air
+
+
+def _add_hose(air: AirSupply, length: float, diameter: float) -> AirSupply:
+    """Return the supply behind a hose in which the pressure gradient balances the friction of the wall.
+
+    Isothermal gas: ``rho dp/dx = -f G^2/(2 d)`` with ``rho = p/(R T)`` and the mass flow per area ``G``, integrated
+    over the length: ``G^2 = (p1^2 - p2^2) d/(f L R T)``. Sound travels at ``sqrt(1.4 R T)``.
+    """
+    if length == 0.0:
+        return air
+    if air.fill_conductance > 0.0:
+        raise ValueError("a hose behind a valve is not covered")
+    bore = math.pi / 4 * diameter**2
+    flow_per_pressure = bore * math.sqrt(diameter / (HOSE_FRICTION * length * GAS_CONSTANT * air.temperature))
+    conductance = flow_per_pressure * math.sqrt(air.temperature) / REFERENCE_DENSITY_FACTOR
+    return air._replace(
+        fill_conductance=conductance,
+        exhaust_conductance=conductance,
+        critical_ratio=0.0,
+        dead_volume=air.dead_volume + bore * length,
+        dead_time=air.dead_time + length / math.sqrt(1.4 * GAS_CONSTANT * air.temperature),
+    )
 
 
 def _add_valve(air: AirSupply, resistance: float, exhaust_factor: float, critical_ratio: float) -> AirSupply:

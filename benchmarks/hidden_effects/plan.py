@@ -60,8 +60,14 @@ GAIT_CASES: tuple[tuple[str, str, str | None], ...] = (
 )
 """Hidden cases in gait: all effects of the body, some of the device and of instruments."""
 DEFECTS = ("dead_channel", "no_repeats", "no_excitation", "clock_backwards", "saturated_force")
-EXCLUSIVE_PAIRS = ({"volume_coupling", "choked_valve"}, {"volume_coupling", "leak"})
-"""Effects that are not hidden together: behind a valve, no regulator compensates the motion."""
+EXCLUSIVE_PAIRS = (
+    {"volume_coupling", "choked_valve"},
+    {"volume_coupling", "leak"},
+    {"volume_coupling", "hose"},
+    {"hose", "choked_valve"},
+    {"hose", "leak"},
+)
+"""Effects that are not hidden together: behind a valve, no regulator compensates the motion, and a hose is one."""
 TWIN_CASES = (
     ("regulator_error", "offset", None),
     ("sensor_offset", "offset", "pressure"),

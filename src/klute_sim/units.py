@@ -21,6 +21,7 @@ KEY_UNITS: dict[str, tuple[str, float]] = {
     "_per_l": ("1/l", 1e3),
     "_kg_m3": ("kg/m³", 1.0),
     "_per_m": ("1/m", 1.0),
+    "_m": ("m", 1.0),
     "_n": ("N", 1.0),
     "_n_s_per_m": ("N·s/m", 1.0),
     "_mm_per_s": ("mm/s", 1e-3),

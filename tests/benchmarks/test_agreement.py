@@ -51,7 +51,7 @@ def stepped(effects: list[dict], step: float) -> dict[str, np.ndarray]:
 def apart(effects: list[dict]) -> dict[str, float]:
     """Rms of what they differ by in the second half of the trial, by channel."""
     names = {e["name"] for e in effects}
-    step = FINE_STEP if "supply_droop" in names else VALVE_STEP if "choked_valve" in names else STEP
+    step = FINE_STEP if "supply_droop" in names else VALVE_STEP if {"choked_valve", "hose"} & names else STEP
     tolerance = FINE_TOLERANCE if "supply_droop" in names else simulate.LENGTH_TOLERANCE
     made = simulate.simulate_trace(PROGRAM, *catalogue.add_effects(LAW, AIR, effects), tolerance=tolerance)
     coarse, fine = stepped(effects, 2.0 * step), stepped(effects, step)

@@ -9,7 +9,7 @@ from klute_sim.bench.channels import create_recording
 from klute_sim.bench.validation import validate_inputs
 from klute_sim.device.delay import DelayLine
 from klute_sim.device.device import Device
-from klute_sim.device.dynamics import DEAD_TIME_INDEX, DeviceState, compute_tension
+from klute_sim.device.dynamics import DeviceState, compute_tension, get_dead_time
 from klute_sim.device.energy.ledger import EnergyRecorder
 from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.plant import callbacks
@@ -56,7 +56,7 @@ def simulate_tester(
     speed, load = (length[1] - length[0]) / dt, compute_tension(parameters, initial_state, float(length[0]), 0.0)
     place_crosshead(data, float(length[0]), float(speed), load)
     servo_commands = compute_servo_commands(length, dt)
-    delay_line = DelayLine(command.tolist(), parameters.effects[DEAD_TIME_INDEX], dt)
+    delay_line = DelayLine(command.tolist(), get_dead_time(parameters), dt)
     servo_index = int(model.actuator_ctrladr[model.actuator("servo").id])
     load_cell_index = int(model.sensor("load_cell").adr[0])
 

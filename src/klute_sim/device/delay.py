@@ -1,6 +1,6 @@
 """Dead time of commands: the only implementation, used by rollouts, replays and rigs.
 
-A device with the effect ``pressure_delay`` (form ``dead_time``) acts on the command of an earlier time.
+A device with the effect ``pressure_delay`` or ``hose`` acts on the command of an earlier time.
 Between two samples a command is a straight line; before the first sample it equals the first sample.
 """
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from klute_sim.effects import catalogue
 from klute_sim.effects.smoothing import EQUILIBRIUM_TIME_STEP
 from klute_sim.laws import damper as _damper
-from klute_sim.laws import damper_chamber, mckibben, pneumatic_step
+from klute_sim.laws import damper_chamber, mckibben, pneumatic_step, pneumatics
 from klute_sim.laws import tendon as _tendon
 from klute_sim.laws.damper import DamperParameters
 from klute_sim.laws.damper_chamber import DamperState
@@ -39,6 +39,8 @@ N_INTERNAL_STATES = DAMPER_STATE_START + len(DamperState._fields)
 """Number of internal states of a device: those of its effects, of its supply, and of its damper."""
 NO_EFFECTS = (0.0,) * N_EFFECT_VALUES
 ZERO_INTERNAL_STATE = (0.0,) * N_INTERNAL_STATES
+HOSE_LENGTH_INDEX = catalogue.find_slot("hose", "tube").switch_index + 1
+"""Index of the length of the hose among the values of the effects."""
 DEAD_TIME_INDEX = catalogue.find_slot("pressure_delay", "dead_time").switch_index + 1
 """Index of the command dead time [s] among the values of the effects; the caller applies it (``DelayLine``)."""
 
@@ -73,6 +75,15 @@ def has_internal_state(parameters: DeviceParameters) -> bool:
         or damper_chamber.has_elastic_chambers(apply_damper_effects(parameters, ZERO_INTERNAL_STATE))
         or any(slot.form.n_states for slot in active_slots)
     )
+
+
+def get_dead_time(parameters: DeviceParameters) -> float:
+    """Return the dead time of the commands [s]: that of ``pressure_delay``, and of sound in a ``hose``.
+
+    The caller applies it (:class:`klute_sim.device.delay.DelayLine`).
+    """
+    sound = pneumatics.speed_of_sound(parameters.supply.temperature)
+    return float(parameters.effects[DEAD_TIME_INDEX] + parameters.effects[HOSE_LENGTH_INDEX] / sound)
 
 
 def apply_supply_effects(parameters: DeviceParameters, internal_state: tuple[float, ...]) -> SupplyParameters:

@@ -13,11 +13,11 @@ import numpy as np
 
 from klute_sim.device.delay import interpolate_samples
 from klute_sim.device.dynamics import (
-    DEAD_TIME_INDEX,
     DeviceParameters,
     DeviceState,
     advance_state,
     compute_tension,
+    get_dead_time,
     step_pressure,
 )
 from klute_sim.errors import SimulationError
@@ -75,7 +75,7 @@ def _name_quantity(
     step: int,
 ) -> str:
     """Return the first quantity of time step ``step`` that has no finite value, after repeating all steps before."""
-    delay_steps = parameters.effects[DEAD_TIME_INDEX] / dt
+    delay_steps = get_dead_time(parameters) / dt
     quantity = "pressure"
     with suppress(*MATH_ERRORS):
         for k in range(step):

@@ -16,12 +16,12 @@ from klute_sim.device.backend.select import explain_missing_compiler, select_bac
 from klute_sim.device.batch_outputs import N_OUTPUTS, fill_outputs
 from klute_sim.device.delay import interpolate_samples
 from klute_sim.device.dynamics import (
-    DEAD_TIME_INDEX,
     N_INTERNAL_STATES,
     DeviceParameters,
     DeviceState,
     advance_state,
     apply_supply_effects,
+    get_dead_time,
 )
 from klute_sim.device.energy.ledger import EnergyBalance, compute_energy_balance
 from klute_sim.device.energy.outputs import accumulate_effects
@@ -65,7 +65,7 @@ def integrate(
     ``length`` and ``internal_state`` are the initial state.
     """
     parameters = unpack_parameters(rows[-1])
-    delay_steps = parameters.effects[DEAD_TIME_INDEX] / dt
+    delay_steps = get_dead_time(parameters) / dt
     before = DeviceState(pressure, length, internal_state)
     for k in range(len(unit_length)):
         after = advance_state(parameters, before, unit_length[k], interpolate_samples(command, k - delay_steps), dt)

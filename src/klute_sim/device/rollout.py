@@ -17,12 +17,12 @@ from klute_sim.device.backend.packing import pack_parameters, unpack_parameters
 from klute_sim.device.backend.select import explain_missing_compiler, select_backend
 from klute_sim.device.delay import interpolate_samples
 from klute_sim.device.dynamics import (
-    DEAD_TIME_INDEX,
     N_INTERNAL_STATES,
     DeviceParameters,
     DeviceState,
     advance_state,
     compute_tension,
+    get_dead_time,
 )
 from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.device.nonfinite import MATH_ERRORS, check_finite, integrate_in_python, make_nonfinite_error
@@ -59,7 +59,7 @@ def integrate(
     ``row`` holds the packed parameters; ``pressure``, ``length`` and ``internal_state`` are the initial state.
     """
     parameters = unpack_parameters(row)
-    delay_steps = parameters.effects[DEAD_TIME_INDEX] / dt
+    delay_steps = get_dead_time(parameters) / dt
     before = DeviceState(pressure, length, internal_state)
     for k in range(len(unit_length)):
         after = advance_state(parameters, before, unit_length[k], interpolate_samples(command, k - delay_steps), dt)

@@ -30,7 +30,7 @@ from typing import Any, Literal, TypeVar
 
 from klute_sim.effects import chain
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
-from klute_sim.effects.families import air, body, damper, discrepancy_terms, instrument, supply, tendon
+from klute_sim.effects.families import air, body, damper, discrepancy_terms, hose, instrument, supply, tendon
 from klute_sim.effects.families.muscle import (
     bladder_relaxation,
     bladder_wall,
@@ -66,6 +66,7 @@ BUILT_IN_EFFECTS = (
     bladder_relaxation.BLADDER_RELAXATION,
     air.SUPPLY_DROOP,
     air.CHOKED_VALVE,
+    hose.HOSE,
     air.VOLUME_COUPLING,
     air.LEAK,
     supply.REGULATOR_ERROR,

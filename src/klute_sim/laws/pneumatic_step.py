@@ -126,6 +126,7 @@ def assume_full_tank(supply: SupplyParameters) -> SupplyParameters:
         math.inf if supply.tank_volume > 0.0 else 0.0,
         supply.tank_pressure,
         supply.regulator_time_constant,
+        supply.dead_volume,
     )
 
 

@@ -1,11 +1,14 @@
 """The gas: parameters of the supply, a pressure regulator with limited rate, and the mass of enclosed air."""
 
+import math
 from typing import NamedTuple
 
 ATMOSPHERIC_PRESSURE = 101_325.0
 """Standard atmosphere, the difference of absolute and gauge pressure [Pa]."""
 AIR_GAS_CONSTANT = 287.05
 """Specific gas constant of dry air [J/(kg K)]."""
+HEAT_CAPACITY_RATIO = 1.4
+"""Ratio of the specific heats of air [1]."""
 ZERO_CELSIUS = 273.15
 """Temperature of 0 degrees Celsius [K]."""
 
@@ -62,6 +65,7 @@ def replace_supply_fields(
     tank_volume: float,
     tank_pressure: float,
     regulator_time_constant: float,
+    dead_volume: float,
 ) -> SupplyParameters:
     """Return ``supply`` with these fields replaced."""
     # numba does not compile NamedTuple._replace.
@@ -79,7 +83,7 @@ def replace_supply_fields(
         supply.min_pulse,
         polytropic_exponent,
         supply.thermal_time_constant,
-        supply.dead_volume,
+        dead_volume,
         leak_conductance,
         tank_volume,
         tank_pressure,
@@ -96,6 +100,11 @@ def regulate(supply: SupplyParameters, pressure: float, command: float, dt: floa
     if target < pressure - max_change:
         return pressure - max_change
     return target
+
+
+def speed_of_sound(temperature: float) -> float:
+    """Return the speed of sound [m/s] in air at ``temperature`` T [K]: ``sqrt(1.4 R T)``."""
+    return math.sqrt(HEAT_CAPACITY_RATIO * AIR_GAS_CONSTANT * temperature)
 
 
 def air_mass(pressure: float, volume: float, temperature: float) -> float:

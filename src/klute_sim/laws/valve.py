@@ -15,6 +15,8 @@ REFERENCE_TEMPERATURE = 293.15
 """Temperature of the reference atmosphere [K]."""
 LAMINAR_PRESSURE_RATIO = 0.999
 """Ratio of pressures above which flow is proportional to their difference (ISO 6358: the square root has no slope)."""
+HOSE_FRICTION_FACTOR = 0.02
+"""Darcy friction factor of a smooth hose in turbulent flow [1] (assumed: Blasius, 0.316 Re^-0.25, at Re = 60 000)."""
 
 
 class Restriction(NamedTuple):
@@ -113,11 +115,24 @@ def tube_restriction(length: float, diameter: float) -> Restriction:
     return Restriction(conductance, 474.0 * conductance / square)
 
 
+def hose_restriction(length: float, diameter: float) -> Restriction:
+    """Return the restriction of a hose by wall friction: ``C = A/(rho0 sqrt(R T0)) sqrt(d/(f L))``, b = 0.
+
+    L is the ``length``, d the inner ``diameter`` [m], A the bore and f :data:`HOSE_FRICTION_FACTOR`. With b = 0 the
+    flow of ISO 6358 is that of the isothermal gas in a long pipe, ``m' = A sqrt((p1^2 - p2^2) d/(f L R T))`` (F. M.
+    White, Fluid Mechanics, chapter 9; quoted from memory). The entrance is that of the fitting before it.
+    """
+    bore = 0.25 * math.pi * diameter * diameter
+    scale = REFERENCE_DENSITY * math.sqrt(AIR_GAS_CONSTANT * REFERENCE_TEMPERATURE)
+    return Restriction(bore / scale * math.sqrt(diameter / (HOSE_FRICTION_FACTOR * length)), 0.0)
+
+
 def combine_in_series(first: Restriction, second: Restriction) -> Restriction:
     """Return one restriction for two in series: ``1/C^3 = sum 1/C_i^3``, ``b = 1 - C^2 sum (1 - b_i)/C_i^2``.
 
     This is the approximation of ISO 6358:1989; it is exact if one of them is wide open.
     """
     total = (first.conductance**-3.0 + second.conductance**-3.0) ** (-1.0 / 3.0)
-    reduction = sum((1.0 - part.critical_ratio) * (total / part.conductance) ** 2 for part in (first, second))
+    share_1, share_2 = total / first.conductance, total / second.conductance
+    reduction = (1.0 - first.critical_ratio) * share_1**2 + (1.0 - second.critical_ratio) * share_2**2
     return Restriction(total, min(max(1.0 - reduction, 0.0), 0.999))

@@ -28,6 +28,7 @@ EXPORTED_STEP_FUNCTIONS = (
     "compute_tendon_force",
     "apply_supply_effects",
     "get_gas_state",
+    "get_dead_time",
 )
 """Functions of :mod:`klute_sim.device.dynamics` that other compiled code calls."""
 

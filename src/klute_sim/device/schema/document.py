@@ -210,6 +210,7 @@ PNEUMATIC_SECTIONS = ("supply", "valve", "line", "chamber", "tank", "leak")
 SECTION_OF_EFFECT = {
     "pressure_lag": "valve",
     "choked_valve": "valve",
+    "hose": "line",
     "volume_coupling": "valve",
     "leak": "leak",
     "supply_droop": "tank",

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from klute_sim.datasets.trial import Trial, Use
-from klute_sim.device.dynamics import DEAD_TIME_INDEX
+from klute_sim.device.dynamics import DEAD_TIME_INDEX, get_dead_time
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.experiments.base import (
@@ -84,12 +84,13 @@ class BenchExperiment(Experiment):
         """
         parameters, length, command, dt = setup.parameters, self.unit_length, self.command, self.dt
         initial_state = compute_equilibrium_state(parameters, float(length[0]), float(command[0]))
-        n_delay_steps = math.floor(parameters.effects[DEAD_TIME_INDEX] / dt + 1e-9)
-        shift = max(0.0, parameters.effects[DEAD_TIME_INDEX] - n_delay_steps * dt)
+        dead_time = get_dead_time(parameters)
+        n_delay_steps = math.floor(dead_time / dt + 1e-9)
+        shift = max(0.0, dead_time - n_delay_steps * dt)
         if shift > 0.0:
             effects = (
                 *parameters.effects[:DEAD_TIME_INDEX],
-                n_delay_steps * dt,
+                n_delay_steps * dt - (dead_time - parameters.effects[DEAD_TIME_INDEX]),
                 *parameters.effects[DEAD_TIME_INDEX + 1 :],
             )
             parameters = parameters._replace(effects=effects)

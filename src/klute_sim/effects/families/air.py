@@ -42,6 +42,7 @@ def _with_valve(
         s.tank_volume,
         s.tank_pressure,
         s.regulator_time_constant,
+        s.dead_volume,
     )
 
 
@@ -54,7 +55,8 @@ def delay_volume_compensation(p: Any, state: Any, supply: SupplyParameters) -> S
     if p.recovery <= 0.0 or s.fill_conductance > 0.0:
         return s
     valve = s.fill_conductance, s.fill_critical_ratio, s.exhaust_conductance, s.exhaust_critical_ratio
-    return replace_supply_fields(s, *valve, p.exponent, s.leak_conductance, s.tank_volume, s.tank_pressure, p.recovery)
+    tank = s.tank_volume, s.tank_pressure
+    return replace_supply_fields(s, *valve, p.exponent, s.leak_conductance, *tank, p.recovery, s.dead_volume)
 
 
 def add_leak(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
@@ -73,6 +75,7 @@ def add_leak(p: Any, state: Any, supply: SupplyParameters) -> SupplyParameters:
         s.tank_volume,
         s.tank_pressure,
         s.regulator_time_constant,
+        s.dead_volume,
     )
 
 
@@ -95,6 +98,7 @@ def draw_from_tank(p: Any, state: Any, supply: SupplyParameters) -> SupplyParame
         1.0 / p.inverse_volume,
         s.max_pressure,
         s.regulator_time_constant,
+        s.dead_volume,
     )
 
 

@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from klute_sim.controllers.pressure import PressureProfile
-from klute_sim.device.dynamics import DEAD_TIME_INDEX, DeviceParameters
+from klute_sim.device.dynamics import DeviceParameters, get_dead_time
 from klute_sim.errors import InputError
 from klute_sim.types import Array, Mask
 from klute_sim.units import BAR
@@ -70,7 +70,7 @@ class ActionDecoder:
 
         Commands are held between actions; :class:`klute_sim.device.delay.DelayLine` interpolates them instead.
         """
-        self._delay_steps[index] = round(parameters.effects[DEAD_TIME_INDEX] / self._dt)
+        self._delay_steps[index] = round(get_dead_time(parameters) / self._dt)
         n_missing = 2 + int(self._delay_steps[index]) // self._steps_per_action - self._command_history.shape[1]
         if n_missing > 0:
             self._command_history = np.pad(self._command_history, ((0, 0), (n_missing, 0)), "edge")

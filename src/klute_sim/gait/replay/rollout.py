@@ -19,12 +19,12 @@ from klute_sim.device.backend.packing import pack_parameters, unpack_parameters
 from klute_sim.device.backend.select import explain_missing_compiler, select_backend
 from klute_sim.device.delay import interpolate_samples
 from klute_sim.device.dynamics import (
-    DEAD_TIME_INDEX,
     N_INTERNAL_STATES,
     DeviceParameters,
     DeviceState,
     advance_state,
     compute_tension,
+    get_dead_time,
 )
 from klute_sim.device.equilibrium import compute_taut_state
 from klute_sim.device.nonfinite import integrate_in_python
@@ -93,7 +93,7 @@ def integrate(
     command. Before the replay, the first inputs are held for ``n_settling_steps`` steps without accelerations.
     """
     parameters = unpack_parameters(row)
-    delay_steps = parameters.effects[DEAD_TIME_INDEX] / dt
+    delay_steps = get_dead_time(parameters) / dt
     before, angle, velocity, keel_angle = DeviceState(pressure, length, internal_state), 0.0, 0.0, 0.0
     for n in range(-n_settling_steps, len(inputs)):
         k = max(n, 0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from klute_sim.controllers.parse import Controller
 from klute_sim.device.delay import DelayLine
 from klute_sim.device.device import Device, check_accepts_pressure
-from klute_sim.device.dynamics import DEAD_TIME_INDEX
+from klute_sim.device.dynamics import get_dead_time
 from klute_sim.device.energy.ledger import EnergyRecorder
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.gait.rig import setup
@@ -74,7 +74,7 @@ def simulate_gait(
         )
     measurements = GaitMeasurements(model, actuator)
     commands = PressureCommands(controller, gait_rig, n_steps)
-    delay_line = DelayLine(commands.pressures, actuator.parameters.effects[DEAD_TIME_INDEX], options.dt)
+    delay_line = DelayLine(commands.pressures, get_dead_time(actuator.parameters), options.dt)
     # The sensors of a feedback controller need a posture before the first command, which the final reset then uses.
     reset_gait_rig(gait_rig, data, 0.0)
     reset_gait_rig(gait_rig, data, commands.update(0, data))
