@@ -88,7 +88,10 @@ COMBINATIONS = {
         *typical(("threshold_pressure", "rising"), ("end_taper", "strain"), ("braid_extensibility", "linear")),
         *typical(("thick_wall_bladder", "mooney_rivlin"), ("bladder_softening", "ogden_roxburgh")),
     ],
-    "damper": typical(("trapped_air", "isothermal"), ("laminar_orifice", "smooth"), ("discharge_loss", "constant")),
+    "damper": typical(
+        *(("laminar_orifice", "smooth"), ("discharge_loss", "constant"), ("trapped_air", "isothermal")),
+        *(("rod_side_area", "single_rod"), ("cavitation", "charge"), ("oil_temperature", "walther")),
+    ),
     "tendon": typical(
         ("tendon_stiffening", "quadratic"), ("tendon_slack", "dead_length"), ("tendon_hysteresis", "maxwell")
     ),

@@ -183,6 +183,7 @@ def test_mujoco_steps_internal_states_as_the_device_does() -> None:
     sections = {"braid_hysteresis": {"form": "maxwell_slip", "slope_n_per_bar": 10.0, "stiffness_n_per_mm": 60.0}}
     sections |= {"bladder_relaxation": {"stiffness_n_per_mm": 4.0, "time_constant_s": 0.2}}
     sections |= {"tendon_hysteresis": {"loss_fraction": 0.1}, "pressure_lag": {"time_constant_s": 0.03}}
+    sections |= {"trapped_air": {"air_volume_cm3": 1.0}, "cavitation": {"inverse_charge_per_bar": 0.5}}
     device = load_with_effects(sections)
     for backend in ("compiled", "python"):
         recording = bench.simulate_tester(device, LENGTH[:2000], COMMAND[:2000], STEP, backend=backend)
