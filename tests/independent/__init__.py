@@ -1,0 +1,1 @@
+"""Checks of the simulation by code that shares nothing with the laws of the package."""
