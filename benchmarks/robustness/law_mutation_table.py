@@ -26,7 +26,10 @@ TESTS_OF_FOLDER = {
         "tests/effects/test_rubber_and_braid.py",
         "tests/effects/test_effect_laws.py",
     ),
-    "device": ("tests/device/test_dynamics.py", "tests/device/test_pneumatics.py"),
+    "device": (
+        "tests/device/test_dynamics.py",
+        "tests/device/test_pneumatics.py::test_work_at_the_default_step_is_right_within_three_per_mille",
+    ),
 }
 """Tests that run for the mutations of a folder: those of the same name and no others."""
 

@@ -101,12 +101,14 @@ def main() -> int:
     if arguments.list:
         print("\n".join(f"{m.folder:8}{m.name}: {m.file}: {m.old!r} -> {m.new!r}" for m in chosen))
         return 0
-    for folder in sorted({mutation.folder for mutation in chosen}):
-        failure, seconds = run_tests(folder, None)
-        if failure:
-            sys.exit(f"the unchanged package fails {failure}")
-        print(f"unchanged{seconds:6.0f} s  {folder}", flush=True)
     with ThreadPoolExecutor(arguments.jobs) as pool:
+        folders = sorted({mutation.folder for mutation in chosen})
+        for folder, (failure, seconds) in zip(
+            folders, pool.map(lambda folder: run_tests(folder, None), folders), strict=True
+        ):
+            if failure:
+                sys.exit(f"the unchanged package fails {failure}")
+            print(f"unchanged{seconds:6.0f} s  {folder}", flush=True)
         results = list(pool.map(run_mutation, chosen))
     survivors = [result.mutation.name for result in results if not result.killed_by]
     print(f"{len(results) - len(survivors)} of {len(results)} killed; survivors: {', '.join(survivors) or 'none'}")
