@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.hidden_effects.air import GAS_CONSTANT, REFERENCE_DENSITY_FACTOR, AirSupply, is_coupled_to_motion
+from benchmarks.hidden_effects.damper import compare_oil
 from benchmarks.hidden_effects.law import Law
 
 PRESET_FILE = Path(__file__).parents[2] / "src" / "klute_sim" / "device" / "presets" / "klute-3-4-pair.toml"
@@ -428,21 +429,6 @@ def _apply_effect(
         case _:
             air = _apply_supply_effect(air, key, parameters)
     return law, air
-
-
-def compare_oil(celsius: float) -> tuple[float, float]:
-    """Return kinematic viscosity and density of oil (ISO VG 32) over those at 20 degrees Celsius.
-
-    The chart of ASTM D341 is straight in log T and log log(nu + 0.7): here through 32 mm2/s at 40 degrees Celsius and
-    5.4 mm2/s at 100. Oil expands by 0.065 % per kelvin (assumed).
-    """
-
-    def viscosity(at: float) -> float:
-        ends = [math.log10(math.log10(nu + 0.7)) for nu in (32.0, 5.4)]
-        place = math.log((at + 273.15) / 313.15) / math.log(373.15 / 313.15)
-        return 10.0 ** (10.0 ** (ends[0] + place * (ends[1] - ends[0]))) - 0.7
-
-    return viscosity(celsius) / viscosity(20.0), 1.0 - 6.5e-4 * (celsius - 20.0)
 
 
 def _apply_supply_effect(air: AirSupply, key: tuple[str, str], parameters: Mapping[str, float]) -> AirSupply:

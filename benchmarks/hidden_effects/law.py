@@ -9,15 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 from benchmarks.hidden_effects.compiled import cached_njit
+from benchmarks.hidden_effects.damper import orifice_tension, solve_chamber
 
 SIGN_SPEED = 0.05e-3  # m/s: width of the smooth sign
 TENDON_SLIDER_REACH = 0.05e-3  # m: reach of the tendon's slider
 TENDON_CLOSING_STRETCH = 1e-6  # m: over which a tendon with Maxwell memory takes up its load (its law jumps there)
 FADE_PRESSURE = 2e5  # Pa: below it the friction offset fades to nothing
 FILM_TIME = 1e-4  # s: a lubricating film does not follow the speed at once, or several speeds could balance
-ATMOSPHERE = 101325.0  # Pa
-OIL_COLUMN = 0.04  # m: height of the oil before the damper's piston (assumed)
-OIL_MODULUS = 1.5e9  # Pa: bulk modulus of oil without air
 COOLING_TIME = 20.0  # s: in which warm oil cools (assumed)
 STRETCH_DIFFERENCE = 1e-5  # of the stretch: half the difference that turns the thick wall's energy into a force
 N_WALL_LAYERS = 8  # of the thick wall, for Simpson's rule
@@ -225,85 +223,6 @@ def static_muscle_tension(pressure: float, L: float, law: Law) -> float:
         bladder += law.thick * (slope - bladder)
     friction = (law.friction_slope * pressure + law.friction_offset) * min(1.0, pressure / FADE_PRESSURE)
     return law.n_muscles * (gas + bladder - friction)
-
-
-@cached_njit
-def orifice_tension(v: float, law: Law) -> float:
-    """Return the tension of the damper's orifices: the pressure that drives the oil out, on the area of its side."""
-    area = chamber_area(v, law)
-    flow, transition = area * v, law.bore_area * math.sqrt(max(0.0, law.transition**2 + law.transition_rise))
-    damping = law.damping_out if v > 0.0 else law.damping_in
-    return area * damping * flow * math.sqrt(flow * flow + transition * transition) / law.bore_area**3
-
-
-@cached_njit
-def chamber_area(side: float, law: Law) -> float:
-    """Return the area that meters the oil: that of the side which is compressed, and with a charge that of the rod."""
-    return law.bore_area - law.rod_area if side > 0.0 or law.charge > 0.0 else law.bore_area
-
-
-@cached_njit
-def orifice_flow(pressure: float, damping: float, law: Law) -> float:
-    """Return the flow [m3/s] that a pressure >= 0 drives through an orifice: the inverse of :func:`orifice_tension`."""
-    if damping == 0.0 or pressure == 0.0:
-        return 0.0
-    square, load = max(0.0, law.transition**2 + law.transition_rise), pressure * law.bore_area / damping
-    return law.bore_area * load * math.sqrt(2.0 / (square + math.hypot(square, 2.0 * load)))
-
-
-@cached_njit
-def compressed_pressure(travel: float, area: float, law: Law) -> float:
-    """Return by how much [Pa] a travel >= 0 of the piston raises the pressure of a chamber with air.
-
-    Boyle's air and Hooke's oil share the travel, which is a quadratic equation for the pressure.
-    """
-    start = law.charge if law.charge > 0.0 else ATMOSPHERE
-    oil, air = OIL_COLUMN / OIL_MODULUS, law.damper_air * ATMOSPHERE / start / area
-    rest = air + oil * start - travel
-    root = math.sqrt(rest * rest + 4.0 * oil * start * travel)
-    return 2.0 * start * travel / (rest + root) if rest > 0.0 else (root - rest) / (2.0 * oil)
-
-
-@cached_njit
-def expanded_travel(suction: float, area: float, law: Law) -> float:
-    """Return the travel that the air and oil of a chamber yield at a pressure ``suction`` below that of the charge."""
-    if law.damper_air == 0.0:
-        return 0.0
-    air = law.damper_air * ATMOSPHERE / law.charge / area
-    left = law.charge - suction
-    return air * suction / left + OIL_COLUMN / OIL_MODULUS * suction if left > 0.0 else math.inf
-
-
-@cached_njit
-def solve_chamber(v: float, base: float, gh: float, law: Law) -> tuple[float, float]:
-    """Return travel and tension of the chambers after a stage.
-
-    The travel is what the piston displaced and the orifice did not let pass: compressed air and oil, expanded air, or a
-    void.
-    """
-    displaced = base + gh * v
-    side, most, area = math.copysign(1.0, displaced), abs(displaced), chamber_area(displaced, law)
-    damping = law.damping_out if displaced > 0.0 else law.damping_in
-    if displaced < 0.0 and law.charge > 0.0:
-        low, high = 0.0, law.charge
-        for _ in range(80):
-            middle = 0.5 * (low + high)
-            if expanded_travel(middle, area, law) + gh * orifice_flow(middle, damping, law) / area > most:
-                high = middle
-            else:
-                low = middle
-        return -max(0.0, most - gh * orifice_flow(low, damping, law) / area), -area * low
-    if law.damper_air == 0.0:
-        return 0.0, orifice_tension(displaced / gh, law)
-    low, high = 0.0, most
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        out = gh * orifice_flow(compressed_pressure(middle, area, law), damping, law) / area
-        if middle + out > most:
-            high = middle
-        else:
-            low = middle
-    return side * low, side * area * compressed_pressure(low, area, law)
 
 
 @cached_njit
