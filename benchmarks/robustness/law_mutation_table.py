@@ -299,8 +299,8 @@ MUTATIONS = (
         "work of the gas from half the pressure",
         "device",
         "device/energy/ledger.py",
-        "mean(series.pressure) * rate",
-        "0.5 * mean(series.pressure) * rate",
+        "mean(series.contact_pressure) * rate",
+        "0.5 * mean(series.contact_pressure) * rate",
     ),
     Mutation(
         "damper twice in the ledger",

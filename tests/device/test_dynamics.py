@@ -282,3 +282,11 @@ def test_friction_offset_has_its_own_power_term() -> None:
     assert np.abs(with_offset.friction_power).max() > 1.0
     assert not without.friction_power.any()
     assert with_offset.damper_power.sum() < 0.0
+
+
+def test_gas_below_room_pressure_does_no_work_on_the_braid() -> None:
+    """A bladder below room pressure leaves the braid: neither force nor power, so the balance stays closed."""
+    recorder = EnergyRecorder(ANKLE, 2)
+    for k, length in enumerate((0.23, 0.24)):
+        recorder.record_sample(k, DeviceState(-2e4, length), 0.36, 0.0)
+    assert not recorder.to_energy_balance(5e-4).gas_power.any()

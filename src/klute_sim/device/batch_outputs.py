@@ -28,7 +28,7 @@ def fill_outputs(rows: Any, state: DeviceState, unit_length: float, velocity: fl
     out[3], out[4], out[5] = outputs.bladder_force, outputs.damper_force, outputs.tendon_force
     out[6], out[7], out[8] = outputs.bladder_energy, outputs.tendon_energy, outputs.air_mass
     out[9], out[10], out[11] = outputs.air_drawn, outputs.air_leaked, outputs.supply_pressure
-    out[12], out[13], out[14] = outputs.stop_force, outputs.pressure, outputs.braid_volume
+    out[12], out[13], out[14] = outputs.stop_force, outputs.contact_pressure, outputs.braid_volume
     for j in range(1, len(rows)):
         parameters, reduced_parameters = unpack_parameters(rows[j]), unpack_parameters(rows[j - 1])
         forces = compute_effect_forces(parameters, reduced_parameters, state, unit_length, velocity)

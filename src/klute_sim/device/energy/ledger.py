@@ -144,7 +144,7 @@ def compute_energy_balance(
         for k, name in enumerate(effect_names)
     }
     terms = {
-        "gas_power": mean(series.pressure) * rate(series.braid_volume),
+        "gas_power": mean(series.contact_pressure) * rate(series.braid_volume),
         "friction_power": work_rate(series.friction_force, muscle_step),
         "damper_power": -series.damper_force * muscle_step / dt,
         "stop_power": work_rate(series.stop_force, muscle_step),

@@ -48,8 +48,8 @@ class DeviceOutputs(NamedTuple):
     """Gauge pressure of the supply [Pa]: its maximum pressure, or the pressure left in the tank if that is lower."""
     stop_force: float
     """Tension of the length stops [N], :func:`compute_stop_force`."""
-    pressure: float
-    """Gauge pressure in the muscle [Pa]."""
+    contact_pressure: float
+    """Gauge pressure of the bladder on the braid [Pa], :func:`klute_sim.laws.mckibben.contact_pressure`."""
     braid_volume: float
     """Volume inside the braid [m3]; the work of the gas is the pressure times its change."""
 
@@ -103,7 +103,7 @@ def compute_outputs(
         air_leaked=gas.leaked_mass,
         supply_pressure=pneumatic_step.supply_pressure(supply, gas.drawn_mass),
         stop_force=stop_force,
-        pressure=pressure,
+        contact_pressure=mckibben.contact_pressure(pressure),
         braid_volume=mckibben.braid_volume(muscle, length),
     )
 
