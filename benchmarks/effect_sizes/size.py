@@ -17,6 +17,8 @@ from klute_sim.types import Array
 
 PRESET = "klute-3-4-pair"
 """Device of all measurements."""
+MAX_PRESSURE = 8e5
+"""Supply pressure of a clamped muscle [Pa]: above all measurements (the preset has 5 bar)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +60,8 @@ def make_clamped_muscle(*, damper: bool = False) -> DeviceParameters:
     preset = load_device(PRESET).parameters
     tie = preset.tendon._replace(slack_length=0.0, is_rigid=True)
     oil = preset.damper if damper else preset.damper._replace(concentric_coefficient=0.0, eccentric_coefficient=0.0)
-    return preset._replace(tendon=tie, damper=oil)
+    supply = preset.supply._replace(max_pressure=MAX_PRESSURE)
+    return preset._replace(tendon=tie, damper=oil, supply=supply)
 
 
 def simulate(

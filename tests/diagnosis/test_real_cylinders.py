@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from benchmarks.effect_sizes.friction import LONG, SHORT, measure_muscle_loop
 from scipy.signal import find_peaks
 
 from klute_sim.datasets import dataset as datasets
@@ -138,9 +139,10 @@ def compute_friction(result: Diagnosis, speeds: list[float]) -> float:
         p = form.pack(values)
         for k, speed in enumerate(speeds):
             if term.effect == "seal_friction":
-                state = form.make_zero_state()
-                if form.n_states:  # the internal state at steady speed
-                    state = form.state_type(1.0 - float(np.exp(-((speed / p[2]) ** 2))), abs(speed), 0.0)
+                state, muscle = form.make_zero_state(), hypothesis.device.parameters.muscle
+                for step in range(2000 if form.n_states else 0):  # to the internal state at steady speed
+                    length = muscle.resting_length + speed * 1e-3 * (step + 1)
+                    state = form.state_type(*form.laws["next_state"](p, state, muscle, 0.0, length, 0.0, 1e-3))
                 forces[k] += form.laws["damper_force"](p, state, 0.0, speed)
             elif term.effect == "unknown_force":
                 muscle = hypothesis.device.parameters.muscle
@@ -172,6 +174,21 @@ def test_direction_dependence_matches_the_published_values() -> None:
     ]
     assert min(fractions) > 0.6
     assert max(fractions) < 0.8
+
+
+@pytest.mark.parametrize(("seal", "growth"), [("O-ring257", 0.13), ("Kidney_lc", 0.13)])
+def test_measured_friction_grows_with_pressure_as_the_effect_states(seal: str, growth: float) -> None:
+    """One force and one growth describe a seal at four pressures, by loops that the device simulates."""
+    pressures = np.array([1.0, 3.0, 5.0, 7.0])
+    logs = [read_log(DATA / f"{seal}_{pressure:.0f}bar.csv") for pressure in pressures]
+    measured = np.array([half_difference(log, log.resistance) for log in logs])
+    slope, force = np.polyfit(pressures, measured, 1)
+    assert slope / force == pytest.approx(growth, abs=0.02)
+    pressed = {"force_n": force, "growth_per_bar": slope / force, "stiffness_n_per_mm": 50.0}
+    stroke = LONG - SHORT
+    for pressure, value in zip(pressures.tolist(), measured, strict=True):
+        simulated = measure_muscle_loop("seal_friction", "pressure", pressed, pressure) / (2.0 * stroke)
+        assert simulated == pytest.approx(value, rel=0.08)
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
