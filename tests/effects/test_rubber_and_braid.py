@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 from klute_sim.device.device import load_device
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import EffectForm
-from klute_sim.effects.families import damper, instrument
+from klute_sim.effects.families import instrument, seal
 from klute_sim.effects.families.muscle import bladder_wall, braid_extensibility, braid_hysteresis
 from klute_sim.effects.smoothing import step_bouc_wen
 from klute_sim.laws import mckibben
@@ -170,9 +170,9 @@ def test_stribeck_friction_falls_with_speed() -> None:
         state = form.make_zero_state()
         for k in range(1, 400):
             length = muscle.resting_length + speed * 1e-3 * k
-            state = form.state_type(*damper.step_stribeck(p, state, muscle, 0.0, length, 0.0, 1e-3))
-        forces[speed] = damper.stribeck_friction(p, state, 0.0, speed)
-        assert damper.stribeck_friction(p, state, 0.0, -speed) == -forces[speed]
+            state = form.state_type(*seal.step_stribeck(p, state, muscle, 0.0, length, 0.0, 1e-3))
+        forces[speed] = seal.stribeck_friction(p, state, 0.0, speed)
+        assert seal.stribeck_friction(p, state, 0.0, -speed) == -forces[speed]
     assert forces[0.1] == pytest.approx(15.0, rel=1e-3)
     assert forces[0.003] == pytest.approx(15.0 * (1.0 + 0.6 * math.exp(-0.04)), rel=1e-3)
 

@@ -30,7 +30,7 @@ from typing import Any, Literal, TypeVar
 
 from klute_sim.effects import chain
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
-from klute_sim.effects.families import air, body, damper, discrepancy_terms, hose, instrument, supply, tendon
+from klute_sim.effects.families import air, body, damper, discrepancy_terms, hose, instrument, seal, supply, tendon
 from klute_sim.effects.families.muscle import (
     bladder_relaxation,
     bladder_wall,
@@ -78,7 +78,7 @@ BUILT_IN_EFFECTS = (
     damper.ROD_SIDE_AREA,
     damper.CAVITATION,
     damper.OIL_TEMPERATURE,
-    damper.SEAL_FRICTION,
+    seal.SEAL_FRICTION,
     tendon.TENDON_SLACK,
     tendon.TENDON_STIFFENING,
     tendon.TENDON_HYSTERESIS,

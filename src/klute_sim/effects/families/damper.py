@@ -4,10 +4,8 @@ import math
 from typing import Any
 
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
-from klute_sim.effects.smoothing import smooth_sign, step_bouc_wen
 from klute_sim.laws import oil
 from klute_sim.laws.damper import DamperParameters, replace_damper_fields
-from klute_sim.laws.mckibben import MuscleParameters
 
 
 def apply_discharge_loss(p: Any, state: Any, damper: DamperParameters) -> DamperParameters:
@@ -65,50 +63,6 @@ def change_oil_temperature(p: Any, state: Any, damper: DamperParameters) -> Damp
     return replace_damper_fields(d, *coefficients, transition_speed, d.air_volume, d.rod_area, d.inverse_charge)
 
 
-def seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
-    """Return the damper tension [N] plus ``F sign(v)``."""
-    return force + p.force * smooth_sign(velocity)
-
-
-def stribeck_friction(p: Any, state: Any, force: float, velocity: float) -> float:
-    """Return the damper tension [N] plus ``F (1 + stick exp(-(v/vs)^2)) sign(v)``.
-
-    The bracket uses the speed of the preceding step. It falls with speed, so with the speed of the same step the force
-    balance could have two solutions.
-    """
-    return force + p.force * (1.0 + p.stick_fraction * (1.0 - state.peak_loss)) * smooth_sign(velocity)
-
-
-def step_stribeck(
-    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
-) -> tuple[float, float, float]:
-    """Return the reduction of the friction peak [1], the speed [m/s] and the length beyond rest [m] after the step."""
-    x = length - muscle.resting_length
-    return (
-        1.0 - math.exp(-((state.speed / p.stribeck_speed) * (state.speed / p.stribeck_speed))),
-        abs(x - state.length) / dt,
-        x,
-    )
-
-
-def pressed_seal_friction(p: Any, state: Any, force: float, velocity: float) -> float:
-    """Return the damper tension [N] plus ``k u``, with u the elastic displacement of the seal."""
-    return force + p.stiffness * state.seal_displacement
-
-
-def step_seal_displacement(
-    p: Any, state: Any, muscle: MuscleParameters, pressure: float, length: float, stretch: float, dt: float
-) -> tuple[float, float]:
-    """Return the elastic displacement of the seal and the length beyond rest [m] after the step.
-
-    Dahl's model (:func:`~klute_sim.effects.smoothing.step_bouc_wen` with gamma = 0): before it slides with the force
-    ``F (1 + g P)``, the seal deforms with the stiffness k. P is the gauge pressure that the device records.
-    """
-    x = length - muscle.resting_length
-    max_displacement = p.force * (1.0 + p.growth * pressure) / p.stiffness
-    return step_bouc_wen(state.seal_displacement, x - state.length, max_displacement, 0.0, dt), x
-
-
 DISCHARGE_LOSS = Effect(
     name="discharge_loss",
     description="The jet behind a sharp-edged orifice contracts: the damper is stronger than its design.",
@@ -151,94 +105,6 @@ LAMINAR_ORIFICE = Effect(
                 ),
             ),
             laws={"damper": add_laminar_flow},
-        ),
-    ),
-)
-
-SEAL_FRICTION = Effect(
-    name="seal_friction",
-    description="The piston's seal has dry friction, which may grow with the pressure in the cylinder.",
-    kind="device",
-    forms=(
-        EffectForm(
-            name="coulomb",
-            equation="F += F_seal sign(v)",
-            parameters=(
-                EffectParameter(
-                    key="force_n",
-                    neutral=0.0,
-                    lower=0.0,
-                    upper=200.0,
-                    typical=15.0,
-                    source="pneumatic cylinder seals measured at 7-21 N",
-                ),
-            ),
-            laws={"damper_force": seal_friction},
-        ),
-        EffectForm(
-            name="stribeck",
-            equation="F += F_seal (1 + stick exp(-(v/vs)^2)) sign(v)",
-            parameters=(
-                EffectParameter(
-                    key="force_n",
-                    neutral=0.0,
-                    lower=0.0,
-                    upper=200.0,
-                    typical=15.0,
-                    source="pneumatic cylinder seals measured at 7-21 N",
-                ),
-                EffectParameter(
-                    key="stick_fraction",
-                    neutral=None,
-                    lower=0.05,
-                    upper=3.0,
-                    typical=0.6,
-                    source="assumed: breakaway friction of seals is about 1.5 times the sliding friction",
-                ),
-                EffectParameter(
-                    key="stribeck_speed_mm_per_s",
-                    neutral=None,
-                    lower=1.0,
-                    upper=200.0,
-                    typical=15.0,
-                    source="assumed: a lubricating film builds up within tens of mm/s",
-                ),
-            ),
-            laws={"damper_force": stribeck_friction, "next_state": step_stribeck},
-            states=("peak_loss", "speed", "length"),
-        ),
-        EffectForm(
-            name="pressure",
-            equation="F += k u, du/dx = 1 - u sign(dx)/r, r = F_seal (1 + g P) / k",
-            parameters=(
-                EffectParameter(
-                    key="force_n",
-                    neutral=0.0,
-                    lower=0.0,
-                    upper=200.0,
-                    typical=8.0,
-                    source="pneumatic cylinder seals measured at 1 bar: 4.5-7.4 N (docs/real-data.md)",
-                ),
-                EffectParameter(
-                    key="growth_per_bar",
-                    neutral=None,
-                    lower=0.01,
-                    upper=5.0,
-                    typical=0.3,
-                    source="pneumatic cylinder seals measured: 1.7-3.5 times from 1 to 7 bar, so 0.13-0.71 per bar "
-                    "(docs/real-data.md)",
-                ),
-                EffectParameter(
-                    key="stiffness_n_per_mm",
-                    neutral=None,
-                    lower=1.0,
-                    upper=1000.0,
-                    typical=50.0,
-                    source="pneumatic cylinder seals measured: they deform within a millimetre (docs/real-data.md)",
-                ),
-            ),
-            laws={"damper_force": pressed_seal_friction, "next_state": step_seal_displacement},
-            states=("seal_displacement", "length"),
         ),
     ),
 )
