@@ -162,7 +162,7 @@ def test_data_driven_term_is_not_a_candidate_effect(with_hidden_term: tuple[Forw
 def test_formula_uses_units() -> None:
     values = {"pressure_n": -12.34, "pressure_friction_n": 60.0, "speed_squared_n": 0.0}
     assert discrepancy_terms.format_equation(discrepancy_terms.UNKNOWN_FORCE, values) == (
-        "F += - 12.3 N p + 60 N p d; p = P/(5 bar); d = v/sqrt(v^2 + (1 mm/s)^2)"
+        "F += - 12.3 N p + 60 N p d; p = P/(5 bar); d = v/sqrt(v^2 + (0.05 mm/s)^2)"
     )
     values = {"offset_bar": -0.1, "command_bar": 0.2, "dead_band_bar": 0.05, "lag_s": 0.02, "falling_lag_s": -0.01}
     assert discrepancy_terms.format_equation(discrepancy_terms.UNKNOWN_PRESSURE, values) == (

@@ -108,7 +108,7 @@ UNKNOWN_FORCE = Effect(
         EffectForm(
             name="sparse",
             equation="F += sum of coefficient times function: p, p^2, b, b e, e, e^2, p e, p e^2, d, p d, e d, s, p s, "
-            "s |s|; p = P/(5 bar), b = P/(P + 0.5 bar), e = (1 - L/L0)/0.25, d = v/sqrt(v^2 + (1 mm/s)^2), "
+            "s |s|; p = P/(5 bar), b = P/(P + 0.5 bar), e = (1 - L/L0)/0.25, d = v/sqrt(v^2 + (0.05 mm/s)^2), "
             "s = v/sqrt(v^2 + (100 mm/s)^2); p and e up to 2",
             parameters=(
                 _make_force_parameter("pressure_n"),
@@ -195,7 +195,7 @@ _SYMBOL_MEANINGS = {
     "p": "P/(5 bar)",
     "b": "P/(P + 0.5 bar)",
     "e": "(1 - L/L0)/0.25",
-    "d": "v/sqrt(v^2 + (1 mm/s)^2)",
+    "d": "v/sqrt(v^2 + (0.05 mm/s)^2)",
     "s": "v/sqrt(v^2 + (100 mm/s)^2)",
     "x": "stretch/(10 mm)",
     "t": "stretch/(stretch + 1 mm)",
