@@ -128,3 +128,23 @@ def test_reader_timeout_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(c3d, "STARTUP_TIMEOUT", 0.0)
     with pytest.raises(InputError, match=r"a\.c3d cannot be read as C3D within 0 s: the file is damaged$"):
         c3d.read(file)
+
+
+LIBRARIES = {
+    "busy": ("while True: pass", "in reasonable time: the file is damaged"),
+    "greedy": ("bytearray(700_000_000)", "MemoryError"),
+}
+"""Name -> what a library does with the file, and what the error says."""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems limit neither time nor memory so")
+@pytest.mark.parametrize("name", LIBRARIES)
+def test_small_file_gets_little_time_and_memory(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    action, message = LIBRARIES[name]
+    file = write_c3d(tmp_path / "a.c3d")
+    (tmp_path / "library").mkdir()
+    (tmp_path / "library" / "ezc3d.py").write_text(f"def c3d(*_, **__):\n    {action}\n")
+    monkeypatch.syspath_prepend(tmp_path / "library")
+    monkeypatch.setattr(c3d, "STARTUP_TIMEOUT", 300.0)  # the limits of the process itself must end it
+    with pytest.raises(InputError, match=rf"a\.c3d cannot be read as C3D.*{message}"):
+        c3d.read(file)

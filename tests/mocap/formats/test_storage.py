@@ -116,3 +116,16 @@ def test_missing_empty_and_large_files_are_refused(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr("klute_sim.mocap.formats.content.MOTION", FileKind("", 100))
     with pytest.raises(InputError, match=r"allowed: up to 0\.0001 MB"):
         storage.read(tmp_path / "x.mot")
+
+
+@pytest.mark.parametrize("declared", ["4", "9" * 5000, "0" * 5000 + "4"])
+def test_other_number_of_rows_is_refused(declared: str) -> None:
+    content = FileContent("x.mot", TEXT.replace("nRows=3", f"nRows={declared}").encode())
+    with pytest.raises(InputError, match=r"x\.mot: the header states nRows=\d{1,20}, but there are 3") as caught:
+        storage.parse(content)
+    assert len(str(caught.value)) < 150
+
+
+def test_number_of_rows_may_have_leading_zeros() -> None:
+    content = FileContent("x.mot", TEXT.replace("nRows=3", f"nRows={'0' * 5000}3").encode())
+    assert len(storage.parse(content).time) == 3

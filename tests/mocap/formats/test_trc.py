@@ -81,3 +81,12 @@ def test_error_names_location(old: str, new: str, message: str) -> None:
 def test_invalid_names_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="without tabs"):
         trc.write(Markers(np.arange(2.0), {"a\tb": np.zeros((2, 3))}), tmp_path / "x.trc")
+
+
+@pytest.mark.parametrize("key", ["NumFrames", "NumMarkers"])
+def test_count_of_thousands_of_digits_is_refused(key: str) -> None:
+    counts = {"NumFrames": "60\t60\t{}\t2\tmm", "NumMarkers": "60\t60\t2\t{}\tmm"}
+    text = TEXT.replace("60\t60\t2\t2\tmm", counts[key].format("9" * 5000))
+    with pytest.raises(InputError, match=rf"x\.trc: {key} is 9{{20}}, but") as caught:
+        trc.parse(FileContent("x.trc", text.encode()))
+    assert len(str(caught.value)) < 150

@@ -5,6 +5,7 @@ channels of plates of types 1 to 4. The centre of pressure is in the laboratory 
 """
 
 import os
+import signal
 import struct
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from klute_sim.files.json import parse_json
 from klute_sim.files.limits import MAX_DECODED_BYTES
 from klute_sim.files.npz import parse_npz
 from klute_sim.mocap.formats import content
+from klute_sim.mocap.formats.c3d_process import MIN_READ_RATE
 from klute_sim.mocap.formats.content import FileContent
 from klute_sim.mocap.formats.trc import LENGTH_UNITS, Markers
 from klute_sim.types import Array
@@ -31,9 +33,8 @@ MAGIC_BYTE = 0x50
 """Second byte of every C3D file."""
 MAX_SAMPLES = 16_000_000
 """Largest accepted number of samples."""
-STARTUP_TIMEOUT, MIN_READ_RATE = 15.0, 1e6
-"""Time limit for starting the library [s], and the lowest reading rate [bytes/s] that extends it: a damaged file can
-keep the library busy for ever (both assumed)."""
+STARTUP_TIMEOUT = 15.0
+"""Time limit for starting the library on a busy machine and reading a small file [s] (assumed)."""
 MAX_FORCE = 1e6
 """Largest accepted plate force [N]."""
 EVENT_LABELS = {
@@ -114,6 +115,8 @@ def _read_in_subprocess(path: str | Path, timeout: float) -> bytes:
         process = subprocess.run(command, capture_output=True, env=environment, timeout=timeout, check=False)
     except subprocess.TimeoutExpired:
         raise InputError(f"{path} cannot be read as C3D within {timeout:.0f} s: the file is damaged") from None
+    if process.returncode == -getattr(signal, "SIGXCPU", 0):
+        raise InputError(f"{path} cannot be read as C3D in reasonable time: the file is damaged")
     if process.returncode == 0:
         return process.stdout
     lines = process.stderr.decode("utf-8", "replace").strip().splitlines()

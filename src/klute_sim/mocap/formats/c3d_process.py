@@ -1,24 +1,34 @@
 """Read one C3D file in a separate process: ``python -m klute_sim.mocap.formats.c3d_process FILE SECONDS PARENT``.
 
 The library ezc3d is written in C++, and a damaged file (one changed byte is enough) can crash it. The crash then ends
-this process instead of the user's. Other damaged files keep the library busy for ever; an alarm ends this process after
-SECONDS, and Linux ends it together with the process PARENT, which may be killed. The result goes to standard output as
-NumPy ``.npz`` without pickles.
+this process instead of the user's. Other damaged files keep the library busy for ever, or make it ask for any amount of
+memory; the processor time and the memory that this process may use therefore follow from the size of the file. An alarm
+ends it after SECONDS, and Linux ends it together with the process PARENT, which may be killed. The result goes to
+standard output as NumPy ``.npz`` without pickles.
 """
 
 import ctypes
 import io
 import json
+import math
 import os
 import signal
 import sys
+import time
 import warnings
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 MAX_MEMORY_BYTES = 2 * 1024**3
 """Largest address space of the process [bytes]; the largest accepted file needs about half of it."""
+SPARE_MEMORY_BYTES, MEMORY_PER_FILE_BYTE = 200_000_000, 50
+"""Memory for reading a file [bytes], and what each byte of the file adds: integers of two bytes become objects of the
+library and several floating-point numbers (both assumed; the largest intact files that were tried need half of it)."""
+READING_TIME, MIN_READ_RATE = 3.0, 1e6
+"""Processor time for a small file [s], and the lowest reading rate [bytes/s], which extends it (both assumed)."""
 PR_SET_PDEATHSIG = 1
 """Option of Linux's prctl: the signal that a process gets when its parent ends."""
 
@@ -70,18 +80,25 @@ def end_with_parent(parent: int) -> None:
         sys.exit("the parent process has ended")
 
 
-def limit_memory() -> None:
-    """Limit the memory of this process, where the system can: a damaged file makes the library ask for any amount."""
-    if sys.platform != "win32":
-        import resource
+def limit_resources(n_bytes: int) -> None:
+    """Limit memory and processor time, where the system can, to what reading a file of ``n_bytes`` needs."""
+    if sys.platform == "win32":
+        return
+    import resource
 
-        resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    seconds = math.ceil(time.process_time() + READING_TIME + n_bytes / MIN_READ_RATE)
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+    memory = MAX_MEMORY_BYTES
+    with suppress(OSError):  # Linux only
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        needed = pages * resource.getpagesize() + SPARE_MEMORY_BYTES + MEMORY_PER_FILE_BYTE * n_bytes
+        memory = min(memory, needed)
+    resource.setrlimit(resource.RLIMIT_AS, (memory, resource.getrlimit(resource.RLIMIT_AS)[1]))
 
 
 def main() -> None:
     """Read the file named on the command line; on failure print the reason on standard error and exit with code 1."""
     end_with_parent(int(sys.argv[3]))
-    limit_memory()
     if hasattr(signal, "alarm"):  # not available on Windows
         signal.alarm(int(sys.argv[2]))
     output = os.fdopen(os.dup(1), "wb")
@@ -90,6 +107,7 @@ def main() -> None:
     try:
         import ezc3d
 
+        limit_resources(os.path.getsize(sys.argv[1]))
         arrays = extract_arrays(ezc3d.c3d(sys.argv[1], extract_forceplat_data=True))
         buffer = io.BytesIO()
         np.savez(buffer, **arrays)

@@ -38,3 +38,11 @@ def read(path: str | Path) -> FileContent:
     if not data.strip():
         raise InputError(f"{path} is empty")
     return FileContent(str(path), data)
+
+
+def differs_from_count(declared: str, count: int) -> bool:
+    """Return whether ``declared`` is a whole number other than ``count``.
+
+    They are compared as text, because Python converts only numbers of up to 4300 digits.
+    """
+    return declared.isascii() and declared.isdecimal() and (declared.lstrip("0") or "0") != str(count)

@@ -126,10 +126,10 @@ def _parse_labels(line: str, file_name: str) -> list[str]:
 def _check_counts(header: Mapping[str, str], n_rows: int, n_columns: int, file_name: str) -> None:
     for key, count in (("nRows", n_rows), ("nColumns", n_columns), ("datarows", n_rows), ("datacolumns", n_columns)):
         declared = header.get(key)
-        if declared is not None and declared.isdecimal() and int(declared) != count:
+        if declared is not None and content.differs_from_count(declared, count):
             raise InputError(
-                f"{file_name}: the header states {key}={declared}, but there are {count}: the file is truncated or "
-                "was edited"
+                f"{file_name}: the header states {key}={declared[:20]}, but there are {count}: the file is truncated "
+                "or was edited"
             )
 
 

@@ -44,7 +44,7 @@ def parse(file: FileContent) -> Markers:
         raise InputError(f"{file_name}: Units is '{unit[:20]}'; allowed: {', '.join(LENGTH_UNITS)}")
     names = [name.strip() for name in lines[3].split("\t") if name.strip()][2:]
     declared = header.get("NumMarkers", "")
-    if not names or (declared.isdecimal() and int(declared) != len(names)):
+    if not names or content.differs_from_count(declared, len(names)):
         raise InputError(f"{file_name}: NumMarkers is {declared[:20] or 'missing'}, but {len(names)} markers are named")
     duplicate = next((name for name in names if names.count(name) > 1), None)
     if duplicate is not None:
@@ -52,9 +52,10 @@ def parse(file: FileContent) -> Markers:
     check_column_count(2 + 3 * len(names), file_name)
     rows = [(number, line) for number, line in enumerate(lines[N_HEADER_LINES:], N_HEADER_LINES + 1) if line.strip()]
     frames = header.get("NumFrames", "")
-    if frames.isdecimal() and int(frames) != len(rows):
+    if content.differs_from_count(frames, len(rows)):
         raise InputError(
-            f"{file_name}: NumFrames is {frames}, but there are {len(rows)} rows: the file is truncated or was edited"
+            f"{file_name}: NumFrames is {frames[:20]}, but there are {len(rows)} rows: the file is truncated or was "
+            "edited"
         )
     table = np.array([_parse_row(number, line, 2 + 3 * len(names), file_name) for number, line in rows])
     time = table[:, 1]
