@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
@@ -134,6 +134,7 @@ def test_hysteretic_stretch_approaches_its_limit_for_any_step(name: str, ratio: 
     assert step(state, 0.0, rest).hysteretic_stretch == 0.0
 
 
+@settings(deadline=None)
 @given(
     ratio=st.sampled_from([0.0, 0.3, 0.9, 1.0]),
     start=st.floats(-2e-3, 2e-3),
