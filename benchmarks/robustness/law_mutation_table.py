@@ -33,6 +33,7 @@ TESTS_OF_FOLDER = {
     # The sizes come first because they find most mutations within seconds.
     "effects": (
         "tests/effects/test_tendon_laws.py",
+        "tests/effects/test_viscous_laws.py",
         "tests/effects/test_effect_sizes.py",
         "tests/effects/test_damper_effects.py",
         "tests/effects/test_rubber_and_braid.py",
