@@ -48,7 +48,7 @@ def compute_room(length: float = LENGTH) -> float:
 def make_clamp() -> DeviceParameters:
     """Return a clamped muscle on a regulator without a rate limit."""
     clamp = make_clamped_muscle()
-    return clamp._replace(supply=clamp.supply._replace(max_pressure_rate=1e12))
+    return clamp._replace(supply=clamp.supply._replace(max_pressure=5.0 * BAR, max_pressure_rate=1e12))
 
 
 def measure_pressure(

@@ -71,6 +71,7 @@ def run_campaign(command: Command, kills: int, number: signal.Signals, rng: rand
         shutil.copytree(inputs, folder)
         if not _kill_and_repeat(command, folder, number, rng.uniform(0.0, duration), expected, count):
             duration *= 0.8  # the machine is less busy than in the undisturbed run
+        print(f"{command.name}: {count.kills} of {kills}, {len(count.remarks)} remarks", file=sys.stderr, flush=True)
         shutil.rmtree(folder)
     return count
 

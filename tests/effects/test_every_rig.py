@@ -66,7 +66,9 @@ def test_effect_acts_on_every_rig_and_its_energy_balance_closes(slot: EffectSlot
         residual = recording["delivered_power"] - total_power
         assert recording["residual_power"] == pytest.approx(residual, abs=1e-9)
         assert np.abs(recording["force_residual"]).max() < 1e-5
-        assert abs(residual.sum()) < 2e-3 * np.abs(recording["delivered_power"]).sum()
+        # The implicit step loses energy of first order in the step, here mostly at steps of 3 bar within one of 1 ms:
+        # at most 1.3 % (tests/device/test_dynamics.py measures the order).
+        assert abs(residual.sum()) < 0.02 * np.abs(recording["delivered_power"]).sum()
     env = AnkleGaitEnv(device=device, time_step=STEP)
     env.reset(seed=3)
     infos = [env.step(np.array([0.2], dtype=np.float32))[4] for _ in range(20)]

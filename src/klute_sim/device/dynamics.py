@@ -82,8 +82,10 @@ def get_dead_time(parameters: DeviceParameters) -> float:
 
     The caller applies it (:class:`klute_sim.device.delay.DelayLine`).
     """
-    sound = pneumatics.speed_of_sound(parameters.supply.temperature)
-    return float(parameters.effects[DEAD_TIME_INDEX] + parameters.effects[HOSE_LENGTH_INDEX] / sound)
+    delay, hose_length = parameters.effects[DEAD_TIME_INDEX], parameters.effects[HOSE_LENGTH_INDEX]
+    if hose_length == 0.0:
+        return float(delay)
+    return float(delay + hose_length / pneumatics.speed_of_sound(parameters.supply.temperature))
 
 
 def apply_supply_effects(parameters: DeviceParameters, internal_state: tuple[float, ...]) -> SupplyParameters:

@@ -47,7 +47,7 @@ def step_bouc_wen(stretch: float, displacement: float, max_stretch: float, gamma
     if displacement == 0.0:
         return stretch
     path, size = abs(displacement), abs(stretch)
-    if stretch * displacement < 0.0:
+    if stretch < 0.0 < displacement or displacement < 0.0 < stretch:  # their product could underflow
         # Unloading: d|u| = -(1 + (beta - gamma) |u|) |dx| until u = 0.
         rate = (1.0 - gamma_ratio) / ((1.0 + gamma_ratio) * max_stretch)
         unloading_path = math.log(1.0 + rate * size) / rate if rate > 0.0 else size
