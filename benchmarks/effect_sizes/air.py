@@ -45,10 +45,16 @@ def compute_room(length: float = LENGTH) -> float:
     return muscle.count * bore + 1e-6 * numbers.supply.dead_volume_cm3
 
 
+def make_supplied_muscle() -> DeviceParameters:
+    """Return a clamped muscle on a regulator of the pressure :data:`SOURCE`."""
+    muscle = make_clamped_muscle()
+    return muscle._replace(supply=muscle.supply._replace(max_pressure=SOURCE - ROOM_PRESSURE))
+
+
 def make_clamp() -> DeviceParameters:
     """Return a clamped muscle on a regulator without a rate limit."""
-    clamp = make_clamped_muscle()
-    return clamp._replace(supply=clamp.supply._replace(max_pressure=5.0 * BAR, max_pressure_rate=1e12))
+    muscle = make_supplied_muscle()
+    return muscle._replace(supply=muscle.supply._replace(max_pressure_rate=1e12))
 
 
 def measure_pressure(
@@ -112,7 +118,7 @@ def measure_tank() -> float:
 
     The regulator fills at its rate: the pressure of the tank is looked up once in a step.
     """
-    device = make_device("supply_droop", "tank", TANK, make_clamped_muscle())
+    device = make_device("supply_droop", "tank", TANK, make_supplied_muscle())
     path, command = np.full(1000, LENGTH), np.where(np.arange(1000) < 1, 0.0, 5.0 * BAR)
     trace = simulate(device, path, command, 1e-4, compute_taut_state(device, LENGTH, 0.0))
     return float(trace.pressure[-1]) / BAR

@@ -159,6 +159,11 @@ class Effect:
     neutral parameters.
     """
 
+    @property
+    def acts_on_damper(self) -> bool:
+        """Whether the effect changes the force of the damper, which depends on the velocity."""
+        return any(hook in form.laws for form in self.forms for hook in ("damper", "damper_force"))
+
     def find_form(self, name: str) -> EffectForm | None:
         """Return the form called ``name``; None if there is none."""
         return next((form for form in self.forms if form.name == name), None)

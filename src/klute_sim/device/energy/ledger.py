@@ -5,8 +5,8 @@ ends at a sample. Every term follows from the law of its own element, so nothing
 
 - gas: mean pressure of the step times the change of the volume inside the braid;
 - bladder and tendon: difference of the stored energy, since both are potentials;
-- damper: its force at the speed of the step times the displacement;
-- friction offset, stops and effects: mean of the force at both ends times the displacement;
+- damper and effects on it: the force at the speed of the step times the displacement;
+- friction offset, stops and other effects: mean of the force at both ends times the displacement;
 - delivered: mean tension at both ends times the displacement of the unit.
 
 Two residuals check the balance. ``force_residual`` is the tension minus the sum of the forces at the junction; only
@@ -28,6 +28,7 @@ from klute_sim.device.energy.outputs import (
     compute_effect_forces,
     compute_outputs,
 )
+from klute_sim.effects import catalogue
 from klute_sim.laws import pneumatic_step
 from klute_sim.types import Array
 from klute_sim.units import BAR
@@ -139,8 +140,13 @@ def compute_energy_balance(
         + series.stop_force
         + effect_forces[:, :, 0].sum(axis=1)
     )
+    effects = catalogue.get_effects()
     effect_powers = {
-        name: work_rate(effect_forces[:, k, 0], muscle_step) + work_rate(effect_forces[:, k, 1], tendon_step)
+        name: (
+            -effect_forces[:, k, 0] * muscle_step / dt
+            if effects[name].acts_on_damper
+            else work_rate(effect_forces[:, k, 0], muscle_step) + work_rate(effect_forces[:, k, 1], tendon_step)
+        )
         for k, name in enumerate(effect_names)
     }
     terms = {
