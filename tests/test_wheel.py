@@ -7,9 +7,12 @@ import sys
 import zipfile
 from pathlib import Path
 
+import pytest
+
 from tests.load_script import load_script
 
 
+@pytest.mark.slow
 def test_wheel_runs_outside_of_checkout(tmp_path: Path) -> None:
     source, wheel = load_script("try_packages").build_packages(tmp_path)
     for required in (

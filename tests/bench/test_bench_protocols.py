@@ -11,7 +11,7 @@ from klute_sim.bench.metrics import select_closed_interval, select_half_open_int
 from klute_sim.bench.protocols import library as protocols_library
 from klute_sim.bench.protocols.frequency import fit_sinusoid
 from klute_sim.bench.protocols.pressure_step import compute_step_response
-from klute_sim.bench.run import MAX_RECORDED_SAMPLES, BenchTrial, decimate_recording, run_protocol
+from klute_sim.bench.run import MAX_RECORDED_SAMPLES, BenchTrial, decimate_recording, plan_protocol, run_protocol
 from klute_sim.device.device import Device, list_presets, load_device, parse_device
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.errors import InputError
@@ -401,3 +401,9 @@ def test_progress_reaches_one() -> None:
     run_protocol(PAIR, protocol, use_mujoco=True, progress=lambda fraction, stage: fractions.append(fraction))
     assert fractions == sorted(fractions)
     assert fractions[-1] == pytest.approx(1.0)
+
+
+def test_endless_protocol_is_refused() -> None:
+    protocol = protocols_library.load_protocol("workloop-phased").model_copy(update={"velocities_mm_per_s": [1e-320]})
+    with pytest.raises(InputError, match=r"the protocol takes inf time steps of 0\.5 ms; allowed: up to"):
+        plan_protocol(PAIR, protocol, 5e-4)

@@ -4,9 +4,11 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
+import pytest
 from benchmarks.hidden_effects.example import write_example
 
 
+@pytest.mark.slow
 def test_shipped_example_follows_the_laws_of_the_benchmark(tmp_path: Path) -> None:
     write_example(tmp_path)
     shipped = Path(str(resources.files("klute_sim.datasets") / "example"))

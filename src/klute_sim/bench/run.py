@@ -94,17 +94,17 @@ def plan_protocol(device: Device, protocol: BenchProtocol, dt: float) -> tuple[S
             raise InputError(
                 f"the protocol has {count} trials '{name}'; allowed: every value once in each of its lists"
             )
-    sizes = [plan.trajectory.count_samples(dt) for plan in plans]
+    durations = [plan.trajectory.end_time / dt for plan in plans]  # in time steps; infinite at minute velocities
     for what, size, limit in (
-        ("the protocol", sum(sizes), MAX_TIME_STEPS),
-        ("the longest trial of the protocol", max(sizes), MAX_TRIAL_TIME_STEPS),
+        ("the protocol", sum(durations), MAX_TIME_STEPS),
+        ("the longest trial of the protocol", max(durations), MAX_TRIAL_TIME_STEPS),
     ):
         if size > limit:
             raise InputError(
                 f"{what} takes {size:.3g} time steps of {1e3 * dt:g} ms; allowed: up to {limit:.0e} (make the protocol "
                 "shorter or the time step longer)"
             )
-    return plans, sizes
+    return plans, [plan.trajectory.count_samples(dt) for plan in plans]
 
 
 def _simulate_trial(
