@@ -42,7 +42,7 @@ ZERO_INTERNAL_STATE = (0.0,) * N_INTERNAL_STATES
 HOSE_LENGTH_INDEX = catalogue.find_slot("hose", "tube").switch_index + 1
 """Index of the length of the hose among the values of the effects."""
 DEAD_TIME_INDEX = catalogue.find_slot("pressure_delay", "dead_time").switch_index + 1
-"""Index of the command dead time [s] among the values of the effects; the caller applies it (``DelayLine``)."""
+"""Index of the dead time of the command [s] among the values of the effects."""
 
 
 class DeviceParameters(NamedTuple):

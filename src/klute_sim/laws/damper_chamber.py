@@ -20,9 +20,10 @@ temperature after some milliseconds. Air that dissolves under pressure is neglec
 damper, whose orifices join both sides. While lengthening, the side of the rod is compressed from p0. While shortening,
 its pressure falls to p0 - p, and not below the vapour pressure of mineral oil, which is practically 0 (assumed). The
 tension therefore stays above ``-p0 A`` (gas charge against cavitation: Lee, Numerical Modelling for the Hydraulic
-Performance Prediction of Automotive Monotube Dampers, Vehicle System Dynamics 28:25, 1997). Where the piston needs more
-oil than the orifice supplies at this pressure, a void opens. The void counts as compression: after a reversal the
-piston and the orifice close it first, a dead stroke. Air then expands instead, ``A e(F) = Va pa/p0 p/(p0 - p)``.
+Performance Prediction of Automotive Monotube Dampers, Vehicle System Dynamics 28:25, 1997; only the abstract was read,
+author and volume are quoted from memory). Where the piston needs more oil than the orifice supplies at this pressure, a
+void opens. The void counts as compression: after a reversal the piston and the orifice close it first, a dead stroke.
+Air then expands instead, ``A e(F) = Va pa/p0 p/(p0 - p)``.
 Without air the oil is rigid. The push of the charge on the rod is constant and left out.
 
 ``e`` increases with F, so the stored energy ``int F de`` is convex and a backward-Euler step never creates energy.
