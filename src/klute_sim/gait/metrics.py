@@ -30,8 +30,11 @@ GRF_PEAK_WINDOWS_PCT = ((4.0, 33.0), (33.0, 65.0))
 """Gait phases [%] of the two peaks of the vertical ground reaction."""
 FLAT_FOOT_WINDOW_PCT = (2.0, 25.0)
 """Gait phases [%] of the minimum dorsiflexion in stance, which is flat foot."""
-SWING_CLEARANCE_WINDOW_PCT = (65.0, 97.0)
-"""Gait phases [%] in which the foot must not touch the ground."""
+SWING_MARGIN_PCT = 3.0
+"""Margin [%] after the toe-off and before the heel strike of the reference, between which the foot must not touch the
+ground."""
+LOADING_INTERVAL_S = 5e-3
+"""Interval [s] of the loading rate."""
 MID_SWING_WINDOW_PCT = (75.0, 92.0)
 """Gait phases [%] of the minimum toe clearance in swing."""
 MIN_REFERENCE_SD = {"angle_deg": 2.0, "moment_nm_per_kg": 0.05, "power_w_per_kg": 0.1}
@@ -99,7 +102,13 @@ class StrideMetrics(AnkleMetrics):
     touches_in_swing: bool
     """Whether the foot touches the ground in swing."""
     grf_vertical_tracking_rms_bw: float
-    """Root-mean-square tracking error of the vertical ground reaction."""
+    """Root-mean-square tracking error of the vertical ground reaction in stance."""
+    grf_forward_tracking_rms_bw: float
+    """Root-mean-square tracking error of the fore-aft ground reaction in stance."""
+    loading_rate_max_bw_per_s: float
+    """Largest increase of the vertical ground reaction within :data:`LOADING_INTERVAL_S`, per second."""
+    contact_lost_in_stance: bool
+    """Whether the foot leaves the ground between its first contact and its toe-off."""
     sole_depth_max_mm: float
     """Maximum penetration of the sole into the ground."""
     toe_clearance_mm: float
@@ -243,12 +252,19 @@ def _compute_stride_metrics(stride: Recording, mass: float) -> StrideMetrics:
     phase, dt, weight = stride["gait_phase"], _get_time_step(stride), mass * GRAVITY
     contact = stride["grf_vertical"] > STANCE_LOAD_BW * weight
     stance = stride["reference_grf_vertical"] > STANCE_LOAD_BW * weight
+    load_error = (stride["grf_vertical"] - stride["reference_grf_vertical"]) / weight
+    swing = _mask_between(phase, phase[stance].max() + SWING_MARGIN_PCT, 100.0 - SWING_MARGIN_PCT)
     return StrideMetrics(
         **_compute_ankle_metrics(stride, "", mass),
         actuator_moment_peak_nm_per_kg=float(stride["actuator_moment"].max() / mass),
         actuator_work_net_j_per_kg=float(stride["actuator_power"].sum() * dt / mass),
-        touches_in_swing=bool((stride["grf_vertical"][_mask_between(phase, *SWING_CLEARANCE_WINDOW_PCT)] > 0.0).any()),
-        grf_vertical_tracking_rms_bw=_compute_rms((stride["grf_vertical"] - stride["reference_grf_vertical"]) / weight),
+        touches_in_swing=bool((stride["grf_vertical"][swing] > 0.0).any()),
+        grf_vertical_tracking_rms_bw=_compute_rms(load_error[stance]),
+        grf_forward_tracking_rms_bw=_compute_rms(
+            (stride["grf_forward"] - stride["reference_grf_forward"])[stance] / weight
+        ),
+        loading_rate_max_bw_per_s=_compute_max_loading_rate(stride["grf_vertical"] / weight, dt),
+        contact_lost_in_stance=_loses_contact(phase, stride["grf_vertical"]),
         sole_depth_max_mm=float(-1e3 * min(0.0, stride["sole_height"].min())),
         toe_clearance_mm=float(1e3 * stride["sole_height"][_mask_between(phase, *MID_SWING_WINDOW_PCT)].min()),
         rollover_radius_m=fit_rollover_radius(stride, contact & (phase < ROLLOVER_END_PCT)),
@@ -272,6 +288,18 @@ def _compute_stride_metrics(stride: Recording, mass: float) -> StrideMetrics:
 def _compute_max_muscle_ratio(stride: Recording) -> float | None:
     resting_length = stride.provenance["device"].get("resting_length_m")
     return None if resting_length is None else float(stride["muscle_length"].max() / resting_length)
+
+
+def _compute_max_loading_rate(load: Array, dt: float) -> float:
+    """Return the largest increase [1/s] of ``load`` over :data:`LOADING_INTERVAL_S`."""
+    n_steps = max(1, round(LOADING_INTERVAL_S / dt))
+    return float((load[n_steps:] - load[:-n_steps]).max() / (n_steps * dt))
+
+
+def _loses_contact(phase: Array, load: Array) -> bool:
+    """Return whether the ``load`` vanishes between two loaded samples before 97 % of the cycle."""
+    loaded = np.flatnonzero((load > 0.0) & (phase < 100.0 - SWING_MARGIN_PCT))
+    return bool(len(loaded) and (load[loaded[0] : loaded[-1] + 1] <= 0.0).any())
 
 
 def _get_time_step(stride: Recording) -> float:

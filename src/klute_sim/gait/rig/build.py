@@ -1,5 +1,6 @@
 """Build the model of the gait rig for a subject and a device."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -33,12 +34,14 @@ def build_gait_model(
     stature: float,
     dt: float,
     slope: float = 0.0,
+    alignment: float = 0.0,
     spring_foot: SpringFoot | None = None,
     model_edit: ModelEdit | None = None,
 ) -> mujoco.MjModel:
     """Return the model of a subject of ``mass`` [kg] and ``stature`` [m] with ``device``; time step ``dt`` [s].
 
-    Ground with a ``slope`` [rad] stays level in the model; gravity is inclined instead. A ``spring_foot`` replaces the
+    ``alignment`` [rad] turns the prosthesis about its ankle axis against the limb, dorsiflexion positive, as a
+    prosthetist does at the socket. Ground with a ``slope`` [rad] stays level in the model; gravity is inclined instead. A ``spring_foot`` replaces the
     device and the return spring of the prosthesis. ``model_edit`` is applied last. The lengths of the limbs and the
     foot scale with stature, the masses of the limbs with body mass; the carriage holds the rest of the mass. The device
     and the mass of the prosthesis do not scale. The Achilles origin moves along the pylon until the muscle has its
@@ -52,6 +55,7 @@ def build_gait_model(
         spec.option.gravity = GRAVITY * np.array([-np.sin(slope), 0.0, -np.cos(slope)])
     scale = stature / MODEL_STATURE
     _scale_limbs(spec, scale, mass)
+    spec.frame("socket_end").quat = np.array([math.cos(0.5 * alignment), 0.0, -math.sin(0.5 * alignment), 0.0])
     spec.site(PROSTHESIS_PREFIX + "achilles_origin").pos = _compute_achilles_origin(device, spec, scale)
     parameters = device.parameters
     if spring_foot is not None:
@@ -67,7 +71,7 @@ def _scale_limbs(spec: mujoco.MjSpec, scale: float, mass: float) -> None:
     limb_mass = 0.0
     for body in spec.bodies:
         name = body.name
-        if name in ("thigh", "residual_limb"):
+        if name in ("thigh", "residual_limb", "socket"):
             body.mass *= mass / MODEL_MASS
             body.inertia = np.asarray(body.inertia) * (mass / MODEL_MASS) * scale * scale
             body.ipos = np.asarray(body.ipos) * scale
@@ -115,14 +119,21 @@ def _apply_body_effects(spec: mujoco.MjSpec, device: Device) -> None:
         apply_foot(spec, original, effects.apply_body_effects(device.spec.effects, original))
 
 
+def get_half_lengths(model: mujoco.MjModel, geom_id: int) -> Array:
+    """Return the half lengths (3,) of a sphere or an ellipsoid [m]."""
+    is_sphere = model.geom_type[geom_id] == mujoco.mjtGeom.mjGEOM_SPHERE
+    return np.full(3, model.geom_size[geom_id, 0]) if is_sphere else np.array(model.geom_size[geom_id])
+
+
 def measure_leg(model: mujoco.MjModel) -> LegGeometry:
     """Return the lengths and the sole of a built model."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     hip, knee = data.body("thigh").xpos[2], data.body("residual_limb").xpos[2]
-    ankle: Any = data.body(PROSTHESIS_PREFIX + "foot").xpos.copy()
+    foot: Any = data.body(PROSTHESIS_PREFIX + "foot")
+    ankle, axes = foot.xpos.copy(), foot.xmat.reshape(3, 3)
     sole = [
-        (*(data.geom_xpos[g] - ankle)[[0, 2]], model.geom_size[g, 0])
+        (*((data.geom_xpos[g] - ankle) @ axes)[[0, 2]], *get_half_lengths(model, g)[[0, 2]])
         for g in range(model.ngeom)
         if model.geom_contype[g] == 1
     ]

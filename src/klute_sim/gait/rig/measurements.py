@@ -2,8 +2,8 @@
 
 A sample belongs to the start of its time step: positions and velocities before it, and forces and moments as MuJoCo
 evaluates them there. The pressure and the muscle length are those at the end of the implicit step, to which the tension
-belongs. Angle, velocity and power of the ankle are those of the foot relative to the pylon, as markers see them: in an
-elastic foot, those of hinge and keel together.
+belongs. The angle of the ankle is that of the foot relative to the limb: that of the hinge, of an elastic keel and of
+the alignment together. Velocity and power belong to it.
 """
 
 import mujoco
@@ -12,6 +12,7 @@ import numpy as np
 from klute_sim.constants import DEGREES_PER_RADIAN
 from klute_sim.device.dynamics import DeviceState
 from klute_sim.gait.body import KEEL_JOINT, PROSTHESIS_PREFIX
+from klute_sim.gait.rig.build import get_half_lengths
 from klute_sim.laws import damper as damper_law
 from klute_sim.laws import mckibben
 from klute_sim.plant.actuator import DeviceActuator
@@ -52,8 +53,9 @@ MEASURED_COLUMNS = (
 class GaitMeasurements:
     """Measure one sample of a gait rig."""
 
-    def __init__(self, model: mujoco.MjModel, actuator: DeviceActuator) -> None:
-        """Find the elements of ``model``, whose device is on ``actuator``."""
+    def __init__(self, model: mujoco.MjModel, actuator: DeviceActuator, alignment: float = 0.0) -> None:
+        """Find the elements of ``model``, whose device is on ``actuator``; ``alignment`` [rad] of the prosthesis."""
+        self._alignment = alignment
         self._model = model
         self._actuator = actuator
         self._ankle_joint_id = model.joint(PROSTHESIS_PREFIX + "ankle").id
@@ -68,7 +70,7 @@ class GaitMeasurements:
         self._mid_range_angle = float(model.jnt_range[self._ankle_joint_id].mean())
         floor = model.geom("floor").id
         self._sole_geom_ids = np.flatnonzero((model.geom_contype & model.geom_conaffinity[floor]) != 0)
-        self._sole_radii = model.geom_size[self._sole_geom_ids, 0]
+        self._sole_half_lengths = np.array([get_half_lengths(model, g) for g in self._sole_geom_ids])
 
     def measure(
         self, data: mujoco.MjData, qpos: np.ndarray, qvel: np.ndarray, device_state: DeviceState, muscle_velocity: float
@@ -101,7 +103,7 @@ class GaitMeasurements:
             float(qpos[2]) * DEGREES_PER_RADIAN,
             float(qpos[3]) * DEGREES_PER_RADIAN,
             float(qpos[2] + qpos[3]) * DEGREES_PER_RADIAN,
-            -foot_angle * DEGREES_PER_RADIAN,
+            (self._alignment - foot_angle) * DEGREES_PER_RADIAN,
             -foot_rate * DEGREES_PER_RADIAN,
             float(qpos[self._heel_qpos_index]),
             moment,
@@ -122,8 +124,13 @@ class GaitMeasurements:
             cop,
             float(ankle[0]),
             float(ankle[2]),
-            float((data.geom_xpos[self._sole_geom_ids, 2] - self._sole_radii).min()),
+            self._compute_sole_height(data),
         )
+
+    def _compute_sole_height(self, data: mujoco.MjData) -> float:
+        """Return the height [m] of the lowest point of the sole, an ellipsoid's by its support function."""
+        up = data.geom_xmat[self._sole_geom_ids, 6:] * self._sole_half_lengths
+        return float((data.geom_xpos[self._sole_geom_ids, 2] - np.sqrt((up * up).sum(axis=1))).min())
 
     def _compute_moment_arm(self, data: mujoco.MjData) -> float:
         """Return the distance [m] of the Achilles line from the ankle axis."""

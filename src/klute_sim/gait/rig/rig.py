@@ -20,8 +20,9 @@ from klute_sim.device.energy.ledger import EnergyRecorder
 from klute_sim.errors import InputError, SimulationError
 from klute_sim.gait.rig import setup
 from klute_sim.gait.rig.commands import PressureCommands
+from klute_sim.gait.rig.learning import prepare_gait_rig
 from klute_sim.gait.rig.measurements import MEASURED_COLUMNS, GaitMeasurements
-from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, GaitRig, build_gait_rig, reset_gait_rig
+from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, GaitRig, reset_gait_rig
 from klute_sim.plant import callbacks
 from klute_sim.provenance import collect_versions
 from klute_sim.recording.recording import Recording
@@ -64,7 +65,9 @@ def simulate_gait(
     """
     options = options or GaitOptions()
     check_accepts_pressure(device, "the controller")
-    gait_rig = build_gait_rig(device, options, options.dt)
+    progress(0.0, "learning the path of the hip")
+    gait_rig = prepare_gait_rig(device, controller, options, backend)
+    options = gait_rig.options
     model, actuator, steps_per_stride = gait_rig.model, gait_rig.actuator, gait_rig.commands_per_stride
     data, n_steps, n_drives = mujoco.MjData(model), steps_per_stride * options.strides, len(DRIVE_ACTUATORS)
     if n_steps > MAX_SAMPLES:
@@ -72,7 +75,7 @@ def simulate_gait(
             f"{options.strides} strides of {steps_per_stride} steps are more than {MAX_SAMPLES} samples; choose fewer "
             "strides or a longer time step"
         )
-    measurements = GaitMeasurements(model, actuator)
+    measurements = GaitMeasurements(model, actuator, options.alignment or 0.0)
     commands = PressureCommands(controller, gait_rig, n_steps)
     delay_line = DelayLine(commands.pressures, get_dead_time(actuator.parameters), options.dt)
     # The sensors of a feedback controller need a posture before the first command, which the final reset then uses.
@@ -163,10 +166,12 @@ def _collect_provenance(device: Device, controller: Controller, gait_rig: GaitRi
             "stride_length_m": trajectory.stride_length,
             "spring_foot_nm_per_deg": None if foot is None else float(np.radians(foot.stiffness)),
             "slope_deg": float(np.degrees(options.slope)),
+            "alignment_deg": float(np.degrees(options.alignment or 0.0)),
             "strides": options.strides,
             "step_s": options.dt,
             "backend": backend,
         },
+        "hip_path": gait_rig.hip_path.to_mapping(),
         "seed": None,
         "versions": collect_versions(),
     }

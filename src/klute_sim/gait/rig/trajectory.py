@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
 
-from klute_sim.constants import GRAVITY
 from klute_sim.gait.reference import Reference
 from klute_sim.types import Array
 
@@ -39,10 +38,10 @@ SWING_HIP_HEIGHTS = (0.898, 0.908, 0.905)
 SWING_CLEARANCES = (12e-3, 9e-3, 5e-3)
 """Heights of the hip above contact height at the last three knots [m]; the last one sets first contact."""
 MAX_PASSIVE_DORSIFLEXION_DEG = 1.0
-"""Maximum dorsiflexion in swing [deg] that is assumed: a passive ankle does not lift its toe."""
-MIN_TOE_CLEARANCE = 4e-3
+"""Maximum dorsiflexion of the hinge in swing [deg] that is assumed: a passive ankle does not lift its toe."""
+MIN_TOE_CLEARANCE = 14e-3
 """Minimum toe clearance of a passive ankle in swing [m], for legs of 0.43 + 0.43 m; below it the hip is hiked
-(assumed). The default reference needs no hiking."""
+(assumed: people clear the ground by 10 to 20 mm)."""
 CLEARANCE_PHASES = (0.68, 0.97)
 """Phases between which the foot must clear the ground, for a reference with toe-off at :data:`KNOT_TOE_OFF_PHASE`."""
 N_SPEED_HARMONICS = 6
@@ -58,14 +57,16 @@ class LegGeometry:
     shank: float
     """Distance from knee to ankle [m]."""
     sole: Array
-    """(n, 3) x, z and radius of the spheres of the sole in the frame of the foot [m]."""
+    """(n, 4) x and z of the centres, and half lengths along x and z, of the ellipsoids of the sole in the frame of the
+    foot [m]."""
     scale: float
     """Leg length over 0.86 m [1]."""
 
     def compute_ankle_height(self, pitch: Array) -> Array:
         """Return the height [m] of the ankle axis above flat ground where a foot at ``pitch`` [rad] touches it."""
-        x, z, radius = self.sole.T
-        lowest = -np.sin(pitch)[:, None] * x + np.cos(pitch)[:, None] * z - radius
+        x, z, half_length, half_height = self.sole.T
+        sine, cosine = np.sin(pitch)[:, None], np.cos(pitch)[:, None]
+        lowest = -sine * x + cosine * z - np.hypot(half_length * sine, half_height * cosine)
         return np.asarray(-lowest.min(axis=1), dtype=np.float64)
 
 
@@ -105,7 +106,8 @@ def compute_knee_angle(reference: Reference, phase: Array, derivative: int = 0) 
 
 
 def plan_hip_trajectory(
-    reference: Reference, leg: LegGeometry, stride_time: float, speed: float | None = None, slope: float = 0.0
+    reference: Reference, leg: LegGeometry, stride_time: float, speed: float | None = None, slope: float = 0.0,
+    alignment: float = 0.0,
 ) -> HipTrajectory:
     """Return the motion of the hip for the gait ``reference`` with ``leg``, in the frame of the ground.
 
@@ -113,7 +115,8 @@ def plan_hip_trajectory(
     speed; a chosen ``speed`` [m/s] determines the stride time instead. ``reference`` is already that of the ``slope``
     [rad] (:meth:`klute_sim.gait.reference.Reference.tilt_to_slope`). A prosthesis does not lift its toe. In swing the
     hip is therefore raised so far that a foot with the ankle angle of level ground has the clearance of level ground
-    (assumed: people hike the hip), and that a foot without dorsiflexion clears level ground.
+    (assumed: people hike the hip), and that a foot clears level ground whose hinge is not dorsiflexed and which has the
+    ``alignment`` [rad] to the limb.
     """
     thigh = compute_thigh_angle(reference, PHASE_GRID)
     shank = thigh + compute_knee_angle(reference, PHASE_GRID)
@@ -124,7 +127,9 @@ def plan_hip_trajectory(
     level_height = ankle + leg.shank * np.cos(shank - slope) + leg.thigh * np.cos(thigh - slope)
 
     # Hiking is computed on level ground.
-    passive_dorsiflexion = np.minimum(shank - pitch - slope, math.radians(MAX_PASSIVE_DORSIFLEXION_DEG))
+    passive_dorsiflexion = np.minimum(
+        shank - pitch - slope, alignment + math.radians(MAX_PASSIVE_DORSIFLEXION_DEG)
+    )
     passive_height = level_height - ankle + leg.compute_ankle_height(shank - slope - passive_dorsiflexion)
     hike = _compute_hip_hike(reference, level_height, passive_height, leg.scale)
 
@@ -218,41 +223,9 @@ def _fit_hip_height(
     late = contact_height + np.array(SWING_CLEARANCES)
     late[0] = max(late[0], min_third)
     first, second, late[0] = np.array([first, second, late[0]]) + hike
+    late[1] += 0.5 * hike[2]  # halfway down to the heel strike
     phases = np.concatenate([[swing[-1] - 1.0], stance, swing])
     heights = np.concatenate(
         [[late[-1]], interpolate(stance, stance_contact) + STANCE_CLEARANCE, [first, second], late]
     )
     return CubicSpline(phases, heights, bc_type="periodic")
-
-
-def compute_vertical_feedforward(
-    reference: Reference,
-    trajectory: HipTrajectory,
-    moving_mass: float,
-    body_mass: float,
-    phase: Array,
-    slope: float = 0.0,
-) -> Array:
-    """Return the force on the carriage [N], normal to the ground, that leaves the reference load on the foot.
-
-    It is ``m (g cos(slope) + z'') - GRF``, with the ``moving_mass`` [kg] of the rig, the ``body_mass`` [kg] of the
-    subject and the ``slope`` [rad] of the ground. Without ``m z''`` the first contact is a spike of 1.5 body weights.
-    """
-    lift = np.asarray(trajectory.height(phase, 2)) / trajectory.stride_time**2
-    return moving_mass * (GRAVITY * math.cos(slope) + lift) - body_mass * reference("grf_vertical_n_per_kg", phase)
-
-
-def compute_forward_feedforward(
-    reference: Reference,
-    trajectory: HipTrajectory,
-    moving_mass: float,
-    body_mass: float,
-    phase: Array,
-    slope: float = 0.0,
-) -> Array:
-    """Return the force on the carriage [N] that leaves the fore-aft load of the reference on the foot.
-
-    It is ``m (g sin(slope) + x'') - GRF``.
-    """
-    push = np.asarray(trajectory.velocity(phase, 1)) / trajectory.stride_time
-    return moving_mass * (GRAVITY * math.sin(slope) + push) - body_mass * reference("grf_forward_n_per_kg", phase)

@@ -1,0 +1,78 @@
+"""Correction of the planned path of the hip over a stride, as a gait simulator learns it from stride to stride."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from klute_sim.errors import InputError
+from klute_sim.types import Array
+
+AXES = ("forward", "height")
+"""Names of the columns of a path."""
+
+
+@dataclass(frozen=True)
+class HipPath:
+    """Fourier series of the displacement of the hip from its planned motion, forward and up."""
+
+    coefficients: Array
+    """(2, n) complex coefficients of the harmonics 0 to n - 1 [m], forward and height: ``u = Re sum c_k exp(2 pi i k
+    phase)``."""
+    learning_strides: int = 0
+    """Number of strides in which the path was learned; 0: not learned."""
+    vertical_residual_bw: float | None = None
+    """Rms error of the vertical ground reaction in stance [body weights] in the last of these strides."""
+    forward_residual_bw: float | None = None
+    """Rms error of the fore-aft ground reaction in stance [body weights] in the last of these strides."""
+
+    @classmethod
+    def from_samples(cls, samples: Array, n_harmonics: int, **learning: Any) -> "HipPath":
+        """Return the path with the mean and ``n_harmonics`` of ``samples`` (n, 2) [m] over a stride."""
+        spectrum = np.fft.rfft(samples, axis=0)[: n_harmonics + 1].T / len(samples)
+        spectrum[:, 1:] *= 2.0
+        return cls(spectrum, **learning)
+
+    def evaluate(self, phase: Array, derivative: int = 0) -> Array:
+        """Return the displacement (n, 2) [m] at ``phase`` (0-1), or its ``derivative``-th derivative by phase."""
+        rate = 2j * math.pi * np.arange(self.coefficients.shape[1])
+        waves = np.exp(np.outer(phase, rate)) * rate**derivative
+        return np.asarray((waves @ self.coefficients.T).real, dtype=np.float64)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the content in JSON types."""
+        return {
+            "learning_strides": self.learning_strides,
+            "vertical_residual_bw": self.vertical_residual_bw,
+            "forward_residual_bw": self.forward_residual_bw,
+            **{
+                f"{name}_m": {"cosine": row.real.tolist(), "sine": (-row.imag).tolist()}
+                for name, row in zip(AXES, self.coefficients, strict=True)
+            },
+        }
+
+    @classmethod
+    def from_mapping(cls, content: Any, source: str) -> "HipPath":
+        """Return the path in the ``content`` of :meth:`to_mapping`; raises InputError, which names the ``source``."""
+        try:
+            rows = [
+                np.array(content[f"{name}_m"]["cosine"], dtype=np.float64)
+                - 1j * np.array(content[f"{name}_m"]["sine"], dtype=np.float64)
+                for name in AXES
+            ]
+            coefficients = np.stack(rows)
+            strides = int(content["learning_strides"])
+            residuals = [
+                None if content[f"{name}_residual_bw"] is None else float(content[f"{name}_residual_bw"])
+                for name in ("vertical", "forward")
+            ]
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"{source} holds no path of the hip; give the folder of a gait run") from None
+        if coefficients.ndim != 2 or not np.isfinite(coefficients).all() or np.abs(coefficients).sum() > 1.0:
+            raise InputError(f"{source} holds a path of the hip that is not finite or moves the hip by more than 1 m")
+        return cls(coefficients, strides, *residuals)
+
+
+PLANNED_PATH = HipPath(np.zeros((2, 1), dtype=np.complex128))
+"""The planned motion of the hip without a correction."""
