@@ -123,7 +123,9 @@ def _simulate_gait_trial(device: Device, profile: PressureProfile, speed: float,
         if (effect["name"], effect["form"]) not in SPEC_EDITS:
             parameter_lines = "".join(f"{key} = {value!r}\n" for key, value in effect["parameters"].items())
             text += f'\n[effects.{effect["name"]}]\nform = "{effect["form"]}"\n{parameter_lines}'
-    options = GaitOptions(speed=speed, strides=N_STRIDES, dt=TIME_STEP, model_edit=compose_spec_edits(effects))
+    options = GaitOptions(
+        speed=speed, strides=N_STRIDES, dt=TIME_STEP, alignment=0.0, model_edit=compose_spec_edits(effects)
+    )
     return simulate_gait(parse_device(text.encode(), "the truth"), profile, options)
 
 

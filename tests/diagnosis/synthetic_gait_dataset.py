@@ -44,7 +44,7 @@ def simulate_group(group: str, effects: str = "", edit: ModelEdit | None = None,
     return simulate_gait(
         parse_device(text.encode(), DEVICE),
         profile,
-        GaitOptions(speed=speed, strides=strides, dt=TIME_STEP, model_edit=edit),
+        GaitOptions(speed=speed, strides=strides, dt=TIME_STEP, alignment=0.0, model_edit=edit),
     )
 
 

@@ -27,6 +27,7 @@ from klute_sim.gait.code_digest import describe_policy_code
 from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics, compute_reference_metrics
 from klute_sim.gait.reference import Reference
 from klute_sim.gait.rig import rig
+from klute_sim.gait.rig.hip_path import HipPath
 from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.gait.spring_foot import SpringFoot
 from klute_sim.gait.summary import summarize_gait_run
@@ -138,7 +139,8 @@ class GaitRun:
 
         notes = []
         if self.device is not None:
-            (scratch / "device.toml").write_bytes(self.device.content)
+            align = self.recording.provenance["options"]["alignment_deg"]
+            (scratch / "device.toml").write_bytes(state_alignment(self.device, align).content)
         parquet.write_recording(self.recording, scratch / "recording.parquet")
         if with_csv:
             csv.write(self.recording, scratch / "recording.csv")
@@ -147,7 +149,10 @@ class GaitRun:
         progress(0.6)
         try:
             options, device = self.options, self.device or load_device(DEFAULT_DEVICE)
-            model = build_gait_model(device, mass=options.mass, stature=options.stature, dt=options.dt)
+            alignment = math.radians(self.recording.provenance["options"]["alignment_deg"])
+            model = build_gait_model(
+                device, mass=options.mass, stature=options.stature, dt=options.dt, alignment=alignment
+            )
             layout.write_recording(self.recording, model, scratch / "recording.rrd")
         except MissingExtraError as error:
             notes.append(f"No recording.rrd: {error}.")
@@ -171,13 +176,17 @@ def simulate_gait(
     stride_time: float | None = None,
     accept: Collection[str] = (),
     spring_foot: float | None = None,
+    alignment: float | None = None,
+    learning_strides: int = 15,
+    hip_path: "GaitRun | str | Path | None" = None,
     backend: str = "auto",
     progress: ProgressCallback | None = None,
 ) -> GaitRun:
     """Simulate gait with ``device`` on the gait rig and return the run.
 
-    The residual limb follows the motion of the reference, and its vertical load is applied; the ankle is moved only by
-    the device, its passive parts and the ground. Ankle angle, moment, power and work are predictions.
+    The residual limb follows the motion of the reference, and the rig learns the path of the hip with which the foot
+    carries its load. The ankle is moved only by the device, its passive parts and the ground: ankle angle, moment,
+    power and work are predictions.
 
     Args:
         device: Device, name of a preset, or path of a device file. None: ``"klute-1-1-4-pair"``, or a spring foot.
@@ -194,6 +203,11 @@ def simulate_gait(
         stride_time: Stride time of the reference file [s]. None: the time that its folder states, or 1.1.
         accept: Names of findings about the reference file that are right although they look implausible.
         spring_foot: Stiffness of a passive foot, which replaces the device [N.m/deg]. None: the device.
+        alignment: Angle by which the prosthesis is turned against the limb [deg], dorsiflexion positive. None: that of
+            the device file, or the one with which the hanging foot meets the ground as that of the reference does.
+        learning_strides: Largest number of strides in which the rig learns the path of the hip before the run, until
+            the foot carries the load of the reference. 0: the planned path.
+        hip_path: Gait run, or its folder, whose path of the hip is used again instead of learning one.
         backend: ``"compiled"``, ``"python"`` (the same bits), or ``"auto"``: compiled if possible.
         progress: Receives the completed fraction and the current stage.
 
@@ -219,6 +233,9 @@ def simulate_gait(
         dt=time_step,
         reference=gait,
         spring_foot=chosen_foot,
+        alignment=None if alignment is None else math.radians(alignment),
+        learning_strides=learning_strides,
+        hip_path=None if hip_path is None else load_hip_path(hip_path),
     )
     warnings += tuple(f"Accepted: {finding.sentence}." for finding in gait.accepted)
     if isinstance(chosen_controller, PolicyController):
@@ -227,6 +244,22 @@ def simulate_gait(
     recording = rig.simulate_gait(chosen_device, chosen_controller, options, progress or ignore_progress, backend)
     warnings += report_rounded_stride_time(recording, options)
     return GaitRun(None if chosen_foot else chosen_device, options, recording, warnings)
+
+
+def load_hip_path(source: "GaitRun | str | Path") -> HipPath:
+    """Return the path of the hip of a gait run, or of the folder of one; raises InputError when there is none."""
+    if isinstance(source, GaitRun):
+        return HipPath.from_mapping(source.recording.provenance.get("hip_path"), "the gait run")
+    file = Path(source) / "recording.parquet" if Path(source).is_dir() else Path(source)
+    return HipPath.from_mapping(parquet.load_recording(file).provenance.get("hip_path"), str(source))
+
+
+def state_alignment(device: Device, alignment_deg: float) -> Device:
+    """Return ``device`` with the alignment [deg] of a run in its file."""
+    if device.spec.mounting is None or device.spec.mounting.alignment_deg is not None:
+        return device
+    mounting = device.spec.mounting.model_copy(update={"alignment_deg": round(alignment_deg, 3)})
+    return device.with_spec(device.spec.model_copy(update={"mounting": mounting}))
 
 
 def report_rounded_stride_time(recording: Recording, options: GaitOptions) -> tuple[str, ...]:

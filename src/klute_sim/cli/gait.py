@@ -9,6 +9,18 @@ from click.core import ParameterSource
 from klute_sim.cli import common
 
 
+class AngleOrAuto(click.ParamType[float | None]):
+    """An angle [deg], or ``auto``, which becomes None."""
+
+    name = "angle"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> float | None:
+        """Return the angle [deg] or None."""
+        if value == "auto":
+            return None
+        return float(common.NumberWithUnit("degrees").convert(value, param, ctx))
+
+
 @click.command("gait")
 @common.DEVICE_OPTION
 @click.option(
@@ -75,6 +87,32 @@ from klute_sim.cli import common
     metavar="DEG",
     help="Ground slope [deg], uphill positive; limb kinematics on slopes are assumed.",
 )
+@click.option(
+    "--align",
+    "alignment",
+    type=AngleOrAuto(),
+    default="auto",
+    show_default=True,
+    metavar="auto|DEG",
+    help="Angle by which the prosthesis is turned against the limb [deg], dorsiflexion positive. auto: that of the "
+    "device file; without one, the hanging foot meets the ground as that of the reference does.",
+)
+@click.option(
+    "--learning-strides",
+    type=click.IntRange(0, 100),
+    default=15,
+    show_default=True,
+    metavar="N",
+    help="Largest number of strides in which the rig learns the path of the hip before the run, until the foot carries "
+    "the load of the reference; 0: the planned path.",
+)
+@click.option(
+    "--hip-path",
+    type=common.NonEmptyPath(),
+    default=None,
+    metavar="FOLDER",
+    help="Gait run whose path of the hip is used again, so that two controllers walk on one path.  [default: learned]",
+)
 @common.strides_option("Number of strides")
 @common.TIME_STEP_OPTION
 @click.option(
@@ -99,6 +137,9 @@ def command(
     stature: float | None,
     speed: float | None,
     slope: float,
+    alignment: float | None,
+    learning_strides: int,
+    hip_path: Path | None,
     strides: int,
     step_ms: float,
     backend: str,
@@ -108,10 +149,10 @@ def command(
 ) -> None:
     """Simulate gait with the prosthesis on the gait rig.
 
-    The residual limb follows the motion of the reference, and the vertical load of the reference is applied to it. Only
-    the device, its passive parts and the ground move the ankle: ankle angle, net moment, power, work and centre of
-    pressure are predictions. The vertical ground reaction is tracked, not predicted; the fore-aft reaction is partly
-    prescribed.
+    The residual limb follows the motion of the reference. From stride to stride the rig learns the path of the hip with
+    which the foot carries the load of the reference; the ground reaction is tracked, not predicted. Only the device,
+    its passive parts and the ground move the ankle: ankle angle, net moment, power, work and centre of pressure are
+    predictions.
 
     Writes recording.parquet, summary.json, report.png, device.toml (not with --spring-foot) and, with the optional
     extra 'rerun', recording.rrd.
@@ -122,6 +163,7 @@ def command(
       klute-sim gait --controller off --strides 3
       klute-sim gait --slope -5 --speed 1.0 --controller machine
       klute-sim gait --spring-foot 6
+      klute-sim gait --reference my-subject --align -4
       klute-sim gait --device my-device.toml --mass 82 --stature 1.80 --speed 1.3
       klute-sim gait --json | python -m json.tool
     """
@@ -147,6 +189,9 @@ def command(
                 stride_time=stride_time,
                 accept=accept,
                 spring_foot=spring_foot,
+                alignment=alignment,
+                learning_strides=learning_strides,
+                hip_path=hip_path,
                 backend=backend,
                 progress=progress,
             )

@@ -63,9 +63,9 @@ MOTION_CAPTURE_SUFFIXES = {".c3d", ".parquet"}
 """Suffixes of binary files that ``klute-sim import`` turns into a reference."""
 STANCE_LOAD_BW = 0.02
 """Vertical ground reaction above which the foot counts as loaded [body weights]."""
-MAX_GRF_TRACKING_RMS_BW = 0.15
-"""Largest rms difference [body weights] between the vertical ground reaction of a gait run and the reference for which
-the load counts as tracked; the default gait run has 0.085.
+MAX_GRF_TRACKING_RMS_BW = 0.05
+"""Largest rms difference [body weights] in stance between the vertical ground reaction of a gait run and the reference
+for which the load counts as tracked; the default gait run has 0.01.
 """
 
 

@@ -69,9 +69,16 @@ def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, 
         ],
         "grf_vertical_max_bw": mean(lambda s: s.grf_vertical_max_bw),
         "grf_vertical_tracking_rms_bw": mean(lambda s: s.grf_vertical_tracking_rms_bw),
-        "grf_vertical_note": "tracked, not predicted: the carriage receives the load of the reference",
-        "grf_forward_note": "partly prescribed: the carriage receives the fore-aft load of the reference, too; "
-        "push-off depends mostly on the device, braking does not",
+        "grf_forward_tracking_rms_bw": mean(lambda s: s.grf_forward_tracking_rms_bw),
+        "grf_note": "tracked, not predicted: the rig learns the path of the hip on which the foot carries the load "
+        "of the reference",
+        "hip_path": {
+            key: recording.provenance["hip_path"][key]
+            for key in ("learning_strides", "vertical_residual_bw", "forward_residual_bw")
+        },
+        "alignment_deg": options["alignment_deg"],
+        "loading_rate_max_bw_per_s": mean(lambda s: s.loading_rate_max_bw_per_s),
+        "contact_lost_in_stance": any(s.contact_lost_in_stance for s in metrics.steady_strides),
         "grf_forward_bw": [mean(lambda s: s.grf_forward_min_bw), mean(lambda s: s.grf_forward_max_bw)],
         "sole_depth_max_mm": mean(lambda s: s.sole_depth_max_mm),
         "toe_clearance_mm": mean(lambda s: s.toe_clearance_mm),

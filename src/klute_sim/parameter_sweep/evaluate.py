@@ -30,6 +30,11 @@ STRIDE_METRICS: dict[str, Callable[[StrideMetrics], float | None]] = {
     "toe_clearance [mm]": lambda s: s.toe_clearance_mm,
     "rollover_radius [m]": lambda s: s.rollover_radius_m,
     "grf_vertical_tracking_rms [1]": lambda s: s.grf_vertical_tracking_rms_bw,
+    "grf_vertical_peak_1 [1]": lambda s: s.grf_vertical_peaks_bw[0],
+    "grf_vertical_peak_2 [1]": lambda s: s.grf_vertical_peaks_bw[1],
+    "grf_vertical_max [1]": lambda s: s.grf_vertical_max_bw,
+    "grf_forward_min [1]": lambda s: s.grf_forward_min_bw,
+    "loading_rate_max [1/s]": lambda s: s.loading_rate_max_bw_per_s,
     "air_per_stride [g]": lambda s: s.air_g,
     "short_of_supply [%]": lambda s: s.short_of_supply_pct,
 }

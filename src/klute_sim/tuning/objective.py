@@ -4,8 +4,8 @@ The objective is the sum of
 
 * the mean squared distances of net moment, angle and power from the reference in stance, in its standard deviations,
 * 0.1 per gram of air consumed in a stride,
-* penalties on a muscle at its rest-length stop, on poor tracking of the vertical load (an ankle that does not carry
-  the reference's load cannot be compared with it) and on low toe clearance in swing,
+* penalties on a muscle at its rest-length stop, on a load that is not that of the reference (an ankle that does not
+  carry it cannot be compared with it), on fast loading, on braking and on low toe clearance in swing,
 * the shortfall from the goals, if there are any.
 
 A toe that touches the ground in swing costs more than any gait without that; a run that fails costs more still.
@@ -32,8 +32,16 @@ MIN_TOE_CLEARANCE_MM = 3.0
 """Minimum toe clearance in mid-swing [mm], with a margin for longer runs at finer time steps (assumed)."""
 LOAD_TRACKING_COST = 3e3
 """Cost per square of the rms load error above :data:`MAX_LOAD_TRACKING_ERROR_BW` [body weights] (assumed)."""
-MAX_LOAD_TRACKING_ERROR_BW = 0.14
-"""Rms error of the vertical load without cost [body weights] (assumed); reports warn above 0.15."""
+MAX_LOAD_TRACKING_ERROR_BW = 0.04
+"""Rms error of the vertical load in stance without cost [body weights] (assumed)."""
+LOADING_RATE_COST = 1e-2
+"""Cost per square of the loading rate above :data:`MAX_LOADING_RATE_BW_PER_S` [body weights per s] (assumed)."""
+MAX_LOADING_RATE_BW_PER_S = 25.0
+"""Loading rate without cost [body weights per s] (assumed); people walk with 10 to 25."""
+BRAKING_COST = 1e3
+"""Cost per square of the braking above :data:`MAX_BRAKING_BW` [body weights] (assumed)."""
+MAX_BRAKING_BW = 0.22
+"""Largest braking without cost [body weights] (assumed); the default reference brakes with 0.16."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +123,11 @@ class TuningMetrics:
     toe_clearance_mm: float
     """Minimum height of the sole in mid-swing [mm]."""
     load_tracking_rms_bw: float
-    """Rms error of the vertical load against the reference [body weights]."""
+    """Rms error of the vertical load against the reference in stance [body weights]."""
+    loading_rate_bw_per_s: float
+    """Maximum loading rate [body weights per s]."""
+    braking_bw: float
+    """Minimum fore-aft ground reaction, negative in braking [body weights]."""
     trips: bool
     """Whether the foot touches the ground in swing."""
 
@@ -130,6 +142,8 @@ def compute_cost(metrics: TuningMetrics, weights: Weights, goals: Goals) -> floa
     """Return the objective; smaller is better."""
     stop = LENGTH_STOP_COST * max(0.0, metrics.muscle_ratio_max - MAX_MUSCLE_RATIO) ** 2
     load = LOAD_TRACKING_COST * max(0.0, metrics.load_tracking_rms_bw - MAX_LOAD_TRACKING_ERROR_BW) ** 2
+    load += LOADING_RATE_COST * max(0.0, metrics.loading_rate_bw_per_s - MAX_LOADING_RATE_BW_PER_S) ** 2
+    load += BRAKING_COST * max(0.0, -metrics.braking_bw - MAX_BRAKING_BW) ** 2
     clearance = CLEARANCE_COST_PER_MM2 * max(0.0, MIN_TOE_CLEARANCE_MM - metrics.toe_clearance_mm) ** 2
     toe_catch = TOE_CATCH_COST if metrics.trips else 0.0
     penalties = stop + load + clearance + toe_catch

@@ -109,6 +109,8 @@ _COLUMN_OF_METRIC = {
     "plantarflexion_deg": "ankle_plantarflexion [deg]",
     "muscle_ratio_max": "muscle_ratio_max [1]",
     "load_tracking_rms_bw": "grf_vertical_tracking_rms [1]",
+    "loading_rate_bw_per_s": "loading_rate_max [1/s]",
+    "braking_bw": "grf_forward_min [1]",
     "toe_clearance_mm": "toe_clearance [mm]",
 }
 

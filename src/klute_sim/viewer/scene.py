@@ -55,14 +55,17 @@ def compute_postures(recording: Recording, model: mujoco.MjModel) -> tuple[NDArr
     duration = float(np.ptp(recording["time"]))
     stride = round((len(recording) - 1) / (FRAME_RATE_HZ * duration)) if duration > 0 else 1
     frames = np.arange(0, len(recording), max(1, stride))
+    alignment = recording.provenance.get("options", {}).get("alignment_deg", 0.0)
     joints = {
         "carriage_x": recording["carriage_x"],
         "carriage_z": recording["carriage_z"],
         "thigh": np.radians(recording["thigh_angle"]),
         "knee": np.radians(recording["knee_angle"]),
-        PROSTHESIS_PREFIX + "ankle": -np.radians(recording["ankle_angle"]),  # the hinge is positive in plantarflexion
+        PROSTHESIS_PREFIX + "ankle": np.radians(alignment - recording["ankle_angle"]),  # the hinge: plantarflexion
         PROSTHESIS_PREFIX + "heel": recording["heel_compression"],
     }
+    if "liner_displacement" in recording:
+        joints["liner"] = recording["liner_displacement"]
     keel_joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, KEEL_JOINT)
     if keel_joint >= 0 and "ankle_moment" in recording:  # its spring without damping: accurate enough for a picture
         joints[KEEL_JOINT] = -recording["ankle_moment"] / model.jnt_stiffness[keel_joint]

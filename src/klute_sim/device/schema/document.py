@@ -190,6 +190,9 @@ class Mounting(DeviceFileSection):
 
     neutral_muscle_ratio: Annotated[FiniteFloat, Field(gt=0.6, le=1.0)]
     """Muscle length over resting length with the ankle at neutral and the tendon just taut."""
+    alignment_deg: Annotated[FiniteFloat, Field(ge=-30.0, le=30.0)] | None = None
+    """Angle by which the prosthesis is turned about its ankle axis against the limb, dorsiflexion positive; None: not
+    chosen yet."""
 
 
 class PublishedMeasurement(DeviceFileSection):

@@ -23,6 +23,7 @@ from klute_sim.errors import InputError
 from klute_sim.gait.replay.foot import build_device_foot
 from klute_sim.gait.replay.prescribed import CUTOFF_FREQUENCY_HZ, PrescribedMotion, prepare_prescribed_motion
 from klute_sim.gait.replay.rollout import ReplayInputs, simulate_replay
+from klute_sim.gait.rig.build import get_alignment
 from klute_sim.laws.foot import Foot, moment_arm
 from klute_sim.types import Array
 
@@ -58,6 +59,8 @@ class GaitExperiment(Experiment):
     """Vertical ground reaction [N], one value per time step."""
     foot_strikes: Array = field(kw_only=True)
     """Times of foot strikes since the start [s]; at least two."""
+    alignment: float = field(kw_only=True)
+    """Alignment of the pylon to the limb [rad], dorsiflexion positive."""
     mean_stride_time: float = field(kw_only=True)
     """Mean stride time over all repeats [s]."""
 
@@ -115,7 +118,12 @@ class GaitExperiment(Experiment):
         replay = simulate_replay(setup.parameters, foot, self.inputs._replace(pressure_command=self.command), self.dt)
         time: Array = self.start_time + self.dt * np.arange(float(len(self.command)))
         return DeviceResponse(
-            time, replay.tension, replay.pressure, replay.length, replay.ankle_angle, replay.ankle_moment
+            time,
+            replay.tension,
+            replay.pressure,
+            replay.length,
+            replay.ankle_angle + self.alignment,
+            replay.ankle_moment,
         )
 
     def perturb_inputs(self, delay: Callable[[Array], Array]) -> tuple[Experiment, Experiment, Experiment]:
@@ -164,8 +172,11 @@ class GaitExperiment(Experiment):
 def prepare_gait_trial(trial: Trial, use: Use) -> GaitExperiment:
     """Return the experiment of a gait ``trial``; raises InputError for a trial that cannot be replayed."""
     where = f"trial '{trial.name}'"
-    motion = prepare_prescribed_motion(trial.prescribed, where)
-    smoothed_motion = prepare_prescribed_motion(trial.prescribed, where, cutoff=0.5 * CUTOFF_FREQUENCY_HZ)
+    alignment = get_alignment(trial.device) or 0.0
+    motion = prepare_prescribed_motion(trial.prescribed, where, alignment=alignment)
+    smoothed_motion = prepare_prescribed_motion(
+        trial.prescribed, where, cutoff=0.5 * CUTOFF_FREQUENCY_HZ, alignment=alignment
+    )
     n_steps = float(int((motion.end_time - motion.start_time) / TIME_STEP + 1e-6))
     time: Array = motion.start_time + TIME_STEP * np.arange(n_steps)
     inputs = motion.interpolate(time)
@@ -181,6 +192,7 @@ def prepare_gait_trial(trial: Trial, use: Use) -> GaitExperiment:
         command=inputs.pressure_command,
         measured=_exclude_contact_changes(samples, motion),
         trusted=trial.trusted,
+        alignment=alignment,
         foot=build_device_foot(_remove_body_effects(trial.device)),
         inputs=inputs,
         smoothed_inputs=smoothed_motion.interpolate(time),

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import MODEL_FIELDS
 
+from klute_sim.controllers.parse import Controller
 from klute_sim.device.backend.packing import ROW_SIZE, pack_parameters
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
@@ -21,6 +22,7 @@ from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.files.toml import format_toml, parse_toml
 from klute_sim.gait.body import PROSTHESIS_PREFIX
+from klute_sim.gait.rig.learning import prepare_gait_rig
 from klute_sim.gait.rig.setup import GaitOptions, GaitRig, build_gait_rig
 from klute_sim.plant.actuator import DeviceActuator
 
@@ -106,21 +108,34 @@ class Episode:
 class DomainRandomizer:
     """Sampler of the episodes of one device and subject."""
 
-    def __init__(self, device: Device, options: GaitOptions, ranges: RandomizationRanges, interval: float) -> None:
-        """Set up the sampler; raises InputError when device or rig do not support a range throughout."""
-        self._ranges, self._options, self._interval = ranges, options, interval
+    def __init__(
+        self,
+        device: Device,
+        controller: Controller,
+        options: GaitOptions,
+        ranges: RandomizationRanges,
+        interval: float,
+    ) -> None:
+        """Set up the sampler; raises InputError when device or rig do not support a range throughout.
+
+        Each rig learns the path of the hip with ``controller`` on the nominal device.
+        """
+        self._ranges, self._controller, self._interval = ranges, controller, interval
         self.device = add_mean_effects(device, ranges.effects)
         """Nominal device, with the randomised effects at the middle of their ranges."""
         self._parameter_ranges = self._build_parameter_ranges()
         for key, ends in self._parameter_ranges.items():
             for end in ends:
                 self.device.with_changes({key: end}, "domain_randomization")
+        nominal_options = prepare_gait_rig(self.device, controller, options).options
+        nominal_rig = build_gait_rig(self.device, nominal_options, interval)
+        # The prosthesis keeps its alignment; the path of the hip is another one.
+        self._options = replace(options, alignment=nominal_options.alignment)
         self._option_grids = self._build_option_grids()
-        nominal_rig = build_gait_rig(self.device, options, interval)
         self.gait_rigs: list[GaitRig] = [nominal_rig]
         """Nominal rig, followed by the sampled rigs; all refer to the model of the nominal rig."""
         corners = [
-            self._assemble_rig(grid_ends)
+            build_gait_rig(self.device, self._build_options(grid_ends), interval)
             for grid_ends in zip(*((g[0], g[-1]) for g in self._option_grids.values()), strict=True)
         ]
         self.max_commands_per_stride = max(rig.commands_per_stride for rig in (nominal_rig, *corners))
@@ -168,21 +183,21 @@ class DomainRandomizer:
 
     def _get_rig_index(self, grid_values: tuple[float, ...]) -> int:
         if grid_values not in self._rig_indices:
-            rig = self._assemble_rig(grid_values)
+            options = prepare_gait_rig(self.device, self._controller, self._build_options(grid_values)).options
+            rig = build_gait_rig(self.device, options, self._interval)
             self._rig_field_values.append(self._copy_rig_fields(rig.model))
             self.gait_rigs.append(replace(rig, model=self.gait_rigs[0].model, actuator=self.gait_rigs[0].actuator))
             self._rig_indices[grid_values] = len(self.gait_rigs) - 1
         return self._rig_indices[grid_values]
 
-    def _assemble_rig(self, grid_values: tuple[float, ...]) -> GaitRig:
+    def _build_options(self, grid_values: tuple[float, ...]) -> GaitOptions:
         values, nominal = dict(zip(self._option_grids, grid_values, strict=True)), self._options
-        options = replace(
+        return replace(
             nominal,
             mass=values.get("mass_kg", nominal.mass),
             speed=values.get("speed_m_per_s", nominal.speed),
             slope=np.radians(values["slope_deg"]) if "slope_deg" in values else nominal.slope,
         )
-        return build_gait_rig(self.device, options, self._interval)
 
     def _copy_rig_fields(self, model: mujoco.MjModel) -> dict[str, Any]:
         return {name: np.array(_get_model_field(model, name)) for name in self._rig_fields}

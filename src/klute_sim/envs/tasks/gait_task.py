@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from klute_sim.constants import GRAVITY
 from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
@@ -58,11 +59,12 @@ class StrideTables:
             return
         for rig in gait_rigs[len(self._tables) :]:
             ankle = tabulate_reference_ankle(rig)
-            self._tables.append((rig.phase, rig.carriage_height, rig.command_rates, ankle))
+            load = rig.reference("grf_vertical_n_per_kg", rig.phase) / GRAVITY
+            self._tables.append((rig.phase, rig.carriage_height, rig.command_rates, ankle, load))
             push_power = float(np.maximum(ankle[:, 2], 0.0).mean())
             self._scalars.append((rig.commands_per_stride, rig.options.mass, push_power))
         max_commands = max(rig.commands_per_stride for rig in gait_rigs)
-        self.phase, self.carriage_height, self.command_rates, self.reference_ankle = (
+        self.phase, self.carriage_height, self.command_rates, self.reference_ankle, self.reference_load = (
             np.stack([np.resize(table, (max_commands, *table.shape[1:])) for table in tables])
             for tables in zip(*self._tables, strict=True)
         )
@@ -107,14 +109,16 @@ class GaitTask:
             raise InputError(
                 f"time_step is {1e3 * gait_options.dt:g} ms; allowed: divisors of {1e3 * CONTROL_INTERVAL:g} ms"
             )
+        base = options.profile or load_default_profile()
         self.randomizer = DomainRandomizer(
-            device, gait_options, RandomizationRanges.from_mapping(options.domain_randomization), CONTROL_INTERVAL
+            device, base, gait_options, RandomizationRanges.from_mapping(options.domain_randomization), CONTROL_INTERVAL
         )
         rig = self.randomizer.gait_rigs[0]
         parameters, model, joint = rig.actuator.parameters, rig.model, rig.model.joint(PROSTHESIS_PREFIX + "ankle")
         self._actuator, self._strides = rig.actuator, gait_options.strides
         self._angle_index, self._dof_index = int(joint.qposadr[0]), int(joint.dofadr[0])
-        self._mid_angle = float(joint.range.mean())
+        self._mid_angle, self._alignment = float(joint.range.mean()), float(rig.options.alignment or 0.0)
+        self._ground_index = int(model.sensor("ground").adr[0])
         self._stop_sensor_index = int(model.sensor(PROSTHESIS_PREFIX + "ankle_stop").adr[0])
         # One vector holds the states of drives and device.
         self._pressure_index, self._length_index = rig.actuator.act_address, rig.actuator.act_address + 1
@@ -129,7 +133,6 @@ class GaitTask:
         )
         self._sensors = self._instruments.sensors
         kind = select_action_kind(options.action, self._command_is_opening, device.name)
-        base = options.profile or load_default_profile()
         self._action_decoder = ActionDecoder(
             kind, parameters, base, options.residual_bar, n_simulations, steps_per_action, gait_options.dt
         )
@@ -195,7 +198,7 @@ class GaitTask:
         self._instruments.update(mask, self._measure(states), rngs)
         moment = self._net_moment(states) / tables.mass[rig_index]
         power = moment * states.qvel[:, self._dof_index]
-        ankle = np.column_stack([moment, -states.qpos[:, self._angle_index], power])
+        ankle = np.column_stack([moment, self._alignment - states.qpos[:, self._angle_index], power])
         energy = self._energy.update(mask, self._device_states(states))
         action = np.clip(action, -1.0, 1.0)
         air_rate, action_change = energy["air_g"] * (0.1 / CONTROL_INTERVAL), action - self._previous_action
@@ -205,6 +208,8 @@ class GaitTask:
             tables.mean_push_power[rig_index],
             air_rate,
             action_change,
+            self._measure_ground_reaction(states, rig_index),
+            tables.reference_load[rig_index, command_index],
         )
         finite = np.isfinite(states.qpos.sum(axis=1) + states.act.sum(axis=1))
         terminated: Mask = (tables.is_off_path(states.qpos[:, 1], rig_index, command_index) | ~finite) & mask
@@ -227,6 +232,11 @@ class GaitTask:
     def _measure(self, states: SimulationStates) -> Array:
         """Return the ideal measurements, shape (n, 6)."""
         return np.column_stack(self._sensors.read(states.qpos, states.qvel, states.act, states.sensordata)[:N_MEASURED])
+
+    def _measure_ground_reaction(self, states: SimulationStates, rig_index: NDArray[np.int64]) -> Array:
+        """Return the fore-aft and the vertical ground reaction, shape (n, 2) [body weights]."""
+        force = states.sensordata[:, self._ground_index : self._ground_index + 3 : 2]
+        return np.asarray(force / (GRAVITY * self._stride_tables.mass[rig_index])[:, None])
 
     def _net_moment(self, states: SimulationStates) -> Array:
         """Return the net ankle moment [N*m], positive in plantarflexion: device, passive parts and end stop."""

@@ -81,12 +81,13 @@ class PrescribedMotion(NamedTuple):
 
 
 def prepare_prescribed_motion(
-    channels: Mapping[str, TimeSeries], source: str, *, cutoff: float = CUTOFF_FREQUENCY_HZ
+    channels: Mapping[str, TimeSeries], source: str, *, cutoff: float = CUTOFF_FREQUENCY_HZ, alignment: float = 0.0
 ) -> PrescribedMotion:
     """Return the prescribed motion and load of a gait trial.
 
     ``channels`` are :data:`klute_sim.datasets.channels.PRESCRIBED_CHANNELS` of a gait trial. Motion is low-pass
-    filtered at ``cutoff`` [Hz]. ``source`` names the trial in errors.
+    filtered at ``cutoff`` [Hz]. ``alignment`` [rad] is that of the pylon to the limb, dorsiflexion positive; the shank
+    of a replay is the pylon. ``source`` names the trial in errors.
 
     Raises InputError when motion is sampled too slowly or the foot is never loaded.
     """
@@ -99,6 +100,8 @@ def prepare_prescribed_motion(
                 f"{1.0 / MAX_SAMPLING_INTERVAL:.0f} Hz or more, because the acceleration of the ankle moves the foot"
             )
         motion[name] = _fit_low_pass_spline(series, cutoff)
+    shank = motion["shank_angle"]
+    motion["shank_angle"] = CubicSpline(shank.x, shank(shank.x) - alignment)
     vertical, forward, cop = (channels[name] for name in ("grf_vertical", "grf_forward", "cop_x"))
     is_loaded = vertical.value > CONTACT_FORCE_THRESHOLD
     if not is_loaded.any():

@@ -41,11 +41,11 @@ def build_gait_model(
     """Return the model of a subject of ``mass`` [kg] and ``stature`` [m] with ``device``; time step ``dt`` [s].
 
     ``alignment`` [rad] turns the prosthesis about its ankle axis against the limb, dorsiflexion positive, as a
-    prosthetist does at the socket. Ground with a ``slope`` [rad] stays level in the model; gravity is inclined instead. A ``spring_foot`` replaces the
-    device and the return spring of the prosthesis. ``model_edit`` is applied last. The lengths of the limbs and the
-    foot scale with stature, the masses of the limbs with body mass; the carriage holds the rest of the mass. The device
-    and the mass of the prosthesis do not scale. The Achilles origin moves along the pylon until the muscle has its
-    mounting length at a neutral ankle.
+    prosthetist does at the socket. Ground with a ``slope`` [rad] stays level in the model; gravity is inclined instead.
+    A ``spring_foot`` replaces the device and the return spring of the prosthesis. ``model_edit`` is applied last. The
+    lengths of the limbs and the foot scale with stature, the masses of the limbs with body mass; the carriage holds the
+    rest of the mass. The device and the mass of the prosthesis do not scale. The Achilles origin moves along the pylon
+    until the muscle has its mounting length at a neutral ankle.
 
     Raises InputError when the device does not fit into the prosthesis.
     """
@@ -117,6 +117,12 @@ def _apply_body_effects(spec: mujoco.MjSpec, device: Device) -> None:
         model = models.attach_devices(spec.copy(), {PROSTHESIS_PREFIX + "muscle_tendon": device.parameters})
         original = read_foot(model)
         apply_foot(spec, original, effects.apply_body_effects(device.spec.effects, original))
+
+
+def get_alignment(device: Device) -> float | None:
+    """Return the alignment [rad] in the file of ``device``; None: the file has none."""
+    mounting = device.spec.mounting
+    return None if mounting is None or mounting.alignment_deg is None else math.radians(mounting.alignment_deg)
 
 
 def get_half_lengths(model: mujoco.MjModel, geom_id: int) -> Array:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from klute_sim.errors import InputError
-from klute_sim.types import Array
+from klute_sim.types import Array, ComplexArray
 
 AXES = ("forward", "height")
 """Names of the columns of a path."""
@@ -17,7 +17,7 @@ AXES = ("forward", "height")
 class HipPath:
     """Fourier series of the displacement of the hip from its planned motion, forward and up."""
 
-    coefficients: Array
+    coefficients: ComplexArray
     """(2, n) complex coefficients of the harmonics 0 to n - 1 [m], forward and height: ``u = Re sum c_k exp(2 pi i k
     phase)``."""
     learning_strides: int = 0

@@ -25,8 +25,9 @@ from klute_sim.device.dynamics import get_dead_time
 from klute_sim.errors import SimulationError
 from klute_sim.gait.body import PROSTHESIS_PREFIX
 from klute_sim.gait.reference import STANCE_LOAD_BW
+from klute_sim.gait.rig.build import get_alignment
 from klute_sim.gait.rig.commands import PressureCommands
-from klute_sim.gait.rig.hip_path import HipPath
+from klute_sim.gait.rig.hip_path import PLANNED_PATH, HipPath
 from klute_sim.gait.rig.setup import (
     DRIVE_ACTUATORS,
     MAX_PATH_DEVIATION,
@@ -113,23 +114,35 @@ class LearningRun:
         return StrideReaction(samples[:, 0] / weight, samples[:, 1] / weight, samples[:, 2])
 
 
-def prepare_gait_rig(
-    device: Device, controller: Controller, options: GaitOptions, backend: str = "auto"
-) -> GaitRig:
+def prepare_gait_rig(device: Device, controller: Controller, options: GaitOptions, backend: str = "auto") -> GaitRig:
     """Return the rig, commanded at each time step, with the alignment and the path of the hip for ``controller``.
 
     Its options hold both, so :func:`klute_sim.gait.rig.setup.build_gait_rig` builds the same rig from them.
 
     Raises InputError when the device does not fit into the rig, SimulationError when the carriage leaves its path.
     """
-    gait_rig = build_gait_rig(device, options, options.dt)
+    prepared, learner = options, remove_valve(device)
+    if options.alignment is None:
+        prepared = replace(options, alignment=get_alignment(device))
+    gait_rig = build_gait_rig(learner, prepared, options.dt)
     with callbacks.device_callbacks(backend):
-        if options.alignment is None:
-            options = replace(options, alignment=find_alignment(device, controller, gait_rig))
-            gait_rig = build_gait_rig(device, options, options.dt)
+        if prepared.alignment is None:
+            prepared = replace(prepared, alignment=find_alignment(learner, controller, gait_rig))
+            gait_rig = build_gait_rig(learner, prepared, options.dt)
         if options.hip_path is None and options.learning_strides:
-            gait_rig = learn_hip_path(device, controller, gait_rig)
-    return replace(gait_rig, options=replace(options, hip_path=gait_rig.hip_path))
+            prepared = replace(prepared, hip_path=learn_hip_path(learner, controller, gait_rig))
+    return build_gait_rig(device, replace(prepared, hip_path=prepared.hip_path or PLANNED_PATH), options.dt)
+
+
+def remove_valve(device: Device) -> Device:
+    """Return ``device``, or, if it takes valve openings, the same device behind an ideal regulator.
+
+    A path is learned with commanded pressures.
+    """
+    if device.parameters.supply.command_is_opening == 0.0:
+        return device
+    sections = {"valve": None, "chamber": None, "line": None, "leak": None, "tank": None}
+    return Device.from_spec(device.spec.model_copy(update=sections), device.content)
 
 
 def find_alignment(device: Device, controller: Controller, gait_rig: GaitRig) -> float:
@@ -147,8 +160,8 @@ def find_alignment(device: Device, controller: Controller, gait_rig: GaitRig) ->
     return min(max(at_strike - float(reaction.dorsiflexion[hangs].mean()), -MAX_ALIGNMENT), MAX_ALIGNMENT)
 
 
-def learn_hip_path(device: Device, controller: Controller, gait_rig: GaitRig) -> GaitRig:
-    """Return ``gait_rig``, commanded at each time step, with the path that it learns for ``device``.
+def learn_hip_path(device: Device, controller: Controller, gait_rig: GaitRig) -> HipPath:
+    """Return the path that ``gait_rig``, commanded at each time step, learns for ``device``.
 
     Learning ends at the tolerances or after ``options.learning_strides``; the path of least error is kept. Call it
     inside :func:`klute_sim.plant.callbacks.device_callbacks`.
@@ -165,8 +178,8 @@ def learn_hip_path(device: Device, controller: Controller, gait_rig: GaitRig) ->
     run = LearningRun(device, controller, gait_rig, gait_rig.options.learning_strides)
     # The load compresses limb and foot, so the path begins lower by that much.
     start = -reference * displacement_per_bw * (0.0, 1.0)
-    best, samples, best_error = gait_rig, apply_low_pass(start), math.inf
-    best_samples = samples
+    samples = best_samples = apply_low_pass(start)
+    best, best_error = PLANNED_PATH, math.inf
     for stride in range(1, gait_rig.options.learning_strides + 1):
         trial = apply_hip_path(gait_rig, HipPath.from_samples(samples, N_HARMONICS))
         reaction = run.simulate_stride(trial)
@@ -175,13 +188,12 @@ def learn_hip_path(device: Device, controller: Controller, gait_rig: GaitRig) ->
         forward_rms, vertical_rms = np.sqrt(np.mean(error[stance] ** 2, axis=0))
         if not vertical_rms + forward_rms > best_error:
             best_error, best_samples = vertical_rms + forward_rms, samples
-            path = replace(
+            best = replace(
                 trial.hip_path,
                 learning_strides=stride,
                 vertical_residual_bw=float(vertical_rms),
                 forward_residual_bw=float(forward_rms),
             )
-            best = replace(trial, hip_path=path)
         elif vertical_rms + forward_rms > MAX_GROWTH * best_error:
             gains, samples = 0.5 * gains, best_samples
             continue

@@ -3,7 +3,8 @@
 A sample belongs to the start of its time step: positions and velocities before it, and forces and moments as MuJoCo
 evaluates them there. The pressure and the muscle length are those at the end of the implicit step, to which the tension
 belongs. The angle of the ankle is that of the foot relative to the limb: that of the hinge, of an elastic keel and of
-the alignment together. Velocity and power belong to it.
+the alignment together. Velocity and power belong to it. The moments at hip and knee and the forces on the carriage are
+those of the drives, which guide the limb and carry the rig.
 """
 
 import mujoco
@@ -43,6 +44,11 @@ MEASURED_COLUMNS = (
     "grf_vertical [N]",
     "grf_forward [N]",
     "cop_x [m]",
+    "hip_moment [N*m]",
+    "knee_moment [N*m]",
+    "hip_force_forward [N]",
+    "hip_force_vertical [N]",
+    "liner_displacement [m]",
     "ankle_x [m]",
     "ankle_z [m]",
     "sole_height [m]",
@@ -63,6 +69,7 @@ class GaitMeasurements:
         self._ankle_qpos_index = int(model.joint(PROSTHESIS_PREFIX + "ankle").qposadr[0])
         keel = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, KEEL_JOINT)
         self._keel_indices = None if keel < 0 else (int(model.jnt_qposadr[keel]), int(model.jnt_dofadr[keel]))
+        self._liner_qpos_index = int(model.joint("liner").qposadr[0])
         self._heel_qpos_index = int(model.joint(PROSTHESIS_PREFIX + "heel").qposadr[0])
         self._foot_body_id = model.body(PROSTHESIS_PREFIX + "foot").id
         self._origin_site_id = model.site(PROSTHESIS_PREFIX + "achilles_origin").id
@@ -70,7 +77,7 @@ class GaitMeasurements:
         self._mid_range_angle = float(model.jnt_range[self._ankle_joint_id].mean())
         floor = model.geom("floor").id
         self._sole_geom_ids = np.flatnonzero((model.geom_contype & model.geom_conaffinity[floor]) != 0)
-        self._sole_half_lengths = np.array([get_half_lengths(model, g) for g in self._sole_geom_ids])
+        self._sole_half_lengths = np.array([get_half_lengths(model, int(g)) for g in self._sole_geom_ids])
 
     def measure(
         self, data: mujoco.MjData, qpos: np.ndarray, qvel: np.ndarray, device_state: DeviceState, muscle_velocity: float
@@ -122,6 +129,11 @@ class GaitMeasurements:
             up,
             forward,
             cop,
+            float(data.qfrc_actuator[2]),
+            float(data.qfrc_actuator[3]),
+            float(data.qfrc_actuator[0]),
+            float(data.qfrc_actuator[1]),
+            float(qpos[self._liner_qpos_index]),
             float(ankle[0]),
             float(ankle[2]),
             self._compute_sole_height(data),

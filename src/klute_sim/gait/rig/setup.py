@@ -53,8 +53,9 @@ class GaitOptions:
     spring_foot: SpringFoot | None = None
     """Passive foot that replaces the device; None: the device."""
     alignment: float | None = None
-    """Angle [rad] by which the prosthesis is turned against the limb, dorsiflexion positive. None: the foot that hangs
-    in late swing has the pitch of the foot of the reference at its heel strike."""
+    """Angle [rad] by which the prosthesis is turned against the limb, dorsiflexion positive. None: that of the
+    device file; without one, the foot that hangs in late swing has the pitch of the foot of the reference at heel
+    strike."""
     learning_strides: int = 15
     """Largest number of strides in which the rig learns the path of the hip before the run; 0: the planned path."""
     hip_path: HipPath | None = None

@@ -106,7 +106,11 @@ def compute_knee_angle(reference: Reference, phase: Array, derivative: int = 0) 
 
 
 def plan_hip_trajectory(
-    reference: Reference, leg: LegGeometry, stride_time: float, speed: float | None = None, slope: float = 0.0,
+    reference: Reference,
+    leg: LegGeometry,
+    stride_time: float,
+    speed: float | None = None,
+    slope: float = 0.0,
     alignment: float = 0.0,
 ) -> HipTrajectory:
     """Return the motion of the hip for the gait ``reference`` with ``leg``, in the frame of the ground.
@@ -127,9 +131,7 @@ def plan_hip_trajectory(
     level_height = ankle + leg.shank * np.cos(shank - slope) + leg.thigh * np.cos(thigh - slope)
 
     # Hiking is computed on level ground.
-    passive_dorsiflexion = np.minimum(
-        shank - pitch - slope, alignment + math.radians(MAX_PASSIVE_DORSIFLEXION_DEG)
-    )
+    passive_dorsiflexion = np.minimum(shank - pitch - slope, alignment + math.radians(MAX_PASSIVE_DORSIFLEXION_DEG))
     passive_height = level_height - ankle + leg.compute_ankle_height(shank - slope - passive_dorsiflexion)
     hike = _compute_hip_hike(reference, level_height, passive_height, leg.scale)
 

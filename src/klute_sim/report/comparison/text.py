@@ -16,7 +16,7 @@ CHANNEL_NOTES = {
     "ankle_moment": "net, plantarflexor up",
     "ankle_power": "net, generation up",
     "grf_vertical": "in simulations tracked, not predicted",
-    "grf_forward": "forward up; in simulations partly prescribed",
+    "grf_forward": "forward up; in simulations tracked, not predicted",
     "cop_x": "relative to the ankle at heel strike, forward up",
     "carriage_x": "relative to heel strike",
     "ankle_x": "relative to heel strike",

@@ -40,7 +40,9 @@ ANKLE_ROWS: tuple[tuple[str, str, str, Callable[[AnkleMetrics], float | None]], 
 """Rows for metrics that the human reference has, too: label, unit, number format, metric of a stride."""
 
 RIG_ROWS: tuple[tuple[str, str, str, Callable[[StrideMetrics], float | None]], ...] = (
-    ("vertical tracking error, rms", "body wt", ".3f", lambda s: s.grf_vertical_tracking_rms_bw),
+    ("vertical load error, stance rms", "body wt", ".3f", lambda s: s.grf_vertical_tracking_rms_bw),
+    ("fore-aft load error, stance rms", "body wt", ".3f", lambda s: s.grf_forward_tracking_rms_bw),
+    ("largest loading rate (5 ms)", "body wt/s", ".1f", lambda s: s.loading_rate_max_bw_per_s),
     ("angle vs human, stance rms", "sd", ".2f", lambda s: s.angle_distance_sd.stance_rms),
     ("angle vs human, swing rms", "sd", ".2f", lambda s: s.angle_distance_sd.swing_rms),
     ("moment vs human, stance rms", "sd", ".2f", lambda s: s.moment_distance_sd.stance_rms),
@@ -60,6 +62,8 @@ DEVICE_ROWS: tuple[tuple[str, str, str, Callable[[StrideMetrics], float | None]]
 )
 """Rows for metrics that a spring foot does not have: label, unit, number format, metric of a stride."""
 
+MAX_USUAL_ALIGNMENT_DEG = 5.0
+"""Largest alignment [deg] without a remark."""
 MIN_LEDGER_ENERGY_J = 0.005
 """Smallest energy per stride [J] for which a ledger line is shown."""
 LEDGER_LABELS = {
@@ -148,10 +152,23 @@ def collect_remarks(summary: dict[str, Any]) -> list[str]:
     ]
     if summary["touches_in_swing"]:
         remarks.append("The foot touches the ground in swing: it trips, and later strides are not meaningful.")
+    learning = summary["hip_path"]["learning_strides"]
+    path = f"learned the path of the hip in {learning} strides" if learning else "follows the planned path of the hip"
     remarks.append(
-        "The vertical ground reaction is tracked, not predicted: the load of the reference is applied. The fore-aft "
-        "reaction is partly prescribed."
+        f"The ground reaction is tracked, not predicted: the rig {path}, on which the foot carries the load of the "
+        "reference. Limb angles are prescribed; what the ankle does is predicted."
     )
+    remarks.append(
+        f"Alignment: the prosthesis is turned by {summary['alignment_deg']:+.1f} degrees against the limb "
+        "(dorsiflexion positive)."
+    )
+    if abs(summary["alignment_deg"]) > MAX_USUAL_ALIGNMENT_DEG:
+        remarks.append(
+            f"That is more than {MAX_USUAL_ALIGNMENT_DEG:g} degrees: the zeros of the ankle angles of the reference "
+            "and of the prosthesis probably differ; check the zero of the reference (docs/import.md)."
+        )
+    if summary["contact_lost_in_stance"]:
+        remarks.append("The foot leaves the ground for an instant in stance.")
     if summary["slope_deg"]:
         direction = "rises" if summary["slope_deg"] > 0.0 else "falls"
         remarks.append(

@@ -9,7 +9,7 @@ import numpy as np
 from klute_sim.datasets.trial import TimeSeries, Trial
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.gait.body import PROSTHESIS_PREFIX
-from klute_sim.gait.rig.build import MODEL_MASS, MODEL_STATURE, build_gait_model
+from klute_sim.gait.rig.build import MODEL_MASS, MODEL_STATURE, build_gait_model, get_alignment
 from klute_sim.recording.recording import Recording
 from klute_sim.report.diagnosis.traces import SimulatedTrial
 from klute_sim.types import Array
@@ -62,7 +62,7 @@ def build_recording(
         "knee_angle [deg]": np.zeros(len(time)),
         "carriage_x [m]": prescribed["ankle_x"] - ankle_x,
         "carriage_z [m]": prescribed["ankle_z"] - ankle_z,
-        "ankle_angle [deg]": np.degrees(channels["ankle_angle"]),
+        "ankle_angle [deg]": np.degrees(channels["ankle_angle"] - (get_alignment(trial.device) or 0.0)),
         "heel_compression [m]": np.zeros(len(time)),
         "grf_vertical [N]": prescribed["grf_vertical"],
         "grf_forward [N]": prescribed["grf_forward"],

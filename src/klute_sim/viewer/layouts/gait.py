@@ -1,6 +1,7 @@
 """Viewer recording of a gait run: rig in 3-D, all channels, work loop of the ankle, energy and air."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -158,7 +159,13 @@ def rebuild_recording(folder: Path, path: Path) -> None:
     device = (
         load_device(DEFAULT_DEVICE) if is_spring_foot(recording) else parse_device(read_bytes(file, DEVICE), str(file))
     )
-    model = build_gait_model(device, mass=options["mass_kg"], stature=options["stature_m"], dt=options["step_s"])
+    model = build_gait_model(
+        device,
+        mass=options["mass_kg"],
+        stature=options["stature_m"],
+        dt=options["step_s"],
+        alignment=math.radians(options["alignment_deg"]),
+    )
     write_recording(recording, model, path)
 
 
