@@ -64,7 +64,7 @@ def test_model_and_replay_have_the_same_foot(effect: Effect, form: EffectForm) -
 def test_replay_agrees_with_mujoco(effect: Effect, form: EffectForm) -> None:
     """Replay a gait run: the effect in the equation reproduces the effect in the MJCF."""
     recording = simulate_gait(
-        create_device(effect, form), pressure.load_default_profile(), GaitOptions(strides=1, dt=STEP)
+        create_device(effect, form), pressure.load_default_profile(), GaitOptions(strides=1, dt=STEP, alignment=0.0)
     )
 
     def differentiate_twice(values: np.ndarray) -> np.ndarray:
@@ -72,9 +72,10 @@ def test_replay_agrees_with_mujoco(effect: Effect, form: EffectForm) -> None:
         return np.concatenate([inside[:1], inside, inside[-1:]])
 
     thigh, lean = np.radians(recording["thigh_angle"]), np.radians(recording["shank_angle"])
-    # Relative to the limb, because the socket yields.
-    x = recording["carriage_x"] - 0.43 * (np.sin(thigh) + np.sin(lean))
-    z = recording["carriage_z"] - 0.43 * (np.cos(thigh) + np.cos(lean))
+    # The ankle as markers on the limb see it, without the displacement in the socket of the effect.
+    shank = 0.43 - recording["liner_displacement"]
+    x = recording["carriage_x"] - 0.43 * np.sin(thigh) - shank * np.sin(lean)
+    z = recording["carriage_z"] - 0.43 * np.cos(thigh) - shank * np.cos(lean)
     forward, up = recording["grf_forward"], recording["grf_vertical"]
     ground = -z * forward - np.nan_to_num(recording["cop_x"] - x) * up
     load = up * np.cos(lean) + forward * np.sin(lean), up * np.sin(lean) - forward * np.cos(lean)
@@ -93,8 +94,9 @@ def test_replay_agrees_with_mujoco(effect: Effect, form: EffectForm) -> None:
         - recording["ankle_angle"][late]
         for foot in (apply_effect(effect, form), FOOT)
     )
-    # The angle at which friction holds the foot in swing, within 0.15 degrees, depends on the last spikes of the load.
-    assert np.sqrt(np.mean(off**2)) < (0.08 if form.name == "coulomb" and effect.name == "foot_hysteresis" else 0.025)
+    # The heel spring, which the replay does not have, causes up to 0.03 degrees. The angle at which friction holds the
+    # foot in swing, within 0.15 degrees, depends on the last spikes of the load.
+    assert np.sqrt(np.mean(off**2)) < (0.08 if form.name == "coulomb" and effect.name == "foot_hysteresis" else 0.04)
     assert np.sqrt(np.mean(without**2)) > 3.0 * np.sqrt(np.mean(off**2))
 
 

@@ -89,7 +89,11 @@ def recording(strides: int = 1, **changed: Array) -> Recording:
         },
         "controller": {},
         "reference": {"name": "itself"},
-        "options": {"mass_kg": MASS, "stature_m": 1.75, "speed_m_per_s": 1.2, "stride_time_s": 1.0, "strides": strides},
+        "options": {
+            **{"mass_kg": MASS, "stature_m": 1.75, "speed_m_per_s": 1.2, "stride_time_s": 1.0, "strides": strides},
+            "alignment_deg": 0.0,
+        },
+        "hip_path": {"learning_strides": 3, "vertical_residual_bw": 0.01, "forward_residual_bw": 0.01},
     }
     return Recording(tiled, dict.fromkeys(tiled, "1"), provenance)
 
@@ -273,6 +277,6 @@ def test_table_and_figure_accept_any_number_of_strides(tmp_path: Path) -> None:
             text = printed.file.getvalue()  # type: ignore[attr-defined]
             assert "…" not in text
             assert max(map(len, text.splitlines())) <= width
-        assert "vertical tracking error, rms  " in text  # at 80 columns, no label wraps
+        assert "vertical load error, stance rms" in text  # at 80 columns, no label wraps
         figure.build_figure(run).savefig(tmp_path / f"{strides}.png")
         assert (tmp_path / f"{strides}.png").stat().st_size > 10_000

@@ -26,7 +26,7 @@ FIELD_OF_CHANNEL = {"ankle_angle": "ankle_angle", "force": "tension", "pressure"
 
 @cache
 def simulate_run(step: float = 5e-4) -> Recording:
-    return simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=2, dt=step))
+    return simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=2, dt=step, alignment=0.0))
 
 
 def to_si(recording: Recording, name: str) -> Array:
@@ -75,18 +75,18 @@ def rms(values: Array) -> float:
 
 
 def test_replay_reproduces_a_gait_run() -> None:
-    """The remaining differences, 0.005 degrees and 0.2 N rms, are due to the heel spring."""
+    """The remaining differences are due to the heel, which yields by 20 mm: its 0.1 kg are rigid in the replay."""
     inputs, step = extract_inputs(simulate_run())
     errors = compute_errors(
         simulate_replay(DEVICE.parameters, FOOT, inputs, step), simulate_run()["time"], simulate_run()
     )
-    assert rms(errors["ankle_angle"]) < np.radians(0.008)
-    assert np.abs(errors["ankle_angle"]).max() < np.radians(0.04)
-    assert rms(errors["force"]) < 0.4
-    assert np.abs(errors["force"]).max() < 2.0
-    assert rms(errors["muscle_length"]) < 5e-6
+    assert rms(errors["ankle_angle"]) < np.radians(0.04)
+    assert np.abs(errors["ankle_angle"]).max() < np.radians(0.2)
+    assert rms(errors["force"]) < 1.2
+    assert np.abs(errors["force"]).max() < 8.0
+    assert rms(errors["muscle_length"]) < 2e-5
     assert np.abs(errors["pressure"]).max() < 1e-6
-    assert rms(errors["ankle_moment"]) < 0.05
+    assert rms(errors["ankle_moment"]) < 0.15
 
 
 def test_replay_converges_with_the_time_step() -> None:
@@ -130,7 +130,7 @@ def test_replay_works_with_laboratory_samples(stride: int, is_noisy: bool) -> No
     for event in (*motion.find_foot_strikes(), *motion.find_toe_offs()):
         is_far &= (time < event - 0.04) | (time > event + 0.06)
     assert is_far.mean() > 0.7
-    assert rms(errors["ankle_angle"][is_far]) < np.radians(0.08 if is_noisy else 0.03)
+    assert rms(errors["ankle_angle"][is_far]) < np.radians(0.08 if is_noisy else 0.05)
     assert rms(errors["force"][is_far]) < (7.0 if is_noisy else 2.0)
 
 

@@ -19,7 +19,7 @@ from klute_sim.recording.recording import Recording
 @cache
 def simulate_run(per_degree: float, *, powered: bool = False) -> Recording:
     foot = SpringFoot(stiffness=math.degrees(per_degree))
-    options = GaitOptions(strides=2, dt=1e-3, spring_foot=foot)
+    options = GaitOptions(strides=2, dt=1e-3, spring_foot=foot, alignment=0.0)
     return simulate_gait(
         load_device("klute-1-1-4-pair"), load_default_profile() if powered else create_off_controller(), options
     )
