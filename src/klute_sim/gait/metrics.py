@@ -24,8 +24,7 @@ from klute_sim.types import Array
 from klute_sim.units import BAR
 
 SMOOTHING_WINDOW_S = 0.015
-"""Window [s] of the moving average for peak power and vertical load peaks. The raw power has a spike where the last
-sphere of the sole lifts off, and the raw load jumps where the forefoot lands at 8 % of the cycle."""
+"""Window [s] of the moving average for peak power and vertical load peaks."""
 GRF_PEAK_WINDOWS_PCT = ((4.0, 33.0), (33.0, 65.0))
 """Gait phases [%] of the two peaks of the vertical ground reaction."""
 FLAT_FOOT_WINDOW_PCT = (2.0, 25.0)

@@ -1,9 +1,9 @@
 """The gait rig: a driven residual limb, a tracked load and a free ankle.
 
 As in a robotic gait simulator, stiff servos with velocity feed-forward move the residual limb as in the reference, and
-the ground reaction of the reference is fed forward to the carriage. The *vertical ground reaction is therefore tracked,
-not predicted*. Only the device, its passive parts and the ground move the ankle: its angle, moment, power and work, the
-timing of the fore-aft force and the centre of pressure are outcomes.
+the path of the hip is learned until the foot carries the load of the reference (:mod:`klute_sim.gait.rig.learning`).
+The *ground reaction is therefore tracked, not predicted*. Only the device, its passive parts and the ground move the
+ankle: its angle, moment, power and work and the centre of pressure are outcomes.
 """
 
 from typing import Any
