@@ -41,7 +41,11 @@ def test_json_has_the_required_keys_and_the_run_folder_all_files(default_run: tu
         expected.add("recording.rrd")
     assert {file.name for file in run_folder.iterdir()} == expected == set(summary["files"])  # type: ignore[call-overload]
     assert json.loads((run_folder / "summary.json").read_text()) == summary
-    assert (run_folder / "device.toml").read_text() == load_device("klute-1-1-4-pair").content.decode()
+    # The file also states the alignment of the run, so that a further run of this prosthesis keeps it.
+    saved, preset = load_device(run_folder / "device.toml"), load_device("klute-1-1-4-pair")
+    alignment = {"mounting.alignment_deg": pytest.approx(summary["alignment_deg"], abs=1e-3)}
+    assert saved.spec.collect_values() == preset.spec.collect_values() | alignment
+    assert saved.parameters == preset.parameters
     assert (run_folder / "report.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -21,8 +21,9 @@ from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.controllers.learned import PolicyController
 from klute_sim.controllers.parse import Controller
 from klute_sim.controllers.pressure import ConstantPressure, PressureProfile, create_off_controller
-from klute_sim.device.device import DEFAULT_DEVICE, Device, load_device
+from klute_sim.device.device import DEFAULT_DEVICE, Device, load_device, parse_device, set_number
 from klute_sim.errors import InputError, MissingExtraError
+from klute_sim.files.toml import format_toml, parse_toml
 from klute_sim.gait.code_digest import describe_policy_code
 from klute_sim.gait.metrics import GaitMetrics, compute_gait_metrics, compute_reference_metrics
 from klute_sim.gait.reference import Reference
@@ -255,11 +256,13 @@ def load_hip_path(source: "GaitRun | str | Path") -> HipPath:
 
 
 def state_alignment(device: Device, alignment_deg: float) -> Device:
-    """Return ``device`` with the alignment [deg] of a run in its file."""
-    if device.spec.mounting is None or device.spec.mounting.alignment_deg is not None:
+    """Return ``device`` with the alignment [deg] of a run in its file; the device itself if its file states it."""
+    mounting, alignment_deg = device.spec.mounting, round(alignment_deg, 3)
+    if mounting is None or (mounting.alignment_deg is not None and round(mounting.alignment_deg, 3) == alignment_deg):
         return device
-    mounting = device.spec.mounting.model_copy(update={"alignment_deg": round(alignment_deg, 3)})
-    return device.with_spec(device.spec.model_copy(update={"mounting": mounting}))
+    content = parse_toml(device.content, f"device {device.name}")
+    set_number(content, "mounting.alignment_deg", alignment_deg, "alignment of the gait run")
+    return parse_device(format_toml(content).encode(), device.name)
 
 
 def report_rounded_stride_time(recording: Recording, options: GaitOptions) -> tuple[str, ...]:
