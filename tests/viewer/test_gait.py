@@ -1,5 +1,6 @@
 """Viewer recording of a gait run: it reads back equal, and its poses match the model."""
 
+import math
 import sys
 from functools import cache
 from pathlib import Path
@@ -22,15 +23,16 @@ from klute_sim.viewer.folders import ensure_recording
 from klute_sim.viewer.layouts import gait as writer
 
 DEVICE = load_device("klute-1-1-4-pair")
+ALIGNMENT = math.radians(-3.0)
 
 
 @cache
 def stride() -> Recording:
-    return simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1))
+    return simulate_gait(DEVICE, pressure.load_default_profile(), GaitOptions(strides=1, dt=1e-3, alignment=ALIGNMENT))
 
 
 def rig() -> mujoco.MjModel:
-    return build_gait_model(DEVICE, mass=75, stature=1.75, dt=5e-4)
+    return build_gait_model(DEVICE, mass=75, stature=1.75, dt=1e-3, alignment=ALIGNMENT)
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +78,9 @@ def moved() -> list[mujoco.MjData]:
         data.joint("carriage_z").qpos = value["carriage_z"]
         data.joint("thigh").qpos = np.radians(value["thigh_angle"])
         data.joint("knee").qpos = np.radians(value["knee_angle"])
-        data.joint("prosthesis_ankle").qpos = -np.radians(value["ankle_angle"])
+        data.joint("liner").qpos = value["liner_displacement"]
+        # The alignment turns the prosthesis against the limb; the hinge does the rest.
+        data.joint("prosthesis_ankle").qpos = ALIGNMENT - np.radians(value["ankle_angle"])
         data.joint("prosthesis_heel").qpos = value["heel_compression"]
         mujoco.mj_kinematics(model, data)
         poses.append(data)

@@ -182,6 +182,8 @@ def _log_geom(stream: Any, model: mujoco.MjModel, geom: int, root: str) -> None:
         shape = rr.Boxes3D(half_sizes=[half], centers=[[0.5 * size[0], 0, -1e-3]], colors=[colour], fill_mode="solid")
     elif kind == kinds.mjGEOM_SPHERE:
         shape = rr.Ellipsoids3D(half_sizes=[[size[0]] * 3], colors=[colour], fill_mode="solid")
+    elif kind == kinds.mjGEOM_ELLIPSOID:
+        shape = rr.Ellipsoids3D(half_sizes=[size], colors=[colour], fill_mode="solid")
     elif kind == kinds.mjGEOM_CAPSULE:
         # A capsule of rerun starts at its origin, one of MuJoCo is centred.
         length = 2.0 * size[1]

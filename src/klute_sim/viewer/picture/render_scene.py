@@ -63,7 +63,9 @@ def extract_solids(entity: Entity, timeline: str, cursor: float) -> list[tuple[A
         end = begin + np.array([0.0, 0.0, get_first_value(entity, "lengths", 0.0)])
         return [(np.array([begin, end]), float(get_first_value(entity, "radii", 0.0)))]
     if "Ellipsoids3D" in entity.archetypes:
-        return [(np.zeros((1, 3)), float(get_first_value(entity, "half_sizes", [0.0])[0]))]
+        half_length, _, half_height = get_first_value(entity, "half_sizes", [0.0, 0.0, 0.0])
+        circle = _make_circle()
+        return [(np.column_stack([half_length * circle[:, 0], np.zeros(len(circle)), half_height * circle[:, 1]]), 0.0)]
     if "Boxes3D" in entity.archetypes:
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
         centre = np.array(get_first_value(entity, "centers", [0.0, 0.0, 0.0]))
@@ -92,8 +94,12 @@ def compute_outline(points: Array, radius: float) -> Array:
     """Return the convex hull (m, 2) of circles of ``radius`` around ``points`` (n, 2)."""
     from scipy.spatial import ConvexHull
 
-    angles = np.linspace(0.0, 2.0 * np.pi, N_CIRCLE_POINTS, endpoint=False)
-    min_radius = max(radius, 1e-6)  # collinear points have no hull
-    circle = min_radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    circle = max(radius, 1e-6) * _make_circle()  # collinear points have no hull
     circle_points = (points[:, None, :] + circle[None, :, :]).reshape(-1, 2)
     return np.asarray(circle_points[ConvexHull(circle_points).vertices])
+
+
+def _make_circle() -> Array:
+    """Return points (n, 2) on the unit circle."""
+    angles = np.linspace(0.0, 2.0 * np.pi, N_CIRCLE_POINTS, endpoint=False)
+    return np.column_stack([np.cos(angles), np.sin(angles)])
