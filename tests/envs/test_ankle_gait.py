@@ -3,6 +3,8 @@
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
+from functools import cache
 
 import gymnasium
 import mujoco
@@ -16,7 +18,7 @@ from klute_sim.device.device import load_device, parse_device
 from klute_sim.device.energy.ledger import EnergyRecorder
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
 from klute_sim.envs.tasks.instruments import OBSERVATIONS
-from klute_sim.envs.tasks.reward import DEFAULT_WEIGHTS
+from klute_sim.envs.tasks.reward import DEFAULT_WEIGHTS, compute_terms
 from klute_sim.errors import InputError
 from klute_sim.gait.metrics import compute_gait_metrics
 from klute_sim.gait.rig.rig import simulate_gait
@@ -42,9 +44,14 @@ def run_episode(env: AnkleGaitEnv, controller: pressure.PressureController) -> l
     return steps
 
 
+@cache
+def make_default_env() -> AnkleGaitEnv:
+    return AnkleGaitEnv(reset_noise=0.0)
+
+
 @pytest.fixture(scope="module")
 def episode() -> list[tuple]:
-    return run_episode(AnkleGaitEnv(reset_noise=0.0), pressure.load_default_profile())
+    return run_episode(make_default_env(), pressure.load_default_profile())
 
 
 def test_environment_passes_gymnasium_checker() -> None:
@@ -79,16 +86,16 @@ def test_documented_tables_match_spaces_and_weights() -> None:
 
 
 def test_episode_equals_gait_rig_simulation(episode: list[tuple]) -> None:
-    metrics = compute_gait_metrics(
-        simulate_gait(load_device("klute-1-1-4-pair"), pressure.load_default_profile(), GaitOptions(strides=5))
-    )
+    # The options of the environment hold the alignment and the learned path of the hip.
+    options = replace(make_default_env()._gait_rig.options, strides=3)
+    recording = simulate_gait(load_device("klute-1-1-4-pair"), pressure.load_default_profile(), options)
+    metrics = compute_gait_metrics(recording)
     moment = np.array([info["ankle_moment_nm_per_kg"] for *_, info in episode]).reshape(5, 110)
     # Commands are held for 10 ms and the moment is read every 10 ms.
     assert moment[2].max() == pytest.approx(metrics.strides[2].ankle_moment_peak_nm_per_kg, rel=0.03)
     air = sum(info["air_g"] for *_, info in episode[220:330])
     assert air == pytest.approx(metrics.strides[2].air_g, rel=0.05)
     # Energy sampled once per interval is close to that of every step of the gait rig.
-    recording = simulate_gait(load_device("klute-1-1-4-pair"), pressure.load_default_profile(), GaitOptions(strides=5))
     recording = recording.select(recording["stride"] == 3)
     gas = recording["gas_power"].sum() * 5e-4
     lines = {"gas": "gas", "friction": "friction", "damper": "damper", "delivered": "delivered"}
@@ -156,7 +163,9 @@ def test_reward_terms_match_their_definitions(episode: list[tuple]) -> None:
         human_moment = reference("ankle_plantarflexor_moment_nm_per_kg", phase)[0]
         moment_error = (info["ankle_moment_nm_per_kg"] - human_moment) / 0.2
         assert info["reward_moment"] == pytest.approx(0.4 * np.exp(-(moment_error**2) / 2))
-        angle_error = (np.degrees(observed[0]) - reference("ankle_dorsiflexion_deg", phase)[0]) / 5.0
+        # The encoder measures the hinge; the angle to the limb contains the alignment.
+        angle = np.degrees(observed[0] + make_default_env()._gait_rig.options.alignment)
+        angle_error = (angle - reference("ankle_dorsiflexion_deg", phase)[0]) / 5.0
         assert info["reward_angle"] == pytest.approx(0.3 * np.exp(-(angle_error**2) / 2), abs=1e-4)
         power_error = (info["ankle_power_w_per_kg"] - reference("ankle_power_w_per_kg", phase)[0]) / 0.5
         assert info["reward_power"] == pytest.approx(0.3 * np.exp(-(power_error**2) / 2))
@@ -165,6 +174,16 @@ def test_reward_terms_match_their_definitions(episode: list[tuple]) -> None:
         human_power = reference("ankle_power_w_per_kg", np.arange(0.0, 1.0, 1 / 110))
         push_power = max(min(info["ankle_power_w_per_kg"], reference("ankle_power_w_per_kg", phase)[0]), 0.0)
         assert info["reward_work"] == pytest.approx(0.1 * push_power / np.maximum(human_power, 0.0).mean(), rel=1e-6)
+
+
+def test_load_and_braking_are_costed_up_to_a_limit() -> None:
+    """Four samples under a reference load of one body weight: right, light, a slam with braking, and far off."""
+    zeros, ones = np.zeros(4), np.ones(4)
+    ankle = np.zeros((4, 3))
+    reaction = np.array([[0.1, 1.0], [-0.2, 0.8], [-0.3, 1.5], [-9.0, 9.0]])
+    terms = compute_terms(ankle, ankle, ones, zeros, zeros, reaction, ones)
+    assert terms[:, 6] == pytest.approx([0.0, 0.04, 0.25, 1.0])
+    assert terms[:, 7] == pytest.approx([0.0, 0.0, 0.01, 0.04])
 
 
 def test_reward_option_replaces_weights() -> None:

@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode
 from klute_sim.device.backend.packing import unpack_parameters
 from klute_sim.device.device import load_device, parse_device
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
+from klute_sim.envs.tasks import domain_randomization
 from klute_sim.envs.tasks.domain_randomization import GRID_SIZE, RandomizationRanges
 from klute_sim.errors import InputError
 
@@ -47,7 +48,7 @@ def are_equal(a: object, b: object) -> bool:
 
 
 def test_sampled_values_are_reported_and_simulated() -> None:
-    env = AnkleGaitEnv(domain_randomization=ALL_RANGES, strides=1)
+    env = AnkleGaitEnv(domain_randomization=ALL_RANGES, strides=1, time_step=1e-3)
     masses, time_constants = set(), []
     for seed in range(12):
         info = env.reset(seed=seed)[1]
@@ -70,11 +71,13 @@ def test_sampled_values_are_reported_and_simulated() -> None:
 
 
 def test_sampled_subject_equals_fixed_subject() -> None:
-    sampled_env = AnkleGaitEnv(
-        domain_randomization={"mass_fraction": 0.2, "speed_m_per_s": (1.1, 1.3), "slope_deg": (-4.0, 4.0)}
-    )
+    content = load_device("klute-1-1-4-pair").content.replace(b"[mounting]\n", b"[mounting]\nalignment_deg = -3.0\n")
+    options = {"device": parse_device(content, "aligned"), "time_step": 1e-3}  # a prosthesis keeps its alignment
+    ranges = {"mass_fraction": 0.2, "speed_m_per_s": (1.1, 1.3), "slope_deg": (-4.0, 4.0)}
+    sampled_env = AnkleGaitEnv(domain_randomization=ranges, **options)
     info = sampled_env.reset(seed=4)[1]
-    fixed_env = AnkleGaitEnv(mass=info["mass_kg"], speed=info["speed_m_per_s"], slope=np.radians(info["slope_deg"]))
+    subject = {"mass": info["mass_kg"], "speed": info["speed_m_per_s"], "slope": np.radians(info["slope_deg"])}
+    fixed_env = AnkleGaitEnv(**subject, **options)
     fixed_env.reset(seed=4)
     mujoco.mj_copyState(fixed_env.model, sampled_env.data, fixed_env.data, int(mujoco.mjtState.mjSTATE_INTEGRATION))
     fixed_env.data.ctrl[:] = sampled_env.data.ctrl
@@ -86,8 +89,12 @@ def test_sampled_subject_equals_fixed_subject() -> None:
         assert first[1] == pytest.approx(second[1], abs=1e-4)
 
 
-def test_sampled_device_equals_fixed_device() -> None:
+def test_sampled_device_equals_fixed_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sampled device walks on the path that the nominal device learned; here the fixed one does so, too."""
     text = load_device("klute-1-1-4-pair").content.decode()
+    nominal_env = AnkleGaitEnv()
+    nominal_options = nominal_env._gait_rig.options
+    monkeypatch.setattr(domain_randomization, "prepare_options", lambda *_: nominal_options)
     sampled_env = AnkleGaitEnv(domain_randomization={"device": {"muscle.c10_kpa": 0.3}})
     c10 = sampled_env.reset(seed=4)[1]["muscle.c10_kpa"]
     fixed_env = AnkleGaitEnv(
@@ -95,7 +102,6 @@ def test_sampled_device_equals_fixed_device() -> None:
     )
     fixed_env.reset(seed=4)
     fixed_env.np_random.bit_generator.state = sampled_env.np_random.bit_generator.state
-    nominal_env = AnkleGaitEnv()
     nominal_env.reset(seed=4)
     state = int(mujoco.mjtState.mjSTATE_INTEGRATION)
     for env in (fixed_env, nominal_env):
@@ -151,7 +157,7 @@ def test_sampled_dead_time_delays_commands() -> None:
 
 
 def test_rigs_are_built_once() -> None:
-    env = AnkleGaitEnv(domain_randomization={"mass_fraction": 0.1}, strides=1)
+    env = AnkleGaitEnv(domain_randomization={"mass_fraction": 0.1}, strides=1, time_step=1e-3)
     for seed in range(60):
         env.reset(seed=seed)
     assert len(env._task.randomizer.gait_rigs) == GRID_SIZE + 1
@@ -159,7 +165,7 @@ def test_rigs_are_built_once() -> None:
 
 
 def test_sampled_device_is_reset_in_next_episode() -> None:
-    env = AnkleGaitEnv(domain_randomization=ALL_RANGES, strides=1)
+    env = AnkleGaitEnv(domain_randomization=ALL_RANGES, strides=1, time_step=1e-3)
     rng = np.random.default_rng(1)
     actions = rng.uniform(-1, 1, (40, 1)).astype(np.float32)
     episodes = []
@@ -205,7 +211,7 @@ def test_invalid_ranges_are_refused(domain_randomization: dict[str, object], mes
 
 def test_ranges_are_a_mapping_or_an_object() -> None:
     sampled_values = [
-        AnkleGaitEnv(domain_randomization=ranges).reset(seed=1)[1]
+        AnkleGaitEnv(domain_randomization=ranges, time_step=1e-3).reset(seed=1)[1]
         for ranges in (ALL_RANGES, RandomizationRanges(**ALL_RANGES))
     ]
     assert sampled_values[0] == sampled_values[1]

@@ -43,8 +43,9 @@ def make_action_space() -> "spaces.Box[np.float32]":
 class AnkleGaitEnv(DeviceEnv):
     """A powered below-knee prosthesis on the gait rig of ``klute-sim gait``.
 
-    The residual limb follows measured human gait, and the load of the reference acts on it. The policy commands the
-    artificial muscle. It is rewarded for an ankle that moves and pushes like the human one.
+    The residual limb follows measured human gait on the path of the hip that the rig learned with the base ``profile``,
+    on which the foot then carries the load of the reference. The policy commands the artificial muscle. It is rewarded
+    for an ankle that moves and pushes like the human one under the human load.
 
     ## Action space
 
@@ -95,6 +96,8 @@ class AnkleGaitEnv(DeviceEnv):
     | ``reward_work`` | 0.1 times positive power, limited to that of the human ankle, over its mean in the stride |
     | ``reward_air`` | -0.1 per gram of air drawn per 0.1 s |
     | ``reward_smoothness`` | -0.05 times the squared change of the action |
+    | ``reward_load`` | -2 e², e = error of the vertical ground reaction in body weights, limited to 1 |
+    | ``reward_braking`` | -20 b², b = braking above 0.2 body weights, limited to 0.2 |
 
     ``info`` also holds ``gait_pct`` (true phase), ``ankle_moment_nm_per_kg``, ``ankle_power_w_per_kg``,
     ``pressure_command_bar`` (or ``valve_command``), and the totals of the interval: air drawn, leaked, and held at its
@@ -128,7 +131,7 @@ class AnkleGaitEnv(DeviceEnv):
     ## Versions
 
     * v1: kinds of actions, noise and delay of sensors, weights of the reward, randomisation, slope; positive work is
-      rewarded. With ``reward={"work": 0}`` and default options, episodes equal those of v0.
+      rewarded; the load counts.
     * v0: first version.
     """
 

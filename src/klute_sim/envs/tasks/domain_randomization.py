@@ -5,8 +5,10 @@ slope require another rig. It is built and cached when it is first sampled, so t
 models of all rigs have the same shape, so only the fields that differ are copied and nothing is recompiled.
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
 from typing import Any
 
 import mujoco
@@ -105,6 +107,35 @@ class Episode:
     """Sampled values; keys include units."""
 
 
+@dataclass(frozen=True)
+class _LearningTask:
+    """What a rig learns its path for; tasks with the same ``key`` are equal."""
+
+    key: tuple[Any, ...]
+    device: Device = field(compare=False)
+    controller: Controller = field(compare=False)
+    options: GaitOptions = field(compare=False)
+
+
+def prepare_options(device: Device, controller: Controller, options: GaitOptions) -> GaitOptions:
+    """Return ``options`` with the alignment and the path of the hip that the rig learns for ``controller``.
+
+    A process learns once for all its environments of the same device, controller, subject and ground.
+
+    Raises SimulationError when the carriage leaves its path.
+    """
+    subject = options.mass, options.stature, options.speed, options.slope, options.dt, options.reference.digest
+    preparation = options.alignment, options.learning_strides
+    key = device.content, json.dumps(controller.describe(), sort_keys=True), *subject, *preparation
+    learned = _learn(_LearningTask(key, device, controller, options))
+    return replace(options, alignment=learned.alignment, hip_path=learned.hip_path)
+
+
+@lru_cache(maxsize=1024)
+def _learn(task: _LearningTask) -> GaitOptions:
+    return prepare_gait_rig(task.device, task.controller, task.options).options
+
+
 class DomainRandomizer:
     """Sampler of the episodes of one device and subject."""
 
@@ -127,7 +158,7 @@ class DomainRandomizer:
         for key, ends in self._parameter_ranges.items():
             for end in ends:
                 self.device.with_changes({key: end}, "domain_randomization")
-        nominal_options = prepare_gait_rig(self.device, controller, options).options
+        nominal_options = prepare_options(self.device, controller, options)
         nominal_rig = build_gait_rig(self.device, nominal_options, interval)
         # The prosthesis keeps its alignment; the path of the hip is another one.
         self._options = replace(options, alignment=nominal_options.alignment)
@@ -183,7 +214,7 @@ class DomainRandomizer:
 
     def _get_rig_index(self, grid_values: tuple[float, ...]) -> int:
         if grid_values not in self._rig_indices:
-            options = prepare_gait_rig(self.device, self._controller, self._build_options(grid_values)).options
+            options = prepare_options(self.device, self._controller, self._build_options(grid_values))
             rig = build_gait_rig(self.device, options, self._interval)
             self._rig_field_values.append(self._copy_rig_fields(rig.model))
             self.gait_rigs.append(replace(rig, model=self.gait_rigs[0].model, actuator=self.gait_rigs[0].actuator))
