@@ -39,7 +39,9 @@ METRICS = TuningMetrics(
     work_j_per_kg=0.21,
     plantarflexion_deg=14.0,
     muscle_ratio_max=0.975,
-    load_tracking_rms_bw=0.1,
+    load_tracking_rms_bw=0.03,
+    loading_rate_bw_per_s=20.0,
+    braking_bw=-0.18,
     toe_clearance_mm=9.0,
     trips=False,
 )
@@ -62,6 +64,8 @@ def test_objective_adds_distances_air_penalties_and_shortfall() -> None:
         air_g=50.0,
         muscle_ratio_max=1.2,
         load_tracking_rms_bw=1.0,
+        loading_rate_bw_per_s=500.0,
+        braking_bw=-1.0,
         toe_clearance_mm=-50.0,
     )
     assert compute_cost(worst, Weights(moment=1e3, angle=1e3, power=1e3, air=1e3), HUMAN_GOALS) < TOE_CATCH_COST
@@ -71,9 +75,11 @@ def test_objective_adds_distances_air_penalties_and_shortfall() -> None:
     )
     assert compute_cost(make_metrics(muscle_ratio_max=0.995), Weights(), Goals()) == pytest.approx(1.73 + 1e4 * 0.01**2)
     assert compute_cost(make_metrics(toe_clearance_mm=1.0), Weights(), Goals()) == pytest.approx(1.73 + 2.0**2)
-    assert compute_cost(make_metrics(load_tracking_rms_bw=0.16), Weights(), Goals()) == pytest.approx(
+    assert compute_cost(make_metrics(load_tracking_rms_bw=0.06), Weights(), Goals()) == pytest.approx(
         1.73 + 3e3 * 0.02**2
     )
+    assert compute_cost(make_metrics(loading_rate_bw_per_s=35.0), Weights(), Goals()) == pytest.approx(1.73 + 1.0)
+    assert compute_cost(make_metrics(braking_bw=-0.25), Weights(), Goals()) == pytest.approx(1.73 + 1e3 * 0.03**2)
     shortfall = 0.31 / 0.2 + 0.65 / 0.5 + 0.008 / 0.03 + 1.0 / 1.5
     assert compute_cost(METRICS, Weights(), HUMAN_GOALS) == pytest.approx(1.73 + shortfall)
     reaching = make_metrics(moment_sd=0.38, power_w_per_kg=3.4, work_j_per_kg=0.22, plantarflexion_deg=15.1)
@@ -176,7 +182,9 @@ class FailingRunner:
         ("ankle_work_net [J/kg]", 0.2),
         ("ankle_plantarflexion [deg]", 12.0),
         ("muscle_ratio_max [1]", 0.97),
-        ("grf_vertical_tracking_rms [1]", 0.1),
+        ("grf_vertical_tracking_rms [1]", 0.03),
+        ("loading_rate_max [1/s]", 20.0),
+        ("grf_forward_min [1]", -0.18),
         ("toe_clearance [mm]", 9.0),
     )
 
