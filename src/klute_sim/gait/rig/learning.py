@@ -149,13 +149,14 @@ def find_alignment(device: Device, controller: Controller, gait_rig: GaitRig) ->
     """Return the alignment [rad] with which the hanging foot meets the ground as that of the reference does.
 
     ``gait_rig`` has the alignment 0. The ankle hangs at the angle of its late swing; the difference to the reference at
-    heel strike on level ground is the alignment. Call it inside :func:`klute_sim.plant.callbacks.device_callbacks`.
+    heel strike on level ground is the alignment. It is 0 if the foot never hangs free. Call it inside
+    :func:`klute_sim.plant.callbacks.device_callbacks`.
     """
     reaction = LearningRun(device, controller, gait_rig, 1).simulate_stride(gait_rig)
     low, high = HANGING_PHASES
     hangs = (gait_rig.phase > low) & (gait_rig.phase < high) & (reaction.vertical == 0.0)
     if not hangs.any():
-        raise SimulationError("the foot never hangs free in late swing, so it cannot be aligned; choose an alignment")
+        return 0.0  # the toe drags; the run reports it
     at_strike = math.radians(gait_rig.options.reference("ankle_dorsiflexion_deg", np.zeros(1))[0])
     return min(max(at_strike - float(reaction.dorsiflexion[hangs].mean()), -MAX_ALIGNMENT), MAX_ALIGNMENT)
 
