@@ -128,7 +128,8 @@ class AnkleGaitEnv(DeviceEnv):
     ## Versions
 
     * v1: kinds of actions, noise and delay of sensors, weights of the reward, randomisation, slope; positive work is
-      rewarded. With ``reward={"work": 0}`` and default options, episodes equal those of v0.
+      rewarded; the air of an ideal regulator is summed at every time step. With ``reward={"work": 0}`` and default
+      options, all else equals v0.
     * v0: first version.
     """
 
@@ -216,15 +217,20 @@ class AnkleGaitEnv(DeviceEnv):
     def _advance(self, action: Array) -> Step:
         command = self._task.decode_action(action)
         self.data.ctrl[: len(DRIVE_ACTUATORS)] = self._task.get_drive_command_rates()[0]
+        acts: list[Array] = []
         with callbacks.device_callbacks(self._backend, is_isolated=True):
             try:
                 for steps, scheduled_command in self._task.schedule_commands(command, self._single_mask):
                     self.data.ctrl[self._gait_rig.actuator.ctrl_address] = scheduled_command[0]
-                    callbacks.step_model(self.model, self.data, steps)
+                    for count in [1] * steps if self._task.samples_air else [steps]:
+                        callbacks.step_model(self.model, self.data, count)
+                        acts.append(self.data.act.copy())
             except SimulationError:
                 self.data.act[self._gait_rig.actuator.act_address] = (
                     np.nan
                 )  # under either law, a failed device ends the episode
+        if self._task.samples_air:
+            self._task.add_steps(self._single_mask, np.reshape(acts, (1, -1, self.model.na)))
         states, rngs = self._read_states(), [self.np_random]
         reward, terminated, truncated, arrays = self._task.evaluate(action, command, states, self._single_mask, rngs)
         info = {name: float(value[0]) for name, value in arrays.items()}

@@ -1,7 +1,6 @@
 """``klute_sim/AnkleGait`` on all cores: one model, many simulations, and no Python between their steps."""
 
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,8 @@ from klute_sim.envs.base.vector import BatchStep, BatchVectorEnv, Observations, 
 from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
 from klute_sim.envs.tasks.gait_task import CONTROL_INTERVAL, GaitTask, SimulationStates
 from klute_sim.envs.tasks.options import TaskOptions, resolve_device
-from klute_sim.errors import SimulationError
 from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions
-from klute_sim.plant import batch, callbacks
+from klute_sim.plant import callbacks
 from klute_sim.types import Array, Mask
 
 
@@ -116,7 +114,6 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
         self._ctrl[active, : len(DRIVE_ACTUATORS)] = self._task.get_drive_command_rates()[active]
         for steps, scheduled_command in self._task.schedule_commands(command, active):
             self._ctrl[active, self._gait_rig.actuator.ctrl_address] = scheduled_command[active]
-            with suppress(SimulationError):  # a failed device ends its episode
-                batch.step_batch(self._batch, np.flatnonzero(active), steps, is_isolated=True)
+            self._step_batch(active, steps, self._task.add_steps if self._task.samples_air else None)
         self._read_states(active)
         return BatchStep(*self._task.evaluate(actions, command, self._states, active, self._rngs))
