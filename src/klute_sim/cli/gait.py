@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -28,53 +29,7 @@ from klute_sim.cli import common
     help="Stiffness [N·m/deg] of a passive foot, which replaces --device; prosthetic feet have 3 to 15.  [default: no "
     "passive foot]",
 )
-@click.option(
-    "--reference",
-    "reference_path",
-    type=common.NonEmptyPath(),
-    default=None,
-    metavar="FILE|FOLDER",
-    help="Reference gait: a folder from klute-sim import, or a CSV file (docs/gait.md).  [default: able-bodied adults]",
-)
-@click.option(
-    "--stride-time",
-    type=common.NumberWithUnit("s"),
-    default=None,
-    metavar="S",
-    help="Stride time of --reference [s].  [default: the value in its folder, or 1.1]",
-)
-@common.ACCEPT_OPTION
-@click.option(
-    "--mass",
-    type=common.NumberWithUnit("kg"),
-    default=None,
-    metavar="KG",
-    help="Body mass [kg].  [default: the value in the folder of --reference, or 75]",
-)
-@click.option(
-    "--stature",
-    type=common.NumberWithUnit("m"),
-    default=None,
-    metavar="M",
-    help="Stature [m].  [default: the value in the folder of --reference, or 1.75]",
-)
-@common.REJECT_HEIGHT_OPTION
-@click.option(
-    "--speed",
-    type=common.NumberWithUnit("m/s"),
-    default=None,
-    metavar="M/S",
-    help="Walking speed [m/s]; a faster gait has a shorter stride time.  [default: computed from reference and leg "
-    "length]",
-)
-@click.option(
-    "--slope",
-    type=common.NumberWithUnit("degrees"),
-    default=0.0,
-    show_default=True,
-    metavar="DEG",
-    help="Ground slope [deg], uphill positive; limb kinematics on slopes are assumed.",
-)
+@common.subject_options
 @common.strides_option("Number of strides")
 @common.TIME_STEP_OPTION
 @click.option(
@@ -92,19 +47,13 @@ def command(
     device_name: str,
     controller_spec: str | None,
     spring_foot: float | None,
-    reference_path: Path | None,
-    stride_time: float | None,
-    accept: tuple[str, ...],
-    mass: float | None,
-    stature: float | None,
-    speed: float | None,
-    slope: float,
     strides: int,
     step_ms: float,
     backend: str,
     out: Path | None,
     with_csv: bool,
     as_json: bool,
+    **subject: Any,
 ) -> None:
     """Simulate gait with the prosthesis on the gait rig.
 
@@ -137,18 +86,12 @@ def command(
             run = simulate_gait(
                 device_name if is_device_given else None,
                 controller=controller_spec,
-                mass=mass,
-                stature=stature,
-                speed=speed,
-                slope=slope,
                 strides=strides,
                 time_step=1e-3 * step_ms,
-                reference=reference_path,
-                stride_time=stride_time,
-                accept=accept,
                 spring_foot=spring_foot,
                 backend=backend,
                 progress=progress,
+                **subject,
             )
         with progress_bar("writing") as progress:
             summary, notes = run.write_files(scratch, folder, with_csv=with_csv, progress=progress)

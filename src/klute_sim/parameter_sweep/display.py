@@ -7,7 +7,8 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN
+from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
+from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, UNTRACKED_COLUMN
 from klute_sim.parameter_sweep.table import FAILURE_COLUMN, SweepRow
 
 MAX_ROWS_SHOWN = 40
@@ -16,6 +17,7 @@ INPUT_TITLES = {
     "device": "device",
     "controller": "controller",
     "reference": "reference",
+    "reference_stride_time [s]": "stride\ntime s",
     "speed_requested [m/s]": "speed\nm/s",
     "slope [deg]": "slope\ndeg",
     "mass [kg]": "mass\nkg",
@@ -49,8 +51,14 @@ def format_table(rows: Sequence[SweepRow]) -> Table:
             "-" if row[column] is None else format(row[column], format_spec)
             for column, (_, format_spec) in METRIC_FORMATS.items()
         ]
-        table.add_row(*inputs, *values, row[FAILURE_COLUMN] or ("the toe catches" if row[TRIPS_COLUMN] else ""))
+        table.add_row(*inputs, *values, _format_remark(row))
     return table
+
+
+def _format_remark(row: SweepRow) -> str:
+    """Return the failure of a row, or what makes its gait unusable."""
+    problems = {TRIPS_COLUMN: "the toe catches", UNTRACKED_COLUMN: "load not tracked"}
+    return row[FAILURE_COLUMN] or ", ".join(text for column, text in problems.items() if row[column])
 
 
 def _format_cell(value: Any, format_spec: str, placeholder: str = "-") -> str:
@@ -66,4 +74,13 @@ def collect_remarks(rows: Sequence[SweepRow], n_failed: int) -> list[str]:
         remarks.append(f"The first {MAX_ROWS_SHOWN} of {len(rows)} cases are shown; the files contain all of them.")
     if n_failed:
         remarks.append(f"{n_failed} of {len(rows)} cases failed; the column 'failure' gives the reasons.")
+    n_trips, n_untracked = (sum(bool(row[column]) for row in rows) for column in (TRIPS_COLUMN, UNTRACKED_COLUMN))
+    if n_trips:
+        remarks.append(f"In {n_trips} of {len(rows)} cases the foot touches the ground in swing (column 'trips').")
+    if n_untracked:
+        remarks.append(
+            f"In {n_untracked} of {len(rows)} cases the ankle does not carry the load of the reference (column "
+            f"'load_not_tracked': rms error above {MAX_GRF_TRACKING_RMS_BW:g} body weights); moments and powers are "
+            "not those of walking."
+        )
     return remarks
