@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -15,6 +16,8 @@ import klute_sim  # noqa: F401  (registers)
 from klute_sim.controllers import pressure
 from klute_sim.device.device import load_device, parse_device
 from klute_sim.envs.ankle_gait import AnkleGaitEnv
+from klute_sim.envs.ankle_gait_vector import AnkleGaitVectorEnv
+from klute_sim.envs.tasks.gait_task import tabulate_reference_ankle
 from klute_sim.envs.tasks.instruments import OBSERVATIONS
 from klute_sim.envs.tasks.reward import DEFAULT_WEIGHTS
 from klute_sim.errors import InputError
@@ -22,6 +25,7 @@ from klute_sim.gait.metrics import compute_gait_metrics
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.units import BAR
+from tests.gait.reference_files import write_reference_folder
 
 NAME = "klute_sim/AnkleGait-v1"
 
@@ -299,3 +303,26 @@ def test_opening_device_takes_openings() -> None:
     assert pressures[0] > 1.5
     assert pressures[1] == pytest.approx(pressures[0], rel=0.3)  # closed: only motion and cooling move it
     assert pressures[2] < 0.8 * pressures[1]
+
+
+def test_imported_subject_gives_stride_time_mass_and_the_human_ankle_of_the_reward(tmp_path: Path) -> None:
+    folder = write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66, stride_time=1.2, load_ratio=1.2)
+    single = AnkleGaitEnv(reference=folder, strides=1, time_step=1e-3)
+    vector = AnkleGaitVectorEnv(2, reference=folder, strides=1, time_step=1e-3)
+    assert single.spec is None or single.spec.max_episode_steps == 120
+    options = single._gait_rig.options
+    assert (options.mass, options.stature, options.reference.stride_time) == (62.0, 1.66, 1.2)
+    human = tabulate_reference_ankle(single._gait_rig)
+    default = tabulate_reference_ankle(AnkleGaitEnv(stride_time=None, time_step=1e-3)._gait_rig)
+    assert human[:, 0].max() == pytest.approx(1.2 * default[:, 0].max(), rel=1e-3)
+    observation, _ = single.reset(seed=3)
+    observations, _ = vector.reset(seed=3)
+    assert np.array_equal(observations[0], observation)
+    for _ in range(20):
+        step, steps = single.step(np.zeros(1, dtype=np.float32)), vector.step(np.zeros((2, 1), dtype=np.float32))
+        assert np.array_equal(steps[0][0], step[0])
+        assert steps[1][0] == step[1]
+    given = AnkleGaitEnv(reference=folder, mass=70.0, stature=1.7, stride_time=1.0, time_step=1e-3)._gait_rig.options
+    assert (given.mass, given.stature, given.reference.stride_time) == (70.0, 1.7, 1.0)
+    with pytest.raises(InputError, match="a stride time requires a reference file"):
+        AnkleGaitEnv(stride_time=1.0)
