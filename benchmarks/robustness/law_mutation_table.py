@@ -23,6 +23,7 @@ TESTS_OF_FOLDER = {
         "tests/effects/test_damper_effects.py",
         "tests/effects/test_end_taper.py",
         "tests/effects/test_seal_friction.py",
+        "tests/effects/test_threshold_pressure.py",
         "tests/effects/test_hose.py",
         "tests/effects/test_effect_sizes.py",
         "tests/effects/test_rubber_and_braid.py",

@@ -228,14 +228,14 @@ class AnkleGaitEnv(DeviceEnv):
     def _advance(self, action: Array) -> Step:
         command = self._task.decode_action(action)
         self.data.ctrl[: len(DRIVE_ACTUATORS)] = self._task.get_drive_command_rates()[0]
-        acts: list[Array] = []
+        act, acts = self.data.act, []
         with callbacks.device_callbacks(self._backend, is_isolated=True):
             try:
                 for steps, scheduled_command in self._task.schedule_commands(command, self._single_mask):
                     self.data.ctrl[self._gait_rig.actuator.ctrl_address] = scheduled_command[0]
                     for count in [1] * steps if self._task.samples_air else [steps]:
                         callbacks.step_model(self.model, self.data, count)
-                        acts.append(self.data.act.copy())
+                        acts.append(act.copy())
             except SimulationError:
                 self.data.act[self._gait_rig.actuator.act_address] = (
                     np.nan
