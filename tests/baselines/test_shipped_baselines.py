@@ -142,7 +142,21 @@ def test_own_controllers_of_an_imported_subject_stand_beside_the_baselines(tmp_p
     write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66)
     load_device(DEFAULT_DEVICE).with_changes({"tendon.stiffness_1_n_per_mm": 90.0}).save(tmp_path / "my.toml")
     arguments = ("--reference", "me", "--only", "spring-foot-6", "--device", "my.toml", "--controller", "constant:2")
-    arguments = (*arguments, "--controller", "profile", "--slope", "3", "--strides", "1", "--step", "1", "--out", "b")
+    arguments = (
+        *arguments,
+        "--controller",
+        "profile",
+        "--slope",
+        "3",
+        "--strides",
+        "1",
+        "--step",
+        "1",
+        "--jobs",
+        "1",
+        "--out",
+        "b",
+    )
     done = run("baselines", *arguments, "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     output = json.loads(done.stdout)

@@ -43,7 +43,7 @@ class Criterion:
         if self.get_own is not None:
             limits = [(self.min_ratio, "at least"), (self.max_ratio, "at most")]
             parts = [f"{word} {100.0 * ratio:.0f} %" for ratio, word in limits if ratio is not None]
-            return f"{self.name}: {' and '.join(parts)} of the person's own"
+            return f"{self.name}: {' and '.join(parts)} of the person's own, where that is positive"
         absolute = [(self.minimum, "at least"), (self.maximum, "at most")]
         parts = [f"{word} {limit:g} {self.unit}" for limit, word in absolute if limit is not None]
         return f"{self.name}: {' and '.join(parts)}"
@@ -121,7 +121,7 @@ CRITERIA = (
         name="rms error of the vertical load",
         title="error\nbody wt",
         unit="body weights",
-        format_spec=".2f",
+        format_spec=".3f",
         get_value=lambda s: s.grf_vertical_tracking_rms_bw,
         maximum=MAX_GRF_TRACKING_RMS_BW,
     ),

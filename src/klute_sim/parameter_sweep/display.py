@@ -24,6 +24,10 @@ INPUT_TITLES = {
     "stature [m]": "stature\nm",
 }
 """Title of each input by column; an input is shown only where it varies."""
+MIN_NAME_WIDTH_CHARS = 12
+"""Width [characters] that a column of names keeps in a narrow terminal."""
+UNTRACKED_REMARK = "not tracked"
+"""Remark on a load that is not tracked."""
 REFERENCE_SPEED = "reference"
 """Word in place of a speed: the speed that the reference and the leg length imply."""
 METRIC_FORMATS = {
@@ -39,12 +43,13 @@ METRIC_FORMATS = {
 def format_table(rows: Sequence[SweepRow]) -> Table:
     """Return the first rows: the inputs that vary, the main metrics, and the failure or a remark."""
     varied = {column: title for column, title in INPUT_TITLES.items() if len({row[column] for row in rows}) > 1}
-    table = Table(title=Text(f"{len(rows)} cases"), box=box.SIMPLE_HEAD)
-    for title in varied.values():
-        table.add_column(title, overflow="fold")
+    table = Table(title=Text(f"{len(rows)} cases"), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for column, title in varied.items():
+        longest = max(len(_format_cell(row[column], ".4g", REFERENCE_SPEED)) for row in rows)
+        table.add_column(title, overflow="fold", min_width=min(longest, MIN_NAME_WIDTH_CHARS))
     for title, _ in METRIC_FORMATS.values():
         table.add_column(title, justify="right", no_wrap=True)
-    table.add_column("")
+    table.add_column("", min_width=len(UNTRACKED_REMARK))
     for row in rows[:MAX_ROWS_SHOWN]:
         inputs = [_format_cell(row[column], ".4g", REFERENCE_SPEED) for column in varied]
         values = [
@@ -57,7 +62,7 @@ def format_table(rows: Sequence[SweepRow]) -> Table:
 
 def _format_remark(row: SweepRow) -> str:
     """Return the failure of a row, or what makes its gait unusable."""
-    problems = {TRIPS_COLUMN: "the toe catches", UNTRACKED_COLUMN: "load not tracked"}
+    problems = {TRIPS_COLUMN: "trips", UNTRACKED_COLUMN: UNTRACKED_REMARK}
     return row[FAILURE_COLUMN] or ", ".join(text for column, text in problems.items() if row[column])
 
 
