@@ -17,13 +17,17 @@ SCRIPT_OUTPUTS = {
     "effect_pages.py": DOCS_FOLDER / "effects",
 }
 """Output of each script."""
+MODULE_OUTPUTS = {"benchmarks.effect_sizes": DOCS_FOLDER / "effect-sizes.md"}
+"""Output of each module of the benchmarks."""
 
 
 def main() -> int:
-    """Run all scripts; stop at the first failure and return its exit code."""
-    for script, output in SCRIPT_OUTPUTS.items():
-        print(script, flush=True)
-        exit_code = subprocess.run([sys.executable, str(SCRIPTS_FOLDER / script), str(output)], check=False).returncode
+    """Run all commands; stop at the first failure and return its exit code."""
+    commands = [[str(SCRIPTS_FOLDER / script), str(output)] for script, output in SCRIPT_OUTPUTS.items()]
+    commands += [["-m", module, str(output)] for module, output in MODULE_OUTPUTS.items()]
+    for command in commands:
+        print(*command, flush=True)
+        exit_code = subprocess.run([sys.executable, *command], cwd=SCRIPTS_FOLDER.parent, check=False).returncode
         if exit_code:
             return exit_code
     return 0

@@ -1,24 +1,27 @@
-"""Print the table of stated and measured sizes as Markdown: ``python -m benchmarks.effect_sizes``."""
+"""Measure the sizes of the effects and print their page, or write it.
 
-from collections.abc import Iterable
+python -m benchmarks.effect_sizes                       # print
+python -m benchmarks.effect_sizes docs/effect-sizes.md  # write
+"""
 
+import sys
+from pathlib import Path
+
+from benchmarks.effect_sizes.page import render_page
 from benchmarks.effect_sizes.rows import ROWS
-from benchmarks.effect_sizes.size import EffectSize
 
 
-def format_table(rows: Iterable[EffectSize]) -> str:
-    """Return ``rows`` with their measurements as a Markdown table."""
-    lines = ["| effect, form | parameters | quantity | stated | measured | deviation |", "|---|---|---|---|---|---|"]
-    for row in rows:
-        measured = row.measure()
-        parameters = ", ".join(f"{key} = {value:g}" for key, value in row.parameters.items())
-        deviation = 100.0 * (measured / row.stated - 1.0)
-        lines.append(
-            f"| {row.effect}, {row.form} | {parameters} | {row.quantity} | {row.stated:.4g} | {measured:.4g} "
-            f"| {deviation:+.1f} % |"
-        )
-    return "\n".join(lines)
+def main(arguments: list[str]) -> int:
+    """Print the page, or write it to the file in ``arguments``."""
+    if len(arguments) > 1 or any(argument.startswith("-") for argument in arguments):
+        sys.exit(__doc__)
+    text = render_page([row.measure() for row in ROWS])
+    if arguments:
+        Path(arguments[0]).write_text(text, "utf-8")
+    else:
+        print(text, end="")
+    return 0
 
 
 if __name__ == "__main__":
-    print(format_table(ROWS))
+    sys.exit(main(sys.argv[1:]))

@@ -42,7 +42,28 @@ def state_cone_volume(cone_ratio: float, contraction: float) -> float:
     return 1e6 * 2.0 * (math.pi * cylinder**2 * height - cone)
 
 
-ROWS = tuple(
+def measure_lost_tension(parameters: Mapping[str, float], contraction: float) -> float:
+    """Return the tension [N] that the form ``strain`` takes at a ``contraction`` [1]."""
+    bare = make_clamped_muscle()
+    path, pressure = np.full(2, (1.0 - contraction) * bare.muscle.resting_length), PRESSURE_BAR * BAR
+    tension, reduced = (
+        simulate(device, path, pressure, 0.01, compute_taut_state(device, float(path[0]), pressure)).tension[-1]
+        for device in (bare, make_device("end_taper", "strain", parameters, bare))
+    )
+    return float(tension - reduced)
+
+
+def state_lost_tension(factor: float, contraction: float) -> float:
+    """Return ``q e`` times the tension of the gas [N], ``P pi R^2 (2/tan^2(a) - 1)`` with the braid angle a."""
+    muscle = make_clamped_muscle().muscle
+    length = (1.0 - contraction) * muscle.resting_length
+    circumference = math.sqrt(muscle.braid_length**2 - length**2) / muscle.braid_turns
+    section, tangent = circumference**2 / (4.0 * math.pi), muscle.braid_turns * circumference / length
+    gas = muscle.n_actuators * PRESSURE_BAR * BAR * section * (2.0 / tangent**2 - 1.0)
+    return factor * contraction * gas
+
+
+CONE_ROWS = tuple(
     EffectSize(
         effect="end_taper",
         form="cone",
@@ -53,4 +74,18 @@ ROWS = tuple(
     )
     for cone_ratio, contraction in ((1.0, 0.1), (1.0, 0.2), (2.0, 0.2))
 )
+"""Volumes of the cones."""
+STRAIN_ROWS = tuple(
+    EffectSize(
+        effect="end_taper",
+        form="strain",
+        parameters={"factor": factor},
+        quantity=f"tension lost at {PRESSURE_BAR:g} bar and {100.0 * contraction:g} % contraction [N]",
+        stated=state_lost_tension(factor, contraction),
+        measure=partial(measure_lost_tension, {"factor": factor}, contraction),
+    )
+    for factor, contraction in ((1.0, 0.1), (1.0, 0.2), (2.0, 0.2))
+)
+"""Tension of muscles whose ends weaken with the strain."""
+ROWS = (*CONE_ROWS, *STRAIN_ROWS)
 """All rows."""

@@ -2,25 +2,11 @@
 
 from typing import NamedTuple
 
-
-class Mutation(NamedTuple):
-    """One wrong text in one file."""
-
-    name: str
-    folder: str
-    """Key of :data:`TESTS_OF_FOLDER`."""
-    file: str
-    """Path within the package."""
-    old: str
-    """Text that occurs exactly once in the file."""
-    new: str
-    """Text in its place."""
-
-
 TESTS_OF_FOLDER = {
     # Every file but those of geometry and foot, which no mutation touches.
     "laws": (
         "tests/laws/test_mckibben.py",
+        "tests/laws/test_oil.py",
         "tests/laws/test_gas_volume.py",
         "tests/laws/test_below_atmosphere.py",
         "tests/laws/test_damper_tendon_air.py",
@@ -34,8 +20,12 @@ TESTS_OF_FOLDER = {
     "effects": (
         "tests/effects/test_tendon_laws.py",
         "tests/effects/test_viscous_laws.py",
-        "tests/effects/test_effect_sizes.py",
         "tests/effects/test_damper_effects.py",
+        "tests/effects/test_end_taper.py",
+        "tests/effects/test_seal_friction.py",
+        "tests/effects/test_threshold_pressure.py",
+        "tests/effects/test_hose.py",
+        "tests/effects/test_effect_sizes.py",
         "tests/effects/test_rubber_and_braid.py",
         "tests/effects/test_effect_laws.py",
     ),
@@ -46,288 +36,184 @@ TESTS_OF_FOLDER = {
 }
 """Tests that run for the mutations of a folder: those of the same name and no others."""
 
-_MCKIBBEN, _DAMPER, _TENDON = "laws/mckibben.py", "laws/damper.py", "laws/tendon.py"
-_VALVE, _STEP, _SUPPLY_VALVE = "laws/valve.py", "laws/pneumatic_step.py", "laws/supply_valve.py"
-_FAMILIES = "effects/families"
-_BRAID, _DAMPER_EFFECTS = f"{_FAMILIES}/muscle/braid_hysteresis.py", f"{_FAMILIES}/damper.py"
-_TENDON_EFFECTS, _AIR, _SUPPLY = f"{_FAMILIES}/tendon.py", f"{_FAMILIES}/air.py", f"{_FAMILIES}/supply.py"
 
-MUTATIONS = (
-    Mutation("bladder slope 1.9", "laws", _MCKIBBEN, "dw_dlambda = 2.0 * ratio", "dw_dlambda = 1.9 * ratio"),
-    Mutation(
-        "no friction fade",
-        "laws",
-        _MCKIBBEN,
-        "fade = min(1.0, pressure / FRICTION_FADE_PRESSURE)",
-        "fade = 1.0",
+class Mutation(NamedTuple):
+    """One wrong text in one file."""
+
+    file: str
+    """Path within the package."""
+    old: str
+    """Text that occurs exactly once in the file."""
+    new: str
+    """Text in its place."""
+    description: str = ""
+    """What is wrong; '' for a wrong factor."""
+
+    @property
+    def folder(self) -> str:
+        """Key of :data:`TESTS_OF_FOLDER`."""
+        return self.file.split("/")[0]
+
+    @property
+    def name(self) -> str:
+        """Name in the results: the file, and what is wrong in it."""
+        return f"{self.file.removesuffix('.py')}: {self.description or ' '.join(self.new.split())}"
+
+
+_MUSCLE_EFFECTS = "effects/families/muscle"
+
+WRONG_SIZES = {
+    "laws/mckibben.py": (("muscle.n_actuators * bladder_volume(muscle)\n", 0.5),),
+    "laws/damper_chamber.py": (
+        ("damper.air_volume * (ATMOSPHERIC_PRESSURE / charge)", 2.0),
+        ("area * _get_charge(damper)", 2.0),
+        ("max_w * dt\n", 0.5),
+        ("OIL_COLUMN_LENGTH / OIL_BULK_MODULUS * pressure", 2.0),
     ),
-    Mutation(
-        "gas volume + 30 cm3",
-        "laws",
-        _MCKIBBEN,
-        "return braid_volume(muscle, length) - muscle.n_actuators * bladder_volume(muscle)",
-        "return braid_volume(muscle, length) - muscle.n_actuators * bladder_volume(muscle) + 30e-6",
+    "laws/damper.py": (
+        ("8.0 * damping * cd2", 0.5),
+        ("damper.rod_area / damper.piston_area", 2.0),
     ),
-    Mutation(
-        "gas volume without the rubber",
-        "laws",
-        _MCKIBBEN,
-        "return braid_volume(muscle, length) - muscle.n_actuators * bladder_volume(muscle)",
-        "return braid_volume(muscle, length)",
+    "laws/oil.py": (
+        ("EXPANSION_COEFFICIENT * (temperature", -1.0),
+        ("(_LOG_LOG_VISCOSITIES[0] - _LOG_LOG_VISCOSITIES[1])", 0.5),
     ),
-    Mutation(
-        "gas force 2 L^2", "laws", _MCKIBBEN, "(3.0 * length * length - b * b)", "(2.0 * length * length - b * b)"
+    "laws/valve.py": (("bore / scale", 2.0), ("HOSE_FRICTION_FACTOR * length", 2.0)),
+    "laws/pneumatic_step.py": (("drawn_mass * AIR_GAS", 2.0),),
+    "effects/smoothing.py": (("rate * size) /", 2.0), ("path / max_stretch), displacement", 2.0)),
+    "effects/families/damper.py": (
+        ("p.transition_speed, d.air_volume", 2.0),
+        ("p.air_volume, d.rod_area", 2.0),
+        ("p.rod_diameter * p.rod_diameter", 2.0),
+        ("p.inverse_charge)", 0.5),
+        ("p.transition_speed * p.transition_speed * (viscosity", 2.0),
+        ("density * d.concentric_coefficient", 2.0),
+        ("density * d.eccentric_coefficient", 0.5),
     ),
-    Mutation(
-        "gas pulls below room pressure",
-        "laws",
-        _MCKIBBEN,
-        "return 0.0 if pressure < 0.0 else pressure",
-        "return pressure",
+    "effects/families/seal.py": (
+        ("p.force * smooth_sign(velocity)\n\n\ndef stribeck", 2.0),
+        ("p.stick_fraction * (", 2.0),
+        ("(state.speed / p.stribeck_speed) * (", 2.0),
+        ("p.stiffness * state.seal_displacement", -1.0),
+        ("p.force * (1.0 + p.growth * pressure)", 2.0),
+        ("p.growth * pressure)", 0.5),
     ),
-    Mutation("second invariant", "laws", _MCKIBBEN, "i2 = a * q + 1.0 / a + 1.0 / q", "i2 = a * q + 1.0 / a + q"),
-    Mutation("lock length", "laws", _MCKIBBEN, "math.sqrt(3.0)", "math.sqrt(2.9)"),
-    Mutation(
-        "orifice without -1",
-        "laws",
-        _DAMPER,
-        "(discharge_coefficient * discharge_coefficient) - 1.0)",
-        "(discharge_coefficient * discharge_coefficient))",
+    "effects/families/hose.py": (
+        ("p.length, p.inner_diameter)", 2.0),
+        ("p.inner_diameter * p.inner_diameter", 2.0),
     ),
-    Mutation(
-        "directions of the damper exchanged",
-        "laws",
-        _DAMPER,
+    "effects/families/tendon.py": (
+        ("p.loss_fraction / (2.0 - p.loss_fraction)", 0.5),
+        ("p.stiffening * stretch", 2.0),
+        ("p.slack", 2.0),
+        ("p.stiffness * (stretch - state.relaxed_stretch)", 2.0),
+    ),
+    "effects/families/air.py": (
+        ("p.conductance,\n", 2.0),
+        ("1.0 / p.inverse_volume,", 2.0),
+        ("p.fill_resistance * p.exhaust_factor", 2.0),
+        ("1.0 / max(fill_resistance, MIN_RESISTANCE)", 0.5),
+        ("p.exponent, s.leak_conductance", 0.5),
+        ("p.recovery, s.dead_volume", 2.0),
+    ),
+    "effects/families/supply.py": (("p.time_constant + dt)", 2.0), ("p.gain * command", 2.0)),
+    f"{_MUSCLE_EFFECTS}/braid_hysteresis.py": (
+        ("p.slope * pressure / p.stiffness, 0.0", 2.0),
+        ("p.gamma_over_beta, dt", 0.5),
+        ("3.0 * fraction * p.slope", 2.0),
+        ("p.stiffness / 3.0 *", 2.0),
+        ("p.stiffness * state.hysteretic_stretch", -1.0),
+        ("p.slope * pressure * smooth", 0.5),
+    ),
+    f"{_MUSCLE_EFFECTS}/end_taper.py": (
+        ("p.cone_ratio * length * growth", 0.5),
+        ("p.cone_ratio * length * growth", -1.0),
+        ("p.factor * (1.0 - length", 2.0),
+    ),
+    f"{_MUSCLE_EFFECTS}/muscle_damping.py": (("p.coefficient * velocity", 2.0),),
+    f"{_MUSCLE_EFFECTS}/bladder_relaxation.py": (("p.stiffness * (length", 2.0),),
+    f"{_MUSCLE_EFFECTS}/bladder_wall.py": (("p.share * (_thick", 0.5), ("p.share * math.tanh", 0.5)),
+    f"{_MUSCLE_EFFECTS}/braid_extensibility.py": (("p.strain * pressure * length /", 2.0),),
+    f"{_MUSCLE_EFFECTS}/threshold_pressure.py": (("p.pressure)\n\n\ndef", 2.0),),
+    "device/energy/ledger.py": (
+        ("mean(series.contact_pressure) * rate", 0.5),
+        ("series.damper_force\n", 2.0),
+    ),
+    "device/dynamics.py": (("hose_length / pneumatics", 2.0),),
+}
+"""Products that occur once in a file, each with the factor that a mutation writes before it."""
+
+WRONG_LAWS = (
+    ("bladder slope 1.9", "laws/mckibben.py", "dw_dlambda = 2.0 * ratio", "dw_dlambda = 1.9 * ratio"),
+    ("no friction fade", "laws/mckibben.py", "fade = min(1.0, pressure / FRICTION_FADE_PRESSURE)", "fade = 1.0"),
+    ("gas volume with the rubber", "laws/mckibben.py", " - muscle.n_actuators * bladder_volume(muscle)\n", "\n"),
+    ("gas force 2 L^2", "laws/mckibben.py", "(3.0 * length * length - b * b)", "(2.0 * length * length - b * b)"),
+    ("gas that pulls", "laws/mckibben.py", "return 0.0 if pressure < 0.0 else pressure", "return pressure"),
+    ("second invariant", "laws/mckibben.py", "i2 = a * q + 1.0 / a + 1.0 / q", "i2 = a * q + 1.0 / a + q"),
+    ("lock length", "laws/mckibben.py", "math.sqrt(3.0)", "math.sqrt(2.9)"),
+    ("orifice without -1", "laws/damper.py", "* discharge_coefficient) - 1.0)", "* discharge_coefficient))"),
+    (
+        "directions exchanged",
+        "laws/damper.py",
         "damper.eccentric_coefficient if velocity > 0.0 else -damper.concentric_coefficient",
         "damper.concentric_coefficient if velocity > 0.0 else -damper.eccentric_coefficient",
     ),
-    Mutation("required orifice", "laws", _DAMPER, "8.0 * damping * cd2", "4.0 * damping * cd2"),
-    Mutation(
-        "tendon energy 0.6",
-        "laws",
-        _TENDON,
-        "stored = 0.5 * tendon.stiffness_1",
-        "stored = 0.6 * tendon.stiffness_1",
-    ),
-    Mutation(
-        "second spring from slack length",
-        "laws",
-        _TENDON,
-        "tendon.stiffness_2 * (stretch - tendon.engagement_stretch)",
-        "tendon.stiffness_2 * stretch",
-    ),
-    Mutation(
-        "ISO 6358 without (1 - b)",
-        "laws",
-        _VALVE,
-        "(min(ratio, laminar_ratio) - critical_ratio) / (1.0 - critical_ratio)",
-        "(min(ratio, laminar_ratio) - critical_ratio)",
-    ),
-    Mutation(
+    ("rod without less flow", "laws/damper.py", "w, vc2 = ratio * velocity", "w, vc2 = velocity"),
+    ("rod without less area", "laws/damper.py", "return ratio * coefficient", "return coefficient"),
+    ("void that vanishes", "laws/damper_chamber.py", "compression = state.void", "compression = 0.0"),
+    ("spring energy 0.6 k x^2", "laws/tendon.py", "stored = 0.5 *", "stored = 0.6 *"),
+    ("second spring from slack", "laws/tendon.py", "(stretch - tendon.engagement_stretch)", "stretch"),
+    ("ISO 6358 without 1 - b", "laws/valve.py", " - critical_ratio) / (1.0 - critical_ratio)", " - critical_ratio)"),
+    (
         "sonic flow with T/T0",
-        "laws",
-        _VALVE,
+        "laws/valve.py",
         "math.sqrt(REFERENCE_TEMPERATURE / temperature)",
         "math.sqrt(temperature / REFERENCE_TEMPERATURE)",
     ),
-    Mutation("series of restrictions", "laws", _VALVE, "** (-1.0 / 3.0)", "** (-1.0 / 2.0)"),
-    Mutation(
-        "isothermal exhaust",
-        "laws",
-        _STEP,
-        "pressure_per_outflow=supply.polytropic_exponent * inside / mass",
-        "pressure_per_outflow=inside / mass",
-    ),
-    Mutation("enclosed air isothermal", "laws", _STEP, "math.pow(ratio, air.polytropic_exponent)", "ratio"),
-    Mutation(
-        "tank drains twice as fast",
-        "laws",
-        _STEP,
-        "- drawn_mass * AIR_GAS",
-        "- 2.0 * drawn_mass * AIR_GAS",
-    ),
-    Mutation(
-        "no downward rate limit",
-        "laws",
-        "laws/pneumatics.py",
-        "        return pressure - max_change\n",
-        "        return target\n",
-    ),
-    Mutation(
-        "check valve lets air back",
-        "laws",
-        _SUPPLY_VALVE,
+    ("series of restrictions", "laws/valve.py", "** (-1.0 / 3.0)", "** (-1.0 / 2.0)"),
+    ("isothermal exhaust", "laws/pneumatic_step.py", "=supply.polytropic_exponent * inside / mass", "=inside / mass"),
+    ("isothermal motion", "laws/pneumatic_step.py", "math.pow(ratio, air.polytropic_exponent)", "ratio"),
+    ("no downward rate limit", "laws/pneumatics.py", "  return pressure - max_change\n", "  return target\n"),
+    ("speed of sound isothermal", "laws/pneumatics.py", "HEAT_CAPACITY_RATIO * AIR_GAS_CONSTANT", "AIR_GAS_CONSTANT"),
+    (
+        "leaky check valve",
+        "laws/supply_valve.py",
         "inside, supply.temperature), 0.0",
         "inside, supply.temperature), -1.0",
     ),
-    Mutation(
-        "Hill curvature", "laws", "laws/hill.py", "return isometric * hill.b / hill.a", "return isometric * hill.b"
-    ),
-    Mutation(
-        "compressed air of the damper",
-        "laws",
-        "laws/damper_chamber.py",
-        "air = damper.air_volume * (ATMOSPHERIC_PRESSURE / charge) / area * (pressure / absolute_pressure)",
-        "air = 2.0 * damper.air_volume * (ATMOSPHERIC_PRESSURE / charge) / area * (pressure / absolute_pressure)",
-    ),
-    Mutation(
-        "Dahl reach x 2",
-        "effects",
-        _BRAID,
-        "x - state.length, p.slope * pressure / p.stiffness, 0.0, dt)",
-        "x - state.length, 2.0 * p.slope * pressure / p.stiffness, 0.0, dt)",
-    ),
-    Mutation("Maxwell slip x 2", "effects", _BRAID, "3.0 * fraction * p.slope", "6.0 * fraction * p.slope"),
-    Mutation("Maxwell slip stiffness", "effects", _BRAID, "p.stiffness / 3.0 *", "p.stiffness / 1.5 *"),
-    Mutation(
-        "Coulomb braid x 0.5", "effects", _BRAID, "p.slope * pressure * smooth", "0.5 * p.slope * pressure * smooth"
-    ),
-    Mutation(
+    ("Hill curvature", "laws/hill.py", "return isometric * hill.b / hill.a", "return isometric * hill.b"),
+    (
         "Bouc-Wen without gamma",
-        "effects",
         "effects/smoothing.py",
         "(1.0 - gamma_ratio) / ((1.0 + gamma_ratio)",
         "1.0 / (1.0",
     ),
-    Mutation(
-        "tendon loss x 0.5",
-        "effects",
-        _TENDON_EFFECTS,
-        "p.loss_fraction / (2.0 - p.loss_fraction)",
-        "0.5 * p.loss_fraction / (2.0 - p.loss_fraction)",
-    ),
-    Mutation(
-        "tendon loss as half width",
-        "effects",
-        _TENDON_EFFECTS,
-        "p.loss_fraction / (2.0 - p.loss_fraction)",
-        "p.loss_fraction",
-    ),
-    Mutation(
-        "tendon stiffening x 2", "effects", _TENDON_EFFECTS, "p.stiffening * stretch", "2.0 * p.stiffening * stretch"
-    ),
-    Mutation("tendon slack x 2", "effects", _TENDON_EFFECTS, "stretch - p.slack", "stretch - 2.0 * p.slack"),
-    Mutation(
-        "tendon relaxation x 2",
-        "effects",
-        _TENDON_EFFECTS,
-        "p.stiffness * (stretch - state.relaxed_stretch)",
-        "2.0 * p.stiffness * (stretch - state.relaxed_stretch)",
-    ),
-    Mutation(
+    ("slider on one side", "effects/smoothing.py", ", position + max_distance)", ", position)"),
+    ("loss as half width", "effects/families/tendon.py", "_fraction / (2.0 - p.loss_fraction)", "_fraction"),
+    (
         "Cd for Cd^2",
-        "effects",
-        _DAMPER_EFFECTS,
+        "effects/families/damper.py",
         "p.discharge_coefficient * p.discharge_coefficient",
         "p.discharge_coefficient",
     ),
-    Mutation(
-        "trapped air x 2", "effects", _DAMPER_EFFECTS, "d.transition_speed, p.air", "d.transition_speed, 2 * p.air"
-    ),
-    Mutation(
-        "laminar speed x 2",
-        "effects",
-        _DAMPER_EFFECTS,
-        "*coefficients, p.transition",
-        "*coefficients, 2 * p.transition",
-    ),
-    Mutation("rod as a square", "effects", _DAMPER_EFFECTS, "0.25 * math.pi * p.rod", "p.rod"),
-    Mutation("charge x 2", "effects", _DAMPER_EFFECTS, "d.rod_area, p.inverse", "d.rod_area, 0.5 * p.inverse"),
-    Mutation(
-        "muscle damping x 2",
-        "effects",
-        f"{_FAMILIES}/muscle/muscle_damping.py",
-        "p.coefficient * velocity",
-        "2.0 * p.coefficient * velocity",
-    ),
-    Mutation(
-        "bladder relaxation x 2",
-        "effects",
-        f"{_FAMILIES}/muscle/bladder_relaxation.py",
-        "p.stiffness * (length",
-        "2.0 * p.stiffness * (length",
-    ),
-    Mutation(
-        "thick wall x 0.5",
-        "effects",
-        f"{_FAMILIES}/muscle/bladder_wall.py",
-        "p.share * (_thick",
-        "0.5 * p.share * (_thick",
-    ),
-    Mutation(
-        "softening x 0.5",
-        "effects",
-        f"{_FAMILIES}/muscle/bladder_wall.py",
-        "p.share * math.tanh",
-        "0.5 * p.share * math.tanh",
-    ),
-    Mutation(
-        "braid strain x 2",
-        "effects",
-        f"{_FAMILIES}/muscle/braid_extensibility.py",
-        "p.strain * pressure * length /",
-        "2.0 * p.strain * pressure * length /",
-    ),
-    Mutation(
-        "threshold pressure x 2",
-        "effects",
-        f"{_FAMILIES}/muscle/threshold_pressure.py",
-        "return max(0.0, pressure - p.pressure)",
-        "return max(0.0, pressure - 2.0 * p.pressure)",
-    ),
-    Mutation("leak x 2", "effects", _AIR, "        p.conductance,\n", "        2.0 * p.conductance,\n"),
-    Mutation("tank x 2", "effects", _AIR, "1.0 / p.inverse_volume,", "2.0 / p.inverse_volume,"),
-    Mutation(
-        "valve resistance x 2",
-        "effects",
-        _AIR,
-        "1.0 / max(fill_resistance, MIN_RESISTANCE)",
-        "0.5 / max(fill_resistance, MIN_RESISTANCE)",
-    ),
-    Mutation(
-        "pressure lag x 2",
-        "effects",
-        _SUPPLY,
-        "dt / (p.time_constant + dt)",
-        "dt / (2.0 * p.time_constant + dt)",
-    ),
-    Mutation(
-        "regulator gain squared", "effects", _SUPPLY, "return p.gain * command", "return p.gain * p.gain * command"
-    ),
-    Mutation(
-        "ledger without the stop",
-        "device",
-        "device/energy/outputs.py",
-        "        return max(imbalance, 0.0)",
-        "        return 0.0",
-    ),
-    Mutation(
-        "stop that pulls",
-        "device",
-        "device/energy/outputs.py",
-        "        return min(imbalance, 0.0)",
-        "        return imbalance",
-    ),
-    Mutation(
-        "work of the gas from half the pressure",
-        "device",
-        "device/energy/ledger.py",
-        "mean(series.contact_pressure) * rate",
-        "0.5 * mean(series.contact_pressure) * rate",
-    ),
-    Mutation(
-        "damper twice in the ledger",
-        "device",
-        "device/energy/ledger.py",
-        "        + series.damper_force\n",
-        "        + 2.0 * series.damper_force\n",
-    ),
-    Mutation(
+    ("viscosity not squared", "effects/families/damper.py", "viscosity * viscosity - 1.0", "viscosity - 1.0"),
+    ("no limit at the stop", "device/energy/outputs.py", "return max(imbalance, 0.0)", "return 0.0"),
+    ("stop that pulls", "device/energy/outputs.py", "return min(imbalance, 0.0)", "return imbalance"),
+    (
         "flow at the start of the step",
-        "device",
         "device/dynamics.py",
         "_predict_motion(parameters, state, unit_length, dt), command",
         "state, command",
     ),
 )
-"""All mutations: those of a referee's review first within each folder, then the size of every effect."""
+"""Other mutations: description, file, text and the text in its place."""
+
+MUTATIONS = (
+    *(
+        Mutation(file, product, f"{factor} * {product}")
+        for file, products in WRONG_SIZES.items()
+        for product, factor in products
+    ),
+    *(Mutation(file, old, new, description) for description, file, old, new in WRONG_LAWS),
+)
+"""All mutations."""

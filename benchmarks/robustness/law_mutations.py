@@ -1,6 +1,6 @@
 """Mutate the laws, the effects and the ledger one by one: the tests of their own folder must notice each mutation.
 
-    python -m benchmarks.robustness.law_mutations                 # all, some minutes
+    python -m benchmarks.robustness.law_mutations                 # all, about half an hour on one core
     python -m benchmarks.robustness.law_mutations --only tendon   # those whose name contains the word
     python -m benchmarks.robustness.law_mutations --list
 
@@ -23,6 +23,7 @@ from typing import NamedTuple
 from benchmarks.robustness.law_mutation_table import MUTATIONS, TESTS_OF_FOLDER, Mutation
 
 ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = Path("src", "klute_sim")
 TIME_LIMIT_S = 1200
 """Time limit of the tests of one mutation [s]; a mutation that never ends counts as killed."""
 PYTHON_ONLY_PLUGIN = '''"""Run every backend as plain Python, so that no mutation is compiled."""
@@ -43,13 +44,12 @@ class MutationResult(NamedTuple):
     seconds: float
 
 
-def apply_mutation(source: Path, mutation: Mutation) -> None:
-    """Replace the text of ``mutation`` in the package ``source``; exits where it does not occur exactly once."""
-    path = source / mutation.file
-    text = path.read_text("utf-8")
+def mutate_text(package: Path, mutation: Mutation) -> str:
+    """Return the mutated file of ``package``; exits where the text to replace does not occur exactly once."""
+    text = (package / mutation.file).read_text("utf-8")
     if text.count(mutation.old) != 1:
-        sys.exit(f"{mutation.name}: {mutation.old!r} occurs {text.count(mutation.old)} times in {mutation.file}, not 1")
-    path.write_text(text.replace(mutation.old, mutation.new), "utf-8")
+        sys.exit(f"{mutation.name}: {mutation.old!r} occurs {text.count(mutation.old)} times, not 1")
+    return text.replace(mutation.old, mutation.new)
 
 
 def run_tests(folder: str, mutation: Mutation | None) -> tuple[str, float]:
@@ -60,7 +60,7 @@ def run_tests(folder: str, mutation: Mutation | None) -> tuple[str, float]:
         shutil.copytree(ROOT / "src", source, ignore=shutil.ignore_patterns("__pycache__"))
         (source / "python_only.py").write_text(PYTHON_ONLY_PLUGIN, "utf-8")
         if mutation is not None:
-            apply_mutation(source / "klute_sim", mutation)
+            (source / "klute_sim" / mutation.file).write_text(mutate_text(ROOT / PACKAGE, mutation), "utf-8")
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", "-p", "python_only"]
         # Without compilation there are no two backends to compare.
         command += ["-k", "not bit_identical", "--no-header", "-rfE", "--tb=no", *TESTS_OF_FOLDER[folder]]
@@ -95,11 +95,9 @@ def main() -> int:
     if not chosen:
         sys.exit(f"no mutation contains {arguments.only!r}; see --list")
     for mutation in MUTATIONS:
-        text = (ROOT / "src" / "klute_sim" / mutation.file).read_text("utf-8")
-        if text.count(mutation.old) != 1:
-            sys.exit(f"{mutation.name}: {mutation.old!r} occurs {text.count(mutation.old)} times in {mutation.file}")
+        mutate_text(ROOT / PACKAGE, mutation)
     if arguments.list:
-        print("\n".join(f"{m.folder:8}{m.name}: {m.file}: {m.old!r} -> {m.new!r}" for m in chosen))
+        print("\n".join(f"{m.name}: {m.old!r} -> {m.new!r}" for m in chosen))
         return 0
     with ThreadPoolExecutor(arguments.jobs) as pool:
         folders = sorted({mutation.folder for mutation in chosen})

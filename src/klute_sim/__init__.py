@@ -16,6 +16,7 @@ from klute_sim.envs.registration import register_environments as _register
 __version__ = "0.1.0"
 
 _MODULES = {
+    "klute_sim.api.assessment": ("Assessment", "assess"),
     "klute_sim.api.baselines": ("BaselineTable", "simulate_baselines"),
     "klute_sim.api.bench": ("BenchRun", "simulate_bench"),
     "klute_sim.api.comparison": ("ComparisonResult", "compare"),

@@ -6,15 +6,17 @@ from pathlib import Path
 
 import pytest
 
+from klute_sim.api.baselines import select_baselines
 from klute_sim.baselines.library import load_baselines
 from klute_sim.baselines.table import (
-    CONDITIONS,
     FAST_SPEED_RATIO,
     SLOW_SPEED_RATIO,
     WalkingCondition,
     compute_strides_per_tank,
+    create_conditions,
     plan_runs,
 )
+from klute_sim.cli.common import pair_devices_with_controllers
 from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import DEFAULT_DEVICE, load_device
 from klute_sim.errors import InputError
@@ -22,10 +24,12 @@ from klute_sim.gait.metrics import compute_gait_metrics
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
 from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
+from klute_sim.gait.subject import Subject
 from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT
 from klute_sim.parameter_sweep.evaluate import evaluate_case
 from klute_sim.parameter_sweep.store import RESULTS_FOLDER
 from tests.command_line import run
+from tests.gait.reference_files import write_reference_folder
 
 QUICK = ("--strides", "2", "--step", "1")
 
@@ -45,9 +49,9 @@ def test_every_baseline_has_a_description_and_an_origin() -> None:
 
 def test_conditions_are_ratios_of_the_reference_speed_and_slopes() -> None:
     (hand,) = load_baselines(("hand-tuned",))
-    runs = plan_runs([hand], 75.0, 2, 1e-3)
-    assert [planned.condition for planned in runs] == list(CONDITIONS)
-    level, slower, faster, down, up = (planned.case for planned in runs)
+    runs = plan_runs([hand], Subject(), 2, 1e-3)
+    assert [planned.condition for planned in runs] == list(create_conditions())
+    level, slower, faster, down, up = (planned.case.subject for planned in runs)
     assert level.speed is None
     assert level.slope_deg == 0.0
     assert slower.speed is not None
@@ -62,7 +66,7 @@ def test_conditions_are_ratios_of_the_reference_speed_and_slopes() -> None:
 
 def test_baseline_equals_a_gait_run_of_its_device_and_controller() -> None:
     (hand,) = load_baselines(("hand-tuned",))
-    (planned,) = plan_runs([hand], 75.0, 2, 1e-3, [WalkingCondition("level")])
+    (planned,) = plan_runs([hand], Subject(), 2, 1e-3, [WalkingCondition("level")])
     metrics = evaluate_case(planned.case).metrics
     direct = compute_gait_metrics(
         simulate_gait(load_device(DEFAULT_DEVICE), load_default_profile(), GaitOptions(strides=2, dt=1e-3))
@@ -116,7 +120,7 @@ def test_command_writes_the_table_and_can_be_resumed(tmp_path: Path) -> None:
     done = run("baselines", *arguments, "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = json.loads(done.stdout)["rows"]
-    assert len(rows) == 2 * len(CONDITIONS)
+    assert len(rows) == 2 * len(create_conditions())
     level = {row["baseline"]: row for row in rows if row["condition"] == "level"}
     assert level["machine"]["ankle_work_net [J/kg]"] > 0.1
     assert level["spring-foot-6"]["ankle_work_net [J/kg]"] < 0.0
@@ -134,9 +138,62 @@ def test_command_writes_the_table_and_can_be_resumed(tmp_path: Path) -> None:
     assert sorted((tmp_path / "b" / RESULTS_FOLDER).iterdir()) == files
 
 
+def test_own_controllers_of_an_imported_subject_stand_beside_the_baselines(tmp_path: Path) -> None:
+    write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66)
+    load_device(DEFAULT_DEVICE).with_changes({"tendon.stiffness_1_n_per_mm": 90.0}).save(tmp_path / "my.toml")
+    arguments = ("--reference", "me", "--only", "spring-foot-6", "--device", "my.toml", "--controller", "constant:2")
+    arguments = (
+        *arguments,
+        "--controller",
+        "profile",
+        "--slope",
+        "3",
+        "--strides",
+        "1",
+        "--step",
+        "1",
+        "--jobs",
+        "1",
+        "--out",
+        "b",
+    )
+    done = run("baselines", *arguments, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    output = json.loads(done.stdout)
+    names = ["spring-foot-6", "my.toml, constant:2", "my.toml, profile"]
+    assert list(dict.fromkeys(row["baseline"] for row in output["rows"])) == names
+    assert sorted({row["slope [deg]"] for row in output["rows"]}) == [-3.0, 0.0, 3.0]
+    assert (output["subject"]["mass_kg"], output["subject"]["stature_m"]) == (62.0, 1.66)
+    refused = run("baselines", *arguments, "--mass", "70", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "output folder b holds another baselines (other mass, cases)" in refused.stderr
+
+
+def test_own_alone_simulates_no_shipped_baseline() -> None:
+    selected = select_baselines(["own"], [(DEFAULT_DEVICE, "off"), (load_device(DEFAULT_DEVICE), "profile")])
+    assert [baseline.name for baseline in selected] == [f"{DEFAULT_DEVICE}, off", f"{DEFAULT_DEVICE}, profile"]
+    assert [baseline.name for baseline in select_baselines(["own", "off"], [(DEFAULT_DEVICE, "machine")])] == [
+        "off",
+        f"{DEFAULT_DEVICE}, machine",
+    ]
+
+
+def test_devices_and_controllers_are_paired_in_order() -> None:
+    assert pair_devices_with_controllers((), ()) == []
+    assert pair_devices_with_controllers(("a", "b"), ("x", "y")) == [("a", "x"), ("b", "y")]
+    assert pair_devices_with_controllers(("a",), ("x", "y")) == [("a", "x"), ("a", "y")]
+    assert pair_devices_with_controllers(("a", "b"), ()) == [("a", "profile"), ("b", "profile")]
+    assert pair_devices_with_controllers((), ("x",)) == [(DEFAULT_DEVICE, "x")]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["--only", "own"], "only 'own' is selected, but there is none"),
+        (["--device", "a", "--device", "b", *(3 * ["--controller", "x"])], "allowed: equal numbers, or one of them"),
+        (["--slope", "0"], "slope is 0; allowed: above 0, up to 10 degrees"),
+        (["--reference", "nobody"], "reference nobody cannot be read"),
+        (["--controller", "constant:9"], "the controller commands 9 bar"),
         (["--only", "x"], "there is no baseline 'x'"),
         (["--mass", "7"], "mass is 7; allowed: 20 to 250 kg"),
         (["--step", "0"], "step is 0; allowed: 0.01 to 1 ms"),

@@ -11,6 +11,7 @@ import pytest
 from klute_sim.device.device import load_device
 from klute_sim.sizing.parts.actuator import MIN_TESTED_SLENDERNESS
 from tests.command_line import run
+from tests.gait.reference_files import write_reference, write_reference_folder
 
 REFERENCE_PEAK = 1.43
 """Peak ankle moment of the reference [N m/kg]."""
@@ -65,6 +66,28 @@ def test_designed_prosthesis_completes_gait_run(
     metrics = json.loads(completed.stdout)
     assert metrics["ankle_moment_peak_nm_per_kg"] >= 0.9 * REFERENCE_PEAK
     assert not metrics["touches_in_swing"]
+
+
+def test_imported_subject_determines_mass_and_demand(tmp_path: Path) -> None:
+    write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66, load_ratio=1.1)
+    completed = run("design", "--reference", "me", "--speed", "1.5", "--json", "--out", "o", cwd=tmp_path)
+    assert completed.returncode == 0, completed.stderr
+    summary = json.loads(completed.stdout)
+    assert summary["target"]["mass_kg"] == 62.0
+    assert summary["target"]["peak_moment_nm"] == pytest.approx(62.0 * 1.1 * REFERENCE_PEAK, rel=0.01)
+    assert summary["subject"]["stature_m"] == 1.66
+    assert any("at 1.5 m/s, the ankle moment" in remark for remark in summary["remarks"])
+    assert summary["gait"].endswith("--reference me --speed 1.5")
+    slower = run("design", "--reference", "me", "--speed", "0.8", "--json", "--out", "p", cwd=tmp_path)
+    velocities = [s["demand"]["max_shortening_velocity_mm_per_s"] for s in (summary, json.loads(slower.stdout))]
+    assert velocities[0] > 1.5 * velocities[1]
+
+
+def test_reference_without_a_body_mass_requires_one(tmp_path: Path) -> None:
+    write_reference(tmp_path / "bare.csv")
+    completed = run("design", "--reference", "bare.csv", cwd=tmp_path)
+    assert completed.returncode == 2
+    assert completed.stderr == "klute-sim: reference bare.csv states no body mass: give mass\n"
 
 
 def test_tables_report_selection_violations_and_assumptions(tmp_path: Path) -> None:
@@ -169,12 +192,13 @@ def test_reference_without_moment_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "no target: give mass, muscle or isometric_force"),
+        ([], "no target: give mass, reference, muscle or isometric_force"),
         (["--mass", "nan"], "mass is nan; allowed: 20 to 250 kg"),
         (["--mass", "75", "--f0", "100"], "isometric_force and mass exclude each other"),
         (["--mass", "75", "--muscle", "cat"], "muscle and mass exclude each other"),
-        (["--f0", "100", "--reference", "x.csv"], "reference requires mass"),
-        (["--muscle", "bobbert_1986", "--moment-arm", "40"], "moment_arm requires mass"),
+        (["--f0", "100", "--reference", "x.csv"], "isometric_force and reference exclude each other"),
+        (["--f0", "100", "--stature", "1.8"], "stature requires mass or reference"),
+        (["--muscle", "bobbert_1986", "--moment-arm", "40"], "moment_arm requires mass or reference"),
         (["--mass", "75", "--reference", "x.csv"], "reference x.csv cannot be read"),
         (["--muscle", "dog"], "Table 2.4 has no muscle 'dog'"),
         (["--mass", "75", "--actuator", "big"], "unknown actuator 'big'; allowed: klute-1-1-4"),

@@ -20,6 +20,7 @@ from klute_sim.gait.rig.rig import simulate_gait
 from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.parameter_sweep.store import RESULTS_FOLDER
 from tests.command_line import run
+from tests.gait.reference_files import write_reference_folder
 
 ARGUMENTS = (
     *("--device", "klute-3-4", "--device", "klute-1-1-4-pair"),
@@ -132,6 +133,34 @@ def test_changed_reference_file_is_another_sweep(tmp_path: Path) -> None:
     assert "output folder s holds another sweep (other references)" in done.stderr
 
 
+def test_several_subjects_have_a_row_each_with_their_own_numbers(tmp_path: Path) -> None:
+    (tmp_path / "subjects").mkdir()
+    bodies = {"anna": (58.0, 1.62), "ben": (81.0, 1.84), "cleo": (70.0, 1.71)}
+    for number, (name, (mass, stature)) in enumerate(bodies.items()):
+        folder, stride_time = tmp_path / "subjects" / name, 1.05 + 0.05 * number
+        write_reference_folder(folder, mass=mass, stature=stature, stride_time=stride_time)
+    inputs = ("sweep", "--reference", "subjects/*", "--controller", "profile", "--controller", "off")
+    done = run(*inputs, "--strides", "1", "--step", "1", "--jobs", "1", "--out", "s", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)["rows"]
+    columns = ("reference", "mass [kg]", "stature [m]", "reference_stride_time [s]")
+    expected = [
+        (f"subjects{os.sep}{name}", *bodies[name], pytest.approx(1.05 + 0.05 * number))
+        for number, name in enumerate(bodies)
+    ]
+    assert [tuple(row[column] for column in columns) for row in rows] == 2 * expected
+    for row in rows:
+        assert row["failure"] is None
+        assert row["trips"] in (True, False)
+        assert row["load_not_tracked"] == (row["grf_vertical_tracking_rms [1]"] > 0.15)
+    assert any(row["load_not_tracked"] for row in rows)  # without pressure nothing carries the second hump
+    shown = run(*inputs, "--strides", "1", "--step", "1", "--jobs", "1", "--out", "s", cwd=tmp_path, COLUMNS="220")
+    assert "not tracked" in shown.stdout
+    assert "6 cases the ankle does not carry the load of the reference" in shown.stdout
+    other = run(*inputs, "--stride-time", "1.2", "--strides", "1", "--step", "1", "--out", "s", cwd=tmp_path)
+    assert "output folder s holds another sweep (other stride)" in other.stderr
+
+
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 def test_ctrl_c_keeps_finished_cases_and_names_the_folder(tmp_path: Path) -> None:
     code = (
@@ -166,6 +195,8 @@ def test_ctrl_c_keeps_finished_cases_and_names_the_folder(tmp_path: Path) -> Non
         (["--controller", "constant:x"], "needs a pressure in bar"),
         (["--mass", "60,-75"], "mass is -75; allowed: 20 to 250 kg"),
         (["--stature", "3"], "stature is 3; allowed: 1"),
+        (["--reference", "subjects/*"], "reference subjects/* matches no file or folder"),
+        (["--stride-time", "1"], "a stride time requires a reference file"),
         (["--reference", "nobody"], "reference nobody cannot be read: No such file or directory"),
         (["--spring-foot", "x"], "'x' is not a number"),
         (["--mass", "60,,75"], "'' is not a number"),

@@ -10,6 +10,7 @@ from klute_sim.device.device import load_device
 from klute_sim.parameter_sweep.store import RESULTS_FOLDER
 from klute_sim.viewer.layouts.tuning import EVALUATIONS_FILE
 from tests.command_line import run
+from tests.gait.reference_files import write_reference_folder
 
 pytest.importorskip("cma")
 
@@ -46,9 +47,37 @@ def test_few_evaluations_reduce_the_objective_and_the_search_can_be_resumed(tmp_
     assert "peak plantarflexion [deg]" in resumed.stdout
 
 
+def test_search_for_an_imported_subject_uses_its_numbers_and_refuses_another_subject(tmp_path: Path) -> None:
+    write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66, load_ratio=1.05)
+    arguments = ("tune", "--reference", "me", "--budget", "1", "--jobs", "1", "--out", "t")
+    done = run(*arguments, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    output = json.loads(done.stdout)
+    assert output["subject"]["reference"]["name"] == "me"
+    assert (output["subject"]["mass_kg"], output["subject"]["stature_m"]) == (62.0, 1.66)
+    assert len(output["assumptions"]) == 1
+    assert "the reference states none" in output["assumptions"][0]
+    rows = {row["name"]: row for row in output["table"]}
+    assert rows["moment to human, stance rms [sd]"]["tuned"] > 0.0
+    assert rows["peak net power [W/kg]"]["human"] == pytest.approx(1.05 * 3.29, abs=0.02)
+    for options, names in (
+        (["--mass", "70"], "other mass"),
+        (["--stature", "1.7"], "other stature"),
+        (["--speed", "1.1"], "other speed"),
+        (["--slope", "2"], "other slope"),
+        (["--stride-time", "1.2"], "other reference"),
+    ):
+        refused = run(*arguments, *options, cwd=tmp_path)
+        assert refused.returncode == 2
+        assert f"output folder t holds another tune ({names})" in refused.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["--reference", "nobody"], "reference nobody cannot be read"),
+        (["--stride-time", "1"], "a stride time requires a reference file"),
+        (["--height", "1.8"], "there is no option --height"),
         (["--weight", "air"], "--weight is 'air'; allowed: a term and a number, such as air=0.5"),
         (["--weight", "oil=1"], "the objective has no term 'oil' to weight"),
         (["--also", "damper.colour"], "has no number 'damper.colour'"),

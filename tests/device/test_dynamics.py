@@ -14,6 +14,7 @@ from klute_sim.device.device import load_device
 from klute_sim.device.dynamics import DeviceParameters, DeviceState
 from klute_sim.device.energy.ledger import POWER_TERMS, EnergyBalance, EnergyRecorder
 from klute_sim.device.energy.outputs import compute_stop_force
+from klute_sim.effects import catalogue
 from klute_sim.laws import mckibben, pneumatic_step
 from klute_sim.laws import tendon as tendon_law
 
@@ -290,3 +291,15 @@ def test_gas_below_room_pressure_does_no_work_on_the_braid() -> None:
     for k, length in enumerate((0.23, 0.24)):
         recorder.record_sample(k, DeviceState(-2e4, length), 0.36, 0.0)
     assert not recorder.to_energy_balance(5e-4).gas_power.any()
+
+
+def test_dead_time_is_that_of_the_valve_and_of_sound_in_the_hose() -> None:
+    """Sound travels 343.2 m/s in air of 20 degrees Celsius (tables)."""
+    sections = {
+        ("pressure_delay", "dead_time"): {"delay_s": 0.03},
+        ("hose", "tube"): {"length_m": 6.864, "inner_diameter_mm": 4.0},
+    }
+    for keys, dead_time in (((0,), 0.03), ((1,), 0.02), ((0, 1), 0.05)):
+        chosen = {key: sections[key] for key in (list(sections)[k] for k in keys)}
+        device = ANKLE._replace(effects=catalogue.pack_effects(chosen))
+        assert dynamics.get_dead_time(device) == pytest.approx(dead_time, rel=1e-3)

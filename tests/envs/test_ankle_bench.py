@@ -81,7 +81,7 @@ def test_episode_equals_tester_simulation(device: str) -> None:
     assert work == pytest.approx(float(-np.trapezoid(recording["force"], 1e-3 * recording["length"])), abs=0.2)
     air = sum(info["air_g"] for info in infos)
     air_drawn = 1e3 * np.maximum(np.diff(recording["air_mass"]), 0.0).sum()
-    assert air == pytest.approx(air_drawn, rel=0.05)
+    assert air == pytest.approx(air_drawn, rel=0.01)  # the recording has no sample before its first step
 
 
 def test_force_task_rewards_target_force() -> None:

@@ -184,11 +184,15 @@ def test_sampled_device_is_reset_in_next_episode() -> None:
     [
         (
             {"weight": 0.1},
-            "domain_randomization has no 'weight'; allowed: mass_fraction, speed_m_per_s, slope_deg, device, effects",
+            "domain_randomization has no 'weight'; allowed: mass_fraction, speed_m_per_s, speed_fraction, slope_deg",
         ),
         ({"mass_fraction": 0.6}, "domain_randomization has mass_fraction = 0.6; allowed: a fraction from 0 to 0.5"),
         ({"mass_fraction": np.nan}, "mass_fraction = nan"),
         ({"speed_m_per_s": (1.4, 1.0)}, r"speed_m_per_s = \(1.4, 1\); allowed: two finite numbers, lower limit first"),
+        (
+            {"speed_m_per_s": (1.0, 1.4), "speed_fraction": (0.8, 1.25)},
+            "speed_m_per_s and speed_fraction, which exclude each other",
+        ),
         ({"speed_m_per_s": 1.0}, "speed_m_per_s = 1.0; allowed: two numbers, lower limit first"),
         ({"speed_m_per_s": (1.0, 5.0)}, "speed is 5; allowed: 0.4 to 2.5 m/s"),
         ({"slope_deg": (-20.0, 0.0)}, "slope is -20"),
@@ -215,3 +219,12 @@ def test_ranges_are_a_mapping_or_an_object() -> None:
         for ranges in (ALL_RANGES, RandomizationRanges(**ALL_RANGES))
     ]
     assert sampled_values[0] == sampled_values[1]
+
+
+def test_range_of_speed_fractions_follows_the_subject() -> None:
+    options = {"strides": 1, "time_step": 1e-3, "domain_randomization": {"speed_fraction": (0.8, 1.25)}}
+    for speed, expected in ((1.0, (0.8, 1.25)), (2.2, (1.76, 2.5))):  # 2.75 m/s is beyond the rig
+        env = AnkleGaitEnv(speed=speed, **options)  # type: ignore[arg-type]
+        grid = env._task.randomizer._option_grids["speed_m_per_s"]
+        assert (grid[0], grid[-1]) == pytest.approx(expected, rel=1e-2)  # a stride has a whole number of intervals
+        assert grid[0] <= env.reset(seed=1)[1]["speed_m_per_s"] <= grid[-1]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from klute_sim.laws import valve
-from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT, ATMOSPHERIC_PRESSURE
+from klute_sim.laws.pneumatics import AIR_GAS_CONSTANT, ATMOSPHERIC_PRESSURE, speed_of_sound
 from klute_sim.laws.valve import Restriction
 
 VALVE = Restriction(1e-8, 0.4)  # 1 dm3/(s bar)
@@ -110,3 +110,20 @@ def test_tube_and_series_restrictions() -> None:
     assert both == pytest.approx((0.96150e-8, 1.0 - 0.92448 * 0.8), rel=1e-4)
     wide = valve.combine_in_series(Restriction(1e-8, 0.4), Restriction(1e-4, 0.1))
     assert wide == pytest.approx((1e-8, 0.4), rel=1e-6)
+
+
+@pytest.mark.parametrize(("temperature", "speed"), [(273.15, 331.3), (293.15, 343.2), (313.15, 354.7)])
+def test_speed_of_sound_is_that_of_tables(temperature: float, speed: float) -> None:
+    assert speed_of_sound(temperature) == pytest.approx(speed, rel=1e-3)
+
+
+@given(PRESSURES, st.floats(0.0, 0.99), st.floats(0.1, 20.0), st.floats(1e-3, 0.02), st.floats(250.0, 330.0))
+def test_hose_passes_the_flow_of_an_isothermal_pipe(
+    pressure: float, ratio: float, length: float, diameter: float, temperature: float
+) -> None:
+    """``G^2 f L/(2 d) = int rho dp = (p1^2 - p2^2)/(2 R T)``, with the flow per area G and f = 0.02 after Darcy."""
+    downstream = max(ratio * pressure, 1.0)
+    area = math.pi * (diameter / 2.0) ** 2
+    flow = valve.mass_flow(valve.hose_restriction(length, diameter), pressure, downstream, temperature)
+    loss = (flow / area) ** 2 * 0.02 * length / diameter
+    assert loss == pytest.approx((pressure**2 - downstream**2) / (287.05 * temperature), rel=1e-3)

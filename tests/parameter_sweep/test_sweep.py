@@ -56,7 +56,10 @@ def test_cases_come_in_the_given_order_with_the_last_list_varying_fastest() -> N
         slopes_deg=(3.0, -3.0),
         masses=(75.0, 60.0),
     )
-    inputs = [(c.device_name, c.controller_name, c.speed, c.slope_deg, c.mass) for c in plan.iter_cases()]
+    inputs = [
+        (c.device_name, c.controller_name, c.subject.speed, c.subject.slope_deg, c.subject.mass)
+        for c in plan.iter_cases()
+    ]
     assert len(inputs) == 32
     assert inputs[:5] == [
         ("b", "off", 1.2, 3.0, 75.0),
@@ -71,8 +74,11 @@ def test_cases_come_in_the_given_order_with_the_last_list_varying_fastest() -> N
 
 def test_references_provide_mass_and_stature_unless_the_plan_does() -> None:
     tall = replace(load_default_reference(), mass=90.0, stature=1.9)
-    plan = make_plan(references={"tall": tall, "able-bodied": None, "csv": load_default_reference()}, masses=(None,))
-    assert [(c.reference_name, c.mass, c.stature) for c in plan.iter_cases()] == [
+    plan = make_plan(
+        references={"tall": tall, "able-bodied": load_default_reference(), "csv": load_default_reference()},
+        masses=(None,),
+    )
+    assert [(c.reference_name, c.subject.mass, c.subject.stature) for c in plan.iter_cases()] == [
         ("tall", 90.0, 1.9),
         ("able-bodied", 75.0, 1.75),
         ("csv", 75.0, 1.75),
@@ -81,7 +87,7 @@ def test_references_provide_mass_and_stature_unless_the_plan_does() -> None:
     assert first is tall
     assert second.digest == third.digest == load_default_reference().digest
     explicit = make_plan(references={"tall": tall}, masses=(60.0,), statures=(1.6, None))
-    assert [(c.mass, c.stature) for c in explicit.iter_cases()] == [(60.0, 1.6), (60.0, 1.9)]
+    assert [(c.subject.mass, c.subject.stature) for c in explicit.iter_cases()] == [(60.0, 1.6), (60.0, 1.9)]
     assert explicit.describe()["references"]["tall"]["mass_kg"] == 90.0
     with pytest.raises(InputError, match="stature is 3; allowed"):
         make_plan(statures=(3.0,))
@@ -102,10 +108,10 @@ def test_resumed_sweep_evaluates_only_missing_and_damaged_results(tmp_path: Path
     plan = make_plan()
     first, fractions = InProcessRunner(), list[float]()
     rows, n_resumed = run_sweep(plan, open_plan_store(tmp_path / "s", plan), first, fractions.append)
-    assert [c.mass for c in first.cases] == [60.0, 75.0]
+    assert [c.subject.mass for c in first.cases] == [60.0, 75.0]
     assert (n_resumed, fractions) == (0, [0.0, 0.5, 1.0])
     assert all(row["failure"] is None for row in rows)
-    files = {c.mass: tmp_path / "s" / RESULTS_FOLDER / f"{c.key}.json" for c in first.cases}
+    files = {c.subject.mass: tmp_path / "s" / RESULTS_FOLDER / f"{c.key}.json" for c in first.cases}
     marked = json.loads(files[60.0].read_text())
     marked["metrics"][POWER] = 123.0
     files[60.0].write_text(json.dumps(marked))
@@ -113,7 +119,7 @@ def test_resumed_sweep_evaluates_only_missing_and_damaged_results(tmp_path: Path
 
     second, fractions = InProcessRunner(), []
     resumed_rows, n_resumed = run_sweep(plan, open_plan_store(tmp_path / "s", plan), second, fractions.append)
-    assert [c.mass for c in second.cases] == [75.0]
+    assert [c.subject.mass for c in second.cases] == [75.0]
     assert (n_resumed, fractions) == (1, [0.5, 1.0])
     assert [row[POWER] for row in resumed_rows] == [123.0, rows[1][POWER]]
     third = InProcessRunner()
@@ -144,7 +150,7 @@ def test_full_disk_keeps_finished_cases(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.undo()
     runner = InProcessRunner()
     assert run_sweep(plan, open_plan_store(tmp_path / "s", plan), runner)[1] == 1
-    assert [c.mass for c in runner.cases] == [75.0]
+    assert [c.subject.mass for c in runner.cases] == [75.0]
 
 
 def test_sweep_killed_before_its_plan_was_stored_starts_again(tmp_path: Path) -> None:

@@ -17,9 +17,11 @@ import pytest
 
 from klute_sim.controllers.policy import load_policy
 from klute_sim.errors import InputError
+from klute_sim.gait.reference import load_reference
 from klute_sim.training import config, training
 from klute_sim.training.evaluate import compare_with_profile, run_episodes
 from tests.command_line import run
+from tests.gait.reference_files import write_reference_folder
 
 SMALL_CONFIG = b"""
 algorithm = "ppo"
@@ -67,6 +69,26 @@ def test_invalid_configuration_is_refused(text: bytes, message: str) -> None:
         config.parse_config(text, "own.toml")
 
 
+def test_subject_replaces_that_of_the_configuration_and_keeps_its_digest(tmp_path: Path) -> None:
+    folder = write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66)
+    assert config.load_subject_config(None, {}) == config.load_config(None)
+    subject = {"reference": str(folder), "mass": 70.0}
+    configuration, content = config.load_subject_config(None, subject)
+    assert configuration.environment["mass"] == 70.0
+    assert configuration.environment["reference"] == str(folder.absolute())
+    assert configuration.environment["domain_randomization"]["speed_fraction"] == [0.8, 1.25]
+    assert configuration.reference_sha256 == load_reference(folder).digest
+    assert config.parse_config(content, "stored") == configuration
+    training.check_same_subject(tmp_path, configuration, {})
+    training.check_same_subject(tmp_path, configuration, subject)
+    with pytest.raises(InputError, match=r"holds a training of another subject \(other mass, speed\)"):
+        training.check_same_subject(tmp_path, configuration, {**subject, "mass": 71.0, "speed": 1.2})
+    curves = folder / "reference.csv"
+    curves.write_text(curves.read_text() + "\n")
+    with pytest.raises(InputError, match="has changed since the training"):
+        training.check_same_subject(tmp_path, configuration, subject)
+
+
 def test_missing_extra_raises_one_sentence(tmp_path: Path) -> None:
     code = (
         "import sys; sys.modules['stable_baselines3'] = None\n"
@@ -86,6 +108,9 @@ def test_missing_extra_raises_one_sentence(tmp_path: Path) -> None:
         (("--minutes", "1", "--steps", "5"), "--minutes and --steps exclude each other"),
         (("--config", "nowhere.toml"), "configuration nowhere.toml cannot be read"),
         (("--minutes", "0"), "--minutes"),
+        (("--reference", "nobody"), "reference nobody cannot be read"),
+        (("--mass", "7"), "mass is 7; allowed: 20 to 250 kg"),
+        (("--slope", "30"), "slope is 30; allowed: -10 to 10 degrees"),
     ],
 )
 def test_invalid_options_are_refused(arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:

@@ -165,9 +165,7 @@ def test_profile_above_the_supply_pressure_is_refused() -> None:
 
 def test_device_without_a_tendon_is_refused_with_the_reason() -> None:
     with pytest.raises(InputError, match=r"no \[tendon\] section"):
-        TuningProblem(
-            space=DesignSpace(load_device("klute-3-4"), PressureProfile("flat", (0.0, 50.0), (2.0, 2.0))), mass=75.0
-        )
+        TuningProblem(space=DesignSpace(load_device("klute-3-4"), PressureProfile("flat", (0.0, 50.0), (2.0, 2.0))))
 
 
 class FailingRunner:
@@ -197,7 +195,7 @@ class FailingRunner:
 
 
 def test_cost_of_valid_failed_and_toe_catching_evaluations(tmp_path: Path) -> None:
-    problem = TuningProblem(space=make_problem().space, mass=75.0, weights=Weights(air=0.1), goals=HUMAN_GOALS)
+    problem = TuningProblem(space=make_problem().space, weights=Weights(air=0.1), goals=HUMAN_GOALS)
     evaluations = optimize(problem, 60, open_tuning_store(tmp_path / "s", problem), FailingRunner().run)
     cost = 0.25 + 0.09 + 0.04 + 0.17 + 0.11 / 0.2 + 0.31 / 0.5 + 0.018 / 0.03 + 3.0 / 1.5
     failed = [e for e in evaluations if e.metrics is None]
@@ -266,7 +264,7 @@ class QuadraticRunner:
 
 def make_problem(seed: int = 0, air: float = 0.0) -> TuningProblem:
     profile = PressureProfile("flat", (10.0, 40.0, 70.0), (2.0, 2.0, 2.0))
-    return TuningProblem(space=DesignSpace(PAIR, profile), mass=75.0, weights=Weights(air=air), seed=seed)
+    return TuningProblem(space=DesignSpace(PAIR, profile), weights=Weights(air=air), seed=seed)
 
 
 def test_search_finds_the_minimum(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -214,6 +215,15 @@ def test_unsupported_folder_is_refused_in_one_sentence(files: dict[str, str], me
     with pytest.raises(InputError, match=message), folders.ensure_recording(tmp_path):
         pass
     assert {file.name for file in tmp_path.iterdir()} == set(files)
+
+
+def test_summary_of_the_wrong_type_is_refused_in_one_sentence(bench: Path, tmp_path: Path) -> None:
+    """A number in place of a table has no items: an AttributeError."""
+    folder = shutil.copytree(bench, tmp_path / "run", ignore=shutil.ignore_patterns("*.rrd"))
+    summary = json.loads((folder / "summary.json").read_text())
+    (folder / "summary.json").write_text(json.dumps({**summary, "assumptions": 3}))
+    with pytest.raises(InputError, match=r"cannot view the bench run .*: AttributeError"):
+        read_recording(folder)
 
 
 def test_missing_folder_is_refused_in_one_sentence(tmp_path: Path) -> None:

@@ -1,20 +1,29 @@
 """Simulate the baselines of the package: :func:`simulate_baselines` and its result :class:`BaselineTable`."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from klute_sim.api.inputs import stage_progress
+from klute_sim.api.gait import check_supply_pressure
+from klute_sim.api.inputs import (
+    ControllerLike,
+    DeviceLike,
+    get_input_name,
+    stage_progress,
+    to_controller,
+    to_device,
+)
 from klute_sim.api.optional import import_pandas
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.api.sweep import explain_interrupt
 from klute_sim.baselines import table
-from klute_sim.baselines.library import load_baselines
+from klute_sim.baselines.library import Baseline, load_baselines
 from klute_sim.errors import InputError
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
+from klute_sim.gait.subject import ReferenceLike, Subject, resolve_subject
 from klute_sim.parameter_sweep.local import LocalRunner
 from klute_sim.parameter_sweep.store import ResultStore, open_store
 from klute_sim.parameter_sweep.sweep import run_cases
@@ -36,6 +45,8 @@ CONDITION_COLUMNS = (
     ("air\ng/stride", "air_per_stride [g]", ".2f"),
 )
 """Title, column and format of the metrics shown for each condition; the first three need the reference speed."""
+OWN = "own"
+"""Name that selects the user's own devices and controllers alone."""
 N_DISTANCE_COLUMNS = 3
 """Number of leading columns of :data:`CONDITION_COLUMNS` that exist only on the level at the reference speed."""
 LEVEL_COLUMNS = (
@@ -54,6 +65,8 @@ class BaselineTable:
 
     runs: list[table.BaselineRun]
     """Runs of the baselines with their results."""
+    subject: Subject
+    """Person who walks."""
     folder: Path
     """Folder that holds the results of the runs."""
 
@@ -69,7 +82,8 @@ class BaselineTable:
             columns = CONDITION_COLUMNS if condition == "level" else CONDITION_COLUMNS[N_DISTANCE_COLUMNS:]
             yield _build_table(_format_title(rows[0]), rows, columns)
         level_rows = [row for row in self.rows if row["condition"] == "level"]
-        yield _build_table("level, the reference's speed: further metrics", level_rows, LEVEL_COLUMNS)
+        yield _build_table(f"{_format_title(level_rows[0])}: further metrics", level_rows, LEVEL_COLUMNS)
+        yield self.subject.format_sentence()
         yield (
             f"Assumed: a tank of {1e3 * table.TANK_VOLUME_M3:g} l at {table.TANK_PRESSURE_PA / BAR:g} bar that is used "
             f"down to {table.MIN_TANK_PRESSURE_PA / BAR:g} bar, and the limb kinematics on slopes and at other speeds."
@@ -132,13 +146,20 @@ class BaselineTable:
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of table.json."""
-        return {"folder": str(self.folder), "rows": self.rows}
+        return {"folder": str(self.folder), "subject": self.subject.describe(), "rows": self.rows}
 
 
 def simulate_baselines(
     only: Sequence[str] = (),
     *,
-    mass: float = 75.0,
+    own: Sequence[tuple[DeviceLike, ControllerLike]] = (),
+    reference: ReferenceLike = None,
+    stride_time: float | None = None,
+    accept: Collection[str] = (),
+    mass: float | None = None,
+    stature: float | None = None,
+    speed: float | None = None,
+    slope: float = table.SLOPE_DEG,
     strides: int = 5,
     time_step: float = 5e-4,
     folder: str | Path | None = None,
@@ -148,8 +169,15 @@ def simulate_baselines(
     """Simulate the baselines at the reference speed, at 0.8 and 1.25 of it, and 5 degrees uphill and downhill.
 
     Args:
-        only: Names of baselines; empty: all of them.
-        mass: Body mass [kg].
+        only: Names of baselines; empty: all of them. ``["own"]``: only those of ``own``.
+        own: Further pairs of a device and a controller, which are simulated like the baselines.
+        reference: Reference gait, or the path of its file or folder. None: able-bodied adults.
+        stride_time: Stride time of the reference [s]. None: the time that it states, or 1.1.
+        accept: Names of findings about the reference file that are right although they look implausible.
+        mass: Body mass [kg]. None: the mass that the reference states, or 75.
+        stature: Stature [m]. None: the stature that the reference states, or 1.75.
+        speed: Walking speed on the level and on slopes [m/s]. None: the speed that reference and leg length imply.
+        slope: Ground slope of the conditions uphill and downhill [deg].
         strides: Number of strides per run.
         time_step: Time step [s].
         folder: Folder of the results, new, empty or of the same runs; None: the next ``runs/baselines-NNN``.
@@ -158,20 +186,49 @@ def simulate_baselines(
 
     Raises InputError when a name is unknown, a value is out of range, or the folder holds something else.
     """
-    runs = table.plan_runs(load_baselines(only), mass, strides, time_step)
-    store = open_store(folder, table.describe_runs(runs), "baselines")
+    subject = resolve_subject(
+        reference, stride_time=stride_time, accept=accept, mass=mass, stature=stature, speed=speed
+    )
+    baselines = select_baselines(only, own)
+    runs = table.plan_runs(baselines, subject, strides, time_step, table.create_conditions(slope))
+    store = open_store(folder, table.describe_runs(runs, subject), "baselines")
     with store.lock(), explain_interrupt(store.folder), LocalRunner(n_jobs) as runner:
         cases = [run.case for run in runs]
         results, _ = run_cases(cases, store, runner.run, stage_progress(progress, "simulating"))
     finished = [replace(run, result=result) for run, result in zip(runs, results, strict=True)]
-    return BaselineTable(finished, store.folder)
+    return BaselineTable(finished, subject, store.folder)
+
+
+def select_baselines(only: Sequence[str], own: Sequence[tuple[DeviceLike, ControllerLike]]) -> list[Baseline]:
+    """Return the shipped baselines named in ``only`` (empty: all), then a baseline for each pair of ``own``.
+
+    Raises InputError when a name is unknown, or when ``only`` selects :data:`OWN` and there is no pair.
+    """
+    if OWN in only and not own:
+        raise InputError(f"only '{OWN}' is selected, but there is none: give a device or a controller")
+    names = [name for name in only if name != OWN]
+    shipped = [] if OWN in only and not names else load_baselines(names)
+    return [*shipped, *(_create_own_baseline(*pair) for pair in own)]
+
+
+def _create_own_baseline(device: DeviceLike, controller: ControllerLike) -> Baseline:
+    chosen_device, chosen_controller = to_device(device), to_controller(controller)
+    check_supply_pressure(chosen_device, chosen_controller)
+    return Baseline(
+        name=f"{get_input_name(device)}, {get_input_name(controller)}",
+        description="The user's own device and controller.",
+        origin="the user",
+        device=chosen_device,
+        controller=chosen_controller,
+        foot_stiffness=None,
+    )
 
 
 def _format_title(row: dict[str, Any]) -> str:
     if row["slope [deg]"]:
         return f"{abs(row['slope [deg]']):g} degrees {row['condition']}"
     speed = row["speed_requested [m/s]"]
-    return "level, the reference's speed" if speed is None else f"{speed:.2f} m/s"
+    return "level, the reference's speed" if speed is None else f"level, {speed:.2f} m/s"
 
 
 def _build_table(title: str, rows: list[dict[str, Any]], columns: tuple[tuple[str, str, str], ...]) -> "Table":

@@ -1,6 +1,7 @@
 """Size actuators, damper and tendon for a walker or a muscle: :func:`design` and its result :class:`DesignResult`."""
 
 import json
+import math
 import shlex
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -8,12 +9,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from klute_sim.api.inputs import ReferenceLike, to_reference
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.controllers.pressure import PressureProfile, profile_to_csv
-from klute_sim.device.device import Device
+from klute_sim.device.device import DEFAULT_DEVICE, Device, load_device
 from klute_sim.errors import InputError
-from klute_sim.gait.rig.build import MODEL_STATURE, build_gait_model
+from klute_sim.gait.reference import Reference
+from klute_sim.gait.rig.build import build_gait_model
+from klute_sim.gait.rig.setup import build_gait_rig
+from klute_sim.gait.subject import ReferenceLike, Subject, resolve_subject
 from klute_sim.recording.run_folder import create_run_folder
 from klute_sim.sizing.choices import DesignAssumptions, DesignChoices
 from klute_sim.sizing.sensitivity import SensitivityResult, analyse_sensitivity
@@ -34,8 +37,10 @@ class DesignResult:
     """Sized device with its requirement and its performance."""
     sensitivities: tuple[SensitivityResult, ...]
     """Metrics of the design for other values of each assumption."""
-    reference_path: str | None = None
-    """Path of the reference gait, if the user gave one."""
+    subject: Subject | None = None
+    """Person who walks; None for a muscle."""
+    gait_arguments: tuple[str, ...] = ()
+    """Arguments of ``klute-sim gait`` that select this person."""
 
     @property
     def device(self) -> Device:
@@ -56,18 +61,18 @@ class DesignResult:
         from klute_sim.report.design.table import collect_remarks
 
         content = build_summary(self.design, list(self.sensitivities)) | {"gait": self._format_gait_command(folder)}
-        return {**content, "remarks": collect_remarks(content)}
+        if self.subject is None:
+            return {**content, "remarks": collect_remarks(content)}
+        assumptions = [*_describe_assumptions(self.subject), *self.subject.remarks]
+        return {**content, "subject": self.subject.describe(), "remarks": [*collect_remarks(content), *assumptions]}
 
     def _format_gait_command(self, folder: Path) -> str | None:
         """Return the command that simulates gait with the design in ``folder``; None without a walker."""
-        target = self.design.target
-        if not isinstance(target, WalkerTarget):
+        if self.subject is None:
             return None
         device, profile = folder / "device.toml", folder / "profile.csv"
-        words = ["--device", device, "--controller", profile, "--mass", repr(target.mass).removesuffix(".0")]
-        reference = [] if self.reference_path is None else ["--reference", self.reference_path]
-        reference += [f"--accept={finding.name}" for finding in target.reference.accepted]
-        return shlex.join(["klute-sim", "gait", *map(str, [*words, *reference])])
+        words = ["--device", str(device), "--controller", str(profile), *self.gait_arguments]
+        return shlex.join(["klute-sim", "gait", *words])
 
     def format_summary(self, summary: dict[str, Any] | None = None) -> Summary:
         """Yield the tables and remarks of the design, or of a ``summary`` that :meth:`write_files` returned."""
@@ -122,7 +127,11 @@ def design(
     *,
     mass: float | None = None,
     reference: ReferenceLike = None,
+    stride_time: float | None = None,
     accept: Collection[str] = (),
+    stature: float | None = None,
+    speed: float | None = None,
+    slope: float = 0.0,
     muscle: str | MuscleTarget | None = None,
     isometric_force: float | None = None,
     muscle_length: float | None = None,
@@ -145,10 +154,11 @@ def design(
 ) -> DesignResult:
     """Size actuators, damper and tendon for a walker of ``mass`` [kg] or for a muscle; None selects the design rule.
 
-    Target: ``reference`` (gait of the walker; ``accept`` names findings about its file that are right although they
-    look implausible), or ``muscle`` (name of a row of Table 2.4, or a target) with ``isometric_force`` F0 [N] and
-    ``muscle_length`` l0 [m]; ``peak_velocity`` Vmax [m/s], ``a`` (a/F0), ``b`` (b/Vmax) and ``saturation`` (eccentric
-    force over F0) of Hill's equation.
+    Target: ``mass`` or ``reference`` (gait of the walker, which may state the mass; ``accept`` names findings about its
+    file that are right although they look implausible) with ``stride_time`` [s], ``stature`` [m], ``speed`` [m/s] and
+    ``slope`` [deg] as in :func:`klute_sim.api.gait.simulate_gait`; or ``muscle`` (name of a row of Table 2.4, or a
+    target) with ``isometric_force`` F0 [N] and ``muscle_length`` l0 [m]; ``peak_velocity`` Vmax [m/s], ``a`` (a/F0),
+    ``b`` (b/Vmax) and ``saturation`` (eccentric force over F0) of Hill's equation.
 
     Choices: ``supply_pressure`` [Pa], ``actuator`` (preset), ``count`` and ``resting_length`` L0 [m] of the actuators;
     ``bore`` [m], ``cylinder_pressure`` [Pa], ``eccentric_speed`` [m/s] and ``eccentric_force`` [N] of the damper;
@@ -158,16 +168,21 @@ def design(
     """
     if not name:
         raise InputError("name is empty: give the device a name")
+    is_walker = mass is not None or reference is not None
     values = {"isometric_force": isometric_force, "muscle_length": muscle_length, "muscle": muscle}
     for option, value in values.items():
-        if mass is not None and value is not None:
-            raise InputError(f"{option} and mass exclude each other: the mass determines force and length")
-    if mass is None and reference is not None:
-        raise InputError("reference requires mass: only a subject has a gait")
-    if mass is None and moment_arm is not None:
-        raise InputError("moment_arm requires mass: only a subject has an ankle that moves the tendon")
-    if mass is None and muscle is None and isometric_force is None and (actuator is None or count is None):
-        raise InputError("no target: give mass, muscle or isometric_force, or both actuator and count")
+        if is_walker and value is not None:
+            subject_option = "reference" if mass is None else "mass"
+            raise InputError(
+                f"{option} and {subject_option} exclude each other: the subject determines force and length"
+            )
+    walker_options = _drop_none(
+        moment_arm=moment_arm, stride_time=stride_time, stature=stature, speed=speed, slope=slope or None
+    )
+    if not is_walker and walker_options:
+        raise InputError(f"{next(iter(walker_options))} requires mass or reference: only a subject walks")
+    if not is_walker and muscle is None and isometric_force is None and (actuator is None or count is None):
+        raise InputError("no target: give mass, reference, muscle or isometric_force, or both actuator and count")
     target = _build_muscle(muscle, isometric_force, muscle_length, peak_velocity, a, b, saturation)
     assumed = _drop_none(cylinder_pressure=cylinder_pressure, moment_arm=moment_arm, tendon_strain=tendon_strain)
     hill_constants = {"a"} if a is not None or muscle is not None else set()
@@ -185,17 +200,52 @@ def design(
             eccentric_force=eccentric_force,
         ),
     )
-    if mass is None:
-        sized = design_device(target, choices, name)
-    else:
-        sized = design_device(
-            WalkerTarget(mass=mass, reference=to_reference(reference, accept=accept), muscle=target), choices, name
-        )
-        # Raises InputError for a device that does not fit into the shank of the gait rig.
-        build_gait_model(sized.device, mass=mass, stature=MODEL_STATURE, dt=1e-3)
     report = progress if progress is not None else lambda fraction, stage: None
+    if not is_walker:
+        sized = design_device(target, choices, name)
+        return DesignResult(sized, tuple(analyse_sensitivity(sized, report)))
+    subject = resolve_subject(
+        reference, stride_time=stride_time, accept=accept, mass=mass, stature=stature, speed=speed, slope=slope
+    )
+    if mass is None and subject.reference.mass is None:
+        raise InputError(f"reference {subject.reference.name} states no body mass: give mass")
+    walker = WalkerTarget(mass=subject.mass, reference=_build_walking_reference(subject), muscle=target)
+    sized = design_device(walker, choices, name)
+    # Raises InputError for a device that does not fit into the shank of the gait rig.
+    build_gait_model(sized.device, mass=subject.mass, stature=subject.stature, dt=1e-3)
     path = str(reference) if isinstance(reference, str | Path) else None
-    return DesignResult(sized, tuple(analyse_sensitivity(sized, report)), path)
+    given = {"reference": path, "stride-time": stride_time, "mass": mass, "stature": stature, "speed": speed}
+    arguments = _format_arguments({**given, "slope": slope or None})
+    arguments += [f"--accept={finding.name}" for finding in subject.reference.accepted]
+    return DesignResult(sized, tuple(analyse_sensitivity(sized, report)), subject, tuple(arguments))
+
+
+def _build_walking_reference(subject: Subject) -> Reference:
+    """Return the reference of ``subject`` on the slope, with the stride time at the walking speed."""
+    reference = subject.reference.tilt_to_slope(math.radians(subject.slope_deg))
+    if subject.speed is None:
+        return reference
+    rig = build_gait_rig(load_device(DEFAULT_DEVICE), subject.build_options(), 1e-3)
+    return replace(reference, stride_time=rig.trajectory.stride_time)
+
+
+def _describe_assumptions(subject: Subject) -> list[str]:
+    conditions = [
+        *([] if subject.speed is None else [f"at {subject.speed:g} m/s"]),
+        *([] if subject.slope_deg == 0.0 else [f"on a slope of {subject.slope_deg:g} degrees"]),
+    ]
+    if not conditions:
+        return []
+    return [f"Assumed: {' and '.join(conditions)}, the ankle moment over the gait cycle is that of the reference."]
+
+
+def _format_arguments(values: dict[str, Any]) -> list[str]:
+    """Return the options of a command for the ``values`` that are not None."""
+    words = []
+    for name, value in values.items():
+        if value is not None:
+            words += [f"--{name}", value if isinstance(value, str) else repr(float(value)).removesuffix(".0")]
+    return words
 
 
 def _build_muscle(

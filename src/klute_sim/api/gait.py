@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING, Any
 from klute_sim.api.inputs import (
     ControllerLike,
     DeviceLike,
-    ReferenceLike,
     ignore_progress,
     to_controller,
     to_device,
-    to_reference,
 )
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.controllers.learned import PolicyController
@@ -31,8 +29,8 @@ from klute_sim.gait.rig import rig
 from klute_sim.gait.rig.hip_path import HipPath
 from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.gait.spring_foot import SpringFoot
+from klute_sim.gait.subject import ReferenceLike, resolve_subject
 from klute_sim.gait.summary import summarize_gait_run
-from klute_sim.parameter_sweep.plan import first_not_none
 from klute_sim.recording import csv, parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.recording.run_folder import create_run_folder
@@ -220,25 +218,18 @@ def simulate_gait(
     chosen_controller = to_controller(_default_controller(spring_foot) if controller is None else controller)
     if spring_foot is not None and chosen_controller != create_off_controller():
         raise InputError("a spring foot takes no pressure command; leave out the controller, or set it to off")
-    if stride_time is not None and reference is None:
-        raise InputError("a stride time requires a reference file: the stride time of the default reference is fixed")
     chosen_foot = None if spring_foot is None else SpringFoot(stiffness=math.degrees(spring_foot))
     warnings = check_supply_pressure(chosen_device, chosen_controller)
-    gait = to_reference(reference, stride_time, accept)
-    options = GaitOptions(
-        mass=first_not_none(mass, gait.mass, GaitOptions.mass),
-        stature=first_not_none(stature, gait.stature, GaitOptions.stature),
-        speed=speed,
-        slope=math.radians(slope),
-        strides=strides,
-        dt=time_step,
-        reference=gait,
-        spring_foot=chosen_foot,
+    subject = resolve_subject(
+        reference, stride_time=stride_time, accept=accept, mass=mass, stature=stature, speed=speed, slope=slope
+    )
+    options = replace(
+        subject.build_options(strides, time_step, chosen_foot),
         alignment=None if alignment is None else math.radians(alignment),
         learning_strides=learning_strides,
         hip_path=None if hip_path is None else load_hip_path(hip_path),
     )
-    warnings += tuple(f"Accepted: {finding.sentence}." for finding in gait.accepted)
+    warnings += subject.remarks
     if isinstance(chosen_controller, PolicyController):
         code_note = describe_policy_code(chosen_controller.metadata)
         warnings += (code_note,) if code_note else ()

@@ -1,20 +1,17 @@
 """Convert what a user may pass (an object, a name or a path) into the objects that the package works with."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from klute_sim.controllers.parse import Controller, parse_controller
 from klute_sim.device.device import Device, load_device
-from klute_sim.gait.reference import Reference, load_default_reference, load_reference
 from klute_sim.types import ProgressCallback
 
 DeviceLike: TypeAlias = Device | str | Path
 """A device, the name of a preset, or the path of a device file."""
 ControllerLike: TypeAlias = Controller | str | Path
 """A controller, a specification such as ``"constant:3.5"``, or the path of a controller file."""
-ReferenceLike: TypeAlias = Reference | str | Path | None
-"""A reference gait, the path of its file or folder, or None for able-bodied adults."""
 
 
 def to_device(device: DeviceLike) -> Device:
@@ -27,15 +24,11 @@ def to_controller(controller: ControllerLike) -> Controller:
     return parse_controller(str(controller)) if isinstance(controller, str | Path) else controller
 
 
-def to_reference(reference: ReferenceLike, stride_time: float | None = None, accept: Collection[str] = ()) -> Reference:
-    """Return ``reference``, loaded if it is a path; ``stride_time`` [s] overrides that of the file.
-
-    ``accept`` names findings about the file that are right although they look implausible. Raises InputError when the
-    file cannot be read.
-    """
-    if reference is None:
-        return load_default_reference()
-    return reference if isinstance(reference, Reference) else load_reference(reference, stride_time, accept)
+def get_input_name(item: Any) -> str:
+    """Return ``item`` as the user typed it, or the name of the object."""
+    if isinstance(item, str | Path):
+        return str(item)
+    return str(getattr(item, "name", None) or item.describe().get("kind"))
 
 
 def ignore_progress(fraction: float, stage: str) -> None:

@@ -1,5 +1,6 @@
 """Simulate every combination of inputs: :func:`sweep` and its result :class:`SweepResult`."""
 
+import glob
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -7,12 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from klute_sim.api.inputs import ControllerLike, DeviceLike, stage_progress, to_controller, to_device
+from klute_sim.api.inputs import ControllerLike, DeviceLike, get_input_name, stage_progress, to_controller, to_device
 from klute_sim.api.optional import import_pandas
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.device.device import DEFAULT_DEVICE
 from klute_sim.errors import InputError
-from klute_sim.gait.reference import Reference, load_reference
+from klute_sim.gait.reference import Reference, load_default_reference, load_reference
 from klute_sim.parameter_sweep import cluster, display, table
 from klute_sim.parameter_sweep.local import LocalRunner
 from klute_sim.parameter_sweep.plan import ABLE_BODIED_REFERENCE, SweepPlan
@@ -114,6 +115,7 @@ def sweep(
     speeds: Sequence[float | None] = (None,),
     slopes: Sequence[float] = (0.0,),
     references: Sequence[str | Path | Reference] = (ABLE_BODIED_REFERENCE,),
+    stride_times: Sequence[float | None] = (None,),
     masses: Sequence[float | None] = (None,),
     statures: Sequence[float | None] = (None,),
     spring_feet: Sequence[float] = (),
@@ -134,7 +136,9 @@ def sweep(
         controllers: Controllers or specifications; empty: ``"profile"``.
         speeds: Walking speeds [m/s]; None stands for the speed that reference and leg length imply.
         slopes: Ground slopes [deg], uphill positive; limb kinematics on slopes are assumed.
-        references: Reference gaits or their paths; ``"able-bodied"`` is the one that ships with the package.
+        references: Reference gaits, their paths, or patterns of paths such as ``"subjects/*"``; ``"able-bodied"`` is
+            the one that ships with the package.
+        stride_times: Stride times of the references [s]; None stands for the time that a reference states, or 1.1.
         masses: Body masses [kg]; None stands for the mass that the reference states, or 75.
         statures: Statures [m]; None stands for the stature that the reference states, or 1.75.
         spring_feet: Stiffnesses of passive feet [N.m/deg], simulated in addition to the devices.
@@ -152,9 +156,12 @@ def sweep(
     chosen_devices = [] if is_only_feet else _to_list(devices) or [DEFAULT_DEVICE]
     chosen_controllers = [] if is_only_feet else _to_list(controllers) or ["profile"]
     plan = SweepPlan(
-        devices={_get_name(device): to_device(device) for device in chosen_devices},
-        controllers={_get_name(controller): to_controller(controller) for controller in chosen_controllers},
-        references={_get_name(reference): _load_reference(reference, accept) for reference in references},
+        devices={get_input_name(device): to_device(device) for device in chosen_devices},
+        controllers={get_input_name(controller): to_controller(controller) for controller in chosen_controllers},
+        references={
+            get_input_name(reference): _load_reference(reference, accept) for reference in _expand_patterns(references)
+        },
+        stride_times=tuple(stride_times),
         speeds=speeds,
         slopes_deg=slopes,
         masses=masses,
@@ -194,14 +201,24 @@ def _to_list(values: Any) -> list[Any]:
     return list(values) if isinstance(values, Sequence) and not isinstance(values, str) else [values]
 
 
-def _get_name(item: Any) -> str:
-    """Return ``item`` as the user typed it, or the name of the object."""
-    if isinstance(item, str | Path):
-        return str(item)
-    return str(getattr(item, "name", None) or item.describe().get("kind"))
+def _expand_patterns(references: Sequence[str | Path | Reference]) -> Iterator[str | Path | Reference]:
+    """Yield ``references`` with the sorted matches of each pattern in its place.
+
+    Raises InputError when nothing matches.
+    """
+    for reference in references:
+        is_pattern = not isinstance(reference, Reference) and glob.has_magic(str(reference))
+        if not is_pattern or Path(str(reference)).exists():
+            yield reference
+            continue
+        matches = sorted(glob.glob(str(reference)))
+        if not matches:
+            raise InputError(f"reference {reference} matches no file or folder")
+        yield from matches
 
 
-def _load_reference(reference: str | Path | Reference, accept: Collection[str]) -> Reference | None:
+def _load_reference(reference: str | Path | Reference, accept: Collection[str]) -> Reference:
     if isinstance(reference, Reference):
         return reference
-    return None if str(reference) == ABLE_BODIED_REFERENCE else load_reference(reference, accept=accept)
+    is_default = str(reference) == ABLE_BODIED_REFERENCE
+    return load_default_reference() if is_default else load_reference(reference, accept=accept)

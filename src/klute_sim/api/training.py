@@ -1,6 +1,8 @@
 """Train a control policy by reinforcement learning: :func:`train` and its result :class:`TrainingResult`."""
 
 import json
+import math
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 from klute_sim.api.inputs import stage_progress
 from klute_sim.api.rendering import Summary, render_html, render_text
 from klute_sim.errors import InputError
+from klute_sim.gait.subject import resolve_subject
 from klute_sim.recording.atomic_file import replace_atomically, write_atomically
-from klute_sim.training.config import load_config
+from klute_sim.training.config import load_subject_config
 from klute_sim.training.evaluate import compare_with_profile
 from klute_sim.training.folder import open_training_folder
 from klute_sim.training.training import Training, open_training
@@ -59,6 +62,7 @@ class TrainingResult:
         progress = self.training.progress
         return {
             "algorithm": self.training.config.algorithm,
+            "environment": self.training.config.environment,
             "seed": progress.seed,
             "minutes": progress.minutes,
             "steps": progress.steps,
@@ -137,16 +141,32 @@ def train(
     minutes: float | None = None,
     steps: int | None = None,
     seed: int | None = None,
+    reference: str | Path | None = None,
+    stride_time: float | None = None,
+    accept: Collection[str] = (),
+    mass: float | None = None,
+    stature: float | None = None,
+    speed: float | None = None,
+    slope: float | None = None,
     folder: str | Path | None = None,
     progress: ProgressCallback | None = None,
 ) -> TrainingResult:
     """Train a control policy and compare it with the hand-tuned profile in the same episodes.
+
+    The numbers of a subject replace those of the configuration; ranges of its domain randomisation stay.
 
     Args:
         config: Path of a configuration file (TOML); None: the shipped one, or that of the training in ``folder``.
         minutes: Total duration [min], without interruptions; None: 20, unless ``steps`` is given.
         steps: Total number of environment steps in place of ``minutes``; such a training is reproducible.
         seed: Random seed; None: 0, or that of the training in ``folder``.
+        reference: Path of the file or folder of a reference gait. None: that of the configuration (able-bodied adults).
+        stride_time: Stride time of the reference [s]. None: the time that it states, or 1.1.
+        accept: Names of findings about the reference file that are right although they look implausible.
+        mass: Body mass [kg]. None: the mass that the reference states, or 75.
+        stature: Stature [m]. None: the stature that the reference states, or 1.75.
+        speed: Nominal walking speed [m/s]. None: the speed that reference and leg length imply.
+        slope: Nominal ground slope [deg], uphill positive. None: 0.
         folder: Folder of the training; None: the next ``runs/train-NNN``. A training in it resumes.
         progress: Receives the completed fraction and the current stage.
 
@@ -154,11 +174,13 @@ def train(
     """
     if minutes is not None and steps is not None:
         raise InputError("minutes and steps exclude each other; give one of them")
-    if config is not None:
-        load_config(config)  # before a folder is made
+    subject = _collect_subject(reference, stride_time, accept, mass, stature, speed, slope)
+    if config is not None or subject:
+        settings, _ = load_subject_config(config, subject)  # before a folder is made
+        _check_subject(settings.environment)
     lock = open_training_folder(folder)
     try:
-        training = open_training(lock.folder, config, seed)
+        training = open_training(lock.folder, config, seed, subject)
     except BaseException:
         lock.release()
         with suppress(OSError):  # it has files of an earlier attempt
@@ -166,6 +188,35 @@ def train(
         raise
     with lock:
         return _run(training, minutes, steps, progress)
+
+
+def _collect_subject(
+    reference: str | Path | None,
+    stride_time: float | None,
+    accept: Collection[str],
+    mass: float | None,
+    stature: float | None,
+    speed: float | None,
+    slope: float | None,
+) -> dict[str, Any]:
+    """Return the given values as keywords of the environment, in the types of a configuration file."""
+    values = {
+        "reference": None if reference is None else str(reference),
+        "stride_time": stride_time,
+        "accept": list(accept) or None,
+        "mass": mass,
+        "stature": stature,
+        "speed": speed,
+        "slope": None if slope is None else math.radians(slope),
+    }
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _check_subject(environment: Mapping[str, Any]) -> None:
+    """Raise InputError when the rig does not take the subject of the keywords ``environment``."""
+    names = ("reference", "stride_time", "accept", "mass", "stature", "speed")
+    slope = math.degrees(environment.get("slope", 0.0))
+    resolve_subject(**{name: environment[name] for name in names if name in environment}, slope=slope)
 
 
 def _run(

@@ -1,7 +1,7 @@
 """Tune a pressure profile, optionally with the device: :func:`tune` and its result :class:`TuningResult`."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ from klute_sim.api.sweep import explain_interrupt
 from klute_sim.controllers.pressure import PressureProfile, load_default_profile, load_profile, profile_to_csv
 from klute_sim.device.device import Device
 from klute_sim.gait.metrics import compute_gait_metrics
+from klute_sim.gait.subject import ReferenceLike, resolve_subject
 from klute_sim.gait.summary import summarize_gait_run
 from klute_sim.parameter_sweep.local import LocalRunner
 from klute_sim.parameter_sweep.store import ResultStore
@@ -20,7 +21,7 @@ from klute_sim.recording.atomic_file import replace_atomically, write_atomically
 from klute_sim.recording.recording import Recording
 from klute_sim.tuning import results
 from klute_sim.tuning.design_variables import DEFAULT_DEVICE_KEYS, DesignSpace
-from klute_sim.tuning.objective import HUMAN_GOALS, Goals, make_weights
+from klute_sim.tuning.objective import Goals, make_weights
 from klute_sim.tuning.search import (
     MAX_REEVALUATIONS,
     REEVALUATED_FRACTION,
@@ -32,6 +33,7 @@ from klute_sim.tuning.search import (
     select_best,
     select_pareto_front,
 )
+from klute_sim.tuning.subject import describe_assumptions, make_human_goals
 from klute_sim.types import ProgressCallback
 
 if TYPE_CHECKING:
@@ -86,6 +88,8 @@ class TuningResult:
         return {
             "evaluations": len(self.evaluations),
             "seed": self.problem.seed,
+            "subject": self.problem.subject.describe(),
+            "assumptions": describe_assumptions(self.problem.subject),
             "cost": {"before": self.initial.cost, "tuned": self.best.cost},
             "table": results.build_metrics_table(*self.recordings),
             "remarks": table.collect_remarks(summarize_gait_run(tuned, compute_gait_metrics(tuned))),
@@ -112,6 +116,8 @@ class TuningResult:
             f"The objective fell by {reduction:.0f} % in {len(self.evaluations)} evaluations "
             f"(seed {self.problem.seed})."
         )
+        yield from self.summary["assumptions"]
+        yield from self.problem.subject.remarks
         yield from self.summary["remarks"]
 
     def _build_table(self) -> "Table":
@@ -191,7 +197,13 @@ def tune(
     device_keys: Sequence[str] = (),
     goal_human: bool = False,
     weights: Mapping[str, float] | None = None,
-    mass: float = 75.0,
+    reference: ReferenceLike = None,
+    stride_time: float | None = None,
+    accept: Collection[str] = (),
+    mass: float | None = None,
+    stature: float | None = None,
+    speed: float | None = None,
+    slope: float = 0.0,
     budget: int = 600,
     seed: int = 0,
     folder: str | Path | None = None,
@@ -201,17 +213,25 @@ def tune(
     """Tune a pressure profile, optionally with the device, so that the gait resembles the human one on little air.
 
     The objective is the mean squared distance of net moment, angle and power from the reference in stance, in its
-    standard deviations, plus 0.1 per gram of air in a stride, plus penalties (:mod:`klute_sim.tuning.objective`). The
-    search is CMA-ES. Evaluations are stored in ``folder`` as they finish; an interrupted search resumes there.
+    standard deviations, plus 0.1 per gram of air in a stride, plus penalties (:mod:`klute_sim.tuning.objective`).
+    Standard deviations that the reference does not state, or that were measured at another speed or slope, are assumed
+    (:mod:`klute_sim.tuning.subject`); the summary says so. The search is CMA-ES. Evaluations are stored in ``folder``
+    as they finish; an interrupted search resumes there.
 
     Args:
         device: Device, name of a preset, or path of a device file.
         profile: Initial profile or the path of its CSV file; None: the hand-tuned profile.
         with_device: Whether to tune orifices, springs, resting length and mounting, too.
         device_keys: Further numbers of the device to tune (``section.key``).
-        goal_human: Whether to penalize the shortfall from the human ankle.
+        goal_human: Whether to penalize the shortfall from the human ankle, that of the reference.
         weights: Weights of moment, angle, power [1/sd2] and air [1/g]; None: 1, 1, 1 and 0.1.
-        mass: Body mass [kg].
+        reference: Reference gait, or the path of its file or folder. None: able-bodied adults.
+        stride_time: Stride time of the reference [s]. None: the time that it states, or 1.1.
+        accept: Names of findings about the reference file that are right although they look implausible.
+        mass: Body mass [kg]. None: the mass that the reference states, or 75.
+        stature: Stature [m]. None: the stature that the reference states, or 1.75.
+        speed: Walking speed [m/s]; it scales the stride time. None: the speed that reference and leg length imply.
+        slope: Ground slope [deg], uphill positive; limb kinematics on slopes are assumed.
         budget: Number of evaluations, rounded up to a whole generation.
         seed: Random seed of the search.
         folder: Folder of the evaluations, new, empty or of the same search; None: the next ``runs/tune-NNN``.
@@ -225,11 +245,14 @@ def tune(
     else:
         initial_profile = profile if isinstance(profile, PressureProfile) else load_profile(profile)
     keys = tuple(dict.fromkeys([*(DEFAULT_DEVICE_KEYS if with_device else ()), *device_keys]))
+    subject = resolve_subject(
+        reference, stride_time=stride_time, accept=accept, mass=mass, stature=stature, speed=speed, slope=slope
+    )
     problem = TuningProblem(
         space=DesignSpace(to_device(device), initial_profile, keys),
-        mass=mass,
+        subject=subject,
         weights=make_weights(weights or {}),
-        goals=HUMAN_GOALS if goal_human else Goals(),
+        goals=make_human_goals(subject.reference) if goal_human else Goals(),
         seed=seed,
     )
     import_cma()  # before a folder is made

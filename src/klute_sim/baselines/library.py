@@ -15,7 +15,7 @@ from klute_sim.files.toml import parse_toml
 
 @dataclass(frozen=True, kw_only=True)
 class Baseline:
-    """A device under a controller, or a passive foot."""
+    """A device under a controller, or a passive foot; one that ships with the package, or the user's own."""
 
     name: str
     """Name of the baseline."""

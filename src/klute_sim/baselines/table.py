@@ -2,20 +2,21 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from klute_sim.baselines.library import Baseline
-from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
-from klute_sim.gait.rig.setup import GaitOptions, build_gait_rig
+from klute_sim.errors import InputError
+from klute_sim.gait.rig.setup import build_gait_rig
+from klute_sim.gait.subject import Subject
 from klute_sim.laws.pneumatics import air_mass
-from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, CaseResult
+from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, UNTRACKED_COLUMN, CaseResult
 from klute_sim.parameter_sweep.fingerprint import fingerprint_software
 from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.units import BAR
 
 SLOW_SPEED_RATIO, FAST_SPEED_RATIO, SLOPE_DEG = 0.8, 1.25, 5.0
-"""Slow and fast speed relative to that of the reference, and the ground slope in either direction [deg]."""
+"""Slow and fast speed relative to that of the subject, and the default ground slope in either direction [deg]."""
 TANK_VOLUME_M3, TANK_PRESSURE_PA, MIN_TANK_PRESSURE_PA = 1e-3, 30.0 * BAR, 6.0 * BAR
 """Volume of a wearable air tank (assumed), its full gauge pressure, and the lowest usable one: supply plus 1 bar."""
 TANK_TEMPERATURE_K = 293.15
@@ -29,18 +30,25 @@ class WalkingCondition:
     name: str
     """Name of the condition."""
     speed_ratio: float = 1.0
-    """Walking speed relative to that of the reference [1]."""
+    """Walking speed relative to that of the subject on the level [1]."""
     slope_deg: float = 0.0
     """Ground slope [deg], uphill positive."""
 
 
-CONDITIONS = (
-    WalkingCondition("level"),
-    WalkingCondition("slower", speed_ratio=SLOW_SPEED_RATIO),
-    WalkingCondition("faster", speed_ratio=FAST_SPEED_RATIO),
-    WalkingCondition("downhill", slope_deg=-SLOPE_DEG),
-    WalkingCondition("uphill", slope_deg=SLOPE_DEG),
-)
+def create_conditions(slope_deg: float = SLOPE_DEG) -> tuple[WalkingCondition, ...]:
+    """Return the conditions with a ``slope_deg`` [deg] downhill and uphill.
+
+    Raises InputError when it is out of range.
+    """
+    if not 0.0 < slope_deg <= 10.0:
+        raise InputError(f"slope is {slope_deg:g}; allowed: above 0, up to 10 degrees, downhill and uphill")
+    return (
+        WalkingCondition("level"),
+        WalkingCondition("slower", speed_ratio=SLOW_SPEED_RATIO),
+        WalkingCondition("faster", speed_ratio=FAST_SPEED_RATIO),
+        WalkingCondition("downhill", slope_deg=-slope_deg),
+        WalkingCondition("uphill", slope_deg=slope_deg),
+    )
 
 
 @dataclass(frozen=True)
@@ -64,9 +72,7 @@ class BaselineRun:
     @property
     def remark(self) -> str | None:
         """Failure of the run, or a doubt about its metrics; None: neither."""
-        tracking_error = self.metrics.get("grf_vertical_tracking_rms [1]")
-        is_untracked = tracking_error is not None and tracking_error > MAX_GRF_TRACKING_RMS_BW
-        return self.failure or ("load not tracked" if is_untracked else None)
+        return self.failure or ("load not tracked" if self.metrics.get(UNTRACKED_COLUMN) else None)
 
     @property
     def failure(self) -> str | None:
@@ -78,32 +84,31 @@ class BaselineRun:
 
 def plan_runs(
     baselines: Sequence[Baseline],
-    mass: float,
+    subject: Subject,
     strides: int,
     dt: float,
-    conditions: Iterable[WalkingCondition] = CONDITIONS,
+    conditions: Iterable[WalkingCondition] = create_conditions(),
 ) -> list[BaselineRun]:
-    """Return the runs of ``baselines`` in ``conditions``: body mass [kg], number of strides, time step ``dt`` [s].
+    """Return the runs of ``baselines`` with ``subject`` in ``conditions``: number of strides, time step ``dt`` [s].
 
-    Raises InputError when a value is out of range.
+    Speed and slope of the conditions replace those of the subject. Raises InputError when a value is out of range.
     """
-    conditions, options = list(conditions), GaitOptions(mass=mass, strides=strides, dt=dt)
-    reference_speed: dict[str, float] = {}
+    conditions, options = list(conditions), subject.build_options(strides, dt)
+    nominal_speed: dict[str, float] = {}
     runs = []
     for baseline in baselines:
         digest = baseline.device.digest
-        if digest not in reference_speed:
-            reference_speed[digest] = build_gait_rig(baseline.device, options, dt).trajectory.speed
+        if digest not in nominal_speed:
+            nominal_speed[digest] = build_gait_rig(baseline.device, options, dt).trajectory.speed
         for condition in conditions:
-            is_reference_speed = condition.speed_ratio == 1.0
+            is_nominal = condition.speed_ratio == 1.0
+            speed = subject.speed if is_nominal else round(condition.speed_ratio * nominal_speed[digest], 6)
             case = GaitCase(
                 device_name=baseline.device.name,
                 device=baseline.device,
                 controller_name=baseline.name,
                 controller=baseline.controller,
-                speed=None if is_reference_speed else round(condition.speed_ratio * reference_speed[digest], 6),
-                slope_deg=condition.slope_deg,
-                mass=mass,
+                subject=replace(subject, speed=speed, slope_deg=condition.slope_deg),
                 strides=strides,
                 dt=dt,
                 foot_stiffness=baseline.foot_stiffness,
@@ -112,9 +117,14 @@ def plan_runs(
     return runs
 
 
-def describe_runs(runs: Sequence[BaselineRun]) -> dict[str, Any]:
-    """Return the plan in JSON types, for the result folder."""
-    return {"cases": [run.case.key for run in runs], "software": fingerprint_software()}
+def describe_runs(runs: Sequence[BaselineRun], subject: Subject) -> dict[str, Any]:
+    """Return the plan of ``runs`` with ``subject`` in JSON types, for the result folder."""
+    return {
+        **subject.describe(),
+        "baselines": list(dict.fromkeys(run.baseline.name for run in runs)),
+        "cases": [run.case.key for run in runs],
+        "software": fingerprint_software(),
+    }
 
 
 def compute_strides_per_tank(air_g: float | None) -> float | None:
@@ -133,8 +143,8 @@ def build_rows(runs: Iterable[BaselineRun]) -> list[dict[str, Any]]:
         {
             "baseline": run.baseline.name,
             "condition": run.condition.name,
-            "speed_requested [m/s]": run.case.speed,
-            "slope [deg]": run.case.slope_deg,
+            "speed_requested [m/s]": run.case.subject.speed,
+            "slope [deg]": run.case.subject.slope_deg,
             **run.metrics,
             "strides_per_tank [1]": compute_strides_per_tank(run.metrics.get("air_per_stride [g]")),
             "failure": run.failure,

@@ -39,6 +39,7 @@ COMMANDS = {
     "tune": ("klute_sim.cli.tune", "Tune a pressure profile, and optionally the device, in simulated gait."),
     "train": ("klute_sim.cli.train", "Train a control policy and compare it with the hand-tuned profile."),
     "baselines": ("klute_sim.cli.baselines", "Simulate passive feet and standard controllers for comparison."),
+    "assess": ("klute_sim.cli.assess", "Assess whether a prosthesis serves a person, and where it falls short."),
     "compare": ("klute_sim.cli.compare", "Compare recordings over gait phase or time."),
     "view": ("klute_sim.cli.view", "Open results in the rerun viewer, or draw them as pictures."),
 }

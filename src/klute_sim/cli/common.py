@@ -6,6 +6,8 @@ from typing import Any
 
 import click
 
+from klute_sim.errors import InputError
+
 
 class NonEmptyPath(click.Path):
     """A path; the empty string, as from an unset shell variable, is refused instead of naming the current folder."""
@@ -33,15 +35,31 @@ class NumberWithUnit(click.types.FloatParamType):
             self.fail(f"'{value}' is not a number{hint}", param, ctx)
 
 
+DEFAULT_DEVICE_NAME, DEFAULT_CONTROLLER = "klute-1-1-4-pair", "profile"
+"""Device and controller where the user names none."""
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 DEVICE_OPTION = click.option(
     "--device",
     "device_name",
-    default="klute-1-1-4-pair",
+    default=DEFAULT_DEVICE_NAME,
     show_default=True,
     metavar="NAME|FILE",
     help="Device: name of a preset, or a device file.",
+)
+OWN_DEVICES_OPTION = click.option(
+    "--device",
+    "devices",
+    multiple=True,
+    metavar="NAME|FILE",
+    help="Your own device: a device file, or the name of a preset; may be repeated.  [default: klute-1-1-4-pair]",
+)
+OWN_CONTROLLERS_OPTION = click.option(
+    "--controller",
+    "controllers",
+    multiple=True,
+    metavar="SPEC",
+    help="Your own controller, as in 'klute-sim gait'; may be repeated.  [default: profile, if there is a --device]",
 )
 TIME_STEP_OPTION = click.option(
     "--step",
@@ -51,9 +69,6 @@ TIME_STEP_OPTION = click.option(
     show_default=True,
     metavar="MS",
     help="Time step [ms].",
-)
-MASS_OPTION = click.option(
-    "--mass", type=NumberWithUnit("kg"), default=75.0, show_default=True, metavar="KG", help="Body mass [kg]."
 )
 
 
@@ -70,6 +85,76 @@ ACCEPT_OPTION = click.option(
     metavar="NAME",
     help="Implausible property of the files that is right, as the error names it; may be repeated.  [default: none]",
 )
+REFERENCE_OPTION = click.option(
+    "--reference",
+    type=NonEmptyPath(),
+    default=None,
+    metavar="FILE|FOLDER",
+    help="Reference gait: a folder from klute-sim import, or a CSV file (docs/gait.md).  [default: able-bodied adults]",
+)
+STRIDE_TIME_OPTION = click.option(
+    "--stride-time",
+    type=NumberWithUnit("s"),
+    default=None,
+    metavar="S",
+    help="Stride time of --reference [s].  [default: the value in its folder, or 1.1]",
+)
+STATURE_OPTION = click.option(
+    "--stature",
+    type=NumberWithUnit("m"),
+    default=None,
+    metavar="M",
+    help="Stature [m].  [default: the value in the folder of --reference, or 1.75]",
+)
+SPEED_OPTION = click.option(
+    "--speed",
+    type=NumberWithUnit("m/s"),
+    default=None,
+    metavar="M/S",
+    help="Walking speed [m/s]; a faster gait has a shorter stride time.  [default: computed from reference and leg "
+    "length]",
+)
+
+
+def mass_option(default: str = "the value in the folder of --reference, or 75") -> Decorator:
+    """Return ``--mass`` with a description of its default."""
+    return click.option(
+        "--mass", type=NumberWithUnit("kg"), default=None, metavar="KG", help=f"Body mass [kg].  [default: {default}]"
+    )
+
+
+def slope_option(
+    help_text: str = "Ground slope [deg], uphill positive; limb kinematics on slopes are assumed.",
+    default: float | None = 0.0,
+) -> Decorator:
+    """Return ``--slope``; with ``default`` None the command can tell whether the option was given."""
+    return click.option(
+        "--slope",
+        type=NumberWithUnit("degrees"),
+        default=default,
+        show_default=default is not None,
+        metavar="DEG",
+        help=help_text,
+    )
+
+
+def subject_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of a subject; the command receives them under the keywords of the public API."""
+    options = (
+        REFERENCE_OPTION,
+        STRIDE_TIME_OPTION,
+        ACCEPT_OPTION,
+        mass_option(),
+        STATURE_OPTION,
+        REJECT_HEIGHT_OPTION,
+        SPEED_OPTION,
+        slope_option(),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
 CATALOGUE_OPTION = click.option(
     "--catalogue",
     type=NonEmptyPath(),
@@ -78,6 +163,24 @@ CATALOGUE_OPTION = click.option(
     help="Python file that registers your own effects. Its code is executed: use only files that you trust.  "
     "[default: the file that the variable KLUTE_SIM_CATALOGUE names]",
 )
+
+
+def pair_devices_with_controllers(devices: tuple[str, ...], controllers: tuple[str, ...]) -> list[tuple[str, str]]:
+    """Return the n-th device with the n-th controller; one that stands alone belongs to all of the other kind.
+
+    Raises InputError when their numbers do not go together.
+    """
+    if not devices and not controllers:
+        return []
+    chosen_devices, chosen_controllers = devices or (DEFAULT_DEVICE_NAME,), controllers or (DEFAULT_CONTROLLER,)
+    count = max(len(chosen_devices), len(chosen_controllers))
+    if {len(chosen_devices), len(chosen_controllers)} - {1, count}:
+        raise InputError(
+            f"--device is given {len(devices)} times and --controller {len(controllers)} times; allowed: equal "
+            "numbers, or one of them once"
+        )
+    pairs = [items * (count // len(items)) for items in (chosen_devices, chosen_controllers)]
+    return list(dict.fromkeys(zip(*pairs, strict=True)))
 
 
 def out_option(kind: str, content: str) -> Decorator:

@@ -9,7 +9,6 @@ from typing import Any
 import click
 
 from klute_sim.cli import common
-from klute_sim.cli.common import NonEmptyPath
 from klute_sim.laws.hill_tables import HILL_CURVES
 
 SI_OPTIONS = {
@@ -35,16 +34,14 @@ def _number_option(name: str, metavar: str, help_text: str) -> Callable[[Callabl
 
 
 @click.command("design")
-@_number_option("--mass", "KG", "Body mass of the subject [kg].")
-@click.option(
-    "--reference",
-    "reference",
-    type=NonEmptyPath(),
-    default=None,
-    metavar="FILE",
-    help="With --mass: CSV file of a gait cycle with the columns of docs/gait.md.  [default: able-bodied adults]",
-)
+@common.mass_option("the value in the folder of --reference")
+@common.REFERENCE_OPTION
+@common.STRIDE_TIME_OPTION
 @common.ACCEPT_OPTION
+@common.STATURE_OPTION
+@common.REJECT_HEIGHT_OPTION
+@common.SPEED_OPTION
+@common.slope_option()
 @click.option(
     "--muscle", default=None, metavar="NAME", help=f"Muscle of Table 2.4 to emulate: {', '.join(HILL_CURVES)}."
 )
@@ -76,7 +73,9 @@ def _number_option(name: str, metavar: str, help_text: str) -> Callable[[Callabl
     "--eccentric-force", "N", "Damping force of the eccentric design point [N].  [default: (saturation - 1) F0]"
 )
 @_number_option(
-    "--moment-arm", "MM", "With --mass: moment arm of the tendon about the ankle [mm].  [default: 48, assumed]"
+    "--moment-arm",
+    "MM",
+    "With --mass or --reference: moment arm of the tendon about the ankle [mm].  [default: 48, assumed]",
 )
 @_number_option(
     "--tendon-strain",
@@ -101,6 +100,7 @@ def command(out: Path | None, as_json: bool, **options: Any) -> None:
     Examples:
       klute-sim design --mass 75
       klute-sim design --mass 100 --pressure 6 --out heavy
+      klute-sim design --reference my-subject
       klute-sim design --muscle bobbert_1986 --l0 264
       klute-sim design --f0 1400 --l0 250 --vmax 300 --a 0.28 --b 0.28
       klute-sim design --actuator klute-3-4 --count 2 --resting-length 250 --eccentric-force 400

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -40,53 +41,7 @@ class AngleOrAuto(click.ParamType[float | None]):
     help="Stiffness [N·m/deg] of a passive foot, which replaces --device; prosthetic feet have 3 to 15.  [default: no "
     "passive foot]",
 )
-@click.option(
-    "--reference",
-    "reference_path",
-    type=common.NonEmptyPath(),
-    default=None,
-    metavar="FILE|FOLDER",
-    help="Reference gait: a folder from klute-sim import, or a CSV file (docs/gait.md).  [default: able-bodied adults]",
-)
-@click.option(
-    "--stride-time",
-    type=common.NumberWithUnit("s"),
-    default=None,
-    metavar="S",
-    help="Stride time of --reference [s].  [default: the value in its folder, or 1.1]",
-)
-@common.ACCEPT_OPTION
-@click.option(
-    "--mass",
-    type=common.NumberWithUnit("kg"),
-    default=None,
-    metavar="KG",
-    help="Body mass [kg].  [default: the value in the folder of --reference, or 75]",
-)
-@click.option(
-    "--stature",
-    type=common.NumberWithUnit("m"),
-    default=None,
-    metavar="M",
-    help="Stature [m].  [default: the value in the folder of --reference, or 1.75]",
-)
-@common.REJECT_HEIGHT_OPTION
-@click.option(
-    "--speed",
-    type=common.NumberWithUnit("m/s"),
-    default=None,
-    metavar="M/S",
-    help="Walking speed [m/s]; a faster gait has a shorter stride time.  [default: computed from reference and leg "
-    "length]",
-)
-@click.option(
-    "--slope",
-    type=common.NumberWithUnit("degrees"),
-    default=0.0,
-    show_default=True,
-    metavar="DEG",
-    help="Ground slope [deg], uphill positive; limb kinematics on slopes are assumed.",
-)
+@common.subject_options
 @click.option(
     "--align",
     "alignment",
@@ -130,13 +85,6 @@ def command(
     device_name: str,
     controller_spec: str | None,
     spring_foot: float | None,
-    reference_path: Path | None,
-    stride_time: float | None,
-    accept: tuple[str, ...],
-    mass: float | None,
-    stature: float | None,
-    speed: float | None,
-    slope: float,
     alignment: float | None,
     learning_strides: int,
     hip_path: Path | None,
@@ -146,6 +94,7 @@ def command(
     out: Path | None,
     with_csv: bool,
     as_json: bool,
+    **subject: Any,
 ) -> None:
     """Simulate gait with the prosthesis on the gait rig.
 
@@ -179,21 +128,15 @@ def command(
             run = simulate_gait(
                 device_name if is_device_given else None,
                 controller=controller_spec,
-                mass=mass,
-                stature=stature,
-                speed=speed,
-                slope=slope,
                 strides=strides,
                 time_step=1e-3 * step_ms,
-                reference=reference_path,
-                stride_time=stride_time,
-                accept=accept,
                 spring_foot=spring_foot,
                 alignment=alignment,
                 learning_strides=learning_strides,
                 hip_path=hip_path,
                 backend=backend,
                 progress=progress,
+                **subject,
             )
         with progress_bar("writing") as progress:
             summary, notes = run.write_files(scratch, folder, with_csv=with_csv, progress=progress)

@@ -75,8 +75,16 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     "references",
     multiple=True,
     metavar="FILE|FOLDER",
-    help="Reference gait: a folder from klute-sim import, a CSV file (docs/gait.md), or 'able-bodied', the reference "
-    "of this package; may be repeated.  [default: able-bodied]",
+    help="Reference gait: a folder from klute-sim import, a CSV file (docs/gait.md), a pattern in quotes for several, "
+    "or 'able-bodied', the reference of this package; may be repeated.  [default: able-bodied]",
+)
+@click.option(
+    "--stride-time",
+    "stride_times",
+    callback=_parse_numbers,
+    multiple=True,
+    metavar="S,...",
+    help="Stride times of --reference [s].  [default: the value in its folder, or 1.1]",
 )
 @common.ACCEPT_OPTION
 @click.option(
@@ -95,6 +103,7 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     metavar="M,...",
     help="Statures [m].  [default: the value in the folder of --reference, or 1.75]",
 )
+@common.REJECT_HEIGHT_OPTION
 @click.option(
     "--spring-foot",
     "spring_feet",
@@ -126,6 +135,7 @@ def command(
     speeds: list[float | None],
     slopes: list[float],
     references: tuple[str, ...],
+    stride_times: list[float],
     accept: tuple[str, ...],
     masses: list[float],
     statures: list[float],
@@ -152,6 +162,7 @@ def command(
       klute-sim sweep --mass 60,75,90 --speed reference,1.0,1.4
       klute-sim sweep --slope -5,0,5 --controller profile --controller off
       klute-sim sweep --reference anna --reference ben --reference able-bodied
+      klute-sim sweep --reference 'subjects/*' --controller profile --controller machine
       klute-sim sweep --device klute-1-1-4-pair --spring-foot 4,6,8
       klute-sim sweep --device klute-1-1-4-pair --device my.toml --controller profile --controller off
       klute-sim sweep --controller constant:2 --controller mine.csv --out my-sweep --csv
@@ -173,6 +184,7 @@ def command(
             speeds=speeds or [None],
             slopes=slopes or [0.0],
             references=references or [ABLE_BODIED_REFERENCE],
+            stride_times=stride_times or [None],
             accept=accept,
             masses=masses or [None],
             statures=statures or [None],

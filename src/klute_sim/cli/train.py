@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -32,6 +33,14 @@ from klute_sim.cli import common
     metavar="FILE",
     help="TOML file: algorithm, environment, domain randomisation.  [default: the configuration of --show-config]",
 )
+@common.REFERENCE_OPTION
+@common.STRIDE_TIME_OPTION
+@common.ACCEPT_OPTION
+@common.mass_option()
+@common.STATURE_OPTION
+@common.REJECT_HEIGHT_OPTION
+@common.SPEED_OPTION
+@common.slope_option("Nominal ground slope [deg], uphill positive.  [default: 0]", default=None)
 @click.option(
     "--out",
     type=common.NonEmptyPath(),
@@ -51,12 +60,15 @@ def command(
     out: Path | None,
     show_config: bool,
     as_json: bool,
+    **subject: Any,
 ) -> None:
     """Train a control policy for walking and compare it with the hand-tuned profile.
 
     After the training, the policy and the hand-tuned profile are simulated in the same episodes. Ctrl-C stops the
     training and keeps its checkpoint; the same command with the same --out resumes it, and with a larger --minutes
     or --steps trains on.
+
+    The subject, such as --reference, replaces that of the configuration; its domain randomisation stays.
 
     Writes the configuration, the checkpoint, summary.json, learning_curve.png and policy.npz. The last contains plain
     numbers, which klute_sim.controllers.policy evaluates with NumPy alone. Needs the optional extra 'rl'
@@ -66,6 +78,7 @@ def command(
     Examples:
       klute-sim train --minutes 20 --seed 0 --out my-policy
       klute-sim train --out my-policy --minutes 40
+      klute-sim train --reference my-subject --out mine
       klute-sim train --show-config
     """
     from klute_sim.errors import InputError
@@ -81,7 +94,7 @@ def command(
     from klute_sim.cli.console import progress_bar, stderr_console, stdout_console
 
     with progress_bar("training") as progress:
-        result = train(config_path, minutes=minutes, steps=steps, seed=seed, folder=out, progress=progress)
+        result = train(config_path, minutes=minutes, steps=steps, seed=seed, folder=out, progress=progress, **subject)
     result.save()
     if result.n_resumed_steps:
         stderr_console().print(f"The training in {result.folder} resumed after {result.n_resumed_steps} steps.")

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -30,7 +31,8 @@ from klute_sim.cli import common
     "--goal-human",
     is_flag=True,
     help="Penalize a gait that misses the goals of the human ankle: rms moment distance of at most 0.39 sd, peak "
-    "power of at least 3.31 W/kg, net work of at least 0.218 J/kg, peak plantarflexion of at least 15 deg.",
+    "power of at least 3.31 W/kg, net work of at least 0.218 J/kg, peak plantarflexion of at least 15 deg; with "
+    "--reference, the last three in proportion to the ankle of the reference.",
 )
 @click.option(
     "--weight",
@@ -40,7 +42,7 @@ from klute_sim.cli import common
     help="Weight of the TERM moment, angle, power [1/sd²] or air [1/g]; may be repeated.  [default: moment=1, angle=1, "
     "power=1, air=0.1]",
 )
-@common.MASS_OPTION
+@common.subject_options
 @click.option(
     "--budget",
     type=click.IntRange(1, 1_000_000),
@@ -67,19 +69,20 @@ def command(
     device_keys: tuple[str, ...],
     goal_human: bool,
     weights: tuple[str, ...],
-    mass: float,
     budget: int,
     seed: int,
     jobs: int,
     out: Path | None,
     as_json: bool,
+    **subject: Any,
 ) -> None:
     """Tune a pressure profile, and optionally the device, for human-like gait at low air consumption.
 
     The objective is the mean squared distance of net moment, angle and power from the reference in stance, in standard
     deviations of the reference, plus 0.1 per gram of air in a stride. Penalties apply to a muscle at its stop, to poor
     load tracking and to a toe clearance below 3 mm. A gait in which the foot catches in swing always costs more than a
-    gait in which it does not.
+    gait in which it does not. Standard deviations that --reference does not state, or that --speed and --slope make
+    doubtful, are assumed and reported as such.
 
     The search method is CMA-ES. At the end, the best tenth of the evaluations is repeated with a finer time step, and
     the best of these is the result. Every evaluation is stored: the same command resumes an interrupted search, also
@@ -92,6 +95,7 @@ def command(
     Examples:
       klute-sim tune
       klute-sim tune --weight air=0.5 --budget 2000 --out low-air
+      klute-sim tune --reference my-subject --out mine
       klute-sim tune --with-device --goal-human --budget 4000 --out human
       klute-sim gait --controller human/tuned.csv --device human/device.toml
     """
@@ -107,12 +111,12 @@ def command(
             device_keys=device_keys,
             goal_human=goal_human,
             weights=_parse_weights(weights),
-            mass=mass,
             budget=budget,
             seed=seed,
             folder=out,
             n_jobs=jobs,
             progress=progress,
+            **subject,
         )
         content = result.write_files(result.folder)
     if as_json:

@@ -124,15 +124,18 @@ class AnkleBenchEnv(DeviceEnv):
         return self._task.observations[0], {}
 
     def _advance(self, action: Array) -> Step:
-        command = self._task.decode_action(action)
+        command, acts = self._task.decode_action(action), []
         with callbacks.device_callbacks(self._backend, is_isolated=True):
             try:
                 for control in self._task.schedule_controls(command, SINGLE_MASK)[0]:
                     self.data.ctrl[:] = control
                     callbacks.step_model(self.model, self.data)
+                    acts.append(self.data.act.copy())
             except SimulationError:
                 # Under either law, a failed device ends the episode.
                 self.data.act[self._task.actuator.act_address] = np.nan
+        if self._task.samples_air:
+            self._task.add_steps(SINGLE_MASK, np.reshape(acts, (1, -1, self.model.na)))
         reward, terminated, truncated, arrays, masks = self._task.evaluate(
             action, command, self._read_states(), SINGLE_MASK
         )

@@ -1,7 +1,6 @@
 """``klute_sim/AnkleBench`` on all cores: one model, many simulations, and no Python between their steps."""
 
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,7 @@ from klute_sim.envs.ankle_gait import make_action_space
 from klute_sim.envs.base.vector import BatchStep, BatchVectorEnv, Observations, VectorOptions
 from klute_sim.envs.tasks.bench_task import CONTROL_INTERVAL, BenchOptions, BenchTask, TesterStates
 from klute_sim.envs.tasks.options import resolve_device
-from klute_sim.errors import SimulationError
-from klute_sim.plant import batch, callbacks
+from klute_sim.plant import callbacks
 from klute_sim.types import Array, Mask
 
 
@@ -82,7 +80,7 @@ class AnkleBenchVectorEnv(BatchVectorEnv):
         command = self._task.decode_action(actions)
         controls = self._task.schedule_controls(command, active)
         if active.any():
-            with suppress(SimulationError):  # a failed device ends its episode
-                batch.step_batch(self._batch, np.flatnonzero(active), controls.shape[1], controls, is_isolated=True)
+            add_steps = self._task.add_steps if self._task.samples_air else None
+            self._step_batch(active, controls.shape[1], add_steps, controls)
         self._read_states(active)
         return BatchStep(*self._task.evaluate(actions, command, self._states, active))

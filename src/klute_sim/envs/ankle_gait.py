@@ -1,6 +1,6 @@
 """``klute_sim/AnkleGait-v1``: control of a powered ankle on the gait rig with one command every 10 ms."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import fields
 from pathlib import Path
@@ -18,9 +18,10 @@ from klute_sim.envs.base.single import DeviceEnv, Observation, Step
 from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
 from klute_sim.envs.tasks.gait_task import CONTROL_INTERVAL, GaitTask, SimulationStates
 from klute_sim.envs.tasks.instruments import OBSERVATIONS
-from klute_sim.envs.tasks.options import TaskOptions, resolve_device
+from klute_sim.envs.tasks.options import TaskOptions, resolve_device, resolve_gait_options
 from klute_sim.errors import InputError, SimulationError
-from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, GaitRig, reset_gait_rig
+from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitRig, reset_gait_rig
+from klute_sim.gait.subject import ReferenceLike
 from klute_sim.plant import callbacks
 from klute_sim.types import Array
 from klute_sim.units import BAR
@@ -121,6 +122,7 @@ class AnkleGaitEnv(DeviceEnv):
     |---|---|---|
     | ``mass_fraction`` | body mass within a fraction of ``mass`` | ``mass_kg`` |
     | ``speed_m_per_s`` | walking speed, from a range | ``speed_m_per_s`` |
+    | ``speed_fraction`` | walking speed, from a range relative to the nominal one | ``speed_m_per_s`` |
     | ``slope_deg`` | slope of the ground, from a range, uphill positive | ``slope_deg`` |
     | ``device`` | numbers of the device file within a fraction, as in ``{"muscle.c10_kpa": 0.1}`` | the keys |
     | ``effects`` | as in ``{"pressure_lag": {"time_constant_s": (0, 0.05)}}`` | ``effects.<name>.<key>`` |
@@ -131,7 +133,7 @@ class AnkleGaitEnv(DeviceEnv):
     ## Versions
 
     * v1: kinds of actions, noise and delay of sensors, weights of the reward, randomisation, slope; positive work is
-      rewarded; the load counts.
+      rewarded; the load counts; the air of an ideal regulator is summed at every time step.
     * v0: first version.
     """
 
@@ -141,10 +143,13 @@ class AnkleGaitEnv(DeviceEnv):
         self,
         *,
         device: Device | str | Path = DEFAULT_DEVICE,
-        mass: float = 75.0,
-        stature: float = 1.75,
+        mass: float | None = None,
+        stature: float | None = None,
         speed: float | None = None,
         slope: float = 0.0,
+        reference: ReferenceLike = None,
+        stride_time: float | None = None,
+        accept: Collection[str] = (),
         strides: int = 5,
         time_step: float = 5e-4,
         backend: str = "auto",
@@ -162,15 +167,21 @@ class AnkleGaitEnv(DeviceEnv):
     ) -> None:
         """Create the environment of a ``device`` (preset, path or Device) and a subject (mass [kg], stature [m]).
 
-        ``speed`` [m/s], ``slope`` [rad], ``time_step`` [s] and ``reset_noise`` [rad]; ``backend`` is auto, compiled or
-        python. The class docstring and :class:`klute_sim.envs.tasks.options.TaskOptions` describe the other options.
+        ``reference`` is the gait of the subject, or the path of its file or folder (None: able-bodied adults);
+        ``stride_time`` [s], mass and stature are by default those that it states (None), or 1.1 s, 75 kg and 1.75 m.
+        ``accept`` names findings about its file that are right although they look implausible. ``speed`` [m/s],
+        ``slope`` [rad], ``time_step`` [s] and ``reset_noise`` [rad]; ``backend`` is auto, compiled or python. The class
+        docstring and :class:`klute_sim.envs.tasks.options.TaskOptions` describe the other options.
+
         Raises InputError when an option is invalid.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is '{render_mode}'; allowed: None, rgb_array")
         if render_mode is not None:
             find_context_module()  # a system that cannot draw is refused now, not at the first picture
-        gait_options = GaitOptions(mass=mass, stature=stature, speed=speed, slope=slope, strides=strides, dt=time_step)
+        gait_options = resolve_gait_options(
+            reference, stride_time, accept, mass, stature, speed, slope, strides, time_step
+        )
         options = TaskOptions(
             action=action,
             residual_bar=residual_bar,
@@ -219,15 +230,20 @@ class AnkleGaitEnv(DeviceEnv):
     def _advance(self, action: Array) -> Step:
         command = self._task.decode_action(action)
         self.data.ctrl[: len(DRIVE_ACTUATORS)] = self._task.get_drive_command_rates()[0]
+        act, acts = self.data.act, []
         with callbacks.device_callbacks(self._backend, is_isolated=True):
             try:
                 for steps, scheduled_command in self._task.schedule_commands(command, self._single_mask):
                     self.data.ctrl[self._gait_rig.actuator.ctrl_address] = scheduled_command[0]
-                    callbacks.step_model(self.model, self.data, steps)
+                    for count in [1] * steps if self._task.samples_air else [steps]:
+                        callbacks.step_model(self.model, self.data, count)
+                        acts.append(act.copy())
             except SimulationError:
                 self.data.act[self._gait_rig.actuator.act_address] = (
                     np.nan
                 )  # under either law, a failed device ends the episode
+        if self._task.samples_air:
+            self._task.add_steps(self._single_mask, np.reshape(acts, (1, -1, self.model.na)))
         states, rngs = self._read_states(), [self.np_random]
         reward, terminated, truncated, arrays = self._task.evaluate(action, command, states, self._single_mask, rngs)
         info = {name: float(value[0]) for name, value in arrays.items()}

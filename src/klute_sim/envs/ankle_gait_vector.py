@@ -1,7 +1,6 @@
 """``klute_sim/AnkleGait`` on all cores: one model, many simulations, and no Python between their steps."""
 
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,10 @@ from klute_sim.envs.ankle_gait import make_action_space, make_observation_space,
 from klute_sim.envs.base.vector import BatchStep, BatchVectorEnv, Observations, VectorOptions
 from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
 from klute_sim.envs.tasks.gait_task import CONTROL_INTERVAL, GaitTask, SimulationStates
-from klute_sim.envs.tasks.options import TaskOptions, resolve_device
-from klute_sim.errors import SimulationError
-from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions
-from klute_sim.plant import batch, callbacks
+from klute_sim.envs.tasks.options import TaskOptions, resolve_device, resolve_gait_options
+from klute_sim.gait.rig.setup import DRIVE_ACTUATORS
+from klute_sim.gait.subject import ReferenceLike
+from klute_sim.plant import callbacks
 from klute_sim.types import Array, Mask
 
 
@@ -35,10 +34,13 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
         num_envs: int = 1,
         *,
         device: Device | str | Path = DEFAULT_DEVICE,
-        mass: float = 75.0,
-        stature: float = 1.75,
+        mass: float | None = None,
+        stature: float | None = None,
         speed: float | None = None,
         slope: float = 0.0,
+        reference: ReferenceLike = None,
+        stride_time: float | None = None,
+        accept: Collection[str] = (),
         strides: int = 5,
         time_step: float = 5e-4,
         action: str | None = None,
@@ -66,7 +68,9 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
             max_episode_steps=max_episode_steps,
             render_mode=render_mode,
         )
-        gait_options = GaitOptions(mass=mass, stature=stature, speed=speed, slope=slope, strides=strides, dt=time_step)
+        gait_options = resolve_gait_options(
+            reference, stride_time, accept, mass, stature, speed, slope, strides, time_step
+        )
         options = TaskOptions(
             action=action,
             residual_bar=residual_bar,
@@ -116,7 +120,6 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
         self._ctrl[active, : len(DRIVE_ACTUATORS)] = self._task.get_drive_command_rates()[active]
         for steps, scheduled_command in self._task.schedule_commands(command, active):
             self._ctrl[active, self._gait_rig.actuator.ctrl_address] = scheduled_command[active]
-            with suppress(SimulationError):  # a failed device ends its episode
-                batch.step_batch(self._batch, np.flatnonzero(active), steps, is_isolated=True)
+            self._step_batch(active, steps, self._task.add_steps if self._task.samples_air else None)
         self._read_states(active)
         return BatchStep(*self._task.evaluate(actions, command, self._states, active, self._rngs))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -91,10 +92,23 @@ class Reference:
     """Measured walking speed [m/s]; None: unknown. The rig computes its speed from angles, legs and stride time."""
     accepted: tuple[Finding, ...] = ()
     """Implausible properties that the user accepts."""
+    assumed_deviations: tuple[str, ...] = ()
+    """Columns of standard deviations that are assumed, at every speed and on every slope."""
 
     def __call__(self, column: str, phase: Array, derivative: int = 0) -> Array:
         """Return ``column``, or its ``derivative``-th derivative by phase, at ``phase`` (0-1, periodic)."""
         return np.asarray(self.splines[column](phase, derivative), dtype=np.float64)
+
+    def describe(self) -> dict[str, Any]:
+        """Return name, digest and numbers in JSON types, for result folders."""
+        return {
+            "name": self.name,
+            "sha256": self.digest,
+            "stride_time_s": self.stride_time,
+            "mass_kg": self.mass,
+            "stature_m": self.stature,
+            "assumed_deviations": list(self.assumed_deviations),
+        }
 
     def has_column(self, column: str) -> bool:
         """Return whether the reference has the optional ``column``."""
@@ -123,8 +137,9 @@ class Reference:
             "grf_vertical_n_per_kg": _combine_splines(cosine, vertical, -sine, forward),
             "grf_forward_n_per_kg": _combine_splines(cosine, forward, sine, vertical),
         }
-        # Standard deviations on level ground do not hold on a slope.
-        unchanged = {name: spline for name, spline in self.splines.items() if name not in DEVIATION_COLUMNS}
+        # Standard deviations measured on level ground do not hold on a slope.
+        level_only = set(DEVIATION_COLUMNS) - set(self.assumed_deviations)
+        unchanged = {name: spline for name, spline in self.splines.items() if name not in level_only}
         return replace(self, splines=unchanged | tilted)
 
     def find_toe_off_phase(self) -> float:
@@ -148,6 +163,7 @@ def _combine_splines(weight_a: float, spline_a: CubicSpline, weight_b: float, sp
     return CubicSpline(spline_a.x, values, bc_type="periodic")
 
 
+@cache
 def load_default_reference() -> Reference:
     """Return the default reference."""
     return replace(parse_reference(_read_default_text(), DEFAULT_FILE), name=DEFAULT_NAME)
@@ -172,9 +188,7 @@ def load_reference(path: str | Path, stride_time: float | None = None, accept: C
         path, metadata = reference_folder.read_reference_folder(Path(path))
     if stride_time is None:
         stride_time = DEFAULT_STRIDE_TIME if metadata is None else metadata.stride_time
-    if not 0.5 <= stride_time <= 3.0:
-        hint = describe_other_unit("stride time", stride_time)
-        raise InputError(f"stride time is {stride_time:g}; allowed: 0.5 to 3 s{hint}")
+    check_stride_time(stride_time)
     try:
         text = read_text(path, REFERENCE)
     except NotTextError:
@@ -189,6 +203,13 @@ def load_reference(path: str | Path, stride_time: float | None = None, accept: C
     if metadata is None:
         return reference
     return replace(reference, name=folder_name, mass=metadata.mass, stature=metadata.stature, speed=metadata.speed)
+
+
+def check_stride_time(stride_time: float) -> None:
+    """Raise InputError when ``stride_time`` [s] is out of range."""
+    if not 0.5 <= stride_time <= 3.0:
+        hint = describe_other_unit("stride time", stride_time)
+        raise InputError(f"stride time is {stride_time:g}; allowed: 0.5 to 3 s{hint}")
 
 
 def parse_reference(

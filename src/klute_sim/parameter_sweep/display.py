@@ -7,7 +7,8 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN
+from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
+from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, UNTRACKED_COLUMN
 from klute_sim.parameter_sweep.table import FAILURE_COLUMN, SweepRow
 
 MAX_ROWS_SHOWN = 40
@@ -16,12 +17,17 @@ INPUT_TITLES = {
     "device": "device",
     "controller": "controller",
     "reference": "reference",
+    "reference_stride_time [s]": "stride\ntime s",
     "speed_requested [m/s]": "speed\nm/s",
     "slope [deg]": "slope\ndeg",
     "mass [kg]": "mass\nkg",
     "stature [m]": "stature\nm",
 }
 """Title of each input by column; an input is shown only where it varies."""
+MIN_NAME_WIDTH_CHARS = 12
+"""Width [characters] that a column of names keeps in a narrow terminal."""
+UNTRACKED_REMARK = "not tracked"
+"""Remark on a load that is not tracked."""
 REFERENCE_SPEED = "reference"
 """Word in place of a speed: the speed that the reference and the leg length imply."""
 METRIC_FORMATS = {
@@ -37,20 +43,27 @@ METRIC_FORMATS = {
 def format_table(rows: Sequence[SweepRow]) -> Table:
     """Return the first rows: the inputs that vary, the main metrics, and the failure or a remark."""
     varied = {column: title for column, title in INPUT_TITLES.items() if len({row[column] for row in rows}) > 1}
-    table = Table(title=Text(f"{len(rows)} cases"), box=box.SIMPLE_HEAD)
-    for title in varied.values():
-        table.add_column(title, overflow="fold")
+    table = Table(title=Text(f"{len(rows)} cases"), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for column, title in varied.items():
+        longest = max(len(_format_cell(row[column], ".4g", REFERENCE_SPEED)) for row in rows)
+        table.add_column(title, overflow="fold", min_width=min(longest, MIN_NAME_WIDTH_CHARS))
     for title, _ in METRIC_FORMATS.values():
         table.add_column(title, justify="right", no_wrap=True)
-    table.add_column("")
+    table.add_column("", min_width=len(UNTRACKED_REMARK))
     for row in rows[:MAX_ROWS_SHOWN]:
         inputs = [_format_cell(row[column], ".4g", REFERENCE_SPEED) for column in varied]
         values = [
             "-" if row[column] is None else format(row[column], format_spec)
             for column, (_, format_spec) in METRIC_FORMATS.items()
         ]
-        table.add_row(*inputs, *values, row[FAILURE_COLUMN] or ("the toe catches" if row[TRIPS_COLUMN] else ""))
+        table.add_row(*inputs, *values, _format_remark(row))
     return table
+
+
+def _format_remark(row: SweepRow) -> str:
+    """Return the failure of a row, or what makes its gait unusable."""
+    problems = {TRIPS_COLUMN: "trips", UNTRACKED_COLUMN: UNTRACKED_REMARK}
+    return row[FAILURE_COLUMN] or ", ".join(text for column, text in problems.items() if row[column])
 
 
 def _format_cell(value: Any, format_spec: str, placeholder: str = "-") -> str:
@@ -66,4 +79,13 @@ def collect_remarks(rows: Sequence[SweepRow], n_failed: int) -> list[str]:
         remarks.append(f"The first {MAX_ROWS_SHOWN} of {len(rows)} cases are shown; the files contain all of them.")
     if n_failed:
         remarks.append(f"{n_failed} of {len(rows)} cases failed; the column 'failure' gives the reasons.")
+    n_trips, n_untracked = (sum(bool(row[column]) for row in rows) for column in (TRIPS_COLUMN, UNTRACKED_COLUMN))
+    if n_trips:
+        remarks.append(f"In {n_trips} of {len(rows)} cases the foot touches the ground in swing (column 'trips').")
+    if n_untracked:
+        remarks.append(
+            f"In {n_untracked} of {len(rows)} cases the ankle does not carry the load of the reference (column "
+            f"'load_not_tracked': rms error above {MAX_GRF_TRACKING_RMS_BW:g} body weights); moments and powers are "
+            "not those of walking."
+        )
     return remarks

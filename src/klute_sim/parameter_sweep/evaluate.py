@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from klute_sim.errors import KluteSimError
 from klute_sim.gait.metrics import GaitMetrics, StrideMetrics, compute_gait_metrics
+from klute_sim.gait.reference import DEVIATION_COLUMNS, MAX_GRF_TRACKING_RMS_BW
 from klute_sim.gait.rig import rig
 from klute_sim.parameter_sweep.fingerprint import describe_difference, fingerprint_software
 from klute_sim.parameter_sweep.plan import GaitCase
@@ -47,7 +48,10 @@ REFERENCE_DISTANCES: dict[str, Callable[[StrideMetrics], float | None]] = {
 """Distances to the reference in stance, by column; only where the speed and the slope are those of the reference."""
 SPATIOTEMPORAL_COLUMNS = ("speed [m/s]", "stride_time [s]")
 TRIPS_COLUMN = "trips"
-METRIC_COLUMNS = (*SPATIOTEMPORAL_COLUMNS, *REFERENCE_DISTANCES, *STRIDE_METRICS, TRIPS_COLUMN)
+"""Whether the foot touches the ground in swing."""
+UNTRACKED_COLUMN = "load_not_tracked"
+"""Whether the ankle does not carry the load of the reference: its rms error is above the largest allowed."""
+METRIC_COLUMNS = (*SPATIOTEMPORAL_COLUMNS, *REFERENCE_DISTANCES, *STRIDE_METRICS, TRIPS_COLUMN, UNTRACKED_COLUMN)
 """All metrics of a case, in the order of the table."""
 
 
@@ -85,8 +89,9 @@ def evaluate_case(case: GaitCase) -> CaseResult:
 
 def _extract_metrics(recording: Recording, case: GaitCase) -> dict[str, MetricValue]:
     metrics, options = compute_gait_metrics(recording), recording.provenance["options"]
-    # On a slope the metrics themselves hold no distance.
-    is_comparable = _has_reference_stride_time(options["stride_time_s"], case)
+    # On a slope the metrics themselves hold no distance, unless the standard deviations are assumed.
+    is_assumed = set(DEVIATION_COLUMNS) <= set(case.subject.reference.assumed_deviations)
+    is_comparable = is_assumed or _has_reference_stride_time(options["stride_time_s"], case)
     values: dict[str, MetricValue] = {
         "speed [m/s]": options["speed_m_per_s"],
         "stride_time [s]": options["stride_time_s"],
@@ -96,12 +101,14 @@ def _extract_metrics(recording: Recording, case: GaitCase) -> dict[str, MetricVa
         for column, get_value in REFERENCE_DISTANCES.items()
     }
     values |= {column: _finite_mean(metrics, get_value) for column, get_value in STRIDE_METRICS.items()}
-    return {**values, TRIPS_COLUMN: metrics.has_swing_contact}
+    tracking_error = values["grf_vertical_tracking_rms [1]"]
+    is_untracked = tracking_error is None or tracking_error > MAX_GRF_TRACKING_RMS_BW
+    return {**values, TRIPS_COLUMN: metrics.has_swing_contact, UNTRACKED_COLUMN: is_untracked}
 
 
 def _has_reference_stride_time(stride_time: float, case: GaitCase) -> bool:
     """Return whether ``stride_time`` [s] is that of the reference; it is rounded to a whole number of time steps."""
-    return abs(stride_time - case.build_options().reference.stride_time) <= 0.5 * case.dt
+    return abs(stride_time - case.subject.reference.stride_time) <= 0.5 * case.dt
 
 
 def _finite_mean(metrics: GaitMetrics, get_value: Callable[[StrideMetrics], float | None]) -> float | None:

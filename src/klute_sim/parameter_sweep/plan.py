@@ -6,26 +6,20 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 from klute_sim.controllers.parse import Controller
 from klute_sim.controllers.pressure import create_off_controller
 from klute_sim.device.device import Device
-from klute_sim.gait.reference import Reference, load_default_reference
-from klute_sim.gait.rig.build import MODEL_MASS, MODEL_STATURE
+from klute_sim.errors import InputError
+from klute_sim.gait.reference import DEFAULT_NAME, Reference, load_default_reference
 from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.gait.spring_foot import SpringFoot
+from klute_sim.gait.subject import Subject, resolve_subject
 from klute_sim.parameter_sweep.fingerprint import fingerprint_software
 
 ABLE_BODIED_REFERENCE = "able-bodied"
 """Name of the reference that ships with the package."""
-
-
-@cache
-def _load_default_reference() -> Reference:
-    """Load the default reference once per process; loading it takes longer than preparing a case."""
-    return load_default_reference()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,22 +34,14 @@ class GaitCase:
     """Controller specification as the user typed it."""
     controller: Controller
     """Controller that commands the device."""
-    speed: float | None
-    """Walking speed [m/s]; None: the speed that the reference implies."""
-    slope_deg: float
-    """Ground slope [deg], uphill positive; in degrees, so that the table shows the number that the user typed."""
-    mass: float
-    """Body mass [kg]."""
+    subject: Subject
+    """Person who walks, with speed and slope."""
     strides: int
     """Number of strides to simulate."""
     dt: float
     """Time step [s]."""
-    stature: float = MODEL_STATURE
-    """Stature [m]."""
     reference_name: str = ABLE_BODIED_REFERENCE
     """Reference as the user named it."""
-    reference: Reference | None = None
-    """Reference gait; None: the reference that ships with the package."""
     foot_stiffness: float | None = None
     """Stiffness of a passive foot in place of the device [N.m/deg]; None: the device."""
     software: Mapping[str, str] = field(default_factory=fingerprint_software)
@@ -63,26 +49,17 @@ class GaitCase:
 
     def build_options(self) -> GaitOptions:
         """Return the options of the gait rig; raises InputError when a value is out of range."""
-        return GaitOptions(
-            mass=self.mass,
-            stature=self.stature,
-            speed=self.speed,
-            slope=math.radians(self.slope_deg),
-            strides=self.strides,
-            dt=self.dt,
-            reference=self.reference or _load_default_reference(),
-            spring_foot=None
-            if self.foot_stiffness is None
-            else SpringFoot(stiffness=math.degrees(self.foot_stiffness)),
-        )
+        stiffness = self.foot_stiffness
+        foot = None if stiffness is None else SpringFoot(stiffness=math.degrees(stiffness))
+        return self.subject.build_options(self.strides, self.dt, foot)
 
     @property
     def key(self) -> str:
         """Digest of all inputs that determine the metrics; names do not enter it."""
-        reference = self.reference and [self.reference.digest, self.reference.stride_time]
-        subject = [self.device.digest, self.controller.describe(), reference, self.stature]
-        setup = [self.speed, self.slope_deg, self.mass, self.strides, self.dt, self.foot_stiffness, dict(self.software)]
-        return hashlib.sha256(json.dumps([*subject, *setup], sort_keys=True).encode()).hexdigest()[:32]
+        subject = self.subject.describe()
+        del subject["reference"]["name"]
+        inputs = [self.device.digest, self.controller.describe(), subject, self.strides, self.dt, self.foot_stiffness]
+        return hashlib.sha256(json.dumps([*inputs, dict(self.software)], sort_keys=True).encode()).hexdigest()[:32]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,8 +70,12 @@ class SweepPlan:
     """Device by the name that the user gave it."""
     controllers: Mapping[str, Controller]
     """Controller by the specification that the user typed."""
-    references: Mapping[str, Reference | None] = field(default_factory=lambda: {ABLE_BODIED_REFERENCE: None})
-    """Reference gait by the name that the user gave it; None: the reference that ships with the package."""
+    references: Mapping[str, Reference] = field(
+        default_factory=lambda: {ABLE_BODIED_REFERENCE: load_default_reference()}
+    )
+    """Reference gait by the name that the user gave it."""
+    stride_times: Sequence[float | None] = (None,)
+    """Stride times of the references [s]; None: the time that the reference states."""
     speeds: Sequence[float | None] = (None,)
     """Walking speeds [m/s]; None: the speed that the reference implies."""
     slopes_deg: Sequence[float] = (0.0,)
@@ -112,14 +93,19 @@ class SweepPlan:
 
     def __post_init__(self) -> None:
         """Raise InputError when a value is out of range."""
+        if self.stride_times != (None,) and any(r.name == DEFAULT_NAME for r in self.references.values()):
+            raise InputError(
+                "a stride time requires a reference file: the stride time of the default reference is fixed"
+            )
         for case in self.iter_cases():
             case.build_options()
 
     def iter_cases(self) -> Iterator[GaitCase]:
         """Yield the cases in the order of the table: passive feet after the devices."""
-        for (device, controller, stiffness), reference, speed, slope, mass, stature in itertools.product(
+        for (device, controller, stiffness), reference, stride_time, speed, slope, mass, stature in itertools.product(
             self._iter_device_controller_pairs(),
             self.references.items(),
+            self.stride_times,
             self.speeds,
             self.slopes_deg,
             self.masses,
@@ -131,11 +117,9 @@ class SweepPlan:
                 controller_name=controller[0],
                 controller=controller[1],
                 reference_name=reference[0],
-                reference=reference[1],
-                speed=speed,
-                slope_deg=slope,
-                mass=first_not_none(mass, reference[1].mass if reference[1] else None, MODEL_MASS),
-                stature=first_not_none(stature, reference[1].stature if reference[1] else None, MODEL_STATURE),
+                subject=resolve_subject(
+                    reference[1], stride_time=stride_time, mass=mass, stature=stature, speed=speed, slope=slope
+                ),
                 strides=self.strides,
                 dt=self.dt,
                 foot_stiffness=stiffness,
@@ -159,7 +143,8 @@ class SweepPlan:
         return {
             "devices": devices,
             "controllers": {name: controller.describe() for name, controller in self.controllers.items()},
-            "references": {name: _describe_reference(reference) for name, reference in self.references.items()},
+            "references": {name: reference.describe() for name, reference in self.references.items()},
+            "stride_times_s": list(self.stride_times),
             "speeds_m_per_s": list(self.speeds),
             "slopes_deg": list(self.slopes_deg),
             "masses_kg": list(self.masses),
@@ -169,16 +154,3 @@ class SweepPlan:
             "time_step_s": self.dt,
             "software": fingerprint_software(),
         }
-
-
-def first_not_none(*values: float | None) -> float:
-    """Return the first of ``values`` that is not None."""
-    return next(value for value in values if value is not None)
-
-
-def _describe_reference(reference: Reference | None) -> dict[str, Any]:
-    reference = reference or _load_default_reference()
-    return {
-        **{"name": reference.name, "sha256": reference.digest, "stride_time_s": reference.stride_time},
-        **{"mass_kg": reference.mass, "stature_m": reference.stature},
-    }

@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, TRIPS_COLUMN, CaseResult
+from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, TRIPS_COLUMN, UNTRACKED_COLUMN, CaseResult
 from klute_sim.parameter_sweep.plan import GaitCase, SweepPlan
 from klute_sim.recording.recording import split_heading
 
@@ -22,6 +22,7 @@ INPUT_TYPES = {
     "controller": pa.string(),
     "reference": pa.string(),
     "reference_sha256": pa.string(),
+    "reference_stride_time [s]": pa.float64(),
     "speed_requested [m/s]": pa.float64(),
     "slope [deg]": pa.float64(),
     "mass [kg]": pa.float64(),
@@ -29,7 +30,9 @@ INPUT_TYPES = {
     "strides [1]": pa.int64(),
     "time_step [s]": pa.float64(),
 }
-METRIC_TYPES = {column: pa.bool_() if column == TRIPS_COLUMN else pa.float64() for column in METRIC_COLUMNS}
+METRIC_TYPES = {
+    column: pa.bool_() if column in (TRIPS_COLUMN, UNTRACKED_COLUMN) else pa.float64() for column in METRIC_COLUMNS
+}
 FAILURE_COLUMN = "failure"
 COLUMN_TYPES = {**INPUT_TYPES, **METRIC_TYPES, FAILURE_COLUMN: pa.string()}
 """Arrow type by column; a numeric column is named ``name [unit]``, text and Boolean columns have no unit."""
@@ -44,11 +47,12 @@ def build_row(case: GaitCase, result: CaseResult | None) -> SweepRow:
         "device_sha256": case.device.digest,
         "controller": case.controller_name,
         "reference": case.reference_name,
-        "reference_sha256": case.build_options().reference.digest,
-        "speed_requested [m/s]": case.speed,
-        "slope [deg]": case.slope_deg,
-        "mass [kg]": case.mass,
-        "stature [m]": case.stature,
+        "reference_sha256": case.subject.reference.digest,
+        "reference_stride_time [s]": case.subject.reference.stride_time,
+        "speed_requested [m/s]": case.subject.speed,
+        "slope [deg]": case.subject.slope_deg,
+        "mass [kg]": case.subject.mass,
+        "stature [m]": case.subject.stature,
         "strides [1]": case.strides,
         "time_step [s]": case.dt,
     }

@@ -4,7 +4,7 @@ This is a thin layer over :class:`mujoco.batch.Batch`, whose results do not depe
 batch accepts C functions only, so it needs the compiled backend.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -17,6 +17,7 @@ from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import callbacks
 from klute_sim.plant.actuator import DeviceActuator
 from klute_sim.plant.coupling import N_BASE_STATES
+from klute_sim.types import Array
 
 
 def create_batch(model: mujoco.MjModel, n_simulations: int, n_threads: int = 0) -> Batch:
@@ -61,11 +62,13 @@ def step_batch(
     n_steps: int = 1,
     controls: ArrayLike | None = None,
     *,
+    record: Mapping[str, Array] | None = None,
     is_isolated: bool = False,
 ) -> None:
     """Advance the simulations ``ids`` (None: all) by ``n_steps`` steps.
 
-    ``controls`` (n, n_steps, nu) are the commands of every step; None keeps those of the simulations. ``is_isolated``
+    ``controls`` (n, n_steps, nu) are the commands of every step; None keeps those of the simulations. ``record`` holds
+    arrays (n, n_steps, ...) by field of MjData, which are filled with its values after each step. ``is_isolated``
     removes the callbacks of other code meanwhile.
 
     Raises SimulationError when a device has no finite state: the pressure of its simulation is NaN, and all other
@@ -74,10 +77,10 @@ def step_batch(
     with callbacks.device_callbacks("compiled", is_isolated=is_isolated) as backend:
         if backend != "compiled":
             raise InputError("a batch cannot be stepped while Python callbacks are installed in MuJoCo; remove them")
-        if controls is None:
+        if controls is None and not record:
             batch.step(ids=ids, nstep=n_steps)
         else:
-            batch.rollout(n_steps, controls, record=(), ids=ids)
+            batch.rollout(n_steps, controls, record=tuple(record or ()), ids=ids, out=dict(record or {}))
         faults = callbacks.pop_fault_messages()
     if faults:
         act = batch.bind("act")

@@ -1,6 +1,7 @@
 """Configuration of a training: a TOML file."""
 
 import inspect
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,7 +12,8 @@ from klute_sim.envs.ankle_gait_vector import AnkleGaitVectorEnv
 from klute_sim.errors import InputError
 from klute_sim.files.limits import TRAINING_CONFIG
 from klute_sim.files.reading import read_bytes
-from klute_sim.files.toml import parse_toml, validation_sentence
+from klute_sim.files.toml import format_toml, parse_toml, validation_sentence
+from klute_sim.gait.reference import load_reference
 
 EXCLUDED_KEYWORDS = ("self", "num_envs", "autoreset_mode", "max_episode_steps", "render_mode")
 """Keywords of the vector environment that a configuration cannot set."""
@@ -36,6 +38,8 @@ class TrainingConfig(BaseModel):
     """Number of episodes of the evaluation."""
     environment: dict[str, Any] = {}
     """Keywords of the environment."""
+    reference_sha256: str | None = None
+    """Digest of the reference that the environment names, set when a training starts; another file is refused."""
     ppo: dict[str, Any] = {}
     """Keywords of the algorithm PPO."""
     sac: dict[str, Any] = {}
@@ -58,6 +62,32 @@ def load_config(path: str | Path | None) -> tuple[TrainingConfig, bytes]:
         return parse_config(read_default_config(), "default.toml"), read_default_config()
     content = read_bytes(path, TRAINING_CONFIG)
     return parse_config(content, str(path)), content
+
+
+def load_subject_config(path: str | Path | None, subject: Mapping[str, Any]) -> tuple[TrainingConfig, bytes]:
+    """Return the configuration of a file (None: the default) and its content, for a ``subject``.
+
+    ``subject`` holds keywords of the environment, which replace those of the file. The path of a reference becomes
+    absolute, and the digest of its curves is part of the configuration, so that a training resumes with the same gait.
+
+    Raises InputError when the configuration is invalid or the reference cannot be read.
+    """
+    config, content = load_config(path)
+    environment = {**config.environment, **subject}
+    reference = environment.get("reference")
+    if not subject and reference is None:
+        return config, content
+    changes: dict[str, Any] = {"environment": environment}
+    if reference is not None:
+        changes["reference_sha256"] = compute_reference_digest(environment)
+        environment["reference"] = str(Path(reference).absolute())
+    config = config.model_copy(update=changes)
+    return config, format_toml(config.model_dump(exclude_none=True)).encode()
+
+
+def compute_reference_digest(environment: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of the reference in the keywords ``environment``; raises InputError when it cannot be read."""
+    return load_reference(environment["reference"], accept=environment.get("accept", ())).digest
 
 
 def parse_config(content: bytes, source: str) -> TrainingConfig:

@@ -5,9 +5,10 @@ Stable-Baselines3 and torch are an optional extra and are imported when they are
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from klute_sim.gait.code_digest import POLICY_KEY, compute_code_digest
 from klute_sim.provenance import collect_versions
 from klute_sim.recording.atomic_file import replace_atomically, write_atomically
 from klute_sim.training.checkpoint import load_checkpoint
-from klute_sim.training.config import TrainingConfig, load_config
+from klute_sim.training.config import TrainingConfig, compute_reference_digest, load_config, load_subject_config
 from klute_sim.training.folder import CHECKPOINT_FILE, CONFIG_FILE, LEARNING_CURVE_FILE, PROGRESS_FILE
 
 LEARNING_CURVE_COLUMNS = ("minutes", "steps", "episodes", "episode_return", "episode_steps")
@@ -172,30 +173,35 @@ class Training:
         return Policy(OBSERVATION_SCALE, layers, self.config.activation, is_squashed, metadata)
 
 
-def open_training(folder: Path, config_path: str | Path | None, seed: int | None) -> Training:
+def open_training(
+    folder: Path, config_path: str | Path | None, seed: int | None, subject: Mapping[str, Any] | None = None
+) -> Training:
     """Return the training in the locked ``folder``: the one that it holds, else a new one.
 
     ``config_path`` and ``seed`` are those of the training; None: the shipped configuration and 0 for a new training.
+    ``subject`` holds keywords of the environment, which replace those of the configuration; None: no keyword.
 
     Raises InputError when they differ from those of the training in the folder, or when it is damaged.
     """
-    given = None if config_path is None else load_config(config_path)[1]
     if (folder / CONFIG_FILE).exists():
-        return _resume_training(folder, given, seed)
-    config, content = load_config(config_path)
+        return _resume_training(folder, config_path, seed, subject or {})
+    config, content = load_subject_config(config_path, subject or {})
     training = Training(folder, config, TrainingProgress(seed or 0))
     write_atomically(folder / CONFIG_FILE, content)
     training.save_progress()
     return training
 
 
-def _resume_training(folder: Path, given: bytes | None, seed: int | None) -> Training:
+def _resume_training(
+    folder: Path, config_path: str | Path | None, seed: int | None, subject: Mapping[str, Any]
+) -> Training:
     config, content = load_config(folder / CONFIG_FILE)
-    if given is not None and given != content:
+    if config_path is not None and load_subject_config(config_path, subject)[1] != content:
         raise InputError(
             f"output folder {folder} holds a training with another configuration: leave the configuration out to "
             "resume it, or name a new or an empty folder"
         )
+    check_same_subject(folder, config, subject)
     progress = _read_progress(folder) if (folder / PROGRESS_FILE).exists() else TrainingProgress(seed or 0)
     if seed is not None and seed != progress.seed:
         raise InputError(
@@ -203,6 +209,22 @@ def _resume_training(folder: Path, given: bytes | None, seed: int | None) -> Tra
             "or name a new or an empty folder"
         )
     return Training(folder, config, progress)
+
+
+def check_same_subject(folder: Path, config: TrainingConfig, subject: Mapping[str, Any]) -> None:
+    """Raise InputError unless the training with ``config`` has this ``subject`` and its reference is unchanged."""
+    given = {name: str(Path(value).absolute()) if name == "reference" else value for name, value in subject.items()}
+    different = [name for name, value in given.items() if config.environment.get(name) != value]
+    if different:
+        raise InputError(
+            f"output folder {folder} holds a training of another subject (other {', '.join(different)}): leave the "
+            "subject out to resume it, or name a new or an empty folder"
+        )
+    if config.reference_sha256 not in (None, compute_reference_digest(config.environment)):
+        raise InputError(
+            f"reference {config.environment['reference']} has changed since the training in {folder} started: restore "
+            "it, or name a new or an empty folder"
+        )
 
 
 def _read_progress(folder: Path) -> TrainingProgress:

@@ -69,7 +69,7 @@ def describe_problem(problem: TuningProblem) -> dict[str, Any]:
         "device": space.device.content.decode("utf-8-sig"),
         "profile": space.profile.describe(),
         "design_variables": [asdict(variable) for variable in space.variables],
-        "mass_kg": problem.mass,
+        **problem.subject.describe(),
         "weights": asdict(problem.weights),
         "goals": asdict(problem.goals),
         "seed": problem.seed,

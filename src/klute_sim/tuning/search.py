@@ -8,12 +8,14 @@ answers most of them.
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from klute_sim.errors import InputError, KluteSimError, MissingExtraError
 from klute_sim.gait.rig.setup import build_gait_rig
+from klute_sim.gait.subject import Subject
 from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, UNEXPECTED_ERROR_PREFIX, CaseResult
 from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.parameter_sweep.runner import Runner
@@ -27,6 +29,7 @@ from klute_sim.tuning.objective import (
     compute_cost,
     compute_tracking_error,
 )
+from klute_sim.tuning.subject import prepare_subject
 from klute_sim.types import Array
 
 INITIAL_SIGMA = 0.75
@@ -45,8 +48,8 @@ class TuningProblem:
 
     space: DesignSpace
     """Device, profile and design variables."""
-    mass: float
-    """Body mass [kg]."""
+    subject: Subject = field(default_factory=Subject)
+    """Person who walks; standard deviations that the reference lacks are assumed."""
     weights: Weights = field(default_factory=Weights)
     """Weights of the terms of the objective."""
     goals: Goals = field(default_factory=Goals)
@@ -59,6 +62,10 @@ class TuningProblem:
         case = self.build_case(np.zeros(len(self.space.variables)))
         build_gait_rig(case.device, case.build_options(), SEARCH_DT)
 
+    @cached_property
+    def _evaluated_subject(self) -> Subject:
+        return prepare_subject(self.subject)
+
     def build_case(self, x: Array, strides: int = SEARCH_STRIDES, dt: float = SEARCH_DT) -> GaitCase:
         """Return the case at the normalized point ``x``; ``dt`` is the time step [s].
 
@@ -70,9 +77,7 @@ class TuningProblem:
             device=device,
             controller_name=profile.name,
             controller=profile,
-            speed=None,
-            slope_deg=0.0,
-            mass=self.mass,
+            subject=self._evaluated_subject,
             strides=strides,
             dt=dt,
         )
@@ -118,12 +123,12 @@ _COLUMN_OF_METRIC = {
 def select_metrics(metrics: Mapping[str, Any]) -> TuningMetrics:
     """Return the metrics of the objective among the ``metrics`` of a case, which are named by column.
 
-    Raises InputError when the reference has no standard deviations, so that there is no distance.
+    Raises InputError when the simulation has none of them, as that of a passive foot.
     """
     values = {name: metrics[column] for name, column in _COLUMN_OF_METRIC.items()}
     missing = [_COLUMN_OF_METRIC[name] for name, value in values.items() if value is None]
     if missing:
-        raise InputError(f"the objective needs {missing[0]}: use a reference with standard deviations")
+        raise InputError(f"the objective needs {missing[0]}, which the simulation does not have")
     return TuningMetrics(**values, trips=bool(metrics[TRIPS_COLUMN]))
 
 

@@ -117,5 +117,5 @@ def _is_up_to_date(kind: FolderKind, file: Path) -> bool:
 def _rebuild(kind: FolderKind, folder: Path, file: Path) -> None:
     try:
         import_module(f"klute_sim.viewer.layouts.{kind.builder_module}").rebuild_recording(folder, file)
-    except (KeyError, TypeError, ValueError, OSError, pa.ArrowException) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, OSError, pa.ArrowException) as error:
         raise InputError(f"cannot view the {kind.name} {folder}: {type(error).__name__}: {error}") from None

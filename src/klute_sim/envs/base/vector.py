@@ -1,7 +1,8 @@
 """Rules of Gymnasium for a vector environment: seeds, automatic resets, copies in mid-episode, and threads."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from copy import copy, deepcopy
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Self
@@ -24,7 +25,7 @@ from klute_sim.envs.base.validation import (
     validate_reset_options,
     validate_seeds,
 )
-from klute_sim.errors import InputError
+from klute_sim.errors import InputError, SimulationError
 from klute_sim.plant import batch
 from klute_sim.types import Array, Mask
 
@@ -253,6 +254,24 @@ class BatchVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]],
             infos |= self._start_episodes(ended)
         infos |= mask_info(step.info, active, step.info_masks)
         return self._get_observations(), step.reward, step.terminated, truncated, infos
+
+    def _step_batch(
+        self,
+        active: Mask,
+        n_steps: int,
+        add_steps: Callable[[Mask, Array], None] | None,
+        controls: Array | None = None,
+    ) -> None:
+        """Take ``n_steps`` steps in the simulations ``active``.
+
+        ``controls`` (active simulations, ``n_steps``, nu) are the commands of every step. ``add_steps`` receives
+        ``active`` and the values of ``act`` after each step; None records nothing.
+        """
+        record = {"act": np.empty((int(active.sum()), n_steps, self._model.na))} if add_steps else {}
+        with suppress(SimulationError):  # a failed device ends its episode
+            batch.step_batch(self._batch, np.flatnonzero(active), n_steps, controls, record=record, is_isolated=True)
+        if add_steps:
+            add_steps(active, record["act"])
 
     def _read_states(self, active: Mask) -> None:
         """Copy the states of the simulations ``active`` from the batch."""

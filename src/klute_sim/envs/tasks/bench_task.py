@@ -197,6 +197,16 @@ class BenchTask:
         self._energy.reset(mask, self._device_states(states))
         self._observe(mask, states)
 
+    @property
+    def samples_air(self) -> bool:
+        """Return whether :meth:`add_steps` has to be called before :meth:`evaluate`."""
+        return self._energy.samples_air
+
+    def add_steps(self, mask: Mask, act: Array) -> None:
+        """Add the air drawn in consecutive steps; ``act`` (simulations in ``mask``, steps, na) is that after each."""
+        first, resting_length = self.actuator.act_address, self.actuator.parameters.muscle.resting_length
+        self._energy.add_steps(mask, act[:, :, first] * BAR, resting_length + act[:, :, first + 1])
+
     def decode_action(self, action: Array) -> Array:
         """Return the gauge pressure [bar] or opening [1] of ``action``, which is clipped to [-1, 1]."""
         return self._action_decoder.decode(np.clip(action, -1.0, 1.0), self._phase)

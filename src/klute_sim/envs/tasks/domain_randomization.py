@@ -35,6 +35,9 @@ MAX_VARIATION_FRACTION = 0.5
 PARAMETER_FIELD = "actuator_user"
 """Field of the model with the device parameters."""
 
+SPEED_LIMITS_M_PER_S = (0.4, 2.5)
+"""Lowest and highest walking speed of the gait rig [m/s], to which a range in fractions of the speed is limited."""
+
 Range = tuple[float, float]
 
 
@@ -46,6 +49,8 @@ class RandomizationRanges:
     """Largest relative deviation of the body mass."""
     speed_m_per_s: Range | None = None
     """Lowest and highest walking speed [m/s]."""
+    speed_fraction: Range | None = None
+    """Lowest and highest walking speed relative to the nominal one [1], in place of ``speed_m_per_s``."""
     slope_deg: Range | None = None
     """Lowest and highest slope of the ground [deg], positive uphill."""
     device: Mapping[str, float] = field(default_factory=dict)
@@ -61,7 +66,9 @@ class RandomizationRanges:
                     f"domain_randomization has {name} = {fraction:g}; allowed: a fraction from 0 to "
                     f"{MAX_VARIATION_FRACTION:g}"
                 )
-        for name in ("speed_m_per_s", "slope_deg"):
+        if self.speed_m_per_s is not None and self.speed_fraction is not None:
+            raise InputError("domain_randomization has speed_m_per_s and speed_fraction, which exclude each other")
+        for name in ("speed_m_per_s", "speed_fraction", "slope_deg"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _parse_range(name, getattr(self, name)))
         for effect, content in self.effects.items():
@@ -162,7 +169,7 @@ class DomainRandomizer:
         nominal_rig = build_gait_rig(self.device, nominal_options, interval)
         # The prosthesis keeps its alignment; the path of the hip is another one.
         self._options = replace(options, alignment=nominal_options.alignment)
-        self._option_grids = self._build_option_grids()
+        self._option_grids = self._build_option_grids(nominal_rig.trajectory.speed)
         self.gait_rigs: list[GaitRig] = [nominal_rig]
         """Nominal rig, followed by the sampled rigs; all refer to the model of the nominal rig."""
         corners = [
@@ -233,13 +240,17 @@ class DomainRandomizer:
     def _copy_rig_fields(self, model: mujoco.MjModel) -> dict[str, Any]:
         return {name: np.array(_get_model_field(model, name)) for name in self._rig_fields}
 
-    def _build_option_grids(self) -> dict[str, np.ndarray]:
+    def _build_option_grids(self, nominal_speed: float) -> dict[str, np.ndarray]:
         ranges, mass = self._ranges, self._options.mass
+        speeds = ranges.speed_m_per_s
+        if ranges.speed_fraction is not None:
+            lowest, highest = np.clip(nominal_speed * np.array(ranges.speed_fraction), *SPEED_LIMITS_M_PER_S)
+            speeds = (float(lowest), float(highest))
         ranges_by_option: dict[str, Range | None] = {
             "mass_kg": (mass * (1.0 - ranges.mass_fraction), mass * (1.0 + ranges.mass_fraction))
             if ranges.mass_fraction
             else None,
-            "speed_m_per_s": ranges.speed_m_per_s,
+            "speed_m_per_s": speeds,
             "slope_deg": ranges.slope_deg,
         }
         return {name: np.linspace(*ends, GRID_SIZE) for name, ends in ranges_by_option.items() if ends is not None}

@@ -1,11 +1,17 @@
 """Energy and air of many simulations over one control interval.
 
 Forces are known only at the ends of an interval. The work is their mean times the travel, which is coarser than the
-energy balance of a recording at every step. The difference, including the work of length stops, is
-``work_unresolved_j``.
+energy balance of a recording at every step: over a stride, each term differs by less than 2 % of the work that the gas
+does and absorbs (0.4 % with the default profile). What the terms do not account for, including the work of length
+stops, is ``work_unresolved_j``.
+
+The drawn air is that of a recording. A valve, a leak or a tank meters it; with an ideal regulator, it is the gain of
+air in the muscle, which has to be summed at every step: where the command falls while the muscle shortens, the
+regulator exhausts and refills within one interval.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +24,9 @@ from klute_sim.device.dynamics import (
     has_internal_state,
 )
 from klute_sim.device.energy.outputs import DeviceOutputs
-from klute_sim.laws import pneumatic_step
+from klute_sim.laws import mckibben, pneumatic_step
+from klute_sim.laws.mckibben import MuscleParameters
+from klute_sim.laws.pneumatics import air_mass
 from klute_sim.types import Array, Mask
 
 
@@ -44,19 +52,39 @@ class EnergyAccounting:
     def __init__(self, parameters: DeviceParameters, n_simulations: int, backend: str) -> None:
         """Set up the accounting with the ``backend`` in use, ``compiled`` or ``python``."""
         self._batch_outputs = BatchOutputs(parameters, backend)
-        self._supply_is_metered = not pneumatic_step.is_ideal(apply_supply_effects(parameters, ZERO_INTERNAL_STATE))
+        self.samples_air = pneumatic_step.is_ideal(apply_supply_effects(parameters, ZERO_INTERNAL_STATE))
+        """Whether the drawn air has to be summed at every step, :meth:`add_steps`."""
         self._has_internal_state = has_internal_state(parameters)
         self._previous_outputs = np.zeros((n_simulations, self._batch_outputs.n_columns))
         self._previous_lengths = np.zeros((n_simulations, 2))
+        self._muscles = np.repeat([parameters.muscle], n_simulations, axis=0)
+        self._supplies = np.repeat([_list_supply_values(parameters)], n_simulations, axis=0)
+        self._step_air, self._drawn_air = np.zeros(n_simulations), np.zeros(n_simulations)
 
     def set_parameters(self, index: int, parameters: DeviceParameters) -> None:
         """Set the device of simulation ``index`` from its next reset on; all devices have the same effects."""
         self._batch_outputs.set_parameters(index, parameters, len(self._previous_outputs))
+        self._muscles[index], self._supplies[index] = parameters.muscle, _list_supply_values(parameters)
 
     def reset(self, mask: Mask, device_states: DeviceStates) -> None:
         """Restart the accounting of the simulations in ``mask``."""
         outputs, lengths = self._evaluate(device_states)
         self._previous_outputs[mask], self._previous_lengths[mask] = outputs[mask], lengths[mask]
+        self._step_air[mask], self._drawn_air[mask] = DeviceOutputs(*outputs[mask].T[:N_OUTPUTS]).air_mass, 0.0
+
+    def add_steps(self, mask: Mask, pressure: Array, muscle_length: Array) -> None:
+        """Add the air drawn in consecutive steps of the simulations in ``mask``, for :attr:`samples_air`.
+
+        ``pressure`` [Pa] and ``muscle_length`` [m], shape (simulations in ``mask``, steps), are those after each step.
+        """
+        # Arrays in place of numbers.
+        states: Any = pressure, muscle_length
+        muscles = MuscleParameters(*self._muscles[mask].T[:, :, None])
+        temperature, dead_volume = self._supplies[mask].T[:, :, None]
+        volume = mckibben.gas_volume(muscles, states[1]) + dead_volume
+        air = np.column_stack([self._step_air[mask], air_mass(states[0], volume, temperature)])
+        self._drawn_air[mask] += np.fmax(np.diff(air), 0.0).sum(axis=1)
+        self._step_air[mask] = air[:, -1]
 
     def update(self, mask: Mask, device_states: DeviceStates) -> dict[str, Array]:
         """Return the energies [J] and air masses [g] of the interval that ends now.
@@ -82,7 +110,8 @@ class EnergyAccounting:
         delivered_work = -mean_outputs.tension * unit_travel
         # Summed in a fixed order: the order of np.sum differs between one simulation and many.
         work["work_unresolved_j"] = delivered_work - sum(work.values())
-        air_drawn = after.air_drawn - before.air_drawn if self._supply_is_metered else after.air_mass - before.air_mass
+        air_drawn = self._drawn_air.copy() if self.samples_air else after.air_drawn - before.air_drawn
+        self._drawn_air[mask] = 0.0
         result = {
             **work,
             "work_delivered_j": delivered_work,
@@ -106,3 +135,8 @@ class EnergyAccounting:
             device_states.internal_state if self._has_internal_state else np.zeros((len(states), N_INTERNAL_STATES))
         )
         return self._batch_outputs.evaluate(states, internal_state), states[:, [1, 3]]
+
+
+def _list_supply_values(parameters: DeviceParameters) -> tuple[float, float]:
+    """Return the temperature [K] and the dead volume [m3] of the supply."""
+    return parameters.supply.temperature, parameters.supply.dead_volume

@@ -166,6 +166,16 @@ class GaitTask:
             self._stride_tables.command_rates[self._rig_index, self.elapsed_intervals % self._commands_per_stride()]
         )
 
+    @property
+    def samples_air(self) -> bool:
+        """Return whether :meth:`add_steps` has to be called before :meth:`evaluate`."""
+        return self._energy.samples_air
+
+    def add_steps(self, mask: Mask, act: Array) -> None:
+        """Add the air drawn in consecutive steps; ``act`` (simulations in ``mask``, steps, na) is that after each."""
+        pressure, offset = act[:, :, self._pressure_index] * BAR, act[:, :, self._length_index]
+        self._energy.add_steps(mask, pressure, self._resting_length[mask, None] + offset)
+
     def assign_episode(self, index: int, episode: Episode) -> None:
         """Assign ``episode`` to simulation ``index`` from its next reset on."""
         self._stride_tables.add_rigs(self.randomizer.gait_rigs)

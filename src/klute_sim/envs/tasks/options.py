@@ -1,7 +1,7 @@
 """Options of the gait task besides subject and device."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,8 @@ from klute_sim.envs.tasks import reward
 from klute_sim.envs.tasks.actions import ACTION_KINDS
 from klute_sim.envs.tasks.domain_randomization import RandomizationRanges
 from klute_sim.errors import InputError
+from klute_sim.gait.rig.setup import GaitOptions
+from klute_sim.gait.subject import ReferenceLike, resolve_subject
 
 MAX_RESIDUAL_BAR = 20.0
 """Largest change of the base profile [bar]."""
@@ -57,6 +59,27 @@ class TaskOptions:
             raise InputError(f"reset_noise is {self.reset_noise:g}; allowed: 0 to {MAX_RESET_NOISE:g} rad")
         reward.resolve_weights(self.reward)
         object.__setattr__(self, "domain_randomization", RandomizationRanges.from_mapping(self.domain_randomization))
+
+
+def resolve_gait_options(
+    reference: ReferenceLike,
+    stride_time: float | None,
+    accept: Collection[str],
+    mass: float | None,
+    stature: float | None,
+    speed: float | None,
+    slope: float,
+    strides: int,
+    time_step: float,
+) -> GaitOptions:
+    """Return the options of the rig for the subject of an environment; ``slope`` is in rad.
+
+    Raises InputError when the reference cannot be read or a number is out of range.
+    """
+    subject = resolve_subject(
+        reference, stride_time=stride_time, accept=accept, mass=mass, stature=stature, speed=speed
+    )
+    return replace(subject.build_options(strides, time_step), slope=slope)
 
 
 def resolve_device(device: Device | str | Path) -> Device:
