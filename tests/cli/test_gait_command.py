@@ -106,7 +106,8 @@ def test_user_reference_without_deviations_and_user_profile(tmp_path: Path) -> N
 
 
 def test_toe_catch_is_reported(tmp_path: Path) -> None:
-    arguments = ("--strides", "2", "--controller", "constant:2", "--out", "r")
+    """At 3 bar the foot points down in swing, and without an alignment nothing lifts its toe."""
+    arguments = ("--strides", "2", "--step", "1", "--controller", "constant:3", "--align", "0", "--out", "r")
     done = run("gait", *arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "catches" in done.stdout or "trips" in done.stdout

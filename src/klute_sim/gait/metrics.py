@@ -252,7 +252,9 @@ def _compute_stride_metrics(stride: Recording, mass: float) -> StrideMetrics:
     contact = stride["grf_vertical"] > STANCE_LOAD_BW * weight
     stance = stride["reference_grf_vertical"] > STANCE_LOAD_BW * weight
     load_error = (stride["grf_vertical"] - stride["reference_grf_vertical"]) / weight
-    swing = _mask_between(phase, phase[stance].max() + SWING_MARGIN_PCT, 100.0 - SWING_MARGIN_PCT)
+    # The reference may be loaded in the last samples of the stride, too.
+    toe_off = find_contact_events(phase, stance)[1] or 0.0
+    swing = _mask_between(phase, toe_off + SWING_MARGIN_PCT, 100.0 - SWING_MARGIN_PCT)
     return StrideMetrics(
         **_compute_ankle_metrics(stride, "", mass),
         actuator_moment_peak_nm_per_kg=float(stride["actuator_moment"].max() / mass),
