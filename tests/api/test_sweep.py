@@ -6,6 +6,7 @@ import pytest
 
 import klute_sim as ks
 from klute_sim.parameter_sweep.store import RESULTS_FOLDER
+from tests.gait.reference_files import write_reference_folder
 
 
 def test_sweep_returns_rows_and_resumes_in_its_folder(tmp_path: Path) -> None:
@@ -30,6 +31,12 @@ def test_sweep_returns_rows_and_resumes_in_its_folder(tmp_path: Path) -> None:
 def test_sweep_with_passive_feet_alone_simulates_no_device(tmp_path: Path) -> None:
     result = ks.sweep(spring_feet=[6.0], strides=1, time_step=1e-3, n_jobs=1, folder=tmp_path / "s")
     assert [row["device"] for row in result.rows] == ["spring foot 6"]
+
+
+def test_one_reference_stands_for_a_list_of_one(tmp_path: Path) -> None:
+    folder = write_reference_folder(tmp_path / "me", mass=62.0, stature=1.66)
+    result = ks.sweep(references=str(folder), strides=1, time_step=1e-3, n_jobs=1, folder=tmp_path / "s")
+    assert [(row["reference"], row["mass [kg]"]) for row in result.rows] == [(str(folder), 62.0)]
 
 
 def test_tuning_result_has_the_tuned_profile_and_writes_the_files_of_the_command(tmp_path: Path) -> None:

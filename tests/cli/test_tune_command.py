@@ -72,6 +72,16 @@ def test_search_for_an_imported_subject_uses_its_numbers_and_refuses_another_sub
         assert f"output folder t holds another tune ({names})" in refused.stderr
 
 
+@pytest.mark.slow
+def test_search_at_another_speed_on_a_slope_states_that_its_target_is_assumed(tmp_path: Path) -> None:
+    done = run("tune", "--speed", "1.4", "--slope", "3", "--budget", "1", "--jobs", "1", "--out", "t", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Assumed: at 1.4 m/s and on a slope of 3 degrees" in done.stdout
+    assert "no distance to the reference" not in done.stdout
+    content = json.loads((tmp_path / "t" / "tuning.json").read_text())
+    assert content["table"][0]["tuned"] is not None
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

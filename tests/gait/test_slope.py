@@ -120,8 +120,12 @@ def test_slope_has_no_distance_to_the_reference() -> None:
         **{"mass_kg": 75.0, "stature_m": 1.75, "speed_m_per_s": 1.2, "stride_time_s": 1.1},
         **{"reference": "x", "reference_speed_m_per_s": None, "contact_lost_in_stance": False, "alignment_deg": 0.0},
         "hip_path": {"learning_strides": 0},
+        "distance_to_reference": {"moment_distance_sd": {"stance_rms": None}},
     }
-    assert any("rises by 3 degrees" in said for said in collect_remarks(summary))
+    (remark,) = (said for said in collect_remarks(summary) if "rises by 3 degrees" in said)
+    assert remark.endswith("and no distance to the reference is given.")
+    assumed = collect_remarks(summary | {"distance_to_reference": {"moment_distance_sd": {"stance_rms": 0.5}}})
+    assert not any("no distance" in said for said in assumed)
     assert not any("rises" in said for said in collect_remarks(summary | {"slope_deg": 0.0}))
 
 

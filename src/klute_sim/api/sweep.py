@@ -114,7 +114,7 @@ def sweep(
     controllers: Sequence[ControllerLike] | ControllerLike = (),
     speeds: Sequence[float | None] = (None,),
     slopes: Sequence[float] = (0.0,),
-    references: Sequence[str | Path | Reference] = (ABLE_BODIED_REFERENCE,),
+    references: Sequence[str | Path | Reference] | str | Path | Reference = (ABLE_BODIED_REFERENCE,),
     stride_times: Sequence[float | None] = (None,),
     masses: Sequence[float | None] = (None,),
     statures: Sequence[float | None] = (None,),
@@ -159,7 +159,8 @@ def sweep(
         devices={get_input_name(device): to_device(device) for device in chosen_devices},
         controllers={get_input_name(controller): to_controller(controller) for controller in chosen_controllers},
         references={
-            get_input_name(reference): _load_reference(reference, accept) for reference in _expand_patterns(references)
+            get_input_name(reference): _load_reference(reference, accept)
+            for reference in _expand_patterns(_to_list(references))
         },
         stride_times=tuple(stride_times),
         speeds=speeds,

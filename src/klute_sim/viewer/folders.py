@@ -51,6 +51,10 @@ FOLDER_KINDS = (
 )
 
 
+ASSESSMENT_PAGE = "assessment.html"
+"""Page of a folder of ``klute-sim assess``."""
+
+
 def detect_folder_kind(folder: Path) -> FolderKind:
     """Return the kind of ``folder``.
 
@@ -69,6 +73,8 @@ def detect_folder_kind(folder: Path) -> FolderKind:
             f"{folder} is a gait reference, which has no view; plot its strides with 'klute-sim compare {folder}', or "
             f"simulate a gait on it with 'klute-sim gait --reference {folder}'"
         )
+    if (folder / ASSESSMENT_PAGE).is_file():
+        raise InputError(f"{folder} is an assessment, which has no view; open {folder / ASSESSMENT_PAGE} in a browser")
     names = ", ".join(f"{kind.name} ({kind.marker_file})" for kind in FOLDER_KINDS)
     raise InputError(f"cannot view {folder}: it is not a folder of results; allowed: {names}")
 

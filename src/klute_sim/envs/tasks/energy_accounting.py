@@ -58,13 +58,13 @@ class EnergyAccounting:
         self._previous_outputs = np.zeros((n_simulations, self._batch_outputs.n_columns))
         self._previous_lengths = np.zeros((n_simulations, 2))
         self._muscles = np.repeat([parameters.muscle], n_simulations, axis=0)
-        self._supplies = np.repeat([_list_supply_values(parameters)], n_simulations, axis=0)
+        self._rooms = np.repeat([_describe_room(parameters)], n_simulations, axis=0)
         self._step_air, self._drawn_air = np.zeros(n_simulations), np.zeros(n_simulations)
 
     def set_parameters(self, index: int, parameters: DeviceParameters) -> None:
         """Set the device of simulation ``index`` from its next reset on; all devices have the same effects."""
         self._batch_outputs.set_parameters(index, parameters, len(self._previous_outputs))
-        self._muscles[index], self._supplies[index] = parameters.muscle, _list_supply_values(parameters)
+        self._muscles[index], self._rooms[index] = parameters.muscle, _describe_room(parameters)
 
     def reset(self, mask: Mask, device_states: DeviceStates) -> None:
         """Restart the accounting of the simulations in ``mask``."""
@@ -80,10 +80,10 @@ class EnergyAccounting:
         # Arrays in place of numbers.
         states: Any = pressure, muscle_length
         muscles = MuscleParameters(*self._muscles[mask].T[:, :, None])
-        temperature, dead_volume = self._supplies[mask].T[:, :, None]
-        volume = mckibben.gas_volume(muscles, states[1]) + dead_volume
+        constant_volume, temperature = self._rooms[mask].T[:, :, None]
+        volume = mckibben.braid_volume(muscles, states[1]) + constant_volume
         air = np.column_stack([self._step_air[mask], air_mass(states[0], volume, temperature)])
-        self._drawn_air[mask] += np.fmax(np.diff(air), 0.0).sum(axis=1)
+        self._drawn_air[mask] += np.fmax(air[:, 1:] - air[:, :-1], 0.0).sum(axis=1)
         self._step_air[mask] = air[:, -1]
 
     def update(self, mask: Mask, device_states: DeviceStates) -> dict[str, Array]:
@@ -137,6 +137,7 @@ class EnergyAccounting:
         return self._batch_outputs.evaluate(states, internal_state), states[:, [1, 3]]
 
 
-def _list_supply_values(parameters: DeviceParameters) -> tuple[float, float]:
-    """Return the temperature [K] and the dead volume [m3] of the supply."""
-    return parameters.supply.temperature, parameters.supply.dead_volume
+def _describe_room(parameters: DeviceParameters) -> tuple[float, float]:
+    """Return the volume of the air beyond that inside the braid [m3], which is constant, and its temperature [K]."""
+    muscle, supply = parameters.muscle, parameters.supply
+    return supply.dead_volume - muscle.n_actuators * mckibben.bladder_volume(muscle), supply.temperature

@@ -171,10 +171,11 @@ def collect_remarks(summary: dict[str, Any]) -> list[str]:
         remarks.append("The foot leaves the ground for an instant in stance.")
     if summary["slope_deg"]:
         direction = "rises" if summary["slope_deg"] > 0.0 else "falls"
+        has_distance = summary["distance_to_reference"]["moment_distance_sd"]["stance_rms"] is not None
         remarks.append(
             f"The ground {direction} by {abs(summary['slope_deg']):g} degrees, for which there is no measured "
             "reference: limb and load follow the level reference in space, the ankle compensates for the slope "
-            "(assumed), and no distance to the reference is given."
+            f"(assumed){'' if has_distance else ', and no distance to the reference is given'}."
         )
     if summary["grf_vertical_tracking_rms_bw"] > MAX_GRF_TRACKING_RMS_BW:
         remarks.append(
