@@ -39,7 +39,7 @@ from klute_sim.provenance import collect_versions
 
 DEVICE = load_device(DEFAULT_DEVICE)
 VALVE_DEVICE = load_device("klute-1-1-4-pair-valve")
-ENVIRONMENT_ID, BENCH_ID = "klute_sim/AnkleGait-v1", "klute_sim/AnkleBench-v0"
+ENVIRONMENT_ID, BENCH_ID = "klute_sim/AnkleGait-v2", "klute_sim/AnkleBench-v0"
 STEPS_PER_CALL = 20
 
 

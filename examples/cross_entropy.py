@@ -46,7 +46,7 @@ def main() -> None:
     arguments = parser.parse_args()
     rng, n_candidates = np.random.default_rng(arguments.seed), arguments.candidates
     options = {"action": "residual", "residual_bar": 1.0, "strides": arguments.strides}
-    envs = gymnasium.make_vec("klute_sim/AnkleGait-v1", n_candidates, "vector_entry_point", **options)
+    envs = gymnasium.make_vec("klute_sim/AnkleGait-v2", n_candidates, "vector_entry_point", **options)
     print(f"hand-tuned profile: {compute_returns(envs, np.zeros((n_candidates, 9)), arguments.seed).mean():.1f}")
     mean, deviation = np.zeros(9), np.full(9, 0.5)
     for generation in range(1, arguments.generations + 1):

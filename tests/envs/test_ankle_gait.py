@@ -29,7 +29,7 @@ from klute_sim.gait.rig.setup import GaitOptions
 from klute_sim.units import BAR
 from tests.gait.reference_files import write_reference_folder
 
-NAME = "klute_sim/AnkleGait-v1"
+NAME = "klute_sim/AnkleGait-v2"
 
 
 def make_action(pressure_bar: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from klute_sim.envs.tasks import domain_randomization
 from klute_sim.envs.tasks.domain_randomization import GRID_SIZE, RandomizationRanges
 from klute_sim.errors import InputError
 
-NAME = "klute_sim/AnkleGait-v1"
+NAME = "klute_sim/AnkleGait-v2"
 ALL_RANGES = {
     "mass_fraction": 0.2,
     "speed_m_per_s": (1.0, 1.4),

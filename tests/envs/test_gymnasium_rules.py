@@ -18,7 +18,7 @@ from klute_sim.envs.base.errors import ConcurrentUseError
 from klute_sim.envs.registration import ENVIRONMENTS
 from klute_sim.errors import InputError, KluteSimError
 
-GAIT, BENCH = "klute_sim/AnkleGait-v1", "klute_sim/AnkleBench-v0"
+GAIT, BENCH = "klute_sim/AnkleGait-v2", "klute_sim/AnkleBench-v0"
 SHORT: dict[str, dict[str, Any]] = {
     GAIT: {"strides": 1, "time_step": 1e-3},
     BENCH: {"duration": 1.0, "time_step": 1e-3},

@@ -25,8 +25,8 @@ def ideal_observations() -> np.ndarray:
 
 
 def test_noise_has_documented_deviation(ideal_observations: np.ndarray) -> None:
-    base = gymnasium.make("klute_sim/AnkleGait-v1", strides=3).unwrapped
-    noisy = gymnasium.make("klute_sim/AnkleGait-v1", strides=3, sensor_noise=2.0).unwrapped
+    base = gymnasium.make("klute_sim/AnkleGait-v2", strides=3).unwrapped
+    noisy = gymnasium.make("klute_sim/AnkleGait-v2", strides=3, sensor_noise=2.0).unwrapped
     differences = [noisy.reset(seed=5)[0] - base.reset(seed=5)[0]]
     for _ in range(329):  # pressures do not depend on the sensors, so the motion is equal
         differences.append(noisy.step(np.full(1, -0.7))[0] - base.step(np.full(1, -0.7))[0])
@@ -42,7 +42,7 @@ def test_noise_is_determined_by_seed() -> None:
 
 def test_delay_is_in_whole_intervals() -> None:
     prompt_env, delayed_env = (
-        gymnasium.make("klute_sim/AnkleGait-v1", strides=2, sensor_delay=k).unwrapped for k in (0, 3)
+        gymnasium.make("klute_sim/AnkleGait-v2", strides=2, sensor_delay=k).unwrapped for k in (0, 3)
     )
     observations = []
     for env in (prompt_env, delayed_env):
@@ -56,7 +56,7 @@ def test_delay_is_in_whole_intervals() -> None:
 def test_sensor_delay_delays_phase_estimate() -> None:
     strikes = []
     for delay in (0, 4):
-        env = gymnasium.make("klute_sim/AnkleGait-v1", strides=2, sensor_delay=delay).unwrapped
+        env = gymnasium.make("klute_sim/AnkleGait-v2", strides=2, sensor_delay=delay).unwrapped
         env.reset(seed=5)
         sine = np.array([env.step(np.full(1, -0.7))[0][6] for _ in range(150)])
         crossings = np.flatnonzero((sine[80:-1] < -0.01) & (sine[81:] >= -0.01))

@@ -17,7 +17,7 @@ needs_library = pytest.mark.skipif(not any(LIBRARIES.values()), reason="neither 
 PICTURE = """
 import mujoco  # before klute_sim, so that MuJoCo has already made its choice
 import gymnasium, klute_sim, numpy as np
-env = gymnasium.make("klute_sim/AnkleGait-v1", render_mode="rgb_array", width=64, height=48)
+env = gymnasium.make("klute_sim/AnkleGait-v2", render_mode="rgb_array", width=64, height=48)
 env.reset(seed=0)
 env.step(np.zeros(1, dtype=np.float32))
 picture = env.render()
@@ -29,7 +29,7 @@ import warnings
 warnings.simplefilter("error")
 import gymnasium, klute_sim
 from gymnasium.utils.env_checker import check_env
-for name in ("klute_sim/AnkleGait-v1", "klute_sim/AnkleBench-v0"):
+for name in ("klute_sim/AnkleGait-v2", "klute_sim/AnkleBench-v0"):
     for mode in (None, *gymnasium.make(name).metadata["render_modes"]):
         check_env(gymnasium.make(name, render_mode=mode).unwrapped)
 print("passed")

@@ -191,7 +191,7 @@ def test_batch_equals_single_environment_with_dead_time() -> None:
         load_device("klute-1-1-4-pair").content + b"\n[effects.pressure_delay]\ndelay_s = 0.027\n", "late"
     )
     single = make_env(device=device, strides=1)
-    batch = gymnasium.make_vec("klute_sim/AnkleGait-v1", 2, "vector_entry_point", device=device, strides=1)
+    batch = gymnasium.make_vec("klute_sim/AnkleGait-v2", 2, "vector_entry_point", device=device, strides=1)
     single.reset(seed=4)
     batch.reset(seed=[4, 5])
     for k in range(60):

@@ -9,7 +9,7 @@ import klute_sim  # noqa: F401  (registers)
 from klute_sim.device.device import load_device
 from klute_sim.errors import InputError
 
-NAME, BENCH = "klute_sim/AnkleGait-v1", "klute_sim/AnkleBench-v0"
+NAME, BENCH = "klute_sim/AnkleGait-v2", "klute_sim/AnkleBench-v0"
 SHORT = {"strides": 1, "time_step": 1e-3}
 SHORT_BENCH = {"duration": 1.1, "cycle_duration": 0.3, "time_step": 1e-3}
 

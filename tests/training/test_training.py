@@ -148,7 +148,7 @@ def test_episode_totals_end_with_episode() -> None:
     }
     configuration = run_episodes(lambda observed: np.zeros((len(observed), 1), dtype=np.float32), options, 3, 0)
     for index in range(3):
-        env = gymnasium.make("klute_sim/AnkleGait-v1", **options)
+        env = gymnasium.make("klute_sim/AnkleGait-v2", **options)
         env.reset(seed=10**12 + index)
         total, steps, ended = 0.0, 0, False
         while not ended:
@@ -193,7 +193,7 @@ def test_training_resumes_and_exports_its_network(algorithm: str, tmp_path: Path
         assert np.array_equal(biases, expected_biases)
     assert policy.metadata["steps"] == summary["steps"]
     assert policy.metadata["config"]["algorithm"] == algorithm
-    space = gymnasium.make("klute_sim/AnkleGait-v1").observation_space
+    space = gymnasium.make("klute_sim/AnkleGait-v2").observation_space
     space.seed(0)
     observations = np.array([space.sample() for _ in range(200)]) * 0.2
     expected_actions, _ = model.predict(observations / policy.observation_scale, deterministic=True)
@@ -288,7 +288,7 @@ def test_environments_pass_stable_baselines3_checker(recwarn: pytest.WarningsRec
     from stable_baselines3.common.env_checker import check_env
 
     env_options = {
-        "AnkleGait-v1": {"domain_randomization": {"mass_fraction": 0.1}, "sensor_noise": 1.0},
+        "AnkleGait-v2": {"domain_randomization": {"mass_fraction": 0.1}, "sensor_noise": 1.0},
         "AnkleBench-v0": {"task": "work"},
     }
     for name, options in env_options.items():

@@ -16,11 +16,11 @@ from klute_sim.errors import InputError
 from klute_sim.units import BAR
 
 N_OBSERVATIONS = 8
-"""Number of observations that ``klute_sim/AnkleGait-v1`` gives to a policy."""
+"""Number of observations that ``klute_sim/AnkleGait-v2`` gives to a policy."""
 
 
 class PolicyController:
-    """Apply a ``policy`` that was trained in ``klute_sim/AnkleGait-v1`` with the action ``residual``.
+    """Apply a ``policy`` that was trained in ``klute_sim/AnkleGait-v2`` with the action ``residual``.
 
     The observations have the delay of the training environment and no noise.
     """
@@ -38,7 +38,7 @@ class PolicyController:
         if len(policy.observation_scale) != N_OBSERVATIONS or len(policy.layers[-1][1]) != 1:
             raise InputError(
                 f"the policy has {len(policy.observation_scale)} inputs and {len(policy.layers[-1][1])} outputs; "
-                f"allowed: {N_OBSERVATIONS} and 1, as in klute_sim/AnkleGait-v1"
+                f"allowed: {N_OBSERVATIONS} and 1, as in klute_sim/AnkleGait-v2"
             )
         self._policy, self._base_profile = policy, base_profile
         self._max_residual, self._delay_intervals = max_residual, delay_intervals

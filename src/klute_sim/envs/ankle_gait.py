@@ -1,4 +1,4 @@
-"""``klute_sim/AnkleGait-v1``: control of a powered ankle on the gait rig with one command every 10 ms."""
+"""``klute_sim/AnkleGait-v2``: control of a powered ankle on the gait rig with one command every 10 ms."""
 
 from collections.abc import Collection, Mapping
 from copy import copy
@@ -132,8 +132,10 @@ class AnkleGaitEnv(DeviceEnv):
 
     ## Versions
 
+    * v2: the rig carries the load of the subject on a learned path; load and braking count; any subject; the air of an
+      ideal regulator is summed at every time step.
     * v1: kinds of actions, noise and delay of sensors, weights of the reward, randomisation, slope; positive work is
-      rewarded; the load counts; the air of an ideal regulator is summed at every time step.
+      rewarded.
     * v0: first version.
     """
 

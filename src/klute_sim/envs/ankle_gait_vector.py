@@ -23,7 +23,7 @@ from klute_sim.types import Array, Mask
 class AnkleGaitVectorEnv(BatchVectorEnv):
     """``num_envs`` environments of :class:`klute_sim.envs.ankle_gait.AnkleGaitEnv` that are stepped together.
 
-    ``gymnasium.make_vec("klute_sim/AnkleGait-v1", num_envs=64, vectorization_mode="vector_entry_point")``
+    ``gymnasium.make_vec("klute_sim/AnkleGait-v2", num_envs=64, vectorization_mode="vector_entry_point")``
 
     Spaces, reward and episodes equal those of the single environment bit for bit, with any number of threads:
     environment *i* behaves as a single one with seed ``seed + i``.

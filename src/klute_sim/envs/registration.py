@@ -12,7 +12,7 @@ import types
 from collections.abc import Sequence
 
 ENVIRONMENTS = {
-    "klute_sim/AnkleGait-v1": {
+    "klute_sim/AnkleGait-v2": {
         "entry_point": "klute_sim.envs.ankle_gait:AnkleGaitEnv",
         "vector_entry_point": "klute_sim.envs.ankle_gait_vector:AnkleGaitVectorEnv",
     },

@@ -162,7 +162,7 @@ class Training:
             linear_layers.append(network.action_net)
         layers = [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear_layers]
         metadata = {
-            "environment": "klute_sim/AnkleGait-v1",
+            "environment": "klute_sim/AnkleGait-v2",
             "config": self.config.model_dump(),
             "seed": self.progress.seed,
             "steps": self.progress.steps,
