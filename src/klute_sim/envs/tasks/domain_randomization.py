@@ -131,9 +131,9 @@ def prepare_options(device: Device, controller: Controller, options: GaitOptions
 
     Raises SimulationError when the carriage leaves its path.
     """
-    subject = options.mass, options.stature, options.speed, options.slope, options.dt, options.reference.digest
-    preparation = options.alignment, options.learning_strides
-    key = device.content, json.dumps(controller.describe(), sort_keys=True), *subject, *preparation
+    subject = options.mass, options.stature, options.reference.digest, options.reference.stride_time
+    walk = options.speed, options.slope, options.dt, options.alignment, options.learning_strides
+    key = device.content, json.dumps(controller.describe(), sort_keys=True), *subject, *walk
     learned = _learn(_LearningTask(key, device, controller, options))
     return replace(options, alignment=learned.alignment, hip_path=learned.hip_path)
 
