@@ -56,6 +56,7 @@ class Assessment:
             yield person.subject.format_sentence()
             yield from person.subject.remarks
         yield "A star marks a shortfall; assessment.html has a sentence for each, and the criteria."
+        yield "BW: body weights. The air is that of a stride."
         yield from _ASSUMPTIONS
 
     def __repr__(self) -> str:

@@ -110,7 +110,7 @@ CRITERIA = (
     ),
     Criterion(
         name="largest vertical load",
-        title="load\nbody wt",
+        title="load\nBW",
         unit="body weights",
         format_spec=".2f",
         get_value=lambda s: s.grf_vertical_max_bw,
@@ -119,7 +119,7 @@ CRITERIA = (
     ),
     Criterion(
         name="rms error of the vertical load",
-        title="error\nbody wt",
+        title="error\nBW",
         unit="body weights",
         format_spec=".3f",
         get_value=lambda s: s.grf_vertical_tracking_rms_bw,
