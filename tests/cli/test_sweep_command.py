@@ -161,6 +161,28 @@ def test_several_subjects_have_a_row_each_with_their_own_numbers(tmp_path: Path)
     assert "output folder s holds another sweep (other stride)" in other.stderr
 
 
+@pytest.mark.slow
+def test_fifty_subjects_report_every_trip_and_every_load_that_is_not_tracked(tmp_path: Path) -> None:
+    (tmp_path / "subjects").mkdir()
+    for number in range(50):
+        write_reference_folder(
+            tmp_path / "subjects" / f"{number:02d}",
+            mass=50.0 + number,
+            stature=1.5 + 0.01 * (7 * number % 45),
+            stride_time=0.95 + 0.01 * (11 * number % 35),
+            load_ratio=0.8 + 0.01 * (13 * number % 40),
+        )
+    done = run("sweep", "--reference", "subjects/*", "--strides", "2", "--step", "1", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(done.stdout)["rows"]
+    assert len({row["reference"] for row in rows}) == len(rows) == 50
+    for row in rows:
+        if row["failure"] is None:
+            assert row["trips"] in (True, False)
+            assert row["load_not_tracked"] == (row["grf_vertical_tracking_rms [1]"] > 0.15)
+    assert sum(row["failure"] is not None for row in rows) == 0
+
+
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 def test_ctrl_c_keeps_finished_cases_and_names_the_folder(tmp_path: Path) -> None:
     code = (

@@ -142,13 +142,25 @@ def test_tuning_shows_the_objective_without_invalid_evaluations(tmp_path: Path) 
     assert has_no_empty_view(contents)
 
 
-def make_row(controller: str, mass: float, power: float | None) -> dict[str, Any]:
+def make_row(controller: str, mass: float, power: float | None, reference: str = "able-bodied") -> dict[str, Any]:
     return {
-        **{"device": "d", "device_sha256": "0", "controller": controller, "speed_requested [m/s]": None},
+        **{"device": "d", "device_sha256": "0", "controller": controller, "reference": reference},
+        "speed_requested [m/s]": None,
         **{"slope [deg]": 0.0, "mass [kg]": mass, "strides [1]": 2, "time_step [s]": 1e-3, "speed [m/s]": 1.2},
         **dict.fromkeys(sweep.CHARTED_METRICS, power),
         "failure": "it fell" if power is None else None,
     }
+
+
+def test_sweep_over_subjects_has_a_curve_over_their_masses() -> None:
+    subjects = [("anna", 58.0, 2.0), ("ben", 81.0, 3.0), ("cleo", 70.0, 2.5)]
+    rows = [make_row("profile", mass, power, name) for name, mass, power in subjects]
+    assert sweep.find_varied_inputs(rows) == ["reference", "mass [kg]"]
+    curve = next(curve for curve in sweep.build_charts(rows)["mass [kg]"][0].curves if not curve.markers_only)
+    assert (curve.x.tolist(), curve.y.tolist()) == ([58.0, 70.0, 81.0], [2.0, 2.5, 3.0])
+    crossed = [make_row("profile", mass, 1.0, name) for name in ("anna", "ben") for mass in (60.0, 80.0)]
+    names = {curve.name for curve in sweep.build_charts(crossed)["mass [kg]"][0].curves}
+    assert names == {"anna", "ben"}
 
 
 def test_sweep_shows_each_metric_over_the_varied_input(tmp_path: Path) -> None:

@@ -91,14 +91,22 @@ class AssessedPerson:
         from rich.text import Text
 
         result = Table(title=Text(self.name), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-        result.add_column("")
-        titles = [criterion.title for criterion in assessment.CRITERIA]
-        for title in (*titles, "air\ng/stride", "strides\nper tank"):
+        result.add_column("", overflow="fold")
+        cells = {controller.name: format_cells(controller) for controller in self.controllers}
+        # In a narrow terminal, a column in which every controller meets an absolute limit of zero says nothing.
+        shown = [
+            index
+            for index, criterion in enumerate(assessment.CRITERIA)
+            if criterion.maximum != 0.0 or any(row[index][1] for row in cells.values())
+        ]
+        for title in (*(assessment.CRITERIA[index].title for index in shown), "air\ng", "strides\n/tank"):
             result.add_column(title, justify="right", no_wrap=True)
-        result.add_row("own ankle", *self.format_own_cells(), "", "", style="dim")
+        own = self.format_own_cells()
+        result.add_row("own ankle", *(own[index] for index in shown), "", "", style="dim")
         for controller in self.controllers:
-            cells = [f"{text}*" if is_short else text for text, is_short in format_cells(controller)]
-            result.add_row(controller.name, *cells, *format_air_cells(controller))
+            row = [cells[controller.name][index] for index in shown]
+            texts = [f"{text}*" if is_short else text for text, is_short in row]
+            result.add_row(controller.name, *texts, *format_air_cells(controller))
         return result
 
     def format_own_cells(self) -> list[str]:

@@ -56,6 +56,7 @@ class Assessment:
             yield person.subject.format_sentence()
             yield from person.subject.remarks
         yield "A star marks a shortfall; assessment.html has a sentence for each, and the criteria."
+        yield "BW: body weights. The air is that of a stride."
         yield from _ASSUMPTIONS
 
     def __repr__(self) -> str:
@@ -195,7 +196,7 @@ def _assess_controller(subject: Subject, baseline: Baseline, strides: int, time_
             spring_foot=foot,
         )
     except (InputError, SimulationError) as error:  # such as a device that does not fit into a short shank
-        return AssessedController(baseline, None, (), (f"The gait cannot be simulated: {error}.",))
+        return AssessedController(baseline, None, (), (f"The gait cannot be simulated ({error}).",))
     quantities = assessment.assess_quantities(run.gait_metrics, compute_reference_metrics(run.recording))
     shortfalls = assessment.collect_shortfalls(run.gait_metrics, quantities)
     return AssessedController(baseline, run, tuple(quantities), tuple(shortfalls))

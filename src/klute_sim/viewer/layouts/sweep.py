@@ -17,7 +17,7 @@ from klute_sim.viewer.stream import PALETTE
 TIMELINE, TABLE_ENTITY = "combination", "table"
 NUMERIC_INPUTS = {"speed_requested [m/s]": "speed [m/s]", "slope [deg]": "slope [deg]", "mass [kg]": "mass [kg]"}
 """Requested input -> column of its actual value; without a requested speed it is the subject's own."""
-TEXT_INPUTS = ("device", "controller")
+TEXT_INPUTS = ("device", "controller", "reference")
 CHARTED_METRICS = {
     "ankle_power_peak [W/kg]": "peak net power [W/kg]",
     "ankle_work_net [J/kg]": "net work [J/kg]",
@@ -57,12 +57,14 @@ def find_varied_inputs(rows: Sequence[SweepRow]) -> list[str]:
 def build_charts(rows: Sequence[SweepRow]) -> dict[str, list[chart.Chart]]:
     """Return label of each varied number -> charts of the metrics over it.
 
-    Without a varied number, the charts are over the number of the row. Rows with equal other inputs form one curve.
+    Without a varied number, the charts are over the number of the row. Rows with equal other inputs form one curve, and
+    so do several subjects that differ in the number.
     """
     numeric_inputs = [name for name in find_varied_inputs(rows) if name in NUMERIC_INPUTS]
     charts = {}
     for name in numeric_inputs or [TIMELINE]:
-        others = [other for other in find_varied_inputs(rows) if other != name]
+        ignored = {name, "reference"} if numeric_inputs and _is_determined_by_reference(rows, name) else {name}
+        others = [other for other in find_varied_inputs(rows) if other not in ignored]
         groups: dict[tuple[Any, ...], list[int]] = {}
         for k, row in enumerate(rows):
             groups.setdefault(tuple(row[other] for other in others) if numeric_inputs else (), []).append(k)
@@ -75,6 +77,11 @@ def build_charts(rows: Sequence[SweepRow]) -> dict[str, list[chart.Chart]]:
             if any(row[heading] is not None for row in rows)
         ]
     return charts
+
+
+def _is_determined_by_reference(rows: Sequence[SweepRow], name: str) -> bool:
+    """Return whether each reference has one value of the input ``name``, as of the body mass of its subject."""
+    return len({(row["reference"], row[name]) for row in rows}) == len({row["reference"] for row in rows})
 
 
 def _build_chart(
