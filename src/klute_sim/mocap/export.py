@@ -78,7 +78,7 @@ def to_joint_angles(recording: Recording, side: Side) -> Storage:
 
 
 def to_joint_moments(recording: Recording, side: Side) -> Storage:
-    """Return the ankle moment [N.m] in the format of inverse dynamics; the rig has no hip and knee moments."""
+    """Return the ankle moment [N.m] in the format of inverse dynamics; drives move hip and knee."""
     moment = {"time": recording["time"], f"ankle_angle_{side[0]}_moment": -recording["ankle_moment"]}
     return Storage(moment, in_degrees=False, name="Inverse Dynamics Generalized Forces")
 
