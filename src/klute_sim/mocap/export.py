@@ -110,8 +110,8 @@ def to_markers(recording: Recording, side: Side) -> Markers:
     thigh, shank = (np.radians(recording[name]) for name in ("thigh_angle", "shank_angle"))
     hip = np.stack([recording["carriage_x"], recording["carriage_z"]], axis=1)
     ankle = np.stack([recording["ankle_x"], recording["ankle_z"]], axis=1)
-    # Least-squares lengths of thigh and shank that connect hip and ankle at the recorded inclinations; the load shortens
-    # the shank by the displacement in the liner.
+    # Least-squares lengths of thigh and shank that connect hip and ankle at the recorded inclinations. The load
+    # shortens the shank by the displacement in the liner.
     thigh_axis, shank_axis = (np.stack([np.sin(a), np.cos(a)], axis=1) for a in (thigh, shank))
     system = np.stack([thigh_axis.ravel(), shank_axis.ravel()], axis=1)
     shortening = recording["liner_displacement"] if "liner_displacement" in recording else np.zeros(len(recording))
