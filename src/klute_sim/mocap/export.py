@@ -78,7 +78,7 @@ def to_joint_angles(recording: Recording, side: Side) -> Storage:
 
 
 def to_joint_moments(recording: Recording, side: Side) -> Storage:
-    """Return the ankle moment [N.m] in the format of inverse dynamics; the rig has no hip and knee moments."""
+    """Return the ankle moment [N.m] in the format of inverse dynamics; drives move hip and knee."""
     moment = {"time": recording["time"], f"ankle_angle_{side[0]}_moment": -recording["ankle_moment"]}
     return Storage(moment, in_degrees=False, name="Inverse Dynamics Generalized Forces")
 
@@ -110,10 +110,12 @@ def to_markers(recording: Recording, side: Side) -> Markers:
     thigh, shank = (np.radians(recording[name]) for name in ("thigh_angle", "shank_angle"))
     hip = np.stack([recording["carriage_x"], recording["carriage_z"]], axis=1)
     ankle = np.stack([recording["ankle_x"], recording["ankle_z"]], axis=1)
-    # Least-squares lengths of thigh and shank that connect hip and ankle at the recorded inclinations.
+    # Least-squares lengths of thigh and shank that connect hip and ankle at the recorded inclinations. The load
+    # shortens the shank by the displacement in the liner.
     thigh_axis, shank_axis = (np.stack([np.sin(a), np.cos(a)], axis=1) for a in (thigh, shank))
     system = np.stack([thigh_axis.ravel(), shank_axis.ravel()], axis=1)
-    lengths, *_ = np.linalg.lstsq(system, (hip - ankle).ravel(), rcond=None)
+    shortening = recording["liner_displacement"] if "liner_displacement" in recording else np.zeros(len(recording))
+    lengths, *_ = np.linalg.lstsq(system, (hip - ankle + shortening[:, None] * shank_axis).ravel(), rcond=None)
     knee = hip - lengths[0] * thigh_axis
     pitch = shank - np.radians(recording["ankle_angle"])
     along, above = (
