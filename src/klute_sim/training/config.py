@@ -87,6 +87,8 @@ def load_subject_config(path: str | Path | None, subject: Mapping[str, Any]) -> 
 
 def compute_reference_digest(environment: Mapping[str, Any]) -> str:
     """Return the SHA-256 of the reference in the keywords ``environment``; raises InputError when it cannot be read."""
+    if "reference" not in environment:
+        raise InputError("the training has a 'reference_sha256', but its [environment] names no reference; add it")
     return load_reference(environment["reference"], accept=environment.get("accept", ())).digest
 
 

@@ -220,7 +220,8 @@ def check_same_subject(folder: Path, config: TrainingConfig, subject: Mapping[st
             f"output folder {folder} holds a training of another subject (other {', '.join(different)}): leave the "
             "subject out to resume it, or name a new or an empty folder"
         )
-    if config.reference_sha256 not in (None, compute_reference_digest(config.environment)):
+    stored_digest = config.reference_sha256
+    if stored_digest is not None and stored_digest != compute_reference_digest(config.environment):
         raise InputError(
             f"reference {config.environment['reference']} has changed since the training in {folder} started: restore "
             "it, or name a new or an empty folder"
