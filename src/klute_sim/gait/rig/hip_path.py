@@ -21,18 +21,18 @@ class HipPath:
     """(2, n) complex coefficients of the harmonics 0 to n - 1 [m], forward and height: ``u = Re sum c_k exp(2 pi i k
     phase)``."""
     learning_strides: int = 0
-    """Number of strides in which the path was learned; 0: not learned."""
+    """Number of strides up to the one of least error, whose path this is; 0: not learned."""
     vertical_residual_bw: float | None = None
-    """Rms error of the vertical ground reaction in stance [body weights] in the last of these strides."""
+    """Rms error of the vertical ground reaction in stance [body weights] in that stride."""
     forward_residual_bw: float | None = None
-    """Rms error of the fore-aft ground reaction in stance [body weights] in the last of these strides."""
+    """Rms error of the fore-aft ground reaction in stance [body weights] in that stride."""
 
     @classmethod
-    def from_samples(cls, samples: Array, n_harmonics: int, **learning: Any) -> "HipPath":
+    def from_samples(cls, samples: Array, n_harmonics: int) -> "HipPath":
         """Return the path with the mean and ``n_harmonics`` of ``samples`` (n, 2) [m] over a stride."""
         spectrum = np.fft.rfft(samples, axis=0)[: n_harmonics + 1].T / len(samples)
         spectrum[:, 1:] *= 2.0
-        return cls(spectrum, **learning)
+        return cls(spectrum)
 
     def evaluate(self, phase: Array, derivative: int = 0) -> Array:
         """Return the displacement (n, 2) [m] at ``phase`` (0-1), or its ``derivative``-th derivative by phase."""

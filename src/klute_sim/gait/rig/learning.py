@@ -2,12 +2,12 @@
 
 The path is learned from stride to stride, until the foot carries the load of the reference.
 
-Robotic gait simulators correct their commanded path in this way (Aubin et al. 2012): after each stride the path moves
-against the error of the ground reaction, within a bandwidth and in stance only. The hip is position-controlled and the
-limb, the foot and the sole yield, so the load follows the path almost without delay: ``u <- u - gain LP(e) / K`` with
-the error ``e`` of the reaction [N], the low-pass filter ``LP`` and the stiffness ``K`` [N/m] between hip and ground.
-Nothing is fed forward, so nothing presses the foot down while it is in the air. The vertical reaction moves the height,
-the fore-aft reaction the forward position.
+Robotic gait simulators correct their commanded path in this way (Aubin et al. 2012, known to us from citations only):
+after each stride the path moves against the error of the ground reaction, within a bandwidth and in stance only. The
+hip is position-controlled and the limb, the foot and the sole yield, so the load follows the path almost without delay:
+``u <- u - gain LP(e) / K`` with the error ``e`` of the reaction [N], the low-pass filter ``LP`` and the stiffness ``K``
+[N/m] between hip and ground. Nothing is fed forward, so nothing presses the foot down while it is in the air. The
+vertical reaction moves the height, the fore-aft reaction the forward position.
 """
 
 import math
@@ -41,24 +41,26 @@ from klute_sim.plant import callbacks
 from klute_sim.types import Array
 
 N_HARMONICS = 18
-"""Number of harmonics of a learned path."""
+"""Number of harmonics of a learned path (assumed)."""
 PASS_HARMONICS = 12
-"""Harmonics up to which the filter passes the whole error; from there it falls to zero at :data:`N_HARMONICS`."""
+"""Harmonics up to which the filter passes the whole error; from there it falls to zero at :data:`N_HARMONICS`
+(assumed)."""
 VERTICAL_GAIN, FORWARD_GAIN = 0.5, 0.3
 """Fraction of the error that a stride corrects, if the stiffnesses below are right (assumed)."""
 VERTICAL_STIFFNESS, FORWARD_STIFFNESS = 25e3, 10e3
-"""Stiffness between hip and ground [N/m] of a subject of 75 kg, by which an error is converted into a displacement.
+"""Stiffness between hip and ground [N/m] by which an error is converted into a displacement (assumed).
 
-About that of liner, heel and sole in series, and of the servos of thigh and knee. Twice or half of it also converges.
+The vertical one is about that of liner, heel and sole in series, the other that of the servos of thigh and knee.
 """
 VERTICAL_TOLERANCE_BW, FORWARD_TOLERANCE_BW = 0.01, 0.015
-"""Rms errors in stance [body weights] at which the learning ends."""
+"""Rms errors in stance [body weights] at which the learning ends (assumed)."""
 HANGING_PHASES = 0.85, 0.95
-"""Gait phases between which the angle of the hanging ankle is measured."""
+"""Gait phases between which the angle of the hanging ankle is measured (assumed)."""
 MAX_ALIGNMENT = math.radians(25.0)
-"""Largest alignment that is found by itself [rad]."""
+"""Largest alignment that is found automatically [rad] (assumed)."""
 MAX_GROWTH = 1.3
-"""Growth of the error over its best value at which the gains are halved and the best path is restored."""
+"""Growth of the error over its best value at which the gains are halved and the best path is restored
+(assumed)."""
 
 
 class StrideReaction(NamedTuple):
@@ -77,7 +79,7 @@ class LearningRun:
 
     def __init__(self, device: Device, controller: Controller, gait_rig: GaitRig, max_strides: int) -> None:
         """Start at the heel strike of the reference."""
-        self._device, self._rig = device, gait_rig
+        self._device = device
         model, dt = gait_rig.model, gait_rig.command_interval
         self._data, self._n_strides = mujoco.MjData(model), 0
         self._commands = PressureCommands(controller, gait_rig, max_strides * gait_rig.commands_per_stride)
