@@ -30,6 +30,7 @@ from klute_sim.laws.hill_tables import (
     PARALLEL_ELEMENTS,
     SERIES_ELEMENTS,
 )
+from tests.compiled_function import make_callable
 
 BOBBERT_1990 = "bobbert_van_ingen_schenau_1990"
 
@@ -443,7 +444,7 @@ def test_compiled_laws_are_bit_identical(seed: int) -> None:
     names = [name for name, f in vars(hill).items() if inspect.isfunction(f) and f.__module__ == hill.__name__]
     assert len(names) == 11
     for name in names:
-        python, compiled = getattr(hill, name), getattr(compiled_hill, name)
+        python, compiled = getattr(hill, name), make_callable(getattr(compiled_hill, name))
         kinds = [parameter.annotation for parameter in inspect.signature(python).parameters.values()]
         # Separate seeds, because isometric force and velocity would otherwise be equal.
         columns = [samples(seed + 10 * i, count)[kind] for i, kind in enumerate(kinds)]

@@ -41,7 +41,7 @@ _SOURCE_FOLDERS = ("laws", "effects", "device", "plant")
 
 
 def compile_module(module: types.ModuleType, **overrides: Any) -> types.ModuleType:
-    """Return a copy of ``module`` whose functions are compiled at their first call.
+    """Return a copy of ``module`` whose functions are compiled at their first call, which must be from compiled code.
 
     Laws and effects that the module uses, as modules or as functions, are compiled likewise. ``overrides`` replace
     names of the copy.
@@ -64,7 +64,8 @@ def compile_module(module: types.ModuleType, **overrides: Any) -> types.ModuleTy
 
 def _compile_function(function: Any) -> Any:
     # Division by zero gives inf or NaN, as in C: an exception could not leave a callback anyway.
-    return numba.njit(function, error_model="numpy", forceinline=True)
+    # Wrappers for calls from Python and C would convert every number of every effect, and double the compile time.
+    return numba.njit(function, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def _is_compilable_module(module: str) -> bool:
