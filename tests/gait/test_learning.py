@@ -1,4 +1,4 @@
-"""The rig aligns the foot and learns the path of the hip on which the foot carries the load of the reference."""
+"""The rig aligns the foot and learns the path of the hip so that the foot carries the load of the reference."""
 
 import math
 from dataclasses import replace
@@ -106,7 +106,7 @@ def test_learned_path_is_repeatable_and_replayable() -> None:
 
 @pytest.mark.parametrize(
     ("mass", "stature", "speed", "controller"),
-    [(114.0, 1.9, 1.9, "profile"), (45.0, 1.5, 0.7, "profile"), (75.0, 1.75, None, "constant:1")],
+    [(114.0, 1.9, 1.9, "profile"), (45.0, 1.5, 0.7, "profile"), (75.0, 1.75, None, "constant:4")],
 )
 def test_other_subjects_speeds_and_controllers_carry_their_load(
     mass: float, stature: float, speed: float | None, controller: str
@@ -134,6 +134,17 @@ def test_alignment_follows_the_zero_of_the_ankle() -> None:
     assert first is not None
     assert second is not None
     assert math.degrees(second - first) == pytest.approx(6.0, abs=0.5)
+
+
+def test_foot_that_points_down_is_aligned_above_the_ground() -> None:
+    """At 4 bar the foot hangs so low that the toe would drag, and no stride on the ground shows the hanging angle."""
+    high, low = (
+        prepare_gait_rig(DEVICE, parse_controller(f"constant:{pressure}"), replace(OPTIONS, learning_strides=0))
+        for pressure in (4, 2)
+    )
+    assert high.options.alignment is not None
+    assert low.options.alignment is not None
+    assert high.options.alignment > low.options.alignment + math.radians(2.0)
 
 
 def test_alignment_of_the_device_file_is_kept() -> None:

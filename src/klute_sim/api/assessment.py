@@ -123,7 +123,7 @@ class Assessment:
 _ASSUMPTIONS = [
     f"Assumed: the limits of the criteria, and a tank of {1e3 * table.TANK_VOLUME_M3:g} l at "
     f"{table.TANK_PRESSURE_PA / BAR:g} bar that is used down to {table.MIN_TANK_PRESSURE_PA / BAR:g} bar.",
-    "The ground reaction is tracked, not predicted: the rig learns the path of the hip on which the foot carries the "
+    "The ground reaction is tracked, not predicted: the rig learns the path of the hip so that the foot carries the "
     "load of the reference.",
 ]
 

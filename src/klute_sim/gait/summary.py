@@ -70,7 +70,7 @@ def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, 
         "grf_vertical_max_bw": mean(lambda s: s.grf_vertical_max_bw),
         "grf_vertical_tracking_rms_bw": mean(lambda s: s.grf_vertical_tracking_rms_bw),
         "grf_forward_tracking_rms_bw": mean(lambda s: s.grf_forward_tracking_rms_bw),
-        "grf_note": "tracked, not predicted: the rig learns the path of the hip on which the foot carries the load "
+        "grf_note": "tracked, not predicted: the rig learns the path of the hip so that the foot carries the load "
         "of the reference",
         "hip_path": {
             key: recording.provenance["hip_path"][key]

@@ -45,7 +45,7 @@ N_HARMONICS = 18
 PASS_HARMONICS = 12
 """Harmonics up to which the filter passes the whole error; from there it falls to zero at :data:`N_HARMONICS`
 (assumed)."""
-VERTICAL_GAIN, FORWARD_GAIN = 0.5, 0.3
+VERTICAL_GAIN, FORWARD_GAIN = 0.7, 0.5
 """Fraction of the error that a stride corrects, if the stiffnesses below are right (assumed)."""
 VERTICAL_STIFFNESS, FORWARD_STIFFNESS = 25e3, 10e3
 """Stiffness between hip and ground [N/m] by which an error is converted into a displacement (assumed).
@@ -56,6 +56,8 @@ VERTICAL_TOLERANCE_BW, FORWARD_TOLERANCE_BW = 0.01, 0.015
 """Rms errors in stance [body weights] at which the learning ends (assumed)."""
 HANGING_PHASES = 0.85, 0.95
 """Gait phases between which the angle of the hanging ankle is measured (assumed)."""
+HANGING_HEIGHT_M = 0.2
+"""Height to which the hip is lifted where the foot would touch the ground before it is aligned [m] (assumed)."""
 MAX_ALIGNMENT = math.radians(25.0)
 """Largest alignment that is found automatically [rad] (assumed)."""
 MAX_GROWTH = 1.3
@@ -151,14 +153,16 @@ def find_alignment(device: Device, controller: Controller, gait_rig: GaitRig) ->
     """Return the alignment [rad] with which the hanging foot meets the ground as that of the reference does.
 
     ``gait_rig`` has the alignment 0. The ankle hangs at the angle of its late swing; the difference to the reference at
-    heel strike on level ground is the alignment. It is 0 if the foot never hangs free. Call it inside
-    :func:`klute_sim.plant.callbacks.device_callbacks`.
+    heel strike on level ground is the alignment. A foot that points down so far that it would touch the ground in late
+    swing hangs in a stride above the ground. Call it inside :func:`klute_sim.plant.callbacks.device_callbacks`.
     """
-    reaction = LearningRun(device, controller, gait_rig, 1).simulate_stride(gait_rig)
     low, high = HANGING_PHASES
-    hangs = (gait_rig.phase > low) & (gait_rig.phase < high) & (reaction.vertical == 0.0)
+    late_swing = (gait_rig.phase > low) & (gait_rig.phase < high)
+    reaction = LearningRun(device, controller, gait_rig, 1).simulate_stride(gait_rig)
+    hangs = late_swing & (reaction.vertical == 0.0)
     if not hangs.any():
-        return 0.0  # the toe drags; the run reports it
+        lifted = apply_hip_path(gait_rig, HipPath(np.array([[0.0], [HANGING_HEIGHT_M]], dtype=np.complex128)))
+        reaction, hangs = LearningRun(device, controller, lifted, 1).simulate_stride(lifted), late_swing
     at_strike = math.radians(gait_rig.options.reference("ankle_dorsiflexion_deg", np.zeros(1))[0])
     return min(max(at_strike - float(reaction.dorsiflexion[hangs].mean()), -MAX_ALIGNMENT), MAX_ALIGNMENT)
 

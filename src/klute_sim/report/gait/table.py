@@ -153,10 +153,14 @@ def collect_remarks(summary: dict[str, Any]) -> list[str]:
     if summary["touches_in_swing"]:
         remarks.append("The foot touches the ground in swing: it trips, and later strides are not meaningful.")
     learning = summary["hip_path"]["learning_strides"]
-    path = f"learned the path of the hip in {learning} strides" if learning else "follows the planned path of the hip"
+    path = (
+        f"learned the path of the hip in {learning} strides so that the foot carries the load of the reference"
+        if learning
+        else "follows the planned path of the hip"
+    )
     remarks.append(
-        f"The ground reaction is tracked, not predicted: the rig {path}, on which the foot carries the load of the "
-        "reference. Limb angles are prescribed; what the ankle does is predicted."
+        f"The ground reaction is tracked, not predicted: the rig {path}. Limb angles are prescribed; what the ankle "
+        "does is predicted."
     )
     remarks.append(
         f"Alignment: the prosthesis is turned by {summary['alignment_deg']:+.1f} degrees against the limb "
