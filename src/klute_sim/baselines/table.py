@@ -10,7 +10,7 @@ from klute_sim.errors import InputError
 from klute_sim.gait.rig.setup import build_gait_rig
 from klute_sim.gait.subject import Subject
 from klute_sim.laws.pneumatics import air_mass
-from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, UNTRACKED_COLUMN, CaseResult
+from klute_sim.parameter_sweep.evaluate import CONTACT_LOST_COLUMN, TRIPS_COLUMN, UNTRACKED_COLUMN, CaseResult
 from klute_sim.parameter_sweep.fingerprint import fingerprint_software
 from klute_sim.parameter_sweep.plan import GaitCase
 from klute_sim.units import BAR
@@ -72,7 +72,8 @@ class BaselineRun:
     @property
     def remark(self) -> str | None:
         """Failure of the run, or a doubt about its metrics; None: neither."""
-        return self.failure or ("load not tracked" if self.metrics.get(UNTRACKED_COLUMN) else None)
+        doubts = {UNTRACKED_COLUMN: "load not tracked", CONTACT_LOST_COLUMN: "contact lost in stance"}
+        return self.failure or ", ".join(text for column, text in doubts.items() if self.metrics.get(column)) or None
 
     @property
     def failure(self) -> str | None:

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from klute_sim.gait.reference import MAX_GRF_TRACKING_RMS_BW
-from klute_sim.parameter_sweep.evaluate import TRIPS_COLUMN, UNTRACKED_COLUMN
+from klute_sim.parameter_sweep.evaluate import CONTACT_LOST_COLUMN, STATUS_COLUMNS, TRIPS_COLUMN, UNTRACKED_COLUMN
 from klute_sim.parameter_sweep.table import FAILURE_COLUMN, SweepRow
 
 MAX_ROWS_SHOWN = 40
@@ -62,7 +62,7 @@ def format_table(rows: Sequence[SweepRow]) -> Table:
 
 def _format_remark(row: SweepRow) -> str:
     """Return the failure of a row, or what makes its gait unusable."""
-    problems = {TRIPS_COLUMN: "trips", UNTRACKED_COLUMN: UNTRACKED_REMARK}
+    problems = {TRIPS_COLUMN: "trips", UNTRACKED_COLUMN: UNTRACKED_REMARK, CONTACT_LOST_COLUMN: "contact lost"}
     return row[FAILURE_COLUMN] or ", ".join(text for column, text in problems.items() if row[column])
 
 
@@ -79,7 +79,7 @@ def collect_remarks(rows: Sequence[SweepRow], n_failed: int) -> list[str]:
         remarks.append(f"The first {MAX_ROWS_SHOWN} of {len(rows)} cases are shown; the files contain all of them.")
     if n_failed:
         remarks.append(f"{n_failed} of {len(rows)} cases failed; the column 'failure' gives the reasons.")
-    n_trips, n_untracked = (sum(bool(row[column]) for row in rows) for column in (TRIPS_COLUMN, UNTRACKED_COLUMN))
+    n_trips, n_untracked, n_lost = (sum(bool(row[column]) for row in rows) for column in STATUS_COLUMNS)
     if n_trips:
         remarks.append(f"In {n_trips} of {len(rows)} cases the foot touches the ground in swing (column 'trips').")
     if n_untracked:
@@ -87,5 +87,10 @@ def collect_remarks(rows: Sequence[SweepRow], n_failed: int) -> list[str]:
             f"In {n_untracked} of {len(rows)} cases the ankle does not carry the load of the reference (column "
             f"'load_not_tracked': rms error above {MAX_GRF_TRACKING_RMS_BW:g} body weights); moments and powers are "
             "not those of walking."
+        )
+    if n_lost:
+        remarks.append(
+            f"In {n_lost} of {len(rows)} cases the foot leaves the ground for an instant in stance (column "
+            "'contact_lost')."
         )
     return remarks

@@ -51,7 +51,11 @@ TRIPS_COLUMN = "trips"
 """Whether the foot touches the ground in swing."""
 UNTRACKED_COLUMN = "load_not_tracked"
 """Whether the ankle does not carry the load of the reference: its rms error is above the largest allowed."""
-METRIC_COLUMNS = (*SPATIOTEMPORAL_COLUMNS, *REFERENCE_DISTANCES, *STRIDE_METRICS, TRIPS_COLUMN, UNTRACKED_COLUMN)
+CONTACT_LOST_COLUMN = "contact_lost"
+"""Whether the foot leaves the ground for an instant in stance."""
+STATUS_COLUMNS = (TRIPS_COLUMN, UNTRACKED_COLUMN, CONTACT_LOST_COLUMN)
+"""Columns that say whether a gait is usable."""
+METRIC_COLUMNS = (*SPATIOTEMPORAL_COLUMNS, *REFERENCE_DISTANCES, *STRIDE_METRICS, *STATUS_COLUMNS)
 """All metrics of a case, in the order of the table."""
 
 
@@ -103,7 +107,12 @@ def _extract_metrics(recording: Recording, case: GaitCase) -> dict[str, MetricVa
     values |= {column: _finite_mean(metrics, get_value) for column, get_value in STRIDE_METRICS.items()}
     tracking_error = values["grf_vertical_tracking_rms [1]"]
     is_untracked = tracking_error is None or tracking_error > MAX_GRF_TRACKING_RMS_BW
-    return {**values, TRIPS_COLUMN: metrics.has_swing_contact, UNTRACKED_COLUMN: is_untracked}
+    return {
+        **values,
+        TRIPS_COLUMN: metrics.has_swing_contact,
+        UNTRACKED_COLUMN: is_untracked,
+        CONTACT_LOST_COLUMN: any(stride.contact_lost_in_stance for stride in metrics.steady_strides),
+    }
 
 
 def _has_reference_stride_time(stride_time: float, case: GaitCase) -> bool:

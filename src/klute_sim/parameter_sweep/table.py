@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, TRIPS_COLUMN, UNTRACKED_COLUMN, CaseResult
+from klute_sim.parameter_sweep.evaluate import METRIC_COLUMNS, STATUS_COLUMNS, CaseResult
 from klute_sim.parameter_sweep.plan import GaitCase, SweepPlan
 from klute_sim.recording.recording import split_heading
 
@@ -30,9 +30,7 @@ INPUT_TYPES = {
     "strides [1]": pa.int64(),
     "time_step [s]": pa.float64(),
 }
-METRIC_TYPES = {
-    column: pa.bool_() if column in (TRIPS_COLUMN, UNTRACKED_COLUMN) else pa.float64() for column in METRIC_COLUMNS
-}
+METRIC_TYPES = {column: pa.bool_() if column in STATUS_COLUMNS else pa.float64() for column in METRIC_COLUMNS}
 FAILURE_COLUMN = "failure"
 COLUMN_TYPES = {**INPUT_TYPES, **METRIC_TYPES, FAILURE_COLUMN: pa.string()}
 """Arrow type by column; a numeric column is named ``name [unit]``, text and Boolean columns have no unit."""
