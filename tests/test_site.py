@@ -25,6 +25,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out / "html"
 
 
+@pytest.mark.slow
 def test_site_contains_every_page(site: Path) -> None:
     pages = {path.relative_to(ROOT / "docs").with_suffix(".html") for path in (ROOT / "docs").rglob("*.md")}
     assert len(pages) > 50
@@ -32,6 +33,7 @@ def test_site_contains_every_page(site: Path) -> None:
         assert (site / page).is_file(), page
 
 
+@pytest.mark.slow
 def test_site_contains_documented_functions(site: Path) -> None:
     laws = (site / "api" / "laws.html").read_text("utf-8")
     assert 'id="klute_sim.laws.mckibben.gas_force"' in laws
@@ -40,6 +42,7 @@ def test_site_contains_documented_functions(site: Path) -> None:
     assert "|---" not in environment
 
 
+@pytest.mark.slow
 def test_signatures_contain_python_only(site: Path) -> None:
     for page in (site / "api").glob("*.html"):
         text = page.read_text("utf-8")
@@ -47,6 +50,7 @@ def test_signatures_contain_python_only(site: Path) -> None:
         assert re.findall(r"&lt;(?:function|lambda|factory)", text) == [], page.name
 
 
+@pytest.mark.slow
 def test_broken_link_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "index.md").write_text("# Here\n\n[there](there.md)\n", "utf-8")
     (tmp_path / "conf.py").write_text((ROOT / "docs" / "conf.py").read_text("utf-8"), "utf-8")
