@@ -1,6 +1,6 @@
-"""Commands as a user types them, run in the process of the tests: most of a command's time is spent importing.
+"""Commands as a user types them, run in the process of the tests, because most of a command's time is importing.
 
-That commands run by themselves is for the documentation's examples to show, and for ``apart``.
+The commands of the README, and those of :func:`run_in_subprocess`, run in processes of their own.
 """
 
 import contextlib
@@ -20,12 +20,12 @@ COLUMNS = "130"
 
 
 def run(*arguments: str, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
-    """``klute-sim ARGUMENTS`` in the folder ``cwd``, as if in a process of its own.
+    """Run ``klute-sim ARGUMENTS`` in the folder ``cwd``.
 
-    With a catalogue it is one: the law is made once in a process, of the effects that there are by then.
+    With a catalogue the command has a process of its own: a process builds its law once, of the effects known by then.
     """
     if "--catalogue" in arguments or "KLUTE_SIM_CATALOGUE" in environment:
-        return apart(*arguments, cwd=cwd, **environment)
+        return run_in_subprocess(*arguments, cwd=cwd, **environment)
     out, err, handler = io.StringIO(), io.StringIO(), signal.getsignal(signal.SIGTERM)
     code: object = 0
     with (
@@ -40,15 +40,15 @@ def run(*arguments: str, cwd: Path | None = None, **environment: str) -> subproc
         stderr_console.cache_clear()
         try:
             main(arguments)
-        except SystemExit as left:
-            code = left.code
+        except SystemExit as exit_request:
+            code = exit_request.code
         finally:
             signal.signal(signal.SIGTERM, handler)
     return subprocess.CompletedProcess(["klute-sim", *arguments], int(str(code)), out.getvalue(), err.getvalue())
 
 
-def apart(*arguments: str, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
-    """The same in a process of its own, for what changes how Python starts."""
+def run_in_subprocess(*arguments: str, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run ``klute-sim ARGUMENTS`` in a process of its own, for what changes how Python starts."""
     return subprocess.run(
         [sys.executable, "-m", "klute_sim", *arguments],
         cwd=cwd,

@@ -233,6 +233,7 @@ def test_size_search_stops_at_parameter_limits() -> None:
 
 def test_out_of_catalogue_effects_change_expected_channels() -> None:
     program = inputs.generate_programs(np.random.default_rng(3))[0]
+    program = program._replace(duration=2.0, length=program.length[:2001], command=program.command[:401])
     plain = catalogue.add_effects(*catalogue.build_neutral_law(catalogue.load_device()), ())
     without = simulate_measurements(program, plain, Hidden())
 

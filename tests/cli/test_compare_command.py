@@ -19,7 +19,7 @@ from klute_sim.recording import csv as text
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
 from klute_sim.viewer.folders import ensure_recording
-from tests.command_line import apart, run
+from tests.command_line import run, run_in_subprocess
 
 NUMBERS = {"bands.parquet", "comparison.csv", "comparison.json"}
 REPORT = {"comparison.html", "comparison.png"}
@@ -200,7 +200,9 @@ def test_missing_rerun_is_reported(gait_runs: Path, tmp_path: Path) -> None:
     (tmp_path / "rerun" / "__init__.py").write_text("raise ImportError('not here')")
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     out = str(tmp_path / "c")
-    process = apart("compare", "profile", "off", "--channel", "pressure", "--out", out, cwd=gait_runs, PYTHONPATH=paths)
+    process = run_in_subprocess(
+        "compare", "profile", "off", "--channel", "pressure", "--out", out, cwd=gait_runs, PYTHONPATH=paths
+    )
     assert process.returncode == 0, process.stderr
     assert "No comparison.rrd" in process.stderr
     assert "pip install '.[rerun]'" in process.stderr

@@ -13,7 +13,7 @@ import pytest
 import klute_sim as ks
 from klute_sim.device.device import load_device
 from klute_sim.recording import parquet
-from tests.command_line import apart, run
+from tests.command_line import run, run_in_subprocess
 
 REQUIRED_KEYS = {
     "device", "mass_kg", "strides", "ankle_range_deg", "ankle_moment_peak_nm_per_kg", "ankle_power_peak_w_per_kg",
@@ -160,12 +160,12 @@ def test_missing_rerun_is_named_and_all_other_files_are_written(tmp_path: Path) 
     (tmp_path / "rerun").mkdir()
     (tmp_path / "rerun" / "__init__.py").write_text("raise ImportError('not here')")
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    done = apart("gait", "--strides", "1", "--out", "r", cwd=tmp_path, PYTHONPATH=paths)
+    done = run_in_subprocess("gait", "--strides", "1", "--out", "r", cwd=tmp_path, PYTHONPATH=paths)
     assert done.returncode == 0, done.stderr
     assert "pip install '.[rerun]'" in done.stderr
     names = {file.name for file in (tmp_path / "r").iterdir()}
     assert names == {"recording.parquet", "summary.json", "report.png", "device.toml"}
-    done = apart("view", "r", cwd=tmp_path, PYTHONPATH=paths)
+    done = run_in_subprocess("view", "r", cwd=tmp_path, PYTHONPATH=paths)
     assert done.returncode == 2
     assert "pip install '.[rerun]'" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

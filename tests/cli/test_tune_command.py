@@ -16,7 +16,8 @@ pytest.importorskip("cma")
 
 
 def test_few_evaluations_reduce_the_objective_and_the_search_can_be_resumed(tmp_path: Path) -> None:
-    done = run("tune", "--budget", "14", "--also", "tendon.stiffness_1_n_per_mm", "--out", "t", "--json", cwd=tmp_path)
+    arguments = ("tune", "--budget", "14", "--also", "tendon.stiffness_1_n_per_mm", "--jobs", "1", "--out", "t")
+    done = run(*arguments, "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     output = json.loads(done.stdout)
     assert output["cost"]["tuned"] < output["cost"]["before"]
@@ -40,7 +41,7 @@ def test_few_evaluations_reduce_the_objective_and_the_search_can_be_resumed(tmp_
     assert squares[1] < squares[0]
     assert rows["peak net power [W/kg]"]["human"] == pytest.approx(3.29, abs=0.02)
     n_results = len(list((tmp_path / "t" / RESULTS_FOLDER).iterdir()))
-    resumed = run("tune", "--budget", "14", "--also", "tendon.stiffness_1_n_per_mm", "--out", "t", cwd=tmp_path)
+    resumed = run(*arguments, cwd=tmp_path)
     assert resumed.returncode == 0, resumed.stderr
     assert len(list((tmp_path / "t" / RESULTS_FOLDER).iterdir())) == n_results
     assert "The objective fell by" in resumed.stdout
