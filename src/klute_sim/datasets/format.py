@@ -173,6 +173,11 @@ def compute_standard_deviations(
     deviations = {}
     for key, uncertainty in uncertainties.items():
         check_known_key(key, values, f"{source}: [uncertain]")
+        if key.startswith("foot."):
+            raise InputError(
+                f"{source}: [uncertain] '{key}' is a number of the foot, which is not fitted; allowed: other numbers. "
+                "The effects foot_stiffness and foot_hysteresis tell how much more a foot yields"
+            )
         if isinstance(values[key], int):
             raise InputError(f"{source}: [uncertain] '{key}' is a count; allowed: measured quantities")
         number, is_percent = _parse_amount(uncertainty)

@@ -20,6 +20,7 @@ from klute_sim.device.schema.document import (
     Tendon,
     parse_device_spec,
 )
+from klute_sim.device.schema.foot import RIGID_FOOT, FootSection, parse_foot_name
 from klute_sim.device.schema.supply import Chamber, Leak, Line, Supply, Tank, Valve
 from klute_sim.errors import InputError, suggest
 from klute_sim.files.limits import DEVICE
@@ -63,6 +64,7 @@ class Device:
         tank: Tank | None = None,
         leak: Leak | None = None,
         mounting: Mounting | None = None,
+        foot: FootSection | None = None,
         effects: Mapping[str, Mapping[str, float | str]] | None = None,
         published: Sequence[PublishedMeasurement] = (),
         sources: Mapping[str, str] | None = None,
@@ -76,7 +78,7 @@ class Device:
         """
         sections = {
             **{"muscle": muscle, "damper": damper, "tendon": tendon, "supply": supply, "valve": valve, "line": line},
-            **{"chamber": chamber, "tank": tank, "leak": leak, "mounting": mounting},
+            **{"chamber": chamber, "tank": tank, "leak": leak, "mounting": mounting, "foot": foot},
         }
         content: dict[str, Any] = {"name": name, "description": description}
         for title, section in sections.items():
@@ -161,6 +163,21 @@ class Device:
         for key in [key for key in sources if key.startswith(prefix)]:
             del sources[key]
         sources.update({prefix + key: source for key in parameters})
+        return Device.from_spec(parse_device_spec(content, self.name), format_toml(content).encode())
+
+    def with_foot(self, name: str) -> "Device":
+        """Return a device with the foot ``name``, such as ``"sach"`` or ``"sach+shoe"``, in place of its own foot.
+
+        Raises InputError when there is no such foot.
+        """
+        section = parse_foot_name(name)
+        if self.spec.foot is None and name == RIGID_FOOT:
+            return self
+        content = parse_toml(self.content, f"device {self.name}")
+        content["foot"] = section
+        sources = content.get("sources", {})
+        for key in [key for key in sources if key.startswith("foot.")]:
+            del sources[key]
         return Device.from_spec(parse_device_spec(content, self.name), format_toml(content).encode())
 
     def save(self, path: str | Path) -> None:

@@ -13,6 +13,7 @@ from pydantic_core import PydanticCustomError
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.schema import effects as schema_effects
 from klute_sim.device.schema import supply as schema_supply
+from klute_sim.device.schema.foot import RIGID_FOOT, SHOE_ASSUMPTIONS, FootSection, expand_foot
 from klute_sim.device.schema.section import DeviceFileSection, NonNegative, Positive
 from klute_sim.device.schema.supply import (
     Chamber,
@@ -250,6 +251,8 @@ class DeviceSpec(DeviceFileSection):
     """Leak of the muscle; None: no leak."""
     mounting: Mounting | None = None
     """Length for an ankle; None: the device cannot be built into an ankle."""
+    foot: FootSection | None = None
+    """Prosthetic foot below the ankle; None: that of ``models/ankle.xml``, whose keel is rigid."""
     effects: dict[str, dict[str, FiniteFloat | str]] = Field(default_factory=dict)
     """Effects beyond the dissertation's model: name -> parameters and, optionally, ``form``."""
     published: list[PublishedMeasurement] = Field(default_factory=list)
@@ -321,7 +324,7 @@ class DeviceSpec(DeviceFileSection):
     def collect_values(self) -> dict[str, float]:
         """Return all numbers of the device: ``section.key`` -> value in the unit of the key."""
         numbers: dict[str, float] = {}
-        for title in ("muscle", "damper", "tendon", *PNEUMATIC_SECTIONS, "mounting"):
+        for title in ("muscle", "damper", "tendon", *PNEUMATIC_SECTIONS, "mounting", "foot"):
             section = getattr(self, title)
             if section is not None:
                 values = section.model_dump(exclude_none=True)
@@ -333,6 +336,13 @@ class DeviceSpec(DeviceFileSection):
     def collect_assumptions(self) -> dict[str, str]:
         """Return the assumed numbers: ``section.key`` -> reason."""
         return {k: v for k, v in self.sources.items() if v.startswith("assumed")}
+
+    def describe_foot(self) -> dict[str, Any]:
+        """Return the name of the foot and what is assumed about it, in JSON types."""
+        assumed = {key: reason for key, reason in self.collect_assumptions().items() if key.startswith("foot.")}
+        if self.foot is None:
+            return {"name": RIGID_FOOT, "assumed": assumed}
+        return {"name": self.foot.name, "assumed": assumed | (SHOE_ASSUMPTIONS if self.foot.shoe else {})}
 
     def list_unsourced_keys(self) -> list[str]:
         """Return the ``section.key`` of all numbers without a source."""
@@ -366,7 +376,9 @@ def parse_device_spec(content: dict[str, Any], source: str) -> DeviceSpec:
     """
     _check_format(content, source)
     try:
-        return DeviceSpec.model_validate(content)
+        return DeviceSpec.model_validate(expand_foot(content))
+    except InputError as error:
+        raise InputError(f"device file {source}: {error}") from None
     except ValidationError as error:
         problems = validation_sentence(error, DeviceSpec, max_problems=MAX_REPORTED_PROBLEMS)
         raise InputError(f"device file {source}: {problems}") from None
