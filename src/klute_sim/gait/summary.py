@@ -3,6 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
+from klute_sim.device.schema.foot import RIGID_FOOT
 from klute_sim.gait.metrics import GaitMetrics, is_spring_foot
 from klute_sim.gait.spring_foot import SPRING_FOOT_ASSUMPTIONS
 from klute_sim.recording.recording import Recording
@@ -37,6 +38,7 @@ def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, 
     return {
         "device": recording.provenance["device"]["name"],
         "spring_foot_nm_per_deg": options.get("spring_foot_nm_per_deg"),
+        "foot": recording.provenance.get("foot", {}).get("name", RIGID_FOOT),
         "controller": recording.provenance["controller"],
         "reference": recording.provenance["reference"]["name"],
         "reference_speed_m_per_s": recording.provenance["reference"].get("speed_m_per_s"),
@@ -100,11 +102,13 @@ def summarize_gait_run(recording: Recording, metrics: GaitMetrics) -> dict[str, 
 
 def _collect_assumptions(recording: Recording) -> dict[str, str]:
     """Return quantity -> assumption of the run; those of the device only if it was simulated."""
+    foot_assumptions = recording.provenance.get("foot", {}).get("assumed", {})
     if is_spring_foot(recording):
-        return SPRING_FOOT_ASSUMPTIONS
+        return {**SPRING_FOOT_ASSUMPTIONS, **foot_assumptions}
     device = recording.provenance["device"]
     return {
         **COMMON_ASSUMPTIONS,
         **(VALVE_ASSUMPTIONS if device["valve"] else REGULATOR_ASSUMPTIONS),
         **device["assumed"],
+        **foot_assumptions,
     }

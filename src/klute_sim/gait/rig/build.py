@@ -13,6 +13,7 @@ from klute_sim.device.schema import effects
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.gait.body import PROSTHESIS_PREFIX, apply_foot, read_foot
+from klute_sim.gait.foot_section import apply_heel_and_sole, bend_keel
 from klute_sim.gait.rig.trajectory import LegGeometry
 from klute_sim.gait.spring_foot import SpringFoot, disable_tendon
 from klute_sim.plant import models
@@ -61,7 +62,7 @@ def build_gait_model(
     if spring_foot is not None:
         spring_foot.apply_to_joint(spec.joint(PROSTHESIS_PREFIX + "ankle"))
         parameters = disable_tendon(parameters)
-    _apply_body_effects(spec, device)
+    _apply_foot(spec, device)
     if model_edit is not None:
         model_edit(spec)
     return models.attach_devices(spec, {PROSTHESIS_PREFIX + "muscle_tendon": parameters})
@@ -111,12 +112,21 @@ def _compute_achilles_origin(device: Device, spec: mujoco.MjSpec, scale: float) 
     return origin
 
 
-def _apply_body_effects(spec: mujoco.MjSpec, device: Device) -> None:
-    """Apply the body effects of the device file, at the stature and mass of the MJCF file."""
-    if any(catalogue.get_effects()[name].kind == "body" for name in device.spec.effects):
-        model = models.attach_devices(spec.copy(), {PROSTHESIS_PREFIX + "muscle_tendon": device.parameters})
-        original = read_foot(model)
-        apply_foot(spec, original, effects.apply_body_effects(device.spec.effects, original))
+def _apply_foot(spec: mujoco.MjSpec, device: Device) -> None:
+    """Apply the foot and, on top of it, the body effects of the device file.
+
+    Their numbers belong to the stature and mass of the MJCF file.
+    """
+    section = device.spec.foot if device.spec.foot is not None and not device.spec.foot.is_rigid else None
+    if section is None and not any(catalogue.get_effects()[name].kind == "body" for name in device.spec.effects):
+        return
+    model = models.attach_devices(spec.copy(), {PROSTHESIS_PREFIX + "muscle_tendon": device.parameters})
+    original = read_foot(model)
+    foot = original
+    if section is not None:
+        apply_heel_and_sole(spec, section)
+        foot = bend_keel(section, foot)
+    apply_foot(spec, original, effects.apply_body_effects(device.spec.effects, foot))
 
 
 def get_alignment(device: Device) -> float | None:

@@ -153,6 +153,7 @@ def _collect_provenance(device: Device, controller: Controller, gait_rig: GaitRi
     return {
         "rig": "gait",
         "device": _describe_device(device) if foot is None else {"name": foot.name},
+        "foot": device.spec.describe_foot(),
         "controller": controller.describe(),
         "reference": {
             **{"name": options.reference.name, "sha256": options.reference.digest},

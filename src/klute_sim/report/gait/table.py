@@ -7,6 +7,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from klute_sim.device.schema.foot import RIGID_FOOT
 from klute_sim.gait.metrics import (
     AnkleMetrics,
     GaitMetrics,
@@ -150,6 +151,8 @@ def collect_remarks(summary: dict[str, Any]) -> list[str]:
         f"Subject: {summary['mass_kg']:.4g} kg, {summary['stature_m']:.4g} m. Speed: {summary['speed_m_per_s']:.2f} "
         f"m/s. Stride time: {summary['stride_time_s']:.3f} s. Reference gait: {summary['reference']}{origin}."
     ]
+    if summary["foot"] != RIGID_FOOT:
+        remarks.append(f"Foot: {summary['foot']}, with assumed numbers (summary.json lists them).")
     if summary["touches_in_swing"]:
         remarks.append("The foot touches the ground in swing: it trips, and later strides are not meaningful.")
     learning = summary["hip_path"]["learning_strides"]

@@ -11,6 +11,7 @@ import numpy as np
 
 from klute_sim.device.device import DEFAULT_DEVICE, load_device, parse_device
 from klute_sim.device.energy.ledger import format_effect_channel
+from klute_sim.device.schema.foot import RIGID_FOOT
 from klute_sim.effects import catalogue
 from klute_sim.files.limits import DEVICE
 from klute_sim.files.reading import read_bytes
@@ -157,7 +158,9 @@ def rebuild_recording(folder: Path, path: Path) -> None:
     options = recording.provenance["options"]
     file = folder / "device.toml"  # written by the program; a swept or tuned number may be implausible
     device = (
-        load_device(DEFAULT_DEVICE) if is_spring_foot(recording) else parse_device(read_bytes(file, DEVICE), str(file))
+        load_device(DEFAULT_DEVICE).with_foot(recording.provenance.get("foot", {}).get("name", RIGID_FOOT))
+        if is_spring_foot(recording)
+        else parse_device(read_bytes(file, DEVICE), str(file))
     )
     model = build_gait_model(
         device,
