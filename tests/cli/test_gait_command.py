@@ -257,3 +257,21 @@ def test_api_reports_progress() -> None:
     ks.simulate_gait(strides=1, time_step=1e-3, progress=lambda fraction, stage: reports.append((fraction, stage)))
     assert reports[-1][0] == 1.0
     assert all(0.0 <= fraction <= 1.0 for fraction, _ in reports)
+
+
+def test_foot_is_in_the_files_of_the_run(tmp_path: Path) -> None:
+    done = run("gait", "--foot", "sach+shoe", "--strides", "1", "--step", "1", "--out", "mine", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["foot"] == "sach+shoe"
+    saved = load_device(tmp_path / "mine" / "device.toml")
+    assert saved.spec.describe_foot()["name"] == "sach+shoe"
+    assert run("gait", "--foot", "sash", cwd=tmp_path).stderr.count("did you mean 'sach'?") == 1
+
+
+def test_spring_foot_has_the_heel_and_keel_of_a_foot(tmp_path: Path) -> None:
+    options = {"spring_foot": 6.0, "strides": 1, "time_step": 1e-3, "learning_strides": 3}
+    elastic, rigid = (ks.simulate_gait(foot=foot, **options) for foot in ("sach", None))  # type: ignore[arg-type]
+    assert elastic.summary["foot"] == "sach"
+    assert "foot.keel_loss_pct" in elastic.summary["assumptions"]
+    assert elastic.metrics["ankle_range_deg"] != rigid.metrics["ankle_range_deg"]
+    elastic.save(tmp_path / "run")

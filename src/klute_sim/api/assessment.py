@@ -133,6 +133,7 @@ def assess(
     *,
     only: Sequence[str] = (),
     own: Sequence[tuple[DeviceLike, ControllerLike]] = (),
+    foot: str | None = None,
     stride_time: float | None = None,
     accept: Collection[str] = (),
     mass: float | None = None,
@@ -151,6 +152,7 @@ def assess(
         references: Reference gaits, or paths of their files or folders. None: able-bodied adults.
         only: Names of baselines; empty: all of them. ``["own"]``: only those of ``own``.
         own: Pairs of a device and a controller of the user.
+        foot: Foot below the ankle, such as ``"sach"`` or, in a shoe, ``"sach+shoe"``. None: that of the device.
         stride_time: Stride time of the references [s]. None: the time that each states, or 1.1.
         accept: Names of findings about the reference files that are right although they look implausible.
         mass: Body mass [kg]. None: the mass that each reference states, or 75.
@@ -168,7 +170,7 @@ def assess(
         resolve_subject(reference, stride_time=stride_time, accept=accept, mass=mass, stature=stature, speed=speed)
         for reference in references
     ]
-    baselines = select_baselines(only, own)
+    baselines = select_baselines(only, own, foot)
     for subject in subjects:
         subject.build_options(strides, time_step)  # before minutes of simulation
     report, n_runs = stage_progress(progress, "simulating"), len(subjects) * len(baselines)
@@ -183,10 +185,10 @@ def assess(
 
 
 def _assess_controller(subject: Subject, baseline: Baseline, strides: int, time_step: float) -> AssessedController:
-    foot = baseline.foot_stiffness
+    stiffness, foot = baseline.foot_stiffness, baseline.device.spec.foot
     try:
         run = simulate_gait(
-            baseline.device if foot is None else None,
+            baseline.device if stiffness is None else None,
             controller=baseline.controller,
             reference=subject.reference,
             mass=subject.mass,
@@ -194,7 +196,8 @@ def _assess_controller(subject: Subject, baseline: Baseline, strides: int, time_
             speed=subject.speed,
             strides=strides,
             time_step=time_step,
-            spring_foot=foot,
+            spring_foot=stiffness,
+            foot=foot.name if stiffness is not None and foot is not None else None,
         )
     except (InputError, SimulationError) as error:  # such as a device that does not fit into a short shank
         return AssessedController(baseline, None, (), (f"The gait cannot be simulated ({error}).",))

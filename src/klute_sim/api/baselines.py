@@ -154,6 +154,7 @@ def simulate_baselines(
     *,
     own: Sequence[tuple[DeviceLike, ControllerLike]] = (),
     reference: ReferenceLike = None,
+    foot: str | None = None,
     stride_time: float | None = None,
     accept: Collection[str] = (),
     mass: float | None = None,
@@ -172,6 +173,7 @@ def simulate_baselines(
         only: Names of baselines; empty: all of them. ``["own"]``: only those of ``own``.
         own: Further pairs of a device and a controller, which are simulated like the baselines.
         reference: Reference gait, or the path of its file or folder. None: able-bodied adults.
+        foot: Foot below the ankle, such as ``"sach"`` or, in a shoe, ``"sach+shoe"``. None: that of the device.
         stride_time: Stride time of the reference [s]. None: the time that it states, or 1.1.
         accept: Names of findings about the reference file that are right although they look implausible.
         mass: Body mass [kg]. None: the mass that the reference states, or 75.
@@ -189,7 +191,7 @@ def simulate_baselines(
     subject = resolve_subject(
         reference, stride_time=stride_time, accept=accept, mass=mass, stature=stature, speed=speed
     )
-    baselines = select_baselines(only, own)
+    baselines = select_baselines(only, own, foot)
     runs = table.plan_runs(baselines, subject, strides, time_step, table.create_conditions(slope))
     store = open_store(folder, table.describe_runs(runs, subject), "baselines")
     with store.lock(), explain_interrupt(store.folder), LocalRunner(n_jobs) as runner:
@@ -199,8 +201,12 @@ def simulate_baselines(
     return BaselineTable(finished, subject, store.folder)
 
 
-def select_baselines(only: Sequence[str], own: Sequence[tuple[DeviceLike, ControllerLike]]) -> list[Baseline]:
+def select_baselines(
+    only: Sequence[str], own: Sequence[tuple[DeviceLike, ControllerLike]], foot: str | None = None
+) -> list[Baseline]:
     """Return the shipped baselines named in ``only`` (empty: all), then a baseline for each pair of ``own``.
+
+    All have the ``foot``; None: that of their device.
 
     Raises InputError when a name is unknown, or when ``only`` selects :data:`OWN` and there is no pair.
     """
@@ -208,7 +214,8 @@ def select_baselines(only: Sequence[str], own: Sequence[tuple[DeviceLike, Contro
         raise InputError(f"only '{OWN}' is selected, but there is none: give a device or a controller")
     names = [name for name in only if name != OWN]
     shipped = [] if OWN in only and not names else load_baselines(names)
-    return [*shipped, *(_create_own_baseline(*pair) for pair in own)]
+    baselines = [*shipped, *(_create_own_baseline(*pair) for pair in own)]
+    return [replace(baseline, device=to_device(baseline.device, foot)) for baseline in baselines]
 
 
 def _create_own_baseline(device: DeviceLike, controller: ControllerLike) -> Baseline:

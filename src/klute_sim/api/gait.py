@@ -147,7 +147,8 @@ class GaitRun:
         self.plot().savefig(scratch / "report.png", dpi=COMPACT_DPI)
         progress(0.6)
         try:
-            options, device = self.options, self.device or load_device(DEFAULT_DEVICE)
+            foot_name = self.recording.provenance["foot"]["name"]
+            options, device = self.options, self.device or load_device(DEFAULT_DEVICE).with_foot(foot_name)
             alignment = math.radians(self.recording.provenance["options"]["alignment_deg"])
             model = build_gait_model(
                 device, mass=options.mass, stature=options.stature, dt=options.dt, alignment=alignment
@@ -175,6 +176,7 @@ def simulate_gait(
     stride_time: float | None = None,
     accept: Collection[str] = (),
     spring_foot: float | None = None,
+    foot: str | None = None,
     alignment: float | None = None,
     learning_strides: int = 15,
     hip_path: "GaitRun | str | Path | None" = None,
@@ -202,6 +204,7 @@ def simulate_gait(
         stride_time: Stride time of the reference file [s]. None: the time that its folder states, or 1.1.
         accept: Names of findings about the reference file that are right although they look implausible.
         spring_foot: Stiffness of a passive foot, which replaces the device [N.m/deg]. None: the device.
+        foot: Foot below the ankle, such as ``"sach"`` or, in a shoe, ``"sach+shoe"``. None: that of the device.
         alignment: Angle by which the prosthesis is turned against the limb [deg], dorsiflexion positive. None: that of
             the device file, or the one with which the hanging foot meets the ground as that of the reference does.
         learning_strides: Largest number of strides in which the rig learns the path of the hip before the run, until
@@ -214,7 +217,7 @@ def simulate_gait(
     """
     if spring_foot is not None and device is not None:
         raise InputError("a spring foot replaces the device; leave out either the device or the spring foot")
-    chosen_device = to_device(DEFAULT_DEVICE if device is None else device)  # a spring foot uses its geometry only
+    chosen_device = to_device(DEFAULT_DEVICE if device is None else device, foot)  # a spring foot uses its geometry
     chosen_controller = to_controller(_default_controller(spring_foot) if controller is None else controller)
     if spring_foot is not None and chosen_controller != create_off_controller():
         raise InputError("a spring foot takes no pressure command; leave out the controller, or set it to off")

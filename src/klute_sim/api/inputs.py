@@ -14,9 +14,13 @@ ControllerLike: TypeAlias = Controller | str | Path
 """A controller, a specification such as ``"constant:3.5"``, or the path of a controller file."""
 
 
-def to_device(device: DeviceLike) -> Device:
-    """Return ``device``, loaded if it is a name or a path; raises InputError when there is no such device."""
-    return device if isinstance(device, Device) else load_device(device)
+def to_device(device: DeviceLike, foot: str | None = None) -> Device:
+    """Return ``device``, loaded if it is a name or a path, with ``foot`` in place of its own (None: its own).
+
+    Raises InputError when there is no such device or foot.
+    """
+    loaded = device if isinstance(device, Device) else load_device(device)
+    return loaded if foot is None else loaded.with_foot(foot)
 
 
 def to_controller(controller: ControllerLike) -> Controller:

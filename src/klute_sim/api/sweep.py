@@ -119,6 +119,7 @@ def sweep(
     masses: Sequence[float | None] = (None,),
     statures: Sequence[float | None] = (None,),
     spring_feet: Sequence[float] = (),
+    feet: Sequence[str] | str = (),
     strides: int = 5,
     time_step: float = 5e-4,
     accept: Collection[str] = (),
@@ -142,6 +143,8 @@ def sweep(
         masses: Body masses [kg]; None stands for the mass that the reference states, or 75.
         statures: Statures [m]; None stands for the stature that the reference states, or 1.75.
         spring_feet: Stiffnesses of passive feet [N.m/deg], simulated in addition to the devices.
+        feet: Prosthetic feet below the ankle, such as ``"sach"`` or ``"sach+shoe"``, that each device gets in turn;
+            empty: that of the device.
         strides: Number of strides per case.
         time_step: Time step [s].
         accept: Names of findings about the reference files that are right although they look implausible.
@@ -155,8 +158,13 @@ def sweep(
     is_only_feet = bool(spring_feet) and not _to_list(devices) and not _to_list(controllers)
     chosen_devices = [] if is_only_feet else _to_list(devices) or [DEFAULT_DEVICE]
     chosen_controllers = [] if is_only_feet else _to_list(controllers) or ["profile"]
+    chosen_feet = _to_list(feet) or [None]
     plan = SweepPlan(
-        devices={get_input_name(device): to_device(device) for device in chosen_devices},
+        devices={
+            get_input_name(device) + ("" if foot is None else f", {foot}"): to_device(device, foot)
+            for device in chosen_devices
+            for foot in chosen_feet
+        },
         controllers={get_input_name(controller): to_controller(controller) for controller in chosen_controllers},
         references={
             get_input_name(reference): _load_reference(reference, accept)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from klute_sim.api.inputs import stage_progress
 from klute_sim.api.rendering import Summary, render_html, render_text
+from klute_sim.device.schema.foot import parse_foot_name
 from klute_sim.errors import InputError
 from klute_sim.gait.subject import resolve_subject
 from klute_sim.recording.atomic_file import replace_atomically, write_atomically
@@ -142,6 +143,7 @@ def train(
     steps: int | None = None,
     seed: int | None = None,
     reference: str | Path | None = None,
+    foot: str | None = None,
     stride_time: float | None = None,
     accept: Collection[str] = (),
     mass: float | None = None,
@@ -161,6 +163,7 @@ def train(
         steps: Total number of environment steps in place of ``minutes``; such a training is reproducible.
         seed: Random seed; None: 0, or that of the training in ``folder``.
         reference: Path of the file or folder of a reference gait. None: that of the configuration (able-bodied adults).
+        foot: Foot below the ankle, such as ``"sach"`` or, in a shoe, ``"sach+shoe"``. None: that of the device.
         stride_time: Stride time of the reference [s]. None: the time that it states, or 1.1.
         accept: Names of findings about the reference file that are right although they look implausible.
         mass: Body mass [kg]. None: the mass that the reference states, or 75.
@@ -174,7 +177,7 @@ def train(
     """
     if minutes is not None and steps is not None:
         raise InputError("minutes and steps exclude each other; give one of them")
-    subject = _collect_subject(reference, stride_time, accept, mass, stature, speed, slope)
+    subject = _collect_subject(reference, foot, stride_time, accept, mass, stature, speed, slope)
     if config is not None or subject:
         settings, _ = load_subject_config(config, subject)  # before a folder is made
         _check_subject(settings.environment)
@@ -192,6 +195,7 @@ def train(
 
 def _collect_subject(
     reference: str | Path | None,
+    foot: str | None,
     stride_time: float | None,
     accept: Collection[str],
     mass: float | None,
@@ -202,6 +206,7 @@ def _collect_subject(
     """Return the given values as keywords of the environment, in the types of a configuration file."""
     values = {
         "reference": None if reference is None else str(reference),
+        "foot": foot,
         "stride_time": stride_time,
         "accept": list(accept) or None,
         "mass": mass,
@@ -213,9 +218,11 @@ def _collect_subject(
 
 
 def _check_subject(environment: Mapping[str, Any]) -> None:
-    """Raise InputError when the rig does not take the subject of the keywords ``environment``."""
+    """Raise InputError when the rig does not take the subject or the foot of the keywords ``environment``."""
     names = ("reference", "stride_time", "accept", "mass", "stature", "speed")
     slope = math.degrees(environment.get("slope", 0.0))
+    if "foot" in environment:
+        parse_foot_name(environment["foot"])
     resolve_subject(**{name: environment[name] for name in names if name in environment}, slope=slope)
 
 

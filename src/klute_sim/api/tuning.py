@@ -193,6 +193,7 @@ def tune(
     device: DeviceLike = "klute-1-1-4-pair",
     *,
     profile: PressureProfile | str | Path | None = None,
+    foot: str | None = None,
     with_device: bool = False,
     device_keys: Sequence[str] = (),
     goal_human: bool = False,
@@ -221,6 +222,7 @@ def tune(
     Args:
         device: Device, name of a preset, or path of a device file.
         profile: Initial profile or the path of its CSV file; None: the hand-tuned profile.
+        foot: Foot below the ankle, such as ``"sach"`` or, in a shoe, ``"sach+shoe"``. None: that of the device.
         with_device: Whether to tune orifices, springs, resting length and mounting, too.
         device_keys: Further numbers of the device to tune (``section.key``).
         goal_human: Whether to penalize the shortfall from the human ankle, that of the reference.
@@ -249,7 +251,7 @@ def tune(
         reference, stride_time=stride_time, accept=accept, mass=mass, stature=stature, speed=speed, slope=slope
     )
     problem = TuningProblem(
-        space=DesignSpace(to_device(device), initial_profile, keys),
+        space=DesignSpace(to_device(device, foot), initial_profile, keys),
         subject=subject,
         weights=make_weights(weights or {}),
         goals=make_human_goals(subject.reference) if goal_human else Goals(),

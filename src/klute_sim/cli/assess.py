@@ -19,6 +19,7 @@ from klute_sim.cli import common
 )
 @common.OWN_DEVICES_OPTION
 @common.OWN_CONTROLLERS_OPTION
+@common.FOOT_OPTION
 @common.STRIDE_TIME_OPTION
 @common.ACCEPT_OPTION
 @common.mass_option("the value in the folder of the reference, or 75")

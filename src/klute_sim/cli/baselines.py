@@ -18,6 +18,7 @@ from klute_sim.cli import common
 )
 @common.OWN_DEVICES_OPTION
 @common.OWN_CONTROLLERS_OPTION
+@common.FOOT_OPTION
 @common.REFERENCE_OPTION
 @common.STRIDE_TIME_OPTION
 @common.ACCEPT_OPTION

@@ -61,6 +61,13 @@ OWN_CONTROLLERS_OPTION = click.option(
     metavar="SPEC",
     help="Your own controller, as in 'klute-sim gait'; may be repeated.  [default: profile, if there is a --device]",
 )
+FOOT_HELP = (
+    "Prosthetic foot below the ankle: rigid, dynamic-response-low, dynamic-response-medium, dynamic-response-high or "
+    "sach, each also in a shoe, such as sach+shoe (docs/devices.md)"
+)
+FOOT_OPTION = click.option(
+    "--foot", default=None, metavar="NAME", help=f"{FOOT_HELP}.  [default: that of the device, or rigid]"
+)
 TIME_STEP_OPTION = click.option(
     "--step",
     "step_ms",
@@ -139,8 +146,9 @@ def slope_option(
 
 
 def subject_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of a subject; the command receives them under the keywords of the public API."""
+    """Add the options of a subject and of the foot; the command receives them under the keywords of the public API."""
     options = (
+        FOOT_OPTION,
         REFERENCE_OPTION,
         STRIDE_TIME_OPTION,
         ACCEPT_OPTION,

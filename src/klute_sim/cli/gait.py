@@ -112,6 +112,7 @@ def command(
       klute-sim gait --controller off --strides 3
       klute-sim gait --slope -5 --speed 1.0 --controller machine
       klute-sim gait --spring-foot 6
+      klute-sim gait --foot dynamic-response-medium+shoe
       klute-sim gait --reference my-subject --align -4
       klute-sim gait --device my-device.toml --mass 82 --stature 1.80 --speed 1.3
       klute-sim gait --json | python -m json.tool

@@ -113,6 +113,13 @@ def _parse_number(text: str, option: click.Parameter, expected: str) -> float:
     help="Stiffnesses [N·m/deg] of passive feet, simulated in addition to --device; without --device, only these feet "
     "are simulated.  [default: no passive foot]",
 )
+@click.option(
+    "--foot",
+    "feet",
+    multiple=True,
+    metavar="NAME",
+    help=f"{common.FOOT_HELP}; may be repeated.  [default: that of the device, or rigid]",
+)
 @common.strides_option("Number of strides per case")
 @common.TIME_STEP_OPTION
 @common.jobs_option(default=None)
@@ -140,6 +147,7 @@ def command(
     masses: list[float],
     statures: list[float],
     spring_feet: list[float],
+    feet: tuple[str, ...],
     strides: int,
     step_ms: float,
     jobs: int | None,
@@ -164,6 +172,7 @@ def command(
       klute-sim sweep --reference anna --reference ben --reference able-bodied
       klute-sim sweep --reference 'subjects/*' --controller profile --controller machine
       klute-sim sweep --device klute-1-1-4-pair --spring-foot 4,6,8
+      klute-sim sweep --foot rigid --foot sach --foot sach+shoe
       klute-sim sweep --device klute-1-1-4-pair --device my.toml --controller profile --controller off
       klute-sim sweep --controller constant:2 --controller mine.csv --out my-sweep --csv
       klute-sim sweep --mass 60,75,90 --ray local
@@ -189,6 +198,7 @@ def command(
             masses=masses or [None],
             statures=statures or [None],
             spring_feet=spring_feet,
+            feet=feet,
             strides=strides,
             time_step=1e-3 * step_ms,
             folder=out,

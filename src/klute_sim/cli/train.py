@@ -33,6 +33,7 @@ from klute_sim.cli import common
     metavar="FILE",
     help="TOML file: algorithm, environment, domain randomisation.  [default: the configuration of --show-config]",
 )
+@common.FOOT_OPTION
 @common.REFERENCE_OPTION
 @common.STRIDE_TIME_OPTION
 @common.ACCEPT_OPTION

@@ -152,6 +152,7 @@ class AnkleGaitEnv(DeviceEnv):
         reference: ReferenceLike = None,
         stride_time: float | None = None,
         accept: Collection[str] = (),
+        foot: str | None = None,
         strides: int = 5,
         time_step: float = 5e-4,
         backend: str = "auto",
@@ -171,6 +172,7 @@ class AnkleGaitEnv(DeviceEnv):
 
         ``reference`` is the gait of the subject, or the path of its file or folder (None: able-bodied adults);
         ``stride_time`` [s], mass and stature are by default those that it states (None), or 1.1 s, 75 kg and 1.75 m.
+        ``foot`` is the foot below the ankle, such as ``"sach"`` (None: that of the device).
         ``accept`` names findings about its file that are right although they look implausible. ``speed`` [m/s],
         ``slope`` [rad], ``time_step`` [s] and ``reset_noise`` [rad]; ``backend`` is auto, compiled or python. The class
         docstring and :class:`klute_sim.envs.tasks.options.TaskOptions` describe the other options.
@@ -196,7 +198,7 @@ class AnkleGaitEnv(DeviceEnv):
         )
         self._backend, self._reset_noise = callbacks.choose_backend(backend), reset_noise
         self._task, self._single_mask = (
-            GaitTask(resolve_device(device), gait_options, options, 1, self._backend),
+            GaitTask(resolve_device(device, foot), gait_options, options, 1, self._backend),
             np.ones(1, dtype=np.bool_),
         )
         super().__init__(self._task.max_episode_steps)

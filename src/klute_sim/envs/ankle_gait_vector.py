@@ -41,6 +41,7 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
         reference: ReferenceLike = None,
         stride_time: float | None = None,
         accept: Collection[str] = (),
+        foot: str | None = None,
         strides: int = 5,
         time_step: float = 5e-4,
         action: str | None = None,
@@ -81,7 +82,7 @@ class AnkleGaitVectorEnv(BatchVectorEnv):
             domain_randomization=domain_randomization,
             reset_noise=reset_noise,
         )
-        self._task = GaitTask(resolve_device(device), gait_options, options, num_envs, callbacks.choose_backend())
+        self._task = GaitTask(resolve_device(device, foot), gait_options, options, num_envs, callbacks.choose_backend())
         self._reset_noise = reset_noise
         self._gait_rig = self._task.randomizer.gait_rigs[0]
         super().__init__(

@@ -258,7 +258,9 @@ class DomainRandomizer:
     def _build_parameter_ranges(self) -> dict[str, Range]:
         values, ranges = self.device.spec.collect_values(), {}
         allowed_keys = [
-            key for key, value in values.items() if isinstance(value, float) and not key.startswith("mounting.")
+            key
+            for key, value in values.items()
+            if isinstance(value, float) and not key.startswith(("mounting.", "foot."))
         ]
         for key, fraction in self._ranges.device.items():
             if key not in allowed_keys:

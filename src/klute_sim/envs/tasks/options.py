@@ -82,6 +82,7 @@ def resolve_gait_options(
     return replace(subject.build_options(strides, time_step), slope=slope)
 
 
-def resolve_device(device: Device | str | Path) -> Device:
-    """Return ``device``, loaded if it is the name of a preset or a path."""
-    return device if isinstance(device, Device) else load_device(device)
+def resolve_device(device: Device | str | Path, foot: str | None = None) -> Device:
+    """Return ``device``, loaded if it is the name of a preset or a path, with ``foot`` in place of its own (None)."""
+    loaded = device if isinstance(device, Device) else load_device(device)
+    return loaded if foot is None else loaded.with_foot(foot)
