@@ -12,7 +12,10 @@ from scipy.optimize import curve_fit
 
 from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.write import write_trial
+from klute_sim.device.device import load_device
 from klute_sim.diagnosis.workflow import diagnose
+from klute_sim.gait.foot_section import DEFAULT_KEEL_LEVER
+from klute_sim.gait.foot_test import press_foot
 from klute_sim.types import Array
 
 DATA = Path(os.environ.get("KLUTE_SIM_DATA", "nowhere")) / "prosthetic_foot_desr"
@@ -141,6 +144,17 @@ def write_dataset_folder(loop: Loop, folder: Path) -> Path:
     return folder
 
 
+def get_keel_stiffness(name: str) -> float:
+    """Return the stiffness [N m/deg] of the keel of a preset about the ankle."""
+    foot = load_device("klute-1-1-4-pair").with_foot(name).spec.foot
+    forefoot = foot.get_forefoot() if foot is not None else None
+    assert forefoot is not None
+    return float(np.radians(forefoot.stiffness * DEFAULT_KEEL_LEVER**2))
+
+
+CATEGORIES = ["dynamic-response-low", "dynamic-response-medium", "dynamic-response-high"]
+SPRING_POSITIONS_OF_N = ["00", "10", "20", "25", "30", "33", "35", "40", "45"]
+
 pytestmark = [
     pytest.mark.extras,
     pytest.mark.skipif(not DATA.exists(), reason="KLUTE_SIM_DATA does not hold these measurements"),
@@ -182,3 +196,52 @@ def test_one_loop_is_insufficient_to_identify_a_hysteresis(which: str, tmp_path:
     assert any("No trial is repeated" in reason for reason in result.reasons)
     assert result.added_terms == ()
     assert 50.0 < result.channel_rms["force"].with_effects < 150.0
+
+
+def test_categories_cover_the_stiffer_half_of_the_settings() -> None:
+    """By their slope, low is the setting of 30 mm, medium that of 45 mm, and high is stiffer than any."""
+    slopes = {s["spring_pos_mm"]: read_loop(s).stiffness for s in read_settings() if s["set"] == "DESR_N"}
+    assert list(slopes) == SPRING_POSITIONS_OF_N
+    low, medium, high = (get_keel_stiffness(name) for name in CATEGORIES)
+    assert min(slopes, key=lambda position: abs(slopes[position] - low)) == "30"
+    assert low == pytest.approx(slopes["30"], rel=0.06)
+    assert min(slopes, key=lambda position: abs(slopes[position] - medium)) == "45"
+    assert medium == pytest.approx(slopes["45"], rel=0.04)
+    assert high > 1.4 * max(slopes.values())
+
+
+def test_measured_foot_is_progressive_and_the_keel_is_not() -> None:
+    """A linear keel misses each loading curve by 7 to 14 % of its peak; a category alone by 11 % or more."""
+    for setting in read_settings():
+        angles, loading, _ = read_loop(setting).split_directions()
+        best = float(np.sum(angles * loading) / np.sum(angles**2))
+        misfit = float(np.sqrt(np.mean((best * angles - loading) ** 2))) / loading.max()
+        assert 0.06 < misfit < 0.15
+        of_categories = [
+            float(np.sqrt(np.mean((get_keel_stiffness(name) * angles - loading) ** 2))) / loading.max()
+            for name in CATEGORIES
+        ]
+        assert min(of_categories) > 0.10
+        assert min(of_categories) == of_categories[0]
+
+
+def test_section_with_the_numbers_of_a_setting_has_its_loop() -> None:
+    """The bench test of a foot with stiffness and loss of the setting CAM1 gives its stiffness and its loss."""
+    measured = read_loop(next(s for s in read_settings() if s["set"] == "DESR_N_CAM1"))
+    angles, loading, unloading = measured.split_directions()
+    stored, returned = (float(np.trapezoid(torque, np.radians(angles))) for torque in (loading, unloading))
+    stiffness = float(np.sum(angles * loading) / np.sum(angles**2))
+    changes = {
+        "foot.forefoot_stiffness_n_per_mm": 1e-3 * float(np.degrees(stiffness)) / DEFAULT_KEEL_LEVER**2,
+        "foot.keel_loss_pct": 100.0 * (1.0 - returned / stored),
+    }
+    device = load_device("klute-1-1-4-pair").with_foot("dynamic-response-low").with_changes(changes)
+    result = press_foot(device, "forefoot", max_load=float(loading.max()) / DEFAULT_KEEL_LEVER)
+    torque = result.load * result.lever  # the load moves towards the ankle while the foot bends
+    angle = np.degrees(np.cumsum(np.gradient(result.deflection) / result.lever))
+    angle += float(np.interp(torque.min(), loading, angles)) - angle.min()
+    assert np.ptp(torque) / np.ptp(angle) == pytest.approx(stiffness, rel=0.05)
+    assert result.loss == pytest.approx(1.0 - returned / stored, abs=0.02)
+    top = int(np.argmax(angle))
+    misfit = np.interp(angle[:top], angles, loading) - torque[:top]
+    assert 0.02 < np.sqrt(np.mean(misfit**2)) / loading.max() < 0.10

@@ -66,8 +66,8 @@ class FootTestResult:
     """(n,) force of the plate [N]."""
     deflection: Array
     """(n,) approach of ankle and plate [m]."""
-    lever: float
-    """Mean distance of the load from the axis of the ankle [m]."""
+    lever: Array
+    """(n,) distance of the load from the axis of the ankle [m]."""
     stiffness: float
     """Range of the load over that of the deflection [N/m]; that of the forefoot at the keel lever of the foot."""
     loss: float
@@ -107,11 +107,10 @@ def press_foot(
         mujoco.mj_step(model, data)
         samples[k % n_steps] = data.sensordata[ground], -data.qpos[height], _find_lever(model, data)
     load, deflection = samples[:, 0], samples[:, 1] - samples[0, 1]
-    lever = float(np.average(samples[:, 2], weights=load))
     stiffness = float(np.ptp(load) / np.ptp(deflection))
     if part == "forefoot" and section is not None:
-        stiffness *= (lever / get_keel_lever(section)) ** 2
-    return FootTestResult(load, deflection, lever, stiffness, compute_loss(load, deflection))
+        stiffness *= (float(np.average(samples[:, 2], weights=load)) / get_keel_lever(section)) ** 2
+    return FootTestResult(load, deflection, samples[:, 2], stiffness, compute_loss(load, deflection))
 
 
 def compute_loss(load: Array, deflection: Array) -> float:
