@@ -14,8 +14,8 @@ from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.write import write_trial
 from klute_sim.device.device import load_device
 from klute_sim.diagnosis.workflow import diagnose
+from klute_sim.gait.foot_bench import press_foot
 from klute_sim.gait.foot_section import DEFAULT_KEEL_LEVER
-from klute_sim.gait.foot_test import press_foot
 from klute_sim.types import Array
 
 DATA = Path(os.environ.get("KLUTE_SIM_DATA", "nowhere")) / "prosthetic_foot_desr"

@@ -8,8 +8,8 @@ from klute_sim.device.device import load_device, parse_device
 from klute_sim.device.schema.foot import FootSection, list_feet
 from klute_sim.errors import InputError
 from klute_sim.gait.body import read_foot
+from klute_sim.gait.foot_bench import compute_loss, press_foot
 from klute_sim.gait.foot_section import KEEL_CYCLE_TIME, bend_keel, get_hinge
-from klute_sim.gait.foot_test import compute_loss, press_foot
 from klute_sim.gait.replay.foot import build_device_foot
 from klute_sim.gait.rig.build import build_gait_model
 from klute_sim.laws.loading_cycle import CyclicStiffness, part_of_spring_and_dashpot
@@ -44,13 +44,26 @@ def test_lever_of_the_presets_is_that_of_the_sole() -> None:
     assert lever == pytest.approx(0.130, abs=0.002)
 
 
-def test_another_lever_scales_the_hinge_and_not_the_measured_stiffness() -> None:
-    device = PLAIN.with_foot("dynamic-response-medium").with_changes({"foot.keel_lever_mm": 110.0})
-    assert press_foot(device, "forefoot").stiffness == pytest.approx(52e3, rel=0.06)
+@pytest.mark.parametrize("lever_mm", [80.0, 150.0])
+def test_another_lever_changes_the_hinge_and_not_the_measured_stiffness(lever_mm: float) -> None:
+    device = PLAIN.with_foot("dynamic-response-medium").with_changes({"foot.keel_lever_mm": lever_mm})
+    assert press_foot(device, "forefoot").stiffness == pytest.approx(52e3, rel=0.05)
     hinges = [get_hinge(spec) for spec in (device.spec.foot, get_section("dynamic-response-medium")) if spec]
     assert hinges[0] is not None
     assert hinges[1] is not None
-    assert hinges[0].stiffness / hinges[1].stiffness == pytest.approx((110.0 / 130.0) ** 2)
+    assert hinges[0].stiffness / hinges[1].stiffness == pytest.approx((lever_mm / 130.0) ** 2, rel=0.1)
+
+
+@pytest.mark.parametrize("lever_mm", [80.0, 150.0])
+@pytest.mark.parametrize(("stiffness", "loss"), [(10.0, 2.0), (10.0, 80.0), (300.0, 2.0)])
+def test_ends_of_the_ranges_stay_finite_and_passive(lever_mm: float, stiffness: float, loss: float) -> None:
+    changes = {"heel_stiffness_n_per_mm": 10.0, "heel_loss_pct": loss, "keel_loss_pct": loss}
+    changes |= {"forefoot_stiffness_n_per_mm": stiffness, "keel_lever_mm": lever_mm}
+    device = PLAIN.with_foot("sach").with_changes({f"foot.{key}": value for key, value in changes.items()})
+    for part in ("heel", "forefoot"):
+        result = press_foot(device, part)
+        assert np.isfinite(result.stiffness)
+        assert 0.0 < result.loss < 0.9
 
 
 def test_slower_cycles_lose_less() -> None:

@@ -1,10 +1,10 @@
 """Put the numbers of a section [foot] into the model: the spring of the heel, the hinge of the keel, and the contact.
 
-The numbers are those of a bench test (:mod:`klute_sim.gait.foot_test`), in which the ankle does not move. The forefoot,
-at a distance ``L`` from the axis of the ankle, bends the hinge between ankle and forefoot, which the effects
-`foot_stiffness` and `foot_hysteresis` soften further; the contact yields, too::
+The numbers are those of a bench test (:mod:`klute_sim.gait.foot_bench`), in which the ankle does not move. The
+forefoot, at a distance ``L`` from the axis of the ankle, bends the hinge between ankle and forefoot, which the effects
+`foot_stiffness` and `foot_hysteresis` soften further; the contact, at the distance ``l``, yields, too::
 
-    1 / k_forefoot = L^2 / k_hinge + 1 / k_contact
+    1 / k_forefoot = L^2 (1 / k_hinge + 1 / (k_contact l^2))
 
 The heel slides along the foot, tilted by ``a`` against the load, and its load bends the same hinge at the distance
 ``x`` from the axis::
@@ -64,9 +64,8 @@ def get_hinge(section: FootSection) -> CyclicStiffness | None:
     forefoot = section.get_forefoot()
     if forefoot is None:
         return None
-    return part_of_compliance(
-        (_subtract(compliance(forefoot), compliance(FOREFOOT_CONTACT))) / get_keel_lever(section) ** 2
-    )
+    stated = compliance(forefoot) / get_keel_lever(section) ** 2
+    return part_of_compliance(_subtract(stated, compliance(FOREFOOT_CONTACT) / DEFAULT_KEEL_LEVER**2))
 
 
 def _subtract(total: complex, known: complex) -> complex:

@@ -52,7 +52,7 @@ class FootSection(DeviceFileSection):
     """Stiffness of the forefoot, pressed against a plate that is tilted by 20 degrees; None: a rigid keel."""
     keel_loss_pct: Loss | None = None
     """Share of energy that the keel loses in a loading cycle."""
-    keel_lever_mm: Annotated[FiniteFloat, Field(ge=60, le=200)] | None = None
+    keel_lever_mm: Annotated[FiniteFloat, Field(ge=80, le=150)] | None = None
     """Distance of the load from the axis of the ankle in the test of the forefoot."""
 
     @model_validator(mode="after")
