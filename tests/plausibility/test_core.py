@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from klute_sim.plausibility.finding import Finding, ImplausibleInputError, require_accepted
+from klute_sim.plausibility.gait.markers import find_length_unit
 from klute_sim.plausibility.samples import (
     Samples,
     are_exchanged,
@@ -101,3 +104,12 @@ def test_exchanged_columns() -> None:
 def test_correlation() -> None:
     assert compute_correlation(WAVE, 3.0 - 2.0 * WAVE) == pytest.approx(-1.0)
     assert compute_correlation(WAVE, np.ones(400)) == 0.0
+
+
+@given(st.one_of(st.just(0.0), st.floats(1e-150, 0.3), st.floats(2.0, 1e150)))
+def test_markers_of_any_wrong_scale_are_named(scale: float) -> None:
+    heights = {"hip": 0.92, "knee": 0.5, "ankle": 0.09}
+    leg = {name: np.tile([0.0, 0.0, scale * height], (20, 1)) for name, height in heights.items()}
+    (finding,) = find_length_unit([leg], "walk")
+    assert finding.name == "marker-unit"
+    assert ("are at one place" in finding.statement) == (scale == 0.0)

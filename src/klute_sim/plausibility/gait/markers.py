@@ -1,5 +1,6 @@
 """Markers of a leg: unit, missing samples, exchanged markers, axes and direction of walking."""
 
+import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
@@ -78,14 +79,18 @@ def find_length_unit(legs: Sequence[Mapping[str, Array]], place: str) -> list[Fi
                 length = _measure_length(leg[upper], leg[lower])
                 ratios.append(length / plausible.typical)
                 guesses.append(guess_unit(length, 1.0, "m", plausible))
-    if not ratios or 0.38 <= float(np.median(ratios)) <= 1.7:
+    ratio = float(np.median(ratios)) if ratios else 1.0
+    if 0.38 <= ratio <= 1.7:
         return []
-    length = SEGMENT_RANGES["knee", "ankle"].typical * float(np.median(ratios))
+    if ratio == 0.0:
+        statement = "the markers of hip, knee and ankle are at one place; check which markers are named"
+        return [Finding("marker-unit", place, statement)]
+    length = SEGMENT_RANGES["knee", "ankle"].typical * ratio
     named = [guess for guess in guesses if guess]
     unit = max(set(named), key=named.count) if named else "another unit"
-    if float(np.median(ratios)) < 1.0:
+    if ratio < 1.0:
         unit = {-3: "m under a heading in mm", -2: "m under a heading in cm", -1: "cm under a heading in mm"}.get(
-            round(float(np.log10(np.median(ratios)))), "another unit"
+            round(math.log10(ratio)), "another unit"
         )
     statement = (
         f"a lower leg measures {round_digits(length):g} m by the markers: it looks like {unit}; correct the unit of "
