@@ -108,7 +108,7 @@ def test_replay_agrees_with_mujoco(effect: Effect, form: EffectForm) -> None:
     off, without = replay_gait_run(create_device(effect, form), (apply_effect(effect, form), FOOT))
     # The heel spring, which the replay does not have, causes up to 0.03 degrees. The angle at which friction holds the
     # foot in swing, within 0.15 degrees, depends on the last spikes of the load.
-    assert off < (0.08 if form.name == "coulomb" and effect.name == "foot_hysteresis" else 0.04)
+    assert off < (0.1 if form.name == "coulomb" and effect.name == "foot_hysteresis" else 0.04)
     assert without > 3.0 * off
 
 

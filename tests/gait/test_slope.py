@@ -120,6 +120,7 @@ def test_slope_has_no_distance_to_the_reference() -> None:
         **{"mass_kg": 75.0, "stature_m": 1.75, "speed_m_per_s": 1.2, "stride_time_s": 1.1},
         **{"reference": "x", "reference_speed_m_per_s": None, "contact_lost_in_stance": False, "alignment_deg": 0.0},
         "hip_path": {"learning_strides": 0},
+        "foot": "rigid",
         "distance_to_reference": {"moment_distance_sd": {"stance_rms": None}},
     }
     (remark,) = (said for said in collect_remarks(summary) if "rises by 3 degrees" in said)

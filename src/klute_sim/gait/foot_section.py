@@ -1,4 +1,4 @@
-"""Put the numbers of a section [foot] into the model: the spring of the heel, the hinge of the keel, and the contact.
+"""Put the numbers of a section [foot] into the model: the spring of the heel and the hinge of the keel.
 
 The numbers are those of a bench test (:mod:`klute_sim.gait.foot_bench`), in which the ankle does not move. The
 forefoot, at a distance ``L`` from the axis of the ankle, bends the hinge between ankle and forefoot, which the effects
@@ -41,11 +41,6 @@ DEFAULT_KEEL_LEVER = 0.13
 """Distance of the load from the axis of the ankle in the test of the forefoot of ``models/ankle.xml`` [m]."""
 MIN_HEEL_TIME_CONSTANT = 1e-3
 """Smallest time constant of the heel [s] (assumed: too short to show in a gait run)."""
-SOLE_SOLREF, SOLE_SOLIMP = (0.02, 1.0), (0.0, 0.999, 0.004, 0.5, 2.0)
-"""solref and solimp of the sole of a foot with numbers.
-
-The force begins at zero, and the loading rate at heel strike is near that of the reference.
-"""
 HEEL_CONTACT, FOREFOOT_CONTACT = CyclicStiffness(1000e3, 0.03), CyclicStiffness(520e3, 0.06)
 """Contact of heel and forefoot between 60 and 300 N, measured in the bench test; it depends on the masses."""
 
@@ -79,8 +74,8 @@ def get_keel_lever(section: FootSection) -> float:
     return section.get_si("keel_lever_mm") if section.keel_lever_mm is not None else DEFAULT_KEEL_LEVER
 
 
-def apply_heel_and_sole(spec: mujoco.MjSpec, section: FootSection) -> None:
-    """Give the heel and the sole of ``spec``, whose keel is not split yet, the numbers of ``section``.
+def apply_heel(spec: mujoco.MjSpec, section: FootSection) -> None:
+    """Give the heel of ``spec``, whose keel is not split yet, the numbers of ``section``.
 
     Raises InputError when the keel alone yields more than heel and keel together may.
     """
@@ -99,10 +94,6 @@ def apply_heel_and_sole(spec: mujoco.MjSpec, section: FootSection) -> None:
     spring, dashpot = spring_and_dashpot(part_of_compliance(slide), HEEL_CYCLE_TIME)
     joint.stiffness = np.array([spring, 0.0, 0.0])  # coefficients of a polynomial
     joint.damping = np.array([max(dashpot, MIN_HEEL_TIME_CONSTANT * spring), 0.0, 0.0])
-    for geom in spec.geoms:
-        if geom.classname.name == PROSTHESIS_PREFIX + "sole":
-            geom.priority = 1  # its contact parameters hold, not the mean of those of sole and floor
-            geom.solref, geom.solimp = SOLE_SOLREF, SOLE_SOLIMP
 
 
 def get_heel_lever(spec: mujoco.MjSpec) -> float:

@@ -13,7 +13,7 @@ from klute_sim.device.schema import effects
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.gait.body import PROSTHESIS_PREFIX, apply_foot, read_foot
-from klute_sim.gait.foot_section import apply_heel_and_sole, bend_keel
+from klute_sim.gait.foot_section import apply_heel, bend_keel
 from klute_sim.gait.rig.trajectory import LegGeometry
 from klute_sim.gait.spring_foot import SpringFoot, disable_tendon
 from klute_sim.plant import models
@@ -124,7 +124,7 @@ def _apply_foot(spec: mujoco.MjSpec, device: Device) -> None:
     original = read_foot(model)
     foot = original
     if section is not None:
-        apply_heel_and_sole(spec, section)
+        apply_heel(spec, section)
         foot = bend_keel(section, foot)
     apply_foot(spec, original, effects.apply_body_effects(device.spec.effects, foot))
 
