@@ -91,10 +91,10 @@ def test_effects_show_at_typical_size_and_vanish_at_neutral(
     ids=lambda names: names[0][0],
 )
 def test_solution_is_converged(names: list[tuple[str, str]]) -> None:
-    """With effects that are hard to integrate, several at once."""
+    """With effects that are hard to integrate, several at once; the noise is hundred times as large."""
     device = catalogue.add_effects(LAW, AIR, [plan.draw_effect(FORMS, key, None) for key in names])
     usual, tighter = (simulate.simulate_trace(PROGRAM, *device, tolerance=t) for t in (1e-9, 1e-10))
-    assert rms(usual["force"] - tighter["force"]) < 0.02
+    assert rms(usual["force"] - tighter["force"]) < 0.03
 
 
 def test_solution_agrees_with_scipy_radau(plain: dict[str, np.ndarray]) -> None:
@@ -225,7 +225,7 @@ def test_seed_determines_dataset_bytes(tmp_path: Path) -> None:
 
 
 def test_leak_is_hidden_behind_known_valve(tmp_path: Path) -> None:
-    (spec,) = (s for s in plan.plan_datasets("single", 60, 1, typical=True)[:31] if s["effects"][0]["name"] == "leak")
+    spec = next(s for s in plan.plan_datasets("single", 60, 1, typical=True) if s["effects"][0]["name"] == "leak")
     spec.pop("name")
     sealed = generate.make_dataset(tmp_path / "leak", **spec)
     assert [e["name"] for e in sealed["effects"]] == ["leak"]

@@ -63,7 +63,8 @@ def test_closed_pipe_is_silent(arguments: tuple[str, ...], unbuffered: str) -> N
 def test_signal_leaves_no_half_written_run(name: str, tmp_path: Path) -> None:
     number = signal.Signals[name]
     code = (
-        "import os\n"
+        "import os, signal\n"
+        f"signal.signal({number:d}, signal.SIG_DFL)\n"  # which nohup ignores
         "from klute_sim.recording import parquet\n"
         "def write_half(recording, path):\n"
         f"    path.write_bytes(b'half'); os.kill(os.getpid(), {number:d})\n"
