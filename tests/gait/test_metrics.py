@@ -162,6 +162,15 @@ def test_power_peak_ignores_a_spike_of_one_sample() -> None:
     assert spiked == pytest.approx(power[700] / MASS / 15, rel=1e-6)
 
 
+@pytest.mark.parametrize(("load_after_gap_bw", "is_lost"), [(0.0, False), (0.006, False), (0.03, True), (1.0, True)])
+def test_contact_is_lost_between_loads_and_not_before_a_graze(load_after_gap_bw: float, is_lost: bool) -> None:
+    """A toe that has left the ground and grazes it with some newtons is not a foot that leaves it in stance."""
+    load = channels()["grf_vertical"].copy()
+    load[PHASE >= 55] = 0.0
+    load[(PHASE >= 55.2) & (PHASE < 56)] = load_after_gap_bw * WEIGHT
+    assert compute_metrics(grf_vertical=load).strides[0].contact_lost_in_stance is is_lost
+
+
 def test_contact_events_ignore_contacts_in_swing() -> None:
     stride = compute_metrics().strides[0]
     assert stride.first_contact_pct == pytest.approx(0.0, abs=0.1)

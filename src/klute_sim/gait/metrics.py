@@ -265,7 +265,7 @@ def _compute_stride_metrics(stride: Recording, mass: float) -> StrideMetrics:
             (stride["grf_forward"] - stride["reference_grf_forward"])[stance] / weight
         ),
         loading_rate_max_bw_per_s=_compute_max_loading_rate(stride["grf_vertical"] / weight, dt),
-        contact_lost_in_stance=_loses_contact(phase, stride["grf_vertical"]),
+        contact_lost_in_stance=_loses_contact(phase, stride["grf_vertical"] / weight),
         sole_depth_max_mm=float(-1e3 * min(0.0, stride["sole_height"].min())),
         toe_clearance_mm=float(1e3 * stride["sole_height"][_mask_between(phase, *MID_SWING_WINDOW_PCT)].min()),
         rollover_radius_m=fit_rollover_radius(stride, contact & (phase < ROLLOVER_END_PCT)),
@@ -298,8 +298,11 @@ def _compute_max_loading_rate(load: Array, dt: float) -> float:
 
 
 def _loses_contact(phase: Array, load: Array) -> bool:
-    """Return whether the ``load`` vanishes between two loaded samples before 97 % of the cycle."""
-    loaded = np.flatnonzero((load > 0.0) & (phase < 100.0 - SWING_MARGIN_PCT))
+    """Return whether the ``load`` [body weights] vanishes between two loaded samples before 97 % of the cycle.
+
+    A toe that has left the ground may still graze it as it swings away, with less load than a loaded foot has.
+    """
+    loaded = np.flatnonzero((load > STANCE_LOAD_BW) & (phase < 100.0 - SWING_MARGIN_PCT))
     return bool(len(loaded) and (load[loaded[0] : loaded[-1] + 1] <= 0.0).any())
 
 
