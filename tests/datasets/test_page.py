@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from klute_sim.datasets import channels, format, table
 from klute_sim.datasets.dataset import load_dataset, split_dataset
@@ -17,7 +18,7 @@ def find_code_blocks(kind: str) -> list[str]:
 
 
 def test_example_folder_is_a_valid_dataset(tmp_path: Path) -> None:
-    (text,) = find_code_blocks("toml")
+    text = find_code_blocks("toml")[0]
     (tmp_path / "dataset.toml").write_text(text)
     time = np.arange(10.0)
     bench = {"time [s]": time, "length [mm]": 340 + time, "pressure_command [bar]": time, "force [N]": time}
@@ -29,6 +30,19 @@ def test_example_folder_is_a_valid_dataset(tmp_path: Path) -> None:
     assert len(split_dataset(dataset).test) > 0
 
 
+def test_example_of_declared_quantities_is_a_valid_dataset(tmp_path: Path) -> None:
+    text = find_code_blocks("toml")[1]
+    (tmp_path / "dataset.toml").write_text(text)
+    time = np.arange(10.0)
+    columns = {"time [s]": time, "length [mm]": 340 + time, "pressure_command [bar]": time, "force [N]": 10 * time}
+    for name in re.findall(r"\w+\.csv", text):
+        write_trial(tmp_path / name, columns)
+    dataset = load_dataset(tmp_path)
+    assert [trial.specimen for trial in dataset.trials] == ["A", "B"]
+    assert [trial.input_noise["length"] for trial in dataset.trials] == pytest.approx([5e-5, 2e-4])
+    assert dataset.tolerance == pytest.approx({"force": 1.8, "pressure": 5e3})
+
+
 def test_example_file_is_read_as_documented(tmp_path: Path) -> None:
     (text,) = find_code_blocks("text")
     (tmp_path / "a.csv").write_text(text)
@@ -38,7 +52,8 @@ def test_example_file_is_read_as_documented(tmp_path: Path) -> None:
 
 
 def test_all_keys_and_channels_are_documented() -> None:
-    keys = {*format.DatasetFile.model_fields, *format.TrialEntry.model_fields} - {"uncertain", "trial"}
+    sections = {"uncertain", "noise", "tolerance"}
+    keys = {*format.DatasetFile.model_fields, *format.TrialEntry.model_fields} - sections - {"trial"}
     names = {name for rig in channels.RIGS for name in channels.get_column_units(rig)}
     assert all(f"`{name}`" in PAGE for name in keys | names)
-    assert all(f"`[{section}]`" in PAGE for section in ("uncertain", "[trial]", "trial.device"))
+    assert all(f"`[{section}]`" in PAGE for section in sections | {"[trial]", "trial.device", "trial.noise"})

@@ -2,11 +2,11 @@
 
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path, PurePath
 
-from klute_sim.datasets import checks
+from klute_sim.datasets import checks, declarations
 from klute_sim.datasets import format as file_format
 from klute_sim.datasets.channels import Rig
 from klute_sim.datasets.format import DatasetFile
@@ -43,6 +43,8 @@ class Dataset:
     """Remarks about the files for the user, one sentence each."""
     accepted: tuple[Finding, ...] = ()
     """Implausible properties of the trials that the user accepts."""
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+    """Measured channel -> misfit [SI] below which a difference does not matter to the user."""
 
     def __repr__(self) -> str:
         """Return folder, rig, device and number of trials on one line."""
@@ -86,7 +88,16 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     split_entries = [
         SplitEntry(name, entry.group or name, entry.use) for name, entry in zip(names, file.trial, strict=True)
     ]
-    assign_uses(split_entries, source)  # rejects an impossible split before large files are read
+    split = assign_uses(split_entries, source)  # rejects an impossible split before large files are read
+    specimens = [entry.specimen or "" for entry in file.trial]
+    declarations.check_specimens([*zip(split_entries, specimens, strict=True)], source)
+    input_noise = [
+        {
+            **declarations.parse_input_noise(file.noise, file.rig, f"{source}: [noise]"),
+            **declarations.parse_input_noise(entry.noise, file.rig, f"{source}, trial '{name}': [trial.noise]"),
+        }
+        for name, entry in zip(names, file.trial, strict=True)
+    ]
     devices = [
         device.with_changes(entry.device, f"{source}, trial '{name}'")
         for name, entry in zip(names, file.trial, strict=True)
@@ -96,7 +107,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     file_remarks: list[tuple[str, ...]] = []
     units: list[Mapping[str, str]] = []
     trials: list[Trial] = []
-    for entry, split_entry, trial_device in zip(file.trial, split_entries, devices, strict=True):
+    for entry, split_entry, trial_device, noise in zip(file.trial, split_entries, devices, input_noise, strict=True):
         files = tuple(folder / name for name in entry.files)
         channels = read_trial(files, file.rig)
         file_remarks.append(channels.remarks)
@@ -112,9 +123,13 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
             prescribed=channels.prescribed,
             measured=channels.measured,
             trusted=_validate_trusted(entry.trusted, channels.measured, trial_source),
+            specimen=entry.specimen or "",
+            input_noise=noise,
         )
         trials.append(trial)
         units.append(channels.units)
+    fit_trials = [trial for trial in trials if trial.name in split.fit]
+    tolerance = declarations.compute_tolerances(file.tolerance, file.rig, fit_trials, f"{source}: [tolerance]")
     findings = [
         *checks.find_implausible_changes(trials, [entry.device for entry in file.trial]),
         *checks.find_implausible(file.rig, trials, units),
@@ -132,6 +147,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         digest=digest.hexdigest(),
         remarks=(*_collect_remarks(trials, file_remarks), *_describe_accepted(accepted, file.accept, source)),
         accepted=accepted,
+        tolerance=tolerance,
     )
 
 

@@ -97,6 +97,10 @@ class TrialEntry(_Section):
     """Use of the group; by default the program splits the groups."""
     device: dict[str, Annotated[int | float, BeforeValidator(_validate_number)]] = {}
     """``section.key`` -> value in the key's unit, where the device of this trial differs."""
+    specimen: Name | None = None
+    """Specimen that was tested; by default all trials are of one specimen."""
+    noise: dict[str, Name] = {}
+    """Prescribed channel that was measured in this trial -> standard deviation of its noise, with a unit."""
     trusted: list[Name] = []
     """Measured channels whose instrument is known to be correct in this trial, such as a calibrated load cell."""
 
@@ -112,6 +116,10 @@ class DatasetFile(_Section):
     """Preset, or path of a device file relative to the folder."""
     uncertain: dict[str, Annotated[float | int | str, BeforeValidator(_validate_deviation)]] = {}
     """``section.key`` -> standard deviation, a number in the key's unit or a percentage."""
+    noise: dict[str, Name] = {}
+    """Prescribed channel that was measured -> standard deviation of its noise in all trials, with a unit."""
+    tolerance: dict[str, Name] = {}
+    """Measured channel -> misfit that does not matter, with a unit or in per cent of the channel's range."""
     accept: list[Name] = []
     """Names of findings about implausible trials that are right nevertheless."""
     trial: Annotated[list[TrialEntry], Field(min_length=1, max_length=2000)]
@@ -128,6 +136,10 @@ _ALLOWED_VALUES: dict[str, str] = {
     "trial.files": "a list of one or more file names",
     "trial.group": "a name, as text",
     "trial.use": "'fit', 'validation' or 'test'",
+    "noise": "a table of channel = '0.2 mm', a standard deviation with a unit",
+    "tolerance": "a table of channel = '5 N' or '2 %'",
+    "trial.specimen": "a name, as text",
+    "trial.noise": "a table of channel = '0.2 mm', a standard deviation with a unit",
     "trial.trusted": "a list of measured channels",
     "trial.device": 'a table of "section.key" = number',
 }
@@ -159,7 +171,8 @@ def parse_dataset_file(content: bytes, source: str) -> DatasetFile:
 
 def _describe_allowed(problem: ErrorDetails) -> str:
     key = ".".join(part for part in problem["loc"] if isinstance(part, str))
-    return _ALLOWED_VALUES.get(key, _ALLOWED_VALUES["trial"])
+    table = key.rpartition(".")[0]
+    return _ALLOWED_VALUES.get(key) or _ALLOWED_VALUES.get(table) or _ALLOWED_VALUES["trial"]
 
 
 def compute_standard_deviations(

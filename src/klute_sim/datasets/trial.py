@@ -55,6 +55,10 @@ class Trial:
     """At least one of the rig's :data:`klute_sim.datasets.channels.MEASURED_CHANNELS`."""
     trusted: frozenset[str] = frozenset()
     """Measured channels whose instrument is known to be correct."""
+    specimen: str = ""
+    """Specimen that was tested; '' in all trials of a dataset with one specimen."""
+    input_noise: Mapping[str, float] = field(default_factory=dict)
+    """Prescribed channel that was measured -> standard deviation of its noise [SI]; others are known exactly."""
 
 
 class TrialChannels(NamedTuple):

@@ -1,0 +1,128 @@
+"""Quantities with units that ``dataset.toml`` declares for channels: noise of inputs and tolerances."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from klute_sim.datasets import unit_conversion
+from klute_sim.datasets.channels import MEASURED_CHANNELS, PRESCRIBED_CHANNELS, Rig
+from klute_sim.datasets.split import SplitEntry
+from klute_sim.datasets.trial import Trial
+from klute_sim.errors import InputError, suggest
+
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d].*?|[°%].*?)\s*")
+_PERCENT = "%"
+
+
+def parse_quantity(text: str, si_unit: str, place: str) -> float:
+    """Return the number with a unit in ``text``, such as ``0.2 mm``, in ``si_unit``.
+
+    Raises InputError, which begins with ``place``, when there is no finite number or no unit of the same kind.
+    """
+    number, unit = _split_quantity(text, si_unit, place)
+    factor = unit_conversion.get_si_factor(unit, si_unit)
+    if factor is None:
+        raise InputError(
+            f"{place} = '{text}' has a unit of the wrong kind; allowed: {unit_conversion.EXAMPLE_UNITS[si_unit]} and "
+            "other units of that kind"
+        )
+    return number * factor
+
+
+def _split_quantity(text: str, si_unit: str, place: str) -> tuple[float, str]:
+    match = _QUANTITY.fullmatch(text)
+    number = float(match[1]) if match else math.inf
+    if match is None or not math.isfinite(number):
+        example = unit_conversion.EXAMPLE_UNITS[si_unit].split(",")[0]
+        raise InputError(f"{place} = '{text}' is not a finite number with a unit; write for example '0.5 {example}'")
+    return number, match[2]
+
+
+def parse_input_noise(noise: Mapping[str, str], rig: Rig, place: str) -> dict[str, float]:
+    """Return the standard deviation [SI] of each prescribed channel in ``noise``; ``place`` names the table.
+
+    Raises InputError for a channel that ``rig`` does not prescribe, and unless a deviation is a positive number with a
+    unit of the channel's kind.
+    """
+    units = PRESCRIBED_CHANNELS[rig]
+    deviations = {}
+    for channel, text in noise.items():
+        if channel in MEASURED_CHANNELS[rig]:
+            raise InputError(
+                f"{place} names '{channel}', whose noise is estimated from repeats and residuals; allowed: the "
+                f"prescribed channels {', '.join(units)}"
+            )
+        if channel not in units:
+            hint = f"allowed: the prescribed channels {', '.join(units)}"
+            raise InputError(f"{place} names the unknown channel '{channel}'; {suggest(channel, units, hint)}")
+        deviations[channel] = _require_positive(
+            parse_quantity(text, units[channel], f"{place} {channel}"), text, f"{place} {channel}"
+        )
+    return deviations
+
+
+def compute_tolerances(
+    tolerance: Mapping[str, str], rig: Rig, fit_trials: Sequence[Trial], place: str
+) -> dict[str, float]:
+    """Return the tolerance [SI] of each measured channel in ``tolerance``; ``place`` names the table.
+
+    A tolerance in per cent refers to the range (largest minus smallest sample) of the channel over all ``fit_trials``.
+    Raises InputError for a channel that ``rig`` does not measure, unless a tolerance is a positive number with a unit
+    of the channel's kind or with ``%``, and for a percentage where the fit trials have no range.
+    """
+    units = MEASURED_CHANNELS[rig]
+    tolerances = {}
+    for channel, text in tolerance.items():
+        if channel not in units:
+            hint = f"allowed: the measured channels {', '.join(units)}"
+            raise InputError(f"{place} names the unknown channel '{channel}'; {suggest(channel, units, hint)}")
+        key = f"{place} {channel}"
+        if text.rstrip().endswith(_PERCENT):
+            percentage = _split_quantity(text, units[channel], key)
+            if percentage[1] != _PERCENT:
+                raise InputError(f"{key} = '{text}' is refused; write a percentage such as '2 %'")
+            value = percentage[0] / 100.0 * _compute_range(channel, fit_trials, text, key)
+        else:
+            value = parse_quantity(text, units[channel], key)
+        tolerances[channel] = _require_positive(value, text, key)
+    return tolerances
+
+
+def _compute_range(channel: str, trials: Sequence[Trial], text: str, key: str) -> float:
+    values = [trial.measured[channel].value for trial in trials if channel in trial.measured]
+    span = float(np.nanmax(np.concatenate(values)) - np.nanmin(np.concatenate(values))) if values else 0.0
+    if span == 0.0:
+        reason = "is constant in the fit trials" if values else "is not measured in a fit trial"
+        raise InputError(f"{key} = '{text}' has no range to refer to: the channel {reason}; give a number with a unit")
+    return span
+
+
+def _require_positive(value: float, text: str, key: str) -> float:
+    if value <= 0.0:
+        raise InputError(f"{key} = '{text}' is refused; allowed: a number above 0")
+    return value
+
+
+def check_specimens(trials: Sequence[tuple[SplitEntry, str]], place: str) -> None:
+    """Raise InputError where only some ``trials`` name their specimen, or a group of repeats has several.
+
+    Each trial comes with its specimen, '' without one. Repeats of several specimens would make their scatter the noise
+    of a repeat.
+    """
+    named = [trial.name for trial, specimen in trials if specimen]
+    unnamed = [trial.name for trial, specimen in trials if not specimen]
+    if named and unnamed:
+        raise InputError(
+            f"{place}: trial '{named[0]}' has a specimen and trial '{unnamed[0]}' has none; name the specimen of every "
+            "trial, or of none"
+        )
+    specimens: dict[str, str] = {}
+    for trial, specimen in trials:
+        other = specimens.setdefault(trial.group, specimen)
+        if other != specimen:
+            raise InputError(
+                f"{place}: group '{trial.group}' has trials of the specimens '{other}' and '{specimen}'; repeats are "
+                "of one specimen, so give each specimen its own group"
+            )

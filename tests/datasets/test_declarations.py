@@ -1,0 +1,125 @@
+"""Noise of inputs, specimens and tolerances that ``dataset.toml`` declares."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from klute_sim.datasets.dataset import Dataset, load_dataset
+from klute_sim.datasets.write import write_trial
+from klute_sim.errors import InputError
+
+HEAD = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "klute-3-4-pair"\n'
+TIME = np.arange(15) * 0.01
+TRIALS = '[[trial]]\nfiles = ["a.csv"]\nuse = "fit"\n[[trial]]\nfiles = ["b.csv"]\nuse = "test"\n'
+
+
+def load(folder: Path, text: str) -> Dataset:
+    for name, scale in {"a": 10.0, "b": 30.0}.items():
+        columns = {"time [s]": TIME, "length [mm]": 340 + TIME, "pressure_command [bar]": 3 + TIME}
+        write_trial(folder / f"{name}.csv", columns | {"force [N]": 690.0 + scale * TIME / TIME[-1]})
+    (folder / "dataset.toml").write_text(HEAD + text, "utf-8")
+    return load_dataset(folder)
+
+
+def load_error(folder: Path, text: str) -> str:
+    with pytest.raises(InputError) as caught:
+        load(folder, text)
+    sentence = str(caught.value)
+    assert str(folder / "dataset.toml") in sentence
+    assert "\n" not in sentence
+    return sentence
+
+
+def test_nothing_is_declared_by_default(tmp_path: Path) -> None:
+    dataset = load(tmp_path, TRIALS)
+    assert dataset.tolerance == {}
+    assert [(trial.specimen, trial.input_noise) for trial in dataset.trials] == [("", {}), ("", {})]
+
+
+@pytest.mark.parametrize(
+    ("text", "length"),
+    [("0.2 mm", 2e-4), ("200µm", 2e-4), (" 2e-1  mm ", 2e-4), ("+.5 in", 0.0127), ("1. mm", 1e-3)],
+)
+def test_input_noise_is_in_si_units(tmp_path: Path, text: str, length: float) -> None:
+    dataset = load(tmp_path, f'[noise]\nlength = "{text}"\n' + TRIALS)
+    assert [trial.input_noise["length"] for trial in dataset.trials] == pytest.approx([length, length])
+
+
+def test_noise_of_a_trial_replaces_that_of_the_dataset(tmp_path: Path) -> None:
+    text = '[noise]\nlength = "0.2 mm"\npressure_command = "20 mbar"\n' + TRIALS + '[trial.noise]\nlength = "1 mm"\n'
+    first, second = load(tmp_path, text).trials
+    assert first.input_noise == pytest.approx({"length": 2e-4, "pressure_command": 2e3})
+    assert second.input_noise == pytest.approx({"length": 1e-3, "pressure_command": 2e3})
+
+
+def test_percentage_refers_to_the_range_in_the_fit_trials_only(tmp_path: Path) -> None:
+    assert load(tmp_path, '[tolerance]\nforce = "2 %"\n' + TRIALS).tolerance == pytest.approx({"force": 0.2})
+    both = TRIALS.replace("test", "fit")
+    assert load(tmp_path, '[tolerance]\nforce = "2%"\n' + both).tolerance == pytest.approx({"force": 0.6})
+
+
+def test_tolerance_with_a_unit_is_in_si_units(tmp_path: Path) -> None:
+    text = '[tolerance]\nforce = "5 N"\npressure = "50 mbar"\n' + TRIALS
+    assert load(tmp_path, text).tolerance == pytest.approx({"force": 5.0, "pressure": 5e3})
+
+
+def test_trials_have_the_specimens_that_they_name(tmp_path: Path) -> None:
+    text = TRIALS.replace('"fit"', '"fit"\nspecimen = "A"').replace('"test"', '"test"\nspecimen = "B 2"')
+    assert [trial.specimen for trial in load(tmp_path, text).trials] == ["A", "B 2"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[noise]\nlength = 0.2\n", "noise.length = 0.2 is refused; allowed: a table of channel = '0.2 mm'"),
+        ("noise = 0.2\n", "noise = 0.2 is refused; allowed: a table of channel = '0.2 mm'"),
+        ('[noise]\nlength = "0.2"\n', "[noise] length = '0.2' is not a finite number with a unit; write for example"),
+        ('[noise]\nlength = "two mm"\n', "'two mm' is not a finite number with a unit"),
+        ('[noise]\nlength = "1e999 mm"\n', "'1e999 mm' is not a finite number with a unit"),
+        ('[noise]\nlength = "0.2 N"\n', "length = '0.2 N' has a unit of the wrong kind; allowed: mm, cm, m, in and"),
+        ('[noise]\nlength = "1 %"\n', "length = '1 %' has a unit of the wrong kind"),
+        ('[noise]\nlength = "0 mm"\n', "length = '0 mm' is refused; allowed: a number above 0"),
+        ('[noise]\nlength = "-1 mm"\n', "length = '-1 mm' is refused; allowed: a number above 0"),
+        ('[noise]\nlenght = "1 mm"\n', "unknown channel 'lenght'; did you mean 'length'? Allowed: the prescribed"),
+        ('[noise]\nforce = "1 N"\n', "names 'force', whose noise is estimated from repeats and residuals; allowed"),
+        ('[tolerance]\nforce = 5\n', "tolerance.force = 5 is refused; allowed: a table of channel = '5 N' or '2 %'"),
+        ('[tolerance]\nforce = "5 mm"\n', "[tolerance] force = '5 mm' has a unit of the wrong kind"),
+        ('[tolerance]\nforce = "5 N %"\n', "force = '5 N %' is refused; write a percentage such as '2 %'"),
+        ('[tolerance]\nforce = "-2 %"\n', "force = '-2 %' is refused; allowed: a number above 0"),
+        ('[tolerance]\nlength = "1 mm"\n', "unknown channel 'length'; "),
+        ('[tolerance]\npressure = "2 %"\n', "has no range to refer to: the channel is not measured in a fit trial"),
+    ],
+)  # fmt: skip
+def test_invalid_quantities_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    assert message in load_error(tmp_path, text + TRIALS)
+
+
+def test_invalid_noise_of_a_trial_is_refused_with_its_name(tmp_path: Path) -> None:
+    sentence = load_error(tmp_path, TRIALS + '[trial.noise]\nlength = "1 bar"\n')
+    assert "trial 'b': [trial.noise] length = '1 bar' has a unit of the wrong kind" in sentence
+
+
+def test_percentage_of_a_constant_channel_is_refused(tmp_path: Path) -> None:
+    load(tmp_path, TRIALS)
+    columns = {
+        "time [s]": TIME,
+        "length [mm]": 340 + TIME,
+        "pressure_command [bar]": 3 + TIME,
+        "force [N]": 690 + 0 * TIME,
+    }
+    write_trial(tmp_path / "a.csv", columns)
+    (tmp_path / "dataset.toml").write_text(HEAD + '[tolerance]\nforce = "2 %"\n' + TRIALS, "utf-8")
+    with pytest.raises(InputError, match="the channel is constant in the fit trials; give a number with a unit"):
+        load_dataset(tmp_path)
+
+
+def test_specimen_is_named_on_all_trials_or_none(tmp_path: Path) -> None:
+    sentence = load_error(tmp_path, TRIALS.replace('"fit"', '"fit"\nspecimen = "A"'))
+    assert "trial 'a' has a specimen and trial 'b' has none; name the specimen of every trial, or of none" in sentence
+
+
+def test_repeats_of_several_specimens_are_refused(tmp_path: Path) -> None:
+    text = TRIALS.replace('"test"', '"fit"\nspecimen = "B"\ngroup = "x"')
+    text = text.replace('use = "fit"\n[[', 'use = "fit"\nspecimen = "A"\ngroup = "x"\n[[')
+    assert "group 'x' has trials of the specimens 'A' and 'B'; repeats are" in load_error(tmp_path, text)
