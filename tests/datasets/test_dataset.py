@@ -136,7 +136,7 @@ def load_error(folder: Path) -> str:
         (
             'rig = "bench"',
             'rigg = "bench"',
-            "unknown key 'rigg'; allowed here: format, rig, device, uncertain, noise, tolerance, accept, trial",
+            "unknown key 'rigg'; allowed here: format, rig, device, uncertain, columns, noise, tolerance, ",
         ),
         ('device = "klute-3-4-pair"', "device = 3", "device = 3 is refused; allowed: a preset, or the path"),
         ('device = "klute-3-4-pair"', 'device = " "', "[device] ' ' is refused; allowed: a name or path on one"),
@@ -168,7 +168,11 @@ def load_error(folder: Path) -> str:
             "[uncertain] names 'muscle.bladder', which is not a",
         ),
         ('[uncertain]\n"', 'uncertain = 3\n[sources]\n"', "unknown key 'sources'"),
-        ('group = "iso"', 'grupp = "iso"', "unknown key 'trial.1.grupp'; allowed here: files, group, use, device"),
+        (
+            'group = "iso"',
+            'grupp = "iso"',
+            "unknown key 'trial.1.grupp'; allowed here: files, group, use, device, columns",
+        ),
         ('group = "iso"', "group = 7", "trial.1.group = 7 is refused; allowed: a name, as text"),
         (
             'use = "test"',

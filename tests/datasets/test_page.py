@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from klute_sim.datasets import channels, format, table
 from klute_sim.datasets.dataset import load_dataset, split_dataset
@@ -17,8 +18,13 @@ def find_code_blocks(kind: str) -> list[str]:
     return re.findall(rf"^```{kind}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
+def find_toml(section: str) -> str:
+    (text,) = (block for block in find_code_blocks("toml") if section in block)
+    return text
+
+
 def test_example_folder_is_a_valid_dataset(tmp_path: Path) -> None:
-    text = find_code_blocks("toml")[0]
+    text = find_toml("[uncertain]")
     (tmp_path / "dataset.toml").write_text(text)
     time = np.arange(10.0)
     bench = {"time [s]": time, "length [mm]": 340 + time, "pressure_command [bar]": time, "force [N]": time}
@@ -31,7 +37,7 @@ def test_example_folder_is_a_valid_dataset(tmp_path: Path) -> None:
 
 
 def test_example_of_declared_quantities_is_a_valid_dataset(tmp_path: Path) -> None:
-    text = find_code_blocks("toml")[1]
+    text = find_toml("[noise]")
     (tmp_path / "dataset.toml").write_text(text)
     time = np.arange(10.0)
     columns = {"time [s]": time, "length [mm]": 340 + time, "pressure_command [bar]": time, "force [N]": 10 * time}
@@ -43,8 +49,21 @@ def test_example_of_declared_quantities_is_a_valid_dataset(tmp_path: Path) -> No
     assert dataset.tolerance == pytest.approx({"force": 1.8, "pressure": 5e3})
 
 
+def test_example_of_columns_is_a_valid_dataset(tmp_path: Path) -> None:
+    (tmp_path / "dataset.toml").write_text(find_toml("[columns]"))
+    heading = find_code_blocks("text")[1].splitlines()[0]
+    rows = [f"{10 * k};340;1.7;{409 + k % 2}" for k in range(20)]
+    (tmp_path / "iso_3bar.csv").write_text("\n".join([heading, *rows]))
+    run = {"rate": 100.0, "force": 690 + np.arange(20.0)}
+    savemat(tmp_path / "iso_3bar_b.mat", {"run": run, "data": np.column_stack((np.zeros(20), np.full(20, 300.0)))})
+    csv, mat = load_dataset(tmp_path).trials
+    assert csv.measured["force"].value[0] == pytest.approx((0.392 * 409 - 4.18) * 4.45)
+    assert mat.measured["force"].time[-1] == pytest.approx(0.19)
+    assert [trial.prescribed["pressure_command"].value[0] for trial in (csv, mat)] == pytest.approx([3e5, 3e5])
+
+
 def test_example_file_is_read_as_documented(tmp_path: Path) -> None:
-    (text,) = find_code_blocks("text")
+    text = find_code_blocks("text")[0]
     (tmp_path / "a.csv").write_text(text)
     result = table.read_trial_file(tmp_path / "a.csv", channels.get_column_units("bench"))
     assert np.isnan(result.columns["force"]).tolist() == [False, True, False]
@@ -52,8 +71,10 @@ def test_example_file_is_read_as_documented(tmp_path: Path) -> None:
 
 
 def test_all_keys_and_channels_are_documented() -> None:
-    sections = {"uncertain", "noise", "tolerance"}
+    sections = {"uncertain", "columns", "noise", "tolerance"}
     keys = {*format.DatasetFile.model_fields, *format.TrialEntry.model_fields} - sections - {"trial"}
     names = {name for rig in channels.RIGS for name in channels.get_column_units(rig)}
     assert all(f"`{name}`" in PAGE for name in keys | names)
-    assert all(f"`[{section}]`" in PAGE for section in sections | {"[trial]", "trial.device", "trial.noise"})
+    assert all(
+        f"`[{section}]`" in PAGE for section in sections | {"[trial]", "trial.device", "trial.columns", "trial.noise"}
+    )

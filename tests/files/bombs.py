@@ -6,14 +6,17 @@ python -m tests.files.bombs FOLDER
 import io
 import json
 import re
+import struct
 import sys
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from scipy.io import savemat
 
 from klute_sim.comparison import runs
 from klute_sim.controllers import policy, pressure, state_machine
@@ -63,6 +66,25 @@ def _write_shape(path: Path) -> None:
         archive.writestr("weights_0.npy", header.getvalue() + bytes(8))
 
 
+def _write_mat(path: Path, n_megabytes: int = 2000) -> None:
+    """Write a struct that is a sequence of zeros once it is decompressed."""
+    compressor = zlib.compressobj()
+    data = compressor.compress(struct.pack("<2I", 14, n_megabytes * 1_000_000))
+    for _ in range(n_megabytes // 10):
+        data += compressor.compress(bytes(10_000_000))
+    data += compressor.flush()
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    path.write_bytes(header + struct.pack("<2I", 15, len(data)) + data)
+
+
+def _write_structs(path: Path) -> None:
+    """Write a struct in a struct and so on, and one with very many fields."""
+    nested: dict[str, object] = {"x": np.zeros(10)}
+    for _ in range(200):
+        nested = {"a": nested}
+    savemat(path, {"deep": nested, "wide": {f"f{number}": 1.0 for number in range(20_000)}})
+
+
 def _write_sparse(path: Path, size: int = 200_000_000) -> None:
     """Write a file of zeros without using the disk."""
     with path.open("wb") as file:
@@ -99,6 +121,9 @@ BOMBS: dict[str, tuple[_Writer, _Reader, str]] = {
     "run.parquet": (_write_parquet, _read_run, "40000000 rows of 1 columns in 40 row groups; allowed: up to"),
     "log.parquet": (_write_parquet, sources.read, "40000000 rows of 1 columns in 40 row groups; allowed: up to"),
     "sweep.parquet": (_write_text_parquet, _read_sweep, "decodes to 1e+05 MB; allowed: up to 512 MB"),
+    "zeros.mat": (_write_mat, _read_trial, "decodes to 2000 MB or more; allowed: up to 256 MB"),
+    "structs.mat": (_write_structs, _read_trial, "has more than 4096 columns; allowed: up to 4096"),
+    "large.mat": (_write_sparse, _read_trial, "large.mat has 200 MB; allowed: up to 128 MB"),
     "policy.npz": (_write_npz, policy.load_policy, "holds 1 arrays of 100 MB; allowed: up to"),
     "shape.npz": (_write_shape, policy.load_policy, "states shape (10000000000,), which its data does not fill"),
     "large.csv": (_write_sparse, _read_trial, "large.csv has 200 MB; allowed: up to 128 MB"),

@@ -5,13 +5,15 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path, PurePath
+from typing import NamedTuple
 
 from klute_sim.datasets import checks, declarations
 from klute_sim.datasets import format as file_format
 from klute_sim.datasets.channels import Rig
-from klute_sim.datasets.format import DatasetFile
+from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
+from klute_sim.datasets.format import DatasetFile, TrialEntry
 from klute_sim.datasets.split import Split, SplitEntry, assign_uses
-from klute_sim.datasets.trial import TimeSeries, Trial, read_trial
+from klute_sim.datasets.trial import TimeSeries, Trial, TrialChannels, read_trial
 from klute_sim.device import device as device_files
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
@@ -84,55 +86,25 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
     file = file_format.parse_dataset_file(content, source)
     device = device or _load_device(file.device, folder)
     uncertainties = file_format.compute_standard_deviations(file.uncertain, device.spec.collect_values(), source)
-    names = _name_trials(file, source)
-    split_entries = [
-        SplitEntry(name, entry.group or name, entry.use) for name, entry in zip(names, file.trial, strict=True)
-    ]
-    split = assign_uses(split_entries, source)  # rejects an impossible split before large files are read
-    specimens = [entry.specimen or "" for entry in file.trial]
-    declarations.check_specimens([*zip(split_entries, specimens, strict=True)], source)
-    input_noise = [
-        {
-            **declarations.parse_input_noise(file.noise, file.rig, f"{source}: [noise]"),
-            **declarations.parse_input_noise(entry.noise, file.rig, f"{source}, trial '{name}': [trial.noise]"),
-        }
-        for name, entry in zip(names, file.trial, strict=True)
-    ]
-    devices = [
-        device.with_changes(entry.device, f"{source}, trial '{name}'")
-        for name, entry in zip(names, file.trial, strict=True)
-    ]
+    plans = _plan_trials(file, device, source)
+    split = assign_uses([plan.split_entry for plan in plans], source)  # rejects an impossible split before large files
 
     digest = hashlib.sha256(hashlib.sha256(content).digest() + bytes.fromhex(device.digest))
-    file_remarks: list[tuple[str, ...]] = []
-    units: list[Mapping[str, str]] = []
+    contents: list[TrialChannels] = []
     trials: list[Trial] = []
-    for entry, split_entry, trial_device, noise in zip(file.trial, split_entries, devices, input_noise, strict=True):
-        files = tuple(folder / name for name in entry.files)
-        channels = read_trial(files, file.rig)
-        file_remarks.append(channels.remarks)
+    for plan in plans:
+        files = tuple(folder / name for name in plan.entry.files)
+        channels = read_trial(files, file.rig, plan.mapping)
         for file_digest in channels.digests:
             digest.update(bytes.fromhex(file_digest))
-        trial_source = f"{source}, trial '{split_entry.name}'"
-        trial = Trial(
-            name=split_entry.name,
-            group=split_entry.group,
-            use=split_entry.use,
-            device=trial_device,
-            files=files,
-            prescribed=channels.prescribed,
-            measured=channels.measured,
-            trusted=_validate_trusted(entry.trusted, channels.measured, trial_source),
-            specimen=entry.specimen or "",
-            input_noise=noise,
-        )
-        trials.append(trial)
-        units.append(channels.units)
+        trials.append(plan.build_trial(files, channels, source))
+        contents.append(channels)
+    unmapped_remarks = _check_unmapped([channels.unmapped for channels in contents])
     fit_trials = [trial for trial in trials if trial.name in split.fit]
     tolerance = declarations.compute_tolerances(file.tolerance, file.rig, fit_trials, f"{source}: [tolerance]")
     findings = [
         *checks.find_implausible_changes(trials, [entry.device for entry in file.trial]),
-        *checks.find_implausible(file.rig, trials, units),
+        *checks.find_implausible(file.rig, trials, [channels.units for channels in contents]),
     ]
     accepted = require_accepted(findings, {*file.accept, *accept})
     for trial in trials:  # after the checks, which name the unit that a long duration seems to be in
@@ -145,10 +117,70 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         uncertainties=uncertainties,
         trials=tuple(trials),
         digest=digest.hexdigest(),
-        remarks=(*_collect_remarks(trials, file_remarks), *_describe_accepted(accepted, file.accept, source)),
+        remarks=(
+            *_collect_remarks(trials, [channels.remarks for channels in contents]),
+            *unmapped_remarks,
+            *_describe_accepted(accepted, file.accept, source),
+        ),
         accepted=accepted,
         tolerance=tolerance,
     )
+
+
+class _TrialPlan(NamedTuple):
+    """What ``dataset.toml`` says about a trial, checked before its files are read."""
+
+    entry: TrialEntry
+    """Table of the trial."""
+    split_entry: SplitEntry
+    """Name, group and use."""
+    device: Device
+    """The dataset's device with the changes of the trial."""
+    input_noise: Mapping[str, float]
+    """Prescribed channel -> standard deviation of its noise [SI]."""
+    mapping: ColumnMapping
+    """Expressions for its channels."""
+
+    def build_trial(self, files: tuple[Path, ...], channels: TrialChannels, source: str) -> Trial:
+        """Return the trial with the ``channels`` of its ``files``."""
+        name = self.split_entry.name
+        return Trial(
+            name=name,
+            group=self.split_entry.group,
+            use=self.split_entry.use,
+            device=self.device,
+            files=files,
+            prescribed=channels.prescribed,
+            measured=channels.measured,
+            trusted=_validate_trusted(self.entry.trusted, channels.measured, f"{source}, trial '{name}'"),
+            specimen=self.entry.specimen or "",
+            input_noise=self.input_noise,
+        )
+
+
+def _plan_trials(file: DatasetFile, device: Device, source: str) -> list[_TrialPlan]:
+    names = _name_trials(file, source)
+    entries = [SplitEntry(name, entry.group or name, entry.use) for name, entry in zip(names, file.trial, strict=True)]
+    specimens = [entry.specimen or "" for entry in file.trial]
+    declarations.check_specimens([*zip(entries, specimens, strict=True)], source)
+    plans = []
+    for entry, split_entry in zip(file.trial, entries, strict=True):
+        place = f"{source}, trial '{split_entry.name}'"
+        noise = {
+            **declarations.parse_input_noise(file.noise, file.rig, f"{source}: [noise]"),
+            **declarations.parse_input_noise(entry.noise, file.rig, f"{place}: [trial.noise]"),
+        }
+        mapping = parse_mapping(file.columns, entry.columns, file.rig, source, place)
+        plans.append(_TrialPlan(entry, split_entry, device.with_changes(entry.device, place), noise, mapping))
+    return plans
+
+
+def _check_unmapped(unmapped: Sequence[Mapping[str, str]]) -> list[str]:
+    """Return a remark for each channel of ``[columns]`` that a trial lacks; raises InputError where all trials do."""
+    for channel in unmapped[0]:
+        if all(channel in reasons for reasons in unmapped):
+            raise InputError(unmapped[0][channel])
+    return [f"{sentence}; the trial is used without it" for reasons in unmapped for sentence in reasons.values()]
 
 
 def split_dataset(dataset: Dataset) -> Split:
@@ -200,7 +232,7 @@ def _read_content(folder: Path) -> bytes:
     except MissingFileError:
         if not folder.exists():
             raise InputError(f"folder {folder} does not exist; give a folder with a file {DATASET_FILE_NAME}") from None
-        files = sorted(file.name for file in folder.glob("*") if file.suffix.lower() in (".csv", ".parquet"))
+        files = sorted(file.name for file in folder.glob("*") if file.suffix.lower() in (".csv", ".parquet", ".mat"))
         fix = f"; write one that lists {files[0]} and the other trial files (see docs/datasets.md)" if files else ""
         raise InputError(f"folder {folder} is not a dataset: it has no file {DATASET_FILE_NAME}{fix}") from None
 

@@ -97,6 +97,8 @@ class TrialEntry(_Section):
     """Use of the group; by default the program splits the groups."""
     device: dict[str, Annotated[int | float, BeforeValidator(_validate_number)]] = {}
     """``section.key`` -> value in the key's unit, where the device of this trial differs."""
+    columns: dict[str, Name] = {}
+    """Channel or time -> expression over the columns of the files; replaces that of the dataset."""
     specimen: Name | None = None
     """Specimen that was tested; by default all trials are of one specimen."""
     noise: dict[str, Name] = {}
@@ -116,6 +118,8 @@ class DatasetFile(_Section):
     """Preset, or path of a device file relative to the folder."""
     uncertain: dict[str, Annotated[float | int | str, BeforeValidator(_validate_deviation)]] = {}
     """``section.key`` -> standard deviation, a number in the key's unit or a percentage."""
+    columns: dict[str, Name] = {}
+    """Channel or time -> expression over the columns of the files."""
     noise: dict[str, Name] = {}
     """Prescribed channel that was measured -> standard deviation of its noise in all trials, with a unit."""
     tolerance: dict[str, Name] = {}
@@ -136,6 +140,8 @@ _ALLOWED_VALUES: dict[str, str] = {
     "trial.files": "a list of one or more file names",
     "trial.group": "a name, as text",
     "trial.use": "'fit', 'validation' or 'test'",
+    "columns": "a table of channel = 'expression [unit]', as text",
+    "trial.columns": "a table of channel = 'expression [unit]', as text",
     "noise": "a table of channel = '0.2 mm', a standard deviation with a unit",
     "tolerance": "a table of channel = '5 N' or '2 %'",
     "trial.specimen": "a name, as text",

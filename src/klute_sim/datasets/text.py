@@ -117,7 +117,7 @@ def parse_delimited_text(content: bytes, source: str) -> DelimitedText:
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError(f"trial file {source} is UTF-16 text; save it as UTF-8")
     if b"\0" in content:
-        raise InputError(f"trial file {source} is neither text nor Parquet; allowed: CSV (UTF-8) and Parquet")
+        raise InputError(f"trial file {source} is neither text nor Parquet nor a MAT-file; allowed: CSV, Parquet, .mat")
     lines.check_lines(content, TRIAL.describe(source))
     content = content.removeprefix(BOM)
     if not content.strip():

@@ -9,6 +9,8 @@ import numpy as np
 
 from klute_sim.datasets import channels, table
 from klute_sim.datasets.channels import TIME_COLUMN, Rig
+from klute_sim.datasets.column_assignment import format_columns
+from klute_sim.datasets.column_mapping import NO_MAPPING, ColumnMapping
 from klute_sim.datasets.table import Table
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
@@ -74,15 +76,21 @@ class TrialChannels(NamedTuple):
     """Remarks for the user, one sentence each."""
     units: Mapping[str, str]
     """Channel or time -> unit in its heading; the unit of time is that of the first file."""
+    unmapped: Mapping[str, str]
+    """Measured channel of the dataset's ``[columns]`` that the trial lacks -> reason."""
 
 
-def read_trial(files: Sequence[Path], rig: Rig) -> TrialChannels:
-    """Read and check the ``files`` of one trial on ``rig``; raises InputError for anything that is wrong with them."""
+def read_trial(files: Sequence[Path], rig: Rig, mapping: ColumnMapping = NO_MAPPING) -> TrialChannels:
+    """Read and check the ``files`` of one trial on ``rig``, with the expressions of ``mapping``.
+
+    Raises InputError for anything that is wrong with them.
+    """
     columns: dict[str, _Column] = {}
     remarks: list[str] = []
-    digests: list[str] = []
+    tables: list[Table] = []
     for path in files:
-        file = table.read_trial_file(path, channels.get_column_units(rig))
+        file = table.read_trial_file(path, channels.get_column_units(rig), mapping.select(is_first=not tables))
+        tables.append(file)
         time = _extract_time(file)
         for name, samples in file.columns.items():
             if name == TIME_COLUMN:
@@ -94,13 +102,17 @@ def read_trial(files: Sequence[Path], rig: Rig) -> TrialChannels:
             _check_sample_count(column)
             columns[channel] = column
         if file.ignored:
-            remarks.append(f"trial file {file.source}: ignored columns {', '.join(map(repr, file.ignored))}")
-        digests.append(file.digest)
+            remarks.append(f"trial file {file.source}: ignored columns {format_columns(file.ignored)}")
+        remarks += file.remarks
+    unmapped = mapping.check_found({*columns, TIME_COLUMN}, tables, rig)
+    if unmapped and not any(channel in columns for channel in channels.MEASURED_CHANNELS[rig]):
+        raise InputError(next(iter(unmapped.values())))
     prescribed, measured = _assign_roles(rig, columns, [str(path) for path in files])
     _check_overlap(columns)
     units = {channel: column.file.units[column.name] for channel, column in columns.items()}
     units[TIME_COLUMN] = next(iter(columns.values())).file.units[TIME_COLUMN]
-    return TrialChannels(prescribed, measured, tuple(digests), tuple(remarks), units)
+    digests = tuple(file.digest for file in tables)
+    return TrialChannels(prescribed, measured, digests, tuple(remarks), units, unmapped)
 
 
 class _Column(NamedTuple):
@@ -117,8 +129,12 @@ class _Column(NamedTuple):
 
 def _extract_time(file: Table) -> Array:
     if TIME_COLUMN not in file.columns:
-        headings = ", ".join(map(repr, [*file.headings.values(), *file.ignored]))
-        raise InputError(f"trial file {file.source} has no column 'time [s]'; its columns are {headings}")
+        if TIME_COLUMN in file.missing:
+            raise InputError(f"trial file {file.source} has no time: {file.missing[TIME_COLUMN]}")
+        raise InputError(
+            f"trial file {file.source} has no column 'time [s]'; its columns are {format_columns(file.available)}; "
+            "rename the column, or name it in [columns]"
+        )
     time = file.columns[TIME_COLUMN]
     _check_no_gap(_Column(file, TIME_COLUMN, TimeSeries(time, time)), "every sample needs a time")
     if len(time) < MIN_SAMPLES:

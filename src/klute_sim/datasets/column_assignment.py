@@ -1,0 +1,209 @@
+"""Which columns of a trial file hold which channel: by their headings, or by the expressions of ``[columns]``."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from klute_sim.datasets import unit_conversion
+from klute_sim.datasets.expressions import ROW, Expression
+from klute_sim.datasets.sources import ColumnSource
+from klute_sim.errors import InputError, suggest
+from klute_sim.types import Array
+
+MAX_LISTED_COLUMNS = 12
+"""Maximum number of columns that one message lists."""
+
+_HEADING = re.compile(r"(?P<name>\w+)\s*\[(?P<unit>[^\[\]]*)\]")
+_HEADING_WITHOUT_UNIT = re.compile(r"(?P<name>\w+)\s*([(\[{/,:].*)?")
+_ANY_HEADING = re.compile(r"(?P<name>[^\[(]*?)\s*(?:\[(?P<unit>[^\[\]]*)\]|\((?P<round>[^()]*)\))?")
+
+
+class Assignment(NamedTuple):
+    """The columns of a channel in one file."""
+
+    heading: str
+    """Heading or expression, for messages."""
+    indices: Mapping[str, int]
+    """Name in the expression -> index of the column; one entry for a channel without an expression."""
+    unit: str
+    """Unit of the numbers."""
+    factor: float
+    """Factor of the unit to SI."""
+    expression: Expression | None = None
+    """Expression; None where the heading names the channel."""
+
+    def compute(self, columns: Mapping[int, Array], n_rows: int, source: str) -> Array:
+        """Return the samples (n_rows,) [SI] from the ``columns`` of the file by index."""
+        if self.expression is None:
+            return columns[next(iter(self.indices.values()))] * self.factor
+        values = {name: columns[index] for name, index in self.indices.items()}
+        result = self.expression.evaluate(values | {ROW: np.arange(float(n_rows))} if ROW not in values else values)
+        is_missing = [np.isnan(np.broadcast_to(samples, result.shape)) for samples in values.values()]
+        is_undefined = np.isnan(result) & ~np.any(is_missing, axis=0)
+        if is_undefined.any():
+            raise InputError(
+                f"trial file {source}: {self.expression.label} = '{self.heading}' is not a number in row "
+                f"{int(is_undefined.argmax()) + 1}; look for a division by 0"
+            )
+        return np.array(np.broadcast_to(result * self.factor, (n_rows,)))
+
+
+@dataclass(frozen=True)
+class Assignments:
+    """All channels of one file."""
+
+    by_channel: Mapping[str, Assignment]
+    """Channel or time -> its columns."""
+    missing: Mapping[str, str]
+    """Channel -> reason why its expression does not belong to this file."""
+    ignored: tuple[str, ...]
+    """Headings of columns that are not used."""
+    remarks: tuple[str, ...]
+    """Remarks for the user, one sentence each."""
+
+
+def assign_columns(
+    file: ColumnSource, column_units: Mapping[str, str], expressions: Mapping[str, Expression], source: str
+) -> Assignments:
+    """Return the columns of each channel in ``column_units`` (name -> SI unit) that ``file`` has.
+
+    An expression applies to a file that has all of its columns. Raises InputError for a column that has no unit or one
+    of another dimension, and for a channel or a name of a column that occurs twice.
+    """
+    by_channel: dict[str, Assignment] = {}
+    missing: dict[str, str] = {}
+    remarks: list[str] = []
+    for channel, expression in expressions.items():
+        indices, reason = _find_columns(expression, file, source)
+        if reason:
+            missing[channel] = reason
+            continue
+        unit, factor, remark = _determine_unit(expression, file, indices, column_units[channel], source)
+        by_channel[channel] = Assignment(expression.text, indices, unit, factor, expression)
+        remarks += [remark] if remark else []
+    used = {index for assignment in by_channel.values() for index in assignment.indices.values()}
+    ignored: list[str] = []
+    for index, heading in enumerate(file.headings if file.has_units else ()):
+        name = None if index in used else _match_channel(heading, column_units, by_channel, source)
+        if name is None:
+            ignored += [] if index in used else [heading]
+            continue
+        if name in by_channel:
+            raise InputError(
+                f"trial file {source}: columns '{by_channel[name].heading}' and '{heading}' are the same channel; "
+                "remove one of them"
+            )
+        unit, factor = _require_unit(heading, column_units[name], source)
+        by_channel[name] = Assignment(heading, {name: index}, unit, factor)
+    return Assignments(by_channel, missing, tuple(ignored), tuple(remarks))
+
+
+def format_columns(headings: Sequence[str]) -> str:
+    """Return ``headings`` for a message, the first :data:`MAX_LISTED_COLUMNS` of them."""
+    n_others = len(headings) - MAX_LISTED_COLUMNS
+    listed = ", ".join(map(repr, headings[:MAX_LISTED_COLUMNS]))
+    return f"{listed} and {n_others} more" if n_others > 0 else listed
+
+
+def _find_columns(expression: Expression, file: ColumnSource, source: str) -> tuple[dict[str, int], str]:
+    """Return the indices of the columns of ``expression``, and '' or the reason why the file lacks one."""
+    indices = {}
+    for name in expression.columns:
+        matches = _match_headings(name, file)
+        if len(matches) > 1:
+            columns = " and ".join(repr(file.headings[index]) for index in matches[:2])
+            raise InputError(
+                f"trial file {source}: {expression.label} = '{expression.text}' names '{name}', but columns {columns} "
+                "match it; write the complete heading in backticks"
+            )
+        if matches:
+            indices[name] = matches[0]
+        elif name in file.unreadable:
+            return {}, f"'{name}' is {file.unreadable[name]}"
+        elif name != ROW:
+            columns = format_columns(file.headings) or "none"
+            return {}, f"there is no column '{name}'; {suggest(name, file.headings, f'the columns are {columns}')}"
+    return indices, ""
+
+
+def _match_headings(name: str, file: ColumnSource) -> list[int]:
+    """Return the indices of the headings that ``name`` means: the heading itself, or its part before a unit."""
+    names = [_split_heading(heading)[0] for heading in file.headings] if file.has_units else list(file.headings)
+    folded = name.casefold()
+    for candidates, wanted in ((file.headings, name), (names, name), ([n.casefold() for n in names], folded)):
+        matches = [index for index, candidate in enumerate(candidates) if candidate == wanted]
+        if matches:
+            return matches
+    return []
+
+
+def _split_heading(heading: str) -> tuple[str, str | None]:
+    """Return name and unit of a heading of any form, such as ``Force (N)``; None without a unit."""
+    match = _ANY_HEADING.fullmatch(heading)
+    if match is None:
+        return heading, None
+    unit = match["unit"] if match["unit"] is not None else match["round"]
+    return match["name"], None if unit is None else unit.strip()
+
+
+def _determine_unit(
+    expression: Expression, file: ColumnSource, indices: Mapping[str, int], si_unit: str, source: str
+) -> tuple[str, float, str]:
+    """Return the unit of ``expression``, its factor to SI, and a remark or ''."""
+    name = expression.only_column
+    heading = file.headings[indices[name]] if name is not None and name in indices and file.has_units else ""
+    heading_unit = _split_heading(heading)[1]
+    if expression.unit is not None:
+        is_contradiction = heading_unit is not None and unit_conversion.get_si_factor(heading_unit, si_unit) not in (
+            None,
+            unit_conversion.get_si_factor(expression.unit, si_unit),
+        )
+        remark = f"trial file {source}: column '{heading}' is read in {expression.unit}, as {expression.label} says"
+        factor = unit_conversion.get_si_factor(expression.unit, si_unit) or 1.0
+        return expression.unit, factor, remark if is_contradiction else ""
+    examples = unit_conversion.EXAMPLE_UNITS[si_unit]
+    if heading_unit is None:
+        raise InputError(
+            f"trial file {source}: {expression.label} = '{expression.text}' names a column without a unit; write for "
+            f"example '{expression.text} [{examples.split(',')[0]}]'"
+        )
+    column_factor = unit_conversion.get_si_factor(heading_unit, si_unit)
+    if column_factor is None:
+        raise InputError(
+            f"trial file {source}: {expression.label} = '{expression.text}' names the column '{heading}', whose unit "
+            f"is of the wrong kind; allowed: {examples} and other units of that kind"
+        )
+    return heading_unit, column_factor, ""
+
+
+def _match_channel(
+    heading: str, column_units: Mapping[str, str], assigned: Mapping[str, Assignment], source: str
+) -> str | None:
+    """Return the channel that ``heading`` names, ignoring case; None for other columns and for mapped channels."""
+    match = _HEADING.fullmatch(heading) or _HEADING_WITHOUT_UNIT.fullmatch(heading)
+    name = match["name"].lower() if match else ""
+    is_mapped = name in assigned and assigned[name].expression is not None
+    if match is None or name not in column_units or is_mapped:
+        return None
+    if match.re is _HEADING_WITHOUT_UNIT:
+        example = unit_conversion.EXAMPLE_UNITS[column_units[name]].split(",")[0]
+        raise InputError(
+            f"trial file {source}: column '{heading}' has no unit in square brackets; write for example "
+            f"'{name} [{example}]'"
+        )
+    return name
+
+
+def _require_unit(heading: str, si_unit: str, source: str) -> tuple[str, float]:
+    match = _HEADING.fullmatch(heading)
+    unit = match["unit"].strip() if match else ""
+    factor = unit_conversion.get_si_factor(unit, si_unit)
+    if factor is None:
+        raise InputError(
+            f"trial file {source}: column '{heading}' has a unit of the wrong kind; allowed: "
+            f"{unit_conversion.EXAMPLE_UNITS[si_unit]} and other units of that kind"
+        )
+    return unit, factor

@@ -1,0 +1,74 @@
+"""``[columns]`` of ``dataset.toml``: how channels follow from the columns of files, for the dataset and for a trial."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from klute_sim.datasets.channels import MEASURED_CHANNELS, TIME_COLUMN, Rig, get_column_units, resolve_channel
+from klute_sim.datasets.expressions import Expression, parse_expression
+from klute_sim.datasets.table import Table
+from klute_sim.errors import InputError, suggest
+
+
+@dataclass(frozen=True)
+class ColumnMapping:
+    """Expressions for the channels of one trial."""
+
+    expressions: Mapping[str, Expression] = field(default_factory=dict)
+    """Channel or time -> expression."""
+    shared: frozenset[str] = frozenset()
+    """Those that the dataset states for all trials."""
+
+    def select(self, *, is_first: bool) -> dict[str, Expression]:
+        """Return the expressions for a file; channels without columns, such as a constant, belong to the first."""
+        return {
+            channel: expression
+            for channel, expression in self.expressions.items()
+            if expression.columns or is_first or channel == TIME_COLUMN
+        }
+
+    def check_found(self, channels: Collection[str], tables: Sequence[Table], rig: Rig) -> dict[str, str]:
+        """Return the measured channels that are not among the ``channels`` of the ``tables``, with the reason.
+
+        Only channels that the dataset maps for all trials may be missing: a trial need not measure them. Raises
+        InputError for others, whose columns no file has.
+        """
+        unmapped = {}
+        for name, expression in self.expressions.items():
+            is_evaluated = any(name in table.headings for table in tables)
+            if is_evaluated or (name in self.shared and resolve_channel(rig, name) in channels):
+                continue
+            reason = next((table.missing[name] for table in tables if name in table.missing), "")
+            sources = " + ".join(table.source for table in tables)
+            sentence = f"trial {sources}: {expression.label} = '{expression.text}' cannot be computed: {reason}"
+            if name not in self.shared or name not in MEASURED_CHANNELS[rig]:
+                raise InputError(sentence)
+            unmapped[name] = sentence
+        return unmapped
+
+
+NO_MAPPING = ColumnMapping()
+"""All channels have headings ``name [unit]``."""
+
+
+def parse_mapping(
+    dataset_columns: Mapping[str, str], trial_columns: Mapping[str, str], rig: Rig, source: str, trial_source: str
+) -> ColumnMapping:
+    """Return the mapping of a trial from ``[columns]`` of the dataset and ``[trial.columns]``, which replaces it.
+
+    ``source`` and ``trial_source`` name them in errors. Raises InputError for an unknown channel and for an expression
+    that cannot be parsed.
+    """
+    shared = {name: text for name, text in dataset_columns.items() if name not in trial_columns}
+    expressions = {
+        **{name: _parse(name, text, rig, "[columns]", source) for name, text in shared.items()},
+        **{name: _parse(name, text, rig, "[trial.columns]", trial_source) for name, text in trial_columns.items()},
+    }
+    return ColumnMapping(expressions, frozenset(shared))
+
+
+def _parse(name: str, text: str, rig: Rig, table: str, source: str) -> Expression:
+    units = get_column_units(rig)
+    if name not in units:
+        hint = f"allowed: {', '.join(units)}"
+        raise InputError(f"{source}: {table} names the unknown channel '{name}'; {suggest(name, units, hint)}")
+    return parse_expression(text, units[name], f"{table} {name}", source)

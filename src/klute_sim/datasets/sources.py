@@ -1,0 +1,49 @@
+"""Open a trial file of any kind: Parquet, MAT-file or delimited text."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from klute_sim.datasets import text
+from klute_sim.files.limits import TRIAL
+from klute_sim.files.mat import open_mat
+from klute_sim.files.parquet import MAGIC as PARQUET_MAGIC
+from klute_sim.files.parquet import open_parquet
+from klute_sim.types import Array
+
+PARQUET_SUFFIXES, MAT_SUFFIXES = (".parquet", ".pq"), (".mat",)
+MAT_MAGIC = b"MATLAB"
+"""First bytes of a MAT-file."""
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnSource:
+    """An open trial file whose columns are decoded on demand."""
+
+    headings: Sequence[str]
+    """Headings of the columns."""
+    read_columns: Callable[[Sequence[int]], list[Array]]
+    """Returns the columns with these indices as numbers, NaN where there is none."""
+    locate_row: Callable[[int], str]
+    """Maps the index of a row to its location in the file, such as ``line 17``."""
+    has_units: bool = True
+    """Whether headings can state units; names in MATLAB cannot, so all columns need ``[columns]``."""
+    unreadable: Mapping[str, str] = field(default_factory=dict)
+    """Name of what cannot be a column -> what it is."""
+
+
+def open_source(content: bytes, path: Path) -> ColumnSource:
+    """Open the file at ``path`` with the given ``content``; raises InputError when it cannot be read."""
+    source, suffix = str(path), path.suffix.lower()
+    if content.startswith(PARQUET_MAGIC) or suffix in PARQUET_SUFFIXES:
+        table = open_parquet(content, TRIAL.describe(source))
+        return ColumnSource(table.headings, table.read_columns, _describe_row)
+    if content.startswith(MAT_MAGIC) or suffix in MAT_SUFFIXES:
+        mat = open_mat(content, TRIAL.describe(source))
+        return ColumnSource(mat.headings, mat.read_columns, _describe_row, has_units=False, unreadable=mat.unreadable)
+    file = text.parse_delimited_text(content, source)
+    return ColumnSource(file.headings, file.read_columns, file.locate_row)
+
+
+def _describe_row(row: int) -> str:
+    return f"row {row + 1}"

@@ -1,0 +1,191 @@
+"""``[columns]``: channels that follow from the columns of any file, with calibration and unit."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from klute_sim.datasets.dataset import Dataset, load_dataset
+from klute_sim.errors import InputError
+
+HEAD = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "klute-3-4-pair"\n'
+TRIALS = '[[trial]]\nfiles = ["a.csv"]\n[[trial]]\nfiles = ["b.csv"]\n'
+N = 20
+COUNTS = np.arange(float(N))
+CHANNELS = 'time = "t [ms]"\nlength = "stroke"\npressure_command = "(AIN3 - 0.5) * 2.5 [bar]"\n'
+MAPPING = "[columns]\n" + CHANNELS + 'force = "(0.5 * `raw force` + 150) * 4.4482216152605 [N]"\n'
+COLUMNS = {"t": 10 * COUNTS, "stroke [mm]": 340 + 0 * COUNTS, "AIN3": 1.7 + 0 * COUNTS, "raw force": COUNTS}
+
+
+def write(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    rows = [",".join(columns), *(",".join(map(repr, map(float, row))) for row in zip(*columns.values(), strict=True))]
+    path.write_text("\n".join(rows), "utf-8")
+
+
+def load(folder: Path, text: str = MAPPING + TRIALS, **changes: np.ndarray | None) -> Dataset:
+    for name in "ab":
+        write(folder / f"{name}.csv", COLUMNS)
+    renamed = {name.replace("_", " "): value for name, value in changes.items()}
+    if changes:
+        columns = {name: value for name, value in {**COLUMNS, **renamed}.items() if value is not None}
+        write(folder / "b.csv", columns)
+    (folder / "dataset.toml").write_text(HEAD + text, "utf-8")
+    return load_dataset(folder)
+
+
+def load_error(folder: Path, text: str = MAPPING + TRIALS, **changes: np.ndarray | None) -> str:
+    with pytest.raises(InputError) as caught:
+        load(folder, text, **changes)
+    sentence = str(caught.value)
+    assert str(folder) in sentence
+    assert "\n" not in sentence
+    return sentence
+
+
+def test_channels_are_computed_in_si(tmp_path: Path) -> None:
+    dataset = load(tmp_path)
+    trial = dataset.trials[0]
+    assert trial.prescribed["length"].time == pytest.approx(0.01 * COUNTS)
+    assert trial.prescribed["length"].value == pytest.approx(0.34)
+    assert trial.prescribed["pressure_command"].value == pytest.approx(3e5)
+    assert trial.measured["force"].value == pytest.approx((0.5 * COUNTS + 150) * 4.4482216152605)
+    assert dataset.remarks == ()
+
+
+def test_missing_samples_stay_missing(tmp_path: Path) -> None:
+    raw = COUNTS.copy()
+    raw[3] = np.nan
+    assert np.flatnonzero(np.isnan(load(tmp_path, raw_force=raw).trials[1].measured["force"].value)).tolist() == [3]
+
+
+def test_columns_of_a_trial_replace_those_of_the_dataset(tmp_path: Path) -> None:
+    text = MAPPING + TRIALS + '[trial.columns]\nlength = "0.9 * stroke + 34.2 [mm]"\n'
+    lengths = [trial.prescribed["length"].value[0] for trial in load(tmp_path, text).trials]
+    assert lengths == pytest.approx([0.34, 0.3402])
+
+
+def test_time_may_follow_from_the_row_and_a_clamped_length_from_a_number(tmp_path: Path) -> None:
+    text = MAPPING.replace("t [ms]", "row / 200 [s]").replace('"stroke"', '"341 [mm]"')
+    trial = load(tmp_path, text + TRIALS).trials[0]
+    assert trial.measured["force"].time == pytest.approx(COUNTS / 200)
+    assert trial.prescribed["length"].value == pytest.approx(np.full(N, 0.341))
+
+
+def test_each_file_gives_the_channels_whose_columns_it_has(tmp_path: Path) -> None:
+    text = "[columns]\n" + CHANNELS + 'pressure = "100 * p [kPa]"\n' + '[[trial]]\nfiles = ["a.csv", "c.csv"]\n'
+    write(tmp_path / "c.csv", {"t": 20 * COUNTS, "p": 3 + 0 * COUNTS})
+    trial = load(tmp_path, text).trials[0]
+    assert trial.measured["pressure"].time == pytest.approx(0.02 * COUNTS)
+    assert trial.measured["pressure"].value == pytest.approx(3e5)
+
+
+def test_headings_with_units_need_no_expression(tmp_path: Path) -> None:
+    text = '[columns]\ntime = "T"\n[[trial]]\nfiles = ["c.csv"]\n'
+    columns = {"t (ms)": 10 * COUNTS, "length [mm]": 340 + 0 * COUNTS, "pressure_command [bar]": 3 + 0 * COUNTS}
+    write(tmp_path / "c.csv", columns | {"force [N]": 690 + 0 * COUNTS})
+    assert load(tmp_path, text).trials[0].measured["force"].time == pytest.approx(0.01 * COUNTS)
+
+
+def test_measured_channel_may_lack_in_some_trials(tmp_path: Path) -> None:
+    text = MAPPING + 'pressure = "2 * AIN4 [bar]"\n' + TRIALS
+    dataset = load(tmp_path, text, AIN4=1.5 + 0 * COUNTS)
+    assert [list(trial.measured) for trial in dataset.trials] == [["force"], ["force", "pressure"]]
+    (remark,) = dataset.remarks
+    assert "[columns] pressure = '2 * AIN4 [bar]' cannot be computed: there is no column 'AIN4'; did you mean" in remark
+    assert remark.endswith("the trial is used without it")
+
+
+def test_other_unit_than_in_the_heading_is_reported(tmp_path: Path) -> None:
+    text = MAPPING.replace('"stroke"', '"depth [cm]"') + '[[trial]]\nfiles = ["b.csv"]\n'
+    dataset = load(tmp_path, text, **{"depth [mm]": 34 + 0 * COUNTS})
+    assert dataset.trials[0].prescribed["length"].value == pytest.approx(0.34)
+    assert "column 'depth [mm]' is read in cm, as " in dataset.remarks[1]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("time =", "tiem =", "[columns] names the unknown channel 'tiem'; did you mean 'time'? Allowed: time, length"),
+        ('"t [ms]"', "3", "columns.time = 3 is refused; allowed: a table of channel = 'expression [unit]', as text"),
+        ("[ms]", "[mm]", "[columns] time = 't [mm]' has a unit of the wrong kind; allowed: s, ms, min"),
+        ("t [ms]", "t", "[columns] time = 't' names a column without a unit; write for example 't [s]'"),
+        ("t [ms]", "x [ms]", "has no time: there is no column 'x'; the columns are 't', 'stroke [mm]', 'AIN3', 'raw"),
+        ('"stroke"', '"strok"', "'strok' cannot be computed: there is no column 'strok'; did you mean 'stroke [mm]'?"),
+        ("`raw force`", "`raw farce`", "there is no column 'raw farce'; did you mean 'raw force'?"),
+        ("2.5 [bar]", "2.5 bar", "[columns] pressure_command = '(AIN3 - 0.5) * 2.5 bar', position 20: 'bar' is not"),
+        ("(AIN3 - 0.5)", "(AIN3 - 0.5) / 0", "the value is infinite"),
+        ("(AIN3 - 0.5)", "(AIN3 - AIN3) / (AIN3 - AIN3)", "is not a number in row 1; look for a division by 0"),
+        ("length =", "unit_length = '340 [mm]'\nlength =", "are the same channel; remove one of them"),
+    ],
+)
+def test_invalid_columns_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert old in MAPPING
+    assert message in load_error(tmp_path, MAPPING.replace(old, new, 1) + TRIALS)
+
+
+def test_column_that_only_one_trial_names_must_exist(tmp_path: Path) -> None:
+    sentence = load_error(tmp_path, MAPPING + TRIALS + '[trial.columns]\npressure = "AIN4 [bar]"\n')
+    assert "b.csv: [trial.columns] pressure = 'AIN4 [bar]' cannot be computed: there is no column 'AIN4'" in sentence
+
+
+def test_name_that_two_headings_match_is_refused(tmp_path: Path) -> None:
+    text = '[columns]\nforce = "Raw [N]"\n[[trial]]\nfiles = ["c.csv"]\n'
+    write(tmp_path / "c.csv", {"raw [V]": COUNTS, "RAW [A]": COUNTS})
+    assert "names 'Raw', but columns 'raw [V]' and 'RAW [A]' match it; write the complete heading in" in load_error(
+        tmp_path, text
+    )
+
+
+MAT = """[columns]
+time = "row / fs [s]"
+length = "340 [mm]"
+pressure_command = "run.inlet [kPa]"
+pressure = "data(:,2) [kPa]"
+[[trial]]
+files = ["a.mat"]
+[trial.columns]
+force = "4 * run.counts + 690 [N]"
+"""
+
+
+def write_mat(folder: Path, **changes: object) -> None:
+    inlet = 300 + 0 * COUNTS
+    run = {"inlet": inlet, "counts": np.zeros(N, np.int16)}
+    content = {"fs": 100.0, "run": run, "data": np.column_stack((COUNTS, inlet)), "note": "text", "other": np.zeros(7)}
+    savemat(folder / "a.mat", content | changes, do_compression=True)
+
+
+def test_matlab_files_are_trial_files(tmp_path: Path) -> None:
+    write_mat(tmp_path)
+    dataset = load(tmp_path, MAT)
+    (trial,) = dataset.trials
+    assert trial.name == "a"
+    assert dataset.remarks == ()
+    assert trial.prescribed["pressure_command"].time == pytest.approx(COUNTS / 100)
+    assert trial.prescribed["pressure_command"].value == pytest.approx(3e5)
+    assert trial.measured["force"].value == pytest.approx(690.0)
+    assert trial.measured["pressure"].value == pytest.approx(3e5)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("data(:,2)", "data", "'data' is a matrix of size 20x2; name one part of it, data(:,1) to data(:,2)"),
+        ("data(:,2)", "data(:,3)", "there is no column 'data(:,3)'; did you mean 'data("),
+        ("run.counts", "note", "'note' is text"),
+        ("run.counts", "other", "has 20 values and 'other' 7"),
+        ("row / fs [s]", "row / 0 / fs [s]", "is not a number in row 1; look for a division by 0"),
+        (
+            'time = "row / fs [s]"',
+            "",
+            "has no column 'time [s]'; its columns are 'fs', 'run.inlet', 'run.co",
+        ),
+        ("run.inlet [kPa]", "run.inlet", "names a column without a unit; write for example 'run.inlet [bar]'"),
+    ],
+)
+def test_invalid_columns_of_matlab_files_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert old in MAT
+    write_mat(tmp_path)
+    assert message in load_error(tmp_path, MAT.replace(old, new, 1))
