@@ -150,7 +150,7 @@ HEAD = "time [s],force [N]\n"
         ("", "is empty"),
         (" \n\n", "is empty"),
         (b"\xef\xbb\xbf", "is empty"),
-        (b"\x7fELF\x00\x01\x02\n1,2\n", "is neither text nor Parquet; allowed: CSV (UTF-8) and Parquet"),
+        (b"\x7fELF\x00\x01\x02\n1,2\n", "is neither text nor Parquet nor a MAT-file; allowed"),
         ("time [s],force [N]\n1,2\n".encode("utf-16"), "is UTF-16 text; save it as UTF-8"),
         (b"time [s],force [\xb0]\n1,2\n", "the heading line is not UTF-8 text"),
         ("1,2\n3,4\n", "has no heading: the first line must name the columns, such as 'time [s]'"),
