@@ -136,7 +136,7 @@ def load_error(folder: Path) -> str:
         (
             'rig = "bench"',
             'rigg = "bench"',
-            "unknown key 'rigg'; allowed here: format, rig, device, uncertain, columns, noise, tolerance, ",
+            "unknown key 'rigg'; allowed here: format, rig, device, uncertain, heading_row, columns, noise, ",
         ),
         ('device = "klute-3-4-pair"', "device = 3", "device = 3 is refused; allowed: a preset, or the path"),
         ('device = "klute-3-4-pair"', 'device = " "', "[device] ' ' is refused; allowed: a name or path on one"),
@@ -171,7 +171,7 @@ def load_error(folder: Path) -> str:
         (
             'group = "iso"',
             'grupp = "iso"',
-            "unknown key 'trial.1.grupp'; allowed here: files, group, use, device, columns",
+            "unknown key 'trial.1.grupp'; allowed here: files, group, use, device, heading_row",
         ),
         ('group = "iso"', "group = 7", "trial.1.group = 7 is refused; allowed: a name, as text"),
         (
@@ -190,6 +190,12 @@ def load_error(folder: Path) -> str:
             "files = []",
             "trial.1.files = [] is refused; allowed: a list of one or more file names",
         ),
+        (
+            'rig = "bench"',
+            'rig = "bench"\nheading_row = 0',
+            "heading_row = 0 is refused; allowed: the number of a line, 1",
+        ),
+        ('group = "iso"', 'group = "iso"\nheading_row = 2', "a.csv has no heading: line 2 must name the columns"),
         (
             'files = ["a.csv"]',
             'files = "a.csv"',

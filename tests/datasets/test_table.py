@@ -1,5 +1,6 @@
 """One trial file: units, headings, cells, and error messages."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from klute_sim.datasets import channels, table, unit_conversion
+from klute_sim.datasets.expressions import parse_expression
 from klute_sim.errors import InputError
 
 BENCH = channels.get_column_units("bench")
@@ -122,12 +124,76 @@ def test_requested_columns_are_in_si_and_others_are_listed(tmp_path: Path) -> No
         "Time[s], Force [ N ] \n 1 , 2\n 3,4 \n",
         "time [s],force [N],,\n1,2,,\n3,4,,\n",
         "time [s],force [N]\n1e0,+2.\n.3e1,4\n",
+        "time [s];force [N]\n1,0;2,00\n3;4\n",
+        "time [s]\tforce [N]\tnote\n0,1e1\t2\t1.5 m\n3,000\t4,0\t\n",
+        "time [s];force [N];date\n1;2;1,5\n3;4;2.5\n",
+        "time [s];force [N]\n1,000;2,000\n3,000;004,000\n",
+        "# time [s], force [N]\n1,2\n3,4\n",
+        "% time [s];force [N]\n1;2\n3;4\n",
+        "time,force\n(s),(N)\n1,2\n3,4\n",
+        "Machine,7\nTest,3\nTime,Force\n(s),(N)\n1,2\n3,4\n",
+        "Time;Force;note\n[ms];[kN];\n1000;0,002;\n3000;0,004;\n",
+        "Logger 7, serial 3\nrate [Hz];10\n\ntime [s];force [N]\n1;2\n3;4\n",
+        "LabVIEW Measurement\nDate\t2026/11/23\n***End_of_Header***\n\ntime [s]\tforce [N]\n1\t2\n3\t4\n",
     ],
 )
 def test_csv_dialects_are_read_alike(tmp_path: Path, content: str) -> None:
     result = read(tmp_path, content)
     assert result.columns["time"].tolist() == [1, 3]
     assert result.columns["force"].tolist() == [2, 4]
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig", "cp1252"])
+def test_encodings_of_spreadsheets_and_instruments_are_read(tmp_path: Path, encoding: str) -> None:
+    units = {"time": "s", "ankle_angle": "rad"}
+    (tmp_path / "a.csv").write_bytes("time [µs];ankle_angle [°];Gerät\n1,5;180;ü\n2,5;90;ü\n".encode(encoding))
+    result = table.read_trial_file(tmp_path / "a.csv", units)
+    assert result.columns["time"] == pytest.approx([1.5e-6, 2.5e-6])
+    assert result.columns["ankle_angle"] == pytest.approx([np.pi, np.pi / 2])
+    assert result.ignored == ("Gerät",)
+
+
+PREAMBLE = "Operator;Smith\nForce;100 N\ntime [s];force [N]\n1;2\n3;4\n"
+
+
+def test_heading_below_other_text_is_found_and_reported(tmp_path: Path) -> None:
+    result = read(tmp_path, PREAMBLE)
+    assert result.remarks == (
+        f"trial file {tmp_path / 'a.csv'}: line 3 is read as the heading (heading_row changes this)",
+    )
+    assert result.locate_row(1) == "line 5"
+
+
+def test_heading_row_selects_the_heading(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time [s];force [N]\nnames below\nTIME [s];force [kN]\n1;2\n3;4\n")
+    assert table.read_trial_file(path, BENCH, heading_row=3).columns["force"].tolist() == [2000, 4000]
+    assert table.read_trial_file(path, BENCH, heading_row=3).remarks == ()
+    for row, message in (
+        (1, "line 2 has 1 cell, but the heading (line 1) has 2 cells"),
+        (4, "has no heading: line 4 must name the columns, such as"),
+        (9, "heading_row = 9 is beyond its last line, 5; give the line of the heading"),
+    ):
+        with pytest.raises(InputError) as caught:
+            table.read_trial_file(path, BENCH, heading_row=row)
+        assert message in str(caught.value)
+
+
+def test_heading_is_found_by_the_columns_of_expressions(tmp_path: Path) -> None:
+    expressions = {
+        "time": parse_expression("X [s]", "s", "", ""),
+        "force": parse_expression("2 * `Y, raw` [N]", "N", "", ""),
+    }
+    (tmp_path / "a.csv").write_text('a;b\nX;100\nX;"Y, raw"\n1;2\n3;4\n')
+    assert table.read_trial_file(tmp_path / "a.csv", BENCH, expressions).columns["force"].tolist() == [4, 8]
+
+
+@pytest.mark.parametrize("cell", ["1" * 200_000 + "x", "a" + " " * 200_000 + "b", "1,234" * 40_000, "[" * 200_000])
+def test_long_cells_are_refused_quickly(tmp_path: Path, cell: str) -> None:
+    start = time.perf_counter()
+    read_error(tmp_path, f"time [s];force [N]\n1;2\n3;{cell}\n")
+    read_error(tmp_path, f"{cell};{cell}\n1;2\n")
+    assert time.perf_counter() - start < 2.0
 
 
 @pytest.mark.parametrize("cell", ["", "   ", '""', "nan", "NaN"])
@@ -151,8 +217,8 @@ HEAD = "time [s],force [N]\n"
         (" \n\n", "is empty"),
         (b"\xef\xbb\xbf", "is empty"),
         (b"\x7fELF\x00\x01\x02\n1,2\n", "is neither text nor Parquet nor a MAT-file; allowed"),
-        ("time [s],force [N]\n1,2\n".encode("utf-16"), "is UTF-16 text; save it as UTF-8"),
-        (b"time [s],force [\xb0]\n1,2\n", "the heading line is not UTF-8 text"),
+        ("time [s],force [N]\n1,2\n".encode("utf-16")[:-1], "is damaged UTF-16 text; save it as UTF-8"),
+        (b"time [s],force [\xb0]\n1,2\n", "column 'force [°]' has a unit of the wrong kind"),
         ("1,2\n3,4\n", "has no heading: the first line must name the columns, such as 'time [s]'"),
         ("1,5;2,5\n3,5;4,5\n", "has no heading"),
         ('time [s],"force [N]\n1,2\n', "the heading line cannot be read"),
@@ -169,10 +235,22 @@ HEAD = "time [s],force [N]\n"
         (HEAD + "1,2\n3,-Infinity\n4,2\n", "line 3: the value is infinite"),
         (HEAD + "1,2\n3,1e999\n", "line 3: the value is infinite"),
         (HEAD + "1,2\n3,1e999\n4,x\n", "line 3: '1e999' is too large"),
-        (HEAD + "1,2\n3\n", "line 3 has 1 cell, but the heading has 2 cells"),
-        (HEAD + "1,2\n3,4,5\n", "line 3 has 3 cells, but the heading has 2 cells; write decimal points, not commas"),
-        ("time [s];force [N]\n1;2\n2;1,5\n", "column 'force [N]', line 3: '1,5' has a decimal comma; write decimal p"),
-        ("time [s];force [N]\n1;2\n2;1;5\n", "line 3 has 3 cells, but the heading has 2 cells"),
+        (HEAD + "1,2\n3\n", "line 3 has 1 cell, but the heading (line 1) has 2 cells"),
+        (
+            HEAD + "1,2\n3,4,5\n",
+            "line 3 has 3 cells, but the heading (line 1) has 2 cells; write decimal points, not commas",
+        ),
+        ("time [s];force [N]\n0.5;2\n2;1,5\n", "points are mixed: '0.5' (line 2) and '1,5' (line 3); use one of them"),
+        (
+            "time [s];force [N]\n0;1,5\n2;1.5\n",
+            "mixed: '1,5' (line 2) and '1.5' (line 3); use one of them in the whole",
+        ),
+        ("time [s];force [N]\n0;1.234,5\n", "'1.234,5' separates thousands; write digits without separators"),
+        ("time [s]\tforce [N]\n0\t1,234.5\n", "'1,234.5' separates thousands; write digits without"),
+        ("time [s];force [N]\n0;1,234,567\n", "'1,234,567' separates thousands; write digits without"),
+        ("time [s];force [N]\n0;1 234\n", "'1 234' separates thousands; write digits without"),
+        ("time [s];force [N]\n0;999\n1;1,234\n", "line 3: '1,234' may have a decimal comma or separate thousands; wr"),
+        ("time [s];force [N]\n1;2\n2;1;5\n", "line 3 has 3 cells, but the heading (line 1) has 2 cells"),
         ('time [s],force [N],x\n1,2,\n2,3,"oops\n3,4,\n', "line 3 opens a quote and does not close it"),
         (HEAD.encode() + b"1,2\n3,\xff\n", "line 3: '\ufffd' is not a number"),
     ],

@@ -13,12 +13,13 @@ from klute_sim.datasets.sources import ColumnSource
 from klute_sim.errors import InputError, suggest
 from klute_sim.types import Array
 
+MAX_SUGGESTION_LENGTH = 80
+"""Longest heading that is compared with a misspelt name [letters]."""
 MAX_LISTED_COLUMNS = 12
 """Maximum number of columns that one message lists."""
 
 _HEADING = re.compile(r"(?P<name>\w+)\s*\[(?P<unit>[^\[\]]*)\]")
 _HEADING_WITHOUT_UNIT = re.compile(r"(?P<name>\w+)\s*([(\[{/,:].*)?")
-_ANY_HEADING = re.compile(r"(?P<name>[^\[(]*?)\s*(?:\[(?P<unit>[^\[\]]*)\]|\((?P<round>[^()]*)\))?")
 
 
 class Assignment(NamedTuple):
@@ -75,7 +76,7 @@ def assign_columns(
     """
     by_channel: dict[str, Assignment] = {}
     missing: dict[str, str] = {}
-    remarks: list[str] = []
+    remarks = [*file.remarks]
     for channel, expression in expressions.items():
         indices, reason = _find_columns(expression, file, source)
         if reason:
@@ -99,6 +100,14 @@ def assign_columns(
         unit, factor = _require_unit(heading, column_units[name], source)
         by_channel[name] = Assignment(heading, {name: index}, unit, factor)
     return Assignments(by_channel, missing, tuple(ignored), tuple(remarks))
+
+
+def is_known_heading(heading: str, column_units: Mapping[str, str], expressions: Mapping[str, Expression]) -> bool:
+    """Return whether ``heading`` is that of a column in ``column_units``, with or without unit, or in an expression."""
+    names = {heading.casefold(), _split_heading(heading)[0].casefold()}
+    return not names.isdisjoint(column_units) or any(
+        column.casefold() in names for expression in expressions.values() for column in expression.columns
+    )
 
 
 def format_columns(headings: Sequence[str]) -> str:
@@ -125,7 +134,8 @@ def _find_columns(expression: Expression, file: ColumnSource, source: str) -> tu
             return {}, f"'{name}' is {file.unreadable[name]}"
         elif name != ROW:
             columns = format_columns(file.headings) or "none"
-            return {}, f"there is no column '{name}'; {suggest(name, file.headings, f'the columns are {columns}')}"
+            candidates = [heading for heading in file.headings if len(heading) <= MAX_SUGGESTION_LENGTH]
+            return {}, f"there is no column '{name}'; {suggest(name, candidates, f'the columns are {columns}')}"
     return indices, ""
 
 
@@ -142,11 +152,9 @@ def _match_headings(name: str, file: ColumnSource) -> list[int]:
 
 def _split_heading(heading: str) -> tuple[str, str | None]:
     """Return name and unit of a heading of any form, such as ``Force (N)``; None without a unit."""
-    match = _ANY_HEADING.fullmatch(heading)
-    if match is None:
-        return heading, None
-    unit = match["unit"] if match["unit"] is not None else match["round"]
-    return match["name"], None if unit is None else unit.strip()
+    opening = {"]": "[", ")": "("}.get(heading[-1:], "")
+    start = heading.rfind(opening) if opening else -1
+    return (heading, None) if start < 0 else (heading[:start].rstrip(), heading[start + 1 : -1].strip())
 
 
 def _determine_unit(

@@ -11,12 +11,14 @@ from klute_sim.errors import InputError, suggest
 
 @dataclass(frozen=True)
 class ColumnMapping:
-    """Expressions for the channels of one trial."""
+    """Where the files of one trial have their heading, and expressions for the channels."""
 
     expressions: Mapping[str, Expression] = field(default_factory=dict)
     """Channel or time -> expression."""
     shared: frozenset[str] = frozenset()
     """Those that the dataset states for all trials."""
+    heading_row: int | None = None
+    """Line of the heading in text files; None if it is searched for."""
 
     def select(self, *, is_first: bool) -> dict[str, Expression]:
         """Return the expressions for a file; channels without columns, such as a constant, belong to the first."""
@@ -51,7 +53,12 @@ NO_MAPPING = ColumnMapping()
 
 
 def parse_mapping(
-    dataset_columns: Mapping[str, str], trial_columns: Mapping[str, str], rig: Rig, source: str, trial_source: str
+    dataset_columns: Mapping[str, str],
+    trial_columns: Mapping[str, str],
+    rig: Rig,
+    source: str,
+    trial_source: str,
+    heading_row: int | None = None,
 ) -> ColumnMapping:
     """Return the mapping of a trial from ``[columns]`` of the dataset and ``[trial.columns]``, which replaces it.
 
@@ -63,7 +70,7 @@ def parse_mapping(
         **{name: _parse(name, text, rig, "[columns]", source) for name, text in shared.items()},
         **{name: _parse(name, text, rig, "[trial.columns]", trial_source) for name, text in trial_columns.items()},
     }
-    return ColumnMapping(expressions, frozenset(shared))
+    return ColumnMapping(expressions, frozenset(shared), heading_row)
 
 
 def _parse(name: str, text: str, rig: Rig, table: str, source: str) -> Expression:

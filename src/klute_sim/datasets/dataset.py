@@ -170,7 +170,8 @@ def _plan_trials(file: DatasetFile, device: Device, source: str) -> list[_TrialP
             **declarations.parse_input_noise(file.noise, file.rig, f"{source}: [noise]"),
             **declarations.parse_input_noise(entry.noise, file.rig, f"{place}: [trial.noise]"),
         }
-        mapping = parse_mapping(file.columns, entry.columns, file.rig, source, place)
+        heading_row = entry.heading_row or file.heading_row
+        mapping = parse_mapping(file.columns, entry.columns, file.rig, source, place, heading_row)
         plans.append(_TrialPlan(entry, split_entry, device.with_changes(entry.device, place), noise, mapping))
     return plans
 

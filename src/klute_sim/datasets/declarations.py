@@ -12,6 +12,8 @@ from klute_sim.datasets.split import SplitEntry
 from klute_sim.datasets.trial import Trial
 from klute_sim.errors import InputError, suggest
 
+MAX_QUANTITY_LENGTH = 60
+"""Longest text of a number with a unit [letters]."""
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d].*?|[°%].*?)\s*")
 _PERCENT = "%"
 
@@ -32,7 +34,7 @@ def parse_quantity(text: str, si_unit: str, place: str) -> float:
 
 
 def _split_quantity(text: str, si_unit: str, place: str) -> tuple[float, str]:
-    match = _QUANTITY.fullmatch(text)
+    match = _QUANTITY.fullmatch(text) if len(text) <= MAX_QUANTITY_LENGTH else None
     number = float(match[1]) if match else math.inf
     if match is None or not math.isfinite(number):
         example = unit_conversion.EXAMPLE_UNITS[si_unit].split(",")[0]

@@ -79,6 +79,7 @@ def _shorten(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+HeadingRow = Annotated[int, Field(ge=1, le=100_000)]
 Name = Annotated[str, BeforeValidator(_validate_name)]
 
 
@@ -97,6 +98,8 @@ class TrialEntry(_Section):
     """Use of the group; by default the program splits the groups."""
     device: dict[str, Annotated[int | float, BeforeValidator(_validate_number)]] = {}
     """``section.key`` -> value in the key's unit, where the device of this trial differs."""
+    heading_row: HeadingRow | None = None
+    """Line of the heading in the text files of this trial."""
     columns: dict[str, Name] = {}
     """Channel or time -> expression over the columns of the files; replaces that of the dataset."""
     specimen: Name | None = None
@@ -118,6 +121,8 @@ class DatasetFile(_Section):
     """Preset, or path of a device file relative to the folder."""
     uncertain: dict[str, Annotated[float | int | str, BeforeValidator(_validate_deviation)]] = {}
     """``section.key`` -> standard deviation, a number in the key's unit or a percentage."""
+    heading_row: HeadingRow | None = None
+    """Line of the heading in all text files; by default it is searched for."""
     columns: dict[str, Name] = {}
     """Channel or time -> expression over the columns of the files."""
     noise: dict[str, Name] = {}
@@ -140,6 +145,8 @@ _ALLOWED_VALUES: dict[str, str] = {
     "trial.files": "a list of one or more file names",
     "trial.group": "a name, as text",
     "trial.use": "'fit', 'validation' or 'test'",
+    "heading_row": "the number of a line, 1 to 100000",
+    "trial.heading_row": "the number of a line, 1 to 100000",
     "columns": "a table of channel = 'expression [unit]', as text",
     "trial.columns": "a table of channel = 'expression [unit]', as text",
     "noise": "a table of channel = '0.2 mm', a standard deviation with a unit",

@@ -30,10 +30,16 @@ class ColumnSource:
     """Whether headings can state units; names in MATLAB cannot, so all columns need ``[columns]``."""
     unreadable: Mapping[str, str] = field(default_factory=dict)
     """Name of what cannot be a column -> what it is."""
+    remarks: tuple[str, ...] = ()
+    """Remarks for the user, one sentence each."""
 
 
-def open_source(content: bytes, path: Path) -> ColumnSource:
-    """Open the file at ``path`` with the given ``content``; raises InputError when it cannot be read."""
+def open_source(content: bytes, path: Path, heading_row: int | None, is_known: Callable[[str], bool]) -> ColumnSource:
+    """Open the file at ``path`` with the given ``content``; raises InputError when it cannot be read.
+
+    ``heading_row`` is the line of the heading of a text; without it, the line with most headings that satisfy
+    ``is_known``.
+    """
     source, suffix = str(path), path.suffix.lower()
     if content.startswith(PARQUET_MAGIC) or suffix in PARQUET_SUFFIXES:
         table = open_parquet(content, TRIAL.describe(source))
@@ -41,8 +47,14 @@ def open_source(content: bytes, path: Path) -> ColumnSource:
     if content.startswith(MAT_MAGIC) or suffix in MAT_SUFFIXES:
         mat = open_mat(content, TRIAL.describe(source))
         return ColumnSource(mat.headings, mat.read_columns, _describe_row, has_units=False, unreadable=mat.unreadable)
-    file = text.parse_delimited_text(content, source)
-    return ColumnSource(file.headings, file.read_columns, file.locate_row)
+    file = text.parse_delimited_text(content, source, heading_row, is_known)
+    remark = f"trial file {source}: line {file.heading_line} is read as the heading (heading_row changes this)"
+    return ColumnSource(
+        file.headings,
+        file.read_columns,
+        file.locate_row,
+        remarks=(remark,) if file.has_unexpected_preamble else (),
+    )
 
 
 def _describe_row(row: int) -> str:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from klute_sim.datasets.column_assignment import assign_columns
+from klute_sim.datasets.column_assignment import assign_columns, is_known_heading
 from klute_sim.datasets.expressions import Expression
 from klute_sim.datasets.sources import open_source
 from klute_sim.errors import InputError
@@ -47,16 +47,19 @@ def read_trial_file(
     path: Path,
     column_units: Mapping[str, str],
     expressions: Mapping[str, Expression] = MappingProxyType({}),
+    heading_row: int | None = None,
 ) -> Table:
     """Read the columns in ``column_units`` (name -> SI unit) that the file at ``path`` has.
 
     ``expressions`` (name -> expression) say how columns follow from those of the file; other columns have headings
-    ``name [unit]``. Raises InputError for a file that cannot be read, and for a requested column that has no unit or
-    one of another dimension, occurs twice, or has cells that are neither finite numbers nor empty.
+    ``name [unit]``. ``heading_row`` is the line of the heading of a text; by default it is searched for.
+
+    Raises InputError for a file that cannot be read, and for a requested column that has no unit or one of another
+    dimension, occurs twice, or has cells that are neither finite numbers nor empty.
     """
     source = str(path)
     content = _read_content(path)
-    file = open_source(content, path)
+    file = open_source(content, path, heading_row, lambda heading: is_known_heading(heading, column_units, expressions))
     assignments = assign_columns(file, column_units, expressions, source)
     indices = sorted({index for a in assignments.by_channel.values() for index in a.indices.values()})
     raw = dict(zip(indices, file.read_columns(indices), strict=True))

@@ -1,4 +1,6 @@
-"""Delimited text: a heading line, then numbers with decimal points, separated by comma, semicolon or tab.
+"""Delimited text: a heading line, then numbers, separated by comma, semicolon or tab.
+
+Numbers have decimal points, or decimal commas where no comma separates cells.
 
 The fast reader's errors are vague; after one, the text is searched line by line to name the line and the cell.
 """
@@ -6,13 +8,16 @@ The fast reader's errors are vague; after one, the text is searched line by line
 import csv
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute
 import pyarrow.csv
 
+from klute_sim.datasets.heading import NUMBER, find_heading
 from klute_sim.errors import InputError
 from klute_sim.files import lines
 from klute_sim.files.limits import TRIAL
@@ -20,16 +25,16 @@ from klute_sim.types import Array
 
 BOM = b"\xef\xbb\xbf"
 """Byte order mark of UTF-8."""
-DELIMITERS = ",;\t"
-"""Allowed characters between cells."""
+UTF16_BOMS = (b"\xff\xfe", b"\xfe\xff")
+"""Byte order marks of UTF-16, which spreadsheet programs call Unicode text."""
 
-_LEADING_BLANK_LINES = re.compile(rb"([ \t]*(\r\n|\n|\r))*")
-_ANY_DELIMITER = re.compile(r"[,;\s\"]")
-_FIRST_LINE = re.compile(rb"[^\r\n]*(\r\n|\n|\r)?")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?nan", re.IGNORECASE)
-_DECIMAL_COMMA = re.compile(r"[+-]?[\d.]*,\d+([eE][+-]?\d+)?")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(([.,' \u00a0\u202f])\d{3})+([.,]\d*)?")
+_CERTAIN_DECIMAL_COMMA = r"^\s*[+-]?(0\d*|\d{4,})?,|,(\d{0,2}|\d{4,})\s*$|[eE]"
+"""A comma that cannot separate thousands, for RE2."""
 _MISSING_VALUES = [" " * width for width in range(33)]
 """Empty cells, with or without padding by blanks."""
+_ERRORS = (pa.ArrowException, OSError, ValueError)
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,10 @@ class DelimitedText:
     """Content below the heading line."""
     first_line: int
     """Line number of the body's first line."""
+    heading_line: int
+    """Line number of the heading."""
+    has_unexpected_preamble: bool = False
+    """Whether there is text above the heading although nothing says so."""
 
     def iterate_lines(self) -> Iterator[tuple[int, str]]:
         """Yield line number and text of each row; empty lines are skipped."""
@@ -62,25 +71,55 @@ class DelimitedText:
         self._check_quotes()
         if not self.body.strip():
             return [np.empty(0) for _ in indices]
-        names = [str(index) for index in range(len(self.headings))]
-        selected = [names[index] for index in indices]
         try:
-            table = pyarrow.csv.read_csv(
-                pa.py_buffer(self.body),
-                # With several threads, pyarrow 26 once failed "for an unknown reason" on a busy machine.
-                read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=False),
-                parse_options=pyarrow.csv.ParseOptions(delimiter=self.delimiter),
-                convert_options=pyarrow.csv.ConvertOptions(
-                    include_columns=selected,
-                    column_types=dict.fromkeys(selected, pa.float64()),
-                    null_values=_MISSING_VALUES,
-                    check_utf8=False,
-                ),
-            )
-        except (pa.ArrowException, OSError, ValueError) as error:
+            return self._parse_columns(indices, ".")
+        except _ERRORS as error:
             reason = str(error).splitlines()[0]
-            raise InputError(f"trial file {self.source}: {self._find_error(indices) or reason}") from None
-        return [table.column(name).to_numpy() for name in selected]
+        if self.delimiter != "," and b"," in self.body:
+            try:
+                columns = self._parse_columns(indices, ",")
+            except _ERRORS:
+                pass
+            else:
+                self._check_decimal_commas(indices)
+                return columns
+        raise InputError(f"trial file {self.source}: {self._find_error(indices) or reason}")
+
+    def _parse_columns(self, indices: Sequence[int], decimal_mark: str) -> list[Array]:
+        options = pyarrow.csv.ConvertOptions(
+            column_types=dict.fromkeys(map(str, indices), pa.float64()),
+            null_values=_MISSING_VALUES,
+            decimal_point=decimal_mark,
+        )
+        return [column.to_numpy() for column in self._parse(indices, options)]
+
+    def _parse(self, indices: Sequence[int], options: pyarrow.csv.ConvertOptions) -> list[Any]:
+        names = [str(index) for index in range(len(self.headings))]
+        options.include_columns = [names[index] for index in indices]
+        options.check_utf8 = False
+        table = pyarrow.csv.read_csv(
+            pa.py_buffer(self.body),
+            # With several threads, pyarrow 26 once failed "for an unknown reason" on a busy machine.
+            read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=False),
+            parse_options=pyarrow.csv.ParseOptions(delimiter=self.delimiter),
+            convert_options=options,
+        )
+        return [table.column(name) for name in options.include_columns]
+
+    def _check_decimal_commas(self, indices: Sequence[int]) -> None:
+        """Raise InputError when all commas in the columns with ``indices`` may separate thousands, as in ``1,234``."""
+        options = pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(map(str, indices), pa.binary()))
+        for column in self._parse(indices, options):
+            if pyarrow.compute.any(pyarrow.compute.match_substring_regex(column, _CERTAIN_DECIMAL_COMMA)).as_py():
+                return
+        for number, line in self.iterate_lines():
+            cells = next(csv.reader([line], delimiter=self.delimiter), [])
+            for index in indices:
+                if "," in cells[index]:
+                    raise InputError(
+                        f"trial file {self.source}: column '{self.headings[index]}', line {number}: "
+                        f"'{cells[index].strip()}' may have a decimal comma or separate thousands; write decimal points"
+                    )
 
     def _check_quotes(self) -> None:
         # An open quote would silently turn the rest of the file into one cell.
@@ -96,63 +135,77 @@ class DelimitedText:
     def _find_error(self, indices: Sequence[int]) -> str | None:
         """Return the first error in a row as the end of a sentence, or None."""
         n_columns = len(self.headings)
+        decimal_marks: dict[str, str] = {}
         for number, line in self.iterate_lines():
-            cells = next(csv.reader([line], delimiter=self.delimiter), [])
+            try:
+                cells = next(csv.reader([line], delimiter=self.delimiter), [])
+            except csv.Error as error:
+                return f"line {number} cannot be read: {error}"
             if len(cells) != n_columns:
                 has_comma = len(cells) > n_columns and self.delimiter == ","
-                fix = "; write decimal points, not commas" if has_comma else ""
+                fix = "; write decimal points, not commas, or separate cells by semicolons" if has_comma else ""
                 return (
-                    f"line {number} has {_format_cell_count(len(cells))}, but the heading has "
-                    f"{_format_cell_count(n_columns)}{fix}"
+                    f"line {number} has {_format_cell_count(len(cells))}, but the heading (line {self.heading_line}) "
+                    f"has {_format_cell_count(n_columns)}{fix}"
                 )
             for index in indices:
-                cell_error = _describe_cell_error(cells[index].strip())
+                cell = cells[index].strip()
+                cell_error = _describe_cell_error(cell, allows_comma=self.delimiter != ",")
                 if cell_error:
                     return f"column '{self.headings[index]}', line {number}: {cell_error}"
+                mark = "," if "," in cell else "." if "." in cell else ""
+                if mark:
+                    decimal_marks.setdefault(mark, f"'{cell}' (line {number})")
+                if len(decimal_marks) == 2:
+                    both = " and ".join(decimal_marks.values())
+                    return f"decimal commas and decimal points are mixed: {both}; use one of them in the whole file"
         return None
 
 
-def parse_delimited_text(content: bytes, source: str) -> DelimitedText:
-    """Return headings, delimiter and body of ``content``; raises InputError for anything but text with a heading."""
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError(f"trial file {source} is UTF-16 text; save it as UTF-8")
+def parse_delimited_text(
+    content: bytes,
+    source: str,
+    heading_row: int | None = None,
+    is_known: Callable[[str], bool] = lambda heading: False,
+) -> DelimitedText:
+    """Return headings, delimiter and body of ``content``; raises InputError for anything but text with a heading.
+
+    ``heading_row`` is the line of the heading; without it, the line with most headings that satisfy ``is_known``.
+    """
+    if content.startswith(UTF16_BOMS):
+        try:
+            content = content.decode("utf-16").encode()
+        except UnicodeError:
+            raise InputError(f"trial file {source} is damaged UTF-16 text; save it as UTF-8") from None
     if b"\0" in content:
-        raise InputError(f"trial file {source} is neither text nor Parquet nor a MAT-file; allowed: CSV, Parquet, .mat")
+        raise InputError(
+            f"trial file {source} is neither text nor Parquet nor a MAT-file; allowed: CSV (UTF-8, or UTF-16 with a "
+            "byte order mark), Parquet and .mat"
+        )
     lines.check_lines(content, TRIAL.describe(source))
     content = content.removeprefix(BOM)
     if not content.strip():
         raise InputError(f"trial file {source} is empty")
-    blank = _match_bytes(_LEADING_BLANK_LINES, content, 0)
-    line = _match_bytes(_FIRST_LINE, content, len(blank))
-    try:
-        text = line.decode("utf-8").strip("\r\n")
-    except UnicodeDecodeError:
-        raise InputError(f"trial file {source}: the heading line is not UTF-8 text; save the file as UTF-8") from None
-    delimiter = max(DELIMITERS, key=text.count)
-    lines.check_column_count(text.count(delimiter) + 1, TRIAL.describe(source))
-    try:
-        headings = [heading.strip() for heading in next(csv.reader([text], delimiter=delimiter, strict=True))]
-    except csv.Error as error:
-        raise InputError(f"trial file {source}: the heading line cannot be read: {error}") from None
-    if all(_NUMBER.fullmatch(number) for number in _ANY_DELIMITER.split(text) if number):
-        raise InputError(
-            f"trial file {source} has no heading: the first line must name the columns, such as 'time [s]'"
-        )
-    first_line = len(blank.splitlines()) + 2
-    return DelimitedText(source, tuple(headings), delimiter, content[len(blank) + len(line) :], first_line)
+    heading = find_heading(content, source, heading_row, is_known)
+    body = content[heading.n_bytes :]
+    has_remark = heading.has_preamble and heading_row is None
+    return DelimitedText(
+        source, heading.cells, heading.delimiter, body, heading.first_row_line, heading.line, has_remark
+    )
 
 
-def _match_bytes(pattern: re.Pattern[bytes], content: bytes, start: int) -> bytes:
-    match = pattern.match(content, start)
-    return match[0] if match else b""
-
-
-def _describe_cell_error(cell: str) -> str | None:
+def _describe_cell_error(cell: str, *, allows_comma: bool) -> str | None:
     if not cell:
         return None
+    if (
+        _THOUSANDS.fullmatch(cell)
+        and not NUMBER.fullmatch(cell)
+        and not (allows_comma and _DECIMAL_COMMA.fullmatch(cell))
+    ):
+        return f"'{cell}' separates thousands; write digits without separators"
     if _DECIMAL_COMMA.fullmatch(cell):
-        return f"'{cell}' has a decimal comma; write decimal points"
-    if not _NUMBER.fullmatch(cell):
+        return None if allows_comma else f"'{cell}' has a decimal comma; separate the cells by semicolons or tabs"
+    if not NUMBER.fullmatch(cell):
         return f"'{cell[:40]}' is not a number; leave the cell of a missing sample empty"
     if math.isinf(float(cell)):
         return f"'{cell[:40]}' is too large"

@@ -89,7 +89,8 @@ def read_trial(files: Sequence[Path], rig: Rig, mapping: ColumnMapping = NO_MAPP
     remarks: list[str] = []
     tables: list[Table] = []
     for path in files:
-        file = table.read_trial_file(path, channels.get_column_units(rig), mapping.select(is_first=not tables))
+        expressions = mapping.select(is_first=not tables)
+        file = table.read_trial_file(path, channels.get_column_units(rig), expressions, mapping.heading_row)
         tables.append(file)
         time = _extract_time(file)
         for name, samples in file.columns.items():
