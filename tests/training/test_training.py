@@ -202,6 +202,23 @@ def test_training_resumes_and_exports_its_network(algorithm: str, tmp_path: Path
 
 
 @pytest.mark.long
+def test_algorithm_gets_scaled_rewards_and_reports_returns_unscaled() -> None:
+    pytest.importorskip("stable_baselines3")
+    from klute_sim.training.vec_env import REWARD_SCALE, GaitVecEnv
+
+    options = {"action": "residual", "strides": 1, "time_step": 1e-3}
+    envs, rewards, returns = GaitVecEnv(2, 0, options), [], []
+    envs.reset()
+    while not returns:
+        envs.step_async(np.zeros((2, 1), dtype=np.float32))
+        _, reward, _, infos = envs.step_wait()
+        rewards.append(reward[0])
+        returns += [info["episode"]["r"] for info in infos[:1] if "episode" in info]
+    assert sum(rewards) == pytest.approx(REWARD_SCALE * returns[0], rel=1e-4)
+    assert returns[0] > 50.0
+
+
+@pytest.mark.long
 def test_training_is_repeatable(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
     file, weights = write_small_config(tmp_path), []

@@ -72,7 +72,9 @@ class Training:
         # A resumed training samples other episodes than it started with.
         envs = GaitVecEnv(config.num_envs, progress.seed + progress.steps, config.environment)
         activation = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}[config.activation]
+        algorithm_options = config.algorithm_options
         policy_options = {"net_arch": list(config.hidden), "activation_fn": activation}
+        policy_options |= algorithm_options.pop("policy_kwargs", {})
         try:
             self.model = algorithm(
                 "MlpPolicy",
@@ -80,7 +82,7 @@ class Training:
                 seed=progress.seed,
                 device="cpu",
                 policy_kwargs=policy_options,
-                **config.algorithm_options,
+                **algorithm_options,
             )
         except TypeError as error:
             raise InputError(f"configuration: [{config.algorithm}] {error}") from None

@@ -28,8 +28,8 @@ from klute_sim.gait.rig.learning import prepare_gait_rig
 from klute_sim.gait.rig.setup import GaitOptions, GaitRig, build_gait_rig
 from klute_sim.plant.actuator import DeviceActuator
 
-GRID_SIZE = 9
-"""Number of grid values of each of mass, speed and slope, including both ends."""
+GRID_SIZE = 5
+"""Number of grid values of each of mass, speed and slope, including both ends; each rig has to learn its path."""
 MAX_VARIATION_FRACTION = 0.5
 """Largest allowed relative deviation from a nominal value."""
 PARAMETER_FIELD = "actuator_user"
