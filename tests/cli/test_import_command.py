@@ -154,6 +154,8 @@ def test_exported_files_match_recording(lab: Path) -> None:
     assert np.array_equal(column("angles.mot", "knee_angle_r"), recording["knee_angle"])
     assert np.array_equal(column("angles.mot", "hip_flexion_r"), -recording["thigh_angle"])
     assert np.array_equal(column("moments.sto", "ankle_angle_r_moment"), -recording["ankle_moment"])
+    assert np.array_equal(column("moments.sto", "hip_flexion_r_moment"), -recording["hip_moment"])
+    assert np.array_equal(column("moments.sto", "knee_angle_r_moment"), recording["knee_moment"])
     for label, channel in (("vx", "grf_forward"), ("vy", "grf_vertical")):
         assert np.array_equal(column("ground_reaction.mot", f"ground_force_{label}"), recording[channel])
     loaded = recording["grf_vertical"] > 20.0

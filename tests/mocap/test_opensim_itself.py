@@ -36,7 +36,11 @@ def test_opensim_reads_exported_files_exactly(opensim: Any, gait_recording: Reco
             "hip_flexion_l": -gait_recording["thigh_angle"],
             "pelvis_tx": gait_recording["carriage_x"],
         },
-        "moments.sto": {"ankle_angle_l_moment": -gait_recording["ankle_moment"]},
+        "moments.sto": {
+            "ankle_angle_l_moment": -gait_recording["ankle_moment"],
+            "hip_flexion_l_moment": -gait_recording["hip_moment"],
+            "knee_angle_l_moment": gait_recording["knee_moment"],
+        },
         "ground_reaction.mot": {
             "ground_force_vy": gait_recording["grf_vertical"],
             "ground_force_vx": gait_recording["grf_forward"],

@@ -38,7 +38,7 @@ def command(run: Path, formats: tuple[str, ...], side: Any, out: Path | None) ->
 
     \b
       mot            joint angles and ground reaction, as in OpenSim
-      sto            ankle moment, as in OpenSim
+      sto            moments of hip, knee and ankle, as in OpenSim
       trc            virtual markers, as in OpenSim
       log            channels that the prosthesis would log
       csv, parquet   all channels

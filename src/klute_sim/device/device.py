@@ -47,7 +47,10 @@ class Device:
     spec: DeviceSpec
     """Checked content of the device file."""
     content: bytes
-    """Device file as TOML; a run folder holds a verbatim copy."""
+    """Device file as TOML: the bytes that were read, or those written for a device that was built or changed here.
+
+    A run folder holds a verbatim copy. :meth:`with_spec` keeps the content, so only :attr:`spec` then describes the
+    device."""
 
     def __init__(
         self,

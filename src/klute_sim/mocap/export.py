@@ -78,9 +78,18 @@ def to_joint_angles(recording: Recording, side: Side) -> Storage:
 
 
 def to_joint_moments(recording: Recording, side: Side) -> Storage:
-    """Return the ankle moment [N.m] in the format of inverse dynamics; drives move hip and knee."""
-    moment = {"time": recording["time"], f"ankle_angle_{side[0]}_moment": -recording["ankle_moment"]}
-    return Storage(moment, in_degrees=False, name="Inverse Dynamics Generalized Forces")
+    """Return the joint moments [N.m] in the format of inverse dynamics.
+
+    Those of hip and knee are the moments of the drives that guide the limb, which only runs of the gait rig have.
+    """
+    leg, moments = side[0], {"time": recording["time"]}
+    if "hip_moment" in recording:
+        moments |= {
+            f"hip_flexion_{leg}_moment": -recording["hip_moment"],
+            f"knee_angle_{leg}_moment": recording["knee_moment"],
+        }
+    moments[f"ankle_angle_{leg}_moment"] = -recording["ankle_moment"]
+    return Storage(moments, in_degrees=False, name="Inverse Dynamics Generalized Forces")
 
 
 def to_ground_reaction(recording: Recording, side: Side) -> Storage:
