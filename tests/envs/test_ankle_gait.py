@@ -119,6 +119,18 @@ def test_episode_equals_gait_rig_simulation(episode: list[tuple]) -> None:
     assert abs(sum(info["work_unresolved_j"] for info in infos)) < 0.01 * gas
 
 
+def test_power_of_an_elastic_foot_is_that_of_the_gait_rig() -> None:
+    """Hinge and keel together are the ankle; the hinge, which the encoder reads, has less than two thirds of it."""
+    env = AnkleGaitEnv(reset_noise=0.0, strides=2, time_step=1e-3, foot="dynamic-response-low")
+    steps = run_episode(env, pressure.load_default_profile())[110:]
+    device = load_device("klute-1-1-4-pair").with_foot("dynamic-response-low")
+    recording = simulate_gait(device, HeldProfile(), replace(env._gait_rig.options, strides=2))
+    peak = max(info["ankle_power_w_per_kg"] for *_, info in steps)
+    assert peak == pytest.approx(recording["ankle_power"][1100:].max() / 75.0, rel=0.02)
+    hinge_powers = [-info["ankle_moment_nm_per_kg"] * observed[1] for observed, *_, info in steps]
+    assert max(hinge_powers) < 0.67 * peak
+
+
 def test_observations_match_simulation_state() -> None:
     env = AnkleGaitEnv(reset_noise=0.0)
     env.reset(seed=0)

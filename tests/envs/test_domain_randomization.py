@@ -64,7 +64,7 @@ def test_sampled_values_are_reported_and_simulated() -> None:
         assert env._gait_rig.trajectory.speed == pytest.approx(info["speed_m_per_s"], rel=0.01)
         assert env._gait_rig.options.mass == info["mass_kg"]
         assert 106.57 < info["muscle.c10_kpa"] / 118.4 * 118.4 < 130.25
-    assert len(masses) > 4
+    assert len(masses) > 2
     assert all(60.0 <= mass <= 90.0 for mass in masses)
     assert len(np.unique(time_constants)) == 12
     assert max(time_constants) <= 0.05

@@ -70,8 +70,8 @@ class AnkleGaitEnv(DeviceEnv):
 
     | # | observation | unit | low | high | typical noise |
     |---|---|---|---|---|---|
-    | 0 | ankle angle, dorsiflexion positive | rad | -1 | 1 | 0.002 |
-    | 1 | ankle velocity, dorsiflexion positive | rad/s | -50 | 50 | 0.05 |
+    | 0 | angle of the ankle hinge, dorsiflexion positive | rad | -1 | 1 | 0.002 |
+    | 1 | velocity of the ankle hinge, dorsiflexion positive | rad/s | -50 | 50 | 0.05 |
     | 2 | shank inclination, forward positive | rad | -3.2 | 3.2 | 0.01 |
     | 3 | shank angular velocity, forward positive | rad/s | -50 | 50 | 0.02 |
     | 4 | axial load in the pylon, compression positive | body weights | -5 | 5 | 0.01 |
@@ -92,7 +92,7 @@ class AnkleGaitEnv(DeviceEnv):
     | term | value |
     |---|---|
     | ``reward_moment`` | 0.4 exp(-d²/2), d = deviation of the net ankle moment from the human one, in 0.2 N·m/kg |
-    | ``reward_angle`` | 0.3 exp(-d²/2), d = deviation of the ankle angle, in 5 degrees |
+    | ``reward_angle`` | 0.3 exp(-d²/2), d = deviation of the angle of the foot to the limb, in 5 degrees |
     | ``reward_power`` | 0.3 exp(-d²/2), d = deviation of the ankle power, in 0.5 W/kg |
     | ``reward_work`` | 0.1 times positive power, limited to that of the human ankle, over its mean in the stride |
     | ``reward_air`` | -0.1 per gram of air drawn per 0.1 s |

@@ -6,6 +6,7 @@ Every quantity is an array with one entry per simulation, so a single environmen
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +21,7 @@ from klute_sim.envs.tasks.energy_accounting import DeviceStates, EnergyAccountin
 from klute_sim.envs.tasks.instruments import N_MEASURED, Instruments
 from klute_sim.envs.tasks.options import TaskOptions
 from klute_sim.errors import InputError
-from klute_sim.gait.body import PROSTHESIS_PREFIX
+from klute_sim.gait.body import KEEL_JOINT, PROSTHESIS_PREFIX
 from klute_sim.gait.rig.setup import MAX_PATH_DEVIATION, GaitOptions, GaitRig
 from klute_sim.types import Array, Mask
 from klute_sim.units import BAR
@@ -117,6 +118,12 @@ class GaitTask:
         parameters, model, joint = rig.actuator.parameters, rig.model, rig.model.joint(PROSTHESIS_PREFIX + "ankle")
         self._actuator, self._strides = rig.actuator, gait_options.strides
         self._angle_index, self._dof_index = int(joint.qposadr[0]), int(joint.dofadr[0])
+        keel = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, KEEL_JOINT)
+        keel_indices = [] if keel < 0 else [(int(model.jnt_qposadr[keel]), int(model.jnt_dofadr[keel]))]
+        # Hinge and, in an elastic foot, keel: together they are the ankle that the reference describes.
+        self._foot_angle_indices, self._foot_rate_indices = (
+            list(indices) for indices in zip((self._angle_index, self._dof_index), *keel_indices, strict=True)
+        )
         self._mid_angle, self._alignment = float(joint.range.mean()), float(rig.options.alignment or 0.0)
         self._ground_index = int(model.sensor("ground").adr[0])
         self._stop_sensor_index = int(model.sensor(PROSTHESIS_PREFIX + "ankle_stop").adr[0])
@@ -207,8 +214,9 @@ class GaitTask:
         command_index = self.elapsed_intervals % self._commands_per_stride()
         self._instruments.update(mask, self._measure(states), rngs)
         moment = self._net_moment(states) / tables.mass[rig_index]
-        power = moment * states.qvel[:, self._dof_index]
-        ankle = np.column_stack([moment, self._alignment - states.qpos[:, self._angle_index], power])
+        power = moment * states.qvel[:, self._foot_rate_indices].sum(axis=1)
+        angle = self._alignment - states.qpos[:, self._foot_angle_indices].sum(axis=1)
+        ankle = np.column_stack([moment, angle, power])
         energy = self._energy.update(mask, self._device_states(states))
         action = np.clip(action, -1.0, 1.0)
         air_rate, action_change = energy["air_g"] * (0.1 / CONTROL_INTERVAL), action - self._previous_action

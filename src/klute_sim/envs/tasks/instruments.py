@@ -11,8 +11,8 @@ from klute_sim.types import Array, Mask
 
 OBSERVATIONS = (
     # name, unit, lowest, highest, typical noise
-    ("ankle angle, dorsiflexion positive", "rad", -1.0, 1.0, 0.002),
-    ("ankle velocity, dorsiflexion positive", "rad/s", -50.0, 50.0, 0.05),
+    ("angle of the ankle hinge, dorsiflexion positive", "rad", -1.0, 1.0, 0.002),
+    ("velocity of the ankle hinge, dorsiflexion positive", "rad/s", -50.0, 50.0, 0.05),
     ("shank inclination, forward positive", "rad", -3.2, 3.2, 0.01),
     ("shank angular velocity, forward positive", "rad/s", -50.0, 50.0, 0.02),
     ("axial load in the pylon, compression positive", "body weights", -5.0, 5.0, 0.01),
