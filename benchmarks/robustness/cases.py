@@ -61,7 +61,7 @@ def mutate(content: bytes, rng: random.Random, kind: file_kinds.Kind, suffix: st
     """Return ``content`` with a mutation of its values, or with one to three random damages of its bytes."""
     if suffix in VALUE_MUTATIONS and rng.random() < 0.4:
         return VALUE_MUTATIONS[suffix](content, rng)
-    is_text = kind.text and suffix not in (".parquet", ".npz")
+    is_text = kind.text and suffix not in (".parquet", ".npz", ".mat")
     mutations = byte_mutations.TEXT_MUTATIONS if is_text else byte_mutations.BINARY_MUTATIONS
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         content = rng.choice(mutations)(content, rng)

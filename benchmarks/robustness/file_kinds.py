@@ -5,11 +5,11 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from unittest import mock
 
 import numpy as np
+from benchmarks.robustness import dataset_folders
 from tests import synthetic_gait as walker
 
 from klute_sim.api.bench import simulate_bench
@@ -20,7 +20,7 @@ from klute_sim.comparison.comparison import compare
 from klute_sim.controllers import learned, state_machine
 from klute_sim.controllers.policy import Policy
 from klute_sim.controllers.pressure import load_profile
-from klute_sim.datasets import dataset, text
+from klute_sim.datasets import dataset
 from klute_sim.device import device as device_device
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.effects import catalogue
@@ -69,34 +69,6 @@ def _simulate(paths: Paths) -> None:
     device = device_device.load_device(paths[0])
     length = np.full(STEPS, 0.95 * device_device.load_device("klute-1-1-4-pair").parameters.muscle.resting_length)
     simulate_rollouts(device.parameters, length + 0.05, np.full(STEPS, 1e5), 5e-4)
-
-
-DATASET = """format = "klute-sim-dataset/2"
-rig = "bench"
-device = "klute-3-4-pair"
-[uncertain]
-"tendon.stiffness_2_n_per_mm" = "10 %"
-[[trial]]
-files = ["fit_1_a.csv"]
-group = "one"
-[trial.device]
-"muscle.resting_length_mm" = 170.0
-[[trial]]
-files = ["b.parquet"]
-trusted = ["force"]
-"""
-
-
-def _dataset(folder: Path) -> list[Path]:
-    content = (resources.files("klute_sim.datasets") / "example" / "fit_1_a.csv").read_bytes()
-    file = text.parse_delimited_text(content, "fit_1_a.csv")
-    columns = zip(file.headings, file.read_columns(range(len(file.headings))), strict=True)
-    parquet.write_recording(Recording.from_columns(columns), folder / "b.parquet")
-    return [
-        _written(folder / "dataset.toml", DATASET.encode()),
-        _written(folder / "fit_1_a.csv", content),
-        folder / "b.parquet",
-    ]
 
 
 def _split(paths: Paths) -> object:
@@ -267,7 +239,9 @@ KINDS = {
     kind.name: kind
     for kind in (
         Kind("device", _device, _simulate),
-        Kind("dataset", _dataset, _split),
+        Kind("dataset", dataset_folders.write_dataset, _split),
+        Kind("mat-dataset", dataset_folders.write_mat_dataset, _split),
+        Kind("logger-dataset", dataset_folders.write_logger_dataset, _split),
         Kind("reference", _reference, lambda paths: reference.load_reference(paths[0].parent)),
         Kind("recording", partial(_recording, ending="parquet"), _compared, text=False),
         Kind("table", partial(_recording, ending="csv"), _compared),
