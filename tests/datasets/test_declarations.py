@@ -70,6 +70,25 @@ def test_trials_have_the_specimens_that_they_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "limits"),
+    [
+        ("-9 N to 0.9 kN", (-9.0, 900.0)),
+        ("to 900 N", (-np.inf, 900.0)),
+        ("-9 N to", (-9.0, np.inf)),
+        ("  -9N   to   900N ", (-9.0, 900.0)),
+    ],
+)
+def test_limits_of_sensors_are_in_si_units(tmp_path: Path, text: str, limits: tuple[float, float]) -> None:
+    dataset = load(tmp_path, f'[limits]\nforce = "{text}"\npressure = "to 7 bar"\n' + TRIALS)
+    assert [trial.limits for trial in dataset.trials] == [{"force": limits}, {"force": limits}]
+
+
+def test_limits_of_a_trial_replace_those_of_the_dataset(tmp_path: Path) -> None:
+    text = '[limits]\nforce = "to 900 N"\n' + TRIALS + '[trial.limits]\nforce = "to 2 kN"\n'
+    assert [trial.limits["force"].high for trial in load(tmp_path, text).trials] == [900.0, 2000.0]
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("[noise]\nlength = 0.2\n", "noise.length = 0.2 is refused; allowed: a table of channel = '0.2 mm'"),
@@ -83,6 +102,13 @@ def test_trials_have_the_specimens_that_they_name(tmp_path: Path) -> None:
         ('[noise]\nlength = "-1 mm"\n', "length = '-1 mm' is refused; allowed: a number above 0"),
         ('[noise]\nlenght = "1 mm"\n', "unknown channel 'lenght'; did you mean 'length'? Allowed: the prescribed"),
         ('[noise]\nforce = "1 N"\n', "names 'force', whose noise is estimated from repeats and residuals; allowed"),
+        ('[limits]\nforce = 5\n', "limits.force = 5 is refused; allowed: a table of channel = '-9 N to 445 N'"),
+        ('[limits]\nforce = "5 N"\n', "= '5 N' is refused; write for example '-9 N to 445 N', '-9 N to' or 'to 445 N'"),
+        ('[limits]\nforce = "to"\n', "[limits] force = 'to' is refused; write for example"),
+        ('[limits]\nforce = "1 N to 2 N to 3 N"\n', "is refused; write for example"),
+        ('[limits]\nforce = "5 N to 2 N"\n', "is refused; the second number must be larger than the first"),
+        ('[limits]\nforce = "-9 to 2 N"\n', "[limits] force = '-9' is not a finite number with a unit"),
+        ('[limits]\nlength = "to 2 mm"\n', "[limits] names the unknown channel 'length'"),
         ('[tolerance]\nforce = 5\n', "tolerance.force = 5 is refused; allowed: a table of channel = '5 N' or '2 %'"),
         ('[tolerance]\nforce = "5 mm"\n', "[tolerance] force = '5 mm' has a unit of the wrong kind"),
         ('[tolerance]\nforce = "5 N %"\n', "force = '5 N %' is refused; write a percentage such as '2 %'"),

@@ -47,6 +47,7 @@ def test_example_of_declared_quantities_is_a_valid_dataset(tmp_path: Path) -> No
     assert [trial.specimen for trial in dataset.trials] == ["A", "B"]
     assert [trial.input_noise["length"] for trial in dataset.trials] == pytest.approx([5e-5, 2e-4])
     assert dataset.tolerance == pytest.approx({"force": 1.8, "pressure": 5e3})
+    assert [trial.limits["force"] for trial in dataset.trials] == [(-9.0, 1150.0), (-9.0, 1150.0)]
 
 
 def test_example_of_columns_is_a_valid_dataset(tmp_path: Path) -> None:
@@ -71,7 +72,7 @@ def test_example_file_is_read_as_documented(tmp_path: Path) -> None:
 
 
 def test_all_keys_and_channels_are_documented() -> None:
-    sections = {"uncertain", "columns", "noise", "tolerance"}
+    sections = {"uncertain", "columns", "noise", "limits", "tolerance"}
     keys = {*format.DatasetFile.model_fields, *format.TrialEntry.model_fields} - sections - {"trial"}
     names = {name for rig in channels.RIGS for name in channels.get_column_units(rig)}
     assert all(f"`{name}`" in PAGE for name in keys | names)

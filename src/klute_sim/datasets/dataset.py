@@ -13,7 +13,7 @@ from klute_sim.datasets.channels import Rig
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
 from klute_sim.datasets.format import DatasetFile, TrialEntry
 from klute_sim.datasets.split import Split, SplitEntry, assign_uses
-from klute_sim.datasets.trial import TimeSeries, Trial, TrialChannels, read_trial
+from klute_sim.datasets.trial import SensorLimits, TimeSeries, Trial, TrialChannels, read_trial
 from klute_sim.device import device as device_files
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
@@ -138,6 +138,8 @@ class _TrialPlan(NamedTuple):
     """The dataset's device with the changes of the trial."""
     input_noise: Mapping[str, float]
     """Prescribed channel -> standard deviation of its noise [SI]."""
+    limits: Mapping[str, SensorLimits]
+    """Measured channel -> limits of its sensor [SI]."""
     mapping: ColumnMapping
     """Expressions for its channels."""
 
@@ -155,6 +157,7 @@ class _TrialPlan(NamedTuple):
             trusted=_validate_trusted(self.entry.trusted, channels.measured, f"{source}, trial '{name}'"),
             specimen=self.entry.specimen or "",
             input_noise=self.input_noise,
+            limits={channel: limits for channel, limits in self.limits.items() if channel in channels.measured},
         )
 
 
@@ -170,9 +173,14 @@ def _plan_trials(file: DatasetFile, device: Device, source: str) -> list[_TrialP
             **declarations.parse_input_noise(file.noise, file.rig, f"{source}: [noise]"),
             **declarations.parse_input_noise(entry.noise, file.rig, f"{place}: [trial.noise]"),
         }
+        limits = {
+            **declarations.parse_limits(file.limits, file.rig, f"{source}: [limits]"),
+            **declarations.parse_limits(entry.limits, file.rig, f"{place}: [trial.limits]"),
+        }
         heading_row = entry.heading_row or file.heading_row
         mapping = parse_mapping(file.columns, entry.columns, file.rig, source, place, heading_row)
-        plans.append(_TrialPlan(entry, split_entry, device.with_changes(entry.device, place), noise, mapping))
+        changed_device = device.with_changes(entry.device, place)
+        plans.append(_TrialPlan(entry, split_entry, changed_device, noise, limits, mapping))
     return plans
 
 

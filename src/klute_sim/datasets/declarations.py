@@ -1,4 +1,4 @@
-"""Quantities with units that ``dataset.toml`` declares for channels: noise of inputs and tolerances."""
+"""Quantities with units that ``dataset.toml`` declares for channels: noise of inputs, limits of sensors, tolerances."""
 
 import math
 import re
@@ -9,7 +9,7 @@ import numpy as np
 from klute_sim.datasets import unit_conversion
 from klute_sim.datasets.channels import MEASURED_CHANNELS, PRESCRIBED_CHANNELS, Rig
 from klute_sim.datasets.split import SplitEntry
-from klute_sim.datasets.trial import Trial
+from klute_sim.datasets.trial import SensorLimits, Trial
 from klute_sim.errors import InputError, suggest
 
 MAX_QUANTITY_LENGTH = 60
@@ -65,6 +65,34 @@ def parse_input_noise(noise: Mapping[str, str], rig: Rig, place: str) -> dict[st
     return deviations
 
 
+def parse_limits(limits: Mapping[str, str], rig: Rig, place: str) -> dict[str, SensorLimits]:
+    """Return the limits [SI] of the sensor of each measured channel in ``limits``; ``place`` names the table.
+
+    Both numbers may be given (``-9 N to 445 N``) or one of them (``to 445 N``). Raises InputError for a channel that
+    ``rig`` does not measure, for a number without a unit of the channel's kind, and unless the second is larger.
+    """
+    units = MEASURED_CHANNELS[rig]
+    parsed = {}
+    for channel, text in limits.items():
+        _check_measured(channel, units, place)
+        key = f"{place} {channel}"
+        parts = [part.strip() for part in f" {text} ".split(" to ")]
+        if len(parts) != 2 or not any(parts):
+            raise InputError(f"{key} = '{text}' is refused; write for example '-9 N to 445 N', '-9 N to' or 'to 445 N'")
+        low = parse_quantity(parts[0], units[channel], key) if parts[0] else -math.inf
+        high = parse_quantity(parts[1], units[channel], key) if parts[1] else math.inf
+        if low >= high:
+            raise InputError(f"{key} = '{text}' is refused; the second number must be larger than the first")
+        parsed[channel] = SensorLimits(low, high)
+    return parsed
+
+
+def _check_measured(channel: str, units: Mapping[str, str], place: str) -> None:
+    if channel not in units:
+        hint = f"allowed: the measured channels {', '.join(units)}"
+        raise InputError(f"{place} names the unknown channel '{channel}'; {suggest(channel, units, hint)}")
+
+
 def compute_tolerances(
     tolerance: Mapping[str, str], rig: Rig, fit_trials: Sequence[Trial], place: str
 ) -> dict[str, float]:
@@ -77,9 +105,7 @@ def compute_tolerances(
     units = MEASURED_CHANNELS[rig]
     tolerances = {}
     for channel, text in tolerance.items():
-        if channel not in units:
-            hint = f"allowed: the measured channels {', '.join(units)}"
-            raise InputError(f"{place} names the unknown channel '{channel}'; {suggest(channel, units, hint)}")
+        _check_measured(channel, units, place)
         key = f"{place} {channel}"
         if text.rstrip().endswith(_PERCENT):
             percentage = _split_quantity(text, units[channel], key)

@@ -106,6 +106,8 @@ class TrialEntry(_Section):
     """Specimen that was tested; by default all trials are of one specimen."""
     noise: dict[str, Name] = {}
     """Prescribed channel that was measured in this trial -> standard deviation of its noise, with a unit."""
+    limits: dict[str, Name] = {}
+    """Measured channel -> limits of its sensor in this trial, with units."""
     trusted: list[Name] = []
     """Measured channels whose instrument is known to be correct in this trial, such as a calibrated load cell."""
 
@@ -127,6 +129,8 @@ class DatasetFile(_Section):
     """Channel or time -> expression over the columns of the files."""
     noise: dict[str, Name] = {}
     """Prescribed channel that was measured -> standard deviation of its noise in all trials, with a unit."""
+    limits: dict[str, Name] = {}
+    """Measured channel -> limits of its sensor, with units."""
     tolerance: dict[str, Name] = {}
     """Measured channel -> misfit that does not matter, with a unit or in per cent of the channel's range."""
     accept: list[Name] = []
@@ -150,6 +154,8 @@ _ALLOWED_VALUES: dict[str, str] = {
     "columns": "a table of channel = 'expression [unit]', as text",
     "trial.columns": "a table of channel = 'expression [unit]', as text",
     "noise": "a table of channel = '0.2 mm', a standard deviation with a unit",
+    "limits": "a table of channel = '-9 N to 445 N'",
+    "trial.limits": "a table of channel = '-9 N to 445 N'",
     "tolerance": "a table of channel = '5 N' or '2 %'",
     "trial.specimen": "a name, as text",
     "trial.noise": "a table of channel = '0.2 mm', a standard deviation with a unit",

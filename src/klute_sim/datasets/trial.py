@@ -37,6 +37,15 @@ class TimeSeries(NamedTuple):
         return float(np.median(np.diff(self.time))) if len(self.time) > 1 else float("inf")
 
 
+class SensorLimits(NamedTuple):
+    """Readings at which a sensor saturates."""
+
+    low: float
+    """Smallest reading [SI]; -inf without one."""
+    high: float
+    """Largest reading [SI]; inf without one."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trial:
     """One recording with one device."""
@@ -61,6 +70,8 @@ class Trial:
     """Specimen that was tested; '' in all trials of a dataset with one specimen."""
     input_noise: Mapping[str, float] = field(default_factory=dict)
     """Prescribed channel that was measured -> standard deviation of its noise [SI]; others are known exactly."""
+    limits: Mapping[str, SensorLimits] = field(default_factory=dict)
+    """Measured channel -> limits of its sensor; a sample at a limit or beyond says only that the value is no nearer."""
 
 
 class TrialChannels(NamedTuple):

@@ -193,6 +193,8 @@ def find_faulty_channels(experiments: Sequence[Experiment]) -> tuple[dict[str, s
         if np.ptp(samples) <= MIN_RELATIVE_RANGE * max(1.0, float(np.abs(samples).max())):
             dead[channel] = f"'{channel}' is constant at {samples[0] / si:g} {unit}: the channel is dead"
             continue
+        if any(channel in e.limits for e in experiments):  # such samples are compared with the limit
+            continue
         for value in _find_saturation_values(samples):
             count = int((samples == value).sum())
             remarks.append(
@@ -233,7 +235,8 @@ def remove_saturated_samples(
     saturation_values: dict[str, list[float]] = {}
     for channel in list_channels(fit_experiments):
         samples = np.concatenate([e.measured[channel].value for e in fit_experiments if channel in e.measured])
-        saturation_values[channel] = _find_saturation_values(samples)
+        has_limits = any(channel in e.limits for e in fit_experiments)
+        saturation_values[channel] = [] if has_limits else _find_saturation_values(samples)
     unsaturated = []
     for e in experiments:
         measured = {}

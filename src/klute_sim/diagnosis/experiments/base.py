@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from klute_sim.datasets.trial import TimeSeries, Trial, Use
+from klute_sim.datasets.trial import SensorLimits, TimeSeries, Trial, Use
 from klute_sim.device.device import Device
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.types import Array
@@ -141,6 +141,8 @@ class Experiment(ABC):
     """Channels whose instrument is known to be correct."""
     quantizers: Mapping[str, SupportsQuantize] = field(default_factory=dict)
     """Channel -> quantizer of its display."""
+    limits: Mapping[str, SensorLimits] = field(default_factory=dict)
+    """Channel -> limits of its sensor [SI]; its samples are no further than these."""
 
     @property
     def duration(self) -> float:
@@ -217,6 +219,18 @@ def select_samples(trial: Trial, start_time: float, end_time: float, last_time: 
     for name, series in trial.measured.items():
         is_compared = np.isfinite(series.value) & (series.time > first_time) & (series.time <= last_time)
         compared = TimeSeries(series.time[is_compared], series.value[is_compared])
+        if name in trial.limits:
+            compared = compared._replace(value=np.clip(compared.value, *trial.limits[name]))
         factor = max(1, int(MIN_SAMPLING_INTERVAL / compared.sampling_interval + 1e-6))
         measured[name] = TimeSeries(compared.time[::factor], compared.value[::factor])
     return measured
+
+
+def censor_reading(reading: Array, measured: Array, limits: SensorLimits) -> Array:
+    """Return the simulated ``reading`` [SI] to compare with ``measured`` samples of a sensor with ``limits``.
+
+    A sample at a limit says only that the value is at the limit or beyond it (censored data). A simulated value beyond
+    the limit agrees with it; one on the other side differs by its distance to the limit.
+    """
+    reading = np.where(measured >= limits.high, np.minimum(reading, limits.high), reading)
+    return np.where(measured <= limits.low, np.maximum(reading, limits.low), reading)

@@ -139,4 +139,5 @@ def prepare_bench_trial(trial: Trial, use: Use) -> BenchExperiment:
         command=np.interp(time, command.time, denoise(command.time, command.value)),
         measured=select_samples(trial, start_time, end_time, time[-1]),
         trusted=trial.trusted,
+        limits=trial.limits,
     )

@@ -192,6 +192,7 @@ def prepare_gait_trial(trial: Trial, use: Use) -> GaitExperiment:
         command=inputs.pressure_command,
         measured=_exclude_contact_changes(samples, motion),
         trusted=trial.trusted,
+        limits=trial.limits,
         alignment=alignment,
         foot=build_device_foot(_remove_body_effects(trial.device)),
         inputs=inputs,

@@ -12,6 +12,7 @@ from klute_sim.diagnosis.experiments.base import (
     DeviceResponse,
     Experiment,
     SimulationSetup,
+    censor_reading,
 )
 from klute_sim.effects.catalogue import get_effects
 from klute_sim.types import Array
@@ -73,7 +74,9 @@ def observe(setup: SimulationSetup, experiment: Experiment, response: DeviceResp
                 value = form.laws["reading"](form.parameter_type(*sensor.parameters), response.time, value)
         samples = np.interp(series.time, response.time, value)
         quantizer = experiment.quantizers.get(channel)
-        readings[channel] = samples if quantizer is None else quantizer.quantize(samples)
+        reading = samples if quantizer is None else quantizer.quantize(samples)
+        limits = experiment.limits.get(channel)
+        readings[channel] = reading if limits is None else censor_reading(reading, series.value, limits)
     return readings
 
 

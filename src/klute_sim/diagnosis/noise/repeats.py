@@ -98,7 +98,8 @@ def align_repeats(
 ) -> Iterator[AlignedRepeats]:
     """Yield each group that measured ``channel`` at least ``min_repeats`` times, over the time that all repeats cover.
 
-    Residuals are interpolated to the samples of the first repeat.
+    Residuals are interpolated to the samples of the first repeat. Samples that are beyond the limits of the sensor in
+    all repeats, as the simulation is, are left out.
     """
     for group, members in group_repeats(experiments).items():
         repeats = [k for k in members if channel in experiments[k].measured and len(residuals[k][channel])]
@@ -115,7 +116,17 @@ def align_repeats(
                 np.interp(common, t, residuals[k][channel] / experiments[k].noise_scale.get(channel, 1.0))
                 for k, t in zip(repeats, times, strict=True)
             ]
-            yield AlignedRepeats(group, common, np.array(rows))
+            aligned = AlignedRepeats(group, common, np.array(rows))
+            is_censored = all(channel in experiments[k].limits for k in repeats)
+            yield _drop_agreeing_samples(aligned) if is_censored else aligned
+
+
+def _drop_agreeing_samples(repeats: AlignedRepeats) -> AlignedRepeats:
+    """Return ``repeats`` without samples whose residuals are all 0: beyond a sensor's limit they show no noise."""
+    is_informative = np.any(repeats.residuals != 0.0, axis=0)
+    if is_informative.sum() <= MIN_COMMON_SAMPLES:
+        return repeats
+    return repeats._replace(time=repeats.time[is_informative], residuals=repeats.residuals[:, is_informative])
 
 
 def estimate_noise_from_repeats(experiments: Sequence[Experiment], residuals: Residuals) -> dict[str, Noise]:

@@ -31,7 +31,7 @@ from klute_sim.diagnosis.noise.misfit import Misfit, estimate_misfit, is_signifi
 from klute_sim.diagnosis.noise.repeats import estimate_noise_from_repeats
 from klute_sim.effects import catalogue
 from klute_sim.laws.pneumatics import SupplyParameters
-from klute_sim.types import Array
+from klute_sim.types import Array, Mask
 from klute_sim.units import BAR
 
 INSTANT_PRESSURE_RATE = 1e12
@@ -118,7 +118,18 @@ def _compute_residual_series(experiment: BenchExperiment, parameters: DevicePara
         )
         for name in measured_residuals:
             residuals[name] = measured_residuals[name] - simulated_residuals[name]
-    return {name: TimeSeries(time, value) for name, value in residuals.items()}
+    is_inside = _find_unlimited_samples(experiment)
+    return {name: TimeSeries(time[is_inside], value[is_inside]) for name, value in residuals.items()}
+
+
+def _find_unlimited_samples(experiment: BenchExperiment) -> Mask:
+    """Return which samples are inside the limits of all sensors; an equation needs the values themselves."""
+    is_inside = np.ones(len(next(iter(experiment.measured.values())).time), dtype=np.bool_)
+    for channel, limits in experiment.limits.items():
+        if channel in experiment.measured:
+            value = experiment.measured[channel].value
+            is_inside &= (value > limits.low) & (value < limits.high)
+    return is_inside
 
 
 def _with_measured_pressure(
