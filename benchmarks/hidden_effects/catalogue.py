@@ -116,6 +116,20 @@ EFFECTS: Forms = {
     },
     ("leak", "orifice"): {"conductance_dm3_per_s_bar": HiddenParameter(0, 1, 0.02)},
     ("supply_droop", "tank"): {"inverse_volume_per_l": HiddenParameter(0, 20, 4)},
+    ("end_taper", "length"): {"diameters": HiddenParameter(0, 10, 2)},
+    ("end_taper", "contraction"): {
+        "factor": HiddenParameter(0.5, 3, 1.25, 1.0),
+        "low_pressure_factor": HiddenParameter(0, 20, 4),
+    },
+    ("passive_tension", "exponential"): {
+        "rise_n": HiddenParameter(0, 3000, 150),
+        "offset_n": HiddenParameter(0, 500, 25),
+        "contraction_scale": HiddenParameter(0.002, 0.3, 0.037, None),
+    },
+    ("passive_tension", "power"): {
+        "rise_n": HiddenParameter(0, 10000, 550),
+        "offset_n": HiddenParameter(0, 500, 25),
+    },
 }
 
 BODY_EFFECTS: Forms = {
@@ -283,7 +297,7 @@ def build_neutral_law(device: Mapping[str, float]) -> tuple[Law, AirSupply]:
     )
     divisors = ("slip_stiffness", "hysteretic_stiffness", "softening_energy", "relax_time", "stribeck_speed")
     divisors += ("tendon_time", "contact_reach", "play_reach", "lugre_speed", "lugre_reach")
-    law = law._replace(**dict.fromkeys(divisors, 1.0))
+    law = law._replace(middle_contraction=1.0, **dict.fromkeys(divisors, 1.0))
     air = AirSupply(
         supply_pressure=get_si("supply.pressure_bar", BAR),
         max_rate=get_si("supply.rate_bar_per_s", BAR),
@@ -342,6 +356,16 @@ def _apply_effect(
             law = law._replace(cone_slope=parameters["cone_ratio"])
         case ("end_taper", "strain"):
             law = law._replace(taper=parameters["factor"])
+        case ("end_taper", "length"):
+            law = law._replace(end_diameters=parameters["diameters"])
+        case ("end_taper", "contraction"):
+            law = law._replace(middle_contraction=parameters["factor"], middle_excess=parameters["low_pressure_factor"])
+        case ("passive_tension", _):
+            law = law._replace(
+                passive_offset=parameters["offset_n"],
+                passive_rise=parameters["rise_n"],
+                passive_scale=parameters.get("contraction_scale", 0.0),
+            )
         case ("bladder_relaxation", "maxwell"):
             law = law._replace(
                 relax_stiffness=parameters["stiffness_n_per_mm"] * 1e3, relax_time=parameters["time_constant_s"]

@@ -15,6 +15,9 @@ SIGN_SPEED = 0.05e-3  # m/s: width of the smooth sign
 TENDON_SLIDER_REACH = 0.05e-3  # m: reach of the tendon's slider
 TENDON_CLOSING_STRETCH = 1e-6  # m: over which a tendon with Maxwell memory takes up its load (its law jumps there)
 FADE_PRESSURE = 2e5  # Pa: below it the friction offset fades to nothing
+THRESHOLD_DIAMETER = 10e-3  # m: of the bladder whose threshold pressure the parameters state
+PASSIVE_PRESSURE = 0.1e5  # Pa: over which the passive tension of a muscle at rest appears
+TAPER_PRESSURE = 1e5  # Pa: over which the contraction of the middle falls to that at high pressure
 FILM_TIME = 1e-4  # s: a lubricating film does not follow the speed at once, or several speeds could balance
 COOLING_TIME = 20.0  # s: in which warm oil cools (assumed)
 STRETCH_DIFFERENCE = 1e-5  # of the stretch: half the difference that turns the thick wall's energy into a force
@@ -78,6 +81,12 @@ class Law(NamedTuple):
     threshold_rise: float
     cone_slope: float  # length of a conical end over the growth of the radius
     taper: float
+    end_diameters: float  # of both ends together, which do not pull
+    middle_contraction: float  # over the contraction of the whole, at high pressure
+    middle_excess: float  # of that ratio without pressure
+    passive_offset: float
+    passive_rise: float
+    passive_scale: float  # of the contraction; 0: the rise follows a power of it
     thread_strain: float  # per pressure, at resting length
     thick: float
     softening: float
@@ -132,7 +141,7 @@ def effective_pressure(pressure: float, L: float, law: Law) -> float:
     A bladder that is sucked inwards does not touch the braid.
     """
     threshold = law.threshold + law.threshold_rise * (1.0 - L / law.resting_length)
-    return max(pressure - threshold, 0.0)
+    return max(pressure - threshold * THRESHOLD_DIAMETER / (2.0 * law.outer_radius), 0.0)
 
 
 @cached_njit
@@ -195,11 +204,27 @@ def volume_outside_cones(L: float, law: Law) -> float:
 
 
 @cached_njit
+def passive_tension(pressure: float, contraction: float, law: Law) -> float:
+    """Return the tension that one actuator loses to rubber and braid, whatever its pressure."""
+    total = -law.passive_offset * math.expm1(-pressure / PASSIVE_PRESSURE)
+    if law.passive_scale > 0.0:
+        return total - law.passive_rise * math.expm1(-contraction / law.passive_scale)
+    return total + law.passive_rise * max(contraction, 0.0) ** (2.0 / 3.0)
+
+
+@cached_njit
 def static_muscle_tension(pressure: float, L: float, law: Law) -> float:
     """Return gas, bladder and friction offset (eq. 3.3) of all actuators at rest."""
     stretch = L / law.resting_length
-    gas = pressure * (3.0 * L * L - law.braid_length * law.braid_length) / (4.0 * math.pi * law.turns * law.turns)
+    ratio = law.middle_contraction + law.middle_excess * math.exp(-pressure / TAPER_PRESSURE)
+    middle = law.resting_length * max(0.0, 1.0 - ratio * (1.0 - stretch))
+    gas = (
+        pressure
+        * (3.0 * middle * middle - law.braid_length * law.braid_length)
+        / (4.0 * math.pi * law.turns * law.turns)
+    )
     gas *= 1.0 - law.taper * (1.0 - stretch)
+    gas *= 1.0 - min(1.0, 2.0 * law.end_diameters * law.outer_radius / law.resting_length)
     if law.cone_slope != 0.0:
         step = STRETCH_DIFFERENCE * law.resting_length
         gas += pressure * (volume_outside_cones(L + step, law) - volume_outside_cones(L - step, law)) / (2.0 * step)
@@ -222,7 +247,9 @@ def static_muscle_tension(pressure: float, L: float, law: Law) -> float:
         )
         bladder += law.thick * (slope - bladder)
     friction = (law.friction_slope * pressure + law.friction_offset) * min(1.0, pressure / FADE_PRESSURE)
-    return law.n_muscles * (gas + bladder - friction)
+    tension = law.n_muscles * (gas + bladder - friction)
+    passive = law.n_muscles * passive_tension(pressure, 1.0 - stretch, law)
+    return tension - min(passive, max(tension, 0.0))  # it slackens a muscle, but does not push
 
 
 @cached_njit

@@ -18,7 +18,10 @@ from tests.effects.devices import load_with_effects
     ("sections", "message"),
     [
         ({"braid": {"slope_n_per_bar": 1.0}}, "no effect 'braid'; there are: threshold_pressure, "),
-        ({"end_taper": {"form": "cube", "factor": 1.0}}, "'end_taper' has no form 'cube'; it has: cone, strain"),
+        (
+            {"end_taper": {"form": "cube", "factor": 1.0}},
+            "'end_taper' has no form 'cube'; it has: cone, strain, length",
+        ),
         ({"end_taper": {}}, r"\[effects.end_taper\] key 'cone_ratio' is missing"),
         ({"end_taper": {"cone_ratio": -1.0}}, r"cone_ratio = -1.0 is refused; allowed: 0 to 5"),
         ({"end_taper": {"cone_ratio": 1.0, "tip": 2.0}}, "unknown key 'tip'; allowed here: form, cone_ratio"),

@@ -94,6 +94,7 @@ SIGNATURES = {
     "tendon_slack": (-1, -1),
     "bladder": (-1, -1),
     "friction_offset": (-1, -1),
+    "passive_tension": (-1, -1),
     "braid_extensibility": (-1, -1),
     "thick_wall_bladder": (-1, -1),
     "bladder_softening": (1, 1),  # the bladder opposes the gas less

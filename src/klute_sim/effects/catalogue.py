@@ -39,6 +39,7 @@ from klute_sim.effects.families.muscle import (
     dissertation_terms,
     end_taper,
     muscle_damping,
+    passive_tension,
     threshold_pressure,
 )
 from klute_sim.effects.validation import check_effect
@@ -61,6 +62,7 @@ BUILT_IN_EFFECTS = (
     bladder_wall.THICK_WALL_BLADDER,
     bladder_wall.BLADDER_SOFTENING,
     dissertation_terms.FRICTION_OFFSET,
+    passive_tension.PASSIVE_TENSION,
     braid_hysteresis.BRAID_HYSTERESIS,
     muscle_damping.MUSCLE_DAMPING,
     bladder_relaxation.BLADDER_RELAXATION,

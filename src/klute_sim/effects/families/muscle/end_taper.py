@@ -1,4 +1,7 @@
-"""Conical ends of the muscle: near its caps it is not a cylinder, so it pulls less."""
+"""Ends of the muscle: near its caps it is not a cylinder, so it pulls less.
+
+The parameters are ratios, so that what was learnt on one muscle holds for one of another length or diameter.
+"""
 
 import math
 from typing import Any
@@ -6,6 +9,7 @@ from typing import Any
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.laws import mckibben
 from klute_sim.laws.mckibben import MuscleParameters
+from klute_sim.units import BAR
 
 
 def compute_braid_radius(muscle: MuscleParameters, length: float) -> float:
@@ -37,6 +41,34 @@ def strain_force(
 ) -> float:
     """Return the tension [N] with the gas tension times ``1 - q (1 - L/L0)``."""
     return force - p.factor * (1.0 - length / muscle.resting_length) * mckibben.gas_force(muscle, pressure, length)
+
+
+def length_force(
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
+) -> float:
+    """Return the tension [N] with the gas tension times ``1 - c/L0``, ``c = p.diameters * 2 R0``.
+
+    The ends hold a fixed part of the muscle back, whatever its length: a short muscle pulls less than a long one. Of
+    similar muscles that part is proportional to the diameter 2 R0 of the bladder. Derived here; Chou and Hannaford
+    (IEEE Trans. Robot. Autom. 12:90, 1996) describe muscles whose ends are not cylindrical (quoted from memory).
+    """
+    end_fraction = min(1.0, p.diameters * 2.0 * muscle.bladder_radius / muscle.resting_length)
+    return force - end_fraction * mckibben.gas_force(muscle, pressure, length)
+
+
+def contraction_force(
+    p: Any, state: Any, force: float, muscle: MuscleParameters, pressure: float, length: float, velocity: float
+) -> float:
+    """Return the tension [N] with the gas tension at the contraction ``k e`` instead of e, ``k = b + a exp(-P/1 bar)``.
+
+    Tondu and Lopez (IEEE Control Syst. Mag. 20(2):15, 2000; equation quoted from memory): the middle of a muscle with
+    tapered ends contracts more than the whole. The largest contraction without rubber, ``1 - B/(sqrt(3) L0)``, shrinks
+    by k, so the largest contraction of a specimen, by which Hunt, Graber-Tilton and Quinn (ASME IDETC, V05AT08A008,
+    2017) normalise the contraction, gives its k.
+    """
+    excess = (p.factor - 1.0) + p.low_pressure_factor * math.exp(-pressure / BAR)
+    middle_length = max(0.0, length - excess * (muscle.resting_length - length))
+    return force - (mckibben.gas_force(muscle, pressure, length) - mckibben.gas_force(muscle, pressure, middle_length))
 
 
 END_TAPER = Effect(
@@ -73,6 +105,46 @@ END_TAPER = Effect(
                 ),
             ),
             laws={"muscle_force": strain_force},
+        ),
+        EffectForm(
+            name="length",
+            equation="gas tension times 1 - c/L0, c = diameters 2 R0",
+            parameters=(
+                EffectParameter(
+                    key="diameters",
+                    neutral=0.0,
+                    lower=0.0,
+                    upper=10.0,
+                    typical=2.0,
+                    source="measured 10 mm muscles of 83 to 382 mm: c = 21 mm, one diameter at each end "
+                    "(docs/real-data.md)",
+                ),
+            ),
+            laws={"muscle_force": length_force},
+        ),
+        EffectForm(
+            name="contraction",
+            equation="gas tension at the contraction k e, k = b + a exp(-P/1 bar), e = 1 - L/L0",
+            parameters=(
+                EffectParameter(
+                    key="factor",
+                    neutral=1.0,
+                    lower=0.5,
+                    upper=3.0,
+                    typical=1.25,
+                    source="Tondu and Lopez 2000: b (quoted from memory); 10 mm muscles contract by up to 0.157 to "
+                    "0.178 at 620 kPa, which would be 2.0 to 2.3 with B = 1.1 L0 and no passive tension",
+                ),
+                EffectParameter(
+                    key="low_pressure_factor",
+                    neutral=0.0,
+                    lower=0.0,
+                    upper=20.0,
+                    typical=4.0,
+                    source="Tondu and Lopez 2000: a (quoted from memory)",
+                ),
+            ),
+            laws={"muscle_force": contraction_force},
         ),
     ),
 )
