@@ -12,8 +12,11 @@ from scipy.signal import find_peaks
 
 from klute_sim.datasets import dataset as datasets
 from klute_sim.datasets.write import write_trial
+from klute_sim.device.device import parse_device
+from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions
 from klute_sim.diagnosis.workflow import diagnose
+from klute_sim.effects import catalogue
 from klute_sim.types import Array
 
 DATA = Path(os.environ.get("KLUTE_SIM_DATA", "nowhere")) / "cylinder_seals"
@@ -61,6 +64,8 @@ class Log(NamedTuple):
     """Position of the piston, positive inwards [mm]."""
     push: Array
     """Force of the load cell [N]."""
+    pressure: Array
+    """Gauge pressure in the cylinder [bar]."""
     resistance: Array
     """Resistance of the cylinder [N]: force minus measured pressure times piston area."""
     reversals: Array
@@ -72,10 +77,11 @@ def read_log(file: Path) -> Log:
     raw = np.loadtxt(file)
     time = 1e-3 * raw[:, 0]
     block = (time / BLOCK_TIME).astype(int)
-    columns = np.stack([time, raw[:, 4], raw[:, 6], raw[:, 6] - PISTON_AREA_N_PER_BAR * raw[:, 5]])
-    time, position, push, resistance = np.stack([np.median(columns[:, block == b], axis=1) for b in np.unique(block)]).T
+    columns = np.stack([time, raw[:, 4], raw[:, 6], raw[:, 5], raw[:, 6] - PISTON_AREA_N_PER_BAR * raw[:, 5]])
+    medians = np.stack([np.median(columns[:, block == b], axis=1) for b in np.unique(block)])
+    time, position, push, pressure, resistance = medians.T
     reversals = find_peaks(position, prominence=10.0)[0]
-    return Log(time, position, push, resistance, reversals)
+    return Log(time, position, push, pressure, resistance, reversals)
 
 
 def write_dataset_folder(file: Path, folder: Path) -> Path:
@@ -151,6 +157,52 @@ def compute_friction(result: Diagnosis, speeds: list[float]) -> float:
     return 0.5 * float(np.ptp(forces))
 
 
+PRESSURES = np.array([1.0, 3.0, 5.0, 7.0])
+"""Nominal pressures of the logs of each seal [bar]."""
+
+
+def read_seal(seal: str) -> list[Log]:
+    """Return the logs of a seal at all pressures."""
+    return [read_log(DATA / f"{seal}_{pressure:.0f}bar.csv") for pressure in PRESSURES]
+
+
+def compute_force_over_position(log: Log) -> tuple[Array, Array]:
+    """Return half the difference and the mean of both directions [N] over the compared range, medians of strokes."""
+    positions = np.linspace(*COMPARED_RANGE, 11)
+    forces = []
+    for start, end in pairwise(log.reversals):
+        outer_reversal = start + int(np.argmin(log.position[start:end]))
+        outward, inward = slice(start, outer_reversal + 1), slice(outer_reversal, end + 1)
+        forces.append(
+            [
+                np.interp(positions, log.position[inward], log.resistance[inward]),
+                np.interp(positions, log.position[outward][::-1], log.resistance[outward][::-1]),
+            ]
+        )
+    inwards, outwards = np.median(forces, axis=0)
+    return 0.5 * (inwards - outwards), 0.5 * (inwards + outwards)
+
+
+def compute_misfit_of_one_seal(logs: list[Log], force_n: float, growth_per_bar: float) -> Array:
+    """Return measured minus simulated tension [N] of whole logs at all pressures, by one device on a rigid tie.
+
+    The simulation receives the measured motion and pressure. An offset and an error of the area are fitted.
+    """
+    device = parse_device(DEVICE.replace("pressure_bar = 1.0", "pressure_bar = 8.0").encode(), "cylinder").parameters
+    friction = {"force_n": force_n, "growth_per_bar": growth_per_bar, "stiffness_n_per_mm": 50.0}
+    device = device._replace(effects=catalogue.pack_effects({("seal_friction", "pressure"): friction}))
+    misfit, columns = [], []
+    for log in logs:
+        moving = slice(log.reversals[0], log.reversals[-1] + 1)
+        time = np.arange(log.time[moving][0], log.time[moving][-1], 0.01)
+        length = 1e-3 * (LENGTH_OFFSET - np.interp(time, log.time, log.position))
+        tension = simulate_rollouts(device, length, 1e5 * np.interp(time, log.time, log.pressure), 0.01).tension
+        misfit.append(-log.resistance[moving] - np.interp(log.time[moving], time, tension))
+        columns.append(np.stack([np.ones_like(log.time[moving]), log.pressure[moving]], axis=1))
+    measured, known = np.concatenate(misfit), np.concatenate(columns)
+    return measured - known @ np.linalg.lstsq(known, measured, rcond=None)[0]
+
+
 IDENTIFIABLE = {"O-ring257_1bar", "O-ring257_7bar", "X-ring257_7bar"}
 """Logs whose repeats differ so much that only a constant friction is identifiable."""
 FILES = sorted(DATA.glob("*.csv"))
@@ -179,16 +231,35 @@ def test_direction_dependence_matches_the_published_values() -> None:
 @pytest.mark.parametrize(("seal", "growth"), [("O-ring257", 0.13), ("Kidney_lc", 0.13)])
 def test_measured_friction_grows_with_pressure_as_the_effect_states(seal: str, growth: float) -> None:
     """One force and one growth describe a seal at four pressures, by loops that the device simulates."""
-    pressures = np.array([1.0, 3.0, 5.0, 7.0])
-    logs = [read_log(DATA / f"{seal}_{pressure:.0f}bar.csv") for pressure in pressures]
+    logs = read_seal(seal)
     measured = np.array([half_difference(log, log.resistance) for log in logs])
-    slope, force = np.polyfit(pressures, measured, 1)
+    slope, force = np.polyfit(PRESSURES, measured, 1)
     assert slope / force == pytest.approx(growth, abs=0.02)
     pressed = {"force_n": force, "growth_per_bar": slope / force, "stiffness_n_per_mm": 50.0}
     stroke = LONG - SHORT
-    for pressure, value in zip(pressures.tolist(), measured, strict=True):
+    for pressure, value in zip(PRESSURES.tolist(), measured, strict=True):
         simulated = measure_muscle_loop("seal_friction", "pressure", pressed, pressure) / (2.0 * stroke)
         assert simulated == pytest.approx(value, rel=0.08)
+
+
+def test_one_seal_on_a_rigid_tie_describes_whole_strokes_at_all_pressures() -> None:
+    logs = read_seal("O-ring257")
+    grows = compute_misfit_of_one_seal(logs, 4.2, 0.13)
+    constant = compute_misfit_of_one_seal(logs, 6.2, 1e-9)
+    assert np.sqrt(np.mean(grows**2)) < 1.1  # N, reversals and all: the loops are 11 to 18 N high
+    assert np.sqrt(np.mean(grows**2)) < 0.7 * np.sqrt(np.mean(constant**2))
+
+
+def test_force_of_the_kidney_seal_along_the_stroke_is_no_friction() -> None:
+    """It is equal in both directions and grows with the square of the pressure, while the friction is constant."""
+    changes = []
+    for log in read_seal("Kidney_lc"):
+        friction, mean = compute_force_over_position(log)
+        assert np.ptp(friction) < 0.13 * friction.mean()
+        changes.append(mean[0] - mean[-1])
+    factor = np.sum(changes * PRESSURES**2) / np.sum(PRESSURES**4)
+    assert changes == pytest.approx(factor * PRESSURES**2, abs=1.2)
+    assert factor == pytest.approx(0.29, abs=0.03)  # N/bar^2 over 25 mm
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
