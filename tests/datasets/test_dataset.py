@@ -280,6 +280,20 @@ def test_misnamed_column_is_reported_with_the_missing_channel(tmp_path: Path) ->
     assert load_dataset(tmp_path).remarks == (f"{where}: ignored columns 'kraft [N]'",)
 
 
+def test_trials_may_differ_in_channels_and_sampling(tmp_path: Path) -> None:
+    write_dataset(tmp_path)
+    slow = {
+        "time [s]": 10 * TIME,
+        "length [mm]": 340 + TIME,
+        "pressure_command [bar]": 3 + TIME,
+        "pressure [bar]": TIME,
+    }
+    write_trial(tmp_path / "c.csv", slow)
+    dataset = load_dataset(tmp_path)
+    assert [list(trial.measured) for trial in dataset.trials] == [["force"], ["force", "pressure"], ["pressure"]]
+    assert dataset.remarks == ("trial 'c' measures neither force nor muscle_length, and can show the supply only",)
+
+
 def test_percentage_of_zero_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(
         load_device("klute-3-4-pair").content.decode().replace("engagement_mm = 5.0", "engagement_mm = 0")

@@ -42,6 +42,9 @@ MEASURED_CHANNELS = MappingProxyType(
 )
 """Rig -> channel -> SI unit of the measured outputs; at least one is required."""
 
+TENSION_CHANNELS = frozenset({"force", "muscle_length"})
+"""Measured channels of the bench that depend on the tension, and so on muscle, damper and tendon."""
+
 CHANNEL_ALIASES = MappingProxyType({"bench": {"unit_length": "length"}, "gait": {}})
 """Rig -> name in a simulated recording -> equivalent channel."""
 

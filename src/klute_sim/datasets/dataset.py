@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from klute_sim.datasets import checks, declarations
 from klute_sim.datasets import format as file_format
-from klute_sim.datasets.channels import Rig
+from klute_sim.datasets.channels import TENSION_CHANNELS, Rig
 from klute_sim.datasets.column_mapping import ColumnMapping, parse_mapping
 from klute_sim.datasets.format import DatasetFile, TrialEntry
 from klute_sim.datasets.split import Split, SplitEntry, assign_uses
@@ -23,6 +23,8 @@ from klute_sim.files.reading import MissingFileError, read_bytes
 from klute_sim.plausibility.finding import Finding, require_accepted
 
 DATASET_FILE_NAME = "dataset.toml"
+MAX_LISTED_TRIALS = 5
+"""Maximum number of trials that one remark lists."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -120,6 +122,7 @@ def load_dataset(folder: str | Path, device: Device | None = None, accept: Colle
         remarks=(
             *_collect_remarks(trials, [channels.remarks for channels in contents]),
             *unmapped_remarks,
+            *_describe_scope(trials, file.rig),
             *_describe_accepted(accepted, file.accept, source),
         ),
         accepted=accepted,
@@ -224,6 +227,17 @@ def _collect_remarks(trials: Sequence[Trial], file_remarks: Sequence[tuple[str, 
         if missing:
             remarks[f"trial '{trial.name}' has no {' and no '.join(missing)}, which its repeats have"] = None
     return list(remarks)
+
+
+def _describe_scope(trials: Sequence[Trial], rig: Rig) -> list[str]:
+    """Return a remark about bench trials that show the supply only, where others show the device."""
+    limited = [trial for trial in trials if TENSION_CHANNELS.isdisjoint(trial.measured)]
+    if rig != "bench" or len(limited) in (0, len(trials)):
+        return []
+    names = [f"'{trial.name}'" for trial in limited]
+    listed = ", ".join(names[:MAX_LISTED_TRIALS]) + (" and others" if len(names) > MAX_LISTED_TRIALS else "")
+    noun, verb = ("trials", "measure") if len(names) > 1 else ("trial", "measures")
+    return [f"{noun} {listed} {verb} neither force nor muscle_length, and can show the supply only"]
 
 
 def _describe_accepted(accepted: Sequence[Finding], names: Sequence[str], source: str) -> list[str]:
