@@ -271,10 +271,11 @@ def test_misnamed_column_is_reported_with_the_missing_channel(tmp_path: Path) ->
     write_dataset(tmp_path)
     columns = {"time [s]": TIME, "length [mm]": 340 + TIME, "pressure_command [bar]": 3 + TIME, "kraft [N]": TIME}
     write_trial(tmp_path / "b.csv", columns)
-    remark, missing_channel = load_dataset(tmp_path).remarks
+    remark, missing_channel, scope = load_dataset(tmp_path).remarks
     where = f"trial file {tmp_path / 'b.csv'}"
     assert remark == f"{where}: ignored columns 'kraft [N]'"
     assert missing_channel == "trial 'b+b_pressure' has no force, which its repeats have"
+    assert scope.endswith("can show the supply only")
     write_dataset(tmp_path)
     write_trial(tmp_path / "b.csv", {**columns, "force [N]": TIME})
     assert load_dataset(tmp_path).remarks == (f"{where}: ignored columns 'kraft [N]'",)
