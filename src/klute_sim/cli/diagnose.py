@@ -58,9 +58,9 @@ def command(
 ) -> None:
     """Identify the effects that measured data show and the device model lacks, and add them to the device.
 
-    FOLDER contains dataset.toml and the files of its trials (docs/datasets.md). The verdict is one of: nothing-missing,
-    identified, ambiguous (the effects are indistinguishable), unexplained (no known effect explains the data),
-    insufficient-data. The exit code is 0 for every verdict; 2 means that the input was not valid.
+    FOLDER contains dataset.toml and the files of its trials: CSV, Parquet or MATLAB (docs/datasets.md). The verdict is
+    one of: nothing-missing, identified, ambiguous (the effects are indistinguishable), unexplained (no known effect
+    explains the data), insufficient-data. The exit code is 0 for every verdict; 2 means that the input was not valid.
 
     Writes verdict.json, device.toml (the device with the identified effects), report.html, figures and, with the
     optional extra 'rerun', a recording.

@@ -60,6 +60,8 @@ def find_heading(content: bytes, source: str, heading_row: int | None, is_known:
     """
     line = _get_line(content, source, heading_row) if heading_row else _search_line(content, is_known)
     cells, delimiter = _split(_decode(line.content), source)
+    if is_known(cells[0].lstrip(_COMMENT_LETTERS)):
+        cells = (cells[0].lstrip(_COMMENT_LETTERS), *cells[1:])
     if all(NUMBER.fullmatch(number) for number in _ANY_DELIMITER.split(_decode(line.content)) if number):
         where = f"line {line.number}" if heading_row else "the first line"
         raise InputError(
@@ -144,7 +146,7 @@ def _split(text: str, source: str) -> tuple[tuple[str, ...], str]:
         cells = _split_cells(text, delimiter)
     except csv.Error as error:
         raise InputError(f"trial file {source}: the heading line cannot be read: {error}") from None
-    return (cells[0].lstrip(_COMMENT_LETTERS), *cells[1:]), delimiter
+    return tuple(cells), delimiter
 
 
 def _read_units(line: bytes, delimiter: str, n_cells: int) -> list[str] | None:
