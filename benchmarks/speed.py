@@ -27,13 +27,17 @@ from rich.table import Table
 
 import klute_sim  # noqa: F401  (registers the environments)
 from klute_sim import bench
+from klute_sim.controllers.pressure import load_default_profile
 from klute_sim.device.device import DEFAULT_DEVICE, load_device, parse_device
 from klute_sim.device.dynamics import DeviceParameters
 from klute_sim.device.rollout import simulate_rollouts
 from klute_sim.device.schema.document import SECTION_OF_EFFECT
 from klute_sim.effects import catalogue
 from klute_sim.gait.body import PROSTHESIS_PREFIX
-from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, build_gait_rig, reset_gait_rig
+from klute_sim.gait.rig.learning import prepare_gait_rig
+from klute_sim.gait.rig.rig import simulate_gait
+from klute_sim.gait.rig.setup import DRIVE_ACTUATORS, GaitOptions, GaitRig, build_gait_rig, reset_gait_rig
+from klute_sim.gait.spring_foot import SpringFoot
 from klute_sim.plant import callbacks, models
 from klute_sim.provenance import collect_versions
 
@@ -154,6 +158,38 @@ def measure_step_ratios(n_rounds: int) -> list[SpeedRatio]:
     ]
 
 
+def build_passive_rig() -> GaitRig:
+    """Return the gait rig with a passive spring foot in place of the device."""
+    return build_gait_rig(DEVICE, GaitOptions(spring_foot=SpringFoot(stiffness=float(np.degrees(6.0)))), 0.01)
+
+
+def step_passive_rig(rig: GaitRig, n_intervals: int) -> None:
+    """Simulate ``n_intervals`` of 10 ms on the planned path with nothing but the drives and mj_step."""
+    data = mujoco.MjData(rig.model)
+    reset_gait_rig(rig, data, 0.0)
+    for k in range(n_intervals):
+        data.ctrl[: len(DRIVE_ACTUATORS)] = rig.command_rates[k % rig.commands_per_stride]
+        mujoco.mj_step(rig.model, data, 20)
+
+
+def measure_run_ratios(n_rounds: int) -> list[SpeedRatio]:
+    """Compare runs of ``klute-sim gait`` with bare steps of the same rig with a passive foot, per simulated second."""
+    passive, profile, strides = build_passive_rig(), load_default_profile(), 5
+    learned = prepare_gait_rig(DEVICE, profile, GaitOptions(strides=strides)).options
+    _, recorded, whole = measure_interleaved(
+        n_rounds,
+        measure_cpu_time,
+        lambda: step_passive_rig(passive, strides * passive.commands_per_stride),
+        lambda: simulate_gait(DEVICE, profile, learned),
+        lambda: simulate_gait(DEVICE, profile, GaitOptions(strides=strides)),
+    )
+    against = "bare mj_step, passive spring foot"
+    return [
+        SpeedRatio("simulated second of a run on a known path, CPU time", against, recorded, "", True),
+        SpeedRatio("  of five strides and the learning before them", against, whole, "", True),
+    ]
+
+
 def measure_gait_ratio(n_rounds: int) -> SpeedRatio:
     """Compare the gait rig with the same rig with the built-in muscle."""
     rig = build_gait_rig(DEVICE, GaitOptions(), 0.01)
@@ -201,6 +237,10 @@ def measure_environment_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[st
         n_rounds, measure_cpu_time, lambda: steps(walker, noise, count), lambda: steps(ours, hold, count)
     )[1]
     each = statistics.median(measure_cpu_time(lambda: steps(ours, hold, count)) for _ in range(n_rounds)) / count
+    passive = build_passive_rig()
+    over_bare = measure_interleaved(
+        n_rounds, measure_cpu_time, lambda: step_passive_rig(passive, count), lambda: steps(ours, hold, count)
+    )[1]
 
     many = 16
     turn = gymnasium.make_vec(ENVIRONMENT_ID, many, "sync")
@@ -225,6 +265,7 @@ def measure_environment_ratios(n_rounds: int) -> tuple[list[SpeedRatio], dict[st
     found = [
         SpeedRatio("environment: steps per CPU second, thousands", "1", rate / 1e3, ">= 3", rate >= 3000),
         SpeedRatio("environment step, CPU time", "Walker2d-v5 (4 steps of 2 ms; ours 20 of 0.5 ms)", ratio, "", True),
+        SpeedRatio("environment steps per CPU second", "bare mj_step, passive spring foot", 1 / over_bare, "", True),
         SpeedRatio("16 environments vectorized, one thread: speed", "one after another", 1 / one, "", True),
         SpeedRatio(
             "16 environments vectorized, two threads: speed", "one after another", 1 / two, ">= 1.7", 1 / two >= 1.7
@@ -312,6 +353,7 @@ def main() -> None:
     parts: list[Callable[[], Any]] = [
         lambda: measure_step_ratios(rounds),
         lambda: [measure_gait_ratio(max(3, rounds // 2))],
+        lambda: measure_run_ratios(max(3, rounds // 3)),
         lambda: measure_environment_ratios(max(3, rounds // 3)),
         lambda: measure_rollout_ratios(rounds),
     ]
