@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from klute_sim.errors import InputError, MissingExtraError
+from klute_sim.files import isolation
 from klute_sim.mocap.formats import c3d
 
 
@@ -125,7 +126,7 @@ def test_reader_process_ends_by_itself(tmp_path: Path) -> None:
 
 def test_reader_timeout_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = write_c3d(tmp_path / "a.c3d")
-    monkeypatch.setattr(c3d, "STARTUP_TIMEOUT", 0.0)
+    monkeypatch.setattr(isolation, "STARTUP_TIMEOUT", 0.0)
     with pytest.raises(InputError, match=r"a\.c3d cannot be read as C3D within 0 s: the file is damaged$"):
         c3d.read(file)
 
@@ -145,6 +146,6 @@ def test_small_file_gets_little_time_and_memory(name: str, tmp_path: Path, monke
     (tmp_path / "library").mkdir()
     (tmp_path / "library" / "ezc3d.py").write_text(f"def c3d(*_, **__):\n    {action}\n")
     monkeypatch.syspath_prepend(tmp_path / "library")
-    monkeypatch.setattr(c3d, "STARTUP_TIMEOUT", 300.0)  # the limits of the process itself must end it
+    monkeypatch.setattr(isolation, "STARTUP_TIMEOUT", 300.0)  # the limits of the process itself must end it
     with pytest.raises(InputError, match=rf"a\.c3d cannot be read as C3D.*{message}"):
         c3d.read(file)

@@ -4,11 +4,7 @@ The force of a plate is the force of the plate's surface on the body, so up is p
 channels of plates of types 1 to 4. The centre of pressure is in the laboratory frame.
 """
 
-import os
-import signal
 import struct
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -18,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from klute_sim.errors import InputError, MissingExtraError
+from klute_sim.files.isolation import run_isolated
 from klute_sim.files.json import parse_json
 from klute_sim.files.limits import MAX_DECODED_BYTES
 from klute_sim.files.npz import parse_npz
 from klute_sim.mocap.formats import content
-from klute_sim.mocap.formats.c3d_process import MIN_READ_RATE
 from klute_sim.mocap.formats.content import FileContent
 from klute_sim.mocap.formats.trc import LENGTH_UNITS, Markers
 from klute_sim.types import Array
@@ -33,8 +29,6 @@ MAGIC_BYTE = 0x50
 """Second byte of every C3D file."""
 MAX_SAMPLES = 16_000_000
 """Largest accepted number of samples."""
-STARTUP_TIMEOUT = 15.0
-"""Time limit for starting the library on a busy machine and reading a small file [s] (assumed)."""
 MAX_FORCE = 1e6
 """Largest accepted plate force [N]."""
 EVENT_LABELS = {
@@ -93,35 +87,11 @@ def read(path: str | Path) -> Capture:
     _check_header(file)
     if find_spec("ezc3d") is None:
         raise MissingExtraError("reading C3D", "c3d")
-    archive = _read_in_subprocess(path, STARTUP_TIMEOUT + len(file.data) / MIN_READ_RATE)
+    archive = run_isolated(
+        "klute_sim.mocap.formats.c3d_process", [str(Path(path).absolute())], len(file.data), str(path), "C3D"
+    )
     arrays = parse_npz(archive, file.name, MAX_DECODED_BYTES)
     return _build_capture(parse_json(str(arrays["metadata"]), file.name), arrays, file.name)
-
-
-def _read_in_subprocess(path: str | Path, timeout: float) -> bytes:
-    """Return the output of :mod:`klute_sim.mocap.formats.c3d_process` within ``timeout`` [s]."""
-    # -P keeps Python from importing modules of the working folder.
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "klute_sim.mocap.formats.c3d_process",
-        str(Path(path).absolute()),
-        f"{timeout + 2:.0f}",
-        str(os.getpid()),
-    ]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    try:
-        process = subprocess.run(command, capture_output=True, env=environment, timeout=timeout, check=False)
-    except subprocess.TimeoutExpired:
-        raise InputError(f"{path} cannot be read as C3D within {timeout:.0f} s: the file is damaged") from None
-    if process.returncode == -getattr(signal, "SIGXCPU", 0):
-        raise InputError(f"{path} cannot be read as C3D in reasonable time: the file is damaged")
-    if process.returncode == 0:
-        return process.stdout
-    lines = process.stderr.decode("utf-8", "replace").strip().splitlines()
-    reason = lines[-1] if lines and process.returncode == 1 else "the file is damaged, and the C3D library crashed"
-    raise InputError(f"{path} cannot be read as C3D: {''.join(c for c in reason if c.isprintable())}")
 
 
 def _check_header(file: FileContent) -> None:

@@ -1,36 +1,21 @@
 """Read one C3D file in a separate process: ``python -m klute_sim.mocap.formats.c3d_process FILE SECONDS PARENT``.
 
-The library ezc3d is written in C++, and a damaged file (one changed byte is enough) can crash it. The crash then ends
-this process instead of the user's. Other damaged files keep the library busy for ever, or make it ask for any amount of
-memory; the processor time and the memory that this process may use therefore follow from the size of the file. An alarm
-ends it after SECONDS, and Linux ends it together with the process PARENT, which may be killed. The result goes to
-standard output as NumPy ``.npz`` without pickles.
+The library ezc3d is written in C++; see :mod:`klute_sim.files.isolation`.
 """
 
-import ctypes
-import io
+import importlib
 import json
-import math
 import os
-import signal
 import sys
-import time
-import warnings
-from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-MAX_MEMORY_BYTES = 2 * 1024**3
-"""Largest address space of the process [bytes]; the largest accepted file needs about half of it."""
-SPARE_MEMORY_BYTES, MEMORY_PER_FILE_BYTE = 200_000_000, 50
-"""Memory for reading a file [bytes], and what each byte of the file adds: integers of two bytes become objects of the
-library and several floating-point numbers (both assumed; the largest intact files that were tried need half of it)."""
-READING_TIME, MIN_READ_RATE = 3.0, 1e6
-"""Processor time for a small file [s], and the lowest reading rate [bytes/s], which extends it (both assumed)."""
-PR_SET_PDEATHSIG = 1
-"""Option of Linux's prctl: the signal that a process gets when its parent ends."""
+from klute_sim.files.isolation import MemoryLimit, read_and_reply
+
+MEMORY_LIMIT = MemoryLimit(fixed=200_000_000, per_file_byte=50)
+"""Memory for reading a file: integers of two bytes become objects of the library and several floating-point numbers
+(assumed; the largest intact files that were tried need half of it)."""
 
 
 def extract_arrays(c3d: Any) -> dict[str, Any]:
@@ -71,50 +56,16 @@ def _get_text(parameter: Any) -> str:
     return str(value[0]).strip() if len(value) else ""
 
 
-def end_with_parent(parent: int) -> None:
-    """End this process when the process ``parent`` ends (Linux only), also while the library is busy."""
-    if sys.platform != "linux":
-        return
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != parent:  # it has ended before the call
-        sys.exit("the parent process has ended")
-
-
-def limit_resources(n_bytes: int) -> None:
-    """Limit memory and processor time, where the system can, to what reading a file of ``n_bytes`` needs."""
-    if sys.platform == "win32":
-        return
-    import resource
-
-    seconds = math.ceil(time.process_time() + READING_TIME + n_bytes / MIN_READ_RATE)
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, resource.getrlimit(resource.RLIMIT_CPU)[1]))
-    memory = MAX_MEMORY_BYTES
-    with suppress(OSError):  # Linux only
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
-        needed = pages * resource.getpagesize() + SPARE_MEMORY_BYTES + MEMORY_PER_FILE_BYTE * n_bytes
-        memory = min(memory, needed)
-    resource.setrlimit(resource.RLIMIT_AS, (memory, resource.getrlimit(resource.RLIMIT_AS)[1]))
-
-
 def main() -> None:
-    """Read the file named on the command line; on failure print the reason on standard error and exit with code 1."""
-    end_with_parent(int(sys.argv[3]))
-    if hasattr(signal, "alarm"):  # not available on Windows
-        signal.alarm(int(sys.argv[2]))
-    output = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # messages that the library prints must not mix with the result
-    warnings.simplefilter("ignore")
-    try:
-        import ezc3d
+    """Read the file named on the command line."""
+    path = sys.argv[1]
+    size = os.path.getsize(path) if os.path.exists(path) else 0
 
-        limit_resources(os.path.getsize(sys.argv[1]))
-        arrays = extract_arrays(ezc3d.c3d(sys.argv[1], extract_forceplat_data=True))
-        buffer = io.BytesIO()
-        np.savez(buffer, **arrays)
-    except Exception as error:  # the C++ wrapper documents no exception types
-        sys.exit((str(error).splitlines() or [type(error).__name__])[0])
-    output.write(buffer.getvalue())
-    output.close()
+    def read() -> dict[str, Any]:
+        library = importlib.import_module("ezc3d")
+        return extract_arrays(library.c3d(path, extract_forceplat_data=True))
+
+    read_and_reply(read, lambda: importlib.import_module("ezc3d"), size, MEMORY_LIMIT)
 
 
 if __name__ == "__main__":
