@@ -64,6 +64,25 @@ def write_mat_dataset(folder: Path) -> list[Path]:
     return [_write(folder / "dataset.toml", MAT_DATASET.encode()), folder / "a.mat", folder / "b.mat"]
 
 
+def write_hdf5_dataset(folder: Path) -> list[Path]:
+    """Write a dataset of a MAT-file of version 7.3."""
+    import h5py
+
+    n = 200
+    columns = {
+        "t": np.arange(n) * 0.01,
+        "length": np.full(n, 340.0),
+        "command": np.full(n, 3.0),
+        "f": np.full(n, 690.0),
+    }
+    with h5py.File(folder / "a.mat", "w", userblock_size=512) as file:
+        for name, values in columns.items():
+            file.create_dataset(name, data=values[np.newaxis], chunks=True, compression="gzip")
+    text = MAT_DATASET.partition("[columns]")[0] + "[columns]\n"
+    text += 'time = "t [s]"\nlength = "length [mm]"\npressure_command = "command [bar]"\nforce = "f [N]"\n'
+    return [_write(folder / "dataset.toml", f'{text}[[trial]]\nfiles = ["a.mat"]\n'.encode()), folder / "a.mat"]
+
+
 LOGGER_DATASET = """format = "klute-sim-dataset/2"
 rig = "bench"
 device = "klute-3-4-pair"

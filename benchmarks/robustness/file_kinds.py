@@ -52,6 +52,8 @@ class Kind:
     """Function that reads them as a command does."""
     text: bool = True
     """Whether the files are text."""
+    library: str = ""
+    """Optional package that reads them, in a separate process."""
 
 
 def _device(folder: Path) -> list[Path]:
@@ -241,6 +243,7 @@ KINDS = {
         Kind("device", _device, _simulate),
         Kind("dataset", dataset_folders.write_dataset, _split),
         Kind("mat-dataset", dataset_folders.write_mat_dataset, _split),
+        Kind("mat73-dataset", dataset_folders.write_hdf5_dataset, _split, library="h5py"),
         Kind("logger-dataset", dataset_folders.write_logger_dataset, _split),
         Kind("reference", _reference, lambda paths: reference.load_reference(paths[0].parent)),
         Kind("recording", partial(_recording, ending="parquet"), _compared, text=False),
@@ -248,7 +251,7 @@ KINDS = {
         Kind("opensim", _opensim, _imported),
         Kind("trc", _trc, _imported),
         Kind("treadmill", _table, _imported),
-        Kind("c3d", _c3d, _imported, text=False),
+        Kind("c3d", _c3d, _imported, text=False, library="ezc3d"),
         Kind("mapping", partial(_copied, "names.toml", MAPPING.encode), _each(mapping.read)),
         Kind(
             "protocol",

@@ -11,13 +11,14 @@ from benchmarks.robustness import cases, file_kinds, mutations
 
 from klute_sim.errors import InputError
 
-FEW_CASES = {"c3d": 6}
+FEW_CASES = {"c3d": 6, "mat73-dataset": 3}
 """Number of cases in the default run; 25 for all other kinds."""
 
 
 def _skip_without_extra(name: str) -> None:
-    if name == "c3d" and find_spec("ezc3d") is None:
-        pytest.skip("needs the extra c3d")
+    library = file_kinds.KINDS[name].library
+    if library and find_spec(library) is None:
+        pytest.skip(f"needs {library}")
 
 
 @pytest.mark.parametrize("name", file_kinds.KINDS)
@@ -33,7 +34,7 @@ def test_mutated_file_is_read_or_refused_in_one_sentence(name: str, monkeypatch:
 @pytest.mark.parametrize("name", file_kinds.KINDS)
 def test_a_thousand_more_mutated_files(name: str) -> None:
     _skip_without_extra(name)
-    assert mutations.run_in_process(name, 100_000, 100 if name == "c3d" else 1000).failures == {}
+    assert mutations.run_in_process(name, 100_000, 100 if file_kinds.KINDS[name].library else 1000).failures == {}
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".toml", ".mot"])

@@ -15,7 +15,8 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from klute_sim.errors import InputError
-from klute_sim.files.mat import MatFile, open_mat
+from klute_sim.files.mat.contents import MatFile
+from klute_sim.files.mat.opening import open_mat
 
 X = np.arange(5.0)
 RNG = np.random.default_rng(1)
@@ -86,7 +87,7 @@ def test_other_content_is_named_and_does_not_disturb() -> None:
     content = {"cell": cell, "note": "text", "z": 1j * X, "s": structs, "image": np.zeros((99, 99)), "x": X}
     file = open_mat(write(content), "x")
     assert file.headings == ("x",)
-    assert file.unreadable == {
+    assert file.contents.unreadable == {
         "cell": "a cell array",
         "note": "text",
         "z": "a complex array",
@@ -107,11 +108,11 @@ def with_class(array_class: int) -> MatFile:
 )
 def test_classes_that_could_hold_code_are_never_built(array_class: int, name: str) -> None:
     file = with_class(array_class)
-    assert (file.headings, file.unreadable) == ((), {"x": name})
+    assert (file.headings, file.contents.unreadable) == ((), {"x": name})
 
 
 def test_matrix_is_refused_with_its_parts() -> None:
-    assert open_mat(write({"data": np.zeros((9, 2))}), "x").unreadable == {
+    assert open_mat(write({"data": np.zeros((9, 2))}), "x").contents.unreadable == {
         "data": "a matrix of size 9x2; name one part of it, data(:,1) to data(:,2)"
     }
 
@@ -124,8 +125,8 @@ def test_matrix_is_refused_with_its_parts() -> None:
         (write({"x": X}, format="4"), "is not a MAT-file"),
         (write({"x": X})[:150], "is not a valid MAT-file: it ends within a variable, as after an incomplete copy"),
         (write({"x": RNG.random(500)})[:-80], "it ends within a variable"),
-        (write({"x": X}).replace(b"\x00\x01IM", b"\x00\x03IM"), "has version 3.0 of the MAT-file; allowed: 5 to 7"),
-        (write({"x": X}).replace(b"\x00\x01IM", b"\x00\x02IM"), "is a MAT-file of version 7.3; write it in MATLAB"),
+        (write({"x": X}).replace(b"\x00\x01IM", b"\x00\x03IM"), "has version 3.0 of the MAT-file; allowed: 5 to 7.3"),
+        (write({"x": X}).replace(b"\x00\x01IM", b"\x00\x02IM"), "has version 2.0 of the MAT-file; allowed: 5 to 7.3"),
         (write({"x": X})[:136] + bytes(9) + write({"x": X})[145:], "is not a valid MAT-file: Error -3 while decom"),
     ],
 )  # fmt: skip

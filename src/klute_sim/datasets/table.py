@@ -59,7 +59,10 @@ def read_trial_file(
     """
     source = str(path)
     content = _read_content(path)
-    file = open_source(content, path, heading_row, lambda heading: is_known_heading(heading, column_units, expressions))
+    names = {name for expression in expressions.values() for name in expression.columns}
+    file = open_source(
+        content, path, heading_row, lambda heading: is_known_heading(heading, column_units, expressions), names
+    )
     assignments = assign_columns(file, column_units, expressions, source)
     indices = sorted({index for a in assignments.by_channel.values() for index in a.indices.values()})
     raw = dict(zip(indices, file.read_columns(indices), strict=True))

@@ -1,4 +1,4 @@
-"""Read arrays of numbers from MAT-files of versions 5 to 7, the format of MATLAB's ``save``.
+"""Read arrays of numbers from MAT-files of versions 5 to 7.
 
 Source of the format: MathWorks, "MAT-File Format" (level 5). A file is a sequence of elements, each with a type and a
 size; compressed elements hold one other element. Only the headers of all arrays, structs in full, and the arrays that
@@ -8,32 +8,30 @@ are asked for are decompressed. Sizes are checked before; nothing but numbers is
 import math
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from klute_sim.errors import InputError
-from klute_sim.files.limits import MAX_COLUMNS, MAX_VALUES, MB
+from klute_sim.files.limits import MB
+from klute_sim.files.mat.contents import (
+    MAX_ARRAYS,
+    MAX_DECOMPRESSED_BYTES,
+    MAX_STRUCT_DEPTH,
+    MatContents,
+    MatFile,
+)
 from klute_sim.types import Array
 
 ByteOrder = Literal["<", ">"]
 """Little-endian or big-endian, as NumPy and struct write it."""
 HEADER_BYTES = 128
 """Bytes before the first element: text, version and byte order."""
-MAX_DECOMPRESSED_BYTES = 256 * MB
-"""Largest size of all elements that are decompressed [bytes]; that of the largest number of values."""
-MAX_STRUCT_DEPTH = 4
-"""Deepest nesting of structs whose fields are read."""
-MAX_ELEMENTS = 100_000
-"""Largest number of arrays in a file, counting fields of structs."""
-MAX_SIGNALS = 64
-"""Largest number of columns (or rows) of a matrix that counts as a table of signals (assumed)."""
-
 _HEAD_BYTES = 1024
 """Decompressed bytes that hold the header of an array: class, size and name."""
-_VERSION_5, _VERSION_7_3 = 0x0100, 0x0200
+_VERSION = 0x0100
 _MI_MATRIX, _MI_COMPRESSED = 14, 15
 _NUMBER_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """Type of stored numbers -> NumPy's name."""
@@ -47,24 +45,13 @@ _NUMBER_CLASSES = range(6, 16)
 _COMPLEX_FLAG = 0x0800
 
 
-class Variable(NamedTuple):
-    """A vector of a MAT-file, or a column or a row of a matrix."""
+class _Location(NamedTuple):
+    """Where the numbers of an array are."""
 
-    name: str
-    """Name as in MATLAB, such as ``force``, ``run.force`` or ``data(:,3)``."""
-    array: "_NumberArray"
-    """Array that it is part of."""
-    selection: slice
-    """Its values in the array, which is stored column by column."""
-
-
-class _NumberArray(NamedTuple):
     element: int
     """Index of the top-level element."""
     offset: int
-    """Position of the numbers' element in the content of the top-level element."""
-    n_values: int
-    """Number of values."""
+    """Position of the numbers in the content of the top-level element."""
 
 
 class _Tag(NamedTuple):
@@ -74,46 +61,6 @@ class _Tag(NamedTuple):
     """Position of the data."""
     end: int
     """Position of the next element."""
-
-
-@dataclass(eq=False)
-class MatFile:
-    """A MAT-file whose arrays are decoded on demand."""
-
-    description: str
-    """File in error messages."""
-    variables: dict[str, Variable]
-    """Vectors, and columns or rows of matrices, by name."""
-    unreadable: dict[str, str]
-    """Name of any other variable, and of each matrix -> what it is."""
-    _elements: Sequence["_Element"]
-    _order: ByteOrder
-
-    @property
-    def headings(self) -> tuple[str, ...]:
-        """Names of the variables."""
-        return tuple(self.variables)
-
-    def read_columns(self, indices: Sequence[int]) -> list[Array]:
-        """Return the variables with these indices; raise InputError when the file is damaged."""
-        all_variables = list(self.variables.values())
-        variables = [all_variables[index] for index in indices]
-        n_values = sum(variable.array.n_values for variable in variables)
-        if n_values > MAX_VALUES:
-            raise InputError(f"{self.description}: its columns have {n_values:,} values; allowed: up to {MAX_VALUES:,}")
-        return [self._read(variable) for variable in variables]
-
-    def _read(self, variable: Variable) -> Array:
-        element = self._elements[variable.array.element]
-        content = element.read_all(self.description)
-        tag = _read_tag(content, variable.array.offset, self._order, self.description)
-        if tag.kind not in _NUMBER_TYPES:
-            raise _damage_error(self.description, f"'{variable.name}' has numbers of the unknown type {tag.kind}")
-        dtype = np.dtype(_NUMBER_TYPES[tag.kind]).newbyteorder(self._order)
-        if tag.size != variable.array.n_values * dtype.itemsize:
-            raise _damage_error(self.description, f"the numbers of '{variable.name}' do not fill its size")
-        values = np.frombuffer(content, dtype, variable.array.n_values, tag.start)
-        return values[variable.selection].astype(np.float64)
 
 
 @dataclass(eq=False)
@@ -144,37 +91,22 @@ class _Element:
         return self._decompressed
 
 
-def open_mat(content: bytes, description: str) -> MatFile:
-    """Open the MAT-file ``content`` of versions 5 to 7; ``description`` names it in errors.
+def open_level5(content: bytes, description: str) -> MatFile:
+    """Open the MAT-file ``content`` of versions 5 to 7, at least its header; ``description`` names it in errors.
 
-    Raises InputError when it is no such file, is damaged, or holds more than the limits allow.
+    Raises InputError when it has another version, is damaged, or holds more than the limits allow.
     """
-    order = _check_header(content, description)
-    file = MatFile(description, {}, {}, _split_elements(content, order, description), order)
-    reader = _HeaderReader(file)
-    for index, element in enumerate(file._elements):
-        try:
-            reader.read_element(index, element)
-        except zlib.error as error:
-            raise _damage_error(description, str(error)) from None
-    return file
+    order = _read_byte_order(content, description)
+    reader = _Reader(MatContents(description), _split_elements(content, order, description), order)
+    reader.read_names()
+    return MatFile(reader.contents, reader.read_array)
 
 
-def _check_header(content: bytes, description: str) -> ByteOrder:
-    """Return the byte order."""
-    if len(content) < HEADER_BYTES:
-        raise InputError(f"{description} is not a MAT-file: it has {len(content)} bytes; its header has {HEADER_BYTES}")
-    orders: dict[bytes, ByteOrder] = {b"IM": "<", b"MI": ">"}
-    order = orders.get(content[126:128])
-    if order is None or not content.startswith(b"MATLAB"):
-        raise InputError(
-            f"{description} is not a MAT-file of version 5 or later; write it in MATLAB with save(..., '-v7')"
-        )
+def _read_byte_order(content: bytes, description: str) -> ByteOrder:
+    order: ByteOrder = "<" if content[126:128] == b"IM" else ">"
     version = _unpack(f"{order}H", content, 124)
-    if version == _VERSION_7_3:
-        raise InputError(f"{description} is a MAT-file of version 7.3; write it in MATLAB with save(..., '-v7')")
-    if version != _VERSION_5:
-        raise InputError(f"{description} has version {version >> 8}.{version & 255} of the MAT-file; allowed: 5 to 7")
+    if version != _VERSION:
+        raise InputError(f"{description} has version {version >> 8}.{version & 255} of the MAT-file; allowed: 5 to 7.3")
     return order
 
 
@@ -186,8 +118,8 @@ def _split_elements(content: bytes, order: ByteOrder, description: str) -> list[
         is_compressed = tag.kind == _MI_COMPRESSED
         stored = memoryview(content)[tag.start if is_compressed else offset : min(end, len(content))]
         elements.append(_Element(stored, is_compressed))
-        if len(elements) > MAX_ELEMENTS:
-            raise InputError(f"{description} has more than {MAX_ELEMENTS:,} variables; allowed: up to {MAX_ELEMENTS:,}")
+        if len(elements) > MAX_ARRAYS:
+            raise InputError(f"{description} has more than {MAX_ARRAYS:,} variables; allowed: up to {MAX_ARRAYS:,}")
         offset = end
     return elements
 
@@ -208,26 +140,48 @@ def _read_tag(content: bytes | memoryview, offset: int, order: ByteOrder, descri
     return _Tag(kind, size, start, start + size + -size % 8)
 
 
-class _HeaderReader:
-    """Finds the arrays of a file, without their numbers."""
+class _Reader:
+    """Finds the arrays of a file without their numbers, and reads the numbers on demand."""
 
-    def __init__(self, file: MatFile) -> None:
-        self.file = file
+    def __init__(self, contents: MatContents, elements: Sequence[_Element], order: ByteOrder) -> None:
+        self.contents, self.elements, self.order = contents, elements, order
+        self.description = contents.description
+        self.locations: dict[str, _Location] = {}
         self.n_arrays = self.n_decompressed = 0
 
-    def read_element(self, index: int, element: _Element) -> None:
-        """Add the variables of the top-level ``element``."""
+    def read_names(self) -> None:
+        """Add the arrays of all elements to the contents."""
+        for index, element in enumerate(self.elements):
+            try:
+                self._read_element(index, element)
+            except zlib.error as error:
+                raise _damage_error(self.description, str(error)) from None
+
+    def read_array(self, name: str) -> Array:
+        """Return the numbers of the array ``name``, column by column."""
+        location = self.locations[name]
+        content = self.elements[location.element].read_all(self.description)
+        tag = _read_tag(content, location.offset, self.order, self.description)
+        if tag.kind not in _NUMBER_TYPES:
+            raise _damage_error(self.description, f"'{name}' has numbers of the unknown type {tag.kind}")
+        dtype = np.dtype(_NUMBER_TYPES[tag.kind]).newbyteorder(self.order)
+        n_values = self.contents.n_values[name]
+        if tag.size != n_values * dtype.itemsize:
+            raise _damage_error(self.description, f"the numbers of '{name}' do not fill its size")
+        return np.frombuffer(content, dtype, n_values, tag.start)
+
+    def _read_element(self, index: int, element: _Element) -> None:
         head = element.read_head()
         if len(head) < 8:
-            raise _damage_error(self.file.description, "a variable is empty")
-        kind, size = struct.unpack_from(f"{self.file._order}2I", head)
+            raise _damage_error(self.description, "a variable is empty")
+        kind, size = struct.unpack_from(f"{self.order}2I", head)
         if kind != _MI_MATRIX:
             return
         element.size = size + 8
         self.n_decompressed += element.size * element.is_compressed
         if max(size, self.n_decompressed) > MAX_DECOMPRESSED_BYTES:
             raise InputError(
-                f"{self.file.description} decodes to {self.n_decompressed / MB:.4g} MB or more; allowed: up to "
+                f"{self.description} decodes to {self.n_decompressed / MB:.4g} MB or more; allowed: up to "
                 f"{MAX_DECOMPRESSED_BYTES / MB:g} MB"
             )
         self._read_array(index, element, head, 0, "", 0)
@@ -236,10 +190,10 @@ class _HeaderReader:
         self, index: int, element: _Element, content: bytes | memoryview, offset: int, name: str, depth: int
     ) -> int:
         """Add the array at ``offset`` under ``name`` or its own; return where the next element begins."""
-        order, description = self.file._order, self.file.description
+        order, description = self.order, self.description
         self.n_arrays += 1
-        if self.n_arrays > MAX_ELEMENTS:
-            raise InputError(f"{description} has more than {MAX_ELEMENTS:,} arrays; allowed: up to {MAX_ELEMENTS:,}")
+        if self.n_arrays > MAX_ARRAYS:
+            raise InputError(f"{description} has more than {MAX_ARRAYS:,} arrays; allowed: up to {MAX_ARRAYS:,}")
         is_array = offset + 8 <= len(content) and _unpack(f"{order}I", content, offset) == _MI_MATRIX
         if not is_array:
             raise _damage_error(description, f"there is no array at byte {offset} of a variable")
@@ -266,23 +220,24 @@ class _HeaderReader:
                 content = element.read_all(description)
             self._read_fields(index, element, content, position, name, depth)
         elif array_class in _NUMBER_CLASSES and not flag_word & _COMPLEX_FLAG:
-            self._add_numbers(_NumberArray(index, position, math.prod(shape)), name, shape)
+            self.locations[name] = _Location(index, position)
+            self.contents.add_numbers(name, shape)
         else:
             other = "a complex array" if array_class in _NUMBER_CLASSES else f"of the unknown class {array_class}"
-            self.file.unreadable[name] = _CLASS_NAMES.get(array_class, other)
+            self.contents.unreadable[name] = _CLASS_NAMES.get(array_class, other)
         return end
 
     def _read_shape(self, content: bytes | memoryview, position: int) -> tuple[int, tuple[int, ...]]:
-        tag = _read_tag(content, position, self.file._order, self.file.description)
-        shape = struct.unpack_from(f"{self.file._order}{min(tag.size, 128) // 4}i", content, tag.start)
+        tag = _read_tag(content, position, self.order, self.description)
+        shape = struct.unpack_from(f"{self.order}{min(tag.size, 128) // 4}i", content, tag.start)
         if len(shape) < 2 or min(shape) < 0:
-            raise _damage_error(self.file.description, "an array has no valid size")
+            raise _damage_error(self.description, "an array has no valid size")
         return tag.end, shape
 
     def _read_fields(
         self, index: int, element: _Element, content: bytes | memoryview, position: int, name: str, depth: int
     ) -> None:
-        order, description = self.file._order, self.file.description
+        order, description = self.order, self.description
         length_tag = _read_tag(content, position, order, description)
         length = _unpack(f"{order}i", content, length_tag.start) if length_tag.size == 4 else 0
         names_tag = _read_tag(content, length_tag.end, order, description)
@@ -293,38 +248,6 @@ class _HeaderReader:
         for start in range(0, len(names), length):
             field = names[start : start + length].split(b"\0")[0].decode("utf-8", "replace")
             position = self._read_array(index, element, content, position, f"{name}.{field}", depth + 1)
-
-    def _add_numbers(self, array: _NumberArray, name: str, shape: tuple[int, ...]) -> None:
-        if array.n_values > MAX_VALUES:
-            raise InputError(
-                f"{self.file.description}: '{name}' has {array.n_values:,} values; allowed: up to {MAX_VALUES:,}"
-            )
-        if array.n_values == max(shape):
-            self.file.variables[name] = Variable(name, array, slice(None))
-        elif len(shape) > 2 or min(shape) > MAX_SIGNALS or min(shape) == 0:
-            size = "x".join(map(str, shape))
-            self.file.unreadable[name] = f"an array of size {size}; columns are vectors, or parts of a matrix"
-        else:
-            parts = list(_list_signals(name, shape))
-            self.file.unreadable[name] = (
-                f"a matrix of size {shape[0]}x{shape[1]}; name one part of it, {parts[0][0]} to {parts[-1][0]}"
-            )
-            for part, selection in parts:
-                self.file.variables[part] = Variable(part, array, selection)
-        if len(self.file.variables) > MAX_COLUMNS:
-            raise InputError(
-                f"{self.file.description} has more than {MAX_COLUMNS} columns; allowed: up to {MAX_COLUMNS}"
-            )
-
-
-def _list_signals(name: str, shape: tuple[int, ...]) -> Iterator[tuple[str, slice]]:
-    """Yield name and values of the columns of a matrix, or of its rows where it has fewer rows than columns."""
-    n_rows, n_columns = shape
-    for number in range(min(shape)):
-        if n_rows >= n_columns:
-            yield f"{name}(:,{number + 1})", slice(number * n_rows, (number + 1) * n_rows)
-        else:
-            yield f"{name}({number + 1},:)", slice(number, None, n_rows)
 
 
 def _unpack(number_format: str, content: bytes | memoryview, offset: int) -> int:
