@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from klute_sim.datasets import text
+from klute_sim.datasets.trial_files import text
 from klute_sim.recording import parquet
 from klute_sim.recording.recording import Recording
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from klute_sim.bench.protocols.library import load_identification_protocols
-from klute_sim.datasets import dataset, table
+from klute_sim.datasets import dataset
+from klute_sim.datasets.trial_files import table
 from klute_sim.device.device import list_presets, load_device, parse_device
 from klute_sim.diagnosis.experiments.base import SimulationSetup
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from klute_sim.datasets import channels, format, table
+from klute_sim.datasets import channels, format
 from klute_sim.datasets.dataset import load_dataset, split_dataset
+from klute_sim.datasets.trial_files import table
 from klute_sim.datasets.write import write_trial
 
 PAGE = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text("utf-8")

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from klute_sim.datasets import channels, table
+from klute_sim.datasets import channels
+from klute_sim.datasets.trial_files import table
 from klute_sim.datasets.write import write_trial
 from klute_sim.errors import InputError
 

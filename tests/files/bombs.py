@@ -20,7 +20,7 @@ from scipy.io import savemat
 
 from klute_sim.comparison import runs
 from klute_sim.controllers import policy, pressure, state_machine
-from klute_sim.datasets.table import read_trial_file
+from klute_sim.datasets.trial_files.table import read_trial_file
 from klute_sim.device.device import load_device
 from klute_sim.errors import KluteSimError
 from klute_sim.files.json import read_json

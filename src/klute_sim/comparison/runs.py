@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from klute_sim.datasets import text, unit_conversion
+from klute_sim.datasets import unit_conversion
+from klute_sim.datasets.trial_files import text
 from klute_sim.errors import InputError
 from klute_sim.files.limits import RECORDING
 from klute_sim.files.lines import check_duration

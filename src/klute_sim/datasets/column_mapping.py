@@ -4,8 +4,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from klute_sim.datasets.channels import MEASURED_CHANNELS, TIME_COLUMN, Rig, get_column_units, resolve_channel
-from klute_sim.datasets.expressions import Expression, parse_expression
-from klute_sim.datasets.table import Table
+from klute_sim.datasets.trial_files.expressions import Expression, parse_expression
+from klute_sim.datasets.trial_files.table import Table
 from klute_sim.errors import InputError, suggest
 
 

@@ -7,11 +7,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from klute_sim.datasets import channels, table
+from klute_sim.datasets import channels
 from klute_sim.datasets.channels import TIME_COLUMN, Rig
-from klute_sim.datasets.column_assignment import format_columns
 from klute_sim.datasets.column_mapping import NO_MAPPING, ColumnMapping
-from klute_sim.datasets.table import Table
+from klute_sim.datasets.trial_files import table
+from klute_sim.datasets.trial_files.column_assignment import format_columns
+from klute_sim.datasets.trial_files.table import Table
 from klute_sim.device.device import Device
 from klute_sim.errors import InputError
 from klute_sim.types import Array

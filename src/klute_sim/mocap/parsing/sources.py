@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from klute_sim.datasets import text
+from klute_sim.datasets.trial_files import text
 from klute_sim.errors import InputError
 from klute_sim.files.lines import check_time_stamps
 from klute_sim.files.parquet import open_parquet

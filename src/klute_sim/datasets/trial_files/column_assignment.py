@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from klute_sim.datasets import unit_conversion
-from klute_sim.datasets.expressions import ROW, Expression
-from klute_sim.datasets.sources import ColumnSource
+from klute_sim.datasets.trial_files.expressions import ROW, Expression
+from klute_sim.datasets.trial_files.sources import ColumnSource
 from klute_sim.errors import InputError, suggest
 from klute_sim.types import Array
 

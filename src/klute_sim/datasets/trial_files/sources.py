@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from klute_sim.datasets import text
+from klute_sim.datasets.trial_files import text
 from klute_sim.files.limits import TRIAL
 from klute_sim.files.mat.hdf5 import is_hdf5
 from klute_sim.files.mat.opening import MAT_MAGIC, open_mat

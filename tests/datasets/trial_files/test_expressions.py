@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from klute_sim.datasets.expressions import MAX_DEPTH, Expression, parse_expression
+from klute_sim.datasets.trial_files.expressions import MAX_DEPTH, Expression, parse_expression
 from klute_sim.errors import InputError
 
 

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from klute_sim.datasets import channels, table, unit_conversion
-from klute_sim.datasets.expressions import parse_expression
+from klute_sim.datasets import channels, unit_conversion
+from klute_sim.datasets.trial_files import table
+from klute_sim.datasets.trial_files.expressions import parse_expression
 from klute_sim.errors import InputError
 
 BENCH = channels.get_column_units("bench")

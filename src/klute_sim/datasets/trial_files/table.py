@@ -8,9 +8,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from klute_sim.datasets.column_assignment import assign_columns, is_known_heading
-from klute_sim.datasets.expressions import Expression
-from klute_sim.datasets.sources import open_source
+from klute_sim.datasets.trial_files.column_assignment import assign_columns, is_known_heading
+from klute_sim.datasets.trial_files.expressions import Expression
+from klute_sim.datasets.trial_files.sources import open_source
 from klute_sim.errors import InputError
 from klute_sim.files.limits import TRIAL
 from klute_sim.files.reading import MissingFileError, read_bytes

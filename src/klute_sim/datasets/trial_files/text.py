@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.compute
 import pyarrow.csv
 
-from klute_sim.datasets.heading import NUMBER, find_heading
+from klute_sim.datasets.trial_files.heading import NUMBER, find_heading
 from klute_sim.errors import InputError
 from klute_sim.files import lines
 from klute_sim.files.limits import TRIAL
