@@ -1,5 +1,6 @@
 """``[columns]``: channels that follow from the columns of any file, with calibration and unit."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from scipy.io import savemat
 
 from klute_sim.datasets.dataset import Dataset, load_dataset
 from klute_sim.errors import InputError
+from tests.command_line import run
 
 HEAD = 'format = "klute-sim-dataset/2"\nrig = "bench"\ndevice = "klute-3-4-pair"\n'
 TRIALS = '[[trial]]\nfiles = ["a.csv"]\n[[trial]]\nfiles = ["b.csv"]\n'
@@ -189,3 +191,31 @@ def test_invalid_columns_of_matlab_files_are_refused(tmp_path: Path, old: str, n
     assert old in MAT
     write_mat(tmp_path)
     assert message in load_error(tmp_path, MAT.replace(old, new, 1))
+
+
+REAL = """[columns]
+time = "data(:,1) [s]"
+pressure = "data(:,2) [kPa]"
+pressure_command = "620 [kPa]"
+length = "340 [mm]"
+"""
+
+
+@pytest.mark.extras
+def test_real_filling_tests_are_a_dataset(tmp_path: Path) -> None:
+    files = sorted(Path(os.environ.get("KLUTE_SIM_DATA", "/nonexistent")).glob("pam_fill_tests/*.mat"))
+    if not files:
+        pytest.skip("set KLUTE_SIM_DATA to the folder of the measured data")
+    dataset = load(tmp_path, REAL + "".join(f'[[trial]]\nfiles = ["{path}"]\n' for path in files))
+    for trial in dataset.trials:
+        pressure = trial.measured["pressure"]
+        assert 6.1e5 < pressure.value.max() < 6.4e5
+        assert 0.009 < pressure.sampling_interval < 0.02
+
+
+def test_command_names_the_expression_that_is_wrong(tmp_path: Path) -> None:
+    load(tmp_path)
+    (tmp_path / "dataset.toml").write_text(HEAD + MAPPING.replace("* 2.5 [bar]", "* 2.5 bar") + TRIALS)
+    result = run("diagnose", str(tmp_path))
+    assert result.returncode == 2
+    assert "[columns] pressure_command = '(AIN3 - 0.5) * 2.5 bar', position 20" in " ".join(result.stderr.split())
