@@ -66,13 +66,10 @@ def _write_shape(path: Path) -> None:
         archive.writestr("weights_0.npy", header.getvalue() + bytes(8))
 
 
-def _write_mat(path: Path, n_megabytes: int = 2000) -> None:
-    """Write a struct that is a sequence of zeros once it is decompressed."""
-    compressor = zlib.compressobj()
-    data = compressor.compress(struct.pack("<2I", 14, n_megabytes * 1_000_000))
-    for _ in range(n_megabytes // 10):
-        data += compressor.compress(bytes(10_000_000))
-    data += compressor.flush()
+def _write_mat(path: Path) -> None:
+    """Write an array of 2 GB of zeros, of which the file holds the first 100 MB."""
+    compressor = zlib.compressobj(1)
+    data = compressor.compress(struct.pack("<2I", 14, 2_000_000_000) + bytes(100_000_000)) + compressor.flush()
     header = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
     path.write_bytes(header + struct.pack("<2I", 15, len(data)) + data)
 
@@ -82,7 +79,7 @@ def _write_structs(path: Path) -> None:
     nested: dict[str, object] = {"x": np.zeros(10)}
     for _ in range(200):
         nested = {"a": nested}
-    savemat(path, {"deep": nested, "wide": {f"f{number}": 1.0 for number in range(20_000)}})
+    savemat(path, {"deep": nested, "wide": {f"f{number}": 1.0 for number in range(5000)}})
 
 
 def _write_sparse(path: Path, size: int = 200_000_000) -> None:
