@@ -101,11 +101,7 @@ def compute_objective(stride: StrideMetrics) -> float:
 
 @pytest.mark.parametrize("name", ["hand-tuned", "tuned", "tuned-with-device"])
 def test_actuated_ankle_is_closer_to_the_human_one_than_without_pressure(name: str) -> None:
-    """Compare under equal load: the rig learns the path of each baseline until its foot carries that of the reference.
-
-    The profile and device that were tuned together were found before the rig learned its load, so only their order to
-    the device without pressure is stated, not that to the hand-tuned profile.
-    """
+    """Compare under equal load: the rig learns the path of each baseline until its foot carries that of the reference."""
     metrics, passive = simulate_baseline(name), simulate_baseline("off")
     stride, passive_stride = metrics.strides[-1], passive.strides[-1]
     assert compute_objective(stride) < 0.67 * compute_objective(passive_stride)
@@ -122,6 +118,17 @@ def test_actuated_ankle_is_closer_to_the_human_one_than_without_pressure(name: s
 def test_tuned_profile_is_closer_to_the_human_ankle_than_the_hand_tuned_one() -> None:
     tuned, hand = (simulate_baseline(name).strides[-1] for name in ("tuned", "hand-tuned"))
     assert compute_objective(tuned) < 0.8 * compute_objective(hand)
+
+
+def test_device_and_profile_that_were_tuned_together_reach_their_goals_but_for_the_last_of_the_moment() -> None:
+    """The lever of a rigid sole grows in push-off, so the moment cannot come as close as the goal of 0.39."""
+    tuned, hand = (simulate_baseline(name).strides[-1] for name in ("tuned-with-device", "hand-tuned"))
+    assert tuned.moment_distance_sd.stance_rms is not None
+    assert hand.moment_distance_sd.stance_rms is not None
+    assert tuned.moment_distance_sd.stance_rms < min(0.45, 0.8 * hand.moment_distance_sd.stance_rms)
+    assert tuned.ankle_power_peak_w_per_kg > 3.31
+    assert tuned.ankle_work_net_j_per_kg > 0.218
+    assert tuned.ankle_plantarflexion_deg > 15.0
 
 
 def test_device_of_the_tuning_uses_the_supply_of_the_preset() -> None:
