@@ -101,7 +101,7 @@ def compute_objective(stride: StrideMetrics) -> float:
 
 @pytest.mark.parametrize("name", ["hand-tuned", "tuned", "tuned-with-device"])
 def test_actuated_ankle_is_closer_to_the_human_one_than_without_pressure(name: str) -> None:
-    """Compare under equal load: the rig learns the path of each baseline until its foot carries that of the reference."""
+    """Compare under equal load: the rig learns the path of each until its foot carries that of the reference."""
     metrics, passive = simulate_baseline(name), simulate_baseline("off")
     stride, passive_stride = metrics.strides[-1], passive.strides[-1]
     assert compute_objective(stride) < 0.67 * compute_objective(passive_stride)
