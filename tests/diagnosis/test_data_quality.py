@@ -33,9 +33,13 @@ def test_insufficient_data_are_reported_with_the_fix() -> None:
     )
     assert motionless.startswith("The device does not move")
     (uninformative,) = data_quality.find_blocking_problems(
-        [replace(e, measured={"pressure": e.measured["force"]}) for e in sufficient]
+        [replace(e, measured={"ankle_moment": e.measured["force"]}) for e in sufficient]
     )
     assert uninformative.startswith("Neither force nor muscle length")
+    pressure_only = [replace(e, measured={"pressure": e.measured["force"]}) for e in sufficient]
+    assert data_quality.find_blocking_problems(pressure_only) == []
+    (limitation,) = data_quality.find_limitations(pressure_only)
+    assert "the supply is judged" in limitation
     assert data_quality.find_limitations(sufficient) == []
     assert (
         len(data_quality.find_limitations([make_experiment("a", np.zeros(20), moving=False)])) == 3

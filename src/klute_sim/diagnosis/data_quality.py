@@ -85,7 +85,7 @@ def find_blocking_problems(experiments: Sequence[Experiment]) -> list[str]:
     """Return the reasons why fits to ``experiments`` cannot diagnose the device, with the fix; empty if they can."""
     problems = []
     informative = experiments[0].informative_channels
-    if not set(informative) & set(list_channels(experiments)):
+    if not set(informative) & set(list_channels(experiments)) and not is_supply_only(experiments):
         names = [channel.replace("_", " ") for channel in informative]
         problems.append(
             f"Neither {', '.join(names[:-1])} nor {names[-1]} is usable, so the data contain no information about "
@@ -106,6 +106,11 @@ def find_blocking_problems(experiments: Sequence[Experiment]) -> list[str]:
             "speeds."
         )
     return problems
+
+
+def is_supply_only(experiments: Sequence[Experiment]) -> bool:
+    """Return whether the pressure is the only measured channel, so that the supply alone can be judged."""
+    return list_channels(experiments) == ["pressure"]
 
 
 def has_repeats(experiments: Sequence[Experiment]) -> bool:
@@ -165,6 +170,11 @@ def find_limitations(experiments: Sequence[Experiment]) -> list[str]:
     pressure_range = max(float(np.ptp(e.command)) for e in experiments)
     length_range = max(e.length_range for e in experiments)
     limitations = []
+    if is_supply_only(experiments):
+        limitations.append(
+            "Only the pressure was measured: the supply is judged; muscle, damper and tendon are not. Record the force "
+            "to judge them."
+        )
     if length_range < MIN_LENGTH_RANGE:
         limitations.append(
             f"The length changes by at most {1e3 * length_range:.2f} mm within a trial: effects that depend on speed "

@@ -74,6 +74,9 @@ class SimulationSetup(NamedTuple):
     """Instrument effects; a channel without one is read without error."""
     body_edits: tuple[BodyEdit, ...] = ()
     """Effects of the body added to those of the device file."""
+    registration: tuple[float, ...] = ()
+    """Errors of the registration of a walk (:class:`~klute_sim.diagnosis.experiments.registration.Registration`); empty
+    for none."""
 
 
 class DeviceResponse(NamedTuple):
@@ -137,12 +140,17 @@ class Experiment(ABC):
     """Channel -> compared samples; missing samples and samples outside the prescribed interval are removed."""
     noise_scale: Mapping[str, Array] = field(default_factory=dict)
     """Channel -> standard deviation of the noise at each sample over its mean; 1 for channels that are not listed."""
+    input_error_scale: Mapping[str, Array] = field(default_factory=dict)
+    """Channel -> factor, at least 1 at each sample, by which it counts less because the inputs between their samples
+    are unknown. Repeats share this error, so it is no noise. 1 for channels that are not listed."""
     trusted: frozenset[str] = frozenset()
     """Channels whose instrument is known to be correct."""
     quantizers: Mapping[str, SupportsQuantize] = field(default_factory=dict)
     """Channel -> quantizer of its display."""
     limits: Mapping[str, SensorLimits] = field(default_factory=dict)
     """Channel -> limits of its sensor [SI]; its samples are no further than these."""
+    specimen: str = ""
+    """Specimen of the device that was measured."""
 
     @property
     def duration(self) -> float:
@@ -157,6 +165,16 @@ class Experiment(ABC):
     @property
     def preparation_variants(self) -> "tuple[Experiment, ...]":
         """The same trial under equally valid preparations of its inputs; empty where inputs need no preparation."""
+        return ()
+
+    @property
+    def registration_deviations(self) -> Mapping[str, float]:
+        """Name -> standard deviation of each number of the set-up that every fit estimates; empty without any."""
+        return {}
+
+    @property
+    def input_variants(self) -> "tuple[tuple[Experiment, ...], ...]":
+        """For each input with samples far apart: the trial with other courses of this input between its samples."""
         return ()
 
     @property
@@ -208,13 +226,21 @@ class Experiment(ABC):
         return np.convolve(values, np.ones(width) / width, mode="same")
 
 
-def select_samples(trial: Trial, start_time: float, end_time: float, last_time: float) -> dict[str, TimeSeries]:
+def select_samples(
+    trial: Trial,
+    start_time: float,
+    end_time: float,
+    last_time: float,
+    *,
+    max_warm_up_fraction: float = WARM_UP_FRACTION,
+    max_warm_up_time: float = MAX_WARM_UP_TIME,
+) -> dict[str, TimeSeries]:
     """Return the samples of ``trial`` to compare with a simulation from ``start_time`` to ``end_time`` [s].
 
     Samples are finite, later than the warm-up, not later than ``last_time`` [s], and decimated to
     :data:`MIN_SAMPLING_INTERVAL`.
     """
-    first_time = start_time + min(WARM_UP_FRACTION * (end_time - start_time), MAX_WARM_UP_TIME)
+    first_time = start_time + min(max_warm_up_fraction * (end_time - start_time), max_warm_up_time)
     measured = {}
     for name, series in trial.measured.items():
         is_compared = np.isfinite(series.value) & (series.time > first_time) & (series.time <= last_time)

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from klute_sim.datasets.trial import Trial, Use
+from klute_sim.datasets.trial import TimeSeries, Trial, Use
 from klute_sim.device.dynamics import DEAD_TIME_INDEX, get_dead_time
 from klute_sim.device.equilibrium import compute_equilibrium_state
 from klute_sim.device.rollout import simulate_rollouts
@@ -37,6 +38,17 @@ LENGTH_PERTURBATION = -1e-4
 """Change of the prescribed length [m] that measures the sensitivity to length noise; a bare muscle can only shorten."""
 STATIONARY_SPEED = 1e-3
 """Speed [m/s] below which the rig counts as stationary."""
+START_TIME_SPAN = 0.1
+"""Time [s] at the start of a trial in which motion is looked for."""
+REST_PRESSURE_CHANGE = 0.1e5
+"""Change of the pressure or of its command at the start [Pa], and difference between both, up to which a trial begins
+at rest (assumed: twice the error of an inexpensive gauge)."""
+MOVING_WARM_UP_FRACTION, MOVING_WARM_UP_TIME = 0.3, 1.5
+"""Fraction of a trial, and longest time [s], that is not compared where it begins in motion: its internal states are
+unknown (assumed: several time constants of a slow valve)."""
+MAX_DENSE_INTERVAL = 0.0075
+"""Largest sampling interval of the inputs [s] between whose samples a straight line is accurate enough (assumed).
+At 100 Hz, straight lines between samples of a 4 Hz motion cause a misfit of 0.3 times the noise of a load cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +57,12 @@ class BenchExperiment(Experiment):
 
     unit_length: Array = field(kw_only=True)
     """Prescribed length of the muscle-tendon unit [m], one value per time step."""
+    initial_pressure: float | None = field(default=None, kw_only=True)
+    """Measured pressure [Pa] at the start of a trial that does not begin at rest; None: that of the command."""
+    other_lengths: tuple[Array, ...] = field(default=(), kw_only=True)
+    """Other courses of the length [m] between samples that are far apart."""
+    other_commands: tuple[Array, ...] = field(default=(), kw_only=True)
+    """Other courses of the command [Pa] between samples that are far apart."""
 
     @cached_property
     def coarse_variant(self) -> Experiment:
@@ -53,7 +71,19 @@ class BenchExperiment(Experiment):
         if factor < 2:
             return self
         length, command = self.unit_length[factor - 1 :: factor], self.command[factor - 1 :: factor]
-        return replace(self, dt=self.dt * factor, unit_length=length, command=command)
+        return replace(
+            self, dt=self.dt * factor, unit_length=length, command=command, other_lengths=(), other_commands=()
+        )
+
+    @property
+    def input_variants(self) -> tuple[tuple[Experiment, ...], ...]:
+        """The trial with a smooth length, and with commands that are held before or after each sample."""
+        plain = replace(self, other_lengths=(), other_commands=())
+        by_input = (
+            tuple(replace(plain, unit_length=length) for length in self.other_lengths),
+            tuple(replace(plain, command=command) for command in self.other_commands),
+        )
+        return tuple(variants for variants in by_input if variants)
 
     @property
     def prescribed_input(self) -> PrescribedInput:
@@ -83,7 +113,8 @@ class BenchExperiment(Experiment):
         step early.
         """
         parameters, length, command, dt = setup.parameters, self.unit_length, self.command, self.dt
-        initial_state = compute_equilibrium_state(parameters, float(length[0]), float(command[0]))
+        initial_command = float(command[0]) if self.initial_pressure is None else self.initial_pressure
+        initial_state = compute_equilibrium_state(parameters, float(length[0]), initial_command)
         dead_time = get_dead_time(parameters)
         n_delay_steps = math.floor(dead_time / dt + 1e-9)
         shift = max(0.0, dead_time - n_delay_steps * dt)
@@ -128,6 +159,8 @@ def prepare_bench_trial(trial: Trial, use: Use) -> BenchExperiment:
     interval = min(length.sampling_interval, command.sampling_interval)
     dt = interval / max(1, round(interval / min(max(interval / STEPS_PER_SAMPLE, MIN_TIME_STEP), MAX_TIME_STEP)))
     time = start_time + dt * np.arange(1, int((end_time - start_time) / dt + 1e-6) + 1)
+    is_moving = starts_in_motion(trial)
+    warm_up = {"max_warm_up_fraction": MOVING_WARM_UP_FRACTION, "max_warm_up_time": MOVING_WARM_UP_TIME}
     return BenchExperiment(
         name=trial.name,
         group=trial.group,
@@ -137,7 +170,59 @@ def prepare_bench_trial(trial: Trial, use: Use) -> BenchExperiment:
         dt=dt,
         unit_length=np.interp(time, length.time, denoise(length.time, length.value)),
         command=np.interp(time, command.time, denoise(command.time, command.value)),
-        measured=select_samples(trial, start_time, end_time, time[-1]),
+        measured=select_samples(trial, start_time, end_time, time[-1], **(warm_up if is_moving else {})),
+        initial_pressure=_estimate_initial_pressure(trial) if is_moving else None,
+        other_lengths=_list_other_lengths(time, length),
+        other_commands=_list_other_commands(time, command),
         trusted=trial.trusted,
         limits=trial.limits,
+        specimen=trial.specimen,
     )
+
+
+def starts_in_motion(trial: Trial) -> bool:
+    """Return whether a bench ``trial`` does not begin at rest: length, command or pressure change in its first moments.
+
+    A measured pressure that differs from the command has not settled yet, unless it stays there.
+    """
+    length, command = trial.prescribed["length"], trial.prescribed["pressure_command"]
+    if _compute_initial_change(length) > STATIONARY_SPEED * START_TIME_SPAN:
+        return True
+    if _compute_initial_change(command) > REST_PRESSURE_CHANGE:
+        return True
+    pressure = trial.measured.get("pressure")
+    return pressure is not None and _compute_initial_change(pressure) > REST_PRESSURE_CHANGE
+
+
+def _compute_initial_change(series: TimeSeries) -> float:
+    """Return the change [SI] between the first and the last third of the first :data:`START_TIME_SPAN`."""
+    is_finite = np.isfinite(series.value)
+    time, value = series.time[is_finite], series.value[is_finite]
+    values = value[time <= time[0] + START_TIME_SPAN]
+    third = max(1, len(values) // 3)
+    return abs(float(np.median(values[-third:]) - np.median(values[:third])))
+
+
+def _estimate_initial_pressure(trial: Trial) -> float | None:
+    """Return the first measured pressure [Pa]; None if it was not measured."""
+    pressure = trial.measured.get("pressure")
+    if pressure is None:
+        return None
+    finite = pressure.value[np.isfinite(pressure.value)]
+    return float(np.median(finite[:3]))
+
+
+def _list_other_lengths(time: Array, length: TimeSeries) -> tuple[Array, ...]:
+    """Return another course of the length [m] at ``time`` [s]: a smooth one. None where samples are dense."""
+    if length.sampling_interval <= MAX_DENSE_INTERVAL:
+        return ()
+    return (CubicSpline(length.time, length.value)(time).astype(np.float64),)
+
+
+def _list_other_commands(time: Array, command: TimeSeries) -> tuple[Array, ...]:
+    """Return other courses of the command [Pa] at ``time`` [s]: it may have stepped at once or at the last moment."""
+    if command.sampling_interval <= MAX_DENSE_INTERVAL:
+        return ()
+    last = np.clip(np.searchsorted(command.time, time, side="right") - 1, 0, len(command.time) - 1)
+    following = np.minimum(last + (command.time[last] < time), len(command.time) - 1)
+    return command.value[last], command.value[following]

@@ -17,10 +17,14 @@ from scipy.optimize import nnls
 from klute_sim.diagnosis.experiments.base import COARSE_STEP_FACTOR, Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.noise.repeats import Residuals, align_repeats, list_channels
+from klute_sim.diagnosis.noise.trial_noise import estimate_noise_ratios
 from klute_sim.types import Array
 
 MIN_VARIANCE_FRACTION = 0.05
 """Lower limit of the variance, as a fraction of its mean (assumed)."""
+INPUT_ERROR_SIGMAS = 8.0
+"""Standard deviations of noise that the difference between two courses of the inputs counts as: twice the inverse of
+the smallest misfit that is relevant, because the true course may differ more."""
 N_REWEIGHTINGS = 3
 """Iterations of the weighted fit of the variance model."""
 
@@ -34,7 +38,19 @@ def add_noise_scales(
     timing of the pressure changes the scale.
     """
     rows = _compute_sensitivities(experiments, simulator)
+    input_errors = _compute_input_errors(experiments, rows, simulator)
     sensitivities = {e.name: row for e, row in zip(experiments, rows, strict=True)}
+    all_residuals = [
+        {channel: series.value - row[channel][0] for channel, series in e.measured.items()}
+        for e, row in zip(experiments, rows, strict=True)
+    ]
+    ratios = {
+        e.name: row for e, row in zip(experiments, estimate_noise_ratios(experiments, all_residuals), strict=True)
+    }
+    fit_experiments = [
+        replace(e, noise_scale={c: np.full(len(e.measured[c].time), ratio) for c, ratio in ratios[e.name].items()})
+        for e in fit_experiments
+    ]
     residuals = [
         {channel: series.value - sensitivities[e.name][channel][0] for channel, series in e.measured.items()}
         for e in fit_experiments
@@ -44,17 +60,43 @@ def add_noise_scales(
         for channel in list_channels(fit_experiments)
     }
     scaled = []
-    for e, row in zip(experiments, rows, strict=True):
-        scales = {}
+    for e, row, errors in zip(experiments, rows, input_errors, strict=True):
+        scales: dict[str, Array] = {}
+        input_error_scales: dict[str, Array] = {}
         for channel in e.measured:
             model = models.get(channel)
             if model is not None and len(e.measured[channel].time):
                 variance = np.maximum(
                     MIN_VARIANCE_FRACTION, row[channel][1:3].T @ model.coefficients[1:] + model.coefficients[0]
                 )
-                scales[channel] = np.sqrt(variance + row[channel][3] / model.mean_variance)
-        scaled.append(replace(e, noise_scale=scales))
+                scales[channel] = ratios[e.name][channel] * np.sqrt(variance + row[channel][3] / model.mean_variance)
+                if channel in errors:
+                    noise_variance = scales[channel] ** 2 * model.mean_variance
+                    input_error_scales[channel] = np.sqrt(1.0 + errors[channel] / noise_variance)
+        scaled.append(replace(e, noise_scale=scales, input_error_scale=input_error_scales))
     return scaled
+
+
+def _compute_input_errors(
+    experiments: Sequence[Experiment], rows: Sequence[Mapping[str, Array]], simulator: Simulator
+) -> list[dict[str, Array]]:
+    """Return for each experiment: channel -> variance [SI^2] that counts for the inputs between their samples.
+
+    The inputs between samples are unknown. The mean square change with other valid courses of an input, added over
+    inputs, is the same in all repeats; times :data:`INPUT_ERROR_SIGMAS` squared, it counts as noise, so that it cannot
+    look like a misfit.
+    """
+    errors = []
+    for e, row in zip(experiments, rows, strict=True):
+        setup = SimulationSetup(e.device.parameters)
+        variance: dict[str, Array] = {}
+        for variants in e.input_variants:
+            readings = [simulator.simulate([[setup]], [variant])[0][0] for variant in variants]
+            for channel, values in row.items():
+                squares = np.mean([(reading[channel] - values[0]) ** 2 for reading in readings], axis=0)
+                variance[channel] = variance.get(channel, 0.0) + INPUT_ERROR_SIGMAS**2 * squares
+        errors.append(variance)
+    return errors
 
 
 class _VarianceModel(NamedTuple):

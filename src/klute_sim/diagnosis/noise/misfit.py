@@ -46,7 +46,7 @@ def estimate_misfit(
     misfits = {}
     for channel, channel_noise in noise.items():
         product, variance, uniform_variance, n_samples = 0.0, 0.0, 0.0, 0
-        for repeats in align_repeats(experiments, residuals, channel):
+        for repeats in align_repeats(experiments, residuals, channel, with_input_error=True):
             pairs = list(itertools.combinations(repeats.residuals, 2))
             count = repeats.residuals.shape[1]
             correlation_time = channel_noise.correlation_time(repeats.sampling_interval)

@@ -94,12 +94,17 @@ class AlignedRepeats(NamedTuple):
 
 
 def align_repeats(
-    experiments: Sequence[Experiment], residuals: Residuals, channel: str, *, min_repeats: int = 2
+    experiments: Sequence[Experiment],
+    residuals: Residuals,
+    channel: str,
+    *,
+    min_repeats: int = 2,
+    with_input_error: bool = False,
 ) -> Iterator[AlignedRepeats]:
     """Yield each group that measured ``channel`` at least ``min_repeats`` times, over the time that all repeats cover.
 
-    Residuals are interpolated to the samples of the first repeat. Samples that are beyond the limits of the sensor in
-    all repeats, as the simulation is, are left out.
+    Residuals are interpolated to the samples of the first repeat. ``with_input_error`` divides them by the scale of the
+    error that unknown inputs cause, too, which is right for a misfit and wrong for noise.
     """
     for group, members in group_repeats(experiments).items():
         repeats = [k for k in members if channel in experiments[k].measured and len(residuals[k][channel])]
@@ -112,10 +117,12 @@ def align_repeats(
         first = times[0]
         common = first[(first >= max(t[0] for t in times)) & (first <= min(t[-1] for t in times))]
         if len(common) > MIN_COMMON_SAMPLES:
-            rows = [
-                np.interp(common, t, residuals[k][channel] / experiments[k].noise_scale.get(channel, 1.0))
-                for k, t in zip(repeats, times, strict=True)
-            ]
+            rows = []
+            for k, t in zip(repeats, times, strict=True):
+                scale = experiments[k].noise_scale.get(channel, 1.0)
+                if with_input_error:
+                    scale = scale * experiments[k].input_error_scale.get(channel, 1.0)
+                rows.append(np.interp(common, t, residuals[k][channel] / scale))
             aligned = AlignedRepeats(group, common, np.array(rows))
             is_censored = all(channel in experiments[k].limits for k in repeats)
             yield _drop_agreeing_samples(aligned) if is_censored else aligned
