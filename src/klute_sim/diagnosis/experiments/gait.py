@@ -18,6 +18,12 @@ from klute_sim.diagnosis.experiments.base import (
     SimulationSetup,
     select_samples,
 )
+from klute_sim.diagnosis.experiments.registration import (
+    NO_REGISTRATION_ERROR,
+    REGISTRATION_DEVIATIONS,
+    Registration,
+    correct_inputs,
+)
 from klute_sim.effects import catalogue
 from klute_sim.errors import InputError
 from klute_sim.gait.replay.foot import build_device_foot
@@ -88,6 +94,11 @@ class GaitExperiment(Experiment):
         return (replace(self, inputs=self.smoothed_inputs),)
 
     @property
+    def registration_deviations(self) -> Mapping[str, float]:
+        """Distances and angles between plate, markers and prosthesis."""
+        return REGISTRATION_DEVIATIONS
+
+    @property
     def prescribed_input(self) -> PrescribedInput:
         """Moment of the ground reaction about the ankle."""
         directions = ("unloading", "steady", "loading")
@@ -115,14 +126,18 @@ class GaitExperiment(Experiment):
         body_effects = effects.select_effects(self.device.spec.effects, "body")
         edits = {(edit.effect, edit.form): dict(edit.parameters) for edit in setup.body_edits}
         foot = catalogue.apply_body_effects(body_effects | edits, self.foot)
-        replay = simulate_replay(setup.parameters, foot, self.inputs._replace(pressure_command=self.command), self.dt)
+        registration = Registration(*setup.registration)
+        inputs = self.inputs
+        if registration != NO_REGISTRATION_ERROR:
+            inputs = correct_inputs(inputs, self.vertical_load, registration)
+        replay = simulate_replay(setup.parameters, foot, inputs._replace(pressure_command=self.command), self.dt)
         time: Array = self.start_time + self.dt * np.arange(float(len(self.command)))
         return DeviceResponse(
             time,
             replay.tension,
             replay.pressure,
             replay.length,
-            replay.ankle_angle + self.alignment,
+            replay.ankle_angle + (self.alignment + registration.ankle_zero),
             replay.ankle_moment,
         )
 
@@ -193,6 +208,7 @@ def prepare_gait_trial(trial: Trial, use: Use) -> GaitExperiment:
         measured=_exclude_contact_changes(samples, motion),
         trusted=trial.trusted,
         limits=trial.limits,
+        specimen=trial.specimen,
         alignment=alignment,
         foot=build_device_foot(_remove_body_effects(trial.device)),
         inputs=inputs,

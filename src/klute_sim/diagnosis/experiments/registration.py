@@ -1,0 +1,59 @@
+"""Registration of a walk: how ground reaction, ankle axis and angles fit together, each known to a few millimetres.
+
+A force plate, markers and a prosthesis are three systems of coordinates. Small errors between them move the moment
+about the ankle in every stride alike, so they are fitted with their usual size as a prior before any effect is named.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from klute_sim.gait.replay.rollout import ReplayInputs
+from klute_sim.types import Array
+
+REGISTRATION_PREFIX = "registration."
+"""Beginning of the names of registration numbers among fitted parameters."""
+
+
+class Registration(NamedTuple):
+    """Errors of the registration in SI units, each added to what was measured; 0 without error."""
+
+    cop_to_ankle: float = 0.0
+    """Forward distance from ankle axis to centre of pressure [m]."""
+    ankle_height: float = 0.0
+    """Height of the ankle axis [m]."""
+    plate_gain: float = 0.0
+    """Relative error of all forces of the plate."""
+    ankle_zero: float = 0.0
+    """Zero of the ankle angle, or of the inclination of the shank that it refers to [rad]."""
+
+
+NO_REGISTRATION_ERROR = Registration()
+
+REGISTRATION_DEVIATIONS = {
+    "registration.cop_to_ankle_mm": 5.8,
+    "registration.ankle_height_mm": 5.0,
+    "registration.plate_gain_pct": 1.0,
+    "registration.ankle_zero_deg": 1.0,
+}
+"""Name -> standard deviation in the unit of the name (assumed: centre of pressure 3 mm and ankle axis 5 mm, of which
+only the distance matters; plate 1 %; shank 1 degree). In the order of :class:`Registration`."""
+SI_FACTORS = (1e-3, 1e-3, 1e-2, np.pi / 180.0)
+"""Units of the names in SI, in the same order."""
+
+
+def correct_inputs(inputs: ReplayInputs, vertical_load: Array, registration: Registration) -> ReplayInputs:
+    """Return ``inputs`` of a replay under ``registration`` errors; ``vertical_load`` [N] has one value per time step.
+
+    The moment of the ground reaction about the ankle, plantarflexion positive, is ``-z F_forward - d F_vertical`` with
+    height z of the ankle and distance d of the centre of pressure in front of it.
+    """
+    gain = 1.0 + registration.plate_gain
+    sine, cosine = np.sin(inputs.shank_angle), np.cos(inputs.shank_angle)
+    forward_force = sine * inputs.axial_force - cosine * inputs.shear_force
+    shift = registration.ankle_height * forward_force + registration.cop_to_ankle * vertical_load
+    return inputs._replace(
+        ground_moment=gain * (inputs.ground_moment - shift),
+        axial_force=gain * inputs.axial_force,
+        shear_force=gain * inputs.shear_force,
+    )
