@@ -3,6 +3,7 @@
 from typing import Any
 
 from klute_sim.device.device import Device, parse_device, set_number
+from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers
 from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.files.toml import format_toml, parse_toml
 
@@ -11,16 +12,18 @@ def augment_device(fit: Fit, source: str) -> Device:
     """Return the device of ``fit`` with its fitted numbers and effects; ``source`` names the data.
 
     Effects of instruments are not part of a device and are omitted.
-
-    Raises InputError when a fitted number is out of the range of a device file.
     """
     hypothesis, values = fit.hypothesis, fit.values
     content: dict[str, Any] = parse_toml(hypothesis.device.content, f"device {hypothesis.device.name}")
     note = f"fitted by klute-sim diagnose to {source}"
-    for (key, _), value in zip(hypothesis.uncertainties, values, strict=False):
-        set_number(content, key, value, note)
+    nominal = hypothesis.device.spec.collect_values()
+    numbers = hypothesis.collect_numbers(values)
+    for key, value in complete_numbers(nominal, numbers).items():
+        set_number(
+            content, key, value, note if key in numbers else f"{note}: follows from the numbers that were fitted"
+        )
     for index, term in enumerate(hypothesis.terms):
-        if term.channel is not None:
+        if term.effect_definition.kind not in ("device", "body"):
             continue
         parameters = {
             parameter.name: value

@@ -6,6 +6,9 @@ from klute_sim.diagnosis.fitting.hypothesis import EffectTerm
 from klute_sim.diagnosis.result import Diagnosis
 from klute_sim.diagnosis.selection.forward_selection import SelectionStep
 
+Identity = tuple[str, str | None, str | None]
+"""Effect, channel and number of a term."""
+
 
 @dataclass(frozen=True)
 class Rejection:
@@ -23,41 +26,37 @@ def list_rejections(diagnosis: Diagnosis) -> list[Rejection]:
     A candidate has the reason of the last step of the selection in which it was considered. Of several forms of an
     effect, the one counts that came furthest.
     """
-    added = {_identify(term) for term in diagnosis.added_terms}
-    equivalent = {_identify(model.fit.hypothesis.terms[-1]) for model in diagnosis.equivalent_models}
-    rejections: dict[tuple[str, str | None], Rejection] = {}
+    added = {term.identity for term in diagnosis.added_terms}
+    equivalent = {model.fit.hypothesis.terms[-1].identity for model in diagnosis.equivalent_models}
+    rejections: dict[Identity, Rejection] = {}
     for step in diagnosis.selection_history:
         for key, rejection in _explain_step(step, diagnosis.n_independent).items():
             rejections[key] = rejection
         if step.added_term is not None:
             reason = "effects that were added later explain the same, so it was removed again"
-            rejections[_identify(step.added_term)] = Rejection(step.added_term, reason)
+            rejections[step.added_term.identity] = Rejection(step.added_term, reason)
     for key in equivalent & rejections.keys():
         reason = "it explains the data as well as the added effect (see alternatives)"
         rejections[key] = Rejection(rejections[key].term, reason)
     return [rejection for key, rejection in rejections.items() if key not in added]
 
 
-def _explain_step(step: SelectionStep, n_independent: float) -> dict[tuple[str, str | None], Rejection]:
+def _explain_step(step: SelectionStep, n_independent: float) -> dict[Identity, Rejection]:
     """Return the rejection of each candidate of ``step``: tested first, then fitted, then screened ones."""
-    rejections: dict[tuple[str, str | None], Rejection] = {}
+    rejections: dict[Identity, Rejection] = {}
     for term, reason in step.rejections.items():
-        rejections.setdefault(_identify(term), Rejection(term, reason))
+        rejections.setdefault(term.identity, Rejection(term, reason))
     initial_bic = step.initial_fit.bic(n_independent)
     gains = {fit.hypothesis.terms[-1]: initial_bic - fit.bic(n_independent) for fit in step.refits}
     for term, gain in gains.items():
         reason = f"other candidates fit better: with it, BIC falls by {gain:.1f}"
         if step.added_term is not None:
             reason += f", with {step.added_term} by {gains[step.added_term]:.1f}"
-        rejections.setdefault(_identify(term), Rejection(term, reason))
+        rejections.setdefault(term.identity, Rejection(term, reason))
     for candidate in step.candidates:
         reason = (
             "the screening predicts too small an improvement: it would lower chi squared by "
             f"{max(candidate.predicted_gain, 0.0):.1f}"
         )
-        rejections.setdefault(_identify(candidate.term), Rejection(candidate.term, reason))
+        rejections.setdefault(candidate.term.identity, Rejection(candidate.term, reason))
     return rejections
-
-
-def _identify(term: EffectTerm) -> tuple[str, str | None]:
-    return term.effect, term.channel

@@ -139,8 +139,8 @@ class Effect:
     """Name in device files."""
     description: str
     """One sentence on the effect's cause and consequence."""
-    kind: Literal["device", "body", "instrument"]
-    """Part of the experiment that has the effect."""
+    kind: Literal["device", "body", "instrument", "number"]
+    """Part of the experiment that has the effect. The catalogue has no 'number': a wrong number of the device file."""
     forms: tuple[EffectForm, ...]
     """Functional forms; the default one first."""
     replaces_switch: str = ""

@@ -41,6 +41,12 @@ def check_effect(name: str, content: EffectContent) -> EffectForm:
     return form
 
 
+def find_parameter_limits(effect: str, key: str) -> tuple[float, float]:
+    """Return the smallest and the largest value that ``key`` may have in any form of ``effect``."""
+    parameters = [p for form in catalogue.get_effects()[effect].forms for p in form.parameters if p.key == key]
+    return min(p.lower for p in parameters), max(p.upper for p in parameters)
+
+
 def pack_effects(sections: Mapping[str, EffectContent]) -> tuple[float, ...]:
     """Return the effect values of a device (:func:`klute_sim.effects.catalogue.pack_effects`)."""
     return catalogue.pack_effects(select_effects(sections, "device"))

@@ -170,6 +170,7 @@ def _group_influences(data: WeightedData, fit: Fit, pseudoinverse: Array) -> lis
             interval = experiment.measured[channel].sampling_interval
             n_samples = len(scaled_residual)
             sensitivity = pseudoinverse[:, start : start + n_samples] * data.noise[channel].weight(interval)
+            sensitivity = sensitivity / experiment.input_error_scale.get(channel, 1.0)
             noise = np.array([np.resize(row, n_samples) for row in realizations])
             trial.append(ChannelInfluence(sensitivity, noise, interval))
             start += n_samples

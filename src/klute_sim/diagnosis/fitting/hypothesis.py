@@ -7,7 +7,7 @@ natural logarithm of its ratio to the typical value.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -23,6 +23,9 @@ from klute_sim.diagnosis.experiments.base import (
     SensorModel,
     SimulationSetup,
 )
+from klute_sim.diagnosis.experiments.registration import REGISTRATION_PREFIX, SI_FACTORS
+from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers
+from klute_sim.diagnosis.fitting.number_error import BOUND_SIGMAS, compute_plausible_error, make_number_effect
 from klute_sim.effects import catalogue
 from klute_sim.effects.effect import Effect, EffectForm, EffectParameter
 from klute_sim.parameters import Parameter
@@ -30,6 +33,8 @@ from klute_sim.types import Array
 
 PRIOR_BOUND_SIGMAS = 3.0
 """Bounds of an uncertain device value, in standard deviations from its nominal value."""
+MIN_NUMBER_FRACTION = 1e-3
+"""Lower limit of a positive number, as a fraction of its nominal value."""
 
 
 class EffectTerm(NamedTuple):
@@ -43,15 +48,24 @@ class EffectTerm(NamedTuple):
     """Measured channel of an instrument effect; None for other effects."""
     parameter_keys: tuple[str, ...] = ()
     """Keys of the fitted parameters of a discrepancy term, whose other parameters stay neutral; empty: all."""
+    number: str | None = None
+    """``section.key`` of the device file for an error of this number; None for effects."""
+
+    @property
+    def identity(self) -> tuple[str, str | None, str | None]:
+        """What the term stands for, whatever its form: effect, channel and number."""
+        return self.effect, self.channel, self.number
 
     @property
     def effect_definition(self) -> Effect:
-        """The effect in the catalogue."""
-        return catalogue.get_effects()[self.effect]
+        """The effect in the catalogue, or the error of a number in the same shape."""
+        return make_number_effect(self.number) if self.number else catalogue.get_effects()[self.effect]
 
     @property
     def form_definition(self) -> EffectForm:
-        """The form in the catalogue."""
+        """The form of the effect."""
+        if self.number:
+            return self.effect_definition.forms[0]
         return catalogue.find_form(self.effect, self.form)[1]
 
     @property
@@ -62,7 +76,9 @@ class EffectTerm(NamedTuple):
         )
 
     def __str__(self) -> str:
-        """Return effect, form (where there are several) and channel."""
+        """Return effect, form (where there are several) and channel, or the number that may be wrong."""
+        if self.number:
+            return self.number
         channel = f" of {self.channel}" if self.channel else ""
         if len(self.effect_definition.forms) == 1:
             return f"{self.effect}{channel}"
@@ -89,14 +105,16 @@ class Hypothesis:
     """Channel and standard deviation of its noise [SI], the unit of an instrument's offset and drift."""
     terms: tuple[EffectTerm, ...] = ()
     """Additional effects."""
+    registration: tuple[tuple[str, float], ...] = ()
+    """Name and standard deviation of each error of the registration of a walk."""
 
     def with_term(self, term: EffectTerm) -> "Hypothesis":
         """Return the hypothesis with ``term`` added."""
-        return Hypothesis(self.device, self.uncertainties, self.noise_std, (*self.terms, term))
+        return replace(self, terms=(*self.terms, term))
 
     def without_term(self, term: EffectTerm) -> "Hypothesis":
         """Return the hypothesis without ``term``."""
-        return Hypothesis(self.device, self.uncertainties, self.noise_std, tuple(t for t in self.terms if t != term))
+        return replace(self, terms=tuple(t for t in self.terms if t != term))
 
     @cached_property
     def parameters(self) -> tuple[FitParameter, ...]:
@@ -105,7 +123,7 @@ class Hypothesis:
         parameters = []
         for key, deviation in self.uncertainties:
             nominal, half_range = nominal_values[key], PRIOR_BOUND_SIGMAS * deviation
-            lower = max(nominal - half_range, 1e-3 * nominal) if nominal > 0.0 else nominal - half_range
+            lower = max(nominal - half_range, MIN_NUMBER_FRACTION * nominal) if nominal > 0.0 else nominal - half_range
             parameters.append(
                 FitParameter(
                     name=key,
@@ -116,9 +134,31 @@ class Hypothesis:
                     upper=nominal + half_range,
                 )
             )
+        for name, deviation in self.registration:
+            parameters.append(
+                FitParameter(
+                    name=name,
+                    term_index=None,
+                    initial=0.0,
+                    scale=deviation,
+                    lower=-PRIOR_BOUND_SIGMAS * deviation,
+                    upper=PRIOR_BOUND_SIGMAS * deviation,
+                )
+            )
         for index, term in enumerate(self.terms):
-            parameters += [self._make_parameter(p, index, term) for p in term.parameters]
+            if term.number:
+                parameters.append(self._make_number_parameter(term.number, index))
+            else:
+                parameters += [self._make_parameter(p, index, term) for p in term.parameters]
         return tuple(parameters)
+
+    def _make_number_parameter(self, key: str, term_index: int) -> FitParameter:
+        nominal = self.device.spec.collect_values()[key]
+        error = compute_plausible_error(key, nominal)
+        lower, upper = nominal - BOUND_SIGMAS * error, nominal + BOUND_SIGMAS * error
+        if nominal > 0.0:
+            lower = max(lower, MIN_NUMBER_FRACTION * nominal)
+        return FitParameter(name=key, term_index=term_index, initial=nominal, scale=error, lower=lower, upper=upper)
 
     def _make_parameter(self, parameter: EffectParameter, term_index: int, term: EffectTerm) -> FitParameter:
         if parameter.neutral is None:
@@ -145,8 +185,11 @@ class Hypothesis:
 
     @property
     def n_device_parameters(self) -> int:
-        """Number of parameters of the device; they come first."""
-        return len(self.uncertainties)
+        """Number of declared uncertain numbers and registration errors.
+
+        They come first and have normal priors of mean 0 and standard deviation 1.
+        """
+        return len(self.uncertainties) + len(self.registration)
 
     def initial_point(self) -> Array:
         """Return the normalized parameters of the nominal device with neutral effects: (parameters,) of 0."""
@@ -161,6 +204,15 @@ class Hypothesis:
         bounds = np.array([p.bounds for p in self.parameters]).reshape(-1, 2)
         return bounds[:, 0], bounds[:, 1]
 
+    def collect_numbers(self, values: Sequence[float]) -> dict[str, float]:
+        """Return ``section.key`` -> fitted number of the device for parameter ``values``, each in its own unit."""
+        return {
+            parameter.name: value
+            for parameter, value in zip(self.parameters, values, strict=True)
+            if (parameter.term_index is None and not parameter.name.startswith(REGISTRATION_PREFIX))
+            or (parameter.term_index is not None and self.terms[parameter.term_index].number)
+        }
+
     def build_setups(self, x: Array, experiments: Sequence[Experiment]) -> list[SimulationSetup]:
         """Return the simulation setup of each of ``experiments`` at normalized parameters ``x``."""
         values = self.values(x)
@@ -168,6 +220,8 @@ class Hypothesis:
         sensors, body_edits = [], []
         for index, term in enumerate(self.terms):
             pairs = [(p, v) for p, v in zip(self.parameters, values, strict=True) if p.term_index == index]
+            if term.number:
+                continue
             if term.effect_definition.kind == "body":
                 body_edits.append(BodyEdit(term.effect, term.form, tuple((p.name, v) for p, v in pairs)))
             elif term.channel is None:
@@ -176,7 +230,10 @@ class Hypothesis:
                 unit = CHANNEL_UNITS[term.channel][1]
                 si_values = tuple(v * unit if not math.isfinite(p.upper) else v for p, v in pairs)
                 sensors.append(SensorModel(term.channel, term.effect, term.form_definition.parameter_type(*si_values)))
-        fitted = dict(zip((key for key, _ in self.uncertainties), values, strict=False))
+        fitted = self.collect_numbers(values)
+        start = len(self.uncertainties)
+        errors = values[start : start + len(self.registration)]
+        registration = tuple(error * factor for error, factor in zip(errors, SI_FACTORS, strict=False))
         nominal = self.device.spec.collect_values()
         devices: dict[str, tuple[DeviceParameters, list[BodyEdit]]] = {}  # most trials share one device
         setups = []
@@ -189,6 +246,7 @@ class Hypothesis:
                     key: trial_values[key] * value / nominal[key] if nominal[key] != 0.0 else trial_values[key] + value
                     for key, value in fitted.items()
                 }
+                corrected = complete_numbers(trial_values, corrected)
                 spec = replace_values(device.spec, corrected)
                 effects = catalogue.pack_effects(_select_effects(spec, "device") | device_effects)
                 devices[device.digest] = (
@@ -197,7 +255,7 @@ class Hypothesis:
                 )
             imperfect = tuple(sensor for sensor in sensors if sensor.channel not in experiment.trusted)
             parameters, own_body_edits = devices[device.digest]
-            setups.append(SimulationSetup(parameters, imperfect, (*own_body_edits, *body_edits)))
+            setups.append(SimulationSetup(parameters, imperfect, (*own_body_edits, *body_edits), registration))
         return setups
 
 

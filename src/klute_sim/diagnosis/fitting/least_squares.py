@@ -81,7 +81,8 @@ class WeightedData:
         """For each experiment: channel -> weight of its residuals [1/SI], a scalar or one per sample."""
         return [
             {
-                channel: self.noise[channel].weight(series.sampling_interval) / e.noise_scale.get(channel, 1.0)
+                channel: self.noise[channel].weight(series.sampling_interval)
+                / (e.noise_scale.get(channel, 1.0) * e.input_error_scale.get(channel, 1.0))
                 for channel, series in e.measured.items()
                 if channel in self.noise
             }

@@ -1,0 +1,94 @@
+"""Wrong numbers of a device as candidates, and the numbers that depend on fitted ones."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from klute_sim.device.device import list_presets, load_device
+from klute_sim.device.schema.limits import find_limits
+from klute_sim.diagnosis.device_file import augment_device
+from klute_sim.diagnosis.experiments.bench import BenchExperiment
+from klute_sim.diagnosis.fitting.dependent_numbers import complete_numbers, compute_braid_radius
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit
+from klute_sim.diagnosis.fitting.number_error import NUMBER_ERROR_NAME, compute_plausible_error, list_error_candidates
+
+NOMINAL = load_device("klute-3-4-pair")
+RADIUS = "muscle.bladder_radius_mm"
+
+
+def make_number_term(key: str) -> EffectTerm:
+    return EffectTerm(NUMBER_ERROR_NAME, "value", number=key)
+
+
+def make_fit(hypothesis: Hypothesis, x: np.ndarray) -> Fit:
+    return Fit(hypothesis, x, np.zeros(len(x)), np.eye(len(x)), True, [])
+
+
+def test_candidates_are_all_undeclared_numbers_but_counts_zeros_and_the_foot() -> None:
+    spec = load_device("klute-1-1-4-pair").spec
+    candidates = list_error_candidates(spec, frozenset({RADIUS}))
+    values = spec.collect_values()
+    assert RADIUS not in candidates
+    assert "muscle.count" not in candidates
+    assert not [key for key in candidates if key.startswith(("foot.", "effects."))]
+    assert all(values[key] != 0.0 for key in candidates)
+    assert {"tendon.slack_length_mm", "supply.gas_temperature_c", "damper.bore_mm"} <= candidates.keys()
+    assert all(error > 0.0 for error in candidates.values())
+
+
+def test_wrong_number_changes_the_device() -> None:
+    term = make_number_term("tendon.slack_length_mm")
+    hypothesis = Hypothesis(NOMINAL, (("tendon.stiffness_1_n_per_mm", 6.0),), ()).with_term(term)
+    assert hypothesis.n_device_parameters == 1
+    x = np.array([0.0, 1.5])
+    error = compute_plausible_error("tendon.slack_length_mm", 100.0)
+    trial = BenchExperiment("a", "g", "fit", NOMINAL, 0.0, 0.01, np.zeros(3), {}, unit_length=np.full(3, 0.34))
+    (setup,) = hypothesis.build_setups(x, [trial])
+    assert setup.parameters.tendon.slack_length == pytest.approx(1e-3 * (100.0 + 1.5 * error))
+    assert augment_device(make_fit(hypothesis, x), "data").spec.collect_values()["tendon.slack_length_mm"] == (
+        pytest.approx(100.0 + 1.5 * error)
+    )
+    # At the nominal value nothing changes, to the last bit.
+    assert hypothesis.build_setups(np.zeros(2), [trial])[0].parameters == NOMINAL.parameters
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    name=st.sampled_from(list_presets()),
+    offsets=st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6),
+    fits_radius=st.booleans(),
+)
+def test_every_fit_is_a_valid_device_file(name: str, offsets: list[float], fits_radius: bool) -> None:
+    device = load_device(name)
+    values = device.spec.collect_values()
+    keys = ["muscle.braid_length_ratio", "muscle.turns_per_m", "muscle.bladder_thickness_mm", "muscle.c10_kpa"]
+    keys += ["supply.pressure_bar", *([RADIUS] if fits_radius else [])]
+    hypothesis = Hypothesis(device, tuple((key, 0.2 * values[key]) for key in keys), ())
+    lower, upper = hypothesis.bounds()
+    x = np.clip(np.array(offsets[: len(keys)]), lower, upper)
+    fitted = augment_device(make_fit(hypothesis, x), "data")
+    # The file simulates what the fit simulated.
+    trial = BenchExperiment("a", "g", "fit", device, 0.0, 0.01, np.zeros(3), {}, unit_length=np.full(3, 0.34))
+    (setup,) = hypothesis.build_setups(x, [trial])
+    assert setup.parameters.muscle == pytest.approx(fitted.parameters.muscle, rel=1e-12)
+
+
+def test_radius_follows_braid_and_turns_unless_it_is_fitted() -> None:
+    values = NOMINAL.spec.collect_values()
+    turns = 0.9 * values["muscle.turns_per_m"]
+    changed = complete_numbers(values, {"muscle.turns_per_m": turns})
+    assert changed[RADIUS] == pytest.approx(values[RADIUS] / 0.9)
+    assert complete_numbers(values, {"muscle.c10_kpa": 100.0}) == {"muscle.c10_kpa": 100.0}
+    both = complete_numbers(values, {"muscle.turns_per_m": turns, RADIUS: values[RADIUS]})
+    braid_radius = compute_braid_radius(values["muscle.braid_length_ratio"], turns)
+    assert 0.95 * braid_radius < both[RADIUS] < 1.06 * braid_radius
+
+
+def test_limits_are_those_of_the_device_file() -> None:
+    assert find_limits("muscle.braid_length_ratio")[0] == 1.001
+    lower, upper = find_limits("tendon.stiffness_1_n_per_mm")
+    assert lower > 0.0
+    assert upper >= 1e3
+    assert find_limits("effects.seal_friction.force_n") == (0.0, 200.0)
