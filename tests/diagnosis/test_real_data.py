@@ -77,6 +77,7 @@ def write_dataset_folder(folder: Path) -> Path:
             f'files = ["{name}.csv"]',
             f'group = "{resting_length} cm at {length} cm"',
             f'use = "{USES[resting_length]}"',
+            f'specimen = "{resting_length} cm"',
             "[trial.device]",
             f'"muscle.resting_length_mm" = {10.0 * float(resting_length):g}',
         ]

@@ -14,9 +14,13 @@ from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.selection.equation_residuals import EquationResidual
 from klute_sim.diagnosis.selection.forward_selection import BIC_THRESHOLD, SelectionStep
 from klute_sim.diagnosis.selection.localization import MisfitRegion
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveResult
 from klute_sim.diagnosis.selection.robustness import EquivalentModel
 
-Verdict = Literal["nothing-missing", "identified", "ambiguous", "unexplained", "insufficient-data"]
+Verdict = Literal[
+    "nothing-missing", "identified", "identified-in-part", "indistinguishable", "unexplained", "insufficient-data"
+]
+HeldOut = Literal["confirmed", "not-confirmed", "not-tested"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -69,6 +73,12 @@ class Diagnosis:
     """95 % confidence intervals of the parameters of the final fit."""
     equivalent_models: list[EquivalentModel] = field(default_factory=list)
     """Other models that explain the data as well, best first."""
+    prediction: PredictiveResult | None = None
+    """Selection by prediction of left-out conditions; None where models reach the noise between repeats."""
+    held_out: HeldOut = "not-tested"
+    """Whether the test trials confirm the added effects; 'not-tested' without effects or test trials."""
+    is_worse_on_test: bool = False
+    """Whether the refitted device without effects predicts the test trials better."""
     misfit_regions: list[MisfitRegion] = field(default_factory=list)
     """Channels and conditions in which the base fit deviates, largest deviation first."""
     equation_residuals: list[EquationResidual] = field(default_factory=list)
@@ -92,6 +102,14 @@ class Diagnosis:
     next_experiment: dict[str, Any] | None = None
     """Experiment that would separate the equivalent models."""
     fitted_device: Device | None = None
-    """Device with its refitted numbers and the added effects; None without effects or if it is out of range."""
+    """Recommended device: with its refitted numbers, and with the added effects unless test trials speak against them;
+    None without a fit."""
     n_simulations: int = 0
     """Number of simulations."""
+
+    @property
+    def recommended_fit(self) -> Fit:
+        """The final fit, or that without effects where it predicts the test trials better."""
+        assert self.base_fit is not None
+        assert self.final_fit is not None
+        return self.base_fit if self.is_worse_on_test else self.final_fit

@@ -10,6 +10,7 @@ from klute_sim.diagnosis.fitting.least_squares import Fit
 from klute_sim.diagnosis.planning.identifiability import INDISTINGUISHABLE_COSINE
 from klute_sim.diagnosis.rejections import list_rejections
 from klute_sim.diagnosis.result import Diagnosis
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveResult
 from klute_sim.diagnosis.selection.sparse_regression import format_formula
 from klute_sim.effects.families import instrument
 
@@ -47,7 +48,7 @@ def list_indistinguishable_pairs(diagnosis: Diagnosis) -> list[list[str]]:
 
 
 def _format_term(term: EffectTerm) -> str:
-    return f"{term.effect}@{term.channel}" if term.channel else term.effect
+    return f"{term.effect}@{term.channel or term.number}" if term.channel or term.number else term.effect
 
 
 def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -59,9 +60,18 @@ def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         "reasons": list(diagnosis.reasons),
         "accepted": [{"name": finding.name, "sentence": finding.sentence} for finding in diagnosis.dataset.accepted],
         "effects": _list_effect_entries(diagnosis, diagnosis.final_fit) if diagnosis.final_fit else [],
+        "numbers": _list_fitted_numbers(diagnosis),
         "alternatives": list_alternatives(diagnosis),
+        "held_out": diagnosis.held_out,
+        "prediction": _describe_prediction(diagnosis.prediction) if diagnosis.prediction else None,
         "rejected": [
-            {"name": r.term.effect, "form": r.term.form, "channel": r.term.channel, "reason": r.reason}
+            {
+                "name": r.term.effect,
+                "form": r.term.form,
+                "channel": r.term.channel,
+                "number": r.term.number,
+                "reason": r.reason,
+            }
             for r in list_rejections(diagnosis)
         ],
         "indistinguishable": list_indistinguishable_pairs(diagnosis),
@@ -82,6 +92,38 @@ def verdict_to_dict(diagnosis: Diagnosis) -> dict[str, Any]:
         },
         "next_experiment": diagnosis.next_experiment,
         "device_file": DEVICE_FILE_NAME if diagnosis.fitted_device is not None else None,
+        "recommended": "without-effects" if diagnosis.is_worse_on_test else "with-effects",
+    }
+
+
+def _list_fitted_numbers(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
+    """Return the fitted numbers of the device that were declared uncertain: key -> declared, fitted, interval."""
+    if diagnosis.final_fit is None:
+        return {}
+    hypothesis = diagnosis.final_fit.hypothesis
+    rows = zip(hypothesis.parameters, diagnosis.final_fit.values, diagnosis.confidence_intervals, strict=True)
+    return {
+        parameter.name: {"declared": parameter.initial, "value": value, "low": low, "high": high}
+        for parameter, value, (low, high) in rows
+        if parameter.term_index is None
+    }
+
+
+def _describe_prediction(prediction: PredictiveResult) -> dict[str, Any]:
+    """Return how well models predict what was left out; errors are relative to the model without added effects."""
+    return {
+        "left_out": prediction.fold_kind,
+        "folds": prediction.n_folds,
+        "share": round(prediction.share, 4),
+        "stability": {_format_term(term): round(value, 3) for term, value in prediction.stability.items()},
+        "models": [
+            {
+                "effects": [_format_term(term) for term in model.terms],
+                "squared_error": round(model.error / prediction.base.error, 4),
+                "obstacle": model.obstacle or None,
+            }
+            for model in prediction.models
+        ],
     }
 
 
@@ -94,6 +136,7 @@ def _list_effect_entries(diagnosis: Diagnosis, final_fit: Fit) -> list[dict[str,
             "form": term.form,
             "kind": term.effect_definition.kind,
             "channel": term.channel,
+            "number": term.number,
             "parameters": {
                 parameter.name: {"value": value, "low": low, "high": high}
                 for parameter, value, (low, high) in rows

@@ -5,6 +5,7 @@ Test trials are simulated only after all decisions.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -19,17 +20,25 @@ from klute_sim.diagnosis.experiments.prepare import prepare_experiments
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
-from klute_sim.diagnosis.fitting.hypothesis import Hypothesis
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, fit_hypothesis
+from klute_sim.diagnosis.held_out import evaluate_held_out
+from klute_sim.diagnosis.imperfect_law import (
+    compute_jackknife_intervals,
+    decide_verdict,
+    find_complete_model,
+    select_by_prediction,
+)
 from klute_sim.diagnosis.noise import repeats
 from klute_sim.diagnosis.noise.heteroscedastic import add_noise_scales
-from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS, is_significant
+from klute_sim.diagnosis.noise.misfit import SIGNIFICANCE_SIGMAS
 from klute_sim.diagnosis.noise.quantization import Quantizer, detect_quantizers
 from klute_sim.diagnosis.planning.proposals import propose_experiment
-from klute_sim.diagnosis.result import ChannelRms, Diagnosis, DiagnosisOptions, Verdict
-from klute_sim.diagnosis.selection.equation_residuals import compute_equation_residuals
+from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions, Verdict
+from klute_sim.diagnosis.selection.equation_residuals import EquationResidual, compute_equation_residuals
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.localization import locate_misfit
+from klute_sim.diagnosis.selection.predictive_selection import PredictiveModel, PredictiveResult, PredictiveSelection
 from klute_sim.diagnosis.selection.robustness import (
     EquivalentModel,
     check_convergence,
@@ -38,7 +47,6 @@ from klute_sim.diagnosis.selection.robustness import (
 )
 from klute_sim.diagnosis.selection.screening import check_effect_names, list_candidate_terms
 from klute_sim.diagnosis.selection.sparse_regression import fit_discrepancy_term
-from klute_sim.errors import InputError
 from klute_sim.types import ProgressCallback
 
 
@@ -98,15 +106,95 @@ def _run_workflow(
         data.with_experiments([e for e in validation if e.group == group])
         for group in repeats.group_repeats(validation)
     ]
-    candidate_terms = list_candidate_terms(data, dataset.device, options.only, options.exclude)
+    candidate_terms = list_candidate_terms(data, dataset, options.only, options.exclude)
     search = ForwardSelection(
         data,
         validation_data,
         candidate_terms,
         lambda stage: progress(0.2, stage),
         data_quality.has_repeats(fitted),
+        dataset.tolerance,
     )
-    final_fit = search.run(base_fit)
+    # What the user tolerates needs no name.
+    final_fit = base_fit if dataset.tolerance and not search.has_misfit(base_fit) else search.run(base_fit)
+    selected: _SelectedModel | None = None
+    if search.has_repeats and search.has_misfit(final_fit):
+        progress(0.5, "predicting conditions that are left out")
+        prediction = select_by_prediction(search, experiments, final_fit, lambda stage: progress(0.5, stage))
+        if prediction is not None:
+            complete_fit = find_complete_model(search, base_fit, prediction[1])
+            if complete_fit is None:
+                progress(0.8, "fitting a data-driven term")
+                selected = _select_imperfect_model(*prediction, options)
+            else:
+                final_fit = complete_fit
+    if selected is None:
+        selected = _select_complete_model(search, base_fit, final_fit, options, progress)
+    if quantizers and "quantisation" not in options.exclude:
+        sentences = [_describe_quantization(c, q) for c, q in quantizers.items()]
+        verdict = "identified" if selected.verdict == "nothing-missing" else selected.verdict
+        selected = selected._replace(verdict=verdict, reasons=[*sentences, *selected.reasons])
+    if not selected.has_converged:
+        reasons.append("A fit restarted from another point converged elsewhere; treat the values with caution.")
+    data, final_fit, equivalent_models = selected.data, selected.final_fit, selected.equivalent_models
+    diagnosis = Diagnosis(
+        dataset=dataset,
+        split=partition,
+        verdict=selected.verdict,
+        reasons=[*reasons, *selected.reasons],
+        noise=dict(search.data.noise),
+        base_fit=selected.base_fit,
+        final_fit=final_fit,
+        added_terms=final_fit.hypothesis.terms,
+        confidence_intervals=selected.confidence_intervals,
+        equivalent_models=equivalent_models,
+        prediction=selected.prediction,
+        misfit_regions=locate_misfit(search.data, base_fit),
+        equation_residuals=selected.equation_residuals,
+        selection_history=search.history,
+        experiments=experiments,
+        n_independent=search.data.n_effective,
+        quantizers=quantizers,
+        has_repeats=search.has_repeats,
+        bic_threshold=search.bic_threshold,
+    )
+    if equivalent_models and dataset.rig == "bench":  # protocols need a tensile tester
+        progress(0.85, "searching for an experiment that separates the equivalent models")
+        proposal = propose_experiment(data, dataset.device, final_fit, equivalent_models[0].fit)
+        diagnosis.next_experiment = proposal.to_dict()
+    progress(0.95, "evaluating the test trials")
+    evaluate_held_out(diagnosis, search.data)
+    diagnosis.n_simulations = simulator.n_rollouts
+    diagnosis.fitted_device = augment_device(diagnosis.recommended_fit, dataset.folder.resolve().name)
+    progress(1.0, "done")
+    return diagnosis
+
+
+class _SelectedModel(NamedTuple):
+    """The model that the selection ends with."""
+
+    verdict: Verdict
+    reasons: list[str]
+    data: WeightedData
+    """Trials of the final fit."""
+    base_fit: Fit
+    """Fit without added effects to the same trials."""
+    final_fit: Fit
+    confidence_intervals: list[tuple[float, float]]
+    equivalent_models: list[EquivalentModel]
+    equation_residuals: list[EquationResidual]
+    has_converged: bool
+    prediction: PredictiveResult | None = None
+
+
+def _select_complete_model(
+    search: ForwardSelection,
+    base_fit: Fit,
+    final_fit: Fit,
+    options: DiagnosisOptions,
+    progress: ProgressCallback,
+) -> _SelectedModel:
+    """Return the model where the noise between repeats decides."""
     data = search.data
     progress(0.6, "restarting the fit from another point")
     final_fit, has_converged = check_convergence(data, final_fit, np.random.default_rng(options.seed))
@@ -119,69 +207,90 @@ def _run_workflow(
         better_fit = equivalent_models[0].fit
         final_fit, has_converged = check_convergence(data, better_fit, np.random.default_rng(options.seed))
         equivalent_models = find_equivalent_models(search, final_fit)
-    verdict, verdict_reasons = _decide_verdict(search, final_fit, equivalent_models)
-    if quantizers and "quantisation" not in options.exclude:
-        verdict_reasons = [*(_describe_quantization(c, q) for c, q in quantizers.items()), *verdict_reasons]
-        verdict = "identified" if verdict == "nothing-missing" else verdict
+    verdict, reasons = _decide_verdict(search, final_fit, equivalent_models)
     equation_residuals = compute_equation_residuals(data, final_fit)
     if verdict == "unexplained":
         progress(0.8, "fitting a data-driven term")
-        discrepancy = fit_discrepancy_term(search, final_fit, base_fit, equation_residuals, options.exclude)
-        verdict_reasons.append(discrepancy.reason)
-        if discrepancy.fit is not None:
-            final_fit, has_converged = check_convergence(data, discrepancy.fit, np.random.default_rng(options.seed))
+        final_fit, has_converged, sentences = _add_discrepancy_term(
+            search, final_fit, base_fit, equation_residuals, options, has_converged
+        )
+        reasons += sentences
+        if "unknown" in " ".join(term.effect for term in final_fit.hypothesis.terms):
             equivalent_models = []  # these are equivalent to the model without the data-driven term
-            misfit = "still show a misfit" if search.has_misfit(final_fit) else "show no misfit"
-            verdict_reasons[-1] += f" With it, repeats {misfit}."
-        verdict_reasons += _describe_proxies(final_fit)
-    if not has_converged:
-        reasons.append("A fit restarted from another point converged elsewhere; treat the values with caution.")
-    diagnosis = Diagnosis(
-        dataset=dataset,
-        split=partition,
-        verdict=verdict,
-        reasons=[*reasons, *verdict_reasons],
-        noise=dict(data.noise),
-        base_fit=base_fit,
-        final_fit=final_fit,
-        added_terms=final_fit.hypothesis.terms,
-        confidence_intervals=compute_confidence_intervals(data, final_fit),
-        equivalent_models=equivalent_models,
-        misfit_regions=locate_misfit(data, base_fit),
-        equation_residuals=equation_residuals,
-        selection_history=search.history,
-        experiments=experiments,
-        n_independent=data.n_effective,
-        quantizers=quantizers,
-        has_repeats=search.has_repeats,
-        bic_threshold=search.bic_threshold,
+    intervals = compute_confidence_intervals(data, final_fit)
+    return _SelectedModel(
+        verdict,
+        reasons,
+        data,
+        base_fit,
+        final_fit,
+        intervals,
+        equivalent_models,
+        equation_residuals,
+        has_converged,
     )
-    if equivalent_models and dataset.rig == "bench":  # protocols need a tensile tester
-        progress(0.85, "searching for an experiment that separates the equivalent models")
-        proposal = propose_experiment(data, dataset.device, final_fit, equivalent_models[0].fit)
-        diagnosis.next_experiment = proposal.to_dict()
-    progress(0.95, "evaluating the test trials")
-    _evaluate_held_out(diagnosis, data)
-    diagnosis.n_simulations = simulator.n_rollouts
-    _augment_device(diagnosis)
-    progress(1.0, "done")
-    return diagnosis
 
 
-def _augment_device(diagnosis: Diagnosis) -> None:
-    """Set the fitted device, or add a reason why it cannot be a device file."""
-    if diagnosis.added_terms and diagnosis.final_fit is not None:
-        try:
-            diagnosis.fitted_device = augment_device(diagnosis.final_fit, diagnosis.dataset.folder.resolve().name)
-        except InputError as error:
-            diagnosis.reasons.append(f"The fitted device is out of range, so no device file exists: {error}.")
+def _select_imperfect_model(
+    selection: PredictiveSelection, result: PredictiveResult, options: DiagnosisOptions
+) -> _SelectedModel:
+    """Return the model where the prediction of left-out conditions decides."""
+    verdict, reasons = decide_verdict(result)
+    data, base_fit, final_fit = selection.data, result.base.fit, result.chosen.fit
+    final_fit, has_converged = check_convergence(data, final_fit, np.random.default_rng(options.seed))
+    equation_residuals = compute_equation_residuals(data, final_fit)
+    if verdict == "unexplained":
+        final_fit, has_converged, sentences = _add_discrepancy_term(
+            selection.search, final_fit, base_fit, equation_residuals, options, has_converged
+        )
+        reasons += sentences
+    equivalent_models = [
+        EquivalentModel(rival.fit, _find_replaced_term(result, rival), rival.error - result.chosen.error)
+        for rival in (result.rivals if verdict == "indistinguishable" else ())
+    ]
+    return _SelectedModel(
+        verdict,
+        reasons,
+        data,
+        base_fit,
+        final_fit,
+        compute_jackknife_intervals(selection.assess(final_fit)),
+        equivalent_models,
+        equation_residuals,
+        has_converged,
+        result,
+    )
+
+
+def _find_replaced_term(result: PredictiveResult, rival: PredictiveModel) -> EffectTerm:
+    """Return a term of the chosen model that ``rival`` does not contain."""
+    return next(term for term in result.chosen.terms if term.identity not in rival.identities)
+
+
+def _add_discrepancy_term(
+    search: ForwardSelection,
+    final_fit: Fit,
+    base_fit: Fit,
+    equation_residuals: Sequence[EquationResidual],
+    options: DiagnosisOptions,
+    has_converged: bool,
+) -> tuple[Fit, bool, list[str]]:
+    """Return the fit with a data-driven term if one is accepted, whether it converged, and sentences about it."""
+    discrepancy = fit_discrepancy_term(search, final_fit, base_fit, equation_residuals, options.exclude)
+    sentences = [discrepancy.reason]
+    if discrepancy.fit is not None:
+        final_fit, has_converged = check_convergence(search.data, discrepancy.fit, np.random.default_rng(options.seed))
+        misfit = "still show a misfit" if search.has_misfit(final_fit) else "show no misfit"
+        sentences[-1] += f" With it, repeats {misfit}."
+    return final_fit, has_converged, [*sentences, *_describe_proxies(final_fit)]
 
 
 def fit_base_device(
     dataset: Dataset, experiments: Sequence[Experiment], simulator: Simulator, cache: FitCache | None = None
 ) -> tuple[Fit, WeightedData]:
     """Return the fit of the device without added effects, and the data weighted by the noise of its residuals."""
-    nominal = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), ())
+    registration = tuple(experiments[0].registration_deviations.items())
+    nominal = Hypothesis(dataset.device, tuple(dataset.uncertainties.items()), (), (), registration)
     unweighted = WeightedData(simulator, experiments, {})
     estimate_noise = (
         repeats.estimate_noise_from_repeats
@@ -192,7 +301,7 @@ def fit_base_device(
     fit: Fit | None = None
     for _ in range(2):  # input noise passes through the device, so the noise changes slightly with the fit
         deviations = tuple((channel, channel_noise.std) for channel, channel_noise in noise.items())
-        hypothesis = Hypothesis(nominal.device, nominal.uncertainties, deviations)
+        hypothesis = replace(nominal, noise_std=deviations)
         data = WeightedData(simulator, experiments, noise, cache)
         fit = fit_hypothesis(data, hypothesis, fit.x if fit else None)
         noise = estimate_noise(experiments, fit.residuals)
@@ -205,9 +314,7 @@ def _decide_verdict(
 ) -> tuple[Verdict, list[str]]:
     """Return the verdict and its reasons."""
     terms = final_fit.hypothesis.terms
-    misfits = {
-        channel: misfit for channel, misfit in search.compute_misfits(final_fit).items() if is_significant(misfit)
-    }
+    misfits = search.find_relevant_misfits(final_fit)
     if misfits:
         channel = max(misfits, key=lambda channel: misfits[channel].significance)
         worst = misfits[channel]
@@ -217,14 +324,23 @@ def _decide_verdict(
         )
         last_step = f"Last step of the selection: {search.history[-1].reason}."
         return "unexplained", [sentence, *([] if terms else [last_step])]
+    if not terms and not search.history:
+        limits = [
+            f"{channel} {tolerance / CHANNEL_UNITS[channel][1]:.4g} {CHANNEL_UNITS[channel][0]}"
+            for channel, tolerance in search.tolerance.items()
+        ]
+        within = ", ".join(limits)
+        return "nothing-missing" if search.has_repeats else "insufficient-data", [
+            f"The misfit is within the stated tolerance ({within})."
+        ]
     if not terms:
         return "nothing-missing" if search.has_repeats else "insufficient-data", [f"{search.history[-1].reason}."]
     # A term may have a simpler form than the one that was added.
-    final_terms = {(term.effect, term.channel): term for term in terms}
+    final_terms = {term.identity: term for term in terms}
     steps = [
-        (step, final_terms[step.added_term.effect, step.added_term.channel])
+        (step, final_terms[step.added_term.identity])
         for step in search.history
-        if step.added_term is not None and (step.added_term.effect, step.added_term.channel) in final_terms
+        if step.added_term is not None and step.added_term.identity in final_terms
     ]
     reasons = [f"{term}: {step.reason}." for step, term in steps]
     if not all(step.validation_gains for step, _ in steps):
@@ -236,7 +352,7 @@ def _decide_verdict(
     if equivalent_models:
         names = ", ".join(sorted({str(model.fit.hypothesis.terms[-1]) for model in equivalent_models}))
         sentence = f"{names} would explain the data as well: BIC differs by no more than {search.bic_threshold:.0f}."
-        return "ambiguous", [*reasons, sentence]
+        return "indistinguishable", [*reasons, sentence]
     return "identified", reasons
 
 
@@ -251,30 +367,3 @@ def _describe_quantization(channel: str, quantizer: Quantizer) -> str:
 def _describe_proxies(final_fit: Fit) -> list[str]:
     proxies = " and ".join(str(term) for term in final_fit.hypothesis.terms if not term.effect_definition.data_driven)
     return [f"Only a proxy was identified: {proxies} explains a part of the misfit."] if proxies else []
-
-
-def _evaluate_held_out(result: Diagnosis, data: WeightedData) -> None:
-    """Compute the residuals on the test trials; no decision follows."""
-    held_out = [e for e in result.experiments if e.use == "test" and e.measured]
-    result.evaluated_on = "test" if held_out else "fit"
-    evaluated = data.with_experiments(held_out or data.experiments)
-    assert result.base_fit is not None
-    assert result.final_fit is not None
-    nominal, base_fit, final_fit = result.base_fit.hypothesis, result.base_fit, result.final_fit
-    residuals = [
-        evaluated.compute_residuals(nominal, [nominal.initial_point()])[0],
-        evaluated.compute_residuals(base_fit.hypothesis, [base_fit.x])[0],
-        evaluated.compute_residuals(final_fit.hypothesis, [final_fit.x])[0],
-    ]
-    noise = data.noise if data_quality.has_repeats(data.experiments) else {}
-    unscaled = [replace(e, noise_scale={}) for e in evaluated.experiments]
-    noise = {**noise, **repeats.estimate_noise_from_repeats(unscaled, residuals[2])}
-    for channel in repeats.list_channels(evaluated.experiments):
-        rms = [
-            float(np.sqrt(np.mean(np.concatenate([trial[channel] for trial in trials if channel in trial]) ** 2)))
-            for trials in residuals
-        ]
-        noise_floor = noise[channel].std if channel in noise else None
-        result.channel_rms[channel] = ChannelRms(
-            nominal=rms[0], refitted=rms[1], with_effects=rms[2], noise_floor=noise_floor
-        )

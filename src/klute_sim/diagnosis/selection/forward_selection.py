@@ -4,7 +4,7 @@ An effect is accepted if the BIC of independent samples prefers it *and* it impr
 before effects do: the best form of each promising effect is fitted before another effect is added.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,7 +21,9 @@ BIC_THRESHOLD = 6.0
 MAX_EFFECTS = 3
 """Maximum number of added effects."""
 SHORTLIST_SIZE = 8
-"""Number of candidates that are refitted."""
+"""Number of effects that are refitted."""
+NUMBER_SHORTLIST_SIZE = 3
+"""Number of wrong numbers that are refitted beside them."""
 MIN_VALIDATION_GAIN = 0.05
 """Minimum relative fall of chi squared on validation trials, about that of an effect of a quarter of the noise."""
 MAX_VALIDATION_LOSS = 0.02
@@ -41,8 +43,8 @@ MIN_START_GAIN_FRACTION = 0.3
 """Fraction of the predicted gain that a starting point must reach, else :data:`START_SIZES` are tried."""
 MAX_ACCEPTANCE_TESTS = 3
 """Number of candidates of the shortlist that are tested on validation trials."""
-MAX_BIC_LAG_FRACTION = 0.3
-"""Fraction of the best fall of BIC by which a candidate may lag to get another round of fitting."""
+MAX_BIC_LAG_FRACTIONS = (0.3, 0.1)
+"""Fractions of the best fall of BIC by which a candidate may lag to get the second and the third round of fitting."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,8 @@ class ForwardSelection:
     """Receives a short description of the current stage."""
     has_repeats: bool = True
     """Whether noise was measured from repeats; otherwise residuals count as noise, re-estimated after each effect."""
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+    """Channel -> misfit [SI] up to which the user does not care."""
     history: list[SelectionStep] = field(default_factory=list)
     """Steps so far."""
 
@@ -107,15 +111,23 @@ class ForwardSelection:
 
     def has_misfit(self, current: Fit) -> bool:
         """Return whether all repeats of some channel share a significant misfit of the ``current`` fit."""
-        return any(is_significant(misfit) for misfit in self.compute_misfits(current).values())
+        return bool(self.find_relevant_misfits(current))
+
+    def find_relevant_misfits(self, current: Fit) -> dict[str, Misfit]:
+        """Return the misfit of each channel in which it is significant and above the tolerance."""
+        return {
+            channel: misfit
+            for channel, misfit in self.compute_misfits(current).items()
+            if is_significant(misfit) and misfit.rms > self.tolerance.get(channel, 0.0)
+        }
 
     def compute_misfits(self, current: Fit) -> dict[str, Misfit]:
         """Return the misfit of each channel on the fitted trials."""
         return estimate_misfit(self.data.experiments, current.residuals, self.data.noise)
 
     def _select_next(self, current: Fit) -> SelectionStep:
-        used = {(t.effect, t.channel) for t in current.hypothesis.terms}
-        unused = [t for t in self.candidate_terms if (t.effect, t.channel) not in used]
+        used = {t.identity for t in current.hypothesis.terms}
+        unused = [t for t in self.candidate_terms if t.identity not in used]
         self.report_stage(f"screening {len(unused)} candidates")
         candidates = screen_candidates(self.data, current, unused)
         min_gain = self.bic_threshold + float(np.log(self.data.n_effective))
@@ -150,11 +162,11 @@ class ForwardSelection:
             x0 = self._initial_guess(current, candidate)
             fits.append(fit_hypothesis(self.data, hypothesis, x0, max_nfev=REFIT_MAX_NFEV[0]))
         dropped: list[Fit] = []
-        for max_nfev in REFIT_MAX_NFEV[1:]:
+        for max_nfev, lag_fraction in zip(REFIT_MAX_NFEV[1:], MAX_BIC_LAG_FRACTIONS, strict=True):
             if not fits:
                 break
             best_bic = min([bic_goal, *map(self._bic, fits)])
-            max_bic = best_bic + max(20.0 * BIC_THRESHOLD, MAX_BIC_LAG_FRACTION * (self._bic(current) - best_bic))
+            max_bic = best_bic + max(20.0 * BIC_THRESHOLD, lag_fraction * (self._bic(current) - best_bic))
             dropped += [fit for fit in fits if self._bic(fit) > max_bic]
             fits = [fit for fit in fits if self._bic(fit) <= max_bic]
             for k, fit in enumerate(fits):
@@ -277,9 +289,12 @@ class ForwardSelection:
 
 
 def select_shortlist(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return the best candidates, and the other forms of the effects of the best three."""
-    leaders = {(c.term.effect, c.term.channel) for c in candidates[:3]}
-    return [c for k, c in enumerate(candidates) if k < SHORTLIST_SIZE or (c.term.effect, c.term.channel) in leaders]
+    """Return the best effects, the other forms of the effects of the best three candidates, and the best numbers."""
+    leaders = {c.term.identity for c in candidates[:3]}
+    effects = [c for c in candidates if not c.term.number]
+    shortlist = {c.term for k, c in enumerate(effects) if k < SHORTLIST_SIZE or c.term.identity in leaders}
+    numbers = [c for c in candidates if c.term.number][:NUMBER_SHORTLIST_SIZE]
+    return [c for c in candidates if c.term in shortlist or c in numbers]
 
 
 def refit_without_term(data: WeightedData, current: Fit, term: EffectTerm) -> Fit:

@@ -45,7 +45,9 @@ def locate_misfit(data: WeightedData, base_fit: Fit) -> list[MisfitRegion]:
     by_group = {e.group: e for e in data.experiments}
     for channel, noise in data.noise.items():
         squares, conditions = [], []
-        aligned = align_repeats(data.experiments, base_fit.residuals, channel, min_repeats=min_repeats)
+        aligned = align_repeats(
+            data.experiments, base_fit.residuals, channel, min_repeats=min_repeats, with_input_error=True
+        )
         for group, time, residuals in aligned:
             # The squared mean of the repeats minus the noise in it.
             mean, n_repeats = residuals.mean(axis=0), len(residuals)

@@ -56,8 +56,8 @@ def find_smaller_model(search: ForwardSelection, best_fit: Fit) -> Fit | None:
 
 def _refit_replacements(search: ForwardSelection, reduced_fit: Fit, best_fit: Fit, bic_goal: float) -> list[Fit]:
     """Return refits of ``reduced_fit`` with one more term that may reach at least half the gain of ``best_fit``."""
-    used = {(t.effect, t.channel) for t in reduced_fit.hypothesis.terms}
-    unused = [t for t in search.candidate_terms if (t.effect, t.channel) not in used]
+    used = {t.identity for t in reduced_fit.hypothesis.terms}
+    unused = [t for t in search.candidate_terms if t.identity not in used]
     min_gain = 0.5 * (reduced_fit.chi2 - best_fit.chi2)
     promising = [c for c in screen_candidates(search.data, reduced_fit, unused) if c.predicted_gain > min_gain]
     if not promising:
@@ -83,8 +83,7 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
             refits = tuple(_refit_replacements(search, reduced_fit, best_fit, best_bic))
         for refit in refits:
             replacement, bic_difference = refit.hypothesis.terms[-1], refit.bic(data.n_effective) - best_bic
-            is_same_effect = (replacement.effect, replacement.channel) == (term.effect, term.channel)
-            if is_same_effect or bic_difference > search.bic_threshold:
+            if replacement.identity == term.identity or bic_difference > search.bic_threshold:
                 continue
             if not search.rejection_reason(reduced_fit, refit, search.compute_validation_gains(reduced_fit, refit)):
                 models.append(EquivalentModel(refit, term, bic_difference))

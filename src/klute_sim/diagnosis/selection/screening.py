@@ -11,11 +11,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from klute_sim.datasets.dataset import Dataset
 from klute_sim.device.device import Device
+from klute_sim.device.schema.document import PNEUMATIC_SECTIONS
+from klute_sim.diagnosis.data_quality import is_supply_only
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
 from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
 from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData, linearize
+from klute_sim.diagnosis.fitting.number_error import NUMBER_ERROR_NAME, list_error_candidates
 from klute_sim.effects import catalogue
+from klute_sim.effects.effect import Effect
 from klute_sim.effects.families import instrument
 from klute_sim.errors import InputError
 from klute_sim.types import Array
@@ -54,10 +59,14 @@ class Candidate(NamedTuple):
 
 
 def check_effect_names(device: Device, only: Sequence[str], exclude: Sequence[str]) -> None:
-    """Raise InputError for an unknown effect, and for a candidate in ``only`` that ``device`` cannot lack."""
+    """Raise InputError for an unknown effect or number, and for an effect in ``only`` that ``device`` cannot lack."""
+    numbers = {NUMBER_ERROR_NAME, *device.spec.collect_values()}
     for name in (*only, *exclude):
-        catalogue.find_form(name, None)
+        if name not in numbers:
+            catalogue.find_form(name, None)
     for name in only:
+        if name in numbers:
+            continue
         if name not in catalogue.get_named_effects():
             raise InputError(
                 f"'{name}' is not a candidate effect: it is data-driven, and fitted where no effect explains the data"
@@ -73,15 +82,21 @@ def check_effect_names(device: Device, only: Sequence[str], exclude: Sequence[st
 
 
 def list_candidate_terms(
-    data: WeightedData, device: Device, only: Sequence[str] = (), exclude: Sequence[str] = ()
+    data: WeightedData,
+    dataset: Dataset,
+    only: Sequence[str] = (),
+    exclude: Sequence[str] = (),
 ) -> list[EffectTerm]:
-    """Return the effects of the catalogue that ``device`` may lack and ``data`` may show.
+    """Return the effects of the catalogue that the device of ``dataset`` may lack and ``data`` may show.
 
-    ``only`` and ``exclude`` are names of effects.
+    Numbers of the device that may be wrong follow. ``only`` and ``exclude`` are names of effects or numbers.
     """
+    device = dataset.device
     terms = []
     for effect in catalogue.get_named_effects().values():
         if (only and effect.name not in only) or effect.name in exclude or not device.spec.can_add_effect(effect):
+            continue
+        if is_supply_only(data.experiments) and not acts_on_pressure(effect):
             continue
         if effect.kind == "device" or (effect.kind == "body" and data.experiments[0].has_body):
             terms += [EffectTerm(effect.name, form.name) for form in effect.forms]
@@ -89,7 +104,23 @@ def list_candidate_terms(
             # Quantisation is detected without a simulation.
             channels = [c for c in data.noise if c in CHANNEL_UNITS and effect is not instrument.QUANTIZATION]
             terms += [EffectTerm(effect.name, effect.forms[0].name, c) for c in channels]
-    return terms
+    if NUMBER_ERROR_NAME in exclude:
+        return terms
+    numbers = list_error_candidates(device.spec, frozenset(dataset.uncertainties))
+    if is_supply_only(data.experiments):
+        numbers = {key: error for key, error in numbers.items() if key.partition(".")[0] in PNEUMATIC_SECTIONS}
+    return terms + [
+        EffectTerm(NUMBER_ERROR_NAME, "value", number=key)
+        for key in numbers
+        if key not in exclude and (not only or key in only or NUMBER_ERROR_NAME in only)
+    ]
+
+
+def acts_on_pressure(effect: Effect) -> bool:
+    """Return whether ``effect`` changes the pressure in the muscle, or is a fault of an instrument."""
+    hooks = {hook for form in effect.forms for hook in form.laws}
+    acts_on_command = not hooks or bool(hooks & {"pressure_target", "pressure_reached"})  # a dead time has no law
+    return effect.acts_in_supply or effect.kind == "instrument" or acts_on_command
 
 
 def screen_candidates(data: WeightedData, current: Fit, terms: Sequence[EffectTerm]) -> list[Candidate]:

@@ -1,0 +1,95 @@
+"""Evaluation on the test trials, which no decision has used: do they confirm what was named?"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from klute_sim.diagnosis import data_quality
+from klute_sim.diagnosis.fitting.least_squares import WeightedData
+from klute_sim.diagnosis.noise import repeats
+from klute_sim.diagnosis.result import ChannelRms, Diagnosis
+
+MAX_REMAINING_FRACTION = 0.6
+"""Largest fraction of the squared gap beyond noise that a complete model may leave on test trials (assumed)."""
+NEGLIGIBLE_GAP = 0.15
+"""Squared gap beyond noise, over the squared noise, that counts as none (assumed: sampling of the noise)."""
+
+
+def evaluate_held_out(diagnosis: Diagnosis, data: WeightedData) -> None:
+    """Set the residuals of ``diagnosis`` on its test trials, and demote a verdict that they do not confirm.
+
+    A complete model must take most of the gap beyond noise. A model of an imperfect law must predict the test trials
+    better than the refitted device. ``data`` hold the fitted trials with the noise between repeats.
+    """
+    _compute_residuals(diagnosis, data)
+    if diagnosis.evaluated_on != "test" or not diagnosis.added_terms:
+        return
+    squares = [
+        (np.square([gap.refitted, gap.with_effects]) / gap.noise_floor**2 - 1.0)
+        for gap in diagnosis.channel_rms.values()
+        if gap.noise_floor
+    ] or [np.square([gap.refitted, gap.with_effects]) / gap.refitted**2 for gap in diagnosis.channel_rms.values()]
+    refitted, with_effects = np.sum(squares, axis=0)
+    diagnosis.is_worse_on_test = bool(with_effects > refitted + NEGLIGIBLE_GAP * len(squares))
+    if diagnosis.prediction is not None:
+        is_confirmed = bool(with_effects < refitted)
+    else:
+        allowed = max(MAX_REMAINING_FRACTION * refitted, NEGLIGIBLE_GAP * len(squares))
+        is_confirmed = bool(with_effects <= allowed)
+    diagnosis.held_out = "confirmed" if is_confirmed else "not-confirmed"
+    if diagnosis.verdict in ("identified", "identified-in-part", "indistinguishable") and not is_confirmed:
+        diagnosis.verdict = "unexplained"
+        sentence = (
+            "The test trials do not confirm the names: the gap does not shrink there as it did on the other trials."
+        )
+        if diagnosis.is_worse_on_test:
+            sentence = (
+                "The test trials refute the names: the refitted device without effects predicts them better, and it is "
+                "the one that is recommended."
+            )
+        diagnosis.reasons.insert(0, sentence)
+    elif diagnosis.is_worse_on_test:
+        diagnosis.reasons.insert(
+            0, "On the test trials the refitted device without effects predicts better; it is the one recommended."
+        )
+
+
+def _compute_residuals(result: Diagnosis, data: WeightedData) -> None:
+    """Set the residuals of each channel on the test trials, or on the fitted trials where there are none."""
+    held_out = [e for e in result.experiments if e.use == "test" and e.measured]
+    result.evaluated_on = "test" if held_out else "fit"
+    evaluated = data.with_experiments(held_out or data.experiments)
+    assert result.base_fit is not None
+    assert result.final_fit is not None
+    nominal, base_fit, final_fit = result.base_fit.hypothesis, result.base_fit, result.final_fit
+    residuals = [
+        evaluated.compute_residuals(nominal, [nominal.initial_point()])[0],
+        evaluated.compute_residuals(base_fit.hypothesis, [base_fit.x])[0],
+        evaluated.compute_residuals(final_fit.hypothesis, [final_fit.x])[0],
+    ]
+    noise = data.noise if data_quality.has_repeats(data.experiments) else {}
+    unscaled = [replace(e, noise_scale={}) for e in evaluated.experiments]
+    noise = {**noise, **repeats.estimate_noise_from_repeats(unscaled, residuals[2])}
+    for channel in repeats.list_channels(evaluated.experiments):
+        # Samples after which the inputs are unknown count less, as in the fit.
+        weights = np.concatenate(
+            [
+                np.broadcast_to(1.0 / e.input_error_scale.get(channel, np.ones(1)) ** 2, len(e.measured[channel].time))
+                for e in evaluated.experiments
+                if channel in e.measured
+            ]
+        )
+        rms = [
+            float(
+                np.sqrt(
+                    np.average(
+                        np.concatenate([trial[channel] for trial in trials if channel in trial]) ** 2, weights=weights
+                    )
+                )
+            )
+            for trials in residuals
+        ]
+        noise_floor = noise[channel].std if channel in noise else None
+        result.channel_rms[channel] = ChannelRms(
+            nominal=rms[0], refitted=rms[1], with_effects=rms[2], noise_floor=noise_floor
+        )

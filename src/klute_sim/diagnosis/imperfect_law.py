@@ -1,0 +1,149 @@
+"""Decision where every model stays above the noise between repeats, because the law itself is imperfect.
+
+See :mod:`klute_sim.diagnosis.selection.predictive_selection` for the selection.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from klute_sim.diagnosis.experiments.base import Experiment
+from klute_sim.diagnosis.fitting.least_squares import Fit, fit_hypothesis
+from klute_sim.diagnosis.fitting.systematic_error import CONFIDENCE_LEVEL
+from klute_sim.diagnosis.result import Verdict
+from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
+from klute_sim.diagnosis.selection.predictive_selection import (
+    MIN_FOLDS,
+    MIN_SHARE,
+    MIN_STABILITY,
+    PredictiveModel,
+    PredictiveResult,
+    PredictiveSelection,
+    weight_by_law_error,
+)
+
+MAX_COMPLETE_TRIALS = 3
+"""Number of models that are tested for reaching the noise between repeats."""
+
+
+class ImperfectLawDecision(NamedTuple):
+    """What the selection by prediction decides."""
+
+    verdict: Verdict
+    """Verdict."""
+    reasons: list[str]
+    """Sentences that explain it."""
+
+
+def select_by_prediction(
+    search: ForwardSelection,
+    experiments: Sequence[Experiment],
+    best_fit: Fit,
+    report_stage: Callable[[str], None],
+) -> tuple[PredictiveSelection, PredictiveResult] | None:
+    """Return the selection by prediction of the seen ``experiments``; None if they have too few conditions.
+
+    ``best_fit`` is the best model of the selection by significance; its residuals measure the error of the law.
+    """
+    data = search.data
+    seen = data.with_experiments([e for e in experiments if e.use != "test" and e.measured.keys() & data.noise])
+    (residuals,) = seen.compute_residuals(best_fit.hypothesis, [best_fit.x])
+    weighted = weight_by_law_error(data, seen.experiments, residuals)
+    selection = PredictiveSelection(weighted, dict(data.noise), search.candidate_terms, report_stage)
+    if len(selection.folds) < MIN_FOLDS:
+        return None
+    known = [fit.hypothesis.terms for step in search.history for fit in step.refits[:1] if step.added_term]
+    base = replace(best_fit.hypothesis, terms=())
+    base_fit = fit_hypothesis(weighted, base)
+    return selection, selection.run(base_fit, [best_fit.hypothesis.terms, *known])
+
+
+def find_complete_model(search: ForwardSelection, base_fit: Fit, result: PredictiveResult) -> Fit | None:
+    """Return a model of ``result`` that reaches the noise between repeats and passes validation; None if none does.
+
+    One-at-a-time search passes by a pair of which neither effect explains much alone.
+    """
+    by_chi2 = sorted(
+        (model for model in result.models if model.terms and not model.obstacle),
+        key=lambda model: model.fit.bic(sum(len(row) for row in model.fit.residuals)),
+    )
+    for model in by_chi2[:MAX_COMPLETE_TRIALS]:
+        refit = fit_hypothesis(search.data, model.fit.hypothesis, model.fit.x)
+        if not search.has_misfit(refit) and not search.rejection_reason(
+            base_fit, refit, search.compute_validation_gains(base_fit, refit)
+        ):
+            return refit
+    return None
+
+
+def decide_verdict(result: PredictiveResult) -> ImperfectLawDecision:
+    """Return the verdict on ``result`` and its reasons."""
+    chosen, kind = result.chosen, result.fold_kind
+    law = (
+        f"No model reaches the noise between repeats, so models are judged by the prediction of each {kind} from the "
+        f"others ({result.n_folds} {kind}s)."
+    )
+    if not chosen.terms:
+        best = next((model for model in result.models if model.terms), None)
+        detail = ""
+        if best is not None:
+            reason = best.obstacle or "that is less than one standard error, or fewer effects predict as well"
+            change = _format_change(result.base, best)
+            detail = f" The best is {_list_terms(best)} with {change} of the squared error: {reason}."
+        return ImperfectLawDecision("unexplained", [law, f"No effect improves the predictions.{detail}"])
+    names = _list_terms(chosen)
+    stability = ", ".join(f"{term} in {100 * value:.0f} %" for term, value in result.stability.items())
+    reasons = [
+        law,
+        f"{names} {'take' if len(chosen.terms) > 1 else 'takes'} {100 * result.share:.0f} % of the squared error of "
+        f"prediction that noise does not explain; chosen again without one {kind}: {stability}.",
+    ]
+    if result.share < MIN_SHARE:
+        reasons.append(f"Less than {100 * MIN_SHARE:.0f} % is not worth a name.")
+        return ImperfectLawDecision("unexplained", reasons)
+    if result.rivals:
+        sets = " or ".join(_list_terms(model) for model in result.rivals)
+        reasons.append(f"{sets} would predict as well: the difference is less than one standard error.")
+        return ImperfectLawDecision("indistinguishable", reasons)
+    if not result.is_stable:
+        reasons.append(f"A name must be chosen in {100 * MIN_STABILITY:.0f} % of the refits.")
+        return ImperfectLawDecision("unexplained", reasons)
+    return ImperfectLawDecision("identified-in-part", reasons)
+
+
+def compute_jackknife_intervals(model: PredictiveModel) -> list[tuple[float, float]]:
+    """Return the 95 % confidence interval of each parameter in its own unit, from the refits without one fold.
+
+    Jackknife variance ``(G - 1)/G sum (x_g - mean)^2`` with Student's t of G - 1 degrees of freedom (Efron & Tibshirani
+    1993, section 11.5), but not less than the variance from the curvature of chi squared with the error of the law as
+    noise: a parameter that no fold determines does not move.
+    """
+    fit, points = model.fit, model.leave_one_out
+    n_folds = len(points)
+    if not len(fit.x):
+        return []
+    jackknife = (n_folds - 1) / n_folds * ((points - points.mean(axis=0)) ** 2).sum(axis=0)
+    curvature = np.maximum(0.0, np.diag(np.linalg.pinv(fit.jacobian.T @ fit.jacobian)))
+    half_widths = student_t.ppf(0.5 + 0.5 * CONFIDENCE_LEVEL, n_folds - 1) * np.sqrt(np.maximum(jackknife, curvature))
+    lower, upper = fit.hypothesis.bounds()
+    ends = zip(
+        fit.hypothesis.parameters,
+        np.clip(fit.x - half_widths, lower, upper),
+        np.clip(fit.x + half_widths, lower, upper),
+        strict=True,
+    )
+    intervals = [
+        (parameter.denormalize(float(low)), parameter.denormalize(float(high))) for parameter, low, high in ends
+    ]
+    return [(min(pair), max(pair)) for pair in intervals]
+
+
+def _list_terms(model: PredictiveModel) -> str:
+    return " and ".join(map(str, model.terms)) or "no effect"
+
+
+def _format_change(base: PredictiveModel, model: PredictiveModel) -> str:
+    return f"{100.0 * (model.error / base.error - 1.0):+.0f} %"

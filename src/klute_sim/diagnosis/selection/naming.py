@@ -1,0 +1,61 @@
+"""Obstacles to a name: a parameter at its bound, or an instrument that is further off than instruments are."""
+
+import math
+
+import numpy as np
+
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.effects.families import instrument
+
+BOUND_TOLERANCE = 1e-2
+"""Distance from a bound, as a fraction of the range or of a typical size, below which a parameter is at the bound."""
+MAX_INSTRUMENT_FRACTION = 0.1
+"""Largest plausible error of an instrument, as a fraction of the range of its channel: gain, offset, and drift over the
+longest trial (assumed; a worse instrument is seen in its own calibration)."""
+MAX_INSTRUMENT_LAG_S = 0.1
+"""Largest plausible time constant of an instrument [s] (assumed: a filter of 1.6 Hz)."""
+
+
+def find_naming_obstacle(data: WeightedData, fit: Fit) -> str:
+    """Return why the terms of ``fit`` may not be named, without a full stop; '' if they may.
+
+    A parameter at its bound says that the effect is something else, or that it is absent. ``data`` provide the ranges
+    of the channels.
+    """
+    hypothesis = fit.hypothesis
+    lower, upper = hypothesis.bounds()
+    for index, (parameter, x) in enumerate(zip(hypothesis.parameters, fit.x, strict=True)):
+        if parameter.term_index is None:
+            continue
+        term = hypothesis.terms[parameter.term_index]
+        tolerance = BOUND_TOLERANCE * min(1.0, float(upper[index] - lower[index]))
+        for bound in (lower[index], upper[index]):
+            if math.isfinite(bound) and abs(float(x) - bound) < tolerance:
+                return f"{term} has '{parameter.name}' at its bound, {parameter.denormalize(float(bound)):.4g}"
+    for index, term in enumerate(hypothesis.terms):
+        if term.channel is not None and term.effect_definition is not instrument.QUANTIZATION:
+            values = [
+                value
+                for parameter, value in zip(hypothesis.parameters, fit.values, strict=True)
+                if parameter.term_index == index
+            ]
+            if not _is_plausible_instrument(data, term.effect, term.channel, values):
+                return f"{term} would be further off than instruments are"
+    return ""
+
+
+def _is_plausible_instrument(data: WeightedData, effect: str, channel: str, values: list[float]) -> bool:
+    readings = [e.measured[channel].value for e in data.experiments if channel in e.measured]
+    span = float(np.ptp(np.concatenate(readings)))
+    from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS
+
+    limit = MAX_INSTRUMENT_FRACTION * span / CHANNEL_UNITS[channel][1]
+    if effect == instrument.SENSOR_GAIN.name:
+        return abs(values[0] - 1.0) <= MAX_INSTRUMENT_FRACTION
+    if effect == instrument.SENSOR_OFFSET.name:
+        return abs(values[0]) <= limit
+    if effect == instrument.SENSOR_DRIFT.name:
+        return abs(values[0]) * max(e.duration for e in data.experiments) <= limit
+    if effect == instrument.SENSOR_LAG.name:
+        return values[0] <= MAX_INSTRUMENT_LAG_S
+    return True

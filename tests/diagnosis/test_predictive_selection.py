@@ -1,0 +1,148 @@
+"""Selection by the prediction of left-out conditions, on models whose errors are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from klute_sim.device.device import load_device
+from klute_sim.diagnosis.experiments.simulator import Simulator
+from klute_sim.diagnosis.fitting.hypothesis import EffectTerm, Hypothesis
+from klute_sim.diagnosis.fitting.least_squares import Fit, WeightedData
+from klute_sim.diagnosis.imperfect_law import compute_jackknife_intervals, decide_verdict
+from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
+from klute_sim.diagnosis.noise.repeats import Noise
+from klute_sim.diagnosis.selection.naming import find_naming_obstacle
+from klute_sim.diagnosis.selection.predictive_selection import (
+    PredictiveModel,
+    PredictiveResult,
+    choose_model,
+    divide_into_folds,
+    screen_pairs,
+    weight_by_law_error,
+)
+from klute_sim.diagnosis.selection.screening import Candidate
+from tests.diagnosis.synthetic_dataset import make_repeats
+
+DEVICE = load_device("klute-3-4-pair")
+FRICTION, TAPER = EffectTerm("seal_friction", "coulomb"), EffectTerm("end_taper", "strain")
+GAIN = EffectTerm("sensor_gain", "linear", "force")
+ALL = np.arange(6)
+
+
+def make_fit(terms: tuple[EffectTerm, ...], x: list[float] | None = None) -> Fit:
+    hypothesis = Hypothesis(DEVICE, (), (("force", 3.0),), terms)
+    point = hypothesis.initial_point() + 1.0 if x is None else np.array(x)
+    return Fit(hypothesis, point, np.zeros(1), np.ones((1, len(point))), True, [])
+
+
+def make_model(terms: tuple[EffectTerm, ...], errors: list[float], obstacle: str = "") -> PredictiveModel:
+    fit = make_fit(terms)
+    return PredictiveModel(fit, np.array(errors), np.tile(fit.x, (len(errors), 1)), obstacle)
+
+
+BASE = make_model((), [4.0, 5.0, 4.0, 5.0, 4.0, 5.0])
+
+
+def test_simplest_model_within_one_standard_error_is_chosen() -> None:
+    single = make_model((FRICTION,), [1.0, 1.1, 0.9, 1.0, 1.1, 0.9])
+    slightly_better = make_model((FRICTION, TAPER), [0.9, 1.15, 0.85, 1.0, 1.12, 0.86])
+    assert choose_model([BASE, single, slightly_better], ALL) is single
+    clearly_better = make_model((FRICTION, TAPER), [0.5, 0.6, 0.4, 0.5, 0.6, 0.4])
+    assert choose_model([BASE, single, clearly_better], ALL) is clearly_better
+    assert choose_model([BASE], ALL) is BASE
+
+
+def make_result(
+    chosen: PredictiveModel, rivals: list[PredictiveModel], stability: float, share: float
+) -> PredictiveResult:
+    stabilities = dict.fromkeys(chosen.terms, stability)
+    return PredictiveResult(BASE, chosen, rivals, [chosen, BASE], stabilities, share, "condition", 6)
+
+
+@pytest.mark.parametrize(
+    ("stability", "share", "has_rival", "verdict"),
+    [
+        (1.0, 0.9, False, "identified-in-part"),
+        (0.5, 0.9, False, "unexplained"),
+        (1.0, 0.1, False, "unexplained"),
+        (1.0, 0.9, True, "indistinguishable"),
+    ],
+)
+def test_verdict_needs_stable_names_that_explain_much(
+    stability: float, share: float, has_rival: bool, verdict: str
+) -> None:
+    chosen = make_model((FRICTION,), [1.0] * 6)
+    rivals = [make_model((TAPER,), [1.0] * 6)] if has_rival else []
+    decision = decide_verdict(make_result(chosen, rivals, stability, share))
+    assert decision.verdict == verdict
+    assert "each condition from the others (6 conditions)" in decision.reasons[0]
+
+
+def test_no_effect_that_predicts_better_is_unexplained() -> None:
+    decision = decide_verdict(make_result(BASE, [], 1.0, 0.0))
+    assert decision.verdict == "unexplained"
+
+
+def test_specimens_are_left_out_from_three_on() -> None:
+    trials = [e for group in "abcd" for e in make_repeats([np.zeros(20)] * 2, group)]
+    folds, kind = divide_into_folds(trials)
+    assert (len(folds), kind) == (4, "condition")
+    assert folds[0] == [0, 1]
+    marked = [replace(e, specimen="ABC"[k % 3]) for k, e in enumerate(trials)]
+    folds, kind = divide_into_folds(marked)
+    assert (len(folds), kind) == (3, "specimen")
+    assert sorted(index for fold in folds for index in fold) == list(range(8))
+
+
+def test_error_of_the_law_is_shared_by_repeats() -> None:
+    rng = np.random.default_rng(0)
+    trials = make_repeats([rng.normal(size=400)] * 4)
+    residuals = [{"force": 50.0 * np.sin(np.linspace(0.0, 3.0, 400))} for _ in trials]
+    noise = {"force": Noise(2.0, (Autocorrelation(0.005, 1.0, 1600),))}
+    simulator = Simulator(1)
+    weighted = weight_by_law_error(WeightedData(simulator, trials, noise), trials, residuals)
+    one = weight_by_law_error(WeightedData(simulator, trials[:1], noise), trials[:1], residuals[:1])
+    simulator.close()
+    assert weighted.noise["force"].std == pytest.approx(np.sqrt(np.mean(residuals[0]["force"] ** 2)))
+    # Four repeats tell as much about the law as one.
+    assert weighted.n_effective == pytest.approx(one.n_effective)
+    assert weighted.n_effective < 5.0
+
+
+def make_candidate(term: EffectTerm, direction: np.ndarray, residual: np.ndarray) -> Candidate:
+    unit = direction / np.linalg.norm(direction)
+    gain = float(unit @ residual) ** 2
+    return Candidate(term, gain, 1.0, direction, unit, 1.0, np.zeros(0), np.zeros(0))
+
+
+def test_pair_that_explains_together_what_neither_does_alone_comes_first() -> None:
+    # The residual is the difference of two nearly equal directions: each alone explains next to nothing.
+    a, b, c = np.array([1.0, 0.3, 0.0]), np.array([1.0, -0.3, 0.0]), np.array([0.0, 0.5, 1.0])
+    residual = -(a - b)
+    friction, taper = EffectTerm("friction_offset", "table_3_1"), EffectTerm("regulator_error", "offset")
+    candidates = [make_candidate(term, vector, residual) for term, vector in ((friction, a), (taper, b), (GAIN, c))]
+    fit = replace(make_fit(()), weighted_residuals=residual)
+    first, second = screen_pairs(fit, candidates)[0]
+    assert {first.term, second.term} == {friction, taper}
+
+
+def test_jackknife_covers_the_spread_of_the_refits() -> None:
+    fit = replace(make_fit((FRICTION,), [1.0]), jacobian=np.array([[1e6]]), weighted_residuals=np.zeros(1))
+    points = np.array([[0.9], [1.0], [1.1], [1.0]])
+    model = PredictiveModel(fit, np.ones(4), points)
+    ((low, high),) = compute_jackknife_intervals(model)
+    scale = fit.hypothesis.parameters[0].scale
+    half_width = 3.1824 * np.sqrt(3.0 / 4.0 * 0.02)
+    assert (low, high) == pytest.approx(((1.0 - half_width) * scale, (1.0 + half_width) * scale), rel=1e-3)
+
+
+def test_nothing_at_a_bound_and_no_absurd_instrument_is_named() -> None:
+    trials = make_repeats([np.linspace(0.0, 500.0, 100)] * 2)
+    simulator = Simulator(1)
+    data = WeightedData(simulator, trials, {})
+    assert find_naming_obstacle(data, make_fit((FRICTION,), [1.0])) == ""
+    assert "at its bound" in find_naming_obstacle(data, make_fit((FRICTION,), [0.0]))
+    assert find_naming_obstacle(data, make_fit((GAIN,), [0.5])) == ""  # 2.5 %
+    assert "further off" in find_naming_obstacle(data, make_fit((GAIN,), [8.0]))  # 40 %
+    simulator.close()
