@@ -167,8 +167,8 @@ def regress_sparsely(dataset: Dataset, experiments: list[Experiment], exclude: S
 
     The influence of the uncertain device numbers, within their uncertainty, is projected off first. The threshold is
     the sparsest with nearly the best RMS on validation trials. A term with a coefficient of impossible sign is removed
-    and the regression repeated. Terms of several effects make the verdict ambiguous. Effects in ``exclude`` are not
-    considered. Raises ModuleNotFoundError without PySINDy.
+    and the regression repeated. Terms of several effects make the verdict indistinguishable. Effects in ``exclude`` are
+    not considered. Raises ModuleNotFoundError without PySINDy.
     """
     require_pysindy()
     usable = [e for e in experiments if {"force", "pressure"} <= e.measured.keys()]
@@ -192,7 +192,7 @@ def regress_sparsely(dataset: Dataset, experiments: list[Experiment], exclude: S
     )
     before, after = ([{"force": f} for f in system.residuals(trials["test"], row)] for row in (rows[0], best_row))
     return {
-        "verdict": "ambiguous" if len(effect_sets) > 1 else ("identified" if terms else "nothing-missing"),
+        "verdict": "indistinguishable" if len(effect_sets) > 1 else ("identified" if terms else "nothing-missing"),
         "effects": [meaning._asdict() for meaning in effect_sets[0]],
         "alternatives": [[format_effect(m._asdict()) for m in other] for other in effect_sets[1:]],
         "terms": {term.formula: term.typical_size * steps for term, steps in terms},

@@ -35,7 +35,7 @@ class DatasetResult(NamedTuple):
     verdict: Verdict
     outcome: str
     second_outcome: str | None = None
-    """Score of an ambiguous verdict after the proposed experiment."""
+    """Score of an `indistinguishable` verdict after the proposed experiment."""
 
 
 class Metric(NamedTuple):
@@ -75,8 +75,10 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
         return [row for block in blocks for row in rows_by_block.get(block, ())]
 
     single = [row for row in rows_of("single", "instrument") if row.truth["size"] >= MIN_RELEVANT_SIZE]
-    ambiguous = [row for row in rows if row.verdict["verdict"] == "ambiguous" and list_hidden_effects(row.truth)]
-    catalogued = [row for row in ambiguous if not row.truth.get("deleted") and not row.truth["strangers"]]
+    indistinguishable = [
+        row for row in rows if row.verdict["verdict"] == "indistinguishable" and list_hidden_effects(row.truth)
+    ]
+    catalogued = [row for row in indistinguishable if not row.truth.get("deleted") and not row.truth["strangers"]]
     scored = [row for row in rows if row.truth["block"] not in ("wrong_form", "outside", "repeats")]
     parameter_intervals = list(iter_parameter_intervals(rows))
     gaps = [fraction for row in rows if row.outcome == "right" and (fraction := removed_gap_fraction(row)) is not None]

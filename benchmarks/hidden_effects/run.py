@@ -6,7 +6,8 @@
 Missing datasets are generated, every result is saved immediately, and results of the current code are reused, so the
 run can be interrupted and restarted. ``--shard 2/4`` processes the second quarter of every block, for several machines
 that share OUT. Thresholds are set on the development half; the test half is for published numbers. The ground truth is
-read only after the verdict is saved. The experiment that an ambiguous verdict proposes is performed as a follow-up.
+read only after the verdict is saved. The experiment that an `indistinguishable` verdict proposes is performed as a
+follow-up.
 ``--baselines`` adds two baseline methods (:mod:`baselines`), which require ``pip install --group benchmark`` and
 exclude gait.
 """
@@ -121,7 +122,7 @@ class BenchmarkRun:
         }
         truth = json.loads(truth_file.read_text("utf-8"))
         second_outcome = None
-        if verdict["verdict"] == "ambiguous" and verdict["next_experiment"]:
+        if verdict["verdict"] == "indistinguishable" and verdict["next_experiment"]:
             second_verdict = load_or_compute(
                 self._result_path(f"{name}_second", self._code_digests[is_gait]),
                 partial(self._run_follow_up, dataset, truth, verdict, excluded),

@@ -8,7 +8,7 @@ Truth = Mapping[str, Any]
 Verdict = Mapping[str, Any]
 
 FLAGGED_VERDICTS = {"unexplained", "insufficient-data"}
-NAMING_VERDICTS = {"identified", "ambiguous"}
+NAMING_VERDICTS = {"identified", "identified-in-part", "indistinguishable"}
 MAX_ABSORBED_RESIDUAL = 0.6
 """Largest residual after refitting, over the noise, that leaves nothing to identify."""
 WRONG_OUTCOMES = {"wrong", "false-alarm"}
@@ -40,7 +40,7 @@ def list_named_effects(verdict: Verdict) -> list[str]:
 
 def list_effect_sets(verdict: Verdict) -> list[list[str]]:
     """Return all sets of effects of the verdict, the identified set first."""
-    others = verdict["alternatives"] if verdict["verdict"] == "ambiguous" else []
+    others = verdict["alternatives"] if verdict["verdict"] == "indistinguishable" else []
     return [list_named_effects(verdict), *(sorted(effect_set) for effect_set in others)]
 
 
@@ -65,11 +65,11 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
 
     ``right``, ``twin``, ``loose``, ``part``, ``absorbed``, ``missed``, ``flagged``, ``wrong`` or ``false-alarm``.
 
-    *right*: exactly the hidden effects were identified, or an ambiguous verdict lists them among at most as many sets
-    as there are near twins (*loose*: among more); for clean data, nothing is missing; for defective data, no effect was
-    identified. Effects outside of the catalogue have to be *flagged*. *twin*: a near twin was identified instead.
-    *part*: only some of several effects were identified. *absorbed*: effects were not identified because the uncertain
-    device numbers, within their uncertainty, reproduce them. *wrong*: any other identified effect.
+    *right*: exactly the hidden effects were identified, or an `indistinguishable` verdict lists them among at most as
+    many sets as there are near twins (*loose*: among more); for clean data, nothing is missing; for defective data, no
+    effect was identified. Effects outside of the catalogue have to be *flagged*. *twin*: a near twin was identified
+    instead. *part*: only some of several effects were identified. *absorbed*: effects were not identified because the
+    uncertain device numbers, within their uncertainty, reproduce them. *wrong*: any other identified effect.
     """
     hidden, identified, kind = list_hidden_effects(truth), list_named_effects(verdict), verdict["verdict"]
     nothing_left = kind == "nothing-missing" and residual_over_noise(verdict) < MAX_ABSORBED_RESIDUAL
@@ -93,13 +93,13 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
 
 
 def score_follow_up(truth: Truth, second_verdict: Verdict) -> str:
-    """Return the outcome of an ambiguous verdict after its proposed experiment: that of :func:`score_verdict`, or
-    *open*.
+    """Return the outcome of an `indistinguishable` verdict after its proposed experiment: that of
+    :func:`score_verdict`, or *open*.
 
     *open*: the hidden effects are still one of several sets.
     """
     outcome = score_verdict(truth, second_verdict)
-    return "open" if outcome == "right" and second_verdict["verdict"] == "ambiguous" else outcome
+    return "open" if outcome == "right" and second_verdict["verdict"] == "indistinguishable" else outcome
 
 
 def _is_near_twin(true: Sequence[str], reported: Sequence[str], verdict: Verdict) -> bool:

@@ -109,7 +109,7 @@ def test_sparse_regression_identifies_effects_and_ambiguities(tmp_path: Path) ->
     hidden = effect("muscle_damping", "viscous", coefficient_n_s_per_m=600.0)
     truth = generate.make_dataset(tmp_path / "thick", 2, effects=hidden)
     found = baselines.regress_sparsely(tmp_path / "thick")
-    assert found["verdict"] == "ambiguous"
+    assert found["verdict"] == "indistinguishable"
     assert score.list_named_effects(found) == ["muscle_damping"]
     assert found["alternatives"] == [["laminar_orifice"]]
     assert found["terms"]["n v"] == pytest.approx(600.0, rel=0.1)

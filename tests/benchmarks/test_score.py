@@ -25,7 +25,7 @@ HYSTERESIS = {"name": "braid_hysteresis", "channel": None}
 DAMPING = {"name": "muscle_damping", "channel": None}
 GAIN = {"name": "sensor_gain", "channel": "force"}
 PROPOSED_EXPERIMENT = {"next_experiment": {"separation_chi2": 50.0}}
-"""What an ambiguous verdict asks for."""
+"""What an `indistinguishable` verdict asks for."""
 MASS = {"name": "moving_mass", "form": "rigid", "parameters": {"mass_kg": 2.0}}
 
 
@@ -49,11 +49,11 @@ def truth(effects: tuple = (), instruments: tuple = (), **more: object) -> dict:
         (truth((HYSTERESIS,)), verdict("identified", HYSTERESIS), "right"),
         (truth((HYSTERESIS,)), verdict("identified", GAIN), "wrong"),
         (truth((HYSTERESIS,)), verdict("identified", {"name": "seal_friction", "channel": None}), "twin"),
-        (truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)), "right"),
-        (truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["end_taper"],)), "wrong"),
+        (truth((HYSTERESIS,)), verdict("indistinguishable", GAIN, alternatives=(["braid_hysteresis"],)), "right"),
+        (truth((HYSTERESIS,)), verdict("indistinguishable", GAIN, alternatives=(["end_taper"],)), "wrong"),
         (
             truth((HYSTERESIS,)),
-            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"], ["end_taper"], ["leak"])),
+            verdict("indistinguishable", GAIN, alternatives=(["braid_hysteresis"], ["end_taper"], ["leak"])),
             "loose",
         ),
         (truth((HYSTERESIS,)), verdict("nothing-missing", left=1.5), "missed"),
@@ -78,13 +78,15 @@ def test_verdict_scores(hidden: dict, found: dict, outcome: str) -> None:
 def test_first_effect_and_kind_are_scored_separately() -> None:
     both = truth((HYSTERESIS, DAMPING))
     assert is_first_right(both, verdict("identified", HYSTERESIS))
-    assert is_first_right(both, verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis", "muscle_damping"],)))
+    assert is_first_right(
+        both, verdict("indistinguishable", GAIN, alternatives=(["braid_hysteresis", "muscle_damping"],))
+    )
     assert not is_first_right(both, verdict("identified", GAIN, HYSTERESIS))
     assert not is_first_right(both, verdict("unexplained", HYSTERESIS))
     assert are_kinds_confused(both, verdict("identified", HYSTERESIS, GAIN))
     assert are_kinds_confused(truth((), (GAIN,)), verdict("identified", HYSTERESIS))
     assert not are_kinds_confused(
-        truth((HYSTERESIS,)), verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],))
+        truth((HYSTERESIS,)), verdict("indistinguishable", GAIN, alternatives=(["braid_hysteresis"],))
     )
 
 
@@ -98,8 +100,8 @@ def test_parameter_of_fault_is_compared_despite_its_name() -> None:
     assert one.is_covered
 
 
-def test_ambiguous_follow_up_is_open() -> None:
-    both = verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],))
+def test_indistinguishable_follow_up_is_open() -> None:
+    both = verdict("indistinguishable", GAIN, alternatives=(["braid_hysteresis"],))
     assert score_follow_up(truth((HYSTERESIS,)), both) == "open"
     assert score_follow_up(truth((HYSTERESIS,)), verdict("identified", HYSTERESIS)) == "right"
     assert score_follow_up(truth((HYSTERESIS,)), verdict("identified", GAIN)) == "wrong"
@@ -119,21 +121,21 @@ def test_metrics_match_results(tmp_path: Path) -> None:
         DatasetResult(
             "twin_0",
             truth((true,), block="twin"),
-            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)) | PROPOSED_EXPERIMENT,
+            verdict("indistinguishable", GAIN, alternatives=(["braid_hysteresis"],)) | PROPOSED_EXPERIMENT,
             "right",
             "right",
         ),
         DatasetResult(
             "twin_1",
             truth((true,), block="twin"),
-            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],)) | PROPOSED_EXPERIMENT,
+            verdict("indistinguishable", GAIN, alternatives=(["braid_hysteresis"],)) | PROPOSED_EXPERIMENT,
             "right",
             "open",
         ),
         DatasetResult(
             "twin_2",
             truth((true,), block="twin"),
-            verdict("ambiguous", GAIN, alternatives=(["braid_hysteresis"],))
+            verdict("indistinguishable", GAIN, alternatives=(["braid_hysteresis"],))
             | {"next_experiment": {"separation_chi2": 5.0}},
             "right",
             "open",

@@ -101,7 +101,9 @@ def without_effects(diagnosis: Diagnosis) -> Diagnosis:
 def with_equivalent_model(diagnosis: Diagnosis) -> Diagnosis:
     other = next(f for f in diagnosis.selection_history[0].refits if f.hypothesis.terms[-1] != diagnosis.added_terms[0])
     return replace(
-        diagnosis, verdict="ambiguous", equivalent_models=[EquivalentModel(other, diagnosis.added_terms[0], 2.25)]
+        diagnosis,
+        verdict="indistinguishable",
+        equivalent_models=[EquivalentModel(other, diagnosis.added_terms[0], 2.25)],
     )
 
 

@@ -135,10 +135,10 @@ def test_every_verdict_has_a_page(diagnosis: Diagnosis) -> None:
 
 
 def test_equivalent_models_are_listed_with_their_bic_difference(diagnosis: Diagnosis) -> None:
-    ambiguous = with_equivalent_model(diagnosis)
-    fit = ambiguous.equivalent_models[0].fit
-    html, name = page.render_page(ambiguous, {}), words.format_term(fit.hypothesis.terms[-1])
-    assert f"{name} would explain the data equally well" in words.describe_verdict(ambiguous)
+    indistinguishable = with_equivalent_model(diagnosis)
+    fit = indistinguishable.equivalent_models[0].fit
+    html, name = page.render_page(indistinguishable, {}), words.format_term(fit.hypothesis.terms[-1])
+    assert f"{name} would explain the data equally well" in words.describe_verdict(indistinguishable)
     row = rows_of(html, "equivalent-models")[1]
     assert row[:3] == [name, "braid hysteresis (Coulomb)", "worse by 2.2"]
     assert words.format_number(fit.values[-1]) in row[3]

@@ -15,6 +15,7 @@ from klute_sim.datasets.dataset import Dataset
 from klute_sim.device.device import Device, check_accepts_pressure
 from klute_sim.diagnosis.planning import measurement_plan
 from klute_sim.diagnosis.result import Diagnosis, DiagnosisOptions, Verdict
+from klute_sim.diagnosis.transfer import TransferPrediction, predict_dataset
 from klute_sim.diagnosis.verdict import DEVICE_FILE_NAME, verdict_to_dict
 from klute_sim.diagnosis.workflow import diagnose as run_diagnosis
 from klute_sim.errors import InputError, MissingExtraError
@@ -49,6 +50,8 @@ class IdentifiedEffect:
     """Form of the effect."""
     channel: str | None
     """Channel of an instrument effect; None for other effects."""
+    number: str | None
+    """Number of the device file (``section.key``) that is wrong; None for effects."""
     parameters: dict[str, ParameterEstimate]
     """Estimate of each parameter, by its key."""
 
@@ -62,7 +65,8 @@ class DiagnosisResult:
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict: nothing-missing, identified, ambiguous, unexplained or insufficient-data."""
+        """Verdict: nothing-missing, identified, identified-in-part, indistinguishable, unexplained or
+        insufficient-data."""
         return self.diagnosis.verdict
 
     @property
@@ -78,6 +82,7 @@ class DiagnosisResult:
                 name=entry["name"],
                 form=entry["form"],
                 channel=entry["channel"],
+                number=entry.get("number"),
                 parameters={
                     key: ParameterEstimate(estimate["value"], (estimate["low"], estimate["high"]))
                     for key, estimate in entry["parameters"].items()
@@ -88,15 +93,20 @@ class DiagnosisResult:
 
     @property
     def device(self) -> Device:
-        """Device with its refitted numbers and the added effects; the nominal device where nothing was added.
+        """Recommended device: with its refitted numbers, and with the added effects unless test trials refute them.
 
-        Raises InputError when the fitted numbers are out of the range of a device file.
+        It is the nominal device where the data were insufficient for a fit.
         """
-        if not self.diagnosis.added_terms:
-            return self.diagnosis.dataset.device
-        if self.diagnosis.fitted_device is None:
-            raise InputError("the fitted device is out of the range of a device file; see the reasons of the result")
-        return self.diagnosis.fitted_device
+        return self.diagnosis.fitted_device or self.diagnosis.dataset.device
+
+    def predict(self, dataset: Dataset | str | Path) -> TransferPrediction:
+        """Return how well the device that was found predicts another ``dataset`` (or the folder of one).
+
+        The other dataset declares its own device: its geometry. Fitted numbers keep their relative change, effects are
+        added as found. Raises InputError when nothing was fitted or the dataset does not suit.
+        """
+        other = dataset if isinstance(dataset, Dataset) else load_dataset(dataset)
+        return predict_dataset(self.diagnosis, other)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of verdict.json."""

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from klute_sim.types import ProgressCallback
 
 
+PREDICTIONS_FILE_NAME = "predictions.json"
+
+
 @click.command("diagnose")
 @click.argument("folder", metavar="FOLDER", type=NonEmptyPath())
 @click.option("--example", is_flag=True, help="Write the example dataset into FOLDER (new or empty), then diagnose it.")
@@ -30,6 +33,22 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--exclude", multiple=True, metavar="EFFECT", help="Effect not to test; may be repeated.  [default: none]"
+)
+@click.option(
+    "--tolerance",
+    "tolerances",
+    multiple=True,
+    metavar="CHANNEL=AMOUNT",
+    help='Misfit that does not matter, such as "force=5 N" or "force=2 %" of its range; may be repeated.  [default: '
+    "that of the dataset, or none]",
+)
+@click.option(
+    "--predict",
+    "predicted_folders",
+    multiple=True,
+    metavar="FOLDER",
+    type=NonEmptyPath(),
+    help="Another dataset that the device found is to predict, without any fit to it; may be repeated.",
 )
 @common.ACCEPT_OPTION
 @common.CATALOGUE_OPTION
@@ -48,6 +67,8 @@ def command(
     device_name: str | None,
     only: tuple[str, ...],
     exclude: tuple[str, ...],
+    tolerances: tuple[str, ...],
+    predicted_folders: tuple[Path, ...],
     accept: tuple[str, ...],
     catalogue: Path | None,
     jobs: int,
@@ -59,8 +80,10 @@ def command(
     """Identify the effects that measured data show and the device model lacks, and add them to the device.
 
     FOLDER contains dataset.toml and the files of its trials: CSV, Parquet or MATLAB (docs/datasets.md). The verdict is
-    one of: nothing-missing, identified, ambiguous (the effects are indistinguishable), unexplained (no known effect
-    explains the data), insufficient-data. The exit code is 0 for every verdict; 2 means that the input was not valid.
+    one of: nothing-missing, identified, identified-in-part (the effects hold on conditions left out, but something
+    remains), indistinguishable (several sets of effects explain the data), unexplained (no known effect explains the
+    data), insufficient-data. Numbers of the device that may be wrong compete with the effects. The exit code is 0 for
+    every verdict; 2 means that the input was not valid.
 
     Writes verdict.json, device.toml (the device with the identified effects), report.html, figures and, with the
     optional extra 'rerun', a recording.
@@ -71,6 +94,8 @@ def command(
       klute-sim diagnose my-dataset
       klute-sim diagnose my-dataset --device runs/diagnose-001/device.toml
       klute-sim diagnose my-dataset --accept force-unit
+      klute-sim diagnose my-dataset --tolerance "force=5 N"
+      klute-sim diagnose my-dataset --predict other-muscles
       klute-sim diagnose my-dataset --only braid_hysteresis --only seal_friction --json
       klute-sim diagnose my-dataset --catalogue my_effects.py
     """
@@ -84,11 +109,16 @@ def command(
     from klute_sim.api.diagnosis import diagnose, load_dataset, write_example_dataset
     from klute_sim.api.rendering import print_summary
     from klute_sim.cli.console import stdout_console
+    from klute_sim.datasets.dataset import replace_tolerances
     from klute_sim.recording.run_folder import create_run_folder
+    from klute_sim.report.diagnosis.table import build_prediction_table
 
     if example:
         write_example_dataset(folder)
     dataset = load_dataset(folder, device_name, accept=accept)
+    if tolerances:
+        dataset = replace_tolerances(dataset, tolerances)
+    predicted = [load_dataset(other, accept=accept) for other in predicted_folders]
     for remark in dataset.remarks:
         stderr_console().print(f"{remark}.", soft_wrap=True)
     with create_run_folder("diagnose", out) as (run_folder, scratch):
@@ -98,12 +128,21 @@ def command(
         except KeyboardInterrupt:
             stderr_console().print("Finished fits are cached: the same command resumes the diagnosis.", soft_wrap=True)
             raise
+        predictions = [result.predict(other) for other in predicted]
         result.write_files(scratch, report=not no_report)
+        if predictions:
+            rows = [prediction.to_dict() for prediction in predictions]
+            (scratch / PREDICTIONS_FILE_NAME).write_text(json.dumps(rows, indent=2) + "\n", "utf-8")
     if as_json:
-        click.echo(json.dumps(result.to_dict(), indent=2))
+        content = result.to_dict()
+        if predictions:
+            content["predictions"] = [prediction.to_dict() for prediction in predictions]
+        click.echo(json.dumps(content, indent=2))
         return
     console = stdout_console()
     print_summary(console, result.format_summary())
+    for prediction in predictions:
+        console.print(build_prediction_table(prediction))
     console.print(f"Results: {run_folder}", soft_wrap=True)
 
 

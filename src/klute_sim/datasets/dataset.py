@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path, PurePath
 from typing import NamedTuple
@@ -275,3 +275,20 @@ def _name_trials(file: DatasetFile, source: str) -> list[str]:
             )
         names.append(name)
     return names
+
+
+def replace_tolerances(dataset: Dataset, texts: Sequence[str]) -> Dataset:
+    """Return ``dataset`` with the tolerances ``texts``, each ``channel=amount`` with a unit or per cent of the range.
+
+    Raises InputError unless each text names a measured channel and a positive amount.
+    """
+    amounts = {}
+    for text in texts:
+        channel, separator, amount = text.partition("=")
+        if not separator:
+            raise InputError(f"the tolerance '{text}' has no '='; write for example 'force=5 N' or 'force=2 %'")
+        amounts[channel.strip()] = amount.strip()
+    names = split_dataset(dataset).fit
+    fit_trials = [trial for trial in dataset.trials if trial.name in names]
+    tolerances = declarations.compute_tolerances(amounts, dataset.rig, fit_trials, "the tolerance")
+    return replace(dataset, tolerance={**dataset.tolerance, **tolerances})

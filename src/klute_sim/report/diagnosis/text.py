@@ -54,7 +54,10 @@ def humanize_identifier(identifier: str) -> str:
 
 
 def format_term(term: EffectTerm) -> str:
-    """Return the effect of ``term`` in words, with its form if the effect has several, and with its channel."""
+    """Return the effect of ``term`` in words, with form and channel if it has them, or the number that may be wrong."""
+    if term.number:
+        section, _, key = term.number.partition(".")
+        return f"{split_key(key)[0]} of the {section}"
     form = f" ({humanize_identifier(term.form)})" if len(term.effect_definition.forms) > 1 else ""
     channel = f" of {humanize_identifier(term.channel)}" if term.channel else ""
     return f"{humanize_identifier(term.effect)}{form}{channel}"
@@ -109,17 +112,30 @@ def describe_verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unexplained":
         return _describe_unexplained(diagnosis)
     clauses = []
-    subjects = (("device", "the simulated device lacks"), ("body", "the simulated foot and ankle lack"))
-    for kind, subject in (*subjects, ("instrument", "an instrument has a fault:")):
+    subjects = (
+        ("device", "the simulated device lacks"),
+        ("body", "the simulated foot and ankle lack"),
+        ("instrument", "an instrument has a fault:"),
+        ("number", "a number of the device file is wrong:"),
+    )
+    for kind, subject in subjects:
         effects = [format_term(t) for t in diagnosis.added_terms if t.effect_definition.kind == kind]
         if kind == "instrument":
             effects += [f"quantisation of {humanize_identifier(channel)}" for channel in diagnosis.quantizers]
         if effects:
             clauses.append(f"{subject} {join_words(effects)}")
     sentence = "; ".join(clauses)
-    if diagnosis.verdict == "ambiguous":
+    if diagnosis.verdict == "identified-in-part" and diagnosis.prediction is not None:
+        sentence += (
+            f"; this takes {100.0 * diagnosis.prediction.share:.0f} % of the squared error of prediction that noise "
+            "does not explain, and the rest is unexplained"
+        )
+    if diagnosis.verdict == "indistinguishable":
         alternatives = list(
-            dict.fromkeys(format_term(model.fit.hypothesis.terms[-1]) for model in diagnosis.equivalent_models)
+            dict.fromkeys(
+                join_words([format_term(t) for t in model.fit.hypothesis.terms if t not in diagnosis.added_terms])
+                for model in diagnosis.equivalent_models
+            )
         )
         sentence += f"; {join_words(alternatives, 'or')} would explain the data equally well"
     return f"{sentence[0].upper()}{sentence[1:]}."
