@@ -26,15 +26,25 @@ from klute_sim.tuning.objective import (
     make_weights,
 )
 from klute_sim.tuning.results import open_tuning_store
-from klute_sim.tuning.search import FINE_DT, TuningProblem, optimize, reevaluate, select_best, select_pareto_front
+from klute_sim.tuning.search import (
+    FINE_DT,
+    TuningProblem,
+    optimize,
+    reevaluate,
+    select_best,
+    select_metrics,
+    select_pareto_front,
+)
 
 pytest.importorskip("cma")
 PAIR = load_device("klute-1-1-4-pair")
+HUMAN_MOMENT_PEAK_NM_PER_KG = 1.432
 METRICS = TuningMetrics(
     moment_sd=0.7,
     angle_sd=0.3,
     power_sd=1.0,
     air_g=1.5,
+    moment_peak_ratio=1.04,
     power_w_per_kg=2.66,
     work_j_per_kg=0.21,
     plantarflexion_deg=14.0,
@@ -62,6 +72,7 @@ def test_objective_adds_distances_air_penalties_and_shortfall() -> None:
         angle_sd=30.0,
         power_sd=30.0,
         air_g=50.0,
+        moment_peak_ratio=10.0,
         muscle_ratio_max=1.2,
         load_tracking_rms_bw=1.0,
         loading_rate_bw_per_s=500.0,
@@ -74,6 +85,8 @@ def test_objective_adds_distances_air_penalties_and_shortfall() -> None:
         < FALL_COST
     )
     assert compute_cost(make_metrics(muscle_ratio_max=0.995), Weights(), Goals()) == pytest.approx(1.73 + 1e4 * 0.01**2)
+    for ratio in (1.15, 0.85):
+        assert compute_cost(make_metrics(moment_peak_ratio=ratio), Weights(), Goals()) == pytest.approx(1.73 + 4.0)
     assert compute_cost(make_metrics(toe_clearance_mm=1.0), Weights(), Goals()) == pytest.approx(1.73 + 2.0**2)
     assert compute_cost(make_metrics(load_tracking_rms_bw=0.06), Weights(), Goals()) == pytest.approx(
         1.73 + 3e3 * 0.02**2
@@ -176,6 +189,7 @@ class FailingRunner:
         ("angle_distance [sd]", 0.3),
         ("power_distance [sd]", 0.2),
         ("air_per_stride [g]", 1.7),
+        ("ankle_moment_peak [N*m/kg]", HUMAN_MOMENT_PEAK_NM_PER_KG),
         ("ankle_power_peak [W/kg]", 3.0),
         ("ankle_work_net [J/kg]", 0.2),
         ("ankle_plantarflexion [deg]", 12.0),
@@ -192,6 +206,13 @@ class FailingRunner:
             values: dict[str, float | bool | None] = dict.fromkeys(METRIC_COLUMNS, 99.0)
             values |= {**dict(self.METRICS), "trips": first > 2.2}
             on_result(case, CaseResult({}, "it fell") if first < 1.8 else CaseResult(values))
+
+
+def test_peak_moment_is_compared_with_that_of_the_subject() -> None:
+    problem = make_problem()
+    assert problem.human_moment_peak == pytest.approx(HUMAN_MOMENT_PEAK_NM_PER_KG, abs=1e-3)
+    values = {**dict.fromkeys(METRIC_COLUMNS, 1.0), "ankle_moment_peak [N*m/kg]": 1.2, "trips": False}
+    assert select_metrics(values, 1.5).moment_peak_ratio == pytest.approx(0.8)
 
 
 def test_cost_of_valid_failed_and_toe_catching_evaluations(tmp_path: Path) -> None:
@@ -258,7 +279,7 @@ class QuadraticRunner:
             distance = float(np.sqrt(np.sum((pressures - [1.0, 2.0, 3.0]) ** 2)))
             values: dict[str, float | bool | None] = dict.fromkeys(METRIC_COLUMNS, 0.0)
             values |= {"moment_distance [sd]": distance, "air_per_stride [g]": float(pressures.sum()), "trips": False}
-            values["toe_clearance [mm]"] = 9.0
+            values |= {"toe_clearance [mm]": 9.0, "ankle_moment_peak [N*m/kg]": HUMAN_MOMENT_PEAK_NM_PER_KG}
             on_result(case, CaseResult(values))
 
 

@@ -4,8 +4,9 @@ The objective is the sum of
 
 * the mean squared distances of net moment, angle and power from the reference in stance, in its standard deviations,
 * 0.1 per gram of air consumed in a stride,
-* penalties on a muscle at its rest-length stop, on a load that is not that of the reference (an ankle that does not
-  carry it cannot be compared with it), on fast loading, on braking and on low toe clearance in swing,
+* penalties on a peak moment far from that of the reference, on a muscle at its rest-length stop, on a load that is not
+  that of the reference (an ankle that does not carry it cannot be compared with it), on fast loading, on braking and on
+  low toe clearance in swing,
 * the shortfall from the goals, if there are any.
 
 A toe that touches the ground in swing costs more than any gait without that; a run that fails costs more still.
@@ -22,6 +23,10 @@ TOE_CATCH_COST, FALL_COST = 1e9, 1e12
 
 The search uses only the ranks of the costs.
 """
+MOMENT_PEAK_COST = 400.0
+"""Cost per square of the relative error of the peak moment above :data:`MAX_MOMENT_PEAK_ERROR` (assumed)."""
+MAX_MOMENT_PEAK_ERROR = 0.05
+"""Relative error of the peak moment without cost [1]: half of what ``klute-sim assess`` allows (assumed)."""
 LENGTH_STOP_COST = 1e4
 """Cost per square of L/L0 above :data:`MAX_MUSCLE_RATIO`."""
 MAX_MUSCLE_RATIO = 0.985
@@ -112,6 +117,8 @@ class TuningMetrics:
     """Rms distance of the net power from the reference in stance [sd]."""
     air_g: float
     """Air consumed in a stride [g]."""
+    moment_peak_ratio: float
+    """Peak net moment over that of the reference [1]."""
     power_w_per_kg: float
     """Peak net power [W/kg]."""
     work_j_per_kg: float
@@ -144,9 +151,10 @@ def compute_cost(metrics: TuningMetrics, weights: Weights, goals: Goals) -> floa
     load = LOAD_TRACKING_COST * max(0.0, metrics.load_tracking_rms_bw - MAX_LOAD_TRACKING_ERROR_BW) ** 2
     load += LOADING_RATE_COST * max(0.0, metrics.loading_rate_bw_per_s - MAX_LOADING_RATE_BW_PER_S) ** 2
     load += BRAKING_COST * max(0.0, -metrics.braking_bw - MAX_BRAKING_BW) ** 2
+    peak = MOMENT_PEAK_COST * max(0.0, abs(metrics.moment_peak_ratio - 1.0) - MAX_MOMENT_PEAK_ERROR) ** 2
     clearance = CLEARANCE_COST_PER_MM2 * max(0.0, MIN_TOE_CLEARANCE_MM - metrics.toe_clearance_mm) ** 2
     toe_catch = TOE_CATCH_COST if metrics.trips else 0.0
-    penalties = stop + load + clearance + toe_catch
+    penalties = peak + stop + load + clearance + toe_catch
     return (
         compute_tracking_error(metrics, weights)
         + weights.air * metrics.air_g

@@ -66,6 +66,12 @@ class TuningProblem:
     def _evaluated_subject(self) -> Subject:
         return prepare_subject(self.subject)
 
+    @cached_property
+    def human_moment_peak(self) -> float:
+        """Peak ankle moment of the reference [N*m/kg]."""
+        phase = np.arange(1000) / 1000.0
+        return float(self.subject.reference("ankle_plantarflexor_moment_nm_per_kg", phase).max())
+
     def build_case(self, x: Array, strides: int = SEARCH_STRIDES, dt: float = SEARCH_DT) -> GaitCase:
         """Return the case at the normalized point ``x``; ``dt`` is the time step [s].
 
@@ -109,6 +115,7 @@ _COLUMN_OF_METRIC = {
     "angle_sd": "angle_distance [sd]",
     "power_sd": "power_distance [sd]",
     "air_g": "air_per_stride [g]",
+    "moment_peak_ratio": "ankle_moment_peak [N*m/kg]",
     "power_w_per_kg": "ankle_power_peak [W/kg]",
     "work_j_per_kg": "ankle_work_net [J/kg]",
     "plantarflexion_deg": "ankle_plantarflexion [deg]",
@@ -120,8 +127,10 @@ _COLUMN_OF_METRIC = {
 }
 
 
-def select_metrics(metrics: Mapping[str, Any]) -> TuningMetrics:
+def select_metrics(metrics: Mapping[str, Any], human_moment_peak: float) -> TuningMetrics:
     """Return the metrics of the objective among the ``metrics`` of a case, which are named by column.
+
+    ``human_moment_peak`` is the peak moment of the reference [N*m/kg].
 
     Raises InputError when the simulation has none of them, as that of a passive foot.
     """
@@ -129,6 +138,7 @@ def select_metrics(metrics: Mapping[str, Any]) -> TuningMetrics:
     missing = [_COLUMN_OF_METRIC[name] for name, value in values.items() if value is None]
     if missing:
         raise InputError(f"the objective needs {missing[0]}, which the simulation does not have")
+    values["moment_peak_ratio"] /= human_moment_peak
     return TuningMetrics(**values, trips=bool(metrics[TRIPS_COLUMN]))
 
 
@@ -268,5 +278,5 @@ def _make_evaluation(problem: TuningProblem, x: Array, result: CaseResult | None
         if result.failure.startswith(UNEXPECTED_ERROR_PREFIX):
             raise KluteSimError(f"internal error in a gait simulation ({result.failure}): please report it")
         return Evaluation(x, FALL_COST + violation, None, result.failure)
-    metrics = select_metrics(result.metrics)
+    metrics = select_metrics(result.metrics, problem.human_moment_peak)
     return Evaluation(x, compute_cost(metrics, problem.weights, problem.goals) + violation, metrics)
