@@ -27,8 +27,9 @@ from benchmarks.hidden_effects.catalogue import (
     build_neutral_law,
     load_device,
 )
+from benchmarks.hidden_effects.imperfect import add_law_error, assign_specimens
 from benchmarks.hidden_effects.inputs import InputProgram, generate_programs, hold_still
-from benchmarks.hidden_effects.plan import BLOCK_SIZES, DEFECTS, GAIT_BLOCKS, plan_datasets
+from benchmarks.hidden_effects.plan import BLOCK_SIZES, DEFECTS, FORCE_RANGE_N, GAIT_BLOCKS, plan_datasets
 from benchmarks.hidden_effects.simulate import (
     Hidden,
     Noise,
@@ -71,6 +72,7 @@ def make_dataset(
     block: str = "single",
     noise: Noise | None = None,
     defect: str | None = None,
+    law_error: Mapping[str, Any] | None = None,
     muscle_length: bool | None = None,
     truth: Path | None = None,
     device_file: Path = PRESET_FILE,
@@ -79,7 +81,8 @@ def make_dataset(
 
     Device, inputs and noise depend on ``seed`` only, so the same seed with another effect is the same bench. Effects
     with a ``wanted`` size are scaled to it. ``deleted`` effects are removed from the catalogue of the diagnosis.
-    ``known`` effects are in the device file. ``muscle_length`` selects that channel; by default it is recorded in a
+    ``known`` effects are in the device file. With ``law_error`` (:mod:`imperfect`) the law of the program is imperfect
+    and specimens differ. ``muscle_length`` selects that channel; by default it is recorded in a
     third of the datasets and where a fault requires it. ``truth`` defaults to ``<folder>.truth.json``.
     """
     if defect is not None and defect not in DEFECTS:
@@ -104,12 +107,15 @@ def make_dataset(
         scale = EffectSizer(base, device, programs, recorded_channels, noise, known)
         hidden = Hidden(*([scale.scale_effect(effect) for effect in group] for group in hidden))
         size = scale.measure_size(hidden)
+    specimens = assign_specimens(programs) if law_error is not None else {}
     tables: dict[str, dict[str, np.ndarray]] = {}
     trials, differences = [], {name: [] for name in recorded_channels}
     for program in programs:
         for repeat in "a" if defect == "no_repeats" else ascii_lowercase[:repeats]:
             wander = draw_wander(child[3], round(program.duration / AIR_STEP) + 1, noise.wander)
             signals = simulate_measurements(program, neutral, hidden, wander)
+            if law_error is not None:
+                signals = add_law_error(signals, program, law_error, specimens[program.name], FORCE_RANGE_N)
             displayed = {name: quantise(name, values, hidden.instruments) for name, values in signals.items()}
             if repeat == "a" and any(hidden):
                 reference = simulate_measurements(program, neutral, Hidden(), wander)
@@ -133,6 +139,7 @@ def make_dataset(
         "repeats": repeats,
         **({"known": list(known)} if known else {}),
         "defect": defect,
+        **({"law_error": dict(law_error)} if law_error is not None else {}),
         "base": {key: base[key] for key in RELATIVE_UNCERTAINTIES},
         "nominal": {key: device[key] for key in RELATIVE_UNCERTAINTIES},
         "size": size,
@@ -143,7 +150,7 @@ def make_dataset(
         "groups": {program.name: program.use for program in programs},
     }
     _write_dataset(
-        Path(folder), truth or Path(f"{folder}.truth.json"), tables, trials, device_file, known, ground_truth
+        Path(folder), truth or Path(f"{folder}.truth.json"), tables, trials, device_file, known, specimens, ground_truth
     )
     return ground_truth
 
@@ -196,6 +203,7 @@ def _write_dataset(
     trials: Sequence[tuple[str, str, str]],
     device_file: Path,
     known: Effects,
+    specimens: Mapping[str, str],
     ground_truth: Mapping[str, Any],
 ) -> None:
     """Write the data under a temporary name, rename it, and write the ground truth last to mark completion."""
@@ -205,6 +213,7 @@ def _write_dataset(
     lines += [f'"{key}" = "{share * 100:g} %"' for key, share in RELATIVE_UNCERTAINTIES.items()]
     for file, group, use in trials:
         lines += ["", "[[trial]]", f'files = ["{file}"]', f'group = "{group}"', f'use = "{use}"']
+        lines += [f'specimen = "{specimens[group]}"'] if specimens else []
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".part-") as temporary:
         part = Path(temporary) / "dataset"
         part.mkdir()

@@ -79,8 +79,8 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
         row for row in rows if row.verdict["verdict"] == "indistinguishable" and list_hidden_effects(row.truth)
     ]
     catalogued = [row for row in indistinguishable if not row.truth.get("deleted") and not row.truth["strangers"]]
-    scored = [row for row in rows if row.truth["block"] not in ("wrong_form", "outside", "repeats")]
-    parameter_intervals = list(iter_parameter_intervals(rows))
+    scored = [row for row in rows if row.truth["block"] not in ("wrong_form", "outside", "repeats", "imperfect")]
+    parameter_intervals = list(iter_parameter_intervals(row for row in rows if row.truth["block"] != "imperfect"))
     gaps = [fraction for row in rows if row.outcome == "right" and (fraction := removed_gap_fraction(row)) is not None]
     other_gaps = [fraction for row in rows_of("wrong_form") if (fraction := removed_gap_fraction(row)) is not None]
     errors = [interval.relative_error for interval in parameter_intervals]
@@ -117,6 +117,24 @@ def compute_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
             lambda r: r.second_outcome == "right",
             0.90,
         ),
+        _fraction_metric("imperfect law: names right", _select_hidden(rows_of("imperfect")), _is_right, 0.90),
+        _fraction_metric(
+            "imperfect law: an effect is invented",
+            [row for row in rows_of("imperfect") if not list_hidden_effects(row.truth)],
+            lambda r: r.outcome == "false-alarm",
+            0.05,
+            at_most=True,
+        ),
+        _fraction_metric(
+            "imperfect law: the recommended device is worse than refitted on unseen trials",
+            rows_of("imperfect"),
+            _is_worse_than_refitted,
+            0.0,
+            at_most=True,
+        ),
+        _coverage_metric(
+            list(iter_parameter_intervals(rows_of("imperfect"))), "imperfect law: 95 % intervals that cover the truth"
+        ),
         _quantile_metric("seconds for a dataset, median", [row.verdict["s"] for row in rows], 0.5, 30.0, at_most=True),
         *(_compute_gait_metrics(gait_rows) if gait_rows else ()),
     ]
@@ -152,6 +170,16 @@ def _compute_gait_metrics(rows: Sequence[DatasetResult]) -> list[Metric]:
         _quantile_metric("walks: gap above the floor removed on unseen trials, median", gaps, 0.5, 0.95),
         _quantile_metric("walks: seconds for a dataset, median", seconds, 0.5, 120.0, at_most=True),
     ]
+
+
+def _select_hidden(rows: Iterable[DatasetResult]) -> list[DatasetResult]:
+    return [row for row in rows if list_hidden_effects(row.truth)]
+
+
+def _is_worse_than_refitted(row: DatasetResult) -> bool:
+    """Return whether the device that the verdict recommends misses the force of unseen trials by more."""
+    gap = row.verdict.get("gap", {}).get("force")
+    return bool(gap) and row.verdict.get("recommended") == "with-effects" and gap["after"] > 1.01 * gap["refitted"]
 
 
 def _is_first_right(row: DatasetResult) -> bool:
@@ -219,7 +247,7 @@ def _coverage_metric(
 def iter_parameter_intervals(rows: Iterable[DatasetResult]) -> Iterator[ParameterInterval]:
     """Yield the parameters of all effects that were identified in their hidden form and nothing else."""
     for row in rows:
-        if row.outcome != "right" or row.verdict["verdict"] != "identified":
+        if row.outcome != "right" or row.verdict["verdict"] not in ("identified", "identified-in-part"):
             continue
         for true in [*row.truth["effects"], *row.truth["instruments"]]:
             reported = next(e for e in row.verdict["effects"] if _is_same_effect(e, true))

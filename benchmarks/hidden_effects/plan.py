@@ -14,6 +14,7 @@ from benchmarks.hidden_effects.catalogue import (
     HiddenParameter,
     instrument_forms,
 )
+from benchmarks.hidden_effects.imperfect import draw_law_error
 from benchmarks.hidden_effects.out_of_catalogue import OUT_OF_CATALOGUE_FORMS
 
 BLOCK_SIZES = {
@@ -29,6 +30,7 @@ BLOCK_SIZES = {
     "defective": 10,
     "walk": 54,
     "walk_clean": 40,
+    "imperfect": 60,
 }
 """Number of datasets of each block that gives sufficient statistics."""
 HALF_SEEDS = {"development": 101, "test": 303}
@@ -46,6 +48,18 @@ FAINT_EFFECTS = (
     ("volume_coupling", "polytropic"),
 )
 """Effects that block ``repeats`` hides at half the noise."""
+STRONG_EFFECTS = (
+    ("braid_hysteresis", "coulomb"),
+    ("seal_friction", "coulomb"),
+    ("muscle_damping", "viscous"),
+    ("end_taper", "strain"),
+    ("tendon_slack", "dead_length"),
+    ("threshold_pressure", "constant"),
+    ("pressure_lag", "first_order"),
+)
+"""Effects that block ``imperfect`` hides: they can be several times as large as the error of a law."""
+FORCE_RANGE_N = 900.0
+"""Range of the force in the programs [N], which the error of the law in block ``imperfect`` is a fraction of."""
 GAIT_BLOCKS = ("walk", "walk_clean")
 """Blocks of the gait rig; the others are of the bench."""
 GAIT_CASES: tuple[tuple[str, str, str | None], ...] = (
@@ -172,6 +186,15 @@ def _block_content(block: str, index: int, rng: np.random.Generator | None) -> D
             turn, position = divmod(index, len(FAINT_EFFECTS))
             spec = make_spec(draw_effect(EFFECTS, FAINT_EFFECTS[position], rng, 0.5))
             return spec | {"repeats": REPEAT_COUNTS[turn % len(REPEAT_COUNTS)], "muscle_length": False}
+        case "imperfect":
+            error = draw_law_error(rng)
+            turn, is_clean = divmod(index, 3)[0], index % 3 == 2
+            if is_clean:
+                return {"law_error": error}
+            name = STRONG_EFFECTS[(2 * turn + index % 3) % len(STRONG_EFFECTS)]
+            multiple = 4.0 if rng is None else float(np.exp(rng.uniform(np.log(2.0), np.log(8.0))))
+            wanted = multiple * error["fraction"] * FORCE_RANGE_N / BENCH_CHANNELS["force"].noise
+            return {**make_spec(draw_effect(EFFECTS, name, rng, wanted)), "law_error": error}
         case "outside":
             turn, position = divmod(index, 6)
             if position == 0:

@@ -16,8 +16,9 @@ WRONG_OUTCOMES = {"wrong", "false-alarm"}
 
 
 def format_effect(effect: Mapping[str, Any]) -> str:
-    """Return the name of an effect, with its channel for an instrument fault."""
-    return f"{effect['name']}@{effect['channel']}" if effect.get("channel") else str(effect["name"])
+    """Return the name of an effect, with its channel for an instrument fault, or a wrong number with its key."""
+    place = effect.get("channel") or effect.get("number")
+    return f"{effect['name']}@{place}" if place else str(effect["name"])
 
 
 def list_hidden_effects(truth: Truth) -> list[str]:
@@ -66,14 +67,17 @@ def score_verdict(truth: Truth, verdict: Verdict) -> str:
     ``right``, ``twin``, ``loose``, ``part``, ``absorbed``, ``missed``, ``flagged``, ``wrong`` or ``false-alarm``.
 
     *right*: exactly the hidden effects were identified, or an `indistinguishable` verdict lists them among at most as
-    many sets as there are near twins (*loose*: among more); for clean data, nothing is missing; for defective data, no
-    effect was identified. Effects outside of the catalogue have to be *flagged*. *twin*: a near twin was identified
-    instead. *part*: only some of several effects were identified. *absorbed*: effects were not identified because the
-    uncertain device numbers, within their uncertainty, reproduce them. *wrong*: any other identified effect.
+    many sets as there are near twins (*loose*: among more); for clean data, nothing is missing; for defective data and
+    for an imperfect law without an effect, no effect was identified. Effects outside of the catalogue have to be
+    *flagged*. *twin*: a near twin was identified instead. *part*: only some of several effects were identified.
+    *absorbed*: effects were not identified because the uncertain device numbers, within their uncertainty, reproduce
+    them. *wrong*: any other identified effect.
     """
     hidden, identified, kind = list_hidden_effects(truth), list_named_effects(verdict), verdict["verdict"]
     nothing_left = kind == "nothing-missing" and residual_over_noise(verdict) < MAX_ABSORBED_RESIDUAL
     if truth.get("defect"):
+        return "false-alarm" if identified else "right"
+    if not hidden and truth.get("law_error"):
         return "false-alarm" if identified else "right"
     if not hidden:
         return "right" if kind == "nothing-missing" else ("false-alarm" if identified else "flagged")
