@@ -351,7 +351,10 @@ def _decide_verdict(
         return "insufficient-data", reasons
     if equivalent_models:
         names = ", ".join(sorted({str(model.fit.hypothesis.terms[-1]) for model in equivalent_models}))
-        sentence = f"{names} would explain the data as well: BIC differs by no more than {search.bic_threshold:.0f}."
+        sentence = (
+            f"{names} would explain the data to the noise as well: BIC differs by no more than "
+            f"{search.bic_threshold:.0f}, or by a few per cent of what they gain."
+        )
         return "indistinguishable", [*reasons, sentence]
     return "identified", reasons
 

@@ -15,6 +15,8 @@ RESTART_SIGMAS = 3.0
 """Distance of the restart from the fit, in standard errors of each parameter."""
 MIN_RESTART_OFFSET = 0.02
 """Minimum distance of the restart from the fit, in normalized parameters."""
+MAX_GAIN_LAG_FRACTION = 0.03
+"""Fraction of the fall of BIC by which a rival may lag that explains the data to the noise, too (assumed)."""
 CHI2_TOLERANCE = 1.0
 """Difference of chi squared below which two fits agree."""
 
@@ -66,11 +68,14 @@ def _refit_replacements(search: ForwardSelection, reduced_fit: Fit, best_fit: Fi
 
 
 def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[EquivalentModel]:
-    """Return the models with one replaced term whose BIC is not decisively worse, best first.
+    """Return the models with one replaced term that are not decisively worse, best first.
 
-    The replacement must pass the acceptance tests of the selection, including validation.
+    The BIC of such a model lags by no more than the threshold, or by no more than :data:`MAX_GAIN_LAG_FRACTION` of what
+    the replaced term gains while its repeats show no misfit either: an effect that is not in the catalogue may be as
+    close to both. The replacement must pass the acceptance tests of the selection, including validation.
     """
     data, best_bic = search.data, best_fit.bic(search.data.n_effective)
+    is_complete = not search.has_misfit(best_fit)
     models = []
     for term in best_fit.hypothesis.terms:
         step = next(
@@ -83,7 +88,11 @@ def find_equivalent_models(search: ForwardSelection, best_fit: Fit) -> list[Equi
             refits = tuple(_refit_replacements(search, reduced_fit, best_fit, best_bic))
         for refit in refits:
             replacement, bic_difference = refit.hypothesis.terms[-1], refit.bic(data.n_effective) - best_bic
-            if replacement.identity == term.identity or bic_difference > search.bic_threshold:
+            if replacement.identity == term.identity:
+                continue
+            max_lag = MAX_GAIN_LAG_FRACTION * (reduced_fit.bic(data.n_effective) - best_bic)
+            is_close = is_complete and bic_difference <= max_lag and not search.has_misfit(refit)
+            if bic_difference > search.bic_threshold and not is_close:
                 continue
             if not search.rejection_reason(reduced_fit, refit, search.compute_validation_gains(reduced_fit, refit)):
                 models.append(EquivalentModel(refit, term, bic_difference))
