@@ -111,7 +111,8 @@ def test_noise_scale_follows_the_sensitivity_to_inputs(tmp_path: Path) -> None:
         value = readings + rng.normal(0.0, 5e-6, len(series.time))
         synthetic.append(replace(e, measured={"muscle_length": TimeSeries(series.time, value)}))
     fit_experiments = [e for e in synthetic if e.use == "fit"]
-    result = add_noise_scales(synthetic, fit_experiments, simulator)
+    result, remarks = add_noise_scales(synthetic, fit_experiments, simulator)
+    assert remarks == []
     noise = np.concatenate([e.noise_scale["muscle_length"] for e in result if e.use == "fit"])
     assert 1.0 <= np.sqrt(np.mean(noise**2)) < 1.3  # the timing uncertainty comes in addition
     assert noise.max() > 1.5 * noise.min()
@@ -125,7 +126,7 @@ def test_noise_scale_follows_the_sensitivity_to_inputs(tmp_path: Path) -> None:
         ratio.append(float(np.std(deviations[~is_quiet]) / np.std(deviations[is_quiet])))
     assert ratio[0] > 1.3
     assert abs(np.log(ratio[1])) < 0.5 * np.log(ratio[0])
-    assert add_noise_scales(synthetic[:1], synthetic[:1], simulator)[0].noise_scale == {}  # no repeats
+    assert add_noise_scales(synthetic[:1], synthetic[:1], simulator)[0][0].noise_scale == {}  # no repeats
     simulator.close()
 
 
@@ -139,7 +140,7 @@ def test_noise_scale_includes_the_timing_uncertainty_of_one_time_step(tmp_path: 
         synthetic.append(
             replace(e, measured={"pressure": TimeSeries(series.time, series.value - row["pressure"] + noise)})
         )
-    (first, *_) = add_noise_scales(synthetic, [e for e in synthetic if e.use == "fit"], simulator)
+    (first, *_), _ = add_noise_scales(synthetic, [e for e in synthetic if e.use == "fit"], simulator)
     series = first.measured["pressure"]
     jump = np.abs(np.gradient(series.value, series.time)) > 50e5  # of 100 bar/s
     assert jump.any()

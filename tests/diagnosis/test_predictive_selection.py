@@ -14,6 +14,7 @@ from klute_sim.diagnosis.noise.autocorrelation import Autocorrelation
 from klute_sim.diagnosis.noise.repeats import Noise
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.predictive_selection import (
+    FoldPart,
     PredictiveModel,
     PredictiveResult,
     choose_model,
@@ -76,7 +77,7 @@ def test_verdict_needs_stable_names_that_explain_much(
     rivals = [make_model((TAPER,), [1.0] * 6)] if has_rival else []
     decision = decide_verdict(make_result(chosen, rivals, stability, share))
     assert decision.verdict == verdict
-    assert "each condition from the others (6 conditions)" in decision.reasons[0]
+    assert "each condition from the others (6 of them)" in decision.reasons[0]
 
 
 def test_no_effect_that_predicts_better_is_unexplained() -> None:
@@ -88,11 +89,21 @@ def test_specimens_are_left_out_from_three_on() -> None:
     trials = [e for group in "abcd" for e in make_repeats([np.zeros(20)] * 2, group)]
     folds, kind = divide_into_folds(trials)
     assert (len(folds), kind) == (4, "condition")
-    assert folds[0] == [0, 1]
+    assert folds[0] == [FoldPart(0), FoldPart(1)]
     marked = [replace(e, specimen="ABC"[k % 3]) for k, e in enumerate(trials)]
     folds, kind = divide_into_folds(marked)
     assert (len(folds), kind) == (3, "specimen")
-    assert sorted(index for fold in folds for index in fold) == list(range(8))
+    assert sorted(part.trial for fold in folds for part in fold) == list(range(8))
+
+
+def test_parts_of_few_conditions_cover_every_sample_once() -> None:
+    trials = [
+        replace(e, command=np.zeros(20), dt=0.005) for group in "ab" for e in make_repeats([np.zeros(20)] * 3, group)
+    ]
+    folds, kind = divide_into_folds(trials)
+    assert kind == "part"
+    counts = [sum(fold[k].select(e, "force").astype(int) for fold in folds) for k, e in enumerate(trials)]
+    assert all((count == 1).all() for count in counts)
 
 
 def test_error_of_the_law_is_shared_by_repeats() -> None:

@@ -8,6 +8,7 @@ from klute_sim.diagnosis.experiments.registration import (
     SI_FACTORS,
     Registration,
     correct_inputs,
+    describe_registration,
 )
 from klute_sim.gait.replay.rollout import ReplayInputs
 
@@ -43,6 +44,18 @@ def test_moment_follows_the_lever_and_the_height() -> None:
     assert louder.ground_moment == pytest.approx(1.01 * INPUTS.ground_moment)
     assert louder.axial_force == pytest.approx(1.01 * INPUTS.axial_force)
     assert louder.shear_force == pytest.approx(1.01 * INPUTS.shear_force)
+
+
+def test_corrections_that_matter_are_told() -> None:
+    rows = [
+        ("registration.cop_to_ankle_mm", -4.97, (-5.2, -4.7)),
+        ("registration.ankle_height_mm", 2.1, (-3.0, 7.0)),
+        ("registration.plate_gain_pct", -0.03, (-0.1, 0.04)),
+        ("tendon.stiffness_1_n_per_mm", 60.0, (59.0, 61.0)),
+    ]
+    (sentence,) = describe_registration(rows)
+    assert "-5 mm further in front of the ankle axis than measured" in sentence
+    assert describe_registration(rows[1:]) == []
 
 
 def test_no_error_changes_nothing() -> None:

@@ -16,7 +16,6 @@ from klute_sim.diagnosis.fitting.systematic_error import CONFIDENCE_LEVEL
 from klute_sim.diagnosis.result import Verdict
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.predictive_selection import (
-    MIN_FOLDS,
     MIN_SHARE,
     MIN_STABILITY,
     PredictiveModel,
@@ -25,6 +24,8 @@ from klute_sim.diagnosis.selection.predictive_selection import (
     weight_by_law_error,
 )
 
+FOLD_WORDS = {"condition": "condition", "specimen": "specimen", "part": "part of the trials"}
+"""What a fold leaves out -> words."""
 MAX_COMPLETE_TRIALS = 3
 """Number of models that are tested for reaching the noise between repeats."""
 
@@ -43,8 +44,8 @@ def select_by_prediction(
     experiments: Sequence[Experiment],
     best_fit: Fit,
     report_stage: Callable[[str], None],
-) -> tuple[PredictiveSelection, PredictiveResult] | None:
-    """Return the selection by prediction of the seen ``experiments``; None if they have too few conditions.
+) -> tuple[PredictiveSelection, PredictiveResult]:
+    """Return the selection by prediction of the seen ``experiments``, all but those of the test.
 
     ``best_fit`` is the best model of the selection by significance; its residuals measure the error of the law.
     """
@@ -53,8 +54,6 @@ def select_by_prediction(
     (residuals,) = seen.compute_residuals(best_fit.hypothesis, [best_fit.x])
     weighted = weight_by_law_error(data, seen.experiments, residuals)
     selection = PredictiveSelection(weighted, dict(data.noise), search.candidate_terms, report_stage)
-    if len(selection.folds) < MIN_FOLDS:
-        return None
     known = [fit.hypothesis.terms for step in search.history for fit in step.refits[:1] if step.added_term]
     base = replace(best_fit.hypothesis, terms=())
     base_fit = fit_hypothesis(weighted, base)
@@ -81,10 +80,10 @@ def find_complete_model(search: ForwardSelection, base_fit: Fit, result: Predict
 
 def decide_verdict(result: PredictiveResult) -> ImperfectLawDecision:
     """Return the verdict on ``result`` and its reasons."""
-    chosen, kind = result.chosen, result.fold_kind
+    chosen, kind = result.chosen, FOLD_WORDS[result.fold_kind]
     law = (
         f"No model reaches the noise between repeats, so models are judged by the prediction of each {kind} from the "
-        f"others ({result.n_folds} {kind}s)."
+        f"others ({result.n_folds} of them)."
     )
     if not chosen.terms:
         best = next((model for model in result.models if model.terms), None)

@@ -17,6 +17,7 @@ from klute_sim.diagnosis.data_quality import select_usable_data
 from klute_sim.diagnosis.device_file import augment_device
 from klute_sim.diagnosis.experiments.base import CHANNEL_UNITS, Experiment
 from klute_sim.diagnosis.experiments.prepare import prepare_experiments
+from klute_sim.diagnosis.experiments.registration import describe_registration
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.fitting.confidence_intervals import compute_confidence_intervals
 from klute_sim.diagnosis.fitting.fit_cache import FitCache
@@ -97,7 +98,8 @@ def _run_workflow(
     quantizers: dict[str, Quantizer] = {}
     if data_quality.has_repeats(fitted):
         experiments, quantizers = detect_quantizers(experiments, fitted)
-        experiments = add_noise_scales(experiments, fitted, simulator)
+        experiments, remarks = add_noise_scales(experiments, fitted, simulator)
+        reasons += remarks
         fitted = [e for e in experiments if e.use == "fit" and e.measured]
     progress(0.1, "fitting the device without added effects")
     base_fit, data = fit_base_device(dataset, fitted, simulator, cache)
@@ -121,19 +123,21 @@ def _run_workflow(
     if search.has_repeats and search.has_misfit(final_fit):
         progress(0.5, "predicting conditions that are left out")
         prediction = select_by_prediction(search, experiments, final_fit, lambda stage: progress(0.5, stage))
-        if prediction is not None:
-            complete_fit = find_complete_model(search, base_fit, prediction[1])
-            if complete_fit is None:
-                progress(0.8, "fitting a data-driven term")
-                selected = _select_imperfect_model(*prediction, options)
-            else:
-                final_fit = complete_fit
+        complete_fit = find_complete_model(search, base_fit, prediction[1])
+        if complete_fit is None:
+            progress(0.8, "fitting a data-driven term")
+            selected = _select_imperfect_model(*prediction, options)
+        else:
+            final_fit = complete_fit
     if selected is None:
         selected = _select_complete_model(search, base_fit, final_fit, options, progress)
     if quantizers and "quantisation" not in options.exclude:
         sentences = [_describe_quantization(c, q) for c, q in quantizers.items()]
         verdict = "identified" if selected.verdict == "nothing-missing" else selected.verdict
         selected = selected._replace(verdict=verdict, reasons=[*sentences, *selected.reasons])
+    fit = selected.final_fit
+    names = [parameter.name for parameter in fit.hypothesis.parameters]
+    reasons += describe_registration(zip(names, fit.values, selected.confidence_intervals, strict=True))
     if not selected.has_converged:
         reasons.append("A fit restarted from another point converged elsewhere; treat the values with caution.")
     data, final_fit, equivalent_models = selected.data, selected.final_fit, selected.equivalent_models

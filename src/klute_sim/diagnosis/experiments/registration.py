@@ -4,6 +4,7 @@ A force plate, markers and a prosthesis are three systems of coordinates. Small 
 about the ankle in every stride alike, so they are fitted with their usual size as a prior before any effect is named.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -57,3 +58,31 @@ def correct_inputs(inputs: ReplayInputs, vertical_load: Array, registration: Reg
         axial_force=gain * inputs.axial_force,
         shear_force=gain * inputs.shear_force,
     )
+
+
+REGISTRATION_WORDS = {
+    "registration.cop_to_ankle_mm": "the centre of pressure lies {value} mm further in front of the ankle axis",
+    "registration.ankle_height_mm": "the ankle axis lies {value} mm higher",
+    "registration.plate_gain_pct": "the forces of the plate are {value} % larger",
+    "registration.ankle_zero_deg": "the zero of the ankle angle is {value} degrees higher",
+}
+"""Name -> statement about the corrected set-up."""
+MIN_REPORTED_SIGMAS = 0.5
+"""Smallest correction that is reported, in standard deviations of its prior."""
+
+
+def describe_registration(rows: Iterable[tuple[str, float, tuple[float, float]]]) -> list[str]:
+    """Return a sentence about the corrections of the registration that matter.
+
+    ``rows`` are names, fitted values and 95 % intervals of all parameters, in the units of their names.
+    """
+    statements = [
+        REGISTRATION_WORDS[name].format(value=f"{value:+.2g}")
+        for name, value, (low, high) in rows
+        if name in REGISTRATION_WORDS
+        and abs(value) > MIN_REPORTED_SIGMAS * REGISTRATION_DEVIATIONS[name]
+        and low * high > 0.0
+    ]
+    if not statements:
+        return []
+    return [f"The registration of the walks was corrected: {', '.join(statements)} than measured."]

@@ -17,7 +17,7 @@ from scipy.optimize import nnls
 from klute_sim.diagnosis.experiments.base import COARSE_STEP_FACTOR, Experiment, SimulationSetup
 from klute_sim.diagnosis.experiments.simulator import Simulator
 from klute_sim.diagnosis.noise.repeats import Residuals, align_repeats, list_channels
-from klute_sim.diagnosis.noise.trial_noise import estimate_noise_ratios
+from klute_sim.diagnosis.noise.trial_noise import describe_noisy_trials, estimate_noise_ratios
 from klute_sim.types import Array
 
 MIN_VARIANCE_FRACTION = 0.05
@@ -31,11 +31,12 @@ N_REWEIGHTINGS = 3
 
 def add_noise_scales(
     experiments: Sequence[Experiment], fit_experiments: Sequence[Experiment], simulator: Simulator
-) -> list[Experiment]:
-    """Return ``experiments`` with noise scales whose root mean square over the repeats of ``fit_experiments`` is 1.
+) -> tuple[list[Experiment], list[str]]:
+    """Return ``experiments`` with noise scales, and remarks about trials that count less.
 
-    Channels without repeats keep a scale of 1. In a channel that does not respond to one of the inputs, only the
-    timing of the pressure changes the scale.
+    The root mean square of the scales over the repeats of ``fit_experiments`` is 1. Channels without repeats keep a
+    scale of 1. In a channel that does not respond to one of the inputs, only the timing of the pressure changes the
+    scale.
     """
     rows = _compute_sensitivities(experiments, simulator)
     input_errors = _compute_input_errors(experiments, rows, simulator)
@@ -44,9 +45,8 @@ def add_noise_scales(
         {channel: series.value - row[channel][0] for channel, series in e.measured.items()}
         for e, row in zip(experiments, rows, strict=True)
     ]
-    ratios = {
-        e.name: row for e, row in zip(experiments, estimate_noise_ratios(experiments, all_residuals), strict=True)
-    }
+    noise_ratios = estimate_noise_ratios(experiments, all_residuals)
+    ratios = {e.name: row for e, row in zip(experiments, noise_ratios, strict=True)}
     fit_experiments = [
         replace(e, noise_scale={c: np.full(len(e.measured[c].time), ratio) for c, ratio in ratios[e.name].items()})
         for e in fit_experiments
@@ -74,7 +74,18 @@ def add_noise_scales(
                     noise_variance = scales[channel] ** 2 * model.mean_variance
                     input_error_scales[channel] = np.sqrt(1.0 + errors[channel] / noise_variance)
         scaled.append(replace(e, noise_scale=scales, input_error_scale=input_error_scales))
-    return scaled
+    return scaled, [*describe_noisy_trials(experiments, noise_ratios), *_describe_slow_inputs(experiments)]
+
+
+def _describe_slow_inputs(experiments: Sequence[Experiment]) -> list[str]:
+    slow = [e.name for e in experiments if e.input_variants]
+    if not slow:
+        return []
+    names = f"'{slow[0]}'" if len(slow) == 1 else f"{len(slow)} trials"
+    return [
+        f"Between the logged inputs of {names} more may have happened than a straight line shows; samples that this "
+        "could change count less. Record the inputs faster."
+    ]
 
 
 def _compute_input_errors(

@@ -8,13 +8,15 @@ three things change:
   share it, so they add no information.
 - *Search*: effects are screened in pairs, because two effects that do little alone may do much together; the best pairs
   are extended by a third effect.
-- *Decision*: each condition is left out once, or each specimen where there are three or more. The simplest model whose
-  error of prediction is within one standard error of the smallest is chosen (Breiman et al. 1984, *Classification and
-  Regression Trees*, section 3.4.3).
+- *Decision*: each condition is left out once, or each specimen where there are three or more, or contiguous parts of
+  the trials where there are fewer than three conditions (blocked cross-validation: Roberts et al. 2017, Ecography
+  40:913). The simplest model whose error of prediction is within one standard error of the smallest is chosen (Breiman
+  et al. 1984, *Classification and Regression Trees*, section 3.4.3).
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,22 +30,38 @@ from klute_sim.diagnosis.noise.repeats import Noise, Residuals, estimate_noise_f
 from klute_sim.diagnosis.selection.forward_selection import ForwardSelection
 from klute_sim.diagnosis.selection.naming import find_naming_obstacle
 from klute_sim.diagnosis.selection.screening import Candidate, screen_candidates
-from klute_sim.types import Array
+from klute_sim.types import Array, Mask
 
 MAX_SINGLES, MAX_PAIRS, MAX_TRIPLES = 6, 8, 4
 """Largest number of models with one, two and three terms that are fitted."""
 N_EXTENDED_PAIRS = 2
 """Number of pairs that are extended by a third term."""
-MIN_FOLDS = 3
-"""Smallest number of conditions or specimens; of two, none can be left out and judged."""
-MIN_SPECIMENS = 3
-"""Number of specimens from which on specimens are left out instead of conditions."""
+MIN_CONDITIONS, MIN_SPECIMENS = 3, 3
+"""Numbers of conditions and of specimens from which on these are left out."""
+N_PARTS = 6
+"""Number of parts of each trial where there are fewer conditions."""
 MIN_STABILITY = 0.8
 """Fraction of the refits in which a name must be chosen again."""
 MIN_SHARE = 0.25
 """Share of the explainable error of prediction that names must take (assumed; less is not worth a name)."""
 MIN_DETERMINANT = 0.05
 """Smallest determinant of a pair's cosines; below, the two effects are one to these data."""
+
+
+class FoldPart(NamedTuple):
+    """Part of a trial that a fold leaves out."""
+
+    trial: int
+    """Index of the trial."""
+    start: float = 0.0
+    """Beginning of the part, as a fraction of the trial."""
+    end: float = 1.0
+    """End of the part; at 1 the last samples belong to it."""
+
+    def select(self, experiment: Experiment, channel: str) -> Mask:
+        """Return which samples of ``channel`` belong to the part, (samples,)."""
+        phase = (experiment.measured[channel].time - experiment.start_time) / experiment.duration
+        return np.asarray((phase >= self.start) & ((phase < self.end) | (self.end >= 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +110,9 @@ class PredictiveResult:
     share: float
     """Share of the explainable error of prediction that the chosen model takes; noise cannot be explained."""
     fold_kind: str
-    """What is left out: 'condition' or 'specimen'."""
+    """What is left out: 'condition', 'specimen' or 'part'."""
     n_folds: int
-    """Number of conditions or specimens."""
+    """Number of conditions, specimens or parts."""
 
     @property
     def is_stable(self) -> bool:
@@ -114,10 +132,10 @@ class PredictiveSelection:
     """Terms that may be added."""
     report_stage: Callable[[str], None] = lambda stage: None
     """Receives a short description of the current stage."""
-    folds: list[list[int]] = field(init=False)
-    """Indices of the experiments of each fold."""
+    folds: list[list[FoldPart]] = field(init=False)
+    """What each fold leaves out."""
     fold_kind: str = field(init=False)
-    """What a fold is: 'condition' or 'specimen'."""
+    """What a fold is: 'condition', 'specimen' or 'part'."""
     search: ForwardSelection = field(init=False)
     """Search that fits candidates to :attr:`data`."""
 
@@ -180,31 +198,34 @@ class PredictiveSelection:
         prediction of the fold is simulated.
         """
         points = np.array([self._leave_out(fit, fold) for fold in self.folds]).reshape(len(self.folds), -1)
-        point_of_trial = {index: x for fold, x in zip(self.folds, points, strict=True) for index in fold}
-        setups = [fit.hypothesis.build_setups(point_of_trial[k], [e])[0] for k, e in enumerate(self.data.experiments)]
-        (readings,) = self.data.simulator.simulate([setups], self.data.experiments)
-        squares = [
-            [
-                float(np.mean((e.measured[c].value - simulated[c]) ** 2)) / self.data.noise[c].std ** 2
-                for c in e.measured
-                if c in self.data.noise
+        experiments = self.data.experiments
+        errors = []
+        for x, fold in zip(points, self.folds, strict=True):
+            left_out = [experiments[part.trial] for part in fold]
+            (readings,) = self.data.simulator.simulate([fit.hypothesis.build_setups(x, left_out)], left_out)
+            squares = [
+                float(np.mean((series.value - simulated[channel])[selected] ** 2)) / self.data.noise[channel].std ** 2
+                for part, e, simulated in zip(fold, left_out, readings, strict=True)
+                for channel, series in e.measured.items()
+                if channel in self.data.noise and (selected := part.select(e, channel)).any()
             ]
-            for e, simulated in zip(self.data.experiments, readings, strict=True)
-        ]
-        errors = np.array([np.mean([v for k in fold for v in squares[k]]) for fold in self.folds])
-        return PredictiveModel(fit, errors, points, find_naming_obstacle(self.data, fit))
+            errors.append(np.mean(squares) if squares else 0.0)
+        return PredictiveModel(fit, np.array(errors), points, find_naming_obstacle(self.data, fit))
 
-    def _leave_out(self, fit: Fit, fold: Sequence[int]) -> Array:
-        """Return the normalized parameters of ``fit`` without the trials ``fold``, by one linear step in bounds."""
+    def _leave_out(self, fit: Fit, fold: Sequence[FoldPart]) -> Array:
+        """Return the normalized parameters of ``fit`` without ``fold``, by one linear step in bounds."""
         if not len(fit.x):
             return fit.x
-        retained = np.ones(len(fit.weighted_residuals), dtype=np.bool_)
-        start = 0
-        for index, weights in enumerate(self.data.weights):
-            count = sum(len(self.data.experiments[index].measured[channel].time) for channel in weights)
-            if index in fold:
-                retained[start : start + count] = False
-            start += count
+        parts = {part.trial: part for part in fold}
+        rows = [
+            ~parts[index].select(e, channel)
+            if index in parts
+            else np.ones(len(e.measured[channel].time), dtype=np.bool_)
+            for index, (e, weights) in enumerate(zip(self.data.experiments, self.data.weights, strict=True))
+            for channel in weights
+        ]
+        priors = np.ones(fit.hypothesis.n_device_parameters, dtype=np.bool_)
+        retained = np.concatenate([*rows, priors])
         lower, upper = fit.hypothesis.bounds()
         margin = 1e-9
         step = lsq_linear(
@@ -249,17 +270,26 @@ class PredictiveSelection:
         )
 
 
-def divide_into_folds(experiments: Sequence[Experiment]) -> tuple[list[list[int]], str]:
-    """Return the indices of the ``experiments`` of each fold, and what a fold is.
+def divide_into_folds(experiments: Sequence[Experiment]) -> tuple[list[list[FoldPart]], str]:
+    """Return what each fold of ``experiments`` leaves out, and what a fold is.
 
-    Specimens are left out where there are :data:`MIN_SPECIMENS` or more, conditions (groups of repeats) otherwise.
+    Specimens are left out where there are :data:`MIN_SPECIMENS` or more, conditions (groups of repeats) where there are
+    :data:`MIN_CONDITIONS` or more, and :data:`N_PARTS` contiguous parts of every trial otherwise: all repeats of a
+    condition have the same part of it left out.
     """
-    specimens: dict[str, list[int]] = {}
+    specimens: dict[str, list[FoldPart]] = {}
     for index, e in enumerate(experiments):
-        specimens.setdefault(e.specimen, []).append(index)
+        specimens.setdefault(e.specimen, []).append(FoldPart(index))
     if len(specimens) >= MIN_SPECIMENS:
         return list(specimens.values()), "specimen"
-    return list(group_repeats(experiments).values()), "condition"
+    conditions = group_repeats(experiments).values()
+    if len(conditions) >= MIN_CONDITIONS:
+        return [[FoldPart(index) for index in members] for members in conditions], "condition"
+    edges = np.linspace(0.0, 1.0, N_PARTS + 1)
+    return [
+        [FoldPart(index, float(start), float(end)) for index in range(len(experiments))]
+        for start, end in zip(edges[:-1], edges[1:], strict=True)
+    ], "part"
 
 
 def weight_by_law_error(data: WeightedData, experiments: Sequence[Experiment], residuals: Residuals) -> WeightedData:
